@@ -1,0 +1,1 @@
+"""Real-time acquisition for a sensorised insole."""

@@ -1,0 +1,1 @@
+"""CAN frames in and out, as batches of arrays."""

@@ -1,0 +1,74 @@
+"""The one contract of everything frames come from, and the wait that is fair to a CPU."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from .frames import FRAME_TIME_NS, FrameBatch
+
+# With this few frames outstanding a sleep saves nothing over being woken by the frame itself.
+_WOKEN_BELOW = 2
+
+
+@dataclass(slots=True)
+class BusCounters:
+    """What one source has seen and lost since it was opened."""
+
+    frames: int = 0
+    overflows: int = 0  # frames the kernel dropped because its receive queue was full (SO_RXQ_OVFL)
+    error_frames: dict[str, int] = field(default_factory=dict)  # by kind, as bus.error_frames names them
+    clock_steps: int = 0  # times the receive time went backwards
+
+
+class FrameSource(Protocol):
+    """Frames of one or several interfaces.
+
+    Taking in and handing over are two steps, so that a reader can wait until enough frames are there
+    without looking at any of them: `receive` takes in what has arrived and says how many frames are held,
+    `drain` hands them over as one batch.
+    """
+
+    interfaces: tuple[str, ...]
+    counters: BusCounters
+
+    def receive(self) -> int:
+        """Take in what has arrived, without blocking; the number of frames now held."""
+        ...
+
+    def drain(self) -> FrameBatch:
+        """Hand over the frames held, oldest first; the batch is the caller's to keep."""
+        ...
+
+    def wait(self, timeout_s: float) -> None:
+        """Block until at least one more frame can be received, or the time is over, or a signal came."""
+        ...
+
+    @property
+    def exhausted(self) -> bool:
+        """Whether no frame can ever come again (the end of a log)."""
+        ...
+
+    def close(self) -> None:
+        """Release the interface; idempotent."""
+        ...
+
+
+def collect(source: FrameSource, at_least: int, until_mono_ns: int) -> FrameBatch:
+    """Frames of `source`: as soon as `at_least` are there, or what there is at `until_mono_ns`.
+
+    A bus needs FRAME_TIME_NS for a frame, so while many are outstanding the process sleeps for as long as
+    they cannot all have arrived, and only for the last ones does it ask to be woken by each frame.
+    """
+    frame_time_ns = FRAME_TIME_NS // max(1, len(source.interfaces))
+    while True:
+        held = source.receive()
+        left_ns = until_mono_ns - time.monotonic_ns()
+        outstanding = at_least - held
+        if outstanding <= 0 or left_ns <= 0 or source.exhausted:
+            return source.drain()
+        if outstanding > _WOKEN_BELOW:
+            time.sleep(min(left_ns, (outstanding - 1) * frame_time_ns) * 1e-9)
+        else:
+            source.wait(left_ns * 1e-9)

@@ -1,0 +1,58 @@
+"""The one tree of errors.
+
+    InsoleError                something a person can act on
+    ├── DocumentError          a file that a person or a program wrote: config, layout, calibration
+    ├── LogError               a candump log that cannot be read
+    ├── BusError               a CAN interface that cannot be opened or read
+    └── WireError              Zenoh: an endpoint that is taken, a daemon that is not there, a bad message
+
+Every message says what was expected, what was found, where, and what to do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+
+class InsoleError(Exception):
+    """Root of the tree; `exit_status` is what a command ends with when it stops on this error."""
+
+    exit_status = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """One thing that is wrong in a document: where it stands, and what was expected and found there."""
+
+    line: int | None  # 1-based; None where the document has no lines to speak of
+    key: str  # path of the key, as "insoles[0].boards[2].address"
+    message: str  # what was expected, what was found, what to do
+
+    def __str__(self) -> str:
+        return f"line {self.line}: {self.key}: {self.message}" if self.line else f"{self.key}: {self.message}"
+
+
+class DocumentError(InsoleError):
+    """A file is refused; `problems` lists everything that is wrong with it, all at once."""
+
+    exit_status = 4
+
+    def __init__(self, path: str, problems: Sequence[Problem]) -> None:
+        self.path = path
+        self.problems = tuple(problems)
+        super().__init__("\n".join(f"{path}: {problem}" for problem in problems))
+
+
+class LogError(InsoleError):
+    """A candump log cannot be read: the message names the file, the line and what was expected there."""
+
+    exit_status = 4
+
+
+class BusError(InsoleError):
+    """A CAN interface cannot be opened, read or written."""
+
+
+class WireError(InsoleError):
+    """Zenoh cannot do what was asked, or a message is not what its schema says."""

@@ -1,0 +1,1 @@
+"""Pressure into wrench, centre of pressure and contact."""

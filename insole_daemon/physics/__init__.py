@@ -1,0 +1,1 @@
+"""What the sensor does to a load: counts into pressure."""

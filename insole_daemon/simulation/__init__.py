@@ -1,0 +1,1 @@
+"""What cannot be had without hardware: a foot that walks, boards that speak the protocol."""

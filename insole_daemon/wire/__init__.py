@@ -1,0 +1,1 @@
+"""Zenoh: keys, messages, the session, and the client that other programs import."""
