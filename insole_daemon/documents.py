@@ -1,0 +1,388 @@
+"""Files that people wrote, into frozen structs; everything that is wrong with a file is said at once.
+
+A struct is the grammar of its part of a file: the fields of a `Section` are the keys of a map, their types
+say what may stand there, `Annotated` limits how much of it. YAML and JSON (by the name's ending) read the
+same: a plain word of YAML means what it means in JSON, so `no` and `on` are text and `1e3` is a number.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import MISSING, dataclass, field, fields
+from functools import cache
+from os import PathLike
+from pathlib import Path
+from types import UnionType
+from typing import Annotated, Any, Literal, NoReturn, TypeVar, Union, get_args, get_origin, get_type_hints
+
+import yaml
+
+from .errors import DocumentError, Problem
+
+Key = tuple[str | int, ...]  # ("insoles", 0, "foot") is spelled insoles[0].foot
+T = TypeVar("T")
+S = TypeVar("S", bound="Section")
+
+MAX_DEPTH = 50  # of maps and lists within each other; our formats need 7
+_LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # libyaml if it is there: ten times faster
+_BAD: Any = object()  # stands where a value was refused
+# What names of keys end with, in our formats or in other people's habits.
+_UNITS = set(
+    re.findall(r"\w+", "pa kpa bar n kn nm nmm m mm cm in m2 mm2 cm2 s ms us ns hz khz deg rad count pa2")
+)
+_INT = re.compile(r"[-+]?[0-9]{1,300}|0x[0-9a-fA-F]{1,250}")
+_FLOAT = re.compile(
+    r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)(e[-+]?[0-9]+)?|[-+]?\.?(inf|nan|infinity)", re.IGNORECASE
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Limit:
+    """What a type does not say: stands in `Annotated` beside it."""
+
+    words: str  # follows the name of the type: "a whole number" + " from 1 to 14"
+    allows: Callable[[Any], bool]
+
+
+def within(low: float, high: float) -> Limit:
+    """A number's limits, both allowed."""
+    return Limit(f" from {low:g} to {high:g}", lambda value: low <= value <= high)
+
+
+def at_least(n: int) -> Limit:
+    """A list of n entries or more."""
+    return Limit(f" of at least {n}", lambda value: len(value) >= n)
+
+
+def matching(regex: str, words: str) -> Limit:
+    """A text that matches `regex` as a whole; `words` say the same to a person."""
+    return Limit(words, lambda value: re.fullmatch(regex, value) is not None)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Section:
+    """Base of every struct that mirrors a map of a file; what stands under `extensions` is kept, unread."""
+
+    extensions: Mapping[str, Any] = field(default_factory=dict, hash=False, repr=False)
+
+
+def read(
+    path: str | PathLike[str], kind: type[S], tag: str, check: Callable[[Reading], None] | None = None
+) -> S:
+    """The file `path`, which must say `format: <tag>`, as a `kind`; DocumentError lists all that is wrong.
+
+    `check` looks across sections: it is shown those that are right in themselves (`Reading.of`), even while
+    others are not, and reports with `Reading.problem`.
+    """
+    reading = Reading(Path(path))
+    document = reading.document
+    if not isinstance(document, dict):
+        reading.refuse((), f"expected a map of keys that starts with format: {tag}, found {_found(document)}")
+    if document.get("format", tag) != tag:  # then nothing else can be judged
+        reading.refuse(("format",), _foreign(tag, document["format"]))
+    if "format" not in document:
+        reading.problem(("format",), f"missing key: expected format: {tag}")
+    body = {name: value for name, value in document.items() if name != "format"}
+    struct: S = reading.section(kind, body, (), also=("format",))
+    if check is not None:
+        check(reading)
+    reading.finish()
+    return struct
+
+
+def spell(key: Key) -> str:
+    """`key` as a person writes it: insoles[0].boards[2].address."""
+    text = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in key)
+    return text.removeprefix(".") or "(file)"
+
+
+class Reading:
+    """One file while it is read: its plain values, the sections found in it, and what is wrong."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._problems: list[tuple[Key, str, int | None]] = []
+        self._found: list[tuple[Key, Any]] = []
+        self._lines: dict[Key, int] = {}
+        self._json = ""  # the text, if it is JSON
+        text = self._decode()
+        json_by_name = path.suffix.lower() == ".json"
+        self.document: Any = self._parse_json(text) if json_by_name else self._parse_yaml(text)
+
+    def problem(self, key: Key, message: str, line: int | None = None) -> None:
+        """Note that something is wrong at `key`; reading goes on."""
+        self._problems.append((key, message, line))
+
+    def refuse(self, key: Key, message: str, line: int | None = None) -> NoReturn:
+        """Note that something is wrong at `key` that leaves no sense in reading on."""
+        self.problem(key, message, line)
+        self.finish()
+        raise AssertionError
+
+    def of(self, kind: type[T]) -> list[tuple[Key, T]]:
+        """Every `kind` of the file that is right in itself, and where it stands."""
+        return [(key, struct) for key, struct in self._found if isinstance(struct, kind)]
+
+    def finish(self) -> None:
+        """Raise DocumentError if anything is wrong."""
+        if self._problems:
+            self._number_lines()
+            found = [Problem(line or self._line(key), spell(key), text) for key, text, line in self._problems]
+            raise DocumentError(str(self.path), sorted(found, key=lambda problem: problem.line or 0))
+
+    def section(self, kind: Any, raw: Any, key: Key, also: tuple[str, ...] = ()) -> Any:
+        """A `kind` out of the map `raw`; `also` are keys that are read elsewhere."""
+        if not isinstance(raw, dict):
+            self.problem(key, f"expected {_words(kind)}, found {_found(raw)}")
+            return _BAD
+        grammar, required = _grammar(kind)
+        values: dict[str, Any] = {}
+        meant: set[str] = set()
+        for name, value in raw.items():
+            if name in grammar:
+                values[name] = self._value(grammar[name], value, (*key, name))
+            else:
+                near, hint = _nearest(name, (*grammar, *also))
+                meant.add(near)
+                self.problem((*key, name), f"unknown key{hint}")
+        for name in grammar:
+            if name in required - values.keys() - meant:
+                self.problem((*key, name), f"missing key: expected {_words(grammar[name])}")
+        values = {name: value for name, value in values.items() if value is not _BAD}
+        if not required <= values.keys():
+            return _BAD
+        struct = kind(**values)
+        self._found.append((key, struct))
+        return struct
+
+    def _value(self, hint: Any, raw: Any, key: Key) -> Any:
+        kind = _type(hint)
+        base = kind.base
+        if base is Any or (raw is None and kind.optional):
+            return raw
+        if kind.section:
+            return self.section(base, raw, key)
+        if base is float and type(raw) is int:
+            raw = float(raw) if abs(raw) < 2**1023 else math.inf
+        value: Any = _BAD
+        if base is Literal:
+            value = raw if any(type(raw) is type(choice) and raw == choice for choice in kind.args) else _BAD
+        elif base is tuple and isinstance(raw, list) and kind.allows(raw):
+            entries = [self._value(kind.args[0], item, (*key, i)) for i, item in enumerate(raw)]
+            right = tuple(entry for entry in entries if entry is not _BAD)
+            # a list of numbers is right or wrong; of sections, checks are shown those that are right
+            return right if _type(kind.args[0]).section or len(right) == len(raw) else _BAD
+        elif base is Mapping and isinstance(raw, dict):
+            value = raw
+        elif base is Path and isinstance(raw, str) and raw:
+            value = self.path.parent / raw
+        elif hasattr(base, "parse") and isinstance(raw, str):
+            value = base.parse(raw) or _BAD
+            self._found.append((key, value))
+        elif type(raw) is base and (base is not float or math.isfinite(raw)) and kind.allows(raw):
+            value = raw
+        if value is _BAD:
+            self.problem(key, f"expected {_words(hint)}, found {_found(raw)}")
+        return value
+
+    def _decode(self) -> str:
+        try:
+            text = self.path.read_bytes().decode("utf-8-sig")
+        except OSError as error:
+            self.refuse((), f"cannot be read: {error.strerror or error}")
+        except UnicodeDecodeError as error:
+            self.refuse((), f"expected a text file (UTF-8), found other bytes from byte {error.start} on")
+        if "\0" in text:
+            self.refuse((), "expected a text file (UTF-8), found zero bytes in it")
+        if not text.strip():
+            self.refuse((), "the file is empty")
+        return text
+
+    def _parse_json(self, text: str) -> Any:
+        twice: list[str] = []
+
+        def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+            names = [name for name, _ in pairs]
+            twice.extend(name for name in set(names) if names.count(name) > 1)
+            return dict(pairs)
+
+        try:
+            document = json.loads(text, object_pairs_hook=unique)
+        except json.JSONDecodeError as error:
+            self.refuse((), f"not JSON: {error.msg} (column {error.colno})", error.lineno)
+        except (ValueError, RecursionError) as error:  # a number, or a nesting, beyond all measure
+            self.refuse((), f"not JSON that can be read: {error}")
+        self._json = text
+        if twice:
+            self._number_lines()  # which finds where
+            if not self._problems:
+                self.problem((), f"keys that stand twice in one map: {', '.join(twice)}")
+        return document
+
+    def _number_lines(self) -> None:
+        """Find the lines of the keys of a JSON file, which its own parser does not tell."""
+        if self._json and not self._lines:
+            self._lines[()] = 1
+            # JSON is YAML, except for tabs between tokens and pairs of surrogates, which cost the lines
+            try:
+                self._node(_events(self._json.replace("\t", " ")), ())
+            except (yaml.YAMLError, RecursionError):
+                pass
+
+    def _parse_yaml(self, text: str) -> Any:
+        try:
+            events = _events(text)
+            document = self._node(events, ())
+            for event in events:
+                if isinstance(event, yaml.DocumentStartEvent):
+                    self.refuse((), "expected one document, found a second after ---", _line(event))
+            return document
+        except RecursionError:
+            self.refuse((), f"maps and lists are nested more than {MAX_DEPTH} deep")
+        except yaml.MarkedYAMLError as error:
+            mark = error.problem_mark or error.context_mark
+            start = text.splitlines()[mark.line : mark.line + 1] if mark else []
+            tab = any(re.match(r" *\t", line) for line in start)
+            what = ", ".join(filter(None, (error.context, error.problem)))
+            message = "a tab: YAML is indented with spaces" if tab else f"not YAML: {what}"
+            self.refuse((), message, mark.line + 1 if mark else None)
+        except yaml.YAMLError as error:
+            self.refuse((), f"not YAML: {' '.join(str(error).split())}")
+
+    def _node(self, events: Iterator[Any], key: Key) -> Any:
+        """The plain value that begins with the next event; notes the line of every key in it."""
+        event = next(events, None)
+        if event is None or isinstance(event, yaml.SequenceEndEvent):
+            return _BAD
+        self._lines.setdefault(key, _line(event))
+        if isinstance(event, yaml.AliasEvent) or event.anchor or (event.tag and event.tag != "!"):
+            self.problem(
+                key, "anchors (&), aliases (*) and tags (!) are not read: write plain values", _line(event)
+            )
+        if isinstance(event, yaml.ScalarEvent):
+            return event.value if event.style else _plain(event.value)
+        if isinstance(event, yaml.AliasEvent):
+            return None
+        if len(key) > MAX_DEPTH:
+            raise RecursionError
+        if isinstance(event, yaml.SequenceStartEvent):
+            items: list[Any] = []
+            while (item := self._node(events, (*key, len(items)))) is not _BAD:
+                items.append(item)
+            return items
+        found: dict[str, Any] = {}
+        while not isinstance(event := next(events), yaml.MappingEndEvent):
+            if not isinstance(event, yaml.ScalarEvent):
+                self.refuse(key, "expected a word as key, found a list, a map or an alias", _line(event))
+            at = (*key, event.value)
+            if event.value in found:
+                first = self._lines[at]
+                self.problem(at, f"this key stands twice, first on line {first}: keep one", _line(event))
+            self._lines.setdefault(at, _line(event))
+            found[event.value] = self._node(events, at)
+        return found
+
+    def _line(self, key: Key) -> int | None:
+        while key and key not in self._lines:
+            key = key[:-1]
+        return self._lines.get(key)
+
+
+@dataclass(frozen=True, slots=True)
+class _Type:
+    base: Any
+    args: tuple[Any, ...]
+    limits: tuple[Any, ...]
+    optional: bool
+    section: bool
+
+    def allows(self, value: Any) -> bool:
+        return all(limit.allows(value) for limit in self.limits)
+
+
+@cache
+def _type(hint: Any) -> _Type:
+    optional = get_origin(hint) in (Union, UnionType)
+    if optional:  # the one union there is: something | None
+        (hint,) = (arg for arg in get_args(hint) if arg is not type(None))
+    hint, *limits = get_args(hint) if get_origin(hint) is Annotated else (hint,)
+    base = get_origin(hint) or hint
+    section = isinstance(base, type) and issubclass(base, Section)
+    return _Type(base, get_args(hint), tuple(limits), optional, section)
+
+
+@cache
+def _grammar(kind: Any) -> tuple[dict[str, Any], set[str]]:
+    """Key → type, and the keys that must be there."""
+    hints = get_type_hints(kind, include_extras=True)
+    required = {f.name for f in fields(kind) if f.default is MISSING and f.default_factory is MISSING}
+    return {f.name: hints[f.name] for f in fields(kind)}, required
+
+
+def _words(hint: Any) -> str:
+    kind = _type(hint)
+    names = {
+        int: "a whole number", float: "a finite number", str: "text", bool: "true or false",
+        tuple: "a list", Path: "the path of a file", Mapping: "a map",
+        Literal: f"one of {', '.join(map(str, kind.args))}",
+    }  # fmt: skip
+    name = "a map of keys" if kind.section else names.get(kind.base) or kind.base.EXPECTED
+    return name + "".join(limit.words for limit in kind.limits)
+
+
+def _found(value: Any) -> str:
+    if isinstance(value, str):
+        return f'the text "{value}"' if len(value) < 60 else f'the text "{value[:50]}…"'
+    if isinstance(value, list | dict):
+        return f"a {'list' if isinstance(value, list) else 'map'} of {len(value)}"
+    return "nothing" if value is None else str(value).lower()
+
+
+def _events(text: str) -> Iterator[Any]:
+    """What `text` consists of as YAML, from its first value on; nothing if it only has comments."""
+    skip = (yaml.StreamStartEvent, yaml.StreamEndEvent, yaml.DocumentEndEvent)
+    events = (event for event in yaml.parse(text, Loader=_LOADER) if not isinstance(event, skip))
+    next(events, None)  # the document's start
+    return events
+
+
+def _line(event: Any) -> int:
+    return int(event.start_mark.line) + 1
+
+
+def _plain(word: str) -> Any:
+    if _INT.fullmatch(word):
+        return int(word, 16 if word.startswith("0x") else 10)
+    if _FLOAT.fullmatch(word):
+        return float(word.lower().replace(".inf", "inf").replace(".nan", "nan"))
+    return {"": None, "~": None, "null": None, "true": True, "false": False}.get(word.lower(), word)
+
+
+def _stem(key: str) -> tuple[str, str]:
+    stem, _, unit = key.rpartition("_")
+    return (stem, unit) if stem and unit in _UNITS else (key, "")
+
+
+def _nearest(key: str, known: Iterable[str]) -> tuple[str, str]:
+    """The known key that `key` is likely to mean ("" if none is), and how to say so."""
+    for name in known:
+        stem, unit = _stem(name)
+        if unit and stem == _stem(key)[0]:
+            return name, f': did you mean "{name}"? The unit is part of the name: give it in {unit}'
+    from difflib import get_close_matches  # only ever needed to say what is wrong
+
+    close = get_close_matches(key, list(known), n=1)
+    return (
+        (close[0], f': did you mean "{close[0]}"?') if close else ("", f": known here are {', '.join(known)}")
+    )
+
+
+def _foreign(tag: str, found: Any) -> str:
+    name, _, version = tag.partition("/")
+    text = f"expected {tag}, found {found if isinstance(found, str) else _found(found)}"
+    if isinstance(found, str) and found.startswith(f"{name}/"):
+        return f"{text}: this program reads version {version} of {name} and no other"
+    return f"{text}: this is another kind of file"
