@@ -31,7 +31,11 @@ class FrameSource(Protocol):
     """
 
     interfaces: tuple[str, ...]
-    counters: BusCounters
+
+    @property
+    def counters(self) -> BusCounters:
+        """What has been seen and lost."""
+        ...
 
     def receive(self) -> int:
         """Take in what has arrived, without blocking; the number of frames now held."""
@@ -45,6 +49,10 @@ class FrameSource(Protocol):
         """Block until at least one more frame can be received, or the time is over, or a signal came."""
         ...
 
+    def clock_ns(self) -> int:
+        """The present on the clock of `t_mono_ns`: the monotonic clock of a bus, a log's own time of a log."""
+        ...
+
     @property
     def exhausted(self) -> bool:
         """Whether no frame can ever come again (the end of a log)."""
@@ -55,20 +63,22 @@ class FrameSource(Protocol):
         ...
 
 
-def collect(source: FrameSource, at_least: int, until_mono_ns: int) -> FrameBatch:
-    """Frames of `source`: as soon as `at_least` are there, or what there is at `until_mono_ns`.
+def collect(source: FrameSource, at_least: int, until_ns: int) -> tuple[FrameBatch, int]:
+    """Frames of `source`, as soon as `at_least` are there or what there is at `until_ns`, on the source's clock;
+    and the time up to which every frame that had arrived is among them.
 
     A bus needs FRAME_TIME_NS for a frame, so while many are outstanding the process sleeps for as long as
     they cannot all have arrived, and only for the last ones does it ask to be woken by each frame.
     """
     frame_time_ns = FRAME_TIME_NS // max(1, len(source.interfaces))
     while True:
+        looked_ns = source.clock_ns()
         held = source.receive()
-        left_ns = until_mono_ns - time.monotonic_ns()
+        left_ns = until_ns - looked_ns
         outstanding = at_least - held
-        if outstanding <= 0 or left_ns <= 0 or source.exhausted:
-            return source.drain()
+        if outstanding <= 0 or left_ns < 0 or source.exhausted:
+            return source.drain(), looked_ns
         if outstanding > _WOKEN_BELOW:
-            time.sleep(min(left_ns, (outstanding - 1) * frame_time_ns) * 1e-9)
+            time.sleep(min(left_ns, (outstanding - 1) * frame_time_ns) * 1e-9 + 1e-6)
         else:
-            source.wait(left_ns * 1e-9)
+            source.wait(left_ns * 1e-9 + 1e-6)

@@ -1,0 +1,153 @@
+"""Many datagrams a system call: `recvmmsg` with the kernel's receive time and its count of lost frames.
+
+Works on any datagram socket whose datagrams are `struct can_frame` (16 bytes, linux/can.h), which is what a
+raw CAN socket delivers:
+
+    byte   0..3   identifier, with the flag bits EFF (31), RTR (30), ERR (29)
+    byte   4      dlc
+    byte   5..7   padding
+    byte   8..15  data
+
+Control messages (64-bit Linux, `struct cmsghdr` is 16 bytes): SCM_TIMESTAMPNS always first, then SO_RXQ_OVFL
+once a frame was dropped (net/socket.c, __sock_recv_cmsgs).
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import socket
+import sys
+import time
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import BusError
+from .frames import ERROR, EXTENDED, REMOTE, FrameBatch
+from .source import BusCounters
+
+_CAPACITY = 4096  # frames held between two drains: half a second of a saturated 1 Mbit/s bus
+_RECEIVE_BUFFER_BYTES = 8 << 20
+_SO_TIMESTAMPNS = 35
+_SO_RXQ_OVFL = 40
+_SO_RCVBUFFORCE = 33
+_STAMP_BYTES = 32  # cmsghdr + struct timespec
+_CONTROL_BYTES = 64  # the stamp, and cmsghdr + uint32 of the drop counter, padded
+_STAMP_HEADER = socket.SOL_SOCKET | _SO_TIMESTAMPNS << 32
+_ID_EXTENDED, _ID_REMOTE, _ID_ERROR = 1 << 31, 1 << 30, 1 << 29
+_CLOCK_STEP_NS = 1_000_000  # realtime against monotonic: slewing stays far below this between two drains
+
+_libc = ctypes.CDLL(None, use_errno=True)
+
+
+class BatchedSocket:
+    """Takes in frames from `sock` by the hundred and hands them over as one FrameBatch.
+
+    Raises BusError where the layout of the system call is not the one known here (32-bit or big-endian).
+    """
+
+    def __init__(self, sock: socket.socket, counters: BusCounters) -> None:
+        if ctypes.sizeof(ctypes.c_void_p) != 8 or sys.byteorder != "little":
+            raise BusError(
+                "reading SocketCAN needs a 64-bit little-endian Linux (x86-64 or aarch64); "
+                "install a 64-bit operating system"
+            )
+        self.socket = sock
+        self._counters = counters
+        _set_receive_buffer(sock)
+        sock.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
+        sock.setsockopt(socket.SOL_SOCKET, _SO_RXQ_OVFL, 1)
+        self._frames = np.zeros((_CAPACITY, 16), np.uint8)
+        self._control = np.zeros((_CAPACITY, _CONTROL_BYTES), np.uint8)
+        # struct iovec {base, len} and struct mmsghdr {name, namelen, iov, iovlen, control, controllen, flags, len}
+        row = np.arange(_CAPACITY, dtype=np.uint64)
+        self._iovec = np.zeros((_CAPACITY, 2), np.uint64)
+        self._iovec[:, 0] = self._frames.ctypes.data + row * np.uint64(16)
+        self._iovec[:, 1] = 16
+        self._headers = np.zeros((_CAPACITY, 8), np.uint64)
+        self._headers[:, 2] = self._iovec.ctypes.data + row * np.uint64(16)
+        self._headers[:, 3] = 1
+        self._headers[:, 4] = self._control.ctypes.data + row * np.uint64(_CONTROL_BYTES)
+        self._headers[:, 5] = _CONTROL_BYTES
+        self._headers_address = self._headers.ctypes.data
+        self._held = 0
+        self._dropped = 0
+        self._last_mono_ns = 0
+        self._clock_offset_ns = time.monotonic_ns() - time.time_ns()
+
+    def receive(self) -> int:
+        """Take in what waits in the socket, without blocking; the number of frames now held."""
+        room = _CAPACITY - self._held
+        if room == 0:
+            return self._held
+        taken = _libc.recvmmsg(
+            self.socket.fileno(),
+            ctypes.c_void_p(self._headers_address + 64 * self._held),
+            room,
+            socket.MSG_DONTWAIT,
+            None,
+        )
+        if taken > 0:
+            self._held += taken
+        elif taken < 0:
+            error = ctypes.get_errno()
+            if error not in (socket.EAGAIN, socket.EWOULDBLOCK, 4):  # 4: EINTR, a signal came first
+                raise OSError(error, os.strerror(error))
+        return self._held
+
+    def drain(self) -> FrameBatch:
+        """Hand over the frames held, as arrays of their own; times are the kernel's."""
+        held, self._held = self._held, 0
+        if held == 0:
+            return FrameBatch.empty()
+        raw = self._frames[:held].copy()
+        control = self._control[:held].view(np.int64)
+        self._count_drops(held)
+        if not (control[:, 1] == _STAMP_HEADER).all():
+            raise BusError(
+                "the kernel delivered a frame without a receive time although SO_TIMESTAMPNS is set"
+            )
+        t_ns = control[:, 2] * 1_000_000_000 + control[:, 3]
+        self._headers[:held, 5] = _CONTROL_BYTES
+        id_and_flags = raw.view(np.uint32)[:, 0]
+        dlc = raw[:, 4]
+        data = raw[:, 8:]
+        if id_and_flags.max() <= 0x7FF:
+            can_id, flags = id_and_flags, np.zeros(held, np.uint8)
+        else:
+            can_id = id_and_flags & np.uint32(0x1FFF_FFFF)
+            flags = np.where(id_and_flags & _ID_EXTENDED, EXTENDED, 0).astype(np.uint8)
+            flags |= np.where(id_and_flags & _ID_REMOTE, REMOTE, 0).astype(np.uint8)
+            flags |= np.where(id_and_flags & _ID_ERROR, ERROR, 0).astype(np.uint8)
+        if dlc.min() < 8:
+            data[np.arange(8) >= dlc[:, None]] = 0
+        self._counters.frames += held
+        return FrameBatch(t_ns, self._monotonic(t_ns), np.zeros(held, np.uint8), can_id, dlc, data, flags)
+
+    def _count_drops(self, held: int) -> None:
+        """The kernel's counter is cumulative and 32 bit, and rides on frames only once it is not zero."""
+        if self._headers[held - 1, 5] > _STAMP_BYTES:
+            dropped = int(self._control[held - 1].view(np.uint32)[_STAMP_BYTES // 4 + 4])
+            self._counters.overflows += (dropped - self._dropped) & 0xFFFF_FFFF
+            self._dropped = dropped
+
+    def _monotonic(self, t_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+        """The same moments on the monotonic clock; a step of the wall clock in between moves no frame far."""
+        now_mono_ns = time.monotonic_ns()
+        offset_ns = now_mono_ns - time.time_ns()
+        if abs(offset_ns - self._clock_offset_ns) > _CLOCK_STEP_NS:
+            self._counters.clock_steps += 1
+        self._clock_offset_ns = offset_ns
+        t_mono_ns = (t_ns + offset_ns).clip(self._last_mono_ns, now_mono_ns)
+        np.maximum.accumulate(t_mono_ns, out=t_mono_ns)
+        self._last_mono_ns = int(t_mono_ns[-1])
+        return t_mono_ns
+
+
+def _set_receive_buffer(sock: socket.socket) -> None:
+    """8 MiB where allowed: root may exceed net.core.rmem_max, everybody else gets up to that limit."""
+    try:
+        sock.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, _RECEIVE_BUFFER_BYTES)
+    except PermissionError:
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER_BYTES)

@@ -1,0 +1,120 @@
+"""SocketCAN: opened through python-can, read in batches by our own reader.
+
+python-can reads one frame a system call and loses the kernel's count of dropped frames
+(its `capture_message` asks for one control message only), so only its opening is used.
+"""
+
+from __future__ import annotations
+
+import errno
+import select
+import socket
+import time
+
+from ..errors import BusError
+from .batched_socket import BatchedSocket
+from .error_frames import count_kinds
+from .frames import FrameBatch
+from .source import BusCounters
+
+# Classes of identifiers the daemon reads (bits 10..8): replies to commands, legacy skin stream and thermometer,
+# skin stream, the second halves of one special build, and an MTB3's empty overflow frame (0x700 | address << 4 | 5).
+FILTERS = [
+    {"can_id": 0x200, "can_mask": 0x700, "extended": False},
+    {"can_id": 0x300, "can_mask": 0x700, "extended": False},
+    {"can_id": 0x400, "can_mask": 0x700, "extended": False},
+    {"can_id": 0x600, "can_mask": 0x700, "extended": False},
+    {"can_id": 0x700, "can_mask": 0x700, "extended": False},
+]
+
+
+class SocketCanSource:
+    """Frames of one socket whose datagrams are `struct can_frame`."""
+
+    def __init__(self, sock: socket.socket, interface: str) -> None:
+        self.interfaces: tuple[str, ...] = (interface,)
+        self.counters = BusCounters()
+        self._batched = BatchedSocket(sock, self.counters)
+        self._socket = sock
+
+    @property
+    def exhausted(self) -> bool:
+        """A bus has no end."""
+        return False
+
+    def fileno(self) -> int:
+        """The socket's descriptor, readable when frames wait."""
+        return self._socket.fileno()
+
+    def receive(self) -> int:
+        """See FrameSource."""
+        try:
+            return self._batched.receive()
+        except OSError as error:
+            raise lost_interface(self.interfaces[0], error) from error
+
+    def drain(self) -> FrameBatch:
+        """See FrameSource; error frames are counted by kind."""
+        batch = self._batched.drain()
+        if batch.flags.any():
+            count_kinds(batch, self.counters.error_frames)
+        return batch
+
+    def clock_ns(self) -> int:
+        """The monotonic clock."""
+        return time.monotonic_ns()
+
+    def wait(self, timeout_s: float) -> None:
+        """See FrameSource."""
+        select.select([self._socket], [], [], max(0.0, timeout_s))
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._socket.close()
+
+
+def open_socketcan(channel: str) -> SocketCanSource:
+    """The interface `channel` (can0, vcan0 …); raises BusError that names the remedy."""
+    import can  # 0.1 s to import, so only where a bus is opened
+
+    try:
+        bus = can.Bus(interface="socketcan", channel=channel, can_filters=FILTERS)
+    except (OSError, can.CanError) as error:
+        raise cannot_open(channel, error) from error
+    sock: socket.socket = bus.socket
+    # python-can closes the socket when the Bus object goes; a duplicate of the descriptor is ours to close.
+    own = sock.dup()
+    own.setblocking(False)
+    bus.shutdown()
+    return SocketCanSource(own, channel)
+
+
+def cannot_open(channel: str, error: Exception) -> BusError:
+    """What a person can do about an interface that does not open."""
+    number = getattr(error, "errno", None)
+    if number == errno.EAFNOSUPPORT:
+        why = "this kernel has no CAN. Load it with 'sudo modprobe can-raw', or use a kernel built with CONFIG_CAN"
+    elif number == errno.ENODEV:
+        why = (
+            "there is no such interface. 'ip -brief link show type can' lists those there are; bring it up with "
+            f"'sudo ip link set {channel} up type can bitrate 1000000'"
+        )
+    elif number in (errno.EPERM, errno.EACCES):
+        why = (
+            "the process may not open a raw CAN socket. In a container or a sandboxed unit allow the address family "
+            "AF_CAN (systemd: RestrictAddressFamilies=AF_CAN …)"
+        )
+    else:
+        why = f"{error}. 'ip -details link show {channel}' tells its state"
+    return BusError(f"socketcan:{channel}: cannot be opened: {why}")
+
+
+def lost_interface(channel: str, error: OSError) -> BusError:
+    """What a person can do about an interface that failed while it was read."""
+    if error.errno == errno.ENETDOWN:
+        why = f"the interface went down. Bring it up with 'sudo ip link set {channel} up'"
+    elif error.errno == errno.ENODEV:
+        why = "the interface is gone. Is the adapter still plugged in?"
+    else:
+        why = f"{error}"
+    return BusError(f"socketcan:{channel}: reading failed: {why}")
