@@ -1,0 +1,106 @@
+"""Which half of which triangle a frame is, and what becomes of all other traffic."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..bus.frames import ERROR, EXTENDED, FD, REMOTE, FrameBatch
+from .identifiers import (
+    CLASS_LEGACY_SKIN,
+    CLASS_MANAGEMENT,
+    CLASS_SECOND_HALF,
+    CLASS_SKIN,
+    TAG_A,
+    TAG_B,
+    TYPE_OVERFLOW,
+    skin_id,
+)
+from .layout import Layout
+
+_OTHER = -1  # not a skin frame: other nodes share the bus
+_UNCONFIGURED_BOARD = -2
+_UNCONFIGURED_TRIANGLE = -3
+_UNKNOWN_TAG = -4
+
+_TAG_CODE = np.zeros(256, np.uint16)  # payload byte 0 → 0 neither, 1 half A, 2 half B
+_TAG_CODE[TAG_A], _TAG_CODE[TAG_B] = 1, 2
+
+
+@dataclass(slots=True)
+class Refused:
+    """Frames that carried no half of a configured triangle, by reason."""
+
+    other: int = 0  # other classes, other nodes: passed over
+    remote: int = 0
+    extended: int = 0
+    fd: int = 0
+    error: int = 0  # error frames; the bus counts their kinds
+    bad_dlc: int = 0  # a skin frame that has not 8 bytes
+    unknown_tag: int = 0  # a skin frame whose first byte is neither 0x40 nor 0xC0
+    unconfigured_triangle: int = 0
+    unconfigured_board: dict[int, int] = field(default_factory=dict)  # by address
+    overflow: dict[int, int] = field(default_factory=dict)  # by address: an MTB3 dropped its queue
+
+
+class Streams:
+    """Assigns every frame its slot: 2 · (triangle's place in the layouts, counted through) + (1 for half B)."""
+
+    def __init__(self, layouts: Sequence[Layout]) -> None:
+        self.refused = Refused()
+        self._slot = np.full((2048, 3), _OTHER, np.int16)
+        self._slot[CLASS_SKIN << 8 : (CLASS_SKIN + 1) << 8] = _UNCONFIGURED_BOARD
+        triangles = [triangle for layout in layouts for triangle in layout.triangles]
+        for board in {triangle.board for triangle in triangles}:
+            ids = slice(skin_id(board, 0), skin_id(board, 15) + 1)
+            self._slot[ids] = _UNCONFIGURED_TRIANGLE
+            self._slot[ids, 0] = _UNKNOWN_TAG
+        for place, triangle in enumerate(triangles):
+            for cls in (CLASS_SKIN, CLASS_LEGACY_SKIN):
+                self._slot[skin_id(triangle.board, triangle.triangle, cls), 1:] = 2 * place, 2 * place + 1
+            self._slot[skin_id(triangle.board, triangle.triangle, CLASS_SECOND_HALF), 2] = 2 * place + 1
+
+    def slots(self, batch: FrameBatch) -> NDArray[np.int16]:
+        """(n,) slot of every frame, negative where it carries no half; the latter are counted in `refused`."""
+        slots: NDArray[np.int16] = self._slot[batch.can_id & 0x7FF, _TAG_CODE[batch.data[:, 0]]]
+        odd = (batch.dlc != 8) | (batch.flags != 0)
+        if odd.any():
+            slots = np.where(odd, np.int16(_OTHER), slots)
+        if (slots < 0).any():
+            self._count(batch, slots, odd)
+        return slots
+
+    def _count(self, batch: FrameBatch, slots: NDArray[np.int16], odd: NDArray[np.bool_]) -> None:
+        refused = self.refused
+        if odd.any():
+            self._count_odd(batch[odd])
+        even = ~odd
+        refused.other += int((even & (slots == _OTHER)).sum())
+        refused.unknown_tag += int((slots == _UNKNOWN_TAG).sum())
+        refused.unconfigured_triangle += int((slots == _UNCONFIGURED_TRIANGLE).sum())
+        for can_id in batch.can_id[slots == _UNCONFIGURED_BOARD].tolist():
+            address = can_id >> 4 & 0xF
+            refused.unconfigured_board[address] = refused.unconfigured_board.get(address, 0) + 1
+
+    def _count_odd(self, batch: FrameBatch) -> None:
+        """Frames of another kind than a standard data frame of 8 bytes."""
+        refused = self.refused
+        flags = batch.flags
+        refused.error += int((flags & ERROR != 0).sum())
+        flags = flags[flags & ERROR == 0]
+        refused.fd += int((flags & FD != 0).sum())
+        refused.remote += int(((flags & REMOTE != 0) & (flags & FD == 0)).sum())
+        refused.extended += int(((flags & EXTENDED != 0) & (flags & (FD | REMOTE) == 0)).sum())
+        short = batch.flags == 0
+        can_id = batch.can_id[short]
+        skin = can_id >> 8 == CLASS_SKIN
+        refused.bad_dlc += int(skin.sum())
+        overflow = (
+            (can_id >> 8 == CLASS_MANAGEMENT) & (can_id & 0xF == TYPE_OVERFLOW) & (batch.dlc[short] == 0)
+        )
+        for address in (can_id[overflow] >> 4 & 0xF).tolist():
+            refused.overflow[address] = refused.overflow.get(address, 0) + 1
+        refused.other += int((~skin & ~overflow).sum())

@@ -1,0 +1,48 @@
+"""Which readings of a cycle may be believed, from the protocol alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..config import Board
+from .geometry import THERMAL_PADS
+from .layout import Layout
+
+_FLAG_BIT = np.arange(4, 16, dtype=np.uint16)  # status bit of every taxel's out-of-range flag
+_FLAGS_BROKEN_FROM_SHIFT = 7  # an MTB3 overflows its 16-bit arithmetic there, and the flags mean nothing
+
+
+class Validity:
+    """Marks the readings of one foot that carry no pressure.
+
+    Invalid are: thermal pads; a triangle that never came, is older than `stale_after_ns` or reports an error
+    (open or dead); a taxel flagged out of range; one clamped at 0 (saturated: the load is at least that, how much
+    is not known) or at 255 (below the range; with a no-load of 255 that is the value at rest, and valid, and
+    the flag is set there at zero load and says nothing).
+    """
+
+    def __init__(self, layout: Layout, boards: Mapping[int, Board], stale_after_ns: int) -> None:
+        no_load = np.array([boards[t.board].no_load for t in layout.triangles])[:, None]
+        shift = np.array([boards[t.board].shift for t in layout.triangles])[:, None]
+        self._stale_after_ns = stale_after_ns
+        self._rests_at_255 = no_load == 255
+        self._flags_work = shift < _FLAGS_BROKEN_FROM_SHIFT
+        self._pressure_taxel = np.ones(12, np.bool_)
+        self._pressure_taxel[list(THERMAL_PADS)] = False
+
+    def __call__(
+        self, counts: NDArray[np.uint8], status: NDArray[np.uint16], age_ns: NDArray[np.int64]
+    ) -> NDArray[np.bool_]:
+        """(…, n_triangles, 12) bool from counts (…, n_triangles, 12), status and age_ns (…, n_triangles)."""
+        believed = (age_ns >= 0) & (age_ns <= self._stale_after_ns)
+        at_top = counts == 255
+        valid: NDArray[np.bool_] = (counts != 0) & (~at_top | self._rests_at_255)
+        if status.any():
+            believed &= status & 0xF == 0
+            flagged = (status[..., None] >> _FLAG_BIT & 1).astype(np.bool_) & self._flags_work
+            valid &= ~flagged | (at_top & self._rests_at_255)
+        valid &= believed[..., None] & self._pressure_taxel
+        return valid

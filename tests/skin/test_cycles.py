@@ -1,0 +1,225 @@
+"""The assembler against a reader that takes one frame at a time, on streams as boards really send them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from insole_daemon.skin import cycles as module
+from insole_daemon.skin.cycles import PATIENCE, CycleAssembler, Cycles
+
+MS = 1_000_000
+PERIOD, SLACK = 20 * MS, 5 * MS
+START = 1_000 * MS
+
+
+@dataclass
+class OneAtATime:
+    """The rules of the module's docstring, a frame at a time, with nothing shared with it."""
+
+    n_triangles: int
+    out: list[dict] = field(default_factory=list)
+    due: int | None = None
+
+    def __post_init__(self) -> None:
+        n = 2 * self.n_triangles
+        self.half = [None] * n  # (payload, t_ns, t_mono_ns)
+        self.seen, self.expected, self.misses, self.back = set(), set(range(n)), [0] * n, set()
+        self.superseded, self.newest, self.fresh = 0, 0, False
+        self.changes, self.missed = [0] * n, [0] * n
+
+    def frame(self, slot: int, payload: bytes, t_ns: int, t_mono_ns: int) -> None:
+        if self.due is None:
+            self.due = t_mono_ns + PERIOD + SLACK
+        while t_mono_ns > self.due:
+            self.close_by_time()
+        before = self.half[slot]
+        if before is not None and t_mono_ns - before[2] <= PERIOD + SLACK:
+            self.misses[slot] = 0
+            self.back.add(slot)
+        self.changes[slot] += (before[0] if before else bytes(8)) != payload
+        self.superseded += slot in self.seen
+        self.half[slot] = (payload, t_ns, t_mono_ns)
+        self.seen.add(slot)
+        self.newest, self.fresh = t_ns, True
+        if self.expected and self.expected <= self.seen:
+            self.close(t_mono_ns, late=False)
+
+    def close_by_time(self) -> None:
+        absent = self.expected - self.seen
+        for slot in absent:
+            self.misses[slot] += 1
+            self.missed[slot] += 1
+        late, due = bool(self.expected), self.due
+        self.close(due, late)
+        self.expected -= {slot for slot in self.expected if self.misses[slot] >= PATIENCE}
+        self.due = due + (PERIOD + SLACK if self.expected else PERIOD)
+
+    def close(self, t: int, late: bool) -> None:
+        counts, ages, stamps, status = [], [], [], []
+        for i in range(self.n_triangles):
+            a, b = self.half[2 * i], self.half[2 * i + 1]
+            pa, pb = (a[0] if a else bytes(8)), (b[0] if b else bytes(8))
+            counts.append([*pa[1:8], *pb[1:6]])
+            status.append(pb[6] << 8 | pb[7])
+            ages.append(t - min(a[2], b[2]) if a and b else -1)
+            stamps.append((a if a[2] <= b[2] else b)[1] if a and b else 0)
+        missing = [bool({2 * i, 2 * i + 1} & (self.expected - self.seen)) for i in range(self.n_triangles)]
+        self.out.append(
+            {
+                "t_mono_ns": t, "t_ns": self.newest, "counts": counts, "status": status, "age_ns": ages,
+                "triangle_t_ns": stamps, "missing": missing, "late": late, "repeated": not self.fresh,
+            }
+        )  # fmt: skip
+        self.expected |= self.back
+        self.back, self.seen, self.fresh = set(), set(), False
+        self.due = t + (PERIOD + SLACK if self.expected else PERIOD)
+
+
+def stream(rng: np.random.Generator, n_triangles: int, seconds: float, faults: float) -> tuple:
+    """Frames of boards of four triangles, some at 50 ms, with losses, doubles, silences and shuffled orders."""
+    rows = []
+    for first in range(0, n_triangles, 4):
+        slots = np.arange(2 * first, min(2 * n_triangles, 2 * first + 8))
+        period = 50 * MS if faults and rng.random() < 0.2 else 20 * MS
+        phase = int(rng.integers(0, period))
+        silence = sorted(rng.integers(0, int(seconds * 1e9), 2)) if rng.random() < faults else (0, 0)
+        shuffled = rng.random() < 0.5
+        for tick in range(int(seconds * 1e9 // period)):
+            t = phase + tick * period + int(rng.normal(0, 0.2 * MS))
+            if silence[0] < t < silence[1]:
+                continue
+            for k, slot in enumerate(rng.permutation(slots) if shuffled else slots):
+                if rng.random() < 0.002 * faults:
+                    continue
+                for _ in range(1 + (rng.random() < 0.001 * faults)):
+                    rows.append((t + 120_000 * k, slot, rng.integers(0, 256, 8) * (rng.random() < 0.8)))
+    rows.sort(key=lambda row: row[0])
+    t = START + np.maximum.accumulate(np.array([max(0, row[0]) for row in rows], np.int64))
+    return np.array([r[1] for r in rows], np.int16), np.array([r[2] for r in rows], np.uint8), t + 7_000 * MS, t
+
+
+def run(assembler: CycleAssembler, frames: tuple, cuts: list[int]) -> Cycles:
+    slots, data, t_ns, t_mono_ns = frames
+    closed = []
+    for a, b in zip([0, *cuts], [*cuts, len(slots)], strict=True):
+        closed += assembler.feed(slots[a:b], data[a:b], t_ns[a:b], t_mono_ns[a:b])
+    return Cycles.concatenate(closed, assembler.n_triangles)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 2**32), st.sampled_from([1, 4, 9]), st.sampled_from([0.0, 0.3, 1.0]), st.data())
+def test_same_cycles_as_one_frame_at_a_time_however_the_stream_is_cut(seed, n_triangles, faults, data):
+    rng = np.random.default_rng(seed)
+    frames = stream(rng, n_triangles, 1.5, faults)
+    n = len(frames[0])
+    cuts = sorted(data.draw(st.lists(st.integers(0, n), max_size=12)))
+    assembler, oracle = CycleAssembler(n_triangles, PERIOD, SLACK), OneAtATime(n_triangles)
+    cycles = run(assembler, frames, cuts)
+    for slot, payload, t_ns, t_mono_ns in zip(*frames, strict=True):
+        oracle.frame(int(slot), payload.tobytes(), int(t_ns), int(t_mono_ns))
+    assert len(cycles) == len(oracle.out)
+    for name in oracle.out[0] if oracle.out else ():
+        expected = np.array([cycle[name] for cycle in oracle.out])
+        np.testing.assert_array_equal(getattr(cycles, name), expected, err_msg=name)
+    assert assembler.superseded == oracle.superseded
+    assert assembler.changes.tolist() == oracle.changes
+    assert assembler.missed.tolist() == oracle.missed
+    assert np.flatnonzero(assembler.expected).tolist() == sorted(oracle.expected)
+    assert assembler.outstanding == len(oracle.expected - oracle.seen)
+    assert int(assembler.arrivals.sum()) == n
+
+
+def regular(n_triangles: int, cycles: int, period: int = PERIOD, start: int = START) -> tuple:
+    slots = np.tile(np.arange(2 * n_triangles, dtype=np.int16), cycles)
+    tick = np.repeat(np.arange(cycles), 2 * n_triangles)
+    t = start + tick * period + slots.astype(np.int64) * 120_000
+    data = np.zeros((len(slots), 8), np.uint8)
+    data[:, 1:] = (tick % 250)[:, None]
+    return slots, data, t, t
+
+
+def test_a_complete_cycle_closes_with_its_last_half():
+    slots, data, t_ns, t_mono_ns = regular(3, 5)
+    cycles = run(CycleAssembler(3, PERIOD, SLACK), (slots, data, t_ns, t_mono_ns), [])
+    assert len(cycles) == 5
+    np.testing.assert_array_equal(cycles.t_mono_ns, t_mono_ns[5::6])
+    assert (cycles.counts == np.arange(5)[:, None, None]).all()
+    assert not cycles.late.any()
+    assert not cycles.missing.any()
+    np.testing.assert_array_equal(cycles.age_ns[0], (np.array([5, 3, 1]) * 120_000))
+
+
+def test_a_missing_half_delays_a_cycle_by_the_slack_and_no_more():
+    slots, data, t_ns, t_mono_ns = regular(3, 10)
+    lost = np.ones(60, bool)
+    lost[4 * 6 + 2] = False
+    cycles = run(CycleAssembler(3, PERIOD, SLACK), (slots[lost], data[lost], t_ns[lost], t_mono_ns[lost]), [])
+    late = np.flatnonzero(cycles.late)
+    assert late.tolist() == [4]
+    assert cycles.t_mono_ns[4] == cycles.t_mono_ns[3] + PERIOD + SLACK
+    assert cycles.missing[4].tolist() == [False, True, False]
+
+
+def test_boards_told_50_ms_are_repeated_on_a_steady_grid_with_their_true_age():
+    assembler = CycleAssembler(2, PERIOD, SLACK)
+    cycles = run(assembler, regular(2, 40, period=50 * MS), [])
+    assert assembler.outstanding == 0
+    settled = cycles.t_mono_ns > START + 300 * MS
+    assert (np.diff(cycles.t_mono_ns[settled]) == PERIOD).all()
+    assert not cycles.missing[settled].any()
+    assert cycles.age_ns[settled].min() >= 0
+    assert 30 * MS < cycles.age_ns[settled].max() <= 50 * MS + 4 * 120_000
+    assert 0.5 < cycles.repeated[settled].mean() < 0.7  # 30 of 50
+
+
+def test_a_silent_board_is_given_up_and_taken_back():
+    n = 4
+    slots, data, t_ns, t_mono_ns = regular(n, 200)
+    tick = np.arange(len(slots)) // (2 * n)
+    silent = (slots >= 4) & (tick >= 50) & (tick < 100)
+    keep = ~silent
+    assembler = CycleAssembler(n, PERIOD, SLACK)
+    cycles = run(assembler, (slots[keep], data[keep], t_ns[keep], t_mono_ns[keep]), [])
+    assert cycles.late.sum() == PATIENCE
+    during = (cycles.t_mono_ns > START + 55 * PERIOD) & (cycles.t_mono_ns < START + 100 * PERIOD)
+    assert (np.diff(cycles.t_mono_ns[during]) == PERIOD).all(), "50 Hz goes on with the boards that are there"
+    assert cycles.age_ns[during][:, 2:].max() > 900 * MS
+    assert cycles.age_ns[-1].max() < PERIOD
+    assert assembler.expected.all()
+
+
+def test_a_long_silence_is_skipped_not_filled():
+    first, second = regular(1, 5), regular(1, 5, start=START + module.GAP_NS * 100)
+    frames = tuple(np.concatenate(pair) for pair in zip(first, second, strict=True))
+    assembler = CycleAssembler(1, PERIOD, SLACK)
+    cycles = run(assembler, frames, [])
+    assert len(cycles) < 20
+    assert assembler.skipped == pytest.approx(module.GAP_NS * 100 // PERIOD, rel=1e-3)
+
+
+def test_time_alone_closes_what_is_due():
+    slots, data, t_ns, t_mono_ns = regular(2, 3)
+    assembler = CycleAssembler(2, PERIOD, SLACK)
+    assert assembler.advance(START) == []
+    run(assembler, (slots, data, t_ns, t_mono_ns), [])
+    due = assembler.due_ns
+    assert due == t_mono_ns[-1] + PERIOD + SLACK
+    assert assembler.advance(due) == []
+    (late,) = assembler.advance(due + 1)
+    assert late.late.tolist() == [True]
+    assert late.missing.all()
+    assert late.repeated.tolist() == [True]
+
+
+def test_never_received_is_never_zero_age():
+    slots, data, t_ns, t_mono_ns = regular(2, 3)
+    keep = slots < 3
+    assembler = CycleAssembler(2, PERIOD, SLACK)
+    cycles = run(assembler, (slots[keep], data[keep], t_ns[keep], t_mono_ns[keep]), [])
+    assert (cycles.age_ns[:, 1] == -1).all()
+    assert (cycles.triangle_t_ns[:, 1] == 0).all()
