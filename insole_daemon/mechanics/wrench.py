@@ -1,0 +1,79 @@
+"""Pressure into wrench, centre of pressure and contact area.
+
+With the pressure P_i of a taxel, the area A it stands for and its position (x_i, y_i), x forward, y to the
+wearer's left, z up:
+
+    f_z = Σ P_i A      m_x = Σ y_i P_i A      m_y = −Σ x_i P_i A      CoP = (−m_y / f_z, m_x / f_z)
+
+(Sorrentino et al. 2020, with the signs that make its CoP equations true.)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..skin.geometry import THERMAL_PADS
+from ..skin.layout import Layout
+
+
+@dataclass(frozen=True, slots=True)
+class Wrench:
+    """What the ground does to one foot; NaN where it cannot be known."""
+
+    f_z_n: float  # NaN: no taxel is valid
+    m_x_nm: float
+    m_y_nm: float
+    cop_x_m: float  # NaN below the contact force
+    cop_y_m: float
+    f_z_std_n: float  # NaN: the calibration carries no uncertainty
+    m_x_std_nm: float
+    m_y_std_nm: float
+    contact_area_m2: float
+    valid_fraction: float  # area of the valid taxels over that of all pressure taxels
+
+
+_NAN = float("nan")
+
+
+class WrenchEstimator:
+    """Sums the pressure of one foot.
+
+    The CoP is unknown below `min_force_n`; a taxel is in contact from `min_pressure_pa`.
+    """
+
+    def __init__(self, layout: Layout, min_force_n: float, min_pressure_pa: float) -> None:
+        x, y = layout.xy_m[..., 0].ravel(), layout.xy_m[..., 1].ravel()
+        self._area_m2 = layout.taxel_area_m2
+        self._rows = self._area_m2 * np.stack([np.ones_like(x), y, -x])  # (3, n_triangles · 12)
+        self._rows_squared = self._rows**2
+        self._n_taxels = len(layout.triangles) * (12 - len(THERMAL_PADS))
+        self._min_force_n = min_force_n
+        self._min_pressure_pa = min_pressure_pa
+
+    def __call__(
+        self,
+        pressure_pa: NDArray[np.float64],
+        valid: NDArray[np.bool_],
+        variance_pa2: NDArray[np.float64] | None,
+    ) -> Wrench:
+        """The wrench of pressure_pa, valid and variance_pa2, each (n_triangles, 12); invalid taxels count nothing."""
+        n_valid = int(np.count_nonzero(valid))
+        if n_valid == 0:
+            return Wrench(_NAN, _NAN, _NAN, _NAN, _NAN, _NAN, _NAN, _NAN, 0.0, 0.0)
+        pressure = np.where(valid, pressure_pa, 0.0).ravel()
+        f_z, m_x, m_y = (self._rows @ pressure).tolist()
+        std = [_NAN, _NAN, _NAN]
+        if variance_pa2 is not None:
+            std = np.sqrt(self._rows_squared @ np.where(valid, variance_pa2, 0.0).ravel()).tolist()
+        in_contact = f_z >= self._min_force_n
+        return Wrench(
+            f_z, m_x, m_y,
+            -m_y / f_z if in_contact else _NAN,
+            m_x / f_z if in_contact else _NAN,
+            std[0], std[1], std[2],
+            int(np.count_nonzero(pressure >= self._min_pressure_pa)) * self._area_m2,
+            n_valid / self._n_taxels,
+        )  # fmt: skip

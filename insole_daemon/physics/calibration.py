@@ -1,0 +1,209 @@
+"""Counts into pressure, taxel by taxel: `insole-calibration/1`, or the built-in default.
+
+    P_i = Σ_k coefficients_pa[k] · (baseline_count − count)^k
+
+A taxel that is not listed is unusable. `effects` are the physics beyond this static curve; a file with one
+that is not among KNOWN_EFFECTS is refused, since its coefficients are only right together with it.
+
+Documented extension: a taxel's `extensions: {coefficients_covariance_pa2: [[…], …]}` is the covariance of
+its coefficients, with a row and a column for each; a reader that does not know it loses nothing else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from os import PathLike
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..config import Board
+from ..documents import Key, Reading, Section, at_least, read, spell, within
+from ..errors import InsoleError
+from ..skin.geometry import N_TAXELS, PRESSURE_TAXELS, THERMAL_PADS
+from ..skin.layout import Layout
+
+FORMAT = "insole-calibration/1"
+KNOWN_EFFECTS: frozenset[str] = frozenset()  # words of the format's table that this version can apply
+COVARIANCE = "coefficients_covariance_pa2"
+
+# The public insole recordings lose about 12 counts a bar, with baselines near 240: 8 kPa a count.
+DEFAULT_PA_PER_COUNT = 8000.0
+
+Foot = Literal["left", "right"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Calibration:
+    """The static curve of every taxel of a layout, in the layout's order; k coefficients a taxel."""
+
+    foot: Foot
+    baseline_count: NDArray[np.float64]  # (n_triangles, 12) NaN where no taxel is listed
+    coefficients_pa: NDArray[np.float64]  # (n_triangles, 12, k) of the powers 0 to k−1; NaN as above
+    covariance_pa2: NDArray[np.float64] | None  # (n_triangles, 12, k, k) NaN where a taxel has none
+    usable: NDArray[np.bool_]  # (n_triangles, 12) listed; never a thermal pad
+    provenance: Mapping[str, Any]
+    effects: tuple[Mapping[str, Any], ...] = ()
+    builtin: bool = False
+    extensions: Mapping[str, Any] = field(default_factory=dict, repr=False)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Taxel(Section):
+    board: Annotated[int, within(1, 14)]
+    triangle: Annotated[int, within(0, 15)]
+    taxel: Annotated[int, within(0, N_TAXELS - 1)]
+    baseline_count: Annotated[float, within(0, 510)]  # a fit may leave the 8-bit range, but not by much
+    coefficients_pa: Annotated[tuple[float, ...], at_least(1)]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _File(Section):
+    foot: Foot
+    taxels: Annotated[tuple[_Taxel, ...], at_least(1)]
+    effects: tuple[Mapping[str, Any], ...] = ()
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+
+def load(path: str | PathLike[str], layout: Layout) -> Calibration:
+    """The calibration in file `path` for the taxels of `layout`; DocumentError lists all that is wrong."""
+    file = read(path, _File, FORMAT, _check(layout))
+    rows = layout.rows
+    row = np.array([rows[t.board, t.triangle] for t in file.taxels])
+    column = np.array([t.taxel for t in file.taxels])
+    lists = [t.coefficients_pa for t in file.taxels]
+    k = max(map(len, lists))
+    baseline = np.full((len(layout), N_TAXELS), np.nan)
+    baseline[row, column] = [t.baseline_count for t in file.taxels]
+    coefficients = np.full((len(layout), N_TAXELS, k), np.nan)
+    coefficients[row, column] = [values + (0.0,) * (k - len(values)) for values in lists]
+    covariance = None
+    if any(COVARIANCE in t.extensions for t in file.taxels):
+        covariance = np.full((len(layout), N_TAXELS, k, k), np.nan)
+        for t in file.taxels:
+            if COVARIANCE in t.extensions:
+                own = len(t.coefficients_pa)
+                matrix = np.zeros((k, k))
+                matrix[:own, :own] = t.extensions[COVARIANCE]
+                covariance[rows[t.board, t.triangle], t.taxel] = matrix
+    return _frozen(
+        Calibration(
+            foot=file.foot,
+            baseline_count=baseline,
+            coefficients_pa=coefficients,
+            covariance_pa2=covariance,
+            usable=~np.isnan(baseline),
+            provenance=file.provenance,
+            effects=file.effects,
+            extensions=file.extensions,
+        )
+    )
+
+
+def default(layout: Layout, boards: Sequence[Board]) -> Calibration:
+    """The same straight line for every taxel, from what its board rests at: good for a first look only.
+
+    That is (1 − 2^−shift)/2 above the no-load on average: the firmware sends no_load − floor(value / 2^shift).
+    """
+    rest = {board.address: board.no_load + (1 - 2.0**-board.shift) / 2 for board in boards}
+    for address in layout.identities[:, 0].tolist():
+        if address not in rest:
+            raise InsoleError(
+                f"the layout has triangles on board {address}, expected only this insole's boards "
+                f"({', '.join(map(str, sorted(rest)))}): correct the layout, or configure the board"
+            )
+    usable = np.tile(PRESSURE_TAXELS, (len(layout), 1))
+    baseline = np.array([rest[address] for address in layout.identities[:, 0].tolist()])
+    return _frozen(
+        Calibration(
+            foot=layout.foot,
+            baseline_count=np.where(usable, baseline[:, None], np.nan),
+            coefficients_pa=np.where(usable[..., None], (0.0, DEFAULT_PA_PER_COUNT), np.nan),
+            covariance_pa2=None,
+            usable=usable,
+            provenance={},
+            builtin=True,
+        )
+    )
+
+
+def _frozen(calibration: Calibration) -> Calibration:
+    for array in (calibration.baseline_count, calibration.coefficients_pa, calibration.usable):
+        array.setflags(write=False)
+    if calibration.covariance_pa2 is not None:
+        calibration.covariance_pa2.setflags(write=False)
+    return calibration
+
+
+def _check(layout: Layout) -> Callable[[Reading], None]:
+    def check(reading: Reading) -> None:
+        found = reading.document.get("foot")
+        if found in ("left", "right") and found != layout.foot:
+            reading.problem(
+                ("foot",),
+                f"expected the calibration of the {layout.foot} foot, found that of the {found} foot",
+            )
+        _check_taxels(reading, layout)
+        effects = reading.document.get("effects")
+        for i, effect in enumerate(effects if isinstance(effects, list) else ()):
+            name = effect.get("effect") if isinstance(effect, dict) else None
+            if not isinstance(name, str):
+                reading.problem(("effects", i, "effect"), "missing key: expected the name of an effect")
+            elif name not in KNOWN_EFFECTS:
+                known = ", ".join(sorted(KNOWN_EFFECTS)) or "none"
+                reading.problem(
+                    ("effects", i, "effect"),
+                    f'the effect "{name}" cannot be applied; this version knows: {known}. '
+                    "Without it the coefficients are wrong: use a static calibration, or a newer version",
+                )
+
+    return check
+
+
+def _check_taxels(reading: Reading, layout: Layout) -> None:
+    rows = layout.rows
+    boards = {board for board, _ in rows}
+    first: dict[tuple[int, int, int], Key] = {}
+    strangers: set[str] = set()
+    for key, t in reading.of(_Taxel):
+        identity = (t.board, t.triangle, t.taxel)
+        if t.taxel in THERMAL_PADS:
+            reading.problem(
+                (*key, "taxel"), f"taxel {t.taxel} is a thermal pad: it has no pressure, leave it out"
+            )
+        if identity in first:
+            where = spell(first[identity])
+            reading.problem(
+                key,
+                f"taxel {t.taxel} of triangle {t.triangle} of board {t.board} stands twice, first in {where}",
+            )
+        first.setdefault(identity, key)
+        who = f"triangle {t.triangle} of board {t.board}" if t.board in boards else f"board {t.board}"
+        if identity[:2] not in rows and who not in strangers:
+            strangers.add(who)  # once is enough
+            reading.problem(key, f"{who} is not in the layout: is this the calibration of another insole?")
+        if COVARIANCE in t.extensions:
+            wrong = _wrong_covariance(t.extensions[COVARIANCE], len(t.coefficients_pa))
+            if wrong:
+                reading.problem((*key, "extensions", COVARIANCE), wrong)
+
+
+def _wrong_covariance(matrix: Any, k: int) -> str | None:
+    """What is wrong with a covariance of k coefficients, None if nothing is."""
+    try:
+        values = np.array(matrix, float)
+    except (TypeError, ValueError, OverflowError):
+        return f"expected {k} rows of {k} numbers"
+    if values.shape != (k, k):
+        return f"expected {k} rows of {k} numbers, found the shape {values.shape}"
+    if not np.isfinite(values).all():
+        return "expected finite numbers, found nan or inf"
+    scale = np.sqrt(np.abs(np.diag(values)))
+    unit = values / np.outer(np.where(scale > 0, scale, 1.0), np.where(scale > 0, scale, 1.0))
+    if not np.allclose(unit, unit.T, atol=1e-6):
+        return "expected a symmetric matrix, found one that is not"
+    if np.linalg.eigvalsh(unit).min() < -1e-6:
+        return "expected a covariance, found a matrix with a negative eigenvalue"
+    return None

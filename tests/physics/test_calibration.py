@@ -1,0 +1,246 @@
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from insole_daemon.config import Board
+from insole_daemon.config import load as load_config
+from insole_daemon.errors import DocumentError, InsoleError
+from insole_daemon.physics.calibration import KNOWN_EFFECTS, default, load
+from insole_daemon.skin import layout as layouts
+from insole_daemon.skin.geometry import PRESSURE_TAXELS
+from insole_daemon.skin.layout import Layout, builtin
+
+EXAMPLES = Path(__file__).parents[3] / "shared" / "examples"
+LAYOUT = builtin("left", (5, 6, 7))
+BOARD, TRIANGLE = LAYOUT.triangles[1].board, LAYOUT.triangles[1].triangle
+
+Write = Callable[..., Path]
+
+
+def taxel(number: int = 0, triangle: int = TRIANGLE, board: int = BOARD, **more: Any) -> dict[str, Any]:
+    values = {"baseline_count": 240.5, "coefficients_pa": [0.0, 7900.0, 12.0, 0.11]}
+    return {"board": board, "triangle": triangle, "taxel": number, **values, **more}
+
+
+@pytest.fixture
+def write(tmp_path: Path) -> Write:
+    def write(*taxels: dict[str, Any], **more: Any) -> Path:
+        """One taxel a line, the first on line 3."""
+        path = tmp_path / "calibration.json"
+        head = {"format": "insole-calibration/1", "foot": "left", **more}
+        rows = ",\n".join(json.dumps(row) for row in taxels)
+        path.write_text(json.dumps(head)[:-1] + ',\n"taxels": [\n' + rows + "]}\n")
+        return path
+
+    return write
+
+
+def problems(path: Path, layout: Layout = LAYOUT) -> list[tuple[int | None, str, str]]:
+    with pytest.raises(DocumentError) as caught:
+        load(path, layout)
+    return [(problem.line, problem.key, problem.message) for problem in caught.value.problems]
+
+
+def only(path: Path, layout: Layout = LAYOUT) -> tuple[int | None, str, str]:
+    (problem,) = problems(path, layout)
+    return problem
+
+
+def test_load_in_the_layouts_order(write: Write) -> None:
+    last = LAYOUT.triangles[-1]
+    rows = [taxel(9, last.triangle, last.board, baseline_count=200), taxel(0)]
+    calibration = load(write(*rows, provenance={"by": "a test"}, effects=[], extensions={"x": 1}), LAYOUT)
+    assert (calibration.foot, calibration.builtin, calibration.effects) == ("left", False, ())
+    assert calibration.provenance == {"by": "a test"}
+    assert calibration.extensions == {"x": 1}
+    assert calibration.baseline_count.shape == (28, 12)
+    assert calibration.coefficients_pa.shape == (28, 12, 4)
+    assert calibration.covariance_pa2 is None
+    assert np.argwhere(calibration.usable).tolist() == [[1, 0], [27, 9]]
+    assert (calibration.baseline_count[1, 0], calibration.baseline_count[27, 9]) == (240.5, 200.0)
+    assert calibration.coefficients_pa[1, 0].tolist() == [0.0, 7900.0, 12.0, 0.11]
+    assert np.isnan(calibration.baseline_count[~calibration.usable]).all()
+    assert np.isnan(calibration.coefficients_pa[~calibration.usable]).all()
+    assert not calibration.usable.flags.writeable
+
+
+def test_shorter_lists_of_coefficients_are_filled_with_zeros(write: Write) -> None:
+    calibration = load(write(taxel(0), taxel(1, coefficients_pa=[1.0, 8000])), LAYOUT)
+    assert calibration.coefficients_pa[1, 1].tolist() == [1.0, 8000.0, 0.0, 0.0]
+
+
+def test_yaml_is_read_too(tmp_path: Path) -> None:
+    path = tmp_path / "calibration.yaml"
+    head = "format: insole-calibration/1\nfoot: left\ntaxels:\n"
+    path.write_text(f"{head}- {json.dumps(taxel(2))}\n")
+    assert np.argwhere(load(path, LAYOUT).usable).tolist() == [[1, 2]]
+
+
+@pytest.mark.parametrize("pad", [6, 10])
+def test_thermal_pads_are_no_taxels(write: Write, pad: int) -> None:
+    line, key, message = only(write(taxel(0), taxel(pad)))
+    assert (line, key) == (4, "taxels[1].taxel")
+    assert f"taxel {pad} is a thermal pad" in message
+
+
+def test_a_taxel_twice(write: Write) -> None:
+    line, key, message = only(write(taxel(0), taxel(1), taxel(0)))
+    assert (line, key) == (5, "taxels[2]")
+    assert message == f"taxel 0 of triangle {TRIANGLE} of board {BOARD} stands twice, first in taxels[0]"
+
+
+def test_a_triangle_that_is_not_in_the_layout(write: Write) -> None:
+    missing = min(set(range(16)) - {t.triangle for t in LAYOUT.triangles if t.board == BOARD})
+    line, key, message = only(write(taxel(0), taxel(0, missing), taxel(1, missing)))
+    assert (line, key) == (4, "taxels[1]")
+    assert f"triangle {missing} of board {BOARD} is not in the layout" in message
+
+
+def test_a_board_that_is_not_in_the_layout(write: Write) -> None:
+    line, key, message = only(write(taxel(board=9), taxel(board=9, triangle=4), taxel(1)))
+    assert (line, key) == (3, "taxels[0]")
+    assert message.startswith("board 9 is not in the layout")
+
+
+def test_the_other_foot(write: Write) -> None:
+    line, key, message = only(write(taxel(), foot="right"))
+    assert (line, key) == (1, "foot")
+    assert message == "expected the calibration of the left foot, found that of the right foot"
+
+
+def test_another_version(write: Write) -> None:
+    line, key, message = only(write(taxel(), format="insole-calibration/2"))
+    assert (line, key) == (1, "format")
+    assert (
+        "expected insole-calibration/1, found insole-calibration/2: this program reads version 1" in message
+    )
+
+
+@pytest.mark.parametrize(
+    ("row", "key", "message"),
+    [
+        (taxel(baseline_count=float("nan")), "baseline_count", "found nan"),
+        (taxel(coefficients_pa=[0.0, float("inf")]), "coefficients_pa[1]", "found inf"),
+        (taxel(coefficients_pa=[]), "coefficients_pa", "expected a list of at least 1"),
+        (taxel(coefficients_pa=7900), "coefficients_pa", "expected a list of at least 1, found 7900"),
+        (taxel(12), "taxel", "from 0 to 11, found 12"),
+        (taxel(baseline_count=30000), "baseline_count", "from 0 to 510, found 30000"),
+        (taxel(coefficients_kpa=[1]), "coefficients_kpa", "give it in pa"),
+        (taxel(basline_count=1), "basline_count", 'did you mean "baseline_count"?'),
+    ],
+)
+def test_wrong_taxels(write: Write, row: dict[str, Any], key: str, message: str) -> None:
+    line, found_key, found = only(write(taxel(1), row))
+    assert (line, found_key) == (4, f"taxels[1].{key}")
+    assert message in found
+
+
+def test_every_effect_is_refused_by_name(write: Write) -> None:
+    assert not KNOWN_EFFECTS
+    found = problems(
+        write(taxel(), effects=[{"effect": "hysteresis"}, {"effect": "creep", "parameters": {}}, {}])
+    )
+    assert [(line, key) for line, key, _ in found] == [(1, f"effects[{i}].effect") for i in range(3)]
+    assert 'the effect "hysteresis" cannot be applied; this version knows: none' in found[0][2]
+    assert '"creep"' in found[1][2]
+    assert "expected the name of an effect" in found[2][2]
+
+
+def test_everything_at_once(write: Write) -> None:
+    path = write(
+        taxel(6), taxel(0), taxel(0), taxel(1, board=9), taxel(2, baseline_count=float("nan")), taxel(3, 16),
+        foot="right", effects=[{"effect": "lag"}], efects=[],
+    )  # fmt: skip
+    assert {(line, key) for line, key, _ in problems(path)} == {
+        (1, "foot"),
+        (1, "efects"),
+        (1, "effects[0].effect"),
+        (3, "taxels[0].taxel"),
+        (5, "taxels[2]"),
+        (6, "taxels[3]"),
+        (7, "taxels[4].baseline_count"),
+        (8, "taxels[5].triangle"),
+    }
+
+
+def covariance(matrix: object) -> dict[str, Any]:
+    return {"extensions": {"coefficients_covariance_pa2": matrix}}
+
+
+def test_uncertainty_is_an_extension(write: Write) -> None:
+    matrix = [[4.0, 1.0], [1.0, 9e4]]
+    rows = [taxel(0), taxel(1, coefficients_pa=[0.0, 8000.0], **covariance(matrix))]
+    calibration = load(write(*rows), LAYOUT)
+    assert calibration.covariance_pa2 is not None
+    assert calibration.covariance_pa2.shape == (28, 12, 4, 4)
+    np.testing.assert_array_equal(calibration.covariance_pa2[1, 1, :2, :2], matrix)
+    assert not calibration.covariance_pa2[1, 1, 2:].any()
+    assert np.isnan(calibration.covariance_pa2[1, 0]).all()  # nothing is said about this one
+
+
+@pytest.mark.parametrize(
+    ("matrix", "message"),
+    [
+        ([[1.0]], "expected 2 rows of 2 numbers, found the shape (1, 1)"),
+        ([[1.0, 0.0], [0.0]], "expected 2 rows of 2 numbers"),
+        ("none", "expected 2 rows of 2 numbers"),
+        ({"a": 1}, "expected 2 rows of 2 numbers"),
+        ([[1.0, 0.5], [0.0, 1.0]], "expected a symmetric matrix"),
+        ([[1.0, 0.0], [0.0, float("nan")]], "found nan or inf"),
+        ([[1.0, 0.0], [0.0, -1.0]], "negative eigenvalue"),
+        ([[1.0, 2.0], [2.0, 1.0]], "negative eigenvalue"),
+    ],
+)
+def test_wrong_covariance(write: Write, matrix: object, message: str) -> None:
+    line, key, found = only(write(taxel(coefficients_pa=[0, 8000], **covariance(matrix))))
+    assert (line, key) == (3, "taxels[0].extensions.coefficients_covariance_pa2")
+    assert message in found
+
+
+def test_default_is_a_line_from_what_the_boards_rest_at() -> None:
+    boards = [Board(address=a, interface="can0", no_load=n) for a, n in ((5, 240), (6, 255), (7, 245))]
+    calibration = default(LAYOUT, boards)
+    assert (calibration.builtin, calibration.foot, calibration.covariance_pa2) == (True, "left", None)
+    assert (calibration.usable == PRESSURE_TAXELS).all()
+    rest = {5: 240.4375, 6: 255.4375, 7: 245.4375}  # shift 3: half of 1 − 1/8 above the no-load
+    for row, triangle in enumerate(LAYOUT.triangles):
+        assert (calibration.baseline_count[row, PRESSURE_TAXELS] == rest[triangle.board]).all()
+    assert np.isnan(calibration.baseline_count[:, ~PRESSURE_TAXELS]).all()
+    assert (calibration.coefficients_pa[:, PRESSURE_TAXELS] == [0.0, 8000.0]).all()
+
+
+def test_default_needs_every_board_of_the_layout() -> None:
+    with pytest.raises(InsoleError, match=r"board 7, expected only this insole's boards \(5, 6\)"):
+        default(LAYOUT, load_config().insoles[0].boards[:2])
+
+
+def test_280_taxels_in_less_than_50_ms(write: Write) -> None:
+    rows = [
+        taxel(k, t.triangle, t.board)
+        for t in LAYOUT.triangles
+        for k in np.flatnonzero(PRESSURE_TAXELS).tolist()
+    ]
+    path = write(*rows)
+
+    def elapsed_s() -> float:
+        start = time.perf_counter()
+        assert load(path, LAYOUT).usable.sum() == 280
+        return time.perf_counter() - start
+
+    assert min(elapsed_s() for _ in range(5)) < 0.05
+
+
+@pytest.mark.skipif(not EXAMPLES.is_dir(), reason="no example recordings beside the repository")
+@pytest.mark.parametrize("kind", ["chamber", "shoe"])
+def test_examples(kind: str) -> None:
+    layout = layouts.load(EXAMPLES / kind / "layout.yaml")
+    calibration = load(EXAMPLES / kind / "calibration.json", layout)
+    assert (calibration.usable == PRESSURE_TAXELS).all()
+    assert np.isfinite(calibration.coefficients_pa[calibration.usable]).all()
