@@ -1,0 +1,132 @@
+"""The boards of one or both feet on one bus: written to a log, or played in real time."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Collection, Sequence
+
+import numpy as np
+
+from ..bus.frames import FrameBatch
+from ..config import Config
+from ..skin.layout import Layout
+from .board import Board
+from .load import Load
+from .run import Mounted, Run
+
+_AHEAD_NS = 50_000_000  # of frames made at once when played: also the time until a command takes effect
+_GROUP_S = 0.002  # frames due within this are sent together
+_LATE_NS = 500_000_000  # frames that late were missed by everybody: a real bus does not catch up
+_CHUNK_NS = 1_000_000_000  # of frames made at once when written
+
+
+class Emulator:
+    """The boards of one or both feet, all on one bus whatever interface they are configured on."""
+
+    def __init__(
+        self,
+        config: Config,
+        layouts: Sequence[Layout],
+        load: Load,
+        *,
+        seed: int = 0,
+        streaming: bool = True,
+        left_out: Collection[int] = (),
+    ) -> None:
+        """The boards of those feet of `config` that have a layout, under `load`.
+
+        Same arguments, same frames. `streaming`: the boards come up configured and sending; else they are
+        silent until commanded. `left_out`: addresses of boards that are not there.
+        """
+        self._config = config
+        self._layouts = {layout.foot: layout for layout in layouts}
+        self._load = load
+        self._seed = seed
+        self._streaming = streaming
+        self._left_out = frozenset(left_out)
+
+    def run(self, t_start_ns: int) -> Run:
+        """The boards, powered up at `t_start_ns`; every run begins anew from the seed."""
+        return Run(self._boards(), self._load, t_start_ns)
+
+    def frames(self, t_start_ns: int, seconds: float) -> FrameBatch:
+        """All frames that begin within `seconds` of `t_start_ns`, stamped with the moment they end."""
+        run = self.run(t_start_ns)
+        t_end_ns = t_start_ns + round(seconds * 1e9)
+        batches = []
+        while run.now_ns < t_end_ns:
+            batches.append(run.advance(min(run.now_ns + _CHUNK_NS, t_end_ns)))
+        return FrameBatch.concatenate(batches)
+
+    def play(
+        self,
+        send: Callable[[FrameBatch], None],
+        stop: threading.Event,
+        seconds: float | None = None,
+        receive: Callable[[], FrameBatch] | None = None,
+    ) -> int:
+        """Send the frames when they are due, until `stop` is set or for `seconds`; how many were sent.
+
+        `receive` hands over what came in since it was last called; commands among it are obeyed.
+        """
+        t_start_ns = time.time_ns()
+        since_start_ns = time.monotonic_ns() - t_start_ns  # the clock to sleep by must not step
+        t_end_ns = None if seconds is None else t_start_ns + round(seconds * 1e9)
+        run = self.run(t_start_ns)
+        sent = 0
+        while not stop.is_set() and (t_end_ns is None or run.now_ns < t_end_ns):
+            if receive is not None:
+                run.obey(receive())
+            until_ns = run.now_ns + _AHEAD_NS
+            batch = run.advance(until_ns if t_end_ns is None else min(until_ns, t_end_ns))
+            sent += _send_when_due(batch, run.now_ns, since_start_ns, send, stop)
+        return sent
+
+    def _boards(self) -> list[Mounted]:
+        mounted = []
+        for insole in self._config.insoles:
+            layout = self._layouts.get(insole.foot)
+            if layout is None:
+                continue
+            for board in insole.boards:
+                if board.address in self._left_out:
+                    continue
+                place = {t: row for (address, t), row in layout.rows.items() if address == board.address}
+                emulated = Board(
+                    board.address,
+                    sorted(place),
+                    period_ms=board.period_ms,
+                    shift=board.shift,
+                    no_load=board.no_load,
+                    skin_type=board.skin_type,
+                    seed=self._seed,
+                    streaming=self._streaming,
+                )
+                rows = np.array([place[triangle] for triangle in sorted(place)], np.intp)
+                mounted.append(Mounted(emulated, insole.foot, rows))
+        return mounted
+
+
+def _send_when_due(
+    batch: FrameBatch,
+    until_ns: int,
+    since_start_ns: int,
+    send: Callable[[FrameBatch], None],
+    stop: threading.Event,
+) -> int:
+    """Send the frames of one stretch of time in small groups, and return at its end; how many were sent."""
+    at = 0
+    while not stop.is_set():
+        now_ns = time.monotonic_ns() - since_start_ns
+        if now_ns - until_ns > _LATE_NS:
+            break
+        due = int(np.searchsorted(batch.t_ns, now_ns, side="right"))
+        if due > at:
+            send(batch[at:due])
+            at = due
+        if at == len(batch) and now_ns >= until_ns:
+            break
+        next_ns = int(batch.t_ns[at]) if at < len(batch) else until_ns
+        stop.wait(max(_GROUP_S, (next_ns - now_ns) * 1e-9))
+    return at
