@@ -1,1 +1,26 @@
-"""Real-time acquisition for a sensorised insole."""
+"""Real-time acquisition for a sensorised insole.
+
+import insole_daemon
+
+with insole_daemon.connect() as insole:
+    for wrench in insole.wrenches("left"):
+        print(wrench.f_z_n, wrench.cop_x_m)
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .wire.client import Client
+
+__all__ = ["__version__", "connect"]
+
+__version__ = "0.1.0"
+
+
+def connect(endpoint: str = "tcp/127.0.0.1:7447", rig: str = "*") -> Client:
+    """The daemons behind `endpoint`, for `with` and `async with`; raises WireError on entry where nobody answers."""
+    from .wire.client import Client  # Zenoh is loaded by whoever connects, not by every `insole --help`
+
+    return Client(endpoint, rig)

@@ -1,0 +1,224 @@
+"""What other programs import: the messages of a daemon, as they come.
+
+    with insole_daemon.connect() as insole:
+        for wrench in insole.wrenches("left"):
+            print(wrench.f_z_n, wrench.cop_x_m)
+
+    async with insole_daemon.connect() as insole:
+        async for wrench in insole.wrenches("left"):
+            print(wrench.f_z_n, wrench.cop_x_m)
+
+The session reconnects by itself when the daemon restarts. A message's `lost` says how many cycles of its stream did
+not reach this program before it: dropped on the way, or pushed out of the queue because they were not taken in time.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import dataclasses
+import threading
+from collections import deque
+from collections.abc import Callable
+from types import TracebackType
+from typing import Any, Generic, Self, TypeVar
+
+import zenoh
+
+from ..errors import WireError
+from .keys import ROOT, key
+from .messages import BY_KEY, CalibrationInUse, Event, Health, Message, Meta, Pressure, Raw, Wrench
+from .session import DEFAULT_ENDPOINT, open_session
+
+M = TypeVar("M", bound=Message)
+
+QUEUE_LENGTH = 500  # messages kept for a program that is busy: 10 s of one stream
+_ANSWER_S = 2.0
+
+
+class Gaps:
+    """Counts what is missing between the sequence numbers of every stream."""
+
+    def __init__(self) -> None:
+        self._next: dict[str, tuple[int, int]] = {}  # by key: the daemon's start, the number expected
+
+    def mark(self, stream: str, message: M) -> M:
+        """The message with `lost` filled in; the first one of a daemon that restarted has lost nothing."""
+        if not isinstance(message, (Raw, Pressure, Wrench)):
+            return message
+        started_ns, expected = self._next.get(stream, (0, 0))
+        self._next[stream] = message.started_ns, message.seq + 1
+        if started_ns != message.started_ns or message.seq <= expected:
+            return message
+        return dataclasses.replace(message, lost=message.seq - expected)
+
+
+def decode_sample(sample: zenoh.Sample) -> Message:
+    """The message in a sample, by the last chunk of its key; raises WireError where it is none of ours."""
+    what = str(sample.key_expr).rpartition("/")[2]
+    cls = BY_KEY.get(what)
+    if cls is None:
+        raise WireError(f"{sample.key_expr}: expected a key ending in one of {', '.join(BY_KEY)}")
+    return cls.decode(sample.payload.to_bytes(), str(sample.encoding))
+
+
+class Subscription(Generic[M]):
+    """The messages of one key expression, for `for` and for `async for`; ends when its connection is closed."""
+
+    def __init__(self, session: zenoh.Session, key_expression: str) -> None:
+        self._samples: deque[zenoh.Sample] = deque(maxlen=QUEUE_LENGTH)
+        self._arrived = threading.Condition()
+        self._tell: Callable[[], object] | None = None  # wakes the event loop that waits in `async for`
+        self._closed = False
+        self._gaps = Gaps()
+        self._subscriber = session.declare_subscriber(key_expression, self._receive)
+
+    def _receive(self, sample: zenoh.Sample) -> None:
+        with self._arrived:
+            self._samples.append(sample)
+            self._wake()
+
+    def _wake(self) -> None:
+        self._arrived.notify_all()
+        if self._tell is not None:
+            try:
+                self._tell()
+            except RuntimeError:  # the event loop has ended, and with it whoever waited
+                self._tell = None
+
+    def _decode(self, sample: zenoh.Sample) -> M:
+        return self._gaps.mark(str(sample.key_expr), decode_sample(sample))  # type: ignore[return-value]
+
+    def __iter__(self) -> Self:
+        return self
+
+    def __next__(self) -> M:
+        with self._arrived:
+            while not self._samples and not self._closed:
+                self._arrived.wait()
+            if not self._samples:
+                raise StopIteration
+            sample = self._samples.popleft()
+        return self._decode(sample)
+
+    def __aiter__(self) -> Self:
+        return self
+
+    async def __anext__(self) -> M:
+        loop, arrived = asyncio.get_running_loop(), asyncio.Event()
+        self._tell = lambda: loop.call_soon_threadsafe(arrived.set)
+        while True:
+            with self._arrived:
+                if self._samples:
+                    sample = self._samples.popleft()
+                    break
+                if self._closed:
+                    raise StopAsyncIteration
+                arrived.clear()
+            await arrived.wait()
+        return self._decode(sample)
+
+    def close(self) -> None:
+        """End the iteration once what has arrived is taken."""
+        with self._arrived:
+            if self._closed:
+                return
+            self._closed = True
+            self._wake()
+        self._subscriber.undeclare()
+
+
+class Client:
+    """A connection to the daemons behind one endpoint; `rig` narrows it to one wearer.
+
+    It is open inside `with` or `async with`.
+    """
+
+    def __init__(self, endpoint: str = DEFAULT_ENDPOINT, rig: str = "*") -> None:
+        self.endpoint, self.rig = endpoint, rig
+        self._opened: zenoh.Session | None = None
+        self._subscriptions: list[Subscription[Any]] = []
+
+    def raws(self, foot: str = "*") -> Subscription[Raw]:
+        """The counts of every cycle of `foot` ("left", "right", "*" for both)."""
+        return self._subscribe(key(self.rig, foot, "raw"))
+
+    def pressures(self, foot: str = "*") -> Subscription[Pressure]:
+        """The pressure map of every cycle."""
+        return self._subscribe(key(self.rig, foot, "pressure"))
+
+    def wrenches(self, foot: str = "*") -> Subscription[Wrench]:
+        """f_z, m_x, m_y and CoP of every cycle."""
+        return self._subscribe(key(self.rig, foot, "wrench"))
+
+    def healths(self, foot: str = "*") -> Subscription[Health]:
+        """What runs and what is wrong, once a second."""
+        return self._subscribe(key(self.rig, foot, "health"))
+
+    def events(self, foot: str = "*") -> Subscription[Event]:
+        """What happens, when it happens."""
+        return self._subscribe(key(self.rig, foot, "event"))
+
+    def messages(self, key_expression: str = f"{ROOT}/**") -> Subscription[Message]:
+        """Everything under a key expression, each message of its own type."""
+        return self._subscribe(key_expression)
+
+    def meta(self, foot: str) -> Meta:
+        """Layout, boards and settings of `foot`; raises WireError where no daemon has it."""
+        return self._get(key(self.rig, foot, "meta"))  # type: ignore[return-value]
+
+    def calibration(self, foot: str) -> CalibrationInUse:
+        """The static curve that `foot` is read with; raises WireError where no daemon has it."""
+        return self._get(key(self.rig, foot, "calibration"))  # type: ignore[return-value]
+
+    def feet(self) -> list[tuple[str, str]]:
+        """(rig, foot) of every foot that a daemon publishes now."""
+        replies = self._session.liveliness().get(key(self.rig, "*", "alive"), timeout=_ANSWER_S)
+        chunks = [str(reply.ok.key_expr).split("/") for reply in replies if reply.ok is not None]
+        return sorted((rig, foot) for _, rig, foot, _ in chunks)
+
+    def open(self) -> Self:
+        """Connect; raises WireError where nobody answers on the endpoint."""
+        self._opened = open_session("client", connect=[self.endpoint])
+        return self
+
+    def close(self) -> None:
+        """End every subscription and the session."""
+        for subscription in self._subscriptions:
+            subscription.close()
+        self._session.close()
+
+    def __enter__(self) -> Self:
+        return self.open()
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.close()
+
+    async def __aenter__(self) -> Self:
+        return await asyncio.to_thread(self.open)
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        await asyncio.to_thread(self.close)
+
+    @property
+    def _session(self) -> zenoh.Session:
+        if self._opened is None:
+            raise WireError("not connected: use 'with insole_daemon.connect() as insole:'")
+        return self._opened
+
+    def _subscribe(self, key_expression: str) -> Subscription[Any]:
+        subscription: Subscription[Any] = Subscription(self._session, key_expression)
+        self._subscriptions.append(subscription)
+        return subscription
+
+    def _get(self, own_key: str) -> Message:
+        for reply in self._session.get(own_key, timeout=_ANSWER_S):
+            if reply.ok is not None:
+                return decode_sample(reply.ok)
+        raise WireError(
+            f"nobody answered for {own_key} within {_ANSWER_S:g} s: is that foot in the daemon's config, "
+            "and is the rig's name right? 'insole status' lists what runs"
+        )

@@ -1,0 +1,291 @@
+"""The messages: msgpack maps whose arrays travel as little-endian bytes.
+
+`protocol/` specifies the same for other languages, one JSON schema a message; a test keeps the two in step.
+A field that may be unknown is null on the wire and None here; NaN never travels outside arrays.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass, field
+from typing import Annotated, Any, ClassVar, Literal, Self, get_args, get_origin, get_type_hints
+
+import msgpack
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import WireError
+
+Foot = Literal["left", "right"]
+
+
+@dataclass(frozen=True, slots=True)
+class Array:
+    """Type and shape of an array on the wire; an axis is a number or the name of an integer field."""
+
+    dtype: str
+    shape: tuple[int | str, ...]
+
+
+PerTriangle = Annotated[NDArray[np.float32], Array("<f4", ("n_triangles",))]
+PerTaxel = Annotated[NDArray[np.float32], Array("<f4", ("n_triangles", 12))]
+MarkPerTriangle = Annotated[NDArray[np.uint8], Array("|u1", ("n_triangles",))]
+MarkPerTaxel = Annotated[NDArray[np.uint8], Array("|u1", ("n_triangles", 12))]
+
+
+class Message:
+    """What every message can do; the fields are those of its dataclass."""
+
+    SCHEMA: ClassVar[str]
+    foot: Foot
+
+    def encode(self) -> bytes:
+        """The payload of this message."""
+        payload: bytes = msgpack.packb(
+            {name: _to_wire(getattr(self, name)) for name in wire_fields(type(self))}
+        )
+        return payload
+
+    @classmethod
+    def decode(cls, payload: bytes, encoding: str | None = None) -> Self:
+        """The message in `payload`; raises WireError where it is not what the schema says.
+
+        `encoding` is Zenoh's; it tells another version of the message by its name.
+        """
+        expected = f"application/msgpack;{cls.SCHEMA}"
+        if encoding is not None and encoding != expected:
+            raise WireError(
+                f"expected a message {expected!r}, found {encoding!r}: "
+                "the sender speaks another version; install the same insole-daemon on both sides"
+            )
+        try:
+            found = msgpack.unpackb(payload, raw=False, max_ext_len=0)
+        except Exception as error:  # msgpack raises ValueError and half a dozen of its own
+            raise WireError(
+                f"{cls.SCHEMA}: expected a msgpack map, found {len(payload)} bytes: {error}"
+            ) from error
+        if not isinstance(found, dict):
+            raise WireError(f"{cls.SCHEMA}: expected a msgpack map, found {type(found).__name__}")
+        fields = wire_fields(cls)
+        if found.keys() != fields.keys():
+            raise WireError(
+                f"{cls.SCHEMA}: expected the keys {sorted(fields)}, "
+                f"missing {sorted(fields.keys() - found.keys())}, unknown {sorted(map(str, found.keys() - fields.keys()))}"
+            )
+        return cls(**{name: _from_wire(cls, name, hint, found) for name, hint in fields.items()})
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Raw(Message):
+    """Every cycle: the counts as the boards sent them."""
+
+    SCHEMA = "insole.raw/1"
+    foot: Foot
+    seq: int  # counts the cycles published since started_ns
+    started_ns: int  # when the daemon started, CLOCK_REALTIME: another value is another count
+    t_ns: int  # kernel receive time of the newest half, CLOCK_REALTIME
+    t_published_ns: int
+    n_triangles: int
+    counts: MarkPerTaxel
+    status: Annotated[NDArray[np.uint16], Array("<u2", ("n_triangles",))]  # status word of half B
+    triangle_t_ns: Annotated[
+        NDArray[np.int64], Array("<i8", ("n_triangles",))
+    ]  # older half; 0: never received
+    age_ms: PerTriangle  # age of the older half when the cycle closed; NaN: never received
+    missing: MarkPerTriangle  # 1: a half was expected in this cycle and did not come
+    valid: MarkPerTaxel
+    late: bool  # closed by time, with halves missing
+    repeated: bool  # nothing has arrived since the cycle before
+    lost: int = field(
+        default=0, metadata={"local": True}
+    )  # cycles that did not reach this client before this one
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pressure(Message):
+    """Every cycle: the pressure map."""
+
+    SCHEMA = "insole.pressure/1"
+    foot: Foot
+    seq: int
+    started_ns: int
+    t_ns: int
+    t_published_ns: int
+    n_triangles: int
+    pressure_pa: PerTaxel  # NaN: thermal pad, or not in the calibration
+    valid: MarkPerTaxel  # 0: not to be read as pressure
+    age_ms: PerTriangle
+    missing: MarkPerTriangle
+    repeated: bool
+    lost: int = field(default=0, metadata={"local": True})
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Wrench(Message):
+    """Every cycle: what the ground does to the foot, about the insole's origin."""
+
+    SCHEMA = "insole.wrench/1"
+    foot: Foot
+    seq: int
+    started_ns: int
+    t_ns: int
+    t_published_ns: int
+    n_triangles: int
+    f_z_n: float | None  # None: no taxel is valid
+    m_x_nm: float | None
+    m_y_nm: float | None
+    cop_x_m: float | None  # None: below the contact force stated in meta
+    cop_y_m: float | None
+    f_z_std_n: float | None  # None: the calibration carries no uncertainty
+    m_x_std_nm: float | None
+    m_y_std_nm: float | None
+    contact_area_m2: float
+    valid_fraction: float
+    valid: MarkPerTaxel
+    age_ms: PerTriangle
+    missing: MarkPerTriangle
+    repeated: bool
+    lost: int = field(default=0, metadata={"local": True})
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Health(Message):
+    """Once a second: what runs and what is wrong."""
+
+    SCHEMA = "insole.health/1"
+    foot: Foot
+    t_ns: int
+    uptime_s: float
+    state: Literal["ok", "degraded", "no data"]
+    cycles: dict[str, int]  # published, late, repeated, skipped, superseded halves, missed halves
+    publish_rate_hz: float  # over the last second
+    latency_ms: dict[str, float | None]  # newest half → put, over the last second: p50, p99, max
+    boards: list[dict[str, Any]]
+    bus: dict[str, Any]  # frames, overflows, error frames by kind, clock steps
+    refused: dict[str, Any]  # frames that carried no half of a configured triangle, by reason
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Event(Message):
+    """When something happens."""
+
+    SCHEMA = "insole.event/1"
+    foot: Foot
+    t_ns: int
+    kind: str
+    text: str
+    boards: list[int]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Meta(Message):
+    """What one must know to read the cycle messages; on request, and cached for late joiners."""
+
+    SCHEMA = "insole.meta/1"
+    foot: Foot
+    rig: str
+    version: str  # of the daemon
+    started_ns: int
+    n_triangles: int
+    triangles: list[dict[str, Any]]  # board, triangle, patch, in the order of every array
+    boards: list[dict[str, Any]]  # as configured
+    xy_m: Annotated[NDArray[np.float32], Array("<f4", ("n_triangles", 12, 2))]
+    taxel_area_m2: float
+    area_meaning: str | None
+    layout: str  # the file, or what the built-in one is
+    layout_builtin: bool  # an approximation that knows nothing of this insole
+    calibration: str  # the file, or what the built-in one is
+    calibration_builtin: bool  # a default that knows nothing of this insole
+    activation_threshold_count: float  # 0: off
+    min_force_n: float
+    min_pressure_pa: float
+    rate_hz: float
+    slack_ms: float
+    stale_after_ms: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CalibrationInUse(Message):
+    """The static curve as it is applied; on request, and cached for late joiners."""
+
+    SCHEMA = "insole.calibration/1"
+    foot: Foot
+    n_triangles: int
+    n_coefficients: int
+    source: str
+    builtin: bool
+    baseline_count: Annotated[NDArray[np.float64], Array("<f8", ("n_triangles", 12))]
+    coefficients_pa: Annotated[NDArray[np.float64], Array("<f8", ("n_triangles", 12, "n_coefficients"))]
+    usable: MarkPerTaxel
+    provenance: dict[str, Any]
+
+
+BY_KEY: dict[str, type[Message]] = {
+    "raw": Raw,
+    "pressure": Pressure,
+    "wrench": Wrench,
+    "health": Health,
+    "event": Event,
+    "meta": Meta,
+    "calibration": CalibrationInUse,
+}
+
+_FIELDS: dict[type[Message], dict[str, Any]] = {}
+
+
+def wire_fields(cls: type[Message]) -> dict[str, Any]:
+    """Name and annotation of the fields of a message that travel, in order."""
+    if cls not in _FIELDS:
+        hints = get_type_hints(cls, include_extras=True)
+        _FIELDS[cls] = {
+            f.name: hints[f.name]
+            for f in dataclasses.fields(cls)  # type: ignore[arg-type]
+            if not f.metadata.get("local")
+        }
+    return _FIELDS[cls]
+
+
+def _to_wire(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return value.tobytes()
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def _from_wire(cls: type[Message], name: str, hint: Any, found: dict[str, Any]) -> Any:
+    value = found[name]
+    if get_origin(hint) is Annotated:
+        array = next(extra for extra in get_args(hint) if isinstance(extra, Array))
+        shape = [found.get(axis) if isinstance(axis, str) else axis for axis in array.shape]
+        if not isinstance(value, bytes) or not all(isinstance(n, int) and n >= 0 for n in shape):
+            raise WireError(
+                f"{cls.SCHEMA}: {name}: expected bytes of {array.dtype} {array.shape}, found {value!r:.60}"
+            )
+        dtype = np.dtype(array.dtype)
+        size = dtype.itemsize * math.prod(n or 0 for n in shape)
+        if len(value) != size:
+            raise WireError(
+                f"{cls.SCHEMA}: {name}: expected {size} bytes for {array.dtype} {shape}, found {len(value)}"
+            )
+        return np.frombuffer(value, dtype).reshape(shape)
+    if not _is_of(value, hint):
+        raise WireError(f"{cls.SCHEMA}: {name}: expected {hint}, found {value!r:.60}")
+    return value
+
+
+def _is_of(value: Any, hint: Any) -> bool:
+    """Whether a decoded value is of the annotated type; maps and lists are looked at from outside only."""
+    origin = get_origin(hint)
+    if origin is Literal:
+        return value in get_args(hint)
+    if origin in (dict, list):
+        return isinstance(value, origin)
+    options = get_args(hint) or (hint,)
+    return any(
+        isinstance(value, (int, float)) and not isinstance(value, bool) if option is float
+        else isinstance(value, int) and not isinstance(value, bool) if option is int
+        else isinstance(value, option)
+        for option in options
+    )  # fmt: skip

@@ -1,0 +1,90 @@
+"""The daemon's side of Zenoh: one foot's keys."""
+
+from __future__ import annotations
+
+from types import TracebackType
+from typing import Any, Self
+
+import zenoh
+import zenoh.ext
+
+from .keys import key
+from .messages import CalibrationInUse, Event, Health, Message, Meta, Pressure, Raw, Wrench
+
+
+def _encoding(message: type[Message]) -> zenoh.Encoding:
+    return zenoh.Encoding("application/msgpack").with_schema(message.SCHEMA)
+
+
+class FootPublisher:
+    """Publishes one foot's messages, answers for `meta` and `calibration`, and holds the liveliness token.
+
+    Cycle messages are dropped for a subscriber that does not read; nothing waits for it.
+    """
+
+    def __init__(self, session: zenoh.Session, rig: str, foot: str) -> None:
+        self._session, self._rig, self._foot = session, rig, foot
+        self._token = session.liveliness().declare_token(key(rig, foot, "alive"))
+        self._publishers: dict[type[Message], zenoh.Publisher] = {
+            message: session.declare_publisher(
+                key(rig, foot, what),
+                encoding=_encoding(message),
+                congestion_control=zenoh.CongestionControl.DROP,
+                priority=zenoh.Priority.REAL_TIME,
+            )
+            for what, message in (("raw", Raw), ("pressure", Pressure), ("wrench", Wrench))
+        }
+        self._publishers |= {
+            message: session.declare_publisher(
+                key(rig, foot, what),
+                encoding=_encoding(message),
+                congestion_control=zenoh.CongestionControl.DROP,
+            )
+            for what, message in (("health", Health), ("event", Event))
+        }
+        self._standing: dict[type[Message], tuple[Any, ...]] = {}
+
+    def publish(self, message: Message) -> None:
+        """Put a cycle message, a health or an event on its key."""
+        self._publishers[type(message)].put(message.encode())
+
+    def stand(self, what: str, message: Meta | CalibrationInUse) -> None:
+        """Publish what late joiners must get: cached for advanced subscribers, answered to `get`."""
+        own_key, payload, encoding = (
+            key(self._rig, self._foot, what),
+            message.encode(),
+            _encoding(type(message)),
+        )
+        self._withdraw(type(message))
+        publisher = zenoh.ext.declare_advanced_publisher(
+            self._session,
+            own_key,
+            encoding=encoding,
+            cache=zenoh.ext.CacheConfig(max_samples=1),
+            publisher_detection=True,
+        )
+        queryable = self._session.declare_queryable(
+            own_key, lambda query: query.reply(own_key, payload, encoding=encoding), complete=True
+        )
+        publisher.put(payload)
+        self._standing[type(message)] = (publisher, queryable)
+
+    def _withdraw(self, message: type[Message]) -> None:
+        for entity in self._standing.pop(message, ()):
+            entity.undeclare()
+
+    def close(self) -> None:
+        """Take everything back; the liveliness token first, so that nobody waits for a daemon that ends."""
+        self._token.undeclare()
+        for message in list(self._standing):
+            self._withdraw(message)
+        for publisher in self._publishers.values():
+            publisher.undeclare()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.close()

@@ -1,0 +1,111 @@
+"""What tests of several rooms share: free ports, and a real daemon in a process of its own."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import pytest
+
+from insole_daemon import config as configs
+from insole_daemon.bus.sink import can_frames
+from insole_daemon.service.foot import load_layout
+from insole_daemon.simulation.emulator import Emulator
+from insole_daemon.simulation.foot import Walk
+
+DAEMON = Path(__file__).parent / "service" / "daemon_process.py"
+
+
+def free_port(kind: socket.SocketKind = socket.SOCK_STREAM) -> int:
+    with socket.socket(socket.AF_INET, kind) as sock:
+        sock.bind(("127.0.0.1", 0))
+        return int(sock.getsockname()[1])
+
+
+@dataclass
+class RunningDaemon:
+    """A daemon process, its Zenoh endpoint, and boards that can be played to it."""
+
+    config_file: Path
+    endpoint: str
+    port: int
+    process: subprocess.Popen[str] | None = None
+    environment: dict[str, str] | None = None
+
+    def start(self) -> None:
+        self.process = subprocess.Popen(
+            [sys.executable, str(DAEMON), str(self.config_file), str(self.port)],
+            stdout=subprocess.PIPE,
+            text=True,
+            env={**os.environ, **(self.environment or {})},
+        )
+        assert self.process.stdout is not None
+        assert self.process.stdout.readline() == "ready\n"
+
+    def end(self) -> tuple[int, float]:
+        """(exit status, seconds it took) of a SIGTERM."""
+        assert self.process is not None
+        began = time.monotonic()
+        self.process.terminate()
+        status = self.process.wait(10)
+        assert self.process.stdout is not None
+        self.process.stdout.close()
+        return status, time.monotonic() - began
+
+    @contextlib.contextmanager
+    def boards(self, period_ms: int = 20, **left_out: object) -> Iterator[None]:
+        """Emulated boards of both feet, walking, until the block ends."""
+        config = configs.load(self.config_file)
+        config = replace(
+            config,
+            insoles=tuple(
+                replace(insole, boards=tuple(replace(board, period_ms=period_ms) for board in insole.boards))
+                for insole in config.insoles
+            ),
+        )
+        layouts = [load_layout(insole) for insole in config.insoles]
+        sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        sock.connect(("127.0.0.1", self.port))
+
+        def send(batch):
+            for row in can_frames(batch):
+                with contextlib.suppress(ConnectionRefusedError):  # nobody listens while the daemon restarts
+                    sock.send(row.tobytes())
+
+        stop = threading.Event()
+        emulator = Emulator(config, layouts, Walk(layouts), **left_out)
+        thread = threading.Thread(target=emulator.play, args=(send, stop))
+        thread.start()
+        try:
+            yield
+        finally:
+            stop.set()
+            thread.join()
+            sock.close()
+
+
+@pytest.fixture
+def endpoint() -> str:
+    """A Zenoh endpoint on loopback that nobody listens on."""
+    return f"tcp/127.0.0.1:{free_port()}"
+
+
+@pytest.fixture
+def daemon(tmp_path: Path, endpoint: str) -> Iterator[RunningDaemon]:
+    """A daemon of both feet on free ports; it runs when the test begins and is ended after it."""
+    config_file = tmp_path / "config.yaml"
+    config_file.write_text(f"format: insole-config/1\nrig: test\nzenoh:\n  listen: [{endpoint}]\n")
+    running = RunningDaemon(config_file, endpoint, free_port(socket.SOCK_DGRAM))
+    running.start()
+    yield running
+    assert running.process is not None
+    if running.process.poll() is None:
+        running.end()

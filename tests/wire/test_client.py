@@ -1,0 +1,183 @@
+"""The client against a real daemon in another process, over real Zenoh."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import subprocess
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+import zenoh
+import zenoh.ext
+
+import insole_daemon
+from insole_daemon.errors import WireError
+from insole_daemon.wire.messages import BY_KEY, Meta, Wrench
+from insole_daemon.wire.publisher import FootPublisher
+from insole_daemon.wire.session import open_session
+
+
+def take(messages, n):
+    return list(itertools.islice(messages, n))
+
+
+def test_wrenches_of_one_foot_come_without_a_gap_at_50_hz(daemon):
+    with daemon.boards(), insole_daemon.connect(daemon.endpoint) as insole:
+        wrenches = insole.wrenches("left")
+        take(wrenches, 10)
+        got = take(wrenches, 100)
+    assert {wrench.foot for wrench in got} == {"left"}
+    assert [wrench.lost for wrench in got] == [0] * 100
+    assert np.diff([wrench.seq for wrench in got]).tolist() == [1] * 99
+    rate = 99e9 / (got[-1].t_ns - got[0].t_ns)
+    assert 49 < rate < 51
+    assert all(wrench.valid.shape == (28, 12) for wrench in got)
+    assert max(wrench.f_z_n for wrench in got) > 300, "somebody walks"
+
+
+def test_async_twin_and_every_key(daemon):
+    async def listen():
+        found = {}
+        async with insole_daemon.connect(daemon.endpoint) as insole:
+            async for message in insole.messages("insole/**"):
+                found[type(message)] = message
+                if len(found) >= 5:
+                    break
+            meta = await asyncio.to_thread(insole.meta, "right")
+        return found, meta
+
+    with daemon.boards():
+        found, meta = asyncio.run(listen())
+    assert {cls.SCHEMA for cls in found} <= {cls.SCHEMA for cls in BY_KEY.values()}
+    assert meta.foot == "right"
+
+
+def test_late_joiner_gets_meta_and_calibration(daemon):
+    time.sleep(0.3)
+    with insole_daemon.connect(daemon.endpoint) as insole:
+        meta, calibration = insole.meta("left"), insole.calibration("left")
+        assert insole.feet() == [("test", "left"), ("test", "right")]
+    assert meta.n_triangles == 28
+    assert meta.layout_builtin
+    assert meta.calibration_builtin
+    assert calibration.coefficients_pa.shape == (28, 12, calibration.n_coefficients)
+    assert calibration.builtin
+
+
+def test_late_advanced_subscriber_gets_meta_from_the_cache(daemon):
+    time.sleep(0.3)
+    arrived, samples = threading.Event(), []
+
+    def receive(sample):
+        samples.append(sample)
+        arrived.set()
+
+    with open_session("client", connect=[daemon.endpoint]) as session:
+        subscriber = zenoh.ext.declare_advanced_subscriber(
+            session,
+            "insole/test/left/meta",
+            receive,
+            history=zenoh.ext.HistoryConfig(detect_late_publishers=True, max_samples=1),
+        )
+        assert arrived.wait(5)
+        subscriber.undeclare()
+    assert Meta.decode(samples[0].payload.to_bytes(), str(samples[0].encoding)).foot == "left"
+
+
+def test_wildcards_do_what_they_look_like(daemon):
+    with daemon.boards(), insole_daemon.connect(daemon.endpoint) as insole:
+        everywhere = take(insole.messages("insole/*/*/wrench"), 20)
+        left = take(insole.messages("insole/*/left/**"), 200)
+    assert {type(message).__name__ for message in everywhere} == {"Wrench"}
+    assert {message.foot for message in everywhere} == {"left", "right"}
+    assert {message.foot for message in left} == {"left"}
+    assert {type(message).__name__ for message in left} >= {"Raw", "Pressure", "Wrench", "Health"}
+
+
+def test_presence_ends_with_the_daemon(daemon):
+    there, gone = threading.Event(), threading.Event()
+
+    def tell(sample):
+        (there if sample.kind == zenoh.SampleKind.PUT else gone).set()
+
+    with open_session("client", connect=[daemon.endpoint]) as session:
+        subscriber = session.liveliness().declare_subscriber("insole/test/left/alive", tell, history=True)
+        assert there.wait(5)
+        daemon.process.kill()
+        assert gone.wait(5)
+        subscriber.undeclare()
+
+
+def test_client_reconnects_when_the_daemon_restarts(daemon):
+    with daemon.boards(), insole_daemon.connect(daemon.endpoint) as insole:
+        wrenches = insole.wrenches("left")
+        before = take(wrenches, 20)[-1]
+        assert daemon.end()[0] == 0
+        daemon.start()
+        after = next(wrench for wrench in wrenches if wrench.started_ns != before.started_ns)
+    assert after.seq < 500
+    assert after.lost == 0, "a restart is no loss"
+
+
+def wrench(seq: int, started_ns: int = 1) -> Wrench:
+    none = np.zeros(1, np.float32)
+    mark = np.zeros((1, 12), np.uint8)
+    return Wrench("left", seq, started_ns, 0, 0, 1, *[0.0] * 8, 0.0, 0.0, mark, none, none.astype(np.uint8), False)
+
+
+def test_gaps_are_told(endpoint):
+    with open_session("peer", [endpoint]) as session, FootPublisher(session, "gaps", "left") as publisher:
+        with insole_daemon.connect(endpoint) as insole:
+            wrenches = insole.wrenches("left")
+            time.sleep(0.2)
+            for seq, started_ns in ((5, 1), (6, 1), (9, 1), (10, 1), (2, 2), (40, 3), (42, 3)):
+                publisher.publish(wrench(seq, started_ns))
+            assert [w.lost for w in take(wrenches, 7)] == [0, 0, 2, 0, 0, 0, 1]
+
+
+def test_nobody_there_is_said_with_what_to_do():
+    with pytest.raises(WireError, match="nobody answers on tcp/127.0.0.1:9.*insole run"), insole_daemon.connect("tcp/127.0.0.1:9"):
+        pass
+
+
+def test_a_foot_nobody_has_is_said(daemon):
+    with insole_daemon.connect(daemon.endpoint, rig="other") as insole, pytest.raises(WireError, match="insole/other/left/meta"):
+        insole.meta("left")
+
+
+def test_used_before_it_is_open_is_said():
+    with pytest.raises(WireError, match="with insole_daemon.connect"):
+        insole_daemon.connect().wrenches("left")
+
+
+SLEEPER = """
+import sys, time, zenoh
+from insole_daemon.wire.session import open_session
+with open_session("client", connect=[sys.argv[1]]) as session:
+    subscriber = session.declare_subscriber("insole/**", lambda sample: None)
+    print("ready", flush=True)
+    time.sleep(60)
+"""
+
+
+def test_a_subscriber_that_stops_reading_costs_nobody_else_a_cycle(daemon):
+    import signal
+
+    stuck = subprocess.Popen([sys.executable, "-c", SLEEPER, daemon.endpoint], stdout=subprocess.PIPE, text=True)
+    try:
+        assert stuck.stdout.readline() == "ready\n"
+        with daemon.boards(), insole_daemon.connect(daemon.endpoint) as insole:
+            wrenches = insole.wrenches("left")
+            take(wrenches, 10)
+            stuck.send_signal(signal.SIGSTOP)
+            got = take(wrenches, 600)  # 12 s: long after every buffer to the stuck one is full
+        assert sum(w.lost for w in got) == 0
+        assert 49.5 < 599e9 / (got[-1].t_ns - got[0].t_ns) < 50.5
+    finally:
+        stuck.kill()
+        stuck.wait()
+        stuck.stdout.close()
