@@ -1,0 +1,105 @@
+"""`insole demo`: the whole of it without hardware, and what it looks like."""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from .options import Seconds, on_end
+
+if TYPE_CHECKING:
+    from ..config import Config
+    from ..wire.client import Client, Subscription
+
+_CHANNEL = "demo"
+_DRAWN_S = 0.1
+_LINE_S = 1.0
+
+
+def demo(seconds: Seconds = None) -> None:
+    """Walk on two simulated insoles: emulated boards, the real daemon, Zenoh, and a live view of both feet."""
+    from ..bus.opening import open_source
+    from ..bus.sink import open_sink
+    from ..config import Bus, Config
+    from ..service.daemon import Daemon
+    from ..service.foot import load_feet
+    from ..simulation.emulator import Emulator
+    from ..simulation.foot import Walk
+    from ..wire.client import Client
+    from ..wire.session import open_session
+
+    bus = Bus("virtual", _CHANNEL)
+    config = Config(rig="demo", buses=(bus,))
+    config = replace(
+        config,
+        insoles=tuple(
+            replace(insole, boards=tuple(replace(board, interface=_CHANNEL) for board in insole.boards))
+            for insole in config.insoles
+        ),
+    )
+    feet = load_feet(config)
+    layouts = [foot.layout for foot in feet]
+    stop = threading.Event()
+    source, sink = open_source([bus]), open_sink(bus)
+    with open_session(config.zenoh.mode, config.zenoh.listen) as session:
+        daemon = Daemon(source, feet, session)
+        emulator = Emulator(config, layouts, Walk(layouts))
+        threads = [
+            threading.Thread(target=emulator.play, args=(sink.send, stop), name="boards"),
+            threading.Thread(target=daemon.run, name="daemon"),
+        ]
+        for thread in threads:
+            thread.start()
+        try:
+            with Client(config.zenoh.listen[0], config.rig) as insole:
+                _show(insole, config, seconds)
+        finally:
+            stop.set()
+            daemon.stop()
+            for thread in threads:
+                thread.join()
+            source.close()
+            sink.close()
+
+
+def _show(insole: Client, config: Config, seconds: float | None) -> None:
+    """Draw until the time is over or the person has seen enough."""
+    from rich.console import Console
+    from rich.live import Live
+
+    from ..wire.keys import key
+    from .terminal_view import FootView, screen
+
+    messages: Subscription[Any] = insole.messages(key(config.rig, "*", "*"))
+    on_end(messages.close)
+    if seconds is not None:
+        end = threading.Timer(seconds, messages.close)
+        end.daemon = True
+        end.start()
+    views: dict[str, FootView] = {each.foot: FootView(insole.meta(each.foot)) for each in config.insoles}
+    title = (
+        f"insole demo: simulated boards, the real daemon; subscribe to insole/{config.rig}/** on "
+        f"{config.zenoh.listen[0]}; Ctrl-C ends"
+    )
+    console = Console()
+    drawn = time.monotonic()
+    if console.is_terminal:
+        with Live(screen(views, title), console=console, auto_refresh=False, screen=True) as live:
+            for message in messages:
+                views[message.foot].take(message)
+                if time.monotonic() - drawn >= _DRAWN_S:
+                    drawn = time.monotonic()
+                    live.update(screen(views, title), refresh=True)
+    else:
+        print(title, flush=True)
+        for message in messages:
+            views[message.foot].take(message)
+            if time.monotonic() - drawn >= _LINE_S:
+                drawn = time.monotonic()
+                for view in views.values():
+                    print(view.line(), flush=True)
+    for view in views.values():
+        print(f"{view.meta.foot}: {view.received} cycles seen, {view.lost} lost", file=sys.stderr)

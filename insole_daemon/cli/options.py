@@ -1,0 +1,36 @@
+"""Options that several verbs share, and how a verb is ended."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ..config import Bus
+
+ConfigFile = Annotated[
+    Path | None, typer.Option("--config", help="config.yaml; without it, the built-in default is used.")
+]
+Connect = Annotated[str, typer.Option("--connect", help="Zenoh endpoint of the daemon.")]
+Seconds = Annotated[float | None, typer.Option("--seconds", min=0.1, help="End after this time.")]
+
+
+def _bus(text: str) -> Bus:
+    bus = Bus.parse(text)
+    if bus is None:
+        raise typer.BadParameter(f"expected {Bus.EXPECTED}, found {text!r}")
+    return bus
+
+
+BusName = Annotated[
+    Bus, typer.Option("--bus", parser=_bus, metavar="DRIVER:CHANNEL", help="Where the frames go.")
+]
+
+
+def on_end(stop: Callable[[], object]) -> None:
+    """Call `stop` on SIGTERM and SIGINT."""
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: stop())

@@ -1,0 +1,30 @@
+"""`insole run`: the daemon."""
+
+from __future__ import annotations
+
+import sys
+
+from .options import ConfigFile, on_end
+
+
+def run(config: ConfigFile = None) -> None:
+    """Read the boards' frames and publish pressure maps and wrenches until told to stop."""
+    from .. import config as configs
+    from ..bus.opening import open_source
+    from ..service.daemon import Daemon
+    from ..service.foot import load_feet
+    from ..wire.session import open_session
+
+    settings = configs.load(config)
+    feet = load_feet(settings)
+    source = open_source(settings.buses)
+    try:
+        with open_session(settings.zenoh.mode, settings.zenoh.listen, settings.zenoh.connect) as session:
+            daemon = Daemon(source, feet, session)
+            on_end(daemon.stop)
+            where = ", ".join(map(str, settings.buses))
+            daemon.run(
+                lambda: print(f"insole: reading {where}, rig {settings.rig}", file=sys.stderr, flush=True)
+            )
+    finally:
+        source.close()

@@ -1,0 +1,83 @@
+"""`insole status`: what runs and what is wrong, in one screen."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from typing import TYPE_CHECKING
+
+from .options import Connect
+
+if TYPE_CHECKING:
+    from ..wire.messages import Health, Meta
+
+_HEALTH_WITHIN_S = 3.0  # health comes once a second
+
+
+def status(connect: Connect = "tcp/127.0.0.1:7447") -> None:
+    """Say what a daemon publishes, how fast, what it lost, and what is wrong."""
+    from ..errors import WireError
+    from ..wire.client import Client
+
+    with Client(connect) as insole:
+        feet = insole.feet()
+        if not feet:
+            raise WireError(f"a Zenoh node answers on {connect}, but no insole daemon is behind it")
+        healths = insole.healths()
+        end = threading.Timer(_HEALTH_WITHIN_S, healths.close)
+        end.start()
+        found: dict[str, Health] = {}
+        for health in healths:
+            found[health.foot] = health
+            if len(found) == len({foot for _, foot in feet}):
+                break
+        end.cancel()
+        for rig, foot in feet:
+            sys.stdout.write(_screen(rig, foot, found.get(foot), insole.meta(foot)))
+
+
+def _screen(rig: str, foot: str, health: Health | None, meta: Meta) -> str:
+    if health is None:
+        return f"{rig} {foot}: no health within {_HEALTH_WITHIN_S:g} s: the daemon hangs; restart it\n"
+    lines = [
+        f"{rig} {foot}: {health.state}, {health.publish_rate_hz:.1f} Hz, up {health.uptime_s:.0f} s, "
+        f"insole-daemon {meta.version}",
+        f"  layout       {meta.layout}",
+        f"  calibration  {meta.calibration}",
+        "  cycles       " + _counts(health.cycles),
+        "  latency      "
+        + ", ".join(f"{k} {v:.2f} ms" for k, v in health.latency_ms.items() if v is not None),
+    ]
+    for board in health.boards:
+        age = "" if board["age_ms"] is None else f", newest {board['age_ms']:.0f} ms ago"
+        lines.append(
+            f"  board {board['address']:<2}     {board['state']}: sends {board['rate_hz']:.1f} Hz, "
+            f"new values {board['change_rate_hz']:.1f} Hz{age}, {board['missed']} halves missed"
+        )
+    bus = health.bus
+    lines.append(f"  bus          {bus['frames']} frames, {bus['overflows']} lost to a full receive queue")
+    lines += [f"  wrong        {what}" for what in _wrong(health)]
+    return "\n".join(lines) + "\n"
+
+
+def _wrong(health: Health) -> list[str]:
+    """Everything that a person should look at, with what to do."""
+    wrong = [
+        f"board {board['address']} is {board['state']}: is it powered, connected and started?"
+        for board in health.boards
+        if board["state"] != "streaming"
+    ]
+    if health.bus["overflows"]:
+        wrong.append(
+            "the kernel dropped frames: raise net.core.rmem_max to 8388608, or give the daemon more CPU"
+        )
+    if health.bus["error_frames"]:
+        wrong.append(f"error frames: {_counts(health.bus['error_frames'])}: check wiring and termination")
+    refused = {what: count for what, count in health.refused.items() if count and what != "other"}
+    for what, count in refused.items():
+        wrong.append(f"frames refused as {what.replace('_', ' ')}: {count}")
+    return wrong
+
+
+def _counts(counts: dict[str, int]) -> str:
+    return ", ".join(f"{count} {what.replace('_', ' ')}" for what, count in counts.items())

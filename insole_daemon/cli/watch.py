@@ -1,0 +1,74 @@
+"""`insole watch`: any key, as text or as JSON lines."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import sys
+from typing import Annotated, Any
+
+import typer
+
+from ..wire.keys import ROOT
+from .options import Connect, on_end
+
+
+def watch(
+    key: Annotated[
+        str, typer.Argument(help="Key expression, for example 'insole/*/left/wrench'.")
+    ] = f"{ROOT}/**",
+    connect: Connect = "tcp/127.0.0.1:7447",
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object a line, arrays as lists.")] = False,
+    count: Annotated[int | None, typer.Option(min=1, help="End after so many messages.")] = None,
+) -> None:
+    """Print what a daemon publishes on a key."""
+    from ..wire.client import Client
+
+    with Client(connect) as insole:
+        messages = insole.messages(key)
+        on_end(messages.close)
+        for number, message in enumerate(messages, 1):
+            line = json.dumps({"schema": message.SCHEMA} | _plain(message)) if as_json else _text(message)
+            sys.stdout.write(line + "\n")
+            sys.stdout.flush()
+            if number == count:
+                return
+
+
+def _plain(message: Any) -> dict[str, Any]:
+    """The fields for JSON: arrays as lists, what is not a number as null."""
+    import numpy as np
+
+    plain = {}
+    for field in dataclasses.fields(message):
+        value = getattr(message, field.name)
+        if isinstance(value, np.ndarray):
+            value = _list(value) if value.dtype.kind == "f" else value.tolist()
+        plain[field.name] = value
+    return plain
+
+
+def _list(array: Any) -> Any:
+    """Nested lists, null for NaN: JSON has none."""
+    import numpy as np
+
+    plain = array.astype(object)
+    plain[~np.isfinite(array)] = None
+    return plain.tolist()
+
+
+def _text(message: Any) -> str:
+    """The fields on one line; an array by its shape and range."""
+    import numpy as np
+
+    words = [message.SCHEMA]
+    for field in dataclasses.fields(message):
+        value = getattr(message, field.name)
+        if isinstance(value, np.ndarray):
+            finite = value[np.isfinite(value)]
+            span = f"{finite.min():g}..{finite.max():g}" if finite.size else "none"
+            value = f"{'x'.join(map(str, value.shape))}[{span}]"
+        elif isinstance(value, float):
+            value = f"{value:.4g}"
+        words.append(f"{field.name}={value}")
+    return " ".join(words)

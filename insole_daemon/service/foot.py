@@ -1,0 +1,152 @@
+"""One foot on the live path: its cycles into the three messages of a cycle."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import __version__
+from ..config import Config, Insole
+from ..mechanics.wrench import WrenchEstimator
+from ..physics import calibration as calibrations
+from ..physics.calibration import Calibration
+from ..physics.static_curve import StaticCurve
+from ..skin import layout as layouts
+from ..skin.boards import BoardSurvey
+from ..skin.cycles import CycleAssembler, Cycles
+from ..skin.layout import Layout
+from ..skin.validity import Validity
+from ..wire.messages import CalibrationInUse, Meta, Pressure, Raw, Wrench
+
+_NS_PER_MS = 1_000_000
+
+
+class Foot:
+    """What the daemon holds for one foot: layout, calibration, and the state of its cycles."""
+
+    def __init__(self, config: Config, insole: Insole, layout: Layout, calibration: Calibration) -> None:
+        self.config, self.insole, self.layout, self.calibration = config, insole, layout, calibration
+        self.name = insole.foot
+        self.n_triangles = len(layout.triangles)
+        boards = {board.address: board for board in insole.boards}
+        stale_after_ns = round(config.publish.stale_after_ms * _NS_PER_MS)
+        self.assembler = CycleAssembler(
+            self.n_triangles,
+            period_ns=round(1e9 / config.publish.rate_hz),
+            slack_ns=round(config.publish.slack_ms * _NS_PER_MS),
+        )
+        self.survey = BoardSurvey(layout, stale_after_ns)
+        self._validity = Validity(layout, boards, stale_after_ns)
+        self._curve = StaticCurve(calibration, config.contact.activation_threshold_count)
+        self._wrench = WrenchEstimator(layout, config.contact.min_force_n, config.contact.min_pressure_pa)
+        self.seq = 0
+        self.started_ns = time.time_ns()
+
+    def messages(self, cycles: Cycles, at: int) -> tuple[Raw, Pressure, Wrench]:
+        """The messages of cycle `at`; each call is one cycle published."""
+        counts, status, age_ns = cycles.counts[at], cycles.status[at], cycles.age_ns[at]
+        valid = self._validity(counts, status, age_ns) & self._curve.usable
+        pressure_pa = self._curve.pressure_pa(counts)
+        wrench = self._wrench(pressure_pa, valid, self._curve.variance_pa2(counts))
+        age_ms = _age_ms(age_ns)
+        valid_mark, missing = valid.view(np.uint8), cycles.missing[at].view(np.uint8)
+        repeated = bool(cycles.repeated[at])
+        seq, t_ns = self.seq, int(cycles.t_ns[at])
+        self.seq += 1
+        t_published_ns = time.time_ns()
+        return (
+            Raw(
+                self.name, seq, self.started_ns, t_ns, t_published_ns, self.n_triangles, counts, status, cycles.triangle_t_ns[at],
+                age_ms, missing, valid_mark, bool(cycles.late[at]), repeated,
+            ),
+            Pressure(
+                self.name, seq, self.started_ns, t_ns, t_published_ns, self.n_triangles, pressure_pa.astype(np.float32), valid_mark,
+                age_ms, missing, repeated,
+            ),
+            Wrench(
+                self.name, seq, self.started_ns, t_ns, t_published_ns, self.n_triangles, wrench.f_z_n, wrench.m_x_nm, wrench.m_y_nm,
+                wrench.cop_x_m, wrench.cop_y_m, wrench.f_z_std_n, wrench.m_x_std_nm, wrench.m_y_std_nm,
+                wrench.contact_area_m2, wrench.valid_fraction, valid_mark, age_ms, missing, repeated,
+            ),
+        )  # fmt: skip
+
+    def meta(self) -> Meta:
+        """What one must know to read the messages."""
+        publish, contact = self.config.publish, self.config.contact
+        return Meta(
+            foot=self.name,
+            rig=self.config.rig,
+            version=__version__,
+            started_ns=self.started_ns,
+            n_triangles=self.n_triangles,
+            triangles=[
+                {"board": t.board, "triangle": t.triangle, "patch": t.patch} for t in self.layout.triangles
+            ],
+            boards=[
+                {
+                    "address": board.address,
+                    "interface": board.interface,
+                    "period_ms": board.period_ms,
+                    "shift": board.shift,
+                    "no_load": board.no_load,
+                    "skin_type": board.skin_type,
+                }
+                for board in self.insole.boards
+            ],
+            xy_m=self.layout.xy_m.astype(np.float32),
+            taxel_area_m2=self.layout.taxel_area_m2,
+            area_meaning=self.layout.area_meaning,
+            layout=str(self.insole.layout or "built-in approximation"),
+            layout_builtin=self.layout.builtin,
+            calibration=str(self.insole.calibration or "built-in default, 8 kPa per count"),
+            calibration_builtin=self.calibration.builtin,
+            activation_threshold_count=contact.activation_threshold_count,
+            min_force_n=contact.min_force_n,
+            min_pressure_pa=contact.min_pressure_pa,
+            rate_hz=publish.rate_hz,
+            slack_ms=publish.slack_ms,
+            stale_after_ms=publish.stale_after_ms,
+        )
+
+    def calibration_in_use(self) -> CalibrationInUse:
+        """The static curve as it is applied."""
+        return CalibrationInUse(
+            foot=self.name,
+            n_triangles=self.n_triangles,
+            n_coefficients=self.calibration.coefficients_pa.shape[-1],
+            source=str(self.insole.calibration or "built-in default, 8 kPa per count"),
+            builtin=self.calibration.builtin,
+            baseline_count=self.calibration.baseline_count,
+            coefficients_pa=self.calibration.coefficients_pa,
+            usable=self.calibration.usable.view(np.uint8),
+            provenance=dict(self.calibration.provenance),
+        )
+
+
+def load_feet(config: Config) -> list[Foot]:
+    """The feet of `config` with their layouts and calibrations; raises DocumentError where a file is refused."""
+    feet = []
+    for insole in config.insoles:
+        layout = load_layout(insole)
+        if insole.calibration is None:
+            calibration = calibrations.default(layout, insole.boards)
+        else:
+            calibration = calibrations.load(insole.calibration, layout)
+        feet.append(Foot(config, insole, layout, calibration))
+    return feet
+
+
+def load_layout(insole: Insole) -> Layout:
+    """The layout that `insole` names, or the built-in approximation for its three boards."""
+    if insole.layout is None:
+        front, middle, rear = insole.addresses
+        return layouts.builtin(insole.foot, (front, middle, rear))
+    return layouts.load(insole.layout, insole.foot, insole.addresses)
+
+
+def _age_ms(age_ns: NDArray[np.int64]) -> NDArray[np.float32]:
+    age_ms = (age_ns * 1e-6).astype(np.float32)
+    age_ms[age_ns < 0] = np.nan
+    return age_ms

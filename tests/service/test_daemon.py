@@ -1,0 +1,97 @@
+"""The daemon as a process: readiness, the watchdog, the end, and what it publishes when boards are slow or gone."""
+
+from __future__ import annotations
+
+import itertools
+import socket
+import time
+
+import numpy as np
+import pytest
+
+import insole_daemon
+from insole_daemon.errors import WireError
+from insole_daemon.wire.session import open_session
+
+
+def test_sigterm_ends_it_cleanly_within_a_second(daemon):
+    with daemon.boards():
+        time.sleep(0.5)
+        status, took = daemon.end()
+    assert status == 0
+    assert took < 1.0
+
+
+def test_service_manager_is_told(daemon, tmp_path):
+    daemon.end()
+    manager = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    manager.bind(str(tmp_path / "notify"))
+    manager.settimeout(5)
+    daemon.environment = {"NOTIFY_SOCKET": str(tmp_path / "notify")}
+    daemon.start()
+    told = manager.recv(4096).decode()
+    assert "READY=1" in told
+    with daemon.boards():
+        alive = manager.recv(4096).decode()
+        alive = manager.recv(4096).decode()
+    assert "WATCHDOG=1" in alive
+    assert "left 5" in alive or "left 4" in alive, "the status says the rate"
+    daemon.end()
+    last = ""
+    while "STOPPING=1" not in last:
+        last = manager.recv(4096).decode()
+    manager.close()
+
+
+def test_boards_told_50_ms_repeat_at_50_hz_and_subscribers_see_it(daemon):
+    with daemon.boards(period_ms=50), insole_daemon.connect(daemon.endpoint) as insole:
+        time.sleep(1.2)
+        wrenches = insole.wrenches("left")
+        got = list(itertools.islice(wrenches, 150))
+        health = next(iter(insole.healths("left")))
+        health = next(h for h in insole.healths("left") if h.foot == "left" and h.uptime_s > health.uptime_s)
+    published = np.diff([w.t_published_ns for w in got]) * 1e-6
+    assert 19 < np.median(published) < 21
+    assert 0.1 < np.mean([w.repeated for w in got]) < 0.7  # three boards, each with its own phase
+    assert 35 < max(float(w.age_ms.max()) for w in got) < 75
+    assert all(w.valid[:, 0].any() for w in got)
+    for board in health.boards:
+        assert 19 < board["rate_hz"] < 21
+    assert 49 < health.publish_rate_hz < 51
+
+
+def test_a_missing_board_is_marked_and_does_not_slow_the_others(daemon):
+    with daemon.boards(left_out=(6,)), insole_daemon.connect(daemon.endpoint) as insole:
+        meta = insole.meta("left")
+        time.sleep(1.5)
+        got = list(itertools.islice(insole.wrenches("left"), 100))
+        health = next(iter(insole.healths("left")))
+    missing = np.array([t["board"] == 6 for t in meta.triangles])
+    for w in got:
+        assert not w.valid[missing].any()
+        assert np.isnan(w.age_ms[missing]).all()
+        assert w.valid[~missing].any()
+        assert w.valid_fraction < 1
+    assert 49 < 99e9 / (got[-1].t_ns - got[0].t_ns) < 51
+    assert health.state == "degraded"
+    assert {b["address"]: b["state"] for b in health.boards} == {5: "streaming", 6: "never seen", 7: "streaming"}
+
+
+def test_boards_that_fall_silent_leave_no_force_behind(daemon):
+    with insole_daemon.connect(daemon.endpoint) as insole:
+        events = insole.events("left")
+        with daemon.boards():
+            time.sleep(2.2)
+        wrenches = insole.wrenches("left")
+        last = next(w for w in wrenches if w.valid_fraction == 0)
+        told = [next(events).text for _ in range(6)]
+    assert last.f_z_n is None
+    assert last.cop_x_m is None
+    assert last.repeated
+    assert any("never seen → streaming" in text for text in told)
+    assert any("streaming → silent" in text for text in told)
+
+
+def test_zenoh_port_taken_is_said(daemon):
+    with pytest.raises(WireError, match="already in use.*zenoh.listen"):
+        open_session("peer", [daemon.endpoint])
