@@ -11,6 +11,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from .config import DEFAULT_ENDPOINT
+
 if TYPE_CHECKING:
     from .wire.client import Client
 
@@ -19,7 +21,7 @@ __all__ = ["__version__", "connect"]
 __version__ = "0.1.0"
 
 
-def connect(endpoint: str = "tcp/127.0.0.1:7447", rig: str = "*") -> Client:
+def connect(endpoint: str = DEFAULT_ENDPOINT, rig: str = "*") -> Client:
     """The daemons behind `endpoint`, for `with` and `async with`; raises WireError on entry where nobody answers."""
     from .wire.client import Client  # Zenoh is loaded by whoever connects, not by every `insole --help`
 

@@ -19,6 +19,7 @@ Foot = Literal["left", "right"]
 Address = Annotated[int, within(1, 14)]  # 0 is the host, 15 is everyone
 Endpoint = Annotated[str, matching(r"[a-z][a-z0-9_-]*/\S+", " such as tcp/127.0.0.1:7447")]
 
+DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"  # loopback: nobody else reads along unless the config says so
 DEFAULT_SHIFT = 3  # of the only public launch file of this insole (SkinInsolesWearableDevice.xml)
 DEFAULT_NO_LOAD = 240  # 0xF0: the host's default, and what the public insole recordings rest at
 BUILT_IN_BOARDS = 3  # front, middle, rear: what the built-in layout is made for
@@ -89,7 +90,7 @@ class Contact(Section):
     # The paper left activations below 30 counts out; that drops real pressure, so it is off unless asked for.
     activation_threshold_count: Annotated[float, within(0, 255)] = 0.0
     min_force_n: Annotated[float, within(0, 10_000)] = 20.0  # below it, the CoP is null
-    min_pressure_pa: Annotated[float, within(0, 10_000_000)] = 10_000.0  # from it on, a taxel is contact area
+    min_pressure_pa: Annotated[float, within(0, 10_000_000)] = 20_000.0  # from it on, a taxel is contact area
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,7 +98,7 @@ class Zenoh(Section):
     """How the daemon is reached."""
 
     mode: Literal["peer", "client", "router"] = "peer"
-    listen: tuple[Endpoint, ...] = ("tcp/127.0.0.1:7447",)
+    listen: tuple[Endpoint, ...] = (DEFAULT_ENDPOINT,)
     connect: tuple[Endpoint, ...] = ()
 
 

@@ -64,7 +64,7 @@ def test_built_in() -> None:
     assert {(b.interface, b.period_ms, b.no_load, b.skin_type) for b in boards} == {("can0", 20, 240, 0)}
     assert (config.publish.slack_ms, config.publish.rate_hz, config.publish.stale_after_ms) == (5, 50, 200)
     assert config.contact.activation_threshold_count == 0
-    assert (config.contact.min_force_n, config.contact.min_pressure_pa) == (20, 10_000)
+    assert (config.contact.min_force_n, config.contact.min_pressure_pa) == (20, 20_000)
     assert (config.zenoh.mode, config.zenoh.listen) == ("peer", ("tcp/127.0.0.1:7447",))
     assert config.zenoh.connect == ()
 

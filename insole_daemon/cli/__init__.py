@@ -14,6 +14,7 @@ app = typer.Typer(
     help="Pressure maps and wrenches of a sensorised insole: from CAN frames to Zenoh at 50 Hz.",
     epilog="Exit status: 0 done, 2 wrong usage, 3 a bus or Zenoh failed, 4 a file was refused.",
     no_args_is_help=True,
+    rich_markup_mode=None,  # loading rich would be most of the time `insole --help` takes
     add_completion=False,
     pretty_exceptions_enable=False,
 )

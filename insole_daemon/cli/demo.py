@@ -20,7 +20,10 @@ _LINE_S = 1.0
 
 
 def demo(seconds: Seconds = None) -> None:
-    """Walk on two simulated insoles: emulated boards, the real daemon, Zenoh, and a live view of both feet."""
+    """See it work without hardware: a simulated walk, live.
+
+    Emulated boards of both feet on an in-process bus, the real daemon, Zenoh, and a view in the terminal.
+    """
     from ..bus.opening import open_source
     from ..bus.sink import open_sink
     from ..config import Bus, Config
@@ -79,12 +82,12 @@ def _show(insole: Client, config: Config, seconds: float | None) -> None:
         end = threading.Timer(seconds, messages.close)
         end.daemon = True
         end.start()
-    views: dict[str, FootView] = {each.foot: FootView(insole.meta(each.foot)) for each in config.insoles}
     title = (
         f"insole demo: simulated boards, the real daemon; subscribe to insole/{config.rig}/** on "
         f"{config.zenoh.listen[0]}; Ctrl-C ends"
     )
     console = Console()
+    views = {str(each.foot): FootView(insole.meta(each.foot), console.height) for each in config.insoles}
     drawn = time.monotonic()
     if console.is_terminal:
         with Live(screen(views, title), console=console, auto_refresh=False, screen=True) as live:

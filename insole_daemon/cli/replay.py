@@ -20,7 +20,7 @@ def replay(
     ] = 1.0,
     loop: Annotated[bool, typer.Option(help="Begin again at the end, until stopped.")] = False,
 ) -> None:
-    """Send the frames of a candump log on a bus with the log's own timing."""
+    """Send a candump log on a bus, with the log's timing."""
     from ..bus.replay import play
     from ..bus.sink import open_sink
 

@@ -8,7 +8,7 @@ from .options import ConfigFile, on_end
 
 
 def run(config: ConfigFile = None) -> None:
-    """Read the boards' frames and publish pressure maps and wrenches until told to stop."""
+    """Run the daemon: frames in, pressure and wrench out."""
     from .. import config as configs
     from ..bus.opening import open_source
     from ..service.daemon import Daemon

@@ -26,7 +26,7 @@ def simulate(
     seconds: Seconds = None,
     seed: Annotated[int, typer.Option(help="Of every random draw: same seed, same frames.")] = 0,
 ) -> None:
-    """Play emulated boards of both feet, with a person on them, on a CAN bus."""
+    """Play emulated boards with a person on them on a bus."""
     from .. import config as configs
     from ..bus.sink import open_sink
     from ..service.foot import load_layout

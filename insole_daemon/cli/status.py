@@ -6,6 +6,7 @@ import sys
 import threading
 from typing import TYPE_CHECKING
 
+from ..config import DEFAULT_ENDPOINT
 from .options import Connect
 
 if TYPE_CHECKING:
@@ -14,8 +15,8 @@ if TYPE_CHECKING:
 _HEALTH_WITHIN_S = 3.0  # health comes once a second
 
 
-def status(connect: Connect = "tcp/127.0.0.1:7447") -> None:
-    """Say what a daemon publishes, how fast, what it lost, and what is wrong."""
+def status(connect: Connect = DEFAULT_ENDPOINT) -> None:
+    """Say in one screen what runs and what is wrong."""
     from ..errors import WireError
     from ..wire.client import Client
 
@@ -40,8 +41,8 @@ def _screen(rig: str, foot: str, health: Health | None, meta: Meta) -> str:
     if health is None:
         return f"{rig} {foot}: no health within {_HEALTH_WITHIN_S:g} s: the daemon hangs; restart it\n"
     lines = [
-        f"{rig} {foot}: {health.state}, {health.publish_rate_hz:.1f} Hz, up {health.uptime_s:.0f} s, "
-        f"insole-daemon {meta.version}",
+        f"{rig} {foot}: {health.state}, {health.publish_rate_hz:.1f} Hz, up {health.uptime_s:.0f} s",
+        f"  daemon       {meta.version}",
         f"  layout       {meta.layout}",
         f"  calibration  {meta.calibration}",
         "  cycles       " + _counts(health.cycles),

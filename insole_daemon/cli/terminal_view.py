@@ -13,10 +13,12 @@ from rich.console import Group, RenderableType
 from rich.panel import Panel
 from rich.text import Text
 
+from ..skin.geometry import THERMAL_PADS
 from ..wire.messages import Health, Message, Meta, Pressure, Wrench
 
-_PIXEL_MM = 5.6  # half a line of text: a taxel's row spacing is 5.66 mm
-_REACH_MM = 5.0  # a pixel shows the taxel that is nearest, if it is within this
+_PIXEL_MM = 5.6  # half a line of text; a taxel's row spacing is 5.66 mm, finer shows nothing more
+_REACH = 1.2  # a pixel shows the taxel that is nearest, if it is within so many pixels
+_OTHER_LINES = 12  # of the screen that are not map
 _FULL_SCALE_PA = 250_000.0  # a heel in walking
 # Perceptually uniform, readable with colour-blind vision: eight steps of "viridis" (matplotlib, CC0).
 _SCALE = ("#440154", "#46327e", "#365c8d", "#277f8e", "#1fa187", "#4ac16d", "#a0da39", "#fde725")
@@ -28,15 +30,22 @@ class FootView:
     """The newest of everything about one foot."""
 
     meta: Meta
+    terminal_lines: int = 60
     pressure: Pressure | None = None
     wrench: Wrench | None = None
     health: Health | None = None
     lost: int = 0
     received: int = 0
+    _pixel_mm: float = field(init=False)
+    _corner_mm: NDArray[np.float64] = field(init=False)  # (x, y) of the map's upper left
     _pixels: NDArray[np.intp] = field(init=False)
 
     def __post_init__(self) -> None:
-        self._pixels = _nearest_taxel(self.meta.xy_m.reshape(-1, 2).astype(np.float64) * 1e3)
+        xy_mm = self.meta.xy_m.reshape(-1, 2).astype(np.float64) * 1e3
+        map_lines = max(6, self.terminal_lines - _OTHER_LINES)
+        self._pixel_mm = max(_PIXEL_MM, float(np.ptp(xy_mm[:, 0])) / (2 * map_lines - 4))
+        self._corner_mm = xy_mm.max(axis=0) + self._pixel_mm
+        self._pixels = _nearest_taxel(xy_mm, self._corner_mm, self._pixel_mm)
 
     def take(self, message: Message) -> None:
         """Remember a message of this foot."""
@@ -65,7 +74,7 @@ class FootView:
     def panel(self) -> Panel:
         """The map with the numbers below it."""
         wrench, health = self.wrench, self.health
-        rows: list[RenderableType] = [self._map()]
+        rows: list[RenderableType] = []
         if wrench is not None:
             oldest = float(np.nanmax(wrench.age_ms)) if np.isfinite(wrench.age_ms).any() else math.nan
             rows.append(
@@ -77,16 +86,16 @@ class FootView:
                 )
             )
         if health is not None:
-            boards = "  ".join(f"{b['address']}: {b['rate_hz']:.0f} Hz" for b in health.boards)
-            rows.append(Text(f"{health.publish_rate_hz:.1f} Hz   boards {boards}", style="dim"))
-        return Panel(Group(*rows), title=self.meta.foot, width=42)
+            boards = " ".join(f"{board['rate_hz']:.0f}" for board in health.boards)
+            rows.append(Text(f"{health.publish_rate_hz:.1f} Hz, its boards {boards} Hz", style="dim"))
+        return Panel(Group(*rows, self._map()), title=self.meta.foot, width=42)
 
     def _map(self) -> Text:
         """Two pixels a character, one above the other; the CoP as a white cross."""
         colour = self._colours()
         height, width = self._pixels.shape
         cross = self._cop_pixel()
-        text = Text(justify="center")
+        text = Text(justify="center", no_wrap=True)
         for row in range(0, height - 1, 2):
             for column in range(width):
                 upper, lower = colour[row][column], colour[row + 1][column]
@@ -98,7 +107,7 @@ class FootView:
                         style=f"{upper or lower} on {(lower if upper else None) or 'default'}",
                     )
                 else:
-                    text.append(" ")
+                    text.append("\N{NO-BREAK SPACE}")  # centring must not strip it
             text.append("\n")
         return text
 
@@ -114,14 +123,9 @@ class FootView:
         wrench = self.wrench
         if wrench is None or wrench.cop_x_m is None or wrench.cop_y_m is None:
             return None
-        x_top, y_left = self._corner_mm()
-        return int((x_top - wrench.cop_x_m * 1e3) / _PIXEL_MM), int(
-            (y_left - wrench.cop_y_m * 1e3) / _PIXEL_MM
-        )
-
-    def _corner_mm(self) -> tuple[float, float]:
-        xy_mm = self.meta.xy_m.reshape(-1, 2) * 1e3
-        return float(xy_mm[:, 0].max()) + _PIXEL_MM, float(xy_mm[:, 1].max()) + _PIXEL_MM
+        x_top, y_left = self._corner_mm.tolist()
+        row, column = (x_top - wrench.cop_x_m * 1e3) / self._pixel_mm, (y_left - wrench.cop_y_m * 1e3) / self._pixel_mm
+        return int(row), int(column)
 
 
 def screen(feet: Mapping[str, FootView], title: str) -> RenderableType:
@@ -136,16 +140,13 @@ def screen(feet: Mapping[str, FootView], title: str) -> RenderableType:
     return Group(Text(title, style="bold"), Columns(panels), scale)
 
 
-def _nearest_taxel(xy_mm: NDArray[np.float64]) -> NDArray[np.intp]:
+def _nearest_taxel(xy_mm: NDArray[np.float64], corner_mm: NDArray[np.float64], pixel_mm: float) -> NDArray[np.intp]:
     """(rows, columns) taxel that each pixel shows, −1 for none; toes up, the wearer's left on the left."""
-    pressure = np.flatnonzero(~np.isin(np.arange(len(xy_mm)) % 12, (6, 10)))
-    x_top, y_left = xy_mm.max(axis=0) + _PIXEL_MM
-    rows = math.ceil((x_top - xy_mm[:, 0].min() + _PIXEL_MM) / _PIXEL_MM / 2) * 2
-    columns = math.ceil((y_left - xy_mm[:, 1].min() + _PIXEL_MM) / _PIXEL_MM)
-    x = x_top - (np.arange(rows) + 0.5) * _PIXEL_MM
-    y = y_left - (np.arange(columns) + 0.5) * _PIXEL_MM
+    pressure = np.flatnonzero(~np.isin(np.arange(len(xy_mm)) % 12, THERMAL_PADS))
+    rows, columns = np.ceil((corner_mm - xy_mm.min(axis=0)) / pixel_mm + 1).astype(int).tolist()
+    x, y = (c - (np.arange(n) + 0.5) * pixel_mm for c, n in zip(corner_mm, (rows + rows % 2, columns), strict=True))
     distance = np.hypot(x[:, None, None] - xy_mm[pressure, 0], y[None, :, None] - xy_mm[pressure, 1])
-    return np.where(distance.min(axis=2) <= _REACH_MM, pressure[distance.argmin(axis=2)], -1)
+    return np.where(distance.min(axis=2) <= _REACH * pixel_mm, pressure[distance.argmin(axis=2)], -1)
 
 
 def _number(value: float | None, unit: str, digits: int = 1, factor: float = 1.0) -> str:

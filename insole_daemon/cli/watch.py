@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
+from ..config import DEFAULT_ENDPOINT
 from ..wire.keys import ROOT
 from .options import Connect, on_end
 
@@ -17,11 +18,11 @@ def watch(
     key: Annotated[
         str, typer.Argument(help="Key expression, for example 'insole/*/left/wrench'.")
     ] = f"{ROOT}/**",
-    connect: Connect = "tcp/127.0.0.1:7447",
+    connect: Connect = DEFAULT_ENDPOINT,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object a line, arrays as lists.")] = False,
     count: Annotated[int | None, typer.Option(min=1, help="End after so many messages.")] = None,
 ) -> None:
-    """Print what a daemon publishes on a key."""
+    """Print what is published on a key."""
     from ..wire.client import Client
 
     with Client(connect) as insole:

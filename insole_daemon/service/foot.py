@@ -55,20 +55,17 @@ class Foot:
         repeated = bool(cycles.repeated[at])
         seq, t_ns = self.seq, int(cycles.t_ns[at])
         self.seq += 1
-        t_published_ns = time.time_ns()
+        head = (self.name, seq, self.started_ns, t_ns, time.time_ns(), self.n_triangles)
         return (
             Raw(
-                self.name, seq, self.started_ns, t_ns, t_published_ns, self.n_triangles, counts, status, cycles.triangle_t_ns[at],
-                age_ms, missing, valid_mark, bool(cycles.late[at]), repeated,
+                *head, counts, status, cycles.triangle_t_ns[at], age_ms, missing, valid_mark,
+                bool(cycles.late[at]), repeated,
             ),
-            Pressure(
-                self.name, seq, self.started_ns, t_ns, t_published_ns, self.n_triangles, pressure_pa.astype(np.float32), valid_mark,
-                age_ms, missing, repeated,
-            ),
+            Pressure(*head, pressure_pa.astype(np.float32), valid_mark, age_ms, missing, repeated),
             Wrench(
-                self.name, seq, self.started_ns, t_ns, t_published_ns, self.n_triangles, wrench.f_z_n, wrench.m_x_nm, wrench.m_y_nm,
-                wrench.cop_x_m, wrench.cop_y_m, wrench.f_z_std_n, wrench.m_x_std_nm, wrench.m_y_std_nm,
-                wrench.contact_area_m2, wrench.valid_fraction, valid_mark, age_ms, missing, repeated,
+                *head, wrench.f_z_n, wrench.m_x_nm, wrench.m_y_nm, wrench.cop_x_m, wrench.cop_y_m,
+                wrench.f_z_std_n, wrench.m_x_std_nm, wrench.m_y_std_nm, wrench.contact_area_m2,
+                wrench.valid_fraction, valid_mark, age_ms, missing, repeated,
             ),
         )  # fmt: skip
 

@@ -24,10 +24,11 @@ from typing import Any, Generic, Self, TypeVar
 
 import zenoh
 
+from ..config import DEFAULT_ENDPOINT
 from ..errors import WireError
 from .keys import ROOT, key
 from .messages import BY_KEY, CalibrationInUse, Event, Health, Message, Meta, Pressure, Raw, Wrench
-from .session import DEFAULT_ENDPOINT, open_session
+from .session import open_session
 
 M = TypeVar("M", bound=Message)
 

@@ -71,7 +71,8 @@ class Message:
         if found.keys() != fields.keys():
             raise WireError(
                 f"{cls.SCHEMA}: expected the keys {sorted(fields)}, "
-                f"missing {sorted(fields.keys() - found.keys())}, unknown {sorted(map(str, found.keys() - fields.keys()))}"
+                f"missing {sorted(fields.keys() - found.keys())}, "
+                f"unknown {sorted(map(str, found.keys() - fields.keys()))}"
             )
         return cls(**{name: _from_wire(cls, name, hint, found) for name, hint in fields.items()})
 

@@ -9,8 +9,6 @@ import zenoh
 
 from ..errors import WireError
 
-DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
-
 
 def open_session(mode: str, listen: Sequence[str] = (), connect: Sequence[str] = ()) -> zenoh.Session:
     """Open a session; raises WireError where an endpoint is taken or nobody answers.

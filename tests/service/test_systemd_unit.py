@@ -25,9 +25,7 @@ def systemd_analyze() -> None:
 
 
 def check(folder: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [SYSTEMD / "check", folder], capture_output=True, text=True, timeout=60, check=False
-    )
+    return subprocess.run([SYSTEMD / "check", folder], capture_output=True, text=True, timeout=60, check=False)
 
 
 @pytest.fixture
@@ -70,9 +68,7 @@ def test_a_typo_in_the_unit_is_found(copy: Path, file: str, right: str, wrong: s
 
 def test_a_sandbox_that_is_too_open_is_found(copy: Path) -> None:
     unit = copy / UNIT.name
-    unit.write_text(
-        re.sub(r"^(Protect|Private|Restrict|SystemCall)\w+=.*$", "", unit.read_text(), flags=re.MULTILINE)
-    )
+    unit.write_text(re.sub(r"^(Protect|Private|Restrict|SystemCall)\w+=.*$", "", unit.read_text(), flags=re.MULTILINE))
     result = check(copy)
     assert result.returncode == 1
     assert "too open" in result.stderr

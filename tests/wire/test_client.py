@@ -130,23 +130,27 @@ def wrench(seq: int, started_ns: int = 1) -> Wrench:
 
 
 def test_gaps_are_told(endpoint):
-    with open_session("peer", [endpoint]) as session, FootPublisher(session, "gaps", "left") as publisher:
-        with insole_daemon.connect(endpoint) as insole:
-            wrenches = insole.wrenches("left")
-            time.sleep(0.2)
-            for seq, started_ns in ((5, 1), (6, 1), (9, 1), (10, 1), (2, 2), (40, 3), (42, 3)):
-                publisher.publish(wrench(seq, started_ns))
-            assert [w.lost for w in take(wrenches, 7)] == [0, 0, 2, 0, 0, 0, 1]
+    with (
+        open_session("peer", [endpoint]) as session,
+        FootPublisher(session, "gaps", "left") as publisher,
+        insole_daemon.connect(endpoint) as insole,
+    ):
+        wrenches = insole.wrenches("left")
+        time.sleep(0.2)
+        for seq, started_ns in ((5, 1), (6, 1), (9, 1), (10, 1), (2, 2), (40, 3), (42, 3)):
+            publisher.publish(wrench(seq, started_ns))
+        assert [w.lost for w in take(wrenches, 7)] == [0, 0, 2, 0, 0, 0, 1]
 
 
 def test_nobody_there_is_said_with_what_to_do():
-    with pytest.raises(WireError, match="nobody answers on tcp/127.0.0.1:9.*insole run"), insole_daemon.connect("tcp/127.0.0.1:9"):
-        pass
+    with pytest.raises(WireError, match="nobody answers on tcp/127.0.0.1:9.*insole run"):
+        insole_daemon.connect("tcp/127.0.0.1:9").open()
 
 
 def test_a_foot_nobody_has_is_said(daemon):
-    with insole_daemon.connect(daemon.endpoint, rig="other") as insole, pytest.raises(WireError, match="insole/other/left/meta"):
-        insole.meta("left")
+    with insole_daemon.connect(daemon.endpoint, rig="other") as insole:
+        with pytest.raises(WireError, match="insole/other/left/meta"):
+            insole.meta("left")
 
 
 def test_used_before_it_is_open_is_said():

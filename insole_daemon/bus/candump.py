@@ -1,0 +1,258 @@
+"""candump logs (`candump -L` and `-l`) into batches of frames: plain text, .gz, .zst."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from types import TracebackType
+from typing import Final, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import LogError
+from .candump_fast import PAD
+from .candump_file import LogFile, other_format
+from .candump_line import BadLine, dropped_frames, parse, shown
+from .candump_piece import Piece, PieceDecoder, RefusedLine
+from .frames import ERROR, FD, REMOTE, FrameBatch
+from .growing import GrowingBatch
+
+CHUNK_FRAMES: Final = 1 << 16  # frames of a batch, more or less
+
+_PIECE_BYTES = 1 << 19  # decoded at a time: small enough for its columns to stay in the cache of one core
+_RECENT_FRAMES = 1000  # remembered to judge the last line by
+_LATEST_NS = 9.2233e18  # nearly what int64 holds
+_EXAMPLE = "(1741532714.334381) can0 470#40EEEFF1EFF1F1F0"
+_SCREEN_OUTPUT = re.compile(rb"\s*(\(.*\))?\s*\S+\s+[0-9A-F]{3,8}\s+\[\d+\]")
+
+
+@dataclass(frozen=True, slots=True)
+class LogCounters:
+    """What a log holds, and what is missing from it."""
+
+    frames: int = 0  # all of them; the next three kinds are among them
+    error_frames: int = 0
+    remote_frames: int = 0
+    fd_frames: int = 0  # of a longer payload only the first 8 bytes are kept
+    clock_steps: int = 0  # times that time goes backwards from one frame to the next
+    dropped: int = 0  # frames that the kernel dropped, by the notes of `candump -d`
+    torn: int = 0  # 1 if the end is lost: half a line, or compressed data without their end
+
+
+@dataclass(frozen=True, slots=True)
+class CandumpLog:
+    """A whole log. `t_ns` is the log's time, `t_mono_ns` the same with every step backwards taken out."""
+
+    frames: FrameBatch
+    interfaces: tuple[str, ...]  # in the order in which they appear; FrameBatch.interface counts in them
+    counters: LogCounters
+    warnings: tuple[str, ...]  # a sentence for each thing that is not as it should be
+
+
+def read(path: str | os.PathLike[str]) -> CandumpLog:
+    """Read the log at `path`; raises LogError where it is none."""
+    frames = GrowingBatch()
+    with CandumpReader(path) as reader:
+        for piece in reader.pieces():
+            frames.append(piece, reader.expected_frames())
+        return CandumpLog(frames.batch(), reader.interfaces, reader.counters, reader.warnings)
+
+
+class CandumpReader:
+    """A log read in batches of about CHUNK_FRAMES, for one that is larger than memory.
+
+        with CandumpReader("can.log") as reader:
+            for batch in reader: ...
+
+    `interfaces`, `counters` and `warnings` grow while it is read; any step may raise LogError.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        """Open `path`; raises LogError if that cannot be."""
+        self.counters = LogCounters()
+        self.warnings: tuple[str, ...] = ()
+        self._file = LogFile(path)
+        self._path = self._file.path
+        self._decoder = PieceDecoder()
+        self._head = b""  # the first bytes of the text
+        self._lines = 0  # before the piece at hand
+        self._last_ns: int | None = None  # time of the frame before
+        self._taken_out_ns = 0  # sum of the steps backwards so far
+        self._recent = FrameBatch.empty()
+
+    @property
+    def interfaces(self) -> tuple[str, ...]:
+        """The names seen so far, in order of appearance."""
+        return tuple(self._decoder.names)
+
+    def expected_frames(self) -> int:
+        """How many frames the log will have, by what was read of its file so far."""
+        return int(self.counters.frames / self._file.fraction_read())
+
+    def __enter__(self) -> Self:
+        """The reader itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the file."""
+        self.close()
+
+    def close(self) -> None:
+        """Close the file; idempotent."""
+        self._file.close()
+
+    def __iter__(self) -> Iterator[FrameBatch]:
+        """The frames in order, in batches of about CHUNK_FRAMES."""
+        pieces: list[FrameBatch] = []
+        for piece in self.pieces():
+            pieces.append(piece)
+            if sum(map(len, pieces)) >= CHUNK_FRAMES:
+                yield FrameBatch.concatenate(pieces)
+                pieces = []
+        if pieces:
+            yield FrameBatch.concatenate(pieces)
+
+    def pieces(self) -> Iterator[FrameBatch]:
+        """The frames in order, in batches as they are decoded: some ten thousand frames, never none."""
+        buffer = bytearray(PAD + _PIECE_BYTES + PAD)
+        room = memoryview(buffer)[PAD : PAD + _PIECE_BYTES]
+        held = 0
+        while size := self._file.readinto(room[held:]):
+            held += size
+            self._head = self._head or bytes(room[: min(held, 16)])
+            whole = buffer.rfind(b"\n", PAD, PAD + held) + 1 - PAD
+            if whole > 0:
+                rest = bytes(room[whole:held])
+                yield from self._piece(buffer, whole)
+                held = len(rest)
+                room[:held] = rest
+            elif held == _PIECE_BYTES:
+                first = self.counters.frames == 0
+                raise self._refusal(RefusedLine(0, bytes(room[:256]), "lines of some 50 characters", first))
+        rest = bytes(room[:held]).rstrip(b"\r ")
+        if rest and self._is_whole(rest):
+            buffer[PAD + len(rest)] = ord("\n")
+            yield from self._piece(buffer, len(rest) + 1)
+        if self._file.cut:
+            self._tear(f"the compressed data stop before their end, after line {self._lines}")
+        if self.counters.frames == 0:
+            what = "no frame in it" if self._head else "an empty file"
+            raise LogError(
+                f"{self._path}: expected a candump log, found {what}; "
+                "check that the recording was running and that there was traffic on the bus"
+            )
+        self._warn_of_counters()
+
+    def _piece(self, buffer: bytearray, size: int) -> Iterator[FrameBatch]:
+        """The frames of the first `size` bytes, which are whole lines."""
+        try:
+            piece = self._decoder.decode(buffer, size)
+        except RefusedLine as refused:
+            raise self._refusal(refused) from None
+        frames = piece.frames
+        if len(frames):
+            frames = replace(frames, t_mono_ns=self._monotonic(piece))
+            self._recent = (frames if len(frames) > _RECENT_FRAMES else FrameBatch.concatenate([self._recent, frames]))[
+                -_RECENT_FRAMES:
+            ]
+            self._count(frames.flags)
+            yield frames
+        self._lines += piece.lines
+
+    def _count(self, flags: NDArray[np.uint8]) -> None:
+        counters = self.counters
+        self.counters = replace(
+            counters,
+            frames=counters.frames + len(flags),
+            error_frames=counters.error_frames + int(np.count_nonzero(flags & ERROR)),
+            remote_frames=counters.remote_frames + int(np.count_nonzero(flags & REMOTE)),
+            fd_frames=counters.fd_frames + int(np.count_nonzero(flags & FD)),
+        )
+
+    def _monotonic(self, piece: Piece) -> NDArray[np.int64]:
+        """The times of the frames with the steps backwards taken out, ns."""
+        t_ns = piece.frames.t_ns
+        step_ns = np.diff(t_ns, prepend=t_ns[0] if self._last_ns is None else self._last_ns)
+        self._last_ns = int(t_ns[-1])
+        backwards = np.flatnonzero(step_ns < 0)
+        if not len(backwards) and self._last_ns + self._taken_out_ns < _LATEST_NS:
+            return t_ns + self._taken_out_ns
+        first = int(backwards[0]) if len(backwards) else 0
+        line = self._lines + 1 + (first if piece.line is None else int(piece.line[first]))
+        if len(backwards) and not self.counters.clock_steps:
+            self._warn(f"line {line}: time goes back by {-step_ns[first] / 1e9:.6f} s, which is taken out")
+        self.counters = replace(self.counters, clock_steps=self.counters.clock_steps + len(backwards))
+        taken_out_ns: NDArray[np.int64] = self._taken_out_ns + np.cumsum(np.where(step_ns < 0, -step_ns, 0))
+        # What is added up may be more than 64 bits hold, which floating point shows.
+        approximately_ns = self._taken_out_ns + np.cumsum(np.where(step_ns < 0, -step_ns, 0), dtype=np.float64)
+        if np.any(approximately_ns + t_ns > _LATEST_NS):
+            raise LogError(
+                f"{self._path}: line {line}: expected times that go on, found them go back and forth "
+                "over more than 292 years; take out the lines with a wrong time"
+            )
+        self._taken_out_ns = int(taken_out_ns[-1])
+        return t_ns + taken_out_ns
+
+    def _is_whole(self, rest: bytes) -> bool:
+        """Whether what follows the last newline is a line that only lacks its own; warns where it is not."""
+        if dropped_frames(rest) is not None:
+            return True
+        try:
+            found = parse(rest)
+        except BadLine as bad:
+            if not self.counters.frames:
+                raise self._refusal(RefusedLine(0, rest, str(bad), True)) from None
+            self._tear(f"line {self._lines + 1} is torn, found {shown(rest)}")
+            return False
+        # Half a payload is a payload too, so it is held against the frames of the same identifier before it.
+        recent = self._recent
+        alike = recent.dlc[(recent.can_id == found.can_id) & (recent.flags == found.flags)]
+        if len(alike) and found.dlc < alike[-1]:
+            self._tear(
+                f"line {self._lines + 1} is torn, found {shown(rest)} "
+                f"where the same identifier had {alike[-1]} bytes before"
+            )
+            return False
+        return True
+
+    def _tear(self, what: str) -> None:
+        self.counters = replace(self.counters, torn=1)
+        self._warn(f"{what}; the {self.counters.frames} frames before it are kept")
+
+    def _warn(self, message: str) -> None:
+        self.warnings += (f"{self._path}: {message}",)
+
+    def _warn_of_counters(self) -> None:
+        """What can only be said once everything was read."""
+        self.counters = replace(self.counters, dropped=self._decoder.dropped)
+        if self.counters.dropped:
+            self._warn(f"candump noted that the kernel dropped {self.counters.dropped} frames")
+        if self.counters.clock_steps > 1:
+            self._warn(f"time goes back {self.counters.clock_steps} times")
+        if self.counters.fd_frames:
+            self._warn(f"{self.counters.fd_frames} frames are CAN FD, which the insole does not send")
+
+    def _refusal(self, refused: RefusedLine) -> LogError:
+        """The error that says which line is wrong, and what the file is if it is no candump log at all."""
+        number, line = self._lines + refused.index + 1, refused.line
+        if not refused.first or self.counters.frames or re.match(rb"\(\d+\.\d+\) \S+ +\S+#", line):
+            return LogError(
+                f"{self._path}: line {number}: expected {refused.expected}, found {shown(line)}; "
+                "take the line out, or record with 'candump -L' or 'candump -l'"
+            )
+        if _SCREEN_OUTPUT.match(line):
+            return LogError(
+                f"{self._path}: line {number}: expected candump's log format ({_EXAMPLE}), "
+                f"found its screen format, {shown(line)}; record with 'candump -L' or 'candump -l'"
+            )
+        other = other_format(self._head) or ("binary data" if b"\0" in line else shown(line))
+        return LogError(
+            f"{self._path}: line {number}: this is not candump text: expected lines such as "
+            f"{_EXAMPLE}, found {other}; 'can_logconvert' of python-can converts BLF, ASC, TRC, MDF and CSV"
+            ": can_logconvert IN OUT.log; a compressed file must be plain, .gz or .zst"
+        )

@@ -1,0 +1,143 @@
+"""The commands as a person runs them: processes, their output, their exit status."""
+
+from __future__ import annotations
+
+import json
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+INSOLE = Path(sys.executable).with_name("insole")
+
+
+def insole(*arguments: object, timeout: float = 30) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [INSOLE, *map(str, arguments)], capture_output=True, text=True, timeout=timeout, stdin=subprocess.DEVNULL
+    )
+
+
+def test_help_names_every_verb_and_the_exit_status():
+    done = insole("--help")
+    assert done.returncode == 0
+    for verb in ("demo", "run", "simulate", "replay", "watch", "status"):
+        assert re.search(rf"^  {verb} +\w.*\.$", done.stdout, re.MULTILINE), f"{verb} is explained on one line"
+    assert "Exit status" in done.stdout
+
+
+def test_help_loads_nothing_heavy():
+    code = "import sys, insole_daemon.cli; print([m for m in ('numpy', 'zenoh', 'can', 'rich') if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+@pytest.fixture(scope="module")
+def demo():
+    """`insole demo` without a terminal, for as long as the tests that look at it."""
+    process = subprocess.Popen([INSOLE, "demo"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    first = process.stdout.readline()
+    if not first:
+        pytest.fail(f"insole demo: {process.stderr.read()}")
+    time.sleep(2)
+    yield process
+    process.send_signal(signal.SIGINT)
+    rest, errors = process.communicate(timeout=10)
+    assert process.returncode == 0, errors
+    assert re.search(r"left: \d+ cycles seen, \d+ lost", errors)
+    assert re.search(r"left +f_z +-?\d+ N +m_x .* CoP .* 4\d\.\d Hz|5\d\.\d Hz +age \d+ ms +lost \d+", rest)
+
+
+def test_status_in_one_screen(demo):
+    done = insole("status")
+    assert done.returncode == 0, done.stderr
+    assert len(done.stdout.splitlines()) < 24
+    assert re.search(r"demo left: ok, \d+\.\d Hz", done.stdout)
+    assert re.search(r"board 5 +streaming: sends \d+\.\d Hz, new values \d+\.\d Hz", done.stdout)
+    assert "built-in default" in done.stdout
+
+
+def test_watch_prints_json_lines_that_parse(demo):
+    done = insole("watch", "insole/demo/right/pressure", "--json", "--count", 3)
+    lines = [json.loads(line) for line in done.stdout.splitlines()]
+    assert [line["schema"] for line in lines] == ["insole.pressure/1"] * 3
+    assert len(lines[0]["pressure_pa"]) == 28
+    assert lines[0]["pressure_pa"][0][6] is None, "a thermal pad has no pressure"
+    assert lines[1]["seq"] == lines[0]["seq"] + 1
+
+
+def test_watch_prints_text_and_survives_a_reader_that_goes(demo):
+    done = subprocess.run(
+        f"{INSOLE} watch 'insole/demo/left/wrench' | head -n 2", shell=True, capture_output=True, text=True, timeout=30
+    )
+    assert [line.split()[0] for line in done.stdout.splitlines()] == ["insole.wrench/1"] * 2
+    assert "Traceback" not in done.stderr
+
+
+def test_a_second_daemon_on_the_same_endpoint_is_told_so(demo):
+    done = insole("demo", "--seconds", 2)
+    assert done.returncode == 3
+    assert "already in use" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+
+
+def test_a_config_with_mistakes_is_refused_with_all_of_them(tmp_path):
+    config = tmp_path / "config.yaml"
+    config.write_text("format: insole-config/1\nrigg: x\npublish:\n  slack_s: 0.005\n")
+    done = insole("run", "--config", config)
+    assert done.returncode == 4
+    assert "line 2" in done.stderr
+    assert "rig" in done.stderr
+    assert "slack_ms" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_an_interface_that_is_not_there_is_said(tmp_path):
+    config = tmp_path / "config.yaml"
+    config.write_text(
+        "format: insole-config/1\nbuses: [socketcan:nocan7]\ninsoles:\n  - foot: left\n    boards:\n"
+        + "".join(f"      - {{address: {a}, interface: nocan7}}\n" for a in (5, 6, 7))
+    )
+    done = insole("run", "--config", config)
+    assert done.returncode == 3
+    assert re.search(r"socketcan:nocan7: cannot be opened: .*(CAN|no such interface)", done.stderr)
+    assert "Traceback" not in done.stderr
+
+
+def test_nobody_to_ask(endpoint):
+    for verb in ("status", "watch"):
+        done = insole(verb, "--connect", endpoint)
+        assert done.returncode == 3
+        assert "insole run" in done.stderr
+
+
+@pytest.mark.parametrize("bus", ["vcan0", "socketcan:", ":can0"])
+def test_a_bus_has_a_driver_and_a_channel(bus):
+    done = insole("simulate", "--bus", bus)
+    assert done.returncode == 2
+    assert "socketcan:can0" in done.stderr
+
+
+def test_a_log_that_is_none_is_refused(tmp_path):
+    log = tmp_path / "log"
+    log.write_bytes(bytes(range(256)))
+    done = insole("replay", log, "--bus", "virtual:x")
+    assert done.returncode == 4
+    assert str(log) in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_replay_keeps_the_logs_timing(tmp_path):
+    log = tmp_path / "log"
+    log.write_text("".join(f"({i * 0.01:.6f}) can0 450#40F0F0F0F0F0F0F0\n" for i in range(101)))
+    began = time.monotonic()
+    done = insole("replay", log, "--bus", "virtual:x", "--speed", 2)
+    took = time.monotonic() - began
+    assert done.returncode == 0, done.stderr
+    assert "101 frames sent" in done.stderr
+    assert took > 0.5
