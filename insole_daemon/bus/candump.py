@@ -24,7 +24,7 @@ CHUNK_FRAMES: Final = 1 << 16  # frames of a batch, more or less
 
 _PIECE_BYTES = 1 << 19  # decoded at a time: small enough for its columns to stay in the cache of one core
 _RECENT_FRAMES = 1000  # remembered to judge the last line by
-_LATEST_NS = 9.2233e18  # nearly what int64 holds
+_LATEST_NS = 9_223_372_036_000_000_000  # nearly what int64 holds
 _EXAMPLE = "(1741532714.334381) can0 470#40EEEFF1EFF1F1F0"
 _SCREEN_OUTPUT = re.compile(rb"\s*(\(.*\))?\s*\S+\s+[0-9A-F]{3,8}\s+\[\d+\]")
 
@@ -182,19 +182,22 @@ class CandumpReader:
         backwards = np.flatnonzero(step_ns < 0)
         if not len(backwards) and self._last_ns + self._taken_out_ns < _LATEST_NS:
             return t_ns + self._taken_out_ns
-        first = int(backwards[0]) if len(backwards) else 0
-        line = self._lines + 1 + (first if piece.line is None else int(piece.line[first]))
-        if len(backwards) and not self.counters.clock_steps:
-            self._warn(f"line {line}: time goes back by {-step_ns[first] / 1e9:.6f} s, which is taken out")
-        self.counters = replace(self.counters, clock_steps=self.counters.clock_steps + len(backwards))
-        taken_out_ns: NDArray[np.int64] = self._taken_out_ns + np.cumsum(np.where(step_ns < 0, -step_ns, 0))
-        # What is added up may be more than 64 bits hold, which floating point shows.
-        approximately_ns = self._taken_out_ns + np.cumsum(np.where(step_ns < 0, -step_ns, 0), dtype=np.float64)
-        if np.any(approximately_ns + t_ns > _LATEST_NS):
+        steps_ns = np.where(step_ns < 0, -step_ns, 0)
+        # Added up they may be more than 64 bits hold, which floating point shows.
+        too_late = float(self._taken_out_ns) + np.cumsum(steps_ns, dtype=np.float64) + t_ns >= _LATEST_NS
+        if too_late.any():
             raise LogError(
-                f"{self._path}: line {line}: expected times that go on, found them go back and forth "
-                "over more than 292 years; take out the lines with a wrong time"
+                f"{self._path}: line {self._lines + 1 + piece.line_of(int(too_late.argmax()))}: expected times that "
+                "go on, found them go back and forth over more than 292 years; take out the lines with a wrong time"
             )
+        if not self.counters.clock_steps:
+            first = int(backwards[0])
+            self._warn(
+                f"line {self._lines + 1 + piece.line_of(first)}: time goes back by {-step_ns[first] / 1e9:.6f} s, "
+                "which is taken out"
+            )
+        self.counters = replace(self.counters, clock_steps=self.counters.clock_steps + len(backwards))
+        taken_out_ns: NDArray[np.int64] = self._taken_out_ns + np.cumsum(steps_ns)
         self._taken_out_ns = int(taken_out_ns[-1])
         return t_ns + taken_out_ns
 

@@ -32,6 +32,10 @@ class Piece:
     lines: int  # in the piece, those without a frame too
     line: NDArray[np.intp] | None  # (n,) line of each frame, from 0; None if each line is a frame
 
+    def line_of(self, row: int) -> int:
+        """Line of frame number `row`, both from 0."""
+        return row if self.line is None else int(self.line[row])
+
 
 @dataclass(slots=True)
 class _NewKey:

@@ -10,10 +10,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import zenoh
 
-from ..bus.frames import FrameBatch
 from ..bus.source import FrameSource, collect
 from ..skin.cycles import Cycles
-from ..skin.streams import Streams
+from ..skin.reader import SkinReader
 from ..wire.messages import Event, Health
 from ..wire.publisher import FootPublisher
 from .foot import Foot
@@ -21,6 +20,7 @@ from .notify import notify
 
 _HEALTH_NS = 1_000_000_000
 _IDLE_NS = 100_000_000  # how long the loop may wait while nothing has ever arrived
+_ANY = 1 << 30  # more frames than ever come at once: only the time ends the wait
 
 
 class Daemon:
@@ -28,8 +28,12 @@ class Daemon:
 
     def __init__(self, source: FrameSource, feet: Sequence[Foot], session: zenoh.Session) -> None:
         self._source, self._feet = source, tuple(feet)
-        self._streams = Streams([foot.layout for foot in feet])
-        self._first_slot = np.cumsum([0, *(2 * foot.n_triangles for foot in feet)])
+        publish = feet[0].config.publish
+        self._skin = SkinReader(
+            [foot.layout for foot in feet],
+            period_ns=round(1e9 / publish.rate_hz),
+            slack_ns=round(publish.slack_ms * 1e6),
+        )
         self._publishers = [FootPublisher(session, foot.config.rig, foot.name) for foot in feet]
         self._tallies = [_Tally() for _ in feet]
         self._states: dict[int, str] = {}
@@ -45,21 +49,18 @@ class Daemon:
         for foot, publisher in zip(self._feet, self._publishers, strict=True):
             publisher.stand("meta", foot.meta())
             publisher.stand("calibration", foot.calibration_in_use())
+        for foot, assembler in zip(self._feet, self._skin.assemblers, strict=True):
+            foot.survey(assembler, self._source.clock_ns())  # rates are counted from here
         notify("READY=1", "STATUS=waiting for frames")
         ready()
         next_health_ns = time.monotonic_ns() + _HEALTH_NS
         try:
             while not self._stopping and not self._source.exhausted:
-                now_ns = self._source.clock_ns()
-                dues = [foot.assembler.due_ns for foot in self._feet]
-                until_ns = min((due for due in dues if due is not None), default=now_ns + _IDLE_NS)
-                outstanding = [foot.assembler.outstanding for foot in self._feet]
-                batch, looked_ns = collect(
-                    self._source, min(filter(None, outstanding), default=1 << 30), until_ns
-                )
-                self._take(batch)
-                for index, foot in enumerate(self._feet):
-                    self._publish(index, foot.assembler.advance(looked_ns))
+                due_ns = self._skin.due_ns()
+                until_ns = due_ns if due_ns is not None else self._source.clock_ns() + _IDLE_NS
+                batch, looked_ns = collect(self._source, self._skin.outstanding() or _ANY, until_ns)
+                self._publish(self._skin.feed(batch))
+                self._publish(self._skin.advance(looked_ns))
                 if time.monotonic_ns() >= next_health_ns:
                     self._report()
                     next_health_ns += _HEALTH_NS
@@ -68,39 +69,28 @@ class Daemon:
             for publisher in self._publishers:
                 publisher.close()
 
-    def _take(self, batch: FrameBatch) -> None:
-        if not len(batch):
-            return
-        slots = self._streams.slots(batch)
-        for index, foot in enumerate(self._feet):
-            first, end = self._first_slot[index], self._first_slot[index + 1]
-            rows = np.flatnonzero((slots >= first) & (slots < end))
-            if len(rows):
-                own = slots[rows] - np.int16(first)
-                self._publish(
-                    index, foot.assembler.feed(own, batch.data[rows], batch.t_ns[rows], batch.t_mono_ns[rows])
-                )
-
-    def _publish(self, index: int, closed: list[Cycles]) -> None:
+    def _publish(self, closed_by_foot: list[list[Cycles]]) -> None:
         """Everything that is new; of repeats that piled up, only the last."""
-        foot, publisher, tally = self._feet[index], self._publishers[index], self._tallies[index]
-        for number, cycles in enumerate(closed):
-            for at in range(len(cycles)):
-                last = number == len(closed) - 1 and at == len(cycles) - 1
-                if cycles.repeated[at] and not last:
-                    tally.skipped += 1
-                    continue
-                messages = foot.messages(cycles, at)
-                for message in messages:
-                    publisher.publish(message)
-                tally.count(cycles, at)
+        for foot, publisher, tally, closed in zip(
+            self._feet, self._publishers, self._tallies, closed_by_foot, strict=True
+        ):
+            for number, cycles in enumerate(closed, 1):
+                for at in range(len(cycles)):
+                    if cycles.repeated[at] and (number, at) != (len(closed), len(cycles) - 1):
+                        tally.skipped += 1
+                        continue
+                    for message in foot.messages(cycles, at):
+                        publisher.publish(message)
+                    tally.count(cycles, at)
 
     def _report(self) -> None:
         """Health of every foot, and the watchdog: it is fed by the loop that publishes, or not at all."""
         now_ns = self._source.clock_ns()
         rates = []
-        for foot, publisher, tally in zip(self._feet, self._publishers, self._tallies, strict=True):
-            reports = foot.survey(foot.assembler, now_ns)
+        for foot, assembler, publisher, tally in zip(
+            self._feet, self._skin.assemblers, self._publishers, self._tallies, strict=True
+        ):
+            reports = foot.survey(assembler, now_ns)
             streaming = sum(report.state == "streaming" for report in reports)
             for report in reports:
                 self._tell_change(foot, publisher, report.address, report.state)
@@ -118,15 +108,15 @@ class Daemon:
                         "published": foot.seq,
                         "late": tally.late,
                         "repeated": tally.repeated,
-                        "skipped": tally.skipped + foot.assembler.skipped,
-                        "superseded_halves": foot.assembler.superseded,
-                        "missed_halves": int(foot.assembler.missed.sum()),
+                        "skipped": tally.skipped + assembler.skipped,
+                        "superseded_halves": assembler.superseded,
+                        "missed_halves": int(assembler.missed.sum()),
                     },
                     publish_rate_hz=published / elapsed_s,
                     latency_ms=latency_ms,
                     boards=[dataclasses.asdict(report) for report in reports],
                     bus=dataclasses.asdict(self._source.counters),
-                    refused=dataclasses.asdict(self._streams.refused),
+                    refused=dataclasses.asdict(self._skin.streams.refused),
                 )
             )
         notify("WATCHDOG=1", "STATUS=" + ", ".join(
@@ -138,9 +128,7 @@ class Daemon:
         self._states[address] = state
         if state != before:
             kind = {"streaming": "board_streaming", "silent": "board_silent"}.get(state, "board_never_seen")
-            publisher.publish(
-                Event(foot.name, time.time_ns(), kind, f"board {address}: {before} → {state}", [address])
-            )
+            publisher.publish(Event(foot.name, time.time_ns(), kind, f"board {address}: {before} → {state}", [address]))
 
 
 class _Tally:

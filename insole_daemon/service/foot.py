@@ -15,28 +15,21 @@ from ..physics.calibration import Calibration
 from ..physics.static_curve import StaticCurve
 from ..skin import layout as layouts
 from ..skin.boards import BoardSurvey
-from ..skin.cycles import CycleAssembler, Cycles
+from ..skin.cycles import Cycles
 from ..skin.layout import Layout
 from ..skin.validity import Validity
 from ..wire.messages import CalibrationInUse, Meta, Pressure, Raw, Wrench
 
-_NS_PER_MS = 1_000_000
-
 
 class Foot:
-    """What the daemon holds for one foot: layout, calibration, and the state of its cycles."""
+    """What the daemon holds for one foot: layout, calibration, and how many cycles were published."""
 
     def __init__(self, config: Config, insole: Insole, layout: Layout, calibration: Calibration) -> None:
         self.config, self.insole, self.layout, self.calibration = config, insole, layout, calibration
         self.name = insole.foot
         self.n_triangles = len(layout.triangles)
         boards = {board.address: board for board in insole.boards}
-        stale_after_ns = round(config.publish.stale_after_ms * _NS_PER_MS)
-        self.assembler = CycleAssembler(
-            self.n_triangles,
-            period_ns=round(1e9 / config.publish.rate_hz),
-            slack_ns=round(config.publish.slack_ms * _NS_PER_MS),
-        )
+        stale_after_ns = round(config.publish.stale_after_ms * 1e6)
         self.survey = BoardSurvey(layout, stale_after_ns)
         self._validity = Validity(layout, boards, stale_after_ns)
         self._curve = StaticCurve(calibration, config.contact.activation_threshold_count)
@@ -78,9 +71,7 @@ class Foot:
             version=__version__,
             started_ns=self.started_ns,
             n_triangles=self.n_triangles,
-            triangles=[
-                {"board": t.board, "triangle": t.triangle, "patch": t.patch} for t in self.layout.triangles
-            ],
+            triangles=[{"board": t.board, "triangle": t.triangle, "patch": t.patch} for t in self.layout.triangles],
             boards=[
                 {
                     "address": board.address,

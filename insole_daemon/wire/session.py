@@ -22,6 +22,7 @@ def open_session(mode: str, listen: Sequence[str] = (), connect: Sequence[str] =
         "connect/endpoints": list(connect),
         "scouting/multicast/enabled": False,
         "scouting/delay": 0,
+        "transport/shared_memory/enabled": False,  # opening would fail where /dev/shm is not ours to write
         "timestamping/enabled": True,  # the publisher's cache for late joiners needs it
         # A subscriber that stops reading may cost its own messages, never our time: nothing waits for room. The most
         # room there can be then lets a slow one catch up; with the default of 2, cycles were lost to an idle one.

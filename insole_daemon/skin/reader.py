@@ -1,0 +1,47 @@
+"""Frames of all buses into the cycles of every foot."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from ..bus.frames import FrameBatch
+from .cycles import CycleAssembler, Cycles
+from .layout import Layout
+from .streams import Streams
+
+
+class SkinReader:
+    """Sorts frames by foot and closes the cycles of each; `layouts`, one a foot, give the order of all results."""
+
+    def __init__(self, layouts: Sequence[Layout], period_ns: int, slack_ns: int) -> None:
+        self.streams = Streams(layouts)
+        self.assemblers = [CycleAssembler(len(layout), period_ns, slack_ns) for layout in layouts]
+        self._first_slot = np.cumsum([0, *(2 * len(layout) for layout in layouts)]).tolist()
+
+    def feed(self, batch: FrameBatch) -> list[list[Cycles]]:
+        """Take in frames; for every foot, the cycles they closed."""
+        if not len(batch):
+            return [[] for _ in self.assemblers]
+        slots = self.streams.slots(batch)
+        closed = []
+        for assembler, (first, end) in zip(self.assemblers, pairwise(self._first_slot), strict=True):
+            rows = np.flatnonzero((slots >= first) & (slots < end))
+            own = slots[rows] - np.int16(first)
+            closed.append(assembler.feed(own, batch.data[rows], batch.t_ns[rows], batch.t_mono_ns[rows]))
+        return closed
+
+    def advance(self, now_mono_ns: int) -> list[list[Cycles]]:
+        """For every foot, the cycles that time alone closes, given that every earlier frame has been fed."""
+        return [assembler.advance(now_mono_ns) for assembler in self.assemblers]
+
+    def outstanding(self) -> int | None:
+        """Halves still to come before a cycle of some foot is complete; None: no foot waits for any."""
+        return min(filter(None, (assembler.outstanding for assembler in self.assemblers)), default=None)
+
+    def due_ns(self) -> int | None:
+        """When the next cycle is closed by time; None before the first frame."""
+        dues = (assembler.due_ns for assembler in self.assemblers)
+        return min((due for due in dues if due is not None), default=None)
