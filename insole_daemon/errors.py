@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 
 class InsoleError(Exception):
@@ -51,7 +52,17 @@ class LogError(InsoleError):
 
 
 class BusError(InsoleError):
-    """A CAN interface cannot be opened, read or written."""
+    """A CAN interface cannot be opened, read or written.
+
+    `state` is the state it is in then; `permanent` says that trying again cannot help while this process runs.
+    """
+
+    def __init__(
+        self, message: str, state: Literal["down", "missing"] = "down", permanent: bool = False
+    ) -> None:
+        super().__init__(message)
+        self.state: Literal["down", "missing"] = state
+        self.permanent = permanent
 
 
 class WireError(InsoleError):

@@ -12,15 +12,19 @@ from .socketcan import open_socketcan
 from .source import FrameSource
 
 
+def open_bus(bus: Bus) -> PollableSource:
+    """Open one bus; raises BusError that says what failed and what to do."""
+    if bus.driver == "socketcan":
+        return open_socketcan(bus.channel)
+    return open_pythoncan(bus.driver, bus.channel)
+
+
 def open_source(buses: Sequence[Bus]) -> FrameSource:
     """Open `buses` and read them as one; raises BusError, with none left open."""
     opened: list[PollableSource] = []
     try:
         for bus in buses:
-            if bus.driver == "socketcan":
-                opened.append(open_socketcan(bus.channel))
-            else:
-                opened.append(open_pythoncan(bus.driver, bus.channel))
+            opened.append(open_bus(bus))
     except BusError:
         for source in opened:
             source.close()

@@ -49,7 +49,9 @@ class PythonCanSource:
     def receive(self) -> int:
         """See FrameSource; raises BusError once the interface has failed and nothing is left to hand over."""
         if self._failed is not None and not self._messages:
-            raise BusError(f"{self.interfaces[0]}: reading failed: {self._failed}") from self._failed
+            raise BusError(
+                f"{self.interfaces[0]}: reading failed: {self._failed}. Is the adapter still plugged in?", "missing"
+            ) from self._failed
         return len(self._messages)
 
     def drain(self) -> FrameBatch:
@@ -140,8 +142,12 @@ def open_pythoncan(driver: str, channel: str) -> PythonCanSource:
     try:
         bus = can.Bus(interface=driver, channel=channel, bitrate=1_000_000)
     except (OSError, ValueError, ImportError, can.CanError) as error:
+        # An unknown driver, a library that is not installed, a channel that names nothing.
+        permanent = isinstance(error, (ValueError, ImportError, can.CanInterfaceNotImplementedError))
         raise BusError(
             f"{driver}:{channel}: cannot be opened: {error}. "
-            f"Is {driver!r} an interface that python-can knows, is its driver installed, the adapter plugged in?"
+            f"Is {driver!r} an interface that python-can knows, is its driver installed, the adapter plugged in?",
+            "missing",
+            permanent,
         ) from error
     return PythonCanSource(bus, channel)

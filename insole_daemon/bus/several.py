@@ -33,12 +33,8 @@ class SeveralSources:
     def counters(self) -> BusCounters:
         """The sums over the sources."""
         total = BusCounters()
-        for counters in (source.counters for source in self.sources):
-            total.frames += counters.frames
-            total.overflows += counters.overflows
-            total.clock_steps += counters.clock_steps
-            for kind, count in counters.error_frames.items():
-                total.error_frames[kind] = total.error_frames.get(kind, 0) + count
+        for source in self.sources:
+            total.add(source.counters)
         return total
 
     @property
@@ -52,16 +48,7 @@ class SeveralSources:
 
     def drain(self) -> FrameBatch:
         """See FrameSource."""
-        batches, first = [], 0
-        for source in self.sources:
-            batch = source.drain()
-            if len(batch):
-                batches.append(replace(batch, interface=batch.interface + np.uint8(first)))
-            first += len(source.interfaces)
-        merged = FrameBatch.concatenate(batches)
-        if len(batches) > 1:
-            merged = merged[np.argsort(merged.t_mono_ns, kind="stable")]
-        return merged
+        return merged([source.drain() for source in self.sources], [len(source.interfaces) for source in self.sources])
 
     def clock_ns(self) -> int:
         """The monotonic clock."""
@@ -75,3 +62,16 @@ class SeveralSources:
         """Close every source."""
         for source in self.sources:
             source.close()
+
+
+def merged(batches: Sequence[FrameBatch], widths: Sequence[int]) -> FrameBatch:
+    """The batches of sources that have `widths` interfaces each as one batch, in the order of time."""
+    numbered, first = [], 0
+    for batch, width in zip(batches, widths, strict=True):
+        if len(batch):
+            numbered.append(replace(batch, interface=batch.interface + np.uint8(first)))
+        first += width
+    together = FrameBatch.concatenate(numbered)
+    if len(numbered) > 1:
+        together = together[np.argsort(together.t_mono_ns, kind="stable")]
+    return together

@@ -27,6 +27,8 @@ FILTERS = [
     {"can_id": 0x700, "can_mask": 0x700, "extended": False},
 ]
 
+_LONGEST_NAME = 15  # IFNAMSIZ − 1
+
 
 class SocketCanSource:
     """Frames of one socket whose datagrams are `struct can_frame`."""
@@ -92,9 +94,13 @@ def open_socketcan(channel: str) -> SocketCanSource:
 def cannot_open(channel: str, error: Exception) -> BusError:
     """What a person can do about an interface that does not open."""
     number = getattr(error, "errno", None)
+    gone = number in (errno.ENODEV, errno.ENXIO)
+    permanent = number in (errno.EAFNOSUPPORT, errno.EPERM, errno.EACCES) or len(channel) > _LONGEST_NAME
     if number == errno.EAFNOSUPPORT:
         why = "this kernel has no CAN. Load it with 'sudo modprobe can-raw', or use a kernel built with CONFIG_CAN"
-    elif number == errno.ENODEV:
+    elif len(channel) > _LONGEST_NAME:
+        why = f"the name of an interface has at most {_LONGEST_NAME} characters, this has {len(channel)}"
+    elif gone:
         why = (
             "there is no such interface. 'ip -brief link show type can' lists those there are; bring it up with "
             f"'sudo ip link set {channel} up type can bitrate 1000000'"
@@ -106,15 +112,18 @@ def cannot_open(channel: str, error: Exception) -> BusError:
         )
     else:
         why = f"{error}. 'ip -details link show {channel}' tells its state"
-    return BusError(f"socketcan:{channel}: cannot be opened: {why}")
+    return BusError(
+        f"socketcan:{channel}: cannot be opened: {why}", "missing" if gone else "down", permanent
+    )
 
 
 def lost_interface(channel: str, error: OSError) -> BusError:
     """What a person can do about an interface that failed while it was read."""
+    gone = error.errno in (errno.ENODEV, errno.ENXIO)
     if error.errno == errno.ENETDOWN:
         why = f"the interface went down. Bring it up with 'sudo ip link set {channel} up'"
-    elif error.errno == errno.ENODEV:
+    elif gone:
         why = "the interface is gone. Is the adapter still plugged in?"
     else:
         why = f"{error}"
-    return BusError(f"socketcan:{channel}: reading failed: {why}")
+    return BusError(f"socketcan:{channel}: reading failed: {why}", "missing" if gone else "down")

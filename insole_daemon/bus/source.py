@@ -4,12 +4,25 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Literal, Protocol
 
 from .frames import FRAME_TIME_NS, FrameBatch
 
 # With this few frames outstanding a sleep saves nothing over being woken by the frame itself.
 _WOKEN_BELOW = 2
+
+
+State = Literal["up", "down", "missing", "bus-off"]
+
+
+@dataclass(slots=True)
+class InterfaceState:
+    """How one interface is, and how it has been."""
+
+    state: State
+    since_ns: int  # CLOCK_REALTIME
+    reopened: int = 0  # times it came back
+    error: str | None = None  # the last one with its remedy, also when it is over
 
 
 @dataclass(slots=True)
@@ -20,6 +33,15 @@ class BusCounters:
     overflows: int = 0  # frames the kernel dropped because its receive queue was full (SO_RXQ_OVFL)
     error_frames: dict[str, int] = field(default_factory=dict)  # by kind, as bus.error_frames names them
     clock_steps: int = 0  # times the receive time went backwards
+    interfaces: dict[str, InterfaceState] = field(default_factory=dict)  # of a source that recovers them
+
+    def add(self, other: BusCounters) -> None:
+        """Count what another source has counted."""
+        self.frames += other.frames
+        self.overflows += other.overflows
+        self.clock_steps += other.clock_steps
+        for kind, count in other.error_frames.items():
+            self.error_frames[kind] = self.error_frames.get(kind, 0) + count
 
 
 class FrameSource(Protocol):

@@ -2,26 +2,33 @@
 
 from __future__ import annotations
 
+import logging
+import signal
 import sys
 
 from .options import ConfigFile, on_end
 
 
 def run(config: ConfigFile = None) -> None:
-    """Run the daemon: frames in, pressure and wrench out."""
+    """Run the daemon: frames in, pressure and wrench out.
+
+    SIGHUP reads the configuration again: calibrations, thresholds of contact and stale_after_ms change at once.
+    """
     from .. import config as configs
-    from ..bus.opening import open_source
+    from ..bus.recovering import RecoveringSource
     from ..service.daemon import Daemon
     from ..service.foot import load_feet
     from ..wire.session import open_session
 
     settings = configs.load(config)
     feet = load_feet(settings)
-    source = open_source(settings.buses)
+    logging.basicConfig(level=logging.INFO, format="insole: %(message)s", stream=sys.stderr)
+    source = RecoveringSource(settings.buses)
     try:
         with open_session(settings.zenoh.mode, settings.zenoh.listen, settings.zenoh.connect) as session:
-            daemon = Daemon(source, feet, session)
+            daemon = Daemon(source, feet, session, config)
             on_end(daemon.stop)
+            signal.signal(signal.SIGHUP, lambda *_: daemon.reload())
             where = ", ".join(map(str, settings.buses))
             daemon.run(
                 lambda: print(f"insole: reading {where}, rig {settings.rig}", file=sys.stderr, flush=True)

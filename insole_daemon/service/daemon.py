@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
+import logging
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import numpy as np
 import zenoh
 
+from ..bus.recovering import RecoveringSource
 from ..bus.source import FrameSource, collect
 from ..skin.cycles import Cycles
 from ..skin.reader import SkinReader
@@ -17,16 +20,24 @@ from ..wire.messages import Event, Health
 from ..wire.publisher import FootPublisher
 from .foot import Foot
 from .notify import notify
+from .reload import Reloader
 
 _HEALTH_NS = 1_000_000_000
-_IDLE_NS = 100_000_000  # how long the loop may wait while nothing has ever arrived
+_IDLE_NS = 100_000_000  # how long the loop may wait for frames: signals and lost buses are seen so soon
 _ANY = 1 << 30  # more frames than ever come at once: only the time ends the wait
+
+_log = logging.getLogger(__name__)
 
 
 class Daemon:
-    """Reads `source`, publishes `feet` on `session`; `run` returns after `stop`, or at the end of a log."""
+    """Reads `source`, publishes `feet` on `session`; `run` returns after `stop`, or at the end of a log.
 
-    def __init__(self, source: FrameSource, feet: Sequence[Foot], session: zenoh.Session) -> None:
+    `config_file` is what a reload reads again.
+    """
+
+    def __init__(
+        self, source: FrameSource, feet: Sequence[Foot], session: zenoh.Session, config_file: Path | None = None
+    ) -> None:
         self._source, self._feet = source, tuple(feet)
         publish = feet[0].config.publish
         self._skin = SkinReader(
@@ -38,29 +49,36 @@ class Daemon:
         self._tallies = [_Tally() for _ in feet]
         self._states: dict[int, str] = {}
         self._stopping = False
+        self._reloader = Reloader(config_file)
+        self._reload_asked = False
         self._started_mono_ns = time.monotonic_ns()
 
     def stop(self) -> None:
         """End `run` within a few hundredths of a second; safe from signal handlers and other threads."""
         self._stopping = True
 
+    def reload(self) -> None:
+        """Read the configuration again, as far as it can change while the daemon runs; safe as `stop` is."""
+        self._reload_asked = True
+
     def run(self, ready: Callable[[], None] = lambda: None) -> None:
         """Publish until stopped; `ready` is called once everything is open."""
-        for foot, publisher in zip(self._feet, self._publishers, strict=True):
-            publisher.stand("meta", foot.meta())
-            publisher.stand("calibration", foot.calibration_in_use())
+        self._stand()
         for foot, assembler in zip(self._feet, self._skin.assemblers, strict=True):
             foot.survey(assembler, self._source.clock_ns())  # rates are counted from here
+        self._follow_buses()
         notify("READY=1", "STATUS=waiting for frames")
         ready()
         next_health_ns = time.monotonic_ns() + _HEALTH_NS
         try:
             while not self._stopping and not self._source.exhausted:
-                due_ns = self._skin.due_ns()
-                until_ns = due_ns if due_ns is not None else self._source.clock_ns() + _IDLE_NS
+                due_ns, idle_ns = self._skin.due_ns(), self._source.clock_ns() + _IDLE_NS
+                until_ns = idle_ns if due_ns is None else min(due_ns, idle_ns)
                 batch, looked_ns = collect(self._source, self._skin.outstanding() or _ANY, until_ns)
                 self._publish(self._skin.feed(batch))
                 self._publish(self._skin.advance(looked_ns))
+                self._follow_buses()
+                self._follow_reload()
                 if time.monotonic_ns() >= next_health_ns:
                     self._report()
                     next_health_ns += _HEALTH_NS
@@ -83,9 +101,48 @@ class Daemon:
                         publisher.publish(message)
                     tally.count(cycles, at)
 
+    def _stand(self) -> None:
+        """What late joiners must get."""
+        for foot, publisher in zip(self._feet, self._publishers, strict=True):
+            publisher.stand("meta", foot.meta())
+            publisher.stand("calibration", foot.calibration_in_use())
+
+    def _follow_buses(self) -> None:
+        """Tell the feet that hang on an interface what has become of it."""
+        if not isinstance(self._source, RecoveringSource):
+            return
+        for change in self._source.changes():
+            _log.log(logging.INFO if change.state == "up" else logging.WARNING, "%s", change.text)
+            kind = "bus_off" if change.state == "bus-off" else f"bus_{change.state}"
+            for foot, publisher in zip(self._feet, self._publishers, strict=True):
+                boards = [b.address for b in foot.insole.boards if b.interface == change.interface]
+                if boards:
+                    publisher.publish(Event(foot.name, change.t_ns, kind, change.text, boards))
+
+    def _follow_reload(self) -> None:
+        """Begin a reload that was asked for, and take over what one brought: here no cycle is half published."""
+        if self._reload_asked and not self._reloader.busy:
+            self._reload_asked = False
+            notify("RELOADING=1", f"MONOTONIC_USEC={time.monotonic_ns() // 1000}")
+            self._reloader.start(self._feet)
+        reloaded = self._reloader.take() if self._reloader.busy else None
+        if reloaded is None:
+            return
+        if reloaded.feet:
+            for old, new in zip(self._feet, reloaded.feet, strict=True):
+                new.take_over(old)
+            self._feet = reloaded.feet
+            self._stand()
+        for kind, text in reloaded.told():
+            _log.log(logging.INFO if kind == "reloaded" else logging.WARNING, "%s: %s", kind.replace("_", " "), text)
+            for foot, publisher in zip(self._feet, self._publishers, strict=True):
+                publisher.publish(Event(foot.name, time.time_ns(), kind, text, []))
+        notify("READY=1")
+
     def _report(self) -> None:
         """Health of every foot, and the watchdog: it is fed by the loop that publishes, or not at all."""
         now_ns = self._source.clock_ns()
+        bus = self._source.counters
         rates = []
         for foot, assembler, publisher, tally in zip(
             self._feet, self._skin.assemblers, self._publishers, self._tallies, strict=True
@@ -115,13 +172,15 @@ class Daemon:
                     publish_rate_hz=published / elapsed_s,
                     latency_ms=latency_ms,
                     boards=[dataclasses.asdict(report) for report in reports],
-                    bus=dataclasses.asdict(self._source.counters),
+                    bus=dataclasses.asdict(bus),
                     refused=dataclasses.asdict(self._skin.streams.refused),
                 )
             )
         notify("WATCHDOG=1", "STATUS=" + ", ".join(
             f"{foot.name} {rate:.1f} Hz" for foot, rate in zip(self._feet, rates, strict=True)
-        ) + f", {self._source.counters.overflows} frames lost")  # fmt: skip
+        ) + f", {bus.overflows} frames lost" + "".join(
+            f", {name} {interface.state}" for name, interface in bus.interfaces.items() if interface.state != "up"
+        ))  # fmt: skip
 
     def _tell_change(self, foot: Foot, publisher: FootPublisher, address: int, state: str) -> None:
         before = self._states.get(address, "never seen")

@@ -37,6 +37,15 @@ class Foot:
         self.seq = 0
         self.started_ns = time.time_ns()
 
+    def under(self, config: Config, insole: Insole) -> Foot:
+        """This layout and this calibration under other settings, as a foot of its own."""
+        return Foot(config, insole, self.layout, self.calibration)
+
+    def take_over(self, before: Foot) -> None:
+        """Go on where `before` ends: numbers of cycles and rates of boards continue."""
+        self.seq, self.started_ns = before.seq, before.started_ns
+        self.survey.take_over(before.survey)
+
     def messages(self, cycles: Cycles, at: int) -> tuple[Raw, Pressure, Wrench]:
         """The messages of cycle `at`; each call is one cycle published."""
         counts, status, age_ns = cycles.counts[at], cycles.status[at], cycles.age_ns[at]

@@ -39,6 +39,10 @@ class BoardSurvey:
         self._arrivals = self._changes = np.zeros(len(board), np.int64)
         self._surveyed_ns: int | None = None
 
+    def take_over(self, before: BoardSurvey) -> None:
+        """Count from where `before` has counted to."""
+        self._arrivals, self._changes, self._surveyed_ns = before._arrivals, before._changes, before._surveyed_ns
+
     def __call__(self, assembler: CycleAssembler, now_mono_ns: int) -> list[BoardReport]:
         """The boards since the last call, at `now_mono_ns`; rates are 0 at the first."""
         arrivals, changes = assembler.arrivals - self._arrivals, assembler.changes - self._changes

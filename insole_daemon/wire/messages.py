@@ -163,7 +163,7 @@ class Health(Message):
     publish_rate_hz: float  # over the last second
     latency_ms: dict[str, float | None]  # newest half → put, over the last second: p50, p99, max
     boards: list[dict[str, Any]]
-    bus: dict[str, Any]  # frames, overflows, error frames by kind, clock steps
+    bus: dict[str, Any]  # frames, overflows, error frames by kind, clock steps, state of every interface
     refused: dict[str, Any]  # frames that carried no half of a configured triangle, by reason
 
 

@@ -43,41 +43,43 @@ class FootPublisher:
             for what, message in (("health", Health), ("event", Event))
         }
         self._standing: dict[type[Message], tuple[Any, ...]] = {}
+        self._payloads: dict[type[Message], bytes] = {}
 
     def publish(self, message: Message) -> None:
         """Put a cycle message, a health or an event on its key."""
         self._publishers[type(message)].put(message.encode())
 
     def stand(self, what: str, message: Meta | CalibrationInUse) -> None:
-        """Publish what late joiners must get: cached for advanced subscribers, answered to `get`."""
-        own_key, payload, encoding = (
-            key(self._rig, self._foot, what),
-            message.encode(),
-            _encoding(type(message)),
-        )
-        self._withdraw(type(message))
-        publisher = zenoh.ext.declare_advanced_publisher(
-            self._session,
-            own_key,
-            encoding=encoding,
-            cache=zenoh.ext.CacheConfig(max_samples=1),
-            publisher_detection=True,
-        )
-        queryable = self._session.declare_queryable(
-            own_key, lambda query: query.reply(own_key, payload, encoding=encoding), complete=True
-        )
-        publisher.put(payload)
-        self._standing[type(message)] = (publisher, queryable)
+        """Publish what late joiners must get: cached for advanced subscribers, answered to `get`.
 
-    def _withdraw(self, message: type[Message]) -> None:
-        for entity in self._standing.pop(message, ()):
-            entity.undeclare()
+        The next one takes its place; whoever asks in between gets one of the two.
+        """
+        kind, payload = type(message), message.encode()
+        self._payloads[kind] = payload
+        if kind not in self._standing:
+            own_key, encoding = key(self._rig, self._foot, what), _encoding(kind)
+            publisher = zenoh.ext.declare_advanced_publisher(
+                self._session,
+                own_key,
+                encoding=encoding,
+                cache=zenoh.ext.CacheConfig(max_samples=1),
+                publisher_detection=True,
+            )
+            queryable = self._session.declare_queryable(
+                own_key,
+                lambda query: query.reply(own_key, self._payloads[kind], encoding=encoding),
+                complete=True,
+            )
+            self._standing[kind] = (publisher, queryable)
+        self._standing[kind][0].put(payload)
 
     def close(self) -> None:
         """Take everything back; the liveliness token first, so that nobody waits for a daemon that ends."""
         self._token.undeclare()
-        for message in list(self._standing):
-            self._withdraw(message)
+        for entities in self._standing.values():
+            for entity in entities:
+                entity.undeclare()
+        self._standing.clear()
         for publisher in self._publishers.values():
             publisher.undeclare()
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import signal
 import socket
 import sys
+from pathlib import Path
 
 from insole_daemon import config as configs
 from insole_daemon.bus.socketcan import SocketCanSource
@@ -22,8 +23,9 @@ def main(config_file: str, port: str) -> None:
     sock.bind(("127.0.0.1", int(port)))
     source = SocketCanSource(sock, "can0")
     with open_session(config.zenoh.mode, config.zenoh.listen, config.zenoh.connect) as session:
-        daemon = Daemon(source, load_feet(config), session)
+        daemon = Daemon(source, load_feet(config), session, Path(config_file))
         signal.signal(signal.SIGTERM, lambda *_: daemon.stop())
+        signal.signal(signal.SIGHUP, lambda *_: daemon.reload())
         daemon.run(lambda: print("ready", flush=True))
     source.close()
 

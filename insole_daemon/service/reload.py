@@ -1,0 +1,161 @@
+"""The configuration read again while the daemon runs: what can change between two cycles, and what cannot.
+
+Reading takes longer than a cycle lasts, so a thread does it; the loop takes the result when it is whole. A file that
+is refused changes nothing.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import threading
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from .. import config as configs
+from ..config import Config, Insole
+from ..errors import InsoleError
+from .foot import Foot, load_feet
+
+_CHANGES_RUNNING = frozenset({"extensions", "contact", "publish", "insoles"})  # these as far as said below
+_PUBLISH_CHANGES_RUNNING = frozenset({"extensions", "stale_after_ms"})
+
+
+@dataclass(frozen=True, slots=True)
+class Reloaded:
+    """What came of one reload: feet with what changed, or the reason why all stays as it is."""
+
+    feet: tuple[Foot, ...] = ()  # in the order of the running ones; empty: nothing is taken over
+    changed: tuple[str, ...] = ()
+    needs_restart: tuple[str, ...] = ()  # what changed in the file and cannot change in a running daemon
+    refused: str | None = None  # every problem, one a line
+
+    def told(self) -> list[tuple[str, str]]:
+        """(kind, text) of the events that say so."""
+        if self.refused is not None:
+            return [("reload_refused", f"all stays as it was: {self.refused}")]
+        said = [("reloaded", "changed: " + (", ".join(self.changed) or "nothing"))]
+        if self.needs_restart:
+            said.append(("restart_needed", "changed in the file, needs a restart: " + ", ".join(self.needs_restart)))
+        return said
+
+
+class Reloader:
+    """Reads `path` again on request, in a thread; `take` gives the result once."""
+
+    def __init__(self, path: Path | None) -> None:
+        self._path = path
+        self._thread: threading.Thread | None = None
+        self._result: Reloaded | None = None
+
+    @property
+    def busy(self) -> bool:
+        """Whether a reload is on its way or its result not yet taken."""
+        return self._thread is not None
+
+    def start(self, running: Sequence[Foot]) -> None:
+        """Begin to read, for the feet that run now; not while `busy`."""
+        self._thread = threading.Thread(target=self._read, args=(tuple(running),), name="reload", daemon=True)
+        self._thread.start()
+
+    def take(self) -> Reloaded | None:
+        """What came of it; None while it is not done."""
+        result = self._result
+        if result is not None:
+            self._result = self._thread = None
+        return result
+
+    def _read(self, running: tuple[Foot, ...]) -> None:
+        try:
+            if self._path is None:
+                self._result = Reloaded(refused="there is nothing to read again, the daemon runs without --config")
+            else:
+                self._result = merge(running, *read(self._path))
+        except InsoleError as error:
+            self._result = Reloaded(refused=str(error))
+        except Exception as error:  # whatever it is, who asked gets an answer and the old stays in use
+            self._result = Reloaded(refused=f"{self._path}: cannot be read again: {error!r}")
+
+
+def read(path: Path) -> tuple[Config, list[Foot]]:
+    """The configuration and its feet; raises InsoleError with the problems of all files."""
+    config = configs.load(path)
+    feet: list[Foot] = []
+    refused: list[str] = []
+    for insole in config.insoles:
+        try:
+            feet += load_feet(replace(config, insoles=(insole,)))
+        except InsoleError as error:
+            refused.append(str(error))
+    if refused:
+        raise InsoleError("\n".join(refused))
+    return config, feet
+
+
+def merge(running: Sequence[Foot], asked: Config, asked_feet: Sequence[Foot]) -> Reloaded:
+    """The `running` feet with all of what is `asked` that can change between two cycles.
+
+    That is layouts of the same triangles, calibrations, the thresholds of contact and the age of staleness.
+    """
+    before = running[0].config
+    new_by_name = {foot.name: foot for foot in asked_feet}
+    needs_restart = _other_keys(before, asked)
+    if new_by_name.keys() != {foot.name for foot in running}:
+        needs_restart.append("insoles: another set of feet")
+    chosen: list[tuple[Foot, Insole]] = []
+    for old in running:
+        new = new_by_name.get(old.name, old)
+        why = _why_not(old, new)
+        if why is not None:
+            needs_restart.append(f"insoles: {old.name}: {why}")
+            new = old
+        chosen.append((new, new.insole))
+    config = replace(
+        before,
+        contact=asked.contact,
+        publish=replace(before.publish, stale_after_ms=asked.publish.stale_after_ms),
+        insoles=tuple(insole for _, insole in chosen),
+    )
+    feet = tuple(foot.under(config, insole) for foot, insole in chosen)
+    changed = [what for old, new in zip(running, feet, strict=True) for what in _changes(old, new)]
+    return Reloaded(feet, tuple(dict.fromkeys(changed)), tuple(needs_restart))
+
+
+def _other_keys(before: Config, asked: Config) -> list[str]:
+    """The keys that differ and are not taken over: whatever is not known to be safe."""
+    keys = _differences("", before, asked, _CHANGES_RUNNING)
+    return keys + _differences("publish.", before.publish, asked.publish, _PUBLISH_CHANGES_RUNNING)
+
+
+def _differences(prefix: str, old: object, new: object, leave_out: frozenset[str]) -> list[str]:
+    names = [field.name for field in dataclasses.fields(old)]  # type: ignore[arg-type]
+    return [prefix + n for n in names if n not in leave_out and getattr(old, n) != getattr(new, n)]
+
+
+def _why_not(old: Foot, new: Foot) -> str | None:
+    """Why the running foot cannot become the new one."""
+    if old.insole.boards != new.insole.boards:
+        return "boards"
+    if not np.array_equal(old.layout.identities, new.layout.identities):
+        return "a layout of other triangles"
+    return None
+
+
+def _changes(old: Foot, new: Foot) -> list[str]:
+    changes = []
+    calibrations, layouts = (old.calibration, new.calibration), (old.layout, new.layout)
+    arrays = ("baseline_count", "coefficients_pa", "covariance_pa2", "usable")
+    if not all(_same(*(getattr(calibration, name) for calibration in calibrations)) for name in arrays):
+        changes.append(f"calibration of the {old.name} foot")
+    if not _same(*(layout.xy_m for layout in layouts)) or layouts[0].taxel_area_m2 != layouts[1].taxel_area_m2:
+        changes.append(f"layout of the {old.name} foot")
+    changes += _differences("contact.", old.config.contact, new.config.contact, frozenset({"extensions"}))
+    return changes + _differences("publish.", old.config.publish, new.config.publish, frozenset({"extensions"}))
+
+
+def _same(a: object, b: object) -> bool:
+    if a is None or b is None:
+        return a is b
+    return np.array_equal(np.asarray(a), np.asarray(b), equal_nan=np.asarray(a).dtype.kind == "f")

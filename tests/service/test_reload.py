@@ -1,0 +1,193 @@
+"""SIGHUP while frames flow: the configuration is read again, and no cycle is lost over it."""
+
+from __future__ import annotations
+
+import json
+import signal
+import socket
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import insole_daemon
+from insole_daemon import config as configs
+from insole_daemon.physics.calibration import FORMAT
+from insole_daemon.service.foot import load_feet
+from insole_daemon.service.reload import Reloader, merge, read
+from insole_daemon.wire.client import Subscription
+
+CONFIG = """\
+format: insole-config/1
+rig: test
+insoles:
+  - foot: left
+    calibration: left.json
+    boards: [{{address: 5, interface: can0}}, {{address: 6, interface: can0}}, {{address: 7, interface: can0}}]
+contact: {{min_force_n: {min_force_n}}}
+publish: {{stale_after_ms: {stale_after_ms}, rate_hz: {rate_hz}}}
+zenoh:
+  listen: [{endpoint}]
+"""
+
+
+def write(config_file: Path, endpoint: str, pa_per_count: float, **changes: float) -> None:
+    """A configuration of the left foot, and its calibration."""
+    values = {"min_force_n": 20, "stale_after_ms": 200, "rate_hz": 50} | changes
+    config_file.write_text(CONFIG.format(endpoint=endpoint, **values))
+    taxels = [
+        {"board": board, "triangle": t, "taxel": i, "baseline_count": 240, "coefficients_pa": [0, pa_per_count]}
+        for board, triangles in ((5, range(12)), (6, range(5)), (7, range(11)))
+        for t in triangles
+        for i in range(12)
+        if i not in (6, 10)
+    ]
+    rows = {(t.board, t.triangle) for t in load_feet(configs.Config())[0].layout.triangles}
+    taxels = [taxel for taxel in taxels if (taxel["board"], taxel["triangle"]) in rows]
+    (config_file.parent / "left.json").write_text(json.dumps({"format": FORMAT, "foot": "left", "taxels": taxels}))
+
+
+@pytest.fixture
+def calibrated(daemon):
+    """The daemon with a calibration from a file, 1000 Pa a count."""
+    daemon.end()
+    write(daemon.config_file, daemon.endpoint, 1000)
+    daemon.start()
+    return daemon
+
+
+def next_of(events: Subscription, *kinds: str):
+    return next(event for event in events if event.kind in kinds)
+
+
+def test_a_new_calibration_counts_from_one_cycle_to_the_next(calibrated):
+    with calibrated.boards(), insole_daemon.connect(calibrated.endpoint) as insole:
+        events, metas = insole.events("left"), insole.messages("insole/test/left/meta")
+        raws, pressures = insole.raws("left"), insole.pressures("left")
+        time.sleep(1)
+        write(calibrated.config_file, calibrated.endpoint, 3000, min_force_n=35)
+        calibrated.process.send_signal(signal.SIGHUP)
+        told = next_of(events, "reloaded", "reload_refused")
+        time.sleep(0.5)
+        meta, calibration = insole.meta("left"), insole.calibration("left")
+        counts = {}
+        factors = []
+        for raw in raws:
+            counts[raw.seq] = raw
+            if raw.t_ns > told.t_ns + 300_000_000:
+                break
+        lost = 0
+        for pressure in pressures:
+            lost += pressure.lost
+            raw = counts.get(pressure.seq)
+            if raw is None:
+                if pressure.seq > max(counts):
+                    break
+                continue
+            activation = 240.0 - raw.counts
+            with np.errstate(invalid="ignore"):
+                loaded = (raw.valid == 1) & (activation > 20)
+            if loaded.any():
+                factors.append((pressure.seq, float(np.median(pressure.pressure_pa[loaded] / activation[loaded]))))
+        republished = next(iter(metas))
+    assert told.kind == "reloaded"
+    assert "calibration of the left foot" in told.text
+    assert "contact.min_force_n" in told.text
+    seqs = [seq for seq, _ in factors]
+    assert sorted(counts) == list(range(min(counts), max(counts) + 1))
+    assert lost == 0
+    assert len(seqs) > 30
+    rounded = [round(factor) for _, factor in factors]
+    assert set(rounded) == {1000, 3000}
+    assert rounded == sorted(rounded), "once, and never back"
+    assert republished.min_force_n == 35
+    assert meta.min_force_n == 35
+    assert np.nanmax(calibration.coefficients_pa) == 3000
+
+
+def test_a_wrong_file_changes_nothing_and_every_problem_is_told(calibrated):
+    with calibrated.boards(), insole_daemon.connect(calibrated.endpoint) as insole:
+        events = insole.events("left")
+        time.sleep(0.5)
+        file = calibrated.config_file
+        file.write_text(file.read_text().replace("min_force_n: 20", "min_force_n: many, slack_s: 1"))
+        calibrated.process.send_signal(signal.SIGHUP)
+        refused = next_of(events, "reloaded", "reload_refused")
+        write(file, calibrated.endpoint, 1000)
+        (file.parent / "left.json").write_text("{")
+        calibrated.process.send_signal(signal.SIGHUP)
+        refused_too = next_of(events, "reloaded", "reload_refused")
+        assert insole.meta("left").min_force_n == 20
+        assert len([w for w, _ in zip(insole.wrenches("left"), range(10), strict=False)]) == 10
+    assert refused.kind == refused_too.kind == "reload_refused"
+    assert "min_force_n" in refused.text
+    assert "slack_s" in refused.text
+    assert "line" in refused.text
+    assert "left.json" in refused_too.text
+
+
+def test_what_needs_a_restart_is_told_and_the_rest_is_taken(calibrated):
+    with insole_daemon.connect(calibrated.endpoint) as insole:
+        events = insole.events("left")
+        time.sleep(0.3)
+        write(calibrated.config_file, "tcp/127.0.0.1:1", 1000, rate_hz=40, stale_after_ms=150)
+        calibrated.process.send_signal(signal.SIGHUP)
+        reloaded, restart = next_of(events, "reloaded"), next_of(events, "restart_needed")
+        meta = insole.meta("left")
+    assert reloaded.text == "changed: publish.stale_after_ms"
+    assert "zenoh" in restart.text
+    assert "publish.rate_hz" in restart.text
+    assert meta.stale_after_ms == 150
+    assert meta.rate_hz == 50
+
+
+def test_the_service_manager_is_told_of_a_reload(calibrated, tmp_path):
+    calibrated.end()
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
+        manager.bind(str(tmp_path / "notify"))
+        manager.settimeout(5)
+        calibrated.environment = {"NOTIFY_SOCKET": str(tmp_path / "notify")}
+        calibrated.start()
+        calibrated.process.send_signal(signal.SIGHUP)
+        told = [manager.recv(4096).decode()]
+        while len(told) < 2 or "READY=1" not in told[-1]:
+            told.append(manager.recv(4096).decode())
+        calibrated.end()
+    reloading = next(text for text in told if "RELOADING=1" in text)
+    stamp_us = int(dict(line.split("=") for line in reloading.splitlines())["MONOTONIC_USEC"])
+    assert abs(time.monotonic_ns() / 1000 - stamp_us) < 60e6
+    assert told.index(reloading) < len(told) - 1
+
+
+def test_boards_and_other_triangles_stay_until_a_restart(tmp_path):
+    file = tmp_path / "config.yaml"
+    write(file, "tcp/127.0.0.1:1", 1000)
+    config, running = read(file)
+    file.write_text(file.read_text().replace("address: 5,", "address: 5, shift: 2,"))
+    reloaded = merge(running, *read(file))
+    assert reloaded.needs_restart == ("insoles: left: boards",)
+    assert reloaded.feet[0].insole.boards[0].shift == config.insoles[0].boards[0].shift
+    (tmp_path / "layout.yaml").write_text(
+        "format: insole-layout/1\nfoot: left\ntaxel_area_mm2: 32.4\ntriangles:\n"
+        "  - {board: 5, triangle: 0, patch: front, x_mm: 100, y_mm: 0, rotation_deg: 0, mirrored: false}\n"
+    )
+    write(file, "tcp/127.0.0.1:1", 1000)
+    text = file.read_text()
+    file.write_text(text.replace("calibration: left.json", "layout: layout.yaml"))
+    reloaded = merge(running, *read(file))
+    assert reloaded.needs_restart == ("insoles: left: a layout of other triangles",)
+    assert reloaded.feet[0].layout is running[0].layout
+    file.write_text(text + "\nextensions: {}\n".lstrip("\n") + "# nothing new\n")
+    reloaded = merge(running, *read(file))
+    assert (reloaded.changed, reloaded.needs_restart) == ((), ())
+    assert reloaded.told() == [("reloaded", "changed: nothing")]
+
+
+def test_without_a_file_there_is_nothing_to_read(tmp_path):
+    reloader = Reloader(None)
+    reloader.start(load_feet(configs.Config()))
+    while (result := reloader.take()) is None:
+        time.sleep(0.01)
+    assert "without --config" in (result.refused or "")
+    assert not reloader.busy
