@@ -176,6 +176,4 @@ def _check(reading: Reading) -> None:
     for key, interface in interfaces:
         if interface not in channels:
             known = ", ".join(channels)
-            reading.problem(
-                key, f'the interface "{interface}" is no channel of the buses, which are: {known}'
-            )
+            reading.problem(key, f'the interface "{interface}" is no channel of the buses, which are: {known}')

@@ -16,9 +16,7 @@ from insole_daemon.errors import DocumentError
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT.parent / "shared" / "examples"
-BOARDS = (
-    "boards: [{address: 5, interface: can0}, {address: 6, interface: can0}, {address: 7, interface: can0}]"
-)
+BOARDS = "boards: [{address: 5, interface: can0}, {address: 6, interface: can0}, {address: 7, interface: can0}]"
 
 Write = Callable[[str], Path]
 
@@ -83,9 +81,7 @@ def test_structs_are_frozen_and_hashable() -> None:
 
 
 def test_paths_are_relative_to_the_file(write: Write) -> None:
-    path = write(
-        f"insoles:\n- foot: left\n  layout: maps/left.yaml\n  calibration: /etc/left.json\n  {BOARDS}\n"
-    )
+    path = write(f"insoles:\n- foot: left\n  layout: maps/left.yaml\n  calibration: /etc/left.json\n  {BOARDS}\n")
     (insole,) = load(path).insoles
     assert insole.layout == path.parent / "maps/left.yaml"
     assert insole.calibration == Path("/etc/left.json")
@@ -174,17 +170,10 @@ def test_a_foot_twice(write: Write) -> None:
 
 
 def test_the_built_in_layout_needs_three_boards(write: Write) -> None:
-    ((line, key, message),) = problems(
-        write("insoles:\n- foot: left\n  boards: [{address: 5, interface: can0}]\n")
-    )
+    ((line, key, message),) = problems(write("insoles:\n- foot: left\n  boards: [{address: 5, interface: can0}]\n"))
     assert (line, key) == (3, "insoles[0].layout")
-    assert (
-        "expected a layout file, or 3 boards (front, middle, rear) for the built-in layout, found 1"
-        in message
-    )
-    found = problems(
-        write("insoles:\n- foot: left\n  boards:" + 3 * "\n  - {address: x, interface: can0}" + "\n")
-    )
+    assert "expected a layout file, or 3 boards (front, middle, rear) for the built-in layout, found 1" in message
+    found = problems(write("insoles:\n- foot: left\n  boards:" + 3 * "\n  - {address: x, interface: can0}" + "\n"))
     assert {key.rpartition(".")[2] for _, key, _ in found} == {"address"}  # three, if they were right
 
 

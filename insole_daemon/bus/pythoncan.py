@@ -115,9 +115,7 @@ class PythonCanSource:
             np.zeros(len(messages), np.uint8),
             np.array([message.arbitration_id for message in messages], np.uint32),
             np.array([message.dlc for message in messages], np.uint8),
-            np.frombuffer(
-                b"".join([bytes(message.data[:8]).ljust(8, b"\0") for message in messages]), np.uint8
-            )
+            np.frombuffer(b"".join([bytes(message.data[:8]).ljust(8, b"\0") for message in messages]), np.uint8)
             .reshape(-1, 8)
             .copy(),
             np.array([_flags(message) for message in messages], np.uint8),

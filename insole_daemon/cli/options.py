@@ -25,9 +25,7 @@ def _bus(text: str) -> Bus:
     return bus
 
 
-BusName = Annotated[
-    Bus, typer.Option("--bus", parser=_bus, metavar="DRIVER:CHANNEL", help="Where the frames go.")
-]
+BusName = Annotated[Bus, typer.Option("--bus", parser=_bus, metavar="DRIVER:CHANNEL", help="Where the frames go.")]
 
 
 def on_end(stop: Callable[[], object]) -> None:

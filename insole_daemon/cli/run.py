@@ -23,8 +23,6 @@ def run(config: ConfigFile = None) -> None:
             daemon = Daemon(source, feet, session)
             on_end(daemon.stop)
             where = ", ".join(map(str, settings.buses))
-            daemon.run(
-                lambda: print(f"insole: reading {where}, rig {settings.rig}", file=sys.stderr, flush=True)
-            )
+            daemon.run(lambda: print(f"insole: reading {where}, rig {settings.rig}", file=sys.stderr, flush=True))
     finally:
         source.close()

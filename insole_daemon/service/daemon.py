@@ -6,6 +6,7 @@ import dataclasses
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 import zenoh
@@ -64,6 +65,7 @@ class Daemon:
                 if time.monotonic_ns() >= next_health_ns:
                     self._report()
                     next_health_ns += _HEALTH_NS
+            self._publish(self._skin.advance(self._source.clock_ns()))  # what a log leaves open at its end
         finally:
             notify("STOPPING=1")
             for publisher in self._publishers:
@@ -116,7 +118,7 @@ class Daemon:
                     latency_ms=latency_ms,
                     boards=[dataclasses.asdict(report) for report in reports],
                     bus=dataclasses.asdict(self._source.counters),
-                    refused=dataclasses.asdict(self._skin.streams.refused),
+                    refused=_with_text_keys(dataclasses.asdict(self._skin.streams.refused)),
                 )
             )
         notify("WATCHDOG=1", "STATUS=" + ", ".join(
@@ -129,6 +131,11 @@ class Daemon:
         if state != before:
             kind = {"streaming": "board_streaming", "silent": "board_silent"}.get(state, "board_never_seen")
             publisher.publish(Event(foot.name, time.time_ns(), kind, f"board {address}: {before} → {state}", [address]))
+
+
+def _with_text_keys(counts: dict[str, Any]) -> dict[str, Any]:
+    """The same with every key a text: what is counted by address is a map whose keys are numbers."""
+    return {str(key): _with_text_keys(each) if isinstance(each, dict) else each for key, each in counts.items()}
 
 
 class _Tally:

@@ -14,9 +14,7 @@ from ..skin.geometry import PRESSURE_TAXELS
 from ..skin.identifiers import skin_id
 from .digitiser import OPEN_LINE, digitise, halves, low_bytes
 
-PRESSURE_PER_COUNT_PA = (
-    8000.0  # public insole recordings: about 12 counts a bar; the built-in calibration's line
-)
+PRESSURE_PER_COUNT_PA = 8000.0  # public insole recordings: about 12 counts a bar; the built-in calibration's line
 NOISE_COUNT = 0.9  # σ before rounding; public recordings: 0.9 to 1.0 from row to row
 SPREAD = 0.03  # σ of the taxels' sensitivities
 CLOCK_PPM = 20.0  # σ of the boards' clock rates

@@ -54,9 +54,7 @@ _STUFFING = {width: _stuffing(width) for width in (2, 7, 8)}
 _CRC = np.array([_crc_of_byte(byte) for byte in range(256)], np.uint16)
 
 
-def frame_bits(
-    can_id: NDArray[np.uint32], dlc: NDArray[np.uint8], data: NDArray[np.uint8]
-) -> NDArray[np.int64]:
+def frame_bits(can_id: NDArray[np.uint32], dlc: NDArray[np.uint8], data: NDArray[np.uint8]) -> NDArray[np.int64]:
     """(n,) bit times of n standard data frames, exact stuffing and inter-frame space included."""
     run = np.zeros(len(can_id), np.uint8)  # after the start of frame, one dominant bit
     crc = np.zeros(len(can_id), np.uint16)
@@ -171,8 +169,7 @@ class BusTime:
                 queues[offer.address] = queue[:QUEUE_FRAMES]
         serve(until_ns)
         self._waiting = [
-            Offer(self._free_ns, address, can_id[queue], dlc[queue], data[queue])
-            for address, queue in queues.items()
+            Offer(self._free_ns, address, can_id[queue], dlc[queue], data[queue]) for address, queue in queues.items()
         ]
         if not rows:
             return FrameBatch.empty()

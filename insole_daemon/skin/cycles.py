@@ -43,12 +43,8 @@ class Cycles:
     t_ns: NDArray[np.int64]  # (n,) kernel receive time of the newest half, CLOCK_REALTIME
     counts: NDArray[np.uint8]  # (n, n_triangles, 12); 0 where never received
     status: NDArray[np.uint16]  # (n, n_triangles) the status word of half B
-    triangle_t_ns: NDArray[
-        np.int64
-    ]  # (n, n_triangles) kernel receive time of the older half; 0: never received
-    age_ns: NDArray[
-        np.int64
-    ]  # (n, n_triangles) age of the older half when the cycle closed; -1: never received
+    triangle_t_ns: NDArray[np.int64]  # (n, n_triangles) kernel receive time of the older half; 0: never received
+    age_ns: NDArray[np.int64]  # (n, n_triangles) age of the older half when the cycle closed; -1: never received
     missing: NDArray[np.bool_]  # (n, n_triangles) a half was expected and did not come
     late: NDArray[np.bool_]  # (n,) closed by time, with halves missing
     repeated: NDArray[np.bool_]  # (n,) nothing has arrived since the cycle before

@@ -73,22 +73,16 @@ class _File(Section):
     triangles: Annotated[tuple[Triangle, ...], at_least(1)]
 
 
-def load(
-    path: str | PathLike[str], foot: Foot | None = None, addresses: Collection[int] | None = None
-) -> Layout:
+def load(path: str | PathLike[str], foot: Foot | None = None, addresses: Collection[int] | None = None) -> Layout:
     """The layout in file `path`; DocumentError lists all that is wrong with it.
 
     It must be for `foot`, and on boards out of `addresses`, if these are given.
     """
     file = read(path, _File, FORMAT, _check(foot, addresses))
-    return _layout(
-        file.foot, file.taxel_area_mm2, file.area_meaning, file.triangles, extensions=file.extensions
-    )
+    return _layout(file.foot, file.taxel_area_mm2, file.area_meaning, file.triangles, extensions=file.extensions)
 
 
-def _layout(
-    foot: Foot, area_mm2: float, meaning: str | None, triangles: tuple[Triangle, ...], **more: Any
-) -> Layout:
+def _layout(foot: Foot, area_mm2: float, meaning: str | None, triangles: tuple[Triangle, ...], **more: Any) -> Layout:
     xy_m = geometry.taxel_positions(
         [(t.x_mm, t.y_mm) for t in triangles],
         [t.rotation_deg for t in triangles],
@@ -102,9 +96,7 @@ def _check(foot: Foot | None, addresses: Collection[int] | None) -> Callable[[Re
     def check(reading: Reading) -> None:
         found = reading.document.get("foot")
         if foot is not None and found in ("left", "right") and found != foot:
-            reading.problem(
-                ("foot",), f"expected the layout of the {foot} foot, found that of the {found} foot"
-            )
+            reading.problem(("foot",), f"expected the layout of the {foot} foot, found that of the {found} foot")
         triangles = reading.of(Triangle)
         first: dict[tuple[int, int], Key] = {}
         strangers: set[int] = set()
@@ -112,9 +104,7 @@ def _check(foot: Foot | None, addresses: Collection[int] | None) -> Callable[[Re
             identity = (t.board, t.triangle)
             if identity in first:
                 where = spell(first[identity])
-                reading.problem(
-                    key, f"triangle {t.triangle} of board {t.board} stands twice, first in {where}"
-                )
+                reading.problem(key, f"triangle {t.triangle} of board {t.board} stands twice, first in {where}")
             first.setdefault(identity, key)
             if addresses is not None and t.board not in addresses and t.board not in strangers:
                 strangers.add(t.board)  # once a board is enough

@@ -42,9 +42,7 @@ class Message:
 
     def encode(self) -> bytes:
         """The payload of this message."""
-        payload: bytes = msgpack.packb(
-            {name: _to_wire(getattr(self, name)) for name in wire_fields(type(self))}
-        )
+        payload: bytes = msgpack.packb({name: _to_wire(getattr(self, name)) for name in wire_fields(type(self))})
         return payload
 
     @classmethod
@@ -62,9 +60,7 @@ class Message:
         try:
             found = msgpack.unpackb(payload, raw=False, max_ext_len=0)
         except Exception as error:  # msgpack raises ValueError and half a dozen of its own
-            raise WireError(
-                f"{cls.SCHEMA}: expected a msgpack map, found {len(payload)} bytes: {error}"
-            ) from error
+            raise WireError(f"{cls.SCHEMA}: expected a msgpack map, found {len(payload)} bytes: {error}") from error
         if not isinstance(found, dict):
             raise WireError(f"{cls.SCHEMA}: expected a msgpack map, found {type(found).__name__}")
         fields = wire_fields(cls)
@@ -90,17 +86,13 @@ class Raw(Message):
     n_triangles: int
     counts: MarkPerTaxel
     status: Annotated[NDArray[np.uint16], Array("<u2", ("n_triangles",))]  # status word of half B
-    triangle_t_ns: Annotated[
-        NDArray[np.int64], Array("<i8", ("n_triangles",))
-    ]  # older half; 0: never received
+    triangle_t_ns: Annotated[NDArray[np.int64], Array("<i8", ("n_triangles",))]  # older half; 0: never received
     age_ms: PerTriangle  # age of the older half when the cycle closed; NaN: never received
     missing: MarkPerTriangle  # 1: a half was expected in this cycle and did not come
     valid: MarkPerTaxel
     late: bool  # closed by time, with halves missing
     repeated: bool  # nothing has arrived since the cycle before
-    lost: int = field(
-        default=0, metadata={"local": True}
-    )  # cycles that did not reach this client before this one
+    lost: int = field(default=0, metadata={"local": True})  # cycles that did not reach this client before this one
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -260,10 +252,8 @@ def _from_wire(cls: type[Message], name: str, hint: Any, found: dict[str, Any]) 
     if get_origin(hint) is Annotated:
         array = next(extra for extra in get_args(hint) if isinstance(extra, Array))
         shape = [found.get(axis) if isinstance(axis, str) else axis for axis in array.shape]
-        if not isinstance(value, bytes) or not all(isinstance(n, int) and n >= 0 for n in shape):
-            raise WireError(
-                f"{cls.SCHEMA}: {name}: expected bytes of {array.dtype} {array.shape}, found {value!r:.60}"
-            )
+        if not isinstance(value, bytes) or not all(isinstance(n, int) and n >= 1 for n in shape):
+            raise WireError(f"{cls.SCHEMA}: {name}: expected bytes of {array.dtype} {array.shape}, found {value!r:.60}")
         dtype = np.dtype(array.dtype)
         size = dtype.itemsize * math.prod(n or 0 for n in shape)
         if len(value) != size:

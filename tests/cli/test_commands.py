@@ -84,8 +84,6 @@ def test_a_second_daemon_on_the_same_endpoint_is_told_so(demo):
     assert "Traceback" not in done.stderr
 
 
-
-
 def test_a_config_with_mistakes_is_refused_with_all_of_them(tmp_path):
     config = tmp_path / "config.yaml"
     config.write_text("format: insole-config/1\nrigg: x\npublish:\n  slack_s: 0.005\n")
