@@ -43,6 +43,7 @@ class BoardSurvey:
 
     def __call__(self, assembler: CycleAssembler, now_mono_ns: int) -> list[BoardReport]:
         """The boards since the last call, at `now_mono_ns`; rates are 0 at the first."""
+        assembler.settle()
         arrivals, changes = assembler.arrivals - self._arrivals, assembler.changes - self._changes
         self._arrivals, self._changes = assembler.arrivals.copy(), assembler.changes.copy()
         elapsed_s = max(1, now_mono_ns - self._surveyed_ns) * 1e-9
