@@ -59,7 +59,9 @@ class Daemon:
             while not self._stopping and not self._source.exhausted:
                 due_ns = self._skin.due_ns()
                 until_ns = due_ns if due_ns is not None else self._source.clock_ns() + _IDLE_NS
-                batch, looked_ns = collect(self._source, self._skin.outstanding() or _ANY, until_ns)
+                batch, looked_ns = collect(
+                    self._source, self._skin.outstanding() or _ANY, until_ns, self._skin.promised_ns()
+                )
                 self._publish(self._skin.feed(batch))
                 self._publish(self._skin.advance(looked_ns))
                 if time.monotonic_ns() >= next_health_ns:

@@ -98,6 +98,8 @@ class CycleAssembler:
         self._outstanding = n_slots  # expected and not seen
         self._held: list[_Frames] = []  # fed and not looked at: fewer than outstanding, all in time
         self._n_held = 0
+        self._complete_ns: int | None = None  # when the last cycle closed, if it was complete
+        self._promised_ns: int | None = None
         self._newest_t_ns = 0
         self._fresh = False  # something has arrived since the last close
         self._block_pause = 0  # cycles to take the careful way before blocks are tried again
@@ -118,6 +120,11 @@ class CycleAssembler:
     def outstanding(self) -> int:
         """At least so many frames must come before the open cycle is complete; 0: none is waited for, only time."""
         return self._outstanding - self._n_held
+
+    @property
+    def promised_ns(self) -> int | None:
+        """When the open cycle will be complete if the boards keep their rhythm; None while they have none."""
+        return self._promised_ns
 
     def last_arrival_ns(self) -> NDArray[np.int64]:
         """(2 · n_triangles,) monotonic receive time of the newest of every half; the smallest int64: never."""
@@ -249,7 +256,7 @@ class CycleAssembler:
         self._misses += absent
         cycle = self._close(self._due_ns, late)
         self._expected &= self._misses < PATIENCE
-        self._begin_cycle(int(cycle.t_mono_ns[0]))
+        self._begin_cycle(int(cycle.t_mono_ns[0]), complete=False)
         return cycle
 
     def _close(self, t_close_ns: int, late: bool) -> Cycles:
@@ -273,10 +280,13 @@ class CycleAssembler:
         self._returning[:] = False
         self._seen[:] = False
         self._fresh = False
-        self._begin_cycle(t_close_ns)
+        self._begin_cycle(t_close_ns, complete=not late and self._outstanding == 0)
         return cycle
 
-    def _begin_cycle(self, t_close_ns: int) -> None:
+    def _begin_cycle(self, t_close_ns: int, complete: bool) -> None:
+        rhythm = complete and self._complete_ns is not None
+        self._promised_ns = 2 * t_close_ns - self._complete_ns if rhythm else None  # type: ignore[operator]
+        self._complete_ns = t_close_ns if complete else None
         self._outstanding = int(np.count_nonzero(self._expected))
         self._due_ns = t_close_ns + (self._limit_ns if self._outstanding else self._period_ns)
 
@@ -335,7 +345,8 @@ class CycleAssembler:
         t_older = np.where(a_older, received[:, :, 0], received[:, :, 1])
         never = t_older == _NEVER
         halves = table.view(np.uint8).reshape(n, -1, 16)
-        self._begin_cycle(int(t_close[-1]))
+        self._complete_ns = int(t_close[-2])
+        self._begin_cycle(int(t_close[-1]), complete=True)
         return Cycles(
             t_mono_ns=t_close.copy(),
             t_ns=t_newest.copy(),
