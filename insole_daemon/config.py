@@ -66,6 +66,7 @@ class Insole(Section):
     foot: Foot
     layout: Path | None = None  # None: the built-in approximation
     calibration: Path | None = None  # None: the built-in default
+    zero: Path | None = None  # None: the one that `insole zero` stored last, if there is one
     boards: Annotated[tuple[Board, ...], at_least(1)]
 
     @property

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import json
-import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from os import PathLike
@@ -16,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..documents import Key, Reading, Section, at_least, read, spell, within
+from ..files import write_text
 from ..skin.geometry import N_TAXELS, THERMAL_PADS
 from ..skin.layout import Layout
 from .calibration import Calibration
@@ -91,28 +90,9 @@ def save(path: str | PathLike[str], zero: Zero, layout: Layout) -> None:
 
     Raises OSError where it cannot be written, and then leaves nothing behind.
     """
-    path = Path(path)
     content = document(zero, layout)
     rows = ",\n  ".join(json.dumps(taxel, allow_nan=False) for taxel in content.pop("taxels"))
-    text = f'{json.dumps(content)[:-1]}, "taxels": [\n  {rows}\n]}}\n'
-    path.parent.mkdir(parents=True, exist_ok=True)
-    # In the same folder: a rename is atomic only within one file system.
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        with open(unfinished, "w", encoding="utf-8") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(unfinished, path)
-    except OSError:
-        with contextlib.suppress(OSError):
-            unfinished.unlink(missing_ok=True)
-        raise
-    folder = os.open(path.parent, os.O_RDONLY)
-    try:
-        os.fsync(folder)  # else the rename itself may not survive
-    finally:
-        os.close(folder)
+    write_text(Path(path), f'{json.dumps(content)[:-1]}, "taxels": [\n  {rows}\n]}}\n')
 
 
 def apply(calibration: Calibration, zero: Zero) -> Calibration:

@@ -109,7 +109,7 @@ class Zeroing:
             )
         loaded = self._loaded(activation, saturated)
         if loaded.any():
-            row: NDArray[np.bool_] = loaded.any(axis=1)
+            row: NDArray[np.bool_] = np.logical_or.reduce(loaded, axis=1)
             most = np.nanmax(np.where(saturated, self._calibration.baseline_count, activation)[row])
             refusals.append(
                 f"the foot is loaded at {self._triangles(row)}, by up to {most:.0f} counts: lift it, or loosen the shoe"
