@@ -7,7 +7,8 @@ import sys
 import typer
 
 from ..errors import InsoleError
-from . import demo, replay, run, simulate, status, watch
+from . import demo, replay, run, simulate, status, watch, zero
+from . import map as mapping
 
 app = typer.Typer(
     name="insole",
@@ -18,8 +19,9 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-for verb in (demo.demo, run.run, simulate.simulate, replay.replay, watch.watch, status.status):
+for verb in (demo.demo, run.run, simulate.simulate, replay.replay, watch.watch, status.status, zero.zero):
     app.command()(verb)
+app.command("map")(mapping.map_)
 
 
 def main() -> None:
