@@ -40,8 +40,9 @@ def boards(
 ) -> None:
     """List, configure, start and stop the boards.
 
-    It is the running daemon that does it, if its configuration says `boards: {configure: true}`. Boards acknowledge nothing: what they were told is confirmed by what they send afterwards. Configuring takes their
-    hardware baseline anew, so the feet must be off the ground. Exit status 1: not confirmed; 3: refused or failed.
+    The running daemon does it, if its configuration says `boards: {configure: true}`. Boards acknowledge nothing: what
+    they were told is confirmed by what they send afterwards. Configuring takes their hardware baseline anew, so the
+    feet must be off the ground. Exit status 1: not confirmed; 3: refused or failed.
     """
     from ..errors import WireError
     from ..wire.client import Client
