@@ -95,6 +95,13 @@ class Contact(Section):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Boards(Section):
+    """What the daemon may do to the boards."""
+
+    configure: bool = False  # False: not one frame is sent to any bus
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Zenoh(Section):
     """How the daemon is reached."""
 
@@ -121,6 +128,7 @@ class Config(Section):
     insoles: Annotated[tuple[Insole, ...], at_least(1)] = field(default_factory=_built_in_insoles)
     publish: Publish = Publish()
     contact: Contact = Contact()
+    boards: Boards = Boards()
     zenoh: Zenoh = Zenoh()
 
 

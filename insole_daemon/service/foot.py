@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import os
 import time
+from collections.abc import Collection
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,10 +22,13 @@ from ..physics.zero import Zero
 from ..skin import layout as layouts
 from ..skin.boards import BoardSurvey
 from ..skin.cycles import Cycles
+from ..skin.geometry import PRESSURE_TAXELS
 from ..skin.layout import Layout
 from ..skin.validity import Validity
 from ..wire.messages import CalibrationInUse, Meta, Pressure, Raw, Wrench
 from .state import zero_path
+
+_STANDS_OUT_COUNT = 12  # below what the least loaded tenth of the foot reads; at rest taxels differ by less
 
 
 class Foot:
@@ -44,6 +49,7 @@ class Foot:
         self.zero: Zero | None = None
         self.zero_source = "none: the calibration's baselines are in use"
         self._curve = StaticCurve(calibration, config.contact.activation_threshold_count)
+        self._stale_after_ns = stale_after_ns
         self._wrench = WrenchEstimator(layout, config.contact.min_force_n, config.contact.min_pressure_pa)
         self.seq = 0
         self.started_ns = time.time_ns()
@@ -78,6 +84,21 @@ class Foot:
         self.calibration = zeros.apply(self._unzeroed, zero)
         self._curve = StaticCurve(self.calibration, self.config.contact.activation_threshold_count)
         self.zero, self.zero_source = zero, source
+
+    def load(self, cycles: Cycles, at: int, without: Collection[int] = ()) -> tuple[float | None, float]:
+        """What presses on the foot in cycle `at`, boards `without` left out: (f_z, share of taxels that stand out).
+
+        f_z in N is None where no taxel is valid. Taxels that stand out read far more pressure than the
+        least loaded ones; that holds whatever no-load and shift the boards run with, which f_z does not.
+        """
+        counts, status, age_ns = cycles.counts[at], cycles.status[at], cycles.age_ns[at]
+        asked = np.array([triangle.board not in without for triangle in self.layout.triangles])
+        valid = self.validity(counts, status, age_ns) & self._curve.usable & asked[:, None]
+        f_z_n = self._wrench(self._curve.pressure_pa(counts), valid, None).f_z_n
+        read = counts[asked & (age_ns >= 0) & (age_ns <= self._stale_after_ns) & (status & 0xF == 0)]
+        read = read[:, PRESSURE_TAXELS].astype(np.float64)
+        low = float(np.mean(read < np.percentile(read, 90) - _STANDS_OUT_COUNT)) if read.size else 0.0
+        return None if math.isnan(f_z_n) else f_z_n, low
 
     def meta(self) -> Meta:
         """What one must know to read the messages."""
