@@ -14,6 +14,7 @@ import numpy as np
 from ..errors import BusError
 from .error_frames import count_kinds
 from .frames import ERROR, EXTENDED, FD, REMOTE, FrameBatch
+from .sink import PythonCanSink
 from .source import BusCounters
 
 _POLL_S = 0.2  # how long the thread may take to see that it should end
@@ -67,6 +68,10 @@ class PythonCanSource:
         if batch.flags.any():
             count_kinds(batch, self.counters.error_frames)
         return batch
+
+    def sink(self, patience_s: float) -> PythonCanSink:
+        """A sink on the bus that is read here: many drivers open an adapter once, and nobody would empty a second."""
+        return PythonCanSink(self._bus, self.interfaces[0], patience_s, shared=True)
 
     def clock_ns(self) -> int:
         """The monotonic clock."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Callable
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -16,6 +17,14 @@ ConfigFile = Annotated[
 ]
 Connect = Annotated[str, typer.Option("--connect", help="Zenoh endpoint of the daemon.")]
 Seconds = Annotated[float | None, typer.Option("--seconds", min=0.1, help="End after this time.")]
+
+
+class Which(StrEnum):
+    """Which insoles a verb is about."""
+
+    left = "left"
+    right = "right"
+    both = "both"
 
 
 def _bus(text: str) -> Bus:

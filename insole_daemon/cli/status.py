@@ -45,6 +45,7 @@ def _screen(rig: str, foot: str, health: Health | None, meta: Meta) -> str:
         f"  daemon       {meta.version}",
         f"  layout       {meta.layout}",
         f"  calibration  {meta.calibration}",
+        f"  zero         {meta.zero_source}",
         "  cycles       " + _counts(health.cycles),
         "  latency      " + ", ".join(f"{k} {v:.2f} ms" for k, v in health.latency_ms.items() if v is not None),
     ]

@@ -9,7 +9,8 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass, field
-from typing import Annotated, Any, ClassVar, Literal, Self, get_args, get_origin, get_type_hints
+from types import UnionType
+from typing import Annotated, Any, ClassVar, Literal, Self, Union, get_args, get_origin, get_type_hints
 
 import msgpack
 import numpy as np
@@ -190,6 +191,8 @@ class Meta(Message):
     layout_builtin: bool  # an approximation that knows nothing of this insole
     calibration: str  # the file, or what the built-in one is
     calibration_builtin: bool  # a default that knows nothing of this insole
+    zero_source: str  # the file, or why there is none
+    zero: dict[str, Any] | None  # all of it, as in insole-zero/1: its baselines are in use
     activation_threshold_count: float  # 0: off
     min_force_n: float
     min_pressure_pa: float
@@ -273,10 +276,8 @@ def _is_of(value: Any, hint: Any) -> bool:
         return value in get_args(hint)
     if origin in (dict, list):
         return isinstance(value, origin)
-    options = get_args(hint) or (hint,)
-    return any(
-        isinstance(value, (int, float)) and not isinstance(value, bool) if option is float
-        else isinstance(value, int) and not isinstance(value, bool) if option is int
-        else isinstance(value, option)
-        for option in options
-    )  # fmt: skip
+    if origin in (Union, UnionType):
+        return any(_is_of(value, option) for option in get_args(hint))
+    if hint in (int, float):
+        return isinstance(value, (int, hint)) and not isinstance(value, bool)
+    return isinstance(value, hint)

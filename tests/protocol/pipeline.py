@@ -25,6 +25,7 @@ from insole_daemon.service.daemon import Daemon
 from insole_daemon.service.foot import load_feet
 from insole_daemon.skin.reader import SkinReader
 from insole_daemon.wire.messages import Message, Pressure, Raw, Wrench
+from insole_daemon.wire.session import open_session
 
 GOLDEN = Path(__file__).parents[2] / "protocol" / "golden"
 NAMES = sorted(path.stem for path in GOLDEN.glob("*.log"))
@@ -130,12 +131,12 @@ class VirtualBus:
 
 
 def live(name: str, monkeypatch: pytest.MonkeyPatch, health_every_ns: int = 100_000_000) -> Published:
-    """The log through the daemon itself; only Zenoh and the clock are replaced."""
+    """The log through the daemon itself; only the publishers and the clock are replaced."""
     bus = VirtualBus(log_of(name))
     published: dict[str, list[Message]] = defaultdict(list)
 
     class Publisher:
-        def __init__(self, session: None, rig: str, foot: str) -> None:
+        def __init__(self, session: object, rig: str, foot: str) -> None:
             self.messages = published[foot]
 
         def publish(self, message: Message) -> None:
@@ -155,8 +156,12 @@ def live(name: str, monkeypatch: pytest.MonkeyPatch, health_every_ns: int = 100_
     monkeypatch.setattr(daemon_module, "FootPublisher", Publisher)
     monkeypatch.setattr(daemon_module, "_HEALTH_NS", health_every_ns)
     feet = load_feet(config_of(name))
-    daemon = Daemon(bus, feet, None)  # type: ignore[arg-type]
-    daemon.run()
+    session = open_session("peer")
+    try:
+        daemon = Daemon(bus, feet, session)
+        daemon.run()
+    finally:
+        session.close()
     cycles = []
     for foot in feet:
         own = [message for message in published[foot.name] if isinstance(message, Raw | Pressure | Wrench)]

@@ -46,7 +46,7 @@ def wants(hint: Any) -> Any:
     if get_origin(hint) is Literal:
         return get_args(hint)
     if get_origin(hint) is UnionType:
-        return {JSON_TYPES[option] for option in get_args(hint)}
+        return {JSON_TYPES[get_origin(option) or option] for option in get_args(hint)}
     return {JSON_TYPES[get_origin(hint) or hint]}
 
 
