@@ -24,7 +24,7 @@ from insole_daemon.bus import candump
 from insole_daemon.bus.candump_writer import CandumpWriter
 from insole_daemon.bus.frames import EXTENDED, FrameBatch
 from insole_daemon.config import Config
-from insole_daemon.service.foot import load_layout
+from insole_daemon.service.setup import load_layout
 from insole_daemon.simulation.emulator import Emulator
 from insole_daemon.simulation.foot import Walk
 from insole_daemon.skin.cycles import Cycles

@@ -57,9 +57,7 @@ class BusError(InsoleError):
     `state` is the state it is in then; `permanent` says that trying again cannot help while this process runs.
     """
 
-    def __init__(
-        self, message: str, state: Literal["down", "missing"] = "down", permanent: bool = False
-    ) -> None:
+    def __init__(self, message: str, state: Literal["down", "missing"] = "down", permanent: bool = False) -> None:
         super().__init__(message)
         self.state: Literal["down", "missing"] = state
         self.permanent = permanent

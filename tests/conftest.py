@@ -17,7 +17,7 @@ import pytest
 
 from insole_daemon import config as configs
 from insole_daemon.bus.sink import can_frames
-from insole_daemon.service.foot import load_layout
+from insole_daemon.service.setup import load_layout
 from insole_daemon.simulation.emulator import Emulator
 from insole_daemon.simulation.foot import Walk
 
@@ -90,6 +90,14 @@ class RunningDaemon:
             stop.set()
             thread.join()
             sock.close()
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _state(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """No test reads or writes what a daemon of this user keeps."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("STATE_DIRECTORY", str(tmp_path_factory.mktemp("state")))
+        yield
 
 
 @pytest.fixture

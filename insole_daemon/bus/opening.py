@@ -1,15 +1,32 @@
-"""From the configured buses to one source of frames."""
+"""From the name of a bus to what reads it and sends on it."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import contextlib
+import socket
+from collections.abc import Iterator
+from typing import Protocol
 
 from ..config import Bus
-from ..errors import BusError
-from .pythoncan import open_pythoncan
-from .several import PollableSource, SeveralSources
-from .socketcan import open_socketcan
+from .pythoncan import open_adapter, open_pythoncan
+from .sink import FrameSink, PythonCanSink, SocketCanSink
+from .socketcan import open_socket, open_socketcan
 from .source import FrameSource
+
+
+class PollableSource(FrameSource, Protocol):
+    """One open bus: it can be waited for together with others, and sent on."""
+
+    def fileno(self) -> int:
+        """A descriptor that is readable when frames wait."""
+        ...
+
+    def sink(self, patience_s: float) -> FrameSink:
+        """A sink on what is read here: many drivers open an adapter once, and nobody would empty a second.
+
+        `patience_s`: how long the interface may take nothing before that is an error.
+        """
+        ...
 
 
 def open_bus(bus: Bus) -> PollableSource:
@@ -19,14 +36,14 @@ def open_bus(bus: Bus) -> PollableSource:
     return open_pythoncan(bus.driver, bus.channel)
 
 
-def open_source(buses: Sequence[Bus]) -> FrameSource:
-    """Open `buses` and read them as one; raises BusError, with none left open."""
-    opened: list[PollableSource] = []
-    try:
-        for bus in buses:
-            opened.append(open_bus(bus))
-    except BusError:
-        for source in opened:
-            source.close()
-        raise
-    return opened[0] if len(opened) == 1 else SeveralSources(opened)
+@contextlib.contextmanager
+def open_sink(bus: Bus) -> Iterator[FrameSink]:
+    """Open `bus` at 1 Mbit/s only to send on it; raises BusError that says what failed and what to do."""
+    if bus.driver == "socketcan":
+        with open_socket(bus.channel, ignore_rx_error_frames=True) as sock:
+            # No filter at all lets nothing in: nobody reads here.
+            sock.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, b"")
+            yield SocketCanSink(sock, bus.channel)
+    else:
+        with open_adapter(bus.driver, bus.channel) as adapter:
+            yield PythonCanSink(adapter, str(bus))

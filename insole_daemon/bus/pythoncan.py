@@ -14,6 +14,7 @@ import numpy as np
 from ..errors import BusError
 from .error_frames import count_kinds
 from .frames import ERROR, EXTENDED, FD, REMOTE, FrameBatch
+from .sink import PythonCanSink
 from .source import BusCounters
 
 _POLL_S = 0.2  # how long the thread may take to see that it should end
@@ -70,6 +71,10 @@ class PythonCanSource:
             count_kinds(batch, self.counters.error_frames)
         return batch
 
+    def sink(self, patience_s: float) -> PythonCanSink:
+        """A sink on the bus that is read here: many drivers open an adapter once, and nobody would empty a second."""
+        return PythonCanSink(self._bus, self.interfaces[0], patience_s)
+
     def clock_ns(self) -> int:
         """The monotonic clock."""
         return time.monotonic_ns()
@@ -117,9 +122,7 @@ class PythonCanSource:
             np.zeros(len(messages), np.uint8),
             np.array([message.arbitration_id for message in messages], np.uint32),
             np.array([message.dlc for message in messages], np.uint8),
-            np.frombuffer(
-                b"".join([bytes(message.data[:8]).ljust(8, b"\0") for message in messages]), np.uint8
-            )
+            np.frombuffer(b"".join([bytes(message.data[:8]).ljust(8, b"\0") for message in messages]), np.uint8)
             .reshape(-1, 8)
             .copy(),
             np.array([_flags(message) for message in messages], np.uint8),
@@ -137,10 +140,15 @@ def _flags(message: Any) -> int:
 
 def open_pythoncan(driver: str, channel: str) -> PythonCanSource:
     """The bus `channel` of python-can's `driver` at 1 Mbit/s; raises BusError that says what failed."""
+    return PythonCanSource(open_adapter(driver, channel), channel)
+
+
+def open_adapter(driver: str, channel: str) -> Any:
+    """The same as a `can.BusABC`, which nobody reads yet."""
     import can
 
     try:
-        bus = can.Bus(interface=driver, channel=channel, bitrate=1_000_000)
+        return can.Bus(interface=driver, channel=channel, bitrate=1_000_000)
     except (OSError, ValueError, ImportError, can.CanError) as error:
         # An unknown driver, a library that is not installed, a channel that names nothing.
         permanent = isinstance(error, (ValueError, ImportError, can.CanInterfaceNotImplementedError))
@@ -150,4 +158,3 @@ def open_pythoncan(driver: str, channel: str) -> PythonCanSource:
             "missing",
             permanent,
         ) from error
-    return PythonCanSource(bus, channel)

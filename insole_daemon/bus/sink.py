@@ -1,4 +1,4 @@
-"""The one contract of everything frames go to, and the way there from the name of a bus."""
+"""The one contract of everything frames go to; who opened a bus, to read it or to send, closes it."""
 
 from __future__ import annotations
 
@@ -10,12 +10,10 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ..config import Bus
 from ..errors import BusError
 from .frames import ERROR, EXTENDED, REMOTE, FrameBatch
-from .socketcan import cannot_open
 
-_PATIENCE_S = 1.0  # a transmit queue that takes nothing for so long is stuck
+PATIENCE_S = 1.0  # a transmit queue that takes nothing for so long is stuck
 _RETRY_S = 0.0005  # some four frames of a 1 Mbit/s bus
 _FULL = (errno.ENOBUFS, errno.EAGAIN)  # the interface's queue; the socket's own
 
@@ -29,10 +27,6 @@ class FrameSink(Protocol):
 
     def send(self, batch: FrameBatch) -> None:
         """Hand the frames to the interface, all of them; raises BusError when it does not take them."""
-        ...
-
-    def close(self) -> None:
-        """Release the interface; idempotent."""
         ...
 
 
@@ -51,10 +45,11 @@ def can_frames(batch: FrameBatch) -> NDArray[np.uint8]:
 class SocketCanSink:
     """Writes to one socket whose datagrams are `struct can_frame`."""
 
-    def __init__(self, sock: socket.socket, channel: str) -> None:
-        """`sock` is the sink's to close; `channel` names it in errors."""
+    def __init__(self, sock: socket.socket, channel: str, patience_s: float = PATIENCE_S) -> None:
+        """`channel` names it in errors; `patience_s`: how long a queue may be full."""
         self._socket = sock
         self._channel = channel
+        self._patience_s = patience_s
 
     def send(self, batch: FrameBatch) -> None:
         """See FrameSink; waits while the interface's transmit queue is full."""
@@ -67,12 +62,8 @@ class SocketCanSink:
             except OSError as error:
                 self._retry(frame, error)
 
-    def close(self) -> None:
-        """Close the socket."""
-        self._socket.close()
-
     def _retry(self, frame: bytes, error: OSError) -> None:
-        give_up = time.monotonic() + _PATIENCE_S
+        give_up = time.monotonic() + self._patience_s
         while error.errno in _FULL and time.monotonic() < give_up:
             time.sleep(_RETRY_S)
             try:
@@ -80,16 +71,17 @@ class SocketCanSink:
                 return
             except OSError as again:
                 error = again
-        raise _cannot_send(self._channel, error) from error
+        raise _cannot_send(self._channel, error, self._patience_s) from error
 
 
 class PythonCanSink:
     """Sends through a python-can bus, message by message."""
 
-    def __init__(self, bus: Any, name: str) -> None:
-        """`bus` (a `can.BusABC`) is the sink's to shut down; `name` stands in errors."""
+    def __init__(self, bus: Any, name: str, patience_s: float = PATIENCE_S) -> None:
+        """`bus` is a `can.BusABC`; `name` and `patience_s` as of a SocketCanSink."""
         self._bus = bus
         self._name = name
+        self._patience_s = patience_s
 
     def send(self, batch: FrameBatch) -> None:
         """See FrameSink."""
@@ -111,55 +103,15 @@ class PythonCanSink:
                     dlc=dlc,
                     data=None if flags & REMOTE else data[:dlc],
                 )
-                self._bus.send(message, timeout=_PATIENCE_S)
+                self._bus.send(message, timeout=self._patience_s)
         except (OSError, can.CanError) as error:
             raise BusError(
                 f"{self._name}: sending failed: {error}. Is the adapter plugged in, "
                 "and is another node on the bus that acknowledges?"
             ) from error
 
-    def close(self) -> None:
-        """Shut the bus down."""
-        self._bus.shutdown()
 
-
-def open_sink(bus: Bus) -> FrameSink:
-    """Open `bus` at 1 Mbit/s; raises BusError that says what failed and what to do."""
-    if bus.driver == "socketcan":
-        return _open_socketcan(bus.channel)
-    return _open_pythoncan(bus.driver, bus.channel)
-
-
-def _open_socketcan(channel: str) -> SocketCanSink:
-    import can  # 0.1 s to import, so only where a bus is opened
-
-    try:
-        bus = can.Bus(interface="socketcan", channel=channel, ignore_rx_error_frames=True)
-    except (OSError, can.CanError) as error:
-        raise cannot_open(channel, error) from error
-    # python-can closes the socket when the Bus object goes; a duplicate of the descriptor is ours to close.
-    own: socket.socket = bus.socket.dup()
-    bus.shutdown()
-    # No filter at all lets nothing in: nobody reads here.
-    own.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, b"")
-    return SocketCanSink(own, channel)
-
-
-def _open_pythoncan(driver: str, channel: str) -> PythonCanSink:
-    import can
-
-    try:
-        bus = can.Bus(interface=driver, channel=channel, bitrate=1_000_000)
-    except (OSError, ValueError, ImportError, can.CanError) as error:
-        raise BusError(
-            f"{driver}:{channel}: cannot be opened: {error}. "
-            f"Is {driver!r} an interface that python-can knows, is its driver installed, "
-            "the adapter plugged in?"
-        ) from error
-    return PythonCanSink(bus, f"{driver}:{channel}")
-
-
-def _cannot_send(channel: str, error: OSError) -> BusError:
+def _cannot_send(channel: str, error: OSError, patience_s: float) -> BusError:
     """What a person can do about an interface that takes no frames."""
     if error.errno == errno.ENETDOWN:
         why = f"the interface is down. Bring it up with 'sudo ip link set {channel} up'"
@@ -167,7 +119,7 @@ def _cannot_send(channel: str, error: OSError) -> BusError:
         why = "the interface is gone. Is the adapter still plugged in?"
     elif error.errno in _FULL:
         why = (
-            f"its transmit queue has stayed full for {_PATIENCE_S:g} s. Is another node on the bus that "
+            f"its transmit queue has stayed full for {patience_s:g} s. Is another node on the bus that "
             f"acknowledges, at 1 Mbit/s? 'ip -details link show {channel}' tells its state"
         )
     else:

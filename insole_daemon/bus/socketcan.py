@@ -10,11 +10,13 @@ import errno
 import select
 import socket
 import time
+from typing import Any
 
 from ..errors import BusError
 from .batched_socket import BatchedSocket
 from .error_frames import count_kinds
 from .frames import FrameBatch
+from .sink import SocketCanSink
 from .source import BusCounters
 
 # Classes of identifiers the daemon reads (bits 10..8): replies to commands, legacy skin stream and thermometer,
@@ -62,6 +64,10 @@ class SocketCanSource:
             count_kinds(batch, self.counters.error_frames)
         return batch
 
+    def sink(self, patience_s: float) -> SocketCanSink:
+        """A sink on the socket that is read here; a raw CAN socket does not receive its own frames."""
+        return SocketCanSink(self._socket, self.interfaces[0], patience_s)
+
     def clock_ns(self) -> int:
         """The monotonic clock."""
         return time.monotonic_ns()
@@ -77,18 +83,23 @@ class SocketCanSource:
 
 def open_socketcan(channel: str) -> SocketCanSource:
     """The interface `channel` (can0, vcan0 …); raises BusError that names the remedy."""
+    sock = open_socket(channel, can_filters=FILTERS)
+    sock.setblocking(False)
+    return SocketCanSource(sock, channel)
+
+
+def open_socket(channel: str, **options: Any) -> socket.socket:
+    """A raw CAN socket bound to `channel` with python-can's `options`; raises BusError that names the remedy."""
     import can  # 0.1 s to import, so only where a bus is opened
 
     try:
-        bus = can.Bus(interface="socketcan", channel=channel, can_filters=FILTERS)
+        bus = can.Bus(interface="socketcan", channel=channel, **options)
     except (OSError, can.CanError) as error:
         raise cannot_open(channel, error) from error
-    sock: socket.socket = bus.socket
     # python-can closes the socket when the Bus object goes; a duplicate of the descriptor is ours to close.
-    own = sock.dup()
-    own.setblocking(False)
+    own: socket.socket = bus.socket.dup()
     bus.shutdown()
-    return SocketCanSource(own, channel)
+    return own
 
 
 def cannot_open(channel: str, error: Exception) -> BusError:
@@ -112,9 +123,7 @@ def cannot_open(channel: str, error: Exception) -> BusError:
         )
     else:
         why = f"{error}. 'ip -details link show {channel}' tells its state"
-    return BusError(
-        f"socketcan:{channel}: cannot be opened: {why}", "missing" if gone else "down", permanent
-    )
+    return BusError(f"socketcan:{channel}: cannot be opened: {why}", "missing" if gone else "down", permanent)
 
 
 def lost_interface(channel: str, error: OSError) -> BusError:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
 import threading
 import time
@@ -24,8 +25,8 @@ def demo(seconds: Seconds = None) -> None:
 
     Emulated boards of both feet on an in-process bus, the real daemon, Zenoh, and a view in the terminal.
     """
-    from ..bus.opening import open_source
-    from ..bus.sink import open_sink
+    from ..bus.opening import open_sink
+    from ..bus.recovering import RecoveringSource
     from ..config import Bus, Config
     from ..service.daemon import Daemon
     from ..service.foot import load_feet
@@ -46,8 +47,11 @@ def demo(seconds: Seconds = None) -> None:
     feet = load_feet(config)
     layouts = [foot.layout for foot in feet]
     stop = threading.Event()
-    source, sink = open_source([bus]), open_sink(bus)
-    with open_session(config.zenoh.mode, config.zenoh.listen) as session:
+    with (
+        contextlib.closing(RecoveringSource([bus])) as source,
+        open_sink(bus) as sink,
+        open_session(config.zenoh.mode, config.zenoh.listen) as session,
+    ):
         daemon = Daemon(source, feet, session)
         emulator = Emulator(config, layouts, Walk(layouts))
         threads = [
@@ -64,8 +68,6 @@ def demo(seconds: Seconds = None) -> None:
             daemon.stop()
             for thread in threads:
                 thread.join()
-            source.close()
-            sink.close()
 
 
 def _show(insole: Client, config: Config, seconds: float | None) -> None:

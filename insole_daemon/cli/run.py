@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import signal
 import sys
@@ -12,7 +13,7 @@ from .options import ConfigFile, on_end
 def run(config: ConfigFile = None) -> None:
     """Run the daemon: frames in, pressure and wrench out.
 
-    SIGHUP reads the configuration again: calibrations, thresholds of contact and stale_after_ms change at once.
+    SIGHUP reads the configuration again: calibrations, zeros, thresholds of contact and stale_after_ms change at once.
     """
     from .. import config as configs
     from ..bus.recovering import RecoveringSource
@@ -23,15 +24,12 @@ def run(config: ConfigFile = None) -> None:
     settings = configs.load(config)
     feet = load_feet(settings)
     logging.basicConfig(level=logging.INFO, format="insole: %(message)s", stream=sys.stderr)
-    source = RecoveringSource(settings.buses)
-    try:
-        with open_session(settings.zenoh.mode, settings.zenoh.listen, settings.zenoh.connect) as session:
-            daemon = Daemon(source, feet, session, config)
-            on_end(daemon.stop)
-            signal.signal(signal.SIGHUP, lambda *_: daemon.reload())
-            where = ", ".join(map(str, settings.buses))
-            daemon.run(
-                lambda: print(f"insole: reading {where}, rig {settings.rig}", file=sys.stderr, flush=True)
-            )
-    finally:
-        source.close()
+    with (
+        contextlib.closing(RecoveringSource(settings.buses)) as source,
+        open_session(settings.zenoh.mode, settings.zenoh.listen, settings.zenoh.connect) as session,
+    ):
+        daemon = Daemon(source, feet, session, config)
+        on_end(daemon.stop)
+        signal.signal(signal.SIGHUP, lambda *_: daemon.reload())
+        where = ", ".join(map(str, settings.buses))
+        daemon.run(lambda: print(f"insole: reading {where}, rig {settings.rig}", file=sys.stderr, flush=True))

@@ -28,8 +28,8 @@ def simulate(
 ) -> None:
     """Play emulated boards with a person on them on a bus."""
     from .. import config as configs
-    from ..bus.sink import open_sink
-    from ..service.foot import load_layout
+    from ..bus.opening import open_sink
+    from ..service.setup import load_layout
     from ..simulation.emulator import Emulator
     from ..simulation.foot import Stand, Walk
 
@@ -38,10 +38,7 @@ def simulate(
     load = Walk(layouts, seed=seed) if scenario is Scenario.walk else Stand(layouts)
     stop = threading.Event()
     on_end(stop.set)
-    sink = open_sink(bus)
-    try:
+    with open_sink(bus) as sink:
         print(f"insole: {scenario.value} on {bus}", file=sys.stderr, flush=True)
         sent = Emulator(settings, layouts, load, seed=seed).play(sink.send, stop, seconds)
-    finally:
-        sink.close()
     print(f"insole: {sent} frames sent", file=sys.stderr)

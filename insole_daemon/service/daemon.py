@@ -6,33 +6,46 @@ import dataclasses
 import logging
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import zenoh
 
+from ..bus.gate import Gate
 from ..bus.recovering import RecoveringSource
 from ..bus.source import FrameSource, collect
 from ..skin.cycles import Cycles
 from ..skin.reader import SkinReader
 from ..wire.messages import Event, Health
 from ..wire.publisher import FootPublisher
+from .board_link import BoardLink
+from .boards import BoardOperations
 from .foot import Foot
 from .notify import notify
+from .operations import RequestDesk, Step
+from .reapply import keep_configured
 from .reload import Reloader
+from .zeroing import zero_handler
 
 _HEALTH_NS = 1_000_000_000
 _IDLE_NS = 100_000_000  # how long the loop may wait for frames: signals and lost buses are seen so soon
+_BUSY_NS = 5_000_000  # how long it may wait while a request runs: operations count time in its turns
+# The loop that sends is the loop that publishes: a queue of ten frames that takes none of our few for so long is
+# stuck, and waiting on would cost cycles.
+_PATIENCE_S = 0.005
 _ANY = 1 << 30  # more frames than ever come at once: only the time ends the wait
 
 _log = logging.getLogger(__name__)
 
 
 class Daemon:
-    """Reads `source`, publishes `feet` on `session`; `run` returns after `stop`, or at the end of a log.
+    """Reads `source`, publishes `feet` on `session`, and does what is asked of it there.
 
-    `config_file` is what a reload reads again.
+    `run` returns after `stop`, or at the end of a log. `config_file` is what a reload reads again. It sends, and
+    tells what becomes of interfaces, where the source is a RecoveringSource.
     """
 
     def __init__(
@@ -46,6 +59,16 @@ class Daemon:
             slack_ns=round(publish.slack_ms * 1e6),
         )
         self._publishers = [FootPublisher(session, foot.config.rig, foot.name) for foot in feet]
+        self._desks = [RequestDesk(session, foot.config.rig, foot.name) for foot in feet]
+        gates = _gates(source, feet)
+        for foot, assembler, desk, publisher in zip(
+            feet, self._skin.assemblers, self._desks, self._publishers, strict=True
+        ):
+            boards = BoardOperations(BoardLink(foot, feet, assembler, gates), _teller(foot, publisher))
+            desk.offer("boards", boards.handle)
+            desk.offer("zero", zero_handler(foot, publisher))
+            if foot.config.boards.configure:
+                desk.keep(keep_configured(boards))
         self._tallies = [_Tally() for _ in feet]
         self._states: dict[int, str] = {}
         self._stopping = False
@@ -65,25 +88,36 @@ class Daemon:
         """Publish until stopped; `ready` is called once everything is open."""
         self._stand()
         for foot, assembler in zip(self._feet, self._skin.assemblers, strict=True):
-            foot.survey(assembler, self._source.clock_ns())  # rates are counted from here
+            foot.survey(assembler, self._source.clock_ns(), foot.stale_after_ns)  # rates are counted from here
         self._follow_buses()
         notify("READY=1", "STATUS=waiting for frames")
         ready()
         next_health_ns = time.monotonic_ns() + _HEALTH_NS
         try:
             while not self._stopping and not self._source.exhausted:
-                due_ns, idle_ns = self._skin.due_ns(), self._source.clock_ns() + _IDLE_NS
-                until_ns = idle_ns if due_ns is None else min(due_ns, idle_ns)
-                batch, looked_ns = collect(self._source, self._skin.outstanding() or _ANY, until_ns)
-                self._publish(self._skin.feed(batch))
-                self._publish(self._skin.advance(looked_ns))
+                until_ns = self._source.clock_ns() + (_BUSY_NS if any(desk.busy for desk in self._desks) else _IDLE_NS)
+                due_ns = self._skin.due_ns()
+                if due_ns is not None:
+                    until_ns = min(until_ns, due_ns)
+                batch, looked_ns = collect(
+                    self._source, self._skin.outstanding() or _ANY, until_ns, self._skin.promised_ns()
+                )
+                fed = self._skin.feed(batch)
+                self._publish(fed)
+                advanced = self._skin.advance(looked_ns)
+                self._publish(advanced)
+                for desk, complete, by_time in zip(self._desks, fed, advanced, strict=True):
+                    desk.step(Step(looked_ns, complete + by_time, batch))
                 self._follow_buses()
                 self._follow_reload()
                 if time.monotonic_ns() >= next_health_ns:
                     self._report()
                     next_health_ns += _HEALTH_NS
+            self._publish(self._skin.advance(self._source.clock_ns()))  # what a log leaves open at its end
         finally:
             notify("STOPPING=1")
+            for desk in self._desks:
+                desk.close()
             for publisher in self._publishers:
                 publisher.close()
 
@@ -121,17 +155,20 @@ class Daemon:
 
     def _follow_reload(self) -> None:
         """Begin a reload that was asked for, and take over what one brought: here no cycle is half published."""
-        if self._reload_asked and not self._reloader.busy:
+        reloader, running = self._reloader, tuple(foot.setup for foot in self._feet)
+        if self._reload_asked and not reloader.busy:
             self._reload_asked = False
             notify("RELOADING=1", f"MONOTONIC_USEC={time.monotonic_ns() // 1000}")
-            self._reloader.start(self._feet)
-        reloaded = self._reloader.take() if self._reloader.busy else None
+            reloader.start(running)
+        reloaded = reloader.take() if reloader.busy else None
         if reloaded is None:
             return
-        if reloaded.feet:
-            for old, new in zip(self._feet, reloaded.feet, strict=True):
-                new.take_over(old)
-            self._feet = reloaded.feet
+        if reloaded.before != running:  # a zero was taken meanwhile: what was read may be older
+            reloader.start(running)
+            return
+        if reloaded.setups:
+            for foot, setup in zip(self._feet, reloaded.setups, strict=True):
+                foot.use(setup)
             self._stand()
         for kind, text in reloaded.told():
             _log.log(logging.INFO if kind == "reloaded" else logging.WARNING, "%s: %s", kind.replace("_", " "), text)
@@ -147,7 +184,7 @@ class Daemon:
         for foot, assembler, publisher, tally in zip(
             self._feet, self._skin.assemblers, self._publishers, self._tallies, strict=True
         ):
-            reports = foot.survey(assembler, now_ns)
+            reports = foot.survey(assembler, now_ns, foot.stale_after_ns)
             streaming = sum(report.state == "streaming" for report in reports)
             for report in reports:
                 self._tell_change(foot, publisher, report.address, report.state)
@@ -173,7 +210,7 @@ class Daemon:
                     latency_ms=latency_ms,
                     boards=[dataclasses.asdict(report) for report in reports],
                     bus=dataclasses.asdict(bus),
-                    refused=dataclasses.asdict(self._skin.streams.refused),
+                    refused=_with_text_keys(dataclasses.asdict(self._skin.streams.refused)),
                 )
             )
         notify("WATCHDOG=1", "STATUS=" + ", ".join(
@@ -188,6 +225,26 @@ class Daemon:
         if state != before:
             kind = {"streaming": "board_streaming", "silent": "board_silent"}.get(state, "board_never_seen")
             publisher.publish(Event(foot.name, time.time_ns(), kind, f"board {address}: {before} → {state}", [address]))
+
+
+def _with_text_keys(counts: dict[str, Any]) -> dict[str, Any]:
+    """The same with every key a text: what is counted by address is a map whose keys are numbers."""
+    return {str(key): _with_text_keys(each) if isinstance(each, dict) else each for key, each in counts.items()}
+
+
+def _gates(source: FrameSource, feet: Sequence[Foot]) -> dict[str, Gate]:
+    """The way to the boards on each interface, by its name."""
+    configure = feet[0].config.boards.configure
+    if isinstance(source, RecoveringSource):
+        return {name: Gate(partial(source.sink, name, _PATIENCE_S), configure) for name in source.interfaces}
+    return {board.interface: Gate(None, configure) for foot in feet for board in foot.insole.boards}
+
+
+def _teller(foot: Foot, publisher: FootPublisher) -> Callable[[str, str, Collection[int]], None]:
+    def tell(kind: str, text: str, boards: Collection[int]) -> None:
+        publisher.publish(Event(foot.name, time.time_ns(), kind, text, sorted(boards)))
+
+    return tell
 
 
 class _Tally:

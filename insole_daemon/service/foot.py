@@ -2,54 +2,61 @@
 
 from __future__ import annotations
 
+import math
 import time
+from collections.abc import Collection
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import __version__
-from ..config import Config, Insole
+from ..config import Config
 from ..mechanics.wrench import WrenchEstimator
-from ..physics import calibration as calibrations
-from ..physics.calibration import Calibration
+from ..physics import zero as zeros
 from ..physics.static_curve import StaticCurve
-from ..skin import layout as layouts
 from ..skin.boards import BoardSurvey
 from ..skin.cycles import Cycles
-from ..skin.layout import Layout
+from ..skin.geometry import PRESSURE_TAXELS
 from ..skin.validity import Validity
 from ..wire.messages import CalibrationInUse, Meta, Pressure, Raw, Wrench
+from .setup import FootSetup, load_setup
+
+_STANDS_OUT_COUNT = 12  # below what the least loaded tenth of the foot reads; at rest taxels differ by less
 
 
 class Foot:
-    """What the daemon holds for one foot: layout, calibration, and how many cycles were published."""
+    """What the daemon holds for one foot: its setup in use, and how many cycles were published.
 
-    def __init__(self, config: Config, insole: Insole, layout: Layout, calibration: Calibration) -> None:
-        self.config, self.insole, self.layout, self.calibration = config, insole, layout, calibration
-        self.name = insole.foot
-        self.n_triangles = len(layout.triangles)
-        boards = {board.address: board for board in insole.boards}
-        stale_after_ns = round(config.publish.stale_after_ms * 1e6)
-        self.survey = BoardSurvey(layout, stale_after_ns)
-        self._validity = Validity(layout, boards, stale_after_ns)
-        self._curve = StaticCurve(calibration, config.contact.activation_threshold_count)
-        self._wrench = WrenchEstimator(layout, config.contact.min_force_n, config.contact.min_pressure_pa)
+    It stays the same object for as long as the daemon runs: whoever holds it reads with the setup of now.
+    `calibration` is the one in use: with the baselines of `zero`, where there is one.
+    """
+
+    def __init__(self, setup: FootSetup) -> None:
+        self.name = setup.insole.foot
+        self.n_triangles = len(setup.layout.triangles)
+        self.survey = BoardSurvey(setup.layout)
         self.seq = 0
         self.started_ns = time.time_ns()
+        self.use(setup)
 
-    def under(self, config: Config, insole: Insole) -> Foot:
-        """This layout and this calibration under other settings, as a foot of its own."""
-        return Foot(config, insole, self.layout, self.calibration)
+    def use(self, setup: FootSetup) -> None:
+        """Read with `setup`, of the same boards and triangles, from the next cycle on.
 
-    def take_over(self, before: Foot) -> None:
-        """Go on where `before` ends: numbers of cycles and rates of boards continue."""
-        self.seq, self.started_ns = before.seq, before.started_ns
-        self.survey.take_over(before.survey)
+        Numbers of cycles and rates of boards go on. Whoever publishes says so in `meta` and `calibration`.
+        """
+        config = setup.config
+        self.setup, self.config, self.insole, self.layout = setup, config, setup.insole, setup.layout
+        self.calibration, self.zero, self.zero_source = setup.zeroed_calibration, setup.zero, setup.zero_source
+        self.stale_after_ns = round(config.publish.stale_after_ms * 1e6)
+        boards = {board.address: board for board in setup.insole.boards}
+        self.validity = Validity(setup.layout, boards, self.stale_after_ns)
+        self._curve = StaticCurve(self.calibration, config.contact.activation_threshold_count)
+        self._wrench = WrenchEstimator(setup.layout, config.contact.min_force_n, config.contact.min_pressure_pa)
 
     def messages(self, cycles: Cycles, at: int) -> tuple[Raw, Pressure, Wrench]:
         """The messages of cycle `at`; each call is one cycle published."""
         counts, status, age_ns = cycles.counts[at], cycles.status[at], cycles.age_ns[at]
-        valid = self._validity(counts, status, age_ns) & self._curve.usable
+        valid = self.validity(counts, status, age_ns) & self._curve.usable
         pressure_pa = self._curve.pressure_pa(counts)
         wrench = self._wrench(pressure_pa, valid, self._curve.variance_pa2(counts))
         age_ms = _age_ms(age_ns)
@@ -70,6 +77,21 @@ class Foot:
                 wrench.valid_fraction, valid_mark, age_ms, missing, repeated,
             ),
         )  # fmt: skip
+
+    def load(self, cycles: Cycles, at: int, without: Collection[int] = ()) -> tuple[float | None, float]:
+        """What presses on the foot in cycle `at`, boards `without` left out: (f_z, share of taxels that stand out).
+
+        f_z in N is None where no taxel is valid. Taxels that stand out read far more pressure than the
+        least loaded ones; that holds whatever no-load and shift the boards run with, which f_z does not.
+        """
+        counts, status, age_ns = cycles.counts[at], cycles.status[at], cycles.age_ns[at]
+        asked = np.array([triangle.board not in without for triangle in self.layout.triangles])
+        valid = self.validity(counts, status, age_ns) & self._curve.usable & asked[:, None]
+        f_z_n = self._wrench(self._curve.pressure_pa(counts), valid, None).f_z_n
+        read = counts[asked & (age_ns >= 0) & (age_ns <= self.stale_after_ns) & (status & 0xF == 0)]
+        read = read[:, PRESSURE_TAXELS].astype(np.float64)
+        low = float(np.mean(read < np.percentile(read, 90) - _STANDS_OUT_COUNT)) if read.size else 0.0
+        return None if math.isnan(f_z_n) else f_z_n, low
 
     def meta(self) -> Meta:
         """What one must know to read the messages."""
@@ -99,6 +121,8 @@ class Foot:
             layout_builtin=self.layout.builtin,
             calibration=str(self.insole.calibration or "built-in default, 8 kPa per count"),
             calibration_builtin=self.calibration.builtin,
+            zero_source=self.zero_source,
+            zero=zeros.document(self.zero, self.layout) if self.zero is not None else None,
             activation_threshold_count=contact.activation_threshold_count,
             min_force_n=contact.min_force_n,
             min_pressure_pa=contact.min_pressure_pa,
@@ -123,24 +147,8 @@ class Foot:
 
 
 def load_feet(config: Config) -> list[Foot]:
-    """The feet of `config` with their layouts and calibrations; raises DocumentError where a file is refused."""
-    feet = []
-    for insole in config.insoles:
-        layout = load_layout(insole)
-        if insole.calibration is None:
-            calibration = calibrations.default(layout, insole.boards)
-        else:
-            calibration = calibrations.load(insole.calibration, layout)
-        feet.append(Foot(config, insole, layout, calibration))
-    return feet
-
-
-def load_layout(insole: Insole) -> Layout:
-    """The layout that `insole` names, or the built-in approximation for its three boards."""
-    if insole.layout is None:
-        front, middle, rear = insole.addresses
-        return layouts.builtin(insole.foot, (front, middle, rear))
-    return layouts.load(insole.layout, insole.foot, insole.addresses)
+    """The feet of `config` with their files; raises DocumentError where one is refused."""
+    return [Foot(load_setup(config, insole)) for insole in config.insoles]
 
 
 def _age_ms(age_ns: NDArray[np.int64]) -> NDArray[np.float32]:

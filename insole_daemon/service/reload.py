@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 
 from .. import config as configs
-from ..config import Config, Insole
+from ..config import Config
 from ..errors import InsoleError
-from .foot import Foot, load_feet
+from .setup import FootSetup, load_setup
 
 _CHANGES_RUNNING = frozenset({"extensions", "contact", "publish", "insoles"})  # these as far as said below
 _PUBLISH_CHANGES_RUNNING = frozenset({"extensions", "stale_after_ms"})
@@ -25,9 +25,10 @@ _PUBLISH_CHANGES_RUNNING = frozenset({"extensions", "stale_after_ms"})
 
 @dataclass(frozen=True, slots=True)
 class Reloaded:
-    """What came of one reload: feet with what changed, or the reason why all stays as it is."""
+    """What came of one reload: setups with what changed, or the reason why all stays as it is."""
 
-    feet: tuple[Foot, ...] = ()  # in the order of the running ones; empty: nothing is taken over
+    before: tuple[FootSetup, ...]  # the ones that ran when it began
+    setups: tuple[FootSetup, ...] = ()  # what takes their places; empty: nothing is taken over
     changed: tuple[str, ...] = ()
     needs_restart: tuple[str, ...] = ()  # what changed in the file and cannot change in a running daemon
     refused: str | None = None  # every problem, one a line
@@ -55,8 +56,8 @@ class Reloader:
         """Whether a reload is on its way or its result not yet taken."""
         return self._thread is not None
 
-    def start(self, running: Sequence[Foot]) -> None:
-        """Begin to read, for the feet that run now; not while `busy`."""
+    def start(self, running: Sequence[FootSetup]) -> None:
+        """Begin to read, for the setups that run now; not while `busy`."""
         self._thread = threading.Thread(target=self._read, args=(tuple(running),), name="reload", daemon=True)
         self._thread.start()
 
@@ -67,60 +68,61 @@ class Reloader:
             self._result = self._thread = None
         return result
 
-    def _read(self, running: tuple[Foot, ...]) -> None:
+    def _read(self, running: tuple[FootSetup, ...]) -> None:
         try:
             if self._path is None:
-                self._result = Reloaded(refused="there is nothing to read again, the daemon runs without --config")
+                why = "there is nothing to read again, the daemon runs without --config"
+                self._result = Reloaded(running, refused=why)
             else:
                 self._result = merge(running, *read(self._path))
         except InsoleError as error:
-            self._result = Reloaded(refused=str(error))
+            self._result = Reloaded(running, refused=str(error))
         except Exception as error:  # whatever it is, who asked gets an answer and the old stays in use
-            self._result = Reloaded(refused=f"{self._path}: cannot be read again: {error!r}")
+            self._result = Reloaded(running, refused=f"{self._path}: cannot be read again: {error!r}")
 
 
-def read(path: Path) -> tuple[Config, list[Foot]]:
+def read(path: Path) -> tuple[Config, list[FootSetup]]:
     """The configuration and its feet; raises InsoleError with the problems of all files."""
     config = configs.load(path)
-    feet: list[Foot] = []
+    setups: list[FootSetup] = []
     refused: list[str] = []
     for insole in config.insoles:
         try:
-            feet += load_feet(replace(config, insoles=(insole,)))
+            setups.append(load_setup(config, insole))
         except InsoleError as error:
             refused.append(str(error))
     if refused:
         raise InsoleError("\n".join(refused))
-    return config, feet
+    return config, setups
 
 
-def merge(running: Sequence[Foot], asked: Config, asked_feet: Sequence[Foot]) -> Reloaded:
-    """The `running` feet with all of what is `asked` that can change between two cycles.
+def merge(running: Sequence[FootSetup], asked: Config, asked_setups: Sequence[FootSetup]) -> Reloaded:
+    """The `running` setups with all of what is `asked` that can change between two cycles.
 
-    That is layouts of the same triangles, calibrations, the thresholds of contact and the age of staleness.
+    That is layouts of the same triangles, calibrations, zeros, the thresholds of contact and the age of staleness.
     """
     before = running[0].config
-    new_by_name = {foot.name: foot for foot in asked_feet}
+    asked_by_foot = {setup.insole.foot: setup for setup in asked_setups}
     needs_restart = _other_keys(before, asked)
-    if new_by_name.keys() != {foot.name for foot in running}:
+    if asked_by_foot.keys() != {setup.insole.foot for setup in running}:
         needs_restart.append("insoles: another set of feet")
-    chosen: list[tuple[Foot, Insole]] = []
+    chosen = []
     for old in running:
-        new = new_by_name.get(old.name, old)
+        new = asked_by_foot.get(old.insole.foot, old)
         why = _why_not(old, new)
         if why is not None:
-            needs_restart.append(f"insoles: {old.name}: {why}")
+            needs_restart.append(f"insoles: {old.insole.foot}: {why}")
             new = old
-        chosen.append((new, new.insole))
+        chosen.append(new)
     config = replace(
         before,
         contact=asked.contact,
         publish=replace(before.publish, stale_after_ms=asked.publish.stale_after_ms),
-        insoles=tuple(insole for _, insole in chosen),
+        insoles=tuple(setup.insole for setup in chosen),
     )
-    feet = tuple(foot.under(config, insole) for foot, insole in chosen)
-    changed = [what for old, new in zip(running, feet, strict=True) for what in _changes(old, new)]
-    return Reloaded(feet, tuple(dict.fromkeys(changed)), tuple(needs_restart))
+    setups = tuple(replace(setup, config=config) for setup in chosen)
+    changed = [what for old, new in zip(running, setups, strict=True) for what in _changes(old, new)]
+    return Reloaded(tuple(running), setups, tuple(dict.fromkeys(changed)), tuple(needs_restart))
 
 
 def _other_keys(before: Config, asked: Config) -> list[str]:
@@ -134,8 +136,8 @@ def _differences(prefix: str, old: object, new: object, leave_out: frozenset[str
     return [prefix + n for n in names if n not in leave_out and getattr(old, n) != getattr(new, n)]
 
 
-def _why_not(old: Foot, new: Foot) -> str | None:
-    """Why the running foot cannot become the new one."""
+def _why_not(old: FootSetup, new: FootSetup) -> str | None:
+    """Why the running foot cannot be read with the new setup."""
     if old.insole.boards != new.insole.boards:
         return "boards"
     if not np.array_equal(old.layout.identities, new.layout.identities):
@@ -143,14 +145,16 @@ def _why_not(old: Foot, new: Foot) -> str | None:
     return None
 
 
-def _changes(old: Foot, new: Foot) -> list[str]:
+def _changes(old: FootSetup, new: FootSetup) -> list[str]:
     changes = []
-    calibrations, layouts = (old.calibration, new.calibration), (old.layout, new.layout)
-    arrays = ("baseline_count", "coefficients_pa", "covariance_pa2", "usable")
-    if not all(_same(*(getattr(calibration, name) for calibration in calibrations)) for name in arrays):
-        changes.append(f"calibration of the {old.name} foot")
-    if not _same(*(layout.xy_m for layout in layouts)) or layouts[0].taxel_area_m2 != layouts[1].taxel_area_m2:
-        changes.append(f"layout of the {old.name} foot")
+    for what, arrays in (
+        ("calibration", ("baseline_count", "coefficients_pa", "covariance_pa2", "usable")),
+        ("zero", ("baseline_count", "noise_count")),
+        ("layout", ("xy_m", "taxel_area_m2")),
+    ):
+        before, after = getattr(old, what), getattr(new, what)
+        if not all(_same(getattr(before, name, None), getattr(after, name, None)) for name in arrays):
+            changes.append(f"{what} of the {old.insole.foot} foot")
     changes += _differences("contact.", old.config.contact, new.config.contact, frozenset({"extensions"}))
     return changes + _differences("publish.", old.config.publish, new.config.publish, frozenset({"extensions"}))
 

@@ -12,11 +12,13 @@ import time
 import numpy as np
 import pytest
 
+from insole_daemon.bus import link
 from insole_daemon.bus.batched_socket import BatchedSocket
 from insole_daemon.bus.frames import ERROR, EXTENDED, REMOTE
-from insole_daemon.bus.several import SeveralSources
+from insole_daemon.bus.recovering import RecoveringSource
 from insole_daemon.bus.socketcan import SocketCanSource
 from insole_daemon.bus.source import BusCounters, collect
+from insole_daemon.config import Bus
 
 
 def frame(can_id: int, data: bytes = b"", dlc: int | None = None) -> bytes:
@@ -132,11 +134,13 @@ def test_collect_waits_for_what_is_asked_and_no_longer_than_said(pair):
     source.close()
 
 
-def test_several_buses_are_one_in_the_order_of_time(pair):
+def test_several_buses_are_one_in_the_order_of_time(pair, monkeypatch):
     receiver, sender = pair
     other = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     other.bind(("127.0.0.1", 0))
-    several = SeveralSources([SocketCanSource(receiver, "can0"), SocketCanSource(other, "can1")])
+    sources = {"can0": SocketCanSource(receiver, "can0"), "can1": SocketCanSource(other, "can1")}
+    monkeypatch.setattr(link, "open_bus", lambda bus: sources[bus.channel])
+    several = RecoveringSource([Bus("stub", "can0"), Bus("stub", "can1")])
     for i in range(20):
         (sender.send if i % 2 else lambda data: sender.sendto(data, other.getsockname()))(frame(0x400 + i, bytes(8)))
     deadline = time.monotonic() + 5

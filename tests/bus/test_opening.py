@@ -10,7 +10,8 @@ import can
 import pytest
 
 from insole_daemon.bus import socketcan
-from insole_daemon.bus.opening import open_source
+from insole_daemon.bus.opening import open_bus
+from insole_daemon.bus.recovering import RecoveringSource
 from insole_daemon.config import Bus
 from insole_daemon.errors import BusError
 
@@ -32,7 +33,7 @@ def test_an_interface_that_does_not_open_is_named_with_a_remedy(monkeypatch, num
 
     monkeypatch.setattr(can, "Bus", refuse)
     with pytest.raises(BusError, match=f"socketcan:can7: cannot be opened: .*{remedy}"):
-        open_source([Bus("socketcan", "can7")])
+        open_bus(Bus("socketcan", "can7"))
 
 
 @pytest.mark.parametrize(
@@ -52,8 +53,8 @@ def test_an_interface_that_fails_while_it_is_read_is_named(monkeypatch, number, 
 
 def test_several_buses_open_all_or_none():
     with pytest.raises(BusError, match="nosuch:x"):
-        open_source([Bus("virtual", "all-or-none"), Bus("nosuch", "x")])
-    source = open_source([Bus("virtual", "all-or-none"), Bus("virtual", "second")])
+        RecoveringSource([Bus("virtual", "all-or-none"), Bus("nosuch", "x")])
+    source = RecoveringSource([Bus("virtual", "all-or-none"), Bus("virtual", "second")])
     assert source.interfaces == ("all-or-none", "second")
     assert source.receive() == 0
     assert len(source.drain()) == 0
@@ -61,7 +62,7 @@ def test_several_buses_open_all_or_none():
 
 
 def test_other_interfaces_of_python_can_give_wall_clock_nanoseconds():
-    source = open_source([Bus("virtual", "stamps")])
+    source = open_bus(Bus("virtual", "stamps"))
     with can.Bus(interface="virtual", channel="stamps") as sender:
         sender.send(can.Message(arbitration_id=0x453, is_extended_id=False, data=[0x40, 1, 2, 3, 4, 5, 6, 7]))
         sender.send(can.Message(arbitration_id=0x1ABCDE, is_extended_id=True, data=[1]))

@@ -7,10 +7,9 @@ import time
 import numpy as np
 import pytest
 
-from insole_daemon.bus import sink as sink_module
 from insole_daemon.bus.frames import EXTENDED, REMOTE, FrameBatch
-from insole_daemon.bus.opening import open_source
-from insole_daemon.bus.sink import SocketCanSink, can_frames, open_sink
+from insole_daemon.bus.opening import open_bus, open_sink
+from insole_daemon.bus.sink import SocketCanSink, can_frames
 from insole_daemon.config import Bus
 from insole_daemon.errors import BusError
 
@@ -39,7 +38,7 @@ class Stub:
     """A socket whose `send` fails with the given errors in turn, then takes everything."""
 
     def __init__(self, *errors, for_ever=False):
-        self.errors, self.for_ever, self.taken, self.closed = list(errors), for_ever, [], 0
+        self.errors, self.for_ever, self.taken = list(errors), for_ever, []
 
     def send(self, frame, flags):
         assert flags & socket.MSG_DONTWAIT
@@ -48,9 +47,6 @@ class Stub:
             raise OSError(number, "stub")
         self.taken.append(frame)
         return len(frame)
-
-    def close(self):
-        self.closed += 1
 
 
 def test_frames_are_struct_can_frame_of_this_machine():
@@ -72,13 +68,11 @@ def test_frames_are_struct_can_frame_of_this_machine():
 
 def test_every_frame_is_one_datagram():
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
-    with theirs:
+    with ours, theirs:
         sink = SocketCanSink(ours, "can0")
         frames = batch(20)
         sink.send(frames)
         sink.send(FrameBatch.empty())
-        sink.close()
-        sink.close()
         assert [theirs.recv(64) for _ in range(20)] == [row.tobytes() for row in can_frames(frames)]
 
 
@@ -98,16 +92,14 @@ def test_a_full_queue_is_waited_for_and_no_frame_is_lost():
         (errno.EIO, "ip -details link show can7"),
     ],
 )
-def test_an_interface_that_takes_nothing_is_named_with_a_remedy(monkeypatch, number, remedy):
-    monkeypatch.setattr(sink_module, "_PATIENCE_S", 0.02)
+def test_an_interface_that_takes_nothing_is_named_with_a_remedy(number, remedy):
     with pytest.raises(BusError, match=f"socketcan:can7: sending failed: .*{re.escape(remedy)}"):
-        SocketCanSink(Stub(number, for_ever=True), "can7").send(batch(1))
+        SocketCanSink(Stub(number, for_ever=True), "can7", 0.02).send(batch(1))
 
 
 def test_virtual_bus_hands_every_frame_on():
-    source = open_source([Bus("virtual", "sink-test")])
-    sink = open_sink(Bus("virtual", "sink-test"))
-    try:
+    source = open_bus(Bus("virtual", "sink-test"))
+    with open_sink(Bus("virtual", "sink-test")) as sink:
         frames = batch(200, can_id=(0x400 + np.arange(200)).astype(np.uint32))
         sink.send(frames)
         received = received_of(source, 200)
@@ -124,24 +116,16 @@ def test_virtual_bus_hands_every_frame_on():
             )
         )
         assert received_of(source, 1).flags.tolist() == [REMOTE]
-    finally:
-        sink.close()
-        source.close()
-
-
-def test_a_closed_bus_refuses():
-    sink = open_sink(Bus("virtual", "sink-test"))
-    sink.close()
-    sink.close()
+    source.close()
     with pytest.raises(BusError, match="virtual:sink-test: sending failed"):
-        sink.send(batch(1))
+        sink.send(batch(1))  # it is closed
 
 
 def test_no_such_interface_or_no_can_at_all():
     with pytest.raises(BusError, match=r"socketcan:nosuch7: cannot be opened: .*(CAN|no such interface)"):
-        open_sink(Bus("socketcan", "nosuch7"))
+        open_sink(Bus("socketcan", "nosuch7")).__enter__()
 
 
 def test_no_such_driver():
     with pytest.raises(BusError, match=r"nosuch:x: cannot be opened: .*python-can"):
-        open_sink(Bus("nosuch", "x"))
+        open_sink(Bus("nosuch", "x")).__enter__()

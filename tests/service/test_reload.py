@@ -167,7 +167,7 @@ def test_boards_and_other_triangles_stay_until_a_restart(tmp_path):
     file.write_text(file.read_text().replace("address: 5,", "address: 5, shift: 2,"))
     reloaded = merge(running, *read(file))
     assert reloaded.needs_restart == ("insoles: left: boards",)
-    assert reloaded.feet[0].insole.boards[0].shift == config.insoles[0].boards[0].shift
+    assert reloaded.setups[0].insole.boards[0].shift == config.insoles[0].boards[0].shift
     (tmp_path / "layout.yaml").write_text(
         "format: insole-layout/1\nfoot: left\ntaxel_area_mm2: 32.4\ntriangles:\n"
         "  - {board: 5, triangle: 0, patch: front, x_mm: 100, y_mm: 0, rotation_deg: 0, mirrored: false}\n"
@@ -177,7 +177,7 @@ def test_boards_and_other_triangles_stay_until_a_restart(tmp_path):
     file.write_text(text.replace("calibration: left.json", "layout: layout.yaml"))
     reloaded = merge(running, *read(file))
     assert reloaded.needs_restart == ("insoles: left: a layout of other triangles",)
-    assert reloaded.feet[0].layout is running[0].layout
+    assert reloaded.setups[0].layout is running[0].layout
     file.write_text(text + "\nextensions: {}\n".lstrip("\n") + "# nothing new\n")
     reloaded = merge(running, *read(file))
     assert (reloaded.changed, reloaded.needs_restart) == ((), ())
@@ -186,7 +186,7 @@ def test_boards_and_other_triangles_stay_until_a_restart(tmp_path):
 
 def test_without_a_file_there_is_nothing_to_read(tmp_path):
     reloader = Reloader(None)
-    reloader.start(load_feet(configs.Config()))
+    reloader.start([foot.setup for foot in load_feet(configs.Config())])
     while (result := reloader.take()) is None:
         time.sleep(0.01)
     assert "without --config" in (result.refused or "")

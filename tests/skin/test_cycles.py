@@ -122,6 +122,7 @@ def test_same_cycles_as_one_frame_at_a_time_however_the_stream_is_cut(seed, n_tr
     cycles = run(assembler, frames, cuts)
     for slot, payload, t_ns, t_mono_ns in zip(*frames, strict=True):
         oracle.frame(int(slot), payload.tobytes(), int(t_ns), int(t_mono_ns))
+    assembler.settle()
     assert len(cycles) == len(oracle.out)
     for name in oracle.out[0] if oracle.out else ():
         expected = np.array([cycle[name] for cycle in oracle.out])

@@ -18,12 +18,12 @@ import pytest
 
 import insole_daemon
 from insole_daemon import config as configs
-from insole_daemon.bus import recovering
+from insole_daemon.bus import link
 from insole_daemon.bus.frames import FrameBatch
 from insole_daemon.bus.recovering import RecoveringSource
 from insole_daemon.bus.sink import can_frames
 from insole_daemon.config import Bus
-from insole_daemon.service.foot import load_layout
+from insole_daemon.service.setup import load_layout
 from insole_daemon.simulation.emulator import Emulator
 from insole_daemon.simulation.foot import Stand
 from insole_daemon.wire.messages import Raw
@@ -181,7 +181,7 @@ def test_a_name_that_went_to_another_interface_is_noticed(names, read, monkeypat
     reader = read(name)
     index = socket.if_nametoindex(name)
     # Linux renames an interface that is up since 6.2 only, and then tells its sockets nothing; so the answer is ours.
-    monkeypatch.setattr(recovering.socket, "if_nametoindex", lambda _: index + 1)
+    monkeypatch.setattr(link.socket, "if_nametoindex", lambda _: index + 1)
     reader.until(lambda: (name, "missing") in reader.states)
     monkeypatch.undo()
     reader.until(lambda: reader.states[-1] == (name, "up"))

@@ -1,0 +1,236 @@
+"""One bus that may go and come back: read while it is there, and opened again when it is not.
+
+Closing and opening, which some drivers take seconds for, are a thread's; who reads waits for neither.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import socket
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..config import Bus
+from ..errors import BusError
+from .error_frames import KINDS
+from .frames import ERROR, FrameBatch
+from .opening import PollableSource, open_bus
+from .sink import FrameSink
+from .socketcan import cannot_open
+from .source import BusCounters, InterfaceState, State
+
+_FIRST_PAUSE_S = 0.1
+_LONGEST_PAUSE_S = 0.5  # so that what came back is read within a second, board's start of stream included
+_INDEX_CHECK_NS = 250_000_000
+
+_BUS_OFF, _RESTARTED = (next(b for b, k in KINDS.items() if k == kind) for kind in ("bus_off", "restarted"))
+
+
+@dataclass(frozen=True, slots=True)
+class InterfaceChange:
+    """An interface has entered another state."""
+
+    interface: str
+    t_ns: int  # CLOCK_REALTIME
+    before: State
+    state: State
+    text: str  # what happened, with the remedy
+
+
+class Link:
+    """One bus. Its state belongs to whoever reads; the thread only hands over what it opened, or why it could not."""
+
+    def __init__(self, bus: Bus, wake: Callable[[], object]) -> None:
+        self.bus = bus
+        self.source: PollableSource | None = None
+        self.changes: list[InterfaceChange] = []
+        self.condition = InterfaceState("up", time.time_ns())
+        self._wake = wake
+        self._past = BusCounters()  # of sources that are closed
+        self._left = FrameBatch.empty()  # of the source that was lost last
+        self._index: int | None = None
+        self._check_ns = 0
+        self._opened: PollableSource | None = None  # by the thread, to be taken over
+        self._failure: BusError | None = None  # of the thread's last attempt
+        self._ended = threading.Event()
+        self._thread: threading.Thread | None = None
+        try:
+            self._take_over(_open(bus))
+        except BusError as error:
+            if error.permanent:
+                raise
+            self._enter(error.state, str(error))
+            self._recover(None)
+
+    def count_into(self, total: BusCounters) -> None:
+        """Add what has been counted since the start, whatever was open."""
+        total.add(self._past)
+        if self.source is not None:
+            total.add(self.source.counters)
+
+    def receive(self) -> int:
+        """See FrameSource; where the bus fails it is closed, and the frames that were held stay."""
+        if self.source is None and not self._came_back():
+            return len(self._left)
+        assert self.source is not None
+        try:
+            self._check_index()
+            return len(self._left) + self.source.receive()
+        except BusError as error:
+            self._lose(self.source, error)
+            return len(self._left)
+
+    def drain(self) -> FrameBatch:
+        """See FrameSource."""
+        if self.source is None and not len(self._left):
+            return self._left
+        batch = self._left if self.source is None else FrameBatch.concatenate([self._left, self.source.drain()])
+        self._left = FrameBatch.empty()
+        if batch.flags.any() or self.condition.state == "bus-off":
+            self._follow_bus_off(batch)
+        return batch
+
+    def sink(self, patience_s: float) -> FrameSink:
+        """On what is open now; raises BusError where nothing is."""
+        if self.source is None:
+            raise BusError(f"nothing is sent: {self.condition.error}. It is used again as soon as it is there")
+        return self.source.sink(patience_s)
+
+    def close(self) -> None:
+        """Close what is open, and end the thread."""
+        self._ended.set()
+        if self._thread is not None:
+            self._thread.join()
+        for source in (self.source, self._opened):
+            if source is not None:
+                source.close()
+        self.source = self._opened = None
+
+    def _came_back(self) -> bool:
+        """Whether the thread has opened the bus again; else its state follows why not."""
+        opened, failure = self._opened, self._failure
+        if opened is not None:
+            self._opened = None
+            self._take_over(opened)
+            self.condition.reopened += 1
+            self._enter("up", f"{self.bus}: is back and read again")
+            return True
+        if failure is not None and failure.state != self.condition.state:
+            self._enter(failure.state, str(failure))
+        return False
+
+    def _take_over(self, source: PollableSource) -> None:
+        self.source = source
+        self._index = _index(self.bus)
+        self._check_ns = time.monotonic_ns() + _INDEX_CHECK_NS
+
+    def _check_index(self) -> None:
+        """Another interface may have the name by now, while the one that is open is silent under its new name."""
+        now_ns = time.monotonic_ns()
+        if self._index is not None and now_ns >= self._check_ns:
+            self._check_ns = now_ns + _INDEX_CHECK_NS
+            index = _index(self.bus)
+            if index != self._index:
+                raise BusError(
+                    f"{self.bus}: the interface of this name is another one now (index {self._index} → {index})",
+                    "missing",
+                )
+
+    def _lose(self, source: PollableSource, error: BusError) -> None:
+        with contextlib.suppress(BusError):
+            source.receive()  # the kernel tells the error first: what came before it still waits
+        self._left = FrameBatch.concatenate([self._left, source.drain()])
+        self._past.add(source.counters)
+        self.source = None
+        self._enter(error.state, str(error))
+        self._recover(source)
+
+    def _recover(self, broken: PollableSource | None) -> None:
+        self._failure = None
+        self._thread = threading.Thread(
+            target=self._reopen, args=(broken,), name=f"reopen {self.bus.channel}", daemon=True
+        )
+        self._thread.start()
+
+    def _reopen(self, broken: PollableSource | None) -> None:
+        """Close what broke, then try with growing pauses."""
+        if broken is not None:
+            with contextlib.suppress(Exception):  # a driver may raise anything about an adapter that is gone
+                broken.close()
+        pause_s = _FIRST_PAUSE_S
+        while not self._ended.wait(pause_s):
+            pause_s = min(2 * pause_s, _LONGEST_PAUSE_S)
+            try:
+                self._opened = _open(self.bus)
+            except BusError as error:
+                self._failure = error
+            except Exception as error:  # and about one that is half there
+                self._failure = BusError(f"{self.bus}: cannot be opened: {error}", "missing")
+            else:
+                self._wake()
+                return
+
+    def _enter(self, state: State, text: str) -> None:
+        now_ns, condition = time.time_ns(), self.condition
+        self.changes.append(InterfaceChange(self.bus.channel, now_ns, condition.state, state, text))
+        condition.state, condition.since_ns = state, now_ns
+        if state != "up":
+            condition.error = text
+
+    def _follow_bus_off(self, batch: FrameBatch) -> None:
+        """A controller that is off the bus says so in an error frame; any other frame but an error is its return."""
+        if self.source is None:
+            return  # it is down or missing, which is worse
+        error = (batch.flags & ERROR) != 0
+        off = np.flatnonzero(error & ((batch.can_id & _BUS_OFF) != 0))
+        on = np.flatnonzero(~error | ((batch.can_id & _RESTARTED) != 0))
+        last_off, last_on = (int(rows[-1]) if len(rows) else -1 for rows in (off, on))
+        is_off = self.condition.state == "bus-off"
+        if last_off >= 0 and not is_off:
+            self._enter(
+                "bus-off",
+                f"{self.bus}: the controller has left the bus after too many errors: check wiring, termination and "
+                f"bit rate. 'ip link set {self.bus.channel} type can restart-ms 100' lets it come back by itself",
+            )
+            is_off = True
+        if is_off and last_on > last_off:
+            self._enter("up", f"{self.bus}: the controller is back on the bus")
+
+
+def _open(bus: Bus) -> PollableSource:
+    """Open `bus` and read it once: an interface that is down opens, and says so at the first read."""
+    if bus.driver == "socketcan":
+        _look_for(bus)
+    source = open_bus(bus)
+    try:
+        source.receive()
+    except BusError:
+        source.close()
+        raise
+    return source
+
+
+def _look_for(bus: Bus) -> None:
+    """Raise BusError where there is no such interface: python-can would leave a socket open for every attempt."""
+    try:
+        with socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW):
+            socket.if_nametoindex(bus.channel)
+    except OSError as error:
+        number = error.errno or errno.ENODEV  # if_nametoindex does not always tell
+        raise cannot_open(bus.channel, OSError(number, os.strerror(number))) from error
+
+
+def _index(bus: Bus) -> int | None:
+    """Of the interface that has the name now; None where there is none, and for other drivers."""
+    if bus.driver != "socketcan":
+        return None
+    try:
+        return socket.if_nametoindex(bus.channel)
+    except OSError:
+        return None

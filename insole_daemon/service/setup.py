@@ -1,0 +1,71 @@
+"""With what a foot is read: its settings and files, as a whole, which a reload replaces by another."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, replace
+
+from ..config import Config, Insole
+from ..errors import DocumentError
+from ..physics import calibration as calibrations
+from ..physics import zero as zeros
+from ..physics.calibration import Calibration
+from ..physics.zero import Zero
+from ..skin import layout as layouts
+from ..skin.layout import Layout
+from .state import zero_path
+
+
+@dataclass(frozen=True, eq=False)
+class FootSetup:
+    """Of one foot; two of them are the same one only if they are the same object."""
+
+    config: Config
+    insole: Insole
+    layout: Layout
+    calibration: Calibration  # as its file says
+    zero: Zero | None
+    zero_source: str  # the file, or why there is none
+
+    @property
+    def zeroed_calibration(self) -> Calibration:
+        """The calibration with the baselines of the zero, where there is one."""
+        return self.calibration if self.zero is None else zeros.apply(self.calibration, self.zero)
+
+    def with_zero(self, zero: Zero, source: str) -> FootSetup:
+        """The same with another zero, from the file `source`."""
+        return replace(self, zero=zero, zero_source=source)
+
+
+def load_setup(config: Config, insole: Insole) -> FootSetup:
+    """The foot `insole` of `config` with its files; raises DocumentError where one is refused."""
+    layout = load_layout(insole)
+    if insole.calibration is None:
+        calibration = calibrations.default(layout, insole.boards)
+    else:
+        calibration = calibrations.load(insole.calibration, layout)
+    zero, source = _load_zero(config, insole, layout)
+    return FootSetup(config, insole, layout, calibration, zero, source)
+
+
+def _load_zero(config: Config, insole: Insole, layout: Layout) -> tuple[Zero | None, str]:
+    """The zero that the configuration names, or else the one that was stored last; and where it is from."""
+    named, stored = insole.zero, zero_path(config.rig, insole.foot)
+    if named is not None:
+        return zeros.load(named, layout), str(named)
+    if not os.path.exists(stored):
+        return None, "none: the calibration's baselines are in use"
+    try:
+        return zeros.load(stored, layout), str(stored)
+    except DocumentError as error:
+        # Ours, not a person's: a new layout makes it useless, and a daemon that runs can take a new one.
+        why = "; ".join(str(problem) for problem in error.problems[:3])
+        return None, f"none: {stored} was refused ({why}). Take a new one with 'insole zero'"
+
+
+def load_layout(insole: Insole) -> Layout:
+    """The layout that `insole` names, or the built-in approximation for its three boards."""
+    if insole.layout is None:
+        front, middle, rear = insole.addresses
+        return layouts.builtin(insole.foot, (front, middle, rear))
+    return layouts.load(insole.layout, insole.foot, insole.addresses)
