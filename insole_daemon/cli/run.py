@@ -23,7 +23,8 @@ def run(config: ConfigFile = None) -> None:
 
     settings = configs.load(config)
     feet = load_feet(settings)
-    logging.basicConfig(level=logging.INFO, format="insole: %(message)s", stream=sys.stderr)
+    logging.basicConfig(level=logging.WARNING, format="insole: %(message)s", stream=sys.stderr)
+    logging.getLogger("insole_daemon").setLevel(logging.INFO)  # python-can tells of every socket at that level
     with (
         contextlib.closing(RecoveringSource(settings.buses)) as source,
         open_session(settings.zenoh.mode, settings.zenoh.listen, settings.zenoh.connect) as session,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Generator, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import zip_longest
 from typing import TypeVar
 
@@ -20,6 +19,7 @@ from ..skin.confirmation import Seen, StreamWatch
 from ..skin.cycles import CycleAssembler
 from ..skin.identifiers import CLASS_LEGACY_SKIN, CLASS_MANAGEMENT, TYPE_THERMOMETER
 from .foot import Foot
+from .load import LOOK_NS, Load, LoadRecord
 from .operations import Step, pause
 
 T = TypeVar("T")
@@ -28,34 +28,8 @@ PACE_NS = 10_000_000  # between frames to the boards: what the boards' own host 
 ANSWER_NS = 500_000_000
 AGAIN_NS = 100_000_000  # until the triangle configuration is sent the second time, see skin.commands
 SETTLE_NS = 500_000_000  # before the start, as the boards' own host waits: an MTB3 calibrates for two periods
-LOOK_NS = 1_500_000_000  # longer than the swing of a step: a foot in the air while walking is not unloaded
 WATCH_NS = 1_000_000_000  # and some periods more
 WATCH_PERIODS = 10
-
-_LOADED_SHARE = 0.05  # of the taxels
-
-
-@dataclass(frozen=True, slots=True)
-class Load:
-    """What pressed on a foot while it was looked at."""
-
-    force_n: float | None  # the most there was; None: nothing valid was seen
-    low_share: float  # the most taxels that read far below the rest of the foot
-    min_force_n: float
-
-    @property
-    def loaded(self) -> bool:
-        """By the force, or by taxels that stand out: those tell also where the boards run with other settings."""
-        return (self.force_n is not None and self.force_n >= self.min_force_n) or self.low_share >= _LOADED_SHARE
-
-    @property
-    def words(self) -> str:
-        """For messages."""
-        if self.force_n is None:
-            return "its load is not known"
-        if self.force_n < self.min_force_n and self.low_share >= _LOADED_SHARE:
-            return f"{self.low_share:.0%} of its taxels read far below the others"
-        return f"it bears {self.force_n:.0f} N"
 
 
 class BoardLink:
@@ -99,12 +73,15 @@ class BoardLink:
         """(2 · n,) how often each half of its triangles in the layout has arrived since the start."""
         return self.assembler.arrivals[self._slots[address]]
 
+    def silence_ns(self, address: int, now_mono_ns: int) -> int | None:
+        """How long nothing of the board has arrived; None where it has no triangles in the layout."""
+        slots = self._slots[address]
+        return now_mono_ns - int(self.assembler.last_arrival_ns()[slots].max()) if len(slots) else None
+
     def streaming(self, address: int, now_mono_ns: int) -> bool:
         """Whether anything of the board has arrived lately."""
-        slots = self._slots[address]
-        if not len(slots):
-            return False
-        return now_mono_ns - int(self.assembler.last_arrival_ns()[slots].max()) <= self.foot.stale_after_ns
+        silence_ns = self.silence_ns(address, now_mono_ns)
+        return silence_ns is not None and silence_ns <= self.foot.stale_after_ns
 
     def send(self, address: int, command: Command) -> None:
         """Send to the interface that the board is on."""
@@ -153,11 +130,11 @@ class BoardLink:
         return step, found
 
     def watch(
-        self, step: Step, addresses: Collection[int], watch_ns: int = WATCH_NS
+        self, step: Step, addresses: Collection[int], watch_ns: int = WATCH_NS, periods: int = WATCH_PERIODS
     ) -> Generator[None, Step, tuple[Step, dict[int, Seen]]]:
-        """What the boards send from now on."""
+        """What the boards send in the next `watch_ns` and `periods` of the slowest."""
         slowest_ms = max(self.boards[address].period_ms for address in addresses)
-        until_ns = step.now_mono_ns + watch_ns + WATCH_PERIODS * slowest_ms * 1_000_000
+        until_ns = step.now_mono_ns + watch_ns + periods * slowest_ms * 1_000_000
         watch = StreamWatch(addresses)
         while step.now_mono_ns < until_ns:
             step = yield
@@ -166,17 +143,12 @@ class BoardLink:
 
     def look(self, step: Step, without: Collection[int] = ()) -> Generator[None, Step, tuple[Step, Load]]:
         """What presses on the foot, read from its boards, those in `without` left out."""
-        most_n, low_share = None, 0.0
+        record = LoadRecord(self.foot, without)
         until_ns = step.now_mono_ns + LOOK_NS
         while step.now_mono_ns < until_ns:
             step = yield
-            for cycles in step.closed:
-                for at in range(len(cycles)):
-                    force_n, low = self.foot.load(cycles, at, without)
-                    low_share = max(low_share, low)
-                    if force_n is not None:
-                        most_n = force_n if most_n is None else max(most_n, force_n)
-        return step, Load(most_n, low_share, self.foot.config.contact.min_force_n)
+            record.add(step)
+        return step, record.load()
 
     def _gate(self, interface: str) -> Gate:
         gate = self._gates.get(interface)

@@ -15,7 +15,8 @@ from ..skin.boards import BoardSurvey
 from ..skin.bus_load import BusLoad, check_fits
 from ..skin.commands import Identity
 from ..skin.confirmation import Seen
-from .board_link import SETTLE_NS, BoardLink, Load
+from .board_link import SETTLE_NS, BoardLink
+from .load import Load
 from .operations import Operation, Step, pause
 
 _TEMPERATURE_NS = 3_000_000_000  # it is asked for one reading a second

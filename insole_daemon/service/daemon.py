@@ -32,7 +32,9 @@ from .zeroing import zero_handler
 
 _HEALTH_NS = 1_000_000_000
 _IDLE_NS = 100_000_000  # how long the loop may wait for frames: signals and lost buses are seen so soon
-_BUSY_NS = 5_000_000  # how long it may wait while a request runs: operations count time in its turns
+_BUSY_NS = (
+    5_000_000  # how long it may wait while something is done to boards or asked for: that counts time in its turns
+)
 # The loop that sends is the loop that publishes: a queue of ten frames that takes none of our few for so long is
 # stuck, and waiting on would cost cycles.
 _PATIENCE_S = 0.005
@@ -61,10 +63,12 @@ class Daemon:
         self._publishers = [FootPublisher(session, foot.config.rig, foot.name) for foot in feet]
         self._desks = [RequestDesk(session, foot.config.rig, foot.name) for foot in feet]
         gates = _gates(source, feet)
+        self._boards = []
         for foot, assembler, desk, publisher in zip(
             feet, self._skin.assemblers, self._desks, self._publishers, strict=True
         ):
             boards = BoardOperations(BoardLink(foot, feet, assembler, gates), _teller(foot, publisher))
+            self._boards.append(boards)
             desk.offer("boards", boards.handle)
             desk.offer("zero", zero_handler(foot, publisher))
             if foot.config.boards.configure:
@@ -95,7 +99,8 @@ class Daemon:
         next_health_ns = time.monotonic_ns() + _HEALTH_NS
         try:
             while not self._stopping and not self._source.exhausted:
-                until_ns = self._source.clock_ns() + (_BUSY_NS if any(desk.busy for desk in self._desks) else _IDLE_NS)
+                busy = any(desk.busy for desk in self._desks) or any(boards.occupied for boards in self._boards)
+                until_ns = self._source.clock_ns() + (_BUSY_NS if busy else _IDLE_NS)
                 due_ns = self._skin.due_ns()
                 if due_ns is not None:
                     until_ns = min(until_ns, due_ns)

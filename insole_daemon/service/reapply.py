@@ -1,117 +1,167 @@
 """Boards that forgot what this daemon had told them are told again.
 
 A board that was reset has lost settings and baseline, and is silent until it is commanded (robotology/icub-firmware,
-theSkin's deferred initialisation). So one that fell silent is asked for its version, which sets nothing: when it
-answers it is alive and was reset. One that sends again, but not what it was told, was reset and started by another.
+theSkin's deferred initialisation). So one that falls silent is asked for its version, which sets nothing, again and
+again: when it answers and still sends nothing, it is alive and was reset. One that sends again, but not what it was
+told, was reset and started by another.
 
-It is configured again while the foot bears no load, as far as its other boards can tell, and an event says so.
+It is configured again while the foot bears no load, as far as its other boards can tell, and an event says so. For one
+that was silent that is known already when it answers, so that it is back at full rate within a second.
 """
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Collection, Generator
 
 import numpy as np
 
 from ..errors import InsoleError
 from ..skin import commands
-from .board_link import BoardLink, Load
+from ..skin.confirmation import Seen
 from .boards import BoardOperations
-from .operations import Operation, Step
+from .load import Load, LoadRecord
+from .operations import Operation, Step, pause
 
 _EVERY_NS = 1_000_000_000
 _RATE_TOLERANCE = 0.25  # over a second, before the stream is looked at closely
+_SILENT_PERIODS = 10
+_ANSWER_NS = 50_000_000  # then it is asked again: an answer takes a board some 10 ms
+_QUIET_PERIODS = 3  # after the answer: an interface that was away brings answer and stream at the same time
+_REFUSED_NS = 250_000_000  # a queue that is full costs the loop 5 ms at every attempt
 MOST_ATTEMPTS = 3  # that the stream does not confirm
+
+_Counts = np.ndarray[tuple[int], np.dtype[np.int64]]
 
 
 def keep_configured(boards: BoardOperations) -> Operation:
     """Runs as long as the daemon; does nothing to boards that this daemon has not configured, or has stopped."""
-    link = boards.link
-    attempts: dict[int, int] = {}  # by address, that were not confirmed
-    told_waiting: set[int] = set()
+    keeper = _Keeper(boards)
     step = yield
     while True:
-        arrivals, since_ns = {a: link.arrivals(a).copy() for a in link.boards}, step.now_mono_ns
-        was_occupied = False
-        while step.now_mono_ns - since_ns < _EVERY_NS:
-            step = yield
-            was_occupied |= boards.occupied is not None
-        if was_occupied or boards.stopped or not boards.configured:
-            continue  # what was counted says nothing
-        elapsed_s = (step.now_mono_ns - since_ns) * 1e-9
-        suspects = {
-            address
-            for address in boards.configured
-            if _odd(link, address, (link.arrivals(address) - arrivals[address]) / elapsed_s)
-        }
-        if not suspects:
-            attempts.clear()
-            told_waiting.clear()
-            continue
-        boards.occupied = "boards that seem to have been reset are looked at and configured again"
         try:
-            step, forgot = yield from _forgot(step, link, suspects)
-            if forgot:
-                step, load = yield from link.look(step, without=forgot)
-                if load.loaded:
-                    if not forgot <= told_waiting:
-                        told_waiting |= forgot
-                        _tell_waiting(boards, forgot, load)
-                else:
-                    told_waiting -= forgot
-                    step = yield from _apply(step, boards, forgot, load, attempts)
-        except InsoleError:
-            pass  # the interface takes nothing now: the next round tries again, and the source reports it
-        finally:
-            boards.occupied = None
+            step = yield from keeper.turn(step)
+        except InsoleError:  # the interface takes nothing now, and the source reports it
+            step = yield from pause(step, _REFUSED_NS)
 
 
-def _odd(link: BoardLink, address: int, rates_hz: np.ndarray[tuple[int], np.dtype[np.float64]]) -> bool:
-    """Whether the halves of a board came at other rates than it was told."""
-    expected_hz = 1000 / link.boards[address].period_ms
-    return len(rates_hz) > 0 and bool((abs(rates_hz - expected_hz) > _RATE_TOLERANCE * expected_hz + 1).any())
+class _Keeper:
+    """What is known of the boards between two looks at them."""
 
+    def __init__(self, boards: BoardOperations) -> None:
+        self._boards, self._link = boards, boards.link
+        self._load = LoadRecord(boards.link.foot)
+        self._counted: tuple[int, dict[int, _Counts]] | None = None  # since when, and what had arrived then
+        self._attempts: dict[int, int] = {}  # by address, that were not confirmed
+        self._told_waiting: set[int] = set()
 
-def _forgot(step: Step, link: BoardLink, suspects: set[int]) -> Generator[None, Step, tuple[Step, set[int]]]:
-    """The boards among `suspects` that are there and do not do what they were told."""
-    step, seen = yield from link.watch(step, suspects)
-    silent = {address for address in suspects if not seen[address].triangles}
-    other = {a for a in suspects - silent if seen[a].differences(link.boards[a], link.triangles[a])}
-    if silent:
+    def turn(self, step: Step) -> Generator[None, Step, Step]:
+        """One step, or all that follows from it."""
+        boards, now_ns = self._boards, step.now_mono_ns
+        if not boards.configured or boards.stopped or boards.occupied is not None:
+            self._counted = None  # what was counted says nothing
+            return (yield)
+        self._load.add(step)
+        silent = {address for address in boards.configured if self._silent(address, now_ns)}
+        if silent:
+            step, reset = yield from self._reset(step, silent)
+            if reset and boards.occupied is None and not boards.stopped:
+                step = yield from self._again(step, reset, self._load.load())
+        odd = self._odd(now_ns) - silent
+        if odd:
+            step = yield from self._look_at(step, odd)
+        return (yield)
+
+    def _silent(self, address: int, now_ns: int) -> bool:
+        silence_ns, period_ms = self._link.silence_ns(address, now_ns), self._link.boards[address].period_ms
+        return silence_ns is not None and silence_ns > _SILENT_PERIODS * period_ms * 1_000_000
+
+    def _odd(self, now_ns: int) -> set[int]:
+        """Once a second, the boards of which halves came at other rates than they were told."""
+        link = self._link
+        if self._counted is not None and now_ns - self._counted[0] < _EVERY_NS:
+            return set()
+        before, self._counted = self._counted, (now_ns, {a: link.arrivals(a).copy() for a in link.boards})
+        if before is None:
+            return set()
+        odd = set()
+        for address in self._boards.configured:
+            rates_hz = (self._counted[1][address] - before[1][address]) / ((now_ns - before[0]) * 1e-9)
+            expected_hz = 1000 / link.boards[address].period_ms
+            if (abs(rates_hz - expected_hz) > _RATE_TOLERANCE * expected_hz + 1).any():
+                odd.add(address)
+        if not odd:
+            self._attempts.clear()
+            self._told_waiting.clear()
+        return odd
+
+    def _reset(self, step: Step, silent: set[int]) -> Generator[None, Step, tuple[Step, set[int]]]:
+        """The boards among `silent` that are there."""
+        link = self._link
         for address in silent:
             link.send(address, commands.version_query(address))
-        step, alive = yield from link.answers(step, commands.read_version, silent)
-        other |= silent & alive.keys()
-    return step, other
+        step, answers = yield from link.answers(step, commands.read_version, silent, _ANSWER_NS)
+        alive = answers.keys() & silent
+        if not alive:
+            return step, set()
+        step, seen = yield from link.watch(step, alive, 0, _QUIET_PERIODS)
+        return step, {address for address in alive if not seen[address].triangles}
 
+    def _look_at(self, step: Step, odd: Collection[int]) -> Generator[None, Step, Step]:
+        """Those that send, but not what they were told, are told again."""
+        boards, link = self._boards, self._link
+        boards.occupied = "boards that seem to have been reset are looked at"
+        try:
+            step, seen = yield from link.watch(step, odd)
+            forgot = {a for a in odd if seen[a].triangles and seen[a].differences(link.boards[a], link.triangles[a])}
+            if forgot:
+                step, load = yield from link.look(step, without=forgot)
+                step = yield from self._again(step, forgot, load)
+        finally:
+            boards.occupied = None
+        return step
 
-def _apply(
-    step: Step, boards: BoardOperations, forgot: set[int], load: Load, attempts: dict[int, int]
-) -> Generator[None, Step, Step]:
-    """Configure them again; after some attempts without effect, no more."""
-    words = ", ".join(map(str, sorted(forgot)))
-    boards.tell("boards_reset", f"board {words} lost its configuration: it was reset, and is told again", forgot)
-    step, seen = yield from boards.apply(step, forgot, load.words)
-    for address in sorted(forgot):
-        board = boards.link.boards[address]
-        wrong = seen[address].differences(board, boards.link.triangles[address]) + seen[address].rest_difference(board)
+    def _again(self, step: Step, forgot: set[int], load: Load) -> Generator[None, Step, Step]:
+        """Configure them again, unless the foot is loaded; after some attempts without effect, no more."""
+        boards = self._boards
+        if load.loaded:
+            if not forgot <= self._told_waiting:
+                self._told_waiting |= forgot
+                boards.tell(
+                    "boards_waiting",
+                    f"board {_words(forgot)} lost its configuration and is configured again once the "
+                    f"{self._link.foot.name} foot bears no load for 1.5 s: now {load.words}",
+                    forgot,
+                )
+            return step
+        self._told_waiting -= forgot
+        boards.occupied = "boards that were reset are configured again"
+        try:
+            boards.tell(
+                "boards_reset",
+                f"board {_words(forgot)} lost its configuration: it was reset, and is told again",
+                forgot,
+            )
+            step, seen = yield from boards.apply(step, forgot, load.words)
+        finally:
+            boards.occupied = None
+        for address in sorted(forgot):
+            self._tell_verdict(address, seen[address])
+        return step
+
+    def _tell_verdict(self, address: int, seen: Seen) -> None:
+        boards, board = self._boards, self._link.boards[address]
+        wrong = seen.differences(board, self._link.triangles[address]) + seen.rest_difference(board)
         if not wrong:
-            attempts.pop(address, None)
+            self._attempts.pop(address, None)
             boards.tell("boards_configured", f"board {address} configured again, its stream confirms it", [address])
-            continue
-        attempts[address] = attempts.get(address, 0) + 1
+            return
+        self._attempts[address] = self._attempts.get(address, 0) + 1
         text = f"board {address} configured again, not confirmed: {'; '.join(wrong)}"
-        if attempts[address] >= MOST_ATTEMPTS:
+        if self._attempts[address] >= MOST_ATTEMPTS:
             boards.configured.discard(address)
             text += f"; given up after {MOST_ATTEMPTS} times, 'insole boards configure' tries again"
         boards.tell("boards_not_confirmed", text, [address])
-    return step
 
 
-def _tell_waiting(boards: BoardOperations, forgot: set[int], load: Load) -> None:
-    boards.tell(
-        "boards_waiting",
-        f"board {', '.join(map(str, sorted(forgot)))} lost its configuration and is configured again once the "
-        f"{boards.link.foot.name} foot bears no load for 1.5 s: now {load.words}",
-        forgot,
-    )
+def _words(addresses: Collection[int]) -> str:
+    return ", ".join(map(str, sorted(addresses)))

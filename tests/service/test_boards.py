@@ -9,6 +9,7 @@ import time
 from dataclasses import replace
 
 import can
+import numpy as np
 import pytest
 
 import insole_daemon
@@ -19,6 +20,7 @@ from insole_daemon.errors import WireError
 from insole_daemon.service.daemon import Daemon
 from insole_daemon.service.foot import load_feet
 from insole_daemon.simulation.emulator import Emulator
+from insole_daemon.simulation.faults import Fault
 from insole_daemon.simulation.foot import Stand
 from insole_daemon.simulation.load import Unloaded
 from insole_daemon.wire.keys import key
@@ -40,6 +42,7 @@ class Rig:
         self.feet = load_feet(self.config)
         self.layouts = [foot.layout for foot in self.feet]
         self.seen = []
+        self.powered_ns = 0
         self._powered = contextlib.ExitStack()
 
     @contextlib.contextmanager
@@ -75,6 +78,7 @@ class Rig:
             return batch
 
         thread = threading.Thread(target=emulator.play, args=(source.sink(1.0).send, stop, None, receive))
+        self.powered_ns = time.time_ns()
         thread.start()
 
         def cut():
@@ -298,6 +302,30 @@ def test_a_board_that_was_reset_is_configured_again(endpoint):
         assert (confirmed.kind, confirmed.boards) == ("boards_configured", [6]), confirmed.text
         listed = insole.request("left", "boards", do="list")
         assert [b["differences"] for b in listed["boards"]] == [[]] * 3
+
+
+def test_a_board_that_restarts_is_back_within_a_second_and_costs_the_others_nothing(endpoint):
+    rig = Rig(endpoint)
+    with rig.running() as insole:
+        rig.power(streaming=False, faults=[Fault("reset", t_s=7.0, until_s=8.0, board=6)])
+        assert insole.request("left", "boards", do="configure")["confirmed"]
+        up_ns = rig.powered_ns + 8_000_000_000
+        assert time.time_ns() < up_ns - 1_500_000_000, "the board restarts after that"
+        own = np.array([t["board"] == 6 for t in insole.meta("left").triangles])
+        events, healths, raws = insole.events(), insole.healths("left"), insole.raws("left")
+        cycles = list(itertools.takewhile(lambda raw: raw.t_ns < up_ns + 2_500_000_000, raws))
+        first, *_, last = itertools.takewhile(lambda health: health.t_ns < up_ns + 3_500_000_000, healths)
+        assert told(events, "boards_reset").boards == [6]
+    assert [raw.seq for raw in cycles] == list(range(cycles[0].seq, cycles[0].seq + len(cycles)))
+    age_ms = np.array([raw.age_ms[own].max() for raw in cycles])
+    gone = np.flatnonzero(age_ms > 500)[-1]
+    back = gone + np.flatnonzero(age_ms[gone:] < 45)[0]
+    assert (cycles[back].t_ns - up_ns) * 1e-9 < 1.0
+    second = [raw for raw in cycles[back:] if raw.t_ns <= cycles[back].t_ns + 1_000_000_000]
+    assert 47 < len({int(raw.triangle_t_ns[own].max()) for raw in second}) < 53, "at full rate"
+    assert last.cycles["skipped"] == 0
+    # While it is waited for, three times 5 ms, a board of another phase may send once more than is published.
+    assert last.cycles["superseded_halves"] - first.cycles["superseded_halves"] <= 2 * np.count_nonzero(~own)
 
 
 def test_a_reset_board_waits_while_the_foot_is_loaded(endpoint):
