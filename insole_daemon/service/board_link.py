@@ -27,7 +27,8 @@ T = TypeVar("T")
 PACE_NS = 10_000_000  # between frames to the boards: what the boards' own host leaves them, and no queue fills
 ANSWER_NS = 500_000_000
 AGAIN_NS = 100_000_000  # until the triangle configuration is sent the second time, see skin.commands
-SETTLE_NS = 500_000_000  # before the start, as the boards' own host waits: an MTB3 calibrates for two periods
+_BASELINE_NS = 250_000_000  # before the start, and
+_BASELINE_PERIODS = 3  # at least: an MTB3 takes its baseline for two, a converter takes 37 ms for a new value
 WATCH_NS = 1_000_000_000  # and some periods more
 WATCH_PERIODS = 10
 
@@ -108,7 +109,8 @@ class BoardLink:
         step = yield from self.send_all(step, {address: everything for address, (everything, _) in told.items()})
         step = yield from pause(step, AGAIN_NS)
         step = yield from self.send_all(step, {address: again for address, (_, again) in told.items()})
-        step = yield from pause(step, SETTLE_NS)
+        slowest_ms = max(self.boards[address].period_ms for address in addresses)
+        step = yield from pause(step, max(_BASELINE_NS, _BASELINE_PERIODS * slowest_ms * 1_000_000))
         return (yield from self.send_all(step, {address: [commands.transmit(address, True)] for address in addresses}))
 
     def answers(

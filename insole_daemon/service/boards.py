@@ -15,11 +15,12 @@ from ..skin.boards import BoardSurvey
 from ..skin.bus_load import BusLoad, check_fits
 from ..skin.commands import Identity
 from ..skin.confirmation import Seen
-from .board_link import SETTLE_NS, BoardLink
+from .board_link import BoardLink
 from .load import Load
 from .operations import Operation, Step, pause
 
 _TEMPERATURE_NS = 3_000_000_000  # it is asked for one reading a second
+_STARTED_NS = 500_000_000
 _STOPPED_NS = 300_000_000
 
 
@@ -224,7 +225,7 @@ class BoardOperations:
         known = any(link.streaming(address, step.now_mono_ns) for address in link.boards)
         if not known:
             step = yield from link.send_all(step, {a: [commands.transmit(a, True)] for a in link.boards})
-            step = yield from pause(step, SETTLE_NS)
+            step = yield from pause(step, _STARTED_NS)
         step, load = yield from link.look(step)
         if not known and load.loaded:
             step = yield from link.send_all(step, {a: [commands.transmit(a, False)] for a in link.boards})

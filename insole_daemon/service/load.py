@@ -6,11 +6,14 @@ from collections import deque
 from collections.abc import Collection
 from dataclasses import dataclass
 
+import numpy as np
+
 from .foot import Foot
 from .operations import Step
 
 LOOK_NS = 1_500_000_000  # longer than the swing of a step: a foot in the air while walking is not unloaded
-_EVERY_NS = 50_000_000  # shorter than anybody stands on a foot
+_EVERY_NS = 50_000_000
+_TOGETHER = 4  # forces that are averaged: noise alone may reach the contact force once, a step lasts longer
 
 _LOADED_SHARE = 0.05  # of the taxels
 
@@ -19,7 +22,7 @@ _LOADED_SHARE = 0.05  # of the taxels
 class Load:
     """What pressed on a foot while it was looked at."""
 
-    force_n: float | None  # the most there was; None: nothing valid was seen
+    force_n: float | None  # the most there was for 0.2 s; None: nothing valid was seen
     low_share: float  # the most taxels that read far below the rest of the foot
     min_force_n: float
 
@@ -58,5 +61,7 @@ class LoadRecord:
     def load(self) -> Load:
         """The most there was."""
         forces_n = [force_n for _, force_n, _ in self._seen if force_n is not None]
+        together = min(_TOGETHER, len(forces_n))
+        most_n = float(np.convolve(forces_n, np.ones(together) / together, "valid").max()) if forces_n else None
         low_share = max((share for *_, share in self._seen), default=0.0)
-        return Load(max(forces_n, default=None), low_share, self._foot.config.contact.min_force_n)
+        return Load(most_n, low_share, self._foot.config.contact.min_force_n)

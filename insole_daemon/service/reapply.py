@@ -56,17 +56,17 @@ class _Keeper:
 
     def turn(self, step: Step) -> Generator[None, Step, Step]:
         """One step, or all that follows from it."""
-        boards, now_ns = self._boards, step.now_mono_ns
+        boards = self._boards
         if not boards.configured or boards.stopped or boards.occupied is not None:
             self._counted = None  # what was counted says nothing
             return (yield)
         self._load.add(step)
-        silent = {address for address in boards.configured if self._silent(address, now_ns)}
+        silent = {address for address in boards.configured if self._silent(address, step.now_mono_ns)}
         if silent:
             step, reset = yield from self._reset(step, silent)
             if reset and boards.occupied is None and not boards.stopped:
                 step = yield from self._again(step, reset, self._load.load())
-        odd = self._odd(now_ns) - silent
+        odd = self._odd(step.now_mono_ns) - silent
         if odd:
             step = yield from self._look_at(step, odd)
         return (yield)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import signal
 import socket
+import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,10 +16,20 @@ import pytest
 
 import insole_daemon
 from insole_daemon import config as configs
+from insole_daemon.bus.recovering import RecoveringSource
+from insole_daemon.config import Bus
+from insole_daemon.errors import InsoleError
+from insole_daemon.physics import zero as zeros
 from insole_daemon.physics.calibration import FORMAT
-from insole_daemon.service.foot import load_feet
+from insole_daemon.physics.zero import Zero
+from insole_daemon.service import reload
+from insole_daemon.service.daemon import Daemon
+from insole_daemon.service.foot import Foot, load_feet
 from insole_daemon.service.reload import Reloader, merge, read
+from insole_daemon.service.setup import FootSetup, load_setup
+from insole_daemon.service.state import zero_path
 from insole_daemon.wire.client import Subscription
+from insole_daemon.wire.session import open_session
 
 CONFIG = """\
 format: insole-config/1
@@ -182,6 +195,77 @@ def test_boards_and_other_triangles_stay_until_a_restart(tmp_path):
     reloaded = merge(running, *read(file))
     assert (reloaded.changed, reloaded.needs_restart) == ((), ())
     assert reloaded.told() == [("reloaded", "changed: nothing")]
+
+
+def save_zero(path: Path, setup: FootSetup, baseline_count: float) -> None:
+    baseline = np.where(setup.calibration.usable, baseline_count, np.nan)
+    zeros.save(path, Zero("left", 1, baseline, np.where(np.isnan(baseline), np.nan, 1.0)), setup.layout)
+
+
+@pytest.mark.parametrize("how", ["named", "stored"])
+def test_a_zero_is_read_again(tmp_path, monkeypatch, how):
+    monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path / "state"))
+    file = tmp_path / "config.yaml"
+    write(file, "tcp/127.0.0.1:1", 1000)
+    path, unzeroed = zero_path("test", "left"), read(file)[1][0]
+    path.parent.mkdir()
+    if how == "named":
+        path = tmp_path / "zero.json"
+        file.write_text(
+            file.read_text().replace("calibration: left.json", "calibration: left.json\n    zero: zero.json")
+        )
+        save_zero(path, unzeroed, 238)
+    _, running = read(file)
+    foot = Foot(running[0])
+    foot.seq, started_ns, survey = 7, foot.started_ns, foot.survey
+    save_zero(path, running[0], 233)
+    reloaded = merge(running, *read(file))
+    assert reloaded.changed == ("zero of the left foot",)
+    foot.use(reloaded.setups[0])
+    assert np.nanmax(foot.calibration.baseline_count[foot.calibration.usable]) == 233
+    assert foot.meta().zero_source == str(path)
+    assert (foot.seq, foot.started_ns, foot.survey) == (7, started_ns, survey), "it goes on where it was"
+    assert merge(reloaded.setups, *read(file)).changed == ()
+    path.unlink()
+    if how == "named":
+        with pytest.raises(InsoleError, match=r"zero\.json"):
+            read(file)
+    else:
+        assert merge(reloaded.setups, *read(file)).changed == ("zero of the left foot",)
+
+
+def test_a_zero_that_is_taken_during_a_reload_is_not_undone(tmp_path, monkeypatch, endpoint):
+    """What the reload has read by then is older, so it is read once more."""
+    monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path / "state"))
+    file = tmp_path / "config.yaml"
+    write(file, endpoint, 1000)
+    bus = Bus("virtual", "reload")
+    feet = load_feet(replace(configs.load(file), buses=(bus,)))
+    zero_path("test", "left").parent.mkdir(parents=True)
+    reads = []
+
+    def read_and_zero(path):
+        found = read(path)
+        reads.append(path)
+        if len(reads) == 1:
+            save_zero(zero_path("test", "left"), feet[0].setup, 231)
+            feet[0].use(load_setup(feet[0].config, feet[0].insole))
+        return found
+
+    monkeypatch.setattr(reload, "read", read_and_zero)
+    with contextlib.closing(RecoveringSource([bus])) as source, open_session("peer", (endpoint,)) as session:
+        daemon = Daemon(source, feet, session, file)
+        thread = threading.Thread(target=daemon.run)
+        thread.start()
+        with insole_daemon.connect(endpoint) as insole:
+            events = insole.events("left")
+            time.sleep(0.3)
+            daemon.reload()
+            assert next_of(events, "reloaded", "reload_refused").text == "changed: nothing"
+        daemon.stop()
+        thread.join()
+    assert len(reads) == 2
+    assert feet[0].zero_source == str(zero_path("test", "left"))
 
 
 def test_without_a_file_there_is_nothing_to_read(tmp_path):
