@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import socket
 import time
+from collections.abc import Callable
 from typing import Any, Protocol
 
 import numpy as np
@@ -45,11 +46,18 @@ def can_frames(batch: FrameBatch) -> NDArray[np.uint8]:
 class SocketCanSink:
     """Writes to one socket whose datagrams are `struct can_frame`."""
 
-    def __init__(self, sock: socket.socket, channel: str, patience_s: float = PATIENCE_S) -> None:
-        """`channel` names it in errors; `patience_s`: how long a queue may be full."""
+    def __init__(
+        self,
+        sock: socket.socket,
+        channel: str,
+        patience_s: float = PATIENCE_S,
+        refused: Callable[[OSError], None] = lambda _: None,
+    ) -> None:
+        """`channel` names it in errors; `patience_s`: how long a queue may be full; `refused` is told why it failed."""
         self._socket = sock
         self._channel = channel
         self._patience_s = patience_s
+        self._refused = refused
 
     def send(self, batch: FrameBatch) -> None:
         """See FrameSink; waits while the interface's transmit queue is full."""
@@ -71,6 +79,7 @@ class SocketCanSink:
                 return
             except OSError as again:
                 error = again
+        self._refused(error)
         raise _cannot_send(self._channel, error, self._patience_s) from error
 
 

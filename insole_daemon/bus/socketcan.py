@@ -40,6 +40,7 @@ class SocketCanSource:
         self.counters = BusCounters()
         self._batched = BatchedSocket(sock, self.counters)
         self._socket = sock
+        self._lost: OSError | None = None  # as a sender was told
 
     @property
     def exhausted(self) -> bool:
@@ -51,8 +52,11 @@ class SocketCanSource:
         return self._socket.fileno()
 
     def receive(self) -> int:
-        """See FrameSource."""
+        """See FrameSource; raises BusError when the interface is lost, what came before it can be received after."""
         try:
+            if self._lost is not None:
+                lost, self._lost = self._lost, None
+                raise lost
             return self._batched.receive()
         except OSError as error:
             raise lost_interface(self.interfaces[0], error) from error
@@ -66,7 +70,7 @@ class SocketCanSource:
 
     def sink(self, patience_s: float) -> SocketCanSink:
         """A sink on the socket that is read here; a raw CAN socket does not receive its own frames."""
-        return SocketCanSink(self._socket, self.interfaces[0], patience_s)
+        return SocketCanSink(self._socket, self.interfaces[0], patience_s, self._sending_failed)
 
     def clock_ns(self) -> int:
         """The monotonic clock."""
@@ -79,6 +83,11 @@ class SocketCanSource:
     def close(self) -> None:
         """Close the socket."""
         self._socket.close()
+
+    def _sending_failed(self, error: OSError) -> None:
+        """The kernel tells a socket once that its interface is lost: whoever sends may take it from who reads."""
+        if error.errno in (errno.ENETDOWN, errno.ENODEV, errno.ENXIO):
+            self._lost = error
 
 
 def open_socketcan(channel: str) -> SocketCanSource:
