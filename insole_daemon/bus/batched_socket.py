@@ -138,7 +138,8 @@ class BatchedSocket:
         t_mono_ns = t_ns + offset_ns
         if t_mono_ns[0] < self._last_mono_ns:
             t_mono_ns[0] = self._last_mono_ns
-        np.maximum.accumulate(t_mono_ns, out=t_mono_ns)
+        if np.count_nonzero(t_mono_ns[1:] < t_mono_ns[:-1]):
+            np.maximum.accumulate(t_mono_ns, out=t_mono_ns)
         if t_mono_ns[-1] > now_mono_ns:
             np.minimum(t_mono_ns, now_mono_ns, out=t_mono_ns)
         self._last_mono_ns = int(t_mono_ns[-1])

@@ -25,7 +25,6 @@ PATIENCE = 3  # cycles a half may miss before it is no longer waited for
 GAP_NS = 60_000_000_000  # a silence longer than this is not filled with repeats
 
 _NEVER = -(1 << 62)  # receive time of a half that has never arrived
-_COUNT_BYTES = np.array([1, 2, 3, 4, 5, 6, 7, 9, 10, 11, 12, 13])  # of the 16 bytes of halves A and B
 _WINDOW_CYCLES = 4  # frames of this many cycles are searched for the end of one
 _BLOCK_CYCLES, _BLOCK_CYCLES_MOST = 4, 256  # this many whole cycles are taken in at once, or all there are
 
@@ -35,9 +34,17 @@ def _row(n: int, length: int) -> NDArray[np.int64]:
     return (np.arange(n) * length)[:, None]
 
 
+def _counts(halves: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """(n, n_triangles, 12) counts of halves (n, n_triangles, 16): seven behind the tag of A, five behind that of B."""
+    counts = np.empty((*halves.shape[:2], 12), np.uint8)
+    counts[:, :, :7] = halves[:, :, 1:8]
+    counts[:, :, 7:] = halves[:, :, 9:14]
+    return counts
+
+
 def _status(halves: NDArray[np.uint8]) -> NDArray[np.uint16]:
     """(n, n_triangles) status words of halves (n, n_triangles, 16): high byte first."""
-    return halves[:, :, 14].astype(np.uint16) << np.uint16(8) | halves[:, :, 15]
+    return halves[:, :, 14:].view(">u2")[:, :, 0].astype(np.uint16)
 
 
 # slots, payload, t_ns, t_mono_ns of n frames
@@ -279,7 +286,7 @@ class CycleAssembler:
         cycle = Cycles(
             t_mono_ns=np.array([t_close_ns]),
             t_ns=np.array([self._newest_t_ns]),
-            counts=halves[:, :, _COUNT_BYTES],
+            counts=_counts(halves),
             status=_status(halves),
             triangle_t_ns=np.where(never, 0, np.where(t_a <= t_b, self._t_ns[::2], self._t_ns[1::2]))[None],
             age_ns=np.where(never, -1, t_close_ns - t_older)[None],
@@ -321,17 +328,16 @@ class CycleAssembler:
             return None
         n = min(len(slots) // size, _BLOCK_CYCLES_MOST)
         place = slots[: n * size] if n == 1 else (slots[: n * size].reshape(n, size) + _row(n, n_slots)).reshape(-1)
-        stamp_mono = np.full((n, n_slots), _NEVER)
+        stamp_mono = np.empty((n, n_slots), np.int64)
+        stamp_mono.fill(_NEVER)
         stamp_mono.reshape(-1)[place] = t_mono_ns[: n * size]
         t_close = t_mono_ns[: n * size].reshape(n, size)[:, -1]
         since_ns = t_close.copy()
         since_ns[1:] -= t_close[:-1]
         since_ns[0] -= self._due_ns - self._limit_ns
-        good = since_ns <= self._limit_ns
-        good &= np.logical_and.reduce((stamp_mono != _NEVER) == expected, axis=1)
-        n_good = int(np.count_nonzero(good))
-        if n_good < n:
-            n_good = int(good.argmin())
+        in_time, whole = since_ns <= self._limit_ns, (stamp_mono != _NEVER) == expected
+        if np.count_nonzero(in_time) < n or np.count_nonzero(whole) < n * n_slots:
+            n_good = int((in_time & whole.all(axis=1)).argmin())
             if n_good < min(n, _BLOCK_CYCLES):
                 self._block_failures = min(self._block_failures + 1, 6)
                 self._block_pause = 1 << self._block_failures
@@ -367,7 +373,7 @@ class CycleAssembler:
         return Cycles(
             t_mono_ns=t_close.copy(),
             t_ns=t_newest.copy(),
-            counts=halves[:, :, _COUNT_BYTES],
+            counts=_counts(halves),
             status=_status(halves),
             triangle_t_ns=triangle_t_ns,
             age_ns=age_ns,
