@@ -33,7 +33,8 @@ struct Wrench {
 
 inline Wrench decode_wrench(const char* payload, std::size_t size, const std::string& encoding) {
     if (encoding != "application/msgpack;insole.wrench/1") throw std::runtime_error("another message: " + encoding);
-    auto wrench = msgpack::unpack(payload, size)->as<Wrench>();
+    const msgpack::unpack_limit flat(0, 64, 64, size, 0, 1);  // a spoilt length shall not ask for gigabytes
+    auto wrench = msgpack::unpack(payload, size, nullptr, nullptr, flat)->as<Wrench>();
     if (wrench.n_triangles == 0 || wrench.valid.size() != wrench.n_triangles * 12 ||
         wrench.missing.size() != wrench.n_triangles || wrench.age_ms.size() != wrench.n_triangles)
         throw std::runtime_error("insole.wrench/1: an array is not as long as n_triangles says");

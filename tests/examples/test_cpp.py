@@ -123,6 +123,8 @@ def test_what_is_no_such_message_is_refused(samples, decode):
         (encoding, payload[:-1]),
         (encoding, payload[: len(payload) // 2]),
         (encoding, msgpack.packb([1, 2])),
+        (encoding, b"\xdf\xff\xff\xff\xff" + payload[3:]),  # a map of four milliards
+        (encoding, b"\x91" * 100_000 + payload),
         (encoding, msgpack.packb(fields | {"valid": fields["valid"][1:]})),
         (encoding, msgpack.packb(fields | {"age_ms": fields["age_ms"] + b"1"})),
         (encoding, msgpack.packb(fields | {"n_triangles": 2**62})),
