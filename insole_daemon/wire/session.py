@@ -3,19 +3,33 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Sequence
+from pathlib import Path
 
 import zenoh
 
 from ..errors import WireError
 
+_OURS = {"mode": "mode", "listen/endpoints": "listen", "connect/endpoints": "connect"}  # Zenoh's key → config.yaml's
+_TLS_FILES = (
+    "root_ca_certificate",
+    "listen_private_key",
+    "listen_certificate",
+    "connect_private_key",
+    "connect_certificate",
+)
 
-def open_session(mode: str, listen: Sequence[str] = (), connect: Sequence[str] = ()) -> zenoh.Session:
+
+def open_session(
+    mode: str, listen: Sequence[str] = (), connect: Sequence[str] = (), config_file: Path | None = None
+) -> zenoh.Session:
     """Open a session; raises WireError where an endpoint is taken or nobody answers.
 
+    `config_file` is a configuration of Zenoh's own (JSON5) for all that is not said here: certificates, access rules.
     The session must be closed by whoever opens it: one left open keeps the process from ending.
     """
-    config = zenoh.Config()
+    config = zenoh.Config() if config_file is None else load_config(config_file)
     for path, value in {
         "mode": mode,
         "listen/endpoints": list(listen),
@@ -36,6 +50,42 @@ def open_session(mode: str, listen: Sequence[str] = (), connect: Sequence[str] =
         raise WireError(_explain(mode, listen, connect, str(error))) from error
 
 
+def load_config(path: Path) -> zenoh.Config:
+    """The Zenoh configuration in file `path`, file names in it relative to its folder; WireError where it is refused.
+
+    What config.yaml says itself may not stand there as well: one of both would be silently without effect.
+    """
+    try:
+        config = zenoh.Config.from_json5(path.read_text())
+    except OSError as error:
+        raise _refused(path, f"cannot be read: {error.strerror or error}") from error
+    except (UnicodeDecodeError, zenoh.ZError) as error:
+        raise _refused(path, f"expected a configuration of Zenoh (JSON5), found: {error}") from error
+    default = zenoh.Config()
+    for theirs, ours in _OURS.items():
+        if config.get_json(theirs) != default.get_json(theirs):
+            raise _refused(path, f"{theirs} may not stand there: say it in config.yaml, under zenoh.{ours}")
+    for name, file in tls_files(path, config).items():
+        if not os.access(file, os.R_OK):
+            why = f"the file {file} is not there, or may not be read by this user"
+            raise _refused(path, f"transport.link.tls.{name}: {why}")
+        config.insert_json5(f"transport/link/tls/{name}", json.dumps(str(file)))
+    return config
+
+
+def tls_files(path: Path, config: zenoh.Config) -> dict[str, Path]:
+    """The files that `config`, read from `path`, names for TLS, by the name of their key."""
+    tls = json.loads(config.get_json("transport/link/tls"))
+    return {name: path.absolute().parent / tls[name] for name in _TLS_FILES if tls[name] is not None}
+
+
+def _refused(path: Path, why: str) -> WireError:
+    """What is said of a Zenoh configuration that is not taken."""
+    error = WireError(f"{path}: {why}")
+    error.exit_status = 4  # a file is refused: nothing that heals by itself
+    return error
+
+
 def _explain(mode: str, listen: Sequence[str], connect: Sequence[str], error: str) -> str:
     if "in use" in error:
         return (
@@ -43,8 +93,13 @@ def _explain(mode: str, listen: Sequence[str], connect: Sequence[str], error: st
             "run ('insole status')? Stop it, or give this one another endpoint under zenoh.listen in its config"
         )
     if mode == "client":
+        certificate = (
+            "; or the other side refuses this program's certificate, or this program that of the other side"
+            if any(endpoint.startswith(("tls/", "quic/")) for endpoint in connect)
+            else ""
+        )
         return (
             f"nobody answers on {', '.join(connect)}. Start the daemon ('insole run', or 'insole demo' without "
-            "hardware), or name the endpoint it listens on"
+            f"hardware) or the router that is meant, or name the endpoint it listens on{certificate}"
         )
     return f"Zenoh cannot open a {mode} session (listen {list(listen)}, connect {list(connect)}): {error}"
