@@ -82,10 +82,8 @@ def example(tmp_path_factory):
     made = Example(folder, loopback, endpoint, daemon)
     make, (for_daemon, for_viewer), (config,) = blocks("sh")[0], blocks("json5"), blocks("yaml")
     subprocess.run(["sh", "-eu", "-c", made.local(make)], cwd=folder, check=True, capture_output=True)
-    subprocess.run(
-        "openssl req -x509 -newkey rsa:2048 -nodes -subj /CN=other -keyout other.key -out other.pem".split(),
-        cwd=folder, check=True, capture_output=True,
-    )  # fmt: skip
+    other = "openssl req -x509 -newkey rsa:2048 -nodes -subj /CN=other -keyout other.key -out other.pem"
+    subprocess.run(other.split(), cwd=folder, check=True, capture_output=True)
     certificate(folder, "stranger")
     certificate(folder, "forged", authority="other")
     expire(folder, "viewer")
