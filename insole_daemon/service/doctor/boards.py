@@ -28,13 +28,16 @@ class Running:
         self._settings, self._config_file = settings, config_file
         self._client = Client(endpoint, settings.rig, settings.zenoh.config_file) if endpoint is not None else None
         self._known: dict[str, tuple[Meta, CalibrationInUse]] = {}
+        self._failed = ""
 
     def __enter__(self) -> Self:
         if self._client is not None:
             self._client.open()
-            for rig, foot in self._client.feet():
-                if rig == self._settings.rig:
+            try:
+                for _, foot in self._client.feet():
                     self._known[foot] = self._client.meta(foot), self._client.calibration(foot)
+            except WireError as error:
+                self._failed = str(error)
         return self
 
     def __exit__(
@@ -56,6 +59,9 @@ class Running:
                 "none runs: boards, their versions and the bus cannot be looked at",
                 f"{run}   # or: sudo systemctl start insole-daemon",
             )
+            return
+        if self._failed or not self._known:
+            yield problem("daemon", self._failed or "it has just ended", RESTART)
             return
         for insole in self._settings.insoles:
             if insole.foot not in self._known:

@@ -29,12 +29,12 @@ def kernel() -> Iterator[Finding]:
         if error.errno in (errno.EPERM, errno.EACCES):
             yield _forbidden("kernel")
         else:
-            yield problem("kernel", f"it has no raw CAN sockets ({error.strerror})", _load_module(os.uname().release))
+            yield problem("kernel", f"it has no raw CAN sockets ({error.strerror})", module_remedy(os.uname().release))
         return
     yield ok("kernel", "CAN and raw CAN sockets are there")
 
 
-def _load_module(release: str, modules: Path = Path("/lib/modules")) -> str:
+def module_remedy(release: str, modules: Path = Path("/lib/modules")) -> str:
     """How this kernel gets CAN."""
     names = ("modules.dep", "modules.builtin")
     for name in names:
@@ -43,10 +43,9 @@ def _load_module(release: str, modules: Path = Path("/lib/modules")) -> str:
                 return "sudo modprobe can-raw"
         except OSError:
             pass
-    return (
-        f"sudo apt install linux-modules-extra-{release} && sudo modprobe can-raw   "
-        "# or a kernel with CONFIG_CAN; most containers and cloud kernels have none"
-    )
+    if not (modules / release).exists():
+        return "sudo modprobe can-raw   # on the host, if this is a container; else boot a kernel with CONFIG_CAN"
+    return f"sudo apt install linux-modules-extra-{release} && sudo modprobe can-raw   # or a kernel with CONFIG_CAN"
 
 
 def interface(bus: Bus, configure: bool) -> Iterator[Finding]:
@@ -107,7 +106,7 @@ def judge(name: str, link: dict[str, Any], configure: bool) -> Iterator[Finding]
     if kind is None:
         yield warning(
             name,
-            "is up; state and bit rate are not known, for the program ip is not there",
+            "is up; state and bit rate are not known without the program ip",
             "sudo apt install iproute2",
         )
         return
@@ -124,7 +123,7 @@ def judge(name: str, link: dict[str, Any], configure: bool) -> Iterator[Finding]
     elif state in ("ERROR-WARNING", "ERROR-PASSIVE"):
         yield warning(
             name,
-            f"is {state}: frames are destroyed or nobody acknowledges; check wiring, 120 Ω at both ends, power of boards",
+            f"is {state}: frames are destroyed or not acknowledged; check wiring, 120 Ω at both ends, power of boards",
             f"ip -details -statistics link show {name}",
         )
     if configure and "LISTEN-ONLY" in data.get("ctrlmode", []):
