@@ -6,6 +6,7 @@ Only addresses are exchanged for free ports of 127.0.0.1.
 from __future__ import annotations
 
 import itertools
+import os
 import re
 import shutil
 import socket
@@ -75,7 +76,9 @@ def expire(folder: Path, name: str) -> None:
 
 @pytest.fixture(scope="module")
 def example(tmp_path_factory):
-    assert shutil.which("openssl"), "apt-get install openssl"
+    if not shutil.which("openssl"):
+        assert not os.environ.get("CI"), "apt-get install openssl"
+        pytest.skip("needs openssl")
     folder = tmp_path_factory.mktemp("tls")
     loopback, endpoint = f"tcp/127.0.0.1:{free_port()}", f"tls/127.0.0.1:{free_port()}"
     daemon = RunningDaemon(folder / "config.yaml", loopback, free_port(socket.SOCK_DGRAM))
