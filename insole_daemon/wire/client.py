@@ -206,7 +206,7 @@ class Client:
 
     def open(self) -> Self:
         """Connect; raises WireError where nobody answers on the endpoint."""
-        self._opened = open_session("client", connect=[self.endpoint], config_file=self._config_file)
+        self._opened = open_session("client", connect=[self.endpoint], config_file=self._config_file, rules=False)
         return self
 
     def close(self) -> None:

@@ -12,7 +12,7 @@ import json
 from ..config import Zenoh
 from .session import load_config
 
-_ENCRYPTED = ("tls", "quic")
+ENCRYPTED = ("tls", "quic")
 _LOCAL = ("unixsock-stream",)
 REMEDY = "docs/beyond-loopback.md has a worked example with certificates"
 
@@ -43,18 +43,18 @@ def exposures(zenoh: Zenoh) -> list[str]:
     found = []
     listens = () if zenoh.mode == "client" else zenoh.listen  # a client listens nowhere
     for endpoint in listens:
-        if not is_loopback(endpoint) and split(endpoint)[0] not in _ENCRYPTED:
+        if not is_loopback(endpoint) and split(endpoint)[0] not in ENCRYPTED:
             found.append(
                 f"zenoh.listen: {endpoint} is open to the network without encryption: whoever reaches it can read "
                 "everything, publish false values and command the boards"
             )
     for endpoint in zenoh.connect:
-        if not is_loopback(endpoint) and split(endpoint)[0] not in _ENCRYPTED:
+        if not is_loopback(endpoint) and split(endpoint)[0] not in ENCRYPTED:
             found.append(
                 f"zenoh.connect: everything is sent to {endpoint} without encryption, and whoever is connected there "
                 "can read it, publish false values and command the boards"
             )
-    open_tls = [e for e in listens if not is_loopback(e) and split(e)[0] in _ENCRYPTED]
+    open_tls = [e for e in listens if not is_loopback(e) and split(e)[0] in ENCRYPTED]
     if open_tls:
         config = load_config(zenoh.config_file) if zenoh.config_file is not None else None
         tls = json.loads(config.get_json("transport/link/tls")) if config is not None else {}

@@ -239,8 +239,9 @@ def test_an_endpoint_of_another_zenoh_node_and_one_that_is_not_ours(endpoint):
 def test_the_router_of_a_client_and_of_a_peer(endpoint):
     dead = f"tcp/127.0.0.1:{free_port()}"
     with open_session("router", [endpoint]):
-        assert only(network.connects(config_with(connect=(endpoint,)))).level == "ok"
-    assert only(network.connects(config_with(connect=(dead,)))).level == "warning"
+        assert only(network.connects(config_with(mode="router", connect=(endpoint,)))).level == "ok"
+        assert "mode: router" in only(network.connects(config_with(connect=(endpoint,))), "warning").remedy
+    assert only(network.connects(config_with(mode="router", connect=(dead,)))).level == "warning"
     assert only(network.connects(config_with(mode="client", connect=(dead,)))).level == "problem"
 
 

@@ -94,7 +94,7 @@ def example(tmp_path_factory):
     for name in ("viewer", "operator", "stranger", "forged", "expired"):
         (folder / f"{name}.json5").write_text(for_viewer.replace("viewer", name))
     (folder / "nobody.json5").write_text(re.sub(r"\n.*connect_\w+:.*", "", for_viewer))
-    daemon.config_file.write_text("format: insole-config/1\nrig: test\n" + made.local(config))
+    daemon.config_file.write_text("format: insole-config/1\nrig: test\nbuses: [virtual:can0]\n" + made.local(config))
     daemon.start()
     with daemon.boards():
         yield made
@@ -186,6 +186,26 @@ def test_the_example_is_not_warned_about(example):
     assert exposures(Zenoh(listen=listen, config_file=example.folder / "zenoh.json5")) == []
 
 
+def test_the_doctor_finds_nothing_wrong_with_it(example):
+    command = [INSOLE, "doctor", "--config", example.daemon.config_file]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert re.search(r"^ok +certificates +.*zenoh.json5", done.stdout, re.MULTILINE)
+    assert f"in use, as it seems by the daemon that answers on {example.loopback}" in done.stdout
+    assert "exposure" not in done.stdout
+
+
+def test_an_open_daemon_says_so_when_it_starts(tmp_path):
+    config = tmp_path / "config.yaml"
+    boards = "".join(f"      - {{address: {address}, interface: nocan7}}\n" for address in (5, 6, 7))
+    config.write_text(
+        f"format: insole-config/1\nbuses: [socketcan:nocan7]\ninsoles:\n  - foot: left\n    boards:\n{boards}"
+        "zenoh: {listen: [tcp/0.0.0.0:7447]}\n"
+    )
+    done = subprocess.run([INSOLE, "run", "--config", config], capture_output=True, text=True, timeout=30)
+    assert "insole: warning: zenoh.listen: tcp/0.0.0.0:7447 is open to the network" in done.stderr
+
+
 @pytest.mark.parametrize(
     ("zenoh", "words"),
     [
@@ -220,7 +240,8 @@ def test_certificates_without_rules_are_said(example, tmp_path):
     [
         ("{ listen: { endpoints: ['tcp/0.0.0.0:7447'] } }", r"zenoh\.listen"),
         ("{ mode: 'router' }", r"zenoh\.mode"),
-        ("{ listens: [] }", "listens"),
+        ("{ scouting: { multicast: { enabled: true } } }", "scouting/multicast/enabled .* always false"),
+        ("{ listens: [] }", r"unknown field `listens`[^/]*$"),
         ("{ access_control: ", "JSON5"),
         ("{ transport: { link: { tls: { root_ca_certificate: 'none.pem' } } } }", "root_ca_certificate: .*none.pem"),
         (None, "cannot be read"),

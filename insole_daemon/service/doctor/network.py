@@ -7,10 +7,10 @@ import os
 import socket
 from collections.abc import Iterator
 
-from ...config import Config, Zenoh
+from ...config import DEFAULT_ENDPOINT, Config, Zenoh
 from ...errors import WireError
 from ...wire.client import Client
-from ...wire.exposure import REMEDY, exposures, split
+from ...wire.exposure import ENCRYPTED, REMEDY, exposures, split
 from ...wire.session import load_config, tls_files
 from .finding import Finding, ok, problem, warning
 
@@ -45,6 +45,13 @@ def daemon(settings: Config) -> tuple[str | None, list[Finding]]:
 
 def connects(settings: Config) -> Iterator[Finding]:
     """Whether those answer whom the daemon is to connect to."""
+    if settings.zenoh.mode == "peer" and settings.zenoh.connect and settings.zenoh.listen:
+        # seen with Zenoh 1.10.2: one liveliness query in sixty stays without answer, which a router's never does
+        yield warning(
+            "zenoh.mode",
+            "a peer with somebody under connect is not always found by who connects to it directly",
+            "config.yaml: zenoh: {mode: router}",
+        )
     for endpoint in settings.zenoh.connect:
         if _feet(endpoint, settings.zenoh) is not None:
             yield ok(endpoint, "answers")
@@ -112,6 +119,12 @@ def _port(endpoint: str, reached: str | None) -> Finding:
     except OSError as error:
         if error.errno == errno.EADDRINUSE and reached is not None:
             return ok(endpoint, f"in use, as it seems by the daemon that answers on {reached}")
+        if error.errno == errno.EADDRINUSE and protocol in ENCRYPTED:
+            return warning(
+                endpoint,
+                "in use; who listens asks for a certificate that the doctor does not have",
+                f"config.yaml: zenoh: {{listen: [{DEFAULT_ENDPOINT}, {endpoint}]}}   # for the commands on this host",
+            )
         if error.errno == errno.EADDRINUSE:
             return problem(
                 endpoint,
