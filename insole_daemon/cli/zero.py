@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from ..config import DEFAULT_ENDPOINT
-from .options import Connect, Which
+from .options import Connect, Which, ZenohFile
 
 _COUNTDOWN_S = 3
 
@@ -21,6 +21,7 @@ def zero(
     force: Annotated[bool, typer.Option("--force", help="Also of a foot that seems loaded or moves.")] = False,
     wait: Annotated[bool, typer.Option(help="Count down first.")] = True,
     connect: Connect = DEFAULT_ENDPOINT,
+    zenoh_config: ZenohFile = None,
 ) -> None:
     """Take the zero of insoles that bear no load, and keep it.
 
@@ -29,7 +30,7 @@ def zero(
     from ..errors import WireError
     from ..wire.client import Client
 
-    with Client(connect) as insole:
+    with Client(connect, config_file=zenoh_config) as insole:
         there = [name for _, name in insole.feet()]
         feet = [name for name in ("left", "right") if name in there and foot in (Which.both, name)]
         if not feet:
