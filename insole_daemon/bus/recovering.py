@@ -102,7 +102,7 @@ class RecoveringSource:
 
 def _merged(batches: Sequence[FrameBatch]) -> FrameBatch:
     """The batches of several interfaces as one, the interfaces numbered, in the order of time."""
-    numbered = [replace(b, interface=b.interface + np.uint8(at)) for at, b in enumerate(batches) if len(b)]
+    numbered = [replace(b, interface=np.full_like(b.interface, at)) for at, b in enumerate(batches) if len(b)]
     together = FrameBatch.concatenate(numbered)
     if len(numbered) > 1:
         together = together[np.argsort(together.t_mono_ns, kind="stable")]
