@@ -369,7 +369,7 @@ class Rig:
         steady = (np.diff(sent) > 10_000_000) & (np.diff(sent) < 35_000_000)
         rhythm = np.flatnonzero(steady[:-3] & steady[1:-2] & steady[2:-1] & steady[3:]) + 3
         within = sent[rhythm[(sent[rhythm] >= from_ns) & (sent[rhythm] < from_ns + seconds * 1e9)]]
-        assert len(within) > 5 * seconds, "the boards were there"
+        assert len(within) > 5, "the boards were there"
         published = np.array([raw.triangle_t_ns[0] for raw in list(self.raws[foot])])
         return [t_ns for t_ns in within.tolist() if abs(published - t_ns).min() > 15_000_000]
 
@@ -432,7 +432,7 @@ def test_the_daemon_is_back_at_full_rate_within_a_second_and_the_other_foot_goes
     for name in names:
         create(name)
     rig.start()
-    time.sleep(2.5)
+    time.sleep(4)
     lost_ns = time.time_ns()
     if how == "down and up":
         ip("link", "set", names[0], "down")
@@ -444,11 +444,11 @@ def test_the_daemon_is_back_at_full_rate_within_a_second_and_the_other_foot_goes
         time.sleep(1.5)
         create(names[0], index + 100)
     end_ns = time.time_ns()
-    time.sleep(BACK_S + 2)
+    time.sleep(BACK_S + 4)
     health = next(health for health in rig.client.healths("left"))
     rig.check_numbers()
-    assert rig.lost("left", lost_ns - 1_000_000_000, 1) == []
-    assert rig.lost("left", end_ns + BACK_NS, 1) == []
+    assert rig.lost("left", lost_ns - 3_000_000_000, 3) == []
+    assert rig.lost("left", end_ns + BACK_NS, 3) == []
     assert rig.lost("right", lost_ns - 1_000_000_000, (end_ns - lost_ns) * 1e-9 + 1 + BACK_S + 1) == []
     kinds = []
     while "bus_up" not in kinds:
@@ -494,18 +494,18 @@ def test_a_reload_loses_no_cycle_and_counts_from_one_to_the_next(rig, names):
         create(name)
     rig.start()
     pressures = {foot: rig.client.pressures(foot) for foot in rig.raws}
-    time.sleep(2)
+    time.sleep(4)
     text = (rig.folder / "config.yaml").read_text()
     (rig.folder / "config.yaml").write_text(text + "contact: {activation_threshold_count: 200}\n")
     asked_ns = time.time_ns()
     rig.process.send_signal(signal.SIGHUP)
     told = next(event for event in rig.events if event.kind.startswith("reload"))
-    time.sleep(1.5)
+    time.sleep(3.5)
     assert (told.kind, told.text) == ("reloaded", "changed: contact.activation_threshold_count")
     assert rig.client.meta("left").activation_threshold_count == 200
     rig.check_numbers()
     for foot in rig.raws:
-        assert rig.lost(foot, asked_ns - 1_000_000_000, 2) == []
+        assert rig.lost(foot, asked_ns - 3_000_000_000, 6) == []
         published = list(itertools.takewhile(lambda p: p.t_ns < told.t_ns + 1_000_000_000, pressures[foot]))
         numbers = [pressure.seq for pressure in published]
         assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
