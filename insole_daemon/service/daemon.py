@@ -32,9 +32,7 @@ from .zeroing import zero_handler
 
 _HEALTH_NS = 1_000_000_000
 _IDLE_NS = 100_000_000  # how long the loop may wait for frames: signals and lost buses are seen so soon
-_BUSY_NS = (
-    5_000_000  # how long it may wait while something is done to boards or asked for: that counts time in its turns
-)
+_BUSY_NS = 5_000_000  # the same while something is asked for or done to boards: that counts time in the loop's turns
 # The loop that sends is the loop that publishes: a queue of ten frames that takes none of our few for so long is
 # stuck, and waiting on would cost cycles.
 _PATIENCE_S = 0.005
