@@ -40,8 +40,8 @@ def main() -> None:
         daemon = Daemon(source, traffic.feet(), session)
         measured.on_end(daemon.stop)
         daemon.run(lambda: measured.ready([feed for _, feed in opened], options.endpoint))
-    source.close()
     counters = asdict(source.counters)
+    source.close()
     recorder.report(counters["frames"], dropped=counters["overflows"])
 
 
