@@ -65,11 +65,12 @@ class Chain:
         """From the load (Pa), at rest, to what is read: mean counts, or effective pressure without a calibration."""
         pressure, activation, count = ([self._stage(w, w.law.forward) for w in works] for works in self._works)
         if self._calibration is None:
-            return Run(pressure, None)
+            return Run(pressure, len(self._layout), None)
         coefficients, baseline, usable = self._curve()
         curve = CurveInverse(coefficients)
         return Run(
             [*pressure, lambda x, _: curve(x), *activation, lambda x, _: baseline - x, *count],
+            len(self._layout),
             usable,
         )
 
@@ -86,11 +87,12 @@ class Chain:
             [self._stage(w, w.law.inverse) for w in reversed(works) if w.law.inverse] for works in self._works
         )
         if self._calibration is None:
-            return Run(pressure, None)
+            return Run(pressure, len(self._layout), None)
         coefficients, baseline, usable = self._curve()
         rows = np.ascontiguousarray(coefficients.T)
         return Run(
             [*count, lambda x, _: baseline - x, *activation, lambda x, _: horner(rows, x), *pressure],
+            len(self._layout),
             usable,
         )
 
@@ -169,6 +171,13 @@ def _together(effects: Iterable[Effect], layout: Layout, domains: Sequence[Domai
         if effect.law.domain not in domains:
             continue
         slots = effect.where.slots(layout)
+        for parameter in effect.law.parameters:
+            n = _values(effect)[parameter.name].shape[-1]
+            if parameter.size != "pair" and n not in (1, len(slots)):
+                raise EffectError(
+                    f"the effect {effect.law.word}: expected one value of {parameter.name}, or {len(slots)}, "
+                    f"one for each of its taxels, found {n}"
+                )
         order = np.argsort(slots)
         values = {name: v if v.shape[-1] != len(slots) else v[..., order] for name, v in _values(effect).items()}
         work = _Work(effect.law, slots[order], values)

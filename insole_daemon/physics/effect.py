@@ -94,14 +94,14 @@ def effect(word: str, where: Where | None = None, /, **values: ArrayLike) -> Eff
         raise EffectError(f'unknown effect "{word}": known are {", ".join(known)}')
     where = where or Where()
     found = [(("where", *key), message) for key, message in wrong_where(known[word], where)]
-    found += [(("parameters", *key), message) for key, message in wrong_values(known[word], values)]
+    found += [(("parameters", *key), message) for key, message in wrong_values(known[word], values, each=True)]
     if found:
         raise EffectError("\n".join(f"{word}: {spell(key)}: {message}" for key, message in found))
     return Effect(known[word], where, {name: np.array(value, float) for name, value in values.items()})
 
 
-def wrong_values(law: Law, values: Mapping[str, Any]) -> Wrong:
-    """What is wrong with the values of a law's parameters."""
+def wrong_values(law: Law, values: Mapping[str, Any], each: bool = False) -> Wrong:
+    """What is wrong with the values of a law's parameters; `each`: there may be one for every slot."""
     names = [parameter.name for parameter in law.parameters]
     found: Wrong = [
         ((name,), f"unknown parameter: {law.word} has {', '.join(names)}") for name in values if name not in names
@@ -111,7 +111,7 @@ def wrong_values(law: Law, values: Mapping[str, Any]) -> Wrong:
         if parameter.name not in values:
             found.append(((parameter.name,), f"missing key: expected {_words(parameter)}"))
             continue
-        wrong = _wrong_value(parameter, values[parameter.name])
+        wrong = _wrong_value(parameter, values[parameter.name], each)
         found += wrong
         if parameter.size == "list" and not wrong:
             lengths[parameter.name] = len(np.array(values[parameter.name]))
@@ -135,15 +135,17 @@ def per_slot(parameter: Parameter, value: Array) -> Array:
     return value if value.ndim == least else value[..., None]
 
 
-def _wrong_value(parameter: Parameter, value: Any) -> Wrong:
+def _wrong_value(parameter: Parameter, value: Any, each: bool) -> Wrong:
+    refused: Wrong = [((parameter.name,), f"expected {_words(parameter)}, found {_found(value)}")]
     try:
-        numbers = np.array(value, float)
-    except (TypeError, ValueError, OverflowError):
-        return [((parameter.name,), f"expected {_words(parameter)}, found {_found(value)}")]
-    dims = {"one": (0, 1), "list": (1, 2), "pair": (2,)}[parameter.size]
-    pair = parameter.size == "pair" and numbers.shape != (2, 2)
-    if numbers.ndim not in dims or not numbers.size or pair or isinstance(value, bool | str):
-        return [((parameter.name,), f"expected {_words(parameter)}, found {_found(value)}")]
+        numbers = np.array(value)
+    except ValueError:  # lists of different lengths
+        return refused
+    dims = {"one": 0, "list": 1, "pair": 2}[parameter.size]
+    if numbers.dtype.kind not in "iuf" or not numbers.size or numbers.ndim not in (dims, dims + each):
+        return refused
+    if parameter.size == "pair" and numbers.shape != (2, 2):
+        return refused
     low, high = parameter.low, parameter.high
     right = (numbers >= low) & (numbers <= high)  # nan is neither
     if parameter.whole:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import EffectError
+from ..skin.geometry import N_TAXELS
 from .law import Array, Moments, Operator
 
 _PIECE = 64  # samples that go through all stages together: what is between two of them stays in the cache
@@ -19,9 +20,10 @@ class Run:
     A slot that says nothing (NaN) is taken to stay at what it said last, or at 0, and its result is NaN.
     """
 
-    def __init__(self, stages: Sequence[Operator], usable: NDArray[np.bool_] | None) -> None:
+    def __init__(self, stages: Sequence[Operator], n_triangles: int, usable: NDArray[np.bool_] | None) -> None:
         """`usable` (m,): the slots that have results; None: all."""
         self._stages = tuple(stages)
+        self._shape = (n_triangles, N_TAXELS)
         self._unusable = None if usable is None or usable.all() else ~usable
         self._last_t_s: float | None = None
         self._said: Array | None = None  # (m,) last
@@ -33,9 +35,13 @@ class Run:
         `temperature_c` (n,), or anything that broadcasts to the shape of `signal`.
         """
         whole = np.asarray(signal, np.float64)
-        n = len(whole)
-        x = whole.reshape(n, -1)
         t = np.asarray(t_s, np.float64)
+        n = len(t)
+        if whole.shape != (n, *self._shape):
+            raise EffectError(
+                f"expected samples of the shape {(n, *self._shape)}, as many as there are times, found {whole.shape}"
+            )
+        x = whole.reshape(n, N_TAXELS * self._shape[0])
         dt = np.diff(t, prepend=t[:1] if self._last_t_s is None else self._last_t_s)
         if (dt < 0).any():
             raise EffectError(
@@ -45,7 +51,7 @@ class Run:
         warm = None
         if temperature_c is not None:
             warm = np.asarray(temperature_c, np.float64)
-            warm = warm[:, None] if warm.ndim == 1 else np.broadcast_to(warm, whole.shape).reshape(n, -1)
+            warm = warm[:, None] if warm.ndim == 1 else np.broadcast_to(warm, whole.shape).reshape(x.shape)
         result = np.empty_like(x)
         for start in range(0, n, _PIECE):
             rows = slice(start, start + _PIECE)
