@@ -119,8 +119,11 @@ def wrong_values(law: Law, values: Mapping[str, Any], each: bool = False) -> Wro
         last = names[-1]
         said = ", ".join(f"{n} of {name}" for name, n in lengths.items())
         found.append(((last,), f"expected lists of the same length, found {said}"))
+    columns = {} if found else {p.name: per_slot(p, np.array(values[p.name], float)) for p in law.parameters}
+    numbers = {columns[p.name].shape[-1] for p in law.parameters if columns and p.size != "pair"} - {1}
+    if len(numbers) > 1:
+        found.append(((names[-1],), f"expected as many values for taxels as elsewhere, found {sorted(numbers)}"))
     if not found:
-        columns = {p.name: per_slot(p, np.array(values[p.name], float)) for p in law.parameters}
         across = law.wrong(columns)
         if across is not None:
             found.append(((across[0],), across[1]))

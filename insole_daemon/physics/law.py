@@ -65,6 +65,17 @@ class Parameter:
     whole: bool = False  # a whole number
 
 
+MOST_SHARED = 0.95  # of an answer: something has to come at once, or there is nothing to undo the rest by
+
+
+def wrong_sum(name: str, values: Values) -> tuple[str, str] | None:
+    """What is wrong with the shares of list `name` as a whole, for `Law.wrong`."""
+    total = float(values[name].sum(axis=0).max())
+    if total <= MOST_SHARED + 1e-9:  # decimal fractions do not sum exactly
+        return None
+    return name, f"expected numbers whose sum is at most {MOST_SHARED:g}, found the sum {total:g}"
+
+
 def unchanged(values: Values, site: Site) -> Operator:
     """The maker of laws that leave every sample as it is: those of places and of time stamps."""
     return lambda x, moments: x

@@ -75,9 +75,3 @@ class InverseRelaxation:
             self._load = row
         self._load, self._now = self._load.copy(), step.now[-1].copy()
         return load
-
-
-def wrong_shares(a: Array) -> tuple[str, str] | None:
-    """What is wrong with the shares `a` (k, …) as a whole; see `Law.wrong`."""
-    total = float(a.sum(axis=0).max())
-    return ("a", f"expected shares whose sum is at most 0.95, found the sum {total:g}") if total > 0.95 else None

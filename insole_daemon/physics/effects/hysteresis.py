@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..law import Array, Law, Moments, Operator, Parameter, Site, Values
+from ..law import MOST_SHARED, Array, Law, Moments, Operator, Parameter, Site, Values, wrong_sum
 
 
 class _Plays:
@@ -52,11 +52,6 @@ def _inverse(values: Values, site: Site) -> Operator:
     return _Plays(1.0 / at_once, np.cumsum(slope[:-1] * widths, axis=0), np.diff(1.0 / slope, axis=0))
 
 
-def _wrong(values: Values) -> tuple[str, str] | None:
-    total = float(values["w"].sum(axis=0).max())
-    return ("w", f"expected weights whose sum is at most 0.95, found the sum {total:g}") if total > 0.95 else None
-
-
 LAW = Law(
     word="hysteresis",
     order=4,
@@ -65,10 +60,10 @@ LAW = Law(
     source="Prandtl–Ishlinskii model and its exact inverse: Kuhnen, Eur. J. Control 9 (2003) 407–418",
     parameters=(
         Parameter("r_pa", "Pa", 0.0, 1e7, (500.0, 50_000.0), "half the width of each play", "list"),
-        Parameter("w", "1", 0.0, 0.95, (0.01, 0.12), "weight of each play", "list"),
+        Parameter("w", "1", 0.0, MOST_SHARED, (0.01, 0.12), "weight of each play", "list"),
     ),
     forward=_forward,
     inverse=_inverse,
     inverse_is="exact",
-    wrong=_wrong,
+    wrong=lambda values: wrong_sum("w", values),
 )

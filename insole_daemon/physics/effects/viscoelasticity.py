@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..law import Law, Operator, Parameter, Site, Values
+from ..law import MOST_SHARED, Law, Operator, Parameter, Site, Values
 from ..relaxation import InverseRelaxation, Relaxation
 
 
@@ -21,7 +21,7 @@ LAW = Law(
     equation="q = (1 − a)·P + a·z, τ·dz/dt = P − z",
     source="standard linear solid (Zener): its creep compliance 1 − a·exp(−t/τ), superposed after Boltzmann",
     parameters=(
-        Parameter("a", "1", 0.0, 0.95, (0.03, 0.25), "share of the answer that comes late"),
+        Parameter("a", "1", 0.0, MOST_SHARED, (0.03, 0.25), "share of the answer that comes late"),
         Parameter("tau_s", "s", 1e-4, 1e5, (0.05, 3.0), "time constant of that share"),
     ),
     forward=_forward,

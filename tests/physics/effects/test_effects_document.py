@@ -117,7 +117,7 @@ def test_everything_that_is_wrong_is_said_at_once_with_key_and_range(refused: Ca
         "effects[1].parameters.tau_s.value: expected a number from 0.0001 to 10 s, found 0",
         "effects[2].parameters.r_pa.value[1]: expected a number from 0 to 1e+07 Pa, found -1",
         "effects[2].parameters.w.value[1]: expected a number from 0 to 0.95, found 2",
-        "effects[3].parameters.a.value: expected shares whose sum is at most 0.95, found the sum 1",
+        "effects[3].parameters.a.value: expected numbers whose sum is at most 0.95, found the sum 1",
         "effects[4].parameters.down_pa.value: expected less than up_pa, which is 10000, found 20000",
         "effects[5].where.ids[0]: board 9 is not in the layout: are these effects of another insole?",
     ]  # fmt: skip
@@ -213,5 +213,7 @@ def test_made_in_code_it_is_checked_the_same() -> None:
         effect("lag", tau_s=20)
     with pytest.raises(EffectError, match='unknown effect "laag": known are'):
         effect("laag", tau_s=20)
+    with pytest.raises(EffectError, match=r"expected as many values for taxels as elsewhere, found \[2, 3\]"):
+        effect("snap", up_pa=[3e4, 4e4], down_pa=[1e4, 1e4, 1e4], step_pa=1e3)
     with pytest.raises(EffectError, match=r"where\.ids: expected at least one"):
         effect("lag", Where("board"), tau_s=0.1)
