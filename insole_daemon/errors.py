@@ -4,6 +4,7 @@
     ├── DocumentError          a file that a person or a program wrote: config, layout, calibration
     ├── LogError               a candump log that cannot be read
     ├── BusError               a CAN interface that cannot be opened or read
+    ├── EffectError            an effect that cannot do what it is asked to, or is not what its law allows
     └── WireError              Zenoh: an endpoint that is taken, a daemon that is not there, a bad message
 
 Every message says what was expected, what was found, where, and what to do.
@@ -49,6 +50,10 @@ class LogError(InsoleError):
     """A candump log cannot be read: the message names the file, the line and what was expected there."""
 
     exit_status = 4
+
+
+class EffectError(InsoleError):
+    """An effect has no inverse, is not what its law allows, or lacks something that it needs."""
 
 
 class BusError(InsoleError):

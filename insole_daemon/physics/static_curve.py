@@ -37,7 +37,7 @@ class StaticCurve:
     def pressure_pa(self, counts: NDArray[np.uint8]) -> NDArray[np.float64]:
         """(…, n_triangles, 12) Pa from counts of that shape; NaN where the calibration lists no taxel."""
         activation = self._baseline_count - counts
-        pressure = _horner(self._coefficients, activation)
+        pressure = horner(self._coefficients, activation)
         if self._threshold_count > 0:
             pressure[activation < self._threshold_count] = 0.0
         return pressure
@@ -46,10 +46,10 @@ class StaticCurve:
         """(…, n_triangles, 12) Pa²; None where the calibration carries no uncertainty."""
         if self._variance is None:
             return None
-        return _horner(self._variance, self._baseline_count - counts)
+        return horner(self._variance, self._baseline_count - counts)
 
 
-def _horner(coefficients: NDArray[np.float64], x: NDArray[np.float64]) -> NDArray[np.float64]:
+def horner(coefficients: NDArray[np.float64], x: NDArray[np.float64]) -> NDArray[np.float64]:
     """Σ_k coefficients[k] · x^k; coefficients (k, …) against x (…)."""
     value: NDArray[np.float64] = coefficients[-1] * np.ones_like(x) if len(coefficients) == 1 else coefficients[-1] * x
     for coefficient in coefficients[-2:0:-1]:

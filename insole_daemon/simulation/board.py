@@ -1,7 +1,7 @@
 """One emulated board: its settings, its baseline, and the halves it sends on a tick.
 
-What its sensors read is in sensors.py, what the firmware makes of a reading in digitiser.py, what two generations
-do differently in generation.py. Source of the behaviour: robotology/icub-firmware,
+What its sensors read is in sensors.py, what the firmware makes of a reading in physics/digitiser.py, what two
+generations do differently in generation.py. Source of the behaviour: robotology/icub-firmware,
 embot_app_application_theSkin.cpp (MTB4), mtb3/main_V3.c and can_interface.c (MTB3).
 
 A new baseline is one reading. An MTB4 takes it at once; an MTB3 spends three ticks of its stream on it: the first
@@ -17,10 +17,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..physics.digitiser import OPEN_LINE, digitise, low_bytes
 from ..skin.identifiers import CLASS_LEGACY_SKIN, CLASS_SKIN, ERROR_NO_ACK, skin_id
-from .digitiser import OPEN_LINE, digitise, halves, low_bytes
 from .faults import Event, Fault, events_of
 from .generation import MTB4, Generation
+from .halves import halves
 from .sensors import NOISE_COUNT, PRESSURE_PER_COUNT_PA, SPREAD, Sensors, Temperature
 from .thermometer import Thermometer, thermometer_frame
 

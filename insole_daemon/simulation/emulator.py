@@ -50,7 +50,7 @@ class Emulator:
         temperature compensation of skin types 0 and 8, on which pad 6's noise shows; with `faults` or
         `temperature_c`, whose fingerprints it makes, it is "mtb4" for all boards.
         `status_bits`: else the status in every half B is 0. `cdc_hz`: rate of the free-running converters, really
-        sensors.CDC_HZ; None: a reading is as old as its tick. `temperature_c`: of all the insoles, seconds since
+        sampling.CDC_HZ; None: a reading is as old as its tick. `temperature_c`: of all the insoles, seconds since
         power-up (n,) to °C (n,); None is 25 °C.
         """
         for fault in faults:

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from .digitiser import GAINS_TYPE_0, GAINS_TYPE_8, Gains
+from ..physics.digitiser import GAINS_TYPE_0, GAINS_TYPE_8, Gains
 
 GenerationName = Literal["mtb3", "mtb4"]
 

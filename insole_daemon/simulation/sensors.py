@@ -20,14 +20,14 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from ..physics.digitiser import GAINS_TYPE_0, OPEN_LINE
+from ..physics.sampling import sequence, taken_s
 from ..skin.geometry import PRESSURE_TAXELS
-from .digitiser import GAINS_TYPE_0, OPEN_LINE
 from .faults import LINE_KINDS, STUCK_PA, TAXEL_KINDS, Fault
 
 PRESSURE_PER_COUNT_PA = 8000.0  # public insole recordings: about 12 counts a bar; the built-in calibration's line
 NOISE_COUNT = 0.9  # σ before rounding; public recordings: 0.9 to 1.0 from row to row
 SPREAD = 0.03  # σ of the taxels' sensitivities
-CDC_HZ = 1 / 36.864e-3
 REST_C = 25.0  # where a sensor rests at its rest code
 COUNT_PER_K = 2.5  # of a thermal pad; an assumption: no public number
 
@@ -64,7 +64,7 @@ class Sensors:
             for place, fault in enumerate(faults)
             if fault.board == address and fault.kind in LINE_KINDS
         ]
-        self._cdc_s = None if cdc_hz is None else 1 / cdc_hz
+        self._cdc_hz = cdc_hz
         self._phase_s = np.random.default_rng([seed, address, 2]).random(16) / (cdc_hz or 1.0)
         self._held = np.full((16, 12), OPEN_LINE, np.int64)
         self._held_number = np.full(16, -(2**62), np.int64)
@@ -78,15 +78,9 @@ class Sensors:
 
     def sampled_s(self, t_s: NDArray[np.float64]) -> NDArray[np.float64] | None:
         """(n, n_triangles) when what is read at `t_s` (n,) was converted; None: then."""
-        if self._cdc_s is None:
+        if self._cdc_hz is None:
             return None
-        phase_s = self._phase_s[list(self.triangles)]
-        return np.maximum(phase_s + self._number(t_s)[:, self.triangles] * self._cdc_s, 0.0)
-
-    def _number(self, t_s: NDArray[np.float64]) -> NDArray[np.int64]:
-        """(n, 16) of the sequence that was through last."""
-        assert self._cdc_s is not None
-        return np.floor((t_s[:, None] - self._phase_s) / self._cdc_s).astype(np.int64)
+        return np.maximum(taken_s(t_s, self._phase_s[list(self.triangles)], self._cdc_hz), 0.0)
 
     def temperature_c(self, t_s: float) -> float:
         """Of the board, `t_s` after power-up."""
@@ -127,8 +121,9 @@ class Sensors:
         code = np.rint(code, out=code).clip(0, OPEN_LINE)
         words = np.full((len(load), len(slots), 12), OPEN_LINE, np.int64)
         words[:, there] = code
-        if self._cdc_s is not None and held:
-            words[:, there] = self._hold(words[:, there], slots_there, t_s)
+        if self._cdc_hz is not None and held:
+            number = sequence(t_s, self._phase_s[slots_there], self._cdc_hz)
+            words[:, there] = self._hold(words[:, there], slots_there, number)
         for fault, luck in self._line_faults:
             self._break_lines(fault, luck, words, pressure_pa, slots, t_s)
         return words
@@ -181,14 +176,13 @@ class Sensors:
             place = int(np.flatnonzero(slots == triangle)[0])
             words[ticks[bad], place] = OPEN_LINE if fault.kind == "loose" else 0
 
-    def _hold(self, words: NDArray[np.int64], slots: NDArray[np.intp], t_s: NDArray[np.float64]) -> NDArray[np.int64]:
-        """`words` (n_ticks, n_slots, 12), at each tick those of the first tick that saw the same sequence."""
-        if not len(t_s):
+    def _hold(self, words: NDArray[np.int64], slots: NDArray[np.intp], number: NDArray[np.int64]) -> NDArray[np.int64]:
+        """`words` (n_ticks, n_slots, 12), at each tick those of the first tick that saw the same sequence `number`."""
+        if not len(number):
             return words
-        number = self._number(t_s)[:, slots]
         new = number != np.concatenate([self._held_number[None, slots], number[:-1]])
         # Row 0 of what follows is what the last call left.
-        since = np.maximum.accumulate(np.where(new, np.arange(1, len(t_s) + 1)[:, None], 0), axis=0)
+        since = np.maximum.accumulate(np.where(new, np.arange(1, len(number) + 1)[:, None], 0), axis=0)
         all_words = np.concatenate([self._held[None, slots], words])
         result: NDArray[np.int64] = np.take_along_axis(all_words, since[..., None], axis=0)
         self._held[slots] = result[-1]

@@ -1,9 +1,10 @@
 import numpy as np
 import pytest
 
+from insole_daemon.physics.digitiser import digitise, low_bytes
 from insole_daemon.simulation.board import PRESSURE_PER_COUNT_PA, Board
 from insole_daemon.simulation.commands import obey
-from insole_daemon.simulation.digitiser import digitise, halves, low_bytes
+from insole_daemon.simulation.halves import halves
 
 TRIANGLES = (0, 3, 7)
 NOTHING = np.zeros((3, 12))

@@ -5,12 +5,13 @@ import pytest
 
 from insole_daemon import config
 from insole_daemon.bus.frames import FrameBatch
+from insole_daemon.physics.sampling import CDC_HZ
 from insole_daemon.simulation.cases import random_fault
 from insole_daemon.simulation.emulator import Emulator
 from insole_daemon.simulation.faults import KINDS, Fault
 from insole_daemon.simulation.foot import Stand, Walk
 from insole_daemon.simulation.load import Unloaded
-from insole_daemon.simulation.sensors import CDC_HZ, COUNT_PER_K
+from insole_daemon.simulation.sensors import COUNT_PER_K
 from insole_daemon.skin import layout
 
 ADDRESSES = {"left": (5, 6, 7), "right": (8, 9, 10)}

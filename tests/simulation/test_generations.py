@@ -5,10 +5,10 @@ import ctypes
 import numpy as np
 import pytest
 
+from insole_daemon.physics.digitiser import GAINS_TYPE_0, GAINS_TYPE_8, digitise, drift
 from insole_daemon.simulation.board import Board
 from insole_daemon.simulation.bus_time import STACK_FRAMES, BusTime, Offer
 from insole_daemon.simulation.commands import obey
-from insole_daemon.simulation.digitiser import GAINS_TYPE_0, GAINS_TYPE_8, digitise, drift
 from insole_daemon.simulation.generation import MTB3, MTB4
 
 TRIANGLES = (0, 3, 7)

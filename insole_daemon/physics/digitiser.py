@@ -1,4 +1,4 @@
-"""What the firmware makes of a triangle's twelve 16-bit words: the 8-bit counts, their flags, the two halves.
+"""What the firmware makes of a triangle's twelve 16-bit words: the 8-bit counts and their flags.
 
     value  = raw16 − baseline16 − drift
     count  = 255                     where value ≤ −((255 − no_load) << shift)
@@ -13,7 +13,7 @@ Where dT < 0 an MTB4 shifts the negated product, which rounds down, an MTB3 nega
 all of it is 16 bits wide and wraps; products and |dT| are unsigned there.
 
 Source: robotology/icub-firmware, embot_app_application_theSkin.cpp 325–467 (MTB4, 32-bit arithmetic),
-mtb3/main_V3.c 898–993 and embot_prot_can_skin_periodic.cpp 78–111.
+mtb3/main_V3.c 898–993.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..skin.geometry import THERMAL_PADS
-from ..skin.identifiers import ERROR_NO_ACK, ERROR_NOT_CONNECTED, TAG_A, TAG_B
+from ..skin.identifiers import ERROR_NO_ACK, ERROR_NOT_CONNECTED
 
 OPEN_LINE = 0xFFFF  # every word of a triangle that is not there: a pulled-up data line
 
@@ -60,8 +60,7 @@ def digitise(
         inside = no_load - (value >> shift) & 0xFF
         counts = np.where(value >= top, 0, np.where(value <= bottom, 255, inside)).astype(np.uint8)
     else:
-        # Within the two pins the formula cannot leave 0..255, so clamping is the same as the firmware's rules.
-        counts = np.clip(no_load - (value >> shift), 0, 255).astype(np.uint8)
+        counts = clamped(value, no_load, shift)
     flags = (value <= bottom_flag) | (value >= top_flag)
     unconnected = (raw16 == OPEN_LINE).all(axis=-1)
     status = np.where(unconnected, ERROR_NOT_CONNECTED, 0)
@@ -69,6 +68,26 @@ def digitise(
     if flags.any():
         status |= flags @ _FLAG_BITS
     return counts, status.astype(np.uint16)
+
+
+def clamped(value: NDArray[np.int64], no_load: int | NDArray[np.int64], shift: NDArray[np.int64]) -> NDArray[np.uint8]:
+    """Counts of `value` (…), the codes that are left of the baseline and of the temperature; no flags."""
+    # Within the two pins the formula cannot leave 0..255, so clamping is the same as the firmware's rules.
+    return np.clip(no_load - (value >> shift), 0, 255).astype(np.uint8)
+
+
+def codes_of(count: NDArray[np.float64], no_load: NDArray[np.int64], shift: NDArray[np.int64]) -> NDArray[np.float64]:
+    """The `value` (…), with its fraction, that reads `count` (…) on average: a floor adds (1 − 2^−shift)/2."""
+    step = np.ldexp(1.0, shift)
+    codes: NDArray[np.float64] = (no_load - count) * step + (step - 1) / 2
+    return codes
+
+
+def count_of(codes: NDArray[np.float64], no_load: NDArray[np.int64], shift: NDArray[np.int64]) -> NDArray[np.float64]:
+    """What `codes` (…) read on average: `codes_of` backwards."""
+    step = np.ldexp(1.0, shift)
+    count: NDArray[np.float64] = no_load - (codes - (step - 1) / 2) / step
+    return count
 
 
 def drift(
@@ -94,15 +113,3 @@ def _wrapped(value: NDArray[np.int64]) -> NDArray[np.int64]:
 def low_bytes(raw16: NDArray[np.int64]) -> tuple[NDArray[np.uint8], NDArray[np.uint16]]:
     """What stands for counts (…, 12) and status words (…) in the raw test mode, skin type 7."""
     return (raw16 & 0xFF).astype(np.uint8), np.zeros(raw16.shape[:-1], np.uint16)
-
-
-def halves(counts: NDArray[np.uint8], status: NDArray[np.uint16]) -> NDArray[np.uint8]:
-    """Payloads (…, 2, 8), half A then half B, of counts (…, 12) and status words (…)."""
-    data = np.empty((*status.shape, 2, 8), np.uint8)
-    data[..., 0, 0] = TAG_A
-    data[..., 0, 1:] = counts[..., :7]
-    data[..., 1, 0] = TAG_B
-    data[..., 1, 1:6] = counts[..., 7:]
-    data[..., 1, 6] = status >> 8
-    data[..., 1, 7] = status & 0xFF
-    return data
