@@ -88,11 +88,12 @@ class Link:
 
     def drain(self) -> FrameBatch:
         """See FrameSource."""
-        if self.source is None and not len(self._left):
-            return self._left
-        batch = self._left if self.source is None else FrameBatch.concatenate([self._left, self.source.drain()])
-        self._left = FrameBatch.empty()
-        if batch.flags.any() or self.condition.state == "bus-off":
+        batch = self._left if self.source is None else self.source.drain()
+        if len(self._left):
+            if self.source is not None:
+                batch = FrameBatch.concatenate([self._left, batch])
+            self._left = FrameBatch.empty()
+        if np.count_nonzero(batch.flags) or self.condition.state == "bus-off":
             self._follow_bus_off(batch)
         return batch
 

@@ -7,7 +7,6 @@ it is waited for by whoever reads.
 
 from __future__ import annotations
 
-import contextlib
 import os
 import select
 import time
@@ -67,8 +66,6 @@ class RecoveringSource:
 
     def receive(self) -> int:
         """See FrameSource; a bus that fails is left to its thread."""
-        with contextlib.suppress(BlockingIOError):
-            os.eventfd_read(self._wake)
         return sum([link.receive() for link in self._links])
 
     def drain(self) -> FrameBatch:
@@ -82,7 +79,9 @@ class RecoveringSource:
     def wait(self, timeout_s: float) -> None:
         """See FrameSource; also returns when a bus is there again."""
         open_now = [link.source.fileno() for link in self._links if link.source is not None]
-        select.select([self._wake, *open_now], [], [], max(0.0, timeout_s))
+        readable, _, _ = select.select([self._wake, *open_now], [], [], max(0.0, timeout_s))
+        if self._wake in readable:
+            os.eventfd_read(self._wake)
 
     def sink(self, channel: str, patience_s: float) -> FrameSink:
         """Of the interface `channel`, as it is open now: ask again for the next frames.
@@ -102,7 +101,11 @@ class RecoveringSource:
 
 def _merged(batches: Sequence[FrameBatch]) -> FrameBatch:
     """The batches of several interfaces as one, the interfaces numbered, in the order of time."""
-    numbered = [replace(b, interface=np.full_like(b.interface, at)) for at, b in enumerate(batches) if len(b)]
+    numbered = [
+        replace(batch, interface=np.full_like(batch.interface, at)) if at else batch
+        for at, batch in enumerate(batches)
+        if len(batch)
+    ]
     together = FrameBatch.concatenate(numbered)
     if len(numbered) > 1:
         together = together[np.argsort(together.t_mono_ns, kind="stable")]

@@ -105,12 +105,15 @@ class Daemon:
                 batch, looked_ns = collect(
                     self._source, self._skin.outstanding() or _ANY, until_ns, self._skin.promised_ns()
                 )
-                fed = self._skin.feed(batch)
-                self._publish(fed)
-                advanced = self._skin.advance(looked_ns)
-                self._publish(advanced)
-                for desk, complete, by_time in zip(self._desks, fed, advanced, strict=True):
-                    desk.step(Step(looked_ns, complete + by_time, batch))
+                closed = self._skin.feed(batch)
+                self._publish(closed)
+                if due_ns is not None and looked_ns > due_ns:
+                    by_time = self._skin.advance(looked_ns)
+                    self._publish(by_time)
+                    closed = [complete + late for complete, late in zip(closed, by_time, strict=True)]
+                for desk, cycles in zip(self._desks, closed, strict=True):
+                    if not desk.idle:
+                        desk.step(Step(looked_ns, cycles, batch))
                 self._follow_buses()
                 self._follow_reload()
                 if time.monotonic_ns() >= next_health_ns:
@@ -158,7 +161,10 @@ class Daemon:
 
     def _follow_reload(self) -> None:
         """Begin a reload that was asked for, and take over what one brought: here no cycle is half published."""
-        reloader, running = self._reloader, tuple(foot.setup for foot in self._feet)
+        reloader = self._reloader
+        if not (self._reload_asked or reloader.busy):
+            return
+        running = tuple(foot.setup for foot in self._feet)
         if self._reload_asked and not reloader.busy:
             self._reload_asked = False
             notify("RELOADING=1", f"MONOTONIC_USEC={time.monotonic_ns() // 1000}")

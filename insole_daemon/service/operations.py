@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
-from queue import Empty, SimpleQueue
+from queue import SimpleQueue
 from typing import Any
 
 import zenoh
@@ -61,6 +61,11 @@ class RequestDesk:
         self._queryables: list[Any] = []
 
     @property
+    def idle(self) -> bool:
+        """Whether a step would do nothing."""
+        return not (self._running or self._background) and self._arrived.empty()
+
+    @property
     def busy(self) -> bool:
         """Whether a request runs or waits: then the loop should come by more often than frames make it."""
         return bool(self._running) or not self._arrived.empty()
@@ -80,11 +85,8 @@ class RequestDesk:
 
     def step(self, step: Step) -> None:
         """Begin what has been asked for, and resume everything that runs."""
-        while True:
-            try:
-                self._begin(*self._arrived.get_nowait())
-            except Empty:
-                break
+        while not self._arrived.empty():  # the loop alone takes from it
+            self._begin(*self._arrived.get())
         for verb, (operation, query) in list(self._running.items()):
             reply = _resume(operation, step)
             if reply is not None:
