@@ -49,6 +49,7 @@ class Cycles:
     age_ns: NDArray[
         np.int64
     ]  # (n, n_triangles) age of the older half when the cycle closed; -1: never received
+    arrived: NDArray[np.uint8]  # (n, n_triangles) halves that came for this cycle, second arrivals counted too
     missing: NDArray[np.bool_]  # (n, n_triangles) a half was expected and did not come
     late: NDArray[np.bool_]  # (n,) closed by time, with halves missing
     repeated: NDArray[np.bool_]  # (n,) nothing has arrived since the cycle before
@@ -67,7 +68,7 @@ class Cycles:
             flag = np.empty(0, np.bool_)
             return cls(
                 none, none, np.empty((0, n_triangles, 12), np.uint8), wide.astype(np.uint16), wide, wide,
-                wide.astype(np.bool_), flag, flag,
+                wide.astype(np.uint8), wide.astype(np.bool_), flag, flag,
             )  # fmt: skip
         return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in cls.__slots__))
 
@@ -92,6 +93,7 @@ class CycleAssembler:
         self._t_ns = np.zeros(n_slots, np.int64)
         self._t_mono_ns = np.full(n_slots, _NEVER)
         self._seen = np.zeros(n_slots, np.bool_)  # since the last close
+        self._arrived = np.zeros(n_slots, np.int64)  # since the last close
         self._expected = np.ones(n_slots, np.bool_)
         self._misses = np.zeros(n_slots, np.int64)  # late closings missed since the half last came in time
         self._returning = np.zeros(n_slots, np.bool_)  # came in time while not expected
@@ -194,7 +196,9 @@ class CycleAssembler:
         self._misses[in_time] = 0
         self._returning[in_time] = True
         n_slots = len(self._seen)
-        self.arrivals += np.bincount(slot, minlength=n_slots)
+        arrived = np.bincount(slot, minlength=n_slots)
+        self.arrivals += arrived
+        self._arrived += arrived
         self.changes += np.bincount(slot[new != before], minlength=n_slots)
         seen_before = int(np.count_nonzero(self._seen))
         self._seen[slot] = True
@@ -239,6 +243,7 @@ class CycleAssembler:
             status=_status(halves),
             triangle_t_ns=np.where(never, 0, self._t_ns.reshape(-1, 2)[triangle, older])[None],
             age_ns=np.where(never, -1, t_close_ns - t_older)[None],
+            arrived=np.minimum(self._arrived.reshape(1, -1, 2).sum(axis=2), 255).astype(np.uint8),
             missing=np.any((self._expected & ~self._seen).reshape(1, -1, 2), axis=2),
             late=np.array([late]),
             repeated=np.array([not self._fresh]),
@@ -246,6 +251,7 @@ class CycleAssembler:
         self._expected |= self._returning
         self._returning[:] = False
         self._seen[:] = False
+        self._arrived[:] = 0
         self._fresh = False
         self._set_due(t_close_ns)
         return cycle
@@ -316,6 +322,7 @@ class CycleAssembler:
             status=_status(halves),
             triangle_t_ns=np.where(never, 0, np.where(a_older, t_received[:, :, 0], t_received[:, :, 1])),
             age_ns=np.where(never, -1, t_close[:, None] - t_older),
+            arrived=np.repeat(self._expected.reshape(1, -1, 2).sum(axis=2, dtype=np.uint8), n, axis=0),
             missing=np.zeros((n, self.n_triangles), np.bool_),
             late=np.zeros(n, np.bool_),
             repeated=np.zeros(n, np.bool_),
