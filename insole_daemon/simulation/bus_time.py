@@ -9,16 +9,18 @@ times for a frame of 8 bytes. A stuff bit counts as the first bit of the run tha
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..bus.frames import FrameBatch
+from ..skin.identifiers import CLASS_MANAGEMENT, TYPE_OVERFLOW, skin_id
 
 BIT_NS = 1000  # 1 Mbit/s
-QUEUE_FRAMES = 64  # a board's transmit queue; the firmware's real depth is not known
+QUEUE_FRAMES = 64  # an MTB4's transmit queue; the firmware's real depth is not known
+STACK_FRAMES = 20  # an MTB3's (can_interface.h 15)
 
 _CRC_POLYNOMIAL = 0x4599
 _UNSTUFFED_BITS = 47  # everything but the data: 19 + 15 left of the bar, 13 right of it
@@ -54,9 +56,7 @@ _STUFFING = {width: _stuffing(width) for width in (2, 7, 8)}
 _CRC = np.array([_crc_of_byte(byte) for byte in range(256)], np.uint16)
 
 
-def frame_bits(
-    can_id: NDArray[np.uint32], dlc: NDArray[np.uint8], data: NDArray[np.uint8]
-) -> NDArray[np.int64]:
+def frame_bits(can_id: NDArray[np.uint32], dlc: NDArray[np.uint8], data: NDArray[np.uint8]) -> NDArray[np.int64]:
     """(n,) bit times of n standard data frames, exact stuffing and inter-frame space included."""
     run = np.zeros(len(can_id), np.uint8)  # after the start of frame, one dominant bit
     crc = np.zeros(len(can_id), np.uint16)
@@ -105,7 +105,7 @@ class Offer:
     """Frames a board puts into its transmit queue at one moment, in this order."""
 
     ready_ns: int
-    address: int
+    address: int  # whose queue it is, even if another board bears this address too
     can_id: NDArray[np.uint32]  # (n,)
     dlc: NDArray[np.uint8]  # (n,)
     data: NDArray[np.uint8]  # (n, 8)
@@ -115,26 +115,36 @@ class BusTime:
     """One bus: when it is free, the lowest identifier at the head of a board's queue goes next.
 
     A frame that has begun is not interrupted. What does not fit into a board's queue is lost and counted.
+
+    The queue of an MTB3 is a stack behind one register of its CAN controller: whatever was put there last goes
+    into the register as soon as that is empty, and stays until it is sent. When the stack is full, all of it is
+    thrown away with the frame that did not fit, and an empty frame says so. Source: robotology/icub-firmware,
+    mtb3/can_interface.c 171–226.
     """
 
-    def __init__(self, t_ns: int) -> None:
-        """A bus that is idle at `t_ns`."""
+    def __init__(self, t_ns: int, stacks: Collection[int] = ()) -> None:
+        """A bus that is idle at `t_ns`; the boards `stacks` are MTB3s."""
         self.lost: dict[int, int] = {}  # frames, by address
+        self._stacks = frozenset(stacks)
         self._free_ns = t_ns
-        self._waiting: list[Offer] = []  # what earlier calls left, one a board
+        self._sending: int | None = None  # whose frame is on the bus until it is free
+        self._waiting: list[Offer] = []  # what earlier calls left, one a board, in the order it will be sent
 
     def carry(self, offers: Sequence[Offer], until_ns: int) -> FrameBatch:
         """The frames that begin before `until_ns`, each stamped with its end; the others wait.
 
         `offers` stand in the order of their time, later than those of earlier calls, before `until_ns`.
         """
-        offers = [*self._waiting, *offers]
+        waiting = self._waiting
         self._waiting = []
-        if not offers:
+        if not offers and not waiting:
             return FrameBatch.empty()
-        can_id = np.concatenate([offer.can_id for offer in offers])
-        dlc = np.concatenate([offer.dlc for offer in offers])
-        data = np.concatenate([offer.data for offer in offers])
+        # An empty frame for every stack at hand: its row is used whenever the stack overflows.
+        overflows = [_overflow(address) for address in sorted(self._stacks)]
+        everything = [*overflows, *waiting, *offers]
+        can_id = np.concatenate([offer.can_id for offer in everything])
+        dlc = np.concatenate([offer.dlc for offer in everything])
+        data = np.concatenate([offer.data for offer in everything])
         duration_ns = frame_bits(can_id, dlc, data) * BIT_NS
         queues: dict[int, NDArray[np.intp]] = {}
         rows: list[NDArray[np.intp]] = []
@@ -153,29 +163,67 @@ class BusTime:
             for address in order:
                 gone = min(left, len(queues[address]))
                 left -= gone
+                if gone:
+                    self._sending = address
                 queues[address] = queues[address][gone:]
                 if not len(queues[address]):
                     del queues[address]
 
-        start = 0
+        def put(offer: Offer, offered: NDArray[np.intp]) -> None:
+            queue = queues.get(offer.address, offered[:0])
+            if offer.address in self._stacks:
+                on_bus = self._sending == offer.address and self._free_ns > offer.ready_ns
+                overflow = np.array([sorted(self._stacks).index(offer.address)])
+                queue, lost = _stacked(queue, offered, on_bus, overflow)
+            else:
+                queue = np.concatenate([queue, offered])
+                lost = max(len(queue) - QUEUE_FRAMES, 0)
+                queue = queue[:QUEUE_FRAMES]
+            if lost:
+                self.lost[offer.address] = self.lost.get(offer.address, 0) + lost
+            if len(queue):
+                queues[offer.address] = queue
+
+        start = len(overflows)
+        for offer in waiting:
+            queues[offer.address] = np.arange(start, start + len(offer.can_id))
+            start += len(offer.can_id)
         for offer in offers:
             serve(offer.ready_ns)
             if not queues:
                 self._free_ns = max(self._free_ns, offer.ready_ns)
-            offered = np.arange(start, start + len(offer.can_id))
+            put(offer, np.arange(start, start + len(offer.can_id)))
             start += len(offer.can_id)
-            queue = np.concatenate([queues.get(offer.address, offered[:0]), offered])
-            if len(queue) > QUEUE_FRAMES:
-                self.lost[offer.address] = self.lost.get(offer.address, 0) + len(queue) - QUEUE_FRAMES
-            if len(queue):
-                queues[offer.address] = queue[:QUEUE_FRAMES]
         serve(until_ns)
         self._waiting = [
-            Offer(self._free_ns, address, can_id[queue], dlc[queue], data[queue])
-            for address, queue in queues.items()
+            Offer(self._free_ns, address, can_id[queue], dlc[queue], data[queue]) for address, queue in queues.items()
         ]
         if not rows:
             return FrameBatch.empty()
         sent, t_ns = np.concatenate(rows), np.concatenate(ends_ns)
         nothing = np.zeros(len(sent), np.uint8)
         return FrameBatch(t_ns, t_ns, nothing, can_id[sent], dlc[sent], data[sent], nothing)
+
+
+def _stacked(
+    queue: NDArray[np.intp], offered: NDArray[np.intp], on_bus: bool, overflow: NDArray[np.intp]
+) -> tuple[NDArray[np.intp], int]:
+    """The queue of an MTB3, in the order it will be sent, after `offered` was put on it; how many were lost.
+
+    `on_bus`: a frame of its own is, so the register is not free to hold the next; `overflow` (1,): the row of its
+    empty frame.
+    """
+    lost = 0
+    for row in offered:
+        register = 0 if on_bus else 1  # places at the head of `queue`
+        if len(queue) - register >= STACK_FRAMES:
+            lost += len(queue) - register + 1
+            queue = np.concatenate([queue[:register], overflow])
+        else:
+            queue = np.concatenate([queue[:register], [row], queue[register:]])
+    return queue, lost
+
+
+def _overflow(address: int) -> Offer:
+    empty_id = skin_id(address, TYPE_OVERFLOW, CLASS_MANAGEMENT)
+    return Offer(0, address, np.array([empty_id], np.uint32), np.zeros(1, np.uint8), np.zeros((1, 8), np.uint8))

@@ -1,14 +1,19 @@
 """What the firmware makes of a triangle's twelve 16-bit words: the 8-bit counts, their flags, the two halves.
 
-    value  = raw16 − baseline16
+    value  = raw16 − baseline16 − drift
     count  = 255                     where value ≤ −((255 − no_load) << shift)
              0                       where value ≥ no_load << shift
              no_load − (value >> shift)   elsewhere; >> is arithmetic, a floor
     flag   = value ≤ −2·((255 − no_load) << shift)  or  value ≥ 2·(no_load << shift)
 
-Source: robotology/icub-firmware, embot_app_application_theSkin.cpp 439–467 (MTB4, 32-bit arithmetic) and
-embot_prot_can_skin_periodic.cpp 78–111. The drift compensation of skin types 0 and 8, which subtracts
-pad 6's change · gain_k / 128 from taxel k, is left out: the emulated pads do not change with temperature.
+    dT      = raw16 − baseline16 of pad 6
+    drift_k = ((|dT| >> 2) · gain_k) >> 5, with the sign of dT: about dT · gain_k / 128
+
+Where dT < 0 an MTB4 shifts the negated product, which rounds down, an MTB3 negates the shifted one. On an MTB3
+all of it is 16 bits wide and wraps; products and |dT| are unsigned there.
+
+Source: robotology/icub-firmware, embot_app_application_theSkin.cpp 325–467 (MTB4, 32-bit arithmetic),
+mtb3/main_V3.c 898–993 and embot_prot_can_skin_periodic.cpp 78–111.
 """
 
 from __future__ import annotations
@@ -16,31 +21,74 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ..skin.geometry import THERMAL_PADS
 from ..skin.identifiers import ERROR_NO_ACK, ERROR_NOT_CONNECTED, TAG_A, TAG_B
 
 OPEN_LINE = 0xFFFF  # every word of a triangle that is not there: a pulled-up data line
 
+Gains = tuple[int, ...]  # 12, in 1/128
+GAINS_TYPE_0: Gains = (70, 96, 83, 38, 38, 70, 0, 45, 77, 164, 0, 77)
+GAINS_TYPE_8: Gains = (58, 91, 39, 23, 35, 90, 0, 38, 68, 115, 0, 86)
+
+_COMPENSATING_PAD = THERMAL_PADS[0]  # the other one is never used
 _FLAG_BITS = (1 << np.arange(4, 16)).astype(np.int64)  # out-of-range flag of taxel k is bit 4 + k
 
 
 def digitise(
-    raw16: NDArray[np.int64], baseline16: NDArray[np.int64], no_load: int, shift: NDArray[np.int64]
+    raw16: NDArray[np.int64],
+    baseline16: NDArray[np.int64],
+    no_load: int,
+    shift: NDArray[np.int64],
+    gains: Gains | None = None,
+    narrow: bool = False,
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint16]]:
     """Counts (…, 12) and status words (…) of the words `raw16` (…, 12).
 
     `baseline16` and `shift` (broadcast against `raw16`; a shift is a triangle's, so (n_triangles, 1)).
+    `gains` of the temperature compensation, None for none; `narrow`: the 16-bit arithmetic of an MTB3.
     """
     value = raw16 - baseline16
+    if gains is not None:
+        value -= drift(raw16, baseline16, gains, narrow)
     top = no_load << shift
     bottom = (no_load - 255) << shift
-    # Within the two pins the formula cannot leave 0..255, so clamping is the same as the firmware's rules.
-    counts = np.clip(no_load - (value >> shift), 0, 255).astype(np.uint8)
-    flags = (value <= 2 * bottom) | (value >= 2 * top)
-    status = np.where((raw16 == OPEN_LINE).all(axis=-1), ERROR_NOT_CONNECTED, 0)
+    top_flag, bottom_flag = 2 * top, 2 * bottom
+    if narrow:
+        value, top, bottom = _wrapped(value), _wrapped(top), _wrapped(bottom)
+        top_flag, bottom_flag = _wrapped(top_flag), _wrapped(bottom_flag)
+        # With limits that have wrapped both rules may hold: the later one in the firmware wins.
+        inside = no_load - (value >> shift) & 0xFF
+        counts = np.where(value >= top, 0, np.where(value <= bottom, 255, inside)).astype(np.uint8)
+    else:
+        # Within the two pins the formula cannot leave 0..255, so clamping is the same as the firmware's rules.
+        counts = np.clip(no_load - (value >> shift), 0, 255).astype(np.uint8)
+    flags = (value <= bottom_flag) | (value >= top_flag)
+    unconnected = (raw16 == OPEN_LINE).all(axis=-1)
+    status = np.where(unconnected, ERROR_NOT_CONNECTED, 0)
     status |= np.where(((raw16 == 0) & (baseline16 != 0)).any(axis=-1), ERROR_NO_ACK, 0)
     if flags.any():
         status |= flags @ _FLAG_BITS
     return counts, status.astype(np.uint16)
+
+
+def drift(
+    raw16: NDArray[np.int64], baseline16: NDArray[np.int64], gains: Gains, narrow: bool = False
+) -> NDArray[np.int64]:
+    """(…, 12) codes of the temperature compensation; see the module for the arguments."""
+    change = (raw16 - baseline16)[..., _COMPENSATING_PAD, None]
+    product = (np.abs(change) >> 2) * np.array(gains, np.int64)
+    if narrow:
+        size = (product & 0xFFFF) >> 5
+        compensation: NDArray[np.int64] = np.where(change > 0, size, -size)
+    else:
+        compensation = np.where(change > 0, product, -product) >> 5
+    return compensation
+
+
+def _wrapped(value: NDArray[np.int64]) -> NDArray[np.int64]:
+    """As a signed number of 16 bits holds it."""
+    wrapped: NDArray[np.int64] = (value + 0x8000 & 0xFFFF) - 0x8000
+    return wrapped
 
 
 def low_bytes(raw16: NDArray[np.int64]) -> tuple[NDArray[np.uint8], NDArray[np.uint16]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 
 import numpy as np
 
@@ -12,8 +12,11 @@ from ..bus.frames import FrameBatch
 from ..config import Config
 from ..skin.layout import Layout
 from .board import Board
+from .faults import Fault
+from .generation import GENERATIONS, GenerationName
 from .load import Load
 from .run import Mounted, Run
+from .sensors import Temperature
 
 _AHEAD_NS = 50_000_000  # of frames made at once when played: also the time until a command takes effect
 _GROUP_S = 0.002  # frames due within this are sent together
@@ -33,12 +36,36 @@ class Emulator:
         seed: int = 0,
         streaming: bool = True,
         left_out: Collection[int] = (),
+        generation: GenerationName | Mapping[int, GenerationName] | None = None,
+        faults: Sequence[Fault] = (),
+        status_bits: bool = True,
+        cdc_hz: float | None = None,
+        temperature_c: Temperature | None = None,
     ) -> None:
         """The boards of those feet of `config` that have a layout, under `load`.
 
         Same arguments, same frames. `streaming`: the boards come up configured and sending; else they are
         silent until commanded. `left_out`: addresses of boards that are not there.
+        `generation`: of all boards, or by address ("mtb4" where none is given). None is an MTB4 without the
+        temperature compensation of skin types 0 and 8, on which pad 6's noise shows; with `faults` or
+        `temperature_c`, whose fingerprints it makes, it is "mtb4" for all boards.
+        `status_bits`: else the status in every half B is 0. `cdc_hz`: rate of the free-running converters, really
+        sensors.CDC_HZ; None: a reading is as old as its tick. `temperature_c`: of all the insoles, seconds since
+        power-up (n,) to °C (n,); None is 25 °C.
         """
+        for fault in faults:
+            known = {board.address for insole in config.insoles for board in insole.boards}
+            for address in {fault.board} | ({fault.other} if fault.other is not None else set()):
+                if address not in known:
+                    raise ValueError(
+                        f"fault {fault.kind!r}: expected one of the configured boards {sorted(known)}, found {address}"
+                    )
+        self._compensated = generation is not None or bool(faults) or temperature_c is not None
+        self._generation = generation
+        self._faults = tuple(faults)
+        self._status_bits = status_bits
+        self._cdc_hz = cdc_hz
+        self._temperature_c = temperature_c
         self._config = config
         self._layouts = {layout.foot: layout for layout in layouts}
         self._load = load
@@ -83,6 +110,11 @@ class Emulator:
             sent += _send_when_due(batch, run.now_ns, since_start_ns, send, stop)
         return sent
 
+    def _name_of_generation(self, address: int) -> GenerationName:
+        if self._generation is None:
+            return "mtb4"
+        return self._generation if isinstance(self._generation, str) else self._generation.get(address, "mtb4")
+
     def _boards(self) -> list[Mounted]:
         mounted = []
         for insole in self._config.insoles:
@@ -102,6 +134,12 @@ class Emulator:
                     skin_type=board.skin_type,
                     seed=self._seed,
                     streaming=self._streaming,
+                    generation=GENERATIONS[self._name_of_generation(board.address)],
+                    compensated=self._compensated,
+                    faults=self._faults,
+                    status_bits=self._status_bits,
+                    cdc_hz=self._cdc_hz,
+                    temperature_c=self._temperature_c,
                 )
                 rows = np.array([place[triangle] for triangle in sorted(place)], np.intp)
                 mounted.append(Mounted(emulated, insole.foot, rows))

@@ -16,6 +16,8 @@ from .bus_time import BusTime, Offer
 from .commands import CLASS_COMMAND, obey
 from .load import Load
 
+_TRIANGLE_NS = 220_000  # that an MTB3 needs for one: 16 of them take 3 to 4 ms (TSD-ICUBUNIT-canprotocol 6.3.3)
+
 
 @dataclass(frozen=True, slots=True)
 class Mounted:
@@ -32,11 +34,11 @@ class Run:
     def __init__(self, mounted: Sequence[Mounted], load: Load, t_start_ns: int) -> None:
         """Power the boards up at `t_start_ns`, which is t = 0 of `load`."""
         self.now_ns = t_start_ns
-        self.bus = BusTime(t_start_ns)
+        self.bus = BusTime(t_start_ns, [each.board.node for each in mounted if each.board.generation.stacks])
         self._t_start_ns = t_start_ns
         self._mounted = mounted
         self._load = load
-        self._answers: list[Offer] = []
+        self._later: list[Offer] = []  # answers, and what a slow board has not brought forth yet
         for each in mounted:
             each.board.power_up(t_start_ns)
 
@@ -45,22 +47,18 @@ class Run:
 
         `t_ns` and `t_mono_ns` are both the moment the frame ended on the bus, on the clock of `t_start_ns`.
         """
-        offers = self._answers
-        self._answers = []
+        offers = self._later
         for each in self._mounted:
-            ticks_ns = each.board.ticks(until_ns)
-            can_ids = each.board.can_ids
-            if not len(ticks_ns) or not len(can_ids):
-                continue
-            data = each.board.halves(self._pressure_pa(each, ticks_ns))
-            dlc = np.full(len(can_ids), 8, np.uint8)
-            offers += [
-                Offer(tick, each.board.address, can_ids, dlc, payloads)
-                for tick, payloads in zip(ticks_ns.tolist(), data, strict=True)
-            ]
+            board = each.board
+            while board.next_event_ns is not None and board.next_event_ns < until_ns:
+                event_ns = board.next_event_ns
+                offers += self._offers(each, event_ns)
+                board.happen(self._pressure_pa(each, self._seconds(np.array([event_ns])))[0])
+            offers += self._offers(each, until_ns)
         offers.sort(key=lambda offer: offer.ready_ns)
+        self._later = [offer for offer in offers if offer.ready_ns >= until_ns]
         self.now_ns = until_ns
-        return self.bus.carry(offers, until_ns)
+        return self.bus.carry(offers[: len(offers) - len(self._later)], until_ns)
 
     def obey(self, frames: FrameBatch) -> None:
         """Let the boards act, now, on frames that were sent to them; answers come with the next `advance`."""
@@ -70,18 +68,60 @@ class Run:
             can_id = int(frames.can_id[row])
             payload = frames.data[row, : frames.dlc[row]].tobytes()
             for each in self._mounted:
-                pressure_pa = self._pressure_pa(each, np.array([self.now_ns]))[0]
+                if each.board.deaf:
+                    continue
+                pressure_pa = self._pressure_pa(each, self._seconds(np.array([self.now_ns])))[0]
                 answer = obey(each.board, can_id, payload, self.now_ns, pressure_pa)
                 if answer is not None:
-                    self._answers.append(_answer(self.now_ns, each.board.address, *answer))
+                    self._later.append(_single(self.now_ns, each.board.node, *answer))
 
-    def _pressure_pa(self, mounted: Mounted, t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
+    def _offers(self, mounted: Mounted, until_ns: int) -> list[Offer]:
+        """What a board brings forth before `until_ns`, or begins to; it does not change by itself before."""
+        board = mounted.board
+        ticks_ns = board.ticks(until_ns)
+        readings_ns = board.thermometer.ticks(until_ns)
+        offers = [_single(at, board.node, *board.temperature_frame(at)) for at in readings_ns.tolist()]
+        if len(ticks_ns):
+            ticks_ns, data = board.speak(ticks_ns, self._sampled_pa(mounted, ticks_ns))
+            if len(board.can_ids):
+                offers += _stream(board, ticks_ns, data)
+        return [] if board.deaf else offers
+
+    def _sampled_pa(self, mounted: Mounted, t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
+        """(n_times, n_triangles, 12) when the board's sensors took what is read at `t_ns` (n_times,)."""
+        t_s = self._seconds(t_ns)
+        sampled_s = mounted.board.sensors.sampled_s(t_s)
+        if sampled_s is None:
+            return self._pressure_pa(mounted, t_s)
+        moments_s, which = np.unique(sampled_s, return_inverse=True)
+        which = which.reshape(sampled_s.shape)
+        return self._pressure_pa(mounted, moments_s)[which, np.arange(sampled_s.shape[1])]
+
+    def _pressure_pa(self, mounted: Mounted, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n_times, n_triangles, 12) on the board's own triangles."""
-        t_s = (t_ns - self._t_start_ns).astype(np.float64) * 1e-9
         return self._load.pressure_pa(mounted.foot, t_s)[:, mounted.rows]
 
+    def _seconds(self, t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
+        return (t_ns - self._t_start_ns).astype(np.float64) * 1e-9
 
-def _answer(t_ns: int, address: int, can_id: int, payload: bytes) -> Offer:
+
+def _stream(board: Board, ticks_ns: NDArray[np.int64], data: NDArray[np.uint8]) -> list[Offer]:
+    """An MTB4 offers all halves of a tick at once, an MTB3 one triangle after another as it works them out."""
+    can_ids = board.can_ids
+    dlc = np.full(len(can_ids), 8, np.uint8)
+    if not board.generation.stacks:
+        return [
+            Offer(tick, board.node, can_ids, dlc, payloads)
+            for tick, payloads in zip(ticks_ns.tolist(), data, strict=True)
+        ]
+    return [
+        Offer(tick + at // 2 * _TRIANGLE_NS, board.node, can_ids[at : at + 2], dlc[at : at + 2], pair)
+        for tick, payloads in zip(ticks_ns.tolist(), data, strict=True)
+        for at, pair in zip(range(0, len(can_ids), 2), payloads.reshape(-1, 2, 8), strict=True)
+    ]
+
+
+def _single(t_ns: int, node: int, can_id: int, payload: bytes) -> Offer:
     data = np.zeros((1, 8), np.uint8)
     data[0, : len(payload)] = list(payload)
-    return Offer(t_ns, address, np.array([can_id], np.uint32), np.array([len(payload)], np.uint8), data)
+    return Offer(t_ns, node, np.array([can_id], np.uint32), np.array([len(payload)], np.uint8), data)

@@ -1,0 +1,123 @@
+"""What breaks on an insole, and when: a fault changes raw words, a board's state or its stream, never counts.
+
+    kind           what the board reads, or does, from `t_s` until `until_s`
+    loose          0xFFFF on the whole triangle: its data line is open. Only under `level_pa` or more on the mean
+                   of its pressure taxels if that is given, and on a share `chance` of the ticks
+    dead_chip      0 on the whole triangle, on a share `chance` of the ticks. The firmware takes it for errors:
+                   after five of them it zeroes the board by itself, see board.py
+    dead           the taxel rests: a constant word, no response
+    stuck          a constant word, as under `level_pa` (may be negative); without it, as under 100 kPa
+    saturated      0xFFFF, full scale, from `level_pa` on; without it, always
+    noisy          `factor` times the noise
+    rezero         the board takes a new baseline under whatever load there is, at its first tick from `t_s` on;
+                   an MTB3 is silent meanwhile. A moment: `until_s` is None
+    silent         no frame, and deaf: a cable is out. Its clock and its settings stay
+    reset          the board loses power at `t_s`, is up again at `until_s` (None: half a second later) and then
+                   `comes_back`: "silent", with the firmware's settings, until commanded; "defaults", streaming
+                   with them, as if a host had only sent SET_TXMODE; or "configured", streaming as before with a
+                   new baseline, as if a host had configured it
+    address_clash  board `other` bears the address of `board`: it streams and answers under it
+
+Without `triangle` a fault of triangles or taxels is on all of the board's, without `taxel` on all pressure
+taxels. Times are seconds since power-up, exact: a tick at `until_s` is whole again.
+Source of what the firmware makes of it: robotology/icub-firmware, embot_app_application_theSkin.cpp 439–509.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+FaultKind = Literal[
+    "loose", "dead_chip", "dead", "stuck", "saturated", "noisy", "rezero", "silent", "reset", "address_clash"
+]
+ComesBack = Literal["silent", "defaults", "configured"]
+
+KINDS: tuple[FaultKind, ...] = get_args(FaultKind)
+LINE_KINDS: tuple[FaultKind, ...] = ("loose", "dead_chip")  # of a triangle's line or chip: at the tick
+TAXEL_KINDS: tuple[FaultKind, ...] = ("dead", "stuck", "saturated", "noisy")
+BOARD_KINDS: tuple[FaultKind, ...] = ("rezero", "silent", "reset", "address_clash")
+
+BOOT_S = 0.5  # from power to obeying; an assumption
+STUCK_PA = 100e3
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """One fault of one board; the module's table says what each kind does, and with which parameters."""
+
+    kind: FaultKind
+    t_s: float
+    until_s: float | None  # None: for good
+    board: int  # address, as it is configured
+    triangle: int | None = None
+    taxel: int | None = None
+    level_pa: float | None = None
+    factor: float = 8.0
+    chance: float = 1.0
+    comes_back: ComesBack = "silent"
+    other: int | None = None  # address, as it is configured
+
+    def __post_init__(self) -> None:
+        problem = self._problem()
+        if problem:
+            raise ValueError(f"fault {self.kind!r} of board {self.board}: {problem}")
+
+    def _problem(self) -> str | None:
+        if self.kind not in KINDS:
+            return f"expected one of {', '.join(KINDS)}"
+        if self.until_s is not None and self.until_s <= self.t_s:
+            return f"expected until_s after t_s {self.t_s}, found {self.until_s}"
+        if self.triangle is not None and (self.kind in BOARD_KINDS or not 0 <= self.triangle <= 15):
+            return f"expected a triangle 0 to 15, or none for what befalls a board, found {self.triangle}"
+        if self.taxel is not None and (self.kind not in TAXEL_KINDS or not 0 <= self.taxel <= 11):
+            return f"expected a taxel 0 to 11, and only for what befalls a taxel, found {self.taxel}"
+        if self.kind == "rezero" and self.until_s is not None:
+            return f"it is a moment: expected until_s None, found {self.until_s}"
+        if (self.kind == "address_clash") != (self.other is not None) or self.other == self.board:
+            return f"expected another board as `other` with an address_clash alone, found {self.other}"
+        if not 0 < self.chance <= 1:
+            return f"expected a chance above 0, at most 1, found {self.chance}"
+        return None
+
+    def active(self, t_s: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """(n,) whether it is there at the times `t_s` (n,)."""
+        there: NDArray[np.bool_] = t_s >= self.t_s
+        if self.until_s is not None:
+            there &= t_s < self.until_s
+        return there
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """A moment at which a board changes by itself."""
+
+    t_s: float
+    what: Literal["rezero", "cut", "mend", "lose power", "boot", "take address", "own address"]
+    fault: Fault
+
+
+def events_of(address: int, faults: Iterable[Fault]) -> list[Event]:
+    """What `faults` do to the state of the board configured as `address`, in order of time."""
+    events = []
+    for fault in faults:
+        if fault.kind == "address_clash" and fault.other == address:
+            events.append(Event(fault.t_s, "take address", fault))
+            if fault.until_s is not None:
+                events.append(Event(fault.until_s, "own address", fault))
+        if fault.board != address:
+            continue
+        if fault.kind == "rezero":
+            events.append(Event(fault.t_s, "rezero", fault))
+        elif fault.kind == "silent":
+            events.append(Event(fault.t_s, "cut", fault))
+            if fault.until_s is not None:
+                events.append(Event(fault.until_s, "mend", fault))
+        elif fault.kind == "reset":
+            events.append(Event(fault.t_s, "lose power", fault))
+            events.append(Event(fault.t_s + BOOT_S if fault.until_s is None else fault.until_s, "boot", fault))
+    return sorted(events, key=lambda event: event.t_s)

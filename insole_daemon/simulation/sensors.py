@@ -1,0 +1,204 @@
+"""The raw words of one board's sensors: the physics of a reading, all of it.
+
+A sensor's line is
+
+    raw16 = rest + 2^shift · (P / PRESSURE_PER_COUNT_PA + COUNT_PER_K · gain_k / 128 · (T − REST_C)) + noise
+
+with the shift it was made for, whatever shift is commanded later; gain_k are those of skin type 0, which is what
+the compensation was made for, and 128 on the thermal pads: they respond to temperature alone.
+
+A converter (AD7147) runs freely, unless none is asked for: the board's tick then reads what its last sequence
+found, and reads it again until the next is through. Sources: AD7147 data sheet, table 10 (36.864 ms for twelve
+stages at decimation 256); icub-firmware AD7147.c 71. A sequence's twelve results appear at once here, and all
+converters keep the same rate, each with a phase of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..skin.geometry import PRESSURE_TAXELS
+from .digitiser import GAINS_TYPE_0, OPEN_LINE
+from .faults import LINE_KINDS, STUCK_PA, TAXEL_KINDS, Fault
+
+PRESSURE_PER_COUNT_PA = 8000.0  # public insole recordings: about 12 counts a bar; the built-in calibration's line
+NOISE_COUNT = 0.9  # σ before rounding; public recordings: 0.9 to 1.0 from row to row
+SPREAD = 0.03  # σ of the taxels' sensitivities
+CDC_HZ = 1 / 36.864e-3
+REST_C = 25.0  # where a sensor rests at its rest code
+COUNT_PER_K = 2.5  # of a thermal pad; an assumption: no public number
+
+Temperature = Callable[[NDArray[np.float64]], NDArray[np.float64]]  # (n,) s since power-up → (n,) °C
+
+
+class Sensors:
+    """The sensors on `triangles` (ascending), the same from the same seed; the others are open lines."""
+
+    def __init__(
+        self,
+        address: int,
+        triangles: Iterable[int],
+        shift: int,
+        seed: int,
+        faults: Sequence[Fault] = (),
+        cdc_hz: float | None = None,
+        temperature_c: Temperature | None = None,
+    ) -> None:
+        """`faults`: only those of triangles and taxels on board `address` matter; `cdc_hz` None: no converter."""
+        self.triangles = tuple(triangles)
+        self.made = np.random.default_rng([seed, address, 0])
+        self._noise = np.random.default_rng([seed, address, 1])
+        self._rest_code = np.rint(self.made.normal(30_000, 1_000, (16, 12)))
+        self._code_per_pa = 2.0**shift / PRESSURE_PER_COUNT_PA * (1 + SPREAD * self.made.standard_normal((16, 12)))
+        self._code_per_pa[:, ~PRESSURE_TAXELS] = 0.0
+        self._noise_code = NOISE_COUNT * 2.0**shift
+        self._code_per_k = 2.0**shift * COUNT_PER_K * np.where(PRESSURE_TAXELS, GAINS_TYPE_0, 128) / 128
+        self._temperature_c = temperature_c
+        self._taxel_faults = [f for f in faults if f.board == address and f.kind in TAXEL_KINDS]
+        # Each line has luck of its own, so that one more fault changes nothing about the others.
+        self._line_faults = [
+            (fault, np.random.default_rng([seed, address, 3, place]))
+            for place, fault in enumerate(faults)
+            if fault.board == address and fault.kind in LINE_KINDS
+        ]
+        self._cdc_s = None if cdc_hz is None else 1 / cdc_hz
+        self._phase_s = np.random.default_rng([seed, address, 2]).random(16) / (cdc_hz or 1.0)
+        self._held = np.full((16, 12), OPEN_LINE, np.int64)
+        self._held_number = np.full(16, -(2**62), np.int64)
+
+    def rest(self) -> NDArray[np.int64]:
+        """(16, 12) words at rest, without noise, at the temperature of power-up."""
+        words = np.full((16, 12), OPEN_LINE, np.int64)
+        there = list(self.triangles)
+        words[there] = np.rint(self._rest_code + self._warmth(np.zeros(1))[0])[there]
+        return words
+
+    def sampled_s(self, t_s: NDArray[np.float64]) -> NDArray[np.float64] | None:
+        """(n, n_triangles) when what is read at `t_s` (n,) was converted; None: then."""
+        if self._cdc_s is None:
+            return None
+        phase_s = self._phase_s[list(self.triangles)]
+        return np.maximum(phase_s + self._number(t_s)[:, self.triangles] * self._cdc_s, 0.0)
+
+    def _number(self, t_s: NDArray[np.float64]) -> NDArray[np.int64]:
+        """(n, 16) of the sequence that was through last."""
+        assert self._cdc_s is not None
+        return np.floor((t_s[:, None] - self._phase_s) / self._cdc_s).astype(np.int64)
+
+    def temperature_c(self, t_s: float) -> float:
+        """Of the board, `t_s` after power-up."""
+        return REST_C if self._temperature_c is None else float(self._temperature_c(np.array([t_s]))[0])
+
+    def _warmth(self, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n, 12) codes."""
+        if self._temperature_c is None:
+            return np.zeros((len(t_s), 12))
+        return (self._temperature_c(t_s) - REST_C)[:, None] * self._code_per_k
+
+    def read(
+        self,
+        pressure_pa: NDArray[np.float64],
+        slots: NDArray[np.intp],
+        t_s: NDArray[np.float64],
+        held: bool = True,
+    ) -> NDArray[np.int64]:
+        """(n_ticks, n_slots, 12) words of the triangles `slots` at `t_s` (n_ticks,) since power-up.
+
+        `pressure_pa` (n_ticks, n_triangles, 12), as it was when `sampled_s` says; not `held`: a converter has
+        just been through, as after being programmed.
+        """
+        there = np.isin(slots, self.triangles)
+        slots_there = slots[there]
+        load = pressure_pa[:, np.searchsorted(self.triangles, slots_there)]
+        code = self._noise.standard_normal(load.shape)
+        code *= self._noise_code
+        for fault in self._taxel_faults:
+            if fault.kind == "noisy":
+                code[_where(fault, slots_there, t_s)] *= fault.factor
+        code += load * self._code_per_pa[slots_there]
+        code += self._rest_code[slots_there]
+        if self._temperature_c is not None:
+            code += self._warmth(t_s)[:, None]
+        for fault in self._taxel_faults:
+            self._break_taxels(fault, code, load, slots_there, t_s)
+        code = np.rint(code, out=code).clip(0, OPEN_LINE)
+        words = np.full((len(load), len(slots), 12), OPEN_LINE, np.int64)
+        words[:, there] = code
+        if self._cdc_s is not None and held:
+            words[:, there] = self._hold(words[:, there], slots_there, t_s)
+        for fault, luck in self._line_faults:
+            self._break_lines(fault, luck, words, pressure_pa, slots, t_s)
+        return words
+
+    def _break_taxels(
+        self,
+        fault: Fault,
+        code: NDArray[np.float64],
+        load: NDArray[np.float64],
+        slots: NDArray[np.intp],
+        t_s: NDArray[np.float64],
+    ) -> None:
+        if fault.kind == "noisy":
+            return
+        there = _where(fault, slots, t_s)
+        if fault.kind == "saturated":
+            if fault.level_pa is not None:
+                there &= load >= fault.level_pa
+            code[there] = OPEN_LINE
+            return
+        level_pa = 0.0
+        if fault.kind == "stuck":
+            level_pa = STUCK_PA if fault.level_pa is None else fault.level_pa
+        constant = self._rest_code[slots] + level_pa * self._code_per_pa[slots]
+        code[there] = np.broadcast_to(constant, code.shape)[there]
+
+    def _break_lines(
+        self,
+        fault: Fault,
+        luck: np.random.Generator,
+        words: NDArray[np.int64],
+        pressure_pa: NDArray[np.float64],
+        slots: NDArray[np.intp],
+        t_s: NDArray[np.float64],
+    ) -> None:
+        ticks = np.flatnonzero(fault.active(t_s))
+        if not len(ticks):
+            return
+        struck = np.ones(len(ticks), bool)
+        if fault.chance < 1:
+            struck = luck.random(len(ticks)) < fault.chance
+        triangles = self.triangles if fault.triangle is None else (fault.triangle,)
+        for triangle in triangles:
+            if triangle not in self.triangles or triangle not in slots:
+                continue
+            bad = struck
+            if fault.level_pa is not None:
+                mine = pressure_pa[ticks, self.triangles.index(triangle)][:, PRESSURE_TAXELS]
+                bad = struck & (mine.mean(axis=1) >= fault.level_pa)
+            place = int(np.flatnonzero(slots == triangle)[0])
+            words[ticks[bad], place] = OPEN_LINE if fault.kind == "loose" else 0
+
+    def _hold(self, words: NDArray[np.int64], slots: NDArray[np.intp], t_s: NDArray[np.float64]) -> NDArray[np.int64]:
+        """`words` (n_ticks, n_slots, 12), at each tick those of the first tick that saw the same sequence."""
+        if not len(t_s):
+            return words
+        number = self._number(t_s)[:, slots]
+        new = number != np.concatenate([self._held_number[None, slots], number[:-1]])
+        # Row 0 of what follows is what the last call left.
+        since = np.maximum.accumulate(np.where(new, np.arange(1, len(t_s) + 1)[:, None], 0), axis=0)
+        all_words = np.concatenate([self._held[None, slots], words])
+        result: NDArray[np.int64] = np.take_along_axis(all_words, since[..., None], axis=0)
+        self._held[slots] = result[-1]
+        self._held_number[slots] = number[-1]
+        return result
+
+
+def _where(fault: Fault, slots: NDArray[np.intp], t_s: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(n_ticks, n_slots, 12) which readings `fault` strikes."""
+    triangles = np.ones(len(slots), bool) if fault.triangle is None else slots == fault.triangle
+    taxels = PRESSURE_TAXELS if fault.taxel is None else np.arange(12) == fault.taxel
+    there: NDArray[np.bool_] = fault.active(t_s)[:, None, None] & triangles[:, None] & taxels
+    return there
