@@ -1,7 +1,7 @@
 """Draw docs/demo.svg: what `insole demo` shows, from the messages of a demo that is running.
 
-    insole demo --seconds 20 > /dev/null &
-    python docs/make_picture.py
+insole demo --seconds 20 > /dev/null &
+python docs/make_picture.py
 """
 
 import io

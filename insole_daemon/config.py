@@ -66,6 +66,7 @@ class Insole(Section):
     foot: Foot
     layout: Path | None = None  # None: the built-in approximation
     calibration: Path | None = None  # None: the built-in default
+    zero: Path | None = None  # None: the one that `insole zero` stored last, if there is one
     boards: Annotated[tuple[Board, ...], at_least(1)]
 
     @property
@@ -91,6 +92,13 @@ class Contact(Section):
     activation_threshold_count: Annotated[float, within(0, 255)] = 0.0
     min_force_n: Annotated[float, within(0, 10_000)] = 20.0  # below it, the CoP is null
     min_pressure_pa: Annotated[float, within(0, 10_000_000)] = 20_000.0  # from it on, a taxel is contact area
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Boards(Section):
+    """What the daemon may do to the boards."""
+
+    configure: bool = False  # False: not one frame is sent to any bus
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -120,6 +128,7 @@ class Config(Section):
     insoles: Annotated[tuple[Insole, ...], at_least(1)] = field(default_factory=_built_in_insoles)
     publish: Publish = Publish()
     contact: Contact = Contact()
+    boards: Boards = Boards()
     zenoh: Zenoh = Zenoh()
 
 
@@ -176,6 +185,4 @@ def _check(reading: Reading) -> None:
     for key, interface in interfaces:
         if interface not in channels:
             known = ", ".join(channels)
-            reading.problem(
-                key, f'the interface "{interface}" is no channel of the buses, which are: {known}'
-            )
+            reading.problem(key, f'the interface "{interface}" is no channel of the buses, which are: {known}')

@@ -30,13 +30,9 @@ MAX_DEPTH = 50  # of maps and lists within each other; our formats need 7
 _LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # libyaml if it is there: ten times faster
 _BAD: Any = object()  # stands where a value was refused
 # What names of keys end with, in our formats or in other people's habits.
-_UNITS = set(
-    re.findall(r"\w+", "pa kpa bar n kn nm nmm m mm cm in m2 mm2 cm2 s ms us ns hz khz deg rad count pa2")
-)
+_UNITS = set(re.findall(r"\w+", "pa kpa bar n kn nm nmm m mm cm in m2 mm2 cm2 s ms us ns hz khz deg rad count pa2"))
 _INT = re.compile(r"[-+]?[0-9]{1,300}|0x[0-9a-fA-F]{1,250}")
-_FLOAT = re.compile(
-    r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)(e[-+]?[0-9]+)?|[-+]?\.?(inf|nan|infinity)", re.IGNORECASE
-)
+_FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)(e[-+]?[0-9]+)?|[-+]?\.?(inf|nan|infinity)", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,9 +65,7 @@ class Section:
     extensions: Mapping[str, Any] = field(default_factory=dict, hash=False, repr=False)
 
 
-def read(
-    path: str | PathLike[str], kind: type[S], tag: str, check: Callable[[Reading], None] | None = None
-) -> S:
+def read(path: str | PathLike[str], kind: type[S], tag: str, check: Callable[[Reading], None] | None = None) -> S:
     """The file `path`, which must say `format: <tag>`, as a `kind`; DocumentError lists all that is wrong.
 
     `check` looks across sections: it is shown those that are right in themselves (`Reading.of`), even while
@@ -259,9 +253,7 @@ class Reading:
             return _BAD
         self._lines.setdefault(key, _line(event))
         if isinstance(event, yaml.AliasEvent) or event.anchor or (event.tag and event.tag != "!"):
-            self.problem(
-                key, "anchors (&), aliases (*) and tags (!) are not read: write plain values", _line(event)
-            )
+            self.problem(key, "anchors (&), aliases (*) and tags (!) are not read: write plain values", _line(event))
         if isinstance(event, yaml.ScalarEvent):
             return event.value if event.style else _plain(event.value)
         if isinstance(event, yaml.AliasEvent):
@@ -375,9 +367,7 @@ def _nearest(key: str, known: Iterable[str]) -> tuple[str, str]:
     from difflib import get_close_matches  # only ever needed to say what is wrong
 
     close = get_close_matches(key, list(known), n=1)
-    return (
-        (close[0], f': did you mean "{close[0]}"?') if close else ("", f": known here are {', '.join(known)}")
-    )
+    return (close[0], f': did you mean "{close[0]}"?') if close else ("", f": known here are {', '.join(known)}")
 
 
 def _foreign(tag: str, found: Any) -> str:

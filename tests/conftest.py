@@ -92,6 +92,14 @@ class RunningDaemon:
             sock.close()
 
 
+@pytest.fixture(autouse=True, scope="session")
+def _state(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """No test reads or writes what a daemon of this user keeps."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("STATE_DIRECTORY", str(tmp_path_factory.mktemp("state")))
+        yield
+
+
 @pytest.fixture
 def endpoint() -> str:
     """A Zenoh endpoint on loopback that nobody listens on."""

@@ -16,9 +16,7 @@ from insole_daemon.errors import DocumentError
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT.parent / "shared" / "examples"
-BOARDS = (
-    "boards: [{address: 5, interface: can0}, {address: 6, interface: can0}, {address: 7, interface: can0}]"
-)
+BOARDS = "boards: [{address: 5, interface: can0}, {address: 6, interface: can0}, {address: 7, interface: can0}]"
 
 Write = Callable[[str], Path]
 
@@ -47,7 +45,7 @@ def test_the_repositorys_file_mentions_every_key() -> None:
     text = (ROOT / "config.yaml").read_text()
     config = load()
     insole = config.insoles[0]
-    for struct in (config, insole, insole.boards[0], config.publish, config.contact, config.zenoh):
+    for struct in (config, insole, insole.boards[0], config.publish, config.contact, config.boards, config.zenoh):
         for key in set(struct.__dataclass_fields__) - {"extensions"}:
             assert f"{key}:" in text
 
@@ -64,6 +62,7 @@ def test_built_in() -> None:
     assert {(b.interface, b.period_ms, b.no_load, b.skin_type) for b in boards} == {("can0", 20, 240, 0)}
     assert (config.publish.slack_ms, config.publish.rate_hz, config.publish.stale_after_ms) == (5, 50, 200)
     assert config.contact.activation_threshold_count == 0
+    assert config.boards.configure is False, "nothing is sent unless somebody says so"
     assert (config.contact.min_force_n, config.contact.min_pressure_pa) == (20, 20_000)
     assert (config.zenoh.mode, config.zenoh.listen) == ("peer", ("tcp/127.0.0.1:7447",))
     assert config.zenoh.connect == ()
@@ -83,9 +82,7 @@ def test_structs_are_frozen_and_hashable() -> None:
 
 
 def test_paths_are_relative_to_the_file(write: Write) -> None:
-    path = write(
-        f"insoles:\n- foot: left\n  layout: maps/left.yaml\n  calibration: /etc/left.json\n  {BOARDS}\n"
-    )
+    path = write(f"insoles:\n- foot: left\n  layout: maps/left.yaml\n  calibration: /etc/left.json\n  {BOARDS}\n")
     (insole,) = load(path).insoles
     assert insole.layout == path.parent / "maps/left.yaml"
     assert insole.calibration == Path("/etc/left.json")
@@ -119,6 +116,8 @@ def test_a_bus_is_driver_and_channel(write: Write, bus: str) -> None:
         ("publish:", "publish", "expected a map of keys, found nothing"),
         ("contact: {min_force_kn: 1}", "contact.min_force_kn", "give it in n"),
         ("contact: {activation_threshold_count: 256}", "contact.activation_threshold_count", "from 0 to 255"),
+        ("boards: {configure: yes}", "boards.configure", "expected true or false"),
+        ("boards: {configur: true}", "boards.configur", 'did you mean "configure"?'),
         ("zenoh: {mode: server}", "zenoh.mode", "expected one of peer, client, router"),
         ("zenoh: {listen: tcp/0.0.0.0:7447}", "zenoh.listen", "expected a list"),
         ("zenoh: {connect: ['127.0.0.1:7447']}", "zenoh.connect[0]", "such as tcp/127.0.0.1:7447"),
@@ -174,17 +173,10 @@ def test_a_foot_twice(write: Write) -> None:
 
 
 def test_the_built_in_layout_needs_three_boards(write: Write) -> None:
-    ((line, key, message),) = problems(
-        write("insoles:\n- foot: left\n  boards: [{address: 5, interface: can0}]\n")
-    )
+    ((line, key, message),) = problems(write("insoles:\n- foot: left\n  boards: [{address: 5, interface: can0}]\n"))
     assert (line, key) == (3, "insoles[0].layout")
-    assert (
-        "expected a layout file, or 3 boards (front, middle, rear) for the built-in layout, found 1"
-        in message
-    )
-    found = problems(
-        write("insoles:\n- foot: left\n  boards:" + 3 * "\n  - {address: x, interface: can0}" + "\n")
-    )
+    assert "expected a layout file, or 3 boards (front, middle, rear) for the built-in layout, found 1" in message
+    found = problems(write("insoles:\n- foot: left\n  boards:" + 3 * "\n  - {address: x, interface: can0}" + "\n"))
     assert {key.rpartition(".")[2] for _, key, _ in found} == {"address"}  # three, if they were right
 
 

@@ -62,8 +62,7 @@ def only(path: Path) -> tuple[int | None, str, str]:
 
 def test_yaml_and_json_read_the_same(write: Write) -> None:
     yaml = write(
-        f"format: {TAG}\nparts:\n  - {{number: 3, share: 1}}\n"
-        "name: some\nfile: a/b.yaml\nweights: [1, 2e3, -.5]\n"
+        f"format: {TAG}\nparts:\n  - {{number: 3, share: 1}}\nname: some\nfile: a/b.yaml\nweights: [1, 2e3, -.5]\n"
     )
     json = write(
         '{"format": "test-whole/1", "parts": [{"number": 3, "share": 1}], "name": "some",'
@@ -84,10 +83,7 @@ def test_yaml_and_json_read_the_same(write: Write) -> None:
 
 def test_extensions_are_kept_at_every_level(write: Write) -> None:
     whole = load(
-        write(
-            f"format: {TAG}\nextensions: {{a: [1, {{b: 2}}]}}\n"
-            "parts: [{number: 1, extensions: {c: null}}]\n"
-        )
+        write(f"format: {TAG}\nextensions: {{a: [1, {{b: 2}}]}}\nparts: [{{number: 1, extensions: {{c: null}}}}]\n")
     )
     assert whole.extensions == {"a": [1, {"b": 2}]}
     assert whole.parts[0].extensions == {"c": None}
@@ -148,9 +144,7 @@ def test_a_list_has_a_least_length(write: Write) -> None:
 
 
 def test_numbers_are_those_of_json_and_hexadecimal(write: Write) -> None:
-    whole = load(
-        write(f"format: {TAG}\nparts: [{{number: 0xA}}, {{number: 07}}]\nweights: [1e1, +2, 3., -1E-2]\n")
-    )
+    whole = load(write(f"format: {TAG}\nparts: [{{number: 0xA}}, {{number: 07}}]\nweights: [1e1, +2, 3., -1E-2]\n"))
     assert [part.number for part in whole.parts] == [10, 7]
     assert whole.weights == (10.0, 2.0, 3.0, -0.01)
 
@@ -316,10 +310,7 @@ def test_no_file(tmp_path: Path) -> None:
 
 
 def test_byte_order_mark_is_read_over(write: Write) -> None:
-    assert (
-        load(write(b"\xef\xbb\xbf" + f"format: {TAG}\nparts: [{{number: 1}}]\n".encode())).parts[0].number
-        == 1
-    )
+    assert load(write(b"\xef\xbb\xbf" + f"format: {TAG}\nparts: [{{number: 1}}]\n".encode())).parts[0].number == 1
 
 
 def test_checks_see_what_is_right_beside_what_is_wrong(write: Write) -> None:
@@ -329,9 +320,7 @@ def test_checks_see_what_is_right_beside_what_is_wrong(write: Write) -> None:
         seen.extend(reading.of(Part))
         reading.problem(("parts", 2, "number"), "not this one")
 
-    found = problems(
-        write(f"format: {TAG}\nparts:\n- {{number: 1}}\n- {{number: x}}\n- {{number: 3}}\n"), check
-    )
+    found = problems(write(f"format: {TAG}\nparts:\n- {{number: 1}}\n- {{number: x}}\n- {{number: 3}}\n"), check)
     assert [(spell(key), part.number) for key, part in seen] == [("parts[0]", 1), ("parts[2]", 3)]
     assert [(line, key) for line, key, _ in found] == [(4, "parts[1].number"), (5, "parts[2].number")]
 

@@ -105,9 +105,7 @@ class BatchedSocket:
         control = self._control[:held].view(np.int64)
         self._count_drops(held)
         if not (control[:, 1] == _STAMP_HEADER).all():
-            raise BusError(
-                "the kernel delivered a frame without a receive time although SO_TIMESTAMPNS is set"
-            )
+            raise BusError("the kernel delivered a frame without a receive time although SO_TIMESTAMPNS is set")
         t_ns = control[:, 2] * 1_000_000_000 + control[:, 3]
         self._headers[:held, 5] = _CONTROL_BYTES
         id_and_flags = raw.view(np.uint32)[:, 0]

@@ -1,4 +1,4 @@
-"""From the configured buses to one source of frames."""
+"""From the configured buses to one source of frames, and to the gates through which the daemon sends."""
 
 from __future__ import annotations
 
@@ -6,10 +6,16 @@ from collections.abc import Sequence
 
 from ..config import Bus
 from ..errors import BusError
-from .pythoncan import open_pythoncan
+from .gate import Gate
+from .pythoncan import PythonCanSource, open_pythoncan
 from .several import PollableSource, SeveralSources
+from .sink import FrameSink, open_sink
 from .socketcan import open_socketcan
 from .source import FrameSource
+
+# The loop that sends is the loop that publishes: a queue of ten frames that takes none of our few for so long is
+# stuck, and waiting on would cost cycles.
+_PATIENCE_S = 0.005
 
 
 def open_source(buses: Sequence[Bus]) -> FrameSource:
@@ -26,3 +32,23 @@ def open_source(buses: Sequence[Bus]) -> FrameSource:
             source.close()
         raise
     return opened[0] if len(opened) == 1 else SeveralSources(opened)
+
+
+def open_gates(buses: Sequence[Bus], source: FrameSource, configure: bool) -> dict[str, Gate]:
+    """The gate of every bus, by its channel; without `configure` none is opened, and the gates are shut."""
+    read = {each.interfaces[0]: each for each in (source.sources if isinstance(source, SeveralSources) else (source,))}
+    gates: dict[str, Gate] = {}
+    try:
+        for bus in buses:
+            gates[bus.channel] = Gate(_sink(bus, read[bus.channel]) if configure else None, configure)
+    except BusError:
+        for gate in gates.values():
+            gate.close()
+        raise
+    return gates
+
+
+def _sink(bus: Bus, source: FrameSource) -> FrameSink:
+    if isinstance(source, PythonCanSource):
+        return source.sink(_PATIENCE_S)
+    return open_sink(bus, _PATIENCE_S)

@@ -14,6 +14,7 @@ import numpy as np
 from ..errors import BusError
 from .error_frames import count_kinds
 from .frames import ERROR, EXTENDED, FD, REMOTE, FrameBatch
+from .sink import PythonCanSink
 from .source import BusCounters
 
 _POLL_S = 0.2  # how long the thread may take to see that it should end
@@ -68,6 +69,10 @@ class PythonCanSource:
             count_kinds(batch, self.counters.error_frames)
         return batch
 
+    def sink(self, patience_s: float) -> PythonCanSink:
+        """A sink on the bus that is read here: many drivers open an adapter once, and nobody would empty a second."""
+        return PythonCanSink(self._bus, self.interfaces[0], patience_s, shared=True)
+
     def clock_ns(self) -> int:
         """The monotonic clock."""
         return time.monotonic_ns()
@@ -115,9 +120,7 @@ class PythonCanSource:
             np.zeros(len(messages), np.uint8),
             np.array([message.arbitration_id for message in messages], np.uint32),
             np.array([message.dlc for message in messages], np.uint8),
-            np.frombuffer(
-                b"".join([bytes(message.data[:8]).ljust(8, b"\0") for message in messages]), np.uint8
-            )
+            np.frombuffer(b"".join([bytes(message.data[:8]).ljust(8, b"\0") for message in messages]), np.uint8)
             .reshape(-1, 8)
             .copy(),
             np.array([_flags(message) for message in messages], np.uint8),

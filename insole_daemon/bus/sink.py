@@ -51,10 +51,11 @@ def can_frames(batch: FrameBatch) -> NDArray[np.uint8]:
 class SocketCanSink:
     """Writes to one socket whose datagrams are `struct can_frame`."""
 
-    def __init__(self, sock: socket.socket, channel: str) -> None:
-        """`sock` is the sink's to close; `channel` names it in errors."""
+    def __init__(self, sock: socket.socket, channel: str, patience_s: float | None = None) -> None:
+        """`sock` is the sink's to close; `channel` names it in errors; `patience_s`: how long a queue may be full."""
         self._socket = sock
         self._channel = channel
+        self._patience_s = patience_s
 
     def send(self, batch: FrameBatch) -> None:
         """See FrameSink; waits while the interface's transmit queue is full."""
@@ -72,7 +73,8 @@ class SocketCanSink:
         self._socket.close()
 
     def _retry(self, frame: bytes, error: OSError) -> None:
-        give_up = time.monotonic() + _PATIENCE_S
+        patience_s = _PATIENCE_S if self._patience_s is None else self._patience_s
+        give_up = time.monotonic() + patience_s
         while error.errno in _FULL and time.monotonic() < give_up:
             time.sleep(_RETRY_S)
             try:
@@ -80,16 +82,18 @@ class SocketCanSink:
                 return
             except OSError as again:
                 error = again
-        raise _cannot_send(self._channel, error) from error
+        raise _cannot_send(self._channel, error, patience_s) from error
 
 
 class PythonCanSink:
     """Sends through a python-can bus, message by message."""
 
-    def __init__(self, bus: Any, name: str) -> None:
-        """`bus` (a `can.BusABC`) is the sink's to shut down; `name` stands in errors."""
+    def __init__(self, bus: Any, name: str, patience_s: float = _PATIENCE_S, shared: bool = False) -> None:
+        """`bus` (a `can.BusABC`) is the sink's to shut down, unless it is `shared`; `name` stands in errors."""
         self._bus = bus
         self._name = name
+        self._patience_s = patience_s
+        self._shared = shared
 
     def send(self, batch: FrameBatch) -> None:
         """See FrameSink."""
@@ -111,7 +115,7 @@ class PythonCanSink:
                     dlc=dlc,
                     data=None if flags & REMOTE else data[:dlc],
                 )
-                self._bus.send(message, timeout=_PATIENCE_S)
+                self._bus.send(message, timeout=self._patience_s)
         except (OSError, can.CanError) as error:
             raise BusError(
                 f"{self._name}: sending failed: {error}. Is the adapter plugged in, "
@@ -119,18 +123,22 @@ class PythonCanSink:
             ) from error
 
     def close(self) -> None:
-        """Shut the bus down."""
-        self._bus.shutdown()
+        """Shut the bus down, if it is the sink's own."""
+        if not self._shared:
+            self._bus.shutdown()
 
 
-def open_sink(bus: Bus) -> FrameSink:
-    """Open `bus` at 1 Mbit/s; raises BusError that says what failed and what to do."""
+def open_sink(bus: Bus, patience_s: float | None = None) -> FrameSink:
+    """Open `bus` at 1 Mbit/s; raises BusError that says what failed and what to do.
+
+    `patience_s`: how long a SocketCAN interface may take nothing before that is an error; a second if not given.
+    """
     if bus.driver == "socketcan":
-        return _open_socketcan(bus.channel)
+        return _open_socketcan(bus.channel, patience_s)
     return _open_pythoncan(bus.driver, bus.channel)
 
 
-def _open_socketcan(channel: str) -> SocketCanSink:
+def _open_socketcan(channel: str, patience_s: float | None) -> SocketCanSink:
     import can  # 0.1 s to import, so only where a bus is opened
 
     try:
@@ -142,7 +150,7 @@ def _open_socketcan(channel: str) -> SocketCanSink:
     bus.shutdown()
     # No filter at all lets nothing in: nobody reads here.
     own.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, b"")
-    return SocketCanSink(own, channel)
+    return SocketCanSink(own, channel, patience_s)
 
 
 def _open_pythoncan(driver: str, channel: str) -> PythonCanSink:
@@ -159,7 +167,7 @@ def _open_pythoncan(driver: str, channel: str) -> PythonCanSink:
     return PythonCanSink(bus, f"{driver}:{channel}")
 
 
-def _cannot_send(channel: str, error: OSError) -> BusError:
+def _cannot_send(channel: str, error: OSError, patience_s: float) -> BusError:
     """What a person can do about an interface that takes no frames."""
     if error.errno == errno.ENETDOWN:
         why = f"the interface is down. Bring it up with 'sudo ip link set {channel} up'"
@@ -167,7 +175,7 @@ def _cannot_send(channel: str, error: OSError) -> BusError:
         why = "the interface is gone. Is the adapter still plugged in?"
     elif error.errno in _FULL:
         why = (
-            f"its transmit queue has stayed full for {_PATIENCE_S:g} s. Is another node on the bus that "
+            f"its transmit queue has stayed full for {patience_s:g} s. Is another node on the bus that "
             f"acknowledges, at 1 Mbit/s? 'ip -details link show {channel}' tells its state"
         )
     else:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Callable
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -18,6 +19,14 @@ Connect = Annotated[str, typer.Option("--connect", help="Zenoh endpoint of the d
 Seconds = Annotated[float | None, typer.Option("--seconds", min=0.1, help="End after this time.")]
 
 
+class Which(StrEnum):
+    """Which insoles a verb is about."""
+
+    left = "left"
+    right = "right"
+    both = "both"
+
+
 def _bus(text: str) -> Bus:
     bus = Bus.parse(text)
     if bus is None:
@@ -25,9 +34,7 @@ def _bus(text: str) -> Bus:
     return bus
 
 
-BusName = Annotated[
-    Bus, typer.Option("--bus", parser=_bus, metavar="DRIVER:CHANNEL", help="Where the frames go.")
-]
+BusName = Annotated[Bus, typer.Option("--bus", parser=_bus, metavar="DRIVER:CHANNEL", help="Where the frames go.")]
 
 
 def on_end(stop: Callable[[], object]) -> None:

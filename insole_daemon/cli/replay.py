@@ -15,9 +15,7 @@ from .options import BusName, on_end
 def replay(
     log: Annotated[Path, typer.Argument(help="candump -l / -L text, also .gz and .zst.")],
     bus: BusName,
-    speed: Annotated[
-        float, typer.Option(min=0.001, help="1 keeps the log's timing, 2 is twice as fast.")
-    ] = 1.0,
+    speed: Annotated[float, typer.Option(min=0.001, help="1 keeps the log's timing, 2 is twice as fast.")] = 1.0,
     loop: Annotated[bool, typer.Option(help="Begin again at the end, until stopped.")] = False,
 ) -> None:
     """Send a candump log on a bus, with the log's timing."""

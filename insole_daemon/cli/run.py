@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import sys
+from typing import TYPE_CHECKING
 
 from .options import ConfigFile, on_end
+
+if TYPE_CHECKING:
+    from ..bus.gate import Gate
 
 
 def run(config: ConfigFile = None) -> None:
     """Run the daemon: frames in, pressure and wrench out."""
     from .. import config as configs
-    from ..bus.opening import open_source
+    from ..bus.opening import open_gates, open_source
     from ..service.daemon import Daemon
     from ..service.foot import load_feet
     from ..wire.session import open_session
@@ -18,13 +22,15 @@ def run(config: ConfigFile = None) -> None:
     settings = configs.load(config)
     feet = load_feet(settings)
     source = open_source(settings.buses)
+    gates: dict[str, Gate] = {}
     try:
+        gates = open_gates(settings.buses, source, settings.boards.configure)
         with open_session(settings.zenoh.mode, settings.zenoh.listen, settings.zenoh.connect) as session:
-            daemon = Daemon(source, feet, session)
+            daemon = Daemon(source, feet, session, gates)
             on_end(daemon.stop)
             where = ", ".join(map(str, settings.buses))
-            daemon.run(
-                lambda: print(f"insole: reading {where}, rig {settings.rig}", file=sys.stderr, flush=True)
-            )
+            daemon.run(lambda: print(f"insole: reading {where}, rig {settings.rig}", file=sys.stderr, flush=True))
     finally:
+        for gate in gates.values():
+            gate.close()
         source.close()

@@ -45,9 +45,9 @@ def _screen(rig: str, foot: str, health: Health | None, meta: Meta) -> str:
         f"  daemon       {meta.version}",
         f"  layout       {meta.layout}",
         f"  calibration  {meta.calibration}",
+        f"  zero         {meta.zero_source}",
         "  cycles       " + _counts(health.cycles),
-        "  latency      "
-        + ", ".join(f"{k} {v:.2f} ms" for k, v in health.latency_ms.items() if v is not None),
+        "  latency      " + ", ".join(f"{k} {v:.2f} ms" for k, v in health.latency_ms.items() if v is not None),
     ]
     for board in health.boards:
         age = "" if board["age_ms"] is None else f", newest {board['age_ms']:.0f} ms ago"
@@ -69,9 +69,7 @@ def _wrong(health: Health) -> list[str]:
         if board["state"] != "streaming"
     ]
     if health.bus["overflows"]:
-        wrong.append(
-            "the kernel dropped frames: raise net.core.rmem_max to 8388608, or give the daemon more CPU"
-        )
+        wrong.append("the kernel dropped frames: raise net.core.rmem_max to 8388608, or give the daemon more CPU")
     if health.bus["error_frames"]:
         wrong.append(f"error frames: {_counts(health.bus['error_frames'])}: check wiring and termination")
     refused = {what: count for what, count in health.refused.items() if count and what != "other"}

@@ -15,9 +15,7 @@ from .options import Connect, on_end
 
 
 def watch(
-    key: Annotated[
-        str, typer.Argument(help="Key expression, for example 'insole/*/left/wrench'.")
-    ] = f"{ROOT}/**",
+    key: Annotated[str, typer.Argument(help="Key expression, for example 'insole/*/left/wrench'.")] = f"{ROOT}/**",
     connect: Connect = DEFAULT_ENDPOINT,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object a line, arrays as lists.")] = False,
     count: Annotated[int | None, typer.Option(min=1, help="End after so many messages.")] = None,

@@ -74,6 +74,6 @@ class WrenchEstimator:
             -m_y / f_z if in_contact else _NAN,
             m_x / f_z if in_contact else _NAN,
             std[0], std[1], std[2],
-            int(np.count_nonzero(pressure >= self._min_pressure_pa)) * self._area_m2,
+            int(np.count_nonzero(valid.ravel() & (pressure >= self._min_pressure_pa))) * self._area_m2,
             n_valid / self._n_taxels,
         )  # fmt: skip

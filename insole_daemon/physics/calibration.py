@@ -170,9 +170,7 @@ def _check_taxels(reading: Reading, layout: Layout) -> None:
     for key, t in reading.of(_Taxel):
         identity = (t.board, t.triangle, t.taxel)
         if t.taxel in THERMAL_PADS:
-            reading.problem(
-                (*key, "taxel"), f"taxel {t.taxel} is a thermal pad: it has no pressure, leave it out"
-            )
+            reading.problem((*key, "taxel"), f"taxel {t.taxel} is a thermal pad: it has no pressure, leave it out")
         if identity in first:
             where = spell(first[identity])
             reading.problem(

@@ -51,9 +51,7 @@ class StaticCurve:
 
 def _horner(coefficients: NDArray[np.float64], x: NDArray[np.float64]) -> NDArray[np.float64]:
     """Σ_k coefficients[k] · x^k; coefficients (k, …) against x (…)."""
-    value: NDArray[np.float64] = (
-        coefficients[-1] * np.ones_like(x) if len(coefficients) == 1 else coefficients[-1] * x
-    )
+    value: NDArray[np.float64] = coefficients[-1] * np.ones_like(x) if len(coefficients) == 1 else coefficients[-1] * x
     for coefficient in coefficients[-2:0:-1]:
         value += coefficient
         value *= x

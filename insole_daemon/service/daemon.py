@@ -5,28 +5,46 @@ from __future__ import annotations
 import dataclasses
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import zenoh
 
+from ..bus.gate import Gate
 from ..bus.source import FrameSource, collect
 from ..skin.cycles import Cycles
 from ..skin.reader import SkinReader
 from ..wire.messages import Event, Health
 from ..wire.publisher import FootPublisher
+from .board_link import BoardLink
+from .boards import BoardOperations
 from .foot import Foot
 from .notify import notify
+from .operations import RequestDesk, Step
+from .reapply import keep_configured
+from .zeroing import zero_handler
 
 _HEALTH_NS = 1_000_000_000
 _IDLE_NS = 100_000_000  # how long the loop may wait while nothing has ever arrived
+_BUSY_NS = 5_000_000  # how long it may wait while a request runs: operations count time in its turns
 _ANY = 1 << 30  # more frames than ever come at once: only the time ends the wait
 
 
 class Daemon:
-    """Reads `source`, publishes `feet` on `session`; `run` returns after `stop`, or at the end of a log."""
+    """Reads `source`, publishes `feet` on `session`, and does what is asked of it there.
 
-    def __init__(self, source: FrameSource, feet: Sequence[Foot], session: zenoh.Session) -> None:
+    `run` returns after `stop`, or at the end of a log. `gates`, by channel, are the ways to the boards, and not the
+    daemon's to close; without them it sends nothing.
+    """
+
+    def __init__(
+        self,
+        source: FrameSource,
+        feet: Sequence[Foot],
+        session: zenoh.Session,
+        gates: Mapping[str, Gate] | None = None,
+    ) -> None:
         self._source, self._feet = source, tuple(feet)
         publish = feet[0].config.publish
         self._skin = SkinReader(
@@ -35,6 +53,17 @@ class Daemon:
             slack_ns=round(publish.slack_ms * 1e6),
         )
         self._publishers = [FootPublisher(session, foot.config.rig, foot.name) for foot in feet]
+        self._desks = [RequestDesk(session, foot.config.rig, foot.name) for foot in feet]
+        if gates is None:
+            gates = {channel: Gate(None, foot.config.boards.configure) for foot in feet for channel in _channels(foot)}
+        for foot, assembler, desk, publisher in zip(
+            feet, self._skin.assemblers, self._desks, self._publishers, strict=True
+        ):
+            boards = BoardOperations(BoardLink(foot, feet, assembler, gates), _teller(foot, publisher))
+            desk.offer("boards", boards.handle)
+            desk.offer("zero", zero_handler(foot, publisher))
+            if foot.config.boards.configure:
+                desk.keep(keep_configured(boards))
         self._tallies = [_Tally() for _ in feet]
         self._states: dict[int, str] = {}
         self._stopping = False
@@ -58,14 +87,25 @@ class Daemon:
             while not self._stopping and not self._source.exhausted:
                 due_ns = self._skin.due_ns()
                 until_ns = due_ns if due_ns is not None else self._source.clock_ns() + _IDLE_NS
-                batch, looked_ns = collect(self._source, self._skin.outstanding() or _ANY, until_ns)
-                self._publish(self._skin.feed(batch))
-                self._publish(self._skin.advance(looked_ns))
+                if any(desk.busy for desk in self._desks):
+                    until_ns = min(until_ns, self._source.clock_ns() + _BUSY_NS)
+                batch, looked_ns = collect(
+                    self._source, self._skin.outstanding() or _ANY, until_ns, self._skin.promised_ns()
+                )
+                fed = self._skin.feed(batch)
+                self._publish(fed)
+                advanced = self._skin.advance(looked_ns)
+                self._publish(advanced)
+                for desk, complete, by_time in zip(self._desks, fed, advanced, strict=True):
+                    desk.step(Step(looked_ns, complete + by_time, batch))
                 if time.monotonic_ns() >= next_health_ns:
                     self._report()
                     next_health_ns += _HEALTH_NS
+            self._publish(self._skin.advance(self._source.clock_ns()))  # what a log leaves open at its end
         finally:
             notify("STOPPING=1")
+            for desk in self._desks:
+                desk.close()
             for publisher in self._publishers:
                 publisher.close()
 
@@ -116,7 +156,7 @@ class Daemon:
                     latency_ms=latency_ms,
                     boards=[dataclasses.asdict(report) for report in reports],
                     bus=dataclasses.asdict(self._source.counters),
-                    refused=dataclasses.asdict(self._skin.streams.refused),
+                    refused=_with_text_keys(dataclasses.asdict(self._skin.streams.refused)),
                 )
             )
         notify("WATCHDOG=1", "STATUS=" + ", ".join(
@@ -129,6 +169,22 @@ class Daemon:
         if state != before:
             kind = {"streaming": "board_streaming", "silent": "board_silent"}.get(state, "board_never_seen")
             publisher.publish(Event(foot.name, time.time_ns(), kind, f"board {address}: {before} → {state}", [address]))
+
+
+def _with_text_keys(counts: dict[str, Any]) -> dict[str, Any]:
+    """The same with every key a text: what is counted by address is a map whose keys are numbers."""
+    return {str(key): _with_text_keys(each) if isinstance(each, dict) else each for key, each in counts.items()}
+
+
+def _channels(foot: Foot) -> list[str]:
+    return [board.interface for board in foot.insole.boards]
+
+
+def _teller(foot: Foot, publisher: FootPublisher) -> Callable[[str, str, Collection[int]], None]:
+    def tell(kind: str, text: str, boards: Collection[int]) -> None:
+        publisher.publish(Event(foot.name, time.time_ns(), kind, text, sorted(boards)))
+
+    return tell
 
 
 class _Tally:

@@ -2,27 +2,40 @@
 
 from __future__ import annotations
 
+import math
+import os
 import time
+from collections.abc import Collection
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import __version__
 from ..config import Config, Insole
+from ..errors import DocumentError
 from ..mechanics.wrench import WrenchEstimator
 from ..physics import calibration as calibrations
+from ..physics import zero as zeros
 from ..physics.calibration import Calibration
 from ..physics.static_curve import StaticCurve
+from ..physics.zero import Zero
 from ..skin import layout as layouts
 from ..skin.boards import BoardSurvey
 from ..skin.cycles import Cycles
+from ..skin.geometry import PRESSURE_TAXELS
 from ..skin.layout import Layout
 from ..skin.validity import Validity
 from ..wire.messages import CalibrationInUse, Meta, Pressure, Raw, Wrench
+from .state import zero_path
+
+_STANDS_OUT_COUNT = 12  # below what the least loaded tenth of the foot reads; at rest taxels differ by less
 
 
 class Foot:
-    """What the daemon holds for one foot: layout, calibration, and how many cycles were published."""
+    """What the daemon holds for one foot: layout, calibration, zero, and how many cycles were published.
+
+    `calibration` is the one in use: with the baselines of `zero`, where there is one.
+    """
 
     def __init__(self, config: Config, insole: Insole, layout: Layout, calibration: Calibration) -> None:
         self.config, self.insole, self.layout, self.calibration = config, insole, layout, calibration
@@ -31,8 +44,12 @@ class Foot:
         boards = {board.address: board for board in insole.boards}
         stale_after_ns = round(config.publish.stale_after_ms * 1e6)
         self.survey = BoardSurvey(layout, stale_after_ns)
-        self._validity = Validity(layout, boards, stale_after_ns)
+        self.validity = Validity(layout, boards, stale_after_ns)
+        self._unzeroed = calibration
+        self.zero: Zero | None = None
+        self.zero_source = "none: the calibration's baselines are in use"
         self._curve = StaticCurve(calibration, config.contact.activation_threshold_count)
+        self._stale_after_ns = stale_after_ns
         self._wrench = WrenchEstimator(layout, config.contact.min_force_n, config.contact.min_pressure_pa)
         self.seq = 0
         self.started_ns = time.time_ns()
@@ -40,7 +57,7 @@ class Foot:
     def messages(self, cycles: Cycles, at: int) -> tuple[Raw, Pressure, Wrench]:
         """The messages of cycle `at`; each call is one cycle published."""
         counts, status, age_ns = cycles.counts[at], cycles.status[at], cycles.age_ns[at]
-        valid = self._validity(counts, status, age_ns) & self._curve.usable
+        valid = self.validity(counts, status, age_ns) & self._curve.usable
         pressure_pa = self._curve.pressure_pa(counts)
         wrench = self._wrench(pressure_pa, valid, self._curve.variance_pa2(counts))
         age_ms = _age_ms(age_ns)
@@ -61,6 +78,27 @@ class Foot:
                 wrench.valid_fraction, valid_mark, age_ms, missing, repeated,
             ),
         )  # fmt: skip
+
+    def use_zero(self, zero: Zero, source: str) -> None:
+        """Read from the next cycle on with the baselines of `zero`; whoever publishes says so in `meta`."""
+        self.calibration = zeros.apply(self._unzeroed, zero)
+        self._curve = StaticCurve(self.calibration, self.config.contact.activation_threshold_count)
+        self.zero, self.zero_source = zero, source
+
+    def load(self, cycles: Cycles, at: int, without: Collection[int] = ()) -> tuple[float | None, float]:
+        """What presses on the foot in cycle `at`, boards `without` left out: (f_z, share of taxels that stand out).
+
+        f_z in N is None where no taxel is valid. Taxels that stand out read far more pressure than the
+        least loaded ones; that holds whatever no-load and shift the boards run with, which f_z does not.
+        """
+        counts, status, age_ns = cycles.counts[at], cycles.status[at], cycles.age_ns[at]
+        asked = np.array([triangle.board not in without for triangle in self.layout.triangles])
+        valid = self.validity(counts, status, age_ns) & self._curve.usable & asked[:, None]
+        f_z_n = self._wrench(self._curve.pressure_pa(counts), valid, None).f_z_n
+        read = counts[asked & (age_ns >= 0) & (age_ns <= self._stale_after_ns) & (status & 0xF == 0)]
+        read = read[:, PRESSURE_TAXELS].astype(np.float64)
+        low = float(np.mean(read < np.percentile(read, 90) - _STANDS_OUT_COUNT)) if read.size else 0.0
+        return None if math.isnan(f_z_n) else f_z_n, low
 
     def meta(self) -> Meta:
         """What one must know to read the messages."""
@@ -90,6 +128,8 @@ class Foot:
             layout_builtin=self.layout.builtin,
             calibration=str(self.insole.calibration or "built-in default, 8 kPa per count"),
             calibration_builtin=self.calibration.builtin,
+            zero_source=self.zero_source,
+            zero=zeros.document(self.zero, self.layout) if self.zero is not None else None,
             activation_threshold_count=contact.activation_threshold_count,
             min_force_n=contact.min_force_n,
             min_pressure_pa=contact.min_pressure_pa,
@@ -122,8 +162,24 @@ def load_feet(config: Config) -> list[Foot]:
             calibration = calibrations.default(layout, insole.boards)
         else:
             calibration = calibrations.load(insole.calibration, layout)
-        feet.append(Foot(config, insole, layout, calibration))
+        foot = Foot(config, insole, layout, calibration)
+        _load_zero(foot)
+        feet.append(foot)
     return feet
+
+
+def _load_zero(foot: Foot) -> None:
+    """The zero that the configuration names, or else the one that was stored last."""
+    named, stored = foot.insole.zero, zero_path(foot.config.rig, foot.name)
+    if named is not None:
+        foot.use_zero(zeros.load(named, foot.layout), str(named))
+    elif os.path.exists(stored):
+        try:
+            foot.use_zero(zeros.load(stored, foot.layout), str(stored))
+        except DocumentError as error:
+            # Ours, not a person's: a new layout makes it useless, and a daemon that runs can take a new one.
+            why = "; ".join(str(problem) for problem in error.problems[:3])
+            foot.zero_source = f"none: {stored} was refused ({why}). Take a new one with 'insole zero'"
 
 
 def load_layout(insole: Insole) -> Layout:

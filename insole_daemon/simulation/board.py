@@ -185,6 +185,7 @@ class Board:
             self._get_ready(t_ns)
             return
         self.zero(pressure_pa, t_ns)
+        self.new_style()  # as if told to start
         on = True
         if fault.comes_back == "configured" and self._lost is not None:
             lost = self._lost

@@ -99,11 +99,7 @@ class Walk:
         """See Load; Σ P_i A_i is `force_n`."""
         stance, stride = self._stance(foot, t_s)
         peak, width, high = _REGIONS[:, 4:7].T
-        shares = (
-            high
-            * self._share_factor[_row(foot), stride]
-            * np.exp(-(((stance[:, None] - peak) / width) ** 2) / 2)
-        )
+        shares = high * self._share_factor[_row(foot), stride] * np.exp(-(((stance[:, None] - peak) / width) ** 2) / 2)
         shares *= (self.force_n(foot, t_s) / shares.sum(axis=1))[:, None]
         return np.tensordot(shares, self._footprints[foot], axes=1)
 

@@ -14,6 +14,8 @@ import numpy as np
 from .cycles import CycleAssembler
 from .layout import Layout
 
+_NEVER = -(1 << 62)  # so long ago that every rate since is 0
+
 BoardState = Literal["never seen", "silent", "streaming"]
 
 
@@ -37,21 +39,20 @@ class BoardSurvey:
         self._slots = {address: np.flatnonzero(board == address) for address in dict.fromkeys(board.tolist())}
         self._stale_after_ns = stale_after_ns
         self._arrivals = self._changes = np.zeros(len(board), np.int64)
-        self._surveyed_ns: int | None = None
+        self._surveyed_ns = _NEVER
 
     def __call__(self, assembler: CycleAssembler, now_mono_ns: int) -> list[BoardReport]:
         """The boards since the last call, at `now_mono_ns`; rates are 0 at the first."""
+        assembler.settle()
         arrivals, changes = assembler.arrivals - self._arrivals, assembler.changes - self._changes
         self._arrivals, self._changes = assembler.arrivals.copy(), assembler.changes.copy()
-        elapsed_s = (now_mono_ns - self._surveyed_ns) * 1e-9 if self._surveyed_ns is not None else np.inf
+        elapsed_s = max(1, now_mono_ns - self._surveyed_ns) * 1e-9
         self._surveyed_ns = now_mono_ns
         reports = []
         for address, slots in self._slots.items():
             sending = slots[assembler.arrivals[slots] > 0]
             if not len(sending):
-                reports.append(
-                    BoardReport(address, "never seen", 0.0, 0.0, None, int(assembler.missed[slots].sum()))
-                )
+                reports.append(BoardReport(address, "never seen", 0.0, 0.0, None, int(assembler.missed[slots].sum())))
                 continue
             age_ns = now_mono_ns - int(assembler.last_arrival_ns()[sending].max())
             reports.append(

@@ -35,6 +35,10 @@ def _status(halves: NDArray[np.uint8]) -> NDArray[np.uint16]:
     return halves[:, :, 14].astype(np.uint16) << np.uint16(8) | halves[:, :, 15]
 
 
+# slots, payload, t_ns, t_mono_ns of n frames
+_Frames = tuple[NDArray[np.int16], NDArray[np.uint64], NDArray[np.int64], NDArray[np.int64]]
+
+
 @dataclass(frozen=True, slots=True)
 class Cycles:
     """n closed cycles of one foot, in order; triangles in the layout's order."""
@@ -43,13 +47,9 @@ class Cycles:
     t_ns: NDArray[np.int64]  # (n,) kernel receive time of the newest half, CLOCK_REALTIME
     counts: NDArray[np.uint8]  # (n, n_triangles, 12); 0 where never received
     status: NDArray[np.uint16]  # (n, n_triangles) the status word of half B
-    triangle_t_ns: NDArray[
-        np.int64
-    ]  # (n, n_triangles) kernel receive time of the older half; 0: never received
-    age_ns: NDArray[
-        np.int64
-    ]  # (n, n_triangles) age of the older half when the cycle closed; -1: never received
-    arrived: NDArray[np.uint8]  # (n, n_triangles) halves that came for this cycle, second arrivals counted too
+    triangle_t_ns: NDArray[np.int64]  # (n, n_triangles) kernel receive time of the older half; 0: never received
+    age_ns: NDArray[np.int64]  # (n, n_triangles) age of the older half when the cycle closed; -1: never received
+    arrivals: NDArray[np.int64]  # (n, n_triangles) halves received since the start, repeated ones too
     missing: NDArray[np.bool_]  # (n, n_triangles) a half was expected and did not come
     late: NDArray[np.bool_]  # (n,) closed by time, with halves missing
     repeated: NDArray[np.bool_]  # (n,) nothing has arrived since the cycle before
@@ -67,8 +67,8 @@ class Cycles:
             wide = np.empty((0, n_triangles), np.int64)
             flag = np.empty(0, np.bool_)
             return cls(
-                none, none, np.empty((0, n_triangles, 12), np.uint8), wide.astype(np.uint16), wide, wide,
-                wide.astype(np.uint8), wide.astype(np.bool_), flag, flag,
+                none, none, np.empty((0, n_triangles, 12), np.uint8), wide.astype(np.uint16), wide, wide, wide,
+                wide.astype(np.bool_), flag, flag,
             )  # fmt: skip
         return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in cls.__slots__))
 
@@ -93,10 +93,14 @@ class CycleAssembler:
         self._t_ns = np.zeros(n_slots, np.int64)
         self._t_mono_ns = np.full(n_slots, _NEVER)
         self._seen = np.zeros(n_slots, np.bool_)  # since the last close
-        self._arrived = np.zeros(n_slots, np.int64)  # since the last close
         self._expected = np.ones(n_slots, np.bool_)
         self._misses = np.zeros(n_slots, np.int64)  # late closings missed since the half last came in time
         self._returning = np.zeros(n_slots, np.bool_)  # came in time while not expected
+        self._outstanding = n_slots  # expected and not seen
+        self._held: list[_Frames] = []  # fed and not looked at: fewer than outstanding, all in time
+        self._n_held = 0
+        self._complete_ns: int | None = None  # when the last cycle closed, if it was complete
+        self._promised_ns: int | None = None
         self._newest_t_ns = 0
         self._fresh = False  # something has arrived since the last close
         self._block_pause = 0  # cycles to take the careful way before blocks are tried again
@@ -115,8 +119,13 @@ class CycleAssembler:
 
     @property
     def outstanding(self) -> int:
-        """Halves still to come before the open cycle is complete; 0: none is waited for, only the time."""
-        return int(np.count_nonzero(self._expected & ~self._seen))
+        """At least so many frames must come before the open cycle is complete; 0: none is waited for, only time."""
+        return self._outstanding - self._n_held
+
+    @property
+    def promised_ns(self) -> int | None:
+        """When the open cycle will be complete if the boards keep their rhythm; None while they have none."""
+        return self._promised_ns
 
     def last_arrival_ns(self) -> NDArray[np.int64]:
         """(2 · n_triangles,) monotonic receive time of the newest of every half; the smallest int64: never."""
@@ -131,10 +140,18 @@ class CycleAssembler:
     ) -> list[Cycles]:
         """Take in n frames, slots (n,) within this foot, data (n, 8); the cycles they closed."""
         payload = np.ascontiguousarray(data).view(np.uint64)[:, 0]
+        if not len(slots):
+            return []
+        if self._due_ns is None:
+            self._due_ns = int(t_mono_ns[0]) + self._limit_ns
+        self._held.append((slots, payload, t_ns, t_mono_ns))
+        self._n_held += len(slots)
+        # Too few to complete the cycle: they are looked at together with those that do.
+        if self._n_held < self._outstanding and t_mono_ns[-1] <= self._due_ns:
+            return []
+        slots, payload, t_ns, t_mono_ns = self._take_held()
         closed: list[Cycles] = []
         n, at = len(slots), 0
-        if n and self._due_ns is None:
-            self._due_ns = int(t_mono_ns[0]) + self._limit_ns
         while at < n:
             block = self._feed_block(slots[at:], payload[at:], t_ns[at:], t_mono_ns[at:])
             if block is not None:
@@ -147,7 +164,7 @@ class CycleAssembler:
             rows = slice(at, at + taken)
             self._absorb(slots[rows], payload[rows], t_ns[rows], t_mono_ns[rows])
             at += taken
-            if self._expected.any() and not self.outstanding:
+            if self._expected.any() and not self._outstanding:
                 closed.append(self._close(int(t_mono_ns[at - 1]), late=False))
             elif taken < available:
                 self._skip_gap(int(t_mono_ns[at]))
@@ -156,11 +173,27 @@ class CycleAssembler:
 
     def advance(self, now_mono_ns: int) -> list[Cycles]:
         """Close what is due by time at `now_mono_ns`, given that every earlier frame has been fed."""
+        if self._due_ns is None or now_mono_ns <= self._due_ns:
+            return []
+        self.settle()
         closed: list[Cycles] = []
         while self._due_ns is not None and now_mono_ns > self._due_ns:
             self._skip_gap(now_mono_ns)
             closed.append(self._close_by_time())
         return closed
+
+    def settle(self) -> None:
+        """Bring the counters up to the last frame fed, which changes no cycle."""
+        if self._n_held:
+            self._absorb(*self._take_held())
+
+    def _take_held(self) -> _Frames:
+        held = self._held
+        self._held, self._n_held = [], 0
+        if len(held) == 1:
+            return held[0]
+        slots, payload, t_ns, t_mono_ns = zip(*held, strict=True)
+        return np.concatenate(slots), np.concatenate(payload), np.concatenate(t_ns), np.concatenate(t_mono_ns)
 
     def _end_of_cycle(self, slots: NDArray[np.int16], t_mono_ns: NDArray[np.int64]) -> int:
         """How many of these frames belong to the open cycle."""
@@ -182,32 +215,30 @@ class CycleAssembler:
         n = len(slots)
         if not n:
             return
-        # Sorted by slot, the frame before is the same half's previous arrival, or the stored one.
-        order = np.argsort(slots, kind="stable")
-        slot, new, t = slots[order], payload[order], t_mono_ns[order]
-        again = np.empty(n, np.bool_)
-        again[0] = False
-        np.equal(slot[1:], slot[:-1], out=again[1:])
-        before, t_before = self._bytes[slot], self._t_mono_ns[slot]
-        if again.any():
-            repeat = np.flatnonzero(again)
-            before[repeat], t_before[repeat] = new[repeat - 1], t[repeat - 1]
-        in_time = slot[t - t_before <= self._limit_ns]
+        self._newest_t_ns = int(t_ns[-1])
+        self._fresh = True
+        seen_before = int(np.count_nonzero(self._seen))
+        self._seen[slots] = True
+        superseded = n - (int(np.count_nonzero(self._seen)) - seen_before)
+        self._outstanding = int(np.count_nonzero(self._expected & ~self._seen))
+        self.superseded += superseded
+        before, t_before = self._bytes[slots], self._t_mono_ns[slots]
+        if superseded:
+            # A half may be in here twice. Sorted by slot, the frame before is its previous arrival, or the stored one.
+            order = np.argsort(slots, kind="stable")
+            slots, payload, t_ns, t_mono_ns = slots[order], payload[order], t_ns[order], t_mono_ns[order]
+            before, t_before = before[order], t_before[order]
+            again = np.flatnonzero(slots[1:] == slots[:-1]) + 1
+            before[again], t_before[again] = payload[again - 1], t_mono_ns[again - 1]
+        in_time = slots[t_mono_ns - t_before <= self._limit_ns]
         self._misses[in_time] = 0
         self._returning[in_time] = True
         n_slots = len(self._seen)
-        arrived = np.bincount(slot, minlength=n_slots)
-        self.arrivals += arrived
-        self._arrived += arrived
-        self.changes += np.bincount(slot[new != before], minlength=n_slots)
-        seen_before = int(np.count_nonzero(self._seen))
-        self._seen[slot] = True
-        self.superseded += n - (int(np.count_nonzero(self._seen)) - seen_before)
-        self._bytes[slot] = new  # repeated slots: the last assignment stands
-        self._t_ns[slot] = t_ns[order]
-        self._t_mono_ns[slot] = t
-        self._newest_t_ns = int(t_ns[-1])
-        self._fresh = True
+        self.arrivals += np.bincount(slots, minlength=n_slots)
+        self.changes += np.bincount(slots[payload != before], minlength=n_slots)
+        self._bytes[slots] = payload  # repeated slots: the last assignment stands
+        self._t_ns[slots] = t_ns
+        self._t_mono_ns[slots] = t_mono_ns
 
     def _skip_gap(self, t_mono_ns: int) -> None:
         """Nothing until `t_mono_ns`: beyond GAP_NS the repeats in between would say nothing new."""
@@ -226,38 +257,40 @@ class CycleAssembler:
         self._misses += absent
         cycle = self._close(self._due_ns, late)
         self._expected &= self._misses < PATIENCE
-        self._set_due(int(cycle.t_mono_ns[0]))
+        self._begin_cycle(int(cycle.t_mono_ns[0]), complete=False)
         return cycle
 
     def _close(self, t_close_ns: int, late: bool) -> Cycles:
-        received = self._t_mono_ns.reshape(-1, 2)
-        older = received.argmin(axis=1)
-        triangle = np.arange(self.n_triangles)
-        t_older = received[triangle, older]
+        t_a, t_b = self._t_mono_ns[::2], self._t_mono_ns[1::2]
+        t_older = np.minimum(t_a, t_b)
         never = t_older == _NEVER
         halves = self._bytes.view(np.uint8).reshape(1, -1, 16)
+        absent = self._expected & ~self._seen
         cycle = Cycles(
             t_mono_ns=np.array([t_close_ns]),
             t_ns=np.array([self._newest_t_ns]),
             counts=halves[:, :, _COUNT_BYTES],
             status=_status(halves),
-            triangle_t_ns=np.where(never, 0, self._t_ns.reshape(-1, 2)[triangle, older])[None],
+            triangle_t_ns=np.where(never, 0, np.where(t_a <= t_b, self._t_ns[::2], self._t_ns[1::2]))[None],
             age_ns=np.where(never, -1, t_close_ns - t_older)[None],
-            arrived=np.minimum(self._arrived.reshape(1, -1, 2).sum(axis=2), 255).astype(np.uint8),
-            missing=np.any((self._expected & ~self._seen).reshape(1, -1, 2), axis=2),
+            arrivals=(self.arrivals[::2] + self.arrivals[1::2])[None],
+            missing=(absent[::2] | absent[1::2])[None],
             late=np.array([late]),
             repeated=np.array([not self._fresh]),
         )
         self._expected |= self._returning
         self._returning[:] = False
         self._seen[:] = False
-        self._arrived[:] = 0
         self._fresh = False
-        self._set_due(t_close_ns)
+        self._begin_cycle(t_close_ns, complete=not late and self._outstanding == 0)
         return cycle
 
-    def _set_due(self, t_close_ns: int) -> None:
-        self._due_ns = t_close_ns + (self._limit_ns if self._expected.any() else self._period_ns)
+    def _begin_cycle(self, t_close_ns: int, complete: bool) -> None:
+        rhythm = complete and self._complete_ns is not None
+        self._promised_ns = 2 * t_close_ns - self._complete_ns if rhythm else None  # type: ignore[operator]
+        self._complete_ns = t_close_ns if complete else None
+        self._outstanding = int(np.count_nonzero(self._expected))
+        self._due_ns = t_close_ns + (self._limit_ns if self._outstanding else self._period_ns)
 
     def _feed_block(
         self,
@@ -305,7 +338,8 @@ class CycleAssembler:
         self._misses[self._expected & (intervals <= self._limit_ns).any(axis=0)] = 0
         changed = table != np.concatenate([self._bytes[None], table[:-1]])
         self.changes += (changed & self._expected).sum(axis=0)
-        self.arrivals += n * self._expected
+        arrivals = self.arrivals + np.arange(1, n + 1)[:, None] * self._expected
+        self.arrivals = arrivals[-1].copy()
         self._bytes, self._t_ns, self._t_mono_ns = table[-1].copy(), stamp[-1].copy(), stamp_mono[-1].copy()
         t_newest = t_ns[:used].reshape(n, size)[:, -1]
         self._newest_t_ns = int(t_newest[-1])
@@ -314,7 +348,8 @@ class CycleAssembler:
         t_older = np.where(a_older, received[:, :, 0], received[:, :, 1])
         never = t_older == _NEVER
         halves = table.view(np.uint8).reshape(n, -1, 16)
-        self._set_due(int(t_close[-1]))
+        self._complete_ns = int(t_close[-2])
+        self._begin_cycle(int(t_close[-1]), complete=True)
         return Cycles(
             t_mono_ns=t_close.copy(),
             t_ns=t_newest.copy(),
@@ -322,7 +357,7 @@ class CycleAssembler:
             status=_status(halves),
             triangle_t_ns=np.where(never, 0, np.where(a_older, t_received[:, :, 0], t_received[:, :, 1])),
             age_ns=np.where(never, -1, t_close[:, None] - t_older),
-            arrived=np.repeat(self._expected.reshape(1, -1, 2).sum(axis=2, dtype=np.uint8), n, axis=0),
+            arrivals=arrivals[:, ::2] + arrivals[:, 1::2],
             missing=np.zeros((n, self.n_triangles), np.bool_),
             late=np.zeros(n, np.bool_),
             repeated=np.zeros(n, np.bool_),

@@ -54,8 +54,6 @@ def place(
     return placed
 
 
-def taxel_positions(
-    centres_mm: ArrayLike, rotation_deg: ArrayLike, mirrored: ArrayLike
-) -> NDArray[np.float64]:
+def taxel_positions(centres_mm: ArrayLike, rotation_deg: ArrayLike, mirrored: ArrayLike) -> NDArray[np.float64]:
     """Of all taxels, thermal pads included: (n_triangles, 12, 2) in metres; arguments as in `place`."""
     return place(TAXELS_MM, centres_mm, rotation_deg, mirrored)

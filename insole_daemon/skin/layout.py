@@ -5,15 +5,18 @@ The layout of the real insole is not public: the file is what counts, `builtin` 
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from os import PathLike
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..documents import Key, Reading, Section, at_least, read, spell, within
+from ..files import write_text
 from . import geometry
 
 FORMAT = "insole-layout/1"
@@ -73,22 +76,41 @@ class _File(Section):
     triangles: Annotated[tuple[Triangle, ...], at_least(1)]
 
 
-def load(
-    path: str | PathLike[str], foot: Foot | None = None, addresses: Collection[int] | None = None
-) -> Layout:
+def load(path: str | PathLike[str], foot: Foot | None = None, addresses: Collection[int] | None = None) -> Layout:
     """The layout in file `path`; DocumentError lists all that is wrong with it.
 
     It must be for `foot`, and on boards out of `addresses`, if these are given.
     """
     file = read(path, _File, FORMAT, _check(foot, addresses))
-    return _layout(
-        file.foot, file.taxel_area_mm2, file.area_meaning, file.triangles, extensions=file.extensions
-    )
+    return _layout(file.foot, file.taxel_area_mm2, file.area_meaning, file.triangles, extensions=file.extensions)
 
 
-def _layout(
-    foot: Foot, area_mm2: float, meaning: str | None, triangles: tuple[Triangle, ...], **more: Any
-) -> Layout:
+def write(path: str | PathLike[str], layout: Layout, remark: str = "") -> None:
+    """Write `layout` as a file that `load` reads, all or nothing; `remark` becomes a comment on its top.
+
+    Raises OSError where it cannot be written, and then leaves nothing behind.
+    """
+    lines = [f"# {line}".rstrip() for line in remark.splitlines()]
+    lines += [f"format: {FORMAT}", f"foot: {layout.foot}", f"taxel_area_mm2: {layout.taxel_area_m2 * 1e6:.6g}"]
+    if layout.area_meaning is not None:
+        lines.append(f"area_meaning: {json.dumps(layout.area_meaning, ensure_ascii=False)}")
+    lines.append("triangles:")
+    lines += [
+        f"  - {{board: {t.board}, triangle: {t.triangle}, patch: {json.dumps(t.patch, ensure_ascii=False)}, "
+        f"x_mm: {t.x_mm:.6g}, y_mm: {t.y_mm:.6g}, rotation_deg: {t.rotation_deg:.6g}, "
+        f"mirrored: {'true' if t.mirrored else 'false'}}}"
+        for t in layout.triangles
+    ]
+    write_text(Path(path), "\n".join(lines) + "\n")
+
+
+def assigned(template: Layout, triangles: tuple[Triangle, ...]) -> Layout:
+    """The layout of `triangles` with everything else as in `template`."""
+    area_mm2 = template.taxel_area_m2 * 1e6
+    return _layout(template.foot, area_mm2, template.area_meaning, triangles)
+
+
+def _layout(foot: Foot, area_mm2: float, meaning: str | None, triangles: tuple[Triangle, ...], **more: Any) -> Layout:
     xy_m = geometry.taxel_positions(
         [(t.x_mm, t.y_mm) for t in triangles],
         [t.rotation_deg for t in triangles],
@@ -102,9 +124,7 @@ def _check(foot: Foot | None, addresses: Collection[int] | None) -> Callable[[Re
     def check(reading: Reading) -> None:
         found = reading.document.get("foot")
         if foot is not None and found in ("left", "right") and found != foot:
-            reading.problem(
-                ("foot",), f"expected the layout of the {foot} foot, found that of the {found} foot"
-            )
+            reading.problem(("foot",), f"expected the layout of the {foot} foot, found that of the {found} foot")
         triangles = reading.of(Triangle)
         first: dict[tuple[int, int], Key] = {}
         strangers: set[int] = set()
@@ -112,9 +132,7 @@ def _check(foot: Foot | None, addresses: Collection[int] | None) -> Callable[[Re
             identity = (t.board, t.triangle)
             if identity in first:
                 where = spell(first[identity])
-                reading.problem(
-                    key, f"triangle {t.triangle} of board {t.board} stands twice, first in {where}"
-                )
+                reading.problem(key, f"triangle {t.triangle} of board {t.board} stands twice, first in {where}")
             first.setdefault(identity, key)
             if addresses is not None and t.board not in addresses and t.board not in strangers:
                 strangers.add(t.board)  # once a board is enough

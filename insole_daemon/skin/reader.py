@@ -41,6 +41,11 @@ class SkinReader:
         """Halves still to come before a cycle of some foot is complete; None: no foot waits for any."""
         return min(filter(None, (assembler.outstanding for assembler in self.assemblers)), default=None)
 
+    def promised_ns(self) -> int | None:
+        """When the next cycle of some foot will be complete; None while one that is waited for has no rhythm."""
+        promises = [each.promised_ns for each in self.assemblers if each.outstanding]
+        return min(promises) if promises and None not in promises else None  # type: ignore[type-var]
+
     def due_ns(self) -> int | None:
         """When the next cycle is closed by time; None before the first frame."""
         dues = (assembler.due_ns for assembler in self.assemblers)

@@ -98,9 +98,7 @@ class Streams:
         can_id = batch.can_id[short]
         skin = can_id >> 8 == CLASS_SKIN
         refused.bad_dlc += int(skin.sum())
-        overflow = (
-            (can_id >> 8 == CLASS_MANAGEMENT) & (can_id & 0xF == TYPE_OVERFLOW) & (batch.dlc[short] == 0)
-        )
+        overflow = (can_id >> 8 == CLASS_MANAGEMENT) & (can_id & 0xF == TYPE_OVERFLOW) & (batch.dlc[short] == 0)
         for address in (can_id[overflow] >> 4 & 0xF).tolist():
             refused.overflow[address] = refused.overflow.get(address, 0) + 1
         refused.other += int((~skin & ~overflow).sum())

@@ -28,12 +28,14 @@ from ..config import DEFAULT_ENDPOINT
 from ..errors import WireError
 from .keys import ROOT, key
 from .messages import BY_KEY, CalibrationInUse, Event, Health, Message, Meta, Pressure, Raw, Wrench
+from .requests import REPLY_SCHEMA, REQUEST_SCHEMA, encoding, pack, unpack
 from .session import open_session
 
 M = TypeVar("M", bound=Message)
 
 QUEUE_LENGTH = 500  # messages kept for a program that is busy: 10 s of one stream
 _ANSWER_S = 2.0
+_DONE_S = 60.0  # a request may take that long
 
 
 class Gaps:
@@ -170,6 +172,30 @@ class Client:
     def calibration(self, foot: str) -> CalibrationInUse:
         """The static curve that `foot` is read with; raises WireError where no daemon has it."""
         return self._get(key(self.rig, foot, "calibration"))  # type: ignore[return-value]
+
+    def request(self, foot: str, verb: str, **arguments: Any) -> dict[str, Any]:
+        """Ask the daemon of `foot` to do something, such as `request("left", "boards", do="list")`; its reply.
+
+        Raises WireError where no daemon has that foot, several have it, or it did not do it.
+        """
+        rigs = [rig for rig, found in self.feet() if found == foot]
+        if len(rigs) > 1:
+            raise WireError(f"{' and '.join(rigs)} have a {foot} foot: say which is meant, connect(…, rig={rigs[0]!r})")
+        own_key = key(rigs[0] if rigs else self.rig, foot, verb)
+        if rigs:
+            replies = self._session.get(
+                own_key, payload=pack(arguments), encoding=encoding(REQUEST_SCHEMA), timeout=_DONE_S
+            )
+            for reply in replies:
+                if reply.ok is not None:
+                    said = unpack(reply.ok.payload.to_bytes(), REPLY_SCHEMA)
+                    if "error" in said:
+                        raise WireError(str(said["error"]))
+                    return said
+        raise WireError(
+            f"nobody answered for {own_key}: is that foot in the daemon's config, and the daemon of the same version? "
+            "'insole status' lists what runs"
+        )
 
     def feet(self) -> list[tuple[str, str]]:
         """(rig, foot) of every foot that a daemon publishes now."""

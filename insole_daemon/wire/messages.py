@@ -9,7 +9,8 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass, field
-from typing import Annotated, Any, ClassVar, Literal, Self, get_args, get_origin, get_type_hints
+from types import UnionType
+from typing import Annotated, Any, ClassVar, Literal, Self, Union, get_args, get_origin, get_type_hints
 
 import msgpack
 import numpy as np
@@ -42,9 +43,7 @@ class Message:
 
     def encode(self) -> bytes:
         """The payload of this message."""
-        payload: bytes = msgpack.packb(
-            {name: _to_wire(getattr(self, name)) for name in wire_fields(type(self))}
-        )
+        payload: bytes = msgpack.packb({name: _to_wire(getattr(self, name)) for name in wire_fields(type(self))})
         return payload
 
     @classmethod
@@ -62,9 +61,7 @@ class Message:
         try:
             found = msgpack.unpackb(payload, raw=False, max_ext_len=0)
         except Exception as error:  # msgpack raises ValueError and half a dozen of its own
-            raise WireError(
-                f"{cls.SCHEMA}: expected a msgpack map, found {len(payload)} bytes: {error}"
-            ) from error
+            raise WireError(f"{cls.SCHEMA}: expected a msgpack map, found {len(payload)} bytes: {error}") from error
         if not isinstance(found, dict):
             raise WireError(f"{cls.SCHEMA}: expected a msgpack map, found {type(found).__name__}")
         fields = wire_fields(cls)
@@ -90,17 +87,13 @@ class Raw(Message):
     n_triangles: int
     counts: MarkPerTaxel
     status: Annotated[NDArray[np.uint16], Array("<u2", ("n_triangles",))]  # status word of half B
-    triangle_t_ns: Annotated[
-        NDArray[np.int64], Array("<i8", ("n_triangles",))
-    ]  # older half; 0: never received
+    triangle_t_ns: Annotated[NDArray[np.int64], Array("<i8", ("n_triangles",))]  # older half; 0: never received
     age_ms: PerTriangle  # age of the older half when the cycle closed; NaN: never received
     missing: MarkPerTriangle  # 1: a half was expected in this cycle and did not come
     valid: MarkPerTaxel
     late: bool  # closed by time, with halves missing
     repeated: bool  # nothing has arrived since the cycle before
-    lost: int = field(
-        default=0, metadata={"local": True}
-    )  # cycles that did not reach this client before this one
+    lost: int = field(default=0, metadata={"local": True})  # cycles that did not reach this client before this one
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -198,6 +191,8 @@ class Meta(Message):
     layout_builtin: bool  # an approximation that knows nothing of this insole
     calibration: str  # the file, or what the built-in one is
     calibration_builtin: bool  # a default that knows nothing of this insole
+    zero_source: str  # the file, or why there is none
+    zero: dict[str, Any] | None  # all of it, as in insole-zero/1: its baselines are in use
     activation_threshold_count: float  # 0: off
     min_force_n: float
     min_pressure_pa: float
@@ -260,10 +255,8 @@ def _from_wire(cls: type[Message], name: str, hint: Any, found: dict[str, Any]) 
     if get_origin(hint) is Annotated:
         array = next(extra for extra in get_args(hint) if isinstance(extra, Array))
         shape = [found.get(axis) if isinstance(axis, str) else axis for axis in array.shape]
-        if not isinstance(value, bytes) or not all(isinstance(n, int) and n >= 0 for n in shape):
-            raise WireError(
-                f"{cls.SCHEMA}: {name}: expected bytes of {array.dtype} {array.shape}, found {value!r:.60}"
-            )
+        if not isinstance(value, bytes) or not all(isinstance(n, int) and n >= 1 for n in shape):
+            raise WireError(f"{cls.SCHEMA}: {name}: expected bytes of {array.dtype} {array.shape}, found {value!r:.60}")
         dtype = np.dtype(array.dtype)
         size = dtype.itemsize * math.prod(n or 0 for n in shape)
         if len(value) != size:
@@ -283,10 +276,8 @@ def _is_of(value: Any, hint: Any) -> bool:
         return value in get_args(hint)
     if origin in (dict, list):
         return isinstance(value, origin)
-    options = get_args(hint) or (hint,)
-    return any(
-        isinstance(value, (int, float)) and not isinstance(value, bool) if option is float
-        else isinstance(value, int) and not isinstance(value, bool) if option is int
-        else isinstance(value, option)
-        for option in options
-    )  # fmt: skip
+    if origin in (Union, UnionType):
+        return any(_is_of(value, option) for option in get_args(hint))
+    if hint in (int, float):
+        return isinstance(value, (int, hint)) and not isinstance(value, bool)
+    return isinstance(value, hint)

@@ -24,7 +24,7 @@ def insole(*arguments: object, timeout: float = 30) -> subprocess.CompletedProce
 def test_help_names_every_verb_and_the_exit_status():
     done = insole("--help")
     assert done.returncode == 0
-    for verb in ("demo", "run", "simulate", "replay", "watch", "status"):
+    for verb in ("demo", "run", "simulate", "replay", "watch", "status", "boards", "zero", "map"):
         assert re.search(rf"^  {verb} +\w.*\.$", done.stdout, re.MULTILINE), f"{verb} is explained on one line"
     assert "Exit status" in done.stdout
 
@@ -82,8 +82,6 @@ def test_a_second_daemon_on_the_same_endpoint_is_told_so(demo):
     assert done.returncode == 3
     assert "already in use" in done.stderr
     assert "Traceback" not in done.stderr
-
-
 
 
 def test_a_config_with_mistakes_is_refused_with_all_of_them(tmp_path):

@@ -118,9 +118,7 @@ def test_the_other_foot(write: Write) -> None:
 def test_another_version(write: Write) -> None:
     line, key, message = only(write(taxel(), format="insole-calibration/2"))
     assert (line, key) == (1, "format")
-    assert (
-        "expected insole-calibration/1, found insole-calibration/2: this program reads version 1" in message
-    )
+    assert "expected insole-calibration/1, found insole-calibration/2: this program reads version 1" in message
 
 
 @pytest.mark.parametrize(
@@ -144,9 +142,7 @@ def test_wrong_taxels(write: Write, row: dict[str, Any], key: str, message: str)
 
 def test_every_effect_is_refused_by_name(write: Write) -> None:
     assert not KNOWN_EFFECTS
-    found = problems(
-        write(taxel(), effects=[{"effect": "hysteresis"}, {"effect": "creep", "parameters": {}}, {}])
-    )
+    found = problems(write(taxel(), effects=[{"effect": "hysteresis"}, {"effect": "creep", "parameters": {}}, {}]))
     assert [(line, key) for line, key, _ in found] == [(1, f"effects[{i}].effect") for i in range(3)]
     assert 'the effect "hysteresis" cannot be applied; this version knows: none' in found[0][2]
     assert '"creep"' in found[1][2]
@@ -222,11 +218,7 @@ def test_default_needs_every_board_of_the_layout() -> None:
 
 
 def test_280_taxels_in_less_than_50_ms(write: Write) -> None:
-    rows = [
-        taxel(k, t.triangle, t.board)
-        for t in LAYOUT.triangles
-        for k in np.flatnonzero(PRESSURE_TAXELS).tolist()
-    ]
+    rows = [taxel(k, t.triangle, t.board) for t in LAYOUT.triangles for k in np.flatnonzero(PRESSURE_TAXELS).tolist()]
     path = write(*rows)
 
     def elapsed_s() -> float:

@@ -136,9 +136,7 @@ def test_same_seed_same_board():
 def test_a_stream_read_in_parts_is_the_same_stream():
     pressure_pa = np.full((7, 3, 12), 50e3)
     whole, parts = made(), made()
-    assert (
-        whole.halves(pressure_pa)[3:] == [parts.halves(pressure_pa[:3]), parts.halves(pressure_pa[3:])][1]
-    ).all()
+    assert (whole.halves(pressure_pa)[3:] == [parts.halves(pressure_pa[:3]), parts.halves(pressure_pa[3:])][1]).all()
 
 
 # Commands
@@ -165,9 +163,7 @@ def test_the_session_of_the_official_host():
         assert obey(board, 0x205, bytes.fromhex(payload), 0, NOTHING) is None
     assert board.can_ids.tolist() == [0x450, 0x450, 0x451, 0x451]
     counts = counts_of(board.halves(np.zeros((500, 3, 12))))
-    assert (
-        abs(counts[:, 0].mean() - 245.4) < 0.7
-    )  # of 8/4 of the noise it was made with, zeroed at one reading
+    assert abs(counts[:, 0].mean() - 245.4) < 0.7  # of 8/4 of the noise it was made with, zeroed at one reading
     assert (counts[:, 1] == 245).all()  # no sensor there: open since before the baseline
     assert board.halves(np.zeros((1, 3, 12)))[0, 3, 7] == 2
 

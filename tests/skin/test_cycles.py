@@ -29,6 +29,7 @@ class OneAtATime:
         n = 2 * self.n_triangles
         self.half = [None] * n  # (payload, t_ns, t_mono_ns)
         self.seen, self.expected, self.misses, self.back = set(), set(range(n)), [0] * n, set()
+        self.arrivals = [0] * self.n_triangles
         self.superseded, self.newest, self.fresh = 0, 0, False
         self.changes, self.missed = [0] * n, [0] * n
 
@@ -43,6 +44,7 @@ class OneAtATime:
             self.back.add(slot)
         self.changes[slot] += (before[0] if before else bytes(8)) != payload
         self.superseded += slot in self.seen
+        self.arrivals[slot // 2] += 1
         self.half[slot] = (payload, t_ns, t_mono_ns)
         self.seen.add(slot)
         self.newest, self.fresh = t_ns, True
@@ -72,7 +74,7 @@ class OneAtATime:
         self.out.append(
             {
                 "t_mono_ns": t, "t_ns": self.newest, "counts": counts, "status": status, "age_ns": ages,
-                "triangle_t_ns": stamps, "missing": missing, "late": late, "repeated": not self.fresh,
+                "triangle_t_ns": stamps, "arrivals": list(self.arrivals), "missing": missing, "late": late, "repeated": not self.fresh,
             }
         )  # fmt: skip
         self.expected |= self.back
@@ -122,6 +124,7 @@ def test_same_cycles_as_one_frame_at_a_time_however_the_stream_is_cut(seed, n_tr
     cycles = run(assembler, frames, cuts)
     for slot, payload, t_ns, t_mono_ns in zip(*frames, strict=True):
         oracle.frame(int(slot), payload.tobytes(), int(t_ns), int(t_mono_ns))
+    assembler.settle()
     assert len(cycles) == len(oracle.out)
     for name in oracle.out[0] if oracle.out else ():
         expected = np.array([cycle[name] for cycle in oracle.out])

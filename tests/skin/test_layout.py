@@ -65,9 +65,7 @@ def test_load(write: Write) -> None:
 
 
 def test_extensions_are_kept(write: Write) -> None:
-    layout = load(
-        write(HEAD + triangle(more=", extensions: {a: 1}") + "area_meaning: text\nextensions: {b: 2}\n")
-    )
+    layout = load(write(HEAD + triangle(more=", extensions: {a: 1}") + "area_meaning: text\nextensions: {b: 2}\n"))
     assert (layout.extensions, layout.triangles[0].extensions) == ({"b": 2}, {"a": 1})
     assert layout.area_meaning == "text"
 
@@ -121,9 +119,7 @@ def test_an_area_in_another_unit(write: Write, area: str) -> None:
 
 @pytest.mark.parametrize("factor", [1e-3, 1 / 25.4])
 def test_metres_or_inches_are_noticed(write: Write, factor: float) -> None:
-    line, key, message = only(
-        write(HEAD + triangle(x_mm=20 * factor) + triangle(triangle=4, x_mm=250 * factor))
-    )
+    line, key, message = only(write(HEAD + triangle(x_mm=20 * factor) + triangle(triangle=4, x_mm=250 * factor)))
     assert (line, key) == (4, "triangles")
     assert "are these metres" in message
 
@@ -177,9 +173,7 @@ def test_examples(kind: str) -> None:
 def corners_m(layout: Layout, points_mm: NDArray[np.float64] = geometry.OUTLINE_MM) -> NDArray[np.float64]:
     """(n, k, 2) of every triangle."""
     t = layout.triangles
-    return place(
-        points_mm, [(a.x_mm, a.y_mm) for a in t], [a.rotation_deg for a in t], [a.mirrored for a in t]
-    )
+    return place(points_mm, [(a.x_mm, a.y_mm) for a in t], [a.rotation_deg for a in t], [a.mirrored for a in t])
 
 
 def gap_m(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
@@ -235,9 +229,7 @@ def test_built_in_triangles_lie_in_the_foot(foot: Foot) -> None:
     outline = OUTLINE_MM * 1e-3 * ([1, 1] if foot == "left" else [1, -1])
     steps = np.linspace(0, 1, 12)[:, None]
     edges = np.concatenate(
-        [
-            a + (b - a) * steps for a, b in combinations(geometry.OUTLINE_MM, 2)
-        ]  # all three edges of a triangle
+        [a + (b - a) * steps for a, b in combinations(geometry.OUTLINE_MM, 2)]  # all three edges of a triangle
     )
     assert inside(corners_m(builtin(foot, (5, 6, 7)), edges).reshape(-1, 2), outline).all()
 

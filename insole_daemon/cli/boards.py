@@ -1,0 +1,130 @@
+"""`insole boards`: what the boards are and do, and what they are told to, through the running daemon."""
+
+from __future__ import annotations
+
+import sys
+from enum import StrEnum
+from typing import Annotated, Any
+
+import typer
+
+from ..config import DEFAULT_ENDPOINT
+from .options import Connect
+
+_UNCONFIRMED = 1  # exit status
+
+
+class Action(StrEnum):
+    """What is asked for."""
+
+    list = "list"
+    configure = "configure"
+    start = "start"
+    stop = "stop"
+    temperature = "temperature"
+
+
+class FootName(StrEnum):
+    """One foot."""
+
+    left = "left"
+    right = "right"
+
+
+def boards(
+    action: Annotated[Action, typer.Argument(help="What to do.")] = Action.list,
+    foot: Annotated[FootName | None, typer.Option("--foot", help="One foot; without it, both.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Configure although the foot is loaded.")] = False,
+    rig: Annotated[str, typer.Option("--rig", help="Name of the rig, where one endpoint leads to several.")] = "*",
+    connect: Connect = DEFAULT_ENDPOINT,
+) -> None:
+    """List, configure, start and stop the boards.
+
+    The running daemon does it, if its configuration says `boards: {configure: true}`. Boards acknowledge nothing: what
+    they were told is confirmed by what they send afterwards. Configuring takes their hardware baseline anew, so the
+    feet must be off the ground. Exit status 1: not confirmed; 3: refused or failed.
+    """
+    from ..errors import WireError
+    from ..wire.client import Client
+
+    if force and action is not Action.configure:
+        raise typer.BadParameter("only configure can be forced", param_hint="--force")
+    arguments = {"force": True} if force else {}
+    confirmed = True
+    with Client(connect, rig) as insole:
+        feet = [found for _, found in insole.feet() if foot is None or found == foot]
+        if not feet:
+            raise WireError(f"no daemon behind {connect} has {'a foot' if foot is None else f'a {foot} foot'}")
+        for each in feet:
+            reply = insole.request(each, "boards", do=str(action), **arguments)
+            sys.stdout.write(_screen(each, action, reply))
+            sys.stdout.flush()
+            confirmed &= bool(reply.get("confirmed", True))
+    if not confirmed:
+        raise typer.Exit(_UNCONFIRMED)
+
+
+def _screen(foot: str, action: Action, reply: dict[str, Any]) -> str:
+    rows = {Action.list: _listed, Action.temperature: _temperature}.get(action, _told)(reply["boards"])
+    lines = [f"{foot}:", *_table(rows)]
+    if action is Action.configure:
+        lines.append({
+            "none": "  baseline taken without load",
+            "not known": "  baseline taken under a load that is not known: the boards were silent before. "
+            "Was the foot off the ground?",
+            "loaded": f"  baseline taken UNDER LOAD ({reply['force_n'] or 0:.0f} N), as you insisted: "
+            "that load reads as none now",
+        }[reply["load"]])  # fmt: skip
+    for stranger in reply.get("strangers", []):
+        lines.append(f"  board {stranger['address']} ({_kind(stranger)}) is not in the configuration")
+    for bus in reply.get("bus", []):
+        lines.append(
+            f"  {bus['interface']}: {bus['frames_per_s']:.0f} frames/s as configured, "
+            f"{bus['least']:.0%} to {bus['most']:.0%} of the bus"
+        )
+    lines += [f"  {note}" for note in reply.get("notes", [])]
+    return "\n".join(lines) + "\n"
+
+
+def _listed(boards: list[dict[str, Any]]) -> list[list[str]]:
+    rows = [["board", "bus", "type", "firmware", "state", "sends", "new", "triangles", "count", "as configured"]]
+    for board in boards:
+        rows.append([
+            str(board["address"]), board["interface"], _kind(board), board["firmware"] or "-", board["state"],
+            f"{board['rate_hz']:.1f} Hz", f"{board['change_rate_hz']:.1f} Hz",
+            f"{len(board['triangles'])} of {len(board['expected_triangles'])}"
+            + (f", {len(board['open_triangles'])} open" if board["open_triangles"] else ""),
+            "-" if board["seen_count"] is None else f"{board['seen_count']:.0f}",
+            "; ".join(board["differences"]) or "yes",
+        ])  # fmt: skip
+    return rows
+
+
+def _told(boards: list[dict[str, Any]]) -> list[list[str]]:
+    rows = [["board", "confirmed", "what the stream says"]]
+    for board in boards:
+        period = "" if board["seen_period_ms"] is None else f" every {board['seen_period_ms']:.1f} ms"
+        says = f"{len(board['triangles'])} triangles{period}" if board["triangles"] else "silent"
+        rows.append([
+            str(board["address"]), "yes" if board["confirmed"] else "NO", "; ".join([says, *board["differences"]]),
+        ])  # fmt: skip
+    return rows
+
+
+def _temperature(boards: list[dict[str, Any]]) -> list[list[str]]:
+    rows = [["board", "type", "temperature"]]
+    for board in boards:
+        degrees = board["why"] if board["temperature_c"] is None else f"{board['temperature_c']:.1f} °C"
+        rows.append([str(board["address"]), _kind(board), degrees])
+    return rows
+
+
+def _kind(board: dict[str, Any]) -> str:
+    return (board["type"] or "-") + (" in its bootloader" if board["bootloader"] else "")
+
+
+def _table(rows: list[list[str]]) -> list[str]:
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
+    return [
+        "  " + "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows
+    ]

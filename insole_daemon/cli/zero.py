@@ -1,0 +1,83 @@
+"""`insole zero`: what the insoles read without load, taken by the running daemon."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from typing import Annotated, Any
+
+import typer
+
+from ..config import DEFAULT_ENDPOINT
+from .options import Connect, Which
+
+_COUNTDOWN_S = 3
+
+
+def zero(
+    foot: Annotated[Which, typer.Option("--foot", help="Which insole; both at once if nobody stands.")] = Which.both,
+    seconds: Annotated[float, typer.Option(min=0.5, max=60, help="How long the readings are averaged.")] = 3.0,
+    force: Annotated[bool, typer.Option("--force", help="Also of a foot that seems loaded or moves.")] = False,
+    wait: Annotated[bool, typer.Option(help="Count down first.")] = True,
+    connect: Connect = DEFAULT_ENDPOINT,
+) -> None:
+    """Take the zero of insoles that bear no load, and keep it.
+
+    Exit status 1: refused, and nothing changed.
+    """
+    from ..errors import WireError
+    from ..wire.client import Client
+
+    with Client(connect) as insole:
+        there = [name for _, name in insole.feet()]
+        feet = [name for name in ("left", "right") if name in there and foot in (Which.both, name)]
+        if not feet:
+            raise WireError(f"no daemon behind {connect} has the foot that is to be zeroed ({foot.value})")
+        _say(f"lift the {' and the '.join(feet)} foot, so that nothing presses on the insole, and keep still")
+        for left in range(_COUNTDOWN_S if wait else 0, 0, -1):
+            _say(f"  {left} …")
+            threading.Event().wait(1.0)
+        _say(f"  taking {seconds:g} s of readings …")
+        refused = False
+        with ThreadPoolExecutor(len(feet)) as pool:
+            jobs = [pool.submit(insole.request, name, "zero", seconds=seconds, force=force) for name in feet]
+            for job in as_completed(jobs):
+                reply = job.result()
+                refused |= not reply["ok"]
+                print("\n".join(report(reply)), flush=True)
+    if refused:
+        raise typer.Exit(1)
+
+
+def report(reply: dict[str, Any]) -> list[str]:
+    """What came of one foot, in lines."""
+    foot = reply["foot"]
+    if reply["ok"]:
+        lines = [
+            f"{foot}: zeroed {reply['n_taxels']} taxels, noise {reply['noise_count']:.2f} counts",
+            f"  moved by {reply['shift_count']:+.2f} counts on average, {reply['largest_shift_count']:+.1f} at most",
+            f"  stored in {reply['stored']}",
+        ]
+        lines += [f"  forced although {why}" for why in reply["refusals"]]
+    else:
+        lines = [f"{foot}: refused, nothing has changed"]
+        lines += [f"  {why}" for why in reply["refusals"]]
+    for what, taxels in (("loaded", reply["loaded"]), ("noisy", reply["noisy"]), *reply["left_out"].items()):
+        if taxels:
+            lines.append(f"  {what}: {_names(taxels)}" + (" (left out)" if what in reply["left_out"] else ""))
+    if reply["note"]:
+        lines.append(f"  {reply['note']}")
+    return lines
+
+
+def _names(taxels: list[list[int]]) -> str:
+    """[[5, 0, 1], [5, 0, 2]] as "board 5 triangle 0: 1, 2"."""
+    by_triangle: dict[tuple[int, int], list[str]] = {}
+    for board, triangle, taxel in taxels:
+        by_triangle.setdefault((board, triangle), []).append(str(taxel))
+    return "; ".join(f"board {b} triangle {t}: {', '.join(own)}" for (b, t), own in by_triangle.items())
+
+
+def _say(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)

@@ -1,0 +1,284 @@
+"""What `insole boards` asks for: list, configure, start, stop, temperature of one foot's boards.
+
+Nothing that is set is acknowledged: whether it was done is read from the stream (skin.confirmation), and said.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Generator, Sequence
+from dataclasses import asdict
+from typing import Any
+
+from ..errors import BusError, WireError
+from ..skin import commands
+from ..skin.boards import BoardSurvey
+from ..skin.bus_load import BusLoad, check_fits
+from ..skin.commands import Identity
+from ..skin.confirmation import Seen
+from .board_link import SETTLE_NS, BoardLink, Load
+from .operations import Operation, Step, pause
+
+_TEMPERATURE_NS = 3_000_000_000  # it is asked for one reading a second
+_STOPPED_NS = 300_000_000
+
+
+Tell = Callable[[str, str, Collection[int]], None]  # publishes an event: kind, text, boards
+
+
+class BoardOperations:
+    """The requests for one foot's boards, and what this daemon has done to them."""
+
+    def __init__(self, link: BoardLink, tell: Tell) -> None:
+        self.link, self.tell = link, tell
+        self.configured: set[int] = set()  # by this daemon
+        self.stopped = False  # by this daemon: boards that are silent are meant to be
+        self.occupied: str | None = None  # what is being done to the boards, for who comes second
+        self._verbs: dict[str, tuple[Callable[..., Operation], set[str]]] = {
+            "list": (self.list, set()),
+            "configure": (self.configure, {"force"}),
+            "start": (self.start, set()),
+            "stop": (self.stop, set()),
+            "temperature": (self.temperature, set()),
+        }
+
+    def handle(self, request: dict[str, Any]) -> Operation:
+        """The operation that a request asks for; raises WireError where there is none."""
+        verb, arguments = request.get("do"), {word: value for word, value in request.items() if word != "do"}
+        if verb not in self._verbs:
+            raise WireError(f"boards: expected do: one of {', '.join(self._verbs)}, found {verb!r:.60}")
+        make, known = self._verbs[verb]
+        if not arguments.keys() <= known:
+            raise WireError(f"boards: {verb} takes {sorted(known) or 'no arguments'}, found {sorted(arguments)}")
+        if not all(isinstance(value, bool) for value in arguments.values()):
+            raise WireError(f"boards: {verb}: force is true or false, found {arguments!r:.60}")
+        return self._alone(verb, make(**arguments))
+
+    def list(self) -> Operation:
+        """What every board says it is, and what it sends."""
+        link = self.link
+        step = yield
+        said: dict[int, Identity] = {}
+        notes = []
+        try:
+            link.check_open()
+            step, said = yield from self._identify(step)
+        except BusError as error:
+            notes.append(f"boards were not asked what they are: {error}")
+        survey = BoardSurvey(link.foot.layout, round(link.foot.config.publish.stale_after_ms * 1e6))
+        survey(link.assembler, step.now_mono_ns)
+        step, seen = yield from link.watch(step, link.boards)
+        reports = {report.address: report for report in survey(link.assembler, step.now_mono_ns)}
+        configured = {board.address for insole in link.foot.config.insoles for board in insole.boards}
+        entries = []
+        for address, board in link.boards.items():
+            report = reports.get(address)
+            entries.append(
+                _identity(said.get(address))
+                | _entry(address, seen[address])
+                | {
+                    "interface": board.interface,
+                    "state": report.state if report else "not in the layout",
+                    "rate_hz": report.rate_hz if report else 0.0,
+                    "change_rate_hz": report.change_rate_hz if report else 0.0,
+                    "period_ms": board.period_ms,
+                    "no_load": board.no_load,
+                    "expected_triangles": link.triangles[address],
+                    "configured_here": address in self.configured,
+                    "differences": seen[address].differences(board, link.triangles[address]),
+                }
+            )
+        strangers = [_identity(what) | {"address": a} for a, what in sorted(said.items()) if a not in configured]
+        return {"boards": entries, "strangers": strangers, "bus": _buses(link.loads()), "notes": notes}
+
+    def configure(self, force: bool = False) -> Operation:
+        """Bring the boards to their settings, start them, and look whether they do what they were told.
+
+        Refused where it does not fit on the bus, and while the foot is loaded unless `force`.
+        """
+        link = self.link
+        step = yield
+        link.check_open()
+        for board in link.boards.values():
+            commands.configuration(board, link.triangles[board.address])  # refuses before anything is sent
+        for load in link.loads():
+            check_fits(load)
+        step, load_, known = yield from self._load_before(step)
+        if load_.loaded and not force:
+            raise BusError(
+                f"the {link.foot.name} foot is loaded: {load_.words} (unloaded is below {load_.min_force_n:g} N for "
+                "1.5 s). Configuring takes the boards' hardware baseline anew, and that load would read as none from "
+                "then on. Lift the foot and ask again; or insist with force (--force) if you know better"
+            )
+        load_words = load_.words if known or load_.loaded else "its load is not known, the boards were silent before"
+        step, seen = yield from self.apply(step, link.boards, load_words + (", forced" if load_.loaded else ""))
+        entries, confirmed = self._verdicts(seen, rest=True)
+        self._tell_verdict(entries, confirmed)
+        return {
+            "confirmed": confirmed,
+            "load": "loaded" if load_.loaded else "none" if known else "not known",
+            "force_n": load_.force_n,
+            "boards": entries,
+            "bus": _buses(link.loads()),
+        }
+
+    def apply(
+        self, step: Step, addresses: Collection[int], load_words: str
+    ) -> Generator[None, Step, tuple[Step, dict[int, Seen]]]:
+        """Configure and start, saying so before; what the boards send afterwards."""
+        self.tell(
+            "boards_configuring",
+            f"{_boards(addresses)} {_are(addresses)} configured: the hardware baseline is taken anew, what presses on "
+            f"the {self.link.foot.name} foot now reads as no load from now on ({load_words})",
+            addresses,
+        )
+        step = yield from self.link.apply(step, addresses)
+        self.configured |= set(addresses)
+        self.stopped = False
+        return (yield from self.link.watch(step, addresses))
+
+    def start(self) -> Operation:
+        """Start the streams."""
+        step = yield
+        self.link.check_open()
+        step = yield from self.link.send_all(step, {a: [commands.transmit(a, True)] for a in self.link.boards})
+        self.stopped = False
+        step, seen = yield from self.link.watch(step, self.link.boards)
+        entries, _ = self._verdicts(seen, rest=False)
+        for entry in entries:
+            entry["confirmed"] = bool(entry["triangles"])
+        self.tell("boards_started", f"{_boards(self.link.boards)}: told to send", self.link.boards)
+        return {"confirmed": all(entry["confirmed"] for entry in entries), "boards": entries}
+
+    def stop(self) -> Operation:
+        """Stop the streams; the boards keep their settings and baselines."""
+        step = yield
+        self.link.check_open()
+        step = yield from self.link.send_all(step, {a: [commands.transmit(a, False)] for a in self.link.boards})
+        self.stopped = True
+        step = yield from pause(step, _STOPPED_NS)
+        step, seen = yield from self.link.watch(step, self.link.boards, 0)
+        entries = []
+        for address in self.link.boards:
+            sends = bool(seen[address].triangles)
+            entries.append(
+                _entry(address, seen[address])
+                | {"confirmed": not sends, "differences": ["still sends"] if sends else []}
+            )
+        self.tell("boards_stopped", f"{_boards(self.link.boards)}: told to be silent", self.link.boards)
+        return {"confirmed": all(entry["confirmed"] for entry in entries), "boards": entries}
+
+    def temperature(self) -> Operation:
+        """Read the thermometers that there are (MTB4)."""
+        link = self.link
+        step = yield
+        link.check_open()
+        step, said = yield from self._identify(step)
+        asked = [a for a in link.boards if a in said and said[a].board_type not in commands.WITHOUT_THERMOMETER]
+        found: dict[int, float] = {}
+        if asked:
+            step = yield from link.send_all(step, {a: [commands.thermometer_configuration(a)] for a in asked})
+            for address in asked:  # at once: an answer may come while the pace is waited for
+                link.send(address, commands.thermometer_period(address, 1))
+            step, found = yield from link.answers(step, commands.read_temperature, asked, _TEMPERATURE_NS)
+            step = yield from link.send_all(step, {a: [commands.thermometer_period(a, 0)] for a in asked})
+        entries = []
+        for address in link.boards:
+            why = (
+                None if address in found
+                else "does not answer" if address not in said
+                else f"type {said[address].name} has no thermometer" if address not in asked
+                else "sends no temperature"
+            )  # fmt: skip
+            entries.append(_identity(said.get(address)) | {"address": address, "why": why,
+                                                           "temperature_c": found.get(address)})  # fmt: skip
+        return {"confirmed": len(found) == len(link.boards), "boards": entries}
+
+    def _alone(self, verb: str, operation: Operation) -> Operation:
+        """`operation`, unless something is being done to the boards already."""
+        if self.occupied is not None:
+            raise BusError(f"the boards are busy: {self.occupied}. Try again when that is done")
+        self.occupied = f"{verb} runs"
+        try:
+            return (yield from operation)
+        finally:
+            self.occupied = None
+
+    def _identify(self, step: Step) -> Generator[None, Step, tuple[Step, dict[int, Identity]]]:
+        """Discovery, then the version of every board of this foot; the latter says more where it is answered."""
+        self.link.discover()
+        # Boards that are not in the configuration may answer as well, so the time is waited for.
+        step, said = yield from self.link.answers(step, commands.read_discovery)
+        for address in self.link.boards:
+            self.link.send(address, commands.version_query(address))
+        step, versions = yield from self.link.answers(step, commands.read_version, self.link.boards)
+        return step, said | versions
+
+    def _load_before(self, step: Step) -> Generator[None, Step, tuple[Step, Load, bool]]:
+        """What presses on the foot, and whether that can be known.
+
+        Silent boards are started for it: one that has a baseline shows the load against that. One that was just
+        powered takes its baseline with this first command, whatever the load, and shows none.
+        """
+        link = self.link
+        known = any(link.streaming(address, step.now_mono_ns) for address in link.boards)
+        if not known:
+            step = yield from link.send_all(step, {a: [commands.transmit(a, True)] for a in link.boards})
+            step = yield from pause(step, SETTLE_NS)
+        step, load = yield from link.look(step)
+        if not known and load.loaded:
+            step = yield from link.send_all(step, {a: [commands.transmit(a, False)] for a in link.boards})
+        return step, load, known and load.force_n is not None
+
+    def _verdicts(self, seen: dict[int, Seen], rest: bool) -> tuple[Sequence[dict[str, Any]], bool]:
+        entries = []
+        for address, what in seen.items():
+            board = self.link.boards[address]
+            differences = what.differences(board, self.link.triangles[address])
+            if rest:
+                differences += what.rest_difference(board)
+            entries.append(_entry(address, what) | {"confirmed": not differences, "differences": differences})
+        return entries, all(entry["confirmed"] for entry in entries)
+
+    def _tell_verdict(self, entries: Sequence[dict[str, Any]], confirmed: bool) -> None:
+        wrong = [f"board {e['address']} {'; '.join(e['differences'])}" for e in entries if e["differences"]]
+        text = "their streams confirm it" if confirmed else "not confirmed: " + ", ".join(wrong)
+        self.tell(
+            "boards_configured" if confirmed else "boards_not_confirmed",
+            f"{_boards([e['address'] for e in entries])} configured, {text}",
+            [e["address"] for e in entries],
+        )
+
+
+def _entry(address: int, seen: Seen) -> dict[str, Any]:
+    """What a reply says of a board's stream."""
+    return {
+        "address": address,
+        "triangles": list(seen.triangles),
+        "open_triangles": list(seen.open_triangles),
+        "seen_period_ms": seen.period_ms,
+        "seen_count": seen.rest_count,
+        "legacy": seen.legacy,
+    }
+
+
+def _identity(said: Identity | None) -> dict[str, Any]:
+    if said is None:
+        return {"type": None, "firmware": None, "protocol": None, "bootloader": None}
+    return {
+        "type": said.name,
+        "firmware": ".".join(map(str, said.firmware)),
+        "protocol": ".".join(map(str, said.protocol)) if said.protocol else None,
+        "bootloader": said.bootloader,
+    }
+
+
+def _buses(loads: Sequence[BusLoad]) -> Sequence[dict[str, Any]]:
+    return [asdict(load) | {"streams": [asdict(stream) for stream in load.streams]} for load in loads]
+
+
+def _boards(addresses: Collection[int]) -> str:
+    return f"board{'s' if len(addresses) > 1 else ''} {', '.join(map(str, sorted(addresses)))}"
+
+
+def _are(addresses: Collection[int]) -> str:
+    return "are" if len(addresses) > 1 else "is"

@@ -1,0 +1,156 @@
+"""Taking a zero while the daemon runs: an operation of its loop, which loses no cycle to it."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Generator, Sequence
+from pathlib import Path
+from typing import Any, Protocol
+
+from ..errors import InsoleError
+from ..physics import zero as zeros
+from ..physics.zero import Zero
+from ..physics.zeroing import Outcome, Zeroing
+from ..skin.cycles import Cycles
+from ..skin.layout import Layout
+from ..wire.messages import CalibrationInUse, Event, Meta
+from .foot import Foot
+from .state import zero_path
+
+SECONDS = 3.0
+SECONDS_LEAST, SECONDS_MOST = 0.5, 60.0
+
+
+class Step(Protocol):
+    """What an operation looks at in one turn of the loop."""
+
+    @property
+    def now_mono_ns(self) -> int:
+        """The present, on the clock of the frames."""
+        ...
+
+    @property
+    def closed(self) -> Sequence[Cycles]:
+        """The cycles of this foot that closed in this turn."""
+        ...
+
+
+class Voice(Protocol):
+    """What of a FootPublisher is needed to tell."""
+
+    def publish(self, message: Event) -> None:
+        """Put an event."""
+
+    def stand(self, what: str, message: Meta | CalibrationInUse) -> None:
+        """Replace a message for late joiners."""
+
+
+def zero(
+    foot: Foot,
+    voice: Voice,
+    seconds: float = SECONDS,
+    force: bool = False,
+    clock_ns: Callable[[], int] = time.time_ns,
+) -> Generator[None, Step, dict[str, Any]]:
+    """Gather for `seconds`, then store and use the zero; the reply says `ok`, or why not and which taxels.
+
+    On a refusal nothing is stored and nothing changes. Keys of the reply: see `_reply`.
+    """
+    zeroing = Zeroing(foot.layout, foot.calibration, foot.validity)
+    step = yield
+    until_ns = step.now_mono_ns + round(seconds * 1e9)
+    while step.now_mono_ns < until_ns:
+        step = yield
+        for cycles in step.closed:
+            zeroing.add(cycles)
+    outcome = zeroing.outcome(clock_ns(), force)
+    reply = _reply(foot, outcome)
+    if outcome.zero is None:
+        voice.publish(Event(foot.name, clock_ns(), "zero_refused", "; ".join(outcome.refusals), []))
+        return reply
+    path = zero_path(foot.config.rig, foot.name)
+    writing = _Writing(path, outcome.zero, foot.layout)
+    while not writing.done:
+        yield
+    if writing.error is not None:
+        why = f"{path}: cannot be written: {writing.error.strerror or writing.error}; the zero is not in use either"
+        voice.publish(Event(foot.name, clock_ns(), "zero_refused", why, []))
+        return reply | {"ok": False, "refusals": [*reply["refusals"], why]}
+    foot.use_zero(outcome.zero, str(path))
+    voice.stand("meta", foot.meta())
+    voice.stand("calibration", foot.calibration_in_use())
+    voice.publish(
+        Event(
+            foot.name,
+            clock_ns(),
+            "zeroed",
+            f"{reply['n_taxels']} taxels, baselines moved by {outcome.shift_count:+.2f} counts on average"
+            + (f"; forced although {'; '.join(outcome.refusals)}" if outcome.refusals else ""),
+            [],
+        )
+    )
+    note = ""
+    if foot.insole.zero is not None:
+        note = (
+            f"the configuration names {foot.insole.zero}, which the next start will read: "
+            f"copy {path} there, or remove `zero:` from the configuration"
+        )
+    return reply | {"stored": str(path), "note": note}
+
+
+def zero_handler(foot: Foot, voice: Voice) -> Callable[[dict[str, Any]], Generator[None, Step, dict[str, Any]]]:
+    """What requests for `zero` begin: `seconds` and `force` are optional; raises InsoleError for anything else."""
+
+    def handle(request: dict[str, Any]) -> Generator[None, Step, dict[str, Any]]:
+        seconds, force = request.get("seconds", SECONDS), request.get("force", False)
+        unknown = request.keys() - {"seconds", "force"}
+        if unknown:
+            raise InsoleError(f"zero: expected `seconds` and `force`, found {', '.join(sorted(map(str, unknown)))}")
+        number = isinstance(seconds, (int, float)) and not isinstance(seconds, bool)
+        if not number or not SECONDS_LEAST <= seconds <= SECONDS_MOST:
+            raise InsoleError(f"zero: seconds: expected {SECONDS_LEAST:g} to {SECONDS_MOST:g}, found {seconds!r:.40}")
+        if not isinstance(force, bool):
+            raise InsoleError(f"zero: force: expected true or false, found {force!r:.40}")
+        return zero(foot, voice, float(seconds), force)
+
+    return handle
+
+
+def _reply(foot: Foot, outcome: Outcome) -> dict[str, Any]:
+    """What travels back; taxels as [board, triangle, taxel]."""
+    n_taxels = int((outcome.zero.baseline_count >= 0).sum()) if outcome.zero is not None else 0
+    return {
+        "ok": outcome.zero is not None,
+        "foot": foot.name,
+        "refusals": list(outcome.refusals),  # sentences; with ok, it was forced
+        "loaded": [list(taxel) for taxel in outcome.loaded],
+        "noisy": [list(taxel) for taxel in outcome.noisy],
+        "left_out": {reason: [list(taxel) for taxel in taxels] for reason, taxels in outcome.left_out.items()},
+        "n_taxels": n_taxels,
+        "shift_count": outcome.shift_count,
+        "largest_shift_count": outcome.largest_shift_count,
+        "noise_count": outcome.noise_count,
+        "stored": None,  # the file
+        "note": "",
+    }
+
+
+class _Writing:
+    """A zero on its way to the disk, on a thread: an SD card may take longer for it than a cycle lasts."""
+
+    def __init__(self, path: Path, zero: Zero, layout: Layout) -> None:
+        self.error: OSError | None = None
+        self._job = path, zero, layout
+        self._thread = threading.Thread(target=self._write, name="zero", daemon=True)
+        self._thread.start()
+
+    def _write(self) -> None:
+        try:
+            zeros.save(*self._job)
+        except OSError as error:
+            self.error = error
+
+    @property
+    def done(self) -> bool:
+        return not self._thread.is_alive()

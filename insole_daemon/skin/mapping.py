@@ -1,0 +1,285 @@
+"""Which board and triangle lies where: somebody presses position after position, this watches who answers.
+
+A state machine over time: it is told what every triangle reads (skin.touch), and says what the person is to do.
+It knows the positions of a template and nothing of which triangle is where.
+
+    rest      all untouched: what every triangle reads then is its level
+    press     waits for some triangle to fall well below its level, and to stay there for a moment
+    lift      waits until it is back; then the whole press is judged
+    … the next position; positions that stayed in doubt are asked once more at the end
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping as Map
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .layout import Foot, Layout
+from .touch import N_NUMBERS
+
+# Of the mean over a triangle's ten taxels. A finger of 15 mm that presses with 40 N takes 10 counts from the
+# triangle under it and 1 to 2 from the next (8 kPa a count); the mean's noise is 0.3.
+PRESSED_COUNT = 2.0
+NOISE_FACTOR = 6.0  # a triangle that is noisy at rest must fall by so many of its standard deviations
+MARGIN = 2.0  # the one pressed falls by at least so many times what the second does
+RELEASED_SHARE = 0.3  # of the deepest fall
+REST_S, HOLD_S, QUIET_S = 1.5, 0.3, 0.3
+WAIT_S = 15.0  # for a press; then the position counts as one that does not answer
+MAX_UNCLEAR = 3  # times a position is asked again at once because two answered
+
+Identity = tuple[int, int]  # board, triangle
+What = Literal["rest", "press", "lift", "again", "answered", "missing", "done"]
+State = Literal["answered", "missing", "unclear", "doubled"]
+
+
+@dataclass(frozen=True, slots=True)
+class Position:
+    """One place of the template that is to be pressed."""
+
+    foot: Foot
+    row: int  # in the template's layout
+    patch: str
+    number: int  # within the patch, from 1, in the template's order
+    x_mm: float
+    y_mm: float
+
+    def __str__(self) -> str:
+        """As it is said to a person."""
+        return f"{self.foot} foot, {self.patch} patch, position {self.number}"
+
+
+def positions(layout: Layout) -> list[Position]:
+    """The positions of a template, in its order."""
+    found: list[Position] = []
+    for row, t in enumerate(layout.triangles):
+        number = 1 + sum(other.patch == t.patch for other in layout.triangles[:row])
+        found.append(Position(layout.foot, row, t.patch, number, t.x_mm, t.y_mm))
+    return found
+
+
+@dataclass(frozen=True, slots=True)
+class Say:
+    """Something the person should hear; `text` is complete."""
+
+    what: What
+    text: str
+    position: Position | None = None
+    identity: Identity | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """What is known of a position at the end."""
+
+    position: Position
+    state: State
+    identity: Identity | None  # who answered; None: nobody, or not one alone
+    rivals: tuple[Position, ...] = ()  # doubled: where else the same triangle answered
+
+
+class Mapping:
+    """Asks for the positions in turn; `update` it with what the triangles read, until `done`."""
+
+    def __init__(self, asked: Sequence[Position], owners: Map[int, Foot], wait_s: float = WAIT_S) -> None:
+        """`owners`: the foot that each configured board is said to belong to."""
+        self._asked = list(asked)
+        self._queue = deque(asked)
+        self._again: list[Position] = []  # the second time round
+        self._owners = dict(owners)
+        self._wait_ns = round(wait_s * 1e9)
+        self._answers: dict[Position, Identity | None] = {}
+        self._unclear: dict[Position, int] = {}
+        self._what: What = "rest"
+        self._since_ns: int | None = None
+        self._rest = _Mean()
+        self._level: NDArray[np.float64] = np.empty(0)
+        self._bar: NDArray[np.float64] = np.empty(0)
+        self._pressed_since_ns: int | None = None
+        self._fall_sum: NDArray[np.float64] = np.empty(0)
+        self._deepest = 0.0
+        self._quiet_since_ns: int | None = None
+
+    @property
+    def done(self) -> bool:
+        """Whether every position has been asked."""
+        return self._what == "done"
+
+    @property
+    def position(self) -> Position | None:
+        """The one that is to be pressed, or is pressed, now."""
+        return self._queue[0] if self._queue and self._what in ("press", "lift") else None
+
+    def update(self, now_ns: int, level_count: NDArray[np.float64]) -> list[Say]:
+        """Look at `level_count` (16, 16) by [board, triangle], NaN where nothing is known; what there is to say."""
+        level = level_count.ravel()
+        if self._since_ns is None:
+            self._since_ns = now_ns
+            self._rest = _Mean()
+            return [Say("rest", "touch nothing: taking what every triangle reads without load")]
+        step = {"rest": self._at_rest, "press": self._await_press, "lift": self._await_lift}.get(self._what)
+        return step(now_ns, level) if step is not None else []
+
+    def found(self) -> list[Found]:
+        """What is known of every position, in the order asked."""
+        where: dict[Identity, list[Position]] = {}
+        for position in self._asked:
+            identity = self._answers.get(position)
+            if identity is not None:
+                where.setdefault(identity, []).append(position)
+        found = []
+        for position in self._asked:
+            identity = self._answers.get(position)
+            if identity is None:
+                state: State = "unclear" if self._unclear.get(position, 0) >= MAX_UNCLEAR else "missing"
+                found.append(Found(position, state, None))
+            elif len(where[identity]) > 1:
+                rivals = tuple(other for other in where[identity] if other is not position)
+                found.append(Found(position, "doubled", identity, rivals))
+            else:
+                found.append(Found(position, "answered", identity))
+        return found
+
+    # ---- the three states
+
+    def _at_rest(self, now_ns: int, level: NDArray[np.float64]) -> list[Say]:
+        assert self._since_ns is not None
+        self._rest.add(level)
+        if now_ns - self._since_ns < REST_S * 1e9:
+            return []
+        self._level = self._rest.mean()
+        self._bar = np.maximum(PRESSED_COUNT, NOISE_FACTOR * self._rest.std())
+        return self._next(now_ns)
+
+    def _await_press(self, now_ns: int, level: NDArray[np.float64]) -> list[Say]:
+        assert self._since_ns is not None
+        fall = self._fall(level)
+        if not (fall > self._bar).any():
+            self._pressed_since_ns = None
+            return self._missing(now_ns) if now_ns - self._since_ns > self._wait_ns else []
+        if self._pressed_since_ns is None:
+            self._pressed_since_ns = now_ns
+            self._fall_sum, self._deepest = np.zeros_like(fall), 0.0
+        self._gather(fall)
+        if now_ns - self._pressed_since_ns < HOLD_S * 1e9:
+            return []
+        self._what, self._quiet_since_ns = "lift", None
+        winner = int(self._fall_sum.argmax())
+        return [Say("lift", f"{_name(winner)} answers: lift", self._queue[0], _identity(winner))]
+
+    def _await_lift(self, now_ns: int, level: NDArray[np.float64]) -> list[Say]:
+        fall = self._fall(level)
+        self._gather(fall)
+        winner = int(self._fall_sum.argmax())
+        shallow = max(RELEASED_SHARE * self._deepest, 0.5 * self._bar[winner])
+        if fall[winner] > shallow or (fall > np.maximum(shallow, self._bar)).any():
+            self._quiet_since_ns = None
+            return []
+        if self._quiet_since_ns is None:
+            self._quiet_since_ns, self._rest = now_ns, _Mean()
+        self._rest.add(level)
+        if now_ns - self._quiet_since_ns < QUIET_S * 1e9:
+            return []
+        rest = self._rest.mean()  # a sensor that creeps back must not count as pressed at the next position
+        self._level = np.where(np.isnan(rest), self._level, rest)
+        return self._judge(now_ns)
+
+    # ---- what a press meant
+
+    def _judge(self, now_ns: int) -> list[Say]:
+        position = self._queue[0]
+        order = np.argsort(self._fall_sum)
+        first, second = int(order[-1]), int(order[-2])
+        if self._fall_sum[second] * MARGIN > self._fall_sum[first]:
+            times = self._unclear[position] = self._unclear.get(position, 0) + 1
+            if times >= MAX_UNCLEAR:
+                return self._settle(now_ns, None, f"{position}: two answer every time, left in doubt")
+            text = (
+                f"{_name(first)} and {_name(second)} answer together: press the middle of {position}, with a fingertip"
+            )
+            return [Say("again", text, position), *self._prompt(now_ns)]
+        identity = _identity(first)
+        self._unclear.pop(position, None)
+        text = f"{position}: {_name(first)}"
+        owner = self._owners.get(identity[0])
+        if owner is None:
+            text += " – a board that the configuration does not know"
+        elif owner != position.foot:
+            text += f" – a board that the configuration gives to the {owner} foot"
+        rival = next((p for p, i in self._answers.items() if i == identity and p != position), None)
+        if rival is not None:
+            text += f" – it answered at {rival} too"
+            self._ask_again(rival)
+            self._ask_again(position)
+        return self._settle(now_ns, identity, text)
+
+    def _missing(self, now_ns: int) -> list[Say]:
+        position = self._queue[0]
+        self._ask_again(position)
+        return self._settle(now_ns, None, f"{position}: nothing answers", "missing")
+
+    def _settle(self, now_ns: int, identity: Identity | None, text: str, what: What = "answered") -> list[Say]:
+        position = self._queue.popleft()
+        self._answers[position] = identity
+        return [Say(what, text, position, identity), *self._next(now_ns)]
+
+    def _ask_again(self, position: Position) -> None:
+        """Once more at the end: a person slips, a wrong cable answers the same again."""
+        if position not in self._again:
+            self._again.append(position)
+            self._queue.append(position)
+
+    def _next(self, now_ns: int) -> list[Say]:
+        if not self._queue:
+            self._what = "done"
+            return [Say("done", "all positions have been asked")]
+        return self._prompt(now_ns)
+
+    def _prompt(self, now_ns: int) -> list[Say]:
+        position = self._queue[0]
+        self._what, self._since_ns, self._pressed_since_ns = "press", now_ns, None
+        again = " once more" if position in self._answers else ""
+        return [Say("press", f"press the middle of {position}{again}, then lift", position)]
+
+    def _fall(self, level: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(256,) counts below the level at rest; 0 where either is unknown."""
+        return np.nan_to_num(self._level - level)
+
+    def _gather(self, fall: NDArray[np.float64]) -> None:
+        self._fall_sum += np.maximum(fall, 0.0)
+        self._deepest = max(self._deepest, float(fall.max()))
+
+
+class _Mean:
+    """Mean and standard deviation of what was added, by triangle; NaN for what was unknown half of the time."""
+
+    def __init__(self) -> None:
+        self._values: list[NDArray[np.float64]] = []
+
+    def add(self, level: NDArray[np.float64]) -> None:
+        self._values.append(level.copy())
+
+    def _table(self) -> NDArray[np.float64]:
+        table = np.array(self._values)
+        table[:, np.isnan(table).mean(axis=0) > 0.5] = np.nan
+        return table
+
+    def mean(self) -> NDArray[np.float64]:
+        return np.ma.masked_invalid(self._table()).mean(axis=0).filled(np.nan)  # type: ignore[no-any-return]
+
+    def std(self) -> NDArray[np.float64]:
+        return np.ma.masked_invalid(self._table()).std(axis=0).filled(0.0)  # type: ignore[no-any-return]
+
+
+def _identity(index: int) -> Identity:
+    return divmod(index, N_NUMBERS)
+
+
+def _name(index: int) -> str:
+    board, triangle = _identity(index)
+    return f"board {board} triangle {triangle}"

@@ -1,0 +1,40 @@
+"""Requests to a daemon and what it replies: msgpack maps, the reply's `error` where it did not do it.
+
+A request is a Zenoh query on `insole/<rig>/<foot>/<verb>` with a payload {"do": …, further arguments}.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgpack
+import zenoh
+
+from ..errors import WireError
+
+REQUEST_SCHEMA = "insole.request/1"
+REPLY_SCHEMA = "insole.reply/1"
+
+_MOST_BYTES = 1 << 20  # a request says a few words
+
+
+def encoding(schema: str) -> zenoh.Encoding:
+    """Of a payload of `schema`."""
+    return zenoh.Encoding("application/msgpack").with_schema(schema)
+
+
+def pack(said: dict[str, Any]) -> bytes:
+    """The payload that says it."""
+    payload: bytes = msgpack.packb(said)
+    return payload
+
+
+def unpack(payload: bytes, schema: str) -> dict[str, Any]:
+    """What a payload of `schema` says; raises WireError where it is no map with text as keys."""
+    try:
+        said = msgpack.unpackb(payload, raw=False, max_ext_len=0) if len(payload) <= _MOST_BYTES else None
+    except Exception as error:  # msgpack raises ValueError and half a dozen of its own
+        raise WireError(f"{schema}: expected a msgpack map, found {len(payload)} bytes: {error}") from error
+    if not isinstance(said, dict) or not all(isinstance(word, str) for word in said):
+        raise WireError(f"{schema}: expected a msgpack map, found {said!r:.60}")
+    return said

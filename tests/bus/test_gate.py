@@ -1,0 +1,163 @@
+"""Nothing but the allow-list leaves the process: every identifier and every first byte is tried."""
+
+from __future__ import annotations
+
+import itertools
+
+import can
+import pytest
+
+from insole_daemon.bus.frames import ERROR, EXTENDED, FD, REMOTE
+from insole_daemon.bus.gate import Gate, refusal
+from insole_daemon.bus.opening import open_gates, open_source
+from insole_daemon.config import Bus
+from insole_daemon.errors import BusError
+
+# The longest way round the code under test: written out by hand, one good frame a command.
+GOOD = {
+    0x07: bytes.fromhex("07 00"),
+    0x1C: bytes.fromhex("1C 02 00"),
+    0x39: bytes.fromhex("39 01"),
+    0x3A: bytes.fromhex("3A 01"),
+    0x4D: bytes.fromhex("4D 00 14 F0"),
+    0x50: bytes.fromhex("50 00 0F 03 00 00 22"),
+}
+ALLOWED = {(0x200 | address, payload) for address in range(1, 15) for payload in GOOD.values()}
+ALLOWED.add((0x70F, b"\xff"))
+FIRST_BYTES = [GOOD.get(first, bytes([first])) for first in range(256)]
+
+
+class Sink:
+    def __init__(self):
+        self.sent, self.closed = [], 0
+
+    def send(self, batch):
+        assert not batch.flags.any()
+        for row in range(len(batch)):
+            self.sent.append((int(batch.can_id[row]), batch.data[row, : batch.dlc[row]].tobytes()))
+
+    def close(self):
+        self.closed += 1
+
+
+def test_every_identifier_with_every_first_byte():
+    sink = Sink()
+    gate = Gate(sink, configure=True)
+    for can_id, payload in itertools.product(range(1 << 11), FIRST_BYTES):
+        try:
+            gate.send(can_id, payload)
+        except BusError:
+            continue
+    assert sorted(sink.sent) == sorted(ALLOWED)
+    assert gate.sent == len(ALLOWED)
+    assert gate.refused == (1 << 11) * 256 - len(ALLOWED)
+
+
+def test_every_identifier_with_every_first_byte_at_every_length():
+    passed = set()
+    for dlc in range(9):
+        payloads = [payload[:dlc].ljust(dlc, b"\0") for payload in FIRST_BYTES] if dlc else [b""]
+        passed |= {
+            (can_id, payload) for can_id in range(1 << 11) for payload in payloads if refusal(can_id, payload) is None
+        }
+    assert passed == ALLOWED
+
+
+@pytest.mark.parametrize("flag", [EXTENDED, REMOTE, FD, ERROR])
+def test_none_passes_that_is_no_standard_data_frame(flag):
+    gate = Gate(Sink(), configure=True)
+    for can_id, payload in sorted(ALLOWED):
+        with pytest.raises(BusError, match="only standard data frames"):
+            gate.send(can_id, payload, flag)
+
+
+def test_identifiers_beyond_11_bits_do_not_wrap_into_the_list():
+    for can_id, payload in ALLOWED:
+        for higher in (1 << 11, 1 << 16, 1 << 29, 1 << 31):
+            assert refusal(can_id | higher, payload) is not None
+
+
+@pytest.mark.parametrize(
+    ("can_id", "payload", "why"),
+    [
+        (0x705, "00", "bootloader"),
+        (0x70F, "00", "bootloader"),
+        (0x705, "01 00 00", "flash"),
+        (0x705, "02", "flash"),
+        (0x705, "03", "flash"),
+        (0x705, "04", "flash"),
+        (0x70F, "04", "flash"),
+        (0x705, "0D", "bootloader"),
+        (0x705, "32 06", "address"),
+        (0x205, "32 06", "address"),
+        (0x20F, "32 06", "address"),
+    ],
+)
+def test_what_must_never_leave_is_named(can_id, payload, why):
+    sink = Sink()
+    gate = Gate(sink, configure=True)
+    with pytest.raises(BusError, match=rf"{can_id:03X}.*is not sent: .*{why}"):
+        gate.send(can_id, bytes.fromhex(payload))
+    assert (sink.sent, gate.refused) == ([], 1)
+
+
+@pytest.mark.parametrize(
+    "payload",
+    [
+        "4D 04 14 F0", "4D 06 14 F0", "4D 09 14 F0",  # no such type
+        "4D 00 00 F0", "4D 00 D2 F0", "4D 00 FF F0",  # 0, 210 and 255 ms
+        "4D 00 14 00",  # no load at the count that means saturated
+        "50 00 10 03 01 00 22", "50 03 02 03 01 00 22", "50 00 0F 08 01 00 22", "50 00 0F 03 02 00 22",
+        "50 00 0F 03 01 40 22", "50 00 0F 03 01 00 62",
+        "07 02", "07 FF", "39 00", "39 02",
+        "CD 00 14 F0", "D0 00 0F 03 01 00 22", "87 00",  # an MTB4 reads these without their bit 7
+        "4C 01 01 01 00 20 00 00", "4E 02 22 F0 00 FF FF 0A",  # the old ways to configure
+    ],
+)  # fmt: skip
+def test_arguments_are_checked(payload):
+    assert refusal(0x205, bytes.fromhex(payload)) is not None
+
+
+def test_no_command_to_everyone_but_discovery():
+    assert all(refusal(0x20F, payload) is not None for payload in GOOD.values())
+
+
+def test_nothing_at_all_unless_the_configuration_says_so():
+    sink = Sink()
+    gate = Gate(sink, configure=False)
+    for can_id, payload in sorted(ALLOWED):
+        with pytest.raises(BusError, match=r"boards: \{configure: true\}"):
+            gate.send(can_id, payload)
+    assert (sink.sent, gate.refused) == ([], len(ALLOWED))
+
+
+def test_nowhere_to_send_to_is_said():
+    gate = Gate(None, configure=True)
+    with pytest.raises(BusError, match="does not read a bus that can be sent to"):
+        gate.send(0x70F, b"\xff")
+    gate.close()
+
+
+def test_the_sink_is_closed_with_it():
+    sink = Sink()
+    Gate(sink, configure=True).close()
+    assert sink.closed == 1
+
+
+def test_gates_of_opened_buses_send_on_the_bus_that_is_read():
+    bus = Bus("virtual", "test-gates")
+    source = open_source([bus])
+    with can.Bus(interface="virtual", channel="test-gates") as other:
+        gates = open_gates([bus], source, configure=True)
+        gates["test-gates"].send(0x205, bytes.fromhex("07 00"))
+        message = other.recv(5)
+        assert (message.arbitration_id, bytes(message.data), message.is_extended_id) == (0x205, b"\x07\x00", False)
+        shut = open_gates([bus], source, configure=False)
+        with pytest.raises(BusError, match="configure: true"):
+            shut["test-gates"].send(0x205, bytes.fromhex("07 00"))
+        gates["test-gates"].close()
+        other.send(can.Message(arbitration_id=0x450, data=[0x40] + [0] * 7, is_extended_id=False))
+        while not source.receive():
+            source.wait(0.1)
+        assert source.drain().can_id.tolist() == [0x450], "closing the gate left the source its bus"
+    source.close()

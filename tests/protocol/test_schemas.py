@@ -1,0 +1,178 @@
+"""The JSON schemas against the dataclasses, and real messages against the schemas."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, get_args, get_origin
+
+import jsonschema
+import msgpack
+import numpy as np
+import pytest
+from oracle import PROTOCOL
+from pipeline import NAMES, golden, live
+
+from insole_daemon.bus.error_frames import KINDS, OTHER
+from insole_daemon.bus.source import BusCounters
+from insole_daemon.config import Board
+from insole_daemon.skin.boards import BoardReport, BoardState
+from insole_daemon.skin.layout import Triangle
+from insole_daemon.skin.streams import Refused
+from insole_daemon.wire.messages import BY_KEY, Array, Event, Health, Meta, wire_fields
+
+SCHEMAS = {path.name.partition(".")[0]: json.loads(path.read_text()) for path in PROTOCOL.glob("*.schema.json")}
+JSON_TYPES = {
+    int: "integer", float: "number", str: "string", bool: "boolean", NoneType: "null",
+    dict: "object", list: "array",
+}  # fmt: skip
+
+
+def says(schema: dict[str, Any]) -> Any:
+    """What a schema of one field says of its type, in one word, or as a set, or as an Array."""
+    if "x-dtype" in schema:
+        assert schema.keys() == {"x-dtype", "x-shape", "description"}
+        return Array(schema["x-dtype"], tuple(schema["x-shape"]))
+    if "enum" in schema:
+        return tuple(schema["enum"])
+    return set(schema["type"]) if isinstance(schema["type"], list) else {schema["type"]}
+
+
+def wants(hint: Any) -> Any:
+    """The same of an annotation."""
+    if get_origin(hint) is Annotated:
+        return next(extra for extra in get_args(hint) if isinstance(extra, Array))
+    if get_origin(hint) is Literal:
+        return get_args(hint)
+    if get_origin(hint) is UnionType:
+        return {JSON_TYPES[get_origin(option) or option] for option in get_args(hint)}
+    return {JSON_TYPES[get_origin(hint) or hint]}
+
+
+def objects(schema: dict[str, Any]) -> list[dict[str, Any]]:
+    """A schema and all that are nested in it."""
+    nested = [*schema.get("properties", {}).values(), *([schema["items"]] if "items" in schema else [])]
+    return [schema, *(inner for each in nested for inner in objects(each))]
+
+
+def test_one_schema_a_message() -> None:
+    assert SCHEMAS.keys() == BY_KEY.keys()
+
+
+@pytest.mark.parametrize("what", BY_KEY)
+def test_schema_has_the_fields_of_the_dataclass(what: str) -> None:
+    schema, fields = SCHEMAS[what], wire_fields(BY_KEY[what])
+    jsonschema.Draft202012Validator.check_schema(schema)
+    assert schema["title"] == BY_KEY[what].SCHEMA
+    assert schema["x-encoding"] == f"application/msgpack;{BY_KEY[what].SCHEMA}"
+    assert schema["x-key"] == f"insole/<rig>/<foot>/{what}"
+    assert list(schema["properties"]) == list(fields)
+    for name, hint in fields.items():
+        assert says(schema["properties"][name]) == wants(hint), name
+
+
+@pytest.mark.parametrize("what", BY_KEY)
+def test_schema_is_strict_and_explained(what: str) -> None:
+    for schema in objects(SCHEMAS[what]):
+        assert schema["description"]
+        if "properties" in schema:
+            assert schema["required"] == list(schema["properties"])
+            assert schema["additionalProperties"] is False
+
+
+def names(schema: dict[str, Any], *path: str) -> list[str]:
+    for key in path:
+        schema = schema["properties"][key]
+        schema = schema.get("items", schema)
+    return list(schema["properties"])
+
+
+def test_nested_maps_are_those_of_the_code() -> None:
+    def fields(of: type) -> list[str]:
+        return [field.name for field in dataclasses.fields(of) if field.name != "extensions"]
+
+    health, meta = SCHEMAS["health"], SCHEMAS["meta"]
+    assert names(health, "boards") == fields(BoardReport)
+    assert names(health, "bus") == fields(BusCounters)
+    assert names(health, "refused") == fields(Refused)
+    assert names(meta, "triangles") == fields(Triangle)[:3]
+    assert names(meta, "boards") == fields(Board)
+    state = health["properties"]["boards"]["items"]["properties"]["state"]
+    assert tuple(state["enum"]) == get_args(BoardState)
+    kinds = health["properties"]["bus"]["properties"]["error_frames"]["propertyNames"]["enum"]
+    assert kinds == [*KINDS.values(), OTHER]
+
+
+def assert_valid(what: str, payload: bytes) -> None:
+    """The payload against its schema: jsonschema for what JSON knows, and the arrays by dtype and shape."""
+    schema = SCHEMAS[what]
+    found = msgpack.unpackb(payload)
+    jsonschema.validate(found, schema, cls=jsonschema.Draft202012Validator)
+    for name, of in schema["properties"].items():
+        assert isinstance(found[name], bytes) == ("x-dtype" in of), name
+        if "x-dtype" in of:
+            shape = [found[axis] if isinstance(axis, str) else axis for axis in of["x-shape"]]
+            assert len(found[name]) == np.dtype(of["x-dtype"]).itemsize * np.prod(shape), name
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_what_the_daemon_publishes_is_valid(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    published = live(name, monkeypatch)
+    what_of = {cls: what for what, cls in BY_KEY.items()}
+    cycles = [message for foot in published.cycles for cycle in foot for message in cycle]
+    seen = set()
+    for message in [*cycles, *published.others]:
+        seen.add(type(message))
+        if isinstance(message, Health) and (message.refused["unconfigured_board"] or message.refused["overflow"]):
+            continue  # below
+        assert_valid(what_of[type(message)], message.encode())
+    assert seen == set(BY_KEY.values())
+
+
+def last_health(name: str, monkeypatch: pytest.MonkeyPatch) -> Health:
+    return [message for message in live(name, monkeypatch).others if isinstance(message, Health)][-1]
+
+
+@pytest.mark.parametrize("name", ["faults", "mtb3"])
+def test_health_that_tells_of_addresses_is_valid(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    health = last_health(name, monkeypatch)
+    assert Health.decode(health.encode()).refused == golden(name)["refused"]
+    assert_valid("health", health.encode())
+
+
+def test_health_counts_what_the_golden_log_holds(monkeypatch: pytest.MonkeyPatch) -> None:
+    health, expected = last_health("slow", monkeypatch), golden("slow")["feet"][1]
+    assert health.foot == "right"
+    assert health.state == "ok"
+    assert health.cycles["published"] <= len(expected["cycles"]) <= health.cycles["published"] + 6
+    assert health.cycles["missed_halves"] == expected["missed_halves"]
+    assert health.cycles["late"] == sum(cycle["late"] for cycle in expected["cycles"])
+    assert health.cycles["skipped"] == 0
+    rates = {board["address"]: board["rate_hz"] for board in health.boards}
+    assert rates == {8: pytest.approx(20, abs=10), 9: pytest.approx(50, abs=10), 10: pytest.approx(50, abs=10)}
+
+
+def test_events_tell_of_boards_that_come_and_go(monkeypatch: pytest.MonkeyPatch) -> None:
+    published = live("faults", monkeypatch, health_every_ns=20_000_000)
+    events = [message for message in published.others if isinstance(message, Event)]
+    kinds = {address: [event.kind for event in events if address in event.boards] for address in (8, 9, 10)}
+    assert set(map(tuple, kinds.values())) == {("board_streaming", "board_silent", "board_streaming")}
+
+
+def test_meta_says_how_the_golden_log_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    (meta,) = [message for message in live("mtb3", monkeypatch).others if isinstance(message, Meta)]
+    assert meta.rig == "golden"
+    assert not meta.layout_builtin
+    assert meta.calibration_builtin
+    for key, value in golden("mtb3")["settings"].items():
+        assert getattr(meta, key) == value
+
+
+def test_every_message_is_in_keys_md() -> None:
+    text = (PROTOCOL / "keys.md").read_text()
+    for what in BY_KEY:
+        assert f"| `{what}` |" in text
+        assert f"({what}.schema.json)" in text
+    for name in SCHEMAS["health"]["properties"]["refused"]["properties"]:
+        assert f"`{name}`" in text
