@@ -6,61 +6,77 @@ that is said about a taxel's load is said against its learned rest level.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 from numpy.typing import NDArray
 
-from ...config import Board
-from ..geometry import PRESSURE_TAXELS
-from ..layout import Layout
+from .places import Places
 
-UNLOADED_COUNT = 0.7  # mean activation of a board below which nothing presses it; its noise is below 0.2
+FIRST_UNLOADED_COUNT = 1.5  # as below, before rest levels are learned; standing bears 4 in the mean
+UNLOADED_COUNT = 0.7  # mean activation of a board below which nothing presses it; its noise is 0.3 at most
 NEAR_NO_LOAD_COUNT = 12.0  # a rest level further from the no-load is a fault, not a rest level
-LEARNED_CYCLES = 5  # unloaded cycles after which a rest level may be relied upon
-GAIN = 0.02  # of the running mean: about a second of swing; drift and creep are slower
-CLIP_COUNT = 15.0  # of one taxel in a board's mean, so that a single faulty one does not move it
+ENOUGH_LEARNED = 5  # unloaded looks after which a rest level may be relied upon
+GAIN = 0.02  # of the running mean: some seconds of swing; drift and creep are slower
+TOP_MARGIN = 6  # a no-load this close to 255 lets a taxel rest there, by its noise and drift
+CLIP_COUNT = 15.0  # below the rest, of one taxel in a board's mean: a single faulty one does not move it
 
 
 class Rest:
-    """Rest levels of the pressure taxels of one foot, n of them: row-major, thermal pads left out."""
+    """Rest levels of the n pressure taxels of one foot, and their activation."""
 
-    def __init__(self, layout: Layout, boards: Mapping[int, Board]) -> None:
-        self.pressure = np.flatnonzero(np.tile(PRESSURE_TAXELS, len(layout)))  # (n,) among the 12 · n_triangles
-        self.triangle = self.pressure // 12  # (n,)
-        addresses = [t.board for t in layout.triangles]
-        self.addresses = list(dict.fromkeys(addresses))
-        place = np.array([self.addresses.index(a) for a in addresses])
-        self.board_of_triangle = place
-        self.board = place[self.triangle]  # (n,) place of its board
-        self._members = (self.board == np.arange(len(self.addresses))[:, None]).astype(np.float32)
-        rest = np.array([boards[a].no_load + (1 - 2.0 ** -boards[a].shift) / 2 for a in addresses])
-        self.nominal = rest[self.triangle].astype(np.float32)
-        self.level = np.minimum(self.nominal, 255).astype(np.float32)  # (n,) counts
-        self.learned = np.zeros(len(self.addresses), np.int64)  # unloaded cycles of every board
-        self.activation = np.zeros(len(self.pressure), np.float32)  # (n,) rest level − count
-        self.mean = np.zeros(len(self.addresses), np.float32)  # (n_boards,) clipped activation; < 0: below the rest
-        self.total = np.zeros(len(self.addresses), np.float32)  # (n_boards,) its sum
-        self.usable_taxels = np.zeros(len(self.addresses), np.float32)  # (n_boards,)
+    def __init__(self, places: Places) -> None:
+        n, n_boards = len(places.taxel), len(places.addresses)
+        self._places = places
+        self._members = (places.board == np.arange(n_boards)[:, None]).astype(np.float32)
+        # The firmware sends no_load − floor(value / 2^shift), which rests half a count above the no-load.
+        nominal = places.no_load + (1 - 2.0**-places.shift) / 2
+        self._nominal: NDArray[np.float32] = nominal[places.board].astype(np.float32)
+        self._lowest = self._nominal - np.float32(NEAR_NO_LOAD_COUNT)
+        self._highest: NDArray[np.float32] = np.minimum(self._nominal + np.float32(NEAR_NO_LOAD_COUNT), np.float32(255))
+        self.usable = np.ones(n, np.bool_)
+        self.n_usable: NDArray[np.float32] = np.zeros(n_boards, np.float32)
+        self.activation = np.zeros(n, np.float32)  # rest level − count
+        self.total: NDArray[np.float32] = np.zeros(n_boards, np.float32)  # sum over a board's usable taxels
+        self.mean: NDArray[np.float32] = np.zeros(n_boards, np.float32)  # < 0: below the rest
+        self._top_is_rail = (places.no_load < 256 - TOP_MARGIN)[places.board]
+        self.at_top = np.zeros(n, np.bool_)  # pinned at 255, below what the board can say
+        self.n_at_top: NDArray[np.float32] = np.zeros(n_boards, np.float32)  # of the usable ones of a board
+        self.forget()
+        self.use(self.usable)
 
-    def update(self, counts: NDArray[np.float32], ok: NDArray[np.bool_]) -> None:
-        """Take in the counts (n,) of a cycle; ok (n,) says which of them may be judged."""
+    def forget(self) -> None:
+        """Learn all levels anew, from the no-load on."""
+        self.level: NDArray[np.float32] = np.minimum(self._nominal, np.float32(255))  # (n,) counts
+        self.learned = np.zeros(len(self._places.addresses), np.int64)  # unloaded looks at every board
+
+    def use(self, usable: NDArray[np.bool_]) -> None:
+        """From now on believe the taxels `usable` (n,)."""
+        self.usable = usable
+        weights = self._members * usable
+        self.n_usable = weights.sum(axis=1)
+        self._weights: NDArray[np.float32] = weights
+
+    def update(self, counts: NDArray[np.float32]) -> None:
+        """Take in the counts (n,) of a cycle."""
         np.subtract(self.level, counts, out=self.activation)
-        clipped = np.clip(self.activation, -CLIP_COUNT, None)
-        clipped *= ok
-        self.total = self._members @ clipped
-        self.usable_taxels = self._members @ ok.astype(np.float32)
-        self.mean = self.total / np.maximum(self.usable_taxels, 1)
+        np.equal(counts, 255, out=self.at_top)
+        self.at_top &= self._top_is_rail
+        self.n_at_top = self._weights @ self.at_top if self.at_top.any() else np.zeros_like(self.n_usable)
+        self.total = self._weights @ np.maximum(self.activation, -CLIP_COUNT)
+        self.mean = self.total / np.maximum(self.n_usable, 1)
 
-    def unloaded(self) -> NDArray[np.bool_]:
-        """(n_boards,) nothing presses it, and it is not below its rest either."""
-        found: NDArray[np.bool_] = (np.abs(self.mean) < UNLOADED_COUNT) | (self.usable_taxels == 0)
-        return found
+    def unloaded(self) -> bool:
+        """Nothing presses any board, and none is below its rest either."""
+        limit = np.where(self.learned >= ENOUGH_LEARNED, UNLOADED_COUNT, FIRST_UNLOADED_COUNT)
+        return bool((np.abs(self.mean) < limit).all())
 
-    def learn(self, ok: NDArray[np.bool_], fresh_boards: NDArray[np.bool_]) -> None:
+    def learn(self, fresh_boards: NDArray[np.bool_]) -> None:
         """Move the levels towards the counts of this cycle; only to be called while the whole foot is unloaded."""
         self.learned[fresh_boards] += 1
-        gain = np.maximum(GAIN, 1 / (self.learned[self.board] + 1.0)) * (ok & fresh_boards[self.board])
-        self.level -= (gain * self.activation).astype(np.float32)
-        np.clip(self.level, self.nominal - NEAR_NO_LOAD_COUNT, self.nominal + NEAR_NO_LOAD_COUNT, out=self.level)
-        np.minimum(self.level, 255, out=self.level)
+        gain = (np.maximum(GAIN, 1 / (self.learned + 1.0)) * fresh_boards).astype(np.float32)
+        level: NDArray[np.float32] = self.level - gain[self._places.board] * self.activation * self.usable
+        self.level = level.clip(self._lowest, self._highest)
+
+    def relied_upon(self) -> NDArray[np.bool_]:
+        """(n,) the taxels whose level has been learned."""
+        known: NDArray[np.bool_] = (self.learned >= ENOUGH_LEARNED)[self._places.board]
+        return known

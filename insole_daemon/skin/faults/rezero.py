@@ -3,19 +3,17 @@
 A board does that when it is configured, and by itself after five read errors; it tells nobody. From then on every
 count is off by the load of that moment. Two marks, from the counts:
 
-jump – within one cycle all loaded taxels of the board come to stand at their rest level, while the other boards
-    go on bearing what they bore. After a gap in the stream (an MTB3 pauses for two periods) the same, if the others'
-    load is nearly unchanged: within a longer gap a heel may rise.
-negative – the mean of the board's taxels stands above their rest levels: what was zeroed away is missing when the
-    load goes. Not with a no-load of 255, which leaves no room above.
+jump – from one of its readings to the next all loaded taxels of the board come to stand at their rest level, while the
+    other boards go on bearing what they bore. After a pause in the stream (an MTB3 makes one of two periods) the same.
+negative – the mean of the board's taxels stands above their rest levels, or PINNED of them at 255: what was zeroed
+    away is missing when the load goes. Not with a no-load of 255, which leaves no room above.
 
 Observable if the board's taxels bore 2 counts (16 kPa) in the mean when it was zeroed: by the jump at once if another
-board bears load, else once it has been unloaded. Zeroed under less, or if all boards are zeroed together under a load that
-stays, nothing is seen.
+board bears load, else once it has been unloaded. Zeroed under less, or if all boards are zeroed together under a
+load that stays, nothing is seen.
 
 What a re-zeroed board says is wrong by an unknown load on every taxel, so all of it is masked until it has stood at
-its rest levels for HEALED_NS while the rest of the foot was unloaded too: that is, until it was zeroed again without load,
-or the load was away for another reason and no offset shows.
+its rest levels for HEALED_NS while the rest of the foot was unloaded too: until it was zeroed again without load.
 """
 
 from __future__ import annotations
@@ -24,88 +22,116 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .boards import BoardStreams
+from .places import Places
 from .rest import Rest
 
-LOADED_COUNT, LOADED_TAXELS = 4.0, 5  # what must have been loaded for a jump: four times the noise
+LOADED_COUNT = 4.0  # four times the noise: whose rest tells
+LOADED_MEAN = 1.5  # of the whole board, before a jump
 LEFT = 0.12  # of their load after the jump; the steepest unloading of a heel in walking leaves 0.4 in 20 ms
 AT_REST_COUNT = 1.8  # mean distance from the rest level; two noises of 0.9 give 1.0
 OTHERS_TOTAL = 100.0  # counts over all taxels, 26 N at 8 kPa a count and 32.4 mm²
-OTHERS_LEFT = 0.5  # of the other boards' load after a jump without a gap
-OTHERS_SAME = 0.2  # after a gap: relative change of the others' load
-GAP_PERIODS = 1.7  # a gap, if longer
-GAP_NS = 500_000_000  # the longest over which loads are compared
-NEGATIVE_COUNT = 1.25  # mean; rebound after long standing is some per cent of 20 counts
-NEGATIVE_CYCLES, NEGATIVE_NS = 3, 80_000_000
+OTHERS_LEFT = 0.5  # of the other boards' load after a jump
+OTHERS_SAME = 0.2  # the most their load may have changed over a pause, in which a heel could rise
+PAUSE_PERIODS, PAUSE_NS = 1.7, 200_000_000  # from when on it is a pause, and the longest that is looked over
+CONFIRM_NS = 60_000_000  # in which a jump turns out to be another board's frames, or a board that goes
+NEGATIVE_COUNT = 1.25  # mean; rebound after long standing is some per cent of 20 counts, the noise 0.3 at most
+PINNED = 5  # more than can be stuck there
+NEGATIVE_NS = 80_000_000
 HEALED_NS = 200_000_000  # of a swing of 0.4 s
-MIN_TAXELS = 10  # of a board that may be judged, to say anything about it
+MIN_TAXELS = 10  # of a board that are believed, to say anything about it
+
+_NEVER = 1 << 62
 
 
 class Rezeroed:
     """Which boards of one foot were zeroed under load."""
 
-    def __init__(self, rest: Rest, period_ns: NDArray[np.int64]) -> None:
-        """`period_ns` (n_boards,) as the boards were told."""
-        n = len(rest.addresses)
-        self._rest, self._period_ns = rest, period_ns
-        self._own = [np.flatnonzero(rest.board == place) for place in range(n)]
+    def __init__(self, places: Places, rest: Rest) -> None:
+        n = len(places.addresses)
+        self._rest = rest
+        self._period_ns: list[int] = places.period_ns.tolist()
+        self._own = [np.flatnonzero(places.board == board) for board in range(n)]
         self.rezeroed = np.zeros(n, np.bool_)
-        self.suspect = np.zeros(n, np.bool_)  # below its rest levels: neither to be learned from nor to be judged
-        self._activation = np.zeros(len(rest.pressure), np.float32)  # of the newest cycle of each board
-        self._ok = np.zeros(len(rest.pressure), np.bool_)
-        self._total = np.zeros(n, np.float32)
-        self._negative = np.zeros(n, np.int64)  # cycles
-        self._negative_ns = np.zeros(n, np.int64)  # since when
-        self._at_rest_ns = np.zeros(n, np.int64)  # since when; 0: it is not
+        self.suspect = [False] * n  # below its rest levels: neither to be learned from nor to be judged by
+        self._activation = [np.zeros(len(own), np.float32) for own in self._own]  # at the last reading of each
+        self._total = [0.0] * n
+        self._n_usable = [0.0] * n
+        self._jumped_ns = [_NEVER] * n
+        self._negative_ns = [_NEVER] * n  # since when
+        self._at_rest_ns = [_NEVER] * n  # since when
 
-    def update(self, ok: NDArray[np.bool_], streams: BoardStreams, t_mono_ns: int) -> NDArray[np.bool_]:
-        """(n_boards,) re-zeroed; ok (n,) taxels that may be judged, `rest` has taken in the cycle."""
+    def forget(self) -> None:
+        """Believe every board again."""
+        n = len(self._own)
+        self.rezeroed[:] = False
+        self._jumped_ns, self._negative_ns, self._at_rest_ns = [_NEVER] * n, [_NEVER] * n, [_NEVER] * n
+
+    def update(self, streams: BoardStreams, t_mono_ns: int) -> bool:
+        """Look at a cycle that `rest` has taken in; whether `rezeroed` changed."""
         rest = self._rest
-        judged = streams.fresh & ~streams.crowded & ~streams.clash & (rest.usable_taxels >= MIN_TAXELS)
-        total = rest.total
-        others_before, others_now = self._total.sum() - self._total, total.sum() - total
-        for place in np.flatnonzero(judged & ~self.rezeroed & (others_now > OTHERS_TOTAL)).tolist():
-            if self._jumped(
-                place, ok, int(streams.gap_ns[place]), float(others_before[place]), float(others_now[place])
+        before, total = self._total, rest.total.tolist()
+        mean, n_usable, pinned = rest.mean.tolist(), rest.n_usable.tolist(), rest.n_at_top.tolist()
+        fresh, crowded, clash = streams.fresh.tolist(), streams.crowded.tolist(), streams.clash.tolist()
+        all_before, all_now = sum(before), sum(total)
+        unloaded = bool(self.rezeroed.any()) and rest.unloaded()
+        changed = False
+        for board, own in enumerate(self._own):
+            self.suspect[board] = mean[board] < -NEGATIVE_COUNT / 2 or pinned[board] >= PINNED
+            if crowded[board] or clash[board] or streams.silent[board] or n_usable[board] < MIN_TAXELS:
+                self._jumped_ns[board] = self._negative_ns[board] = self._at_rest_ns[board] = _NEVER
+                continue
+            if not fresh[board]:
+                continue
+            if self.rezeroed[board]:
+                changed |= self._healed(board, unloaded, t_mono_ns)
+                continue
+            if mean[board] > -NEGATIVE_COUNT and pinned[board] < PINNED:
+                self._negative_ns[board] = _NEVER
+            elif self._negative_ns[board] == _NEVER:
+                self._negative_ns[board] = t_mono_ns
+            others_before, others_now = all_before - before[board], all_now - total[board]
+            if (
+                n_usable[board] == self._n_usable[board]
+                and before[board] > LOADED_MEAN * n_usable[board]
+                and total[board] < before[board] / 2
+                and self._others_bear(board, others_before, others_now, streams.gap_ns[board])
+                and self._at_rest_at_once(board, own)
             ):
-                self.rezeroed[place] = True
-                self._at_rest_ns[place] = 0
-        below = rest.mean < -NEGATIVE_COUNT
-        self.suspect = rest.mean < -NEGATIVE_COUNT / 2
-        self._negative_ns[judged & below & (self._negative == 0)] = t_mono_ns
-        self._negative += judged & below
-        self._negative[judged & ~below] = 0
-        found = (self._negative >= NEGATIVE_CYCLES) & (t_mono_ns - self._negative_ns >= NEGATIVE_NS)
-        self.rezeroed |= found & judged
-        if self.rezeroed.any():
-            self._heal(ok, judged, t_mono_ns)
-        np.copyto(self._activation, rest.activation, where=streams.fresh[rest.board])
-        np.copyto(self._ok, ok, where=streams.fresh[rest.board])
-        np.copyto(self._total, total, where=streams.fresh)
-        return self.rezeroed
+                self._jumped_ns[board] = t_mono_ns
+            if t_mono_ns - self._jumped_ns[board] >= CONFIRM_NS or t_mono_ns - self._negative_ns[board] >= NEGATIVE_NS:
+                self.rezeroed[board] = changed = True
+                self._jumped_ns[board] = self._negative_ns[board] = self._at_rest_ns[board] = _NEVER
+        self._total = [now if new else old for now, old, new in zip(total, before, fresh, strict=True)]
+        self._n_usable = n_usable
+        for board, own in enumerate(self._own):
+            if fresh[board]:
+                self._activation[board] = rest.activation[own]
+        return changed
 
-    def _jumped(self, place: int, ok: NDArray[np.bool_], gap_ns: int, others_before: float, others_now: float) -> bool:
-        own = self._own[place]
-        own = own[ok[own] & self._ok[own]]
-        before = self._activation[own]
+    def _others_bear(self, board: int, before: float, now: float, gap_ns: int) -> bool:
+        """Whether the other boards went on bearing what they bore, `gap_ns` ago."""
+        if now < OTHERS_TOTAL:
+            return False
+        if gap_ns < PAUSE_PERIODS * self._period_ns[board]:
+            return now >= OTHERS_LEFT * before
+        return gap_ns <= PAUSE_NS and abs(now - before) <= OTHERS_SAME * before
+
+    def _at_rest_at_once(self, board: int, own: NDArray[np.intp]) -> bool:
+        usable = self._rest.usable[own]
+        before, now = self._activation[board][usable], self._rest.activation[own][usable]
         loaded = before >= LOADED_COUNT
-        if np.count_nonzero(loaded) < LOADED_TAXELS or gap_ns > GAP_NS:
-            return False
-        now = self._rest.activation[own]
-        if now[loaded].sum() > LEFT * before[loaded].sum() or np.abs(now).mean() > AT_REST_COUNT:
-            return False
-        if gap_ns > GAP_PERIODS * self._period_ns[place]:
-            return abs(others_now - others_before) <= OTHERS_SAME * others_before
-        return others_now >= OTHERS_LEFT * others_before
+        return bool(
+            now[loaded].sum() <= LEFT * before[loaded].sum() and loaded.any() and np.abs(now).mean() <= AT_REST_COUNT
+        )
 
-    def _heal(self, ok: NDArray[np.bool_], judged: NDArray[np.bool_], t_mono_ns: int) -> None:
-        unloaded = bool(self._rest.unloaded().all())
-        for place in np.flatnonzero(self.rezeroed & judged).tolist():
-            own = self._own[place]
-            at_rest = unloaded and np.abs(self._rest.activation[own][ok[own]]).mean() <= AT_REST_COUNT
-            if not at_rest:
-                self._at_rest_ns[place] = 0
-            elif not self._at_rest_ns[place]:
-                self._at_rest_ns[place] = t_mono_ns
-            elif t_mono_ns - self._at_rest_ns[place] >= HEALED_NS:
-                self.rezeroed[place] = False
-                self._negative[place] = 0
+    def _healed(self, board: int, unloaded: bool, t_mono_ns: int) -> bool:
+        own = self._own[board]
+        distance = np.abs(self._rest.activation[own][self._rest.usable[own]]).mean()
+        if not unloaded or distance > AT_REST_COUNT or self.suspect[board]:
+            self._at_rest_ns[board] = _NEVER
+        elif self._at_rest_ns[board] == _NEVER:
+            self._at_rest_ns[board] = t_mono_ns
+        elif t_mono_ns - self._at_rest_ns[board] >= HEALED_NS:
+            self.rezeroed[board] = False
+            return True
+        return False

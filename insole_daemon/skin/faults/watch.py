@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from enum import IntEnum
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,49 +13,27 @@ from ...config import Board
 from ..cycles import Cycles
 from ..layout import Layout
 from .boards import BoardStreams
+from .places import Places
 from .rest import Rest
 from .rezero import Rezeroed
 from .taxels import TaxelFaults, TaxelState
 from .triangles import LooseTriangles
 from .words import describe
 
-Kind = Literal["loose", "dead", "stuck", "saturated", "rezeroed", "silent", "reset", "address_clash"]
+Kind = Literal[
+    "board_silent", "board_reset", "board_address_clash", "board_rezeroed",
+    "triangle_loose", "taxel_dead", "taxel_stuck", "taxel_saturated",
+]  # fmt: skip
+KINDS: tuple[Kind, ...] = get_args(Kind)
+
+LOOK_CYCLES = 2  # taxels are looked at in every second cycle: their converters are no faster
 
 _TAXEL_KINDS: dict[int, Kind] = {
-    TaxelState.DEAD: "dead",
-    TaxelState.STUCK: "stuck",
-    TaxelState.SATURATED: "saturated",
+    TaxelState.DEAD: "taxel_dead",
+    TaxelState.STUCK: "taxel_stuck",
+    TaxelState.SATURATED: "taxel_saturated",
 }
-
-
-class TriangleState(IntEnum):
-    """What is wrong with a triangle."""
-
-    OK = 0
-    LOOSE = 1
-
-
-class BoardState(IntEnum):
-    """What is wrong with a board; of several, the highest."""
-
-    OK = 0
-    RESET = 1
-    REZEROED = 2
-    ADDRESS_CLASH = 3
-    SILENT = 4
-
-
-@dataclass(frozen=True, slots=True)
-class FaultEvent:
-    """A fault began, or healed."""
-
-    kind: Kind
-    board: int  # address
-    triangle: int | None  # number on its board
-    taxel: int | None
-    began: bool  # False: it healed
-    t_ns: int  # of the cycle, CLOCK_REALTIME
-    text: str  # what happened and what to do, to a person
+_Key = tuple[Kind, int, int | None, int | None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,134 +41,146 @@ class Fault:
     """A fault that is there."""
 
     kind: Kind
+    board: int  # address
+    triangle: int | None  # number on its board; None: all of the board
+    taxel: int | None  # None: all of the triangle
+    since_ns: int  # CLOCK_REALTIME
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """A fault began or healed; a board that is heard for the first time healed of its silence."""
+
+    kind: Kind
     board: int
     triangle: int | None
     taxel: int | None
-    since_ns: int  # CLOCK_REALTIME
+    began: bool  # False: it healed
+    t_ns: int  # of the cycle, CLOCK_REALTIME
+    text: str  # what happened and what to do, to a person
 
 
 class FaultWatch:
     """Watches the counts of one foot.
 
-    To be updated with every published cycle, in order. `masked` is what the caller takes out of `valid`: all
-    taxels of a loose triangle, of a re-zeroed board and of one whose address is used twice, and the taxels that
-    are dead, stuck or saturated. Silent boards are stale by themselves, and one that restarted is believed.
+    To be updated with every cycle, in order; what it says depends on them alone. `masked` (n_triangles, 12) is what
+    may not enter pressure and wrench: all taxels of a loose triangle, of a re-zeroed board and of one whose address
+    is used twice, and the taxels that are dead or stuck. Saturated taxels are clamped and silent boards stale, which
+    makes them invalid by themselves; a board that restarted is believed.
     """
 
     def __init__(self, layout: Layout, boards: Mapping[int, Board]) -> None:
-        self._layout = layout
+        """`boards` by address, those of the layout at least."""
+        self._places = places = Places(layout, boards)
         n = len(layout)
         self.masked = np.zeros((n, 12), np.bool_)
-        self.triangle_state = np.zeros(n, np.uint8)  # TriangleState
-        self.taxel_state = np.zeros((n, 12), np.uint8)  # TaxelState; 0 on thermal pads
-        self._rest = Rest(layout, boards)
-        self.addresses = tuple(self._rest.addresses)
-        self.board_state = np.zeros(len(self.addresses), np.uint8)  # BoardState, in the order of `addresses`
-        self._loose = LooseTriangles(layout, boards)
-        self._streams = BoardStreams(layout, boards)
-        self._rezeroed = Rezeroed(
-            self._rest, np.array([boards[a].period_ms * 1_000_000 for a in self.addresses], np.int64)
-        )
-        self._taxels = TaxelFaults(layout, self._rest)
-        self._older_ns = np.zeros(n, np.int64)
+        self._loose = LooseTriangles(places)
+        self._streams = BoardStreams(places)
+        self._rest = Rest(places)
+        self._rezeroed = Rezeroed(places, self._rest)
+        self._taxels = TaxelFaults(places, self._rest)
+        self._arrivals = np.zeros(n, np.int64)
         self._counts = np.zeros((n, 12), np.uint8)
-        self._marks = np.zeros(n + 4 * len(self.addresses) + len(self._rest.pressure), np.uint8)
-        self._active: dict[tuple[Kind, int, int | None, int | None], int] = {}
+        self._there = np.zeros(n, np.bool_)  # both halves were received
+        self._new = np.zeros(n, np.bool_)  # other counts came since the last look at taxels
+        self._until_look = LOOK_CYCLES
+        self._active: dict[_Key, int] = {}
+        self._heard = self._streams.seen.copy()
+        self._believe()
 
     @property
     def faults(self) -> list[Fault]:
         """What is wrong now, the longest first."""
         return [Fault(*key, since_ns) for key, since_ns in self._active.items()]
 
-    def update(self, cycles: Cycles, at: int) -> list[FaultEvent]:
-        """Take in cycle `at`; the faults that began or healed with it."""
-        t_mono_ns = int(cycles.t_mono_ns[at])
-        counts, age_ns = cycles.counts[at], cycles.age_ns[at]
-        streams, rest = self._streams, self._rest
-        streams.update(t_mono_ns, age_ns, cycles.arrived[at])
+    def zeroed(self) -> None:
+        """A person took a new zero of the unloaded foot: rest levels are learned anew, re-zeroed boards believed."""
+        self._rest.forget()
+        self._rezeroed.forget()
+        self._believe()
+
+    def update(self, cycles: Cycles, at: int) -> list[Change]:
+        """Take in cycle `at`; what began or healed with it."""
+        t_mono_ns, arrivals = int(cycles.t_mono_ns[at]), cycles.arrivals[at]
+        changed = self._streams.update(t_mono_ns, arrivals)
         if not cycles.repeated[at]:
-            older_ns = cycles.triangle_t_ns[at]
-            # Either half: while one is new and the other is not, the triangle is fresh already.
-            changed = (counts != self._counts).any(axis=1)
-            fresh = (older_ns != self._older_ns) | changed
-            self._counts, self._older_ns = counts, older_ns
-            never = age_ns < 0
-            loose = self._loose.update(counts, fresh & ~never, changed, t_mono_ns)
-            if never.any():
-                loose &= ~never
-            boards = rest.board_of_triangle
-            believed = ~loose & ~never & ~(streams.silent | streams.clash)[boards]
-            ok = believed[rest.triangle] & (self._taxels.state == TaxelState.OK)
-            taken = counts.reshape(-1)[rest.pressure].astype(np.float32)
-            rest.update(taken, ok)
-            rezeroed = self._rezeroed.update(ok, streams, t_mono_ns)
-            held = rezeroed | self._rezeroed.suspect | streams.crowded
-            if not held.any() and rest.unloaded().all():
-                rest.learn(ok, streams.fresh)
-            sane = believed & ~held[boards]
-            self._taxels.update(taken, sane[rest.triangle], (changed & fresh)[rest.triangle], t_mono_ns)
-        return self._changes(int(cycles.t_ns[at]))
+            changed |= self._look(cycles.counts[at], cycles.age_ns[at] >= 0, arrivals, t_mono_ns)
+        return self._changes(int(cycles.t_ns[at])) if changed else []
 
-    def _changes(self, t_ns: int) -> list[FaultEvent]:
-        streams, rest = self._streams, self._rest
-        marks = np.concatenate(
-            [
-                streams.silent, streams.reset, streams.clash, self._rezeroed.rezeroed, self._loose.loose,
-                self._taxels.state,
-            ]
-        ).astype(np.uint8)  # fmt: skip
-        if np.array_equal(marks, self._marks):
-            return []
-        changed = np.flatnonzero(marks != self._marks)
-        before, self._marks = self._marks, marks
-        self.triangle_state[:] = self._loose.loose
-        self.taxel_state.reshape(-1)[rest.pressure] = self._taxels.state
-        board_state = np.zeros_like(self.board_state)
-        for code, there in (
-            (BoardState.RESET, streams.reset),
-            (BoardState.REZEROED, self._rezeroed.rezeroed),
-            (BoardState.ADDRESS_CLASH, streams.clash),
-            (BoardState.SILENT, streams.silent),
-        ):
-            board_state[there] = code
-        self.board_state[:] = board_state
-        wrong_board = (self._rezeroed.rezeroed | streams.clash)[rest.board_of_triangle]
-        self.masked[:] = (self.taxel_state != 0) | (self._loose.loose | wrong_board)[:, None]
-        return [event for index in changed.tolist() for event in self._events(index, before, marks, t_ns)]
+    def _look(
+        self, counts: NDArray[np.uint8], there: NDArray[np.bool_], arrivals: NDArray[np.int64], t_mono_ns: int
+    ) -> bool:
+        places, rest, streams = self._places, self._rest, self._streams
+        fresh = (arrivals != self._arrivals) & there
+        other = (counts != self._counts).any(axis=1)
+        self._arrivals, self._counts = arrivals, counts
+        changed = self._loose.update(counts, fresh, other, t_mono_ns)
+        if changed or not np.array_equal(there, self._there):
+            self._there = there
+            self._believe()
+        taken = counts.reshape(-1)[places.taxel].astype(np.float32)
+        rest.update(taken)
+        changed |= self._rezeroed.update(streams, t_mono_ns)
+        self._new |= other
+        self._until_look -= 1
+        if self._until_look:
+            return changed
+        self._until_look = LOOK_CYCLES
+        held = self._rezeroed.rezeroed | self._rezeroed.suspect | streams.crowded
+        if not held.any() and rest.unloaded():
+            rest.learn(streams.fresh)
+        live = self._believed & self._new & ~held[places.board_of_triangle]
+        self._new[:] = False
+        return changed | self._taxels.update(taken, live[places.triangle], t_mono_ns)
 
-    def _events(self, index: int, before: NDArray[np.uint8], now: NDArray[np.uint8], t_ns: int) -> list[FaultEvent]:
-        """Of one changed mark; a taxel may go from one fault to another."""
-        n, n_boards = len(self._layout), len(self.addresses)
-        old, new = int(before[index]), int(now[index])
-        if index < 4 * n_boards:
-            board_kinds: tuple[Kind, ...] = ("silent", "reset", "address_clash", "rezeroed")
-            return [
-                self._event(
-                    board_kinds[index // n_boards], self.addresses[index % n_boards], None, None, bool(new), t_ns
-                )
-            ]
-        index -= 4 * n_boards
-        if index < n:
-            triangle = self._layout.triangles[index]
-            return [self._event("loose", triangle.board, triangle.triangle, None, bool(new), t_ns)]
-        place = int(self._rest.pressure[index - n])
-        triangle = self._layout.triangles[place // 12]
-        return [
-            self._event(_TAXEL_KINDS[state], triangle.board, triangle.triangle, place % 12, began, t_ns)
-            for state, began in ((old, False), (new, True))
-            if state
+    def _believe(self) -> None:
+        """Decide which triangles and taxels others are judged by."""
+        of_triangle = self._places.board_of_triangle
+        wrong_board = self._streams.silent | self._streams.clash
+        self._believed = self._there & ~self._loose.loose & ~wrong_board[of_triangle]
+        well = self._taxels.state == TaxelState.OK
+        self._rest.use(self._believed[self._places.triangle] & well)
+        self.masked[:] = (self._loose.loose | (self._rezeroed.rezeroed | self._streams.clash)[of_triangle])[:, None]
+        out = (self._taxels.state == TaxelState.DEAD) | (self._taxels.state == TaxelState.STUCK)
+        self.masked.reshape(-1)[self._places.taxel[out]] = True
+
+    def _changes(self, t_ns: int) -> list[Change]:
+        self._believe()
+        now = self._present()
+        changes = [self._change(key, False, t_ns) for key in [*self._active] if key not in now]
+        for board in np.flatnonzero(self._streams.seen & ~self._heard).tolist():
+            if all(change.board != self._places.addresses[board] for change in changes):
+                changes.append(self._change(("board_silent", self._places.addresses[board], None, None), False, t_ns))
+        self._heard = self._streams.seen.copy()
+        return changes + [self._change(key, True, t_ns) for key in now if key not in self._active]
+
+    def _present(self) -> list[_Key]:
+        """What is there now, boards first."""
+        streams, triangles = self._streams, self._places.layout.triangles
+        of_boards: tuple[tuple[Kind, NDArray[np.bool_]], ...] = (
+            ("board_silent", streams.silent),
+            ("board_reset", streams.reset),
+            ("board_address_clash", streams.clash),
+            ("board_rezeroed", self._rezeroed.rezeroed),
+        )
+        keys: list[_Key] = [
+            (kind, self._places.addresses[board], None, None)
+            for kind, there in of_boards
+            for board in np.flatnonzero(there).tolist()
         ]
+        for row in np.flatnonzero(self._loose.loose).tolist():
+            keys.append(("triangle_loose", triangles[row].board, triangles[row].triangle, None))
+        for place in np.flatnonzero(self._taxels.state).tolist():
+            row, taxel = divmod(int(self._places.taxel[place]), 12)
+            kind = _TAXEL_KINDS[int(self._taxels.state[place])]
+            keys.append((kind, triangles[row].board, triangles[row].triangle, taxel))
+        return keys
 
-    def _event(
-        self, kind: Kind, board: int, triangle: int | None, taxel: int | None, began: bool, t_ns: int
-    ) -> FaultEvent:
-        key = (kind, board, triangle, taxel)
-        since_ns = t_ns
+    def _change(self, key: _Key, began: bool, t_ns: int) -> Change:
         if began:
             self._active[key] = t_ns
+            lasted_s = None
         else:
-            since_ns = self._active.pop(key, t_ns)
-        return FaultEvent(
-            kind, board, triangle, taxel, began, t_ns,
-            describe(self._layout, kind, board, triangle, taxel, began, (t_ns - since_ns) * 1e-9),
-        )  # fmt: skip
+            since_ns = self._active.pop(key, None)
+            lasted_s = None if since_ns is None else (t_ns - since_ns) * 1e-9
+        return Change(*key, began, t_ns, describe(self._places.layout, *key, began, lasted_s))
