@@ -4,8 +4,8 @@
 
 Emulated boards of both generations under a person who walks or stands, one random fault a case (`random_fault`: where,
 when, how, for how long, from a seed of its own). A case counts from the moment its fault becomes observable, which is
-worked out here from the true load as insole_daemon/skin/faults/taxels.py and rezero.py state it in words; one that never
-becomes observable (a taxel that nobody treads on) is drawn anew, and counted. The watch never sees a status word.
+worked out here from the true load as insole_daemon/skin/faults/taxels.py and rezero.py state it in words; one that
+never becomes observable (a taxel that nobody treads on) is drawn anew, and counted. The watch never sees a status word.
 
 Seeds from 1000 on are for scoring alone; thresholds were looked at on seeds from 500 000 on.
 """
@@ -171,9 +171,10 @@ def observable_s(case: Case, fault: Fault, person: Person) -> float | None:
     around = load.reshape(len(load), -1)[:, neighbours(case.foot, row, fault.taxel)]
     stuck_count = 0.0 if case.kind == "dead" else (fault.level_pa or 0.0) / COUNT_PA
     if abs(stuck_count) >= 5.0:
-        return _after(around.max(axis=1) == 0, t_s, 0.2)
+        idle = (around.max(axis=1) == 0) | (stuck_count >= 5 * around.mean(axis=1) + 5.0)
+        return _after(idle, t_s, 0.2)
     # Nearer to its rest it is a dead one: once the others bear so much more that what it says is nothing.
-    return _after(around.min(axis=1) >= 8.0 + 10 * max(stuck_count, 0.0), t_s, 0.2)
+    return _after(around.min(axis=1) >= 6.0 + 10 * max(stuck_count, 0.0), t_s, 0.2)
 
 
 def neighbours(foot: int, row: int, taxel: int) -> NDArray[np.intp]:

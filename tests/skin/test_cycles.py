@@ -74,7 +74,8 @@ class OneAtATime:
         self.out.append(
             {
                 "t_mono_ns": t, "t_ns": self.newest, "counts": counts, "status": status, "age_ns": ages,
-                "triangle_t_ns": stamps, "arrivals": list(self.arrivals), "missing": missing, "late": late, "repeated": not self.fresh,
+                "triangle_t_ns": stamps, "arrivals": list(self.arrivals),
+                "missing": missing, "late": late, "repeated": not self.fresh,
             }
         )  # fmt: skip
         self.expected |= self.back

@@ -19,7 +19,7 @@ from .places import Places
 SILENT_PERIODS, SILENT_NS = 5, 150_000_000  # an MTB3 that takes its baseline pauses for three periods
 STEADY_NS = 2_000_000_000  # so long after its return a board counts as restarted
 WINDOW_PERIODS, WINDOW_NS = 8, 400_000_000  # in which halves are counted
-CLASH_RATE, SINGLE_RATE = 1.6, 1.3  # times the nominal rate; one period of jitter in eight makes 1.13
+CLASH_RATE, SINGLE_RATE = 1.4, 1.2  # times the nominal rate; one period of jitter in eight makes 1.13
 SINGLE_NS = 1_000_000_000  # so long a clash must be over
 CROWDED_NS = 400_000_000  # after more came at once than one board sends: until a clash is found or ruled out
 LATE_PERIODS = 0.5  # that a half may come late, and the next one in time
@@ -39,8 +39,6 @@ class BoardStreams:
         self.reset = np.zeros(n, np.bool_)
         self.clash = np.zeros(n, np.bool_)
         self.crowded = np.zeros(n, np.bool_)  # more came at once than one board sends: not yet a clash
-        self.fresh = np.zeros(n, np.bool_)  # something came in this cycle
-        self.gap_ns = [0] * n  # since something came before
         self._any_crowded = False
         self._arrivals = np.zeros(len(places.layout), np.int64)
         self._last_ns = [0] * n
@@ -58,7 +56,6 @@ class BoardStreams:
         changed = False
         for board, halves in enumerate(most):
             changed |= self._arrived(board, halves, t_mono_ns) if halves else self._stayed_away(board, t_mono_ns)
-        self.fresh[:] = most
         self._history.append((t_mono_ns, arrivals))
         while len(self._history) > 1 and t_mono_ns - self._history[1][0] >= self._window_ns:
             self._history.popleft()
@@ -72,7 +69,6 @@ class BoardStreams:
         """`halves` of one triangle came from the board since the cycle before."""
         gap_ns, period_ns = t_mono_ns - self._last_ns[board], self._period_ns[board]
         self._last_ns[board] = t_mono_ns
-        self.gap_ns[board] = gap_ns
         if self.seen[board] and halves > 2 * (gap_ns / period_ns + LATE_PERIODS):
             self._crowded_ns[board] = t_mono_ns
             self._any_crowded = True

@@ -35,3 +35,8 @@ class Places:
         """(n_boards,) the highest of (n_triangles,) on each board."""
         most: NDArray[np.int64] = np.maximum.reduceat(of_triangle[self._by_board], self._first)
         return most
+
+    def any_of_board(self, of_triangle: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """(n_boards,) whether there is one of (n_triangles,) on each board."""
+        found: NDArray[np.bool_] = np.logical_or.reduceat(of_triangle[self._by_board], self._first)
+        return found

@@ -17,7 +17,7 @@ NEAR_NO_LOAD_COUNT = 12.0  # a rest level further from the no-load is a fault, n
 ENOUGH_LEARNED = 5  # unloaded looks after which a rest level may be relied upon
 GAIN = 0.02  # of the running mean: some seconds of swing; drift and creep are slower
 TOP_MARGIN = 6  # a no-load this close to 255 lets a taxel rest there, by its noise and drift
-CLIP_COUNT = 15.0  # below the rest, of one taxel in a board's mean: a single faulty one does not move it
+CLIP_COUNT = -15.0, 40.0  # what one taxel counts at most in a board's mean: a single faulty one does not move it
 
 
 class Rest:
@@ -54,15 +54,16 @@ class Rest:
         weights = self._members * usable
         self.n_usable = weights.sum(axis=1)
         self._weights: NDArray[np.float32] = weights
+        self._divisor: NDArray[np.float32] = np.maximum(self.n_usable, np.float32(1))
 
     def update(self, counts: NDArray[np.float32]) -> None:
         """Take in the counts (n,) of a cycle."""
         np.subtract(self.level, counts, out=self.activation)
         np.equal(counts, 255, out=self.at_top)
         self.at_top &= self._top_is_rail
-        self.n_at_top = self._weights @ self.at_top if self.at_top.any() else np.zeros_like(self.n_usable)
-        self.total = self._weights @ np.maximum(self.activation, -CLIP_COUNT)
-        self.mean = self.total / np.maximum(self.n_usable, 1)
+        self.n_at_top = self._weights @ self.at_top
+        self.total = self._weights @ self.activation.clip(*CLIP_COUNT)
+        self.mean = self.total / self._divisor
 
     def unloaded(self) -> bool:
         """Nothing presses any board, and none is below its rest either."""
@@ -73,7 +74,7 @@ class Rest:
         """Move the levels towards the counts of this cycle; only to be called while the whole foot is unloaded."""
         self.learned[fresh_boards] += 1
         gain = (np.maximum(GAIN, 1 / (self.learned + 1.0)) * fresh_boards).astype(np.float32)
-        level: NDArray[np.float32] = self.level - gain[self._places.board] * self.activation * self.usable
+        level = self.level - gain[self._places.board] * self.activation * self.usable
         self.level = level.clip(self._lowest, self._highest)
 
     def relied_upon(self) -> NDArray[np.bool_]:

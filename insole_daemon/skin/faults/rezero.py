@@ -3,8 +3,8 @@
 A board does that when it is configured, and by itself after five read errors; it tells nobody. From then on every
 count is off by the load of that moment. Two marks, from the counts:
 
-jump – from one of its readings to the next all loaded taxels of the board come to stand at their rest level, while the
-    other boards go on bearing what they bore. After a pause in the stream (an MTB3 makes one of two periods) the same.
+jump – from one look to the next all loaded taxels of the board come to stand at their rest level, while the other
+    boards go on bearing what they bore, as in standing. Pauses (an MTB3 makes one of three periods) are looked over.
 negative – the mean of the board's taxels stands above their rest levels, or PINNED of them at 255: what was zeroed
     away is missing when the load goes. Not with a no-load of 255, which leaves no room above.
 
@@ -25,14 +25,13 @@ from .boards import BoardStreams
 from .places import Places
 from .rest import Rest
 
-LOADED_COUNT = 4.0  # four times the noise: whose rest tells
+LOADED_COUNT, LOADED_TAXELS = 4.0, 5  # four times the noise, and how many such a jump needs
 LOADED_MEAN = 1.5  # of the whole board, before a jump
 LEFT = 0.12  # of their load after the jump; the steepest unloading of a heel in walking leaves 0.4 in 20 ms
 AT_REST_COUNT = 1.8  # mean distance from the rest level; two noises of 0.9 give 1.0
 OTHERS_TOTAL = 100.0  # counts over all taxels, 26 N at 8 kPa a count and 32.4 mm²
-OTHERS_LEFT = 0.5  # of the other boards' load after a jump
-OTHERS_SAME = 0.2  # the most their load may have changed over a pause, in which a heel could rise
-PAUSE_PERIODS, PAUSE_NS = 1.7, 200_000_000  # from when on it is a pause, and the longest that is looked over
+OTHERS_SAME = 0.2  # the most their load may have changed meanwhile: in two cycles of walking a heel may rise
+PAUSE_NS = 200_000_000  # the longest that is looked over
 CONFIRM_NS = 60_000_000  # in which a jump turns out to be another board's frames, or a board that goes
 NEGATIVE_COUNT = 1.25  # mean; rebound after long standing is some per cent of 20 counts, the noise 0.3 at most
 PINNED = 5  # more than can be stuck there
@@ -49,13 +48,13 @@ class Rezeroed:
     def __init__(self, places: Places, rest: Rest) -> None:
         n = len(places.addresses)
         self._rest = rest
-        self._period_ns: list[int] = places.period_ns.tolist()
         self._own = [np.flatnonzero(places.board == board) for board in range(n)]
         self.rezeroed = np.zeros(n, np.bool_)
         self.suspect = [False] * n  # below its rest levels: neither to be learned from nor to be judged by
         self._activation = [np.zeros(len(own), np.float32) for own in self._own]  # at the last reading of each
         self._total = [0.0] * n
         self._n_usable = [0.0] * n
+        self._looked_ns = [0] * n
         self._jumped_ns = [_NEVER] * n
         self._negative_ns = [_NEVER] * n  # since when
         self._at_rest_ns = [_NEVER] * n  # since when
@@ -66,12 +65,15 @@ class Rezeroed:
         self.rezeroed[:] = False
         self._jumped_ns, self._negative_ns, self._at_rest_ns = [_NEVER] * n, [_NEVER] * n, [_NEVER] * n
 
-    def update(self, streams: BoardStreams, t_mono_ns: int) -> bool:
-        """Look at a cycle that `rest` has taken in; whether `rezeroed` changed."""
+    def update(self, streams: BoardStreams, fresh_boards: NDArray[np.bool_], t_mono_ns: int) -> bool:
+        """Look at a cycle that `rest` has taken in; whether `rezeroed` changed.
+
+        fresh_boards (n_boards,): something came since the look before.
+        """
         rest = self._rest
         before, total = self._total, rest.total.tolist()
         mean, n_usable, pinned = rest.mean.tolist(), rest.n_usable.tolist(), rest.n_at_top.tolist()
-        fresh, crowded, clash = streams.fresh.tolist(), streams.crowded.tolist(), streams.clash.tolist()
+        fresh, crowded, clash = fresh_boards.tolist(), streams.crowded.tolist(), streams.clash.tolist()
         all_before, all_now = sum(before), sum(total)
         unloaded = bool(self.rezeroed.any()) and rest.unloaded()
         changed = False
@@ -94,7 +96,9 @@ class Rezeroed:
                 n_usable[board] == self._n_usable[board]
                 and before[board] > LOADED_MEAN * n_usable[board]
                 and total[board] < before[board] / 2
-                and self._others_bear(board, others_before, others_now, streams.gap_ns[board])
+                and others_now >= OTHERS_TOTAL
+                and abs(others_now - others_before) <= OTHERS_SAME * others_before
+                and t_mono_ns - self._looked_ns[board] <= PAUSE_NS
                 and self._at_rest_at_once(board, own)
             ):
                 self._jumped_ns[board] = t_mono_ns
@@ -106,23 +110,16 @@ class Rezeroed:
         for board, own in enumerate(self._own):
             if fresh[board]:
                 self._activation[board] = rest.activation[own]
+                self._looked_ns[board] = t_mono_ns
         return changed
-
-    def _others_bear(self, board: int, before: float, now: float, gap_ns: int) -> bool:
-        """Whether the other boards went on bearing what they bore, `gap_ns` ago."""
-        if now < OTHERS_TOTAL:
-            return False
-        if gap_ns < PAUSE_PERIODS * self._period_ns[board]:
-            return now >= OTHERS_LEFT * before
-        return gap_ns <= PAUSE_NS and abs(now - before) <= OTHERS_SAME * before
 
     def _at_rest_at_once(self, board: int, own: NDArray[np.intp]) -> bool:
         usable = self._rest.usable[own]
         before, now = self._activation[board][usable], self._rest.activation[own][usable]
         loaded = before >= LOADED_COUNT
-        return bool(
-            now[loaded].sum() <= LEFT * before[loaded].sum() and loaded.any() and np.abs(now).mean() <= AT_REST_COUNT
-        )
+        if np.count_nonzero(loaded) < LOADED_TAXELS or np.abs(now).mean() > AT_REST_COUNT:
+            return False
+        return bool(now[loaded].sum() <= LEFT * before[loaded].sum())
 
     def _healed(self, board: int, unloaded: bool, t_mono_ns: int) -> bool:
         own = self._own[board]

@@ -5,14 +5,15 @@ serves. Each is compared with its NEIGHBOURS nearest ones:
 
 `saturated` – on a rail, at 0, or at 255 where that is not the rest level, for SATURATED_NS. Observable at once.
 `dead` – it bears less than SHARE of what the least of its four neighbours bears, while that is LOADED_COUNT or more.
-    Observable once the least of its neighbours has truly borne 8 counts (64 kPa) for 0.2 s; a taxel whose neighbours
+    Observable once the least of its neighbours has truly borne 6 counts (48 kPa) for 0.2 s; a taxel whose neighbours
     never bear that much is never judged.
-`stuck` – CONTRAST_COUNT or more away from its rest level while its neighbours are at theirs, in the mean. Observable if
-    it stuck 5 counts from its rest or more, once its neighbours have truly been unloaded for 0.2 s; stuck nearer to
-    it, it is a dead taxel to who looks, and observable as one.
+`stuck` – CONTRAST_COUNT or more away from its rest level while its neighbours are at theirs, in the mean, or so far
+    above them that no load is so sharp. Observable if it stuck 5 counts from its rest or more, once its neighbours
+    have truly been unloaded for 0.2 s, or 5 counts below a fifth of it; stuck nearer to its rest, it is a dead
+    taxel to who looks, and observable as one.
 
-For dead and stuck what speaks for it, in counts, is summed up look by look, between 0 and EVIDENCE_COUNT (a cumulative sum
-test: E. S. Page 1954): the fault is there once the sum is full, and has healed once it is empty again.
+For dead and stuck what speaks for it, in counts, is summed up look by look, between 0 and EVIDENCE_COUNT (a cumulative
+sum test: E. S. Page 1954): the fault is there once the sum is full, and has healed once it is empty again.
 
 Neither asks for a constant count: a board that compensates temperature adds the noise of pad 6 to every taxel, also to
 one whose converter says the same for ever. Nor does a constant count make a fault: at a high shift no noise shows.
@@ -29,10 +30,11 @@ from .places import Places
 from .rest import Rest
 
 NEIGHBOURS = 4  # enough to stand around a taxel; more would reach beyond the edge of a load
-LOADED_COUNT = 6.0  # six times the noise
+LOADED_COUNT = 5.0  # five times the noise
 SHARE = 0.3  # of the least loaded neighbour; healthy ones bear half of it or more in walking
 IDLE_COUNT = 2.0  # of the neighbours' mean, whose noise is 0.6 at most
 CONTRAST_COUNT = 2.5  # above or below it; noise is 1, and creep leaves some per cent of 30 counts
+SHARP = 4.0  # times their mean above it, under load: beyond what a cover lets through
 EVIDENCE_COUNT = 8.0  # nine times the noise
 ONE_LOOK_COUNT = 3.0  # the most that one look says: a single wrong frame makes no fault
 SATURATED_NS, UNSATURATED_NS = 35_000_000, 3_000_000_000  # longer than a stride: at a low shift each step saturates
@@ -97,10 +99,13 @@ class TaxelFaults:
         loaded = np.flatnonzero(live & (least >= LOADED_COUNT))
         if len(loaded):
             self._weigh(self._for_dead, loaded, SHARE * least[loaded] - activation[loaded], _DEAD)
-        idle = np.flatnonzero(live & (np.abs(mean) <= IDLE_COUNT))
-        if len(idle):
-            contrast = np.abs(activation[idle] - mean[idle])
-            self._weigh(self._for_stuck, idle, contrast - np.float32(CONTRAST_COUNT), _STUCK)
+        there = np.flatnonzero(live)
+        above = np.abs(mean[there]) - IDLE_COUNT
+        contrast = np.abs(activation[there] - mean[there])
+        more = contrast - CONTRAST_COUNT - SHARP * np.maximum(above, 0)
+        if self._any_faulty:  # under load one that stuck among its neighbours' counts does not heal
+            more[(above > 0) & (more < 0) & (self.state[there] == _STUCK)] = 0
+        self._weigh(self._for_stuck, there, more, _STUCK)
 
     def _weigh(
         self, evidence: NDArray[np.float32], at: NDArray[np.intp], more: NDArray[np.float32], state: int

@@ -31,11 +31,12 @@ from .rest import TOP_MARGIN
 
 GOOD_NS = 2_000_000_000  # so long a triangle must be good before it is believed again: contacts flicker
 ON_RAILS = 10  # of 12; contacts that flicker leave one or two in between
-DEAF_CYCLES = 100  # without one change among twelve taxels: at a noise of 0.9 counts not even 3 in a row occur
-LIVELY_CYCLES = 2  # so often the triangles in the middle change, if noise shows at all
+DEAF_LOOKS = 60  # without one change among twelve taxels: at a noise of 0.9 counts not even 3 in a row occur
+LIVELY_LOOKS = 2  # in so many the triangle in the middle changes, if noise shows at all
 NOISY_SHIFT = 4  # up to this shift the noise of some eight codes reaches the counts at rest
 
 _PAD_A, _PAD_B = THERMAL_PADS
+_PADS = slice(_PAD_A, None, _PAD_B - _PAD_A)
 _HALF_A = 7  # taxels 0–6 come in half A, 7–11 in half B
 
 
@@ -49,36 +50,38 @@ class LooseTriangles:
         self._rests_at_top = not self._top_is_rail.all()
         self._noisy = places.shift[of_triangle] <= NOISY_SHIFT
         self.loose = np.zeros(n, np.bool_)
+        self._any = False
         self._bad_ns = np.zeros(n, np.int64)  # when it was last bad, monotonic clock
-        self._quiet = np.zeros(n, np.int64)  # fresh cycles without a change
-        self._next_deaf = DEAF_CYCLES  # fresh cycles until the quiet ones are looked at
         self._deaf = np.zeros(n, np.bool_)
+        self._quiet = np.zeros(n, np.int64)  # looks without a change
 
-    def update(
-        self, counts: NDArray[np.uint8], fresh: NDArray[np.bool_], changed: NDArray[np.bool_], t_mono_ns: int
-    ) -> bool:
+    def must_update(self, counts: NDArray[np.uint8]) -> bool:
+        """Whether counts (n_triangles, 12) may change anything: a pad on a rail, or a loose triangle that may heal."""
+        return self._any or bool((counts[:, _PADS] + np.uint8(1) < 2).any())
+
+    def update(self, counts: NDArray[np.uint8], fresh: NDArray[np.bool_], t_mono_ns: int) -> bool:
         """Take in counts (n_triangles, 12); whether `loose` changed.
 
-        fresh (n_triangles,): halves of it came, and both ever did; changed: with other counts than before. Found in
-        the first cycle, also where only one half of that cycle is newer than the fault.
+        fresh (n_triangles,): halves of it came, and both ever did. Found in the first cycle, also where only one half
+        of that cycle is newer than the fault.
         """
-        self._quiet += fresh
-        self._quiet *= ~changed
-        self._next_deaf -= 1
-        if not self._next_deaf:
-            self._listen()
-        if not (self._deaf.any() or self.loose.any()):
-            # The pads alone rule out nearly every cycle.
-            pads = counts[:, THERMAL_PADS]
-            if not ((pads == 0) | (pads == 255)).any():
-                return False
         bad = self._on_rails(counts) & fresh
         bad |= self._deaf
         self._bad_ns[bad] = t_mono_ns
         loose = bad | (self.loose & (~fresh | (t_mono_ns - self._bad_ns < GOOD_NS)))
-        found = bool((loose != self.loose).any())
-        self.loose = loose
-        return found
+        changed = bool((loose != self.loose).any())
+        self.loose, self._any = loose, bool(loose.any())
+        return changed
+
+    def listen(self, fresh: NDArray[np.bool_], changed: NDArray[np.bool_]) -> None:
+        """Look for triangles without noise where others have it; changed (n_triangles,): since the look before."""
+        self._quiet += fresh
+        self._quiet[changed] = 0
+        self._deaf = self._noisy & (self._quiet >= DEAF_LOOKS)
+        if self._deaf.any():
+            others = self._quiet[self._noisy & ~self._deaf]
+            self._deaf &= len(others) > 0 and bool(np.median(others) <= LIVELY_LOOKS)
+            self._any |= bool(self._deaf.any())
 
     def _on_rails(self, counts: NDArray[np.uint8]) -> NDArray[np.bool_]:
         """(n_triangles,) whether the counts (n_triangles, 12) are none of a triangle that is there."""
@@ -92,12 +95,3 @@ class LooseTriangles:
         if self._rests_at_top:  # a chip that reads 0: its taxel 9 alone is at 0, and all others at 255
             bad |= (counts[:, 9] == 0) & ((counts == 255).sum(axis=1) == 11)
         return bad
-
-    def _listen(self) -> None:
-        """Which triangles have no noise where others have; looked at rarely, since it takes long to tell."""
-        self._next_deaf = DEAF_CYCLES // 10
-        quiet = self._noisy & (self._quiet >= DEAF_CYCLES)
-        if quiet.any():
-            others = self._quiet[self._noisy & ~quiet]
-            quiet &= len(others) > 0 and bool(np.median(others) <= LIVELY_CYCLES)
-        self._deaf = quiet

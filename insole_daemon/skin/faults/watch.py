@@ -26,7 +26,8 @@ Kind = Literal[
 ]  # fmt: skip
 KINDS: tuple[Kind, ...] = get_args(Kind)
 
-LOOK_CYCLES = 2  # taxels are looked at in every second cycle: their converters are no faster
+STALE_NS = np.uint64(1_000_000_000)  # by what is older nothing is judged
+LOOK_CYCLES = 2  # all but loose triangles is looked for in every second cycle: converters are hardly faster
 
 _TAXEL_KINDS: dict[int, Kind] = {
     TaxelState.DEAD: "taxel_dead",
@@ -81,8 +82,8 @@ class FaultWatch:
         self._taxels = TaxelFaults(places, self._rest)
         self._arrivals = np.zeros(n, np.int64)
         self._counts = np.zeros((n, 12), np.uint8)
-        self._there = np.zeros(n, np.bool_)  # both halves were received
-        self._new = np.zeros(n, np.bool_)  # other counts came since the last look at taxels
+        self._there = np.zeros(n, np.bool_)  # both halves were received, not long ago
+        self._fresh = np.zeros(n, np.bool_)  # halves came since the last look
         self._until_look = LOOK_CYCLES
         self._active: dict[_Key, int] = {}
         self._heard = self._streams.seen.copy()
@@ -104,34 +105,41 @@ class FaultWatch:
         t_mono_ns, arrivals = int(cycles.t_mono_ns[at]), cycles.arrivals[at]
         changed = self._streams.update(t_mono_ns, arrivals)
         if not cycles.repeated[at]:
-            changed |= self._look(cycles.counts[at], cycles.age_ns[at] >= 0, arrivals, t_mono_ns)
+            counts = cycles.counts[at]
+            self._until_look -= 1
+            odd = self._loose.must_update(counts)
+            if odd or not self._until_look:
+                there = cycles.age_ns[at].view(np.uint64) < STALE_NS  # never received is −1
+                fresh = (arrivals != self._arrivals) & there
+                self._arrivals = arrivals
+                self._fresh |= fresh
+                found = odd and self._loose.update(counts, fresh, t_mono_ns)
+                if found or not np.array_equal(there, self._there):
+                    self._there = there
+                    self._believe()
+                changed |= found
+            if not self._until_look:
+                self._until_look = LOOK_CYCLES
+                changed |= self._look(counts, t_mono_ns)
         return self._changes(int(cycles.t_ns[at])) if changed else []
 
-    def _look(
-        self, counts: NDArray[np.uint8], there: NDArray[np.bool_], arrivals: NDArray[np.int64], t_mono_ns: int
-    ) -> bool:
+    def _look(self, counts: NDArray[np.uint8], t_mono_ns: int) -> bool:
+        """Look closely at the counts of a cycle; whether something changed."""
         places, rest, streams = self._places, self._rest, self._streams
-        fresh = (arrivals != self._arrivals) & there
         other = (counts != self._counts).any(axis=1)
-        self._arrivals, self._counts = arrivals, counts
-        changed = self._loose.update(counts, fresh, other, t_mono_ns)
-        if changed or not np.array_equal(there, self._there):
-            self._there = there
-            self._believe()
+        fresh, self._counts = self._fresh, counts
+        self._fresh = np.zeros_like(fresh)
+        self._loose.listen(fresh, other)
         taken = counts.reshape(-1)[places.taxel].astype(np.float32)
         rest.update(taken)
-        changed |= self._rezeroed.update(streams, t_mono_ns)
-        self._new |= other
-        self._until_look -= 1
-        if self._until_look:
-            return changed
-        self._until_look = LOOK_CYCLES
-        held = self._rezeroed.rezeroed | self._rezeroed.suspect | streams.crowded
+        fresh_boards = places.any_of_board(fresh)
+        changed = self._rezeroed.update(streams, fresh_boards, t_mono_ns)
+        # Of a board whose baseline is in doubt nothing is learned, and no taxel is judged by it.
+        held = self._rezeroed.rezeroed | self._rezeroed.suspect | streams.crowded | streams.reset
         if not held.any() and rest.unloaded():
-            rest.learn(streams.fresh)
-        live = self._believed & self._new & ~held[places.board_of_triangle]
-        self._new[:] = False
-        return changed | self._taxels.update(taken, live[places.triangle], t_mono_ns)
+            rest.learn(fresh_boards)
+        live = (self._believed & other & ~held[places.board_of_triangle])[places.triangle]
+        return self._taxels.update(taken, live, t_mono_ns) or changed
 
     def _believe(self) -> None:
         """Decide which triangles and taxels others are judged by."""
