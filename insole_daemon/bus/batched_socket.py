@@ -36,6 +36,11 @@ _STAMP_BYTES = 32  # cmsghdr + struct timespec
 _CONTROL_BYTES = 64  # the stamp, and cmsghdr + uint32 of the drop counter, padded
 _STAMP_HEADER = socket.SOL_SOCKET | _SO_TIMESTAMPNS << 32
 _ID_EXTENDED, _ID_REMOTE, _ID_ERROR = 1 << 31, 1 << 30, 1 << 29
+_ID_BITS = np.uint64(11)
+_PLAIN = np.uint64((8 << 32) >> 11)  # the first 8 bytes above the identifier, of a standard data frame of 8 bytes
+_ZEROS = np.zeros(_CAPACITY, np.uint8)
+_ZEROS.flags.writeable = False  # batches share it: flags none, interface the first
+
 _CLOCK_STEP_NS = 1_000_000  # realtime against monotonic: slewing stays far below this between two drains
 
 _libc = ctypes.CDLL(None, use_errno=True)
@@ -59,7 +64,7 @@ class BatchedSocket:
         sock.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
         sock.setsockopt(socket.SOL_SOCKET, _SO_RXQ_OVFL, 1)
         self._frames = np.zeros((_CAPACITY, 16), np.uint8)
-        self._control = np.zeros((_CAPACITY, _CONTROL_BYTES), np.uint8)
+        self._control = np.zeros((_CAPACITY, _CONTROL_BYTES // 8), np.int64)
         # struct iovec {base, len} and struct mmsghdr {name, namelen, iov, iovlen, control, controllen, flags, len}
         row = np.arange(_CAPACITY, dtype=np.uint64)
         self._iovec = np.zeros((_CAPACITY, 2), np.uint64)
@@ -102,26 +107,19 @@ class BatchedSocket:
         if held == 0:
             return FrameBatch.empty()
         raw = self._frames[:held].copy()
-        control = self._control[:held].view(np.int64)
+        control = self._control[:held]
         self._count_drops(held)
-        if not (control[:, 1] == _STAMP_HEADER).all():
+        if np.count_nonzero(control[:, 1] == _STAMP_HEADER) < held:
             raise BusError("the kernel delivered a frame without a receive time although SO_TIMESTAMPNS is set")
-        t_ns = control[:, 2] * 1_000_000_000 + control[:, 3]
+        t_ns = control[:, 2] * 1_000_000_000
+        t_ns += control[:, 3]
         self._headers[:held, 5] = _CONTROL_BYTES
-        id_and_flags = raw.view(np.uint32)[:, 0]
-        dlc = raw[:, 4]
-        data = raw[:, 8:]
-        if id_and_flags.max() <= 0x7FF:
-            can_id, flags = id_and_flags, np.zeros(held, np.uint8)
-        else:
-            can_id = id_and_flags & np.uint32(0x1FFF_FFFF)
-            flags = np.where(id_and_flags & _ID_EXTENDED, EXTENDED, 0).astype(np.uint8)
-            flags |= np.where(id_and_flags & _ID_REMOTE, REMOTE, 0).astype(np.uint8)
-            flags |= np.where(id_and_flags & _ID_ERROR, ERROR, 0).astype(np.uint8)
-        if dlc.min() < 8:
-            data[np.arange(8) >= dlc[:, None]] = 0
         self._counters.frames += held
-        return FrameBatch(t_ns, self._monotonic(t_ns), np.zeros(held, np.uint8), can_id, dlc, data, flags)
+        can_id, dlc, data, flags = raw.view(np.uint32)[:, 0], raw[:, 4], raw[:, 8:], _ZEROS[:held]
+        if np.count_nonzero(raw.view(np.uint64)[:, 0] >> _ID_BITS == _PLAIN) < held:
+            can_id, flags = _flags_apart(can_id)
+            data[np.arange(8) >= dlc[:, None]] = 0
+        return FrameBatch(t_ns, self._monotonic(t_ns), _ZEROS[:held], can_id, dlc, data, flags)
 
     def _count_drops(self, held: int) -> None:
         """The kernel's counter is cumulative and 32 bit, and rides on frames only once it is not zero."""
@@ -137,10 +135,23 @@ class BatchedSocket:
         if abs(offset_ns - self._clock_offset_ns) > _CLOCK_STEP_NS:
             self._counters.clock_steps += 1
         self._clock_offset_ns = offset_ns
-        t_mono_ns = (t_ns + offset_ns).clip(self._last_mono_ns, now_mono_ns)
-        np.maximum.accumulate(t_mono_ns, out=t_mono_ns)
+        t_mono_ns = t_ns + offset_ns
+        if t_mono_ns[0] < self._last_mono_ns:
+            t_mono_ns[0] = self._last_mono_ns
+        if np.count_nonzero(t_mono_ns[1:] < t_mono_ns[:-1]):
+            np.maximum.accumulate(t_mono_ns, out=t_mono_ns)
+        if t_mono_ns[-1] > now_mono_ns:
+            np.minimum(t_mono_ns, now_mono_ns, out=t_mono_ns)
         self._last_mono_ns = int(t_mono_ns[-1])
         return t_mono_ns
+
+
+def _flags_apart(id_and_flags: NDArray[np.uint32]) -> tuple[NDArray[np.uint32], NDArray[np.uint8]]:
+    """Identifiers and flags of frames that are not all plain."""
+    flags = np.where(id_and_flags & _ID_EXTENDED, EXTENDED, 0).astype(np.uint8)
+    flags |= np.where(id_and_flags & _ID_REMOTE, REMOTE, 0).astype(np.uint8)
+    flags |= np.where(id_and_flags & _ID_ERROR, ERROR, 0).astype(np.uint8)
+    return id_and_flags & np.uint32(0x1FFF_FFFF), flags
 
 
 def _set_receive_buffer(sock: socket.socket) -> None:

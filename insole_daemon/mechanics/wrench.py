@@ -64,7 +64,8 @@ class WrenchEstimator:
         if n_valid == 0:
             return Wrench(_NAN, _NAN, _NAN, _NAN, _NAN, _NAN, _NAN, _NAN, 0.0, 0.0)
         pressure = np.where(valid, pressure_pa, 0.0).ravel()
-        f_z, m_x, m_y = (self._rows @ pressure).tolist()
+        # Not a matrix product: for so few numbers BLAS costs more to wake than to use.
+        f_z, m_x, m_y = np.add.reduce(self._rows * pressure, axis=1).tolist()
         std = [_NAN, _NAN, _NAN]
         if variance_pa2 is not None:
             std = np.sqrt(self._rows_squared @ np.where(valid, variance_pa2, 0.0).ravel()).tolist()

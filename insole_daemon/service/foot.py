@@ -192,5 +192,7 @@ def load_layout(insole: Insole) -> Layout:
 
 def _age_ms(age_ns: NDArray[np.int64]) -> NDArray[np.float32]:
     age_ms = (age_ns * 1e-6).astype(np.float32)
-    age_ms[age_ns < 0] = np.nan
+    never = age_ns < 0
+    if np.count_nonzero(never):
+        age_ms[never] = np.nan
     return age_ms

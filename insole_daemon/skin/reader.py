@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
 
 import numpy as np
 
@@ -18,20 +17,18 @@ class SkinReader:
 
     def __init__(self, layouts: Sequence[Layout], period_ns: int, slack_ns: int) -> None:
         self.streams = Streams(layouts)
-        self.assemblers = [CycleAssembler(len(layout), period_ns, slack_ns) for layout in layouts]
-        self._first_slot = np.cumsum([0, *(2 * len(layout) for layout in layouts)]).tolist()
+        first_slots = np.cumsum([0, *(2 * len(layout) for layout in layouts)]).tolist()
+        self.assemblers = [
+            CycleAssembler(len(layout), period_ns, slack_ns, first)
+            for layout, first in zip(layouts, first_slots[:-1], strict=True)
+        ]
 
     def feed(self, batch: FrameBatch) -> list[list[Cycles]]:
         """Take in frames; for every foot, the cycles they closed."""
         if not len(batch):
             return [[] for _ in self.assemblers]
         slots = self.streams.slots(batch)
-        closed = []
-        for assembler, (first, end) in zip(self.assemblers, pairwise(self._first_slot), strict=True):
-            rows = np.flatnonzero((slots >= first) & (slots < end))
-            own = slots[rows] - np.int16(first)
-            closed.append(assembler.feed(own, batch.data[rows], batch.t_ns[rows], batch.t_mono_ns[rows]))
-        return closed
+        return [each.feed(slots, batch.data, batch.t_ns, batch.t_mono_ns) for each in self.assemblers]
 
     def advance(self, now_mono_ns: int) -> list[list[Cycles]]:
         """For every foot, the cycles that time alone closes, given that every earlier frame has been fed."""

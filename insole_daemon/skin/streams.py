@@ -26,7 +26,7 @@ _UNCONFIGURED_BOARD = -2
 _UNCONFIGURED_TRIANGLE = -3
 _UNKNOWN_TAG = -4
 
-_TAG_CODE = np.zeros(256, np.uint16)  # payload byte 0 → 0 neither, 1 half A, 2 half B
+_TAG_CODE = np.zeros(256, np.uint32)  # payload byte 0 → 0 neither, 1 half A, 2 half B
 _TAG_CODE[TAG_A], _TAG_CODE[TAG_B] = 1, 2
 
 
@@ -65,17 +65,20 @@ class Streams:
 
     def slots(self, batch: FrameBatch) -> NDArray[np.int16]:
         """(n,) slot of every frame, negative where it carries no half; the latter are counted in `refused`."""
-        slots: NDArray[np.int16] = self._slot[batch.can_id & 0x7FF, _TAG_CODE[batch.data[:, 0]]]
-        odd = (batch.dlc != 8) | (batch.flags != 0)
-        if odd.any():
-            slots = np.where(odd, np.int16(_OTHER), slots)
-        if (slots < 0).any():
+        odd = batch.dlc != 8
+        odd |= batch.flags != 0
+        n_odd = np.count_nonzero(odd)
+        can_id = batch.can_id & 0x7FF if n_odd else batch.can_id
+        slots: NDArray[np.int16] = self._slot.take(can_id * np.uint32(3) + _TAG_CODE.take(batch.data[:, 0]))
+        if n_odd:
+            slots[odd] = _OTHER
+        if np.count_nonzero(slots < 0):
             self._count(batch, slots, odd)
         return slots
 
     def _count(self, batch: FrameBatch, slots: NDArray[np.int16], odd: NDArray[np.bool_]) -> None:
         refused = self.refused
-        if odd.any():
+        if np.count_nonzero(odd):
             self._count_odd(batch[odd])
         even = ~odd
         refused.other += int((even & (slots == _OTHER)).sum())

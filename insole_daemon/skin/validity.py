@@ -29,6 +29,7 @@ class Validity:
         shift = np.array([boards[t.board].shift for t in layout.triangles])[:, None]
         self._stale_after_ns = stale_after_ns
         self._rests_at_255 = no_load == 255
+        self._n_readings = np.where(self._rests_at_255, np.uint8(255), np.uint8(254))  # from 1 up that are believed
         self._flags_work = shift < _FLAGS_BROKEN_FROM_SHIFT
         self._pressure_taxel = np.ones(12, np.bool_)
         self._pressure_taxel[list(THERMAL_PADS)] = False
@@ -37,12 +38,12 @@ class Validity:
         self, counts: NDArray[np.uint8], status: NDArray[np.uint16], age_ns: NDArray[np.int64]
     ) -> NDArray[np.bool_]:
         """(…, n_triangles, 12) bool from counts (…, n_triangles, 12), status and age_ns (…, n_triangles)."""
-        believed = (age_ns >= 0) & (age_ns <= self._stale_after_ns)
-        at_top = counts == 255
-        valid: NDArray[np.bool_] = (counts != 0) & (~at_top | self._rests_at_255)
-        if status.any():
+        believed = age_ns.view(np.uint64) <= self._stale_after_ns  # never received is -1, the oldest of all
+        valid: NDArray[np.bool_] = counts - np.uint8(1) < self._n_readings
+        if np.count_nonzero(status):
             believed &= status & 0xF == 0
             flagged = (status[..., None] >> _FLAG_BIT & 1).astype(np.bool_) & self._flags_work
-            valid &= ~flagged | (at_top & self._rests_at_255)
-        valid &= believed[..., None] & self._pressure_taxel
+            valid &= ~flagged | ((counts == 255) & self._rests_at_255)
+        valid &= self._pressure_taxel
+        valid &= believed[..., None]
         return valid
