@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import os
 import time
 from collections.abc import Collection
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,10 +24,11 @@ from ..physics.zero import Zero
 from ..skin import layout as layouts
 from ..skin.boards import BoardSurvey
 from ..skin.cycles import Cycles
+from ..skin.faults import FaultWatch
 from ..skin.geometry import PRESSURE_TAXELS
 from ..skin.layout import Layout
 from ..skin.validity import Validity
-from ..wire.messages import CalibrationInUse, Meta, Pressure, Raw, Wrench
+from ..wire.messages import CalibrationInUse, Event, Meta, Pressure, Raw, Wrench
 from .state import zero_path
 
 _STANDS_OUT_COUNT = 12  # below what the least loaded tenth of the foot reads; at rest taxels differ by less
@@ -45,6 +48,7 @@ class Foot:
         stale_after_ns = round(config.publish.stale_after_ms * 1e6)
         self.survey = BoardSurvey(layout, stale_after_ns)
         self.validity = Validity(layout, boards, stale_after_ns)
+        self._watch = FaultWatch(layout, boards)
         self._unzeroed = calibration
         self.zero: Zero | None = None
         self.zero_source = "none: the calibration's baselines are in use"
@@ -54,10 +58,21 @@ class Foot:
         self.seq = 0
         self.started_ns = time.time_ns()
 
+    def watch(self, cycles: Cycles, at: int) -> list[Event]:
+        """Look for faults in cycle `at`: to be called with every cycle, before its messages are asked for."""
+        return [
+            Event(self.name, change.t_ns, change.event, change.text, [change.board], change.triangle, change.taxel)
+            for change in self._watch.update(cycles, at)
+        ]
+
+    def faults(self) -> list[dict[str, Any]]:
+        """What is wrong now, the longest first; as in health."""
+        return [dataclasses.asdict(fault) for fault in self._watch.faults]
+
     def messages(self, cycles: Cycles, at: int) -> tuple[Raw, Pressure, Wrench]:
         """The messages of cycle `at`; each call is one cycle published."""
         counts, status, age_ns = cycles.counts[at], cycles.status[at], cycles.age_ns[at]
-        valid = self.validity(counts, status, age_ns) & self._curve.usable
+        valid = self.validity(counts, status, age_ns) & self._curve.usable & ~self._watch.masked
         pressure_pa = self._curve.pressure_pa(counts)
         wrench = self._wrench(pressure_pa, valid, self._curve.variance_pa2(counts))
         age_ms = _age_ms(age_ns)
@@ -84,6 +99,7 @@ class Foot:
         self.calibration = zeros.apply(self._unzeroed, zero)
         self._curve = StaticCurve(self.calibration, self.config.contact.activation_threshold_count)
         self.zero, self.zero_source = zero, source
+        self._watch.zeroed()
 
     def load(self, cycles: Cycles, at: int, without: Collection[int] = ()) -> tuple[float | None, float]:
         """What presses on the foot in cycle `at`, boards `without` left out: (f_z, share of taxels that stand out).
@@ -93,6 +109,7 @@ class Foot:
         """
         counts, status, age_ns = cycles.counts[at], cycles.status[at], cycles.age_ns[at]
         asked = np.array([triangle.board not in without for triangle in self.layout.triangles])
+        asked &= ~self._watch.masked.all(axis=1)
         valid = self.validity(counts, status, age_ns) & self._curve.usable & asked[:, None]
         f_z_n = self._wrench(self._curve.pressure_pa(counts), valid, None).f_z_n
         read = counts[asked & (age_ns >= 0) & (age_ns <= self._stale_after_ns) & (status & 0xF == 0)]

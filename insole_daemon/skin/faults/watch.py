@@ -25,6 +25,7 @@ Kind = Literal[
     "triangle_loose", "taxel_dead", "taxel_stuck", "taxel_saturated",
 ]  # fmt: skip
 KINDS: tuple[Kind, ...] = get_args(Kind)
+HEALED: dict[Kind, str] = {kind: f"{kind}_over" for kind in KINDS} | {"board_silent": "board_streaming"}
 
 STALE_NS = np.uint64(1_000_000_000)  # by what is older nothing is judged
 LOOK_CYCLES = 2  # all but loose triangles is looked for in every second cycle: converters are hardly faster
@@ -59,6 +60,11 @@ class Change:
     began: bool  # False: it healed
     t_ns: int  # of the cycle, CLOCK_REALTIME
     text: str  # what happened and what to do, to a person
+
+    @property
+    def event(self) -> str:
+        """The kind of event that tells of it."""
+        return self.kind if self.began else HEALED[self.kind]
 
 
 class FaultWatch:
