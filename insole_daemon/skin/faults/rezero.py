@@ -3,8 +3,8 @@
 A board does that when it is configured, and by itself after five read errors; it tells nobody. From then on every
 count is off by the load of that moment. Two marks, from the counts:
 
-jump – from one look to the next all loaded taxels of the board come to stand at their rest level, while the other
-    boards go on bearing what they bore, as in standing. Pauses (an MTB3 makes one of three periods) are looked over.
+jump – from one look to the next all loaded taxels of a board that bore the same before come to stand at their rest
+    level, while the others go on bearing what they bore. Pauses (an MTB3 makes one of three periods) are looked over.
 negative – the mean of the board's taxels stands above their rest levels, or PINNED of them at 255: what was zeroed
     away is missing when the load goes. Not with a no-load of 255, which leaves no room above.
 
@@ -27,7 +27,8 @@ from .rest import Rest
 
 LOADED_COUNT, LOADED_TAXELS = 4.0, 5  # four times the noise, and how many such a jump needs
 LOADED_MEAN = 1.5  # of the whole board, before a jump
-LEFT = 0.12  # of their load after the jump; the steepest unloading of a heel in walking leaves 0.4 in 20 ms
+LEFT = 0.3  # of their load after the jump, by noise; the steepest unloading of a heel leaves 0.16 in two cycles, but …
+STEADY = 0.2  # … that is announced: the most that the board's own load may have changed in the look before
 AT_REST_COUNT = 1.8  # mean distance from the rest level; two noises of 0.9 give 1.0
 OTHERS_TOTAL = 100.0  # counts over all taxels, 26 N at 8 kPa a count and 32.4 mm²
 OTHERS_SAME = 0.2  # the most their load may have changed meanwhile: in two cycles of walking a heel may rise
@@ -37,7 +38,7 @@ NEGATIVE_COUNT = 1.25  # mean; rebound after long standing is some per cent of 2
 PINNED = 5  # more than can be stuck there
 NEGATIVE_NS = 80_000_000
 HEALED_NS = 200_000_000  # of a swing of 0.4 s
-MIN_TAXELS = 10  # of a board that are believed, to say anything about it
+MIN_TAXELS = 30  # of a board that are believed, to say anything about it: three triangles
 
 _NEVER = 1 << 62
 
@@ -53,6 +54,7 @@ class Rezeroed:
         self.suspect = [False] * n  # below its rest levels: neither to be learned from nor to be judged by
         self._activation = [np.zeros(len(own), np.float32) for own in self._own]  # at the last reading of each
         self._total = [0.0] * n
+        self._total_before = [0.0] * n
         self._n_usable = [0.0] * n
         self._looked_ns = [0] * n
         self._jumped_ns = [_NEVER] * n
@@ -95,6 +97,7 @@ class Rezeroed:
             if (
                 n_usable[board] == self._n_usable[board]
                 and before[board] > LOADED_MEAN * n_usable[board]
+                and abs(before[board] - self._total_before[board]) <= STEADY * before[board]
                 and total[board] < before[board] / 2
                 and others_now >= OTHERS_TOTAL
                 and abs(others_now - others_before) <= OTHERS_SAME * others_before
@@ -109,6 +112,7 @@ class Rezeroed:
         self._n_usable = n_usable
         for board, own in enumerate(self._own):
             if fresh[board]:
+                self._total_before[board] = before[board]
                 self._activation[board] = rest.activation[own]
                 self._looked_ns[board] = t_mono_ns
         return changed

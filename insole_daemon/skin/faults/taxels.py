@@ -76,8 +76,7 @@ class TaxelFaults:
         live (n,): of a board and triangle that are believed, and new since the last look.
         """
         before = self.state.copy()
-        self._saturated(counts, live, t_mono_ns)
-        live = live & self._rest.relied_upon()
+        live = live & ~self._saturated(counts, live, t_mono_ns) & self._rest.relied_upon()
         if live.any():
             self._compare(live)
         self._any_faulty = bool(self.state.any())
@@ -119,9 +118,9 @@ class TaxelFaults:
             empty = at[total <= 0]
             self._mend(empty[self.state[empty] == state])
 
-    def _saturated(self, counts: NDArray[np.float32], live: NDArray[np.bool_], t_mono_ns: int) -> None:
-        rail = (counts == 0) | self._rest.at_top
-        rail &= live
+    def _saturated(self, counts: NDArray[np.float32], live: NDArray[np.bool_], t_mono_ns: int) -> NDArray[np.bool_]:
+        """(n,) which taxels stand on a rail."""
+        rail: NDArray[np.bool_] = ((counts == 0) | self._rest.at_top) & live
         on_rail = bool(rail.any())
         if on_rail or self._was_on_rail:
             self._off_rail_ns[~rail] = t_mono_ns
@@ -131,6 +130,7 @@ class TaxelFaults:
         if self._any_faulty:
             saturated = self.state == _SATURATED
             self._mend(saturated & live & (t_mono_ns - self._on_rail_ns >= UNSATURATED_NS))
+        return rail
 
     def _mend(self, healed: NDArray[np.bool_] | NDArray[np.intp]) -> None:
         self.state[healed] = _OK
