@@ -29,7 +29,7 @@ from ..geometry import THERMAL_PADS
 from .places import Places
 from .rest import TOP_MARGIN
 
-GOOD_NS = 2_000_000_000  # so long a triangle must be good before it is believed again: contacts flicker
+GOOD_NS = 3_000_000_000  # so long it must be good before it is believed again: contacts flicker; more than DEAF_LOOKS
 ON_RAILS = 10  # of 12; contacts that flicker leave one or two in between
 DEAF_LOOKS = 60  # without one change among twelve taxels: at a noise of 0.9 counts not even 3 in a row occur
 LIVELY_LOOKS = 2  # in so many the triangle in the middle changes, if noise shows at all
