@@ -22,6 +22,7 @@ WINDOW_PERIODS, WINDOW_NS = 8, 400_000_000  # in which halves are counted
 CLASH_RATE, SINGLE_RATE = 1.4, 1.2  # times the nominal rate; one period of jitter in eight makes 1.13
 SINGLE_NS = 1_000_000_000  # so long a clash must be over
 CROWDED_NS = 400_000_000  # after more came at once than one board sends: until a clash is found or ruled out
+PAUSE_PERIODS = 2.5  # without anything: an MTB3 that takes its baseline pauses for three
 LATE_PERIODS = 0.5  # that a half may come late, and the next one in time
 
 
@@ -39,6 +40,7 @@ class BoardStreams:
         self.reset = np.zeros(n, np.bool_)
         self.clash = np.zeros(n, np.bool_)
         self.crowded = np.zeros(n, np.bool_)  # more came at once than one board sends: not yet a clash
+        self.paused = np.zeros(n, np.bool_)  # since whoever looks at this said False
         self._any_crowded = False
         self._arrivals = np.zeros(len(places.layout), np.int64)
         self._last_ns = [0] * n
@@ -69,6 +71,8 @@ class BoardStreams:
         """`halves` of one triangle came from the board since the cycle before."""
         gap_ns, period_ns = t_mono_ns - self._last_ns[board], self._period_ns[board]
         self._last_ns[board] = t_mono_ns
+        if gap_ns > PAUSE_PERIODS * period_ns:
+            self.paused[board] = True
         if self.seen[board] and halves > 2 * (gap_ns / period_ns + LATE_PERIODS):
             self._crowded_ns[board] = t_mono_ns
             self._any_crowded = True

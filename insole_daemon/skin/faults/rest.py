@@ -40,13 +40,15 @@ class Rest:
         self._top_is_rail = (places.no_load < 256 - TOP_MARGIN)[places.board]
         self.at_top = np.zeros(n, np.bool_)  # pinned at 255, below what the board can say
         self.n_at_top: NDArray[np.float32] = np.zeros(n_boards, np.float32)  # of the usable ones of a board
-        self.forget()
+        self._first: NDArray[np.float32] = np.minimum(self._nominal, np.float32(255))
+        self.level = self._first  # (n,) counts
+        self.learned = np.zeros(n_boards, np.int64)  # unloaded looks at every board
         self.use(self.usable)
 
-    def forget(self) -> None:
-        """Learn all levels anew, from the no-load on."""
-        self.level: NDArray[np.float32] = np.minimum(self._nominal, np.float32(255))  # (n,) counts
-        self.learned = np.zeros(len(self._places.addresses), np.int64)  # unloaded looks at every board
+    def forget(self, boards: NDArray[np.bool_]) -> None:
+        """Learn the levels of `boards` (n_boards,) anew, from the no-load on: they may have been zeroed."""
+        self.level = np.where(boards[self._places.board], self._first, self.level)
+        self.learned[boards] = 0
 
     def use(self, usable: NDArray[np.bool_]) -> None:
         """From now on believe the taxels `usable` (n,)."""
@@ -70,11 +72,16 @@ class Rest:
         limit = np.where(self.learned >= ENOUGH_LEARNED, UNLOADED_COUNT, FIRST_UNLOADED_COUNT)
         return bool((np.abs(self.mean) < limit).all())
 
-    def learn(self, fresh_boards: NDArray[np.bool_]) -> None:
-        """Move the levels towards the counts of this cycle; only to be called while the whole foot is unloaded."""
+    def learn(self, believed: NDArray[np.bool_], fresh_boards: NDArray[np.bool_]) -> None:
+        """Move the levels of `believed` taxels (n,) towards the counts of this cycle; only while the foot is unloaded.
+
+        Faulty ones too, if they stand near their no-load: a board may have been zeroed in silence, by one noisy
+        reading, and what seems stuck then is not.
+        """
         self.learned[fresh_boards] += 1
         gain = (np.maximum(GAIN, 1 / (self.learned + 1.0)) * fresh_boards).astype(np.float32)
-        level = self.level - gain[self._places.board] * self.activation * self.usable
+        near = believed & (np.abs(self.activation) <= NEAR_NO_LOAD_COUNT)
+        level = self.level - gain[self._places.board] * self.activation * near
         self.level = level.clip(self._lowest, self._highest)
 
     def relied_upon(self) -> NDArray[np.bool_]:

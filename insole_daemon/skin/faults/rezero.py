@@ -32,6 +32,7 @@ STEADY = 0.2  # … that is announced: the most that the board's own load may ha
 AT_REST_COUNT = 1.8  # mean distance from the rest level; two noises of 0.9 give 1.0
 OTHERS_TOTAL = 100.0  # counts over all taxels, 26 N at 8 kPa a count and 32.4 mm²
 OTHERS_SAME = 0.2  # the most their load may have changed meanwhile: in two cycles of walking a heel may rise
+OTHERS_NOISE, OWN_NOISE = 100.0, 75.0  # counts: three times the noise of a change, pad 6 makes it common to a triangle
 PAUSE_NS = 200_000_000  # the longest that is looked over
 CONFIRM_NS = 60_000_000  # in which a jump turns out to be another board's frames, or a board that goes
 NEGATIVE_COUNT = 1.25  # mean; rebound after long standing is some per cent of 20 counts, the noise 0.3 at most
@@ -97,10 +98,10 @@ class Rezeroed:
             if (
                 n_usable[board] == self._n_usable[board]
                 and before[board] > LOADED_MEAN * n_usable[board]
-                and abs(before[board] - self._total_before[board]) <= STEADY * before[board]
+                and abs(before[board] - self._total_before[board]) <= max(STEADY * before[board], OWN_NOISE)
                 and total[board] < before[board] / 2
                 and others_now >= OTHERS_TOTAL
-                and abs(others_now - others_before) <= OTHERS_SAME * others_before
+                and abs(others_now - others_before) <= OTHERS_SAME * others_before + OTHERS_NOISE
                 and t_mono_ns - self._looked_ns[board] <= PAUSE_NS
                 and self._at_rest_at_once(board, own)
             ):

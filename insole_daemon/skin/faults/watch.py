@@ -102,7 +102,7 @@ class FaultWatch:
 
     def zeroed(self) -> None:
         """A person took a new zero of the unloaded foot: rest levels are learned anew, re-zeroed boards believed."""
-        self._rest.forget()
+        self._rest.forget(np.ones_like(self._streams.seen))
         self._rezeroed.forget()
         self._believe()
 
@@ -139,11 +139,17 @@ class FaultWatch:
         taken = counts.reshape(-1)[places.taxel].astype(np.float32)
         rest.update(taken)
         fresh_boards = places.any_of_board(fresh)
+        was_rezeroed = self._rezeroed.rezeroed.copy()
         changed = self._rezeroed.update(streams, fresh_boards, t_mono_ns)
+        # After a pause a board may have a new baseline, by one noisy reading.
+        new_baseline = streams.paused | (was_rezeroed & ~self._rezeroed.rezeroed)
+        if new_baseline.any():
+            rest.forget(new_baseline)
+            streams.paused[:] = False
         # Of a board whose baseline is in doubt nothing is learned, and no taxel is judged by it.
         held = self._rezeroed.rezeroed | self._rezeroed.suspect | streams.crowded | streams.reset
         if not held.any() and rest.unloaded():
-            rest.learn(fresh_boards)
+            rest.learn(self._believed[places.triangle], fresh_boards)
         live = (self._believed & other & ~held[places.board_of_triangle])[places.triangle]
         return self._taxels.update(taken, live, t_mono_ns) or changed
 
