@@ -105,7 +105,6 @@ class Case:
     observable_s: list[float | None] = field(default_factory=list)  # of each, since power-up
     latency_s: float | None = None  # from then to the last one's being told; None: not found
     from_onset_s: float | None = None
-    healed: bool | None = None  # None: it does not end
     others: list[Change] = field(default_factory=list)  # what this fault does not explain
 
 
@@ -302,15 +301,15 @@ def false_events(hours: float, seed: int) -> None:
 
 
 def cost_us(seconds: float = 60.0) -> tuple[float, float, float]:
-    """(mean, p50, p99) µs of an update in healthy walking, cycles one at a time."""
+    """(mean, p50, p99) µs of CPU of an update in healthy walking, cycles one at a time."""
     _, (kept,) = watch_all([0], Person(LAYOUTS, 1), "mtb4", 1, seconds, [Fault("silent", 1e6, None, 5)])
     cycles = Cycles.concatenate(kept, len(LAYOUTS[0]))
     watch = FaultWatch(LAYOUTS[0], {board.address: board for board in CONFIG.insoles[0].boards})
     took = np.empty(len(cycles))
     for at in range(len(cycles)):
-        began = time.perf_counter_ns()
+        began = time.thread_time_ns()
         watch.update(cycles, at)
-        took[at] = time.perf_counter_ns() - began
+        took[at] = time.thread_time_ns() - began
     p50, p99 = np.percentile(took, [50, 99]) * 1e-3
     return float(took.mean()) * 1e-3, float(p50), float(p99)
 
@@ -338,7 +337,7 @@ def main() -> None:
     if asked.hours:
         false_events(asked.hours, asked.seed + 100_000)
     mean, p50, p99 = cost_us()
-    print(f"an update of one foot: mean {mean:.0f} µs, p50 {p50:.0f} µs, p99 {p99:.0f} µs")
+    print(f"an update of one foot: {mean:.0f} µs of CPU in the mean, p50 {p50:.0f} µs, p99 {p99:.0f} µs")
 
 
 if __name__ == "__main__":
