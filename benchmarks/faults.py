@@ -273,9 +273,11 @@ def table_row(kind: FaultKind, generation: GenerationName, n: int, seed: int) ->
     return cases
 
 
-def false_events(hours: float, seed: int) -> None:
+def false_events(hours: float, seed: int, generations: Sequence[str]) -> None:
     """Healthy boards under a person who mostly walks, both feet, a quarter of an hour a person."""
     for generation, share in (("mtb4", 0.75), ("mtb3", 0.25)):
+        if generation not in generations:
+            continue
         counted: Counter[str] = Counter()
         listed: list[str] = []
         lives = max(1, round(4 * hours * share))
@@ -320,10 +322,11 @@ def main() -> None:
     parser.add_argument("--hours", type=float, default=4.0, help="of healthy walking")
     parser.add_argument("--seed", type=int, default=1000)
     parser.add_argument("--kinds", nargs="*", default=KINDS)
+    parser.add_argument("--generations", nargs="*", default=GENERATIONS)
     asked = parser.parse_args()
     cases = [
         case
-        for generation in GENERATIONS
+        for generation in asked.generations
         for kind in KINDS
         if asked.cases and kind in asked.kinds
         for case in table_row(kind, generation, asked.cases, asked.seed)
@@ -335,7 +338,7 @@ def main() -> None:
             if change.began:
                 print(f"  other: {case.generation} seed {case.seed} {case.kind}: {change.text}")
     if asked.hours:
-        false_events(asked.hours, asked.seed + 100_000)
+        false_events(asked.hours, asked.seed + 100_000, asked.generations)
     mean, p50, p99 = cost_us()
     print(f"an update of one foot: {mean:.0f} µs of CPU in the mean, p50 {p50:.0f} µs, p99 {p99:.0f} µs")
 
