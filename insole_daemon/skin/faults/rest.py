@@ -39,16 +39,20 @@ class Rest:
         self.mean: NDArray[np.float32] = np.zeros(n_boards, np.float32)  # < 0: below the rest
         self._top_is_rail = (places.no_load < 256 - TOP_MARGIN)[places.board]
         self.at_top = np.zeros(n, np.bool_)  # pinned at 255, below what the board can say
-        self.n_at_top: NDArray[np.float32] = np.zeros(n_boards, np.float32)  # of the usable ones of a board
+        self.any_at_top = False
+        self._none: NDArray[np.float32] = np.zeros(n_boards, np.float32)
+        self.n_at_top = self._none  # (n_boards,) of the usable ones
         self._first: NDArray[np.float32] = np.minimum(self._nominal, np.float32(255))
         self.level = self._first  # (n,) counts
         self.learned = np.zeros(n_boards, np.int64)  # unloaded looks at every board
+        self.known = np.zeros(n, np.bool_)  # the taxels whose level has been learned
         self.use(self.usable)
 
     def forget(self, boards: NDArray[np.bool_]) -> None:
         """Learn the levels of `boards` (n_boards,) anew, from the no-load on: they may have been zeroed."""
         self.level = np.where(boards[self._places.board], self._first, self.level)
         self.learned[boards] = 0
+        self.known = (self.learned >= ENOUGH_LEARNED)[self._places.board]
 
     def use(self, usable: NDArray[np.bool_]) -> None:
         """From now on believe the taxels `usable` (n,)."""
@@ -63,14 +67,18 @@ class Rest:
         np.subtract(self.level, counts, out=self.activation)
         np.equal(counts, 255, out=self.at_top)
         self.at_top &= self._top_is_rail
-        self.n_at_top = self._weights @ self.at_top
-        self.total = self._weights @ self.activation.clip(*CLIP_COUNT)
+        self.any_at_top = bool(self.at_top.any())
+        self.n_at_top = self._weights @ self.at_top if self.any_at_top else self._none
+        lowest, highest = CLIP_COUNT
+        self.total = self._weights @ np.minimum(np.maximum(self.activation, lowest), highest)
         self.mean = self.total / self._divisor
 
     def unloaded(self) -> bool:
         """Nothing presses any board, and none is below its rest either."""
-        limit = np.where(self.learned >= ENOUGH_LEARNED, UNLOADED_COUNT, FIRST_UNLOADED_COUNT)
-        return bool((np.abs(self.mean) < limit).all())
+        return all(
+            abs(mean) < (UNLOADED_COUNT if learned >= ENOUGH_LEARNED else FIRST_UNLOADED_COUNT)
+            for mean, learned in zip(self.mean.tolist(), self.learned.tolist(), strict=True)
+        )
 
     def learn(self, believed: NDArray[np.bool_], fresh_boards: NDArray[np.bool_]) -> None:
         """Move the levels of `believed` taxels (n,) towards the counts of this cycle; only while the foot is unloaded.
@@ -83,8 +91,5 @@ class Rest:
         near = believed & (np.abs(self.activation) <= NEAR_NO_LOAD_COUNT)
         level = self.level - gain[self._places.board] * self.activation * near
         self.level = level.clip(self._lowest, self._highest)
-
-    def relied_upon(self) -> NDArray[np.bool_]:
-        """(n,) the taxels whose level has been learned."""
-        known: NDArray[np.bool_] = (self.learned >= ENOUGH_LEARNED)[self._places.board]
-        return known
+        if not self.known.all():
+            self.known = (self.learned >= ENOUGH_LEARNED)[self._places.board]

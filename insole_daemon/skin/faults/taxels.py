@@ -69,18 +69,23 @@ class TaxelFaults:
         self._on_rail_ns = np.zeros(n, np.int64)  # when it was last on one
         self._was_on_rail = False
         self._any_faulty = False
+        self._changed = False
 
     def update(self, counts: NDArray[np.float32], live: NDArray[np.bool_], t_mono_ns: int) -> bool:
         """Look at counts (n,) that `rest` has taken in; whether a state changed.
 
         live (n,): of a board and triangle that are believed, and new since the last look.
         """
-        before = self.state.copy()
-        live = live & ~self._saturated(counts, live, t_mono_ns) & self._rest.relied_upon()
+        self._changed = False
+        # Nearly always no count is at an end of its range, and none was.
+        if self._any_faulty or self._was_on_rail or self._rest.any_at_top or not counts.all():
+            live = live & ~self._saturated(counts, live, t_mono_ns)
+        live = live & self._rest.known
         if live.any():
             self._compare(live)
-        self._any_faulty = bool(self.state.any())
-        return not np.array_equal(self.state, before)
+        if self._changed:
+            self._any_faulty = bool(self.state.any())
+        return self._changed
 
     def _compare(self, live: NDArray[np.bool_]) -> None:
         """Each taxel with those of its neighbours that are well; two of the four will do."""
@@ -95,28 +100,25 @@ class TaxelFaults:
             least = np.where(there, around, np.inf).min(axis=0)
             mean = np.where(there, around, 0).sum(axis=0) / np.maximum(n_there, 1)
             live = live & (self.state != _SATURATED) & (n_there >= min(2, len(around)))
-        loaded = np.flatnonzero(live & (least >= LOADED_COUNT))
-        if len(loaded):
-            self._weigh(self._for_dead, loaded, SHARE * least[loaded] - activation[loaded], _DEAD)
-        there = np.flatnonzero(live)
-        above = np.abs(mean[there]) - IDLE_COUNT
-        contrast = np.abs(activation[there] - mean[there])
-        more = contrast - CONTRAST_COUNT - SHARP * np.maximum(above, 0)
+        loaded = live & (least >= LOADED_COUNT)
+        if loaded.any():
+            self._weigh(self._for_dead, np.where(loaded, SHARE * least - activation, 0), _DEAD)
+        above = np.abs(mean) - IDLE_COUNT
+        more = np.abs(activation - mean) - CONTRAST_COUNT - SHARP * np.maximum(above, 0)
+        more *= live
         if self._any_faulty:  # under load one that stuck among its neighbours' counts does not heal
-            more[(above > 0) & (more < 0) & (self.state[there] == _STUCK)] = 0
-        self._weigh(self._for_stuck, there, more, _STUCK)
+            more[(above > 0) & (more < 0) & (self.state == _STUCK)] = 0
+        self._weigh(self._for_stuck, more, _STUCK)
 
-    def _weigh(
-        self, evidence: NDArray[np.float32], at: NDArray[np.intp], more: NDArray[np.float32], state: int
-    ) -> None:
-        """Add `more` evidence for `state` of the taxels `at`, each (n_at,)."""
-        evidence[at] = total = np.clip(evidence[at] + np.minimum(more, ONE_LOOK_COUNT), 0, EVIDENCE_COUNT)
-        if total.max() >= EVIDENCE_COUNT:
-            full = at[total >= EVIDENCE_COUNT]
-            self.state[full[self.state[full] < state]] = state
+    def _weigh(self, evidence: NDArray[np.float32], more: NDArray[np.float32], state: int) -> None:
+        """Add `more` (n,) to the evidence for `state` (n,)."""
+        evidence += np.minimum(more, ONE_LOOK_COUNT)
+        np.maximum(evidence, 0, out=evidence)
+        np.minimum(evidence, EVIDENCE_COUNT, out=evidence)
+        if evidence.max() >= EVIDENCE_COUNT:
+            self._become((evidence >= EVIDENCE_COUNT) & (self.state < state), state)
         if self._any_faulty:
-            empty = at[total <= 0]
-            self._mend(empty[self.state[empty] == state])
+            self._mend((evidence <= 0) & (self.state == state))
 
     def _saturated(self, counts: NDArray[np.float32], live: NDArray[np.bool_], t_mono_ns: int) -> NDArray[np.bool_]:
         """(n,) which taxels stand on a rail."""
@@ -125,13 +127,19 @@ class TaxelFaults:
         if on_rail or self._was_on_rail:
             self._off_rail_ns[~rail] = t_mono_ns
             self._on_rail_ns[rail] = t_mono_ns
-            self.state[rail & (t_mono_ns - self._off_rail_ns >= SATURATED_NS)] = _SATURATED
+            long = t_mono_ns - self._off_rail_ns >= SATURATED_NS
+            self._become(rail & long & (self.state < _SATURATED), _SATURATED)
         self._was_on_rail = on_rail
         if self._any_faulty:
             saturated = self.state == _SATURATED
             self._mend(saturated & live & (t_mono_ns - self._on_rail_ns >= UNSATURATED_NS))
         return rail
 
-    def _mend(self, healed: NDArray[np.bool_] | NDArray[np.intp]) -> None:
-        self.state[healed] = _OK
+    def _become(self, which: NDArray[np.bool_], state: int) -> None:
+        if which.any():
+            self.state[which] = state
+            self._changed = True
+
+    def _mend(self, healed: NDArray[np.bool_]) -> None:
+        self._become(healed, _OK)
         self._for_dead[healed] = self._for_stuck[healed] = 0
