@@ -90,6 +90,7 @@ class FaultWatch:
         self._counts = np.zeros((n, 12), np.uint8)
         self._there = np.zeros(n, np.bool_)  # both halves were received, not long ago
         self._fresh = np.zeros(n, np.bool_)  # halves came since the last look
+        self._since = np.zeros(n, np.bool_)  # … since all of its board was fresh
         self._until_look = LOOK_CYCLES
         self._active: dict[_Key, int] = {}
         self._heard = self._streams.seen.copy()
@@ -138,7 +139,10 @@ class FaultWatch:
         self._loose.listen(fresh, other)
         taken = counts.reshape(-1)[places.taxel].astype(np.float32)
         rest.update(taken)
-        fresh_boards = places.any_of_board(fresh)
+        # A cycle may close in the middle of a board: half of a new baseline is none.
+        self._since |= fresh
+        fresh_boards = places.any_of_board(self._since) & ~places.any_of_board(self._there & ~self._since)
+        self._since &= ~fresh_boards[places.board_of_triangle]
         was_rezeroed = self._rezeroed.rezeroed.copy()
         changed = self._rezeroed.update(streams, fresh_boards, t_mono_ns)
         # After a pause a board may have a new baseline, by one noisy reading.
