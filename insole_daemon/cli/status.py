@@ -68,6 +68,12 @@ def _wrong(health: Health) -> list[str]:
         for board in health.boards
         if board["state"] != "streaming"
     ]
+    for fault in health.faults:
+        if fault["kind"] != "board_silent":  # said already
+            where = " ".join(f"{of} {fault[of]}" for of in ("board", "triangle", "taxel") if fault[of] is not None)
+            wrong.append(
+                f"{where}: {fault['kind'].partition('_')[2].replace('_', ' ')}; the event that told of it says more"
+            )
     if health.bus["overflows"]:
         wrong.append("the kernel dropped frames: raise net.core.rmem_max to 8388608, or give the daemon more CPU")
     if health.bus["error_frames"]:

@@ -6,6 +6,9 @@ wearer's left, z up:
     f_z = Σ P_i A      m_x = Σ y_i P_i A      m_y = −Σ x_i P_i A      CoP = (−m_y / f_z, m_x / f_z)
 
 (Sorrentino et al. 2020, with the signs that make its CoP equations true.)
+
+Taxels that are not valid count nothing. What they may bear (missing_area.py) is added in squares to the standard
+deviations that come from the calibration.
 """
 
 from __future__ import annotations
@@ -17,6 +20,7 @@ from numpy.typing import NDArray
 
 from ..skin.geometry import THERMAL_PADS
 from ..skin.layout import Layout
+from .missing_area import MissingArea
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +32,7 @@ class Wrench:
     m_y_nm: float
     cop_x_m: float  # NaN below the contact force
     cop_y_m: float
-    f_z_std_n: float  # NaN: the calibration carries no uncertainty
+    f_z_std_n: float  # NaN: the calibration carries no uncertainty, and no taxel is missing
     m_x_std_nm: float
     m_y_std_nm: float
     contact_area_m2: float
@@ -49,6 +53,7 @@ class WrenchEstimator:
         self._area_m2 = layout.taxel_area_m2
         self._rows = self._area_m2 * np.stack([np.ones_like(x), y, -x])  # (3, n_triangles · 12)
         self._rows_squared = self._rows**2
+        self._missing = MissingArea(layout, self._rows)
         self._n_taxels = len(layout.triangles) * (12 - len(THERMAL_PADS))
         self._min_force_n = min_force_n
         self._min_pressure_pa = min_pressure_pa
@@ -67,8 +72,13 @@ class WrenchEstimator:
         # Not a matrix product: for so few numbers BLAS costs more to wake than to use.
         f_z, m_x, m_y = np.add.reduce(self._rows * pressure, axis=1).tolist()
         std = [_NAN, _NAN, _NAN]
-        if variance_pa2 is not None:
-            std = np.sqrt(self._rows_squared @ np.where(valid, variance_pa2, 0.0).ravel()).tolist()
+        if variance_pa2 is not None or n_valid < self._n_taxels:
+            variance = np.zeros(3)
+            if variance_pa2 is not None:
+                variance += self._rows_squared @ np.where(valid, variance_pa2, 0.0).ravel()
+            if n_valid < self._n_taxels:
+                variance += self._missing(pressure, valid.ravel()) ** 2
+            std = np.sqrt(variance).tolist()
         in_contact = f_z >= self._min_force_n
         return Wrench(
             f_z, m_x, m_y,

@@ -72,7 +72,6 @@ class Daemon:
             if foot.config.boards.configure:
                 desk.keep(keep_configured(boards))
         self._tallies = [_Tally() for _ in feet]
-        self._states: dict[int, str] = {}
         self._stopping = False
         self._reloader = Reloader(config_file)
         self._reload_asked = False
@@ -134,6 +133,8 @@ class Daemon:
         ):
             for number, cycles in enumerate(closed, 1):
                 for at in range(len(cycles)):
+                    for event in foot.watch(cycles, at):
+                        publisher.publish(event)
                     if cycles.repeated[at] and (number, at) != (len(closed), len(cycles) - 1):
                         tally.skipped += 1
                         continue
@@ -195,9 +196,8 @@ class Daemon:
         ):
             reports = foot.survey(assembler, now_ns, foot.stale_after_ns)
             streaming = sum(report.state == "streaming" for report in reports)
-            for report in reports:
-                self._tell_change(foot, publisher, report.address, report.state)
             elapsed_s, latency_ms = tally.since_last_report()
+            faults = foot.faults()
             published = foot.seq - tally.reported_seq
             tally.reported_seq = foot.seq
             rates.append(published / elapsed_s)
@@ -206,7 +206,7 @@ class Daemon:
                     foot=foot.name,
                     t_ns=time.time_ns(),
                     uptime_s=(time.monotonic_ns() - self._started_mono_ns) * 1e-9,
-                    state="ok" if streaming == len(reports) else "degraded" if streaming else "no data",
+                    state="no data" if not streaming else "degraded" if faults or streaming < len(reports) else "ok",
                     cycles={
                         "published": foot.seq,
                         "late": tally.late,
@@ -218,6 +218,7 @@ class Daemon:
                     publish_rate_hz=published / elapsed_s,
                     latency_ms=latency_ms,
                     boards=[dataclasses.asdict(report) for report in reports],
+                    faults=faults,
                     bus=dataclasses.asdict(bus),
                     refused=_with_text_keys(dataclasses.asdict(self._skin.streams.refused)),
                 )
@@ -227,13 +228,6 @@ class Daemon:
         ) + f", {bus.overflows} frames lost" + "".join(
             f", {name} {interface.state}" for name, interface in bus.interfaces.items() if interface.state != "up"
         ))  # fmt: skip
-
-    def _tell_change(self, foot: Foot, publisher: FootPublisher, address: int, state: str) -> None:
-        before = self._states.get(address, "never seen")
-        self._states[address] = state
-        if state != before:
-            kind = {"streaming": "board_streaming", "silent": "board_silent"}.get(state, "board_never_seen")
-            publisher.publish(Event(foot.name, time.time_ns(), kind, f"board {address}: {before} → {state}", [address]))
 
 
 def _with_text_keys(counts: dict[str, Any]) -> dict[str, Any]:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import time
 from collections.abc import Collection
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +18,10 @@ from ..physics import zero as zeros
 from ..physics.static_curve import StaticCurve
 from ..skin.boards import BoardSurvey
 from ..skin.cycles import Cycles
+from ..skin.faults import FaultWatch
 from ..skin.geometry import PRESSURE_TAXELS
 from ..skin.validity import Validity
-from ..wire.messages import CalibrationInUse, Meta, Pressure, Raw, Wrench
+from ..wire.messages import CalibrationInUse, Event, Meta, Pressure, Raw, Wrench
 from .setup import FootSetup, load_setup
 
 _STANDS_OUT_COUNT = 12  # below what the least loaded tenth of the foot reads; at rest taxels differ by less
@@ -37,14 +40,20 @@ class Foot:
         self.survey = BoardSurvey(setup.layout)
         self.seq = 0
         self.started_ns = time.time_ns()
+        self.setup, self._watch = setup, _watch(setup)
         self.use(setup)
 
     def use(self, setup: FootSetup) -> None:
         """Read with `setup`, of the same boards and triangles, from the next cycle on.
 
-        Numbers of cycles and rates of boards go on. Whoever publishes says so in `meta` and `calibration`.
+        Numbers of cycles and rates of boards go on, and what is known of faults unless taxels lie elsewhere now.
+        Whoever publishes says so in `meta` and `calibration`.
         """
         config = setup.config
+        if not np.array_equal(setup.layout.xy_m, self.setup.layout.xy_m):
+            self._watch = _watch(setup)
+        elif setup.zero is not self.setup.zero:
+            self._watch.zeroed()
         self.setup, self.config, self.insole, self.layout = setup, config, setup.insole, setup.layout
         self.calibration, self.zero, self.zero_source = setup.zeroed_calibration, setup.zero, setup.zero_source
         self.stale_after_ns = round(config.publish.stale_after_ms * 1e6)
@@ -53,10 +62,21 @@ class Foot:
         self._curve = StaticCurve(self.calibration, config.contact.activation_threshold_count)
         self._wrench = WrenchEstimator(setup.layout, config.contact.min_force_n, config.contact.min_pressure_pa)
 
+    def watch(self, cycles: Cycles, at: int) -> list[Event]:
+        """Look for faults in cycle `at`: to be called with every cycle, before its messages are asked for."""
+        return [
+            Event(self.name, change.t_ns, change.event, change.text, [change.board], change.triangle, change.taxel)
+            for change in self._watch.update(cycles, at)
+        ]
+
+    def faults(self) -> list[dict[str, Any]]:
+        """What is wrong now, the longest first; as in health."""
+        return [dataclasses.asdict(fault) for fault in self._watch.faults]
+
     def messages(self, cycles: Cycles, at: int) -> tuple[Raw, Pressure, Wrench]:
         """The messages of cycle `at`; each call is one cycle published."""
         counts, status, age_ns = cycles.counts[at], cycles.status[at], cycles.age_ns[at]
-        valid = self.validity(counts, status, age_ns) & self._curve.usable
+        valid = self.validity(counts, status, age_ns) & self._curve.usable & ~self._watch.masked
         pressure_pa = self._curve.pressure_pa(counts)
         wrench = self._wrench(pressure_pa, valid, self._curve.variance_pa2(counts))
         age_ms = _age_ms(age_ns)
@@ -86,6 +106,7 @@ class Foot:
         """
         counts, status, age_ns = cycles.counts[at], cycles.status[at], cycles.age_ns[at]
         asked = np.array([triangle.board not in without for triangle in self.layout.triangles])
+        asked &= ~self._watch.masked.all(axis=1)
         valid = self.validity(counts, status, age_ns) & self._curve.usable & asked[:, None]
         f_z_n = self._wrench(self._curve.pressure_pa(counts), valid, None).f_z_n
         read = counts[asked & (age_ns >= 0) & (age_ns <= self.stale_after_ns) & (status & 0xF == 0)]
@@ -149,6 +170,10 @@ class Foot:
 def load_feet(config: Config) -> list[Foot]:
     """The feet of `config` with their files; raises DocumentError where one is refused."""
     return [Foot(load_setup(config, insole)) for insole in config.insoles]
+
+
+def _watch(setup: FootSetup) -> FaultWatch:
+    return FaultWatch(setup.layout, {board.address: board for board in setup.insole.boards})
 
 
 def _age_ms(age_ns: NDArray[np.int64]) -> NDArray[np.float32]:

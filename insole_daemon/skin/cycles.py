@@ -62,6 +62,7 @@ class Cycles:
     status: NDArray[np.uint16]  # (n, n_triangles) the status word of half B
     triangle_t_ns: NDArray[np.int64]  # (n, n_triangles) kernel receive time of the older half; 0: never received
     age_ns: NDArray[np.int64]  # (n, n_triangles) age of the older half when the cycle closed; -1: never received
+    arrivals: NDArray[np.int64]  # (n, n_triangles) halves received since the start, repeated ones too
     missing: NDArray[np.bool_]  # (n, n_triangles) a half was expected and did not come
     late: NDArray[np.bool_]  # (n,) closed by time, with halves missing
     repeated: NDArray[np.bool_]  # (n,) nothing has arrived since the cycle before
@@ -79,7 +80,7 @@ class Cycles:
             wide = np.empty((0, n_triangles), np.int64)
             flag = np.empty(0, np.bool_)
             return cls(
-                none, none, np.empty((0, n_triangles, 12), np.uint8), wide.astype(np.uint16), wide, wide,
+                none, none, np.empty((0, n_triangles, 12), np.uint8), wide.astype(np.uint16), wide, wide, wide,
                 wide.astype(np.bool_), flag, flag,
             )  # fmt: skip
         return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in cls.__slots__))
@@ -290,6 +291,7 @@ class CycleAssembler:
             status=_status(halves),
             triangle_t_ns=np.where(never, 0, np.where(t_a <= t_b, self._t_ns[::2], self._t_ns[1::2]))[None],
             age_ns=np.where(never, -1, t_close_ns - t_older)[None],
+            arrivals=(self.arrivals[::2] + self.arrivals[1::2])[None],
             missing=(absent[::2] | absent[1::2])[None],
             late=np.array([late]),
             repeated=np.array([not self._fresh]),
@@ -356,7 +358,8 @@ class CycleAssembler:
             self._misses[expected & (intervals <= self._limit_ns).any(axis=0)] = 0
         before = self._bytes[None] if n == 1 else np.concatenate([self._bytes[None], table[:-1]])
         self.changes += np.add.reduce(table != before, axis=0)
-        self.arrivals += n * expected
+        arrivals = self.arrivals + np.arange(1, n + 1)[:, None] * expected
+        self.arrivals = arrivals[-1].copy()
         self._bytes, self._t_ns, self._t_mono_ns = table[-1].copy(), stamp[-1].copy(), stamp_mono[-1].copy()
         t_newest = t_ns[:used].reshape(n, size)[:, -1]
         self._newest_t_ns = int(t_newest[-1])
@@ -377,6 +380,7 @@ class CycleAssembler:
             status=_status(halves),
             triangle_t_ns=triangle_t_ns,
             age_ns=age_ns,
+            arrivals=arrivals[:, ::2] + arrivals[:, 1::2],
             missing=np.zeros((n, self.n_triangles), np.bool_),
             late=np.zeros(n, np.bool_),
             repeated=np.zeros(n, np.bool_),

@@ -131,7 +131,7 @@ class Wrench(Message):
     m_y_nm: float | None
     cop_x_m: float | None  # None: below the contact force stated in meta
     cop_y_m: float | None
-    f_z_std_n: float | None  # None: the calibration carries no uncertainty
+    f_z_std_n: float | None  # None: the calibration carries no uncertainty, and no taxel is missing
     m_x_std_nm: float | None
     m_y_std_nm: float | None
     contact_area_m2: float
@@ -156,6 +156,7 @@ class Health(Message):
     publish_rate_hz: float  # over the last second
     latency_ms: dict[str, float | None]  # newest half → put, over the last second: p50, p99, max
     boards: list[dict[str, Any]]
+    faults: list[dict[str, Any]]  # that are there now: kind, board, triangle, taxel, since
     bus: dict[str, Any]  # frames, overflows, error frames by kind, clock steps, state of every interface
     refused: dict[str, Any]  # frames that carried no half of a configured triangle, by reason
 
@@ -170,6 +171,8 @@ class Event(Message):
     kind: str
     text: str
     boards: list[int]
+    triangle: int | None = None  # of the only board; None: what happens is not of one triangle
+    taxel: int | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -85,7 +85,10 @@ def at_once(name: str) -> Published:
         batch, _ = collect(source, 1 << 30, source.clock_ns() - 1)
         for closed_by_foot in (skin.feed(batch), skin.advance(source.clock_ns())):
             for foot, closed, messages in zip(feet, closed_by_foot, published, strict=True):
-                messages += [foot.messages(cycles, at) for cycles in closed for at in range(len(cycles))]
+                for cycles in closed:
+                    for at in range(len(cycles)):
+                        foot.watch(cycles, at)
+                        messages.append(foot.messages(cycles, at))
     return Published(published, skin)
 
 

@@ -18,6 +18,8 @@ from insole_daemon.bus.error_frames import KINDS, OTHER
 from insole_daemon.bus.source import BusCounters, InterfaceState, State
 from insole_daemon.config import Board
 from insole_daemon.skin.boards import BoardReport, BoardState
+from insole_daemon.skin.faults import HEALED, Fault
+from insole_daemon.skin.faults import KINDS as FAULT_KINDS
 from insole_daemon.skin.layout import Triangle
 from insole_daemon.skin.streams import Refused
 from insole_daemon.wire.messages import BY_KEY, Array, Event, Health, Meta, wire_fields
@@ -94,6 +96,8 @@ def test_nested_maps_are_those_of_the_code() -> None:
 
     health, meta = SCHEMAS["health"], SCHEMAS["meta"]
     assert names(health, "boards") == fields(BoardReport)
+    assert names(health, "faults") == fields(Fault)
+    assert tuple(health["properties"]["faults"]["items"]["properties"]["kind"]["enum"]) == FAULT_KINDS
     assert names(health, "bus") == fields(BusCounters)
     interface = health["properties"]["bus"]["properties"]["interfaces"]["additionalProperties"]["properties"]
     assert list(interface) == fields(InterfaceState)
@@ -159,8 +163,12 @@ def test_health_counts_what_the_golden_log_holds(monkeypatch: pytest.MonkeyPatch
 def test_events_tell_of_boards_that_come_and_go(monkeypatch: pytest.MonkeyPatch) -> None:
     published = live("faults", monkeypatch, health_every_ns=20_000_000)
     events = [message for message in published.others if isinstance(message, Event)]
-    kinds = {address: [event.kind for event in events if address in event.boards] for address in (8, 9, 10)}
-    assert set(map(tuple, kinds.values())) == {("board_streaming", "board_silent", "board_streaming")}
+    kinds = {
+        address: [event.kind for event in events if address in event.boards and event.triangle is None]
+        for address in (8, 9, 10)
+    }
+    came_back = ("board_streaming", "board_silent", "board_streaming", "board_reset")
+    assert set(map(tuple, kinds.values())) == {came_back}
 
 
 def test_meta_says_how_the_golden_log_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -177,5 +185,5 @@ def test_every_message_is_in_keys_md() -> None:
     for what in BY_KEY:
         assert f"| `{what}` |" in text
         assert f"({what}.schema.json)" in text
-    for name in SCHEMAS["health"]["properties"]["refused"]["properties"]:
+    for name in [*SCHEMAS["health"]["properties"]["refused"]["properties"], *FAULT_KINDS, *HEALED.values()]:
         assert f"`{name}`" in text

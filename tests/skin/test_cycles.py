@@ -29,6 +29,7 @@ class OneAtATime:
         n = 2 * self.n_triangles
         self.half = [None] * n  # (payload, t_ns, t_mono_ns)
         self.seen, self.expected, self.misses, self.back = set(), set(range(n)), [0] * n, set()
+        self.arrivals = [0] * self.n_triangles
         self.superseded, self.newest, self.fresh = 0, 0, False
         self.changes, self.missed = [0] * n, [0] * n
 
@@ -43,6 +44,7 @@ class OneAtATime:
             self.back.add(slot)
         self.changes[slot] += (before[0] if before else bytes(8)) != payload
         self.superseded += slot in self.seen
+        self.arrivals[slot // 2] += 1
         self.half[slot] = (payload, t_ns, t_mono_ns)
         self.seen.add(slot)
         self.newest, self.fresh = t_ns, True
@@ -72,7 +74,8 @@ class OneAtATime:
         self.out.append(
             {
                 "t_mono_ns": t, "t_ns": self.newest, "counts": counts, "status": status, "age_ns": ages,
-                "triangle_t_ns": stamps, "missing": missing, "late": late, "repeated": not self.fresh,
+                "triangle_t_ns": stamps, "arrivals": list(self.arrivals),
+                "missing": missing, "late": late, "repeated": not self.fresh,
             }
         )  # fmt: skip
         self.expected |= self.back

@@ -49,7 +49,7 @@ def cycle(counts: int = 200) -> tuple[Raw, Pressure, Wrench]:
 
 HEALTH = Health(
     foot="left", t_ns=1, uptime_s=2.5, state="degraded", cycles={"published": 3}, publish_rate_hz=50.0,
-    latency_ms={"p50": None}, boards=[{"address": 5}], bus={"frames": 1}, refused={"other": 0},
+    latency_ms={"p50": None}, boards=[{"address": 5}], faults=[], bus={"frames": 1}, refused={"other": 0},
 )  # fmt: skip
 EVENT = Event("right", 1, "board_silent", "board 8: streaming → silent", [8])
 MESSAGES: list[Message] = [*cycle(), HEALTH, EVENT, FOOT.meta(), FOOT.calibration_in_use()]
@@ -82,7 +82,7 @@ def test_round_trip(message: Message) -> None:
 
 
 def test_what_is_unknown_is_nil_on_the_wire_and_none_here() -> None:
-    _, _, wrench = cycle()
+    _, _, wrench = cycle(0)
     assert np.isnan(wrench.f_z_std_n)
     assert msgpack.unpackb(wrench.encode())["f_z_std_n"] is None
     assert Wrench.decode(wrench.encode()).f_z_std_n is None

@@ -1,0 +1,43 @@
+"""What the taxels that are missing may bear, from those around them.
+
+A wrench that leaves taxels out is short by what those bear, and nobody knows how much that is. Each may bear anything
+from nothing to as much as the most loaded valid one among its NEAREST: a sole and a cover press no sharper peak than
+that on ten taxels of a triangle together. So the error of f_z lies between 0 and Σ A p_most, and that of a
+moment between the sum over the taxels on one side of its axis and that over the other side's.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..skin.geometry import PRESSURE_TAXELS
+from ..skin.layout import Layout
+
+NEAREST = 24  # a triangle's other nine and those of its neighbours that face it
+
+
+class MissingArea:
+    """The largest error of a wrench that some of one foot's pressure taxels are missing from."""
+
+    def __init__(self, layout: Layout, rows: NDArray[np.float64]) -> None:
+        """`rows` (3, 12 · n_triangles): the wrench is rows @ pressure."""
+        self._pressure_taxel = np.tile(PRESSURE_TAXELS, len(layout))
+        taxel = np.flatnonzero(self._pressure_taxel)
+        xy = layout.xy_m.reshape(-1, 2)
+        distance = np.hypot(*(xy[:, None] - xy[None, taxel]).transpose(2, 0, 1))
+        distance[taxel, np.arange(len(taxel))] = np.inf
+        self._nearest = taxel[np.argsort(distance, axis=1, kind="stable")[:, : min(NEAREST, len(taxel) - 1)]]
+        self._one_side, self._other_side = np.maximum(rows, 0), np.maximum(-rows, 0)
+
+    def __call__(self, pressure: NDArray[np.float64], valid: NDArray[np.bool_]) -> NDArray[np.float64]:
+        """(3,) N, N·m, N·m from pressure and valid (12 · n_triangles,); pressure is 0 where it is not valid."""
+        missing = np.flatnonzero(self._pressure_taxel & ~valid)
+        nearest = self._nearest[missing]
+        most = pressure[nearest].max(axis=1, initial=0.0)
+        lone = ~valid[nearest].any(axis=1)
+        if lone.any():  # deep inside a hole: anything that is borne anywhere
+            most[lone] = pressure.max(initial=0.0)
+        one, other = self._one_side[:, missing], self._other_side[:, missing]
+        largest: NDArray[np.float64] = np.maximum((one * most).sum(axis=1), (other * most).sum(axis=1))
+        return largest

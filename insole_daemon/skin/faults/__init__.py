@@ -1,0 +1,5 @@
+"""Faults of the hardware, found in the counts: triangles, taxels and boards of one foot."""
+
+from .watch import HEALED, KINDS, Change, Fault, FaultWatch, Kind
+
+__all__ = ["HEALED", "KINDS", "Change", "Fault", "FaultWatch", "Kind"]

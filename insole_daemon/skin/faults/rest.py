@@ -1,0 +1,95 @@
+"""What every taxel rests at, learned while nobody stands on the foot, and how far from it each board is.
+
+The no-load is where the board put the taxel when it was zeroed; real ones rest up to ten counts from it. Everything
+that is said about a taxel's load is said against its learned rest level.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .places import Places
+
+FIRST_UNLOADED_COUNT = 1.5  # as below, before rest levels are learned; standing bears 4 in the mean
+UNLOADED_COUNT = 0.7  # mean activation of a board below which nothing presses it; its noise is 0.3 at most
+NEAR_NO_LOAD_COUNT = 12.0  # a rest level further from the no-load is a fault, not a rest level
+ENOUGH_LEARNED = 5  # unloaded looks after which a rest level may be relied upon
+GAIN = 0.02  # of the running mean: some seconds of swing; drift and creep are slower
+TOP_MARGIN = 6  # a no-load this close to 255 lets a taxel rest there, by its noise and drift
+CLIP_COUNT = -15.0, 40.0  # what one taxel counts at most in a board's mean: a single faulty one does not move it
+
+
+class Rest:
+    """Rest levels of the n pressure taxels of one foot, and their activation."""
+
+    def __init__(self, places: Places) -> None:
+        n, n_boards = len(places.taxel), len(places.addresses)
+        self._places = places
+        self._members = (places.board == np.arange(n_boards)[:, None]).astype(np.float32)
+        # The firmware sends no_load − floor(value / 2^shift), which rests half a count above the no-load.
+        nominal = places.no_load + (1 - 2.0**-places.shift) / 2
+        self._nominal: NDArray[np.float32] = nominal[places.board].astype(np.float32)
+        self._lowest = self._nominal - np.float32(NEAR_NO_LOAD_COUNT)
+        self._highest: NDArray[np.float32] = np.minimum(self._nominal + np.float32(NEAR_NO_LOAD_COUNT), np.float32(255))
+        self.usable = np.ones(n, np.bool_)
+        self.n_usable: NDArray[np.float32] = np.zeros(n_boards, np.float32)
+        self.activation = np.zeros(n, np.float32)  # rest level − count
+        self.total: NDArray[np.float32] = np.zeros(n_boards, np.float32)  # sum over a board's usable taxels
+        self.mean: NDArray[np.float32] = np.zeros(n_boards, np.float32)  # < 0: below the rest
+        self._top_is_rail = (places.no_load < 256 - TOP_MARGIN)[places.board]
+        self.at_top = np.zeros(n, np.bool_)  # pinned at 255, below what the board can say
+        self.any_at_top = False
+        self._none: NDArray[np.float32] = np.zeros(n_boards, np.float32)
+        self.n_at_top = self._none  # (n_boards,) of the usable ones
+        self._first: NDArray[np.float32] = np.minimum(self._nominal, np.float32(255))
+        self.level = self._first  # (n,) counts
+        self.learned = np.zeros(n_boards, np.int64)  # unloaded looks at every board
+        self.known = np.zeros(n, np.bool_)  # the taxels whose level has been learned
+        self.use(self.usable)
+
+    def forget(self, boards: NDArray[np.bool_]) -> None:
+        """Learn the levels of `boards` (n_boards,) anew, from the no-load on: they may have been zeroed."""
+        self.level = np.where(boards[self._places.board], self._first, self.level)
+        self.learned[boards] = 0
+        self.known = (self.learned >= ENOUGH_LEARNED)[self._places.board]
+
+    def use(self, usable: NDArray[np.bool_]) -> None:
+        """From now on believe the taxels `usable` (n,)."""
+        self.usable = usable
+        weights = self._members * usable
+        self.n_usable = weights.sum(axis=1)
+        self._weights: NDArray[np.float32] = weights
+        self._divisor: NDArray[np.float32] = np.maximum(self.n_usable, np.float32(1))
+
+    def update(self, counts: NDArray[np.float32]) -> None:
+        """Take in the counts (n,) of a cycle."""
+        np.subtract(self.level, counts, out=self.activation)
+        np.equal(counts, 255, out=self.at_top)
+        self.at_top &= self._top_is_rail
+        self.any_at_top = bool(self.at_top.any())
+        self.n_at_top = self._weights @ self.at_top if self.any_at_top else self._none
+        lowest, highest = CLIP_COUNT
+        self.total = self._weights @ np.minimum(np.maximum(self.activation, lowest), highest)
+        self.mean = self.total / self._divisor
+
+    def unloaded(self) -> bool:
+        """Nothing presses any board, and none is below its rest either."""
+        return all(
+            abs(mean) < (UNLOADED_COUNT if learned >= ENOUGH_LEARNED else FIRST_UNLOADED_COUNT)
+            for mean, learned in zip(self.mean.tolist(), self.learned.tolist(), strict=True)
+        )
+
+    def learn(self, believed: NDArray[np.bool_], fresh_boards: NDArray[np.bool_]) -> None:
+        """Move the levels of `believed` taxels (n,) towards the counts of this cycle; only while the foot is unloaded.
+
+        Faulty ones too, if they stand near their no-load: a board may have been zeroed in silence, by one noisy
+        reading, and what seems stuck then is not.
+        """
+        self.learned[fresh_boards] += 1
+        gain = (np.maximum(GAIN, 1 / (self.learned + 1.0)) * fresh_boards).astype(np.float32)
+        near = believed & (np.abs(self.activation) <= NEAR_NO_LOAD_COUNT)
+        level = self.level - gain[self._places.board] * self.activation * near
+        self.level = level.clip(self._lowest, self._highest)
+        if not self.known.all():
+            self.known = (self.learned >= ENOUGH_LEARNED)[self._places.board]

@@ -1,0 +1,139 @@
+"""Boards that took their baseline anew while somebody stood on them.
+
+A board does that when it is configured, and by itself after five read errors; it tells nobody. From then on every
+count is off by the load of that moment. Two marks, from the counts:
+
+jump – from one look to the next all loaded taxels of a board that bore the same before come to stand at their rest
+    level, while the others go on bearing what they bore. Pauses (an MTB3 makes one of three periods) are looked over.
+negative – the mean of the board's taxels stands above their rest levels, or PINNED of them at 255: what was zeroed
+    away is missing when the load goes. Not with a no-load of 255, which leaves no room above.
+
+Observable if the board's taxels bore 2 counts (16 kPa) in the mean when it was zeroed: by the jump at once if another
+board bears load, else once it has been unloaded. Zeroed under less, or if all boards are zeroed together under a
+load that stays, nothing is seen.
+
+What a re-zeroed board says is wrong by an unknown load on every taxel, so all of it is masked until it has stood at
+its rest levels for HEALED_NS while the rest of the foot was unloaded too: until it was zeroed again without load.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .boards import BoardStreams
+from .places import Places
+from .rest import Rest
+
+LOADED_COUNT, LOADED_TAXELS = 4.0, 5  # four times the noise, and how many such a jump needs
+LOADED_MEAN = 1.5  # of the whole board, before a jump
+LEFT = 0.3  # of their load after the jump, by noise; the steepest unloading of a heel leaves 0.16 in two cycles, but …
+STEADY = 0.2  # … that is announced: the most that the board's own load may have changed in the look before
+AT_REST_COUNT = 1.8  # mean distance from the rest level; two noises of 0.9 give 1.0
+OTHERS_TOTAL = 100.0  # counts over all taxels, 26 N at 8 kPa a count and 32.4 mm²
+OTHERS_SAME = 0.2  # the most their load may have changed meanwhile: in two cycles of walking a heel may rise
+OTHERS_NOISE, OWN_NOISE = 100.0, 75.0  # counts: three times the noise of a change, pad 6 makes it common to a triangle
+PAUSE_NS = 200_000_000  # the longest that is looked over
+CONFIRM_NS = 60_000_000  # in which a jump turns out to be another board's frames, or a board that goes
+NEGATIVE_COUNT = 1.25  # mean; rebound after long standing is some per cent of 20 counts, the noise 0.3 at most
+PINNED = 5  # more than can be stuck there
+NEGATIVE_NS = 80_000_000
+HEALED_NS = 200_000_000  # of a swing of 0.4 s
+MIN_TAXELS = 30  # of a board that are believed, to say anything about it: three triangles
+
+_NEVER = 1 << 62
+
+
+class Rezeroed:
+    """Which boards of one foot were zeroed under load."""
+
+    def __init__(self, places: Places, rest: Rest) -> None:
+        n = len(places.addresses)
+        self._rest = rest
+        self._own = [np.flatnonzero(places.board == board) for board in range(n)]
+        self.rezeroed = np.zeros(n, np.bool_)
+        self.suspect = [False] * n  # below its rest levels: neither to be learned from nor to be judged by
+        self._activation = [np.zeros(len(own), np.float32) for own in self._own]  # at the last reading of each
+        self._total = [0.0] * n
+        self._total_before = [0.0] * n
+        self._n_usable = [0.0] * n
+        self._looked_ns = [0] * n
+        self._jumped_ns = [_NEVER] * n
+        self._negative_ns = [_NEVER] * n  # since when
+        self._at_rest_ns = [_NEVER] * n  # since when
+
+    def forget(self) -> None:
+        """Believe every board again."""
+        n = len(self._own)
+        self.rezeroed[:] = False
+        self._jumped_ns, self._negative_ns, self._at_rest_ns = [_NEVER] * n, [_NEVER] * n, [_NEVER] * n
+
+    def update(self, streams: BoardStreams, fresh_boards: NDArray[np.bool_], t_mono_ns: int) -> bool:
+        """Look at a cycle that `rest` has taken in; whether `rezeroed` changed.
+
+        fresh_boards (n_boards,): something came since the look before.
+        """
+        rest = self._rest
+        before, total = self._total, rest.total.tolist()
+        mean, n_usable, pinned = rest.mean.tolist(), rest.n_usable.tolist(), rest.n_at_top.tolist()
+        fresh, crowded, clash = fresh_boards.tolist(), streams.crowded.tolist(), streams.clash.tolist()
+        all_before, all_now = sum(before), sum(total)
+        unloaded = bool(self.rezeroed.any()) and rest.unloaded()
+        changed = False
+        for board, own in enumerate(self._own):
+            self.suspect[board] = mean[board] < -NEGATIVE_COUNT / 2 or pinned[board] >= PINNED
+            if crowded[board] or clash[board] or streams.silent[board] or n_usable[board] < MIN_TAXELS:
+                self._jumped_ns[board] = self._negative_ns[board] = self._at_rest_ns[board] = _NEVER
+                continue
+            if not fresh[board]:
+                continue
+            if self.rezeroed[board]:
+                changed |= self._healed(board, unloaded, t_mono_ns)
+                continue
+            if mean[board] > -NEGATIVE_COUNT and pinned[board] < PINNED:
+                self._negative_ns[board] = _NEVER
+            elif self._negative_ns[board] == _NEVER:
+                self._negative_ns[board] = t_mono_ns
+            others_before, others_now = all_before - before[board], all_now - total[board]
+            if (
+                n_usable[board] == self._n_usable[board]
+                and before[board] > LOADED_MEAN * n_usable[board]
+                and abs(before[board] - self._total_before[board]) <= max(STEADY * before[board], OWN_NOISE)
+                and total[board] < before[board] / 2
+                and others_now >= OTHERS_TOTAL
+                and abs(others_now - others_before) <= OTHERS_SAME * others_before + OTHERS_NOISE
+                and t_mono_ns - self._looked_ns[board] <= PAUSE_NS
+                and self._at_rest_at_once(board, own)
+            ):
+                self._jumped_ns[board] = t_mono_ns
+            if t_mono_ns - self._jumped_ns[board] >= CONFIRM_NS or t_mono_ns - self._negative_ns[board] >= NEGATIVE_NS:
+                self.rezeroed[board] = changed = True
+                self._jumped_ns[board] = self._negative_ns[board] = self._at_rest_ns[board] = _NEVER
+        self._total = [now if new else old for now, old, new in zip(total, before, fresh, strict=True)]
+        self._n_usable = n_usable
+        for board, own in enumerate(self._own):
+            if fresh[board]:
+                self._total_before[board] = before[board]
+                self._activation[board] = rest.activation[own]
+                self._looked_ns[board] = t_mono_ns
+        return changed
+
+    def _at_rest_at_once(self, board: int, own: NDArray[np.intp]) -> bool:
+        usable = self._rest.usable[own]
+        before, now = self._activation[board][usable], self._rest.activation[own][usable]
+        loaded = before >= LOADED_COUNT
+        if np.count_nonzero(loaded) < LOADED_TAXELS or np.abs(now).mean() > AT_REST_COUNT:
+            return False
+        return bool(now[loaded].sum() <= LEFT * before[loaded].sum())
+
+    def _healed(self, board: int, unloaded: bool, t_mono_ns: int) -> bool:
+        own = self._own[board]
+        distance = np.abs(self._rest.activation[own][self._rest.usable[own]]).mean()
+        if not unloaded or distance > AT_REST_COUNT or self.suspect[board]:
+            self._at_rest_ns[board] = _NEVER
+        elif self._at_rest_ns[board] == _NEVER:
+            self._at_rest_ns[board] = t_mono_ns
+        elif t_mono_ns - self._at_rest_ns[board] >= HEALED_NS:
+            self.rezeroed[board] = False
+            return True
+        return False

@@ -1,0 +1,145 @@
+"""Single taxels that are dead, stuck or saturated, judged against their neighbours.
+
+An idle taxel and a dead one send the same, so a fault of a taxel can only be seen under load, and the load of walking
+serves. Each is compared with its NEIGHBOURS nearest ones:
+
+`saturated` – on a rail, at 0, or at 255 where that is not the rest level, for SATURATED_NS. Observable at once.
+`dead` – it bears less than SHARE of what the least of its four neighbours bears, while that is LOADED_COUNT or more.
+    Observable once the least of its neighbours has truly borne 6 counts (48 kPa) for 0.2 s; a taxel whose neighbours
+    never bear that much is never judged.
+`stuck` – CONTRAST_COUNT or more away from its rest level while its neighbours are at theirs, in the mean, or so far
+    above them that no load is so sharp. Observable if it stuck 5 counts from its rest or more, once its neighbours
+    have truly been unloaded for 0.2 s, or 5 counts below a fifth of it; stuck nearer to its rest, it is a dead
+    taxel to who looks, and observable as one.
+
+For dead and stuck what speaks for it, in counts, is summed up look by look, between 0 and EVIDENCE_COUNT (a cumulative
+sum test: E. S. Page 1954): the fault is there once the sum is full, and has healed once it is empty again.
+
+Neither asks for a constant count: a board that compensates temperature adds the noise of pad 6 to every taxel, also to
+one whose converter says the same for ever. Nor does a constant count make a fault: at a high shift no noise shows.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .places import Places
+from .rest import Rest
+
+NEIGHBOURS = 4  # enough to stand around a taxel; more would reach beyond the edge of a load
+LOADED_COUNT = 5.0  # five times the noise
+SHARE = 0.3  # of the least loaded neighbour; healthy ones bear half of it or more in walking
+IDLE_COUNT = 2.0  # of the neighbours' mean, whose noise is 0.6 at most
+CONTRAST_COUNT = 2.5  # above or below it; noise is 1, and creep leaves some per cent of 30 counts
+SHARP = 4.0  # times their mean above it, under load: beyond what a cover lets through
+EVIDENCE_COUNT = 8.0  # nine times the noise
+ONE_LOOK_COUNT = 3.0  # the most that one look says: a single wrong frame makes no fault
+SATURATED_NS, UNSATURATED_NS = 35_000_000, 3_000_000_000  # longer than a stride: at a low shift each step saturates
+
+
+class TaxelState(IntEnum):
+    """What is wrong with a taxel."""
+
+    OK = 0
+    DEAD = 1
+    STUCK = 2
+    SATURATED = 3
+
+
+_OK, _DEAD, _STUCK, _SATURATED = map(int, TaxelState)
+
+
+class TaxelFaults:
+    """States of the n pressure taxels of one foot, in the order of `Places`."""
+
+    def __init__(self, places: Places, rest: Rest) -> None:
+        self._rest = rest
+        n = len(places.taxel)
+        xy = places.layout.xy_m.reshape(-1, 2)[places.taxel]
+        distance = np.hypot(*(xy[:, None] - xy[None]).transpose(2, 0, 1))
+        np.fill_diagonal(distance, np.inf)
+        k = min(NEIGHBOURS, n - 1)
+        self._neighbours = np.argsort(distance, axis=1, kind="stable")[:, :k].T.copy()  # (k, n)
+        self.state = np.zeros(n, np.uint8)
+        self._for_dead, self._for_stuck = np.zeros((2, n), np.float32)  # evidence
+        self._off_rail_ns = np.zeros(n, np.int64)  # when it was last not on one
+        self._on_rail_ns = np.zeros(n, np.int64)  # when it was last on one
+        self._was_on_rail = False
+        self._any_faulty = False
+        self._changed = False
+
+    def update(self, counts: NDArray[np.float32], live: NDArray[np.bool_], t_mono_ns: int) -> bool:
+        """Look at counts (n,) that `rest` has taken in; whether a state changed.
+
+        live (n,): of a board and triangle that are believed, and new since the last look.
+        """
+        self._changed = False
+        # Nearly always no count is at an end of its range, and none was.
+        if self._any_faulty or self._was_on_rail or self._rest.any_at_top or not counts.all():
+            live = live & ~self._saturated(counts, live, t_mono_ns)
+        live = live & self._rest.known
+        if live.any():
+            self._compare(live)
+        if self._changed:
+            self._any_faulty = bool(self.state.any())
+        return self._changed
+
+    def _compare(self, live: NDArray[np.bool_]) -> None:
+        """Each taxel with those of its neighbours that are well; two of the four will do."""
+        activation = self._rest.activation
+        around = activation[self._neighbours]
+        well = live & (self.state == _OK)
+        if well.all():
+            least, mean = around.min(axis=0), around.sum(axis=0) / len(around)
+        else:
+            there = well[self._neighbours]
+            n_there = there.sum(axis=0)
+            least = np.where(there, around, np.inf).min(axis=0)
+            mean = np.where(there, around, 0).sum(axis=0) / np.maximum(n_there, 1)
+            live = live & (self.state != _SATURATED) & (n_there >= min(2, len(around)))
+        loaded = live & (least >= LOADED_COUNT)
+        if loaded.any():
+            self._weigh(self._for_dead, np.where(loaded, SHARE * least - activation, 0), _DEAD)
+        above = np.abs(mean) - IDLE_COUNT
+        more = np.abs(activation - mean) - CONTRAST_COUNT - SHARP * np.maximum(above, 0)
+        more *= live
+        if self._any_faulty:  # under load one that stuck among its neighbours' counts does not heal
+            more[(above > 0) & (more < 0) & (self.state == _STUCK)] = 0
+        self._weigh(self._for_stuck, more, _STUCK)
+
+    def _weigh(self, evidence: NDArray[np.float32], more: NDArray[np.float32], state: int) -> None:
+        """Add `more` (n,) to the evidence for `state` (n,)."""
+        evidence += np.minimum(more, ONE_LOOK_COUNT)
+        np.maximum(evidence, 0, out=evidence)
+        np.minimum(evidence, EVIDENCE_COUNT, out=evidence)
+        if evidence.max() >= EVIDENCE_COUNT:
+            self._become((evidence >= EVIDENCE_COUNT) & (self.state < state), state)
+        if self._any_faulty:
+            self._mend((evidence <= 0) & (self.state == state))
+
+    def _saturated(self, counts: NDArray[np.float32], live: NDArray[np.bool_], t_mono_ns: int) -> NDArray[np.bool_]:
+        """(n,) which taxels stand on a rail."""
+        rail: NDArray[np.bool_] = ((counts == 0) | self._rest.at_top) & live
+        on_rail = bool(rail.any())
+        if on_rail or self._was_on_rail:
+            self._off_rail_ns[~rail] = t_mono_ns
+            self._on_rail_ns[rail] = t_mono_ns
+            long = t_mono_ns - self._off_rail_ns >= SATURATED_NS
+            self._become(rail & long & (self.state < _SATURATED), _SATURATED)
+        self._was_on_rail = on_rail
+        if self._any_faulty:
+            saturated = self.state == _SATURATED
+            self._mend(saturated & live & (t_mono_ns - self._on_rail_ns >= UNSATURATED_NS))
+        return rail
+
+    def _become(self, which: NDArray[np.bool_], state: int) -> None:
+        if which.any():
+            self.state[which] = state
+            self._changed = True
+
+    def _mend(self, healed: NDArray[np.bool_]) -> None:
+        self._become(healed, _OK)
+        self._for_dead[healed] = self._for_stuck[healed] = 0

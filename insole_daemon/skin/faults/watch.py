@@ -1,0 +1,210 @@
+"""All faults of one foot, cycle by cycle: what is masked, what is wrong, and an event when that changes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...config import Board
+from ..cycles import Cycles
+from ..layout import Layout
+from .boards import BoardStreams
+from .places import Places
+from .rest import Rest
+from .rezero import Rezeroed
+from .taxels import TaxelFaults, TaxelState
+from .triangles import LooseTriangles
+from .words import describe
+
+Kind = Literal[
+    "board_silent", "board_reset", "board_address_clash", "board_rezeroed",
+    "triangle_loose", "taxel_dead", "taxel_stuck", "taxel_saturated",
+]  # fmt: skip
+KINDS: tuple[Kind, ...] = get_args(Kind)
+HEALED: dict[Kind, str] = {kind: f"{kind}_over" for kind in KINDS} | {"board_silent": "board_streaming"}
+
+STALE_NS = np.uint64(1_000_000_000)  # by what is older nothing is judged
+LOOK_CYCLES = 2  # all but loose triangles is looked for in every second cycle: converters are hardly faster
+
+_TAXEL_KINDS: dict[int, Kind] = {
+    TaxelState.DEAD: "taxel_dead",
+    TaxelState.STUCK: "taxel_stuck",
+    TaxelState.SATURATED: "taxel_saturated",
+}
+_Key = tuple[Kind, int, int | None, int | None]
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """A fault that is there."""
+
+    kind: Kind
+    board: int  # address
+    triangle: int | None  # number on its board; None: all of the board
+    taxel: int | None  # None: all of the triangle
+    since_ns: int  # CLOCK_REALTIME
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """A fault began or healed; a board that is heard for the first time healed of its silence."""
+
+    kind: Kind
+    board: int
+    triangle: int | None
+    taxel: int | None
+    began: bool  # False: it healed
+    t_ns: int  # of the cycle, CLOCK_REALTIME
+    text: str  # what happened and what to do, to a person
+
+    @property
+    def event(self) -> str:
+        """The kind of event that tells of it."""
+        return self.kind if self.began else HEALED[self.kind]
+
+
+class FaultWatch:
+    """Watches the counts of one foot.
+
+    To be updated with every cycle, in order; what it says depends on them alone. `masked` (n_triangles, 12) is what
+    may not enter pressure and wrench: all taxels of a loose triangle, of a re-zeroed board and of one whose address
+    is used twice, and the taxels that are dead or stuck. Saturated taxels are clamped and silent boards stale, which
+    makes them invalid by themselves; a board that restarted is believed.
+    """
+
+    def __init__(self, layout: Layout, boards: Mapping[int, Board]) -> None:
+        """`boards` by address, those of the layout at least."""
+        self._places = places = Places(layout, boards)
+        n = len(layout)
+        self.masked = np.zeros((n, 12), np.bool_)
+        self._loose = LooseTriangles(places)
+        self._streams = BoardStreams(places)
+        self._rest = Rest(places)
+        self._rezeroed = Rezeroed(places, self._rest)
+        self._taxels = TaxelFaults(places, self._rest)
+        self._arrivals = np.zeros(n, np.int64)
+        self._counts = np.zeros((n, 12), np.uint8)
+        self._there = np.zeros(n, np.bool_)  # both halves were received, not long ago
+        self._fresh = np.zeros(n, np.bool_)  # halves came since the last look
+        self._since = np.zeros(n, np.bool_)  # … since all of its board was fresh
+        self._until_look = LOOK_CYCLES
+        self._active: dict[_Key, int] = {}
+        self._heard = self._streams.seen.copy()
+        self._believe()
+
+    @property
+    def faults(self) -> list[Fault]:
+        """What is wrong now, the longest first."""
+        return [Fault(*key, since_ns) for key, since_ns in self._active.items()]
+
+    def zeroed(self) -> None:
+        """A person took a new zero of the unloaded foot: rest levels are learned anew, re-zeroed boards believed."""
+        self._rest.forget(np.ones_like(self._streams.seen))
+        self._rezeroed.forget()
+        self._believe()
+
+    def update(self, cycles: Cycles, at: int) -> list[Change]:
+        """Take in cycle `at`; what began or healed with it."""
+        t_mono_ns, arrivals = int(cycles.t_mono_ns[at]), cycles.arrivals[at]
+        changed = self._streams.update(t_mono_ns, arrivals)
+        if not cycles.repeated[at]:
+            counts = cycles.counts[at]
+            self._until_look -= 1
+            odd = self._loose.must_update(counts)
+            if odd or not self._until_look:
+                there = cycles.age_ns[at].view(np.uint64) < STALE_NS  # never received is −1
+                fresh = (arrivals != self._arrivals) & there
+                self._arrivals = arrivals
+                self._fresh |= fresh
+                found = odd and self._loose.update(counts, fresh, t_mono_ns)
+                if found or not np.array_equal(there, self._there):
+                    self._there = there
+                    self._believe()
+                changed |= found
+            if not self._until_look:
+                self._until_look = LOOK_CYCLES
+                changed |= self._look(counts, t_mono_ns)
+        return self._changes(int(cycles.t_ns[at])) if changed else []
+
+    def _look(self, counts: NDArray[np.uint8], t_mono_ns: int) -> bool:
+        """Look closely at the counts of a cycle; whether something changed."""
+        places, rest, streams = self._places, self._rest, self._streams
+        other = (counts != self._counts).any(axis=1)
+        fresh, self._counts = self._fresh, counts
+        self._fresh = np.zeros_like(fresh)
+        self._loose.listen(fresh, other)
+        taken = counts.reshape(-1)[places.taxel].astype(np.float32)
+        rest.update(taken)
+        # A cycle may close in the middle of a board: half of a new baseline is none.
+        self._since |= fresh
+        fresh_boards = places.any_of_board(self._since) & ~places.any_of_board(self._there & ~self._since)
+        self._since &= ~fresh_boards[places.board_of_triangle]
+        was_rezeroed = self._rezeroed.rezeroed.copy()
+        changed = self._rezeroed.update(streams, fresh_boards, t_mono_ns)
+        # After a pause a board may have a new baseline, by one noisy reading.
+        new_baseline = streams.paused | (was_rezeroed & ~self._rezeroed.rezeroed)
+        if new_baseline.any():
+            rest.forget(new_baseline)
+            streams.paused[:] = False
+        # Of a board whose baseline is in doubt nothing is learned, and no taxel is judged by it.
+        held = self._rezeroed.rezeroed | self._rezeroed.suspect | streams.crowded | streams.reset
+        if not held.any() and rest.unloaded():
+            rest.learn(self._believed[places.triangle], fresh_boards)
+        live = (self._believed & other & ~held[places.board_of_triangle])[places.triangle]
+        return self._taxels.update(taken, live, t_mono_ns) or changed
+
+    def _believe(self) -> None:
+        """Decide which triangles and taxels others are judged by."""
+        of_triangle = self._places.board_of_triangle
+        wrong_board = self._streams.silent | self._streams.clash
+        self._believed = self._there & ~self._loose.loose & ~wrong_board[of_triangle]
+        well = self._taxels.state == TaxelState.OK
+        self._rest.use(self._believed[self._places.triangle] & well)
+        self.masked[:] = (self._loose.loose | (self._rezeroed.rezeroed | self._streams.clash)[of_triangle])[:, None]
+        out = (self._taxels.state == TaxelState.DEAD) | (self._taxels.state == TaxelState.STUCK)
+        self.masked.reshape(-1)[self._places.taxel[out]] = True
+
+    def _changes(self, t_ns: int) -> list[Change]:
+        self._believe()
+        now = self._present()
+        changes = [self._change(key, False, t_ns) for key in [*self._active] if key not in now]
+        for board in np.flatnonzero(self._streams.seen & ~self._heard).tolist():
+            if all(change.board != self._places.addresses[board] for change in changes):
+                changes.append(self._change(("board_silent", self._places.addresses[board], None, None), False, t_ns))
+        self._heard = self._streams.seen.copy()
+        return changes + [self._change(key, True, t_ns) for key in now if key not in self._active]
+
+    def _present(self) -> list[_Key]:
+        """What is there now, boards first."""
+        streams, triangles = self._streams, self._places.layout.triangles
+        of_boards: tuple[tuple[Kind, NDArray[np.bool_]], ...] = (
+            ("board_silent", streams.silent),
+            ("board_reset", streams.reset),
+            ("board_address_clash", streams.clash),
+            ("board_rezeroed", self._rezeroed.rezeroed),
+        )
+        keys: list[_Key] = [
+            (kind, self._places.addresses[board], None, None)
+            for kind, there in of_boards
+            for board in np.flatnonzero(there).tolist()
+        ]
+        for row in np.flatnonzero(self._loose.loose).tolist():
+            keys.append(("triangle_loose", triangles[row].board, triangles[row].triangle, None))
+        for place in np.flatnonzero(self._taxels.state).tolist():
+            row, taxel = divmod(int(self._places.taxel[place]), 12)
+            kind = _TAXEL_KINDS[int(self._taxels.state[place])]
+            keys.append((kind, triangles[row].board, triangles[row].triangle, taxel))
+        return keys
+
+    def _change(self, key: _Key, began: bool, t_ns: int) -> Change:
+        if began:
+            self._active[key] = t_ns
+            lasted_s = None
+        else:
+            since_ns = self._active.pop(key, None)
+            lasted_s = None if since_ns is None else (t_ns - since_ns) * 1e-9
+        return Change(*key, began, t_ns, describe(self._places.layout, *key, began, lasted_s))
