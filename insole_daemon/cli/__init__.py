@@ -7,7 +7,7 @@ import sys
 import typer
 
 from ..errors import InsoleError
-from . import boards, demo, replay, run, simulate, status, watch, zero
+from . import boards, demo, export, import_, record, replay, run, simulate, status, watch, zero
 from . import map as mapping
 
 app = typer.Typer(
@@ -20,9 +20,11 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 for verb in (
-    demo.demo, run.run, simulate.simulate, replay.replay, watch.watch, status.status, boards.boards, zero.zero
+    demo.demo, run.run, simulate.simulate, replay.replay, watch.watch, status.status, boards.boards, zero.zero,
+    record.record, export.export,
 ):  # fmt: skip
     app.command()(verb)
+app.command("import")(import_.import_)
 app.command("map")(mapping.map_)
 
 
