@@ -51,4 +51,4 @@ def read_log(path: Path, layouts: Sequence[Layout]) -> tuple[list[Cycles], LogCo
 
 def age_ns_of(age_ms: NDArray[np.float32]) -> NDArray[np.int64]:
     """Ages as Cycles have them, ns and -1 for never, of ages as messages have them, ms and NaN."""
-    return np.where(np.isnan(age_ms), -1, np.nan_to_num(age_ms) * 1e6).astype(np.int64)
+    return np.where(np.isnan(age_ms), -1, np.rint(np.nan_to_num(age_ms).astype(np.float64) * 1e6)).astype(np.int64)

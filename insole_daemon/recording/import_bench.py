@@ -18,7 +18,7 @@ import numpy as np
 from ..config import Foot
 from ..errors import FileError
 from ..skin import layout as layouts
-from ..skin.geometry import N_TAXELS, NEIGHBOUR_MM
+from ..skin.geometry import N_TAXELS
 from ..skin.layout import TRIANGLE_10_MM2, Layout, Triangle
 from . import reference as references
 from .columns import whole_bytes
@@ -29,6 +29,7 @@ from .reference import TIME
 from .writer import ReferenceContents, write
 
 _COUNT = re.compile(r"count_(\d+)_(\d+)_(\d+)")
+_GRID_COLUMNS = 8
 _KINDS: tuple[Kind, ...] = ("chamber", "shoe", "bench")
 
 
@@ -43,8 +44,8 @@ def import_bench(source: Path, out: Path, foot: Foot, layout: Layout | None) -> 
         )
     invented: list[str] = []
     if layout is None:
-        layout = _in_a_row(foot, [(board, triangle) for board, triangle, _ in taxels.values()])
-        invented.append("where the triangles lie: in a row, in the order of the columns")
+        layout = _in_a_grid(foot, [(board, triangle) for board, triangle, _ in taxels.values()])
+        invented.append("where the triangles lie: in a grid, in the order of the columns")
     rows = layout.rows
     counts = np.zeros((len(table), len(layout), N_TAXELS), np.uint8)
     names = list(taxels)
@@ -68,7 +69,7 @@ def import_bench(source: Path, out: Path, foot: Foot, layout: Layout | None) -> 
         first = {name: others.pop(name) for name in REFERENCE_COLUMNS[kind]}
         reference = [ReferenceContents(foot, "can", {TIME: table.time_s, **first, **others})]
     addresses = dict.fromkeys(layout.identities[:, 0].tolist())
-    t_ns = np.round(table.time_s * 1e9).astype(np.int64)
+    t_ns = np.round(table.time_s * 1e6).astype(np.int64) * 1000  # what a float holds of a time since 1970
     return write(
         out,
         kind=kind or "free",
@@ -81,10 +82,17 @@ def import_bench(source: Path, out: Path, foot: Foot, layout: Layout | None) -> 
     )
 
 
-def _in_a_row(foot: Foot, identities: list[tuple[int, int]]) -> Layout:
+def _in_a_grid(foot: Foot, identities: list[tuple[int, int]]) -> Layout:
+    """Wide enough not to be taken for metres, small enough for a foot."""
     triangles = tuple(
-        Triangle(board=board, triangle=triangle, patch="bench", x_mm=round(number * 2 * NEIGHBOUR_MM, 2), y_mm=0.0,
-                 rotation_deg=0.0)
+        Triangle(
+            board=board,
+            triangle=triangle,
+            patch="bench",
+            x_mm=60.0 * (number % _GRID_COLUMNS),
+            y_mm=40.0 * (number // _GRID_COLUMNS),
+            rotation_deg=0.0,
+        )
         for number, (board, triangle) in enumerate(dict.fromkeys(identities))
-    )  # fmt: skip
+    )
     return layouts.of(foot, TRIANGLE_10_MM2 * 1e-6, None, triangles)

@@ -59,8 +59,10 @@ def _experiment(source: Path) -> Any:
     io = need("scipy.io", "scipy", "importing MATLAB files")
     try:
         variables = io.loadmat(source)
-    except (OSError, ValueError, NotImplementedError, TypeError) as error:
-        raise FileError(f"{source}: expected a MATLAB file up to version 7, found another: {error}") from error
+    except Exception as error:  # scipy raises what its parser stumbles over
+        raise FileError(
+            f"{source}: expected a MATLAB file up to version 7, found another: {type(error).__name__}: {error}"
+        ) from error
     found = variables.get("experiment")
     if found is None or found.dtype.names is None or "C" not in found.dtype.names:
         names = ", ".join(name for name in variables if not name.startswith("_"))

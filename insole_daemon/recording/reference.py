@@ -79,14 +79,17 @@ def read(path: Path, kind: Kind, foot: Foot, clock: Clock) -> tuple[Reference, t
 
 
 def text(columns: Mapping[str, Sequence[float] | NDArray[np.float64]]) -> str:
-    """The file that says `columns`; NaN becomes an empty cell. Times keep microseconds, other numbers 9 digits."""
+    """The file that says `columns`; NaN becomes an empty cell. `time_s` has microseconds, others all their digits."""
     names = list(columns)
-    cells = [
-        ["" if value != value else (f"{value:.6f}" if name == TIME else f"{value:.9g}") for value in map(float, column)]
-        for name, column in columns.items()
-    ]
+    cells = [[_cell(name, value) for value in map(float, column)] for name, column in columns.items()]
     rows = "".join(",".join(row) + "\n" for row in zip(*cells, strict=True))
     return ",".join(names) + "\n" + rows
+
+
+def _cell(name: str, value: float) -> str:
+    if math.isnan(value):
+        return ""
+    return f"{value:.6f}" if name == TIME else repr(value).removesuffix(".0")
 
 
 def _lines(path: Path) -> tuple[list[str], bool]:
