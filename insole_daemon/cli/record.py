@@ -67,11 +67,12 @@ def record(
     """
     from .. import config as configs
     from ..bus.opening import open_source
-    from ..errors import InsoleError
     from ..recording.live import LiveRecorder
     from ..recording.recorder import Session
     from ..wire.client import Client
 
+    if (kind is RecordKind.free) != (not reference):
+        raise typer.BadParameter("--kind chamber, shoe or bench and --reference belong together: give both")
     stop = threading.Event()
     on_end(stop.set)
     with ExitStack() as opened:
@@ -85,8 +86,6 @@ def record(
             settings = configs.load(config)
             insoles = insoles_of(settings, foot)
         instruments = _instruments([each.foot for each in insoles], kind, reference or [], shoe or [])
-        if (kind is RecordKind.free) != (not instruments):
-            raise InsoleError("expected --kind chamber, shoe or bench together with --reference, found one of the two")
         if not remote:
             source = open_source(settings.buses)
             opened.callback(source.close)
@@ -134,6 +133,7 @@ def _of_daemon(client: Client, connect: str, foot: Which) -> list[InsoleContents
     rigs = sorted({rig for rig, _ in found})
     if len(rigs) > 1:
         raise WireError(f"{' and '.join(rigs)} publish behind {connect}: say which with --rig")
+    client.rig = rigs[0]  # one that comes later is another wearer
     return [insole_of(client, name) for _, name in found]
 
 
@@ -147,7 +147,6 @@ def _instruments(
     feet: Sequence[Any], kind: RecordKind, references: Sequence[str], shoes: Sequence[Path]
 ) -> list[tuple[Instrument, str]]:
     """The instruments and where each one's readings come from."""
-    from ..errors import InsoleError
     from ..recording.force_shoe import load
     from ..recording.instrument import Instrument
 
@@ -155,13 +154,13 @@ def _instruments(
     for shoe in map(load, shoes):
         shoe_of[shoe.foot] = shoe
     if shoes and kind is not RecordKind.shoe:
-        raise InsoleError(f"--shoe goes with --kind shoe, found --kind {kind.value}")
+        raise typer.BadParameter(f"--shoe goes with --kind shoe, found --kind {kind.value}")
     found: list[tuple[Instrument, str]] = []
     for reference in references:
         key = _key(reference)
         foot = reference.partition("=")[0] if key != reference else feet[0] if len(feet) == 1 else None
         if foot is None or foot not in feet or any(foot == each.foot for each, _ in found):
-            raise InsoleError(
+            raise typer.BadParameter(
                 f"--reference {reference}: expected left=… or right=…, once for each recorded foot ({', '.join(feet)})"
             )
         found.append((Instrument(cast("Foot", foot), kind.value, shoe_of.get(foot)), key))

@@ -121,7 +121,7 @@ def layout_of_meta(meta: Mapping[str, Any], xy_m: NDArray[np.floating[Any]]) -> 
                 patch=said["patch"],
                 x_mm=round(float(at[3].real), 3),
                 y_mm=round(float(at[3].imag), 3),
-                rotation_deg=round(rotation_deg, 3) % 360.0,
+                rotation_deg=round(rotation_deg % 360.0, 3) % 360.0,
                 mirrored=mirrored,
             )
         )

@@ -60,9 +60,8 @@ def _experiment(source: Path) -> Any:
     try:
         variables = io.loadmat(source)
     except Exception as error:  # scipy raises what its parser stumbles over
-        raise FileError(
-            f"{source}: expected a MATLAB file up to version 7, found another: {type(error).__name__}: {error}"
-        ) from error
+        what = f"{type(error).__name__}: {error}"
+        raise FileError(f"{source}: expected a MATLAB file up to version 7, found another: {what}") from error
     found = variables.get("experiment")
     if found is None or found.dtype.names is None or "C" not in found.dtype.names:
         names = ", ".join(name for name in variables if not name.startswith("_"))

@@ -157,6 +157,11 @@ class LiveRecorder:
     def write_cycle(self, foot: Foot, cycle: Mapping[str, Any]) -> None:
         """Append one cycle; the keys are those of counts.cycle_type."""
         growing = self._part.counts[foot]
+        if cycle["counts"].shape != growing.dtype["counts"].shape:
+            raise FileError(
+                f"{self.folders[-1]}: expected cycles of {growing.dtype['counts'].shape[0]} triangles, found "
+                f"{cycle['counts'].shape[0]}: the daemon was restarted with another layout; record anew"
+            )
         record = np.zeros(1, growing.dtype)
         for name in growing.dtype.names or ():
             record[name][0] = cycle[name]

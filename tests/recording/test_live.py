@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
+import errno
 import itertools
 import json
+import os
 import signal
 import socket
 import subprocess
@@ -19,7 +22,14 @@ import pytest
 import insole_daemon
 from insole_daemon import config as configs
 from insole_daemon.bus.candump import read
+from insole_daemon.bus.frames import FrameBatch
+from insole_daemon.bus.source import BusCounters
+from insole_daemon.errors import InsoleError
+from insole_daemon.recording.copies import layout_of_meta
+from insole_daemon.recording.live import LiveRecorder
+from insole_daemon.recording.recorder import Session
 from insole_daemon.service.foot import load_layout
+from insole_daemon.skin import layout as layouts
 from insole_daemon.wire.session import open_session
 
 from ..conftest import RunningDaemon, free_port
@@ -210,3 +220,91 @@ def test_an_existing_folder_is_not_overwritten(tmp_path, daemon):
     assert done.returncode == 4
     assert "already there" in done.stderr
     assert (tmp_path / "old" / "can.log").read_text() == "precious"
+
+
+class Frames:
+    """A source that has some frames, and lost some before them."""
+
+    interfaces = ("can0",)
+
+    def __init__(self, frames: FrameBatch, lost: int) -> None:
+        self.counters = BusCounters(overflows=lost)
+        self._frames, self.exhausted = frames, False
+
+    def wait(self, timeout_s: float) -> None: ...
+
+    def receive(self) -> int:
+        return len(self._frames)
+
+    def drain(self) -> FrameBatch:
+        self.exhausted = True
+        return self._frames
+
+
+def test_frames_that_were_lost_are_noted_in_the_log(tmp_path, left, walk):
+    recorder = LiveRecorder(tmp_path / "trial", "free", [left], 0, ["can0"])
+    progress = Session(recorder, threading.Event()).from_bus(Frames(walk, 17))
+    recorder.close()
+    assert (progress.frames, progress.lost) == (len(walk), 17)
+    assert read(tmp_path / "trial" / "can.log").counters.dropped == 17
+    trial = insole_daemon.load(tmp_path / "trial")
+    assert any("dropped 17 frames" in line for line in trial.warnings)
+    assert trial["left"].zero is not None
+    assert trial["left"].calibration.provenance == {"by": "a test"}
+
+
+def test_a_disk_that_fails_is_said(tmp_path, left, walk, monkeypatch):
+    recorder = LiveRecorder(tmp_path / "trial", "free", [left], 0, ["can0"])
+
+    def full(descriptor: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "fdatasync", full)
+    time.sleep(0.8)
+    with pytest.raises(InsoleError, match=r"trial: recording failed: No space left on device; what was written before"):
+        recorder.write_frames(walk)
+    with pytest.raises(InsoleError, match="recording failed"):
+        recorder.close()
+
+
+def test_a_daemon_with_another_layout_ends_the_recording(tmp_path, left):
+    recorder = LiveRecorder(tmp_path / "trial", "free", [left], 0, None)
+    with pytest.raises(InsoleError, match="expected cycles of 28 triangles, found 3: the daemon was restarted"):
+        recorder.write_cycle("left", {"counts": np.zeros((3, 12), np.uint8)})
+    recorder.close()
+    assert len(insole_daemon.load(tmp_path / "trial")["left"]) == 0
+
+
+def test_a_layout_is_found_again_from_where_its_taxels_are(left):
+    random = np.random.default_rng(6)
+    triangles = tuple(
+        dataclasses.replace(triangle, rotation_deg=round(float(random.uniform(0, 360)), 2), mirrored=bool(number % 2))
+        for number, triangle in enumerate(left.layout.triangles)
+    )
+    layout = layouts.of("left", 48.5e-6, "tiling cell/10", triangles)
+    meta = {
+        "foot": "left", "taxel_area_m2": 48.5e-6, "area_meaning": "tiling cell/10", "layout_builtin": False,
+        "triangles": [{"board": t.board, "triangle": t.triangle, "patch": t.patch} for t in triangles],
+    }  # fmt: skip
+    found = layout_of_meta(meta, layout.xy_m.astype(np.float32))
+    assert found.triangles == triangles
+    assert found.area_meaning == "tiling cell/10"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--kind", "chamber"], "--reference"),
+        (["--reference", "-"], "--kind"),
+        (["--kind", "chamber", "--reference", "left=-", "--reference", "left=-"], "once for each"),
+        (["--kind", "chamber", "--reference", "-"], "left=… or right=…"),
+    ],
+)
+def test_what_does_not_go_together_is_a_usage_error(tmp_path, arguments, words):
+    done = subprocess.run(
+        [INSOLE, "record", tmp_path / "x", *arguments],
+        capture_output=True, text=True, timeout=20, check=False,
+    )  # fmt: skip
+    assert done.returncode == 2
+    assert words in done.stderr
+    assert not (tmp_path / "x").exists()
