@@ -61,16 +61,18 @@ def record(
     ] = None,
     seconds: Seconds = None,
 ) -> None:
-    """Record a trial: from a bus, also beside the daemon, or from a daemon over the network.
+    """Record a trial into a folder, from a bus or over Zenoh.
 
-    What was received is on disk within a second; a recorder that was killed leaves a folder that can be read.
+    A bus is read beside the daemon, if there is one. What was received is on disk within a second; a recorder that was killed leaves a folder that can be read.
     """
     from .. import config as configs
     from ..bus.opening import open_source
     from ..recording.live import LiveRecorder
     from ..recording.recorder import Session
+    from ..recording.writer import refuse_existing
     from ..wire.client import Client
 
+    refuse_existing(out)
     if (kind is RecordKind.free) != (not reference):
         raise typer.BadParameter("--kind chamber, shoe or bench and --reference belong together: give both")
     stop = threading.Event()

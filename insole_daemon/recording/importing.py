@@ -32,7 +32,7 @@ def import_recording(
         return import_bench(source, out, _of(foot, source), layout)
     if suffix == ".mat":
         return import_matlab(source, out, _of(foot, source), layout)
-    if suffix in SUFFIXES:
+    if suffix in SUFFIXES or (suffix == ".gz" and Path(source.stem).suffix.lower() in SUFFIXES):
         return import_can(source, out, insoles)
     if source.is_dir() or head[:1].isdigit():
         return import_yarp(source, out, foot, layout)

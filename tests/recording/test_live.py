@@ -93,7 +93,7 @@ def test_before_the_first_frame_the_folder_says_what_it_is(recorder):
 def test_killed_it_leaves_everything_up_to_a_second_before(recorder):
     recorder.say("pressure_pa,temperature_c")
     with recorder.boards():
-        end = time.time() + 2.5
+        end = time.time() + 2
         sent = 0
         while time.time() < end:
             recorder.say(f"{1000 + sent},")
@@ -106,7 +106,7 @@ def test_killed_it_leaves_everything_up_to_a_second_before(recorder):
     assert trial.kind == "chamber"
     assert trial.can_origin == "recorded"
     for foot in trial.feet:
-        assert len(foot) > 80
+        assert len(foot) > 60
         assert killed_ns - foot.t_ns[-1] < 1e9
     reference = trial["left"].reference
     assert reference is not None
@@ -127,17 +127,17 @@ def test_ended_it_has_every_frame(recorder):
 
 
 def test_rotation_goes_on_in_folders_that_stand_alone(tmp_path):
-    recorder = Recorder(tmp_path, rotate_bytes=200_000)
+    recorder = Recorder(tmp_path, rotate_bytes=150_000)
     recorder.say("pressure_pa")
     with recorder.boards():
-        for reading in range(150):
+        for reading in range(110):
             recorder.say(str(reading))
             time.sleep(0.02)
     assert recorder.end() == 0
     parts = [path for path in (tmp_path / "trial", *(tmp_path / f"trial-{i}" for i in range(2, 20))) if path.exists()]
     assert len(parts) >= 3
     trials = [insole_daemon.load(path) for path in parts[:-1]]
-    assert all(200_000 <= (path / "can.log").stat().st_size < 260_000 for path in parts[:-1])
+    assert all(150_000 <= (path / "can.log").stat().st_size < 210_000 for path in parts[:-1])
     ends = [(trial["left"].t_ns[0], trial["left"].t_ns[-1]) for trial in trials]
     assert all(after[0] >= before[1] for before, after in itertools.pairwise(ends))
     references = [trial["left"].reference for trial in trials]
@@ -151,7 +151,7 @@ def test_over_the_network_the_same_cycles_are_written(daemon, tmp_path):
         raws = insole.raws("left")
         process = subprocess.Popen(
             [INSOLE, "record", out, "--remote", "--connect", daemon.endpoint, "--kind", "shoe",
-             "--reference", "left=lab/plate", "--seconds", "3"],
+             "--reference", "left=lab/plate", "--seconds", "2"],
             stderr=subprocess.PIPE, text=True,
         )  # fmt: skip
         with open_session("client", connect=[daemon.endpoint]) as session:
@@ -210,11 +210,11 @@ def test_a_killed_remote_recorder_leaves_what_numpy_reads(daemon, tmp_path):
     assert killed_ns - trial["right"].t_ns[-1] < 1e9
 
 
-def test_an_existing_folder_is_not_overwritten(tmp_path, daemon):
+def test_an_existing_folder_is_not_overwritten(tmp_path):
     (tmp_path / "old").mkdir()
     (tmp_path / "old" / "can.log").write_text("precious")
     done = subprocess.run(
-        [INSOLE, "record", tmp_path / "old", "--remote", "--connect", daemon.endpoint, "--seconds", "1"],
+        [INSOLE, "record", tmp_path / "old", "--seconds", "1"],
         capture_output=True, text=True, timeout=20, check=False,
     )  # fmt: skip
     assert done.returncode == 4
