@@ -63,7 +63,8 @@ def record(
 ) -> None:
     """Record a trial into a folder, from a bus or over Zenoh.
 
-    A bus is read beside the daemon, if there is one. What was received is on disk within a second; a recorder that was killed leaves a folder that can be read.
+    A bus is read beside the daemon, if there is one. What was received is on disk within a second; a recorder that was
+    killed leaves a folder that can be read.
     """
     from .. import config as configs
     from ..bus.opening import open_source

@@ -125,7 +125,7 @@ def _check_references(reading: Reading) -> None:
     written = reading.document.get("reference")
     if kind == "free" and written:
         reading.problem(("reference",), "expected none, since kind is free: say chamber, shoe or bench, or take it out")
-    elif kind in REFERENCE_COLUMNS and kind != "free" and not written:
+    elif isinstance(kind, str) and kind in REFERENCE_COLUMNS and kind != "free" and not written:
         reading.problem(
             ("reference",), f"missing key: a recording of kind {kind} has a reference; without one its kind is free"
         )

@@ -165,7 +165,7 @@ class _Loading:
             self._parts.append(parts)
         kind = document.get("kind")
         for _, reference in reading.of(RecordedReference):
-            if kind not in REFERENCE_COLUMNS:
+            if not isinstance(kind, str) or kind not in REFERENCE_COLUMNS:
                 continue
             found = self._tried(partial(references.read, reference.file, kind, reference.foot, reference.clock))
             if found is not None:
