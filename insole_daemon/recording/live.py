@@ -41,32 +41,36 @@ class _OpenFile(Protocol):
 
 
 class Durable:
-    """Makes files durable in a thread of its own, and closes those that are retired."""
+    """Makes files durable in a thread of its own, and does there whatever else must wait for a disk."""
 
     def __init__(self) -> None:
         """Begin."""
         self._files: list[_OpenFile] = []
-        self._tasks: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self._tasks: queue.SimpleQueue[Callable[[], object]] = queue.SimpleQueue()
         self._stop = threading.Event()
-        self._failed: OSError | None = None
+        self._failed: Exception | None = None
         self._thread = threading.Thread(target=self._run, name="durable", daemon=True)
         self._thread.start()
 
+    def do(self, task: Callable[[], object]) -> None:
+        """Do `task` within half a second, after all that was asked for before; returns at once."""
+        self._tasks.put(task)
+
     def watch(self, file: _OpenFile) -> None:
         """Make what is written to `file` durable from now on."""
-        self._tasks.put(lambda: self._files.append(file))
+        self.do(partial(self._files.append, file))
 
-    def retire(self, files: Sequence[_OpenFile], then: Callable[[], None]) -> None:
-        """Close `files` once they are durable, and do `then`; returns at once."""
-        self._tasks.put(lambda: self._retire(files, then))
+    def retire(self, file: _OpenFile) -> None:
+        """Close `file` once it is durable."""
+        self.do(partial(self._retire, file))
 
     def check(self) -> None:
-        """Raise OSError where the disk has failed since."""
+        """Raise what has failed since: OSError where it was the disk."""
         if self._failed is not None:
             raise self._failed
 
     def close(self) -> None:
-        """Finish everything; raises OSError where that failed."""
+        """Finish everything; raises what has failed."""
         self._stop.set()
         self._thread.join()
         self.check()
@@ -75,20 +79,25 @@ class Durable:
         stopping = False
         while not stopping:
             stopping = self._stop.wait(_SYNC_S)
-            try:
-                while not self._tasks.empty():
-                    self._tasks.get()()
-                for file in self._files:
-                    os.fdatasync(file.fileno())
-            except OSError as error:
-                self._failed = self._failed or error
+            while not self._tasks.empty():
+                self._attempt(self._tasks.get())
+            for file in self._files:
+                self._attempt(partial(_sync, file))
 
-    def _retire(self, files: Sequence[_OpenFile], then: Callable[[], None]) -> None:
-        for file in files:
-            self._files.remove(file)
-            os.fdatasync(file.fileno())
-            file.close()
-        then()
+    def _attempt(self, task: Callable[[], object]) -> None:
+        try:
+            task()
+        except Exception as error:  # told by check(), in the thread that can say it
+            self._failed = self._failed or error
+
+    def _retire(self, file: _OpenFile) -> None:
+        self._files.remove(file)
+        _sync(file)
+        file.close()
+
+
+def _sync(file: _OpenFile) -> None:
+    os.fdatasync(file.fileno())
 
 
 @dataclass(slots=True)
@@ -109,8 +118,9 @@ class _Part:
         logs: list[_OpenFile] = [self.log] if self.log else []
         return [*logs, *self.counts.values(), *self.references.values()]
 
-    def write_document(self) -> None:
-        write_text(self.folder / FILE, dump(self.document))
+    def writing_document(self) -> Callable[[], None]:
+        """What writes recording.yaml as it is to be now, in whichever thread."""
+        return partial(write_text, self.folder / FILE, dump(self.document))
 
 
 class LiveRecorder:
@@ -136,7 +146,9 @@ class LiveRecorder:
         self.folders: list[Path] = []
         refuse_existing(out)
         self._durable = Durable()
-        self._part = self._new_part()
+        self._next: queue.SimpleQueue[_Part] = queue.SimpleQueue()
+        self._part = self._guarded(self._new_part)
+        self._preparing = False
 
     @property
     def size(self) -> int:
@@ -179,14 +191,19 @@ class LiveRecorder:
         """Finish every folder; raises FileError where the disk fails."""
         self._retire(self._part)
         self._guarded(self._durable.close)
+        if not self._next.empty():  # it was made and never used
+            unused = self._next.get()
+            for file in unused.files():
+                file.close()
+            shutil.rmtree(unused.folder, ignore_errors=True)
+            self.folders.remove(unused.folder)
 
     def _new_part(self) -> _Part:
-        number = len(self.folders) + 1
-        folder = self._out if number == 1 else self._out.with_name(f"{self._out.name}-{number}")
-        refuse_existing(folder)
-        return self._guarded(partial(self._create, folder))
-
-    def _create(self, folder: Path) -> _Part:
+        folder = self._out
+        number = len(self.folders)
+        while number and (folder in self.folders or folder.exists()):  # of an earlier recording: this one goes on
+            number += 1
+            folder = self._out.with_name(f"{self._out.name}-{number}")
         folder.mkdir(parents=True, exist_ok=True)
         self.folders.append(folder)
         said, invented = write_insoles(folder, self._insoles)
@@ -201,7 +218,7 @@ class LiveRecorder:
             for insole in self._insoles:
                 part.counts[insole.foot] = GrowingCounts(folder / "counts" / f"{insole.foot}.npy", len(insole.layout))
         part.document |= {"can_origin": "recorded", "invented": invented or None, "insoles": said}
-        part.write_document()
+        part.writing_document()()
         for file in part.files():
             self._durable.watch(file)
         return part
@@ -215,18 +232,27 @@ class LiveRecorder:
         part.document["kind"] = self._kind
         entry = {"foot": foot, "file": name, "clock": clock}
         part.document["reference"] = [*part.document.get("reference", ()), entry]
-        part.write_document()
+        self._durable.do(part.writing_document())
         self._durable.watch(file)
         return file
 
     def _rotate_if_full(self) -> None:
-        if self._rotate_bytes is not None and self._part.size() >= self._rotate_bytes:
-            full, self._part = self._part, self._new_part()
+        """Go on in the next folder once it is there: making it waits for the disk, which the readings must not."""
+        if self._rotate_bytes is None or self._part.size() < self._rotate_bytes:
+            return
+        if not self._preparing:
+            self._preparing = True
+            self._durable.do(lambda: self._next.put(self._new_part()))
+        elif not self._next.empty():
+            full, self._part = self._part, self._next.get()
+            self._preparing = False
             self._retire(full)
 
     def _retire(self, part: _Part) -> None:
         self._finished_bytes += part.size()
-        self._durable.retire(part.files(), partial(_pack, part))
+        for file in part.files():
+            self._durable.retire(file)
+        self._durable.do(partial(_pack, part))
 
     def _guarded(self, write: Callable[[], T]) -> T:
         """Do it; what the disk has to say becomes an FileError that names the folder."""
@@ -248,7 +274,7 @@ def _pack(part: _Part) -> None:
     sizes = {foot: growing.dtype["counts"].shape[0] for foot, growing in part.counts.items()}
     counted.write(part.folder / "counts.npz", counted.read(part.folder / "counts", sizes))
     part.document["counts"] = "counts.npz"
-    part.write_document()
+    part.writing_document()()
     shutil.rmtree(part.folder / "counts")
 
 

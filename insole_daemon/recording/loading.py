@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
@@ -83,7 +83,6 @@ class Recording:
     feet: tuple[FootRecording, ...]
     warnings: tuple[str, ...]  # a sentence for each thing that is not as it should be
     log: Path | None  # the frames; None where none were kept
-    files: tuple[Path, ...] = field(repr=False)  # all that recording.yaml names
 
     def __getitem__(self, foot: str) -> FootRecording:
         """The recording of the "left" or the "right" foot."""
@@ -133,14 +132,10 @@ class _Loading:
         cycles = self._cycles(document)
         if self._errors:
             raise RecordingError(self._errors)
-        files = [path, document.can or document.counts]
-        for insole in document.insoles:
-            files += [insole.layout, insole.calibration, insole.zero]
-        files += [reference.file for reference in document.reference]
-        self._warn_of_unnamed([each for each in files if each is not None])
+        self._warn_of_unnamed(document)
         return Recording(
             self._folder, document.kind, document.can_origin, document.invented, tuple(cycles), tuple(self._warnings),
-            document.can, tuple(dict.fromkeys(each for each in files if each is not None)),
+            document.can,
         )  # fmt: skip
 
     def _check(self, reading: Reading) -> None:
@@ -163,9 +158,9 @@ class _Loading:
             if insole.zero is not None:
                 parts.zero = self._tried(partial(zeros.load, insole.zero, layout))
             self._parts.append(parts)
-        kind = document.get("kind")
+        kind = next((kind for kind in REFERENCE_COLUMNS if kind == document.get("kind")), None)
         for _, reference in reading.of(RecordedReference):
-            if not isinstance(kind, str) or kind not in REFERENCE_COLUMNS:
+            if kind is None:
                 continue
             found = self._tried(partial(references.read, reference.file, kind, reference.foot, reference.clock))
             if found is not None:
@@ -222,7 +217,9 @@ class _Loading:
             self._errors.append(error)
             return None
 
-    def _warn_of_unnamed(self, named: Sequence[Path]) -> None:
+    def _warn_of_unnamed(self, document: Document) -> None:
+        named = {reference.file for reference in document.reference}
+        named |= {path for each in document.insoles for path in (each.layout, each.calibration, each.zero) if path}
         for name in ("zero.json", "calibration.json", "layout.yaml", "reference.csv"):
             path = self._folder / name
             if path.exists() and path not in named:
