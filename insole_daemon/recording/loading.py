@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
+from typing import NoReturn, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -123,8 +123,10 @@ class _Loading:
         path = self._folder / FILE
         if not self._folder.is_dir():
             what = "is a file" if self._folder.exists() else "does not exist"
-            message = f"expected the folder of a recording, found that it {what}"
-            raise RecordingError([DocumentError(str(self._folder), [Problem(None, "(folder)", message)])])
+            self._refuse(f"expected the folder of a recording, found that it {what}")
+        if not path.exists():
+            there = ", ".join(sorted(each.name for each in self._folder.iterdir())[:10]) or "nothing"
+            self._refuse(f"expected the folder of a recording, which has a {FILE}, found {there}")
         document = self._tried(partial(read_document, path, Document, FORMAT, self._check))
         if document is None:
             self._judge_log(self._log)
@@ -137,6 +139,9 @@ class _Loading:
             self._folder, document.kind, document.can_origin, document.invented, tuple(cycles), tuple(self._warnings),
             document.can,
         )  # fmt: skip
+
+    def _refuse(self, message: str) -> NoReturn:
+        raise RecordingError([DocumentError(str(self._folder), [Problem(None, "(folder)", message)])])
 
     def _check(self, reading: Reading) -> None:
         """Beside what recording.yaml says itself, everything about the files it names, whatever else is wrong."""

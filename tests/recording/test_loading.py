@@ -204,7 +204,7 @@ def test_a_reference_with_many_faults_is_not_a_flood(trial):
 
 def test_a_folder_that_is_none(tmp_path):
     assert "does not exist" in problems(tmp_path / "gone")
-    assert "recording.yaml: (file): cannot be read" in problems(tmp_path)
+    assert "expected the folder of a recording, which has a recording.yaml, found nothing" in problems(tmp_path)
 
 
 def test_a_torn_log_is_read_up_to_its_tear(trial):
