@@ -107,7 +107,7 @@ def record(
             progress = session.from_daemon(raws)
         else:
             progress = session.from_bus(source)
-        told.end(progress)
+    told.end(progress)
 
 
 def insoles_of(settings: Config, foot: Which = Which.both) -> list[InsoleContents]:
