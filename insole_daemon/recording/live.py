@@ -155,6 +155,11 @@ class LiveRecorder:
         """Bytes of readings so far, in all folders."""
         return self._finished_bytes + self._part.size()
 
+    @property
+    def feet(self) -> frozenset[Foot]:
+        """The feet that are recorded."""
+        return frozenset(insole.foot for insole in self._insoles)
+
     def write_frames(self, batch: FrameBatch) -> None:
         """Append frames to the log."""
         if len(batch) and self._part.candump is not None:

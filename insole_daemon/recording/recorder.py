@@ -104,7 +104,7 @@ class Session:
                     self._reference(tag, item)
                 elif isinstance(item, Exception):
                     raise item
-                else:
+                elif item.foot in self.recorder.feet:  # a daemon of the other foot may have come since
                     self.recorder.write_cycle(item.foot, record_of(item))
                     progress.cycles += 1
                     progress.lost += item.lost
