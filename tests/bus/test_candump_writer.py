@@ -145,3 +145,16 @@ def test_a_path_that_cannot_be_written(tmp_path: Path) -> None:
         CandumpWriter(tmp_path / "none" / "can.log", ["can0"])
     with pytest.raises(LogError, match=r"expected a path that ends in \.log or \.log\.gz"):
         CandumpWriter(tmp_path / "can.log.zst", ["can0"])
+
+
+@pytest.mark.parametrize("names", [["can0"], ["can0", "can1"]])
+def test_frames_the_kernel_dropped_are_noted_as_candump_notes_them(tmp_path: Path, names: list[str]) -> None:
+    path = tmp_path / "can.log"
+    with CandumpWriter(path, names) as writer:
+        writer.write(ONE)
+        writer.note_dropped(1)
+        writer.note_dropped(41)
+        writer.write(ONE)
+    log = read(path)
+    assert (log.counters.frames, log.counters.dropped) == (2, 42)
+    assert "(total drops 42)" in path.read_text()

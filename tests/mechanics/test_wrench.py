@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from insole_daemon.mechanics.wrench import Wrench, WrenchEstimator
+from insole_daemon.mechanics.wrench import Wrench, WrenchEstimator, WrenchSeries
 from insole_daemon.skin.geometry import PRESSURE_TAXELS, TAXELS_MM
 from insole_daemon.skin.layout import Foot, builtin
 
@@ -164,3 +164,23 @@ def test_taxel_3_is_where_the_triangle_is() -> None:
     assert TAXELS_MM[3].tolist() == [0.0, 0.0]
     centres = [(t.x_mm / 1000, t.y_mm / 1000) for t in LEFT.triangles]
     np.testing.assert_allclose(LEFT.xy_m[:, 3], centres)
+
+
+def test_a_series_is_its_wrenches_one_by_one() -> None:
+    rng = np.random.default_rng(5)
+    pressure = np.where(VALID, rng.uniform(-2e4, 3e5, (40, *VALID.shape)), np.nan)
+    valid = VALID & (rng.random(pressure.shape) < 0.7)
+    valid[7] = False
+    pressure[8] *= 1e-3
+    for variance in (None, np.where(VALID, rng.uniform(0, 1e6, pressure.shape), np.nan)):
+        series = estimator().series(pressure, valid, variance)
+        assert len(series) == 40
+        for row in range(40):
+            one = estimator()(pressure[row], valid[row], None if variance is None else variance[row])
+            for name in Wrench.__slots__:
+                expected = pytest.approx(getattr(one, name), rel=1e-12, nan_ok=True)
+                if row == 7 and name not in ("contact_area_m2", "valid_fraction"):
+                    expected = pytest.approx(np.nan, nan_ok=True)
+                assert getattr(series, name)[row] == expected, (row, name)
+    assert len(WrenchSeries.concatenate([series, series])) == 80
+    assert len(WrenchSeries.concatenate([])) == 0
