@@ -79,8 +79,8 @@ def play(folder: Path, n_rows: int | None = None) -> Found:
     t_s, counts, valid, f_z_n, events = [], [], [], [], []
     for cycles in closed:
         for at in range(len(cycles)):
-            events += foot.watch(cycles, at)
             raw, _, wrench = foot.messages(cycles, at)
+            events += foot.watch(cycles, at)
             t_s.append((int(cycles.t_mono_ns[at]) - START_NS) * 1e-9)
             counts.append(raw.counts)
             valid.append(raw.valid.astype(bool))

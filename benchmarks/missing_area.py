@@ -45,8 +45,8 @@ def messages_of(
     live = Foot(FootSetup(CONFIG, insole, layout, calibrations.default(layout, insole.boards), None, "none"))
     wrenches, pressures = [], []
     for at in range(len(cycles)):
-        live.watch(cycles, at)
         _, pressure, wrench = live.messages(cycles, at)
+        live.watch(cycles, at)
         wrenches.append(wrench)
         pressures.append(np.where(pressure.valid, pressure.pressure_pa, 0))
     return cycles, wrenches, np.array(pressures)

@@ -57,6 +57,7 @@ class Assembly:
             status=np.frombuffer(self.status, ">u2").astype(np.uint16)[None],
             triangle_t_ns=t_ns,
             age_ns=newest_ns - t_ns,
+            arrivals=np.zeros((1, _N_TRIANGLES), np.int64),  # for the watch over faults, which the peer has not
             missing=np.zeros((1, _N_TRIANGLES), np.bool_),
             late=np.zeros(1, np.bool_),
             repeated=np.zeros(1, np.bool_),

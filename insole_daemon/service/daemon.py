@@ -133,14 +133,14 @@ class Daemon:
         ):
             for number, cycles in enumerate(closed, 1):
                 for at in range(len(cycles)):
-                    for event in foot.watch(cycles, at):
-                        publisher.publish(event)
                     if cycles.repeated[at] and (number, at) != (len(closed), len(cycles) - 1):
                         tally.skipped += 1
-                        continue
-                    for message in foot.messages(cycles, at):
-                        publisher.publish(message)
-                    tally.count(cycles, at)
+                    else:
+                        for message in foot.messages(cycles, at):
+                            publisher.publish(message)
+                        tally.count(cycles, at)
+                    for event in foot.watch(cycles, at):
+                        publisher.publish(event)
 
     def _stand(self) -> None:
         """What late joiners must get."""

@@ -63,7 +63,10 @@ class Foot:
         self._wrench = WrenchEstimator(setup.layout, config.contact.min_force_n, config.contact.min_pressure_pa)
 
     def watch(self, cycles: Cycles, at: int) -> list[Event]:
-        """Look for faults in cycle `at`: to be called with every cycle, before its messages are asked for."""
+        """Look for faults in cycle `at`: to be called with every cycle, once its messages are out.
+
+        What is found enters no later cycle; loose triangles do not even enter this one.
+        """
         return [
             Event(self.name, change.t_ns, change.event, change.text, [change.board], change.triangle, change.taxel)
             for change in self._watch.update(cycles, at)
@@ -75,6 +78,7 @@ class Foot:
 
     def messages(self, cycles: Cycles, at: int) -> tuple[Raw, Pressure, Wrench]:
         """The messages of cycle `at`; each call is one cycle published."""
+        self._watch.screen(cycles, at)
         counts, status, age_ns = cycles.counts[at], cycles.status[at], cycles.age_ns[at]
         valid = self.validity(counts, status, age_ns) & self._curve.usable & ~self._watch.masked
         pressure_pa = self._curve.pressure_pa(counts)

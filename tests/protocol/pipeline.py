@@ -87,8 +87,8 @@ def at_once(name: str) -> Published:
             for foot, closed, messages in zip(feet, closed_by_foot, published, strict=True):
                 for cycles in closed:
                     for at in range(len(cycles)):
-                        foot.watch(cycles, at)
                         messages.append(foot.messages(cycles, at))
+                        foot.watch(cycles, at)
     return Published(published, skin)
 
 

@@ -15,7 +15,7 @@ import regenerate
 from pipeline import GOLDEN, NAMES, Published, at_once, golden, live, log_of
 
 from insole_daemon.bus import replay
-from insole_daemon.service.foot import Foot
+from insole_daemon.skin.faults import FaultWatch
 from insole_daemon.skin.layout import builtin, load
 from insole_daemon.wire.messages import Pressure, Raw, Wrench
 
@@ -25,7 +25,8 @@ REL = 1e-6  # pressure and age travel as float32
 @pytest.fixture(autouse=True)
 def _no_faults_are_looked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     """The golden logs say what frames mean by the protocol; what is found wrong with them is not part of it."""
-    monkeypatch.setattr(Foot, "watch", lambda *_: [])
+    monkeypatch.setattr(FaultWatch, "screen", lambda *_: None)
+    monkeypatch.setattr(FaultWatch, "update", lambda *_: [])
 
 
 def bits(masks: list[int]) -> np.ndarray:

@@ -70,7 +70,7 @@ class Change:
 class FaultWatch:
     """Watches the counts of one foot.
 
-    To be updated with every cycle, in order; what it says depends on them alone. `masked` (n_triangles, 12) is what
+    To be given every cycle, in order, first to `screen` and then to `update`; what it says depends on them alone. `masked` (n_triangles, 12) is what
     may not enter pressure and wrench: all taxels of a loose triangle, of a re-zeroed board and of one whose address
     is used twice, and the taxels that are dead or stuck. Saturated taxels are clamped and silent boards stale, which
     makes them invalid by themselves; a board that restarted is believed.
@@ -92,6 +92,7 @@ class FaultWatch:
         self._fresh = np.zeros(n, np.bool_)  # halves came since the last look
         self._since = np.zeros(n, np.bool_)  # … since all of its board was fresh
         self._until_look = LOOK_CYCLES
+        self._found = False  # by screening, and not yet told
         self._active: dict[_Key, int] = {}
         self._heard = self._streams.seen.copy()
         self._believe()
@@ -107,27 +108,33 @@ class FaultWatch:
         self._rezeroed.forget()
         self._believe()
 
+    def screen(self, cycles: Cycles, at: int) -> None:
+        """Mask the triangles that are loose in cycle `at`: before anybody reads it."""
+        if cycles.repeated[at]:
+            return
+        counts, arrivals = cycles.counts[at], cycles.arrivals[at]
+        self._until_look -= 1
+        odd = self._loose.must_update(counts)
+        if odd or not self._until_look:
+            there = cycles.age_ns[at].view(np.uint64) < STALE_NS  # never received is −1
+            fresh = (arrivals != self._arrivals) & there
+            self._arrivals = arrivals
+            self._fresh |= fresh
+            found = odd and self._loose.update(counts, fresh, int(cycles.t_mono_ns[at]))
+            if found or not np.array_equal(there, self._there):
+                self._there = there
+                self._believe()
+            self._found |= found
+
     def update(self, cycles: Cycles, at: int) -> list[Change]:
-        """Take in cycle `at`; what began or healed with it."""
-        t_mono_ns, arrivals = int(cycles.t_mono_ns[at]), cycles.arrivals[at]
-        changed = self._streams.update(t_mono_ns, arrivals)
-        if not cycles.repeated[at]:
-            counts = cycles.counts[at]
-            self._until_look -= 1
-            odd = self._loose.must_update(counts)
-            if odd or not self._until_look:
-                there = cycles.age_ns[at].view(np.uint64) < STALE_NS  # never received is −1
-                fresh = (arrivals != self._arrivals) & there
-                self._arrivals = arrivals
-                self._fresh |= fresh
-                found = odd and self._loose.update(counts, fresh, t_mono_ns)
-                if found or not np.array_equal(there, self._there):
-                    self._there = there
-                    self._believe()
-                changed |= found
-            if not self._until_look:
-                self._until_look = LOOK_CYCLES
-                changed |= self._look(counts, t_mono_ns)
+        """Take in cycle `at`, which has been screened; what began or healed with it."""
+        t_mono_ns = int(cycles.t_mono_ns[at])
+        changed = self._streams.update(t_mono_ns, cycles.arrivals[at])
+        if not (self._until_look or cycles.repeated[at]):
+            self._until_look = LOOK_CYCLES
+            changed |= self._look(cycles.counts[at], t_mono_ns)
+        changed |= self._found
+        self._found = False
         return self._changes(int(cycles.t_ns[at])) if changed else []
 
     def _look(self, counts: NDArray[np.uint8], t_mono_ns: int) -> bool:

@@ -87,6 +87,7 @@ def watch(cycles: Cycles, period_ms: int = 20) -> Watched:
     t_s = (cycles.t_mono_ns - START_NS) * 1e-9
     changes, masked = [], []
     for at in range(len(cycles)):
+        watching.screen(cycles, at)
         changes += [(float(t_s[at]), change) for change in watching.update(cycles, at)]
         masked.append(watching.masked.copy())
     return Watched(cycles, t_s, changes, np.array(masked), watching)
@@ -254,6 +255,7 @@ def test_faults_are_those_told_and_not_yet_over() -> None:
     cycles = cycles_of(faults, 7, WALKS)
     there: dict[tuple[object, ...], int] = {}
     for at in range(len(cycles)):
+        watching.screen(cycles, at)
         for change in watching.update(cycles, at):
             key = (change.kind, change.board, change.triangle, change.taxel)
             if change.began:
