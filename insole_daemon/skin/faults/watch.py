@@ -70,10 +70,10 @@ class Change:
 class FaultWatch:
     """Watches the counts of one foot.
 
-    To be given every cycle, in order, first to `screen` and then to `update`; what it says depends on them alone. `masked` (n_triangles, 12) is what
-    may not enter pressure and wrench: all taxels of a loose triangle, of a re-zeroed board and of one whose address
-    is used twice, and the taxels that are dead or stuck. Saturated taxels are clamped and silent boards stale, which
-    makes them invalid by themselves; a board that restarted is believed.
+    To be given every cycle, in order, first to `screen` and then to `update`; what it says depends on them alone.
+    `masked` (n_triangles, 12) is what may not enter pressure and wrench: all taxels of a loose triangle, of a re-
+    zeroed board and of one whose address is used twice, and the taxels that are dead or stuck. Saturated taxels are
+    clamped and silent boards stale, which makes them invalid by themselves; a board that restarted is believed.
     """
 
     def __init__(self, layout: Layout, boards: Mapping[int, Board]) -> None:
