@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING
 from .config import DEFAULT_ENDPOINT
 
 if TYPE_CHECKING:
+    from os import PathLike
+
     from .wire.client import Client
 
 __all__ = ["__version__", "connect"]
@@ -21,8 +23,13 @@ __all__ = ["__version__", "connect"]
 __version__ = "0.1.0"
 
 
-def connect(endpoint: str = DEFAULT_ENDPOINT, rig: str = "*") -> Client:
-    """The daemons behind `endpoint`, for `with` and `async with`; raises WireError on entry where nobody answers."""
+def connect(endpoint: str = DEFAULT_ENDPOINT, rig: str = "*", config_file: str | PathLike[str] | None = None) -> Client:
+    """The daemons behind `endpoint`, for `with` and `async with`; raises WireError on entry where nobody answers.
+
+    `config_file` is a configuration of Zenoh's own (JSON5), which names the certificate of this program.
+    """
+    from pathlib import Path
+
     from .wire.client import Client  # Zenoh is loaded by whoever connects, not by every `insole --help`
 
-    return Client(endpoint, rig)
+    return Client(endpoint, rig, Path(config_file) if config_file is not None else None)

@@ -108,6 +108,7 @@ class Zenoh(Section):
     mode: Literal["peer", "client", "router"] = "peer"
     listen: tuple[Endpoint, ...] = (DEFAULT_ENDPOINT,)
     connect: tuple[Endpoint, ...] = ()
+    config_file: Path | None = None  # Zenoh's own configuration, for certificates and access rules
 
 
 def _built_in_insoles() -> tuple[Insole, ...]:
@@ -162,6 +163,11 @@ def check_insoles(reading: Reading) -> None:
 
 def _check(reading: Reading) -> None:
     check_insoles(reading)
+    for key, zenoh in reading.of(Zenoh):
+        if zenoh.mode == "client" and not zenoh.connect:
+            reading.problem(
+                (*key, "connect"), "a client is reached through the router it connects to: expected its endpoint"
+            )
     for key, insole in reading.of(Insole):
         n = len(reading.document["insoles"][key[1]]["boards"])  # wrong ones count too
         if insole.layout is None and n != BUILT_IN_BOARDS:

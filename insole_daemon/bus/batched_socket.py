@@ -28,7 +28,7 @@ from .frames import ERROR, EXTENDED, REMOTE, FrameBatch
 from .source import BusCounters
 
 _CAPACITY = 4096  # frames held between two drains: half a second of a saturated 1 Mbit/s bus
-_RECEIVE_BUFFER_BYTES = 8 << 20
+RECEIVE_BUFFER_BYTES = 8 << 20
 _SO_TIMESTAMPNS = 35
 _SO_RXQ_OVFL = 40
 _SO_RCVBUFFORCE = 33
@@ -157,6 +157,6 @@ def _flags_apart(id_and_flags: NDArray[np.uint32]) -> tuple[NDArray[np.uint32], 
 def _set_receive_buffer(sock: socket.socket) -> None:
     """8 MiB where allowed: root may exceed net.core.rmem_max, everybody else gets up to that limit."""
     try:
-        sock.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, _RECEIVE_BUFFER_BYTES)
+        sock.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, RECEIVE_BUFFER_BYTES)
     except PermissionError:
-        sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER_BYTES)
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)

@@ -7,20 +7,22 @@ import sys
 import typer
 
 from ..errors import InsoleError
-from . import boards, demo, replay, run, simulate, status, watch, zero
+from . import boards, demo, doctor, replay, run, simulate, status, watch, zero
 from . import map as mapping
 
 app = typer.Typer(
     name="insole",
     help="Pressure maps and wrenches of a sensorised insole: from CAN frames to Zenoh at 50 Hz.",
-    epilog="Exit status: 0 done, 1 not confirmed, 2 wrong usage, 3 a bus or Zenoh failed, 4 a file was refused.",
+    epilog="Exit status: 0 done, 1 not confirmed, or problems found, 2 wrong usage, 3 a bus or Zenoh failed, "
+    "4 a file was refused.",
     no_args_is_help=True,
     rich_markup_mode=None,  # loading rich would be most of the time `insole --help` takes
     add_completion=False,
     pretty_exceptions_enable=False,
 )
 for verb in (
-    demo.demo, run.run, simulate.simulate, replay.replay, watch.watch, status.status, boards.boards, zero.zero
+    demo.demo, run.run, simulate.simulate, replay.replay, watch.watch, status.status, doctor.doctor, boards.boards,
+    zero.zero
 ):  # fmt: skip
     app.command()(verb)
 app.command("map")(mapping.map_)

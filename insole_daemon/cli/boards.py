@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from ..config import DEFAULT_ENDPOINT
-from .options import Connect
+from .options import Connect, ZenohFile
 
 _UNCONFIRMED = 1  # exit status
 
@@ -37,6 +37,7 @@ def boards(
     force: Annotated[bool, typer.Option("--force", help="Configure although the foot is loaded.")] = False,
     rig: Annotated[str, typer.Option("--rig", help="Name of the rig, where one endpoint leads to several.")] = "*",
     connect: Connect = DEFAULT_ENDPOINT,
+    zenoh_config: ZenohFile = None,
 ) -> None:
     """List, configure, start and stop the boards.
 
@@ -51,7 +52,7 @@ def boards(
         raise typer.BadParameter("only configure can be forced", param_hint="--force")
     arguments = {"force": True} if force else {}
     confirmed = True
-    with Client(connect, rig) as insole:
+    with Client(connect, rig, zenoh_config) as insole:
         feet = [found for _, found in insole.feet() if foot is None or found == foot]
         if not feet:
             raise WireError(f"no daemon behind {connect} has {'a foot' if foot is None else f'a {foot} foot'}")

@@ -16,6 +16,9 @@ ConfigFile = Annotated[
     Path | None, typer.Option("--config", help="config.yaml; without it, the built-in default is used.")
 ]
 Connect = Annotated[str, typer.Option("--connect", help="Zenoh endpoint of the daemon.")]
+ZenohFile = Annotated[
+    Path | None, typer.Option("--zenoh-config", help="Zenoh's own configuration, with the certificate to show.")
+]
 Seconds = Annotated[float | None, typer.Option("--seconds", min=0.1, help="End after this time.")]
 
 

@@ -17,15 +17,19 @@ def run(config: ConfigFile = None) -> None:
     from ..bus.opening import open_gates, open_source
     from ..service.daemon import Daemon
     from ..service.foot import load_feet
+    from ..wire.exposure import REMEDY, exposures
     from ..wire.session import open_session
 
     settings = configs.load(config)
     feet = load_feet(settings)
+    for exposure in exposures(settings.zenoh):
+        print(f"insole: warning: {exposure} ({REMEDY})", file=sys.stderr, flush=True)
     source = open_source(settings.buses)
     gates: dict[str, Gate] = {}
     try:
         gates = open_gates(settings.buses, source, settings.boards.configure)
-        with open_session(settings.zenoh.mode, settings.zenoh.listen, settings.zenoh.connect) as session:
+        zenoh = settings.zenoh
+        with open_session(zenoh.mode, zenoh.listen, zenoh.connect, zenoh.config_file) as session:
             daemon = Daemon(source, feet, session, gates)
             on_end(daemon.stop)
             where = ", ".join(map(str, settings.buses))

@@ -7,7 +7,7 @@ import threading
 from typing import TYPE_CHECKING
 
 from ..config import DEFAULT_ENDPOINT
-from .options import Connect
+from .options import Connect, ZenohFile
 
 if TYPE_CHECKING:
     from ..wire.messages import Health, Meta
@@ -15,12 +15,12 @@ if TYPE_CHECKING:
 _HEALTH_WITHIN_S = 3.0  # health comes once a second
 
 
-def status(connect: Connect = DEFAULT_ENDPOINT) -> None:
+def status(connect: Connect = DEFAULT_ENDPOINT, zenoh_config: ZenohFile = None) -> None:
     """Say in one screen what runs and what is wrong."""
     from ..errors import WireError
     from ..wire.client import Client
 
-    with Client(connect) as insole:
+    with Client(connect, config_file=zenoh_config) as insole:
         feet = insole.feet()
         if not feet:
             raise WireError(f"a Zenoh node answers on {connect}, but no insole daemon is behind it")

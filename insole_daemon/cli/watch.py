@@ -11,19 +11,20 @@ import typer
 
 from ..config import DEFAULT_ENDPOINT
 from ..wire.keys import ROOT
-from .options import Connect, on_end
+from .options import Connect, ZenohFile, on_end
 
 
 def watch(
     key: Annotated[str, typer.Argument(help="Key expression, for example 'insole/*/left/wrench'.")] = f"{ROOT}/**",
     connect: Connect = DEFAULT_ENDPOINT,
+    zenoh_config: ZenohFile = None,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object a line, arrays as lists.")] = False,
     count: Annotated[int | None, typer.Option(min=1, help="End after so many messages.")] = None,
 ) -> None:
     """Print what is published on a key."""
     from ..wire.client import Client
 
-    with Client(connect) as insole:
+    with Client(connect, config_file=zenoh_config) as insole:
         messages = insole.messages(key)
         on_end(messages.close)
         for number, message in enumerate(messages, 1):

@@ -10,9 +10,11 @@ from typing import Annotated, Any
 import typer
 
 from ..config import DEFAULT_ENDPOINT
-from .options import Connect, Which
+from .options import Connect, Which, ZenohFile
 
 _COUNTDOWN_S = 3
+_PRESSURE_TAXELS = 10  # of a triangle; the geometry would be imported with numpy
+_PARTS_SHOWN = 12
 
 
 def zero(
@@ -21,6 +23,7 @@ def zero(
     force: Annotated[bool, typer.Option("--force", help="Also of a foot that seems loaded or moves.")] = False,
     wait: Annotated[bool, typer.Option(help="Count down first.")] = True,
     connect: Connect = DEFAULT_ENDPOINT,
+    zenoh_config: ZenohFile = None,
 ) -> None:
     """Take the zero of insoles that bear no load, and keep it.
 
@@ -29,7 +32,7 @@ def zero(
     from ..errors import WireError
     from ..wire.client import Client
 
-    with Client(connect) as insole:
+    with Client(connect, config_file=zenoh_config) as insole:
         there = [name for _, name in insole.feet()]
         feet = [name for name in ("left", "right") if name in there and foot in (Which.both, name)]
         if not feet:
@@ -72,11 +75,20 @@ def report(reply: dict[str, Any]) -> list[str]:
 
 
 def _names(taxels: list[list[int]]) -> str:
-    """[[5, 0, 1], [5, 0, 2]] as "board 5 triangle 0: 1, 2"."""
-    by_triangle: dict[tuple[int, int], list[str]] = {}
+    """[[5, 0, 1], [5, 0, 2]] as "board 5 triangle 0: 1, 2"; a triangle of which all are in it by its number alone."""
+    by_triangle: dict[tuple[int, int], list[int]] = {}
     for board, triangle, taxel in taxels:
-        by_triangle.setdefault((board, triangle), []).append(str(taxel))
-    return "; ".join(f"board {b} triangle {t}: {', '.join(own)}" for (b, t), own in by_triangle.items())
+        by_triangle.setdefault((board, triangle), []).append(taxel)
+    whole: dict[int, list[str]] = {}
+    parts = []
+    for (board, triangle), own in by_triangle.items():
+        if len(own) == _PRESSURE_TAXELS:
+            whole.setdefault(board, []).append(str(triangle))
+        else:
+            parts.append(f"board {board} triangle {triangle}: {', '.join(map(str, own))}")
+    if len(parts) > _PARTS_SHOWN:
+        parts[_PARTS_SHOWN:] = [f"and taxels of {len(parts) - _PARTS_SHOWN} more triangles"]
+    return "; ".join([f"board {b} all of triangles {', '.join(own)}" for b, own in whole.items()] + parts)
 
 
 def _say(text: str) -> None:

@@ -191,7 +191,8 @@ class BoardOperations:
             )  # fmt: skip
             entries.append(_identity(said.get(address)) | {"address": address, "why": why,
                                                            "temperature_c": found.get(address)})  # fmt: skip
-        return {"confirmed": len(found) == len(link.boards), "boards": entries}
+        without = [a for a in link.boards if a in said and a not in asked]
+        return {"confirmed": len(found) + len(without) == len(link.boards), "boards": entries}
 
     def _alone(self, verb: str, operation: Operation) -> Operation:
         """`operation`, unless something is being done to the boards already."""

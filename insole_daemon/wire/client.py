@@ -19,6 +19,7 @@ import dataclasses
 import threading
 from collections import deque
 from collections.abc import Callable
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Generic, Self, TypeVar
 
@@ -133,11 +134,11 @@ class Subscription(Generic[M]):
 class Client:
     """A connection to the daemons behind one endpoint; `rig` narrows it to one wearer.
 
-    It is open inside `with` or `async with`.
+    It is open inside `with` or `async with`. `config_file`: Zenoh's own configuration, with this client's certificate.
     """
 
-    def __init__(self, endpoint: str = DEFAULT_ENDPOINT, rig: str = "*") -> None:
-        self.endpoint, self.rig = endpoint, rig
+    def __init__(self, endpoint: str = DEFAULT_ENDPOINT, rig: str = "*", config_file: Path | None = None) -> None:
+        self.endpoint, self.rig, self._config_file = endpoint, rig, config_file
         self._opened: zenoh.Session | None = None
         self._subscriptions: list[Subscription[Any]] = []
 
@@ -193,8 +194,8 @@ class Client:
                         raise WireError(str(said["error"]))
                     return said
         raise WireError(
-            f"nobody answered for {own_key}: is that foot in the daemon's config, and the daemon of the same version? "
-            "'insole status' lists what runs"
+            f"nobody answered for {own_key}: is that foot in the daemon's config, the daemon of the same version, and "
+            "may this client ask it (access_control of the daemon's Zenoh)? 'insole status' lists what runs"
         )
 
     def feet(self) -> list[tuple[str, str]]:
@@ -205,7 +206,7 @@ class Client:
 
     def open(self) -> Self:
         """Connect; raises WireError where nobody answers on the endpoint."""
-        self._opened = open_session("client", connect=[self.endpoint])
+        self._opened = open_session("client", connect=[self.endpoint], config_file=self._config_file, rules=False)
         return self
 
     def close(self) -> None:

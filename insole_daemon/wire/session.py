@@ -3,37 +3,102 @@
 from __future__ import annotations
 
 import json
+import os
+import re
 from collections.abc import Sequence
+from pathlib import Path
 
 import zenoh
 
 from ..errors import WireError
 
+_OURS = {"mode": "mode", "listen/endpoints": "listen", "connect/endpoints": "connect"}  # Zenoh's key → config.yaml's
+_FIXED = {
+    "scouting/multicast/enabled": False,
+    "scouting/delay": 0,
+    "transport/shared_memory/enabled": False,  # opening would fail where /dev/shm is not ours to write
+    "timestamping/enabled": True,  # the publisher's cache for late joiners needs it
+    # A subscriber that stops reading may cost its own messages, never our time: nothing waits for room. The most
+    # room there can be then lets a slow one catch up; with the default of 2, cycles were lost to an idle one.
+    "transport/link/tx/queue/congestion_control/drop/wait_before_drop": 0,
+    "transport/link/tx/queue/size/real_time": 16,
+}
+_TLS_FILES = (
+    "root_ca_certificate",
+    "listen_private_key",
+    "listen_certificate",
+    "connect_private_key",
+    "connect_certificate",
+)
 
-def open_session(mode: str, listen: Sequence[str] = (), connect: Sequence[str] = ()) -> zenoh.Session:
+
+def open_session(
+    mode: str,
+    listen: Sequence[str] = (),
+    connect: Sequence[str] = (),
+    config_file: Path | None = None,
+    rules: bool = True,
+) -> zenoh.Session:
     """Open a session; raises WireError where an endpoint is taken or nobody answers.
 
+    `config_file` is a configuration of Zenoh's own (JSON5) for all that is not said here: certificates, access rules.
+    Without `rules` the file's access rules are left out: a daemon's are written from where it stands.
     The session must be closed by whoever opens it: one left open keeps the process from ending.
     """
-    config = zenoh.Config()
-    for path, value in {
-        "mode": mode,
-        "listen/endpoints": list(listen),
-        "connect/endpoints": list(connect),
-        "scouting/multicast/enabled": False,
-        "scouting/delay": 0,
-        "transport/shared_memory/enabled": False,  # opening would fail where /dev/shm is not ours to write
-        "timestamping/enabled": True,  # the publisher's cache for late joiners needs it
-        # A subscriber that stops reading may cost its own messages, never our time: nothing waits for room. The most
-        # room there can be then lets a slow one catch up; with the default of 2, cycles were lost to an idle one.
-        "transport/link/tx/queue/congestion_control/drop/wait_before_drop": 0,
-        "transport/link/tx/queue/size/real_time": 16,
-    }.items():
+    config = zenoh.Config() if config_file is None else load_config(config_file)
+    ours = {"mode": mode, "listen/endpoints": list(listen), "connect/endpoints": list(connect)}
+    for path, value in (ours | _FIXED).items():
         config.insert_json5(path, json.dumps(value))
+    if not rules:
+        config.insert_json5("access_control/enabled", "false")
     try:
         return zenoh.open(config)
     except zenoh.ZError as error:
-        raise WireError(_explain(mode, listen, connect, str(error))) from error
+        raise WireError(_explain(mode, listen, connect, _words(error))) from error
+
+
+def load_config(path: Path) -> zenoh.Config:
+    """The Zenoh configuration in file `path`, file names in it relative to its folder; WireError where it is refused.
+
+    What config.yaml says or the daemon sets may not stand there as well: it would silently be without effect.
+    """
+    try:
+        config = zenoh.Config.from_json5(path.read_text())
+    except OSError as error:
+        raise _refused(path, f"cannot be read: {error.strerror or error}") from error
+    except (UnicodeDecodeError, zenoh.ZError) as error:
+        raise _refused(path, f"expected a configuration of Zenoh (JSON5), found: {_words(error)}") from error
+    default = zenoh.Config()
+    for theirs, ours in _OURS.items():
+        if config.get_json(theirs) != default.get_json(theirs):
+            raise _refused(path, f"{theirs} may not stand there: say it in config.yaml, under zenoh.{ours}")
+    for name, value in _FIXED.items():
+        if json.loads(config.get_json(name)) not in (json.loads(default.get_json(name)), value):
+            raise _refused(path, f"{name} may not stand there: it is always {json.dumps(value)} here")
+    for name, file in tls_files(path, config).items():
+        if not os.access(file, os.R_OK):
+            why = f"the file {file} is not there, or may not be read by this user"
+            raise _refused(path, f"transport.link.tls.{name}: {why}")
+        config.insert_json5(f"transport/link/tls/{name}", json.dumps(str(file)))
+    return config
+
+
+def tls_files(path: Path, config: zenoh.Config) -> dict[str, Path]:
+    """The files that `config`, read from `path`, names for TLS, by the name of their key."""
+    tls = json.loads(config.get_json("transport/link/tls"))
+    return {name: path.absolute().parent / tls[name] for name in _TLS_FILES if tls[name] is not None}
+
+
+def _refused(path: Path, why: str) -> WireError:
+    """What is said of a Zenoh configuration that is not taken."""
+    error = WireError(f"{path}: {why}")
+    error.exit_status = 4  # a file is refused: nothing that heals by itself
+    return error
+
+
+def _words(error: Exception) -> str:
+    """What Zenoh says, without the line of its source where it says it."""
+    return re.sub(r" at /\S+\.rs:\d+\.?$", "", str(error).strip())
 
 
 def _explain(mode: str, listen: Sequence[str], connect: Sequence[str], error: str) -> str:
@@ -43,8 +108,13 @@ def _explain(mode: str, listen: Sequence[str], connect: Sequence[str], error: st
             "run ('insole status')? Stop it, or give this one another endpoint under zenoh.listen in its config"
         )
     if mode == "client":
+        certificate = (
+            "; or the other side refuses this program's certificate, or this program that of the other side"
+            if any(endpoint.startswith(("tls/", "quic/")) for endpoint in connect)
+            else ""
+        )
         return (
             f"nobody answers on {', '.join(connect)}. Start the daemon ('insole run', or 'insole demo' without "
-            "hardware), or name the endpoint it listens on"
+            f"hardware) or the router that is meant, or name the endpoint it listens on{certificate}"
         )
     return f"Zenoh cannot open a {mode} session (listen {list(listen)}, connect {list(connect)}): {error}"

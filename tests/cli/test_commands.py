@@ -24,7 +24,7 @@ def insole(*arguments: object, timeout: float = 30) -> subprocess.CompletedProce
 def test_help_names_every_verb_and_the_exit_status():
     done = insole("--help")
     assert done.returncode == 0
-    for verb in ("demo", "run", "simulate", "replay", "watch", "status", "boards", "zero", "map"):
+    for verb in ("demo", "run", "simulate", "replay", "watch", "status", "doctor", "boards", "zero", "map"):
         assert re.search(rf"^  {verb} +\w.*\.$", done.stdout, re.MULTILINE), f"{verb} is explained on one line"
     assert "Exit status" in done.stdout
 

@@ -21,7 +21,8 @@ def main(config_file: str, port: str) -> None:
     sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     sock.bind(("127.0.0.1", int(port)))
     source = SocketCanSource(sock, "can0")
-    with open_session(config.zenoh.mode, config.zenoh.listen, config.zenoh.connect) as session:
+    zenoh = config.zenoh
+    with open_session(zenoh.mode, zenoh.listen, zenoh.connect, zenoh.config_file) as session:
         daemon = Daemon(source, load_feet(config), session)
         signal.signal(signal.SIGTERM, lambda *_: daemon.stop())
         daemon.run(lambda: print("ready", flush=True))

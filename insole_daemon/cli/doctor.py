@@ -1,0 +1,41 @@
+"""`insole doctor`: why it does not work, and what to do about it."""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING
+
+import typer
+
+from .options import ConfigFile
+
+if TYPE_CHECKING:
+    from ..service.doctor import Finding
+
+_SUBJECT = 18  # characters
+
+
+def doctor(config: ConfigFile = None) -> None:
+    """Find out why it does not work, and what to do about it.
+
+    Looks at kernel, interfaces, Zenoh, clock and files, and through the running daemon at the boards; changes nothing.
+    Each finding is ok, a warning or a problem, the latter two with their remedy. Exit status 1: there is a problem.
+    """
+    from ..service.doctor import examine
+
+    levels: list[str] = []
+    for finding in examine(config):
+        sys.stdout.write(_lines(finding))
+        sys.stdout.flush()
+        levels.append(finding.level)
+    problems, warnings = levels.count("problem"), levels.count("warning")
+    print(f"{problems} problem{'s' * (problems != 1)}, {warnings} warning{'s' * (warnings != 1)}")
+    if problems:
+        raise typer.Exit(1)
+
+
+def _lines(finding: Finding) -> str:
+    lines = f"{finding.level:<8} {finding.subject:<{_SUBJECT}} {finding.text}\n"
+    if finding.remedy:
+        lines += f"{'':<8} {'':<{_SUBJECT}} → {finding.remedy}\n"
+    return lines

@@ -1,0 +1,31 @@
+"""What the doctor says of one thing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing that was looked at; `remedy` is a command or a line of a configuration."""
+
+    level: Literal["ok", "warning", "problem"]  # problem: it does not work so; warning: it works, and a person may mind
+    subject: str
+    text: str
+    remedy: str = ""
+
+
+def ok(subject: str, text: str) -> Finding:
+    """As it should be."""
+    return Finding("ok", subject, text)
+
+
+def warning(subject: str, text: str, remedy: str = "") -> Finding:
+    """It works, and a person may mind."""
+    return Finding("warning", subject, text, remedy)
+
+
+def problem(subject: str, text: str, remedy: str) -> Finding:
+    """It does not work so."""
+    return Finding("problem", subject, text, remedy)

@@ -1,0 +1,5 @@
+"""Part of the stand-in for ROS 2."""
+
+
+class ExternalShutdownException(Exception):  # noqa: N818 - the name is rclpy's
+    pass

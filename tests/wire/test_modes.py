@@ -1,0 +1,114 @@
+"""Peer, router and client from config.yaml, each between processes: the daemon, a router and who subscribes."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import socket
+import subprocess
+import sys
+import time
+
+import pytest
+
+import insole_daemon
+from insole_daemon.config import load
+from insole_daemon.errors import DocumentError, WireError
+from insole_daemon.wire.session import open_session
+from tests.conftest import RunningDaemon, free_port
+
+ROUTER = """
+import sys
+from insole_daemon.wire.session import open_session
+with open_session("router", [sys.argv[1]]):
+    print("ready", flush=True)
+    sys.stdin.read()
+"""
+
+
+@contextlib.contextmanager
+def router(endpoint):
+    """Somebody else's router, as a process."""
+    with subprocess.Popen(
+        [sys.executable, "-c", ROUTER, endpoint], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
+        try:
+            assert process.stdout.readline() == "ready\n"
+            yield
+        finally:
+            process.kill()
+
+
+@contextlib.contextmanager
+def daemon(tmp_path, zenoh):
+    config_file = tmp_path / "config.yaml"
+    config_file.write_text(f"format: insole-config/1\nrig: test\nzenoh: {zenoh}\n")
+    running = RunningDaemon(config_file, "", free_port(socket.SOCK_DGRAM))
+    running.start()
+    try:
+        with running.boards():
+            yield
+    finally:
+        status, _ = running.end()
+    assert status == 0
+
+
+def works(endpoint):
+    """What a subscriber wants: feet, cycles without a gap, what is behind them, and requests."""
+    with insole_daemon.connect(endpoint) as insole:
+        until = time.monotonic() + 10
+        while len(insole.feet()) < 2 and time.monotonic() < until:  # a peer or router finds its router by itself
+            time.sleep(0.1)
+        assert insole.feet() == [("test", "left"), ("test", "right")]
+        assert sum(wrench.lost for wrench in itertools.islice(insole.wrenches("left"), 25)) == 0
+        assert insole.meta("right").n_triangles == 28
+        assert len(insole.request("left", "boards", do="list")["boards"]) == 3
+
+
+@pytest.mark.parametrize("mode", ["peer", "router"])
+def test_subscribers_connect_to_the_daemon(tmp_path, endpoint, mode):
+    with daemon(tmp_path, f"{{mode: {mode}, listen: [{endpoint}]}}"):
+        works(endpoint)
+
+
+def test_a_daemon_that_is_a_router_carries_what_others_say_to_each_other(tmp_path, endpoint):
+    with daemon(tmp_path, f"{{mode: router, listen: [{endpoint}]}}"):
+        seen = []
+        with open_session("client", connect=[endpoint]) as one, open_session("client", connect=[endpoint]) as other:
+            one.declare_subscriber("lab/temperature", lambda sample: seen.append(sample.payload.to_string()))
+            until = time.monotonic() + 5
+            while not seen and time.monotonic() < until:
+                other.put("lab/temperature", "21")
+                time.sleep(0.05)
+        assert seen
+
+
+@pytest.mark.parametrize("mode", ["peer", "router", "client"])
+def test_subscribers_connect_to_a_router(tmp_path, endpoint, mode):
+    own = f"tcp/127.0.0.1:{free_port()}"
+    with router(endpoint), daemon(tmp_path, f"{{mode: {mode}, listen: [{own}], connect: [{endpoint}]}}"):
+        works(endpoint)
+        if mode == "router":
+            works(own)
+        if mode == "client":
+            with pytest.raises(WireError), insole_daemon.connect(own):
+                pass
+
+
+@pytest.mark.parametrize("mode", ["peer", "router", "client"])
+def test_a_router_that_comes_later_or_comes_back_is_found(tmp_path, endpoint, mode):
+    own = f"tcp/127.0.0.1:{free_port()}"
+    with contextlib.ExitStack() as first:
+        if mode == "client":
+            first.enter_context(router(endpoint))
+        with daemon(tmp_path, f"{{mode: {mode}, listen: [{own}], connect: [{endpoint}]}}"):
+            first.close()
+            with router(endpoint):
+                works(endpoint)
+
+
+def test_a_client_must_be_told_where_its_router_is(tmp_path):
+    config = tmp_path / "config.yaml"
+    config.write_text("format: insole-config/1\nzenoh: {mode: client}\n")
+    with pytest.raises(DocumentError, match=r"zenoh\.connect: a client is reached through the router"):
+        load(config)
