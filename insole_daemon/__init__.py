@@ -5,10 +5,14 @@ import insole_daemon
 with insole_daemon.connect() as insole:
     for wrench in insole.wrenches("left"):
         print(wrench.f_z_n, wrench.cop_x_m)
+
+trial = insole_daemon.load("walk-3")
+print(trial["left"].t_ns, trial["left"].counts, trial["left"].pressure_pa)
 """
 
 from __future__ import annotations
 
+from os import PathLike
 from typing import TYPE_CHECKING
 
 from .config import DEFAULT_ENDPOINT
@@ -16,9 +20,10 @@ from .config import DEFAULT_ENDPOINT
 if TYPE_CHECKING:
     from os import PathLike
 
+    from .recording.loading import Recording
     from .wire.client import Client
 
-__all__ = ["__version__", "connect"]
+__all__ = ["__version__", "connect", "load"]
 
 __version__ = "0.1.0"
 
@@ -33,3 +38,10 @@ def connect(endpoint: str = DEFAULT_ENDPOINT, rig: str = "*", config_file: str |
     from .wire.client import Client  # Zenoh is loaded by whoever connects, not by every `insole --help`
 
     return Client(endpoint, rig, Path(config_file) if config_file is not None else None)
+
+
+def load(folder: str | PathLike[str]) -> Recording:
+    """The recording in `folder` as numpy arrays; RecordingError lists everything that is wrong with its files."""
+    from .recording.loading import load as load_recording
+
+    return load_recording(folder)

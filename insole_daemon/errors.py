@@ -2,6 +2,8 @@
 
     InsoleError                something a person can act on
     ├── DocumentError          a file that a person or a program wrote: config, layout, calibration
+    ├── FileError              a file that is not what it should be, or cannot be written
+    ├── RecordingError         a recording: everything that is wrong with its files, at once
     ├── LogError               a candump log that cannot be read
     ├── BusError               a CAN interface that cannot be opened or read
     ├── EffectError            an effect that cannot do what it is asked to, or is not what its law allows
@@ -43,6 +45,22 @@ class DocumentError(InsoleError):
         self.path = path
         self.problems = tuple(problems)
         super().__init__("\n".join(f"{path}: {problem}" for problem in problems))
+
+
+class FileError(InsoleError):
+    """A file or a folder is not what it should be, or cannot be written."""
+
+    exit_status = 4
+
+
+class RecordingError(InsoleError):
+    """A recording is refused; `errors` are those of all its files."""
+
+    exit_status = 4
+
+    def __init__(self, errors: Sequence[InsoleError]) -> None:
+        self.errors = tuple(errors)
+        super().__init__("\n".join(map(str, errors)))
 
 
 class LogError(InsoleError):

@@ -41,6 +41,7 @@ class CandumpWriter:
         self._owned = isinstance(path_or_stream, str | os.PathLike)
         self.path = os.fspath(cast(str, path_or_stream)) if self._owned else "the log"
         self._stream = _create(self.path) if self._owned else cast(BinaryIO, path_or_stream)
+        self._dropped = 0
         width = max((len(name.encode()) for name in self.interfaces), default=0)
         # ") can0 " for each interface, one row each
         self._names = np.array(
@@ -52,6 +53,14 @@ class CandumpWriter:
         self._check(batch)
         for first in range(0, len(batch), _ROWS_AT_ONCE):
             self._stream.write(self._text(batch[first : first + _ROWS_AT_ONCE]))
+
+    def note_dropped(self, count: int) -> None:
+        """Note that the kernel dropped `count` frames before what comes next, as `candump -d` does."""
+        self._dropped += count
+        frames = "frame" if count == 1 else "frames"
+        interface = self.interfaces[0] if len(self.interfaces) == 1 else "any"
+        note = f"DROPCOUNT: dropped {count} CAN {frames} on '{interface}' socket (total drops {self._dropped})\n"
+        self._stream.write(note.encode())
 
     def close(self) -> None:
         """Flush, and close what this writer opened; idempotent."""

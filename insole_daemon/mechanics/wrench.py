@@ -10,6 +10,7 @@ wearer's left, z up:
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,6 +34,32 @@ class Wrench:
     m_y_std_nm: float
     contact_area_m2: float
     valid_fraction: float  # area of the valid taxels over that of all pressure taxels
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WrenchSeries:
+    """The wrenches of n cycles, every array (n,); NaN where a `Wrench` has it."""
+
+    f_z_n: NDArray[np.float64]
+    m_x_nm: NDArray[np.float64]
+    m_y_nm: NDArray[np.float64]
+    cop_x_m: NDArray[np.float64]
+    cop_y_m: NDArray[np.float64]
+    f_z_std_n: NDArray[np.float64]
+    m_x_std_nm: NDArray[np.float64]
+    m_y_std_nm: NDArray[np.float64]
+    contact_area_m2: NDArray[np.float64]
+    valid_fraction: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        """How many cycles there are."""
+        return len(self.f_z_n)
+
+    @classmethod
+    def concatenate(cls, parts: Sequence[WrenchSeries]) -> WrenchSeries:
+        """The parts one after another; of none, no cycle."""
+        none = [np.empty(0)]
+        return cls(*(np.concatenate([getattr(part, name) for part in parts] or none) for name in cls.__slots__))
 
 
 _NAN = float("nan")
@@ -77,4 +104,29 @@ class WrenchEstimator:
             std[0], std[1], std[2],
             int(np.count_nonzero(valid.ravel() & (pressure >= self._min_pressure_pa))) * self._area_m2,
             n_valid / self._n_taxels,
+        )  # fmt: skip
+
+    def series(
+        self,
+        pressure_pa: NDArray[np.float64],
+        valid: NDArray[np.bool_],
+        variance_pa2: NDArray[np.float64] | None,
+    ) -> WrenchSeries:
+        """The wrenches of n cycles, arguments (n, n_triangles, 12): cycle for cycle what a call gives."""
+        n = len(pressure_pa)
+        n_valid = np.count_nonzero(valid.reshape(n, -1), axis=1)
+        known = n_valid > 0
+        pressure = np.where(valid, pressure_pa, 0.0).reshape(n, -1)
+        wrench = np.add.reduce(self._rows[:, None] * pressure, axis=2)
+        wrench[:, ~known] = _NAN
+        std = np.full((3, n), _NAN)
+        if variance_pa2 is not None:
+            std[:, known] = np.sqrt(self._rows_squared @ np.where(valid, variance_pa2, 0.0).reshape(n, -1)[known].T)
+        f_z, m_x, m_y = wrench
+        in_contact = f_z >= self._min_force_n
+        force = np.where(in_contact, f_z, _NAN)
+        touched = np.count_nonzero(valid.reshape(n, -1) & (pressure >= self._min_pressure_pa), axis=1)
+        return WrenchSeries(
+            f_z, m_x, m_y, -m_y / force, m_x / force, std[0], std[1], std[2],
+            touched * self._area_m2, n_valid / self._n_taxels,
         )  # fmt: skip

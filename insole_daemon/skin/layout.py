@@ -110,6 +110,13 @@ def assigned(template: Layout, triangles: tuple[Triangle, ...]) -> Layout:
     return _layout(template.foot, area_mm2, template.area_meaning, triangles)
 
 
+def of(
+    foot: Foot, taxel_area_m2: float, area_meaning: str | None, triangles: tuple[Triangle, ...], builtin: bool = False
+) -> Layout:
+    """The layout of `triangles`; `builtin`: it is known to be the approximation."""
+    return _layout(foot, taxel_area_m2 * 1e6, area_meaning, triangles, builtin=builtin)
+
+
 def _layout(foot: Foot, area_mm2: float, meaning: str | None, triangles: tuple[Triangle, ...], **more: Any) -> Layout:
     xy_m = geometry.taxel_positions(
         [(t.x_mm, t.y_mm) for t in triangles],

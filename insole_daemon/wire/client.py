@@ -131,6 +131,14 @@ class Subscription(Generic[M]):
         self._subscriber.undeclare()
 
 
+class Payloads(Subscription[Any]):
+    """What other programs publish on a key, as bytes."""
+
+    def _decode(self, sample: zenoh.Sample) -> bytes:
+        payload: bytes = sample.payload.to_bytes()
+        return payload
+
+
 class Client:
     """A connection to the daemons behind one endpoint; `rig` narrows it to one wearer.
 
@@ -165,6 +173,12 @@ class Client:
     def messages(self, key_expression: str = f"{ROOT}/**") -> Subscription[Message]:
         """Everything under a key expression, each message of its own type."""
         return self._subscribe(key_expression)
+
+    def payloads(self, key_expression: str) -> Payloads:
+        """Everything under a key expression that is not ours, such as that of a reference instrument."""
+        subscription = Payloads(self._session, key_expression)
+        self._subscriptions.append(subscription)
+        return subscription
 
     def meta(self, foot: str) -> Meta:
         """Layout, boards and settings of `foot`; raises WireError where no daemon has it."""

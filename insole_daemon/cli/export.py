@@ -1,0 +1,51 @@
+"""`insole export`: a recording in the forms that other programs read."""
+
+from __future__ import annotations
+
+import sys
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+class Form(StrEnum):
+    """What a recording is exported to."""
+
+    csv = "csv"
+    npz = "npz"
+    mat = "mat"
+    mcap = "mcap"
+
+
+def export(
+    recording: Annotated[Path, typer.Argument(help="Folder of the recording.")],
+    out: Annotated[Path, typer.Argument(help="File, or with --to csv the folder, that is written.")],
+    to: Annotated[Form | None, typer.Option(help="Without it, what the ending of OUT says.")] = None,
+) -> None:
+    """Write a recording as CSV, npz, MATLAB or MCAP."""
+    from ..errors import FileError
+    from ..recording import export_mcap, export_tables
+    from ..recording.loading import load
+    from ..recording.writer import refuse_existing
+
+    suffix = out.suffix.lower().removeprefix(".")
+    form = to or (Form(suffix) if suffix in list(Form) else None)
+    if form is None:
+        raise typer.BadParameter(f"expected an OUT that ends in .npz, .mat or .mcap, or --to, found {out}")
+    refuse_existing(out)
+    loaded = load(recording)
+    for line in loaded.warnings:
+        print(f"insole: {line}", file=sys.stderr)
+    write = {
+        Form.csv: export_tables.export_csv,
+        Form.npz: export_tables.export_npz,
+        Form.mat: export_tables.export_matlab,
+        Form.mcap: export_mcap.export_mcap,
+    }[form]
+    try:
+        write(loaded, out)
+    except OSError as error:
+        raise FileError(f"{out}: cannot be written: {error.strerror or error}") from error
+    print(f"{out}: {form.value}, {', '.join(f'{each.foot} {len(each)} cycles' for each in loaded.feet)}")

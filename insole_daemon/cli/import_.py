@@ -1,0 +1,65 @@
+"""`insole import`: what others wrote, as a recording."""
+
+from __future__ import annotations
+
+import sys
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from ..config import Foot
+
+if TYPE_CHECKING:
+    pass
+
+
+class OneFoot(StrEnum):
+    """Whose insole a table of counts is of."""
+
+    left = "left"
+    right = "right"
+
+
+def import_(
+    source: Annotated[
+        Path,
+        typer.Argument(
+            help="MATLAB file (C, P), YARP dump, bench CSV, MCAP of insole export, or a CAN log: candump, ASC, BLF, "
+            "TRC, CSV, MF4."
+        ),
+    ],
+    out: Annotated[Path, typer.Argument(help="Folder of the recording; it must not exist yet.")],
+    foot: Annotated[OneFoot | None, typer.Option("--foot", help="Of a table of counts: whose it is.")] = None,
+    layout: Annotated[
+        Path | None, typer.Option(help="Of a table of counts: insole-layout/1, whose order is that of the columns.")
+    ] = None,
+    config: Annotated[
+        Path | None, typer.Option("--config", help="Of a CAN log: the config.yaml it was recorded with.")
+    ] = None,
+) -> None:
+    """Make a recording of a file that another program wrote.
+
+    What such a file leaves out is not made up silently: recording.yaml lists it under `invented`.
+    """
+    from .. import config as configs
+    from ..recording.importing import import_recording
+    from ..recording.loading import load
+    from ..skin import layout as layouts
+    from .record import insoles_of
+
+    side: Foot | None = foot.value if foot is not None else None
+    own_layout = layouts.load(layout, side) if layout is not None else None
+    if own_layout is not None and side is None:
+        side = own_layout.foot
+    insoles = insoles_of(configs.load(config)) if config is not None else None
+    import_recording(source, out, side, own_layout, insoles)
+    recording = load(out)
+    for each in recording.feet:
+        print(f"{each.foot}: {len(each)} cycles, {len(each.layout)} triangles, {recording.kind}, in {out}")
+    for line in recording.warnings:
+        print(f"insole: {line}", file=sys.stderr)
+    for line in recording.invented:
+        print(f"insole: invented: {line}", file=sys.stderr)

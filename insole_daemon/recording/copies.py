@@ -1,0 +1,130 @@
+"""Copies of what an insole was read with, so that a recording's folder stands alone."""
+
+from __future__ import annotations
+
+import json
+import math
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..config import Board, Foot
+from ..files import write_text
+from ..physics import calibration as calibrations
+from ..physics import zero as zeros
+from ..physics.calibration import Calibration
+from ..physics.zero import Zero
+from ..skin import geometry
+from ..skin import layout as layouts
+from ..skin.layout import Layout, Triangle
+from .document import RecordedBoard
+
+BUILTIN_LAYOUT = "the layout of the {foot} foot: the built-in approximation, not measured on this insole"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class InsoleContents:
+    """One insole of a recording that is written.
+
+    A calibration is a file to copy or an object to write; a built-in one is none, and is left out.
+    """
+
+    foot: Foot
+    boards: Sequence[Board | RecordedBoard]
+    layout: Layout
+    calibration: Path | Calibration | None = None
+    zero: Zero | None = None
+
+
+def write_insoles(folder: Path, insoles: Sequence[InsoleContents]) -> tuple[list[dict[str, Any]], list[str]]:
+    """Write the copies into `folder`; what recording.yaml says of the insoles, and what of them is invented."""
+    said, invented = [], []
+    for insole in insoles:
+        prefix = f"{insole.foot}-" if len(insoles) > 1 else ""
+        entry: dict[str, Any] = {"foot": insole.foot, "layout": f"{prefix}layout.yaml"}
+        remark = ""
+        if insole.layout.builtin:
+            remark = BUILTIN_LAYOUT.format(foot=insole.foot)
+            invented.append(remark)
+        layouts.write(folder / entry["layout"], insole.layout, remark)
+        if isinstance(insole.calibration, Path):
+            entry["calibration"] = f"{prefix}calibration.json"
+            shutil.copyfile(insole.calibration, folder / entry["calibration"])
+        elif insole.calibration is not None and not insole.calibration.builtin:
+            entry["calibration"] = f"{prefix}calibration.json"
+            write_calibration(folder / entry["calibration"], insole.calibration, insole.layout)
+        if insole.zero is not None:
+            entry["zero"] = f"{prefix}zero.json"
+            zeros.save(folder / entry["zero"], insole.zero, insole.layout)
+        entry["boards"] = [
+            {
+                "address": board.address,
+                "interface": board.interface,
+                "period_ms": board.period_ms,
+                "shift": board.shift,
+                "no_load": board.no_load,
+                "skin_type": board.skin_type,
+            }
+            for board in insole.boards
+        ]
+        said.append(entry)
+    return said, invented
+
+
+def write_calibration(path: Path, calibration: Calibration, layout: Layout) -> None:
+    """Write `calibration` as a file that `calibration.load` reads, all or nothing; OSError where that cannot be."""
+    identities = layout.identities.tolist()
+    rows = []
+    for row, taxel in np.argwhere(calibration.usable).tolist():
+        board, triangle = identities[row]
+        entry: dict[str, Any] = {
+            "board": board,
+            "triangle": triangle,
+            "taxel": taxel,
+            "baseline_count": float(calibration.baseline_count[row, taxel]),
+            "coefficients_pa": calibration.coefficients_pa[row, taxel].tolist(),
+        }
+        if calibration.covariance_pa2 is not None and not np.isnan(calibration.covariance_pa2[row, taxel]).any():
+            entry["extensions"] = {calibrations.COVARIANCE: calibration.covariance_pa2[row, taxel].tolist()}
+        rows.append(json.dumps(entry, allow_nan=False))
+    head: dict[str, Any] = {"format": calibrations.FORMAT, "foot": calibration.foot}
+    tail: dict[str, Any] = {"effects": list(calibration.effects), "provenance": dict(calibration.provenance)}
+    if calibration.extensions:
+        tail["extensions"] = dict(calibration.extensions)
+    taxels = ",\n  ".join(rows)
+    write_text(path, f'{json.dumps(head)[:-1]}, "taxels": [\n  {taxels}\n], {json.dumps(tail)[1:]}\n')
+
+
+def layout_of_meta(meta: Mapping[str, Any], xy_m: NDArray[np.floating[Any]]) -> Layout:
+    """The layout that a daemon's `meta` describes: from the places of the taxels, xy_m (n_triangles, 12, 2), back to
+    where each triangle lies."""
+    local = geometry.TAXELS_MM[:, 0] + 1j * geometry.TAXELS_MM[:, 1]
+    triangles = []
+    for said, places in zip(meta["triangles"], np.asarray(xy_m, np.float64) * 1e3, strict=True):
+        at = places[:, 0] + 1j * places[:, 1]
+        centred = at - at[3]  # taxel 3 is the centre
+        fits = []
+        for mirrored in (False, True):
+            own = -local.conjugate() if mirrored else local
+            angle = float(np.angle(np.vdot(own, centred)))
+            fits.append((float(np.abs(centred - own * np.exp(1j * angle)).sum()), mirrored, math.degrees(angle)))
+        _, mirrored, rotation_deg = min(fits)
+        triangles.append(
+            Triangle(
+                board=said["board"],
+                triangle=said["triangle"],
+                patch=said["patch"],
+                x_mm=round(float(at[3].real), 3),
+                y_mm=round(float(at[3].imag), 3),
+                rotation_deg=round(rotation_deg, 3) % 360.0,
+                mirrored=mirrored,
+            )
+        )
+    return layouts.of(
+        meta["foot"], meta["taxel_area_m2"], meta["area_meaning"], tuple(triangles), meta["layout_builtin"]
+    )

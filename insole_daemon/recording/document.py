@@ -1,0 +1,158 @@
+"""recording.yaml: what one trial consists of, in files beside it (`insole-recording/1`)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import yaml
+
+from ..config import Address, Foot
+from ..documents import Key, Reading, Section, at_least, spell, within
+
+FORMAT = "insole-recording/1"
+FILE = "recording.yaml"
+
+Kind = Literal["chamber", "shoe", "bench", "free"]
+CanOrigin = Literal["recorded", "simulated", "reencoded"]
+Clock = Literal["own", "can"]
+
+# Columns of the reference, beside time_s; more may follow.
+REFERENCE_COLUMNS: Mapping[Kind, tuple[str, ...]] = {
+    "chamber": ("pressure_pa",),
+    "shoe": ("fz_n", "mx_nm", "my_nm"),
+    "bench": ("reference",),
+    "free": (),
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RecordedBoard(Section):
+    """A board and the settings it streamed with; what is not known is left out, and None here."""
+
+    address: Address
+    interface: str | None = None
+    period_ms: Annotated[int, within(1, 255)] | None = None
+    shift: Annotated[int, within(0, 7)] | None = None
+    no_load: Annotated[int, within(1, 255)] | None = None
+    skin_type: Literal[0, 1, 2, 3, 7, 8] | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RecordedInsole(Section):
+    """One insole of the trial; its files may be missing, and are then not known."""
+
+    foot: Foot
+    layout: Path | None = None  # None: the built-in approximation for its three boards
+    calibration: Path | None = None
+    zero: Path | None = None
+    boards: Annotated[tuple[RecordedBoard, ...], at_least(1)]
+
+    @property
+    def addresses(self) -> tuple[int, ...]:
+        """Of the boards, in the order of the file."""
+        return tuple(board.address for board in self.boards)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RecordedReference(Section):
+    """The reference instrument of one foot."""
+
+    foot: Foot
+    file: Path
+    clock: Clock
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Document(Section):
+    """All of recording.yaml; exactly one of `can` and `counts` is given."""
+
+    kind: Kind
+    can: Path | None = None
+    counts: Path | None = None
+    can_origin: CanOrigin
+    invented: tuple[str, ...] = ()  # a sentence for each thing that nobody measured
+    insoles: Annotated[tuple[RecordedInsole, ...], at_least(1)]
+    reference: tuple[RecordedReference, ...] = ()
+
+
+def check(reading: Reading) -> None:
+    """Report what the sections of a recording.yaml do not fit together in."""
+    document = reading.document
+    given = [key for key in ("can", "counts") if document.get(key) is not None]
+    if len(given) != 1:
+        found = "both" if given else "neither"
+        reading.problem(
+            ("counts",) if given else ("can",),
+            f"expected one of can (a candump log) and counts (an .npz where no frames were kept), found {found}",
+        )
+    if document.get("can_origin") == "reencoded" and not document.get("invented"):
+        reading.problem(
+            ("invented",),
+            "missing key: expected a list of what was invented, since can_origin is reencoded "
+            "(made from published numbers)",
+        )
+    _check_insoles(reading)
+    _check_references(reading)
+
+
+def _check_insoles(reading: Reading) -> None:
+    feet: dict[str, Key] = {}
+    for key, insole in reading.of(RecordedInsole):
+        if insole.foot in feet:
+            where = spell(feet[insole.foot])
+            reading.problem((*key, "foot"), f"the {insole.foot} foot stands twice, first in {where}")
+        feet.setdefault(insole.foot, key)
+        if insole.layout is None and len(insole.boards) != 3:
+            reading.problem(
+                (*key, "layout"),
+                "missing key: expected a layout file, or three boards (front, middle, rear) "
+                f"for the built-in layout, found {len(insole.boards)}",
+            )
+    first: dict[int, Key] = {}
+    for key, board in reading.of(RecordedBoard):
+        if board.address in first:
+            where = spell(first[board.address])
+            reading.problem((*key, "address"), f"two boards on address {board.address}, the other is {where}")
+        first.setdefault(board.address, key)
+
+
+def _check_references(reading: Reading) -> None:
+    kind = reading.document.get("kind")
+    references = reading.of(RecordedReference)
+    written = reading.document.get("reference")
+    if kind == "free" and written:
+        reading.problem(("reference",), "expected none, since kind is free: say chamber, shoe or bench, or take it out")
+    elif kind in REFERENCE_COLUMNS and kind != "free" and not written:
+        reading.problem(
+            ("reference",), f"missing key: a recording of kind {kind} has a reference; without one its kind is free"
+        )
+    feet = {insole.foot for _, insole in reading.of(RecordedInsole)}
+    first: dict[str, Key] = {}
+    for key, reference in references:
+        if reference.foot in first:
+            where = spell(first[reference.foot])
+            reading.problem((*key, "foot"), f"the {reference.foot} foot has two references, the first is {where}")
+        first.setdefault(reference.foot, key)
+        if feet and reference.foot not in feet:
+            known = " and the ".join(sorted(feet))
+            reading.problem(
+                (*key, "foot"),
+                f"the reference of the {reference.foot} foot, but recorded is the {known}: "
+                "correct the foot, or take the reference out",
+            )
+
+
+def dump(document: Mapping[str, Any]) -> str:
+    """The text of a recording.yaml that says `document`, keys in its order; None is left out."""
+    return yaml.safe_dump(_without_none({"format": FORMAT, **document}), sort_keys=False, allow_unicode=True, width=120)
+
+
+def _without_none(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _without_none(each) for key, each in value.items() if each is not None}
+    if isinstance(value, list | tuple):
+        return [_without_none(each) for each in value]
+    return value

@@ -1,0 +1,150 @@
+"""A recording as one MCAP file: to look at in Foxglove and PlotJuggler, and to replay.
+
+| topic                  | schema                   | what |
+|------------------------|--------------------------|------|
+| /insole/left/wrench    | insole.wrench            | every cycle, where there is a calibration |
+| /insole/left/health    | insole.recorded_health   | once a second |
+| /insole/left/event     | insole.event             | a board begins to send, or falls silent |
+| /insole/left/reference | insole.reference         | every reading that has a time |
+
+Messages are JSON with a JSON schema (encoding `jsonschema`, as Foxglove wants it), a value that is not known is left
+out: no reader of these files takes null for a number. The recording's own files are attachments, byte for byte but
+for the log, which is compressed: the file alone gives the recording back (`insole import`).
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..files import unfinished
+from .derived import events, health
+from .instrument import RECEIVED
+from .lab import need
+from .loading import FootRecording, Recording
+from .portable import portable
+
+METADATA = "insole-recording"
+_MEDIA = {".yaml": "application/yaml", ".json": "application/json", ".csv": "text/csv", ".gz": "application/gzip"}
+_NUMBER, _TEXT, _WHOLE = {"type": "number"}, {"type": "string"}, {"type": "integer"}
+_WRENCH = ("f_z_n", "m_x_nm", "m_y_nm", "cop_x_m", "cop_y_m", "f_z_std_n", "m_x_std_nm", "m_y_std_nm",
+           "contact_area_m2", "valid_fraction")  # fmt: skip
+_PROPERTIES: Mapping[str, dict[str, Any]] = {
+    "wrench": dict.fromkeys(_WRENCH, _NUMBER) | {"repeated": {"type": "boolean"}},
+    "health": {
+        "state": _TEXT,
+        "publish_rate_hz": _NUMBER,
+        "late": _WHOLE,
+        "repeated": _WHOLE,
+        "valid_fraction": _NUMBER,
+        "boards": {
+            "type": "array",
+            "items": {
+                "type": "object",
+                "properties": {"address": _WHOLE, "state": _TEXT, "change_rate_hz": _NUMBER, "missing": _WHOLE},
+            },
+        },
+    },
+    "event": {"kind": _TEXT, "text": _TEXT, "boards": {"type": "array", "items": _WHOLE}},
+}
+_SCHEMAS = {"wrench": "insole.wrench", "health": "insole.recorded_health", "event": "insole.event"}
+
+Messages = Iterator[tuple[int, dict[str, Any]]]
+
+
+def export_mcap(recording: Recording, out: Path) -> None:
+    """Write `out`, all or nothing; InsoleError where the package mcap is not installed, OSError where it fails."""
+    writer_module = need("mcap.writer", "mcap", "exporting MCAP")
+    with unfinished(out) as beside, open(beside, "wb") as file:
+        writer = writer_module.Writer(file)
+        writer.start(profile="", library="insole-daemon")
+        start_ns = min((int(foot.t_ns[0]) for foot in recording.feet if len(foot)), default=0)
+        written: list[tuple[int, int, bytes]] = []
+        for foot in recording.feet:
+            for what, messages in _channels(foot):
+                channel = _channel(writer, foot, what)
+                written += [(t_ns, channel, _json(message)) for t_ns, message in messages]
+        for sequence, (t_ns, channel, data) in enumerate(sorted(written, key=lambda each: each[0])):
+            writer.add_message(channel, log_time=t_ns, publish_time=t_ns, data=data, sequence=sequence)
+        for name, content in portable(recording).items():
+            media = _MEDIA.get(Path(name).suffix, "application/octet-stream")
+            writer.add_attachment(start_ns, start_ns, name, media, content)
+        writer.add_metadata(METADATA, _metadata(recording))
+        writer.finish()
+
+
+def _channels(foot: FootRecording) -> list[tuple[str, Messages]]:
+    channels: list[tuple[str, Messages]] = [("health", health(foot)), ("event", events(foot))]
+    if foot.wrench is not None:
+        channels.append(("wrench", _wrenches(foot)))
+    if foot.reference is not None and foot.reference.time_s is not None:
+        channels.append(("reference", _readings(foot)))
+    return channels
+
+
+def _channel(writer: Any, foot: FootRecording, what: str) -> int:
+    if what == "reference":
+        assert foot.reference is not None
+        properties: dict[str, Any] = dict.fromkeys(foot.reference.columns, _NUMBER)
+        name = f"insole.reference.{foot.foot}"
+    else:
+        properties, name = _PROPERTIES[what], _SCHEMAS[what]
+    schema = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": name, "type": "object",
+              "properties": properties}  # fmt: skip
+    schema_id = writer.register_schema(name=name, encoding="jsonschema", data=json.dumps(schema).encode())
+    channel: int = writer.register_channel(
+        topic=f"/insole/{foot.foot}/{what}", message_encoding="json", schema_id=schema_id
+    )
+    return channel
+
+
+def _wrenches(foot: FootRecording) -> Messages:
+    assert foot.wrench is not None
+    columns = {name: getattr(foot.wrench, name).tolist() for name in _WRENCH}
+    for row, (t_ns, repeated) in enumerate(zip(foot.t_ns.tolist(), foot.repeated.tolist(), strict=True)):
+        yield t_ns, {name: column[row] for name, column in columns.items()} | {"repeated": repeated}
+
+
+def _readings(foot: FootRecording) -> Messages:
+    """On the clock of the frames: their own, the moment of arrival, or as if both had begun together."""
+    reference = foot.reference
+    assert reference is not None
+    assert reference.time_s is not None
+    time_s = reference.time_s
+    if reference.clock == "own":
+        if RECEIVED in reference.columns:
+            time_s = reference[RECEIVED]
+        elif len(time_s) and len(foot):
+            time_s = time_s - time_s[0] + foot.t_ns[0] * 1e-9
+    t_ns = (np.round(time_s * 1e6).astype(np.int64) * 1000).tolist()
+    columns = {name: column.tolist() for name, column in reference.columns.items()}
+    for row, moment_ns in enumerate(t_ns):
+        yield moment_ns, {name: column[row] for name, column in columns.items()}
+
+
+def _metadata(recording: Recording) -> dict[str, str]:
+    said = {"kind": recording.kind, "can_origin": recording.can_origin, "invented": "; ".join(recording.invented)}
+    for foot in recording.feet:
+        reference = foot.reference
+        if reference is None:
+            continue
+        key = f"{foot.foot}_reference_clock"
+        if reference.time_s is None:
+            said[key] = "unknown: no times, so no channel; the readings are in the attachment"
+        elif reference.clock == "can":
+            said[key] = "that of the frames"
+        elif RECEIVED in reference.columns:
+            said[key] = f"its own; messages lie where they arrived ({RECEIVED})"
+        else:
+            said[key] = "its own; messages lie as if it had begun with the first cycle, the true offset is not known"
+    return said
+
+
+def _json(message: Mapping[str, Any]) -> bytes:
+    known = {name: value for name, value in message.items() if not (isinstance(value, float) and math.isnan(value))}
+    return json.dumps(known, ensure_ascii=False, separators=(",", ":")).encode()

@@ -1,0 +1,77 @@
+"""The published recordings of Belli et al. 2023 (MATLAB v5): a struct `experiment` with C and, of a chamber, P.
+
+C (n, 2 + columns) is a counter, the time in seconds at which YARP published the row, and counts; P (m, 1) is the
+chamber's pressure in bar, without times of its own and not the same number of rows.
+Source: ami-iit/paper_belli_2023_sensors_insole-calibration, Code/calibration_taxels.m.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..config import Foot
+from ..errors import FileError
+from ..skin.layout import Layout
+from .columns import counts_of, insole_of
+from .counts import CountsTable
+from .lab import need
+from .writer import ReferenceContents, write
+
+_PA_PER_BAR = 1e5
+_MOST_BAR = 50.0  # such a chamber ends at 10 bar: beyond, it is another unit
+
+
+def import_matlab(source: Path, out: Path, foot: Foot, layout: Layout | None) -> Path:
+    """Write the recording `out` of the file `source`; FileError where it is none of these."""
+    experiment = _experiment(source)
+    table = _matrix(source, experiment, "C")
+    if table.shape[1] < 3 or not np.isfinite(table[:, 1]).all():
+        raise FileError(f"{source}: C: expected a counter, a time and counts in each row, found {table.shape}")
+    invented = ["times: when YARP published the row, in seconds of an unknown epoch; no frame's receive time is known"]
+    insole = insole_of(foot, layout, invented)
+    counts = counts_of(table[:, 2:], insole.layout, f"{source}: C", invented)
+    t_ns = np.round(table[:, 1] * 1e9).astype(np.int64)
+    reference = []
+    if "P" in (experiment.dtype.names or ()):
+        pressure = _matrix(source, experiment, "P")[:, 0]
+        if np.nanmax(pressure, initial=0.0) > _MOST_BAR:
+            raise FileError(
+                f"{source}: P: expected bar, up to {_MOST_BAR:g}, found {np.nanmax(pressure):g}: is this another unit?"
+            )
+        reference = [ReferenceContents(foot, "own", {"pressure_pa": pressure * _PA_PER_BAR})]
+    return write(
+        out,
+        kind="chamber" if reference else "free",
+        can_origin="reencoded",
+        insoles=[insole],
+        counts={foot: CountsTable(t_ns, counts)},
+        reference=reference,
+        invented=invented,
+        source=source.name,
+    )
+
+
+def _experiment(source: Path) -> Any:
+    io = need("scipy.io", "scipy", "importing MATLAB files")
+    try:
+        variables = io.loadmat(source)
+    except Exception as error:  # scipy raises what its parser stumbles over
+        raise FileError(
+            f"{source}: expected a MATLAB file up to version 7, found another: {type(error).__name__}: {error}"
+        ) from error
+    found = variables.get("experiment")
+    if found is None or found.dtype.names is None or "C" not in found.dtype.names:
+        names = ", ".join(name for name in variables if not name.startswith("_"))
+        raise FileError(f"{source}: expected a struct experiment with C and P, found {names or 'nothing'}")
+    return found.flat[0]
+
+
+def _matrix(source: Path, experiment: Any, name: str) -> NDArray[np.float64]:
+    matrix = experiment[name]
+    if matrix.ndim != 2 or matrix.dtype.kind not in "fiu" or 0 in matrix.shape:
+        raise FileError(f"{source}: {name}: expected a matrix of numbers, found {matrix.dtype} {matrix.shape}")
+    return np.asarray(matrix, np.float64)

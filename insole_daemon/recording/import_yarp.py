@@ -1,0 +1,75 @@
+"""What yarpdatadumper writes of a skin port: `data.log`, one line a sample.
+
+    counter  time_s  [time_received_s]  v0 v1 …
+
+576 values are one foot, 1152 both (six boards in the order of canBusSkin's ids).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..config import Foot
+from ..errors import FileError
+from ..skin.layout import Layout
+from .columns import both_feet, counts_of, insole_of
+from .counts import CountsTable
+from .writer import write
+
+_NO_BRACKETS = str.maketrans("()", "  ")
+
+
+def import_yarp(source: Path, out: Path, foot: Foot | None, layout: Layout | None) -> Path:
+    """Write the recording `out` of a dump: its folder or its data.log; FileError where it is none."""
+    path = source / "data.log" if source.is_dir() else source
+    table = _table(path)
+    stamps = 3 if _is_second_stamp(table) else 2
+    values = table[:, stamps:]
+    invented = ["times: when YARP published the row; no frame's receive time is known"]
+    t_ns = np.round(table[:, 1] * 1e9).astype(np.int64)
+    feet: list[tuple[Foot, Layout | None, NDArray[np.float64]]] = []
+    if both_feet(values.shape[1]) and foot is None and layout is None:
+        half = values.shape[1] // 2
+        feet = [("left", None, values[:, :half]), ("right", None, values[:, half:])]
+        invented.append("which foot is which: the first three of the six boards are taken for the left one")
+    elif foot is None:
+        raise FileError(f"{path}: {values.shape[1]} values a line are those of one foot: say which with --foot")
+    else:
+        feet = [(foot, layout, values)]
+    insoles, tables = [], dict[str, CountsTable]()
+    for name, own_layout, own in feet:
+        insole = insole_of(name, own_layout, invented)
+        insoles.append(insole)
+        tables[name] = CountsTable(t_ns, counts_of(own, insole.layout, str(path), invented))
+    return write(
+        out, kind="free", can_origin="reencoded", insoles=insoles, counts=tables, invented=invented, source=path.name
+    )
+
+
+def _table(path: Path) -> NDArray[np.float64]:
+    try:
+        lines = path.read_text("utf-8").translate(_NO_BRACKETS).splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise FileError(f"{path}: expected the text that yarpdatadumper writes, found none: {error}") from error
+    rows = [line.split() for line in lines if line.strip()]
+    width = len(rows[0]) if rows else 0
+    if len(rows) > 1 and len(rows[-1]) < width:
+        rows.pop()  # the dumper was stopped in the middle of a line
+    for number, row in enumerate(rows, 1):
+        if len(row) != width or width < 3:
+            raise FileError(
+                f"{path}: line {number}: expected a counter, a time and the same number of values in every line, "
+                f"found {len(row)} cells after lines of {width}"
+            )
+    try:
+        return np.array(rows, np.float64).reshape(len(rows), width)
+    except ValueError as error:
+        raise FileError(f"{path}: expected numbers alone, found: {error}") from error
+
+
+def _is_second_stamp(table: NDArray[np.float64]) -> bool:
+    """Whether the third column is a time too, as with the dumper's --txTime --rxTime: no count is that large."""
+    return bool(table.shape[1] % 2 == 1 and len(table) and (table[:, 2] > 255).any())

@@ -1,0 +1,58 @@
+"""A recording's files by plain names, with a recording.yaml that names them so: what fits into one container."""
+
+from __future__ import annotations
+
+import gzip
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from . import counts as counted
+from .document import FILE, dump
+from .loading import Recording
+from .writer import log_name
+
+
+def portable(recording: Recording) -> dict[str, bytes]:
+    """The content of every file by its name; the log is compressed, and a copy of it loads to the same arrays."""
+    folder = recording.folder
+    document: dict[str, Any] = yaml.safe_load((folder / FILE).read_text("utf-8"))
+    document.pop("format")
+    files: dict[str, bytes] = {}
+    if recording.log is not None:
+        name, content = log_name(recording.log), recording.log.read_bytes()
+        if name == "can.log":
+            name, content = "can.log.gz", gzip.compress(content, 6, mtime=0)
+        document["can"], files[name] = name, content
+    else:
+        document["counts"] = "counts.npz"
+        files["counts.npz"] = _counts(folder / _named(folder, "counts"), recording)
+    for entry in document["insoles"]:
+        for key in ("layout", "calibration", "zero"):
+            if entry.get(key) is not None:
+                ending = "yaml" if key == "layout" else "json"
+                name = f"{entry['foot']}-{key}.{ending}"
+                files[name] = (folder / entry[key]).read_bytes()
+                entry[key] = name
+    for entry in document.get("reference", ()):
+        name = f"{entry['foot']}-reference.csv"
+        files[name] = (folder / entry["file"]).read_bytes()
+        entry["file"] = name
+    return {FILE: dump(document).encode(), **files}
+
+
+def _named(folder: Path, key: str) -> str:
+    named: str = yaml.safe_load((folder / FILE).read_text("utf-8"))[key]
+    return named
+
+
+def _counts(path: Path, recording: Recording) -> bytes:
+    if path.is_file():
+        return path.read_bytes()
+    tables = counted.read(path, {foot.foot: len(foot.layout) for foot in recording.feet})
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, **counted.arrays(tables))  # type: ignore[arg-type]
+    return buffer.getvalue()

@@ -1,0 +1,41 @@
+"""The bus side of `insole record` as a process, fed with `struct can_frame` in UDP datagrams; lines come on stdin.
+
+Everything but the address family of one socket is what `insole record` does; tests/vcan runs the verb itself.
+"""
+
+from __future__ import annotations
+
+import signal
+import socket
+import sys
+import threading
+from pathlib import Path
+
+from insole_daemon import config as configs
+from insole_daemon.bus.socketcan import SocketCanSource
+from insole_daemon.cli.record import insoles_of
+from insole_daemon.recording.instrument import Instrument
+from insole_daemon.recording.live import LiveRecorder
+from insole_daemon.recording.recorder import Session, lines_of, stamped
+
+
+def main(out: str, config_file: str, port: str, rotate_bytes: str) -> None:
+    sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    sock.bind(("127.0.0.1", int(port)))
+    source = SocketCanSource(sock, "can0")
+    stop = threading.Event()
+    signal.signal(signal.SIGTERM, lambda *_: stop.set())
+    recorder = LiveRecorder(
+        Path(out), "chamber", insoles_of(configs.load(config_file)), 1, source.interfaces, int(rotate_bytes) or None
+    )
+    instrument = Instrument("left", "chamber")
+    session = Session(recorder, stop, instruments=[instrument])
+    session.inbox.read(instrument, stamped(lines_of(0)))
+    print("ready", flush=True)
+    session.from_bus(source)
+    recorder.close()
+    source.close()
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -1,0 +1,210 @@
+"""Recordings in the forms that other programs read; what comes back is what went out."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pytest
+import scipy.io
+from mcap.reader import make_reader
+
+import insole_daemon
+from insole_daemon.errors import InsoleError
+from insole_daemon.recording.counts import CountsTable
+from insole_daemon.recording.export_mcap import export_mcap
+from insole_daemon.recording.export_tables import export_csv, export_matlab, export_npz
+from insole_daemon.recording.importing import import_recording
+from insole_daemon.recording.lab import need
+from insole_daemon.recording.writer import ReferenceContents, write
+from insole_daemon.skin import layout as layouts
+
+INSOLE = Path(sys.executable).with_name("insole")
+
+
+def assert_same(one, other) -> None:
+    assert (one.kind, one.can_origin, one.invented) == (other.kind, other.can_origin, other.invented)
+    for foot in one.feet:
+        again = other[foot.foot]
+        for name in ("t_ns", "counts", "valid", "status", "age_ns", "missing", "late", "repeated", "pressure_pa"):
+            atol = 10 if name == "age_ns" else 0  # float32 milliseconds in between
+            np.testing.assert_allclose(getattr(foot, name), getattr(again, name), rtol=0, atol=atol, err_msg=name)
+        for name in type(foot.wrench).__slots__:
+            np.testing.assert_array_equal(getattr(foot.wrench, name), getattr(again.wrench, name))
+        np.testing.assert_array_equal(foot.reference.time_s, again.reference.time_s)
+        assert foot.boards == again.boards
+
+
+def test_mcap_gives_the_same_recording_back(trial, tmp_path):
+    loaded = insole_daemon.load(trial)
+    export_mcap(loaded, tmp_path / "x.mcap")
+    again = import_recording(tmp_path / "x.mcap", tmp_path / "again", None, None, None)
+    assert_same(loaded, insole_daemon.load(again))
+
+
+def test_mcap_of_counts_gives_the_same_recording_back(tmp_path, left, reference):
+    counts = np.random.default_rng(4).integers(1, 255, (60, len(left.layout), 12), np.uint8)
+    t_ns = 1_760_000_000_000_000_000 + np.arange(60) * 20_000_000
+    folder = write(
+        tmp_path / "counted", kind="chamber", can_origin="reencoded", insoles=[left], invented=["times"],
+        counts={"left": CountsTable(t_ns, counts)}, reference=[reference],
+    )  # fmt: skip
+    loaded = insole_daemon.load(folder)
+    export_mcap(loaded, tmp_path / "x.mcap")
+    again = import_recording(tmp_path / "x.mcap", tmp_path / "again", None, None, None)
+    assert_same(loaded, insole_daemon.load(again))
+
+
+def test_mcap_is_what_foxglove_and_plotjuggler_open(trial, tmp_path):
+    loaded = insole_daemon.load(trial)
+    export_mcap(loaded, tmp_path / "x.mcap")
+    foot = loaded["left"]
+    found: dict[str, list] = {}
+    with open(tmp_path / "x.mcap", "rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        before = 0
+        for schema, channel, message in reader.iter_messages():
+            assert schema.encoding == "jsonschema"
+            assert channel.message_encoding == "json"
+            assert message.log_time >= before
+            before = message.log_time
+            said, grammar = json.loads(message.data), json.loads(schema.data)
+            assert grammar["type"] == "object"
+            jsonschema.validate(said, {**grammar, "additionalProperties": False})
+            assert None not in said.values()
+            # Foxglove's reader of schemas knows single types only
+            assert all(isinstance(each["type"], str) for each in grammar["properties"].values())
+            found.setdefault(channel.topic, []).append((message.log_time, said))
+        attached = {each.name: each for each in reader.iter_attachments()}
+        said = {each.name: each.metadata for each in reader.iter_metadata()}
+    assert set(found) == {f"/insole/left/{what}" for what in ("wrench", "health", "event", "reference")}
+    wrench = found["/insole/left/wrench"]
+    assert [t for t, _ in wrench] == foot.t_ns.tolist()
+    np.testing.assert_array_equal([w["f_z_n"] for _, w in wrench], foot.wrench.f_z_n)
+    assert [w.get("cop_x_m") is None for _, w in wrench] == np.isnan(foot.wrench.cop_x_m).tolist()
+    assert len(found["/insole/left/health"]) in (3, 4)
+    health = found["/insole/left/health"][1][1]
+    assert health["state"] == "ok"
+    assert 45 < health["publish_rate_hz"] < 55
+    assert [event["text"] for _, event in found["/insole/left/event"]] == [
+        f"board {address}: never seen → streaming" for address in (5, 6, 7)
+    ]
+    assert len(found["/insole/left/reference"]) == 60
+    assert "pressure_pa" not in found["/insole/left/reference"][7][1], "a missing value is left out"
+    assert {"recording.yaml", "can.log.gz", "left-calibration.json", "left-layout.yaml"} <= attached.keys()
+    assert attached["left-calibration.json"].media_type == "application/json"
+    assert said["insole-recording"]["can_origin"] == "simulated"
+    assert said["insole-recording"]["left_reference_clock"] == "that of the frames"
+
+
+def test_a_reference_of_its_own_clock_is_not_passed_off_as_aligned(tmp_path, left, walk):
+    metadata = []
+    for number, columns in enumerate(
+        ({"pressure_pa": np.ones(3)}, {"time_s": np.arange(3.0), "pressure_pa": np.ones(3)},
+         {"time_s": np.arange(3.0), "pressure_pa": np.ones(3), "received_s": 1_760_000_001.0 + np.arange(3)})
+    ):  # fmt: skip
+        folder = write(
+            tmp_path / f"{number}", kind="chamber", can_origin="simulated", insoles=[left], frames=[walk],
+            reference=[ReferenceContents("left", "own", columns)],
+        )  # fmt: skip
+        export_mcap(insole_daemon.load(folder), tmp_path / f"{number}.mcap")
+        with open(tmp_path / f"{number}.mcap", "rb") as file:
+            reader = make_reader(file)
+            times = [m.log_time for _, channel, m in reader.iter_messages() if channel.topic.endswith("reference")]
+            metadata.append((len(times), *next(iter(reader.iter_metadata())).metadata.values()))
+        if number == 2:
+            assert times[0] == 1_760_000_001_000_000_000
+    assert [each[0] for each in metadata] == [0, 3, 3]
+    for each, words in zip(metadata, ("unknown: no times", "true offset is not known", "arrived"), strict=True):
+        assert words in each[-1]
+
+
+def test_an_mcap_of_somebody_else_is_refused(tmp_path):
+    (tmp_path / "x.mcap").write_bytes(b"none at all")
+    with pytest.raises(InsoleError, match="expected an MCAP file"):
+        import_recording(tmp_path / "x.mcap", tmp_path / "out", None, None, None)
+    from mcap.writer import Writer
+
+    for name in ("notes.txt", "../recording.yaml"):
+        with open(tmp_path / "x.mcap", "wb") as file:
+            writer = Writer(file)
+            writer.start()
+            writer.add_attachment(0, 0, name, "text/plain", b"hello")
+            writer.finish()
+        with pytest.raises(InsoleError, match="expected an MCAP file with a recording in its attachments"):
+            import_recording(tmp_path / "x.mcap", tmp_path / "out", None, None, None)
+    assert not (tmp_path / "out").exists()
+
+
+def test_csv_gives_the_same_counts_back(trial, tmp_path):
+    loaded = insole_daemon.load(trial)
+    export_csv(loaded, tmp_path / "tables")
+    layout = layouts.load(tmp_path / "tables" / "left-layout.yaml")
+    again = insole_daemon.load(
+        import_recording(tmp_path / "tables" / "left-counts.csv", tmp_path / "again", "left", layout, None)
+    )["left"]
+    foot = loaded["left"]
+    np.testing.assert_array_equal(again.counts, foot.counts)
+    np.testing.assert_array_equal(again.t_ns, foot.t_ns)
+    pressure = np.genfromtxt(tmp_path / "tables" / "left-pressure.csv", delimiter=",", names=True)
+    np.testing.assert_allclose(pressure["pressure_pa_5_0_3"], foot.pressure_pa[:, 0, 3], rtol=1e-6)
+    wrench = np.genfromtxt(tmp_path / "tables" / "left-wrench.csv", delimiter=",", names=True)
+    np.testing.assert_allclose(wrench["f_z_n"], foot.wrench.f_z_n, rtol=1e-8)
+    reference = (tmp_path / "tables" / "left-reference.csv").read_text().splitlines()
+    assert reference[0] == "time_s,pressure_pa,temperature_c"
+    assert reference[8].split(",")[1] == ""
+
+
+def test_npz_and_matlab_hold_everything(trial, tmp_path):
+    loaded = insole_daemon.load(trial)
+    foot = loaded["left"]
+    export_npz(loaded, tmp_path / "x.npz")
+    export_matlab(loaded, tmp_path / "x.mat")
+    with np.load(tmp_path / "x.npz", allow_pickle=False) as archive:
+        arrays = dict(archive)
+    matlab = scipy.io.loadmat(tmp_path / "x.mat", squeeze_me=True, simplify_cells=True)
+    assert matlab["recording"]["can_origin"] == str(arrays["can_origin"]) == "simulated"
+    for own in (arrays, matlab["left"]):
+        np.testing.assert_array_equal(own["counts"], foot.counts)
+        np.testing.assert_array_equal(own["t_ns"], foot.t_ns)
+        np.testing.assert_array_equal(own["valid"].astype(bool), foot.valid)
+        np.testing.assert_array_equal(own["pressure_pa"], foot.pressure_pa)
+        np.testing.assert_array_equal(own["f_z_n"], foot.wrench.f_z_n)
+        np.testing.assert_array_equal(own["reference_pressure_pa"], foot.reference["pressure_pa"])
+        np.testing.assert_allclose(own["xy_m"], foot.layout.xy_m)
+
+
+def test_an_npz_is_a_counts_npz_too(trial, tmp_path):
+    loaded = insole_daemon.load(trial)
+    export_npz(loaded, trial / "counts.npz")
+    text = (trial / "recording.yaml").read_text()
+    (trial / "recording.yaml").write_text(text.replace("can: can.log", "counts: counts.npz"))
+    assert_same(loaded, insole_daemon.load(trial))
+
+
+def test_the_verbs(trial, tmp_path):
+    for name in ("x.mcap", "x.npz", "x.mat"):
+        done = subprocess.run([INSOLE, "export", trial, tmp_path / name], capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+        assert (tmp_path / name).stat().st_size > 10_000
+    done = subprocess.run([INSOLE, "export", trial, tmp_path / "x.npz"], capture_output=True, text=True, check=False)
+    assert done.returncode == 4
+    assert "is already there" in done.stderr
+    done = subprocess.run([INSOLE, "export", trial, tmp_path / "x.xls"], capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    done = subprocess.run(
+        [INSOLE, "import", tmp_path / "x.mcap", tmp_path / "again"], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert "150 cycles, 28 triangles, chamber" in done.stdout
+    assert "invented: the layout of the left foot: the built-in approximation" in done.stderr
+    assert_same(insole_daemon.load(trial), insole_daemon.load(tmp_path / "again"))
+
+
+def test_a_package_of_the_extra_that_is_missing_is_named():
+    with pytest.raises(InsoleError, match=r"reading nothing needs the package nowhere.*insole-daemon\[lab\]"):
+        need("insole_nowhere", "nowhere", "reading nothing")

@@ -1,0 +1,212 @@
+"""Recordings while they grow: a real recorder in a process of its own, killed, rotated, and over the network."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import insole_daemon
+from insole_daemon import config as configs
+from insole_daemon.bus.candump import read
+from insole_daemon.service.foot import load_layout
+from insole_daemon.wire.session import open_session
+
+from ..conftest import RunningDaemon, free_port
+
+RECORDER = Path(__file__).with_name("recorder_process.py")
+INSOLE = Path(sys.executable).with_name("insole")
+
+
+class Recorder:
+    """The process, and boards that play to it."""
+
+    def __init__(self, folder: Path, rotate_bytes: int = 0) -> None:
+        self.out = folder / "trial"
+        config = folder / "config.yaml"
+        config.write_text("format: insole-config/1\n")
+        port = free_port(socket.SOCK_DGRAM)
+        self.boards = RunningDaemon(config, "", port).boards
+        self.process = subprocess.Popen(
+            [sys.executable, RECORDER, self.out, config, str(port), str(rotate_bytes)],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+        )  # fmt: skip
+        assert self.process.stdout is not None
+        assert self.process.stdout.readline() == "ready\n"
+
+    def say(self, line: str) -> None:
+        assert self.process.stdin is not None
+        self.process.stdin.write(line + "\n")
+        self.process.stdin.flush()
+
+    def end(self, number: int = signal.SIGTERM) -> int:
+        self.process.send_signal(number)
+        self.process.communicate(timeout=20)
+        return self.process.returncode
+
+
+def assert_no_half_is_lost(folder: Path) -> None:
+    """All boards send at the same rate, so all identifiers stand in the log as often, but for both its ends."""
+    log = read(folder / "can.log")
+    assert log.counters.dropped == 0
+    often = np.unique(log.frames.can_id, return_counts=True)[1]
+    assert len(often) == 56
+    assert often.min() >= often.max() - 2
+
+
+@pytest.fixture
+def recorder(tmp_path: Path) -> Iterator[Recorder]:
+    running = Recorder(tmp_path)
+    yield running
+    if running.process.poll() is None:
+        running.end()
+
+
+def test_before_the_first_frame_the_folder_says_what_it_is(recorder):
+    text = (recorder.out / "recording.yaml").read_text()
+    assert "kind: free" in text
+    assert "can: can.log" in text
+    recorder.end()
+    assert "built-in approximation" in text
+
+
+def test_killed_it_leaves_everything_up_to_a_second_before(recorder):
+    recorder.say("pressure_pa,temperature_c")
+    with recorder.boards():
+        end = time.time() + 2.5
+        sent = 0
+        while time.time() < end:
+            recorder.say(f"{1000 + sent},")
+            sent += 1
+            time.sleep(0.02)
+        killed_ns = time.time_ns()
+        assert recorder.end(signal.SIGKILL) == -signal.SIGKILL
+    assert_no_half_is_lost(recorder.out)
+    trial = insole_daemon.load(recorder.out)
+    assert trial.kind == "chamber"
+    assert trial.can_origin == "recorded"
+    for foot in trial.feet:
+        assert len(foot) > 80
+        assert killed_ns - foot.t_ns[-1] < 1e9
+    reference = trial["left"].reference
+    assert reference is not None
+    assert reference.clock == "can"
+    assert len(reference) > sent - 50
+    assert reference["pressure_pa"].tolist() == list(range(1000, 1000 + len(reference)))
+    assert np.isnan(reference["temperature_c"]).all()
+    assert abs(killed_ns * 1e-9 - reference.time_s[-1]) < 1
+
+
+def test_ended_it_has_every_frame(recorder):
+    with recorder.boards():
+        time.sleep(1.0)
+    time.sleep(0.2)
+    assert recorder.end() == 0
+    assert_no_half_is_lost(recorder.out)
+    assert insole_daemon.load(recorder.out).warnings == ()
+
+
+def test_rotation_goes_on_in_folders_that_stand_alone(tmp_path):
+    recorder = Recorder(tmp_path, rotate_bytes=200_000)
+    recorder.say("pressure_pa")
+    with recorder.boards():
+        for reading in range(150):
+            recorder.say(str(reading))
+            time.sleep(0.02)
+    assert recorder.end() == 0
+    parts = [path for path in (tmp_path / "trial", *(tmp_path / f"trial-{i}" for i in range(2, 20))) if path.exists()]
+    assert len(parts) >= 3
+    trials = [insole_daemon.load(path) for path in parts[:-1]]
+    assert all(200_000 <= (path / "can.log").stat().st_size < 260_000 for path in parts[:-1])
+    ends = [(trial["left"].t_ns[0], trial["left"].t_ns[-1]) for trial in trials]
+    assert all(after[0] >= before[1] for before, after in itertools.pairwise(ends))
+    references = [trial["left"].reference for trial in trials]
+    readings = [reading for reference in references if reference for reading in reference["pressure_pa"]]
+    assert readings == list(range(len(readings)))
+
+
+def test_over_the_network_the_same_cycles_are_written(daemon, tmp_path):
+    out = tmp_path / "remote"
+    with daemon.boards(), insole_daemon.connect(daemon.endpoint) as insole:
+        raws = insole.raws("left")
+        process = subprocess.Popen(
+            [INSOLE, "record", out, "--remote", "--connect", daemon.endpoint, "--kind", "shoe",
+             "--reference", "left=lab/plate", "--seconds", "3"],
+            stderr=subprocess.PIPE, text=True,
+        )  # fmt: skip
+        with open_session("client", connect=[daemon.endpoint]) as session:
+            stop = threading.Event()
+
+            def plate() -> None:
+                while not stop.wait(0.05):
+                    session.put("lab/plate", json.dumps({"time_s": 1.0, "fz_n": 700, "mx_nm": None, "my_nm": -1.5}))
+
+            thread = threading.Thread(target=plate)
+            thread.start()
+            errors = process.communicate(timeout=20)[1]
+            stop.set()
+            thread.join()
+        published = {raw.seq: raw for raw in (next(raws) for _ in range(200))}
+    assert process.returncode == 0, errors
+    assert "0 lost" in errors
+    with np.load(out / "counts.npz") as archive:
+        seqs, counts = archive["left_seq"], archive["left_counts"]
+    assert np.diff(seqs).tolist() == [1] * (len(seqs) - 1)
+    common = [(row, published[seq]) for row, seq in enumerate(seqs.tolist()) if seq in published]
+    assert len(common) > 50
+    trial = insole_daemon.load(out)
+    left = trial["left"]
+    for row, raw in common:
+        np.testing.assert_array_equal(counts[row], raw.counts)
+        np.testing.assert_array_equal(left.valid[row], raw.valid)
+        assert left.t_ns[row] == raw.t_ns
+    assert left.reference is not None
+    assert left.reference.clock == "own"
+    assert {"received_s", "fz_n", "mx_nm", "my_nm"} <= left.reference.columns.keys()
+    assert np.isnan(left.reference["mx_nm"]).all()
+    assert left.pressure_pa is None, "the daemon's built-in default is no calibration"
+    assert any("built-in approximation" in line for line in trial.invented)
+    layout = configs.Config().insoles[0]
+    assert [board.address for board in left.boards] == list(layout.addresses)
+    np.testing.assert_allclose(left.layout.xy_m, load_layout(layout).xy_m, atol=2e-6)
+
+
+def test_a_killed_remote_recorder_leaves_what_numpy_reads(daemon, tmp_path):
+    out = tmp_path / "remote"
+    with daemon.boards():
+        process = subprocess.Popen([INSOLE, "record", out, "--remote", "--connect", daemon.endpoint, "--foot", "right"])
+        deadline = time.time() + 10
+        while not (out / "counts" / "right.npy").exists() and time.time() < deadline:
+            time.sleep(0.05)
+        time.sleep(1.5)
+        growing = np.load(out / "counts" / "right.npy")
+        killed_ns = time.time_ns()
+        process.kill()
+        process.wait(10)
+    assert len(growing) > 20
+    trial = insole_daemon.load(out)
+    assert [foot.foot for foot in trial.feet] == ["right"]
+    assert len(trial["right"]) >= len(growing)
+    assert killed_ns - trial["right"].t_ns[-1] < 1e9
+
+
+def test_an_existing_folder_is_not_overwritten(tmp_path, daemon):
+    (tmp_path / "old").mkdir()
+    (tmp_path / "old" / "can.log").write_text("precious")
+    done = subprocess.run(
+        [INSOLE, "record", tmp_path / "old", "--remote", "--connect", daemon.endpoint, "--seconds", "1"],
+        capture_output=True, text=True, timeout=20, check=False,
+    )  # fmt: skip
+    assert done.returncode == 4
+    assert "already there" in done.stderr
+    assert (tmp_path / "old" / "can.log").read_text() == "precious"
