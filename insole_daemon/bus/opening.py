@@ -10,12 +10,13 @@ from .gate import Gate
 from .pythoncan import PythonCanSource, open_pythoncan
 from .several import PollableSource, SeveralSources
 from .sink import FrameSink, open_sink
-from .socketcan import open_socketcan
+from .socketcan import COMMAND_FILTERS, open_socketcan
 from .source import FrameSource
 
 # The loop that sends is the loop that publishes: a queue of ten frames that takes none of our few for so long is
 # stuck, and waiting on would cost cycles.
 _PATIENCE_S = 0.005
+_BOARDS_PATIENCE_S = 1.0  # boards have nothing else to do
 
 
 def open_source(buses: Sequence[Bus]) -> FrameSource:
@@ -46,6 +47,19 @@ def open_gates(buses: Sequence[Bus], source: FrameSource, configure: bool) -> di
             gate.close()
         raise
     return gates
+
+
+def open_as_boards(bus: Bus) -> tuple[FrameSource, FrameSink]:
+    """`bus` as boards see it: the commands that come in, and the way out; raises BusError, with neither left open."""
+    if bus.driver != "socketcan":
+        python_can = open_pythoncan(bus.driver, bus.channel)
+        return python_can, python_can.sink(_BOARDS_PATIENCE_S)
+    commands = open_socketcan(bus.channel, COMMAND_FILTERS)
+    try:
+        return commands, open_sink(bus)
+    except BusError:
+        commands.close()
+        raise
 
 
 def _sink(bus: Bus, source: FrameSource) -> FrameSink:

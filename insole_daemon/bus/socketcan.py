@@ -10,6 +10,7 @@ import errno
 import select
 import socket
 import time
+from typing import Any
 
 from ..errors import BusError
 from .batched_socket import BatchedSocket
@@ -19,13 +20,15 @@ from .source import BusCounters
 
 # Classes of identifiers the daemon reads (bits 10..8): replies to commands, legacy skin stream and thermometer,
 # skin stream, the second halves of one special build, and an MTB3's empty overflow frame (0x700 | address << 4 | 5).
-FILTERS = [
+FILTERS: list[dict[str, Any]] = [
     {"can_id": 0x200, "can_mask": 0x700, "extended": False},
     {"can_id": 0x300, "can_mask": 0x700, "extended": False},
     {"can_id": 0x400, "can_mask": 0x700, "extended": False},
     {"can_id": 0x600, "can_mask": 0x700, "extended": False},
     {"can_id": 0x700, "can_mask": 0x700, "extended": False},
 ]
+# Those that boards listen to.
+COMMAND_FILTERS = [FILTERS[0], FILTERS[-1]]
 
 
 class SocketCanSource:
@@ -73,12 +76,12 @@ class SocketCanSource:
         self._socket.close()
 
 
-def open_socketcan(channel: str) -> SocketCanSource:
+def open_socketcan(channel: str, filters: list[dict[str, Any]] = FILTERS) -> SocketCanSource:
     """The interface `channel` (can0, vcan0 …); raises BusError that names the remedy."""
     import can  # 0.1 s to import, so only where a bus is opened
 
     try:
-        bus = can.Bus(interface="socketcan", channel=channel, can_filters=FILTERS)
+        bus = can.Bus(interface="socketcan", channel=channel, can_filters=filters)
     except (OSError, can.CanError) as error:
         raise cannot_open(channel, error) from error
     sock: socket.socket = bus.socket
