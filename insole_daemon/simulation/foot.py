@@ -30,6 +30,7 @@ STANCE = 0.62  # of a stride, a foot is on the ground
 # most 1.2 in double support. The first harmonic follows from the weight.
 _THIRD_HARMONIC = 0.36
 _FIFTH_HARMONIC = -0.05
+_DIGITS_M = 9  # of a place: behind them, machines may differ
 _VARIED_STRIDES = 97  # then the variation from stride to stride repeats
 
 # Centre and spread (1 σ) of a region: x from the rearmost (0) to the foremost taxel (1); y in half widths of
@@ -53,7 +54,9 @@ def footprints(layout: Layout, xy_m: NDArray[np.float64] | None = None) -> NDArr
     The sole lies where `layout` has the taxels, and Σ · A = 1 there. `xy_m` (n_triangles, 12, 2): where they really
     are, and what presses on them there.
     """
-    believed, real = (each[:, PRESSURE_TAXELS] for each in (layout.xy_m, layout.xy_m if xy_m is None else xy_m))
+    believed, real = (
+        np.round(each[:, PRESSURE_TAXELS], _DIGITS_M) for each in (layout.xy_m, layout.xy_m if xy_m is None else xy_m)
+    )
     low, high = believed.min(axis=(0, 1)), believed.max(axis=(0, 1))
     lateral = 1.0 if layout.foot == "left" else -1.0  # y points to the wearer's left on both feet
 
@@ -109,7 +112,7 @@ class Person(ABC):
 def _wrenches(layout: Layout) -> NDArray[np.float64]:
     """(n_regions, 3) f_z, m_x, m_y per newton."""
     weights = footprints(layout) * layout.taxel_area_m2
-    x, y = layout.xy_m[..., 0], layout.xy_m[..., 1]
+    x, y = np.moveaxis(np.round(layout.xy_m, _DIGITS_M), -1, 0)
     return np.stack([np.ones(len(weights)), (weights * y).sum(axis=(1, 2)), -(weights * x).sum(axis=(1, 2))], axis=-1)
 
 
