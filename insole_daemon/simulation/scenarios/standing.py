@@ -5,6 +5,7 @@ Each begins with the feet in the air and ends so: that is the insole's rest, and
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Sequence
 
 import numpy as np
@@ -39,11 +40,13 @@ class _Standing(Person):
         force_n = self.weight_n * on_the_ground(t_s, self._seconds) * self._share(foot, t_s)
         return standing(force_n, *self._lean(foot, t_s))
 
+    @abstractmethod
     def _share(self, foot: Foot, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        raise NotImplementedError
+        """(n_times,) of the weight that `foot` bears."""
 
+    @abstractmethod
     def _lean(self, foot: Foot, t_s: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        raise NotImplementedError
+        """(n_times,) each: forward and outward, as in `foot.standing`."""
 
 
 class Still(_Standing):
