@@ -38,7 +38,8 @@ _VARIED_STRIDES = 97  # then the variation from stride to stride repeats
 # and its share in quiet standing.
 _REGIONS = np.array([
     #  x     y     σ_x    σ_y   peak  width high  standing
-    [0.11,  0.00, 0.080, 0.42, 0.05, 0.17, 1.00, 0.60],  # heel
+    [0.11,  0.40, 0.080, 0.28, 0.05, 0.17, 0.55, 0.31],  # heel, lateral
+    [0.11, -0.40, 0.080, 0.28, 0.05, 0.17, 0.45, 0.29],  # heel, medial
     [0.42,  0.40, 0.100, 0.28, 0.40, 0.15, 0.12, 0.08],  # lateral midfoot
     [0.66,  0.50, 0.060, 0.26, 0.55, 0.17, 0.35, 0.09],  # metatarsals 4 and 5
     [0.72,  0.05, 0.060, 0.26, 0.65, 0.17, 0.60, 0.11],  # metatarsals 2 and 3
@@ -46,6 +47,8 @@ _REGIONS = np.array([
     [0.88,  0.15, 0.055, 0.32, 0.85, 0.12, 0.12, 0.01],  # toes 2 to 5
     [0.92, -0.40, 0.055, 0.22, 0.95, 0.13, 0.50, 0.02],  # hallux
 ])  # fmt: skip
+
+_BEFORE_THE_HEEL = slice(2, None)
 
 
 def footprints(layout: Layout, xy_m: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
@@ -194,7 +197,7 @@ def standing(
     `forward` and `outward` (n,), 1 in quiet standing: how much more all but the heel bear, and the lateral side.
     """
     shares = np.repeat(_REGIONS[None, :, 7], len(force_n), axis=0)
-    shares[:, 1:] *= forward[:, None]
+    shares[:, _BEFORE_THE_HEEL] *= forward[:, None]
     # As much more at the lateral edge as there is less at the medial one, in proportion to the region's place.
     shares *= np.maximum(1.0 + (outward[:, None] - 1.0) * _REGIONS[:, 1], 0.05)
     shares *= (force_n / shares.sum(axis=1))[:, None]

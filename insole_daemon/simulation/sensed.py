@@ -26,8 +26,8 @@ from .reference_insole import reference_insole
 from .sensors import Temperature
 
 GRID_S = 0.01
-_AT_ONCE = 128  # moments of the grid that are worked out together
-_KEPT = 24  # such blocks: 30 s
+_AT_ONCE = 32  # moments of the grid that are worked out together: some 1 ms of a live stream
+_KEPT = 96  # such blocks, 30 s: whoever asks for what was earlier has it worked out anew
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,7 +88,7 @@ class Sensed:
         if felt is None or first < felt.first:
             felt = self._felt[foot] = _Felt(self._chains[foot].forward())
         while felt.end < int(before.max()) + 2:
-            self._go_on(foot, felt)
+            self._go_on(foot, felt, first)
         part = (at - before)[:, None, None]
         since, until = felt.at(before), felt.at(before + 1)
         until -= since
@@ -96,13 +96,13 @@ class Sensed:
         since += until
         return since
 
-    def _go_on(self, foot: Foot, felt: _Felt) -> None:
+    def _go_on(self, foot: Foot, felt: _Felt, needed: int) -> None:
         t_s = np.arange(felt.end, felt.end + _AT_ONCE).astype(np.float64) * GRID_S
         load_pa = self._load.pressure_pa(foot, t_s)
         warm = None if self._temperature_c is None else self._temperature_c(t_s)
         counts = felt.run(load_pa, t_s, warm)
         activation = self._insoles[foot].calibration.baseline_count - counts
-        felt.keep(np.where(np.isnan(activation), 0.0, activation) * self._pa_per_count)
+        felt.keep(np.where(np.isnan(activation), 0.0, activation) * self._pa_per_count, needed)
 
 
 class _Felt:
@@ -113,10 +113,11 @@ class _Felt:
         self.first = self.end = 0  # of what is kept
         self._blocks: list[NDArray[np.float64]] = []
 
-    def keep(self, block: NDArray[np.float64]) -> None:
+    def keep(self, block: NDArray[np.float64], needed: int) -> None:
+        """Add what comes next; what is old may go, but nothing from the moment `needed` on."""
         self._blocks.append(block)
         self.end += len(block)
-        if len(self._blocks) > _KEPT:
+        while len(self._blocks) > _KEPT and self.first + _AT_ONCE <= needed:
             self.first += len(self._blocks.pop(0))
 
     def at(self, rows: NDArray[np.int64]) -> NDArray[np.float64]:

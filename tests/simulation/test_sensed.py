@@ -50,6 +50,14 @@ def test_answers_do_not_depend_on_who_asked_for_what_before():
     assert (first[1] == second[0]).all()
 
 
+def test_a_long_question_is_many_short_ones():
+    t_s = np.arange(0, 90.0, 0.5)
+    whole = Sensed(WALK, [insole(*PHYSICS)]).pressure_pa("left", t_s)
+    sensed = Sensed(WALK, [insole(*PHYSICS)])
+    assert (whole == np.concatenate([sensed.pressure_pa("left", t_s[i : i + 4]) for i in range(0, 180, 4)])).all()
+    assert (whole[-1] == sensed.pressure_pa("left", t_s[-1:])[0]).all()
+
+
 def test_a_wrong_shift_is_the_boards_and_not_the_chains():
     made = insole(effect("bit_shift", Where("board", ((6,),)), shift=2), effect("gain", gain=1.1))
     assert set(made.shifts()) == {6}

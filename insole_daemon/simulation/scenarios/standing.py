@@ -79,4 +79,4 @@ class Moves(_Standing):
 
     def _lean(self, foot: Foot, t_s: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         forward = sin_turns(t_s / 7)
-        return np.where(forward > 0, 1 + 3.0 * forward, 1 + 0.8 * forward), 1 + 0.9 * sin_turns(t_s / 13)
+        return np.where(forward > 0, 1 + 3.0 * forward, 1 + 0.8 * forward), 1 + 2.0 * sin_turns(t_s / 13)
