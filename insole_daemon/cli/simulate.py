@@ -64,12 +64,13 @@ def simulate(
     physics = effects_file.load(effects, layouts) if effects is not None else None
     trial = Trial(scenario.value, settings, layouts, effects=physics, mass_kg=mass_kg, seed=seed)
     if out is not None:
-        print(f"insole: {scenario.value} written into {trial.write(out, seconds)}", file=sys.stderr)
+        path = trial.write(out, seconds)
+        print(f"insole: {scenario.value} ({trial.scenario.about}) written into {path}", file=sys.stderr)
     elif bus is not None:
-        _play(trial, scenario.value, bus, trial.length_s(seconds))
+        _play(trial, bus, trial.length_s(seconds))
 
 
-def _play(trial: Trial, name: str, bus: Bus, seconds: float | None) -> None:
+def _play(trial: Trial, bus: Bus, seconds: float | None) -> None:
     from ..bus.frames import FrameBatch
     from ..bus.opening import open_as_boards
 
@@ -82,7 +83,7 @@ def _play(trial: Trial, name: str, bus: Bus, seconds: float | None) -> None:
         return source.drain()
 
     try:
-        print(f"insole: {name} on {bus}", file=sys.stderr, flush=True)
+        print(f"insole: {trial.scenario.about}, on {bus}", file=sys.stderr, flush=True)
         sent = trial.emulator.play(sink.send, stop, seconds, received)
     finally:
         sink.close()

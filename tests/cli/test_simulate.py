@@ -12,6 +12,7 @@ import insole_daemon
 from insole_daemon.cli import simulate as verb
 from insole_daemon.config import Bus, Config
 from insole_daemon.service.foot import load_layout
+from insole_daemon.simulation.scenarios import SCENARIOS
 from insole_daemon.simulation.trial import Trial
 
 INSOLE = [sys.executable, "-c", "from insole_daemon.cli import main; main()"]
@@ -21,6 +22,10 @@ def insole(*arguments):
     return subprocess.run(
         [*INSOLE, *map(str, arguments)], capture_output=True, text=True, timeout=30, stdin=subprocess.DEVNULL
     )
+
+
+def test_every_scenario_can_be_asked_for():
+    assert {name.value for name in verb.ScenarioName} == set(SCENARIOS)
 
 
 def test_a_recording_of_a_scenario(tmp_path):
@@ -85,7 +90,7 @@ def test_boards_on_a_bus_obey_commands(monkeypatch):
 
         talker = threading.Thread(target=talk)
         talker.start()
-        verb._play(Trial("walk", config, layouts), "walk", Bus("virtual", "boards-obey"), 1.5)
+        verb._play(Trial("walk", config, layouts), Bus("virtual", "boards-obey"), 1.5)
         talker.join()
     assert sorted(answers) == [0x700 | address << 4 for address in range(5, 11)], "discovery is answered"
     assert set(late) == {6, 7, 8, 9, 10}, "board 5 was told to stop"
