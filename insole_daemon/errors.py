@@ -7,6 +7,7 @@
     ├── LogError               a candump log that cannot be read
     ├── BusError               a CAN interface that cannot be opened or read
     ├── EffectError            an effect that cannot do what it is asked to, or is not what its law allows
+    ├── SimulationError        something is asked of the simulator that it does not have, or its boards cannot carry
     └── WireError              Zenoh: an endpoint that is taken, a daemon that is not there, a bad message
 
 Every message says what was expected, what was found, where, and what to do.
@@ -72,6 +73,12 @@ class LogError(InsoleError):
 
 class EffectError(InsoleError):
     """An effect has no inverse, is not what its law allows, or lacks something that it needs."""
+
+
+class SimulationError(InsoleError):
+    """The simulator is asked for something it does not have, or its boards cannot carry."""
+
+    exit_status = 2
 
 
 class BusError(InsoleError):

@@ -10,7 +10,7 @@ from typing import Protocol
 from ..config import Bus
 from .pythoncan import open_adapter, open_pythoncan
 from .sink import FrameSink, PythonCanSink, SocketCanSink
-from .socketcan import open_socket, open_socketcan
+from .socketcan import COMMAND_FILTERS, open_socket, open_socketcan
 from .source import FrameSource
 
 
@@ -33,6 +33,13 @@ def open_bus(bus: Bus) -> PollableSource:
     """Open one bus; raises BusError that says what failed and what to do."""
     if bus.driver == "socketcan":
         return open_socketcan(bus.channel)
+    return open_pythoncan(bus.driver, bus.channel)
+
+
+def open_as_boards(bus: Bus) -> PollableSource:
+    """Open one bus as boards hear it, the commands alone; raises BusError that says what failed and what to do."""
+    if bus.driver == "socketcan":
+        return open_socketcan(bus.channel, COMMAND_FILTERS)
     return open_pythoncan(bus.driver, bus.channel)
 
 

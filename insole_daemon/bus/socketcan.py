@@ -23,13 +23,15 @@ from .source import BusCounters
 
 # Classes of identifiers the daemon reads (bits 10..8): replies to commands, legacy skin stream and thermometer,
 # skin stream, the second halves of one special build, and an MTB3's empty overflow frame (0x700 | address << 4 | 5).
-FILTERS = [
+FILTERS: list[dict[str, Any]] = [
     {"can_id": 0x200, "can_mask": 0x700, "extended": False},
     {"can_id": 0x300, "can_mask": 0x700, "extended": False},
     {"can_id": 0x400, "can_mask": 0x700, "extended": False},
     {"can_id": 0x600, "can_mask": 0x700, "extended": False},
     {"can_id": 0x700, "can_mask": 0x700, "extended": False},
 ]
+# Those that boards listen to.
+COMMAND_FILTERS = [FILTERS[0], FILTERS[-1]]
 
 _LONGEST_NAME = 15  # IFNAMSIZ − 1
 
@@ -92,9 +94,9 @@ class SocketCanSource:
             self._lost = error
 
 
-def open_socketcan(channel: str) -> SocketCanSource:
+def open_socketcan(channel: str, filters: list[dict[str, Any]] = FILTERS) -> SocketCanSource:
     """The interface `channel` (can0, vcan0 …); raises BusError that names the remedy."""
-    sock = open_socket(channel, can_filters=FILTERS)
+    sock = open_socket(channel, can_filters=filters)
     sock.setblocking(False)
     return SocketCanSource(sock, channel)
 

@@ -37,7 +37,9 @@ def _bus(text: str) -> Bus:
     return bus
 
 
-BusName = Annotated[Bus, typer.Option("--bus", parser=_bus, metavar="DRIVER:CHANNEL", help="Where the frames go.")]
+_BUS = typer.Option("--bus", parser=_bus, metavar="DRIVER:CHANNEL", help="Where the frames go.")
+BusName = Annotated[Bus, _BUS]
+OptionalBusName = Annotated[Bus | None, _BUS]
 
 
 def on_end(stop: Callable[[], object]) -> None:

@@ -1,44 +1,94 @@
-"""`insole simulate`: boards that are not there, on a bus that is."""
+"""`insole simulate`: boards that are not there, on a bus that is, or as a recording of a trial that never was."""
 
 from __future__ import annotations
 
 import sys
 import threading
 from enum import StrEnum
-from typing import Annotated
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .options import BusName, ConfigFile, Seconds, on_end
+from .options import ConfigFile, OptionalBusName, Seconds, on_end
+
+if TYPE_CHECKING:
+    from ..config import Bus
+    from ..simulation.trial import Trial
 
 
-class Scenario(StrEnum):
-    """What the simulated person does."""
+_PATIENCE_S = 1.0  # for a transmit queue that takes nothing: boards have nothing else to do
+
+
+class ScenarioName(StrEnum):
+    """The names in simulation/scenarios, which takes too long to load for a help text."""
 
     walk = "walk"
     stand = "stand"
+    t1 = "t1"
+    t2 = "t2"
+    t3 = "t3"
+    t4 = "t4"
+    t5 = "t5"
+    t6 = "t6"
+    vacuum = "vacuum"
+    plenum = "plenum"
 
 
 def simulate(
-    bus: BusName,
-    scenario: Annotated[Scenario, typer.Argument(help="What the person does.")] = Scenario.walk,
+    scenario: Annotated[
+        ScenarioName,
+        typer.Argument(
+            case_sensitive=False,
+            help="walk and stand go on for ever; t1 to t6 are the published tasks (still on both feet, on the left, "
+            "slow movements, three walks); vacuum and plenum are chambers.",
+        ),
+    ] = ScenarioName.walk,
+    bus: OptionalBusName = None,
+    out: Annotated[Path | None, typer.Option("--out", help="Folder of the recording; it must not exist yet.")] = None,
+    effects: Annotated[
+        Path | None, typer.Option("--effects", help="insole-effects/1: physics of the sensors beyond a static curve.")
+    ] = None,
+    mass_kg: Annotated[float, typer.Option("--mass-kg", min=20, max=200, help="Of the body.")] = 63.0,
     config: ConfigFile = None,
     seconds: Seconds = None,
-    seed: Annotated[int, typer.Option(help="Of every random draw: same seed, same frames.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Of every random draw: same seed, same insole, same frames.")] = 0,
 ) -> None:
-    """Play emulated boards with a person on them on a bus."""
+    """Simulate insoles: their boards live on a bus, where they obey commands, or a trial as a recording."""
+    if (bus is None) == (out is None):
+        raise typer.BadParameter("expected one of --bus (such as socketcan:can0) and --out, found both or neither")
     from .. import config as configs
-    from ..bus.opening import open_sink
     from ..service.setup import load_layout
-    from ..simulation.emulator import Emulator
-    from ..simulation.foot import Stand, Walk
+    from ..simulation import effects_file
+    from ..simulation.trial import Trial
 
     settings = configs.load(config)
     layouts = [load_layout(insole) for insole in settings.insoles]
-    load = Walk(layouts, seed=seed) if scenario is Scenario.walk else Stand(layouts)
+    physics = effects_file.load(effects, layouts) if effects is not None else None
+    trial = Trial(scenario.value, settings, layouts, effects=physics, mass_kg=mass_kg, seed=seed)
+    if out is not None:
+        path = trial.write(out, seconds)
+        print(f"insole: {scenario.value} ({trial.scenario.about}) written into {path}", file=sys.stderr)
+    elif bus is not None:
+        _play(trial, bus, trial.length_s(seconds))
+
+
+def _play(trial: Trial, bus: Bus, seconds: float | None) -> None:
+    from ..bus.frames import FrameBatch
+    from ..bus.opening import open_as_boards
+
     stop = threading.Event()
     on_end(stop.set)
-    with open_sink(bus) as sink:
-        print(f"insole: {scenario.value} on {bus}", file=sys.stderr, flush=True)
-        sent = Emulator(settings, layouts, load, seed=seed).play(sink.send, stop, seconds)
+    source = open_as_boards(bus)
+    sink = source.sink(_PATIENCE_S)
+
+    def received() -> FrameBatch:
+        source.receive()
+        return source.drain()
+
+    try:
+        print(f"insole: {trial.scenario.about}, on {bus}", file=sys.stderr, flush=True)
+        sent = trial.emulator.play(sink.send, stop, seconds, received)
+    finally:
+        source.close()
     print(f"insole: {sent} frames sent", file=sys.stderr)

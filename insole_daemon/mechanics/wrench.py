@@ -100,12 +100,7 @@ class WrenchEstimator:
         f_z, m_x, m_y = np.add.reduce(self._rows * pressure, axis=1).tolist()
         std = [_NAN, _NAN, _NAN]
         if variance_pa2 is not None or n_valid < self._n_taxels:
-            variance = np.zeros(3)
-            if variance_pa2 is not None:
-                variance += self._rows_squared @ np.where(valid, variance_pa2, 0.0).ravel()
-            if n_valid < self._n_taxels:
-                variance += self._missing(pressure, valid.ravel()) ** 2
-            std = np.sqrt(variance).tolist()
+            std = self._std(pressure, valid, variance_pa2, n_valid).tolist()
         in_contact = f_z >= self._min_force_n
         return Wrench(
             f_z, m_x, m_y,
@@ -115,6 +110,21 @@ class WrenchEstimator:
             int(np.count_nonzero(valid.ravel() & (pressure >= self._min_pressure_pa))) * self._area_m2,
             n_valid / self._n_taxels,
         )  # fmt: skip
+
+    def _std(
+        self,
+        pressure: NDArray[np.float64],
+        valid: NDArray[np.bool_],
+        variance_pa2: NDArray[np.float64] | None,
+        n_valid: int,
+    ) -> NDArray[np.float64]:
+        """(3,) of f_z, m_x and m_y: of the calibration and of what may be missing; pressure (12 · n_triangles,)."""
+        variance = np.zeros(3)
+        if variance_pa2 is not None:
+            variance += self._rows_squared @ np.where(valid, variance_pa2, 0.0).ravel()
+        if n_valid < self._n_taxels:
+            variance += self._missing(pressure, valid.ravel()) ** 2
+        return np.sqrt(variance)
 
     def series(
         self,
@@ -130,8 +140,10 @@ class WrenchEstimator:
         wrench = np.add.reduce(self._rows[:, None] * pressure, axis=2)
         wrench[:, ~known] = _NAN
         std = np.full((3, n), _NAN)
-        if variance_pa2 is not None:
-            std[:, known] = np.sqrt(self._rows_squared @ np.where(valid, variance_pa2, 0.0).reshape(n, -1)[known].T)
+        stated = known if variance_pa2 is not None else known & (n_valid < self._n_taxels)
+        for row in np.flatnonzero(stated).tolist():
+            variance = variance_pa2[row] if variance_pa2 is not None else None
+            std[:, row] = self._std(pressure[row], valid[row], variance, int(n_valid[row]))
         f_z, m_x, m_y = wrench
         in_contact = f_z >= self._min_force_n
         force = np.where(in_contact, f_z, _NAN)

@@ -11,7 +11,7 @@ begins, at the second it reads, at the third it has stored what it read. Either 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,12 +22,10 @@ from ..skin.identifiers import CLASS_LEGACY_SKIN, CLASS_SKIN, ERROR_NO_ACK, skin
 from .faults import Event, Fault, events_of
 from .generation import MTB4, Generation
 from .halves import halves
-from .sensors import NOISE_COUNT, PRESSURE_PER_COUNT_PA, SPREAD, Sensors, Temperature
+from .reference_insole import reference_insole
+from .sensors import Sensors, Temperature
 from .thermometer import Thermometer, thermometer_frame
 
-__all__ = ["NOISE_COUNT", "PRESSURE_PER_COUNT_PA", "SPREAD", "Board"]
-
-CLOCK_PPM = 20.0  # σ of the boards' clock rates
 RAW_TEST_MODE = 7  # a skin type
 
 _FIRMWARE_NO_LOAD, _FIRMWARE_SHIFT, _FIRMWARE_PERIOD_MS = 245, 2, 50  # what it runs with before any command
@@ -70,19 +68,23 @@ class Board:
         status_bits: bool = True,
         cdc_hz: float | None = None,
         temperature_c: Temperature | None = None,
+        luck: int = 0,
+        alike: bool = False,
+        digitises_with: Mapping[int, int] | None = None,
     ) -> None:
         """A board with sensors on `triangles` (ascending), the same from the same `seed`.
 
         `streaming`: comes up sending with these settings, all its triangles enabled; else it is silent and
         has the firmware's settings until commanded. `compensated`: the temperature compensation of its skin
-        type works; `status_bits`: else the status of every half B is 0. For the rest see Sensors and Fault.
+        type works; `status_bits`: else the status of every half B is 0. `digitises_with`: shifts, by triangle, that
+        stand in for `shift` without anybody's knowing, until a command sets them. For the rest see Sensors and Fault.
         """
         self.node = address  # of the board as a thing, whatever address it bears
         self.address = address
         self.generation = generation
-        self.sensors = Sensors(address, triangles, shift, seed, faults, cdc_hz, temperature_c)
+        self.sensors = Sensors(address, triangles, shift, seed, faults, cdc_hz, temperature_c, luck, alike)
         self.triangles = self.sensors.triangles
-        self.clock_rate = 1 + 1e-6 * CLOCK_PPM * self.sensors.made.standard_normal()
+        self.clock_rate = 1 + 1e-6 * reference_insole().clock_ppm * self.sensors.made.standard_normal()
         self._phase = self.sensors.made.random()
         self._compensated = compensated
         self._status_bits = status_bits
@@ -106,6 +108,8 @@ class Board:
             self.skin_type = skin_type
             self.no_load = no_load
             self.shift = np.full(16, shift, np.int64)
+            for triangle, real in (digitises_with or {}).items():
+                self.shift[triangle] = real
             self.period_ns = self._ticks_ns(period_ms)
             self.cls = CLASS_SKIN
             self._enabled = np.zeros(16, bool)

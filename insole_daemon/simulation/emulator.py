@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -41,6 +41,9 @@ class Emulator:
         status_bits: bool = True,
         cdc_hz: float | None = None,
         temperature_c: Temperature | None = None,
+        luck: int = 0,
+        alike: bool = False,
+        shifts: Mapping[int, Mapping[int, int]] | None = None,
     ) -> None:
         """The boards of those feet of `config` that have a layout, under `load`.
 
@@ -52,6 +55,8 @@ class Emulator:
         `status_bits`: else the status in every half B is 0. `cdc_hz`: rate of the free-running converters, really
         sampling.CDC_HZ; None: a reading is as old as its tick. `temperature_c`: of all the insoles, seconds since
         power-up (n,) to °C (n,); None is 25 °C.
+        `luck`: another noise on the same sensors. `alike`: each sensor is the nominal line, since `load` is what they
+        feel (`sensed.Sensed`). `shifts`: by board and triangle, digitisers that have another one than is configured.
         """
         for fault in faults:
             known = {board.address for insole in config.insoles for board in insole.boards}
@@ -66,6 +71,8 @@ class Emulator:
         self._status_bits = status_bits
         self._cdc_hz = cdc_hz
         self._temperature_c = temperature_c
+        self._luck, self._alike = luck, alike
+        self._shifts = shifts or {}
         self._config = config
         self._layouts = {layout.foot: layout for layout in layouts}
         self._load = load
@@ -79,12 +86,14 @@ class Emulator:
 
     def frames(self, t_start_ns: int, seconds: float) -> FrameBatch:
         """All frames that begin within `seconds` of `t_start_ns`, stamped with the moment they end."""
+        return FrameBatch.concatenate(list(self.batches(t_start_ns, seconds)))
+
+    def batches(self, t_start_ns: int, seconds: float) -> Iterator[FrameBatch]:
+        """The same in portions."""
         run = self.run(t_start_ns)
         t_end_ns = t_start_ns + round(seconds * 1e9)
-        batches = []
         while run.now_ns < t_end_ns:
-            batches.append(run.advance(min(run.now_ns + _CHUNK_NS, t_end_ns)))
-        return FrameBatch.concatenate(batches)
+            yield run.advance(min(run.now_ns + _CHUNK_NS, t_end_ns))
 
     def play(
         self,
@@ -140,6 +149,9 @@ class Emulator:
                     status_bits=self._status_bits,
                     cdc_hz=self._cdc_hz,
                     temperature_c=self._temperature_c,
+                    luck=self._luck,
+                    alike=self._alike,
+                    digitises_with=self._shifts.get(board.address),
                 )
                 rows = np.array([place[triangle] for triangle in sorted(place)], np.intp)
                 mounted.append(Mounted(emulated, insole.foot, rows))

@@ -1,8 +1,8 @@
 """A person on the insoles: regions of the sole that share the ground's force, walking and standing.
 
 Every region presses with a fixed footprint, a bell over the taxels that integrates to 1 N; what changes in
-time is how much of the force each region bears. So Σ P_i A_i = f_z holds whatever the layout, and the CoP
-is the shares' mean of the regions' centres.
+time is how much of the force each region bears. So Σ P_i A_i = f_z holds whatever the layout, the CoP is the
+shares' mean of the regions' centres, and both moments are f_z times it.
 
 All magnitudes are approximations of ordinary gait. J. Perry, *Gait Analysis*: stance 62 % of a stride, two
 force peaks of 1.1 body weights and a valley between, roll-over heel – lateral midfoot – metatarsals – hallux.
@@ -12,13 +12,17 @@ P. Cavanagh et al. 1987, quiet standing: heel 60 %, midfoot 8 %, forefoot and to
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..skin.geometry import PRESSURE_TAXELS
 from ..skin.layout import Foot, Layout
+from .portable import exp, sin_turns, weighted
+
+Places = Mapping[Foot, NDArray[np.float64]]  # (n_triangles, 12, 2) m, where the taxels of a foot really lie
 
 GRAVITY_M_S2 = 9.81
 STANCE = 0.62  # of a stride, a foot is on the ground
@@ -26,6 +30,7 @@ STANCE = 0.62  # of a stride, a foot is on the ground
 # most 1.2 in double support. The first harmonic follows from the weight.
 _THIRD_HARMONIC = 0.36
 _FIFTH_HARMONIC = -0.05
+_DIGITS_M = 9  # of a place: behind them, machines may differ
 _VARIED_STRIDES = 97  # then the variation from stride to stride repeats
 
 # Centre and spread (1 σ) of a region: x from the rearmost (0) to the foremost taxel (1); y in half widths of
@@ -33,7 +38,8 @@ _VARIED_STRIDES = 97  # then the variation from stride to stride repeats
 # and its share in quiet standing.
 _REGIONS = np.array([
     #  x     y     σ_x    σ_y   peak  width high  standing
-    [0.11,  0.00, 0.080, 0.42, 0.05, 0.17, 1.00, 0.60],  # heel
+    [0.11,  0.40, 0.080, 0.28, 0.05, 0.17, 0.55, 0.31],  # heel, lateral
+    [0.11, -0.40, 0.080, 0.28, 0.05, 0.17, 0.45, 0.29],  # heel, medial
     [0.42,  0.40, 0.100, 0.28, 0.40, 0.15, 0.12, 0.08],  # lateral midfoot
     [0.66,  0.50, 0.060, 0.26, 0.55, 0.17, 0.35, 0.09],  # metatarsals 4 and 5
     [0.72,  0.05, 0.060, 0.26, 0.65, 0.17, 0.60, 0.11],  # metatarsals 2 and 3
@@ -42,24 +48,78 @@ _REGIONS = np.array([
     [0.92, -0.40, 0.055, 0.22, 0.95, 0.13, 0.50, 0.02],  # hallux
 ])  # fmt: skip
 
+_BEFORE_THE_HEEL = slice(2, None)
 
-def footprints(layout: Layout) -> NDArray[np.float64]:
-    """(n_regions, n_triangles, 12) 1/m², the pressure of every region per newton it bears; Σ · A = 1."""
-    xy_m = layout.xy_m[:, PRESSURE_TAXELS]
-    low, high = xy_m.min(axis=(0, 1)), xy_m.max(axis=(0, 1))
+
+def footprints(layout: Layout, xy_m: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
+    """(n_regions, n_triangles, 12) 1/m², the pressure of every region per newton it bears.
+
+    The sole lies where `layout` has the taxels, and Σ · A = 1 there. `xy_m` (n_triangles, 12, 2): where they really
+    are, and what presses on them there.
+    """
+    believed, real = (
+        np.round(each[:, PRESSURE_TAXELS], _DIGITS_M) for each in (layout.xy_m, layout.xy_m if xy_m is None else xy_m)
+    )
+    low, high = believed.min(axis=(0, 1)), believed.max(axis=(0, 1))
     lateral = 1.0 if layout.foot == "left" else -1.0  # y points to the wearer's left on both feet
-    x = (xy_m[..., 0] - low[0]) / (high[0] - low[0])
-    y = lateral * (xy_m[..., 1] - (low[1] + high[1]) / 2) / ((high[1] - low[1]) / 2)
-    x_centre, y_centre, x_spread, y_spread = _REGIONS[:, :4, None, None].swapaxes(0, 1)
-    exponent = -(((x - x_centre) / x_spread) ** 2 + ((y - y_centre) / y_spread) ** 2) / 2
+
+    def exponent(places_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        x = (places_m[..., 0] - low[0]) / (high[0] - low[0])
+        y = lateral * (places_m[..., 1] - (low[1] + high[1]) / 2) / ((high[1] - low[1]) / 2)
+        x_centre, y_centre, x_spread, y_spread = _REGIONS[:, :4, None, None].swapaxes(0, 1)
+        along, across = (x - x_centre) / x_spread, (y - y_centre) / y_spread
+        exponents: NDArray[np.float64] = -(along * along + across * across) / 2
+        return exponents
+
     # Measured from the nearest taxel, so that a region with no taxel under it still bears its share.
-    bell = np.exp(exponent - exponent.max(axis=(1, 2), keepdims=True))
-    pressure = np.zeros((len(_REGIONS), len(xy_m), len(PRESSURE_TAXELS)))
-    pressure[..., PRESSURE_TAXELS] = bell / (bell.sum(axis=(1, 2), keepdims=True) * layout.taxel_area_m2)
+    nearest = exponent(believed).max(axis=(1, 2), keepdims=True)
+    total = exp(exponent(believed) - nearest).sum(axis=(1, 2), keepdims=True)
+    pressure = np.zeros((len(_REGIONS), len(believed), len(PRESSURE_TAXELS)))
+    pressure[..., PRESSURE_TAXELS] = exp(exponent(real) - nearest) / (total * layout.taxel_area_m2)
     return pressure
 
 
-class Walk:
+class Person(ABC):
+    """Somebody on the insoles: a Load, and the wrench that the ground answers with.
+
+    The wrench is that of an insole without a flaw, its taxels where the layout has them: all of the ground's force
+    passes through the taxels.
+    """
+
+    def __init__(self, layouts: Sequence[Layout], body_mass_kg: float, places: Places | None = None) -> None:
+        """`layouts`: one a foot; `places`: where the taxels really lie, if not there."""
+        self.weight_n = body_mass_kg * GRAVITY_M_S2
+        self._footprints = {
+            layout.foot: footprints(layout, None if places is None else places[layout.foot]) for layout in layouts
+        }
+        self._wrenches = {layout.foot: _wrenches(layout) for layout in layouts}
+
+    @abstractmethod
+    def region_n(self, foot: Foot, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n_times, n_regions) force that each region of the sole bears."""
+
+    def force_n(self, foot: Foot, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n_times,) f_z of `foot`."""
+        return weighted(self.region_n(foot, t_s), np.ones(len(_REGIONS)))
+
+    def pressure_pa(self, foot: Foot, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """See Load; Σ P_i A_i is `force_n`."""
+        return weighted(self.region_n(foot, t_s), self._footprints[foot])
+
+    def reference(self, foot: Foot, t_s: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+        """fz_n, mx_nm, my_nm (n_times,) about the insole's origin."""
+        wrench = weighted(self.region_n(foot, t_s), self._wrenches[foot])
+        return {name: wrench[:, i] for i, name in enumerate(("fz_n", "mx_nm", "my_nm"))}
+
+
+def _wrenches(layout: Layout) -> NDArray[np.float64]:
+    """(n_regions, 3) f_z, m_x, m_y per newton."""
+    weights = footprints(layout) * layout.taxel_area_m2
+    x, y = np.moveaxis(np.round(layout.xy_m, _DIGITS_M), -1, 0)
+    return np.stack([np.ones(len(weights)), (weights * y).sum(axis=(1, 2)), -(weights * x).sum(axis=(1, 2))], axis=-1)
+
+
+class Walk(Person):
     """Level walking at a steady cadence: left and right half a stride apart, left heel strike at t = 0.
 
     Over a stride both feet together bear the body's weight.
@@ -71,37 +131,38 @@ class Walk:
         body_mass_kg: float = 63.0,
         cadence_per_min: float = 110.0,
         seed: int = 0,
+        places: Places | None = None,
     ) -> None:
-        """`layouts`: one a foot; `cadence_per_min`: steps of both feet together.
+        """`layouts`: one a foot; `cadence_per_min`: steps of both feet together; `places` as for every Person.
 
         From stride to stride force and shares vary a little (1 σ: 2 % and 8 %), drawn from `seed`.
         """
+        super().__init__(layouts, body_mass_kg, places)
         self.stride_s = 120.0 / cadence_per_min
-        self.weight_n = body_mass_kg * GRAVITY_M_S2
-        self._footprints = {layout.foot: footprints(layout) for layout in layouts}
         # The mean over stance of Σ a_n·sin(nπs), n odd, is (2/π)·Σ a_n/n; 2 · STANCE of it is one weight.
         first_harmonic = np.pi / (4 * STANCE) - _THIRD_HARMONIC / 3 - _FIFTH_HARMONIC / 5
         self._harmonics = np.array([first_harmonic, _THIRD_HARMONIC, _FIFTH_HARMONIC])
         varied = np.random.default_rng(seed).standard_normal((2, _VARIED_STRIDES, 1 + len(_REGIONS)))
         self._force_factor = 1 + 0.02 * varied[..., 0]
-        self._share_factor = np.exp(0.08 * varied[..., 1:])
+        self._share_factor = exp(0.08 * varied[..., 1:])
 
     def force_n(self, foot: Foot, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n_times,) f_z of `foot`; 0 in swing."""
         stance, stride = self._stance(foot, t_s)
-        in_weights = np.sin(np.pi * stance[:, None] * (1, 3, 5)) @ self._harmonics
+        in_weights = weighted(sin_turns(stance[:, None] * (0.5, 1.5, 2.5)), self._harmonics)
         force_n: NDArray[np.float64] = (
             self.weight_n * self._force_factor[_row(foot), stride] * in_weights * (stance < 1)
         )
         return force_n
 
-    def pressure_pa(self, foot: Foot, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """See Load; Σ P_i A_i is `force_n`."""
+    def region_n(self, foot: Foot, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n_times, n_regions) the force, heel first and toes last."""
         stance, stride = self._stance(foot, t_s)
         peak, width, high = _REGIONS[:, 4:7].T
-        shares = high * self._share_factor[_row(foot), stride] * np.exp(-(((stance[:, None] - peak) / width) ** 2) / 2)
+        since = (stance[:, None] - peak) / width
+        shares: NDArray[np.float64] = high * self._share_factor[_row(foot), stride] * exp(-since * since / 2)
         shares *= (self.force_n(foot, t_s) / shares.sum(axis=1))[:, None]
-        return np.tensordot(shares, self._footprints[foot], axes=1)
+        return shares
 
     def _stance(self, foot: Foot, t_s: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """Where in stance (0 heel strike … 1 toe off; 1 throughout swing), and which stride of the table."""
@@ -110,26 +171,37 @@ class Walk:
         return np.minimum((strides - number) / STANCE, 1.0), number.astype(np.int64) % _VARIED_STRIDES
 
 
-class Stand:
+class Stand(Person):
     """Quiet standing: half the weight on each foot, swaying by 4 % of it sideways and some mm forward."""
 
-    def __init__(self, layouts: Sequence[Layout], body_mass_kg: float = 63.0) -> None:
-        """The body of `body_mass_kg` stands on `layouts`, one a foot."""
-        self.weight_n = body_mass_kg * GRAVITY_M_S2
-        self._footprints = {layout.foot: footprints(layout) for layout in layouts}
+    def __init__(self, layouts: Sequence[Layout], body_mass_kg: float = 63.0, places: Places | None = None) -> None:
+        """The body of `body_mass_kg` stands on `layouts`, one a foot; `places` as for every Person."""
+        super().__init__(layouts, body_mass_kg, places)
 
     def force_n(self, foot: Foot, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n_times,) f_z of `foot`; the other foot bears the rest of the weight."""
-        sideways = 0.04 * np.sin(2 * np.pi * 0.31 * t_s)
+        sideways = 0.04 * sin_turns(0.31 * t_s)
         return self.weight_n * (0.5 + (sideways if foot == "left" else -sideways))
 
-    def pressure_pa(self, foot: Foot, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """See Load; Σ P_i A_i is `force_n`."""
-        forward = 1 + 0.06 * np.sin(2 * np.pi * 0.23 * t_s)
-        shares = np.repeat(_REGIONS[None, :, 7], len(t_s), axis=0)
-        shares[:, 1:] *= forward[:, None]
-        shares *= (self.force_n(foot, t_s) / shares.sum(axis=1))[:, None]
-        return np.tensordot(shares, self._footprints[foot], axes=1)
+    def region_n(self, foot: Foot, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n_times, n_regions) the force as it is distributed in quiet standing."""
+        forward = 1 + 0.06 * sin_turns(0.23 * t_s)
+        return standing(self.force_n(foot, t_s), forward, np.ones_like(t_s))
+
+
+def standing(
+    force_n: NDArray[np.float64], forward: NDArray[np.float64], outward: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(n, n_regions) how `force_n` (n,) is borne by who stands.
+
+    `forward` and `outward` (n,), 1 in quiet standing: how much more all but the heel bear, and the lateral side.
+    """
+    shares = np.repeat(_REGIONS[None, :, 7], len(force_n), axis=0)
+    shares[:, _BEFORE_THE_HEEL] *= forward[:, None]
+    # As much more at the lateral edge as there is less at the medial one, in proportion to the region's place.
+    shares *= np.maximum(1.0 + (outward[:, None] - 1.0) * _REGIONS[:, 1], 0.05)
+    shares *= (force_n / shares.sum(axis=1))[:, None]
+    return shares
 
 
 def _row(foot: Foot) -> int:

@@ -2,10 +2,11 @@
 
 A sensor's line is
 
-    raw16 = rest + 2^shift · (P / PRESSURE_PER_COUNT_PA + COUNT_PER_K · gain_k / 128 · (T − REST_C)) + noise
+    raw16 = rest + 2^shift · (s · P / pa_per_count + pad_count_per_k · gain_k / 128 · (T − rest_c)) + noise
 
 with the shift it was made for, whatever shift is commanded later; gain_k are those of skin type 0, which is what
-the compensation was made for, and 128 on the thermal pads: they respond to temperature alone.
+the compensation was made for, and 128 on the thermal pads: they respond to temperature alone. The constants are those
+of insole-reference.yaml; s is the sensitivity of the taxel.
 
 A converter (AD7147) runs freely, unless none is asked for: the board's tick then reads what its last sequence
 found, and reads it again until the next is through. Sources: AD7147 data sheet, table 10 (36.864 ms for twelve
@@ -24,12 +25,7 @@ from ..physics.digitiser import GAINS_TYPE_0, OPEN_LINE
 from ..physics.sampling import sequence, taken_s
 from ..skin.geometry import PRESSURE_TAXELS
 from .faults import LINE_KINDS, STUCK_PA, TAXEL_KINDS, Fault
-
-PRESSURE_PER_COUNT_PA = 8000.0  # public insole recordings: about 12 counts a bar; the built-in calibration's line
-NOISE_COUNT = 0.9  # σ before rounding; public recordings: 0.9 to 1.0 from row to row
-SPREAD = 0.03  # σ of the taxels' sensitivities
-REST_C = 25.0  # where a sensor rests at its rest code
-COUNT_PER_K = 2.5  # of a thermal pad; an assumption: no public number
+from .reference_insole import reference_insole
 
 Temperature = Callable[[NDArray[np.float64]], NDArray[np.float64]]  # (n,) s since power-up → (n,) °C
 
@@ -46,16 +42,25 @@ class Sensors:
         faults: Sequence[Fault] = (),
         cdc_hz: float | None = None,
         temperature_c: Temperature | None = None,
+        luck: int = 0,
+        alike: bool = False,
     ) -> None:
-        """`faults`: only those of triangles and taxels on board `address` matter; `cdc_hz` None: no converter."""
+        """`faults`: only those of triangles and taxels on board `address` matter; `cdc_hz` None: no converter.
+
+        `luck`: of the noise, on the same sensors. `alike`: every taxel has the nominal sensitivity; else each its own.
+        """
+        made_of = reference_insole()
         self.triangles = tuple(triangles)
         self.made = np.random.default_rng([seed, address, 0])
-        self._noise = np.random.default_rng([seed, address, 1])
-        self._rest_code = np.rint(self.made.normal(30_000, 1_000, (16, 12)))
-        self._code_per_pa = 2.0**shift / PRESSURE_PER_COUNT_PA * (1 + SPREAD * self.made.standard_normal((16, 12)))
+        self._noise = np.random.default_rng([seed, address, 1, luck])
+        self._rest_code = np.rint(made_of.rest_code + made_of.rest_code_spread * self.made.standard_normal((16, 12)))
+        sensitivity = made_of.sensitivities(self.made, (16, 12))
+        self._code_per_pa = 2.0**shift / made_of.pa_per_count * (1.0 if alike else sensitivity) * np.ones((16, 12))
         self._code_per_pa[:, ~PRESSURE_TAXELS] = 0.0
-        self._noise_code = NOISE_COUNT * 2.0**shift
-        self._code_per_k = 2.0**shift * COUNT_PER_K * np.where(PRESSURE_TAXELS, GAINS_TYPE_0, 128) / 128
+        self._noise_code = 2.0**shift * np.where(PRESSURE_TAXELS, made_of.noise_count, made_of.pad_noise_count)
+        gains = np.where(PRESSURE_TAXELS, GAINS_TYPE_0, 128) / 128
+        self._code_per_k = 2.0**shift * made_of.pad_count_per_k * gains
+        self._rest_c = made_of.rest_c
         self._temperature_c = temperature_c
         self._taxel_faults = [f for f in faults if f.board == address and f.kind in TAXEL_KINDS]
         # Each line has luck of its own, so that one more fault changes nothing about the others.
@@ -84,13 +89,13 @@ class Sensors:
 
     def temperature_c(self, t_s: float) -> float:
         """Of the board, `t_s` after power-up."""
-        return REST_C if self._temperature_c is None else float(self._temperature_c(np.array([t_s]))[0])
+        return self._rest_c if self._temperature_c is None else float(self._temperature_c(np.array([t_s]))[0])
 
     def _warmth(self, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n, 12) codes."""
         if self._temperature_c is None:
             return np.zeros((len(t_s), 12))
-        return (self._temperature_c(t_s) - REST_C)[:, None] * self._code_per_k
+        return (self._temperature_c(t_s) - self._rest_c)[:, None] * self._code_per_k
 
     def read(
         self,

@@ -10,7 +10,7 @@ import can
 import pytest
 
 from insole_daemon.bus import socketcan
-from insole_daemon.bus.opening import open_bus
+from insole_daemon.bus.opening import open_as_boards, open_bus
 from insole_daemon.bus.recovering import RecoveringSource
 from insole_daemon.config import Bus
 from insole_daemon.errors import BusError
@@ -75,3 +75,18 @@ def test_other_interfaces_of_python_can_give_wall_clock_nanoseconds():
     assert batch.t_mono_ns[1] >= batch.t_mono_ns[0]
     source.close()
     source.close()
+
+
+def test_boards_listen_to_commands_alone(monkeypatch):
+    ours, theirs = socket.socketpair()
+    asked = {}
+
+    def found(channel, **options):
+        asked.update(options)
+        return ours
+
+    monkeypatch.setattr(socketcan, "open_socket", found)
+    open_as_boards(Bus("socketcan", "can7")).close()
+    assert ours.fileno() == -1
+    theirs.close()
+    assert [each["can_id"] for each in asked["can_filters"]] == [0x200, 0x700], "not the stream that they send"

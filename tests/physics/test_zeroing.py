@@ -105,7 +105,7 @@ def test_force_takes_it_all_the_same_and_still_says_so():
 def test_an_evenly_strapped_shoe_becomes_part_of_the_zero(kpa):
     out = taken(cycles(Pressed(kpa * 1e3)))
     assert out.zero is not None
-    assert out.shift_count == pytest.approx(-kpa / 8, abs=0.1)
+    assert out.shift_count == pytest.approx(-kpa / 8, rel=0.04, abs=0.1)  # taxels are not alike
 
 
 def test_one_triangle_that_stands_out_a_little_is_zeroed_but_not_one_that_does_much():

@@ -6,11 +6,11 @@ import pytest
 
 from insole_daemon import config
 from insole_daemon.bus.frames import FRAME_TIME_NS, FrameBatch
-from insole_daemon.simulation.board import PRESSURE_PER_COUNT_PA
 from insole_daemon.simulation.bus_time import QUEUE_FRAMES, BusTime, Offer, frame_bits
 from insole_daemon.simulation.emulator import Emulator
 from insole_daemon.simulation.foot import Walk
 from insole_daemon.simulation.load import Unloaded
+from insole_daemon.simulation.reference_insole import reference_insole
 from insole_daemon.skin import layout
 
 ADDRESSES = {"left": (5, 6, 7), "right": (8, 9, 10)}
@@ -181,7 +181,7 @@ def test_counts_give_back_the_force(ten_seconds):
         mine = ten_seconds[ten_seconds.can_id == 0x400 | board << 4 | triangle]
         half_a, half_b = mine.data[::2][:400], mine.data[1::2][:400]
         counts = np.concatenate([half_a[:, 1:7], half_b[:, 1:4], half_b[:, 5:6]], axis=1).astype(float)
-        total += ((240.4375 - counts) * PRESSURE_PER_COUNT_PA * left.taxel_area_m2).sum(axis=1)
+        total += ((240.4375 - counts) * reference_insole().pa_per_count * left.taxel_area_m2).sum(axis=1)
     expected = WALK.force_n("left", np.arange(400) * 0.02)
     assert np.corrcoef(total, expected)[0, 1] > 0.98
     assert total.mean() == pytest.approx(expected.mean(), rel=0.05)

@@ -1,0 +1,54 @@
+"""exp and sin out of additions and multiplications alone: the same bits on every machine.
+
+numpy's own differ in the last bit with the vector unit of the CPU and the C library, BLAS in the order of its sums.
+Here only operations are used that IEEE 754 rounds exactly, so that a load is the same everywhere; the error is below
+3e-16 of the result (of 1 for the sine).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+_LN2_HIGH, _LN2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10  # their sum is ln 2 to 2^-86
+_EXP = [1 / math.factorial(k) for k in range(14)]  # of r up to ln 2 / 2
+_SIN = [(-1) ** k / math.factorial(2 * k + 1) for k in range(11)]  # of angles up to π / 2
+_LEAST = -700.0  # below that, exp is 0 for us
+
+
+def exp(x: ArrayLike) -> NDArray[np.float64]:
+    """e to the power of `x`, of any shape, at most 700."""
+    values = np.asarray(x, np.float64)
+    power = np.rint(values * (1 / math.log(2)))
+    r = (values - power * _LN2_HIGH) - power * _LN2_LOW
+    result: NDArray[np.float64] = np.ldexp(_horner(_EXP, r), np.maximum(power, -1070.0).astype(np.int32))
+    return np.where(values < _LEAST, 0.0, result)
+
+
+def sin_turns(turns: ArrayLike) -> NDArray[np.float64]:
+    """The sine of 2π · `turns`, of any shape."""
+    values = np.asarray(turns, np.float64)
+    part = values - np.rint(values)  # -1/2 to 1/2
+    part = np.where(part > 0.25, 0.5 - part, np.where(part < -0.25, -0.5 - part, part))
+    angle = 2 * math.pi * part
+    sine: NDArray[np.float64] = angle * _horner(_SIN, angle * angle)
+    return sine
+
+
+def weighted(shares: NDArray[np.float64], patterns: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, …) Σ_k shares[:, k] · patterns[k], of shares (n, k) and patterns (k, …), always summed in this order."""
+    wide = (slice(None), *(None,) * (patterns.ndim - 1))
+    total: NDArray[np.float64] = shares[:, 0][wide] * patterns[0]
+    for k in range(1, len(patterns)):
+        total += shares[:, k][wide] * patterns[k]
+    return total
+
+
+def _horner(coefficients: list[float], x: NDArray[np.float64]) -> NDArray[np.float64]:
+    y = np.full_like(x, coefficients[-1])
+    for coefficient in reversed(coefficients[:-1]):
+        y *= x
+        y += coefficient
+    return y

@@ -1,0 +1,160 @@
+"""A simulated trial: a scenario on simulated insoles, written as a recording or played on a bus."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Sequence
+from dataclasses import replace
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..config import Config
+from ..errors import SimulationError
+from ..recording.copies import InsoleContents
+from ..recording.writer import ReferenceContents, write
+from ..skin.bus_load import Stream, bus_load, check_fits
+from ..skin.layout import Layout
+from . import instruments
+from .effects_file import Effects
+from .emulator import Emulator
+from .faults import Fault
+from .foot import Places
+from .generation import GenerationName
+from .portable import exp
+from .reference_insole import reference_insole
+from .scenarios import length_s, scenario
+from .sensed import Insole, Sensed
+
+START_NS = 1_760_000_000_000_000_000  # of every recording: a trial has no date of its own
+ENDLESS_S = 60.0  # of a scenario without an end, that is written
+_INTERFACE = "can0"
+
+
+class Trial:
+    """Same arguments, same bytes. `insoles` have the true static curves; `load` is what presses on them."""
+
+    def __init__(
+        self,
+        name: str,
+        config: Config,
+        layouts: Sequence[Layout],
+        *,
+        effects: Effects | None = None,
+        mass_kg: float = 63.0,
+        seed: int = 0,
+        generation: GenerationName | None = None,
+        faults: Sequence[Fault] = (),
+        cdc_hz: float | None = None,
+    ) -> None:
+        """The scenario `name` on the feet of `config` that have a layout.
+
+        `effects` of the true sensors, by foot. `generation`, `faults` and `cdc_hz` as for an Emulator; a converter's
+        sample-and-hold is left out unless its rate is given.
+        SimulationError, BusError: there is no such scenario; the boards cannot carry such a layout.
+        """
+        self.scenario = scenario(name)
+        self._name, self._mass_kg, self._seed = name, mass_kg, seed
+        self._config = replace(
+            config, insoles=tuple(i for i in config.insoles if any(i.foot == layout.foot for layout in layouts))
+        )
+        _check_carried(self._config, layouts)
+        made = reference_insole()
+        boards = {insole.foot: insole.boards for insole in config.insoles}
+        self.insoles = [
+            Insole(
+                layout,
+                boards[layout.foot],
+                made.calibration(layout, boards[layout.foot], seed),
+                (effects or {}).get(layout.foot, ()),
+            )
+            for layout in layouts
+        ]
+        places: Places = {insole.layout.foot: insole.chain.xy_m for insole in self.insoles}
+        self.load = self.scenario.make(layouts, places, mass_kg, seed)
+        self._luck = zlib.crc32(name.encode())  # a trial's own: the insole is that of the seed alone
+        self.emulator = Emulator(
+            self._config,
+            layouts,
+            Sensed(self.load, self.insoles, self.temperature_c),
+            seed=seed,
+            luck=self._luck,
+            alike=True,
+            shifts={board: of for insole in self.insoles for board, of in insole.shifts().items()},
+            generation=generation,
+            faults=faults,
+            cdc_hz=cdc_hz,
+            temperature_c=self.temperature_c,
+        )
+
+    def temperature_c(self, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n,) of the insoles: a worn shoe warms up, a chamber does not."""
+        made = reference_insole()
+        if self.scenario.kind == "chamber":
+            return np.full_like(t_s, made.rest_c)
+        return made.rest_c + made.shoe_warms_k * (1.0 - exp(-t_s / made.shoe_warms_in_s))
+
+    def length_s(self, seconds: float | None = None) -> float | None:
+        """How long it is played if `seconds` are asked for; None: for ever. SimulationError: longer than its load."""
+        return length_s(self._name, seconds, None)
+
+    def write(self, folder: str | PathLike[str], seconds: float | None = None) -> Path:
+        """Write the trial as the recording `folder`, where it is; `seconds` None: all of it.
+
+        SimulationError where it is longer than its load, FileError where the folder cannot be written.
+        """
+        whole_s = length_s(self._name, seconds, ENDLESS_S)
+        assert whole_s is not None
+        boards = {insole.foot: insole.boards for insole in self._config.insoles}
+        return write(
+            folder,
+            kind=self.scenario.kind,
+            can_origin="simulated",
+            insoles=[
+                InsoleContents(
+                    insole.layout.foot,
+                    [replace(board, interface=_INTERFACE) for board in boards[insole.layout.foot]],
+                    insole.layout,
+                    insole.calibration,
+                )
+                for insole in self.insoles
+            ],
+            frames=self.emulator.batches(START_NS, whole_s),
+            interfaces=(_INTERFACE,),
+            reference=[self._reference(insole, whole_s) for insole in self.insoles],
+            # Not the effects: they are what a diagnosis has to find.
+            source=f"insole simulate {self._name} --mass-kg {self._mass_kg:g} --seed {self._seed}",
+        )
+
+    def _reference(self, insole: Insole, seconds: float) -> ReferenceContents:
+        foot = insole.layout.foot
+        told = any(effect.law.word == "clock" for effect in insole.effects)
+        clock = insole.chain.reference_s if told else instruments.clock(np.random.default_rng([self._seed, 0, 6]))
+        draw = np.random.default_rng([self._seed, 0 if foot == "left" else 1, 7, self._luck])
+        return instruments.readings(foot, self.load, seconds, START_NS * 1e-9, clock, self.temperature_c, draw)
+
+
+def _check_carried(config: Config, layouts: Sequence[Layout]) -> None:
+    """Raise where the configured boards do not have the triangles of a layout, or one bus does not carry them."""
+    streams = []
+    for layout in layouts:
+        boards = [board for insole in config.insoles if insole.foot == layout.foot for board in insole.boards]
+        addresses = {board.address for board in boards}
+        strange = sorted({triangle.board for triangle in layout.triangles} - addresses)
+        if strange:
+            raise SimulationError(
+                f"the layout of the {layout.foot} foot: triangles[].board: expected the boards of this foot "
+                f"({', '.join(map(str, sorted(addresses))) or 'none is configured'}), found {strange[0]}: "
+                "configure the board, or take its triangles out of the layout"
+            )
+        for board in boards:
+            triangles = [t.triangle for t in layout.triangles if t.board == board.address]
+            if len(set(triangles)) < len(triangles) or any(not 0 <= triangle <= 15 for triangle in triangles):
+                raise SimulationError(
+                    f"the layout of the {layout.foot} foot: board {board.address}: expected triangles 0 to 15, each "
+                    f"once, found {sorted(triangles)}: a board has 16 of them"
+                )
+            streams.append(Stream(board.address, len(triangles), board.period_ms))
+    check_fits(bus_load(_INTERFACE, streams))

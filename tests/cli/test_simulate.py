@@ -1,0 +1,96 @@
+"""`insole simulate`: recordings, and boards that obey."""
+
+import subprocess
+import sys
+import threading
+import time
+
+import can
+import pytest
+
+import insole_daemon
+from insole_daemon.cli import simulate as verb
+from insole_daemon.config import Bus, Config
+from insole_daemon.service.setup import load_layout
+from insole_daemon.simulation.scenarios import SCENARIOS
+from insole_daemon.simulation.trial import Trial
+
+INSOLE = [sys.executable, "-c", "from insole_daemon.cli import main; main()"]
+
+
+def insole(*arguments):
+    return subprocess.run(
+        [*INSOLE, *map(str, arguments)], capture_output=True, text=True, timeout=30, stdin=subprocess.DEVNULL
+    )
+
+
+def test_every_scenario_can_be_asked_for():
+    assert {name.value for name in verb.ScenarioName} == set(SCENARIOS)
+
+
+def test_a_recording_of_a_scenario(tmp_path):
+    effects = tmp_path / "effects.yaml"
+    effects.write_text(
+        "format: insole-effects/1\neffects:\n"
+        "  - {effect: delay, where: {scope: insole}, parameters: {delay_s: {value: 0.05, unit: s}}}\n"
+    )
+    done = insole(
+        "simulate", "T4", "--out", tmp_path / "t4", "--effects", effects, "--mass-kg", 54, "--seed", 3, "--seconds", 4
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == ""
+    recording = insole_daemon.load(tmp_path / "t4")
+    assert recording.kind == "shoe"
+    assert recording["left"].wrench.f_z_n.max() > 54 * 9.81 * 0.8
+    again = insole("simulate", "t4", "--out", tmp_path / "t4")
+    assert again.returncode == 4
+    assert "no recording is overwritten" in again.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "said"),
+    [
+        (["t4"], 2, "expected one of --bus"),
+        (["t4", "--bus", "virtual:x", "--out", "nowhere"], 2, "expected one of --bus"),
+        (["t7", "--out", "nowhere"], 2, "'t7' is not one of"),
+        (["t1", "--out", "nowhere", "--seconds", 61], 2, "t1: seconds: expected at most 60 s, which is how long"),
+        (["t1", "--out", "nowhere", "--mass-kg", 1], 2, "20"),
+        (["t1", "--out", "nowhere", "--effects", "missing.yaml"], 4, "missing.yaml"),
+    ],
+)
+def test_what_is_refused(tmp_path, monkeypatch, arguments, status, said):
+    monkeypatch.chdir(tmp_path)
+    done = insole("simulate", *arguments)
+    assert done.returncode == status
+    assert said in " ".join(done.stderr.replace("│", " ").split())
+    assert "Traceback" not in done.stderr
+    assert not (tmp_path / "nowhere").exists()
+
+
+def test_boards_on_a_bus_obey_commands(monkeypatch):
+    monkeypatch.setattr(verb, "on_end", lambda stop: None)  # the signals are pytest's
+    config = Config()
+    layouts = [load_layout(insole) for insole in config.insoles]
+    answers, late = [], []
+    with can.Bus("boards-obey", interface="virtual") as host:
+
+        def talk():
+            host.recv(10)  # now they are there
+            began = time.monotonic()
+            host.send(can.Message(arbitration_id=0x70F, data=b"\xff", is_extended_id=False))
+            host.send(can.Message(arbitration_id=0x205, data=b"\x07\x01", is_extended_id=False))
+            while time.monotonic() < began + 0.9:
+                message = host.recv(0.1)
+                if message is None:
+                    continue
+                if message.arbitration_id >> 8 == 7:
+                    answers.append(message.arbitration_id)
+                elif time.monotonic() > began + 0.5:
+                    late.append(message.arbitration_id >> 4 & 0xF)
+
+        talker = threading.Thread(target=talk)
+        talker.start()
+        verb._play(Trial("walk", config, layouts), Bus("virtual", "boards-obey"), 1.5)
+        talker.join()
+    assert sorted(answers) == [0x700 | address << 4 for address in range(5, 11)], "discovery is answered"
+    assert set(late) == {6, 7, 8, 9, 10}, "board 5 was told to stop"

@@ -1,0 +1,31 @@
+"""The published phenomenon, in short: benchmarks/paper_phenomenon.py has the whole table."""
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import pytest
+
+SCRIPT = Path(__file__).parents[2] / "benchmarks" / "paper_phenomenon.py"
+
+
+@pytest.fixture(scope="module")
+def errors():
+    specification = importlib.util.spec_from_file_location("paper_phenomenon", SCRIPT)
+    module = importlib.util.module_from_spec(specification)
+    sys.modules["paper_phenomenon"] = module
+    specification.loader.exec_module(module)
+    return {physics: module.experiment(physics, ["t1", "t4"], 14.0) for physics in (False, True)}
+
+
+def test_with_physics_on_standing_stays_right_and_walking_does_not(errors):
+    noise, physics = errors[False], errors[True]
+    assert physics["t1"].f_z_n < 1.5 * noise["t1"].f_z_n
+    assert physics["t4"].f_z_n > 4 * noise["t4"].f_z_n
+    assert 50 < physics["t4"].f_z_n < 200, "the order of the paper's 93 N"
+
+
+def test_with_physics_off_neither_grows(errors):
+    noise = errors[False]
+    assert noise["t4"].f_z_n < 2.5 * noise["t1"].f_z_n, "the cycle's own 20 ms, and the firmware's rounding when warm"
+    assert noise["t4"].f_z_n < 25

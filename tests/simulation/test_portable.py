@@ -1,0 +1,24 @@
+import numpy as np
+import pytest
+
+from insole_daemon.simulation import portable
+
+
+def test_exp_and_sine_are_those_of_numpy_to_the_last_bits():
+    x = np.linspace(-690, 690, 100_001)
+    assert np.abs(portable.exp(x) / np.exp(x) - 1).max() < 3e-16
+    turns = np.linspace(-40, 40, 100_001)
+    assert np.abs(portable.sin_turns(turns) - np.sin(2 * np.pi * (turns - np.rint(turns)))).max() < 5e-16
+
+
+def test_exact_where_it_is_known():
+    assert portable.exp([0.0, -1e4, -800.0]).tolist() == [1.0, 0.0, 0.0]
+    assert portable.sin_turns([0.0, 0.5, 7.0, -3.5]).tolist() == [0.0, 0.0, 0.0, 0.0]
+    assert portable.sin_turns([0.25, -0.25, 0.75]) == pytest.approx([1.0, -1.0, -1.0], abs=1e-15)
+
+
+def test_weighted_is_the_sum_over_patterns():
+    draw = np.random.default_rng(1)
+    shares, patterns = draw.random((5, 3)), draw.random((3, 2, 4))
+    assert portable.weighted(shares, patterns) == pytest.approx(np.tensordot(shares, patterns, axes=1))
+    assert portable.weighted(shares, np.ones(3)) == pytest.approx(shares.sum(axis=1))

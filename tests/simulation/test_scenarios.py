@@ -1,0 +1,132 @@
+import numpy as np
+import pytest
+
+from insole_daemon.errors import SimulationError
+from insole_daemon.simulation.scenarios import SCENARIOS, length_s, scenario
+from insole_daemon.simulation.scenarios.chamber import Chamber, programme
+from insole_daemon.skin import layout as layouts
+
+LAYOUTS = [layouts.builtin("left", (5, 6, 7)), layouts.builtin("right", (8, 9, 10))]
+LEFT = LAYOUTS[0]
+WEIGHT_N = 63 * 9.81
+TASKS = ("t1", "t2", "t3", "t4", "t5", "t6")
+
+
+def made(name, mass_kg=63.0, places=None, seed=0):
+    return scenario(name).make(LAYOUTS, places, mass_kg, seed)
+
+
+def times(name, step_s=0.02):
+    return np.arange(0, scenario(name).seconds, step_s)
+
+
+@pytest.mark.parametrize("name", TASKS)
+@pytest.mark.parametrize("layout", LAYOUTS, ids=["left", "right"])
+def test_force_and_moments_are_those_of_the_pressure(name, layout):
+    load, t_s = made(name), times(name, 0.2)
+    pressure_pa, reference = load.pressure_pa(layout.foot, t_s), load.reference(layout.foot, t_s)
+    newtons = pressure_pa * layout.taxel_area_m2
+    assert newtons.sum(axis=(1, 2)) == pytest.approx(reference["fz_n"], abs=1e-6)
+    assert (newtons * layout.xy_m[..., 1]).sum(axis=(1, 2)) == pytest.approx(reference["mx_nm"], abs=1e-6)
+    assert -(newtons * layout.xy_m[..., 0]).sum(axis=(1, 2)) == pytest.approx(reference["my_nm"], abs=1e-6)
+    assert (pressure_pa >= 0).all()
+    assert not pressure_pa[..., [6, 10]].any()
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_a_task_begins_and_ends_in_the_air(name):
+    load, end_s = made(name), scenario(name).seconds
+    for foot in ("left", "right"):
+        assert not load.pressure_pa(foot, np.array([0.0, 1.9, end_s - 1.9, end_s])).any()
+
+
+def test_the_papers_orders_of_magnitude():
+    """650 N, 25 N·m and 90 N·m; 220 kPa standing, 360 to 630 kPa walking: the order of each."""
+    f_z = {name: made(name).reference("left", times(name))["fz_n"] for name in TASKS}
+    assert f_z["t1"].max() == pytest.approx(WEIGHT_N / 2, rel=0.1)
+    assert f_z["t2"].max() == pytest.approx(WEIGHT_N, rel=0.02)
+    assert not made("t2").reference("right", times("t2"))["fz_n"].any()
+    for name in ("t4", "t5", "t6"):
+        assert f_z[name].max() == pytest.approx(1.12 * WEIGHT_N, rel=0.06)
+        moments = made(name).reference("left", times(name))
+        assert 60 < -moments["my_nm"].min() < 160
+        assert np.abs(moments["mx_nm"]).max() < 30
+    highest = {name: made(name).pressure_pa("left", times(name)).max() for name in TASKS}
+    assert 100e3 < highest["t1"] < 260e3
+    assert all(300e3 < highest[name] < 700e3 for name in ("t3", "t4", "t5", "t6"))
+
+
+def test_a_step_has_two_humps_and_rolls_from_heel_to_toe():
+    load, t_s = made("walk"), np.arange(0, 0.62 * 120 / 110, 0.002)
+    reference = load.reference("left", t_s)
+    f_z = reference["fz_n"]
+    middle = f_z[len(f_z) * 2 // 5 : len(f_z) * 3 // 5].min()
+    first, second = f_z[: len(f_z) // 2].max(), f_z[len(f_z) // 2 :].max()
+    assert min(first, second) > WEIGHT_N > middle > 0.6 * WEIGHT_N
+    borne = f_z > 50
+    cop_x = -reference["my_nm"][borne] / f_z[borne]
+    assert cop_x[0] < 0.06
+    assert cop_x[-1] > 0.2
+    assert (np.diff(cop_x) > -1e-4).all(), "the centre of pressure goes forward"
+    assert np.abs(reference["mx_nm"][borne] / f_z[borne]).max() < 0.045
+
+
+def test_twice_the_mass_is_twice_the_force():
+    t_s = times("t5", 0.1)
+    one, two = (made("t5", mass_kg).reference("left", t_s)["fz_n"] for mass_kg in (40.0, 80.0))
+    assert two == pytest.approx(2 * one)
+
+
+def test_taxels_that_lie_elsewhere_are_pressed_as_it_is_there():
+    moved = {layout.foot: layout.xy_m + np.array([0.01, 0.0]) for layout in LAYOUTS}
+    t_s = np.array([10.0])
+    here, there = made("t1").pressure_pa("left", t_s), made("t1", places=moved).pressure_pa("left", t_s)
+    assert abs(there - here).max() > 0.05 * here.max()
+    assert made("t1", places=moved).reference("left", t_s) == made("t1").reference("left", t_s)
+    same = {layout.foot: layout.xy_m for layout in LAYOUTS}
+    assert (made("t1", places=same).pressure_pa("left", t_s) == here).all()
+
+
+# ---- chambers
+
+
+@pytest.mark.parametrize(("name", "top_pa"), [("vacuum", 90e3), ("plenum", 350e3)])
+def test_a_chamber_has_one_pressure_on_every_taxel(name, top_pa):
+    load, t_s = made(name), times(name, 0.5)
+    pressure_pa, level = load.pressure_pa("left", t_s), load.reference("left", t_s)["pressure_pa"]
+    assert level.max() == pytest.approx(top_pa)
+    assert level.min() == 0.0
+    assert (pressure_pa[..., 3] == level[:, None]).all()
+    assert not pressure_pa[..., [6, 10]].any()
+
+
+def test_cycles_at_the_speeds_that_were_chosen_then_a_hold_and_minor_loops():
+    turns = programme(100e3, (5e3, 50e3), cycles=2, hold_s=30.0)
+    t_s, level = turns.T
+    speeds = np.abs(np.diff(level) / np.diff(t_s))
+    assert speeds[1:5] == pytest.approx(5e3)
+    assert speeds[5:9] == pytest.approx(50e3)
+    held = np.flatnonzero((np.diff(level) == 0) & (np.diff(t_s) == 30.0))
+    assert level[held].tolist() == [100e3, 0.0], "at the top, then its recovery"
+    inner = level[held[-1] + 1 :]
+    assert inner.tolist() == pytest.approx([0.0, 60e3, 30e3, 60e3, 30e3, 100e3, 0.0, 0.0])
+    chamber = Chamber(LAYOUTS, turns)
+    assert chamber.level_pa(np.array([15.0, 25.0, 1e4])) == pytest.approx([50e3, 100e3, 0.0])
+
+
+# ---- names and lengths
+
+
+def test_an_unknown_scenario_is_told_with_those_there_are():
+    with pytest.raises(SimulationError, match=r'unknown scenario "t7": expected one of vacuum, plenum, t1, .*walk'):
+        scenario("t7")
+
+
+@pytest.mark.parametrize("name", ["t2", "vacuum"])
+def test_longer_than_its_load_is_refused(name):
+    whole_s = SCENARIOS[name].seconds
+    with pytest.raises(SimulationError, match=rf"{name}: seconds: expected at most {whole_s:g} s.*found 1000 s"):
+        length_s(name, 1000.0, 60.0)
+    assert length_s(name, None, 60.0) == whole_s
+    assert length_s("walk", 1000.0, 60.0) == 1000.0
+    assert length_s("walk", None, None) is None
