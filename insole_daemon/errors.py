@@ -2,8 +2,9 @@
 
     InsoleError                something a person can act on
     ├── DocumentError          a file that a person or a program wrote: config, layout, calibration
+    ├── DocumentsError         several of them, everything at once
+    │   └── RecordingError     those of a recording
     ├── FileError              a file that is not what it should be, or cannot be written
-    ├── RecordingError         a recording: everything that is wrong with its files, at once
     ├── LogError               a candump log that cannot be read
     ├── BusError               a CAN interface that cannot be opened or read
     ├── EffectError            an effect that cannot do what it is asked to, or is not what its law allows
@@ -49,20 +50,24 @@ class DocumentError(InsoleError):
         super().__init__("\n".join(f"{path}: {problem}" for problem in problems))
 
 
-class FileError(InsoleError):
-    """A file or a folder is not what it should be, or cannot be written."""
-
-    exit_status = 4
-
-
-class RecordingError(InsoleError):
-    """A recording is refused; `errors` are those of all its files."""
+class DocumentsError(InsoleError):
+    """Several files are refused; `errors` are those of each."""
 
     exit_status = 4
 
     def __init__(self, errors: Sequence[InsoleError]) -> None:
         self.errors = tuple(errors)
         super().__init__("\n".join(map(str, errors)))
+
+
+class FileError(InsoleError):
+    """A file or a folder is not what it should be, or cannot be written."""
+
+    exit_status = 4
+
+
+class RecordingError(DocumentsError):
+    """A recording is refused; `errors` are those of all its files."""
 
 
 class LogError(InsoleError):

@@ -22,7 +22,7 @@ from ..skin.faults import FaultWatch
 from ..skin.geometry import PRESSURE_TAXELS
 from ..skin.validity import Validity
 from ..wire.messages import CalibrationInUse, Event, Meta, Pressure, Raw, Wrench
-from .setup import FootSetup, load_setup
+from .setup import FootSetup, load_setups
 
 _STANDS_OUT_COUNT = 12  # below what the least loaded tenth of the foot reads; at rest taxels differ by less
 
@@ -172,8 +172,8 @@ class Foot:
 
 
 def load_feet(config: Config) -> list[Foot]:
-    """The feet of `config` with their files; raises DocumentError where one is refused."""
-    return [Foot(load_setup(config, insole)) for insole in config.insoles]
+    """The feet of `config` with their files; raises DocumentsError with what is wrong in any of them."""
+    return [Foot(setup) for setup in load_setups(config)]
 
 
 def _watch(setup: FootSetup) -> FaultWatch:

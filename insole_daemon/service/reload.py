@@ -17,7 +17,7 @@ import numpy as np
 from .. import config as configs
 from ..config import Config
 from ..errors import InsoleError
-from .setup import FootSetup, load_setup
+from .setup import FootSetup, load_setups
 
 _CHANGES_RUNNING = frozenset({"extensions", "contact", "publish", "insoles"})  # these as far as said below
 _PUBLISH_CHANGES_RUNNING = frozenset({"extensions", "stale_after_ms"})
@@ -84,16 +84,7 @@ class Reloader:
 def read(path: Path) -> tuple[Config, list[FootSetup]]:
     """The configuration and its feet; raises InsoleError with the problems of all files."""
     config = configs.load(path)
-    setups: list[FootSetup] = []
-    refused: list[str] = []
-    for insole in config.insoles:
-        try:
-            setups.append(load_setup(config, insole))
-        except InsoleError as error:
-            refused.append(str(error))
-    if refused:
-        raise InsoleError("\n".join(refused))
-    return config, setups
+    return config, load_setups(config)
 
 
 def merge(running: Sequence[FootSetup], asked: Config, asked_setups: Sequence[FootSetup]) -> Reloaded:

@@ -6,7 +6,7 @@ import os
 from dataclasses import dataclass, replace
 
 from ..config import Config, Insole
-from ..errors import DocumentError
+from ..errors import DocumentError, DocumentsError, InsoleError
 from ..physics import calibration as calibrations
 from ..physics import zero as zeros
 from ..physics.calibration import Calibration
@@ -37,14 +37,37 @@ class FootSetup:
         return replace(self, zero=zero, zero_source=source)
 
 
-def load_setup(config: Config, insole: Insole) -> FootSetup:
-    """The foot `insole` of `config` with its files; raises DocumentError where one is refused."""
+def load_setups(config: Config) -> list[FootSetup]:
+    """The feet of `config` with their files; raises DocumentsError with what is wrong in any of them."""
+    setups: list[FootSetup] = []
+    refused: list[InsoleError] = []
+    for insole in config.insoles:
+        try:
+            setups.append(_load_setup(config, insole))
+        except InsoleError as error:
+            refused.append(error)
+    if refused:
+        raise DocumentsError(refused)
+    return setups
+
+
+def _load_setup(config: Config, insole: Insole) -> FootSetup:
+    """The foot `insole` of `config`; a calibration and a zero are held against the layout, so that comes first."""
     layout = load_layout(insole)
-    if insole.calibration is None:
-        calibration = calibrations.default(layout, insole.boards)
-    else:
-        calibration = calibrations.load(insole.calibration, layout)
-    zero, source = _load_zero(config, insole, layout)
+    refused: list[InsoleError] = []
+    calibration = calibrations.default(layout, insole.boards)
+    zero, source = None, ""
+    try:
+        if insole.calibration is not None:
+            calibration = calibrations.load(insole.calibration, layout)
+    except InsoleError as error:
+        refused.append(error)
+    try:
+        zero, source = _load_zero(config, insole, layout)
+    except InsoleError as error:
+        refused.append(error)
+    if refused:
+        raise DocumentsError(refused)
     return FootSetup(config, insole, layout, calibration, zero, source)
 
 

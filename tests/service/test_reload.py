@@ -18,7 +18,7 @@ import insole_daemon
 from insole_daemon import config as configs
 from insole_daemon.bus.recovering import RecoveringSource
 from insole_daemon.config import Bus
-from insole_daemon.errors import InsoleError
+from insole_daemon.errors import DocumentsError, InsoleError
 from insole_daemon.physics import zero as zeros
 from insole_daemon.physics.calibration import FORMAT
 from insole_daemon.physics.zero import Zero
@@ -26,7 +26,7 @@ from insole_daemon.service import reload
 from insole_daemon.service.daemon import Daemon
 from insole_daemon.service.foot import Foot, load_feet
 from insole_daemon.service.reload import Reloader, merge, read
-from insole_daemon.service.setup import FootSetup, load_setup
+from insole_daemon.service.setup import FootSetup, load_setups
 from insole_daemon.service.state import zero_path
 from insole_daemon.wire.client import Subscription
 from insole_daemon.wire.session import open_session
@@ -249,7 +249,7 @@ def test_a_zero_that_is_taken_during_a_reload_is_not_undone(tmp_path, monkeypatc
         reads.append(path)
         if len(reads) == 1:
             save_zero(zero_path("test", "left"), feet[0].setup, 231)
-            feet[0].use(load_setup(feet[0].config, feet[0].insole))
+            feet[0].use(load_setups(feet[0].config)[0])
         return found
 
     monkeypatch.setattr(reload, "read", read_and_zero)
@@ -275,3 +275,22 @@ def test_without_a_file_there_is_nothing_to_read(tmp_path):
         time.sleep(0.01)
     assert "without --config" in (result.refused or "")
     assert not reloader.busy
+
+
+def test_a_daemon_that_starts_tells_what_is_wrong_in_all_files(tmp_path: Path) -> None:
+    (tmp_path / "left.json").write_text("{}")
+    (tmp_path / "zero.json").write_text("[]")
+    config = configs.Config()
+    left, right = config.insoles
+    config = replace(
+        config,
+        insoles=(
+            replace(left, calibration=tmp_path / "left.json", zero=tmp_path / "zero.json"),
+            replace(right, layout=tmp_path / "missing.yaml"),
+        ),
+    )
+    with pytest.raises(DocumentsError) as refused:
+        load_feet(config)
+    assert refused.value.exit_status == 4
+    for name in ("left.json", "zero.json", "missing.yaml"):
+        assert name in str(refused.value)
