@@ -1,5 +1,7 @@
 """The gate: the one way by which the daemon sends, and the list of the few frames that may leave.
 
+What was recorded and is played again has no list but a rule, `never_a_command`: not even an allowed command leaves.
+
     id               payload                                       what it does
     0x70F            FF                                            discovery: every board says what it is
     0x200 | address  07 MODE                                       start (0) or stop (1) the stream
@@ -20,9 +22,10 @@ from __future__ import annotations
 from collections.abc import Callable, Container
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import BusError
-from .frames import FrameBatch
+from .frames import ERROR, EXTENDED, FD, FrameBatch
 from .sink import FrameSink
 
 _BYTE = range(256)
@@ -71,6 +74,22 @@ def refusal(can_id: int, payload: bytes, flags: int = 0) -> str | None:
     if payload[0] == 0x50 and payload[1] > payload[2]:
         return f"the first triangle {payload[1]} comes after the last {payload[2]}"
     return None
+
+
+def never_a_command(frames: FrameBatch) -> NDArray[np.bool_]:
+    """(n,) which frames no board can take for a command: what boards send, and other nodes' traffic.
+
+    Boards take commands in the classes 2 and 7, 29-bit identifiers and CAN FD are none of theirs. Of these classes only
+    what comes from a board passes: answers, which go to the host (class 2, destination 0), and an MTB3's notice that it
+    dropped its queue (class 7, type 5, no payload).
+    """
+    cls, source, destination = frames.can_id >> 8, frames.can_id >> 4 & 0xF, frames.can_id & 0xF
+    said = (frames.flags == 0) & (source >= 1) & (source <= 14)
+    answer = said & (cls == 2) & (destination == 0)
+    overflow = said & (cls == 7) & (destination == 5) & (frames.dlc == 0)
+    standard = (frames.flags & (ERROR | FD | EXTENDED) == 0) & (cls < 8)
+    passes: NDArray[np.bool_] = standard & ((cls != 2) & (cls != 7) | answer | overflow)
+    return passes
 
 
 def _danger(cls: int, payload: bytes) -> str | None:

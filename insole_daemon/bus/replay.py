@@ -5,13 +5,15 @@ from __future__ import annotations
 import os
 import threading
 import time
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..errors import InsoleError
 from .candump import read
 from .error_frames import count_kinds
-from .frames import ERROR, FD, FrameBatch
+from .frames import ERROR, EXTENDED, FD, FrameBatch
+from .gate import never_a_command
 from .sink import FrameSink
 from .source import BusCounters
 
@@ -105,19 +107,42 @@ class CandumpSource:
         return int((time.monotonic_ns() - start_mono_ns) * speed)
 
 
-def play(path: str | os.PathLike[str], sink: FrameSink, speed: float, stop: threading.Event) -> int:
-    """Send the data frames of the log to `sink` at the log's own timing, until `stop`; how many were sent.
+@dataclass(slots=True)
+class Played:
+    """How many frames were sent, and how many were left out, by reason."""
 
-    Error frames were made by the driver that recorded them, a CAN FD frame is none of ours: neither is sent.
+    sent: int = 0
+    commands: int = 0  # a board might have obeyed them
+    others: int = 0  # error frames, which the recording driver made; CAN FD and 29-bit ones, which are none of ours
+
+    @property
+    def words(self) -> str:
+        """For people."""
+        reasons = [
+            f"{count} {what}"
+            for count, what in (
+                (self.commands, "that may be commands to boards"),
+                (self.others, "error, CAN FD or 29-bit frames"),
+            )
+            if count
+        ]
+        return f"{self.sent} frames sent" + (f"; left out: {', '.join(reasons)}" if reasons else "")
+
+
+def play(path: str | os.PathLike[str], sink: FrameSink, speed: float, stop: threading.Event, played: Played) -> None:
+    """Send the log to `sink` at its own timing, until `stop`; counted in `played`.
+
+    Only what no board can take for a command is sent: a log holds what the host said too, and a real board that hears
+    it again takes its baseline anew or reboots into its bootloader.
     """
     source = CandumpSource(path, speed)
-    sent = 0
     while not (stop.is_set() or source.exhausted):
         source.wait(_SLEEP_MAX_S)
         source.receive()
         batch = source.drain()
         if len(batch):
-            batch = batch[batch.flags & (ERROR | FD) == 0]
-            sink.send(batch)
-            sent += len(batch)
-    return sent
+            passes, standard = never_a_command(batch), batch.flags & (ERROR | FD | EXTENDED) == 0
+            sink.send(batch[passes])
+            played.sent += int(np.count_nonzero(passes))
+            played.commands += int(np.count_nonzero(standard & ~passes))
+            played.others += int(np.count_nonzero(~standard))

@@ -34,7 +34,7 @@ class FootName(StrEnum):
 def boards(
     action: Annotated[Action, typer.Argument(help="What to do.")] = Action.list,
     foot: Annotated[FootName | None, typer.Option("--foot", help="One foot; without it, both.")] = None,
-    force: Annotated[bool, typer.Option("--force", help="Configure although the foot is loaded.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Configure or start although the foot is loaded.")] = False,
     rig: Annotated[str, typer.Option("--rig", help="Name of the rig, where one endpoint leads to several.")] = "*",
     connect: Connect = DEFAULT_ENDPOINT,
     zenoh_config: ZenohFile = None,
@@ -42,14 +42,15 @@ def boards(
     """List, configure, start and stop the boards.
 
     The running daemon does it, if its configuration says `boards: {configure: true}`. Boards acknowledge nothing: what
-    they were told is confirmed by what they send afterwards. Configuring takes their hardware baseline anew, so the
-    feet must be off the ground. Exit status 1: not confirmed; 3: refused or failed.
+    they were told is confirmed by what they send afterwards. Configuring takes their hardware baseline anew, and so
+    does starting those that have lost power: the feet must be off the ground. Exit status 1: not confirmed; 3: refused
+    or failed.
     """
     from ..errors import WireError
     from ..wire.client import Client
 
-    if force and action is not Action.configure:
-        raise typer.BadParameter("only configure can be forced", param_hint="--force")
+    if force and action not in (Action.configure, Action.start):
+        raise typer.BadParameter("only configure and start can be forced", param_hint="--force")
     arguments = {"force": True} if force else {}
     confirmed = True
     with Client(connect, rig, zenoh_config) as insole:
@@ -75,6 +76,13 @@ def _screen(foot: str, action: Action, reply: dict[str, Any]) -> str:
             "Was the foot off the ground?",
             "loaded": f"  baseline taken UNDER LOAD ({reply['force_n'] or 0:.0f} N), as you insisted: "
             "that load reads as none now",
+        }[reply["load"]])  # fmt: skip
+    if action is Action.start and reply["load"] != "none":
+        lines.append({
+            "not known": "  started under a load that is not known: the boards were silent before, and one that had "
+            "lost power took its baseline now. Was the foot off the ground?",
+            "loaded": f"  started UNDER LOAD ({reply['force_n'] or 0:.0f} N), as you insisted: on a board that had "
+            "lost power that load reads as none now",
         }[reply["load"]])  # fmt: skip
     for stranger in reply.get("strangers", []):
         lines.append(f"  board {stranger['address']} ({_kind(stranger)}) is not in the configuration")

@@ -18,16 +18,20 @@ def replay(
     speed: Annotated[float, typer.Option(min=0.001, help="1 keeps the log's timing, 2 is twice as fast.")] = 1.0,
     loop: Annotated[bool, typer.Option(help="Begin again at the end, until stopped.")] = False,
 ) -> None:
-    """Send a candump log on a bus, with the log's timing."""
+    """Send what the boards sent in a candump log on a bus, with the log's timing.
+
+    Recorded commands to boards are left out, as real boards would obey them; so are error, CAN FD and 29-bit frames.
+    How many is said at the end.
+    """
     from ..bus.opening import open_sink
-    from ..bus.replay import play
+    from ..bus.replay import Played, play
 
     stop = threading.Event()
     on_end(stop.set)
-    sent = 0
+    played = Played()
     with open_sink(bus) as sink:
         while not stop.is_set():
-            sent += play(log, sink, speed, stop)
+            play(log, sink, speed, stop, played)
             if not loop:
                 break
-    print(f"insole: {sent} frames sent", file=sys.stderr)
+    print(f"insole: {played.words}", file=sys.stderr)

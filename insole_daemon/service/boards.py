@@ -6,7 +6,7 @@ Nothing that is set is acknowledged: whether it was done is read from the stream
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Generator, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from ..errors import BusError, WireError
@@ -27,6 +27,27 @@ _STOPPED_NS = 300_000_000
 Tell = Callable[[str, str, Collection[int]], None]  # publishes an event: kind, text, boards
 
 
+@dataclass(frozen=True, slots=True)
+class LoadBefore:
+    """What pressed on the foot before boards were told something that may take their baseline."""
+
+    load: Load
+    known: bool
+
+    @property
+    def words(self) -> str:
+        """For the event."""
+        if self.load.loaded:
+            return f"{self.load.words}, forced"
+        return self.load.words if self.known else "its load is not known, the boards were silent before"
+
+    @property
+    def reply(self) -> dict[str, Any]:
+        """For who asked."""
+        load = "loaded" if self.load.loaded else "none" if self.known else "not known"
+        return {"load": load, "force_n": self.load.force_n}
+
+
 class BoardOperations:
     """The requests for one foot's boards, and what this daemon has done to them."""
 
@@ -38,7 +59,7 @@ class BoardOperations:
         self._verbs: dict[str, tuple[Callable[..., Operation], set[str]]] = {
             "list": (self.list, set()),
             "configure": (self.configure, {"force"}),
-            "start": (self.start, set()),
+            "start": (self.start, {"force"}),
             "stop": (self.stop, set()),
             "temperature": (self.temperature, set()),
         }
@@ -104,24 +125,11 @@ class BoardOperations:
             commands.configuration(board, link.triangles[board.address])  # refuses before anything is sent
         for load in link.loads():
             check_fits(load)
-        step, load_, known = yield from self._load_before(step)
-        if load_.loaded and not force:
-            raise BusError(
-                f"the {link.foot.name} foot is loaded: {load_.words} (unloaded is below {load_.min_force_n:g} N for "
-                "1.5 s). Configuring takes the boards' hardware baseline anew, and that load would read as none from "
-                "then on. Lift the foot and ask again; or insist with force (--force) if you know better"
-            )
-        load_words = load_.words if known or load_.loaded else "its load is not known, the boards were silent before"
-        step, seen = yield from self.apply(step, link.boards, load_words + (", forced" if load_.loaded else ""))
+        step, before = yield from self._load_before(step, force, "Configuring takes the boards' hardware baseline anew")
+        step, seen = yield from self.apply(step, link.boards, before.words)
         entries, confirmed = self._verdicts(seen, rest=True)
         self._tell_verdict(entries, confirmed)
-        return {
-            "confirmed": confirmed,
-            "load": "loaded" if load_.loaded else "none" if known else "not known",
-            "force_n": load_.force_n,
-            "boards": entries,
-            "bus": _buses(link.loads()),
-        }
+        return {"confirmed": confirmed, **before.reply, "boards": entries, "bus": _buses(link.loads())}
 
     def apply(
         self, step: Step, addresses: Collection[int], load_words: str
@@ -138,10 +146,22 @@ class BoardOperations:
         self.stopped = False
         return (yield from self.link.watch(step, addresses))
 
-    def start(self) -> Operation:
-        """Start the streams."""
+    def start(self, force: bool = False) -> Operation:
+        """Start the streams.
+
+        Refused while the foot is loaded unless `force`: a board that has lost power (MTB4) takes its hardware baseline
+        with the first of these commands, whichever it is.
+        """
         step = yield
         self.link.check_open()
+        step, before = yield from self._load_before(
+            step, force, "A board that has lost power takes its hardware baseline when it is started"
+        )
+        self.tell(
+            "boards_starting",
+            f"{_boards(self.link.boards)} {_are(self.link.boards)} started: {self._zeroes_words()} ({before.words})",
+            self.link.boards,
+        )
         step = yield from self.link.send_all(step, {a: [commands.transmit(a, True)] for a in self.link.boards})
         self.stopped = False
         step, seen = yield from self.link.watch(step, self.link.boards)
@@ -149,12 +169,22 @@ class BoardOperations:
         for entry in entries:
             entry["confirmed"] = bool(entry["triangles"])
         self.tell("boards_started", f"{_boards(self.link.boards)}: told to send", self.link.boards)
-        return {"confirmed": all(entry["confirmed"] for entry in entries), "boards": entries}
+        return {"confirmed": all(entry["confirmed"] for entry in entries), **before.reply, "boards": entries}
 
     def stop(self) -> Operation:
-        """Stop the streams; the boards keep their settings and baselines."""
+        """Stop the streams; the boards keep their settings and baselines as long as they keep power.
+
+        Not refused under load: who sends has a baseline. Of who is silent an event says that it may take one now.
+        """
         step = yield
         self.link.check_open()
+        silent = [address for address in self.link.boards if not self.link.streaming(address, step.now_mono_ns)]
+        if silent:
+            self.tell(
+                "boards_stopping",
+                f"{_boards(silent)} {_are(silent)} silent already and told to be: {self._zeroes_words()}",
+                silent,
+            )
         step = yield from self.link.send_all(step, {a: [commands.transmit(a, False)] for a in self.link.boards})
         self.stopped = True
         step = yield from pause(step, _STOPPED_NS)
@@ -216,21 +246,40 @@ class BoardOperations:
         step, versions = yield from self.link.answers(step, commands.read_version, self.link.boards)
         return step, said | versions
 
-    def _load_before(self, step: Step) -> Generator[None, Step, tuple[Step, Load, bool]]:
-        """What presses on the foot, and whether that can be known.
+    def _load_before(self, step: Step, force: bool, cost: str) -> Generator[None, Step, tuple[Step, LoadBefore]]:
+        """What presses on the foot; raises BusError, with the `cost` of going on, if something does, unless `force`.
 
-        Silent boards are started for it: one that has a baseline shows the load against that. One that was just
-        powered takes its baseline with this first command, whatever the load, and shows none.
+        Where all boards are silent they are started for it: one that has a baseline shows the load against that. One
+        that was just powered takes its baseline with this first command, whatever the load, and shows none: an event
+        says so before.
         """
         link = self.link
         known = any(link.streaming(address, step.now_mono_ns) for address in link.boards)
         if not known:
+            self.tell(
+                "boards_starting",
+                f"{_boards(link.boards)} {_are(link.boards)} started to look at the load: {self._zeroes_words()} (its "
+                "load is not known, the boards were silent before)",
+                link.boards,
+            )
             step = yield from link.send_all(step, {a: [commands.transmit(a, True)] for a in link.boards})
             step = yield from pause(step, _STARTED_NS)
         step, load = yield from link.look(step)
         if not known and load.loaded:
             step = yield from link.send_all(step, {a: [commands.transmit(a, False)] for a in link.boards})
-        return step, load, known and load.force_n is not None
+        if load.loaded and not force:
+            raise BusError(
+                f"the {link.foot.name} foot is loaded: {load.words} (unloaded is below {load.min_force_n:g} N for "
+                f"1.5 s). {cost}, and that load would read as none from then on. Lift the foot and ask again; or "
+                "insist with force (--force) if you know better"
+            )
+        return step, LoadBefore(load, known and load.force_n is not None)
+
+    def _zeroes_words(self) -> str:
+        return (
+            "one that has lost power takes its hardware baseline now, and what presses on the "
+            f"{self.link.foot.name} foot reads as no load on it from now on"
+        )
 
     def _verdicts(self, seen: dict[int, Seen], rest: bool) -> tuple[Sequence[dict[str, Any]], bool]:
         entries = []

@@ -5,10 +5,11 @@ from __future__ import annotations
 import itertools
 
 import can
+import numpy as np
 import pytest
 
-from insole_daemon.bus.frames import ERROR, EXTENDED, FD, REMOTE
-from insole_daemon.bus.gate import Gate, refusal
+from insole_daemon.bus.frames import ERROR, EXTENDED, FD, REMOTE, FrameBatch
+from insole_daemon.bus.gate import Gate, never_a_command, refusal
 from insole_daemon.bus.recovering import RecoveringSource
 from insole_daemon.config import Bus
 from insole_daemon.errors import BusError
@@ -118,6 +119,20 @@ def test_arguments_are_checked(payload):
 
 def test_no_command_to_everyone_but_discovery():
     assert all(refusal(0x20F, payload) is not None for payload in GOOD.values())
+
+
+def test_what_is_played_again_is_no_command_at_any_identifier_with_any_first_byte():
+    board_sends = {0x200 | address << 4 for address in range(1, 15)}  # its answers
+    for dlc in (0, 1, 8):
+        for first in range(256 if dlc else 1):
+            can_id = np.arange(1 << 11, dtype=np.uint32)
+            zero, nothing = np.zeros(1 << 11, np.int64), np.zeros(1 << 11, np.uint8)
+            data = np.full((1 << 11, 8), first, np.uint8)
+            frames = FrameBatch(zero, zero, nothing, can_id, np.full(1 << 11, dlc, np.uint8), data, nothing)
+            passed = set(can_id[never_a_command(frames)].tolist())
+            overflow = {0x705 | address << 4 for address in range(1, 15)} if dlc == 0 else set()
+            assert {can_id for can_id in passed if can_id >> 8 in (2, 7)} == board_sends | overflow
+            assert len(passed - board_sends - overflow) == 6 * 256, "what boards stream, and other nodes"
 
 
 def test_nothing_at_all_unless_the_configuration_says_so():

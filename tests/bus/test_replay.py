@@ -13,7 +13,7 @@ import pytest
 from insole_daemon.bus import replay
 from insole_daemon.bus.candump import read
 from insole_daemon.bus.frames import FrameBatch
-from insole_daemon.bus.replay import BATCH_FRAMES, CandumpSource, play
+from insole_daemon.bus.replay import BATCH_FRAMES, CandumpSource, Played, play
 from insole_daemon.bus.source import FrameSource, collect
 from insole_daemon.errors import InsoleError, LogError
 
@@ -228,8 +228,9 @@ class Sink:
 
 
 def test_playing_sends_everything_but_error_frames_in_time(path: Path, clock: Clock) -> None:
-    sink, start_ms = Sink(clock), clock.now_ns // 10**6
-    assert play(path, sink, 1.0, threading.Event()) == 5
+    sink, start_ms, played = Sink(clock), clock.now_ns // 10**6, Played()
+    play(path, sink, 1.0, threading.Event(), played)
+    assert played == Played(sent=5, others=1)
     assert [(t_ms - start_ms, can_id) for t_ms, can_id in sink.sent] == [
         (0, 0x453), (1, 0x453), (4011, 0x454), (4011, 0x454), (4021, 0x123)
     ]  # fmt: skip
@@ -238,7 +239,24 @@ def test_playing_sends_everything_but_error_frames_in_time(path: Path, clock: Cl
 def test_playing_stops_when_asked(path: Path, clock: Clock) -> None:
     stop = threading.Event()
     stop.set()
-    assert play(path, Sink(clock), 1.0, stop) == 0
+    played = Played()
+    play(path, Sink(clock), 1.0, stop, played)
+    assert played == Played()
+
+
+def test_playing_commands_no_board(tmp_path: Path, clock: Clock) -> None:
+    said = ["2A0#1C0B0119000200FF", "35E#0105010000", "7A5#", "350#4000000000000000", "650#C000000000000000"]
+    commands = ["705#00", "70F#FF", "70F#00", "205#0700", "20F#3206", "7A5#00", "2A6#3206", "200#00", "205#R", "705#R"]
+    others = ["00000705#00", "705##000", "20000044#0004000000000000"]
+    path = tmp_path / "can.log"
+    path.write_text("".join(f"(1.{at:06d}) can0 {frame}\n" for at, frame in enumerate(said + commands + others)))
+    sink, played = Sink(clock), Played()
+    play(path, sink, 1.0, threading.Event(), played)
+    assert [f"{can_id:X}" for _, can_id in sink.sent] == [frame.split("#")[0] for frame in said]
+    assert played == Played(sent=5, commands=10, others=3)
+    assert played.words == (
+        "5 frames sent; left out: 10 that may be commands to boards, 3 error, CAN FD or 29-bit frames"
+    )
 
 
 def test_a_file_that_is_no_log(tmp_path: Path) -> None:

@@ -175,6 +175,48 @@ def test_silent_boards_that_have_a_baseline_show_the_load_first(endpoint):
         assert [b["state"] for b in listed["boards"]] == ["silent"] * 3, "left as it was found"
 
 
+def test_boards_without_a_baseline_are_not_started_silently(endpoint):
+    rig = Rig(endpoint)
+    with rig.running() as insole:
+        events = insole.events()
+        rig.power(load=Stand, streaming=False)
+        reply = insole.request("left", "boards", do="start")
+        assert reply["load"] == "not known", "the first command took their baseline under the wearer"
+        assert all(board["triangles"] for board in reply["boards"])
+        for _ in ("for the look", "for good"):
+            event = told(events, "boards_starting", "boards_started")
+            assert event.kind == "boards_starting"
+            assert "takes its hardware baseline now" in event.text
+            assert "its load is not known, the boards were silent before" in event.text
+
+
+def test_boards_without_a_baseline_are_not_stopped_silently(endpoint):
+    rig = Rig(endpoint)
+    with rig.running() as insole:
+        events = insole.events()
+        rig.power(load=Stand, streaming=False)
+        assert insole.request("left", "boards", do="stop")["confirmed"]
+        event = told(events, "boards_stopping", "boards_stopped")
+        assert (event.kind, event.boards) == ("boards_stopping", [5, 6, 7])
+        assert "takes its hardware baseline now" in event.text
+
+
+def test_a_loaded_foot_is_not_started_unless_forced(endpoint):
+    rig = Rig(endpoint)
+    with rig.running() as insole:
+        rig.power(load=Stand, only=(5, 7))
+        rig.power(load=Stand, streaming=False, only=(6,))
+        next(w for w in insole.wrenches() if (w.f_z_n or 0) > 100)
+        events = insole.events()
+        with pytest.raises(WireError, match=r"left foot is loaded: .*lost power takes its hardware baseline.*--force"):
+            insole.request("left", "boards", do="start")
+        assert rig.seen == [], "board 6 has not taken a baseline"
+        reply = insole.request("left", "boards", do="start", force=True)
+        assert (reply["load"], reply["force_n"] > 100) == ("loaded", True)
+        assert all(board["triangles"] for board in reply["boards"])
+        assert "forced" in told(events, "boards_starting").text
+
+
 def test_what_does_not_fit_on_the_bus_is_refused_before_anything_is_sent(endpoint):
     rig = Rig(endpoint, period_ms=5)
     with rig.running() as insole:

@@ -71,9 +71,9 @@ class FaultWatch:
     """Watches the counts of one foot.
 
     To be given every cycle, in order, first to `screen` and then to `update`; what it says depends on them alone.
-    `masked` (n_triangles, 12) is what may not enter pressure and wrench: all taxels of a loose triangle, of a re-
-    zeroed board and of one whose address is used twice, and the taxels that are dead or stuck. Saturated taxels are
-    clamped and silent boards stale, which makes them invalid by themselves; a board that restarted is believed.
+    `masked` (n_triangles, 12) is what may not enter pressure and wrench: all taxels of a loose triangle, of a silent
+    board, of a re-zeroed one and of one whose address is used twice, and the taxels that are dead or stuck. Saturated
+    taxels are clamped, which makes them invalid by themselves; a board that restarted is believed.
     """
 
     def __init__(self, layout: Layout, boards: Mapping[int, Board]) -> None:
@@ -171,7 +171,8 @@ class FaultWatch:
         self._believed = self._there & ~self._loose.loose & ~wrong_board[of_triangle]
         well = self._taxels.state == TaxelState.OK
         self._rest.use(self._believed[self._places.triangle] & well)
-        self.masked[:] = (self._loose.loose | (self._rezeroed.rezeroed | self._streams.clash)[of_triangle])[:, None]
+        # A silent board is stale sooner or later anyway, but its event says that it is left out: from then on it is.
+        self.masked[:] = (self._loose.loose | (wrong_board | self._rezeroed.rezeroed)[of_triangle])[:, None]
         out = (self._taxels.state == TaxelState.DEAD) | (self._taxels.state == TaxelState.STUCK)
         self.masked.reshape(-1)[self._places.taxel[out]] = True
 

@@ -8,7 +8,7 @@ from ..layout import Layout
 _OF_A_BOARD = {
     "board_silent": ("sends nothing", "look at its power and its CAN connector"),
     "board_reset": (
-        "was silent and sends again, so it restarted or was unplugged",
+        "was silent and sends again, so it restarted or was unplugged: its readings are believed, nothing is left out",
         "look at its power, and zero the insole while nobody stands on it",
     ),
     "board_address_clash": (

@@ -215,6 +215,9 @@ def test_silent_board_comes_back(generation: str) -> None:
     ]  # fmt: skip
     assert found.when("board_silent") - 3.0 < 0.2
     assert found.when("board_reset") - 4.0 < 0.05
+    silent = (found.t_s >= found.when("board_silent")) & (found.t_s < found.when("board_reset"))
+    assert (found.masked[silent] == rows_of(6)[:, None]).all(), "its event says that it is left out"
+    assert not found.masked[~silent].any(), "one that came back is believed"
 
 
 @generations
@@ -272,6 +275,9 @@ def test_texts_say_who_and_what_it_costs() -> None:
     assert f"board {HEEL.board} triangle {HEEL.triangle} came loose" in began
     assert "10 taxels are left out, 3.6 % of the area" in began
     assert over.startswith(f"board {HEEL.board} triangle {HEEL.triangle} is connected again, after 4.")
+    silent, _, reset, _ = [c.text for t_s, c in watch(cycles_of([Fault("silent", 3.0, 4.0, 6)], 7, WALKS)).changes[3:]]
+    assert "board 6 sends nothing: its 50 taxels are left out, 17.9 % of the area" in silent
+    assert "its readings are believed, nothing is left out" in reset
     assert set(HEALED) == set(KINDS)
 
 
