@@ -72,6 +72,7 @@ def test_status_in_one_screen(demo):
     assert re.search(r"demo left: ok, \d+\.\d Hz", done.stdout)
     assert re.search(r"board 5 +streaming: sends \d+\.\d Hz, new values \d+\.\d Hz", done.stdout)
     assert "built-in default" in done.stdout
+    assert re.search(r"bus +demo up, \d+ frames", done.stdout)
 
 
 def test_watch_prints_json_lines_that_parse(demo):
