@@ -7,7 +7,7 @@ import threading
 from typing import TYPE_CHECKING
 
 from ..config import DEFAULT_ENDPOINT
-from .options import Connect, ZenohFile
+from .options import Connect, RigName, ZenohFile
 
 if TYPE_CHECKING:
     from ..wire.messages import Health, Meta
@@ -15,26 +15,28 @@ if TYPE_CHECKING:
 _HEALTH_WITHIN_S = 3.0  # health comes once a second
 
 
-def status(connect: Connect = DEFAULT_ENDPOINT, zenoh_config: ZenohFile = None) -> None:
+def status(rig: RigName = "*", connect: Connect = DEFAULT_ENDPOINT, zenoh_config: ZenohFile = None) -> None:
     """Say in one screen what runs and what is wrong."""
     from ..errors import WireError
     from ..wire.client import Client
 
-    with Client(connect, config_file=zenoh_config) as insole:
+    with Client(connect, rig, zenoh_config) as insole:
         feet = insole.feet()
         if not feet:
-            raise WireError(f"a Zenoh node answers on {connect}, but no insole daemon is behind it")
-        healths = insole.healths()
-        end = threading.Timer(_HEALTH_WITHIN_S, healths.close)
+            which = "" if rig == "*" else f" of rig {rig}"
+            raise WireError(f"a Zenoh node answers on {connect}, but no insole daemon{which} is behind it")
+        healths = {(name, foot): insole.healths(foot, name) for name, foot in feet}
+
+        def give_up() -> None:
+            for messages in healths.values():
+                messages.close()
+
+        end = threading.Timer(_HEALTH_WITHIN_S, give_up)
         end.start()
-        found: dict[str, Health] = {}
-        for health in healths:
-            found[health.foot] = health
-            if len(found) == len({foot for _, foot in feet}):
-                break
+        found = {each: next(messages, None) for each, messages in healths.items()}
         end.cancel()
-        for rig, foot in feet:
-            sys.stdout.write(_screen(rig, foot, found.get(foot), insole.meta(foot)))
+        for name, foot in feet:
+            sys.stdout.write(_screen(name, foot, found[name, foot], insole.meta(foot, name)))
 
 
 def _screen(rig: str, foot: str, health: Health | None, meta: Meta) -> str:

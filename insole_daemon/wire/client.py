@@ -207,9 +207,9 @@ class Client:
         """f_z, m_x, m_y and CoP of every cycle."""
         return self._subscribe(key(self.rig, foot, "wrench"))
 
-    def healths(self, foot: str = "*") -> Subscription[Health]:
-        """What runs and what is wrong, once a second."""
-        return self._subscribe(key(self.rig, foot, "health"))
+    def healths(self, foot: str = "*", rig: str | None = None) -> Subscription[Health]:
+        """What runs and what is wrong, once a second; of `rig` where several have the foot: only the key tells."""
+        return self._subscribe(key(rig or self.rig, foot, "health"))
 
     def events(self, foot: str = "*") -> Subscription[Event]:
         """What happens, when it happens."""
@@ -229,9 +229,9 @@ class Client:
         """Everything under a key expression that is not ours, such as that of a reference instrument."""
         return self._keep(Payloads(self._session, key_expression))
 
-    def meta(self, foot: str) -> Meta:
-        """Layout, boards and settings of `foot`; raises WireError where no daemon has it."""
-        return self._get(key(self.rig, foot, "meta"))  # type: ignore[return-value]
+    def meta(self, foot: str, rig: str | None = None) -> Meta:
+        """Layout, boards and settings of `foot`, of `rig` where several have it; WireError where no daemon has it."""
+        return self._get(key(rig or self.rig, foot, "meta"))  # type: ignore[return-value]
 
     def calibration(self, foot: str) -> CalibrationInUse:
         """The static curve that `foot` is read with; raises WireError where no daemon has it."""
@@ -242,11 +242,9 @@ class Client:
 
         Raises WireError where no daemon has that foot, several have it, or it did not do it.
         """
-        rigs = [rig for rig, found in self.feet() if found == foot]
-        if len(rigs) > 1:
-            raise WireError(f"{' and '.join(rigs)} have a {foot} foot: say which is meant, connect(…, rig={rigs[0]!r})")
-        own_key = key(rigs[0] if rigs else self.rig, foot, verb)
-        if rigs:
+        rig = self.rig_of(foot)
+        own_key = key(rig or self.rig, foot, verb)
+        if rig is not None:
             replies = self._session.get(
                 own_key, payload=pack(arguments), encoding=encoding(REQUEST_SCHEMA), timeout=_DONE_S
             )
@@ -260,6 +258,16 @@ class Client:
             f"nobody answered for {own_key}: is that foot in the daemon's config, the daemon of the same version, and "
             "may this client ask it (access_control of the daemon's Zenoh)? 'insole status' lists what runs"
         )
+
+    def rig_of(self, foot: str) -> str | None:
+        """The rig that has `foot`, None where none has; raises WireError where several do."""
+        rigs = [rig for rig, found in self.feet() if found == foot]
+        if len(rigs) > 1:
+            raise WireError(
+                f"{' and '.join(rigs)} have a {foot} foot: say which is meant with --rig, as --rig {rigs[0]} "
+                f"(in Python, connect(…, rig={rigs[0]!r}))"
+            )
+        return rigs[0] if rigs else None
 
     def feet(self) -> list[tuple[str, str]]:
         """(rig, foot) of every foot that a daemon publishes now."""

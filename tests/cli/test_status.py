@@ -1,4 +1,4 @@
-"""`insole status`."""
+"""`insole status`, and what other verbs do where one endpoint leads to several rigs."""
 
 from __future__ import annotations
 
@@ -6,13 +6,20 @@ import errno
 import re
 import subprocess
 import sys
+import threading
+from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
+
+import pytest
 
 from insole_daemon.bus.socketcan import cannot_open
 from insole_daemon.cli.status import _screen
 from insole_daemon.config import Config
 from insole_daemon.service.foot import load_feet
 from insole_daemon.wire.messages import Health
+from insole_daemon.wire.publisher import FootPublisher
+from insole_daemon.wire.session import open_session
 
 INSOLE = Path(sys.executable).with_name("insole")
 META = load_feet(Config())[0].meta()
@@ -64,3 +71,56 @@ def test_steps_of_the_clock_are_said():
     assert "back in time 2 times" in only
     assert "timedatectl" in only
     assert wrong(_screen("demo", "left", health(), META)) == []
+
+
+@pytest.fixture
+def two_rigs(endpoint):
+    """An endpoint that leads to the left foot of rigs a and b, a with another uptime than b."""
+    stop = threading.Event()
+    with ExitStack() as opened:
+        session = opened.enter_context(open_session("peer", [endpoint]))
+        feet = {rig: opened.enter_context(FootPublisher(session, rig, "left")) for rig in ("a", "b")}
+        for rig, foot in feet.items():
+            foot.stand("meta", replace(META, rig=rig, version=f"of {rig}"))
+
+        def publish():
+            while not stop.wait(0.1):
+                feet["a"].publish(health(uptime_s=11))
+                feet["b"].publish(health(uptime_s=22))
+
+        thread = threading.Thread(target=publish)
+        thread.start()
+        try:
+            yield endpoint
+        finally:
+            stop.set()
+            thread.join()
+
+
+def test_each_rig_has_its_own_health_and_meta(two_rigs):
+    done = insole("status", "--connect", two_rigs)
+    assert done.returncode == 0, done.stderr
+    assert re.findall(r"^(\w left): ok, .* up (\d+) s\n  daemon +(.*)$", done.stdout, re.MULTILINE) == [
+        ("a left", "11", "of a"),
+        ("b left", "22", "of b"),
+    ]
+
+
+def test_one_rig_can_be_asked_for(two_rigs):
+    done = insole("status", "--connect", two_rigs, "--rig", "b")
+    assert done.returncode == 0, done.stderr
+    assert re.findall(r"^(\w) left", done.stdout, re.MULTILINE) == ["b"]
+    done = insole("status", "--connect", two_rigs, "--rig", "c")
+    assert done.returncode == 3
+    assert "no insole daemon of rig c" in done.stderr
+
+
+@pytest.mark.parametrize("verb", ["zero", "boards"])
+def test_what_must_not_reach_the_wrong_wearer_asks_for_the_rig(two_rigs, verb):
+    done = insole(verb, "--connect", two_rigs)
+    assert done.returncode == 3
+    assert "a and b have a left foot" in done.stderr
+    assert "--rig a" in done.stderr
+    assert "lift" not in done.stderr
+    done = insole(verb, "--connect", two_rigs, "--rig", "a")
+    assert "nobody answered for insole/a/left" in done.stderr, "the rig was taken; it has no desk here"
