@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from ..config import DEFAULT_ENDPOINT
-from .options import Connect, ZenohFile
+from .options import Connect, RigName, ZenohFile
 
 _UNCONFIRMED = 1  # exit status
 
@@ -35,7 +35,7 @@ def boards(
     action: Annotated[Action, typer.Argument(help="What to do.")] = Action.list,
     foot: Annotated[FootName | None, typer.Option("--foot", help="One foot; without it, both.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Configure or start although the foot is loaded.")] = False,
-    rig: Annotated[str, typer.Option("--rig", help="Name of the rig, where one endpoint leads to several.")] = "*",
+    rig: RigName = "*",
     connect: Connect = DEFAULT_ENDPOINT,
     zenoh_config: ZenohFile = None,
 ) -> None:

@@ -6,6 +6,7 @@ import contextlib
 import sys
 import threading
 import time
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +14,7 @@ from .options import Seconds, on_end
 
 if TYPE_CHECKING:
     from ..config import Config
-    from ..wire.client import Client, Subscription
+    from ..wire.client import Client, Messages
 
 _CHANNEL = "demo"
 _DRAWN_S = 0.1
@@ -33,6 +34,7 @@ def demo(seconds: Seconds = None) -> None:
     from ..simulation.emulator import Emulator
     from ..simulation.foot import Walk
     from ..wire.client import Client
+    from ..wire.keys import key
     from ..wire.session import open_session
 
     bus = Bus("virtual", _CHANNEL)
@@ -50,35 +52,71 @@ def demo(seconds: Seconds = None) -> None:
     with (
         contextlib.closing(RecoveringSource([bus])) as source,
         open_sink(bus) as sink,
-        open_session(config.zenoh.mode, config.zenoh.listen) as session,
+        open_session(config.zenoh.mode, config.zenoh.listen, if_taken=": the demo has no other endpoint") as session,
+        Client(config.zenoh.listen[0], config.rig) as insole,
     ):
         daemon = Daemon(source, feet, session)
         emulator = Emulator(config, layouts, Walk(layouts))
-        threads = [
-            threading.Thread(target=emulator.play, args=(sink.send, stop), name="boards"),
-            threading.Thread(target=daemon.run, name="daemon"),
-        ]
-        for thread in threads:
-            thread.start()
-        try:
-            with Client(config.zenoh.listen[0], config.rig) as insole:
-                _show(insole, config, seconds)
-        finally:
+        messages = insole.messages(key(config.rig, "*", "*"))
+
+        ready = threading.Event()
+
+        def end() -> None:
             stop.set()
             daemon.stop()
-            for thread in threads:
-                thread.join()
+
+        def failed() -> None:
+            messages.close()
+            ready.set()
+
+        parts: dict[str, Callable[[], Any]] = {
+            "boards": lambda: emulator.play(sink.send, stop),
+            "daemon": lambda: daemon.run(ready.set),
+        }
+        with _running(parts, end, failed):
+            ready.wait()  # before, nobody answers for meta
+            _show(insole, messages, config, seconds)
 
 
-def _show(insole: Client, config: Config, seconds: float | None) -> None:
+@contextlib.contextmanager
+def _running(
+    parts: dict[str, Callable[[], Any]], end: Callable[[], None], failed: Callable[[], None]
+) -> Iterator[None]:
+    """Each part in a thread, until the block ends; `failed` is called when one dies, and its error raised then."""
+    from ..errors import InsoleError
+
+    errors: dict[str, Exception] = {}
+
+    def run(name: str, part: Callable[[], Any]) -> None:
+        try:
+            part()
+        except Exception as error:
+            errors[name] = error
+            failed()  # whoever looks would wait for ever for what comes no more
+
+    threads = [threading.Thread(target=run, args=each, name=each[0]) for each in parts.items()]
+    for thread in threads:
+        thread.start()
+    try:
+        yield
+    finally:
+        end()
+        for thread in threads:
+            thread.join()
+        for name, error in errors.items():  # before what the block says: it only lacks what this one gave
+            raise InsoleError(
+                f"the demo's {name} stopped: {error or type(error).__name__}. Start it again; where it stops again, "
+                "'insole doctor' tells whether this computer is the reason"
+            ) from error
+
+
+def _show(insole: Client, messages: Messages, config: Config, seconds: float | None) -> None:
     """Draw until the time is over or the person has seen enough."""
     from rich.console import Console
     from rich.live import Live
 
-    from ..wire.keys import key
     from .terminal_view import FootView, screen
 
-    messages: Subscription[Any] = insole.messages(key(config.rig, "*", "*"))
     on_end(messages.close)
     if seconds is not None:
         end = threading.Timer(seconds, messages.close)

@@ -19,6 +19,7 @@ Connect = Annotated[str, typer.Option("--connect", help="Zenoh endpoint of the d
 ZenohFile = Annotated[
     Path | None, typer.Option("--zenoh-config", help="Zenoh's own configuration, with the certificate to show.")
 ]
+RigName = Annotated[str, typer.Option("--rig", help="Name of the rig, where one endpoint leads to several.")]
 Seconds = Annotated[float | None, typer.Option("--seconds", min=0.1, help="End after this time.")]
 
 

@@ -7,7 +7,7 @@ import threading
 from typing import TYPE_CHECKING
 
 from ..config import DEFAULT_ENDPOINT
-from .options import Connect, ZenohFile
+from .options import Connect, RigName, ZenohFile
 
 if TYPE_CHECKING:
     from ..wire.messages import Health, Meta
@@ -15,26 +15,28 @@ if TYPE_CHECKING:
 _HEALTH_WITHIN_S = 3.0  # health comes once a second
 
 
-def status(connect: Connect = DEFAULT_ENDPOINT, zenoh_config: ZenohFile = None) -> None:
+def status(rig: RigName = "*", connect: Connect = DEFAULT_ENDPOINT, zenoh_config: ZenohFile = None) -> None:
     """Say in one screen what runs and what is wrong."""
     from ..errors import WireError
     from ..wire.client import Client
 
-    with Client(connect, config_file=zenoh_config) as insole:
+    with Client(connect, rig, zenoh_config) as insole:
         feet = insole.feet()
         if not feet:
-            raise WireError(f"a Zenoh node answers on {connect}, but no insole daemon is behind it")
-        healths = insole.healths()
-        end = threading.Timer(_HEALTH_WITHIN_S, healths.close)
+            which = "" if rig == "*" else f" of rig {rig}"
+            raise WireError(f"a Zenoh node answers on {connect}, but no insole daemon{which} is behind it")
+        healths = {(name, foot): insole.healths(foot, name) for name, foot in feet}
+
+        def give_up() -> None:
+            for messages in healths.values():
+                messages.close()
+
+        end = threading.Timer(_HEALTH_WITHIN_S, give_up)
         end.start()
-        found: dict[str, Health] = {}
-        for health in healths:
-            found[health.foot] = health
-            if len(found) == len({foot for _, foot in feet}):
-                break
+        found = {each: next(messages, None) for each, messages in healths.items()}
         end.cancel()
-        for rig, foot in feet:
-            sys.stdout.write(_screen(rig, foot, found.get(foot), insole.meta(foot)))
+        for name, foot in feet:
+            sys.stdout.write(_screen(name, foot, found[name, foot], insole.meta(foot, name)))
 
 
 def _screen(rig: str, foot: str, health: Health | None, meta: Meta) -> str:
@@ -49,24 +51,28 @@ def _screen(rig: str, foot: str, health: Health | None, meta: Meta) -> str:
         "  cycles       " + _counts(health.cycles),
         "  latency      " + ", ".join(f"{k} {v:.2f} ms" for k, v in health.latency_ms.items() if v is not None),
     ]
+    bus = health.bus
+    states = "".join(f"{name} {interface['state']}, " for name, interface in bus["interfaces"].items())
+    lines.append(f"  bus          {states}{bus['frames']} frames, {bus['overflows']} lost to a full receive queue")
     for board in health.boards:
         age = "" if board["age_ms"] is None else f", newest {board['age_ms']:.0f} ms ago"
         lines.append(
             f"  board {board['address']:<2}     {board['state']}: sends {board['rate_hz']:.1f} Hz, "
             f"new values {board['change_rate_hz']:.1f} Hz{age}, {board['missed']} halves missed"
         )
-    bus = health.bus
-    lines.append(f"  bus          {bus['frames']} frames, {bus['overflows']} lost to a full receive queue")
-    lines += [f"  wrong        {what}" for what in _wrong(health)]
+    lines += [f"  wrong        {what}" for what in _wrong(health, meta)]
     return "\n".join(lines) + "\n"
 
 
-def _wrong(health: Health) -> list[str]:
-    """Everything that a person should look at, with what to do."""
-    wrong = [
+def _wrong(health: Health, meta: Meta) -> list[str]:
+    """Everything that a person should look at, with what to do; what explains the rest first."""
+    lost = {name: each for name, each in health.bus["interfaces"].items() if each["state"] != "up"}
+    wrong = [f"{name} is {each['state']}: {each['error']}" for name, each in lost.items()]
+    behind = {board["address"] for board in meta.boards if board["interface"] in lost}
+    wrong += [
         f"board {board['address']} is {board['state']}: is it powered, connected and started?"
         for board in health.boards
-        if board["state"] != "streaming"
+        if board["state"] != "streaming" and board["address"] not in behind  # nobody can tell of those
     ]
     for fault in health.faults:
         if fault["kind"] != "board_silent":  # said already
@@ -76,6 +82,12 @@ def _wrong(health: Health) -> list[str]:
             )
     if health.bus["overflows"]:
         wrong.append("the kernel dropped frames: raise net.core.rmem_max to 8388608, or give the daemon more CPU")
+    if health.bus["clock_steps"]:
+        wrong.append(
+            f"frames went back in time {health.bus['clock_steps']} times: the system clock was set while the daemon "
+            "ran, and t_ns with it; let chrony or systemd-timesyncd keep it, and wait until 'timedatectl' says "
+            "synchronized before you measure"
+        )
     if health.bus["error_frames"]:
         wrong.append(f"error frames: {_counts(health.bus['error_frames'])}: check wiring and termination")
     refused = {what: count for what, count in health.refused.items() if count and what != "other"}

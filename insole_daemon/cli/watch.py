@@ -21,18 +21,29 @@ def watch(
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object a line, arrays as lists.")] = False,
     count: Annotated[int | None, typer.Option(min=1, help="End after so many messages.")] = None,
 ) -> None:
-    """Print what is published on a key."""
+    """Print what is published on a key.
+
+    Kinds of messages that this version does not know are left out; payloads that are not what their key says are told
+    of on stderr.
+    """
     from ..wire.client import Client
 
     with Client(connect, config_file=zenoh_config) as insole:
         messages = insole.messages(key)
         on_end(messages.close)
         for number, message in enumerate(messages, 1):
-            line = json.dumps({"schema": message.SCHEMA} | _plain(message)) if as_json else _text(message)
+            line = _json(message) if as_json else _text(message)
             sys.stdout.write(line + "\n")
             sys.stdout.flush()
             if number == count:
-                return
+                break
+        if messages.refused:
+            print(f"insole: {messages.refused} payloads were not what their key says", file=sys.stderr)
+
+
+def _json(message: Any) -> str:
+    """One object; what JSON cannot say inside a map, which decoding does not look into, must not end the watching."""
+    return json.dumps({"schema": message.SCHEMA} | _plain(message), default=repr, skipkeys=True)
 
 
 def _plain(message: Any) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from ..config import DEFAULT_ENDPOINT
-from .options import Connect, Which, ZenohFile
+from .options import Connect, RigName, Which, ZenohFile
 
 _COUNTDOWN_S = 3
 _PRESSURE_TAXELS = 10  # of a triangle; the geometry would be imported with numpy
@@ -22,6 +22,7 @@ def zero(
     seconds: Annotated[float, typer.Option(min=0.5, max=60, help="How long the readings are averaged.")] = 3.0,
     force: Annotated[bool, typer.Option("--force", help="Also of a foot that seems loaded or moves.")] = False,
     wait: Annotated[bool, typer.Option(help="Count down first.")] = True,
+    rig: RigName = "*",
     connect: Connect = DEFAULT_ENDPOINT,
     zenoh_config: ZenohFile = None,
 ) -> None:
@@ -32,11 +33,13 @@ def zero(
     from ..errors import WireError
     from ..wire.client import Client
 
-    with Client(connect, config_file=zenoh_config) as insole:
+    with Client(connect, rig, zenoh_config) as insole:
         there = [name for _, name in insole.feet()]
         feet = [name for name in ("left", "right") if name in there and foot in (Which.both, name)]
         if not feet:
             raise WireError(f"no daemon behind {connect} has the foot that is to be zeroed ({foot.value})")
+        for name in feet:
+            insole.rig_of(name)  # where several rigs have it, say so before anybody lifts a foot
         _say(f"lift the {' and the '.join(feet)} foot, so that nothing presses on the insole, and keep still")
         for left in range(_COUNTDOWN_S if wait else 0, 0, -1):
             _say(f"  {left} …")

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import asyncio
 import dataclasses
+import logging
 import threading
 from collections import deque
 from collections.abc import Callable
@@ -33,10 +34,13 @@ from .requests import REPLY_SCHEMA, REQUEST_SCHEMA, encoding, pack, unpack
 from .session import open_session
 
 M = TypeVar("M", bound=Message)
+S = TypeVar("S", bound="Subscription[Any]")
 
 QUEUE_LENGTH = 500  # messages kept for a program that is busy: 10 s of one stream
 _ANSWER_S = 2.0
 _DONE_S = 60.0  # a request may take that long
+
+_log = logging.getLogger(__name__)
 
 
 class Gaps:
@@ -56,12 +60,23 @@ class Gaps:
         return dataclasses.replace(message, lost=message.seq - expected)
 
 
+def _kind(key_expression: str) -> str:
+    """The last chunk, which says what a message is."""
+    return key_expression.rpartition("/")[2]
+
+
+def _unknown(key_expression: str) -> WireError:
+    return WireError(
+        f"{key_expression}: expected a key ending in one of {', '.join(BY_KEY)}, or in a wildcard; where a newer "
+        "daemon publishes it, install the same insole-daemon here"
+    )
+
+
 def decode_sample(sample: zenoh.Sample) -> Message:
     """The message in a sample, by the last chunk of its key; raises WireError where it is none of ours."""
-    what = str(sample.key_expr).rpartition("/")[2]
-    cls = BY_KEY.get(what)
+    cls = BY_KEY.get(_kind(str(sample.key_expr)))
     if cls is None:
-        raise WireError(f"{sample.key_expr}: expected a key ending in one of {', '.join(BY_KEY)}")
+        raise _unknown(str(sample.key_expr))
     return cls.decode(sample.payload.to_bytes(), str(sample.encoding))
 
 
@@ -89,20 +104,23 @@ class Subscription(Generic[M]):
             except RuntimeError:  # the event loop has ended, and with it whoever waited
                 self._tell = None
 
-    def _decode(self, sample: zenoh.Sample) -> M:
+    def _decode(self, sample: zenoh.Sample) -> M | None:
+        """What the sample says; None passes over it."""
         return self._gaps.mark(str(sample.key_expr), decode_sample(sample))  # type: ignore[return-value]
 
     def __iter__(self) -> Self:
         return self
 
     def __next__(self) -> M:
-        with self._arrived:
-            while not self._samples and not self._closed:
-                self._arrived.wait()
-            if not self._samples:
-                raise StopIteration
-            sample = self._samples.popleft()
-        return self._decode(sample)
+        while True:
+            with self._arrived:
+                while not self._samples and not self._closed:
+                    self._arrived.wait()
+                if not self._samples:
+                    raise StopIteration
+                sample = self._samples.popleft()
+            if (message := self._decode(sample)) is not None:
+                return message
 
     def __aiter__(self) -> Self:
         return self
@@ -112,14 +130,15 @@ class Subscription(Generic[M]):
         self._tell = lambda: loop.call_soon_threadsafe(arrived.set)
         while True:
             with self._arrived:
-                if self._samples:
-                    sample = self._samples.popleft()
-                    break
-                if self._closed:
-                    raise StopAsyncIteration
-                arrived.clear()
-            await arrived.wait()
-        return self._decode(sample)
+                sample = self._samples.popleft() if self._samples else None
+                if sample is None:
+                    if self._closed:
+                        raise StopAsyncIteration
+                    arrived.clear()
+            if sample is None:
+                await arrived.wait()
+            elif (message := self._decode(sample)) is not None:
+                return message
 
     def close(self) -> None:
         """End the iteration once what has arrived is taken."""
@@ -129,6 +148,32 @@ class Subscription(Generic[M]):
             self._closed = True
             self._wake()
         self._subscriber.undeclare()
+
+
+class Messages(Subscription[Message]):
+    """Messages of every kind, from whoever publishes under the key expression.
+
+    What others put there must not end it: a kind that this version does not know is ignored, as protocol/README.md
+    promises to newer daemons; a payload that is not what its key says is refused, told once a key, and passed over.
+    """
+
+    def __init__(self, session: zenoh.Session, key_expression: str) -> None:
+        self.refused = 0  # payloads that were passed over
+        self._told: set[str] = set()
+        super().__init__(session, key_expression)
+
+    def _decode(self, sample: zenoh.Sample) -> Message | None:
+        own_key = str(sample.key_expr)
+        if _kind(own_key) not in BY_KEY:
+            return None
+        try:
+            return super()._decode(sample)
+        except WireError as error:
+            self.refused += 1
+            if own_key not in self._told:
+                self._told.add(own_key)
+                _log.warning("%s: passed over, as will be what follows like it: %s", own_key, error)
+            return None
 
 
 class Payloads(Subscription[Any]):
@@ -162,27 +207,31 @@ class Client:
         """f_z, m_x, m_y and CoP of every cycle."""
         return self._subscribe(key(self.rig, foot, "wrench"))
 
-    def healths(self, foot: str = "*") -> Subscription[Health]:
-        """What runs and what is wrong, once a second."""
-        return self._subscribe(key(self.rig, foot, "health"))
+    def healths(self, foot: str = "*", rig: str | None = None) -> Subscription[Health]:
+        """What runs and what is wrong, once a second; of `rig` where several have the foot: only the key tells."""
+        return self._subscribe(key(rig or self.rig, foot, "health"))
 
     def events(self, foot: str = "*") -> Subscription[Event]:
         """What happens, when it happens."""
         return self._subscribe(key(self.rig, foot, "event"))
 
-    def messages(self, key_expression: str = f"{ROOT}/**") -> Subscription[Message]:
-        """Everything under a key expression, each message of its own type."""
-        return self._subscribe(key_expression)
+    def messages(self, key_expression: str = f"{ROOT}/**") -> Messages:
+        """Everything under a key expression, each message of its own type; what is none of ours is passed over.
+
+        Raises WireError for a kind that is named and not known: nothing would ever come.
+        """
+        kind = _kind(key_expression)
+        if "*" not in kind and kind not in BY_KEY:
+            raise _unknown(key_expression)
+        return self._keep(Messages(self._session, key_expression))
 
     def payloads(self, key_expression: str) -> Payloads:
         """Everything under a key expression that is not ours, such as that of a reference instrument."""
-        subscription = Payloads(self._session, key_expression)
-        self._subscriptions.append(subscription)
-        return subscription
+        return self._keep(Payloads(self._session, key_expression))
 
-    def meta(self, foot: str) -> Meta:
-        """Layout, boards and settings of `foot`; raises WireError where no daemon has it."""
-        return self._get(key(self.rig, foot, "meta"))  # type: ignore[return-value]
+    def meta(self, foot: str, rig: str | None = None) -> Meta:
+        """Layout, boards and settings of `foot`, of `rig` where several have it; WireError where no daemon has it."""
+        return self._get(key(rig or self.rig, foot, "meta"))  # type: ignore[return-value]
 
     def calibration(self, foot: str) -> CalibrationInUse:
         """The static curve that `foot` is read with; raises WireError where no daemon has it."""
@@ -193,11 +242,9 @@ class Client:
 
         Raises WireError where no daemon has that foot, several have it, or it did not do it.
         """
-        rigs = [rig for rig, found in self.feet() if found == foot]
-        if len(rigs) > 1:
-            raise WireError(f"{' and '.join(rigs)} have a {foot} foot: say which is meant, connect(…, rig={rigs[0]!r})")
-        own_key = key(rigs[0] if rigs else self.rig, foot, verb)
-        if rigs:
+        rig = self.rig_of(foot)
+        own_key = key(rig or self.rig, foot, verb)
+        if rig is not None:
             replies = self._session.get(
                 own_key, payload=pack(arguments), encoding=encoding(REQUEST_SCHEMA), timeout=_DONE_S
             )
@@ -211,6 +258,16 @@ class Client:
             f"nobody answered for {own_key}: is that foot in the daemon's config, the daemon of the same version, and "
             "may this client ask it (access_control of the daemon's Zenoh)? 'insole status' lists what runs"
         )
+
+    def rig_of(self, foot: str) -> str | None:
+        """The rig that has `foot`, None where none has; raises WireError where several do."""
+        rigs = [rig for rig, found in self.feet() if found == foot]
+        if len(rigs) > 1:
+            raise WireError(
+                f"{' and '.join(rigs)} have a {foot} foot: say which is meant with --rig, as --rig {rigs[0]} "
+                f"(in Python, connect(…, rig={rigs[0]!r}))"
+            )
+        return rigs[0] if rigs else None
 
     def feet(self) -> list[tuple[str, str]]:
         """(rig, foot) of every foot that a daemon publishes now."""
@@ -252,7 +309,10 @@ class Client:
         return self._opened
 
     def _subscribe(self, key_expression: str) -> Subscription[Any]:
-        subscription: Subscription[Any] = Subscription(self._session, key_expression)
+        return self._keep(Subscription(self._session, key_expression))
+
+    def _keep(self, subscription: S) -> S:
+        """It ends with the connection."""
         self._subscriptions.append(subscription)
         return subscription
 

@@ -38,11 +38,13 @@ def open_session(
     connect: Sequence[str] = (),
     config_file: Path | None = None,
     rules: bool = True,
+    if_taken: str = ", or give this one another endpoint under zenoh.listen in its config",
 ) -> zenoh.Session:
     """Open a session; raises WireError where an endpoint is taken or nobody answers.
 
     `config_file` is a configuration of Zenoh's own (JSON5) for all that is not said here: certificates, access rules.
     Without `rules` the file's access rules are left out: a daemon's are written from where it stands.
+    `if_taken`: what else can be done about an endpoint that is taken than to stop who has it.
     The session must be closed by whoever opens it: one left open keeps the process from ending.
     """
     config = zenoh.Config() if config_file is None else load_config(config_file)
@@ -54,7 +56,7 @@ def open_session(
     try:
         return zenoh.open(config)
     except zenoh.ZError as error:
-        raise WireError(_explain(mode, listen, connect, _words(error))) from error
+        raise WireError(_explain(mode, listen, connect, _words(error), if_taken)) from error
 
 
 def load_config(path: Path) -> zenoh.Config:
@@ -101,11 +103,11 @@ def _words(error: Exception) -> str:
     return re.sub(r" at /\S+\.rs:\d+\.?$", "", str(error).strip())
 
 
-def _explain(mode: str, listen: Sequence[str], connect: Sequence[str], error: str) -> str:
+def _explain(mode: str, listen: Sequence[str], connect: Sequence[str], error: str, if_taken: str) -> str:
     if "in use" in error:
         return (
             f"Zenoh cannot listen on {', '.join(listen)}: the address is already in use. Does another insole daemon "
-            "run ('insole status')? Stop it, or give this one another endpoint under zenoh.listen in its config"
+            f"or demo run ('insole status')? Stop it{if_taken}"
         )
     if mode == "client":
         certificate = (

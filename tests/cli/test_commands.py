@@ -62,7 +62,7 @@ def demo():
     rest, errors = process.communicate(timeout=10)
     assert process.returncode == 0, errors
     assert re.search(r"left: \d+ cycles seen, \d+ lost", errors)
-    assert re.search(r"left +f_z +-?\d+ N +m_x .* CoP .* 4\d\.\d Hz|5\d\.\d Hz +age \d+ ms +lost \d+", rest)
+    assert re.search(r"left +f_z +-?\d+ N +m_x .* CoP .* [45]\d\.\d Hz +age \d+ ms +lost \d+", rest)
 
 
 def test_status_in_one_screen(demo):
@@ -72,6 +72,7 @@ def test_status_in_one_screen(demo):
     assert re.search(r"demo left: ok, \d+\.\d Hz", done.stdout)
     assert re.search(r"board 5 +streaming: sends \d+\.\d Hz, new values \d+\.\d Hz", done.stdout)
     assert "built-in default" in done.stdout
+    assert re.search(r"bus +demo up, \d+ frames", done.stdout)
 
 
 def test_watch_prints_json_lines_that_parse(demo):
@@ -95,6 +96,8 @@ def test_a_second_daemon_on_the_same_endpoint_is_told_so(demo):
     done = insole("demo", "--seconds", 2)
     assert done.returncode == 3
     assert "already in use" in done.stderr
+    assert "Stop it" in done.stderr
+    assert "config" not in done.stderr, "the demo has none"
     assert "Traceback" not in done.stderr
 
 

@@ -185,3 +185,57 @@ def test_a_subscriber_that_stops_reading_costs_nobody_else_a_cycle(daemon):
         stuck.kill()
         stuck.wait()
         stuck.stdout.close()
+
+
+@pytest.fixture
+def mixed(endpoint):
+    """What puts a kind of a newer daemon, rubbish, another version, and a wrench, and a client that listens to it."""
+
+    def put(seq):
+        for what, payload, encoding in (
+            ("novel", b"\x00", "application/msgpack;insole.novel/1"),
+            ("wrench", b"rubbish", "application/msgpack;insole.wrench/1"),
+            ("wrench", wrench(seq).encode(), "application/msgpack;insole.wrench/2"),
+        ):
+            # as urgent as the wrench that follows, or that comes first
+            session.put(f"insole/mixed/left/{what}", payload, encoding=encoding, priority=zenoh.Priority.REAL_TIME)
+        publisher.publish(wrench(seq))
+
+    with (
+        open_session("peer", [endpoint]) as session,
+        FootPublisher(session, "mixed", "left") as publisher,
+        insole_daemon.connect(endpoint) as insole,
+    ):
+        yield insole, put
+
+
+def test_whoever_takes_everything_passes_over_what_is_none_of_ours(mixed, caplog):
+    insole, put = mixed
+    messages = insole.messages("insole/**")
+    time.sleep(0.2)
+    put(1)
+    put(2)
+    assert [(type(m), m.seq) for m in take(messages, 2)] == [(Wrench, 1), (Wrench, 2)]
+    assert messages.refused == 4
+    assert [record.message for record in caplog.records if "insole/mixed/left/wrench: passed over" in record.message]
+    assert len(caplog.records) == 1, "once a key; a kind that is not known is not worth a word"
+
+
+def test_async_twin_passes_over_the_same(mixed):
+    insole, put = mixed
+    messages = insole.messages("insole/mixed/*/*")
+    time.sleep(0.2)
+    put(1)
+    assert asyncio.run(asyncio.wait_for(anext(messages), 5)).seq == 1
+    assert messages.refused == 2
+
+
+def test_whoever_asks_for_one_kind_is_told_of_another_version_of_it(mixed):
+    insole, put = mixed
+    wrenches = insole.wrenches("left")
+    time.sleep(0.2)
+    put(1)
+    with pytest.raises(WireError, match="insole.wrench/1"):
+        next(wrenches)
+    with pytest.raises(WireError, match="expected a key ending in one of raw, .*install the same insole-daemon"):
+        insole.messages("insole/mixed/left/novel")
