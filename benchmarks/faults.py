@@ -106,6 +106,7 @@ class Case:
     latency_s: float | None = None  # from then to the last one's being told; None: not found
     from_onset_s: float | None = None
     others: list[Change] = field(default_factory=list)  # what this fault does not explain
+    out_of_range: bool = False  # it stuck where its board can only say 0: a saturated one to who looks
 
 
 def watch_all(
@@ -206,6 +207,8 @@ def play(case: Case) -> bool:
         case.observable_s = [seen for seen in case.observable_s if seen is not None]
         if not case.faults:
             return False
+    if case.kind == "stuck":
+        case.out_of_range = _sends_0(case, case.faults[0], kept)
     latencies: list[float | None] = []
     for fault, seen_s in zip(case.faults, case.observable_s, strict=True):
         assert seen_s is not None
@@ -232,9 +235,20 @@ def _first_open_s(case: Case, fault: Fault, kept: Sequence[Cycles]) -> float | N
     return None
 
 
+def _sends_0(case: Case, fault: Fault, kept: list[Cycles]) -> bool:
+    """Whether a stuck taxel stands at the end of the range: 1500 kPa on a sensitive one are more than 8 bits."""
+    row = LAYOUTS[case.foot].rows[fault.board, fault.triangle or 0]
+    until_s = fault.until_s if fault.until_s is not None else np.inf
+    cycles = Cycles.concatenate(kept, len(LAYOUTS[case.foot]))
+    t_s = (cycles.t_mono_ns - START_NS) * 1e-9
+    said = cycles.counts[(t_s > fault.t_s + 0.1) & (t_s < until_s), row, fault.taxel]
+    return bool(np.median(said) == 0)
+
+
 def _is_it(case: Case, fault: Fault, change: Change) -> bool:
     where = (change.board, change.triangle, change.taxel)
-    return change.kind in ACCEPTED[case.kind] and where == (fault.board, fault.triangle, fault.taxel)
+    accepted = (*ACCEPTED[case.kind], "taxel_saturated") if case.out_of_range else ACCEPTED[case.kind]
+    return change.kind in accepted and where == (fault.board, fault.triangle, fault.taxel)
 
 
 def _follows(case: Case, fault: Fault, change: Change, t_s: float) -> bool:

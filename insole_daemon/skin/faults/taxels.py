@@ -5,12 +5,12 @@ serves. Each is compared with its NEIGHBOURS nearest ones:
 
 `saturated` – on a rail, at 0, or at 255 where that is not the rest level, for SATURATED_NS. Observable at once.
 `dead` – it bears less than SHARE of what the least of its four neighbours bears, while that is LOADED_COUNT or more.
-    Observable once the least of its neighbours has truly borne 6 counts (48 kPa) for 0.2 s; a taxel whose neighbours
-    never bear that much is never judged.
+    Observable once the least of its neighbours has truly borne 48 kPa for 0.2 s, 6 counts of a taxel of the usual
+    sensitivity and 4.4 of one less sensitive by two σ; a taxel whose neighbours never bear so much is never judged.
 `stuck` – CONTRAST_COUNT or more away from its rest level while its neighbours are at theirs, in the mean, or so far
     above them that no load is so sharp. Observable if it stuck 5 counts from its rest or more, once its neighbours
     have truly been unloaded for 0.2 s, or 5 counts below a fifth of it; stuck nearer to its rest, it is a dead
-    taxel to who looks, and observable as one.
+    taxel to who looks, and observable as one; stuck beyond the range of a count, it is a saturated one.
 
 For dead and stuck what speaks for it, in counts, is summed up look by look, between 0 and EVIDENCE_COUNT (a cumulative
 sum test: E. S. Page 1954): the fault is there once the sum is full, and has healed once it is empty again.
@@ -30,7 +30,7 @@ from .places import Places
 from .rest import Rest
 
 NEIGHBOURS = 4  # enough to stand around a taxel; more would reach beyond the edge of a load
-LOADED_COUNT = 5.0  # five times the noise
+LOADED_COUNT = 4.0  # four times the noise, and what 48 kPa show at least: sensitivities differ by 15 % (1 σ)
 SHARE = 0.3  # of the least loaded neighbour; healthy ones bear half of it or more in walking
 IDLE_COUNT = 2.0  # of the neighbours' mean, whose noise is 0.6 at most
 CONTRAST_COUNT = 2.5  # above or below it; noise is 1, and creep leaves some per cent of 30 counts
