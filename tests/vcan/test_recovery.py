@@ -496,13 +496,13 @@ def test_a_reload_loses_no_cycle_and_counts_from_one_to_the_next(rig, names):
     pressures = {foot: rig.client.pressures(foot) for foot in rig.raws}
     time.sleep(4)
     text = (rig.folder / "config.yaml").read_text()
-    (rig.folder / "config.yaml").write_text(text + "contact: {activation_threshold_count: 200}\n")
+    (rig.folder / "config.yaml").write_text(text + "contact: {activation_threshold_count: 250}\n")
     asked_ns = time.time_ns()
     rig.process.send_signal(signal.SIGHUP)
     told = next(event for event in rig.events if event.kind.startswith("reload"))
     time.sleep(3.5)
     assert (told.kind, told.text) == ("reloaded", "changed: contact.activation_threshold_count")
-    assert rig.client.meta("left").activation_threshold_count == 200
+    assert rig.client.meta("left").activation_threshold_count == 250
     rig.check_numbers()
     for foot in rig.raws:
         assert rig.lost(foot, asked_ns - 3_000_000_000, 6) == []
