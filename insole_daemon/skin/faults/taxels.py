@@ -7,8 +7,8 @@ serves. Each is compared with its NEIGHBOURS nearest ones:
 `dead` – it bears less than SHARE of what the least of its four neighbours bears, while that is LOADED_COUNT or more.
     Observable once the least of its neighbours has truly borne 48 kPa for 0.2 s, 6 counts of a taxel of the usual
     sensitivity and 4.4 of one less sensitive by two σ; a taxel whose neighbours never bear so much is never judged.
-`stuck` – CONTRAST_COUNT or more away from its rest level while its neighbours are at theirs, in the mean, or so far
-    above them that no load is so sharp. Observable if it stuck 5 counts from its rest or more, once its neighbours
+`stuck` – CONTRAST_COUNT or more away from its rest level while all its neighbours are at theirs, or so far above them
+    that no load is so sharp. Observable if it stuck 5 counts from its rest or more, once its neighbours
     have truly been unloaded for 0.2 s, or 5 counts below a fifth of it; stuck nearer to its rest, it is a dead
     taxel to who looks, and observable as one; stuck beyond the range of a count, it is a saturated one.
 
@@ -32,9 +32,9 @@ from .rest import Rest
 NEIGHBOURS = 4  # enough to stand around a taxel; more would reach beyond the edge of a load
 LOADED_COUNT = 4.0  # four times the noise, and what 48 kPa show at least: sensitivities differ by 15 % (1 σ)
 SHARE = 0.3  # of the least loaded neighbour; healthy ones bear half of it or more in walking
-IDLE_COUNT = 2.0  # of the neighbours' mean, whose noise is 0.6 at most
+IDLE_COUNT = 2.0  # of the highest of the neighbours: twice the noise
 CONTRAST_COUNT = 2.5  # above or below it; noise is 1, and creep leaves some per cent of 30 counts
-SHARP = 4.0  # times their mean above it, under load: beyond what a cover lets through
+SHARP = 5.0  # times the highest of them above it, under load: beyond what a cover lets through
 EVIDENCE_COUNT = 8.0  # nine times the noise
 ONE_LOOK_COUNT = 3.0  # the most that one look says: a single wrong frame makes no fault
 SATURATED_NS, UNSATURATED_NS = 35_000_000, 3_000_000_000  # longer than a stride: at a low shift each step saturates
@@ -93,17 +93,19 @@ class TaxelFaults:
         around = activation[self._neighbours]
         well = live & (self.state == _OK)
         if well.all():
-            least, mean = around.min(axis=0), around.sum(axis=0) / len(around)
+            least, mean, highest = around.min(axis=0), around.sum(axis=0) / len(around), np.abs(around).max(axis=0)
         else:
             there = well[self._neighbours]
             n_there = there.sum(axis=0)
             least = np.where(there, around, np.inf).min(axis=0)
-            mean = np.where(there, around, 0).sum(axis=0) / np.maximum(n_there, 1)
+            borne = np.where(there, around, 0)
+            mean, highest = borne.sum(axis=0) / np.maximum(n_there, 1), np.abs(borne).max(axis=0)
             live = live & (self.state != _SATURATED) & (n_there >= min(2, len(around)))
         loaded = live & (least >= LOADED_COUNT)
         if loaded.any():
             self._weigh(self._for_dead, np.where(loaded, SHARE * least - activation, 0), _DEAD)
-        above = np.abs(mean) - IDLE_COUNT
+        # The highest of them, not their mean: at the edge of a load some bear nothing, and it is sharp all the same.
+        above = highest - IDLE_COUNT
         more = np.abs(activation - mean) - CONTRAST_COUNT - SHARP * np.maximum(above, 0)
         more *= live
         if self._any_faulty:  # under load one that stuck among its neighbours' counts does not heal
