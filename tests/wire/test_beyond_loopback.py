@@ -135,7 +135,7 @@ def test_a_viewer_may_look_and_not_command(example):
 def test_an_operator_may_ask_for_the_boards_and_a_zero(example):
     with example.connect("operator") as insole:
         assert [board["address"] for board in insole.request("left", "boards", do="list")["boards"]] == [5, 6, 7]
-        assert insole.request("left", "zero", seconds=0.5)["ok"] is False, "somebody walks"
+        assert insole.request("left", "zero", seconds=2.0)["ok"] is False, "somebody walks, and 2 s hold a stance"
 
 
 def test_so_may_a_process_of_this_host_without_certificate(example):
