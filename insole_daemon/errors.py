@@ -8,6 +8,7 @@
     ├── LogError               a candump log that cannot be read
     ├── BusError               a CAN interface that cannot be opened or read
     ├── EffectError            an effect that cannot do what it is asked to, or is not what its law allows
+    ├── CalibrationError       data that cannot determine what is asked of them
     ├── SimulationError        something is asked of the simulator that it does not have, or its boards cannot carry
     └── WireError              Zenoh: an endpoint that is taken, a daemon that is not there, a bad message
 
@@ -78,6 +79,12 @@ class LogError(InsoleError):
 
 class EffectError(InsoleError):
     """An effect has no inverse, is not what its law allows, or lacks something that it needs."""
+
+
+class CalibrationError(InsoleError):
+    """The data cannot determine what is asked of them: the message names what is missing, or does not fit."""
+
+    exit_status = 4
 
 
 class SimulationError(InsoleError):

@@ -1,0 +1,1 @@
+"""Calibration: from counts and a reference to the curves of the taxels, offline."""
