@@ -26,6 +26,7 @@ from insole_daemon.physics.effect import Effect, effect
 from insole_daemon.physics.sampling import CDC_HZ
 from insole_daemon.recording.loading import FootRecording
 from insole_daemon.service.setup import load_layout
+from insole_daemon.simulation.conditions import Conditions
 from insole_daemon.simulation.trial import START_NS, Trial
 
 SEED = 1
@@ -59,7 +60,9 @@ def ordinary() -> list[Effect]:
 def recorded(name: str, physics: bool, seconds: float | None = None) -> FootRecording:
     """The left foot of a trial, read as every recording is."""
     effects = {"left": ordinary()} if physics else {}
-    trial = Trial(name, _LEFT, [_LAYOUT], effects=effects, seed=SEED, cdc_hz=CDC_HZ if physics else None)
+    trial = Trial(
+        name, _LEFT, [_LAYOUT], effects=effects, seed=SEED, conditions=Conditions(cdc_hz=CDC_HZ if physics else None)
+    )
     with tempfile.TemporaryDirectory() as folder:
         return insole_daemon.load(trial.write(Path(folder) / name, seconds))["left"]
 

@@ -10,6 +10,7 @@ import numpy as np
 from insole_daemon.config import Config
 from insole_daemon.physics.effect import effect
 from insole_daemon.service.setup import load_layout
+from insole_daemon.simulation.conditions import Cycles
 from insole_daemon.simulation.reference_insole import reference_insole
 from insole_daemon.simulation.scenarios.chamber import Chamber, programme
 from insole_daemon.simulation.sensed import Insole, Sensed
@@ -66,7 +67,7 @@ def loops():
     boards = LEFT.insoles[0].boards
     curves = []
     for speed, colour in ((3e3, "#1f6fb4"), (45e3, "#c0562b")):
-        load = Chamber([LAYOUT], programme(90e3, (speed,), cycles=1))
+        load = Chamber([LAYOUT], programme(90e3, (speed,), Cycles(cycles=1)))
         sensed = Sensed(load, [Insole(LAYOUT, boards, made.calibration(LAYOUT, boards, 0), effects)])
         t_s = np.linspace(5, 5 + 2 * 90e3 / speed, 120)
         activation = sensed.pressure_pa("left", t_s)[:, 0, 3] / made.pa_per_count

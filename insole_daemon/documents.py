@@ -20,7 +20,7 @@ from typing import Annotated, Any, Literal, NoReturn, TypeVar, Union, get_args, 
 
 import yaml
 
-from .errors import DocumentError, Problem
+from .errors import DocumentError, InsoleError, Problem
 
 Key = tuple[str | int, ...]  # ("insoles", 0, "foot") is spelled insoles[0].foot
 T = TypeVar("T")
@@ -87,6 +87,13 @@ def read(path: str | PathLike[str], kind: type[S], tag: str, check: Callable[[Re
     return struct
 
 
+def wrong(struct: Section, key: Key = ()) -> Iterator[tuple[Key, str]]:
+    """Where a struct that was made by hand is outside what a file could have said, and what was expected there."""
+    kind: Any = type(struct)
+    for name, hint in _grammar(kind)[0].items():
+        yield from _wrong(hint, getattr(struct, name), (*key, name))
+
+
 def spell(key: Key) -> str:
     """`key` as a person writes it: insoles[0].boards[2].address."""
     text = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in key)
@@ -148,7 +155,11 @@ class Reading:
         values = {name: value for name, value in values.items() if value is not _BAD}
         if not required <= values.keys():
             return _BAD
-        struct = kind(**values)
+        try:
+            struct = kind(**values)
+        except InsoleError as error:  # its fields do not fit together
+            self.problem(key, str(error))
+            return _BAD
         self._found.append((key, struct))
         return struct
 
@@ -312,6 +323,17 @@ def _grammar(kind: Any) -> tuple[dict[str, Any], set[str]]:
     hints = get_type_hints(kind, include_extras=True)
     required = {f.name for f in fields(kind) if f.default is MISSING and f.default_factory is MISSING}
     return {f.name: hints[f.name] for f in fields(kind)}, required
+
+
+def _wrong(hint: Any, value: Any, key: Key) -> Iterator[tuple[Key, str]]:
+    kind = _type(hint)
+    if isinstance(value, Section):
+        yield from wrong(value, key)
+    elif value is not None and (not kind.allows(value) or (kind.base is Literal and value not in kind.args)):
+        yield key, f"expected {_words(hint)}, found {_found(value)}"
+    elif isinstance(value, tuple):
+        for i, entry in enumerate(value):
+            yield from _wrong(kind.args[0], entry, (*key, i))
 
 
 def _words(hint: Any) -> str:

@@ -8,8 +8,8 @@ from typing import Annotated, Any, Literal
 
 import pytest
 
-from insole_daemon.documents import Reading, Section, at_least, matching, read, spell, within
-from insole_daemon.errors import DocumentError
+from insole_daemon.documents import Reading, Section, at_least, matching, read, spell, within, wrong
+from insole_daemon.errors import DocumentError, SimulationError
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -339,3 +339,34 @@ def test_finite_numbers_only(write: Write) -> None:
     whole = load(write(f"format: {TAG}\nparts: [{{number: 1}}]\nfree: {{x: .nan}}\n"))
     assert whole.free is not None
     assert math.isnan(whole.free["x"])  # what is free is kept as it stands
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Span(Section):
+    first: int
+    last: int
+
+    def __post_init__(self) -> None:
+        if self.last < self.first:
+            raise SimulationError(f"expected last after {self.first}, found {self.last}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Spans(Section):
+    spans: tuple[Span, ...]
+
+
+def test_a_struct_whose_keys_do_not_fit_together_is_refused_where_it_stands(write: Write) -> None:
+    path = write(f"format: {TAG}\nspans:\n- {{first: 1, last: 2}}\n- {{first: 3, last: 2}}\n")
+    with pytest.raises(DocumentError, match=r"line 4: spans\[1\]: expected last after 3, found 2"):
+        read(path, Spans, TAG)
+
+
+def test_a_struct_made_by_hand_is_held_to_the_same_limits() -> None:
+    assert not list(wrong(Whole(parts=(Part(number=1),))))
+    whole = Whole(parts=(Part(number=1), Part(number=15, side="up")), slack_ms=math.nan)  # type: ignore[arg-type]
+    assert [(spell(key), message) for key, message in wrong(whole)] == [
+        ("parts[1].number", "expected a whole number from 1 to 14, found 15"),
+        ("parts[1].side", 'expected one of left, right, found the text "up"'),
+        ("slack_ms", "expected a finite number from 0 to 1000, found nan"),
+    ]

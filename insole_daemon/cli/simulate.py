@@ -49,7 +49,10 @@ def simulate(
     effects: Annotated[
         Path | None, typer.Option("--effects", help="insole-effects/1: physics of the sensors beyond a static curve.")
     ] = None,
-    mass_kg: Annotated[float, typer.Option("--mass-kg", min=20, max=200, help="Of the body.")] = 63.0,
+    trial_file: Annotated[
+        Path | None,
+        typer.Option("--trial", help="insole-trial/1: who walks, what the chamber does, warmth, instruments, faults."),
+    ] = None,
     config: ConfigFile = None,
     seconds: Seconds = None,
     seed: Annotated[int, typer.Option(min=0, help="Of every random draw: same seed, same insole, same frames.")] = 0,
@@ -59,13 +62,14 @@ def simulate(
         raise typer.BadParameter("expected one of --bus (such as socketcan:can0) and --out, found both or neither")
     from .. import config as configs
     from ..service.setup import load_layout
-    from ..simulation import effects_file
+    from ..simulation import conditions, effects_file
     from ..simulation.trial import Trial
 
     settings = configs.load(config)
     layouts = [load_layout(insole) for insole in settings.insoles]
     physics = effects_file.load(effects, layouts) if effects is not None else None
-    trial = Trial(scenario.value, settings, layouts, effects=physics, mass_kg=mass_kg, seed=seed)
+    chosen = conditions.load(trial_file) if trial_file is not None else None
+    trial = Trial(scenario.value, settings, layouts, effects=physics, conditions=chosen, seed=seed)
     if out is not None:
         path = trial.write(out, seconds)
         print(f"insole: {scenario.value} ({trial.scenario.about}) written into {path}", file=sys.stderr)

@@ -12,7 +12,7 @@ from ..bus.frames import FrameBatch
 from ..config import Config
 from ..skin.layout import Layout
 from .board import Board
-from .faults import Fault
+from .faults import Fault, check_there
 from .generation import GENERATIONS, GenerationName
 from .load import Load
 from .run import Mounted, Run
@@ -58,13 +58,7 @@ class Emulator:
         `luck`: another noise on the same sensors. `alike`: each sensor is the nominal line, since `load` is what they
         feel (`sensed.Sensed`). `shifts`: by board and triangle, digitisers that have another one than is configured.
         """
-        for fault in faults:
-            known = {board.address for insole in config.insoles for board in insole.boards}
-            for address in {fault.board} | ({fault.other} if fault.other is not None else set()):
-                if address not in known:
-                    raise ValueError(
-                        f"fault {fault.kind!r}: expected one of the configured boards {sorted(known)}, found {address}"
-                    )
+        check_there(faults, config, layouts)
         self._compensated = generation is not None or bool(faults) or temperature_c is not None
         self._generation = generation
         self._faults = tuple(faults)

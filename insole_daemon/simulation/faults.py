@@ -32,6 +32,11 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from ..config import Config
+from ..documents import Section
+from ..errors import SimulationError
+from ..skin.layout import Layout
+
 FaultKind = Literal[
     "loose", "dead_chip", "dead", "stuck", "saturated", "noisy", "rezero", "silent", "reset", "address_clash"
 ]
@@ -47,8 +52,11 @@ STUCK_PA = 100e3
 
 
 @dataclass(frozen=True, slots=True)
-class Fault:
-    """One fault of one board; the module's table says what each kind does, and with which parameters."""
+class Fault(Section):
+    """One fault of one board; the module's table says what each kind does, and with which parameters.
+
+    SimulationError: there is no such fault.
+    """
 
     kind: FaultKind
     t_s: float
@@ -65,7 +73,7 @@ class Fault:
     def __post_init__(self) -> None:
         problem = self._problem()
         if problem:
-            raise ValueError(f"fault {self.kind!r} of board {self.board}: {problem}")
+            raise SimulationError(f"the fault {self.kind} of board {self.board}: {problem}")
 
     def _problem(self) -> str | None:
         if self.kind not in KINDS:
@@ -121,3 +129,20 @@ def events_of(address: int, faults: Iterable[Fault]) -> list[Event]:
             events.append(Event(fault.t_s, "lose power", fault))
             events.append(Event(fault.t_s + BOOT_S if fault.until_s is None else fault.until_s, "boot", fault))
     return sorted(events, key=lambda event: event.t_s)
+
+
+def check_there(faults: Iterable[Fault], config: Config, layouts: Iterable[Layout]) -> None:
+    """Raise SimulationError where a fault is of a board or of a triangle that is not there."""
+    boards = sorted(board.address for insole in config.insoles for board in insole.boards)
+    there = {(triangle.board, triangle.triangle) for layout in layouts for triangle in layout.triangles}
+    for i, fault in enumerate(faults):
+        for key, address in (("board", fault.board), ("other", fault.other)):
+            if address is not None and address not in boards:
+                raise SimulationError(
+                    f"faults[{i}].{key}: expected one of the configured boards {boards}, found {address}"
+                )
+        if fault.triangle is not None and (fault.board, fault.triangle) not in there:
+            mine = sorted(triangle for board, triangle in there if board == fault.board)
+            raise SimulationError(
+                f"faults[{i}].triangle: expected one of those of board {fault.board}, {mine}, found {fault.triangle}"
+            )

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ..recording.reference import TIME
 from ..recording.writer import ReferenceContents
 from ..skin.layout import Foot
+from .conditions import Instrument
 from .reference_insole import reference_insole
 from .scenarios import ReferencedLoad
 from .sensors import Temperature
@@ -27,12 +28,12 @@ _DIGITS = {"fz_n": 3, "mx_nm": 4, "my_nm": 4, "pressure_pa": 1, "temperature_c":
 Clock = Callable[[NDArray[np.float64]], NDArray[np.float64]]  # (n,) s since the start of the CAN's → of the reference's
 
 
-def clock(draw: np.random.Generator) -> Clock:
-    """A clock with a constant offset and rate error."""
+def clock(draw: np.random.Generator, chosen: Instrument) -> Clock:
+    """A clock with a constant offset and rate error: the `chosen` ones, else drawn."""
     made = reference_insole()
-    offset_s = made.reference_offset_s * draw.standard_normal()
-    rate = 1e-6 * made.reference_ppm * draw.standard_normal()
-    return lambda t_s: offset_s + (1.0 + rate) * t_s
+    offset_s = _or(chosen.offset_s, made.reference_offset_s * draw.standard_normal())
+    rate_ppm = _or(chosen.rate_ppm, made.reference_ppm * draw.standard_normal())
+    return lambda t_s: offset_s + (1.0 + 1e-6 * rate_ppm) * t_s
 
 
 def readings(
@@ -43,17 +44,28 @@ def readings(
     clock: Clock,
     temperature_c: Temperature,
     draw: np.random.Generator,
+    chosen: Instrument,
 ) -> ReferenceContents:
-    """What the instrument of `foot` says from the start on for `seconds`; `start_s`: of the CAN, since the epoch."""
+    """What the instrument of `foot` says from the start on for `seconds`; `start_s`: of the CAN, since the epoch.
+
+    `chosen` stands before what insole-reference.yaml says of it.
+    """
     made = reference_insole()
+    moment = (
+        _or(chosen.moment_noise_nm, made.shoe_moment_noise_nm),
+        _or(chosen.moment_drift_nm, made.shoe_drift_nm),
+    )
     noise = {
-        "fz_n": (made.shoe_force_noise_n, made.shoe_drift_n),
-        "mx_nm": (made.shoe_moment_noise_nm, made.shoe_drift_nm),
-        "my_nm": (made.shoe_moment_noise_nm, made.shoe_drift_nm),
-        "pressure_pa": (made.gauge_noise_pa, made.gauge_drift_pa),
+        "fz_n": (_or(chosen.force_noise_n, made.shoe_force_noise_n), _or(chosen.force_drift_n, made.shoe_drift_n)),
+        "mx_nm": moment,
+        "my_nm": moment,
+        "pressure_pa": (
+            _or(chosen.pressure_noise_pa, made.gauge_noise_pa),
+            _or(chosen.pressure_drift_pa, made.gauge_drift_pa),
+        ),
     }
     exact = load.reference(foot, np.empty(0))
-    rate_hz = made.gauge_rate_hz if "pressure_pa" in exact else made.shoe_rate_hz
+    rate_hz = _or(chosen.rate_hz, made.gauge_rate_hz if "pressure_pa" in exact else made.shoe_rate_hz)
     t_s = np.arange(round(seconds * rate_hz)) / rate_hz
     columns: dict[str, NDArray[np.float64]] = {TIME: start_s + clock(t_s)}
     for name, values in load.reference(foot, t_s).items():
@@ -65,3 +77,7 @@ def readings(
         if name in columns:
             columns[name] = np.round(columns[name], digits) + 0.0  # which makes -0 a 0
     return ReferenceContents(foot, "own", columns)
+
+
+def _or(chosen: float | None, drawn: float) -> float:
+    return drawn if chosen is None else chosen

@@ -18,14 +18,13 @@ from ..recording.writer import ReferenceContents, write
 from ..skin.bus_load import Stream, bus_load, check_fits
 from ..skin.layout import Layout
 from . import instruments
+from .conditions import Conditions, check
 from .effects_file import Effects
 from .emulator import Emulator
-from .faults import Fault
 from .foot import Places
-from .generation import GenerationName
 from .portable import exp
 from .reference_insole import reference_insole
-from .scenarios import length_s, scenario
+from .scenarios import check_used, length_s, scenario
 from .sensed import Insole, Sensed
 
 START_NS = 1_760_000_000_000_000_000  # of every recording: a trial has no date of its own
@@ -43,20 +42,19 @@ class Trial:
         layouts: Sequence[Layout],
         *,
         effects: Effects | None = None,
-        mass_kg: float = 63.0,
+        conditions: Conditions | None = None,
         seed: int = 0,
-        generation: GenerationName | None = None,
-        faults: Sequence[Fault] = (),
-        cdc_hz: float | None = None,
     ) -> None:
-        """The scenario `name` on the feet of `config` that have a layout.
+        """The scenario `name` on the feet of `config` that have a layout; `effects` of the true sensors, by foot.
 
-        `effects` of the true sensors, by foot. `generation`, `faults` and `cdc_hz` as for an Emulator; a converter's
-        sample-and-hold is left out unless its rate is given.
-        SimulationError, BusError: there is no such scenario; the boards cannot carry such a layout.
+        SimulationError, BusError: there is no such scenario, or it has no use for such conditions; the boards cannot
+        carry such a layout.
         """
         self.scenario = scenario(name)
-        self._name, self._mass_kg, self._seed = name, mass_kg, seed
+        self.conditions = conditions or Conditions()
+        check(self.conditions)
+        check_used(name, self.conditions)
+        self._name, self._seed = name, seed
         self._config = replace(
             config, insoles=tuple(i for i in config.insoles if any(i.foot == layout.foot for layout in layouts))
         )
@@ -72,8 +70,9 @@ class Trial:
             )
             for layout in layouts
         ]
+        self._check_clock()
         places: Places = {insole.layout.foot: insole.chain.xy_m for insole in self.insoles}
-        self.load = self.scenario.make(layouts, places, mass_kg, seed)
+        self.load = self.scenario.load(layouts, places, self.conditions, seed)
         self._luck = zlib.crc32(name.encode())  # a trial's own: the insole is that of the seed alone
         self.emulator = Emulator(
             self._config,
@@ -83,14 +82,26 @@ class Trial:
             luck=self._luck,
             alike=True,
             shifts={board: of for insole in self.insoles for board, of in insole.shifts().items()},
-            generation=generation,
-            faults=faults,
-            cdc_hz=cdc_hz,
+            generation=self.conditions.generation,
+            faults=self.conditions.faults,
+            cdc_hz=self.conditions.cdc_hz,
             temperature_c=self.temperature_c,
         )
 
+    def _check_clock(self) -> None:
+        chosen = self.conditions.reference
+        if chosen.offset_s is None and chosen.rate_ppm is None:
+            return
+        if any(_tells_the_clock(insole) for insole in self.insoles):
+            raise SimulationError(
+                "reference.offset_s and rate_ppm: expected either these or the effect clock, found both: "
+                "leave one of them out"
+            )
+
     def temperature_c(self, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(n,) of the insoles: a worn shoe warms up, a chamber does not."""
+        """(n,) of the insoles: as it was chosen; else a worn shoe warms up, a chamber does not."""
+        if self.conditions.temperature is not None:
+            return self.conditions.temperature(t_s)
         made = reference_insole()
         if self.scenario.kind == "chamber":
             return np.full_like(t_s, made.rest_c)
@@ -98,14 +109,14 @@ class Trial:
 
     def length_s(self, seconds: float | None = None) -> float | None:
         """How long it is played if `seconds` are asked for; None: for ever. SimulationError: longer than its load."""
-        return length_s(self._name, seconds, None)
+        return length_s(self._name, self.conditions, seconds, None)
 
     def write(self, folder: str | PathLike[str], seconds: float | None = None) -> Path:
         """Write the trial as the recording `folder`, where it is; `seconds` None: all of it.
 
         SimulationError where it is longer than its load, FileError where the folder cannot be written.
         """
-        whole_s = length_s(self._name, seconds, ENDLESS_S)
+        whole_s = length_s(self._name, self.conditions, seconds, ENDLESS_S)
         assert whole_s is not None
         boards = {insole.foot: insole.boards for insole in self._config.insoles}
         return write(
@@ -124,16 +135,28 @@ class Trial:
             frames=self.emulator.batches(START_NS, whole_s),
             interfaces=(_INTERFACE,),
             reference=[self._reference(insole, whole_s) for insole in self.insoles],
-            # Not the effects: they are what a diagnosis has to find.
-            source=f"insole simulate {self._name} --mass-kg {self._mass_kg:g} --seed {self._seed}",
+            # Not the effects nor the faults: they are what a diagnosis has to find.
+            source=f"insole simulate {self._name} --seed {self._seed}",
         )
 
     def _reference(self, insole: Insole, seconds: float) -> ReferenceContents:
         foot = insole.layout.foot
-        told = any(effect.law.word == "clock" for effect in insole.effects)
-        clock = insole.chain.reference_s if told else instruments.clock(np.random.default_rng([self._seed, 0, 6]))
-        draw = np.random.default_rng([self._seed, 0 if foot == "left" else 1, 7, self._luck])
-        return instruments.readings(foot, self.load, seconds, START_NS * 1e-9, clock, self.temperature_c, draw)
+        chosen = self.conditions.reference
+        drawn = instruments.clock(np.random.default_rng([self._seed, 0, 6]), chosen)
+        return instruments.readings(
+            foot,
+            self.load,
+            seconds,
+            START_NS * 1e-9,
+            insole.chain.reference_s if _tells_the_clock(insole) else drawn,
+            self.temperature_c,
+            np.random.default_rng([self._seed, 0 if foot == "left" else 1, 7, self._luck]),
+            chosen,
+        )
+
+
+def _tells_the_clock(insole: Insole) -> bool:
+    return any(effect.law.word == "clock" for effect in insole.effects)
 
 
 def _check_carried(config: Config, layouts: Sequence[Layout]) -> None:

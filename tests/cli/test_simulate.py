@@ -34,8 +34,10 @@ def test_a_recording_of_a_scenario(tmp_path):
         "format: insole-effects/1\neffects:\n"
         "  - {effect: delay, where: {scope: insole}, parameters: {delay_s: {value: 0.05, unit: s}}}\n"
     )
+    trial = tmp_path / "trial.yaml"
+    trial.write_text("format: insole-trial/1\nmass_kg: 54\n")
     done = insole(
-        "simulate", "T4", "--out", tmp_path / "t4", "--effects", effects, "--mass-kg", 54, "--seed", 3, "--seconds", 4
+        "simulate", "T4", "--out", tmp_path / "t4", "--effects", effects, "--trial", trial, "--seed", 3, "--seconds", 4
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout == ""
@@ -54,12 +56,19 @@ def test_a_recording_of_a_scenario(tmp_path):
         (["t4", "--bus", "virtual:x", "--out", "nowhere"], 2, "expected one of --bus"),
         (["t7", "--out", "nowhere"], 2, "'t7' is not one of"),
         (["t1", "--out", "nowhere", "--seconds", 61], 2, "t1: seconds: expected at most 60 s, which is how long"),
-        (["t1", "--out", "nowhere", "--mass-kg", 1], 2, "20"),
+        (
+            ["t1", "--out", "nowhere", "--trial", "light.yaml"],
+            4,
+            "mass_kg: expected a finite number from 20",
+        ),
+        (["vacuum", "--out", "nowhere", "--trial", "heavy.yaml"], 2, "vacuum: mass_kg: it has no use for it"),
         (["t1", "--out", "nowhere", "--effects", "missing.yaml"], 4, "missing.yaml"),
     ],
 )
 def test_what_is_refused(tmp_path, monkeypatch, arguments, status, said):
     monkeypatch.chdir(tmp_path)
+    for name, mass_kg in (("light", 1), ("heavy", 100)):
+        (tmp_path / f"{name}.yaml").write_text(f"format: insole-trial/1\nmass_kg: {mass_kg}\n")
     done = insole("simulate", *arguments)
     assert done.returncode == status
     assert said in " ".join(done.stderr.replace("│", " ").split())

@@ -5,6 +5,7 @@ import pytest
 
 from insole_daemon import config
 from insole_daemon.bus.frames import FrameBatch
+from insole_daemon.errors import SimulationError
 from insole_daemon.physics.sampling import CDC_HZ
 from insole_daemon.simulation.cases import random_fault
 from insole_daemon.simulation.emulator import Emulator
@@ -309,13 +310,15 @@ def test_random_faults_stand_where_and_when_they_should(kind):
     ],
 )
 def test_what_is_no_fault_is_refused(given, message):
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises(SimulationError, match=message):
         Fault(*given)
 
 
 def test_a_fault_of_a_board_that_is_not_there_is_refused():
-    with pytest.raises(ValueError, match=r"\[5, 6, 7, 8, 9, 10\], found 3"):
+    with pytest.raises(SimulationError, match=r"faults\[0\]\.board: .*\[5, 6, 7, 8, 9, 10\], found 3"):
         emulator(faults=[Fault("silent", 0.0, None, 3)])
+    with pytest.raises(SimulationError, match=r"faults\[1\]\.triangle: .* of board 6, .*, found 2"):
+        emulator(faults=[Fault("silent", 0.0, None, 6), Fault("loose", 0.0, None, 6, 2)])
 
 
 # ---- converters, temperature

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from insole_daemon.simulation.conditions import Conditions, Instrument
 from insole_daemon.simulation.instruments import clock, readings
 from insole_daemon.simulation.reference_insole import reference_insole
 from insole_daemon.simulation.scenarios import scenario
@@ -14,9 +15,9 @@ def warm(t_s):
     return np.full_like(t_s, 25.0)
 
 
-def of(name, seconds, seed=0, own=lambda t_s: t_s):
-    load = scenario(name).make(LAYOUTS, None, 63.0, 0)
-    return readings("left", load, seconds, START_S, own, warm, np.random.default_rng(seed)), load
+def of(name, seconds, seed=0, own=lambda t_s: t_s, chosen=Instrument()):
+    load = scenario(name).load(LAYOUTS, None, Conditions(), 0)
+    return readings("left", load, seconds, START_S, own, warm, np.random.default_rng(seed), chosen), load
 
 
 def test_a_force_shoe_has_its_rate_its_clock_and_its_noise():
@@ -55,8 +56,20 @@ def test_a_gauge():
 def test_a_clock_of_its_own_is_drawn():
     rates, offsets = [], []
     for seed in range(200):
-        at = clock(np.random.default_rng(seed))(np.array([0.0, 1e4]))
+        at = clock(np.random.default_rng(seed), Instrument())(np.array([0.0, 1e4]))
         offsets.append(at[0])
         rates.append((at[1] - at[0]) / 1e4 - 1)
     assert np.std(offsets) == pytest.approx(reference_insole().reference_offset_s, rel=0.2)
     assert np.std(rates) == pytest.approx(1e-6 * reference_insole().reference_ppm, rel=0.2)
+
+
+def test_what_is_chosen_stands_before_the_reference_insole():
+    chosen = Instrument(rate_hz=250.0, force_noise_n=0.0, force_drift_n=0.0, moment_noise_nm=0.5, moment_drift_nm=0.0)
+    contents, load = of("t1", 20.0, chosen=chosen)
+    exact = load.reference("left", np.arange(5000) / 250.0)
+    assert contents.columns["fz_n"] == pytest.approx(exact["fz_n"], abs=6e-4)
+    assert np.std(contents.columns["mx_nm"] - exact["mx_nm"]) == pytest.approx(0.5, rel=0.05)
+    drifting, _ = of("t1", 20.0, chosen=Instrument(force_noise_n=0.0, force_drift_n=300.0))
+    assert np.std(drifting.columns["fz_n"] - load.reference("left", np.arange(2000) / 100.0)["fz_n"]) > 5
+    at = clock(np.random.default_rng(0), Instrument(offset_s=-0.25, rate_ppm=500.0))(np.array([0.0, 100.0]))
+    assert at == pytest.approx([-0.25, 99.8])

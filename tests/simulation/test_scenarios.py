@@ -2,22 +2,24 @@ import numpy as np
 import pytest
 
 from insole_daemon.errors import SimulationError
-from insole_daemon.simulation.scenarios import SCENARIOS, length_s, scenario
+from insole_daemon.simulation.conditions import Conditions, Cycles
+from insole_daemon.simulation.scenarios import length_s, scenario
 from insole_daemon.simulation.scenarios.chamber import Chamber, programme
 from insole_daemon.skin import layout as layouts
 
 LAYOUTS = [layouts.builtin("left", (5, 6, 7)), layouts.builtin("right", (8, 9, 10))]
 LEFT = LAYOUTS[0]
+AS_IT_IS = Conditions()
 WEIGHT_N = 63 * 9.81
 TASKS = ("t1", "t2", "t3", "t4", "t5", "t6")
 
 
-def made(name, mass_kg=63.0, places=None, seed=0):
-    return scenario(name).make(LAYOUTS, places, mass_kg, seed)
+def made(name, places=None, seed=0, **conditions):
+    return scenario(name).load(LAYOUTS, places, Conditions(**conditions), seed)
 
 
 def times(name, step_s=0.02):
-    return np.arange(0, scenario(name).seconds, step_s)
+    return np.arange(0, scenario(name).length_s(AS_IT_IS), step_s)
 
 
 @pytest.mark.parametrize("name", TASKS)
@@ -35,7 +37,7 @@ def test_force_and_moments_are_those_of_the_pressure(name, layout):
 
 @pytest.mark.parametrize("name", TASKS)
 def test_a_task_begins_and_ends_in_the_air(name):
-    load, end_s = made(name), scenario(name).seconds
+    load, end_s = made(name), scenario(name).length_s(AS_IT_IS)
     for foot in ("left", "right"):
         assert not load.pressure_pa(foot, np.array([0.0, 1.9, end_s - 1.9, end_s])).any()
 
@@ -73,7 +75,7 @@ def test_a_step_has_two_humps_and_rolls_from_heel_to_toe():
 
 def test_twice_the_mass_is_twice_the_force():
     t_s = times("t5", 0.1)
-    one, two = (made("t5", mass_kg).reference("left", t_s)["fz_n"] for mass_kg in (40.0, 80.0))
+    one, two = (made("t5", mass_kg=mass_kg).reference("left", t_s)["fz_n"] for mass_kg in (40.0, 80.0))
     assert two == pytest.approx(2 * one)
 
 
@@ -101,7 +103,7 @@ def test_a_chamber_has_one_pressure_on_every_taxel(name, top_pa):
 
 
 def test_cycles_at_the_speeds_that_were_chosen_then_a_hold_and_minor_loops():
-    turns = programme(100e3, (5e3, 50e3), cycles=2, hold_s=30.0)
+    turns = programme(100e3, (5e3, 50e3), Cycles(cycles=2, hold_s=30.0))
     t_s, level = turns.T
     speeds = np.abs(np.diff(level) / np.diff(t_s))
     assert speeds[1:5] == pytest.approx(5e3)
@@ -124,9 +126,9 @@ def test_an_unknown_scenario_is_told_with_those_there_are():
 
 @pytest.mark.parametrize("name", ["t2", "vacuum"])
 def test_longer_than_its_load_is_refused(name):
-    whole_s = SCENARIOS[name].seconds
+    whole_s = scenario(name).length_s(AS_IT_IS)
     with pytest.raises(SimulationError, match=rf"{name}: seconds: expected at most {whole_s:g} s.*found 1000 s"):
-        length_s(name, 1000.0, 60.0)
-    assert length_s(name, None, 60.0) == whole_s
-    assert length_s("walk", 1000.0, 60.0) == 1000.0
-    assert length_s("walk", None, None) is None
+        length_s(name, AS_IT_IS, 1000.0, 60.0)
+    assert length_s(name, AS_IT_IS, None, 60.0) == whole_s
+    assert length_s("walk", AS_IT_IS, 1000.0, 60.0) == 1000.0
+    assert length_s("walk", AS_IT_IS, None, None) is None

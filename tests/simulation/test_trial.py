@@ -12,6 +12,7 @@ import insole_daemon
 from insole_daemon import config
 from insole_daemon.errors import BusError, SimulationError
 from insole_daemon.physics.effect import effect
+from insole_daemon.simulation.conditions import Conditions
 from insole_daemon.simulation.faults import Fault
 from insole_daemon.simulation.trial import START_NS, Trial
 from insole_daemon.skin import layout as layouts
@@ -20,7 +21,7 @@ LEFT = layouts.builtin("left", (5, 6, 7))
 RIGHT = layouts.builtin("right", (8, 9, 10))
 ONE_FOOT = config.Config(insoles=config.Config().insoles[:1])
 # Of tests/simulation/whole_trial.py: it changes with insole-reference.yaml, a scenario or a law, and with nothing else.
-DIGEST = "4fa1c3bb69aa762bef3d34994bbb7496384e50117eb2ce17dbd6e2a7cfa044cd"
+DIGEST = "c43e4558ad619fc615f49b3c3deb65b419934aa6e468093a8e702d4be2701864"
 
 
 def written(tmp_path, name, seconds, settings=ONE_FOOT, feet=(LEFT,), **given):
@@ -80,8 +81,8 @@ def test_a_clock_effect_is_the_references(tmp_path):
 
 
 def test_faults_of_the_boards_are_in_the_recording(tmp_path):
-    faults = [Fault("loose", 0.0, None, 5, 0, level_pa=60e3)]
-    foot = written(tmp_path, "vacuum", 35.0, faults=faults)["left"]
+    broken = Conditions(faults=(Fault("loose", 0.0, None, 5, 0, level_pa=60e3),))
+    foot = written(tmp_path, "vacuum", 35.0, conditions=broken)["left"]
     row = LEFT.rows[5, 0]
     opened = foot.status[:, row] & 0xF == 2
     assert 0.1 < opened.mean() < 0.9, "it opens under pressure"

@@ -8,6 +8,7 @@ from pathlib import Path
 from insole_daemon.config import Config
 from insole_daemon.physics.effect import Where, effect
 from insole_daemon.physics.sampling import CDC_HZ
+from insole_daemon.simulation.conditions import Conditions
 from insole_daemon.simulation.trial import Trial
 from insole_daemon.skin import layout as layouts
 
@@ -34,7 +35,7 @@ def digest(folder: Path) -> str:
 
 def main() -> None:
     config = Config(insoles=Config().insoles[:1])
-    trial = Trial("t4", config, [LEFT], effects={"left": EFFECTS}, seed=7, cdc_hz=CDC_HZ)
+    trial = Trial("t4", config, [LEFT], effects={"left": EFFECTS}, seed=7, conditions=Conditions(cdc_hz=CDC_HZ))
     with tempfile.TemporaryDirectory() as folder:
         sys.stdout.write(digest(trial.write(Path(folder) / "t4", 5.0)))
 

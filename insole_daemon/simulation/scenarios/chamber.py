@@ -1,4 +1,4 @@
-"""The same known pressure on every taxel: a vacuum bag (90 kPa at the most) or a pressure chamber.
+"""The same known pressure on every taxel: a vacuum bag or a pressure chamber.
 
 Sources: Sorrentino et al. 2020, section 4.1 (vacuum bag, three slow cycles); Kangro et al. 2018 (plenum). Cycles at
 two speeds, a hold with its recovery and minor loops are what tells hysteresis, viscoelasticity and creep apart.
@@ -13,25 +13,23 @@ from numpy.typing import NDArray
 
 from ...skin.geometry import PRESSURE_TAXELS
 from ...skin.layout import Foot, Layout
+from ..conditions import Cycles
 
-CYCLES = 3  # at each speed
 REST_S = 5.0  # before and after all
-HOLD_S = 60.0  # at the top, and then without load
-MINOR = (0.6, 0.3, 0.6, 0.3, 1.0)  # turning points of the minor loops, in terms of the top
 
 
-def programme(
-    top_pa: float, speeds_pa_s: Sequence[float], cycles: int = CYCLES, hold_s: float = HOLD_S
-) -> NDArray[np.float64]:
-    """(n, 2) turning points (s, Pa): `cycles` to `top_pa` at each speed, then a hold and minor loops at the last."""
-    pressures = [point for _ in speeds_pa_s for _ in range(cycles) for point in (top_pa, 0.0)]
-    speeds = [speed for speed in speeds_pa_s for _ in range(2 * cycles)]
-    pressures += [top_pa, top_pa, 0.0, 0.0, *(part * top_pa for part in MINOR), 0.0]
+def programme(top_pa: float, speeds_pa_s: Sequence[float], of: Cycles) -> NDArray[np.float64]:
+    """(n, 2) turning points (s, Pa): cycles to `top_pa` at each speed, then a hold and minor loops at the last."""
+    pressures = [point for _ in speeds_pa_s for _ in range(of.cycles) for point in (top_pa, 0.0)]
+    speeds = [speed for speed in speeds_pa_s for _ in range(2 * of.cycles)]
+    pressures += [top_pa, top_pa, 0.0, 0.0]
+    if of.minor:
+        pressures += [*(part * top_pa for part in of.minor), 0.0]
     speeds += [speeds_pa_s[-1]] * (len(pressures) - len(speeds))
     turns = [(0.0, 0.0), (REST_S, 0.0)]
     for pressure, speed in zip(pressures, speeds, strict=True):
         t_s, last = turns[-1]
-        turns.append((t_s + (abs(pressure - last) / speed if pressure != last else hold_s), pressure))
+        turns.append((t_s + (abs(pressure - last) / speed if pressure != last else of.hold_s), pressure))
     turns.append((turns[-1][0] + REST_S, 0.0))
     return np.array(turns)
 

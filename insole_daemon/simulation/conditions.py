@@ -1,0 +1,95 @@
+"""What a person chooses about a trial: `insole-trial/1`, a file, or the same struct from Python.
+
+None means what the scenario, or insole-reference.yaml, has. Which keys a scenario has a use for, it says itself
+(`scenarios.Scenario.uses`); the others are refused rather than ignored.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from itertools import pairwise
+from os import PathLike
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..documents import Section, at_least, read, spell, within, wrong
+from ..errors import SimulationError
+from .faults import Fault
+from .generation import GenerationName
+
+FORMAT = "insole-trial/1"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cycles(Section):
+    """What a chamber does: `cycles` at each speed, a hold at the top and one without load, then the minor loops."""
+
+    max_pressure_pa: Annotated[float, within(1e3, 1e6)] | None = None
+    speeds_pa_s: Annotated[tuple[Annotated[float, within(100.0, 1e6)], ...], at_least(1)] | None = None
+    cycles: Annotated[int, within(0, 1000)] = 3
+    hold_s: Annotated[float, within(0.0, 36_000.0)] = 60.0
+    # Turning points, in terms of the highest pressure; the same one twice is held there for hold_s.
+    minor: tuple[Annotated[float, within(0.0, 1.0)], ...] = (0.6, 0.3, 0.6, 0.3, 1.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Course(Section):
+    """A temperature in time: linear between its points, constant before and after."""
+
+    t_s: Annotated[tuple[float, ...], at_least(1)]
+    temperature_c: Annotated[tuple[Annotated[float, within(-20.0, 60.0)], ...], at_least(1)]
+
+    def __call__(self, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n,) °C at the times `t_s` (n,)."""
+        course: NDArray[np.float64] = np.interp(t_s, self.t_s, self.temperature_c)
+        return course
+
+    def __post_init__(self) -> None:
+        if len(self.t_s) != len(self.temperature_c):
+            found = f"{len(self.t_s)} and {len(self.temperature_c)}"
+            raise SimulationError(f"expected as many t_s as temperature_c, found {found}")
+        if any(after <= before for before, after in pairwise(self.t_s)):
+            raise SimulationError(f"expected t_s in rising order, found {', '.join(f'{t:g}' for t in self.t_s)}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Instrument(Section):
+    """The force shoe, or the gauge of a chamber. Noise is a σ, drift the σ of what has drifted after ten minutes."""
+
+    rate_hz: Annotated[float, within(1.0, 10_000.0)] | None = None
+    offset_s: Annotated[float, within(-60.0, 60.0)] | None = None
+    rate_ppm: Annotated[float, within(-10_000.0, 10_000.0)] | None = None
+    force_noise_n: Annotated[float, within(0.0, 100.0)] | None = None
+    force_drift_n: Annotated[float, within(0.0, 500.0)] | None = None
+    moment_noise_nm: Annotated[float, within(0.0, 20.0)] | None = None
+    moment_drift_nm: Annotated[float, within(0.0, 50.0)] | None = None
+    pressure_noise_pa: Annotated[float, within(0.0, 20_000.0)] | None = None
+    pressure_drift_pa: Annotated[float, within(0.0, 50_000.0)] | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Conditions(Section):
+    """Of a trial. `cdc_hz`: rate of the converters (really sampling.CDC_HZ), None: a reading is as old as its tick."""
+
+    length_s: Annotated[float, within(10.0, 36_000.0)] | None = None
+    mass_kg: Annotated[float, within(20.0, 200.0)] | None = None
+    cadence_per_min: Annotated[float, within(40.0, 160.0)] | None = None
+    chamber: Cycles | None = None
+    temperature: Course | None = None
+    reference: Instrument = field(default_factory=Instrument)
+    generation: GenerationName | None = None
+    cdc_hz: Annotated[float, within(5.0, 100.0)] | None = None
+    faults: tuple[Fault, ...] = ()
+
+
+def load(path: str | PathLike[str]) -> Conditions:
+    """The conditions in file `path`; DocumentError lists all that is wrong with it."""
+    return read(path, Conditions, FORMAT)
+
+
+def check(conditions: Conditions) -> None:
+    """Raise SimulationError where a struct made by hand has what no file may have: with the key and the range."""
+    for key, message in wrong(conditions):
+        raise SimulationError(f"conditions: {spell(key)}: {message}")
