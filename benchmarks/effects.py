@@ -19,6 +19,7 @@ from insole_daemon.physics.calibration import Calibration, default
 from insole_daemon.physics.chain import Chain
 from insole_daemon.physics.effect import Effect, Where, effect
 from insole_daemon.physics.effects.creep import log_spaced_s
+from insole_daemon.physics.sampling import CDC_HZ
 from insole_daemon.skin.geometry import PRESSURE_TAXELS
 from insole_daemon.skin.layout import Layout, builtin
 
@@ -30,6 +31,8 @@ COMPENSATOR = [
     *(effect("snap", up_pa=2e4 + 1e4 * i, down_pa=1e4 + 5e3 * i, step_pa=2e3) for i in range(6)),
 ]
 
+REAR = Where("board", ((7,),))
+
 # What can be undone, and then what cannot.
 EVERY: list[Effect] = [
     effect("map_transform", x_mm=2.0, y_mm=-1.0, rotation_deg=1.0, scale=1.01),
@@ -40,16 +43,26 @@ EVERY: list[Effect] = [
     effect("snap", Where("board", ((6,),)), up_pa=4e4, down_pa=2e4, step_pa=6e3),
     effect("viscoelasticity", a=0.1, tau_s=0.3),
     effect("creep", a=[0.01] * 6, tau_s=log_spaced_s(0.5, 500.0, 6)),
+    effect("power_creep", a=0.03, exponent=0.2, t0_s=60.0),
     effect("lag", tau_s=0.03),
+    effect("plates", REAR, area_mm2=19.0, gap_mm=2.0, stiffness_n_per_m=9000.0, permittivity=1.5, ff_per_count=0.96),
+    effect("permittivity", gas_permittivity=1.0, solid_permittivity=2.5, solid_share=0.1, rest_count=300.0),
     effect("stiffening", knee_pa=3e5, span_pa=5e5),
     effect("gain", gain=1.1),
     effect("baseline", shift_count=2.0),
     effect("temperature", count_per_k=0.2, gain_per_k=0.005, t0_c=25.0),
+    effect("compensation", skin_type=0, generation=4, count_per_k=0.2, t0_c=25.0),
     effect("drift", t_s=[0.0, 600.0], shift_count=[0.0, 3.0]),
-    effect("rezero", Where("board", ((7,),)), t_s=300.0, shift_count=-5.0),
+    effect("rezero", REAR, t_s=300.0, shift_count=-5.0),
     effect("clock", offset_s=0.4, rate=2e-5),
 ]
-LOSSY = [effect("bit_shift", shift=4), effect("delay", delay_s=0.02)]
+LOSSY = [
+    effect("bit_shift", shift=4),
+    effect("sample_and_hold", rate_hz=CDC_HZ),
+    effect("delay", delay_s=0.02),
+    effect("jitter", std_s=0.001),
+    effect("loss", share=0.001, run=5.0),
+]
 
 
 def cubic(layout: Layout) -> Calibration:
@@ -95,7 +108,7 @@ def main() -> None:
         begin = time.process_time()
         Chain(EVERY + LOSSY, layout, calibration, BOARDS).forward()(load, t_s, warm_c)
         there = time.process_time()
-        chain = Chain(EVERY, layout, calibration)
+        chain = Chain(EVERY, layout, calibration, BOARDS)
         counts = chain.forward()(load, t_s, warm_c)
         between = time.process_time()
         chain.inverse()(counts, t_s, warm_c)

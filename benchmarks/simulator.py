@@ -45,15 +45,24 @@ def every_effect(layout: Layout) -> list[Effect]:
         effect("snap", board, up_pa=35e3, down_pa=15e3, step_pa=2000.0),
         effect("viscoelasticity", a=0.08, tau_s=0.4),
         effect("creep", a=[0.01, 0.01, 0.02], tau_s=[2.0, 20.0, 200.0]),
+        effect("power_creep", a=0.03, exponent=0.2, t0_s=60.0),
         effect("lag", tau_s=0.015),
+        effect(
+            "plates", board, area_mm2=19.0, gap_mm=2.0, stiffness_n_per_m=9000.0, permittivity=1.5, ff_per_count=0.96
+        ),
+        effect("permittivity", gas_permittivity=1.0, solid_permittivity=2.5, solid_share=0.1, rest_count=300.0),
         effect("stiffening", knee_pa=300e3, span_pa=500e3),
         effect("gain", gain=1.05),
         effect("baseline", shift_count=1.5),
         effect("temperature", count_per_k=0.3, gain_per_k=0.003, t0_c=25.0),
+        effect("compensation", skin_type=0, generation=4, count_per_k=0.2, t0_c=25.0),
         effect("drift", t_s=[0.0, 300.0, 600.0], shift_count=[0.0, -1.0, -3.0]),
         effect("rezero", board, t_s=200.0, shift_count=2.0),
         effect("bit_shift", board, shift=2),
+        effect("sample_and_hold", rate_hz=CDC_HZ),
         effect("delay", delay_s=0.02),
+        effect("jitter", std_s=0.001),
+        effect("loss", share=0.001, run=5.0),
         effect("clock", offset_s=0.3, rate=5e-5),
     ]
     assert {each.law.word for each in effects} == set(laws()), "one of each"
@@ -90,7 +99,6 @@ def live() -> None:
     cpu, began = time.process_time(), time.perf_counter()
     sent = player.play(sink.send, threading.Event(), LIVE_SECONDS)
     took = time.perf_counter() - began
-    sink.close()
     unread.close()
     share = (time.process_time() - cpu) / took
     print(f"live, both feet: {sent / took:.0f} frames/s, {share:.1%} of a core (at most 15 % are asked for)")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,11 +16,15 @@ from ..skin.layout import Layout
 from .calibration import Calibration
 from .curve_inverse import CurveInverse
 from .effect import Effect, per_slot, wrong_where
-from .law import Array, Domain, Law, Moments, Operator, Site, Values
+from .law import Array, Domain, Law, Maker, Moments, Operator, Site, Values
 from .run import Run
 from .static_curve import horner
 
-_PATH: tuple[tuple[Domain, ...], ...] = (("place", "pressure"), ("activation",), ("count",), ("time",))
+_PATH: tuple[tuple[Domain, ...], ...] = (("place", "pressure"), ("curve",), ("activation",), ("count",), ("time",))
+
+
+def _copied(x: Array, moments: Moments) -> Array:
+    return x.copy()
 
 
 class Chain:
@@ -35,20 +39,27 @@ class Chain:
         layout: Layout,
         calibration: Calibration | None = None,
         boards: Sequence[Board] = (),
+        seed: int = 0,
     ) -> None:
-        """`boards`: their believed settings, for `bit_shift`. EffectError says what does not go together."""
+        """`boards`: their believed settings, for laws of the digitiser; `seed`: of laws of chance.
+
+        EffectError says what does not go together.
+        """
         # A stable sort: of equal order, what was named first comes first.
         self.effects = tuple(sorted(effects, key=lambda effect: _turn(effect.law)))
         self._layout, self._calibration = layout, calibration
         self._boards = {board.address: board for board in boards}
+        self._seed = seed
         self._xy_m = self._places(self.effects)
         for effect in self.effects:
             wrong = "; ".join(message for _, message in wrong_where(effect.law, effect.where, layout))
-            if calibration is None and effect.law.domain in ("activation", "count"):
+            if calibration is None and effect.law.domain in ("curve", "activation", "count"):
                 wrong = wrong or "it acts on counts, expected a calibration that turns the load into them"
             if wrong:
                 raise EffectError(f"the effect {effect.law.word}: {wrong}")
-        self._works = [list(_together(self.effects, layout, domains)) for domains in _PATH[:3]]
+        self._pressure, self._instead, self._activation, self._count = (
+            list(_together(self.effects, layout, domains)) for domains in _PATH[:-1]
+        )
 
     @property
     def xy_m(self) -> Array:
@@ -63,13 +74,17 @@ class Chain:
 
     def forward(self) -> Run:
         """From the load (Pa), at rest, to what is read: mean counts, or effective pressure without a calibration."""
-        pressure, activation, count = ([self._stage(w, w.law.forward) for w in works] for works in self._works)
+        pressure, activation, count = (
+            [self._stage(work, work.law.forward) for work in works]
+            for works in (self._pressure, self._activation, self._count)
+        )
         if self._calibration is None:
             return Run(pressure, len(self._layout), None)
         coefficients, baseline, usable = self._curve()
-        curve = CurveInverse(coefficients)
+        polynomial = CurveInverse(coefficients)
+        curve = self._curved(lambda x, _: polynomial(x), [(work, work.law.forward) for work in self._instead])
         return Run(
-            [*pressure, lambda x, _: curve(x), *activation, lambda x, _: baseline - x, *count],
+            [*pressure, curve, *activation, lambda x, _: baseline - x, *count],
             len(self._layout),
             usable,
         )
@@ -84,14 +99,19 @@ class Chain:
             said = [f"the effect {word} has no inverse: {law.inverse_is}" for word, law in laws.items()]
             raise EffectError("\n".join(said))
         pressure, activation, count = (
-            [self._stage(w, w.law.inverse) for w in reversed(works) if w.law.inverse] for works in self._works
+            [self._stage(work, work.law.inverse) for work in reversed(works) if work.law.inverse]
+            for works in (self._pressure, self._activation, self._count)
         )
         if self._calibration is None:
             return Run(pressure, len(self._layout), None)
         coefficients, baseline, usable = self._curve()
         rows = np.ascontiguousarray(coefficients.T)
+        curve = self._curved(
+            lambda x, _: horner(rows, x),
+            [(work, work.law.inverse) for work in self._instead if work.law.inverse],
+        )
         return Run(
-            [*count, lambda x, _: baseline - x, *activation, lambda x, _: horner(rows, x), *pressure],
+            [*count, lambda x, _: baseline - x, *activation, curve, *pressure],
             len(self._layout),
             usable,
         )
@@ -114,18 +134,24 @@ class Chain:
         coefficients = np.where(usable[:, None], coefficients, line)
         return coefficients, np.where(usable, self._calibration.baseline_count.ravel(), 0.0), usable
 
-    def _stage(self, work: _Work, maker: Callable[[Values, Site], Operator]) -> Operator:
-        """`work` on all slots."""
+    def _curved(self, polynomial: Operator, instead: Iterable[tuple[_Work, Maker]]) -> Operator:
+        """`polynomial`, and `instead` of it the curves of another kind on their taxels."""
+        for work, maker in instead:
+            polynomial = self._stage(work, maker, polynomial)
+        return polynomial
+
+    def _stage(self, work: _Work, maker: Maker, others: Operator = _copied) -> Operator:
+        """`work` on all slots; `others` is what happens to those that it is not at work on."""
         shift, no_load = self._settings(work.slots)
-        operator = maker(work.values, Site(self._layout, self._xy_m, work.slots, shift, no_load))
+        operator = maker(work.values, Site(self._layout, self._xy_m, work.slots, shift, no_load, self._seed))
         slots, every = work.slots, len(self._layout) * N_TAXELS
         if work.law.sees_all or len(slots) == every:
             return operator
 
         def stage(x: Array, moments: Moments) -> Array:
+            y = others(x, moments)
             if moments.temperature_c is not None and moments.temperature_c.shape[1] == every:
                 moments = replace(moments, temperature_c=moments.temperature_c[:, slots])
-            y = x.copy()
             y[:, slots] = operator(x[:, slots], moments)
             return y
 

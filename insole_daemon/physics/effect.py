@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,10 +14,7 @@ from ..errors import EffectError
 from ..skin.geometry import N_TAXELS
 from ..skin.layout import Layout
 from .effects import laws
-from .law import Array, Law, Parameter
-
-Scope: TypeAlias = Literal["insole", "board", "triangle", "taxel"]
-SCOPES: tuple[Scope, ...] = get_args(Scope)  # an id has as many numbers as the scope's place in this
+from .law import SCOPES, Array, Law, Parameter, Scope
 
 _NAMES = ("board", "triangle", "taxel")
 
@@ -67,8 +64,9 @@ class Where:
 
 def wrong_where(law: Law, where: Where, layout: Layout | None = None) -> Wrong:
     """What is wrong with `law` being at work there."""
-    if law.domain in ("place", "time") and where.scope != "insole":
-        return [(("scope",), f'expected the scope "insole", the only one {law.word} has, found "{where.scope}"')]
+    if where.scope not in law.scopes:
+        allowed = " or ".join(f'"{scope}"' for scope in law.scopes)
+        return [(("scope",), f'expected the scope {allowed} of {law.word}, found "{where.scope}"')]
     return where.wrong(layout)
 
 
@@ -101,7 +99,8 @@ def effect(word: str, where: Where | None = None, /, **values: ArrayLike) -> Eff
 
 
 def wrong_values(law: Law, values: Mapping[str, Any], each: bool = False) -> Wrong:
-    """What is wrong with the values of a law's parameters; `each`: there may be one for every slot."""
+    """What is wrong with the values of a law's parameters; `each`: there may be one for every slot, if it has any."""
+    each = each and "taxel" in law.scopes
     names = [parameter.name for parameter in law.parameters]
     found: Wrong = [
         ((name,), f"unknown parameter: {law.word} has {', '.join(names)}") for name in values if name not in names

@@ -18,9 +18,9 @@ import numpy as np
 
 from ..documents import Key, Reading, Section, read
 from ..skin.layout import Layout
-from .effect import Effect, Scope, Where, wrong_values, wrong_where
+from .effect import Effect, Where, wrong_values, wrong_where
 from .effects import laws
-from .law import Array, Law
+from .law import Array, Law, Scope
 
 FORMAT = "insole-effects/1"
 

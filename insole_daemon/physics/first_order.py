@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .law import Array
+from .portable import exp_minus_one
 
 _NO_TIME = 1e-300  # in the place of a step of 0, where φ is 1
 
@@ -30,7 +31,7 @@ class Step(NamedTuple):
 def steps(dt_s: Array, tau_s: Array) -> Step:
     """The steps that take `dt_s` (n,), of time constants `tau_s` of any shape."""
     x = np.maximum(dt_s.reshape(-1, *(1,) * tau_s.ndim) / tau_s, _NO_TIME)
-    gone = -np.expm1(-x)
+    gone = -exp_minus_one(-x)
     mean = gone / x
     return Step(1.0 - gone, mean - 1.0 + gone, 1.0 - mean)
 

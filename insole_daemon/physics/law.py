@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,13 +42,18 @@ class Site:
     columns: NDArray[np.intp]  # (m,) slots: 12 · row of the triangle in the layout + taxel
     shift: NDArray[np.int64]  # (m,) that the boards are believed to have; empty where no boards were named
     no_load: NDArray[np.int64]  # (m,) as `shift`
+    seed: int  # of all that is left to chance
 
 
 Operator: TypeAlias = Callable[[Array, Moments], Array]  # (n, m) of a piece → (n, m), its argument left as it was
 Maker: TypeAlias = Callable[[Values, Site], Operator]
 
-# Between what a law stands: the load's place, Pa and Pa, baseline − count, count and count, the time stamps.
-Domain: TypeAlias = Literal["place", "pressure", "activation", "count", "time"]
+# Between what a law stands: the load's place, Pa and Pa, Pa and baseline − count, two of these, two counts, two times.
+Domain: TypeAlias = Literal["place", "pressure", "curve", "activation", "count", "time"]
+
+# What a law can be at work on; an id has as many numbers as the scope's place in this.
+Scope: TypeAlias = Literal["insole", "board", "triangle", "taxel"]
+SCOPES: tuple[Scope, ...] = get_args(Scope)
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,6 +99,7 @@ class Law:
     forward: Maker = unchanged
     inverse: Maker | None = unchanged  # causal
     inverse_is: str  # "exact", or how far it is from that, or why there is none and what to do instead
+    scopes: tuple[Scope, ...] = SCOPES  # without "taxel", a parameter has one value for all of them
     # Its operator is shown all slots, not only those it is at work on (`Site.columns`).
     sees_all: bool = False
     # What no single bound says of values that are within them: the parameter's name and what is wrong.

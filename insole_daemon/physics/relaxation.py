@@ -1,9 +1,9 @@
-"""q = (1 − Σ a_k)·P + Σ a_k·z_k,  τ_k·dz_k/dt = P − z_k, and its inverse: what `viscoelasticity` and `creep` share.
+"""q = b·P + Σ a_k·z_k,  τ_k·dz_k/dt = P − z_k, and its inverse: what `viscoelasticity` and both creeps share.
 
-Some of the answer comes at once, so the inverse is causal and as exact as the forward law: with the step of
+Some of the answer comes at once (b > 0), so the inverse is causal and as exact as the forward law: with the step of
 `first_order`, w_k = E_k·z_k,(n−1) + before_k·P_(n−1) is known before sample n, and
 
-    P_n = (q_n − Σ a_k·w_k) / (1 − Σ a_k + Σ a_k·now_k),   z_k,n = w_k + now_k·P_n
+    P_n = (q_n − Σ a_k·w_k) / (b + Σ a_k·now_k),   z_k,n = w_k + now_k·P_n
 """
 
 from __future__ import annotations
@@ -15,11 +15,14 @@ from .law import Array, Moments
 
 
 class Relaxation:
-    """The forward law; `a` and `tau_s` (k, 1) or (k, m)."""
+    """The forward law; `at_once` b (1) or (m), `a` and `tau_s` (k, 1) or (k, m).
 
-    def __init__(self, a: Array, tau_s: Array) -> None:
-        self._a, self._tau_s = a, tau_s
-        self._at_once = 1.0 - a.sum(axis=0)
+    `settled`: the first load has been there for ever, else it comes with its sample.
+    """
+
+    def __init__(self, at_once: Array, a: Array, tau_s: Array, settled: bool = True) -> None:
+        self._at_once, self._a, self._tau_s = at_once, a, tau_s
+        self._settled = settled
         self._z: Array | None = None  # (k, m)
         self._load: Array
 
@@ -27,7 +30,7 @@ class Relaxation:
         """(n, m) q of the load `x`."""
         if self._z is None:
             self._load = x[0].copy()
-            self._z = np.broadcast_to(self._load, (len(self._a), x.shape[1]))
+            self._z = np.broadcast_to(self._load * self._settled, (len(self._a), x.shape[1]))
         step = steps(moments.dt_s, self._tau_s)
         z = step.now * x[:, None]
         z[0] += step.before[0] * self._load
@@ -43,9 +46,9 @@ class Relaxation:
 class InverseRelaxation:
     """The load of what `Relaxation` gave; the arguments are its."""
 
-    def __init__(self, a: Array, tau_s: Array) -> None:
-        self._a, self._tau_s = a, tau_s
-        self._at_once = 1.0 - a.sum(axis=0)
+    def __init__(self, at_once: Array, a: Array, tau_s: Array, settled: bool = True) -> None:
+        self._at_once, self._a, self._tau_s = at_once, a, tau_s
+        self._settled = settled
         self._known: Array | None = None  # (k, m) a_k · w_k
         self._load: Array
         self._now: Array  # of the step before
@@ -54,14 +57,15 @@ class InverseRelaxation:
         """(n, m) load of the q `x`."""
         if self._known is None:
             self._load = np.zeros(x.shape[1])
-            self._known = self._a * x[0]
+            # What has settled is q itself, since then b + Σ a_k = 1.
+            self._known = self._a * (x[0] * self._settled)
             self._now = np.zeros_like(self._tau_s)
         step = steps(moments.dt_s, self._tau_s)
         # a_k·w_k of the next sample = E·(a_k·w_k) + push·P of this one: z is never needed by itself.
         push = step.before
         push[0] += step.decay[0] * self._now
         push[1:] += step.decay[1:] * step.now[:-1]
-        push *= self._a
+        push = push * self._a
         share = 1.0 / (self._at_once + (self._a * step.now).sum(axis=1))
         load: Array = x * share
         product, known, total = np.empty_like(self._known), self._known, np.empty(x.shape[1])

@@ -2,7 +2,7 @@
 
 A converter (AD7147) runs freely: its twelve stages take 36.864 ms at decimation 256, and whoever asks more often
 reads the last sequence again. Source: AD7147 data sheet, table 10; icub-firmware, AD7147.c 71.
-None of these has an inverse: a value that was never read cannot be had back.
+What is left to chance comes from one seed, a board at a time, sample after sample: in pieces as in one.
 """
 
 from __future__ import annotations
@@ -13,6 +13,14 @@ from numpy.typing import ArrayLike, NDArray
 from .law import Array
 
 CDC_HZ = 1 / 36.864e-3
+
+_PHASES, _JITTER, _LOSSES = 2, 4, 5  # behind (seed, board): what is drawn
+
+
+def phases_s(seed: int, board: int, hz: float = CDC_HZ) -> Array:
+    """(16,) when the converters of the board's triangles are through for the first time."""
+    phases: Array = np.random.default_rng([seed, board, _PHASES]).random(16) / hz
+    return phases
 
 
 def sequence(t_s: Array, phase_s: ArrayLike, hz: float = CDC_HZ) -> NDArray[np.int64]:
@@ -27,30 +35,43 @@ def taken_s(t_s: Array, phase_s: ArrayLike, hz: float = CDC_HZ) -> Array:
     return np.asarray(phase_s, np.float64) + sequence(t_s, phase_s, hz) / hz
 
 
-def jittered_s(t_s: Array, std_s: float, rng: np.random.Generator) -> Array:
-    """(n,) stamps of what was there at `t_s`: later by half-normal luck of scale `std_s`, in the same order."""
-    late: Array = np.maximum.accumulate(t_s + np.abs(rng.normal(0.0, std_s, len(t_s))))
-    return late
+class Jitter:
+    """By how much samples of a board are late: half-normal luck."""
+
+    def __init__(self, std_s: float, seed: int, board: int) -> None:
+        """`std_s`: the scale."""
+        self._std_s = std_s
+        self._luck = np.random.default_rng([seed, board, _JITTER])
+
+    def late_s(self, n: int) -> Array:
+        """(n,) of the next n."""
+        late: Array = self._std_s * np.abs(self._luck.standard_normal(n))
+        return late
 
 
-def lost(n: int, share: float, run: float, rng: np.random.Generator) -> NDArray[np.bool_]:
-    """(n,) which of n samples never come: `share` of them on average, in runs of `run` samples on average.
+class Losses:
+    """Which of a board's frames never come: `share` of them on average, in runs of `run` frames on average.
 
     Gilbert's two-state chain (Bell Syst. Tech. J. 39, 1960): the next is lost by whether this one is.
     """
-    if not (0 <= share < 1 and run >= 1 and share <= run * (1 - share)):
-        raise ValueError(f"expected a share below 1 in runs of at least 1, found {share:g} in runs of {run:g}")
-    fall = share / (run * (1 - share))
-    luck = rng.random(n + 1)
-    state = bool(luck[0] < share)
-    states = np.empty(n, bool)
-    for i, draw in enumerate(luck[1:]):
-        states[i] = state
-        state = draw >= 1 / run if state else draw < fall
-    return states
 
+    def __init__(self, share: float, run: float, seed: int, board: int) -> None:
+        """`share` at most run/(1 + run), else such runs cannot be."""
+        self._begins, self._goes_on = share / (run * (1 - share)), 1 - 1 / run
+        self._luck = np.random.default_rng([seed, board, _LOSSES])
+        self._lost = bool(self._luck.random() < share)  # the next one
 
-def held(x: Array, missing: NDArray[np.bool_]) -> Array:
-    """`x` (n, …) with the last that came in the place of what is `missing` (n,); the first is taken to have come."""
-    row = np.where(missing, 0, np.arange(len(x)))
-    return x[np.maximum.accumulate(row)]
+    def next(self, n: int) -> NDArray[np.bool_]:
+        """(n,) of the next n."""
+        luck = self._luck.random(n)
+        # Each draw maps lost or not onto lost or not: to one of them, or it keeps them, or exchanges them.
+        if_not, if_lost = luck < self._begins, luck < self._goes_on
+        state = np.empty(n + 1, np.bool_)
+        state[0] = self._lost
+        state[1:] = if_not
+        fixed = np.concatenate([[True], if_not == if_lost])
+        exchanges = np.cumsum(np.concatenate([[False], if_not & ~if_lost]))
+        since = np.maximum.accumulate(np.where(fixed, np.arange(n + 1), 0))
+        lost: NDArray[np.bool_] = state[since] ^ ((exchanges - exchanges[since]) % 2 == 1)
+        self._lost = bool(lost[-1])
+        return lost[:-1]

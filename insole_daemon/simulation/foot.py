@@ -18,9 +18,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from ..physics.portable import exp, sin_turns, weighted
 from ..skin.geometry import PRESSURE_TAXELS
 from ..skin.layout import Foot, Layout
-from .portable import exp, sin_turns, weighted
 
 Places = Mapping[Foot, NDArray[np.float64]]  # (n_triangles, 12, 2) m, where the taxels of a foot really lie
 

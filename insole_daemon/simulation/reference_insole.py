@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from ..config import Board
 from ..documents import Reading, Section, read
+from ..physics import portable
 from ..physics.calibration import Calibration
 from ..skin.geometry import N_TAXELS, PRESSURE_TAXELS
 from ..skin.layout import Layout
-from . import portable
 
 FORMAT = "insole-reference/1"
 FILE = Path(__file__).with_name("insole-reference.yaml")

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..physics.digitiser import GAINS_TYPE_0, OPEN_LINE
-from ..physics.sampling import sequence, taken_s
+from ..physics.sampling import phases_s, sequence, taken_s
 from ..skin.geometry import PRESSURE_TAXELS
 from .faults import LINE_KINDS, STUCK_PA, TAXEL_KINDS, Fault
 from .reference_insole import reference_insole
@@ -70,7 +70,7 @@ class Sensors:
             if fault.board == address and fault.kind in LINE_KINDS
         ]
         self._cdc_hz = cdc_hz
-        self._phase_s = np.random.default_rng([seed, address, 2]).random(16) / (cdc_hz or 1.0)
+        self._phase_s = phases_s(seed, address, cdc_hz or 1.0)
         self._held = np.full((16, 12), OPEN_LINE, np.int64)
         self._held_number = np.full(16, -(2**62), np.int64)
 

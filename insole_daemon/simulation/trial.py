@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ..config import Config
 from ..errors import SimulationError
+from ..physics.portable import exp
 from ..recording.copies import InsoleContents
 from ..recording.writer import ReferenceContents, write
 from ..skin.bus_load import Stream, bus_load, check_fits
@@ -22,7 +23,6 @@ from .conditions import Conditions, check
 from .effects_file import Effects
 from .emulator import Emulator
 from .foot import Places
-from .portable import exp
 from .reference_insole import reference_insole
 from .scenarios import check_used, length_s, scenario
 from .sensed import Insole, Sensed

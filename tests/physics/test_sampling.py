@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from insole_daemon.physics.sampling import CDC_HZ, held, jittered_s, lost, sequence, taken_s
+from insole_daemon.physics.sampling import CDC_HZ, Jitter, Losses, phases_s, sequence, taken_s
 
 
 def test_a_converter_is_27_hz_and_no_sample_is_older_than_its_sequence() -> None:
@@ -26,27 +26,36 @@ def test_sequences_by_hand() -> None:
     assert taken_s(t_s, 0.01, 10.0) == pytest.approx([-0.09, -0.09, 0.01, 0.01, 0.11])
 
 
-def test_jitter_is_late_and_in_order() -> None:
-    t_s = np.arange(20_000) * 0.02
-    stamps = jittered_s(t_s, 1e-3, np.random.default_rng(0))
-    assert (stamps >= t_s).all()
-    assert (np.diff(stamps) >= 0).all()
-    assert np.sqrt(((stamps - t_s) ** 2).mean()) == pytest.approx(1e-3, rel=0.03)
+def test_converters_have_phases_of_their_own() -> None:
+    phases = phases_s(0, 5)
+    assert len(np.unique(phases)) == 16
+    assert phases.min() >= 0
+    assert phases.max() < 1 / CDC_HZ
+    assert (phases_s(0, 6) != phases).all()
 
 
-@pytest.mark.parametrize(("share", "run"), [(0.02, 1.0), (0.1, 5.0), (0.4, 3.0)])
+def test_jitter_is_half_normal_and_goes_on_where_it_was() -> None:
+    whole = Jitter(1e-3, 0, 5).late_s(20_000)
+    assert whole.min() >= 0
+    assert np.sqrt((whole**2).mean()) == pytest.approx(1e-3, rel=0.03)
+    pieces = Jitter(1e-3, 0, 5)
+    np.testing.assert_array_equal(np.concatenate([pieces.late_s(7), pieces.late_s(93)]), whole[:100])
+
+
+@pytest.mark.parametrize(("share", "run"), [(0.02, 1.0), (0.1, 5.0), (0.4, 3.0), (0.5, 1.0)])
 def test_losses_have_their_share_in_runs_of_their_length(share: float, run: float) -> None:
-    missing = lost(200_000, share, run, np.random.default_rng(1))
+    missing = Losses(share, run, 1, 5).next(200_000)
     assert missing.mean() == pytest.approx(share, rel=0.1)
     ends = (missing[:-1] & ~missing[1:]).sum()
     assert missing.sum() / ends == pytest.approx(run, rel=0.1)
 
 
-def test_losses_that_cannot_be() -> None:
-    with pytest.raises(ValueError, match="share below 1 in runs of at least 1, found 0.9 in runs of 1"):
-        lost(10, 0.9, 1.0, np.random.default_rng(0))
-
-
-def test_what_is_lost_repeats_what_came_last() -> None:
-    x = np.arange(5.0)[:, None] * [1, 10]
-    assert held(x, np.array([False, True, True, False, True]))[:, 1].tolist() == [0, 0, 0, 30, 30]
+@pytest.mark.parametrize(("share", "run"), [(0.1, 5.0), (0.7, 4.0), (0.0, 1.0)])
+def test_losses_are_gilberts_chain_followed_state_by_state(share: float, run: float) -> None:
+    luck = np.random.default_rng([3, 5, 5])
+    lost, expected = luck.random() < share, []
+    for draw in luck.random(5000):
+        expected.append(lost)
+        lost = draw < 1 - 1 / run if lost else draw < share / (run * (1 - share))
+    pieces = Losses(share, run, 3, 5)
+    assert np.concatenate([pieces.next(n) for n in (1, 0, 999, 4000)]).tolist() == expected

@@ -15,7 +15,7 @@ sentence why. A file that is added here is an effect that is known everywhere; n
     compensate = chain.inverse()                 … one sample after the other: the same numbers
     load_pa = compensate(counts, t_s)
 
-The chain is the load's way: place (1), Pa (2 to 7), the static curve, activation (7, 8), count (9, 10). Without a
+The chain is the load's way: place (1), Pa (2 to 7), the static curve (7), activation (7, 8), count (9, 10). Without a
 calibration it ends before the curve, and gives effective pressure. Neither noise nor the digitiser of a board that
 works as it is believed to is part of it.
 """

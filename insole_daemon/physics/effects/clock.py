@@ -20,6 +20,7 @@ LAW = Law(
         Parameter("offset_s", "s", -1e10, 1e10, (-3.0, 3.0), "reference's time when the CAN's is 0"),
         Parameter("rate", "1", -0.1, 0.1, (-2e-4, 2e-4), "by how much the reference's clock is faster"),
     ),
+    scopes=("insole",),
     inverse_is="none needed: readings stay as they are, and their times in the reference are `Chain.reference_s`",
     times=_times,
 )

@@ -33,4 +33,5 @@ LAW = Law(
     forward=_forward,
     inverse=_inverse,
     inverse_is="exact",
+    scopes=("board",),
 )

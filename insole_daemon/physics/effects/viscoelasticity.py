@@ -7,11 +7,11 @@ from ..relaxation import InverseRelaxation, Relaxation
 
 
 def _forward(values: Values, site: Site) -> Operator:
-    return Relaxation(values["a"][None], values["tau_s"][None])
+    return Relaxation(1.0 - values["a"], values["a"][None], values["tau_s"][None])
 
 
 def _inverse(values: Values, site: Site) -> Operator:
-    return InverseRelaxation(values["a"][None], values["tau_s"][None])
+    return InverseRelaxation(1.0 - values["a"], values["a"][None], values["tau_s"][None])
 
 
 LAW = Law(

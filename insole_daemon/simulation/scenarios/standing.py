@@ -11,9 +11,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from ...physics.portable import sin_turns
 from ...skin.layout import Foot, Layout
 from ..foot import Person, Places, standing
-from ..portable import sin_turns
 
 ALOFT_S = 2.0  # at the beginning and at the end
 STEP_S = 1.0  # to put the weight on, and off

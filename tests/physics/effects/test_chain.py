@@ -26,6 +26,8 @@ BOARDS = Config().insoles[0].boards
 LINE = default(LAYOUT, BOARDS)
 FULL_SCALE_PA = 3.4e5
 
+PLATES = {"area_mm2": 19.0, "gap_mm": 3.0, "stiffness_n_per_m": 6e3, "permittivity": 1.5, "ff_per_count": 0.96}
+
 EVERY = [
     effect("map_transform", x_mm=1.0, y_mm=2.0, rotation_deg=3.0, scale=1.01),
     effect("swapped_triangles", Where("triangle", ((5, 0), (6, 4))), pair=[[5, 0], [6, 4]]),
@@ -35,16 +37,26 @@ EVERY = [
     effect("snap", Where("board", ((6,),)), up_pa=4e4, down_pa=2e4, step_pa=6e3),
     effect("viscoelasticity", a=0.1, tau_s=0.3),
     effect("creep", Where("triangle", ((5, 0), (7, 1))), a=[0.02, 0.03], tau_s=[1.0, 60.0]),
+    effect("power_creep", a=0.05, exponent=0.2, t0_s=10.0),
     effect("lag", tau_s=0.03),
+    effect("plates", Where("board", ((7,),)), **PLATES),
+    effect("permittivity", gas_permittivity=1.0, solid_permittivity=2.5, solid_share=0.2, rest_count=300.0),
     effect("stiffening", knee_pa=2e5, span_pa=5e5),
     effect("gain", gain=1.2),
     effect("baseline", shift_count=3.0),
     effect("temperature", count_per_k=0.2, gain_per_k=0.005, t0_c=25.0),
+    effect("compensation", skin_type=0, generation=4, count_per_k=0.5, t0_c=25.0),
     effect("drift", t_s=[0.0, 2.0], shift_count=[0.0, 4.0]),
-    effect("rezero", t_s=1.0, shift_count=-7.0),
+    effect("rezero", Where("board", ((5,),)), t_s=1.0, shift_count=-7.0),
     effect("clock", offset_s=1.0, rate=0.0),
 ]
-LOSSY = [effect("bit_shift", shift=4), effect("delay", delay_s=0.035)]
+LOSSY = [
+    effect("bit_shift", shift=4),
+    effect("delay", delay_s=0.035),
+    effect("sample_and_hold", rate_hz=27.127),
+    effect("jitter", std_s=0.002),
+    effect("loss", Where("board", ((6,), (7,))), share=0.1, run=3.0),
+]
 
 
 def cubic(usable: NDArray[np.bool_] | None = None) -> Calibration:
@@ -72,7 +84,7 @@ def signal(n: int, seed: int = 0) -> tuple[Array, Array, Array]:
 
 # ---- laws
 
-TABLE = {  # formats.md
+TABLE = {
     "map_transform": (1, ["x_mm", "y_mm", "rotation_deg", "scale"]),
     "swapped_triangles": (1, ["pair"]),
     "preload": (2, ["p0_pa"]),
@@ -81,15 +93,22 @@ TABLE = {  # formats.md
     "snap": (4, ["up_pa", "down_pa", "step_pa"]),
     "viscoelasticity": (5, ["a", "tau_s"]),
     "creep": (5, ["a", "tau_s"]),
+    "power_creep": (5, ["a", "exponent", "t0_s"]),
     "lag": (6, ["tau_s"]),
+    "plates": (7, ["area_mm2", "gap_mm", "stiffness_n_per_m", "permittivity", "ff_per_count"]),
+    "permittivity": (7, ["gas_permittivity", "solid_permittivity", "solid_share", "rest_count"]),
     "stiffening": (7, ["knee_pa", "span_pa"]),
     "gain": (7, ["gain"]),
     "baseline": (8, ["shift_count"]),
     "temperature": (8, ["count_per_k", "gain_per_k", "t0_c"]),
+    "compensation": (8, ["skin_type", "generation", "count_per_k", "t0_c"]),
     "drift": (8, ["t_s", "shift_count"]),
     "rezero": (8, ["t_s", "shift_count"]),
     "bit_shift": (9, ["shift"]),
+    "sample_and_hold": (9, ["rate_hz"]),
     "delay": (10, ["delay_s"]),
+    "jitter": (10, ["std_s"]),
+    "loss": (10, ["share", "run"]),
     "clock": (None, ["offset_s", "rate"]),
 }
 
@@ -115,9 +134,9 @@ def test_every_law_is_complete(law: Law) -> None:
 
 def test_effects_run_in_the_order_of_the_signal_path_however_they_are_listed() -> None:
     words = [e.law.word for e in Chain([*LOSSY, *EVERY[::-1]], LAYOUT, LINE, BOARDS).effects]
-    orders = [TABLE[word][0] for word in words if word not in ("delay", "bit_shift", "clock")]
+    orders = [TABLE[word][0] for word in words if word not in ("bit_shift", "clock")]
     assert orders == sorted(orders, key=lambda order: order or 0)
-    assert words[-3:] == ["delay", "bit_shift", "clock"], "a delay before the floor, with which it commutes"
+    assert words[-2:] == ["bit_shift", "clock"], "what is late before the floor, with which it commutes"
 
 
 def test_preload_comes_before_the_play_and_the_play_before_the_lag() -> None:
@@ -145,7 +164,9 @@ def test_of_equal_order_the_first_listed_comes_first() -> None:
 @pytest.mark.parametrize("calibration", [None, LINE, cubic()], ids=["no calibration", "line", "cubic"])
 def test_all_that_can_be_undone_is_undone(calibration: Calibration | None) -> None:
     load, t_s, warm = signal(200)
-    chain = Chain([e for e in EVERY if calibration or e.law.domain != "activation"], LAYOUT, calibration)
+    chain = Chain(
+        [e for e in EVERY if calibration or e.law.domain not in ("curve", "activation")], LAYOUT, calibration, BOARDS
+    )
     found = chain.inverse()(chain.forward()(load, t_s, warm), t_s, warm)
     np.testing.assert_allclose(found, load, rtol=0, atol=1e-9 * FULL_SCALE_PA)
 
@@ -233,7 +254,7 @@ def test_an_unusable_taxel_has_no_result_and_spoils_no_other() -> None:
     usable = LINE.usable.copy()
     usable[3, 4] = False
     load, t_s, warm = signal(20)
-    chain = Chain(EVERY, LAYOUT, cubic(usable))
+    chain = Chain(EVERY, LAYOUT, cubic(usable), BOARDS)
     counts = chain.forward()(load, t_s, warm)
     assert (np.isnan(counts) == ~usable).all()
     assert (np.isnan(chain.inverse()(counts, t_s, warm)) == ~usable).all()

@@ -165,7 +165,7 @@ def test_everything_that_is_wrong_is_said_at_once_with_key_and_range(refused: Ca
         (
             {"effect": "clock", "where": {"scope": "board", "ids": [[5]]}, "parameters": {
                 "offset_s": quantity(0, "s"), "rate": quantity(0, "1")}},
-            'where.scope: expected the scope "insole", the only one clock has, found "board"',
+            'where.scope: expected the scope "insole" of clock, found "board"',
         ),
         (
             {"effect": "swapped_triangles", "where": {"scope": "triangle", "ids": [[5, 0]]}, "parameters": {

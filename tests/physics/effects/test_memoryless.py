@@ -109,6 +109,124 @@ def test_stiffening_beyond_the_end_of_its_span_stays_finite() -> None:
     assert (found > 1e9).all()
 
 
+# ---- the capacitor
+
+PLATES = {"area_mm2": 19.0, "gap_mm": 3.0, "stiffness_n_per_m": 6e3, "permittivity": 1.5, "ff_per_count": 0.96}
+EPSILON_0 = 8.8541878128e-12
+
+
+def test_plates_are_the_papers_capacitor_in_the_place_of_the_curve() -> None:
+    found = counts([effect("plates", **PLATES)])
+    area, gap = 19e-6, 3e-3
+    d = gap - LOAD * area / 6e3  # Hooke, F = A·P
+    change = 1.5 * EPSILON_0 * area * (1 / d - 1 / gap)
+    np.testing.assert_allclose(found, (REST - change / 0.96e-15)[..., PRESSURE_TAXELS], rtol=0, atol=1e-9 * 255)
+
+
+def test_plates_on_some_taxels_only() -> None:
+    board = LAYOUT.identities[:, 0] == 6
+    found = counts([effect("plates", Where("board", ((6,),)), **PLATES)])
+    assert (found[:, board] == counts([effect("plates", **PLATES)])[:, board]).all()
+    assert (found[:, ~board] == counts([])[:, ~board]).all()
+
+
+def test_plates_that_would_meet_do_not() -> None:
+    chain = Chain([effect("plates", **PLATES)], LAYOUT, LINE)
+    assert np.isfinite(chain.forward()(np.full((1, 28, 12), 1e12), [0.0])[..., PRESSURE_TAXELS]).all()
+    assert np.isfinite(chain.inverse()(np.full((1, 28, 12), 1e9), [0.0])[..., PRESSURE_TAXELS]).all()
+
+
+def test_a_mixture_between_plates_is_the_capacitor_of_that_permittivity() -> None:
+    gas, solid, share = 1.0, 2.5, 0.3
+    at_rest = gas + (solid - gas) * share
+    area, gap = 19e-6, 3e-3
+    rest_f = at_rest * EPSILON_0 * area / gap
+    made = [
+        effect("plates", **(PLATES | {"permittivity": at_rest})),
+        effect(
+            "permittivity",
+            gas_permittivity=gas,
+            solid_permittivity=solid,
+            solid_share=share,
+            rest_count=rest_f / 0.96e-15,
+        ),
+    ]
+    s = LOAD * area / 6e3 / gap
+    relative = gas + (solid - gas) * share / (1 - s)
+    change = relative * EPSILON_0 * area / (gap * (1 - s)) - rest_f
+    expected = (REST - change / 0.96e-15)[..., PRESSURE_TAXELS]
+    np.testing.assert_allclose(counts(made), expected, rtol=0, atol=1e-9 * 255)
+
+
+def test_without_air_a_mixture_is_solid_and_no_more() -> None:
+    # c_0 of rest, of ε_r 1.45; solid it is 2.5, at 0.3 of the gap
+    made = effect("permittivity", gas_permittivity=1.0, solid_permittivity=2.5, solid_share=0.3, rest_count=10.0)
+    found = counts([made])[ACTIVATION[..., PRESSURE_TAXELS] > 10 * (1 / 0.3 - 1)]
+    assert len(found)
+    assert found == pytest.approx(REST - 10 * (2.5 / 0.3 / 1.45 - 1), abs=1e-9)
+
+
+def test_a_solid_that_is_less_than_the_gas_is_refused() -> None:
+    with pytest.raises(
+        EffectError, match="solid_permittivity: expected at least gas_permittivity, which is 3, found 2"
+    ):
+        effect("permittivity", gas_permittivity=3.0, solid_permittivity=2.0, solid_share=0.1, rest_count=100.0)
+
+
+# ---- the firmware's compensation
+
+
+@pytest.mark.parametrize(("skin_type", "generation"), [(0, 4), (0, 3), (8, 4)])
+def test_compensation_is_the_firmwares_of_pad_6(skin_type: int, generation: int) -> None:
+    warm = np.random.default_rng(5).uniform(10, 40, LOAD.shape)
+    made = effect("compensation", skin_type=skin_type, generation=generation, count_per_k=2.5, t0_c=25.0)
+    found = counts([made], temperature_c=warm)
+    gains = {
+        0: (70, 96, 83, 38, 38, 70, 0, 45, 77, 164, 0, 77),
+        8: (58, 91, 39, 23, 35, 90, 0, 38, 68, 115, 0, 86),
+    }[skin_type]
+    for i, row in ((0, 0), (7, 13), (39, 27)):
+        change = round(2.5 * 8 * (warm[i, row, 6] - 25.0))  # codes, at shift 3
+        size = [(abs(change) // 4 * gain) / 32 for gain in gains]
+        taken = [math.floor(x) if change > 0 else -(math.ceil(x) if generation == 4 else math.floor(x)) for x in size]
+        expected = REST - ACTIVATION[i, row] + np.array(taken) / 8
+        np.testing.assert_allclose(found[i, row], expected[PRESSURE_TAXELS], rtol=0, atol=1e-9)
+
+
+def test_compensation_undoes_what_warmth_does_to_the_sensors_but_for_its_steps() -> None:
+    warm = 20.0 + T_S * 5
+    of_taxel = np.tile([70, 96, 83, 38, 38, 70, 128, 45, 77, 164, 128, 77], 28) / 128 * 2.0
+    sensors = effect("temperature", count_per_k=-of_taxel, gain_per_k=0.0, t0_c=20.0)
+    made = [sensors, effect("compensation", skin_type=0, generation=4, count_per_k=2.0, t0_c=20.0)]
+    left = REST - counts(made, temperature_c=warm) - ACTIVATION[..., PRESSURE_TAXELS]
+    assert left.min() >= -1 / 8
+    assert left.max() <= (4 * 164 / 128 + 1) / 8, "three codes of dT are shifted away, times the gain"
+    assert left.max() > 0.1
+
+
+def test_compensation_asks_for_what_it_needs() -> None:
+    made = effect("compensation", skin_type=0, generation=4, count_per_k=2.0, t0_c=20.0)
+    with pytest.raises(EffectError, match="compensation needs temperature_c"):
+        counts([made])
+    with pytest.raises(EffectError, match="compensation needs the boards' settings"):
+        Chain([made], LAYOUT, LINE).forward()
+    with pytest.raises(EffectError, match="skin_type: expected 0 or 8, the types with a compensation, found 2"):
+        effect("compensation", skin_type=2, generation=4, count_per_k=2.0, t0_c=20.0)
+
+
+def test_a_rezero_is_a_boards() -> None:
+    for where in (Where(), Where("triangle", ((5, 0),)), Where("taxel", ((5, 0, 1),))):
+        with pytest.raises(
+            EffectError, match=f'where.scope: expected the scope "board" of rezero, found "{where.scope}"'
+        ):
+            effect("rezero", where, t_s=1.0, shift_count=2.0)
+
+
+def test_a_law_of_boards_has_one_value_for_all_its_taxels() -> None:
+    with pytest.raises(EffectError, match="shift_count: expected a number from -255 to 255 count, found a list of 2"):
+        effect("rezero", Where("board", ((5,),)), t_s=1.0, shift_count=[2.0, 3.0])
+
+
 # ---- crosstalk
 
 
@@ -253,6 +371,76 @@ def test_boards_have_delays_of_their_own() -> None:
         )
 
 
+# ---- converters, jitter, losses
+
+
+def test_sample_and_hold_is_the_line_of_when_each_converter_was_through() -> None:
+    rng = np.random.default_rng(6)
+    t_s = np.cumsum(rng.uniform(0.002, 0.05, 300))
+    load = rng.uniform(0, 3.4e5, (300, 28, 12))
+    chain = Chain([effect("sample_and_hold", rate_hz=27.127)], LAYOUT, LINE, seed=4)
+    found = chain.forward()(load, t_s)
+    for row, taxel in ((0, 0), (13, 8), (27, 11)):
+        board, triangle = LAYOUT.identities[row]
+        phase_s = np.random.default_rng([4, board, 2]).random(16)[triangle] / 27.127
+        through_s = phase_s + np.arange(-1, 400) / 27.127
+        last = np.array([through_s[through_s <= t].max() for t in t_s])
+        expected = np.interp(last, t_s, REST - load[:, row, taxel] / PA_PER_COUNT)
+        np.testing.assert_allclose(found[:, row, taxel], expected, rtol=0, atol=1e-9 * 255)
+
+
+def test_jitter_is_a_reading_of_before_and_the_same_for_a_board() -> None:
+    t_s = np.arange(2000) * 0.02
+    ramp = np.tile((1000.0 * t_s)[:, None, None], (1, 28, 12))
+    found = Chain([effect("jitter", std_s=0.003)], LAYOUT, LINE, seed=1).forward()(ramp, t_s)
+    late_s = t_s[:, None] - (REST - found[..., 0]) * PA_PER_COUNT / 1000.0
+    assert late_s.min() >= -1e-9
+    assert np.sqrt((late_s[20:] ** 2).mean()) == pytest.approx(0.003, rel=0.03)
+    for board in (5, 6, 7):
+        mine = late_s[:, LAYOUT.identities[:, 0] == board]
+        assert np.ptp(mine, axis=1).max() < 1e-9
+    assert np.corrcoef(late_s[20:, 0], late_s[20:, -1])[0, 1] < 0.1, "boards have luck of their own"
+
+
+def test_order_stays_however_large_the_jitter() -> None:
+    t_s = np.arange(500) * 0.001
+    ramp = np.tile((1e6 * t_s)[:, None, None], (1, 28, 12))
+    found = Chain([effect("jitter", std_s=0.05)], LAYOUT, LINE).forward()(ramp, t_s)
+    assert (np.diff(found[..., 0], axis=0) <= 1e-9).all()
+
+
+def test_what_is_lost_is_half_a_triangle_that_repeats_what_came_last() -> None:
+    load = np.cumsum(np.ones((4000, 28, 12)), axis=0)
+    t_s = np.arange(4000) * 0.02
+    made = effect("loss", Where("board", ((6,),)), share=0.2, run=4.0)
+    exact = Chain([], LAYOUT, LINE).forward()(load, t_s)
+    found = Chain([made], LAYOUT, LINE, seed=2).forward()(load, t_s)
+    missing = (found != exact) & PRESSURE_TAXELS
+    board = LAYOUT.identities[:, 0] == 6
+    assert not missing[:, ~board].any()
+    halves = np.stack([missing[:, board, 0], missing[:, board, 7]], axis=-1)
+    pressure = np.array([k for k in range(12) if k not in (6, 10)])
+    assert (missing[:, board][..., pressure] == np.repeat(halves, [6, 4], axis=-1)).all(), "a frame is lost as a whole"
+    assert halves.mean() == pytest.approx(0.2, rel=0.1)
+    frames = halves.ravel()  # in the order in which a board sends them
+    assert frames.sum() / (frames[:-1] & ~frames[1:]).sum() == pytest.approx(4.0, rel=0.1)
+    rows = np.flatnonzero(board)
+    for tick in np.flatnonzero(missing[1:, rows[0], 0])[:50] + 1:
+        assert found[tick, rows[0], 0] == found[tick - 1, rows[0], 0]
+
+
+def test_luck_is_the_seeds() -> None:
+    made = [effect("jitter", std_s=0.002), effect("loss", share=0.1, run=2.0), effect("sample_and_hold", rate_hz=27.0)]
+    first, again, other = (Chain(made, LAYOUT, LINE, seed=seed).forward()(LOAD, T_S) for seed in (1, 1, 2))
+    np.testing.assert_array_equal(first, again)
+    assert (first != other).any()
+
+
+def test_losses_that_cannot_be_are_refused() -> None:
+    with pytest.raises(EffectError, match=r"share: expected at most run/\(1 \+ run\), which is 0.5, found 0.7"):
+        effect("loss", share=0.7, run=1.0)
+
+
 # ---- inverses
 
 
@@ -268,12 +456,17 @@ def test_boards_have_delays_of_their_own() -> None:
         effect("baseline", shift_count=-4.0),
         effect("temperature", count_per_k=-0.4, gain_per_k=0.012, t0_c=30.0),
         effect("drift", t_s=[0.0, 2.0], shift_count=[0.0, 5.0]),
-        effect("rezero", t_s=1.0, shift_count=20.0),
+        effect("rezero", Where("board", ((6,),)), t_s=1.0, shift_count=20.0),
+        effect("compensation", skin_type=8, generation=3, count_per_k=2.0, t0_c=21.0),
+        effect("permittivity", gas_permittivity=1.0, solid_permittivity=2.5, solid_share=0.3, rest_count=60.0),
+        effect("permittivity", gas_permittivity=2.0, solid_permittivity=2.0, solid_share=0.0, rest_count=60.0),
+        effect("plates", **PLATES),
+        effect("plates", Where("taxel", ((5, 0, 1), (6, 4, 0))), **PLATES),
     ],
     ids=lambda made: made.law.word,
 )
 def test_inverses_are_exact(made: Effect) -> None:
-    chain = Chain([made], LAYOUT, LINE)
+    chain = Chain([made], LAYOUT, LINE, BOARDS)
     warm = 20.0 + T_S * 3
     found = chain.inverse()(chain.forward()(LOAD, T_S, warm), T_S, warm)
     np.testing.assert_allclose(found[..., PRESSURE_TAXELS], LOAD[..., PRESSURE_TAXELS], rtol=0, atol=1e-9 * 3.4e5)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from insole_daemon.simulation import portable
+from insole_daemon.physics import portable
 
 
 def test_exp_and_sine_are_those_of_numpy_to_the_last_bits():
@@ -9,6 +9,22 @@ def test_exp_and_sine_are_those_of_numpy_to_the_last_bits():
     assert np.abs(portable.exp(x) / np.exp(x) - 1).max() < 3e-16
     turns = np.linspace(-40, 40, 100_001)
     assert np.abs(portable.sin_turns(turns) - np.sin(2 * np.pi * (turns - np.rint(turns)))).max() < 5e-16
+
+
+def test_what_is_left_of_exp_near_0():
+    x = np.concatenate([-np.geomspace(1e-14, 700, 50_001), np.geomspace(1e-14, 600, 50_001)])
+    assert np.abs(portable.exp_minus_one(x) / np.expm1(x) - 1).max() < 1e-15
+    assert portable.exp_minus_one([0.0, -1e5]).tolist() == [0.0, -1.0]
+
+
+def test_logarithms_and_powers_are_those_of_numpy():
+    x = np.geomspace(1e-300, 1e300, 100_001)
+    assert np.abs(portable.ln(x) - np.log(x)).max() < 3e-13
+    near = np.linspace(0.5, 2.0, 10_000)
+    assert np.abs(portable.ln(near) - np.log(near)).max() < 3e-16
+    assert portable.power(np.geomspace(1e-6, 1e6, 99), 0.3) == pytest.approx(
+        np.geomspace(1e-6, 1e6, 99) ** 0.3, rel=1e-14
+    )
 
 
 def test_exact_where_it_is_known():
