@@ -10,11 +10,13 @@ import numpy as np
 
 from ..bus.frames import FrameBatch
 from ..config import Config
+from ..physics.sampling import Jitter, Losses
 from ..skin.layout import Layout
 from .board import Board
 from .faults import Fault, check_there
 from .generation import GENERATIONS, GenerationName
 from .load import Load
+from .reception import Reception
 from .run import Mounted, Run
 from .sensors import Temperature
 
@@ -39,11 +41,13 @@ class Emulator:
         generation: GenerationName | Mapping[int, GenerationName] | None = None,
         faults: Sequence[Fault] = (),
         status_bits: bool = True,
-        cdc_hz: float | None = None,
+        cdc_hz: float | Mapping[int, float] | None = None,
         temperature_c: Temperature | None = None,
         luck: int = 0,
         alike: bool = False,
         shifts: Mapping[int, Mapping[int, int]] | None = None,
+        jitter: Mapping[int, Mapping[str, float]] | None = None,
+        loss: Mapping[int, Mapping[str, float]] | None = None,
     ) -> None:
         """The boards of those feet of `config` that have a layout, under `load`.
 
@@ -53,10 +57,11 @@ class Emulator:
         temperature compensation of skin types 0 and 8, on which pad 6's noise shows; with `faults` or
         `temperature_c`, whose fingerprints it makes, it is "mtb4" for all boards.
         `status_bits`: else the status in every half B is 0. `cdc_hz`: rate of the free-running converters, really
-        sampling.CDC_HZ; None: a reading is as old as its tick. `temperature_c`: of all the insoles, seconds since
-        power-up (n,) to °C (n,); None is 25 °C.
+        sampling.CDC_HZ, of all boards or by address; None: a reading is as old as its tick. `temperature_c`: of all
+        the insoles, seconds since power-up (n,) to °C (n,); None is 25 °C.
         `luck`: another noise on the same sensors. `alike`: each sensor is the nominal line, since `load` is what they
         feel (`sensed.Sensed`). `shifts`: by board and triangle, digitisers that have another one than is configured.
+        `jitter`, `loss`: by address, the values of these effects on a board's frames.
         """
         check_there(faults, config, layouts)
         self._compensated = generation is not None or bool(faults) or temperature_c is not None
@@ -67,6 +72,7 @@ class Emulator:
         self._temperature_c = temperature_c
         self._luck, self._alike = luck, alike
         self._shifts = shifts or {}
+        self._jitter, self._loss = jitter or {}, loss or {}
         self._config = config
         self._layouts = {layout.foot: layout for layout in layouts}
         self._load = load
@@ -84,10 +90,10 @@ class Emulator:
 
     def batches(self, t_start_ns: int, seconds: float) -> Iterator[FrameBatch]:
         """The same in portions."""
-        run = self.run(t_start_ns)
+        run, received = self.run(t_start_ns), self._reception()
         t_end_ns = t_start_ns + round(seconds * 1e9)
         while run.now_ns < t_end_ns:
-            yield run.advance(min(run.now_ns + _CHUNK_NS, t_end_ns))
+            yield received(run.advance(min(run.now_ns + _CHUNK_NS, t_end_ns)))
 
     def play(
         self,
@@ -103,15 +109,21 @@ class Emulator:
         t_start_ns = time.time_ns()
         since_start_ns = time.monotonic_ns() - t_start_ns  # the clock to sleep by must not step
         t_end_ns = None if seconds is None else t_start_ns + round(seconds * 1e9)
-        run = self.run(t_start_ns)
+        run, received = self.run(t_start_ns), self._reception()
         sent = 0
         while not stop.is_set() and (t_end_ns is None or run.now_ns < t_end_ns):
             if receive is not None:
                 run.obey(receive())
             until_ns = run.now_ns + _AHEAD_NS
-            batch = run.advance(until_ns if t_end_ns is None else min(until_ns, t_end_ns))
+            batch = received(run.advance(until_ns if t_end_ns is None else min(until_ns, t_end_ns)))
             sent += _send_when_due(batch, run.now_ns, since_start_ns, send, stop)
         return sent
+
+    def _reception(self) -> Reception:
+        return Reception(
+            {address: Jitter(**values, seed=self._seed, board=address) for address, values in self._jitter.items()},
+            {address: Losses(**values, seed=self._seed, board=address) for address, values in self._loss.items()},
+        )
 
     def _name_of_generation(self, address: int) -> GenerationName:
         if self._generation is None:
@@ -141,7 +153,7 @@ class Emulator:
                     compensated=self._compensated,
                     faults=self._faults,
                     status_bits=self._status_bits,
-                    cdc_hz=self._cdc_hz,
+                    cdc_hz=self._cdc_hz.get(board.address) if isinstance(self._cdc_hz, Mapping) else self._cdc_hz,
                     temperature_c=self._temperature_c,
                     luck=self._luck,
                     alike=self._alike,

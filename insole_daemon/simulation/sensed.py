@@ -2,7 +2,7 @@
 
 The chain has memory and boards ask at moments of their own, so it runs on a grid of GRID_S, and what is between two
 of its moments is taken as linear. Answers are those of one run from t = 0, whoever asks for what and in which order.
-A board's digitiser is the firmware's own, so the effect `bit_shift` is not the chain's: it goes to the boards.
+Converters, digitisers and frames are the boards' own, so the effects OF_BOARDS are not the chain's: they go there.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from .reference_insole import reference_insole
 from .sensors import Temperature
 
 GRID_S = 0.01
+OF_BOARDS = ("sample_and_hold", "bit_shift", "jitter", "loss")
 _AT_ONCE = 32  # moments of the grid that are worked out together: some 1 ms of a live stream
 _KEPT = 96  # such blocks, 30 s: whoever asks for what was earlier has it worked out anew
 
@@ -41,9 +42,25 @@ class Insole:
 
     @property
     def chain(self) -> Chain:
-        """All of it but the digitiser."""
-        kept = [effect for effect in self.effects if effect.law.word != "bit_shift"]
+        """All of it but what is the boards' own."""
+        kept = [effect for effect in self.effects if effect.law.word not in OF_BOARDS]
         return Chain(kept, self.layout, self.calibration, self.boards)
+
+    def of_boards(self, word: str) -> dict[int, Mapping[str, float]]:
+        """By board, the values of the effect `word` on it. SimulationError where it has two."""
+        found: dict[int, Mapping[str, float]] = {}
+        for effect in self.effects:
+            if effect.law.word != word:
+                continue
+            rows = dict.fromkeys((effect.where.slots(self.layout) // N_TAXELS).tolist())
+            for board in dict.fromkeys(self.layout.triangles[row].board for row in rows):
+                if board in found:
+                    raise SimulationError(
+                        f"the effect {word}: where.ids: expected each board once, found board {board} twice: "
+                        "it has one converter rate, and one way to the host"
+                    )
+                found[board] = {name: float(value) for name, value in effect.values.items()}
+        return found
 
     def shifts(self) -> dict[int, dict[int, int]]:
         """By board and triangle, the shift that a `bit_shift` has in truth."""

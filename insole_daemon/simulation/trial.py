@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
@@ -82,11 +82,22 @@ class Trial:
             luck=self._luck,
             alike=True,
             shifts={board: of for insole in self.insoles for board, of in insole.shifts().items()},
+            jitter=self._of_boards("jitter"),
+            loss=self._of_boards("loss"),
             generation=self.conditions.generation,
             faults=self.conditions.faults,
-            cdc_hz=self.conditions.cdc_hz,
+            cdc_hz=self._converters_hz(),
             temperature_c=self.temperature_c,
         )
+
+    def _of_boards(self, word: str) -> dict[int, Mapping[str, float]]:
+        return {board: values for insole in self.insoles for board, values in insole.of_boards(word).items()}
+
+    def _converters_hz(self) -> dict[int, float]:
+        """By board: as the effect says, else as it was chosen for all."""
+        of_all = self.conditions.cdc_hz
+        hz = {} if of_all is None else {b.address: of_all for insole in self.insoles for b in insole.boards}
+        return hz | {board: values["rate_hz"] for board, values in self._of_boards("sample_and_hold").items()}
 
     def _check_clock(self) -> None:
         chosen = self.conditions.reference
