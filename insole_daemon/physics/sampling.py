@@ -10,16 +10,15 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .draws import Drawn, Draws
 from .law import Array
 
 CDC_HZ = 1 / 36.864e-3
 
-_PHASES, _JITTER, _LOSSES = 2, 4, 5  # behind (seed, board): what is drawn
-
 
 def phases_s(seed: int, board: int, hz: float = CDC_HZ) -> Array:
     """(16,) when the converters of the board's triangles are through for the first time."""
-    phases: Array = np.random.default_rng([seed, board, _PHASES]).random(16) / hz
+    phases: Array = Draws(seed, Drawn.CONVERTERS, board).uniform(16) / hz
     return phases
 
 
@@ -41,11 +40,11 @@ class Jitter:
     def __init__(self, std_s: float, seed: int, board: int) -> None:
         """`std_s`: the scale."""
         self._std_s = std_s
-        self._luck = np.random.default_rng([seed, board, _JITTER])
+        self._luck = Draws(seed, Drawn.JITTER, board)
 
     def late_s(self, n: int) -> Array:
         """(n,) of the next n."""
-        late: Array = self._std_s * np.abs(self._luck.standard_normal(n))
+        late: Array = self._std_s * np.abs(self._luck.normal(n))
         return late
 
 
@@ -58,12 +57,12 @@ class Losses:
     def __init__(self, share: float, run: float, seed: int, board: int) -> None:
         """`share` at most run/(1 + run), else such runs cannot be."""
         self._begins, self._goes_on = share / (run * (1 - share)), 1 - 1 / run
-        self._luck = np.random.default_rng([seed, board, _LOSSES])
-        self._lost = bool(self._luck.random() < share)  # the next one
+        self._luck = Draws(seed, Drawn.LOSSES, board)
+        self._lost = bool(self._luck.uniform(1)[0] < share)  # the next one
 
     def next(self, n: int) -> NDArray[np.bool_]:
         """(n,) of the next n."""
-        luck = self._luck.random(n)
+        luck = self._luck.uniform(n)
         # Each draw maps lost or not onto lost or not: to one of them, or it keeps them, or exchanges them.
         if_not, if_lost = luck < self._begins, luck < self._goes_on
         state = np.empty(n + 1, np.bool_)

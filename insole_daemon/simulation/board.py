@@ -84,8 +84,8 @@ class Board:
         self.generation = generation
         self.sensors = Sensors(address, triangles, shift, seed, faults, cdc_hz, temperature_c, luck, alike)
         self.triangles = self.sensors.triangles
-        self.clock_rate = 1 + 1e-6 * reference_insole().clock_ppm * self.sensors.made.standard_normal()
-        self._phase = self.sensors.made.random()
+        self.clock_rate = 1 + 1e-6 * reference_insole().clock_ppm * float(self.sensors.made.normal(1)[0])
+        self._phase = float(self.sensors.made.uniform(1)[0])
         self._compensated = compensated
         self._status_bits = status_bits
         self._faults = tuple(faults)

@@ -18,6 +18,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from ..physics.draws import Drawn, Draws
 from ..physics.portable import exp, sin_turns, weighted
 from ..skin.geometry import PRESSURE_TAXELS
 from ..skin.layout import Foot, Layout
@@ -142,7 +143,7 @@ class Walk(Person):
         # The mean over stance of Σ a_n·sin(nπs), n odd, is (2/π)·Σ a_n/n; 2 · STANCE of it is one weight.
         first_harmonic = np.pi / (4 * STANCE) - _THIRD_HARMONIC / 3 - _FIFTH_HARMONIC / 5
         self._harmonics = np.array([first_harmonic, _THIRD_HARMONIC, _FIFTH_HARMONIC])
-        varied = np.random.default_rng(seed).standard_normal((2, _VARIED_STRIDES, 1 + len(_REGIONS)))
+        varied = Draws(seed, Drawn.STRIDES).normal(2, _VARIED_STRIDES, 1 + len(_REGIONS))
         self._force_factor = 1 + 0.02 * varied[..., 0]
         self._share_factor = exp(0.08 * varied[..., 1:])
 

@@ -14,6 +14,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from ..physics.draws import Draws
 from ..recording.reference import TIME
 from ..recording.writer import ReferenceContents
 from ..skin.layout import Foot
@@ -28,11 +29,11 @@ _DIGITS = {"fz_n": 3, "mx_nm": 4, "my_nm": 4, "pressure_pa": 1, "temperature_c":
 Clock = Callable[[NDArray[np.float64]], NDArray[np.float64]]  # (n,) s since the start of the CAN's → of the reference's
 
 
-def clock(draw: np.random.Generator, chosen: Instrument) -> Clock:
+def clock(draws: Draws, chosen: Instrument) -> Clock:
     """A clock with a constant offset and rate error: the `chosen` ones, else drawn."""
     made = reference_insole()
-    offset_s = _or(chosen.offset_s, made.reference_offset_s * draw.standard_normal())
-    rate_ppm = _or(chosen.rate_ppm, made.reference_ppm * draw.standard_normal())
+    offset_s = _or(chosen.offset_s, made.reference_offset_s * float(draws.normal(1)[0]))
+    rate_ppm = _or(chosen.rate_ppm, made.reference_ppm * float(draws.normal(1)[0]))
     return lambda t_s: offset_s + (1.0 + 1e-6 * rate_ppm) * t_s
 
 
@@ -43,7 +44,7 @@ def readings(
     start_s: float,
     clock: Clock,
     temperature_c: Temperature,
-    draw: np.random.Generator,
+    draws: Draws,
     chosen: Instrument,
 ) -> ReferenceContents:
     """What the instrument of `foot` says from the start on for `seconds`; `start_s`: of the CAN, since the epoch.
@@ -70,8 +71,8 @@ def readings(
     columns: dict[str, NDArray[np.float64]] = {TIME: start_s + clock(t_s)}
     for name, values in load.reference(foot, t_s).items():
         std, drift = noise[name]
-        walked = np.cumsum(draw.standard_normal(len(t_s))) * (drift / math.sqrt(_DRIFT_OVER_S * rate_hz))
-        columns[name] = values + std * draw.standard_normal(len(t_s)) + walked
+        walked = np.cumsum(draws.normal(len(t_s))) * (drift / math.sqrt(_DRIFT_OVER_S * rate_hz))
+        columns[name] = values + std * draws.normal(len(t_s)) + walked
     columns["temperature_c"] = temperature_c(t_s)
     for name, digits in _DIGITS.items():
         if name in columns:

@@ -16,6 +16,7 @@ from ..config import Board
 from ..documents import Reading, Section, read
 from ..physics import portable
 from ..physics.calibration import Calibration
+from ..physics.draws import Drawn, Draws
 from ..skin.geometry import N_TAXELS, PRESSURE_TAXELS
 from ..skin.layout import Layout
 
@@ -92,9 +93,9 @@ class ReferenceInsole:
     reference_offset_s: float
     reference_ppm: float
 
-    def sensitivities(self, draw: np.random.Generator, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    def sensitivities(self, draws: Draws, *shape: int) -> NDArray[np.float64]:
         """`shape`: what each taxel's activation is in terms of the nominal one."""
-        return portable.exp(self.sensitivity_spread * draw.standard_normal(shape))
+        return portable.exp(self.sensitivity_spread * draws.normal(*shape))
 
     def calibration(self, layout: Layout, boards: Sequence[Board], seed: int) -> Calibration:
         """The true static curves of an insole, drawn from `seed`, a board at a time.
@@ -104,10 +105,7 @@ class ReferenceInsole:
         """
         settings = {board.address: board for board in boards}
         usable = np.tile(PRESSURE_TAXELS, (len(layout), 1))
-        drawn = {
-            address: self.sensitivities(np.random.default_rng([seed, address, 4]), (16, N_TAXELS))
-            for address in settings
-        }
+        drawn = {address: self.sensitivities(Draws(seed, Drawn.CURVES, address), 16, N_TAXELS) for address in settings}
         sensitivity = np.array([drawn[t.board][t.triangle] for t in layout.triangles])
         powers = (np.ones_like(sensitivity), self.curve_square / sensitivity, self.curve_cube / sensitivity**2)
         slopes = [self.pa_per_count / sensitivity * power for power in powers]

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..physics.digitiser import GAINS_TYPE_0, OPEN_LINE
+from ..physics.draws import Drawn, Draws
 from ..physics.sampling import phases_s, sequence, taken_s
 from ..skin.geometry import PRESSURE_TAXELS
 from .faults import LINE_KINDS, STUCK_PA, TAXEL_KINDS, Fault
@@ -51,10 +52,10 @@ class Sensors:
         """
         made_of = reference_insole()
         self.triangles = tuple(triangles)
-        self.made = np.random.default_rng([seed, address, 0])
-        self._noise = np.random.default_rng([seed, address, 1, luck])
-        self._rest_code = np.rint(made_of.rest_code + made_of.rest_code_spread * self.made.standard_normal((16, 12)))
-        sensitivity = made_of.sensitivities(self.made, (16, 12))
+        self.made = Draws(seed, Drawn.SENSORS, address)
+        self._noise = Draws(seed, Drawn.NOISE, address, luck)
+        self._rest_code = np.rint(made_of.rest_code + made_of.rest_code_spread * self.made.normal(16, 12))
+        sensitivity = made_of.sensitivities(self.made, 16, 12)
         self._code_per_pa = 2.0**shift / made_of.pa_per_count * (1.0 if alike else sensitivity) * np.ones((16, 12))
         self._code_per_pa[:, ~PRESSURE_TAXELS] = 0.0
         self._noise_code = 2.0**shift * np.where(PRESSURE_TAXELS, made_of.noise_count, made_of.pad_noise_count)
@@ -65,7 +66,7 @@ class Sensors:
         self._taxel_faults = [f for f in faults if f.board == address and f.kind in TAXEL_KINDS]
         # Each line has luck of its own, so that one more fault changes nothing about the others.
         self._line_faults = [
-            (fault, np.random.default_rng([seed, address, 3, place]))
+            (fault, Draws(seed, Drawn.FAULT, address, place))
             for place, fault in enumerate(faults)
             if fault.board == address and fault.kind in LINE_KINDS
         ]
@@ -112,7 +113,7 @@ class Sensors:
         there = np.isin(slots, self.triangles)
         slots_there = slots[there]
         load = pressure_pa[:, np.searchsorted(self.triangles, slots_there)]
-        code = self._noise.standard_normal(load.shape)
+        code = self._noise.normal(*load.shape)
         code *= self._noise_code
         for fault in self._taxel_faults:
             if fault.kind == "noisy":
@@ -158,7 +159,7 @@ class Sensors:
     def _break_lines(
         self,
         fault: Fault,
-        luck: np.random.Generator,
+        luck: Draws,
         words: NDArray[np.int64],
         pressure_pa: NDArray[np.float64],
         slots: NDArray[np.intp],
@@ -169,7 +170,7 @@ class Sensors:
             return
         struck = np.ones(len(ticks), bool)
         if fault.chance < 1:
-            struck = luck.random(len(ticks)) < fault.chance
+            struck = luck.uniform(len(ticks)) < fault.chance
         triangles = self.triangles if fault.triangle is None else (fault.triangle,)
         for triangle in triangles:
             if triangle not in self.triangles or triangle not in slots:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ..config import Config
 from ..errors import SimulationError
+from ..physics.draws import Drawn, Draws
 from ..physics.portable import exp
 from ..recording.copies import InsoleContents
 from ..recording.writer import ReferenceContents, write
@@ -153,7 +154,7 @@ class Trial:
     def _reference(self, insole: Insole, seconds: float) -> ReferenceContents:
         foot = insole.layout.foot
         chosen = self.conditions.reference
-        drawn = instruments.clock(np.random.default_rng([self._seed, 0, 6]), chosen)
+        drawn = instruments.clock(Draws(self._seed, Drawn.CLOCK), chosen)
         return instruments.readings(
             foot,
             self.load,
@@ -161,7 +162,7 @@ class Trial:
             START_NS * 1e-9,
             insole.chain.reference_s if _tells_the_clock(insole) else drawn,
             self.temperature_c,
-            np.random.default_rng([self._seed, 0 if foot == "left" else 1, 7, self._luck]),
+            Draws(self._seed, Drawn.INSTRUMENT, 0 if foot == "left" else 1, self._luck),
             chosen,
         )
 

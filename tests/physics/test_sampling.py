@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from insole_daemon.physics.draws import Drawn, Draws
 from insole_daemon.physics.sampling import CDC_HZ, Jitter, Losses, phases_s, sequence, taken_s
 
 
@@ -52,9 +53,9 @@ def test_losses_have_their_share_in_runs_of_their_length(share: float, run: floa
 
 @pytest.mark.parametrize(("share", "run"), [(0.1, 5.0), (0.7, 4.0), (0.0, 1.0)])
 def test_losses_are_gilberts_chain_followed_state_by_state(share: float, run: float) -> None:
-    luck = np.random.default_rng([3, 5, 5])
-    lost, expected = luck.random() < share, []
-    for draw in luck.random(5000):
+    luck = Draws(3, Drawn.LOSSES, 5)
+    lost, expected = bool(luck.uniform(1)[0] < share), []
+    for draw in luck.uniform(5000):
         expected.append(lost)
         lost = draw < 1 - 1 / run if lost else draw < share / (run * (1 - share))
     pieces = Losses(share, run, 3, 5)

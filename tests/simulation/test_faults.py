@@ -20,6 +20,7 @@ LAYOUTS = [layout.builtin(foot, addresses) for foot, addresses in ADDRESSES.item
 REST, STAND, WALK = Unloaded(LAYOUTS), Stand(LAYOUTS), Walk(LAYOUTS)
 START_NS = 1_700_000_000_000_000_000
 SECOND = 1_000_000_000
+ON_THE_BUS_S = 0.02  # the most that a frame waits for others after its tick
 ALL = list(range(12))
 
 
@@ -59,12 +60,13 @@ def seen(seconds=2.0, board=5, triangle=0, **given):
 @pytest.mark.parametrize("skin_type", [0, 1, 2, 8])
 def test_a_triangle_that_comes_loose_on_an_mtb4(skin_type):
     t_s, counts, status = seen(faults=[Fault("loose", 1.0, 1.5, 5, 0)], skin_type=skin_type)
-    loose = (t_s > 1.01) & (t_s < 1.5)
+    loose = (t_s > 1 + ON_THE_BUS_S) & (t_s < 1.5)
+    whole = (t_s < 1) | (t_s > 1.5 + ON_THE_BUS_S)
     expected = [255 if skin_type == 0 and taxel == 9 else 0 for taxel in ALL]
     assert (counts[loose] == expected).all()
     assert (status[loose] & 0xF == 2).all()
-    assert not (status[~loose]).any()
-    assert (abs(counts[~loose] - 240) < 10).all()
+    assert not (status[whole]).any()
+    assert (abs(counts[whole] - 240) < 10).all()
 
 
 @pytest.mark.parametrize("skin_type", [0, 1, 2])
@@ -77,7 +79,7 @@ def test_a_triangle_that_comes_loose_on_an_mtb3(skin_type):
         t_s, counts, status = triangle_of(run.advance(START_NS + 2 * SECOND))
         # 16 bits wrap at 0x8000; the compensation, where there is one, moves that by at most 2047 codes.
         slack = 2048 if skin_type == 0 else 0
-        loose = t_s > 1.01
+        loose = t_s > 1 + ON_THE_BUS_S
         assert (counts[loose][:, baseline < 0x8000 - slack] == 255).all()
         assert (counts[loose][:, baseline > 0x8000] == 0).all()
         assert np.isin(counts[loose], [0, 255]).all()
@@ -102,7 +104,8 @@ def test_open_since_before_zeroing_is_no_load(generation, skin_type):
 def test_a_dead_chip_until_the_firmware_zeroes_it_away(generation, skin_type):
     given = {"load": STAND, "skin_type": skin_type, "generation": generation}
     t_s, counts, status = seen(faults=[Fault("dead_chip", 1.0, None, 5, 0)], seconds=3, **given)
-    dead = np.flatnonzero(t_s > 1.01)
+    dead = np.flatnonzero(status & 0xF == 1)[0] + np.arange((status & 0xF == 1).sum() + 10)
+    assert 1 < t_s[dead[0]] < 1.05 + ON_THE_BUS_S
     first, after = dead[:5], dead[5:]  # five errors
     if generation == "mtb4":
         expected = [0 if skin_type == 0 and taxel == 9 else 255 for taxel in ALL]
@@ -173,8 +176,10 @@ def test_saturated_always_or_beyond_a_load():
 
 def test_noise_is_wider_by_its_factor():
     t_s, counts, _ = seen(faults=[Fault("noisy", 5.0, None, 5, 0, 4, factor=10.0)], skin_type=2, seconds=15)
-    assert counts[t_s < 5, 4].std() == pytest.approx(0.95, abs=0.15)
-    assert counts[t_s > 5.01, 4].std() == pytest.approx(9, rel=0.2)
+    others = np.delete(counts, [4, 6, 10], axis=1)
+    assert others.std(axis=0).mean() == pytest.approx(1.04, abs=0.06), "a count, and the rounding to counts"
+    assert counts[t_s < 5, 4].std() == pytest.approx(1.04, abs=0.3)
+    assert counts[t_s > 5 + ON_THE_BUS_S, 4].std() == pytest.approx(9, rel=0.2)
 
 
 # ---- boards
@@ -203,7 +208,7 @@ def test_a_silent_board_is_deaf_and_comes_back_on_its_beat():
     frames.append(run.advance(START_NS + 3 * SECOND))
     batch = FrameBatch.concatenate(frames)
     t_s = triangle_of(batch)[0]
-    assert not ((t_s > 1.01) & (t_s < 2.0)).any()
+    assert not ((t_s > 1 + ON_THE_BUS_S) & (t_s < 2.0)).any()
     assert np.allclose(np.diff(t_s) / 0.05, np.round(np.diff(t_s) / 0.05), atol=0.1)
     assert t_s[-1] > 2.9
     assert 0x750 not in batch.can_id
@@ -216,7 +221,7 @@ def test_reset_comes_back_in_three_ways(generation):
         fault = Fault("reset", 1.0, 1.5, 5, comes_back=comes_back)
         batch = emulator(load=STAND, generation=generation, faults=[fault]).frames(START_NS, 3)
         t_s = triangle_of(batch)[0]
-        assert not ((t_s > 1.01) & (t_s < 1.5)).any()
+        assert not ((t_s > 1 + ON_THE_BUS_S) & (t_s < 1.5)).any()
         return triangle_of(batch[batch.t_ns > START_NS + 1_500_000_000])
 
     assert not len(after("silent")[0])
@@ -262,8 +267,10 @@ def test_other_boards_do_not_notice(kind):
     assert healthy.data.tobytes() + healthy.can_id.tobytes() != faulty.data.tobytes() + faulty.can_id.tobytes()
     for board in {5, 6, 7, 8, 9, 10} - struck:
         one, two = (b[b.can_id >> np.uint32(4) == 0x40 | board] for b in (healthy, faulty))
-        assert one.can_id.tobytes() == two.can_id.tobytes()
-        assert one.data.tobytes() == two.data.tobytes()
+        n = min(len(one), len(two))  # the end may cut a tick in two, elsewhere on a bus with less on it
+        assert n > 0.97 * len(one)
+        assert one.can_id[:n].tobytes() == two.can_id[:n].tobytes()
+        assert one.data[:n].tobytes() == two.data[:n].tobytes()
 
 
 @pytest.mark.parametrize("generation", ["mtb3", "mtb4"])
@@ -334,8 +341,8 @@ def test_no_triangle_changes_faster_than_its_converter(period_ms, rate_hz):
 
 
 def test_converters_delay_by_up_to_a_sequence():
-    _, now, _ = seen(load=WALK, period_ms=20, board=5, triangle=6, seconds=20, skin_type=2)
-    _, held, _ = seen(load=WALK, period_ms=20, board=5, triangle=6, seconds=20, skin_type=2, cdc_hz=CDC_HZ)
+    _, now, _ = seen(load=WALK, period_ms=20, board=5, triangle=8, seconds=20, skin_type=2)
+    _, held, _ = seen(load=WALK, period_ms=20, board=5, triangle=8, seconds=20, skin_type=2, cdc_hz=CDC_HZ)
     now, held = (c[:, :6].mean(axis=1) - c[:, :6].mean() for c in (now, held))
     lags = [np.dot(now[: len(now) - 5], held[lag : len(held) - 5 + lag]) for lag in range(5)]
     assert np.argmax(lags) == 1  # 18 ms on average

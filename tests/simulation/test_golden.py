@@ -32,12 +32,12 @@ def settings(**board):
 @pytest.mark.parametrize(
     ("emulator", "digest"),
     [
-        (Emulator(settings(), LAYOUTS, Walk(LAYOUTS)), "4ab6f8ccbd8a1533c273e95c5950531a"),
-        (Emulator(settings(), LAYOUTS, Walk(LAYOUTS), seed=3), "df19b2e34e6d0cc08aaba53d0efdc103"),
-        (Emulator(settings(period_ms=8), LAYOUTS, Unloaded(LAYOUTS)), "17038ce487c5ea63675cc6e823d41fec"),
+        (Emulator(settings(), LAYOUTS, Walk(LAYOUTS)), "ed0091b8227d9e4843f15a913f6f70c5"),
+        (Emulator(settings(), LAYOUTS, Walk(LAYOUTS), seed=3), "1d64b10c1123bf2e276080910f867690"),
+        (Emulator(settings(period_ms=8), LAYOUTS, Unloaded(LAYOUTS)), "fc70fe5c3a869538759611a9f28372d8"),
         (
             Emulator(settings(skin_type=7), LAYOUTS[:1], Stand(LAYOUTS), left_out=[6]),
-            "37b5fcfa424a0f488b72617fa21910d4",
+            "cffc2506812f00aa66c2d29b59eda63c",
         ),
     ],
     ids=["walk", "seed", "busy", "raw"],

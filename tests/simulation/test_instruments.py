@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from insole_daemon.physics.draws import Drawn, Draws
 from insole_daemon.simulation.conditions import Conditions, Instrument
 from insole_daemon.simulation.instruments import clock, readings
 from insole_daemon.simulation.reference_insole import reference_insole
@@ -17,7 +18,7 @@ def warm(t_s):
 
 def of(name, seconds, seed=0, own=lambda t_s: t_s, chosen=Instrument()):
     load = scenario(name).load(LAYOUTS, None, Conditions(), 0)
-    return readings("left", load, seconds, START_S, own, warm, np.random.default_rng(seed), chosen), load
+    return readings("left", load, seconds, START_S, own, warm, Draws(seed, Drawn.CLOCK), chosen), load
 
 
 def test_a_force_shoe_has_its_rate_its_clock_and_its_noise():
@@ -56,7 +57,7 @@ def test_a_gauge():
 def test_a_clock_of_its_own_is_drawn():
     rates, offsets = [], []
     for seed in range(200):
-        at = clock(np.random.default_rng(seed), Instrument())(np.array([0.0, 1e4]))
+        at = clock(Draws(seed, Drawn.CLOCK), Instrument())(np.array([0.0, 1e4]))
         offsets.append(at[0])
         rates.append((at[1] - at[0]) / 1e4 - 1)
     assert np.std(offsets) == pytest.approx(reference_insole().reference_offset_s, rel=0.2)
@@ -71,5 +72,5 @@ def test_what_is_chosen_stands_before_the_reference_insole():
     assert np.std(contents.columns["mx_nm"] - exact["mx_nm"]) == pytest.approx(0.5, rel=0.05)
     drifting, _ = of("t1", 20.0, chosen=Instrument(force_noise_n=0.0, force_drift_n=300.0))
     assert np.std(drifting.columns["fz_n"] - load.reference("left", np.arange(2000) / 100.0)["fz_n"]) > 5
-    at = clock(np.random.default_rng(0), Instrument(offset_s=-0.25, rate_ppm=500.0))(np.array([0.0, 100.0]))
+    at = clock(Draws(0, Drawn.CLOCK), Instrument(offset_s=-0.25, rate_ppm=500.0))(np.array([0.0, 100.0]))
     assert at == pytest.approx([-0.25, 99.8])

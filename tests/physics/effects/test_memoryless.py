@@ -13,6 +13,7 @@ from insole_daemon.config import Config
 from insole_daemon.errors import EffectError
 from insole_daemon.physics.calibration import default
 from insole_daemon.physics.chain import Chain
+from insole_daemon.physics.draws import Drawn, Draws
 from insole_daemon.physics.effect import Effect, Where, effect
 from insole_daemon.skin.geometry import PRESSURE_TAXELS
 from insole_daemon.skin.layout import builtin
@@ -382,7 +383,7 @@ def test_sample_and_hold_is_the_line_of_when_each_converter_was_through() -> Non
     found = chain.forward()(load, t_s)
     for row, taxel in ((0, 0), (13, 8), (27, 11)):
         board, triangle = LAYOUT.identities[row]
-        phase_s = np.random.default_rng([4, board, 2]).random(16)[triangle] / 27.127
+        phase_s = Draws(4, Drawn.CONVERTERS, board).uniform(16)[triangle] / 27.127
         through_s = phase_s + np.arange(-1, 400) / 27.127
         last = np.array([through_s[through_s <= t].max() for t in t_s])
         expected = np.interp(last, t_s, REST - load[:, row, taxel] / PA_PER_COUNT)
