@@ -28,6 +28,7 @@ from .notify import notify
 from .operations import RequestDesk, Step
 from .reapply import keep_configured
 from .reload import Reloader
+from .steps import Steps
 from .zeroing import zero_handler
 
 _HEALTH_NS = 1_000_000_000
@@ -72,6 +73,7 @@ class Daemon:
             if foot.config.boards.configure:
                 desk.keep(keep_configured(boards))
         self._tallies = [_Tally() for _ in feet]
+        self._steps = Steps(self._feet)
         self._stopping = False
         self._reloader = Reloader(config_file)
         self._reload_asked = False
@@ -136,9 +138,12 @@ class Daemon:
                     if cycles.repeated[at] and (number, at) != (len(closed), len(cycles) - 1):
                         tally.skipped += 1
                     else:
-                        for message in foot.messages(cycles, at):
+                        messages = foot.messages(cycles, at)
+                        for message in messages:
                             publisher.publish(message)
                         tally.count(cycles, at)
+                        for step in self._steps.take(foot, int(cycles.t_mono_ns[at]), *messages[1:]):
+                            publisher.publish(step)
                     for event in foot.watch(cycles, at):
                         publisher.publish(event)
 

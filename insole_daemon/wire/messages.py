@@ -165,14 +165,15 @@ class Health(Message):
 class Event(Message):
     """When something happens."""
 
-    SCHEMA = "insole.event/1"
+    SCHEMA = "insole.event/2"
     foot: Foot
-    t_ns: int
+    t_ns: int  # when it was noticed; of a step, when it happened
     kind: str
     text: str
     boards: list[int]
     triangle: int | None = None  # of the only board; None: what happens is not of one triangle
     taxel: int | None = None
+    figures: dict[str, float | None] = field(default_factory=dict)  # of a step; unit in the name, None: not known
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -30,7 +30,7 @@ def test_it_goes_on_after_what_it_does_not_know(endpoint, key):
         while not stop.wait(0.05):
             put("novel", b"\x00", "insole.novel/1")
             put("event", b"rubbish", Event.SCHEMA)
-            put("event", b"\x80", "insole.event/2")
+            put("event", b"\x80", "insole.event/3")
             put("health", ODD.encode(), Health.SCHEMA)
             put("event", Event("left", 1, "kind", "text", []).encode(), Event.SCHEMA)
 

@@ -1,0 +1,43 @@
+"""The steps of the wearer as events, told once the cycle they are found in is out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from ..mechanics.gait import Gait, GaitEvent
+from ..wire.messages import Event, Pressure, Wrench
+from .foot import Foot
+
+
+class Steps:
+    """Watches both feet of the wearer for steps."""
+
+    def __init__(self, feet: Sequence[Foot]) -> None:
+        self._feet = feet
+        self._begin()
+
+    def _begin(self) -> None:
+        self._layouts = [foot.layout for foot in self._feet]
+        self._gait = Gait(self._layouts)
+
+    def take(self, foot: Foot, t_mono_ns: int, pressure: Pressure, wrench: Wrench) -> Iterator[Event]:
+        """What one cycle of `foot`, closed at `t_mono_ns`, tells; a repeat tells nothing."""
+        if wrench.repeated:
+            return
+        if not any(foot.layout is layout for layout in self._layouts):  # a reload moved the taxels
+            self._begin()
+        f_z_n = None if wrench.f_z_n != wrench.f_z_n else wrench.f_z_n
+        event = self._gait.update(foot.name, t_mono_ns, wrench.t_ns, f_z_n, pressure.pressure_pa, pressure.valid)
+        if event is not None:
+            yield Event(event.foot, event.t_ns, event.kind, _text(event), [], figures=event.figures)
+
+
+def _text(event: GaitEvent) -> str:
+    figures = event.figures
+    if event.kind == "initial_contact":
+        said = [("swing", figures["swing_s"], "{:.2f} s"), ("cadence", figures["cadence_per_min"], "{:.0f} steps/min")]
+    else:
+        said = [("stance", figures["stance_s"], "{:.2f} s"), ("peak force", figures["peak_force_n"], "{:.0f} N")]
+    known = [f"{name} {form.format(value)}" for name, value, form in said if value is not None]
+    words = "touches the ground" if event.kind == "initial_contact" else "leaves the ground"
+    return f"the {event.foot} foot {words}" + (f": {', '.join(known)}" if known else "")

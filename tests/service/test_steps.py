@@ -1,0 +1,65 @@
+"""Steps of a simulated walk as events of a running daemon, in the words of the protocol."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from pathlib import Path
+
+import numpy as np
+
+import insole_daemon
+from insole_daemon.config import Config
+from insole_daemon.service.foot import load_feet
+from insole_daemon.service.steps import Steps
+from insole_daemon.wire.messages import Event, Pressure, Wrench
+
+PROTOCOL = Path(__file__).parents[2] / "protocol"
+STEPS = ("initial_contact", "toe_off")
+
+
+def test_a_subscriber_hears_every_step_once(daemon):
+    with insole_daemon.connect(daemon.endpoint) as insole:
+        events, found = insole.events(), []
+        with daemon.boards():
+            for event in events:
+                if event.kind in STEPS:
+                    found.append(event)
+                if len(found) == 12:
+                    break
+    keys = (PROTOCOL / "keys.md").read_text()
+    for kind in STEPS:
+        assert f"`{kind}`" in keys
+    for foot in ("left", "right"):
+        own = [event for event in found if event.foot == foot]
+        assert all(first.kind != second.kind for first, second in itertools.pairwise(own)), "they alternate"
+        for event in own[3:]:
+            assert None not in event.figures.values()
+            assert all(f"`{name}`" in keys for name in event.figures)
+            assert f"the {foot} foot" in event.text
+            json.dumps(event.figures, allow_nan=False)
+    cadence = [event.figures["cadence_per_min"] for event in found if event.kind == "initial_contact"][-1]
+    assert abs(cadence - 110) < 15
+
+
+def messages(foot, number, f_z_n, repeated=False):
+    head = (foot.name, number, 1, number * 20_000_000, 0, foot.n_triangles)
+    valid = np.ones((foot.n_triangles, 12), np.uint8)
+    age_ms, missing = np.zeros(foot.n_triangles, np.float32), np.zeros(foot.n_triangles, np.uint8)
+    nothing = (None,) * 7
+    return (
+        Pressure(*head, np.full((foot.n_triangles, 12), 1e4, np.float32), valid, age_ms, missing, repeated),
+        Wrench(*head, f_z_n, *nothing, 0.0, 1.0, valid, age_ms, missing, repeated),
+    )
+
+
+def test_repeats_and_unknown_forces_tell_nothing():
+    (foot, _), found = load_feet(Config()), []
+    steps = Steps([foot])
+    for number, f_z_n in enumerate([0.0, 0.0, float("nan"), 0.0, 0.0, 300.0, 500.0]):
+        found += steps.take(foot, number * 20_000_000, *messages(foot, number, f_z_n, repeated=False))
+        found += steps.take(foot, number * 20_000_000, *messages(foot, number, 700.0, repeated=True))
+    (event,) = found
+    assert (event.kind, event.foot) == ("initial_contact", "left")
+    assert 4 * 20_000_000 < event.t_ns < 5 * 20_000_000
+    assert Event.decode(event.encode()).figures == event.figures
