@@ -31,6 +31,13 @@ class Which(StrEnum):
     both = "both"
 
 
+class OneFoot(StrEnum):
+    """One of them."""
+
+    left = "left"
+    right = "right"
+
+
 def _bus(text: str) -> Bus:
     bus = Bus.parse(text)
     if bus is None:

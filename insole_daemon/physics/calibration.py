@@ -5,8 +5,9 @@
 A taxel that is not listed is unusable. `effects` are the physics beyond this static curve; a file with one
 that is not among KNOWN_EFFECTS is refused, since its coefficients are only right together with it.
 
-Documented extension: a taxel's `extensions: {coefficients_covariance_pa2: [[…], …]}` is the covariance of
-its coefficients, with a row and a column for each; a reader that does not know it loses nothing else.
+Documented extensions of a taxel; a reader that does not know them loses nothing else:
+`coefficients_covariance_pa2: [[…], …]`, the covariance of its coefficients, with a row and a column for each;
+`valid_range: {activation_count: [0, highest]}`, where its curve was seen when it was fitted.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from ..skin.layout import Layout
 FORMAT = "insole-calibration/1"
 KNOWN_EFFECTS: frozenset[str] = frozenset()  # words of the format's table that this version can apply
 COVARIANCE = "coefficients_covariance_pa2"
+VALID_RANGE = "valid_range"
 
 # The public insole recordings lose about 12 counts a bar, with baselines near 240: 8 kPa a count.
 DEFAULT_PA_PER_COUNT = 8000.0
@@ -48,6 +50,7 @@ class Calibration:
     effects: tuple[Mapping[str, Any], ...] = ()
     builtin: bool = False
     extensions: Mapping[str, Any] = field(default_factory=dict, repr=False)
+    highest_count: NDArray[np.float64] | None = None  # (n_triangles, 12) activation seen in the fit; inf: not known
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,6 +91,12 @@ def load(path: str | PathLike[str], layout: Layout) -> Calibration:
                 matrix = np.zeros((k, k))
                 matrix[:own, :own] = t.extensions[COVARIANCE]
                 covariance[rows[t.board, t.triangle], t.taxel] = matrix
+    highest = None
+    if any(VALID_RANGE in t.extensions for t in file.taxels):
+        highest = np.full((len(layout), N_TAXELS), np.inf)
+        for t in file.taxels:
+            if VALID_RANGE in t.extensions:
+                highest[rows[t.board, t.triangle], t.taxel] = t.extensions[VALID_RANGE]["activation_count"][1]
     return _frozen(
         Calibration(
             foot=file.foot,
@@ -98,6 +107,7 @@ def load(path: str | PathLike[str], layout: Layout) -> Calibration:
             provenance=file.provenance,
             effects=file.effects,
             extensions=file.extensions,
+            highest_count=highest,
         )
     )
 
@@ -130,10 +140,10 @@ def default(layout: Layout, boards: Sequence[Board]) -> Calibration:
 
 
 def _frozen(calibration: Calibration) -> Calibration:
-    for array in (calibration.baseline_count, calibration.coefficients_pa, calibration.usable):
-        array.setflags(write=False)
-    if calibration.covariance_pa2 is not None:
-        calibration.covariance_pa2.setflags(write=False)
+    for array in (calibration.baseline_count, calibration.coefficients_pa, calibration.usable,
+                  calibration.covariance_pa2, calibration.highest_count):  # fmt: skip
+        if array is not None:
+            array.setflags(write=False)
     return calibration
 
 
@@ -186,6 +196,21 @@ def _check_taxels(reading: Reading, layout: Layout) -> None:
             wrong = _wrong_covariance(t.extensions[COVARIANCE], len(t.coefficients_pa))
             if wrong:
                 reading.problem((*key, "extensions", COVARIANCE), wrong)
+        if VALID_RANGE in t.extensions and not _is_range(t.extensions[VALID_RANGE]):
+            reading.problem(
+                (*key, "extensions", VALID_RANGE),
+                "expected {activation_count: [lowest, highest]}, two numbers that ascend",
+            )
+
+
+def _is_range(value: Any) -> bool:
+    limits = value.get("activation_count") if isinstance(value, Mapping) else None
+    return (
+        isinstance(limits, list)
+        and len(limits) == 2
+        and all(isinstance(each, int | float) and np.isfinite(each) for each in limits)
+        and limits[0] <= limits[1]
+    )
 
 
 def _wrong_covariance(matrix: Any, k: int) -> str | None:

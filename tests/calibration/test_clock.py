@@ -9,10 +9,11 @@ from insole_daemon.calibration import clock
 from insole_daemon.errors import CalibrationError
 from insole_daemon.physics.chain import Chain
 from insole_daemon.physics.effect import effect
+from insole_daemon.simulation.conditions import Cycles
 from insole_daemon.simulation.scenarios.chamber import programme
 from insole_daemon.skin import layout as layouts
 
-TURNS = programme(300_000.0, (10_000.0, 40_000.0), cycles=1, hold_s=40.0)
+TURNS = programme(300_000.0, (10_000.0, 40_000.0), Cycles(cycles=1, hold_s=40.0))
 T_S = np.arange(0.0, TURNS[-1, 0], 0.02)
 PA_PER_COUNT, TAXELS = 7000.0, 40
 MEMORY = (

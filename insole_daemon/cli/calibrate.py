@@ -1,0 +1,70 @@
+"""`insole calibrate`: recordings with a known load into a curve for every taxel."""
+
+from __future__ import annotations
+
+import sys
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from .options import OneFoot
+
+if TYPE_CHECKING:
+    from ..config import Foot
+    from ..recording.loading import Recording
+
+
+class Method(StrEnum):
+    """How the problem is weighted and solved."""
+
+    default = "default"
+    paper = "paper"
+
+
+def calibrate(
+    recordings: Annotated[list[Path], typer.Argument(help="Folders of recordings: chamber, force shoe, or both.")],
+    out: Annotated[Path, typer.Option("--out", help="The calibration that is written.")],
+    foot: Annotated[OneFoot | None, typer.Option("--foot", help="Needed where the recordings have both.")] = None,
+    method: Annotated[
+        Method,
+        typer.Option(
+            help="default: weights from the residuals, curves that start at 0 and never fall, degree and penalty by "
+            "cross-validation. paper: a cubic in raw counts with the published weights and λ."
+        ),
+    ] = Method.default,
+) -> None:
+    """Fit the curve of every taxel of one foot to recordings with a known load."""
+    from ..calibration import document
+    from ..calibration.calibrating import calibrate as fitted
+    from ..recording.loading import load
+
+    if out.suffix.lower() != ".json":
+        raise typer.BadParameter(f"expected an --out that ends in .json, found {out}")
+    loaded = [load(folder) for folder in recordings]
+    for line in (line for each in loaded for line in each.warnings):
+        print(f"insole: {line}", file=sys.stderr)
+    which = the_foot(loaded, foot)
+    calibrated = fitted(loaded, which, method.value, lambda text: print(f"insole: {text}", file=sys.stderr, flush=True))
+    for remark in calibrated.remarks:
+        print(f"insole: {remark}", file=sys.stderr)
+    document.write(calibrated, out)
+    fit = calibrated.fit
+    print(
+        f"{out}: {which} foot, {len(calibrated.slots)} taxels, {len(calibrated.left_out)} left out, degree {fit.degree}"
+    )
+
+
+def the_foot(loaded: list[Recording], asked: OneFoot | None) -> Foot:
+    """The one that is asked for, or that all recordings have; BadParameter where it has to be said."""
+    from ..calibration.trials import feet
+
+    there = feet(loaded)
+    if asked is not None:
+        return "left" if asked is OneFoot.left else "right"
+    if len(there) > 1:
+        raise typer.BadParameter("the recordings have both feet: say --foot left or --foot right")
+    if not there:
+        raise typer.BadParameter("no foot has a reference in all recordings: say --foot, to hear which one lacks it")
+    return there.pop()

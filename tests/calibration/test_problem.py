@@ -1,0 +1,86 @@
+"""The sums against the samples they are of."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from insole_daemon.calibration.problem import Penalty, Problem, Weights
+from insole_daemon.calibration.statistics import ChamberSums, ShoeSums, powers
+
+M, EXPONENTS = 6, (1, 2, 3)
+RNG = np.random.default_rng(0)
+X = RNG.uniform(0, 1.2, (500, M))
+WRENCH = RNG.standard_normal((500, 3))
+VALID = RNG.random((500, M)) < 0.8
+PRESSURE = RNG.uniform(0, 9e4, 500)
+ARMS = RNG.standard_normal((3, M))
+K = RNG.standard_normal(3 * M)
+WEIGHTS = Weights(np.array([1.0, 33.0, 10.0]), RNG.uniform(1e-6, 2e-6, M))
+
+
+def designs() -> list[np.ndarray]:
+    """The regressors as the paper writes them: (rows, 3·M) of f_z, m_x, m_y."""
+    phi = powers(X, EXPONENTS)
+    return [phi * np.tile(arm, 3) for arm in ARMS]
+
+
+def whole() -> Problem:
+    parts = [slice(0, 200), slice(200, 500)]
+    return Problem(
+        EXPONENTS, 40.0, ARMS,
+        tuple(ShoeSums.of(X[p], WRENCH[p], EXPONENTS) for p in parts),
+        tuple(ChamberSums.of(X[p], VALID[p], PRESSURE[p], EXPONENTS) for p in parts),
+    )  # fmt: skip
+
+
+def test_powers_stand_power_by_power() -> None:
+    rows = powers(X, EXPONENTS)
+    assert np.array_equal(rows[:, :M], X)
+    assert np.array_equal(rows[:, 2 * M], X[:, 0] ** 3)
+
+
+def test_equations_are_those_of_the_stacked_least_squares() -> None:
+    h, g = np.zeros((3 * M, 3 * M)), np.zeros(3 * M)
+    for weight, phi, b in zip(WEIGHTS.shoe, designs(), WRENCH.T, strict=True):
+        h += weight * phi.T @ phi
+        g -= weight * phi.T @ b
+    for i in range(M):
+        phi = np.zeros((VALID[:, i].sum(), 3 * M))
+        phi[:, i::M] = X[VALID[:, i], i, None] ** EXPONENTS
+        h += WEIGHTS.chamber[i] * phi.T @ phi
+        g -= WEIGHTS.chamber[i] * phi.T @ PRESSURE[VALID[:, i]]
+    target = RNG.standard_normal((M, 3))
+    blocks = np.tile(np.diag([2.0, 3.0, 4.0]), (M, 1, 1))
+    h += np.diag(np.repeat([2.0, 3.0, 4.0], M))
+    g -= np.repeat([2.0, 3.0, 4.0], M) * target.T.ravel()
+    found = whole().equations(WEIGHTS, Penalty(blocks, target))
+    assert np.allclose(found[0], h)
+    assert np.allclose(found[1], g)
+
+
+def test_residuals_are_told_from_the_sums() -> None:
+    shoe, chamber = whole().residual_squares(K)
+    expected = [((phi @ K - b) ** 2).sum() for phi, b in zip(designs(), WRENCH.T, strict=True)]
+    assert np.allclose(shoe, expected)
+    own = K.reshape(3, M)
+    at = np.stack([sum(own[j, i] * X[:, i] ** (j + 1) for j in range(3)) for i in range(M)], axis=1)
+    assert np.allclose(chamber, np.where(VALID, at - PRESSURE[:, None], 0.0).__pow__(2).sum(axis=0))
+
+
+def test_fewer_powers_are_part_of_the_same_sums() -> None:
+    lower = whole().lower(2)
+    alone = ShoeSums.of(X, WRENCH, EXPONENTS[:2])
+    assert np.allclose(sum((each.gram for each in lower.shoe), np.zeros((2 * M, 2 * M))), alone.gram)
+    assert np.allclose(lower.chamber[0].gram, ChamberSums.of(X[:200], VALID[:200], PRESSURE[:200], EXPONENTS[:2]).gram)
+
+
+def test_limits_are_the_slopes_of_the_curves() -> None:
+    limits = whole().limits(np.array([8e3, 10.0, 1.0]), 60.0, 5.0)
+    grid = np.linspace(0, 1.5, len(limits.rows) // M)
+    slope = limits.rows @ K
+    own = K.reshape(3, M)
+    for i in range(M):
+        expected = own[0, i] + 2 * own[1, i] * grid + 3 * own[2, i] * grid**2
+        assert np.allclose(slope.reshape(M, -1)[i], expected)
+    assert limits.low.max() == 0.0
+    assert limits.high[0] > 5 * 8e3
