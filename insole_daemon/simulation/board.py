@@ -32,7 +32,6 @@ _FIRMWARE_NO_LOAD, _FIRMWARE_SHIFT, _FIRMWARE_PERIOD_MS = 245, 2, 50  # what it 
 _ERRORS_TO_ZERO = 5
 _STORES_AT = 2  # ticks left of an MTB3's calibration when it reads
 _TICK_OF_TIMER_NS = 3200  # of an MTB3's timer, whose period is 16 bits wide: 209 ms at most, more wraps
-_SHORTEST_NS = 4_000_000  # an MTB3 is busy for that long; how long exactly is not known
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,7 +129,7 @@ class Board:
     def _ticks_ns(self, period_ms: int) -> int:
         nominal_ns = period_ms * 1_000_000
         if self.generation.narrow:
-            nominal_ns = max((nominal_ns // _TICK_OF_TIMER_NS & 0xFFFF) * _TICK_OF_TIMER_NS, _SHORTEST_NS)
+            nominal_ns = max((nominal_ns // _TICK_OF_TIMER_NS & 0xFFFF) * _TICK_OF_TIMER_NS, _shortest_ns())
         return round(nominal_ns * self.clock_rate)
 
     # ---- time
@@ -322,7 +321,7 @@ class Board:
 
     def set_timer_ns(self, period_ns: float) -> None:
         """The period, as legacy commands set it."""
-        self.period_ns = round(max(period_ns, _SHORTEST_NS) * self.clock_rate)
+        self.period_ns = round(max(period_ns, _shortest_ns()) * self.clock_rate)
 
     def calibrate(self, t_ns: int, pressure_pa: NDArray[np.float64]) -> None:
         """Take the baseline because of a command, under `pressure_pa` (n_triangles, 12).
@@ -353,3 +352,7 @@ class Board:
             self._streams_after = True
         else:
             self._zero_at_tick = True
+
+
+def _shortest_ns() -> int:
+    return round(reference_insole().mtb3_busy_ms * 1e6)

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from ..bus.frames import FrameBatch
 from ..skin.identifiers import CLASS_MANAGEMENT, TYPE_OVERFLOW, skin_id
+from .reference_insole import reference_insole
 
 BIT_NS = 1000  # 1 Mbit/s
-QUEUE_FRAMES = 64  # an MTB4's transmit queue; the firmware's real depth is not known
 STACK_FRAMES = 20  # an MTB3's (can_interface.h 15)
 
 _CRC_POLYNOMIAL = 0x4599
@@ -126,6 +126,7 @@ class BusTime:
         """A bus that is idle at `t_ns`; the boards `stacks` are MTB3s."""
         self.lost: dict[int, int] = {}  # frames, by address
         self._stacks = frozenset(stacks)
+        self._queue_frames = round(reference_insole().mtb4_queue_frames)
         self._free_ns = t_ns
         self._sending: int | None = None  # whose frame is on the bus until it is free
         self._waiting: list[Offer] = []  # what earlier calls left, one a board, in the order it will be sent
@@ -177,8 +178,8 @@ class BusTime:
                 queue, lost = _stacked(queue, offered, on_bus, overflow)
             else:
                 queue = np.concatenate([queue, offered])
-                lost = max(len(queue) - QUEUE_FRAMES, 0)
-                queue = queue[:QUEUE_FRAMES]
+                lost = max(len(queue) - self._queue_frames, 0)
+                queue = queue[: self._queue_frames]
             if lost:
                 self.lost[offer.address] = self.lost.get(offer.address, 0) + lost
             if len(queue):

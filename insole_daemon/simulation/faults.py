@@ -36,6 +36,7 @@ from ..config import Config
 from ..documents import Section
 from ..errors import SimulationError
 from ..skin.layout import Layout
+from .reference_insole import reference_insole
 
 FaultKind = Literal[
     "loose", "dead_chip", "dead", "stuck", "saturated", "noisy", "rezero", "silent", "reset", "address_clash"
@@ -47,8 +48,7 @@ LINE_KINDS: tuple[FaultKind, ...] = ("loose", "dead_chip")  # of a triangle's li
 TAXEL_KINDS: tuple[FaultKind, ...] = ("dead", "stuck", "saturated", "noisy")
 BOARD_KINDS: tuple[FaultKind, ...] = ("rezero", "silent", "reset", "address_clash")
 
-BOOT_S = 0.5  # from power to obeying; an assumption
-STUCK_PA = 100e3
+STUCK_PA = 100e3  # where no other level is chosen
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,7 +127,9 @@ def events_of(address: int, faults: Iterable[Fault]) -> list[Event]:
                 events.append(Event(fault.until_s, "mend", fault))
         elif fault.kind == "reset":
             events.append(Event(fault.t_s, "lose power", fault))
-            events.append(Event(fault.t_s + BOOT_S if fault.until_s is None else fault.until_s, "boot", fault))
+            events.append(
+                Event(fault.t_s + reference_insole().boot_s if fault.until_s is None else fault.until_s, "boot", fault)
+            )
     return sorted(events, key=lambda event: event.t_s)
 
 

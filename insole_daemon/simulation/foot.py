@@ -47,9 +47,12 @@ _REGIONS = np.array([
     [0.74, -0.45, 0.060, 0.24, 0.72, 0.15, 0.50, 0.09],  # metatarsal 1
     [0.88,  0.15, 0.055, 0.32, 0.85, 0.12, 0.12, 0.01],  # toes 2 to 5
     [0.92, -0.40, 0.055, 0.22, 0.95, 0.13, 0.50, 0.02],  # hallux
+    [0.50,  0.85, 0.260, 0.22, 0.50, 1.00, 0.00, 0.00],  # lateral edge, of who tilts the foot
+    [0.50, -0.85, 0.260, 0.22, 0.50, 1.00, 0.00, 0.00],  # medial edge
 ])  # fmt: skip
 
 _BEFORE_THE_HEEL = slice(2, None)
+_LATERAL_EDGE, _MEDIAL_EDGE = 8, 9
 
 
 def footprints(layout: Layout, xy_m: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
@@ -187,22 +190,23 @@ class Stand(Person):
     def region_n(self, foot: Foot, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n_times, n_regions) the force as it is distributed in quiet standing."""
         forward = 1 + 0.06 * sin_turns(0.23 * t_s)
-        return standing(self.force_n(foot, t_s), forward, np.ones_like(t_s))
+        return standing(self.force_n(foot, t_s), forward, np.zeros_like(t_s))
 
 
 def standing(
-    force_n: NDArray[np.float64], forward: NDArray[np.float64], outward: NDArray[np.float64]
+    force_n: NDArray[np.float64], forward: NDArray[np.float64], tilt: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """(n, n_regions) how `force_n` (n,) is borne by who stands.
 
-    `forward` and `outward` (n,), 1 in quiet standing: how much more all but the heel bear, and the lateral side.
+    `forward` (n,): how much more all but the heel bear, 1 in quiet standing; `tilt` (n,): the share of the force that
+    is on the lateral edge, on the medial one below 0.
     """
     shares = np.repeat(_REGIONS[None, :, 7], len(force_n), axis=0)
     shares[:, _BEFORE_THE_HEEL] *= forward[:, None]
-    # As much more at the lateral edge as there is less at the medial one, in proportion to the region's place.
-    shares *= np.maximum(1.0 + (outward[:, None] - 1.0) * _REGIONS[:, 1], 0.05)
-    shares *= (force_n / shares.sum(axis=1))[:, None]
-    return shares
+    shares *= ((1.0 - np.abs(tilt)) / shares.sum(axis=1))[:, None]
+    shares[:, _LATERAL_EDGE] += np.maximum(tilt, 0.0)
+    shares[:, _MEDIAL_EDGE] += np.maximum(-tilt, 0.0)
+    return shares * force_n[:, None]
 
 
 def _row(foot: Foot) -> int:

@@ -37,6 +37,10 @@ _CONSTANTS: Mapping[str, tuple[str, float, float]] = {
     "rest_c": ("°C", -20.0, 60.0),
     "pad_count_per_k": ("count/K", 0.0, 50.0),
     "clock_ppm": ("ppm", 0.0, 1_000.0),
+    "boot_s": ("s", 0.01, 60.0),
+    "mtb4_queue_frames": ("frame", 1, 1_000),
+    "mtb3_half_us": ("µs", 1.0, 1_000.0),
+    "mtb3_busy_ms": ("ms", 0.1, 50.0),
     "shoe_warms_k": ("K", -20.0, 30.0),
     "shoe_warms_in_s": ("s", 1.0, 1e5),
     "shoe_rate_hz": ("Hz", 1.0, 10_000.0),
@@ -80,6 +84,10 @@ class ReferenceInsole:
     rest_c: float
     pad_count_per_k: float
     clock_ppm: float
+    boot_s: float
+    mtb4_queue_frames: float
+    mtb3_half_us: float
+    mtb3_busy_ms: float
     shoe_warms_k: float
     shoe_warms_in_s: float
     shoe_rate_hz: float

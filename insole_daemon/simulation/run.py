@@ -15,9 +15,7 @@ from .board import Board
 from .bus_time import BusTime, Offer
 from .commands import CLASS_COMMAND, obey
 from .load import Load
-
-# An MTB3 works out one half after another; 32 of them take it 3 to 4 ms (TSD-ICUBUNIT-canprotocol 6.3.3).
-_HALF_NS = 120_000
+from .reference_insole import reference_insole
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,8 +113,9 @@ def _stream(board: Board, ticks_ns: NDArray[np.int64], data: NDArray[np.uint8]) 
             Offer(tick, board.node, can_ids, dlc, payloads)
             for tick, payloads in zip(ticks_ns.tolist(), data, strict=True)
         ]
+    half_ns = round(reference_insole().mtb3_half_us * 1000)
     return [
-        Offer(tick + at * _HALF_NS, board.node, can_ids[at : at + 1], dlc[at : at + 1], payloads[at : at + 1])
+        Offer(tick + at * half_ns, board.node, can_ids[at : at + 1], dlc[at : at + 1], payloads[at : at + 1])
         for tick, payloads in zip(ticks_ns.tolist(), data, strict=True)
         for at in range(len(can_ids))
     ]

@@ -6,7 +6,7 @@ import pytest
 
 from insole_daemon import config
 from insole_daemon.bus.frames import FRAME_TIME_NS, FrameBatch
-from insole_daemon.simulation.bus_time import QUEUE_FRAMES, BusTime, Offer, frame_bits
+from insole_daemon.simulation.bus_time import BusTime, Offer, frame_bits
 from insole_daemon.simulation.emulator import Emulator
 from insole_daemon.simulation.foot import Walk
 from insole_daemon.simulation.load import Unloaded
@@ -129,8 +129,8 @@ def test_an_idle_bus_waits_for_the_next_offer():
 def test_a_queue_that_is_full_loses_what_comes_last():
     bus = BusTime(0)
     sent = bus.carry([offer(0, 5, 40), offer(0, 5, 40, first_triangle=20)], SECOND)
-    assert len(sent) == QUEUE_FRAMES
-    assert bus.lost == {5: 80 - QUEUE_FRAMES}
+    assert len(sent) == reference_insole().mtb4_queue_frames == 64
+    assert bus.lost == {5: 80 - 64}
 
 
 # The boards on it

@@ -32,8 +32,8 @@ def settings(**board):
 @pytest.mark.parametrize(
     ("emulator", "digest"),
     [
-        (Emulator(settings(), LAYOUTS, Walk(LAYOUTS)), "ed0091b8227d9e4843f15a913f6f70c5"),
-        (Emulator(settings(), LAYOUTS, Walk(LAYOUTS), seed=3), "1d64b10c1123bf2e276080910f867690"),
+        (Emulator(settings(), LAYOUTS, Walk(LAYOUTS)), "edb6f80e0153bc5f17c1b6369dce5aff"),
+        (Emulator(settings(), LAYOUTS, Walk(LAYOUTS), seed=3), "69c1cc1cfa02ca989505b89778cf61a5"),
         (Emulator(settings(period_ms=8), LAYOUTS, Unloaded(LAYOUTS)), "fc70fe5c3a869538759611a9f28372d8"),
         (
             Emulator(settings(skin_type=7), LAYOUTS[:1], Stand(LAYOUTS), left_out=[6]),

@@ -53,6 +53,9 @@ def test_the_papers_orders_of_magnitude():
         moments = made(name).reference("left", times(name))
         assert 60 < -moments["my_nm"].min() < 160
         assert np.abs(moments["mx_nm"]).max() < 30
+    slow = made("t3").reference("left", times("t3"))
+    assert 10 < slow["mx_nm"].max() < 25, "on the lateral edge"
+    assert -25 < slow["mx_nm"].min() < -10, "on the medial one"
     highest = {name: made(name).pressure_pa("left", times(name)).max() for name in TASKS}
     assert 100e3 < highest["t1"] < 260e3
     assert all(300e3 < highest[name] < 700e3 for name in ("t3", "t4", "t5", "t6"))

@@ -29,7 +29,7 @@ def on_the_ground(t_s: NDArray[np.float64], seconds: float) -> NDArray[np.float6
 
 
 class _Standing(Person):
-    """Who stands for `seconds`: share of the weight on each foot, lean forward and outward."""
+    """Who stands for `seconds`: share of the weight on each foot, lean forward and tilt."""
 
     def __init__(self, layouts: Sequence[Layout], body_mass_kg: float, places: Places | None, seconds: float) -> None:
         super().__init__(layouts, body_mass_kg, places)
@@ -46,7 +46,7 @@ class _Standing(Person):
 
     @abstractmethod
     def _lean(self, foot: Foot, t_s: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """(n_times,) each: forward and outward, as in `foot.standing`."""
+        """(n_times,) each: forward and tilt, as in `foot.standing`."""
 
 
 class Still(_Standing):
@@ -57,7 +57,7 @@ class Still(_Standing):
         return 0.5 + (sideways if foot == "left" else -sideways)
 
     def _lean(self, foot: Foot, t_s: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        return 1 + 0.06 * sin_turns(0.23 * t_s), np.ones_like(t_s)
+        return 1 + 0.06 * sin_turns(0.23 * t_s), np.zeros_like(t_s)
 
 
 class Balance(_Standing):
@@ -67,7 +67,7 @@ class Balance(_Standing):
         return np.full_like(t_s, 1.0 if foot == "left" else 0.0) * (1 + 0.01 * sin_turns(0.9 * t_s))
 
     def _lean(self, foot: Foot, t_s: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        return 1.4 + 0.12 * sin_turns(0.4 * t_s), 1 + 0.2 * sin_turns(0.55 * t_s)
+        return 1.4 + 0.12 * sin_turns(0.4 * t_s), 0.15 * sin_turns(0.55 * t_s)
 
 
 class Moves(_Standing):
@@ -79,4 +79,4 @@ class Moves(_Standing):
 
     def _lean(self, foot: Foot, t_s: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         forward = sin_turns(t_s / 7)
-        return np.where(forward > 0, 1 + 3.0 * forward, 1 + 0.8 * forward), 1 + 2.0 * sin_turns(t_s / 13)
+        return np.where(forward > 0, 1 + 3.0 * forward, 1 + 0.8 * forward), 0.8 * sin_turns(t_s / 13)
