@@ -1,0 +1,89 @@
+"""Curves and memories planted in a simulated chamber are found, and turned round by the chain."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from insole_daemon.calibration import memory
+from insole_daemon.calibration.memory import Memories
+from insole_daemon.physics.calibration import Calibration
+from insole_daemon.physics.chain import Chain
+from insole_daemon.physics.effect import effect
+from insole_daemon.recording.copies import write_calibration
+from insole_daemon.simulation.scenarios.chamber import programme
+from insole_daemon.skin import layout as layouts
+
+TURNS = programme(300_000.0, (8_000.0, 40_000.0), cycles=1, hold_s=40.0)
+T_S = np.arange(0.0, TURNS[-1, 0], 0.1)
+LOAD_PA = np.interp(T_S, TURNS[:, 0], TURNS[:, 1])
+LAYOUT = layouts.builtin("left", (5, 6, 7))
+MEMORIES = Memories(r_pa=(20_000.0,), tau_s=(20.0,))
+SLOTS = np.array([0, 5, 16, 40])
+BASELINE = np.array([240.0, 238.5, 243.0, 236.0])
+COEFFICIENTS = np.array([0.0, 6000.0, 20.0, 0.4])
+
+
+def counts(*effects, noise=0.0, seed=0):
+    """(n, m) counts of the slots, unrounded."""
+    baseline = np.full((len(LAYOUT), 12), np.nan)
+    baseline.ravel()[SLOTS] = BASELINE
+    coefficients = np.where(np.isnan(baseline)[..., None], np.nan, COEFFICIENTS)
+    true = Calibration("left", baseline, coefficients, None, ~np.isnan(baseline), {})
+    load = np.broadcast_to(LOAD_PA[:, None, None], (len(T_S), len(LAYOUT), 12))
+    whole = Chain(effects, LAYOUT, true).forward()(load, T_S).reshape(len(T_S), -1)[:, SLOTS]
+    return whole + np.random.default_rng(seed).normal(0.0, noise, whole.shape) if noise else whole
+
+
+def found(read, stiffness=1e-6):
+    held = memory.states(T_S, LOAD_PA, MEMORIES, LAYOUT)
+    return memory.fit(BASELINE - read, LOAD_PA, held, MEMORIES, stiffness)
+
+
+@pytest.mark.parametrize("spikes", [False, True])
+def test_planted_shares_are_found_and_undone(spikes):
+    read = counts(effect("hysteresis", r_pa=[20_000.0], w=[0.08]), effect("creep", a=[0.1], tau_s=[20.0]), noise=0.2)
+    if spikes:
+        read[np.random.default_rng(1).integers(0, len(read), 60)] -= 30.0
+    curves = found(read)
+    np.testing.assert_allclose(curves.w, 0.08, atol=0.02)
+    np.testing.assert_allclose(curves.a, 0.1, atol=0.02)
+    made, effects = memory.calibration(curves, SLOTS, BASELINE, LAYOUT, {})
+    clean = counts(effect("hysteresis", r_pa=[20_000.0], w=[0.08]), effect("creep", a=[0.1], tau_s=[20.0]))
+    whole = np.full((len(T_S), len(LAYOUT) * 12), np.nan)
+    whole[:, SLOTS] = clean
+    undone = Chain(effects, LAYOUT, made).inverse()(whole.reshape(len(T_S), -1, 12), T_S)
+    left = undone.reshape(len(T_S), -1)[:, SLOTS] - LOAD_PA[:, None]
+    assert np.sqrt((left**2).mean()) < 2000.0  # what is left out are products of w and a
+
+
+def test_a_taxel_without_memory_gets_none_and_its_curve_rises():
+    curves = found(counts(noise=0.2))
+    assert curves.w.max() < 0.01
+    assert curves.a.max() < 0.01
+    x = np.linspace(0.0, 35.0, 50)
+    slopes = [np.polyval(np.polyder(own[::-1]), x).min() for own in curves.coefficients_pa]
+    assert min(slopes) >= 0.0
+    assert not curves.coefficients_pa[:, 0].any()
+
+
+def test_held_out_memory_beats_none():
+    read = counts(effect("hysteresis", r_pa=[20_000.0], w=[0.15]), noise=0.5)
+    fold = np.arange(len(T_S)) * 5 // len(T_S)
+    with_memory, without = (
+        memory.held_out(BASELINE - read, LOAD_PA, memory.states(T_S, LOAD_PA, m, LAYOUT), m, 1e-4, fold)
+        for m in (MEMORIES, Memories())
+    )
+    assert with_memory.shape == (len(SLOTS),)
+    assert (with_memory < 0.8 * without).all()
+
+
+def test_the_file_names_the_effects_of_every_taxel(tmp_path):
+    made, _ = memory.calibration(found(counts(noise=0.5)), SLOTS, BASELINE, LAYOUT, {"source": "a test"})
+    write_calibration(tmp_path / "calibration.json", made, LAYOUT)
+    said = json.loads((tmp_path / "calibration.json").read_text())
+    assert [entry["effect"] for entry in said["effects"]] == ["hysteresis"] * 4 + ["creep"] * 4
+    assert said["effects"][1]["where"] == {"scope": "taxel", "ids": [[5, 0, 5]]}
+    assert len(said["taxels"]) == 4
