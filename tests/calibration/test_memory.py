@@ -13,10 +13,11 @@ from insole_daemon.physics.calibration import Calibration
 from insole_daemon.physics.chain import Chain
 from insole_daemon.physics.effect import effect
 from insole_daemon.recording.copies import write_calibration
+from insole_daemon.simulation.conditions import Cycles
 from insole_daemon.simulation.scenarios.chamber import programme
 from insole_daemon.skin import layout as layouts
 
-TURNS = programme(300_000.0, (8_000.0, 40_000.0), cycles=1, hold_s=40.0)
+TURNS = programme(300_000.0, (8_000.0, 40_000.0), Cycles(cycles=1, hold_s=40.0))
 T_S = np.arange(0.0, TURNS[-1, 0], 0.1)
 LOAD_PA = np.interp(T_S, TURNS[:, 0], TURNS[:, 1])
 LAYOUT = layouts.builtin("left", (5, 6, 7))
