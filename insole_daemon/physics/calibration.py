@@ -52,6 +52,15 @@ class Calibration:
     extensions: Mapping[str, Any] = field(default_factory=dict, repr=False)
     highest_count: NDArray[np.float64] | None = None  # (n_triangles, 12) activation seen in the fit; inf: not known
 
+    @property
+    def lowest_count(self) -> NDArray[np.uint8] | None:
+        """(n_triangles, 12) a count below that is beyond what the curve was fitted to; None where nobody said."""
+        if self.highest_count is None:
+            return None
+        lowest = np.ceil(np.nan_to_num(self.baseline_count) - self.highest_count)
+        below: NDArray[np.uint8] = np.clip(lowest, 0, 255).astype(np.uint8)  # no limit: 0, below which nothing is
+        return below
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Taxel(Section):

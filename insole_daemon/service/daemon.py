@@ -219,6 +219,7 @@ class Daemon:
                         "skipped": tally.skipped + assembler.skipped,
                         "superseded_halves": assembler.superseded,
                         "missed_halves": int(assembler.missed.sum()),
+                        "extrapolated": foot.extrapolated,
                     },
                     publish_rate_hz=published / elapsed_s,
                     latency_ms=latency_ms,

@@ -39,6 +39,7 @@ class Foot:
         self.n_triangles = len(setup.layout.triangles)
         self.survey = BoardSurvey(setup.layout)
         self.seq = 0
+        self.extrapolated = 0  # cycles in which a taxel read beyond what its curve was fitted to
         self.started_ns = time.time_ns()
         self.setup, self._watch = setup, _watch(setup)
         self.use(setup)
@@ -59,6 +60,7 @@ class Foot:
         self.stale_after_ns = round(config.publish.stale_after_ms * 1e6)
         boards = {board.address: board for board in setup.insole.boards}
         self.validity = Validity(setup.layout, boards, self.stale_after_ns)
+        self._lowest_count = self.calibration.lowest_count
         self._curve = StaticCurve(self.calibration, config.contact.activation_threshold_count)
         self._wrench = WrenchEstimator(setup.layout, config.contact.min_force_n, config.contact.min_pressure_pa)
 
@@ -81,6 +83,8 @@ class Foot:
         self._watch.screen(cycles, at)
         counts, status, age_ns = cycles.counts[at], cycles.status[at], cycles.age_ns[at]
         valid = self.validity(counts, status, age_ns) & self._curve.usable & ~self._watch.masked
+        if self._lowest_count is not None and np.count_nonzero((counts < self._lowest_count) & valid):
+            self.extrapolated += 1
         pressure_pa = self._curve.pressure_pa(counts)
         wrench = self._wrench(pressure_pa, valid, self._curve.variance_pa2(counts))
         age_ms = _age_ms(age_ns)

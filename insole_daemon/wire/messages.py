@@ -152,7 +152,7 @@ class Health(Message):
     t_ns: int
     uptime_s: float
     state: Literal["ok", "degraded", "no data"]
-    cycles: dict[str, int]  # published, late, repeated, skipped, superseded halves, missed halves
+    cycles: dict[str, int]  # published, late, repeated, skipped, superseded halves, missed halves, extrapolated
     publish_rate_hz: float  # over the last second
     latency_ms: dict[str, float | None]  # newest half → put, over the last second: p50, p99, max
     boards: list[dict[str, Any]]

@@ -200,6 +200,25 @@ def test_wrong_covariance(write: Write, matrix: object, message: str) -> None:
     assert message in found
 
 
+def test_the_range_of_a_curve_is_an_extension(write: Write) -> None:
+    ranged = taxel(extensions={"valid_range": {"activation_count": [0, 40.2]}})
+    assert load(write(taxel()), LAYOUT).highest_count is None
+    assert load(write(taxel()), LAYOUT).lowest_count is None
+    found = load(write(ranged, taxel(1)), LAYOUT)
+    row = LAYOUT.rows[BOARD, TRIANGLE]
+    assert found.highest_count is not None
+    assert found.lowest_count is not None
+    assert found.highest_count[row, :2].tolist() == [40.2, np.inf]
+    assert found.lowest_count[row, :2].tolist() == [201, 0], "240.5 − 40.2 is 200.3; one without a range has no limit"
+
+
+@pytest.mark.parametrize("value", [[0, 40], {"activation_count": [40, 0]}, {"activation_count": "all"}, {}])
+def test_wrong_range(write: Write, value: object) -> None:
+    _, key, message = only(write(taxel(extensions={"valid_range": value})))
+    assert key == "taxels[0].extensions.valid_range"
+    assert "two numbers that ascend" in message
+
+
 def test_default_is_a_line_from_what_the_boards_rest_at() -> None:
     boards = [Board(address=a, interface="can0", no_load=n) for a, n in ((5, 240), (6, 255), (7, 245))]
     calibration = default(LAYOUT, boards)

@@ -156,6 +156,7 @@ def test_health_counts_what_the_golden_log_holds(monkeypatch: pytest.MonkeyPatch
     assert health.cycles["missed_halves"] == expected["missed_halves"]
     assert health.cycles["late"] == sum(cycle["late"] for cycle in expected["cycles"])
     assert health.cycles["skipped"] == 0
+    assert health.cycles["extrapolated"] == 0, "its calibration does not say how far its curves were seen"
     rates = {board["address"]: board["rate_hz"] for board in health.boards}
     assert rates == {8: pytest.approx(20, abs=10), 9: pytest.approx(50, abs=10), 10: pytest.approx(50, abs=10)}
 
