@@ -73,7 +73,7 @@ def digitise(
 def clamped(value: NDArray[np.int64], no_load: int | NDArray[np.int64], shift: NDArray[np.int64]) -> NDArray[np.uint8]:
     """Counts of `value` (…), the codes that are left of the baseline and of the temperature; no flags."""
     # Within the two pins the formula cannot leave 0..255, so clamping is the same as the firmware's rules.
-    return np.clip(no_load - (value >> shift), 0, 255).astype(np.uint8)
+    return np.minimum(np.maximum(no_load - (value >> shift), 0), 255).astype(np.uint8)
 
 
 def codes_of(count: NDArray[np.float64], no_load: NDArray[np.int64], shift: NDArray[np.int64]) -> NDArray[np.float64]:

@@ -20,7 +20,9 @@ from .reception import Reception
 from .run import Mounted, Run
 from .sensors import Temperature
 
-_AHEAD_NS = 50_000_000  # of frames made at once when played: also the time until a command takes effect
+# Of frames made at once when played: also the time until a command takes effect. Longer is less work, so it is short
+# only after a command, when more are to be expected.
+_AHEAD_NS, _AHEAD_IN_TALK_NS, _TALK_NS = 100_000_000, 20_000_000, 1_000_000_000
 _GROUP_S = 0.002  # frames due within this are sent together
 _LATE_NS = 500_000_000  # frames that late were missed by everybody: a real bus does not catch up
 _CHUNK_NS = 1_000_000_000  # of frames made at once when written
@@ -110,11 +112,11 @@ class Emulator:
         since_start_ns = time.monotonic_ns() - t_start_ns  # the clock to sleep by must not step
         t_end_ns = None if seconds is None else t_start_ns + round(seconds * 1e9)
         run, received = self.run(t_start_ns), self._reception()
-        sent = 0
+        sent, talks_until_ns = 0, t_start_ns
         while not stop.is_set() and (t_end_ns is None or run.now_ns < t_end_ns):
-            if receive is not None:
-                run.obey(receive())
-            until_ns = run.now_ns + _AHEAD_NS
+            if receive is not None and run.obey(receive()):
+                talks_until_ns = run.now_ns + _TALK_NS
+            until_ns = run.now_ns + (_AHEAD_IN_TALK_NS if run.now_ns < talks_until_ns else _AHEAD_NS)
             batch = received(run.advance(until_ns if t_end_ns is None else min(until_ns, t_end_ns)))
             sent += _send_when_due(batch, run.now_ns, since_start_ns, send, stop)
         return sent

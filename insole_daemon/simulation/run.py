@@ -59,11 +59,15 @@ class Run:
         self.now_ns = until_ns
         return self.bus.carry(offers[: len(offers) - len(self._later)], until_ns)
 
-    def obey(self, frames: FrameBatch) -> None:
-        """Let the boards act, now, on frames that were sent to them; answers come with the next `advance`."""
+    def obey(self, frames: FrameBatch) -> bool:
+        """Let the boards act, now, on frames that were sent to them; whether there were any.
+
+        Answers come with the next `advance`.
+        """
         # Chosen at once: on a bus that echoes, most of what comes in is the boards' own stream.
         cls = frames.can_id >> np.uint32(8)
-        for row in np.flatnonzero((frames.flags == 0) & ((cls == CLASS_COMMAND) | (cls == CLASS_MANAGEMENT))):
+        rows = np.flatnonzero((frames.flags == 0) & ((cls == CLASS_COMMAND) | (cls == CLASS_MANAGEMENT)))
+        for row in rows:
             can_id = int(frames.can_id[row])
             payload = frames.data[row, : frames.dlc[row]].tobytes()
             for each in self._mounted:
@@ -73,6 +77,7 @@ class Run:
                 answer = obey(each.board, can_id, payload, self.now_ns, pressure_pa)
                 if answer is not None:
                     self._later.append(_single(self.now_ns, each.board.node, *answer))
+        return len(rows) > 0
 
     def _offers(self, mounted: Mounted, until_ns: int) -> list[Offer]:
         """What a board brings forth before `until_ns`, or begins to; it does not change by itself before."""

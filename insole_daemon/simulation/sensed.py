@@ -28,7 +28,7 @@ from .sensors import Temperature
 GRID_S = 0.01
 OF_BOARDS = ("sample_and_hold", "bit_shift", "jitter", "loss")
 _AT_ONCE = 32  # moments of the grid that are worked out together: some 1 ms of a live stream
-_KEPT = 96  # such blocks, 30 s: whoever asks for what was earlier has it worked out anew
+_KEPT = 96 * _AT_ONCE  # moments, 30 s: whoever asks for what was earlier has it worked out anew
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,7 +103,7 @@ class Sensed:
         first = int(before.min())
         felt = self._felt.get(foot)
         if felt is None or first < felt.first:
-            felt = self._felt[foot] = _Felt(self._chains[foot].forward())
+            felt = self._felt[foot] = _Felt(self._chains[foot].forward(), len(self._insoles[foot].layout))
         while felt.end < int(before.max()) + 2:
             self._go_on(foot, felt, first)
         part = (at - before)[:, None, None]
@@ -125,24 +125,23 @@ class Sensed:
 class _Felt:
     """One run of a chain, and what it has given last, a row a moment of the grid."""
 
-    def __init__(self, run: Run) -> None:
+    def __init__(self, run: Run, n_triangles: int) -> None:
         self.run = run
         self.first = self.end = 0  # of what is kept
-        self._blocks: list[NDArray[np.float64]] = []
+        self._rows = np.empty((0, n_triangles, N_TAXELS))
 
     def keep(self, block: NDArray[np.float64], needed: int) -> None:
         """Add what comes next; what is old may go, but nothing from the moment `needed` on."""
-        self._blocks.append(block)
+        used = self.end - self.first
+        if used + len(block) > len(self._rows):
+            oldest = min(needed, max(self.end - _KEPT, self.first))
+            kept = self._rows[oldest - self.first : used]
+            self._rows = np.empty((2 * max(len(kept), _KEPT), *kept.shape[1:]))
+            self._rows[: len(kept)] = kept
+            self.first, used = oldest, len(kept)
+        self._rows[used : used + len(block)] = block
         self.end += len(block)
-        while len(self._blocks) > _KEPT and self.first + _AT_ONCE <= needed:
-            self.first += len(self._blocks.pop(0))
 
     def at(self, rows: NDArray[np.int64]) -> NDArray[np.float64]:
         """(n, n_triangles, 12) of the moments `rows` (n,)."""
-        place = rows - self.first
-        blocks = place // _AT_ONCE
-        result = np.empty((len(rows), *self._blocks[0].shape[1:]))
-        for block in np.unique(blocks):
-            mine = blocks == block
-            result[mine] = self._blocks[block][place[mine] % _AT_ONCE]
-        return result
+        return self._rows[rows - self.first]

@@ -72,6 +72,8 @@ class Sensors:
         ]
         self._cdc_hz = cdc_hz
         self._phase_s = phases_s(seed, address, cdc_hz or 1.0)
+        # Which were asked for last, which of them are there, and where among the board's.
+        self._slots, self._there, self._rows = np.empty(0, np.intp), np.empty(0, np.bool_), np.empty(0, np.intp)
         self._held = np.full((16, 12), OPEN_LINE, np.int64)
         self._held_number = np.full(16, -(2**62), np.int64)
 
@@ -110,9 +112,12 @@ class Sensors:
         `pressure_pa` (n_ticks, n_triangles, 12), as it was when `sampled_s` says; not `held`: a converter has
         just been through, as after being programmed.
         """
-        there = np.isin(slots, self.triangles)
+        if slots is not self._slots:
+            self._slots, self._there = slots, np.isin(slots, self.triangles)
+            self._rows = np.searchsorted(self.triangles, slots[self._there])
+        there = self._there
         slots_there = slots[there]
-        load = pressure_pa[:, np.searchsorted(self.triangles, slots_there)]
+        load = pressure_pa[:, self._rows]
         code = self._noise.normal(*load.shape)
         code *= self._noise_code
         for fault in self._taxel_faults:
@@ -124,7 +129,8 @@ class Sensors:
             code += self._warmth(t_s)[:, None]
         for fault in self._taxel_faults:
             self._break_taxels(fault, code, load, slots_there, t_s)
-        code = np.rint(code, out=code).clip(0, OPEN_LINE)
+        np.rint(code, out=code)
+        np.minimum(np.maximum(code, 0, out=code), OPEN_LINE, out=code)
         words = np.full((len(load), len(slots), 12), OPEN_LINE, np.int64)
         words[:, there] = code
         if self._cdc_hz is not None and held:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..law import MOST_SHARED, Array, Law, Operator, Parameter, Site, Values, wrong_sum
-from ..relaxation import InverseRelaxation, Relaxation
+from ..relaxation import Relaxation
 
 
 def log_spaced_s(shortest_s: float, longest_s: float, k: int) -> Array:
@@ -18,7 +18,7 @@ def _forward(values: Values, site: Site) -> Operator:
 
 
 def _inverse(values: Values, site: Site) -> Operator:
-    return InverseRelaxation(1.0 - values["a"].sum(axis=0), values["a"], values["tau_s"])
+    return Relaxation(1.0 - values["a"].sum(axis=0), values["a"], values["tau_s"], back=True)
 
 
 LAW = Law(

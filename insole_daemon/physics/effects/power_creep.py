@@ -19,7 +19,7 @@ import numpy as np
 
 from ..law import MOST_SHARED, Array, Law, Operator, Parameter, Site, Values
 from ..portable import exp, exp_minus_one, power
-from ..relaxation import InverseRelaxation, Relaxation
+from ..relaxation import Relaxation
 
 SPAN_S = 1e5  # how long after a change of the load the kernel is right: 28 hours
 _PER_DECADE = 3
@@ -61,7 +61,7 @@ def _forward(values: Values, site: Site) -> Operator:
 
 
 def _inverse(values: Values, site: Site) -> Operator:
-    return InverseRelaxation(*_modes(values), settled=False)
+    return Relaxation(*_modes(values), settled=False, back=True)
 
 
 LAW = Law(

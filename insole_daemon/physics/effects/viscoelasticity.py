@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ..law import MOST_SHARED, Law, Operator, Parameter, Site, Values
-from ..relaxation import InverseRelaxation, Relaxation
+from ..relaxation import Relaxation
 
 
 def _forward(values: Values, site: Site) -> Operator:
@@ -11,7 +11,7 @@ def _forward(values: Values, site: Site) -> Operator:
 
 
 def _inverse(values: Values, site: Site) -> Operator:
-    return InverseRelaxation(1.0 - values["a"], values["a"][None], values["tau_s"][None])
+    return Relaxation(1.0 - values["a"], values["a"][None], values["tau_s"][None], back=True)
 
 
 LAW = Law(
