@@ -7,7 +7,22 @@ import sys
 import typer
 
 from ..errors import InsoleError
-from . import boards, calibrate, demo, doctor, export, import_, record, replay, run, simulate, status, watch, zero
+from . import (
+    boards,
+    calibrate,
+    demo,
+    doctor,
+    export,
+    import_,
+    record,
+    replay,
+    run,
+    simulate,
+    status,
+    validate,
+    watch,
+    zero,
+)
 from . import map as mapping
 
 app = typer.Typer(
@@ -23,6 +38,7 @@ app = typer.Typer(
 for verb in (
     demo.demo, run.run, simulate.simulate, replay.replay, watch.watch, status.status, doctor.doctor, boards.boards,
     zero.zero, record.record, export.export, calibrate.calibrate,
+    validate.validate,
 ):  # fmt: skip
     app.command()(verb)
 app.command("import")(import_.import_)

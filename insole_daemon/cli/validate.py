@@ -1,0 +1,82 @@
+"""`insole validate`: how good a calibration is on other recordings."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from ..calibration.validation import Result
+
+
+def validate(
+    recordings: Annotated[list[Path], typer.Argument(help="Folders of recordings with a reference.")],
+    calibration: Annotated[Path, typer.Option("--calibration", help="The calibration that is judged.")],
+    out: Annotated[Path | None, typer.Option("--json", help="All figures, as insole-validation/1.")] = None,
+) -> None:
+    """Judge a calibration by recordings with a known load: the published tables, for any tasks."""
+    from rich.console import Console
+
+    from ..calibration import validation
+    from ..documents import Reading
+    from ..errors import CalibrationError, FileError
+    from ..files import write_text
+    from ..physics import calibration as calibrations
+    from ..recording.loading import load
+
+    loaded = [load(folder) for folder in recordings]
+    for line in (line for each in loaded for line in each.warnings):
+        print(f"insole: {line}", file=sys.stderr)
+    said = Reading(calibration).document
+    foot = said.get("foot") if isinstance(said, dict) else None
+    layout = next((f.layout for each in loaded for f in each.feet if f.foot == foot), None)
+    if foot in ("left", "right") and layout is None:
+        raise CalibrationError(f"{calibration}: a calibration of the {foot} foot, which none of the recordings has")
+    judged = calibrations.load(calibration, layout or loaded[0].feet[0].layout)
+    results, remarks = validation.validate(loaded, judged)
+    for remark in remarks:
+        print(f"insole: {remark}", file=sys.stderr)
+    if out is not None:
+        text = json.dumps(validation.document(results, str(calibration)), indent=1, ensure_ascii=False)
+        try:
+            write_text(out, text + "\n")
+        except OSError as error:
+            raise FileError(f"{out}: cannot be written: {error.strerror or error}") from error
+    console = Console(width=None if sys.stdout.isatty() else 160)
+    for table in _tables(results):
+        console.print(table)
+    for name in ("rmse", "accuracy", "steady", "cop", "taxels"):
+        print(f"{name}: {validation.DEFINITIONS[name]}", file=sys.stderr)
+
+
+def _tables(results: Sequence[Result]) -> list[Table]:
+    from ..calibration.validation import ShoeResult
+    from ..calibration.validation_rows import CHAMBER_COLUMNS, SHOE_COLUMNS, chamber_rows, shoe_rows
+
+    tables = []
+    shoe = [each for each in results if isinstance(each.outcome, ShoeResult)]
+    chamber = [each for each in results if not isinstance(each.outcome, ShoeResult)]
+    if shoe:
+        tables.append(_table(SHOE_COLUMNS, shoe_rows(shoe)))
+    if chamber:
+        tables.append(_table(CHAMBER_COLUMNS, chamber_rows(chamber)))
+    return tables
+
+
+def _table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
+    from rich.box import SIMPLE
+    from rich.table import Table
+
+    table = Table(box=SIMPLE)
+    for at, column in enumerate(columns):
+        table.add_column(column, justify="right" if at else "left")
+    for row in rows:
+        table.add_row(*row)
+    return table

@@ -1,0 +1,97 @@
+"""What `validate` says of a calibration, against figures computed by hand."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from small_insole import LAYOUT
+from typer.testing import CliRunner
+
+import insole_daemon
+from insole_daemon.calibration import validation
+from insole_daemon.calibration.validation import ChamberResult, ShoeResult, validate
+from insole_daemon.cli import app
+from insole_daemon.errors import CalibrationError
+from insole_daemon.physics.calibration import Calibration
+
+
+@pytest.fixture(scope="module")
+def true(chamber: Path) -> Calibration:
+    """The curves that the simulated insole really has."""
+    calibration = insole_daemon.load(chamber)["left"].calibration
+    assert calibration is not None
+    return calibration
+
+
+def test_a_true_calibration_leaves_what_noise_leaves(true: Calibration, tasks: dict[str, Path]) -> None:
+    (walk,), _ = validate([insole_daemon.load(tasks["t4"])], true)
+    found = walk.outcome
+    assert isinstance(found, ShoeResult)
+    assert found.f_z.rmse < 20
+    assert found.f_z.accuracy > 93
+    assert found.cop_x.rmse < 0.01
+    assert found.cop_x.accuracy > 95, "an accuracy of 95 % and an RMSE of mm go together"
+    assert np.isnan(found.steady_rmse_n), "nobody stands still while walking"
+
+
+def test_figures_are_those_of_their_definitions(true: Calibration, tasks: dict[str, Path]) -> None:
+    (stand,), _ = validate([insole_daemon.load(tasks["t2"])], true)
+    found = stand.outcome
+    assert isinstance(found, ShoeResult)
+    said = np.isfinite(stand.reference).all(axis=1)
+    error, reference = (stand.estimate - stand.reference)[said], stand.reference[said]
+    assert found.f_z.rmse == pytest.approx(float(np.sqrt(np.mean(error[:, 0] ** 2))))
+    assert found.m_y.accuracy == pytest.approx(
+        float(100 - 100 * np.abs(error[:, 2]).sum() / np.abs(reference[:, 2]).sum())
+    )
+    assert found.steady > 0.5
+    assert found.steady_rmse_n < found.f_z.rmse * 1.5
+
+
+def test_a_wrong_gain_is_seen(true: Calibration, tasks: dict[str, Path], chamber: Path) -> None:
+    wrong = replace(true, coefficients_pa=true.coefficients_pa * 1.2)
+    recordings = [insole_daemon.load(tasks["t2"]), insole_daemon.load(chamber)]
+    stand, bag = (each.outcome for each in validate(recordings, wrong)[0])
+    assert isinstance(stand, ShoeResult)
+    assert stand.f_z.accuracy == pytest.approx(80, abs=3)
+    assert isinstance(bag, ChamberResult)
+    assert np.median(bag.mean_error_pa) > 4e3
+
+
+def test_taxels_in_a_chamber(true: Calibration, chamber: Path) -> None:
+    (bag,), _ = validate([insole_daemon.load(chamber)], true)
+    found = bag.outcome
+    assert isinstance(found, ChamberResult)
+    assert found.rmse_pa.shape == (10 * len(LAYOUT),)
+    assert 5e3 < np.median(found.rmse_pa) < 12e3, "a count of noise is 8 kPa"
+    assert found.good.mean() > 0.5
+
+
+def test_the_command_writes_all_figures(chamber: Path, tasks: dict[str, Path], tmp_path: Path) -> None:
+    out = tmp_path / "validation.json"
+    calibration = next(tasks["t4"].glob("*calibration.json"))
+    done = CliRunner().invoke(
+        app, ["validate", str(tasks["t4"]), str(chamber), "--calibration", str(calibration), "--json", str(out)]
+    )
+    assert done.exit_code == 0, done.output
+    assert "t4" in done.stdout
+    said = json.loads(out.read_text())
+    assert said["format"] == validation.FORMAT
+    shoe, bag = said["recordings"]
+    assert set(shoe["f_z"]) == {"rmse_n", "accuracy"}
+    assert shoe["steady"]["f_z_rmse_n"] is None
+    assert bag["taxels"]["good"] <= bag["taxels"]["judged"] == 10 * len(LAYOUT)
+    assert "contradicts" in said["definitions"]["cop"]
+
+
+def test_the_calibration_of_the_other_foot_is_refused(tasks: dict[str, Path], tmp_path: Path) -> None:
+    path = tmp_path / "right.json"
+    text = next(tasks["t4"].glob("*calibration.json")).read_text()
+    path.write_text(text.replace('"foot": "left"', '"foot": "right"'))
+    done = CliRunner().invoke(app, ["validate", str(tasks["t4"]), "--calibration", str(path)])
+    assert isinstance(done.exception, CalibrationError)
+    assert "of the right foot, which none of the recordings has" in str(done.exception)
