@@ -66,6 +66,19 @@ def sin_turns(turns: ArrayLike) -> NDArray[np.float64]:
     return sine
 
 
+def between(x: NDArray[np.float64], knots: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n,) of `x` (n,): linear between the `knots` (k,), constant beyond them.
+
+    np.interp is C, in which a compiler may join a product and a sum to one operation.
+    """
+    after = np.minimum(np.maximum(np.searchsorted(knots, x, side="right"), 1), len(knots) - 1)
+    before = np.maximum(after - 1, 0)
+    gap = knots[after] - knots[before]
+    share = np.clip(np.where(gap > 0, (x - knots[before]) / np.where(gap > 0, gap, 1.0), 1.0), 0.0, 1.0)
+    line: NDArray[np.float64] = values[before] + share * (values[after] - values[before])
+    return line
+
+
 def weighted(shares: NDArray[np.float64], patterns: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n, …) Σ_k shares[:, k] · patterns[k], of shares (n, k) and patterns (k, …), always summed in this order."""
     wide = (slice(None), *(None,) * (patterns.ndim - 1))

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ..documents import Section, at_least, read, spell, within, wrong
 from ..errors import SimulationError
+from ..physics.portable import between
 from .faults import Fault
 from .generation import GenerationName
 
@@ -43,8 +44,7 @@ class Course(Section):
 
     def __call__(self, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n,) °C at the times `t_s` (n,)."""
-        course: NDArray[np.float64] = np.interp(t_s, self.t_s, self.temperature_c)
-        return course
+        return between(t_s, np.array(self.t_s), np.array(self.temperature_c))
 
     def __post_init__(self) -> None:
         if len(self.t_s) != len(self.temperature_c):

@@ -33,6 +33,15 @@ def test_exact_where_it_is_known():
     assert portable.sin_turns([0.25, -0.25, 0.75]) == pytest.approx([1.0, -1.0, -1.0], abs=1e-15)
 
 
+def test_lines_between_knots_are_those_of_numpy():
+    draw = np.random.default_rng(2)
+    for k in (1, 2, 7):
+        knots, values = np.cumsum(draw.random(k) + 0.1), draw.random(k)
+        x = np.concatenate([draw.uniform(-1, 8, 500), knots])
+        assert portable.between(x, knots, values) == pytest.approx(np.interp(x, knots, values), abs=1e-14)
+        assert portable.between(knots, knots, values) == pytest.approx(values, abs=1e-15)
+
+
 def test_weighted_is_the_sum_over_patterns():
     draw = np.random.default_rng(1)
     shares, patterns = draw.random((5, 3)), draw.random((3, 2, 4))

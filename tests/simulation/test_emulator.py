@@ -270,6 +270,13 @@ def test_play_stops_when_told():
     assert not player.is_alive()
 
 
+def test_a_run_says_whether_somebody_talks_to_its_boards():
+    run = emulator().run(0)
+    assert run.obey(commands((0x205, [0x07, 1])))
+    assert not run.obey(run.advance(100_000_000)), "their own stream, which a bus may echo, is no talk"
+    assert not run.obey(FrameBatch.empty())
+
+
 def test_play_obeys_what_it_receives():
     sent = []
     inbox = [commands((0x70F, b"\xff"))]

@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from ..law import Array, Law, Operator, Parameter, Site, Values
+from ..portable import between
 
 
 def _shift(values: Values, t_s: Array) -> Array:
     """(n, m) or (n, 1) what is added to the count: linear between the knots, constant before and after them."""
     knots, shift = np.broadcast_arrays(values["t_s"], values["shift_count"])
-    return np.stack([np.interp(t_s, knots[:, i], shift[:, i]) for i in range(knots.shape[1])], axis=1)
+    return np.stack([between(t_s, knots[:, i], shift[:, i]) for i in range(knots.shape[1])], axis=1)
 
 
 def _forward(values: Values, site: Site) -> Operator:

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from ...physics.portable import between
 from ...skin.geometry import PRESSURE_TAXELS
 from ...skin.layout import Foot, Layout
 from ..conditions import Cycles
@@ -50,8 +51,7 @@ class Chamber:
 
     def level_pa(self, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n_times,) of the chamber."""
-        level: NDArray[np.float64] = np.interp(t_s, self._turns[:, 0], self._turns[:, 1])
-        return level
+        return between(t_s, self._turns[:, 0], self._turns[:, 1])
 
     def reference(self, foot: Foot, t_s: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
         """pressure_pa (n_times,)."""
