@@ -24,7 +24,6 @@ from paper_phenomenon import ordinary
 import insole_daemon
 from insole_daemon.config import Config
 from insole_daemon.mechanics.gait import Gait, GaitEvent
-from insole_daemon.physics.sampling import CDC_HZ
 from insole_daemon.recording.loading import Recording
 from insole_daemon.recording.steps import steps
 from insole_daemon.service.setup import load_layout
@@ -85,7 +84,7 @@ def trials(names: tuple[str, ...], physics: bool) -> Iterator[tuple[str, Trial, 
     """Each name with each mass, another insole and another walk each time."""
     effects = {layout.foot: ordinary() for layout in _LAYOUTS} if physics else {}
     for seed, (name, mass_kg) in enumerate((name, mass_kg) for name in names for mass_kg in MASSES_KG):
-        conditions = Conditions(mass_kg=mass_kg, cdc_hz=CDC_HZ if physics else None)
+        conditions = Conditions(mass_kg=mass_kg)
         trial = Trial(name, _CONFIG, _LAYOUTS, effects=effects, conditions=conditions, seed=seed)
         with tempfile.TemporaryDirectory() as folder:
             yield name, trial, insole_daemon.load(trial.write(Path(folder) / name))

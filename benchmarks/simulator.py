@@ -23,7 +23,6 @@ from insole_daemon.physics.effect import Effect, Where, effect
 from insole_daemon.physics.effects import laws
 from insole_daemon.physics.sampling import CDC_HZ
 from insole_daemon.service.setup import load_layout
-from insole_daemon.simulation.conditions import Conditions
 from insole_daemon.simulation.trial import Trial
 from insole_daemon.skin.layout import Layout
 
@@ -72,7 +71,7 @@ def every_effect(layout: Layout) -> list[Effect]:
 def trial(config: Config) -> Trial:
     layouts = [load_layout(insole) for insole in config.insoles]
     effects = {layout.foot: every_effect(layout) for layout in layouts}
-    return Trial("walk", config, layouts, effects=effects, seed=SEED, conditions=Conditions(cdc_hz=CDC_HZ))
+    return Trial("walk", config, layouts, effects=effects, seed=SEED)
 
 
 def written() -> None:

@@ -71,8 +71,9 @@ class Instrument(Section):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Conditions(Section):
-    """Of a trial. `cdc_hz`: rate of the converters (really sampling.CDC_HZ), None: a reading is as old as its tick."""
+    """Of a trial. `take`: the same again with other noise."""
 
+    take: Annotated[int, within(0, 1_000_000)] = 0
     length_s: Annotated[float, within(10.0, 36_000.0)] | None = None
     mass_kg: Annotated[float, within(20.0, 200.0)] | None = None
     cadence_per_min: Annotated[float, within(40.0, 160.0)] | None = None
@@ -80,7 +81,6 @@ class Conditions(Section):
     temperature: Course | None = None
     reference: Instrument = field(default_factory=Instrument)
     generation: GenerationName | None = None
-    cdc_hz: Annotated[float, within(5.0, 100.0)] | None = None
     faults: tuple[Fault, ...] = ()
 
 

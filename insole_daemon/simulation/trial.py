@@ -74,7 +74,8 @@ class Trial:
         self._check_clock()
         places: Places = {insole.layout.foot: insole.chain.xy_m for insole in self.insoles}
         self.load = self.scenario.load(layouts, places, self.conditions, seed)
-        self._luck = zlib.crc32(name.encode())  # a trial's own: the insole is that of the seed alone
+        # A trial's own: the insole is that of the seed alone.
+        self._luck = zlib.crc32(f"{name} {self.conditions.take}".encode())
         self.emulator = Emulator(
             self._config,
             layouts,
@@ -87,18 +88,12 @@ class Trial:
             loss=self._of_boards("loss"),
             generation=self.conditions.generation,
             faults=self.conditions.faults,
-            cdc_hz=self._converters_hz(),
+            cdc_hz={board: of["rate_hz"] for board, of in self._of_boards("sample_and_hold").items()},
             temperature_c=self.temperature_c,
         )
 
     def _of_boards(self, word: str) -> dict[int, Mapping[str, float]]:
         return {board: values for insole in self.insoles for board, values in insole.of_boards(word).items()}
-
-    def _converters_hz(self) -> dict[int, float]:
-        """By board: as the effect says, else as it was chosen for all."""
-        of_all = self.conditions.cdc_hz
-        hz = {} if of_all is None else {b.address: of_all for insole in self.insoles for b in insole.boards}
-        return hz | {board: values["rate_hz"] for board, values in self._of_boards("sample_and_hold").items()}
 
     def _check_clock(self) -> None:
         chosen = self.conditions.reference

@@ -15,17 +15,18 @@ def errors():
     module = importlib.util.module_from_spec(specification)
     sys.modules["paper_phenomenon"] = module
     specification.loader.exec_module(module)
-    return {physics: module.experiment(physics, ["t1", "t4"], 14.0) for physics in (False, True)}
+    return {physics: module.experiment(physics, ["t1", "t4"], 25.0) for physics in (False, True)}
 
 
 def test_with_physics_on_standing_stays_right_and_walking_does_not(errors):
     noise, physics = errors[False], errors[True]
     assert physics["t1"].f_z_n < 1.5 * noise["t1"].f_z_n
-    assert physics["t4"].f_z_n > 4 * noise["t4"].f_z_n
+    assert physics["t4"].f_z_n > 3 * noise["t4"].f_z_n
+    assert physics["t4"].f_z_n > 5 * physics["t1"].f_z_n, "several-fold, as in the published table"
     assert 50 < physics["t4"].f_z_n < 200, "the order of the paper's 93 N"
 
 
-def test_with_physics_off_neither_grows(errors):
+def test_with_physics_off_walking_stays_what_noise_and_rounding_make_it(errors):
     noise = errors[False]
-    assert noise["t4"].f_z_n < 2.5 * noise["t1"].f_z_n, "the cycle's own 20 ms, and the firmware's rounding when warm"
-    assert noise["t4"].f_z_n < 25
+    assert noise["t1"].f_z_n < 15
+    assert noise["t4"].f_z_n < 30, "twice the force, and the cycle's own 20 ms"

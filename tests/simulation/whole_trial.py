@@ -8,7 +8,6 @@ from pathlib import Path
 from insole_daemon.config import Config
 from insole_daemon.physics.effect import Where, effect
 from insole_daemon.physics.sampling import CDC_HZ
-from insole_daemon.simulation.conditions import Conditions
 from insole_daemon.simulation.trial import Trial
 from insole_daemon.skin import layout as layouts
 
@@ -26,6 +25,7 @@ EFFECTS = [
     effect("temperature", count_per_k=0.3, gain_per_k=0.003, t0_c=25.0),
     effect("compensation", skin_type=8, generation=4, count_per_k=0.3, t0_c=24.0),
     effect("bit_shift", ONE_BOARD, shift=2),
+    effect("sample_and_hold", rate_hz=CDC_HZ),
     effect("jitter", std_s=0.001),
     effect("loss", ONE_BOARD, share=0.05, run=3.0),
     effect("delay", delay_s=0.02),
@@ -42,7 +42,7 @@ def digest(folder: Path) -> str:
 
 def main() -> None:
     config = Config(insoles=Config().insoles[:1])
-    trial = Trial("t4", config, [LEFT], effects={"left": EFFECTS}, seed=7, conditions=Conditions(cdc_hz=CDC_HZ))
+    trial = Trial("t4", config, [LEFT], effects={"left": EFFECTS}, seed=7)
     with tempfile.TemporaryDirectory() as folder:
         sys.stdout.write(digest(trial.write(Path(folder) / "t4", 5.0)))
 
