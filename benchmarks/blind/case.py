@@ -1,29 +1,20 @@
-"""One case: everything drawn and solved, nothing written yet."""
+"""One case, nothing written yet: its sensors, its load, what is concealed and how it is known."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from benchmarks.blind import geometry as places
 from benchmarks.blind.chain import Chain, chain
-from benchmarks.blind.effect import SCOPES, Effect, conceal, hysteresis_twin
-from benchmarks.blind.faults import Fault, fault
+from benchmarks.blind.effect import Effect
+from benchmarks.blind.faults import Fault
 from benchmarks.blind.geometry import Geometry
-from benchmarks.blind.loads import Load, chamber
+from benchmarks.blind.loads import Load
 from benchmarks.blind.plan import Spec
-from benchmarks.blind.ranges import draw
-from benchmarks.blind.sensor import Sensors, sensors
-from benchmarks.blind.strength import Measure, solve
-
-# What the data of an undecidable design cannot tell apart.
-EQUIVALENT = {
-    "sine": ("hysteresis", "creep", "viscoelasticity", "lag", "delay"),
-    "ramps": ("hysteresis", "creep", "viscoelasticity"),
-    "warm": ("temperature", "drift"),
-}
-_SIMULABLE = {"hysteresis", "creep", "viscoelasticity", "drift", "rezero"}
-_ATTEMPTS = 4  # to draw a trial in which the strength asked for is within the effect's range
+from benchmarks.blind.sensor import Sensors
+from benchmarks.blind.walk_chain import WalkChain
+from benchmarks.blind.walking import Walk
 
 
 @dataclass(frozen=True)
@@ -31,109 +22,40 @@ class Case:
     spec: Spec
     geometry: Geometry
     sensors: Sensors
-    load: Load
+    load: Load | Walk
     effects: tuple[Effect, ...]
-    faults: tuple[Fault, ...]
     k: dict[str, float]  # of each effect, alone
     amplitude_fraction: dict[str, float]
     own_clock: bool
     offset_s: float  # own clock: reading = offset + (1 + rate) (seconds since the first tick)
     rate: float
-    simulated: bool  # the load is known from a simulated recording instead of a gauge
+    simulated: bool  # the load is known from a simulated recording instead of an instrument
     epoch_s: int
     rng: np.random.Generator  # for what is drawn when it is written
+    faults: tuple[Fault, ...] = ()
+    at_mm: np.ndarray | None = None  # (28, 12, 2) where the taxels of a walk truly lie
 
-    @property
-    def chain(self) -> Chain:
+    @cached_property
+    def chain(self) -> Chain | WalkChain:
+        if isinstance(self.load, Walk):
+            assert self.at_mm is not None
+            return WalkChain(self.load, self.sensors, self.effects, self.at_mm)
         return chain(self.load, self.sensors, self.effects)
 
+    @cached_property
+    def believed_chain(self) -> Chain | WalkChain:
+        """With nothing concealed, and every taxel where the layout says."""
+        if isinstance(self.load, Walk):
+            return WalkChain(self.load, self.sensors, (), self.geometry.taxel_mm)
+        return chain(self.load, self.sensors, ())
 
-def _scope(rng: np.random.Generator, word: str, spec: Spec) -> str:
-    if spec.kind in ("outside", "undecidable"):
-        return "insole"
-    options = SCOPES[word]
-    if spec.kind == "triple":
-        return options[0]
-    # Half of what can be anywhere is everywhere: that is what physics mostly does.
-    return options[0] if rng.random() < 0.5 else options[int(rng.integers(len(options)))]
-
-
-def _clock(rng: np.random.Generator, spec: Spec) -> bool:
-    """Whether the gauge has a clock of its own."""
-    if "clock" in spec.words:
-        return True
-    if spec.kind == "undecidable" or spec.variant in EQUIVALENT:
-        return False
-    return bool(rng.random() < (0.3 if {"lag", "delay"} & set(spec.words) else 0.5))
-
-
-def _undecidable(rng: np.random.Generator, spec: Spec, geometry: Geometry, load: Load) -> Effect:
-    word = EQUIVALENT[spec.variant][int(rng.integers(len(EQUIVALENT[spec.variant])))]
-    if spec.variant == "warm":
-        effect = conceal(rng, geometry, load, word, "insole")
-        effect.shape.update({"gain_per_k": 0.0, "start_s": 0.0, "settle_s": 0.4 * load.main_s})
-        return effect
-    if spec.variant == "ramps" and word == "viscoelasticity":
-        word = "creep"  # the other two are made to look alike exactly
-    if word == "hysteresis":
-        return hysteresis_twin(conceal(rng, geometry, load, "creep", "insole"), load)[0]
-    if word == "delay":
-        lag = conceal(rng, geometry, load, "lag", "insole")
-        return Effect("delay", "delay", lag.where, lag.place)
-    return conceal(rng, geometry, load, word, "insole")
-
-
-def _draw_once(rng: np.random.Generator, spec: Spec) -> Case:
-    foot = ("left", "right")[int(rng.integers(2))]
-    geometry = places.insole(foot, int(rng.choice([5, 8])))
-    these = sensors(rng)
-    protocol = spec.variant if spec.variant in ("sine", "ramps") else "full"
-    load = chamber(rng, protocol, ("bag", "plenum")[int(rng.integers(2))], spec.variant == "warm")
-    own_clock = _clock(rng, spec)
-    simulated = spec.variant == "" and set(spec.words) <= _SIMULABLE and bool(rng.random() < 0.15)
-    effects: list[Effect] = []
-    if spec.kind == "undecidable":
-        effects.append(_undecidable(rng, spec, geometry, load))
-    elif spec.kind != "fault":
-        for word in spec.words:
-            effects.append(conceal(rng, geometry, load, word, _scope(rng, word, spec), spec.variant))
-    solved, k, fraction = [], {}, {}
-    for effect in effects:
-        measure = Measure(load, these, effect, own_clock)
-        effect = effect.with_amplitude(1.0) if effect.word == "bit_shift" else solve(measure, spec.k)
-        k[effect.word] = measure.k(effect.amplitude)
-        fraction[effect.word] = measure.amplitude_fraction(effect.amplitude)
-        solved.append(effect)
-    rate = 1e-6 * draw(rng, "chamber", "own_clock_rate_ppm")
-    for effect in solved:
-        if effect.word == "clock":
-            rate = 1e-6 * effect.amplitude * effect.shape["sign"]
-    faults = [fault(rng, geometry, load, word) for word in spec.words] if spec.kind == "fault" else []
-    return Case(
-        spec=spec,
-        geometry=geometry,
-        sensors=these,
-        load=load,
-        effects=tuple(solved),
-        faults=tuple(faults),
-        k=k,
-        amplitude_fraction=fraction,
-        own_clock=own_clock,
-        offset_s=draw(rng, "chamber", "own_clock_offset_s") if own_clock else 0.0,
-        rate=rate if own_clock else 0.0,
-        simulated=simulated,
-        epoch_s=1_600_000_000 + int(rng.integers(150_000_000)),
-        rng=rng,
-    )
-
-
-def make(seed: int, index: int, spec: Spec) -> Case:
-    """Case `index` of the seed. Drawn again where the trial cannot show the effect as strongly as asked."""
-    rng = np.random.default_rng([seed, 1, index])
-    made = [_draw_once(rng, spec)]
-    while min(made[-1].k.values(), default=np.inf) < 0.95 * spec.k and len(made) < _ATTEMPTS:
-        made.append(_draw_once(rng, spec))
-    return max(made, key=lambda case: min(case.k.values(), default=np.inf))
+    def believed_pressure(self, seconds: np.ndarray) -> np.ndarray:
+        """(n, 28, 12) Pa on every taxel where the layout says it is."""
+        if isinstance(self.load, Walk):
+            courses = np.stack([np.interp(seconds, self.load.seconds, c) for c in self.load.courses.T], 1)
+            return np.einsum("nr,tkr->ntk", courses, self.load.field(self.geometry.taxel_mm))
+        pressure = np.interp(seconds, self.load.seconds, self.load.pressure_pa)
+        return np.broadcast_to(pressure[:, None, None], (len(seconds), 28, 12))
 
 
 def parameters(effect: Effect) -> dict[str, list[float]]:
@@ -152,5 +74,6 @@ def parameters(effect: Effect) -> dict[str, list[float]]:
         "gain": {"gain": 1 + sign * amplitude},
         "baseline": {"shift_count": sign * amplitude},
         "clock": {"rate": 1e-6 * sign * amplitude},
+        "map_transform": {k: effect.shape.get(k) for k in ("x_mm", "y_mm", "rotation_deg")},
     }
     return {name: [float(value)] for name, value in by_word.get(effect.word, {}).items() if value is not None}

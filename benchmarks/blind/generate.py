@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 
 from benchmarks.blind import seal
-from benchmarks.blind.case import make
+from benchmarks.blind.chamber_case import chamber_case
 from benchmarks.blind.frames import fix_times
 from benchmarks.blind.plan import SUITES, Spec, cases
+from benchmarks.blind.walking_case import walking_case
 from benchmarks.blind.writing import truth, write_case, write_untouched
 
 
@@ -30,7 +31,7 @@ def names(seed: int, n: int) -> list[str]:
 
 
 def _one(seed: int, index: int, spec: Spec, open_: Path, kept: Path) -> dict[str, Any]:
-    case = make(seed, index, spec)
+    case = walking_case(seed, index, spec) if spec.suite == "walking" else chamber_case(seed, index, spec)
     write_case(open_, case)
     write_untouched(kept, case)
     return {**truth(case), "handed_out": seal.digests(open_), "kept_back": seal.digests(kept)}

@@ -12,10 +12,10 @@ STEP_S = 1e-3
 
 
 def low_pass(load: np.ndarray, tau_s: float) -> np.ndarray:
-    """tau dz/dt = load - z by the trapezoidal rule, settled at the first value."""
+    """tau dz/dt = load - z by the trapezoidal rule along the first axis, settled at the first value."""
     g = STEP_S / (2 * tau_s + STEP_S)
     decay = (2 * tau_s - STEP_S) / (2 * tau_s + STEP_S)
-    z, _ = lfilter([g, g], [1.0, -decay], load, zi=[(g + decay) * load[0]])
+    z, _ = lfilter([g, g], [1.0, -decay], load, axis=0, zi=(g + decay) * load[:1])
     return z
 
 
@@ -29,6 +29,20 @@ def bouc_wen(load: np.ndarray, yield_pa: float, beta: float = 0.6, gamma: float 
             middle = h + x / 2 * (1 - abs(h) * (gamma + beta * (sign if h > 0 else -sign)))
             h += x * (1 - abs(middle) * (gamma + beta * (sign if middle > 0 else -sign)))
         out[k] = -h
+    return out
+
+
+def bouc_wen_of_many(load: np.ndarray, yield_pa: float, beta: float = 0.6, gamma: float = 0.4) -> np.ndarray:
+    """The same for every column of `load` (n, n_taxels), float32."""
+    h, out = np.zeros(load.shape[1]), np.empty(load.shape, np.float32)
+    before = load[0]
+    for k, now in enumerate(load):
+        x = (now - before) / yield_pa
+        sign = np.sign(x)
+        middle = h + x / 2 * (1 - np.abs(h) * gamma - beta * h * sign)
+        h = h + x * (1 - np.abs(middle) * gamma - beta * middle * sign)
+        out[k] = -h
+        before = now
     return out
 
 

@@ -8,9 +8,14 @@ import numpy as np
 from benchmarks.blind.effect import SOLVED, UNKNOWN
 from benchmarks.blind.faults import FAULTS
 
-SUITES = ("chamber", "bench", "all")
+SUITES = ("chamber", "bench", "walking", "all")
 # Of a hundred cases.
 _SHARES = {"null": 16, "single": 32, "faint": 10, "pair": 13, "triple": 9, "outside": 10, "undecidable": 8, "fault": 10}
+_WALKING_SHARES = {"null": 20, "single": 32, "together": 20, "patch": 14, "mapping": 14}
+_WALKING_SHARE_OF_ALL = 0.25
+TOGETHER = ("hysteresis", "viscoelasticity", "lag", "delay")
+PATCH = ("hysteresis", "viscoelasticity", "drift")
+MAPPING = ("swapped_triangles", "map_transform")
 # What a quick check runs whatever the seed is.
 _BENCH = (
     ("null", ""),
@@ -47,6 +52,7 @@ class Spec:
     words: tuple[str, ...] = ()
     k: float = 0.0
     variant: str = ""  # the law of an outside case, the design of an undecidable one
+    suite: str = "chamber"  # or walking
 
 
 def _deck(rng: np.random.Generator, cards: list[Spec]) -> Iterator[Spec]:
@@ -73,7 +79,15 @@ def cases(seed: int, suite: str, n: int) -> list[Spec]:
     if suite == "bench":
         cards = [Spec(kind, _words(kind, word), 5.0 if kind != "null" else 0.0, word) for kind, word in _BENCH]
         return [cards[k % len(cards)] for k in range(n)]
-    decks = {
+    n_walking = {"chamber": 0, "walking": n, "all": round(n * _WALKING_SHARE_OF_ALL)}[suite]
+    found = _dealt(_chamber_decks(rng), _SHARES, n - n_walking) + _dealt(
+        _walking_decks(rng), _WALKING_SHARES, n_walking
+    )
+    return [found[k] for k in rng.permutation(len(found))]
+
+
+def _chamber_decks(rng: np.random.Generator) -> dict[str, Iterator[Spec]]:
+    return {
         "null": _deck(rng, [Spec("null", variant=v) for v in ("", "", "", "", "sine", "ramps", "warm", "")]),
         "single": _deck(rng, [Spec("single", (w,), k) for w in SINGLES for k in (3.0, 10.0)]),
         "faint": _deck(rng, [Spec("faint", (w,), k) for w in SOLVED for k in (0.5, 1.0)]),
@@ -83,13 +97,26 @@ def cases(seed: int, suite: str, n: int) -> list[Spec]:
         "undecidable": _deck(rng, [Spec("undecidable", (), 3.0, v) for v in UNDECIDABLE]),
         "fault": _deck(rng, [Spec("fault", (w,)) for w in FAULTS]),
     }
-    total = sum(_SHARES.values())
-    exact = {kind: n * share / total for kind, share in _SHARES.items()}
+
+
+def _walking_decks(rng: np.random.Generator) -> dict[str, Iterator[Spec]]:
+    patches = [Spec("patch", (w,), variant=p, suite="walking") for w in PATCH for p in ("front", "middle", "rear")]
+    return {
+        "null": _deck(rng, [Spec("null", suite="walking")]),
+        "single": _deck(rng, [Spec("single", (w,), suite="walking") for w in TOGETHER]),
+        "together": _deck(rng, [Spec("together", TOGETHER, suite="walking")]),
+        "patch": _deck(rng, patches),
+        "mapping": _deck(rng, [Spec("mapping", (w,), suite="walking") for w in MAPPING]),
+    }
+
+
+def _dealt(decks: dict[str, Iterator[Spec]], shares: dict[str, int], n: int) -> list[Spec]:
+    """`n` cards from the decks, by their shares."""
+    exact = {kind: n * share / sum(shares.values()) for kind, share in shares.items()}
     counts = {kind: int(x) for kind, x in exact.items()}
     for kind in sorted(exact, key=lambda kind: counts[kind] - exact[kind])[: n - sum(counts.values())]:
         counts[kind] += 1
-    found = [next(decks[kind]) for kind, count in counts.items() for _ in range(count)]
-    return [found[k] for k in rng.permutation(len(found))]
+    return [next(decks[kind]) for kind, count in counts.items() for _ in range(count)]
 
 
 def _words(kind: str, word: str) -> tuple[str, ...]:

@@ -9,6 +9,7 @@ import numpy as np
 # nothing of the kind was concealed such a finding is neither right nor wrong.
 NUISANCE = ("gain", "baseline")
 LONGEST_LIST = 2  # effect and alternatives together; a longer list is a miss
+WITH_AMPLITUDE = ("hysteresis", "creep", "viscoelasticity")
 NORMAL_90 = 1.645
 FULL_STRENGTH = 2.9  # x the floor: "3 x", with the tolerance of the solver
 
@@ -104,7 +105,7 @@ def parameter_errors(found: list[Finding], concealed: dict[str, Any]) -> list[di
     if mine is None:
         return []
     wanted = dict(concealed["parameters"])
-    if concealed["effect"] in ("hysteresis", "creep", "viscoelasticity"):
+    if concealed.get("amplitude_fraction") is not None and concealed["effect"] in WITH_AMPLITUDE:
         wanted["amplitude_fraction"] = [concealed["amplitude_fraction"]]
     out = []
     for name, (true, *_) in wanted.items():

@@ -13,7 +13,12 @@ Predictor = Callable[[Path, Path, Path | None], dict[str, np.ndarray]]
 GAIN_WORTH_SHARING = 1.02  # the static model's error over the oracle's
 
 
-def predictor(named: str) -> Predictor:
+# compensator(model_json, recording) -> {foot: (t_s (m,), fz_n (m,))}, causal, t_s in the epoch of the recording
+Compensator = Callable[[Path, Path], dict[str, tuple[np.ndarray, np.ndarray]]]
+
+
+def imported(named: str) -> Any:
+    """The function called module:function."""
     module, _, function = named.partition(":")
     return getattr(importlib.import_module(module), function)
 
@@ -44,4 +49,25 @@ def compare(kept: Path, foot: str, model: Path, predict: Predictor) -> dict[str,
     row["change"] = row["model"] / row["static"] - 1
     if row["static"] > GAIN_WORTH_SHARING * row["oracle"]:
         row["recovered"] = (row["static"] - row["model"]) / (row["static"] - row["oracle"])
+    return row
+
+
+def compare_force(kept: Path, foot: str, model: Path, compensate: Compensator) -> dict[str, Any]:
+    """RMS errors of f_z over the continuation, N: static (recalibrated), compensated, oracle (nothing concealed)."""
+    with np.load(kept / "scoring.npz") as scoring:
+        t_s, true = scoring["t_s"], scoring["fz_n"]
+        errors = {name: scoring[f"{name}_fz_n"] - true for name in ("static", "oracle")}
+    row: dict[str, Any] = {name: float(np.sqrt(np.mean(e**2))) for name, e in errors.items()}
+    row["failure"] = None
+    try:
+        when, said = (np.asarray(x, float) for x in compensate(model, kept / "recording")[foot])
+        late = (when >= t_s[0]) & (when <= t_s[-1])
+        if late.sum() < 0.9 * len(t_s) or not np.isfinite(said[late]).all():
+            raise ValueError(f"expected a finite f_z for each of {len(t_s)} rows, found {late.sum()}")
+        row["model"] = float(np.sqrt(np.mean((said[late] - np.interp(when[late], t_s, true)) ** 2)))
+    except Exception as failure:  # whatever the tool's code does, the case is scored
+        row["failure"] = f"{type(failure).__name__}: {failure}"
+        return row
+    row["change"] = row["model"] / row["static"] - 1
+    row["over_oracle"] = row["model"] / row["oracle"]
     return row

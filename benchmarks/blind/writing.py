@@ -6,13 +6,15 @@ from typing import Any
 import numpy as np
 import yaml
 
-from benchmarks.blind.case import EQUIVALENT, Case, parameters
-from benchmarks.blind.chain import chain
+from benchmarks.blind.case import Case, parameters
+from benchmarks.blind.chamber_case import EQUIVALENT
 from benchmarks.blind.faults import break_frames, break_reference, kill, noisier
 from benchmarks.blind.frames import PERIOD_S, can_log, digitise, fix_times, sample_times
 from benchmarks.blind.geometry import PRESSURE_TAXELS
 from benchmarks.blind.ranges import draw
 from benchmarks.blind.sensor import calibration_document
+from benchmarks.blind.walk_chain import force_features
+from benchmarks.blind.walking import Walk, Wrench
 
 _SIMULATION_NOISE = 0.35  # count: dithers the rounding
 
@@ -31,7 +33,7 @@ def _recording(case: Case, counts: str, reference: bool) -> str:
     ]
     document: dict[str, Any] = {
         "format": "insole-recording/1",
-        "kind": "chamber" if reference else "free",
+        "kind": "free" if not reference else "shoe" if isinstance(case.load, Walk) else "chamber",
         counts.split(".")[0]: counts,
         "can_origin": "simulated",
         "insoles": [
@@ -58,14 +60,24 @@ def _reference(folder: Path, case: Case, rng: np.random.Generator, seconds: floa
     # Nobody starts two instruments in the same moment.
     when = np.arange(rng.uniform(0, 1.5), seconds, period)
     when = when + rng.normal(0, 0.00005, len(when))
-    pressure = np.interp(when, case.load.seconds, case.load.pressure_pa)
-    pressure = pressure + draw(rng, "chamber", "gauge_noise_pa") * rng.standard_normal(len(when))
-    if faults:
-        pressure = break_reference(rng, list(case.faults), when, pressure)
-    temperature = np.interp(when, case.load.seconds, case.load.temperature_c) + 0.02 * rng.standard_normal(len(when))
+    grid = case.load.seconds
+    if isinstance(case.load, Walk):
+        columns = "fz_n,mx_nm,my_nm"
+        wrench = Wrench(case.load, case.at_mm).courses
+        noise = np.array([draw(rng, "walking", f"shoe_noise_{unit}") for unit in ("n", "nm", "nm")])
+        values = np.stack([np.interp(when, grid, w) for w in wrench.T], 1) + noise * rng.standard_normal((len(when), 3))
+        text = [f"{f:.2f},{x:.4f},{y:.4f}" for f, x, y in values.tolist()]
+    else:
+        columns = "pressure_pa"
+        pressure = np.interp(when, grid, case.load.pressure_pa)
+        pressure = pressure + draw(rng, "chamber", "gauge_noise_pa") * rng.standard_normal(len(when))
+        if faults:
+            pressure = break_reference(rng, list(case.faults), when, pressure)
+        text = [f"{p:.0f}" for p in (np.round(pressure / 20) * 20).tolist()]
+    temperature = np.interp(when, grid, case.load.temperature_c) + 0.02 * rng.standard_normal(len(when))
     reading = case.offset_s + (1 + case.rate) * when if case.own_clock else case.epoch_s + when
-    rows = zip(reading.tolist(), (np.round(pressure / 20) * 20).tolist(), temperature.tolist(), strict=True)
-    lines = ["time_s,pressure_pa,temperature_c", *(f"{t:.6f},{p:.0f},{c:.2f}" for t, p, c in rows)]
+    rows = zip(reading.tolist(), text, temperature.tolist(), strict=True)
+    lines = [f"time_s,{columns},temperature_c", *(f"{t:.6f},{values},{c:.2f}" for t, values, c in rows)]
     (folder / "reference.csv").write_text("\n".join(lines) + "\n")
 
 
@@ -104,7 +116,7 @@ def write_simulation(folder: Path, case: Case, rng: np.random.Generator, until_s
     """What the believed sensors would have said under this load, its clock off by a constant."""
     seconds = sample_times(rng, case.geometry, until_s)
     late = rng.uniform(-1, 1)
-    clean = chain(case.load, case.sensors, ()).mean_byte(seconds + late)
+    clean = case.believed_chain.mean_byte(seconds + late)
     activation = (case.sensors.rest - clean) * case.sensors.believed_gain
     believed = case.sensors.rest + case.sensors.believed_offset - activation
     factor = np.broadcast_to(_SIMULATION_NOISE / case.sensors.noise, clean.shape)
@@ -122,7 +134,7 @@ def write_untouched(folder: Path, case: Case) -> None:
     """
     rng = case.rng
     load = case.load
-    seconds = np.arange(PERIOD_S, len(load.pressure_pa) * 1e-3 - PERIOD_S, PERIOD_S)
+    seconds = np.arange(PERIOD_S, load.seconds[-1] - PERIOD_S, PERIOD_S)
     every = np.repeat(seconds[:, None], 28, 1)
     made = case.chain
     mean = made.mean_byte(every)
@@ -134,24 +146,46 @@ def write_untouched(folder: Path, case: Case) -> None:
             usable &= ~f.place
             kill(f, values, case.sensors.no_load)
     seen = seconds < load.main_s
-    pressure = np.interp(seconds, load.seconds, load.pressure_pa)
-    powers = np.vander(pressure / load.span_pa, 4)
-    flat = values.reshape(len(values), -1).astype(float)
-    baseline = powers @ np.linalg.lstsq(powers[seen], flat[seen], rcond=None)[0]
+    baseline = _recalibrated(case.believed_pressure(seconds) / load.span_pa, values, seen)
     recording = folder / "recording"
     _frame(recording, case, "counts.npz", reference=not case.simulated)
     np.savez(recording / "counts.npz", t_s=case.epoch_s + seconds, counts=values)
     if case.simulated:
         write_simulation(folder / "simulation", case, rng, seconds[-1])
     else:
-        _reference(recording, case, rng, len(load.pressure_pa) * 1e-3, faults=False)
+        _reference(recording, case, rng, load.seconds[-1], faults=False)
     np.savez_compressed(
         folder / "scoring.npz",
         untouched=~seen,
         usable=usable,
         mean=np.clip(mean[~seen], 0, 255).astype(np.float32),
-        baseline=np.clip(baseline.reshape(values.shape)[~seen], 0, 255).astype(np.float32),
+        baseline=np.clip(baseline[~seen], 0, 255).astype(np.float32),
+        **(_forces(case, seconds, values, seen) if isinstance(load, Walk) else {}),
     )
+
+
+def _recalibrated(pressure: np.ndarray, values: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """(n, 28, 12) bytes of the best cubic of each taxel, fitted to the part seen."""
+    out = np.empty(values.shape)
+    for t in range(28):
+        for k in range(12):
+            powers = np.vander(pressure[:, t, k], 4)
+            out[:, t, k] = powers @ np.linalg.lstsq(powers[seen], values[seen, t, k].astype(float), rcond=None)[0]
+    return out
+
+
+def _forces(case: Case, seconds: np.ndarray, values: np.ndarray, seen: np.ndarray) -> dict[str, np.ndarray]:
+    """Over the continuation, N: the true f_z, what a static model recalibrated on the part seen makes of the bytes, and
+    what it would make of them had nothing been concealed: the oracle."""
+    rng = case.rng
+    true = np.interp(seconds, case.load.seconds, Wrench(case.load, case.at_mm).courses[:, 0])
+    clean = case.believed_chain.mean_byte(np.repeat(seconds[:, None], 28, 1))
+    innocent = digitise(rng, clean, np.ones_like(clean), case.sensors, np.zeros(28, np.int64))
+    out = {"t_s": case.epoch_s + seconds[~seen], "fz_n": true[~seen]}
+    for name, bytes_ in (("static_fz_n", values), ("oracle_fz_n", innocent)):
+        features = force_features(case.sensors, bytes_.astype(float))
+        out[name] = features[~seen] @ np.linalg.lstsq(features[seen], true[seen], rcond=None)[0]
+    return out
 
 
 def truth(case: Case) -> dict[str, Any]:
@@ -171,11 +205,11 @@ def truth(case: Case) -> dict[str, Any]:
                 "law": e.law,
                 "where": e.where,
                 "taxels": [] if e.word == "clock" else taxels(e.place),
-                "k_floor": round(case.k[e.word], 4),
+                "k_floor": round(case.k[e.word], 4) if e.word in case.k else None,
                 "parameters": parameters(e)
                 | ({"shift": [float(case.sensors.shift + e.shape["step"])]} if e.word == "bit_shift" else {})
                 | ({"step_pa": [e.amplitude * case.load.span_pa]} if e.word == "snap" else {}),
-                "amplitude_fraction": case.amplitude_fraction[e.word],
+                "amplitude_fraction": case.amplitude_fraction.get(e.word),
                 "shape": e.shape,
             }
         )
@@ -192,6 +226,7 @@ def truth(case: Case) -> dict[str, Any]:
             }
         )
     return {
+        "suite": case.spec.suite,
         "kind": case.spec.kind,
         "k_asked": case.spec.k,
         "variant": case.spec.variant,

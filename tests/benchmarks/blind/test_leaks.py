@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from benchmarks.blind import plan, seal
-from benchmarks.blind.case import make
+from benchmarks.blind.chamber_case import chamber_case
 from benchmarks.blind.effect import SOLVED
 from benchmarks.blind.faults import FAULTS
 from benchmarks.blind.generate import generate, names
@@ -42,7 +42,7 @@ def test_no_word_of_the_truth_is_written(made):
 def test_the_seed_decides_what_is_concealed(made):
     sealed = json.loads((made.sealed / "truth.json").read_text())["cases"]
     spec = plan.cases(11, "bench", 3)[2]
-    again = truth(make(11, 2, spec))
+    again = truth(chamber_case(11, 2, spec))
     assert seal.document(again["effects"]) in [seal.document(c["effects"]) for c in sealed.values()]
     assert names(11, 40) == names(11, 40)
     assert names(11, 40) != names(12, 40)

@@ -8,8 +8,7 @@ import pytest
 
 from benchmarks.blind import seal
 from benchmarks.blind.run import command_for, run
-from benchmarks.blind.score import score
-from benchmarks.blind.tables import markdown
+from benchmarks.blind.score import markdown, score
 
 PERFECT = """
 import json, pathlib, sys
@@ -65,11 +64,12 @@ def test_a_perfect_answer_scores_full_marks(made, tmp_path):
 def test_a_run_that_fails_is_logged_and_scored_as_wrong(made, tmp_path):
     log = run([sys.executable, "-c", "raise SystemExit(4)"], made.cases, tmp_path / "answers", jobs=1, limit_s=60)
     assert [entry["status"] for entry in log] == [4, 4, 4]
-    t = score(made.sealed, tmp_path / "answers", made.seal, None)["tables"]
+    found = score(made.sealed, tmp_path / "answers", made.seal)
+    t = found["tables"]
     assert t["answered"]["right"] == 0
     assert t["nulls"]["rate"] == 1.0
     assert t["singles"]["rate"] == 0.0
-    assert t["runs"]["status"] == {"4": 3}
+    assert found["runs"]["status"] == {"4": 3}
 
 
 def test_a_run_that_never_ends_is_stopped(made, tmp_path):
