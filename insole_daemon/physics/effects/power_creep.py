@@ -27,7 +27,7 @@ _SHORTEST, _LONGEST = -4, 7  # powers of ten, in seconds, where the grid ends
 
 
 def kernel(exponent: Array) -> tuple[Array, Array, Array]:
-    """at_once (m), a (k, m) and τ (k, 1) s with t^n = at_once + Σ a_k·(1 − exp(−t/τ_k)), t in s, of n (m,)."""
+    """at_once (m), a and τ (k, m), τ in s, with t^n = at_once + Σ a_k·(1 − exp(−t/τ_k)), t in s, of n (m,)."""
     spacing = math.log(10) / _PER_DECADE
     ln_tau = np.arange(_SHORTEST * _PER_DECADE, _LONGEST * _PER_DECADE + 1)[:, None] * spacing
 
@@ -50,9 +50,9 @@ def kernel(exponent: Array) -> tuple[Array, Array, Array]:
 
 def _modes(values: Values) -> tuple[Array, Array, Array]:
     """What `Relaxation` is made of."""
-    share, exponent, t0_s = np.broadcast_arrays(values["a"], values["exponent"], values["t0_s"])
-    at_once, a, tau_s = kernel(exponent)
-    share_of_a_second = share * power(t0_s, -exponent)
+    share, exponent = values["a"], values["exponent"]
+    at_once, a, tau_s = kernel(exponent)  # of one exponent the modes are everybody's, whatever their shares
+    share_of_a_second = share * power(values["t0_s"], -exponent)
     return 1.0 - share + share_of_a_second * at_once, share_of_a_second * a, tau_s
 
 
