@@ -50,10 +50,15 @@ class Case:
         return chain(self.load, self.sensors, ())
 
     def believed_pressure(self, seconds: np.ndarray) -> np.ndarray:
-        """(n, 28, 12) Pa on every taxel where the layout says it is."""
+        """(n, 28, 12) Pa on every taxel where the layout says it is, as far as whoever looks for no effect can know.
+
+        Where the clock's rate is what is concealed, that is with the best constant offset only.
+        """
         if isinstance(self.load, Walk):
             courses = np.stack([np.interp(seconds, self.load.seconds, c) for c in self.load.courses.T], 1)
             return np.einsum("nr,tkr->ntk", courses, self.load.field(self.geometry.taxel_mm))
+        if any(e.word == "clock" for e in self.effects):
+            seconds = (seconds + self.rate * self.load.main_s / 2) / (1 + self.rate)
         pressure = np.interp(seconds, self.load.seconds, self.load.pressure_pa)
         return np.broadcast_to(pressure[:, None, None], (len(seconds), 28, 12))
 

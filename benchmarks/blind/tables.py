@@ -9,6 +9,7 @@ from benchmarks.blind import bounds
 from benchmarks.blind.rules import FULL_STRENGTH
 
 Rows = list[dict[str, Any]]
+STRENGTHS = (0.5, 1.0, 3.0, 10.0)  # x the floor
 
 
 def rate(values: list[float]) -> dict[str, Any]:
@@ -19,6 +20,10 @@ def rate(values: list[float]) -> dict[str, Any]:
 
 def strong(row: dict[str, Any]) -> bool:
     return row["k"] is None or row["k"] >= FULL_STRENGTH
+
+
+def near(row: dict[str, Any], k: float) -> bool:
+    return row["k"] is not None and abs(np.log(max(row["k"], 1e-9) / k)) < 0.35
 
 
 def f1(counts: tuple[int, int, int]) -> float:
@@ -121,10 +126,8 @@ def tables(rows: Rows) -> dict[str, Any]:
             "brier": bounds.brier(stated),
             "ece": bounds.expected_calibration_error(stated),
         },
-        "faint": {
-            k: per_effect(rows, lambda r, k=k: r["kind"] == "faint" and abs(np.log(max(r["k"], 1e-9) / k)) < 0.35)
-            for k in (0.5, 1.0)
-        },
+        "faint": {k: per_effect(rows, lambda r, k=k: r["kind"] == "faint" and near(r, k)) for k in (0.5, 1.0)},
+        "by_strength": {k: rate([r["points"] for r in of("single", "faint") if near(r, k)]) for k in STRENGTHS},
         "weaker_than_asked": [
             {"case": r["case"], "wanted": r["wanted"], "k": r["k"], "named": r["named"]}
             for r in of("single", "pair", "triple", "outside")
@@ -221,6 +224,8 @@ def markdown(t: dict[str, Any]) -> str:
         "Outside the library:\n",
         table(("kind", "called unknown"), [(w, shown(r)) for w, r in t["outside_by_kind"].items()]),
     ]
+    out.append("Named first, by strength:\n")
+    out.append(table(("× the floor", "right"), [(str(k), shown(r)) for k, r in t["by_strength"].items()]))
     for k, curve in t["faint"].items():
         out.append(f"At {k} × the floor, as it is:\n")
         out.append(table(("effect", "named first"), [(w, shown(r)) for w, r in curve.items()]))
