@@ -9,9 +9,10 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -20,6 +21,8 @@ from insole_daemon.bus.sink import can_frames
 from insole_daemon.service.setup import load_layout
 from insole_daemon.simulation.emulator import Emulator
 from insole_daemon.simulation.foot import Walk
+from insole_daemon.simulation.load import Load
+from insole_daemon.skin.layout import Layout
 
 DAEMON = Path(__file__).parent / "service" / "daemon_process.py"
 
@@ -61,8 +64,10 @@ class RunningDaemon:
         return status, time.monotonic() - began
 
     @contextlib.contextmanager
-    def boards(self, period_ms: int = 20, **left_out: object) -> Iterator[None]:
-        """Emulated boards of both feet, walking, until the block ends."""
+    def boards(
+        self, period_ms: int = 20, load: Callable[[Sequence[Layout]], Load] = Walk, **further: Any
+    ) -> Iterator[Emulator]:
+        """Emulated boards of both feet under `load`, until the block ends; `further` as for an Emulator."""
         config = configs.load(self.config_file)
         config = replace(
             config,
@@ -81,11 +86,11 @@ class RunningDaemon:
                     sock.send(row.tobytes())
 
         stop = threading.Event()
-        emulator = Emulator(config, layouts, Walk(layouts), **left_out)
+        emulator = Emulator(config, layouts, load(layouts), **further)
         thread = threading.Thread(target=emulator.play, args=(send, stop))
         thread.start()
         try:
-            yield
+            yield emulator
         finally:
             stop.set()
             thread.join()

@@ -20,6 +20,7 @@ from . import (
     simulate,
     status,
     validate,
+    view,
     watch,
     zero,
 )
@@ -37,7 +38,7 @@ app = typer.Typer(
 )
 for verb in (
     demo.demo, run.run, simulate.simulate, replay.replay, watch.watch, status.status, doctor.doctor, boards.boards,
-    zero.zero, record.record, export.export, calibrate.calibrate,
+    zero.zero, view.view, record.record, export.export, calibrate.calibrate,
     validate.validate,
 ):  # fmt: skip
     app.command()(verb)

@@ -192,6 +192,12 @@ class LiveRecorder:
             file = self._guarded(partial(self._begin_reference, foot, clock, header))
         self._guarded(partial(file.write, rows.encode()))
 
+    def mark(self, t_ns: int, text: str) -> None:
+        """Note a moment (CLOCK_REALTIME) and what a person says of it: `extensions.markers` of recording.yaml."""
+        markers = self._part.document.setdefault("extensions", {}).setdefault("markers", [])
+        markers.append({"t_ns": t_ns, "text": text})
+        self._durable.do(self._part.writing_document())
+
     def close(self) -> None:
         """Finish every folder; raises FileError where the disk fails."""
         self._retire(self._part)

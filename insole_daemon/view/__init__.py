@@ -1,0 +1,1 @@
+"""The page: what a daemon publishes, drawn in any browser."""

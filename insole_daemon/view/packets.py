@@ -1,0 +1,65 @@
+"""One cycle of one foot as the page gets it: a fixed little-endian head, then an array a taxel.
+
+page/packets.js is the other half of this file.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..skin.geometry import PRESSURE_TAXELS
+from ..wire.messages import Meta, Pressure, Raw, Wrench
+from .beside import Beside
+
+HEAD = struct.Struct("<BBHI ddd 13f 4x")  # 1: a cycle; foot; n_triangles; seq; three times in ms; the floats of _floats
+UNIT_PA = 20.0  # of a pressure in the packet
+UNKNOWN = 0xFFFF  # a pressure that is none
+_MOST = UNKNOWN - 1
+
+# What is wrong with a taxel, as bits; 0 may be read as pressure.
+INVALID, STALE, SATURATED = 1, 2, 4
+
+
+def cycle_packet(meta: Meta, raw: Raw, pressure: Pressure, wrench: Wrench, beside: Beside, sent_ms: float) -> bytes:
+    """The packet of one cycle; the three messages are of the same one."""
+    ages = raw.age_ms
+    floats = (
+        *map(_float, (wrench.f_z_n, wrench.m_x_nm, wrench.m_y_nm, wrench.cop_x_m, wrench.cop_y_m)),
+        wrench.valid_fraction,
+        math.nan if np.isnan(ages).all() else float(np.nanmax(ages)),
+        *beside.reference,
+        *beside.model,
+    )
+    head = HEAD.pack(
+        1, ("left", "right").index(raw.foot), raw.n_triangles, raw.seq,
+        raw.t_ns * 1e-6, raw.t_published_ns * 1e-6, sent_ms, *floats,
+    )  # fmt: skip
+    units = _units(pressure.pressure_pa)
+    predicted = np.full_like(units, UNKNOWN) if beside.pressure_pa is None else _units(beside.pressure_pa)
+    return b"".join((head, units.tobytes(), predicted.tobytes(), raw.counts.tobytes(), _flags(meta, raw).tobytes()))
+
+
+def _float(value: float | None) -> float:
+    return math.nan if value is None else value
+
+
+def _units(pressure_pa: NDArray[np.floating]) -> NDArray[np.uint16]:
+    """(n_triangles, 12) in UNIT_PA; below 0 is 0, as nothing pulls at a sole."""
+    with np.errstate(invalid="ignore"):
+        units = np.clip(np.rint(pressure_pa / UNIT_PA), 0, _MOST)
+    return np.where(np.isnan(pressure_pa), UNKNOWN, units).astype("<u2")
+
+
+def _flags(meta: Meta, raw: Raw) -> NDArray[np.uint8]:
+    """(n_triangles, 12) what is wrong with each pressure taxel."""
+    flags = np.where(raw.valid, 0, INVALID).astype(np.uint8)
+    # A comparison with NaN is False: never received is as old as can be.
+    flags[~(raw.age_ms <= meta.stale_after_ms)] |= STALE
+    clamped_low = (raw.counts == 0) & ~np.isnan(raw.age_ms)[:, None]
+    flags[clamped_low & (raw.valid == 0)] |= SATURATED
+    flags[:, ~PRESSURE_TAXELS] = 0
+    return flags

@@ -1,0 +1,78 @@
+// The cycles of the last minute, as they came; a pause keeps what there was while the rest goes on.
+
+const KEPT_MS = 60_000;
+
+export class History {
+  constructor() {
+    this.live = { left: [], right: [] };
+    this.frozen = null;
+    this.at = null; // ms, of a pause
+    this.missing = 0;
+  }
+
+  add(cycle) {
+    const cycles = this.live[cycle.foot], last = cycles.at(-1);
+    if (last) {
+      if (cycle.seq > last.seq) this.missing += cycle.seq - last.seq - 1;
+      else cycles.length = 0; // the daemon was started anew
+    }
+    cycles.push(cycle);
+    const old = cycles.findIndex((each) => each.t > cycle.t - KEPT_MS);
+    if (old > 200) cycles.splice(0, old); // not at every cycle: it moves all the rest
+  }
+
+  forget(foot) {
+    this.live[foot].length = 0;
+  }
+
+  get paused() {
+    return this.frozen !== null;
+  }
+
+  pause() {
+    this.frozen = { left: this.live.left.slice(), right: this.live.right.slice() };
+    this.at = this.end();
+  }
+
+  resume() {
+    this.frozen = this.at = null;
+  }
+
+  get cycles() {
+    return this.frozen ?? this.live;
+  }
+
+  end() {
+    return Math.max(...Object.values(this.cycles).map((cycles) => cycles.at(-1)?.t ?? -Infinity));
+  }
+
+  start() {
+    return Math.min(...Object.values(this.cycles).map((cycles) => cycles[0]?.t ?? Infinity));
+  }
+
+  now() {
+    return this.paused ? this.at : this.end();
+  }
+
+  // The cycle that is shown: the last one, or in a pause the last one up to the moment looked at.
+  shown(foot) {
+    const cycles = this.cycles[foot];
+    return this.paused ? cycles[after(cycles, this.at) - 1] : cycles.at(-1);
+  }
+
+  // Cycles within `ms` before the moment that is shown.
+  since(foot, ms) {
+    const cycles = this.cycles[foot], now = this.now();
+    return cycles.slice(after(cycles, now - ms), this.paused ? after(cycles, now) : undefined);
+  }
+}
+
+function after(cycles, t) {
+  let low = 0, high = cycles.length;
+  while (low < high) {
+    const middle = (low + high) >> 1;
+    if (cycles[middle].t <= t) low = middle + 1;
+    else high = middle;
+  }
+  return low;
+}

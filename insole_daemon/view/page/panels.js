@@ -1,0 +1,176 @@
+// What is said in words and tables: state, boards, events, gait, notes.
+
+import { FEET } from "./packets.js";
+
+const EVENTS = 40, NOTE_MS = 12_000;
+const ROWS = [
+  ["cadence", "steps/min", "cadence_per_min", 1, 0],
+  ["stride", "s", "stride_s", 1, 2],
+  ["stance", "s", "stance_s", 1, 2],
+  ["swing", "s", "swing_s", 1, 2],
+  ["double support", "s", "double_support_s", 1, 2],
+  ["symmetry of stance", "%", "stance_symmetry_percent", 1, 1],
+  ["peak force", "N", "peak_force_n", 1, 0],
+];
+const REGIONS = ["heel", "midfoot", "forefoot", "toes"].map((region) => [
+  region, "", `${region}_peak_pa`, 1e-3, 0, `${region}_integral_pa_s`, 1e-3, 0]);
+
+export class Panels {
+  constructor($) {
+    this.$ = $;
+    this.faults = { left: [], right: [] };
+    this.health = {};
+    this.recording = false;
+    this.cells = {};
+    const group = element("tr", "", { className: "group" });
+    group.append(element("th", "peak, kPa · its time integral, kPa s", { scope: "colgroup", colSpan: 3 }));
+    $("figures").replaceChildren(...ROWS.map((row) => this.row(row)), group, ...REGIONS.map((row) => this.row(row)));
+    this.begin();
+  }
+
+  // Connected anew: the server tells the last events again.
+  begin() {
+    this.$("events").replaceChildren();
+  }
+
+  row([name, unit, ...keys]) {
+    const head = element("th", name, { scope: "row" });
+    head.append(element("small", ` ${unit}`));
+    const cells = FEET.map((foot) => (this.cells[foot + keys[0]] = element("td", "–")));
+    const row = document.createElement("tr");
+    row.append(head, ...cells);
+    return row;
+  }
+
+  take(words) {
+    if (words.kind === "health") this.takeHealth(words);
+    else if (words.kind === "event") this.event(words);
+    else if (words.kind === "recording") this.takeRecording(words);
+  }
+
+  describe(meta) {
+    this.approximate ??= {};
+    this.approximate[meta.foot] = [meta.layout_builtin && "layout", meta.calibration_builtin && "calibration"].filter(Boolean);
+    this.boards();
+  }
+
+  takeHealth(health) {
+    this.health[health.foot] = health;
+    this.faults[health.foot] = health.faults;
+    this.boards();
+  }
+
+  takeRecording({ running, text }) {
+    this.recording = running;
+    const button = this.$("record");
+    button.setAttribute("aria-pressed", running);
+    button.textContent = running ? "End recording" : "Record";
+    button.title = text;
+  }
+
+  event({ t_ns: t, text, what, foot, figures, boards, triangle, taxel }) {
+    if (figures && Object.keys(figures).length) return this.step(foot, figures);
+    // Drawn at once: health repeats it only within the second.
+    if (what && /^(triangle_loose|taxel_(dead|stuck|saturated)|board_(silent|address_clash|rezeroed))$/.test(what)) {
+      this.faults[foot] = [...this.faults[foot], { kind: what, board: boards[0], triangle, taxel }];
+    }
+    const time = element("time", new Date(t / 1e6).toLocaleTimeString());
+    const item = document.createElement("li");
+    item.append(time, foot ? element("b", ` ${foot} `) : " ", text);
+    this.$("events").prepend(item);
+    while (this.$("events").children.length > EVENTS) this.$("events").lastChild.remove();
+  }
+
+  step(foot, figures) {
+    for (const [, , key, factor, digits, also, alsoFactor, alsoDigits] of [...ROWS, ...REGIONS]) {
+      if (!(key in figures)) continue;
+      const said = number(figures[key], factor, digits) + (also ? ` · ${number(figures[also], alsoFactor, alsoDigits)}` : "");
+      this.cells[foot + key].textContent = said;
+    }
+  }
+
+  rate(hz, history) {
+    const ages = FEET.map((foot) => history.live[foot].at(-1)?.ageMs ?? NaN).filter((age) => age === age);
+    this.$("rate").textContent = `${hz.toFixed(1)} Hz`;
+    this.$("age").textContent = ages.length ? `${Math.max(...ages).toFixed(0)} ms` : "–";
+    this.$("missing").textContent = history.missing;
+  }
+
+  state(connected, idle) {
+    const states = Object.values(this.health).map(({ state }) => state);
+    const worst = ["no data", "degraded", "ok"].find((state) => states.includes(state)) ?? "waiting";
+    const [state, text] = !connected ? ["lost", "the server is gone; trying again"]
+      : idle ? ["lost", "no cycles come"]
+      : [worst, worst === "ok" ? "all parts stream" : worst === "waiting" ? "waiting for a daemon" : worst];
+    this.$("state").dataset.state = state;
+    this.$("state").textContent = text;
+  }
+
+  boards() {
+    this.$("boards").replaceChildren(...FEET.filter((foot) => this.health[foot]).map((foot) => {
+      const health = this.health[foot], group = element("div", "", { className: "foot" });
+      group.append(element("h3", `${foot} ${health.publish_rate_hz.toFixed(1)} Hz`));
+      const list = document.createElement("ul");
+      list.className = "chips";
+      list.append(...health.boards.map((board) => {
+        const faults = health.faults.filter((fault) => fault.board === board.address).map(({ kind }) => kind.replaceAll("_", " "));
+        const wrong = board.state !== "streaming" || faults.length;
+        const chip = element("li", "", { className: wrong ? "wrong" : "well" });
+        chip.append(element("b", `board ${board.address}`), ` ${board.state === "streaming" ? `${board.rate_hz.toFixed(0)} Hz, ${age(board.age_ms)}` : board.state}`);
+        if (board.missed) chip.append(`, ${board.missed} halves missed`);
+        if (faults.length) chip.append(element("em", ` ${tally(faults)}`));
+        return chip;
+      }));
+      group.append(list);
+      const about = this.approximate?.[foot] ?? [];
+      if (about.length) group.append(element("p", `built-in ${about.join(" and ")}: an approximation`, { className: "soft" }));
+      return group;
+    }));
+  }
+
+  // Which lines there are: those of others only while somebody publishes them.
+  lines(cycles) {
+    const all = FEET.flatMap((foot) => cycles[foot].slice(-50));
+    const there = [["left", "left"], ["right", "right"]];
+    if (all.some((cycle) => cycle.refFz === cycle.refFz)) there.push(["reference", "reference"]);
+    if (all.some((cycle) => cycle.modelFz === cycle.modelFz)) there.push(["model", "simulation or other model"]);
+    const key = JSON.stringify(there);
+    if (this.$("lines").dataset.there === key) return;
+    this.$("lines").dataset.there = key;
+    this.$("lines").replaceChildren(...there.map(([mark, text]) => {
+      const item = element("li", text);
+      item.dataset.mark = mark;
+      return item;
+    }));
+  }
+
+  temperatures(text) {
+    this.$("temperature").querySelector("span").textContent = text;
+  }
+
+  note(text, ok) {
+    const note = this.$("note");
+    note.textContent = text;
+    note.dataset.ok = ok;
+    note.hidden = false;
+    clearTimeout(this.noting);
+    this.noting = setTimeout(() => { note.hidden = true; }, NOTE_MS);
+  }
+}
+
+function element(name, text, properties = {}) {
+  return Object.assign(document.createElement(name), { textContent: text }, properties);
+}
+
+export function number(value, factor, digits) {
+  return value === null ? "–" : (value * factor).toFixed(digits).replace("-", "−");
+}
+
+function age(ms) {
+  return ms === null ? "never seen" : `${ms.toFixed(0)} ms`;
+}
+
+function tally(faults) {
+  const counts = Map.groupBy ? Map.groupBy(faults, (each) => each) : new Map(faults.map((each) => [each, [each]]));
+  return [...counts].map(([kind, all]) => (all.length > 1 ? `${all.length} × ${kind}` : kind)).join(", ");
+}

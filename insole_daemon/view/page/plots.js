@@ -1,0 +1,101 @@
+// Courses over the last seconds: lines that share a time axis.
+
+export const SECONDS = 10;
+
+const LEFT = 46, RIGHT = 10, TOP = 18, BOTTOM = 6;
+
+export class Plot {
+  // title with unit; range: the least span of the axis [low, high].
+  constructor(canvas, title, range) {
+    Object.assign(this, { canvas, title, range, ink: canvas.getContext("2d") });
+  }
+
+  // lines: [{cycles, value(cycle), colour, dash}], all of cycles by time; now in ms; marks: [ms].
+  draw(lines, now, marks, colours) {
+    const ratio = devicePixelRatio, box = this.canvas.getBoundingClientRect();
+    const width = Math.round(box.width * ratio), height = Math.round(box.height * ratio);
+    if (this.canvas.width !== width || this.canvas.height !== height) {
+      this.canvas.width = width;
+      this.canvas.height = height;
+    }
+    if (!width) return;
+    const { ink } = this;
+    ink.setTransform(ratio, 0, 0, ratio, 0, 0);
+    ink.clearRect(0, 0, box.width, box.height);
+    const bottom = box.height - BOTTOM, right = box.width - RIGHT;
+    const [low, high, step] = this.axis(lines);
+    const x = (t) => right + (t - now) / (1000 * SECONDS) * (right - LEFT);
+    const y = (value) => bottom - (value - low) / (high - low) * (bottom - TOP);
+    this.grid(low, high, step, y, right, colours);
+    ink.save();
+    ink.beginPath();
+    ink.rect(LEFT, TOP - 4, right - LEFT, bottom - TOP + 8);
+    ink.clip();
+    ink.strokeStyle = colours.soft;
+    ink.lineWidth = 1;
+    for (const mark of marks) {
+      ink.beginPath();
+      ink.moveTo(x(mark), TOP);
+      ink.lineTo(x(mark), bottom);
+      ink.stroke();
+    }
+    for (const line of lines) this.line(line, x, y);
+    ink.restore();
+  }
+
+  axis(lines) {
+    let [low, high] = this.range;
+    for (const { cycles, value } of lines) {
+      for (const cycle of cycles) {
+        const each = value(cycle);
+        if (each < low) low = each;
+        if (each > high) high = each;
+      }
+    }
+    if (low > this.range[0] - 0.05 * (high - low)) low = this.range[0]; // noise below 0 needs no line of its own
+    const span = (high - low) / 4, power = 10 ** Math.floor(Math.log10(span));
+    const step = power * [1, 2, 5, 10].find((each) => each * power >= span);
+    return [Math.floor(low / step) * step, Math.ceil(high / step) * step, step];
+  }
+
+  grid(low, high, step, y, right, colours) {
+    const { ink } = this;
+    ink.font = "11px system-ui, sans-serif";
+    ink.textBaseline = "middle";
+    ink.textAlign = "right";
+    ink.lineWidth = 1;
+    for (let value = low; value <= high + step / 2; value += step) {
+      ink.strokeStyle = Math.abs(value) < step / 2 ? colours.soft : colours.line;
+      ink.beginPath();
+      ink.moveTo(LEFT, Math.round(y(value)) + 0.5);
+      ink.lineTo(right, Math.round(y(value)) + 0.5);
+      ink.stroke();
+      ink.fillStyle = colours.soft;
+      ink.fillText(String(Number(value.toPrecision(3))).replace("-", "−"), LEFT - 6, y(value));
+    }
+    ink.textAlign = "left";
+    ink.textBaseline = "alphabetic";
+    ink.fillStyle = colours.ink;
+    ink.font = "600 12px system-ui, sans-serif";
+    ink.fillText(this.title, LEFT, 11);
+  }
+
+  line({ cycles, value, colour, dash }, x, y) {
+    const { ink } = this;
+    ink.beginPath();
+    let drawn = false, last = -Infinity;
+    for (const cycle of cycles) {
+      const each = value(cycle);
+      if (each !== each) { drawn = false; continue; }
+      if (drawn && cycle.t - last < 200) ink.lineTo(x(cycle.t), y(each));
+      else ink.moveTo(x(cycle.t), y(each));
+      drawn = true;
+      last = cycle.t;
+    }
+    ink.strokeStyle = colour;
+    ink.lineWidth = dash ? 1.4 : 2;
+    ink.setLineDash(dash ?? []);
+    ink.lineJoin = "round";
+    ink.stroke();
+  }
+}

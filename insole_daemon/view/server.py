@@ -1,0 +1,148 @@
+"""The web server: the page's files, and a WebSocket to each browser that has it open."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+from collections.abc import AsyncIterator, Callable
+from pathlib import Path
+
+from aiohttp import WSMsgType, web
+from aiohttp.typedefs import Handler
+
+from .. import __version__
+from ..errors import WireError
+from ..wire.client import Client
+from .actions import Actions
+from .beside import Others
+from .hub import Hub
+from .recording import Recording
+from .safety import COOKIE_DAYS, Safety, headers
+from .viewer import Viewer
+
+PAGE = Path(__file__).parent / "page"
+GOT = "got"  # the page's answer to every message
+_MESSAGE_BYTES = 4096
+_HEARTBEAT_S = 10.0
+
+_HUB = web.AppKey("hub", Hub)
+_ACTIONS = web.AppKey("actions", Actions)
+
+
+def application(client: Client, rig: str, others: Others, safety: Safety, recordings: Path) -> web.Application:
+    """The server for `rig` of an open `client`; recordings go into the folder `recordings`."""
+
+    @web.middleware
+    async def guard(request: web.Request, handler: Handler) -> web.StreamResponse:
+        if not safety.allows(request):
+            raise web.HTTPForbidden(
+                text="This page needs the token that 'insole view' printed when it was started: open that address.\n",
+                headers=headers(request),
+            )
+        if safety.token is not None and "token" in request.query:  # from now on the cookie shows it, not the address
+            answer = web.HTTPFound("/", headers=headers(request))
+            answer.set_cookie(
+                safety.cookie, safety.token, max_age=COOKIE_DAYS * 86400, httponly=True, samesite="Strict", path="/"
+            )
+            raise answer
+        return await handler(request)
+
+    async def index(request: web.Request) -> web.StreamResponse:
+        return web.FileResponse(PAGE / "index.html")
+
+    async def follow(request: web.Request) -> web.StreamResponse:
+        if not safety.same_origin(request):
+            raise web.HTTPForbidden(text="Only this server's own page may listen.\n", headers=headers(request))
+        return await _follow(request)
+
+    async def with_headers(request: web.Request, response: web.StreamResponse) -> None:
+        response.headers.update(headers(request))
+
+    async def running(app: web.Application) -> AsyncIterator[None]:
+        hub = Hub(client, rig, others)
+        loop = asyncio.get_running_loop()
+
+        def tell(text: str) -> None:  # from the recording's thread
+            with contextlib.suppress(RuntimeError):  # the server has ended
+                loop.call_soon_threadsafe(actions.tell_recording, text)
+
+        recording = Recording(client, recordings, tell)
+        actions = Actions(client, hub, recording)
+        app[_HUB], app[_ACTIONS] = hub, actions
+        hub.stand("hello", {"version": __version__, "rig": rig})
+        actions.tell_recording("")
+        listening = asyncio.create_task(hub.run())
+        yield
+        if recording.running:
+            await asyncio.to_thread(recording.stop)
+        listening.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await listening
+
+    app = web.Application(middlewares=[guard])
+    app.cleanup_ctx.append(running)
+    app.on_response_prepare.append(with_headers)
+    app.router.add_get("/", index)
+    app.router.add_get("/live", follow)
+    app.router.add_static("/", PAGE)
+    return app
+
+
+async def _follow(request: web.Request) -> web.StreamResponse:
+    """Send what there is until the browser goes, and do what it asks."""
+    hub, actions = request.app[_HUB], request.app[_ACTIONS]
+    socket = web.WebSocketResponse(heartbeat=_HEARTBEAT_S, max_msg_size=_MESSAGE_BYTES, compress=False)
+    await socket.prepare(request)
+    viewer = Viewer()
+    hub.join(viewer)
+
+    async def send() -> None:
+        with contextlib.suppress(ConnectionError):
+            while not socket.closed:
+                message = await viewer.next()
+                await (socket.send_str(message) if isinstance(message, str) else socket.send_bytes(message))
+
+    async def act(text: str) -> None:
+        try:
+            reply = await actions.reply(text)
+        except ValueError as error:
+            await socket.close(code=1008, message=str(error).encode()[:120])
+            return
+        viewer.say(json.dumps({"kind": "reply", **reply}, ensure_ascii=False))
+
+    tasks = {asyncio.create_task(send())}
+    try:
+        async for message in socket:
+            if message.type is not WSMsgType.TEXT:
+                break
+            if message.data == GOT:
+                viewer.answered()
+            else:
+                acting = asyncio.create_task(act(message.data))
+                tasks.add(acting)
+                acting.add_done_callback(tasks.discard)
+    finally:
+        hub.leave(viewer)
+        for task in list(tasks):
+            task.cancel()
+    return socket
+
+
+async def serve(app: web.Application, host: str, port: int, ready: Callable[[], None], stop: asyncio.Event) -> None:
+    """Serve until `stop` is set, having called `ready` once the page can be had; WireError where the port is taken."""
+    runner = web.AppRunner(app, access_log=None, shutdown_timeout=1.0)
+    await runner.setup()
+    try:
+        site = web.TCPSite(runner, host, port)
+        try:
+            await site.start()
+        except OSError as error:
+            raise WireError(
+                f"cannot serve the page on {host} port {port}: {error.strerror or error}; "
+                "take another one with --port, or another address with --listen"
+            ) from error
+        ready()
+        await stop.wait()
+    finally:
+        await runner.cleanup()
