@@ -51,7 +51,7 @@ def main(arguments: list[str]) -> int:
     """Prepare .venv, then become the command asked for."""
     command, rest = (arguments[0], arguments[1:]) if arguments else ("", [])
     if command == "demo":
-        prepare(set())
+        prepare({"view"})
         become(VENV / "bin" / "insole", "demo", *rest)
     if command == "test":
         prepare({"test"})

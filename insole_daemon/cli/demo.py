@@ -8,7 +8,9 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
 
 from .options import Seconds, on_end
 
@@ -21,7 +23,10 @@ _DRAWN_S = 0.1
 _LINE_S = 1.0
 
 
-def demo(seconds: Seconds = None) -> None:
+def demo(
+    seconds: Seconds = None,
+    view: Annotated[bool, typer.Option("--view", help="Show it in the browser as well: see 'insole view'.")] = False,
+) -> None:
     """See it work without hardware: a simulated walk, live.
 
     Emulated boards of both feet on an in-process bus, the real daemon, Zenoh, and a view in the terminal.
@@ -56,7 +61,8 @@ def demo(seconds: Seconds = None) -> None:
         Client(config.zenoh.listen[0], config.rig) as insole,
     ):
         daemon = Daemon(source, feet, session)
-        emulator = Emulator(config, layouts, Walk(layouts))
+        person = Walk(layouts)
+        emulator = Emulator(config, layouts, person)
         messages = insole.messages(key(config.rig, "*", "*"))
 
         ready = threading.Event()
@@ -73,9 +79,16 @@ def demo(seconds: Seconds = None) -> None:
             "boards": lambda: emulator.play(sink.send, stop),
             "daemon": lambda: daemon.run(ready.set),
         }
+        shown: contextlib.AbstractContextManager[str] = contextlib.nullcontext("'insole view' shows it in a browser")
+        if view:
+            from .demo_page import page, tell_truth
+
+            parts["truth"] = lambda: tell_truth(session, emulator, person, layouts, stop)
+            shown = page(config.zenoh.listen[0], config.rig)
         with _running(parts, end, failed):
             ready.wait()  # before, nobody answers for meta
-            _show(insole, messages, config, seconds)
+            with shown as where:
+                _show(insole, messages, config, seconds, where)
 
 
 @contextlib.contextmanager
@@ -110,7 +123,7 @@ def _running(
             ) from error
 
 
-def _show(insole: Client, messages: Messages, config: Config, seconds: float | None) -> None:
+def _show(insole: Client, messages: Messages, config: Config, seconds: float | None, where: str) -> None:
     """Draw until the time is over or the person has seen enough."""
     from rich.console import Console
     from rich.live import Live
@@ -124,7 +137,7 @@ def _show(insole: Client, messages: Messages, config: Config, seconds: float | N
         end.start()
     title = (
         f"insole demo: simulated boards, the real daemon; subscribe to insole/{config.rig}/** on "
-        f"{config.zenoh.listen[0]}; Ctrl-C ends"
+        f"{config.zenoh.listen[0]}; {where}; Ctrl-C ends"
     )
     console = Console()
     views = {str(each.foot): FootView(insole.meta(each.foot), console.height) for each in config.insoles}

@@ -81,6 +81,7 @@ class Emulator:
         self._seed = seed
         self._streaming = streaming
         self._left_out = frozenset(left_out)
+        self.playing_since_ns: int | None = None  # CLOCK_REALTIME: the load's t = 0 in what is played
 
     def run(self, t_start_ns: int) -> Run:
         """The boards, powered up at `t_start_ns`; every run begins anew from the seed."""
@@ -108,7 +109,7 @@ class Emulator:
 
         `receive` hands over what came in since it was last called; commands among it are obeyed.
         """
-        t_start_ns = time.time_ns()
+        self.playing_since_ns = t_start_ns = time.time_ns()
         since_start_ns = time.monotonic_ns() - t_start_ns  # the clock to sleep by must not step
         t_end_ns = None if seconds is None else t_start_ns + round(seconds * 1e9)
         run, received = self.run(t_start_ns), self._reception()

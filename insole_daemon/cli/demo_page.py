@@ -1,0 +1,78 @@
+"""What `insole demo --view` adds: the page in a process of its own, and the simulated truth beside what is measured."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import zenoh
+
+    from ..simulation.emulator import Emulator
+    from ..simulation.foot import Person
+    from ..skin.layout import Layout
+
+_EVERY_S = 0.02
+_END_S = 5.0
+_SIMULATION = "simulation"  # the rig that `insole view` draws beside, and the reference's keys are its too
+
+
+@contextlib.contextmanager
+def page(endpoint: str, rig: str) -> Iterator[str]:
+    """`insole view --open` until the block ends; what it says of itself. InsoleError where it does not start."""
+    from ..errors import InsoleError
+
+    command = "from insole_daemon.cli import main; main()"
+    process = subprocess.Popen(
+        [sys.executable, "-c", command, "view", "--open", "--connect", endpoint, "--rig", rig],
+        stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    assert process.stderr is not None
+    try:
+        said = process.stderr.readline()
+        if "the page is on" not in said:
+            raise InsoleError((said + process.stderr.read()).strip().removeprefix("insole: "))
+        yield said.partition(";")[0].removeprefix("insole: ").strip()
+    finally:
+        process.terminate()
+        try:
+            process.wait(_END_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+        process.stderr.close()
+
+
+def tell_truth(
+    session: zenoh.Session, emulator: Emulator, person: Person, layouts: list[Layout], stop: threading.Event
+) -> None:
+    """Publish what really presses on the feet until `stop`: as a simulation's pressure and a force shoe's wrench."""
+    from ..wire.keys import key
+    from ..wire.messages import Pressure
+
+    encoding = f"application/msgpack;{Pressure.SCHEMA}"
+    seq = 0
+    while not stop.wait(_EVERY_S):
+        t_ns = time.time_ns()
+        if emulator.playing_since_ns is None:
+            continue
+        t_s = np.array([(t_ns - emulator.playing_since_ns) * 1e-9])
+        for layout in layouts:
+            n = len(layout)
+            pressure = Pressure(
+                layout.foot, seq, emulator.playing_since_ns, t_ns, t_ns, n,
+                person.pressure_pa(layout.foot, t_s)[0].astype(np.float32), np.ones((n, 12), np.uint8),
+                np.zeros(n, np.float32), np.zeros(n, np.uint8), False,
+            )  # fmt: skip
+            session.put(key(_SIMULATION, layout.foot, "pressure"), pressure.encode(), encoding=encoding)
+            shoe = {name: float(values[0]) for name, values in person.reference(layout.foot, t_s).items()}
+            session.put(f"reference/{layout.foot}", json.dumps(shoe))
+        seq += 1
