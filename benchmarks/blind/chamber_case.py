@@ -23,10 +23,12 @@ _SIMULABLE = {"hysteresis", "creep", "viscoelasticity", "drift", "rezero"}
 _ATTEMPTS = 4  # to draw a trial in which the strength asked for is within the effect's range
 
 
-def _scope(rng: np.random.Generator, word: str, spec: Spec) -> str:
+def _scope(rng: np.random.Generator, word: str, spec: Spec, own_clock: bool) -> str:
     if spec.kind in ("outside", "undecidable"):
         return "insole"
     options = SCOPES[word]
+    if word == "delay" and own_clock:
+        options = ("board",)  # a common one cannot be told from the offset
     if spec.kind == "triple":
         return options[0]
     # Half of what can be anywhere is everywhere: that is what physics mostly does.
@@ -52,9 +54,6 @@ def _undecidable(rng: np.random.Generator, spec: Spec, geometry: Geometry, load:
         word = "creep"  # the other two are made to look alike exactly
     if word == "hysteresis":
         return hysteresis_twin(conceal(rng, geometry, load, "creep", "insole"), load)[0]
-    if word == "delay":
-        lag = conceal(rng, geometry, load, "lag", "insole")
-        return Effect("delay", "delay", lag.where, lag.place)
     return conceal(rng, geometry, load, word, "insole")
 
 
@@ -64,14 +63,14 @@ def _draw_once(rng: np.random.Generator, spec: Spec) -> Case:
     these = sensors(rng)
     protocol = spec.variant if spec.variant in ("sine", "ramps") else "full"
     load = chamber(rng, protocol, ("bag", "plenum")[int(rng.integers(2))], spec.variant == "warm")
-    own_clock = _clock(rng, spec)
     simulated = spec.variant == "" and set(spec.words) <= _SIMULABLE and bool(rng.random() < 0.15)
+    own_clock = _clock(rng, spec) or simulated  # a simulation's offset is unknown too
     effects: list[Effect] = []
     if spec.kind == "undecidable":
         effects.append(_undecidable(rng, spec, geometry, load))
     elif spec.kind != "fault":
         for word in spec.words:
-            effects.append(conceal(rng, geometry, load, word, _scope(rng, word, spec), spec.variant))
+            effects.append(conceal(rng, geometry, load, word, _scope(rng, word, spec, own_clock), spec.variant))
     solved, k, fraction = [], {}, {}
     for effect in effects:
         measure = Measure(load, these, effect, own_clock)

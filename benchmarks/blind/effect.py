@@ -28,14 +28,14 @@ SOLVED = {
     "clock": "rate_ppm",
 }
 UNKNOWN = tuple(entry("unknown"))
-# Where an effect can be; what a whole insole shares (a common delay, gain or baseline) is nobody's finding.
+# Where an effect can be; gain or baseline of a whole insole is what every calibration has a few per cent of.
 SCOPES = {
     "hysteresis": ("insole", "board", "triangle", "taxel"),
     "snap": ("insole", "board", "triangle", "taxel"),
     "viscoelasticity": ("insole", "board", "triangle", "taxel"),
     "creep": ("insole", "board", "triangle", "taxel"),
     "lag": ("insole", "board"),
-    "delay": ("board",),
+    "delay": ("insole", "board"),
     "temperature": ("insole", "board", "triangle"),
     "drift": ("insole", "board", "triangle"),
     "rezero": ("board",),

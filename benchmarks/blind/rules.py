@@ -19,8 +19,16 @@ class Finding:
     effect: str
     alternatives: tuple[str, ...]
     where: dict[str, Any]
-    parameters: dict[str, tuple[list[float], list[float]]]  # value and std
+    parameters: dict[str, Any]  # as they were said
     confidence: float | None
+
+    def parameter(self, name: str) -> tuple[list[float], list[float]]:
+        """Value and standard deviation, each a list; empty where nothing was said."""
+        said = self.parameters.get(name)
+        said = said if isinstance(said, dict) else {"value": said}
+        lists = ([] if said.get(key) is None else said[key] for key in ("value", "std"))
+        value, std = (np.atleast_1d(np.asarray(x, float)).tolist() for x in lists)
+        return value, std
 
     @property
     def words(self) -> tuple[str, ...]:
@@ -40,14 +48,8 @@ def findings(diagnosis: dict[str, Any]) -> list[Finding]:
         values = dict(f.get("parameters", {}))
         if "amplitude_fraction" in f:
             values["amplitude_fraction"] = f["amplitude_fraction"]
-        parameters = {}
-        for name, p in values.items():
-            p = p if isinstance(p, dict) else {"value": p}
-            value = np.atleast_1d(np.asarray(p.get("value", []), float)).tolist()
-            std = np.atleast_1d(np.asarray(p.get("std") if p.get("std") is not None else [], float)).tolist()
-            parameters[name] = (value, std)
         alternatives = tuple(a for a in f.get("alternatives", []) if a != f["effect"])
-        out.append(Finding(f["effect"], alternatives, f.get("where") or {}, parameters, f.get("confidence")))
+        out.append(Finding(f["effect"], alternatives, f.get("where") or {}, values, f.get("confidence")))
     return out
 
 
@@ -90,7 +92,7 @@ def _one_value(name: str, values: list[float], finding: Finding) -> float | None
     if name == "a":
         return float(np.sum(values))
     if name == "tau_s":
-        weights = finding.parameters.get("a", ([], []))[0]
+        weights = finding.parameter("a")[0]
         if len(weights) != len(values) or not np.sum(np.abs(weights)):
             weights = [1.0] * len(values)
         return float(np.exp(np.average(np.log(np.maximum(values, 1e-9)), weights=np.abs(weights))))
@@ -109,7 +111,7 @@ def parameter_errors(found: list[Finding], concealed: dict[str, Any]) -> list[di
         wanted["amplitude_fraction"] = [concealed["amplitude_fraction"]]
     out = []
     for name, (true, *_) in wanted.items():
-        value, std = mine.parameters.get(name, ([], []))
+        value, std = mine.parameter(name)
         estimate = _one_value(name, value, mine)
         row: dict[str, Any] = {"effect": concealed["effect"], "parameter": name, "true": true, "estimate": estimate}
         row["relative_error"] = None if estimate is None else abs(estimate - true) / max(abs(true), 1e-12)

@@ -12,12 +12,15 @@ from benchmarks.blind.run import LOG
 from benchmarks.blind.untouched import Compensator, Predictor, compare, compare_force, imported
 
 
-def _diagnosis(answer: Path) -> dict[str, Any] | None:
+def _judged(case: dict[str, Any], answer: Path) -> dict[str, Any]:
+    """The case judged; an answer that is not there or is not what the contract says counts as none."""
     try:
-        found = json.loads((answer / "diagnosis.json").read_text())
-    except (OSError, ValueError):
-        return None
-    return found if found.get("format") == "insole-diagnosis/1" else None
+        diagnosis = json.loads((answer / "diagnosis.json").read_text())
+        if diagnosis["format"] != "insole-diagnosis/1":
+            raise ValueError(f"expected insole-diagnosis/1, found {diagnosis['format']!r}")
+        return {**judge(case, diagnosis), "unreadable": None}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as problem:
+        return {**judge(case, None), "unreadable": f"{type(problem).__name__}: {problem}"}
 
 
 def score(
@@ -29,7 +32,7 @@ def score(
     by_case = {entry["case"]: entry for entry in log}
     rows = []
     for name, case in sorted(truth["cases"].items()):
-        row = {"case": name, **judge(case, _diagnosis(answers / name)), "variant": case["variant"]}
+        row = {"case": name, **_judged(case, answers / name), "variant": case["variant"]}
         row |= {"suite": case["suite"], "run": by_case.get(name)}
         model = answers / name / "model.json"
         if predict is not None and (case["suite"] == "chamber" or case["simulated"]):

@@ -72,6 +72,20 @@ def test_a_run_that_fails_is_logged_and_scored_as_wrong(made, tmp_path):
     assert found["runs"]["status"] == {"4": 3}
 
 
+def test_an_answer_that_cannot_be_read_is_none(made, tmp_path):
+    answers = tmp_path / "answers"
+    run([sys.executable, "-c", ""], made.cases, answers, jobs=1, limit_s=60)
+    first, second, third = sorted(p.name for p in made.cases.iterdir())
+    (answers / first / "diagnosis.json").write_text("{")
+    (answers / second / "diagnosis.json").write_text('{"format": "insole-diagnosis/1", "findings": [{}]}')
+    found = score(made.sealed, answers, made.seal)
+    assert found["tables"]["answered"]["right"] == 0
+    said = {row["case"]: row["unreadable"] for row in found["cases"]}
+    assert "JSONDecodeError" in said[first]
+    assert "KeyError: 'effect'" in said[second]
+    assert "FileNotFoundError" in said[third]
+
+
 def test_a_run_that_never_ends_is_stopped(made, tmp_path):
     log = run([sys.executable, "-c", "import time; time.sleep(600)"], made.cases, tmp_path / "a", jobs=3, limit_s=0.5)
     assert {entry["ended"] for entry in log} == {"stopped at the time limit"}
