@@ -16,7 +16,9 @@ from .trials import Trial
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_AGREES = 0.5  # of f_z's variance, that the taxels' sum must explain with its right sign
+_AGREES = 0.7  # correlation of the taxels with the reference
+_MOST_OFFSETS_S = (20.0, 5.0, 1.0)
+_UNLOADED = 0.15  # of the reference's range, above its lowest
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,11 +60,29 @@ def realigned(trial: Trial, predicted: Array) -> Clock:
 
 
 def _fitted(trial: Trial, features: Array) -> Clock:
+    """Of regular cycles or steps, half a period off fits as well with the sign turned: then nearer ones are tried."""
     read = trial.readings
-    try:
-        return clocks.fit(trial.t_s, features, read.t_s, read.values)
-    except CalibrationError as error:
-        raise CalibrationError(f"{trial.name}: {error}") from error
+    for most_offset_s in _MOST_OFFSETS_S:
+        try:
+            clock = clocks.fit(trial.t_s, features, read.t_s, read.values, most_offset_s=most_offset_s)
+        except CalibrationError as error:
+            raise CalibrationError(f"{trial.name}: {error}") from error
+        agrees = _agrees(trial, clock)
+        if agrees >= _AGREES:
+            return clock
+    raise CalibrationError(
+        f"{trial.name}: the {'pressure' if trial.kind == 'chamber' else 'force'} of the reference does not grow with "
+        f"what the {trial.foot.foot} insole reads (correlation {agrees:.2f}): is it that of the other foot?"
+    )
+
+
+def _agrees(trial: Trial, clock: Clock) -> float:
+    """Correlation of what all taxels say with the pressure, or the force, of the reference."""
+    reference = at_cycles(trial, clock)[:, 0]
+    said = np.isfinite(reference)
+    slots = usable(trial)
+    own = np.where(trial.valid[:, slots], trial.activation[:, slots], 0.0).sum(axis=1)
+    return float(np.corrcoef(own[said], reference[said])[0, 1])
 
 
 def at_cycles(trial: Trial, clock: Clock) -> Array:
@@ -83,6 +103,7 @@ def samples(trial: Trial, clock: Clock) -> Samples:
     """Smoothed and slow ones; CalibrationError where the reference follows the taxels with the wrong sign."""
     reference = at_cycles(trial, clock)
     said: Mask = np.asarray(np.isfinite(reference).all(axis=1))
+    _check_start(trial, reference[:, 0])
     if trial.kind == "shoe":
         _check_foot(trial, reference, said)
     smooth = smoothed(np.where(said[:, None], reference, 0.0), trial.t_s)
@@ -93,21 +114,28 @@ def samples(trial: Trial, clock: Clock) -> Samples:
     return Samples(trial, clock, activation, valid, smooth[kept], trial.t_s[kept], float(said.mean()))
 
 
+def _check_start(trial: Trial, load: Array) -> None:
+    """Raise where the reference (n,) says that something pressed on what the trial is zeroed on."""
+    start = load[: trial.rest_cycles]
+    low, high = np.nanpercentile(load, (1, 99)).tolist()
+    if np.isfinite(start).any() and np.nanmean(start) > low + _UNLOADED * (high - low):
+        unit = "Pa" if trial.kind == "chamber" else "N"
+        raise CalibrationError(
+            f"{trial.name}: expected no load at its start, on which it is zeroed, found {np.nanmean(start):.3g} of "
+            f"{high:.3g} {unit} on the reference: record from before the load begins"
+        )
+
+
 def _check_foot(trial: Trial, reference: Array, said: Mask) -> None:
-    """Raise where the reference's force or its place contradict where the insole is pressed."""
+    """Raise where the reference's moments contradict where the insole is pressed."""
     slots = usable(trial)
     a = np.where(trial.valid[:, slots], trial.activation[:, slots], 0.0)[said]
     x, y = trial.layout.xy_m.reshape(-1, 2)[slots].T
-    own = np.stack([a.sum(axis=1), a @ y, -(a @ x)], axis=1)
-    wrench = reference[said]
-    agrees = [float(np.corrcoef(own[:, i], wrench[:, i])[0, 1]) for i in range(3)]
-    if agrees[0] < _AGREES**0.5:
-        raise CalibrationError(
-            f"{trial.name}: the force of the reference does not grow with what the {trial.foot.foot} insole reads "
-            f"(correlation {agrees[0]:.2f}): is it that of the other foot?"
-        )
-    sides = {"m_x": agrees[1], "m_y": agrees[2]}
-    contrary = [name for name, value in sides.items() if value < -(_AGREES**0.5)]
+    own = np.stack([a @ y, -(a @ x)], axis=1)
+    wrench = reference[said, 1:]
+    agrees = [float(np.corrcoef(own[:, i], wrench[:, i])[0, 1]) for i in (0, 1)]
+    sides = {"m_x": agrees[0], "m_y": agrees[1]}
+    contrary = [name for name, value in sides.items() if value < -_AGREES]
     if contrary:
         raise CalibrationError(
             f"{trial.name}: {' and '.join(contrary)} of the reference turn against what the {trial.foot.foot} insole "

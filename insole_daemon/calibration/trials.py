@@ -42,7 +42,7 @@ class Trial:
     t_s: Array  # (n,) since the first cycle
     rest_count: Array  # (slots,) without load, before anything presses
     noise_count: Array  # (slots,) standard deviation of one reading, then
-    rest_cycles: int  # how many readings these are of
+    rest_cycles: int  # how many of the first cycles these are of
     valid: Mask  # (n, slots) carries pressure, and no fault was found
     faults: tuple[Change, ...]  # as they began and healed
     readings: Readings

@@ -32,6 +32,7 @@ NOISY = 2.5
 INSENSITIVE = 1 / 3
 _QUIET_COUNT = 1.5  # less noise than that is no fault, however quiet the others are
 _STILL_S = 5.0
+_FLICKERS_COUNT = 1.0  # what the firmware's compensation may move a taxel by that is dead
 _MOVES_COUNT = 2.0  # of the mean of all taxels: then a load changes
 _RESTS_COUNT = 40.0  # from what its board rests at
 _SATURATED = 0.005  # of the cycles
@@ -77,9 +78,10 @@ def of_triangle(taxels: Sequence[Verdict]) -> Verdict:
 
 def _still(trial: Trial, slots: NDArray[np.intp]) -> list[tuple[int, Verdict]]:
     """Dead and stuck ones: constant to the end while the others moved."""
-    counts = trial.counts[:, slots]
+    counts = trial.counts[:, slots].astype(np.int16)
     level = np.median(counts, axis=1)
-    constant = counts == counts[-1]
+    last = np.median(counts[trial.t_s > trial.t_s[-1] - _STILL_S], axis=0)
+    constant = np.abs(counts - last) <= _FLICKERS_COUNT
     # The first row from which on a taxel says the same to the end.
     begins = len(counts) - np.argmin(constant[::-1], axis=0)
     begins[constant.all(axis=0)] = 0

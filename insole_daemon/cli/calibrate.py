@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .options import OneFoot
+from .options import OneFoot, write_whole
 
 if TYPE_CHECKING:
     from ..config import Foot
@@ -26,6 +26,7 @@ class Method(StrEnum):
 def calibrate(
     recordings: Annotated[list[Path], typer.Argument(help="Folders of recordings: chamber, force shoe, or both.")],
     out: Annotated[Path, typer.Option("--out", help="The calibration that is written.")],
+    report: Annotated[Path | None, typer.Option("--report", help="An HTML page about it, in one file.")] = None,
     foot: Annotated[OneFoot | None, typer.Option("--foot", help="Needed where the recordings have both.")] = None,
     method: Annotated[
         Method,
@@ -38,6 +39,7 @@ def calibrate(
     """Fit the curve of every taxel of one foot to recordings with a known load."""
     from ..calibration import document
     from ..calibration.calibrating import calibrate as fitted
+    from ..calibration.report import html
     from ..recording.loading import load
 
     if out.suffix.lower() != ".json":
@@ -50,6 +52,8 @@ def calibrate(
     for remark in calibrated.remarks:
         print(f"insole: {remark}", file=sys.stderr)
     document.write(calibrated, out)
+    if report is not None:
+        write_whole(report, html(calibrated))
     fit = calibrated.fit
     print(
         f"{out}: {which} foot, {len(calibrated.slots)} taxels, {len(calibrated.left_out)} left out, degree {fit.degree}"

@@ -50,6 +50,17 @@ BusName = Annotated[Bus, _BUS]
 OptionalBusName = Annotated[Bus | None, _BUS]
 
 
+def write_whole(path: Path, text: str) -> None:
+    """Write a file, all or nothing; FileError where it cannot be written."""
+    from ..errors import FileError
+    from ..files import write_text
+
+    try:
+        write_text(path, text)
+    except OSError as error:
+        raise FileError(f"{path}: cannot be written: {error.strerror or error}") from error
+
+
 def on_end(stop: Callable[[], object]) -> None:
     """Call `stop` on SIGTERM and SIGINT."""
     for number in (signal.SIGTERM, signal.SIGINT):

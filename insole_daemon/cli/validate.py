@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from .options import write_whole
+
 if TYPE_CHECKING:
     from rich.table import Table
 
@@ -20,14 +22,15 @@ def validate(
     recordings: Annotated[list[Path], typer.Argument(help="Folders of recordings with a reference.")],
     calibration: Annotated[Path, typer.Option("--calibration", help="The calibration that is judged.")],
     out: Annotated[Path | None, typer.Option("--json", help="All figures, as insole-validation/1.")] = None,
+    report: Annotated[Path | None, typer.Option("--report", help="An HTML page, in one file.")] = None,
 ) -> None:
     """Judge a calibration by recordings with a known load: the published tables, for any tasks."""
     from rich.console import Console
 
     from ..calibration import validation
+    from ..calibration.validation_report import html
     from ..documents import Reading
-    from ..errors import CalibrationError, FileError
-    from ..files import write_text
+    from ..errors import CalibrationError
     from ..physics import calibration as calibrations
     from ..recording.loading import load
 
@@ -44,11 +47,10 @@ def validate(
     for remark in remarks:
         print(f"insole: {remark}", file=sys.stderr)
     if out is not None:
-        text = json.dumps(validation.document(results, str(calibration)), indent=1, ensure_ascii=False)
-        try:
-            write_text(out, text + "\n")
-        except OSError as error:
-            raise FileError(f"{out}: cannot be written: {error.strerror or error}") from error
+        said = validation.document(results, str(calibration))
+        write_whole(out, json.dumps(said, indent=1, ensure_ascii=False) + "\n")
+    if report is not None:
+        write_whole(report, html(results, judged, calibration.name))
     console = Console(width=None if sys.stdout.isatty() else 160)
     for table in _tables(results):
         console.print(table)

@@ -1,0 +1,102 @@
+"""The insole from above, toes up: a value or a word for every taxel."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from html import escape
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..skin import geometry
+from ..skin.layout import Layout
+from .colours import CATEGORIES, magnitude
+
+Array = NDArray[np.float64]
+
+_PER_MM, _EDGE, _BAR = 2.0, 12, 66
+_RADIUS = 4.6
+_STEPS = 24  # of the scale beside it
+
+
+def value_map(layout: Layout, values: Array, label: str, title: str) -> str:
+    """SVG of values (n_triangles · 12,), NaN left empty; the scale runs over the middle 96 % of them."""
+    known = values[np.isfinite(values)]
+    low, high = np.percentile(known, (2, 98)).tolist() if len(known) else (0.0, 1.0)
+    if not high > low:
+        high = low + (abs(low) or 1.0)
+    colours = [magnitude((v - low) / (high - low)) if np.isfinite(v) else None for v in values.tolist()]
+    marks, width, height = _taxels(layout, colours)
+    top, tall = _EDGE + 14, height - 2 * _EDGE - 28
+    steps = [
+        f'<rect x="{width}" y="{top + tall * (1 - (at + 1) / _STEPS):.1f}" width="14" '
+        f'height="{tall / _STEPS + 0.5:.1f}" fill="{magnitude((at + 0.5) / _STEPS)}"/>'
+        for at in range(_STEPS)
+    ]
+    ends = [
+        f'<text x="{width + 18}" y="{y:.0f}" class="tick">{value:.3g}</text>'
+        for value, y in ((high, top + 5), ((low + high) / 2, top + tall / 2 + 4), (low, top + tall + 4))
+    ]
+    unit = f'<text x="{width}" y="{_EDGE + 4}">{escape(label)}</text>'
+    return _svg(title, width + _BAR, height, [*marks, *steps, *ends, unit])
+
+
+def word_map(layout: Layout, words: Mapping[int, str], usual: str, title: str) -> str:
+    """SVG of a word by slot; those that are not `usual` have a colour and their first two letters."""
+    order = [usual, *sorted({word for word in words.values() if word != usual})]
+    slots = len(layout) * geometry.N_TAXELS
+    colours = [None if (word := words.get(slot)) is None else _colour(order.index(word)) for slot in range(slots)]
+    letters = [word[:2] if (word := words.get(slot)) is not None and word != usual else "" for slot in range(slots)]
+    marks, width, height = _taxels(layout, colours, letters)
+    named = []
+    for at, word in enumerate(order):
+        y = _EDGE + 16 + 20 * at
+        n = sum(each == word for each in words.values())
+        named.append(f'<circle cx="{width + 6}" cy="{y - 4}" r="{_RADIUS}" fill="{_colour(at)}"/>')
+        named.append(f'<text x="{width + 16}" y="{y}">{escape(word)} {n}</text>')
+    return _svg(title, width + 120, height, [*marks, *named])
+
+
+def _colour(at: int) -> str:
+    return "var(--quiet)" if at == 0 else CATEGORIES[at % len(CATEGORIES)]
+
+
+def _taxels(
+    layout: Layout, colours: list[str | None], letters: list[str] | None = None
+) -> tuple[list[str], float, float]:
+    """Marks of triangles and taxels, and how wide and high they are."""
+    outlines = 1e3 * geometry.place(
+        geometry.OUTLINE_MM,
+        [(t.x_mm, t.y_mm) for t in layout.triangles],
+        [t.rotation_deg for t in layout.triangles],
+        [t.mirrored for t in layout.triangles],
+    )
+    low, high = outlines.min(axis=(0, 1)), outlines.max(axis=(0, 1))
+
+    def placed(xy_mm: Array) -> Array:
+        """(…, 2) pixels: x forward is up, y to the wearer's left is left."""
+        return np.stack([(high[1] - xy_mm[..., 1]), (high[0] - xy_mm[..., 0])], axis=-1) * _PER_MM + _EDGE
+
+    marks = []
+    for triangle, corners in zip(layout.triangles, placed(outlines), strict=True):
+        points = " ".join(f"{u:.1f},{v:.1f}" for u, v in corners)
+        name = f"board {triangle.board}, triangle {triangle.triangle}"
+        marks.append(f'<polygon points="{points}" class="frame"><title>{name}</title></polygon>')
+    pressure = np.tile(geometry.PRESSURE_TAXELS, len(layout))
+    for slot, (u, v) in enumerate(placed(layout.xy_m.reshape(-1, 2) * 1e3).tolist()):
+        if not pressure[slot]:
+            continue
+        colour = colours[slot]
+        fill = f'fill="{colour}"' if colour is not None else 'fill="none" class="grid"'
+        marks.append(f'<circle cx="{u:.1f}" cy="{v:.1f}" r="{_RADIUS}" {fill}/>')
+        if letters and letters[slot]:
+            marks.append(f'<text x="{u + 6:.1f}" y="{v + 3:.1f}" class="tick">{letters[slot]}</text>')
+    width, height = ((high - low)[::-1] * _PER_MM + 2 * _EDGE).tolist()
+    return marks, width, height
+
+
+def _svg(title: str, width: float, height: float, marks: list[str]) -> str:
+    return (
+        f'<svg viewBox="0 0 {width:.0f} {height:.0f}" role="img" xmlns="http://www.w3.org/2000/svg" class="map">'
+        f"<title>{escape(title)}</title>{''.join(marks)}</svg>"
+    )

@@ -1,0 +1,88 @@
+"""A page that is one file: no script, nothing loaded from anywhere, light or dark as the reader has it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+
+_STYLE = """
+:root { --paper: #ffffff; --ink: #1c2430; --soft: #5b6675; --rule: #d8dde4; --quiet: #b6bec9; --panel: #f6f8fa; }
+@media (prefers-color-scheme: dark) {
+  :root { --paper: #12161c; --ink: #e4e9f0; --soft: #9aa6b5; --rule: #2c3541; --quiet: #55606f; --panel: #1a2029; }
+}
+body { margin: 0; background: var(--paper); color: var(--ink); font: 16px/1.5 system-ui, sans-serif; }
+main { max-width: 1080px; margin: 0 auto; padding: 24px 20px 64px; }
+h1 { font-size: 1.7em; margin: 0 0 .2em; } h2 { font-size: 1.2em; margin: 2em 0 .4em; }
+p { margin: .4em 0 .8em; max-width: 72ch; } .lead { color: var(--soft); }
+figure { margin: 0; padding: 12px; background: var(--panel); border: 1px solid var(--rule); border-radius: 8px; }
+figcaption { color: var(--soft); font-size: .88em; margin-top: 6px; }
+.row { display: grid; grid-template-columns: repeat(auto-fit, minmax(310px, 1fr)); gap: 16px; margin: 12px 0; }
+.facts { display: flex; flex-wrap: wrap; gap: 10px; margin: 16px 0; }
+.facts div { background: var(--panel); border: 1px solid var(--rule); border-radius: 8px; padding: 8px 14px; }
+.facts b { display: block; font-size: 1.3em; } .facts span { color: var(--soft); font-size: .86em; }
+.wide { overflow-x: auto; } table { border-collapse: collapse; font-size: .9em; font-variant-numeric: tabular-nums; }
+th, td { padding: 4px 10px 4px 0; text-align: right; border-bottom: 1px solid var(--rule); white-space: nowrap; }
+th { color: var(--soft); font-weight: 600; white-space: normal; vertical-align: bottom; }
+th:first-child, td:first-child { text-align: left; }
+td.text, th.text { text-align: left; white-space: normal; }
+svg { width: 100%; height: auto; display: block; font: 12px system-ui, sans-serif; fill: var(--ink); }
+svg.map { max-height: 620px; } .tick { font-size: 11px; fill: var(--soft); }
+.frame { fill: none; stroke: var(--quiet); } .grid { stroke: var(--rule); fill: none; }
+dt { font-weight: 600; } dd { margin: 0 0 .6em; color: var(--soft); max-width: 80ch; }
+"""
+
+
+def page(title: str, lead: str, parts: Sequence[str]) -> str:
+    """The whole file; `parts` are HTML."""
+    return (
+        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        '<meta name="color-scheme" content="light dark">'
+        f"<title>{escape(title)}</title><style>{_STYLE}</style></head>\n<body><main>"
+        f'<h1>{escape(title)}</h1><p class="lead">{escape(lead)}</p>\n' + "\n".join(parts) + "\n</main></body></html>\n"
+    )
+
+
+def section(heading: str, *parts: str) -> str:
+    """A heading and HTML below it."""
+    return f"<section><h2>{escape(heading)}</h2>{''.join(parts)}</section>"
+
+
+def paragraph(text: str) -> str:
+    """Plain text."""
+    return f"<p>{escape(text)}</p>"
+
+
+def figure(svg: str, caption: str) -> str:
+    """A drawing with what it shows."""
+    return f"<figure>{svg}<figcaption>{escape(caption)}</figcaption></figure>"
+
+
+def row(*figures: str) -> str:
+    """Figures beside each other where there is room."""
+    return f'<div class="row">{"".join(figures)}</div>'
+
+
+def facts(*pairs: tuple[str, str]) -> str:
+    """Large figures, each with what it is."""
+    return (
+        '<div class="facts">'
+        + "".join(f"<div><b>{escape(v)}</b><span>{escape(w)}</span></div>" for v, w in pairs)
+        + "</div>"
+    )
+
+
+def table(columns: Sequence[str], rows: Sequence[Sequence[str]], text_columns: Sequence[int] = (0,)) -> str:
+    """With a header; `text_columns` stand left, the others right."""
+
+    def cells(tag: str, values: Sequence[str]) -> str:
+        kinds = (' class="text"' if at in text_columns else "" for at in range(len(values)))
+        return "".join(f"<{tag}{kind}>{escape(value)}</{tag}>" for kind, value in zip(kinds, values, strict=True))
+
+    body = "".join(f"<tr>{cells('td', each)}</tr>" for each in rows)
+    return f'<div class="wide"><table><thead><tr>{cells("th", columns)}</tr></thead><tbody>{body}</tbody></table></div>'
+
+
+def definitions(of: dict[str, str]) -> str:
+    """Words and what they mean."""
+    return "<dl>" + "".join(f"<dt>{escape(word)}</dt><dd>{escape(text)}</dd>" for word, text in of.items()) + "</dl>"
