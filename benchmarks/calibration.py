@@ -30,8 +30,8 @@ MOST_S, MOST_MB, MOST_KKT = 10.0, 1000.0, 1e-6
 def samples(draw: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Activations of both, wrench, chamber pressure and arms, of curves that stiffen and differ by 15 %.
 
-    A tenth rises before it falls, so that limits matter. Loads of the shoe move as a few regions of the sole do, or every
-    taxel would be told apart by itself.
+    A tenth falls before it rises, so that limits matter. Loads of the shoe move as a few regions of the sole do, or
+    every taxel would be told apart by itself.
     """
     x_m, y_m = draw.uniform(0, 0.26, TAXELS), draw.uniform(-0.04, 0.04, TAXELS)
     arms = AREA_M2 * np.stack([np.ones(TAXELS), y_m, -x_m])

@@ -74,7 +74,8 @@ def main() -> int:
         failed |= steady and own_n > MOST_TIMES * noise_n
         print(
             f"{name:4}{noise_n:12.1f}{own_n:12.1f} ({own.m_x.rmse:.2f}, {own.m_y.rmse:.2f})"
-            f"{own.cop_x.rmse * 1e3:9.1f}, {own.cop_y.rmse * 1e3:.1f}{true_clock_n:12.1f}{published_n:14.1f}{paper_n:11.1f}"
+            f"{own.cop_x.rmse * 1e3:9.1f}, {own.cop_y.rmse * 1e3:.1f}"
+            f"{true_clock_n:12.1f}{published_n:14.1f}{paper_n:11.1f}"
             + (f"   {own_n / noise_n:.2f} times what noise leaves" if steady else "")
         )
     return int(failed)
