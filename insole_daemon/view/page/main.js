@@ -7,23 +7,30 @@ import { FootMap, TRAIL_MS } from "./map.js";
 import { FEET, QUANTITIES, decode } from "./packets.js";
 import { Panels, number } from "./panels.js";
 import { Plot, SECONDS } from "./plots.js";
+import { Room } from "./room.js";
 import { drawScale, highest } from "./scale.js";
 import { Weight } from "./weight.js";
 
 const $ = (id) => document.getElementById(id);
 const IDLE_MS = 1000; // without a cycle the page says so
-const COUNTED_MS = 1000;
+const COUNTED_MS = 1000, SAID_MS = 100;
 
 const history = new History(), weight = new Weight($("mass"), $("weight")), panels = new Panels($);
-const maps = { left: new FootMap($("map-left")), right: new FootMap($("map-right")) };
-const plots = {
-  force: new Plot($("plot-force"), "f_z of each foot, N", [0, 100]),
-  sum: new Plot($("plot-sum"), "f_z of both, body weights", [0, 1.2]),
-  mx: new Plot($("plot-mx"), "m_x, N·m", [-5, 5]),
-  my: new Plot($("plot-my"), "m_y, N·m", [-50, 0]),
-};
 const metas = {}, marks = [];
 let colours = theme(), changed = true, lastCycle = 0, connected = false, automatic = 0;
+
+function draw() {
+  changed = true;
+}
+
+const maps = { left: new FootMap($("map-left"), draw), right: new FootMap($("map-right"), draw) };
+const plots = {
+  force: new Plot($("plot-force"), "f_z of each foot, N", [0, 100], draw),
+  sum: new Plot($("plot-sum"), "f_z of both, body weights", [0, 1.2], draw),
+  mx: new Plot($("plot-mx"), "m_x, N·m", [-5, 5], draw),
+  my: new Plot($("plot-my"), "m_y, N·m", [-50, 0], draw),
+};
+const scaleRoom = new Room($("scale"), draw);
 
 // Figures of the page itself, for whoever measures it.
 const own = { frames: 0, cycles: 0, missing: 0, painted: [], ready: 0 };
@@ -74,6 +81,7 @@ function chooseQuantity() {
   const options = [["auto", "automatic"], ...quantity.fixed.map((each) => [each, `to ${each}`])];
   $("range").replaceChildren(...options.map(([value, text]) => new Option(text, value)));
   $("range").value = quantity.start;
+  $("scale-unit").textContent = quantity.unit;
   automatic = 0;
   changed = true;
 }
@@ -140,7 +148,7 @@ addEventListener("keydown", (event) => {
   KEYS[event.key]();
 });
 for (const each of document.querySelectorAll("[name=quantity]")) each.addEventListener("change", chooseQuantity);
-for (const id of ["taxels", "range"]) $(id).addEventListener("change", () => { changed = true; });
+for (const id of ["taxels", "range"]) $(id).addEventListener("change", draw);
 $("pause").addEventListener("click", () => pause());
 $("scrub").addEventListener("input", () => look(Number($("scrub").value)));
 $("zero").addEventListener("click", () => $("zeroing").showModal());
@@ -178,11 +186,10 @@ $("theme").addEventListener("click", () => {
   dress(next);
 });
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => dress(document.documentElement.dataset.theme ?? ""));
-addEventListener("resize", () => { changed = true; });
 
 // ---- drawing ---------------------------------------------------------------------------------------------------
 
-let countedAt = performance.now(), countedCycles = 0, turn = 0;
+let countedAt = performance.now(), countedCycles = 0, saidAt = 0, turn = 0;
 
 function frame(now) {
   requestAnimationFrame(frame);
@@ -194,20 +201,28 @@ function frame(now) {
   for (const foot of FEET) {
     const cycle = history.shown(foot);
     if (cycle && maps[foot].field) maps[foot].read(cycle, quantity);
-    $(`force-${foot}`).textContent = cycle && cycle.fz === cycle.fz ? `${number(cycle.fz, 1, 0)} N` : "–";
   }
+  if (history.paused || now - saidAt >= SAID_MS) say(now);
   const shown = scale(), taxels = $("taxels").checked;
   for (const foot of FEET) {
     maps[foot].draw(history.shown(foot), history.since(foot, TRAIL_MS), panels.faults[foot], { scale: shown, taxels, colours });
   }
-  drawScale($("scale"), shown, colours);
-  $("scale-unit").textContent = quantity.unit;
-  // The courses take turns: two a frame are as smooth to the eye, and leave time on a slow computer.
-  if (history.paused) drawPlots(Object.keys(plots));
-  else drawPlots(turn++ % 2 ? ["force", "mx"] : ["sum", "my"]);
-  if (history.paused) $("ago").textContent = `${((history.at - history.end()) / 1000).toFixed(2).replace("-", "−")} s`;
-  else $("ago").textContent = "live";
+  drawScale(scaleRoom, shown, colours);
+  // The courses take turns, which is as smooth to the eye and leaves time on a slow computer.
+  const names = Object.keys(plots);
+  drawPlots(history.paused ? names : [names[turn++ % names.length]]);
   if (newest && !history.paused) painted(newest);
+}
+
+// What stands in words: not at every frame, since words have the page laid out anew.
+function say(now) {
+  saidAt = now;
+  for (const foot of FEET) {
+    const cycle = history.shown(foot);
+    $(`force-${foot}`).textContent = cycle && cycle.fz === cycle.fz ? `${number(cycle.fz, 1, 0)} N` : "–";
+  }
+  $("ago").textContent = history.paused ? `${number((history.at - history.end()) / 1000, 1, 2)} s` : "live";
+  weight.say();
 }
 
 // After the frame is handed over: the time since the daemon published what it shows.
@@ -230,7 +245,7 @@ function drawPlots(names) {
     { cycles: own[foot], value: (cycle) => cycle[model], colour: colours[foot], dash: [1.5, 3] },
     { cycles: own[foot], value: (cycle) => cycle[measured], colour: colours[foot] },
   ]);
-  weight.weigh(own);
+  if (names.includes("sum")) weight.weigh(own);
   const seen = marks.filter((mark) => mark > now - SECONDS * 1000);
   for (const name of names) {
     if (name === "sum") plots.sum.draw([{ cycles: weight.sums, value: (each) => each.bodyWeights, colour: colours.sum }], now, seen, colours);

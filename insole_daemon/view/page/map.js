@@ -3,6 +3,7 @@
 import { INVALID, SATURATED, STALE } from "./packets.js";
 import { Field } from "./field.js";
 import { hull, outline } from "./outline.js";
+import { Room } from "./room.js";
 
 const PADS = new Set([6, 10]); // thermal, of the 12 taxels of a triangle
 const STEP_MM = 1.5, MARGIN_MM = 5, TAXEL_MM = 2.6, WRONG_MM = 4.6;
@@ -12,9 +13,10 @@ export const TRAIL_MS = 1500;
 const DISBELIEVED = new Set(["board_silent", "board_address_clash", "board_rezeroed", "triangle_loose", "taxel_dead", "taxel_stuck"]);
 
 export class FootMap {
-  constructor(canvas) {
+  constructor(canvas, changed) {
+    const room = new Room(canvas, () => { this.drawn = ""; changed(); });
     this.canvas = canvas;
-    this.ink = canvas.getContext("2d");
+    this.ink = room.ink;
     this.small = document.createElement("canvas");
     this.under = document.createElement("canvas"); // sole and hatching: drawn anew only when it changes
   }
@@ -36,16 +38,6 @@ export class FootMap {
     });
     this.small.width = this.field.width;
     this.small.height = this.field.height;
-    this.drawn = "";
-  }
-
-  // Room for the canvas as it is laid out.
-  fit() {
-    const ratio = devicePixelRatio, box = this.canvas.getBoundingClientRect();
-    const width = Math.round(box.width * ratio), height = Math.round(box.height * ratio);
-    if (this.canvas.width === width && this.canvas.height === height) return;
-    this.canvas.width = this.under.width = width;
-    this.canvas.height = this.under.height = height;
     this.drawn = "";
   }
 
@@ -76,13 +68,11 @@ export class FootMap {
   }
 
   draw(cycle, trail, faults, { scale, taxels, colours }) {
-    this.fit();
     if (!this.field || !this.canvas.width) return;
     const state = [cycle ? cycle.flags.join("") : "", colours.sole, colours.card].join();
     if (state !== this.drawn) this.lay(cycle, colours);
     this.drawn = state;
     const { ink } = this;
-    ink.clearRect(0, 0, this.canvas.width, this.canvas.height);
     ink.drawImage(this.under, 0, 0);
     if (!cycle) return;
     const pixels = this.small.getContext("2d");
@@ -106,8 +96,11 @@ export class FootMap {
   // The sole, and what is not known of it: hatched, stale parts the other way round.
   lay(cycle, colours) {
     this.place();
-    const ink = this.under.getContext("2d");
-    ink.clearRect(0, 0, this.under.width, this.under.height);
+    this.under.width = this.canvas.width;
+    this.under.height = this.canvas.height;
+    const ink = this.under.getContext("2d", { alpha: false });
+    ink.fillStyle = colours.card;
+    ink.fillRect(0, 0, this.under.width, this.under.height);
     ink.fillStyle = colours.sole;
     ink.fill(this.shape);
     ink.save();

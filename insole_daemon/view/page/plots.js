@@ -1,28 +1,26 @@
 // Courses over the last seconds: lines that share a time axis.
 
+import { Room } from "./room.js";
+
 export const SECONDS = 10;
 
 const LEFT = 46, RIGHT = 10, TOP = 18, BOTTOM = 6;
 
 export class Plot {
   // title with unit; range: the least span of the axis [low, high].
-  constructor(canvas, title, range) {
-    Object.assign(this, { canvas, title, range, ink: canvas.getContext("2d") });
+  constructor(canvas, title, range, changed) {
+    Object.assign(this, { title, range, room: new Room(canvas, changed) });
+    this.ink = this.room.ink;
   }
 
   // lines: [{cycles, value(cycle), colour, dash}], all of cycles by time; now in ms; marks: [ms].
   draw(lines, now, marks, colours) {
-    const ratio = devicePixelRatio, box = this.canvas.getBoundingClientRect();
-    const width = Math.round(box.width * ratio), height = Math.round(box.height * ratio);
-    if (this.canvas.width !== width || this.canvas.height !== height) {
-      this.canvas.width = width;
-      this.canvas.height = height;
-    }
+    const { width, height, ratio } = this.room, { ink } = this;
     if (!width) return;
-    const { ink } = this;
     ink.setTransform(ratio, 0, 0, ratio, 0, 0);
-    ink.clearRect(0, 0, box.width, box.height);
-    const bottom = box.height - BOTTOM, right = box.width - RIGHT;
+    ink.fillStyle = colours.card;
+    ink.fillRect(0, 0, width, height);
+    const bottom = height - BOTTOM, right = width - RIGHT;
     const [low, high, step] = this.axis(lines);
     const x = (t) => right + (t - now) / (1000 * SECONDS) * (right - LEFT);
     const y = (value) => bottom - (value - low) / (high - low) * (bottom - TOP);

@@ -5,7 +5,7 @@ const LEAST_N = 150; // a mean below is nobody's weight
 
 export class Weight {
   constructor(input, output) {
-    Object.assign(this, { input, output, sums: [] });
+    Object.assign(this, { input, output, sums: [], words: "" });
     try { input.value = localStorage.getItem("mass") ?? ""; } catch { /* a browser that keeps nothing */ }
     input.addEventListener("change", () => { try { localStorage.setItem("mass", input.value); } catch { /* as above */ } });
   }
@@ -23,6 +23,10 @@ export class Weight {
     const weight = typed > 0 ? typed : mean >= LEAST_N ? mean : NaN;
     for (const each of sums) each.bodyWeights = each.newtons / weight;
     this.sums = sums;
-    this.output.textContent = weight === weight ? `1 body weight = ${weight.toFixed(0)} N${typed > 0 ? "" : ", the mean shown"}` : "";
+    this.words = weight === weight ? `1 body weight = ${weight.toFixed(0)} N${typed > 0 ? "" : ", the mean shown"}` : "";
+  }
+
+  say() {
+    if (this.output.textContent !== this.words) this.output.textContent = this.words;
   }
 }
