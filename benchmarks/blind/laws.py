@@ -120,9 +120,10 @@ def hysteresis_like(cycle: np.ndarray, departure: np.ndarray) -> tuple[np.ndarra
     """
     half = np.ptp(cycle) / 2
     mid = cycle.min() + half
-    plays = np.array(
-        [play(np.tile(cycle[::20], 2), r, mid)[len(cycle[::20]) :] for r in half * np.geomspace(0.004, 0.97, 48)]
-    )
+    # Dense where the loop turns: right after a reversal, and shortly before the next.
+    radii = np.concatenate([np.geomspace(1e-4, 0.5, 50), 1 - np.geomspace(1e-3, 0.49, 50)])
+    past = np.tile(cycle[::20], 2)
+    plays = np.array([play(past, half * r, mid)[len(past) // 2 :] for r in radii])
     grid = np.arange(len(cycle))
     plays = np.array([np.interp(grid, grid[::20], p, period=len(cycle)) for p in plays]) - cycle
     static = np.linalg.qr(np.vander((cycle - mid) / half, 4))[0]

@@ -67,4 +67,4 @@ def test_a_hysteresis_closes_the_loop_of_creep(shape):
     phase = np.arange(4000) / 4000
     wave = (1 - np.cos(2 * np.pi * phase)) / 2 if shape == "sine" else 1 - np.abs(1 - 2 * phase)
     _, missed = laws.hysteresis_like(1e5 * wave, laws.power_law_steady(1e5 * wave, 0.25))
-    assert missed < 0.05
+    assert missed < 0.005  # at 3 x the floor 0.015 x
