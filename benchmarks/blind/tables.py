@@ -99,7 +99,10 @@ def runs(rows: Rows) -> dict[str, Any]:
 
 def tables(rows: Rows) -> dict[str, Any]:
     """Everything that is reported."""
-    of: Callable[..., Rows] = lambda *kinds: [r for r in rows if r["kind"] in kinds]  # noqa: E731
+
+    def of(*kinds: str) -> Rows:
+        return [r for r in rows if r["kind"] in kinds]
+
     nulls = of("null")
     false_alarms = sum(r["false_alarm"] for r in nulls)
     known = [r for r in of("single", "pair", "triple", "fault") if strong(r)]
