@@ -18,14 +18,17 @@ from pathlib import Path
 
 import numpy as np
 from belli2023_data import CALIBRATION, FOLDER, Trial, read, slots
-from belli2023_healthy import Healthy, healthy, valid
+from belli2023_healthy import Healthy, healthy
+from belli2023_picture import Panel, drawn
 from numpy.typing import NDArray
 from scipy.io import loadmat
 
 from insole_daemon.calibration import clock as clocks
 from insole_daemon.calibration import follow_up, memory
+from insole_daemon.calibration.baseline_drift import risen
 from insole_daemon.calibration.clock import Clock
 from insole_daemon.calibration.memory import Memories
+from insole_daemon.files import write_text
 from insole_daemon.physics.calibration import Calibration
 from insole_daemon.physics.chain import Chain
 from insole_daemon.physics.effect import Effect
@@ -39,12 +42,16 @@ PUBLISHED = Path("results", "model_20221108.mat")
 REST_ROWS = 50  # unloaded, at the beginning of every file
 FITTED_EVERY = 25  # rows: half a second
 FOLDS = 6  # of 87 s each
+JUDGED_SHARE = 0.25  # of a file, that a taxel has to be judged in
 WITHIN_PA, OFTEN = 15_000.0, 0.9
 # One ramp up and one down cannot tell plays from slow creep, so both kinds are given, and how far the fit may go in
-# making differences between them, the stiffness, is the one thing that is chosen.
+# making differences between them, the stiffness, is chosen, with how far ours smooths the counts.
 MEMORIES = Memories(r_pa=(20e3, 80e3), tau_s=(3.0, 10.0, 30.0, 100.0))
-STIFFNESSES = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1)
-WORTH = 1.05  # the stiffest is taken that costs no more than this
+STIFFNESSES = (1e-4, 1e-3, 3e-3, 1e-2, 3e-2)
+SHARES = (0.1, 0.07, 0.05, 0.03, 0.02)  # of a new count in the smoothed one
+COLOURS = {"published, zeroed": "#c0562b", "plain cubic, zeroed": "#2a8f4f", "ours, zeroed": "#1f6fb4"}
+FLOOR = "ours, fitted to the file itself"  # what this kind of model reaches if nothing had changed since calibration
+WORTH = 1.05  # what costs no more than this is worth the same
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,16 +59,34 @@ class Paired:
     """Rows of a trial with the pressure they are believed to have been read at; m taxels are judged."""
 
     t_s: Array  # (n,)
-    counts: Array  # (n, m) smoothed
+    raw: Array  # (k, m) counts of consecutive rows
+    sound: NDArray[np.bool_]  # (k, m) not masked
+    of: NDArray[np.intp]  # (n,) which of these the paired rows are
     rest_count: Array  # (m,)
+    board: NDArray[np.intp]  # (m,)
     pressure_pa: Array  # (n,) smoothed, as the gauge shows it
     rest_pa: float
-    valid: NDArray[np.bool_]  # (n, m)
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        """(n, m)."""
+        return self.sound[self.of]
+
+    @property
+    def counts(self) -> Array:
+        """(n, m) smoothed as published."""
+        return follow_up.smoothed(self.raw, follow_up.COUNT_SHARE)[self.of]
 
     @property
     def activation(self) -> Array:
         """(n, m) counts below the baseline."""
         return self.rest_count - self.counts
+
+    def steady(self, share: float) -> Array:
+        """(n, m) counts as ours is given them: the last valid ones, less what boards rose by themselves, smoothed."""
+        last = np.maximum.accumulate(np.where(self.sound, np.arange(len(self.raw))[:, None], 0), axis=0)
+        held = np.take_along_axis(self.raw, last, axis=0)
+        return follow_up.smoothed(held - risen(held, self.rest_count, self.board), share)[self.of]
 
     @property
     def load_pa(self) -> Array:
@@ -81,7 +106,7 @@ def by_row(trial: Trial, found: Healthy) -> Paired:
     """As published: a row of counts belongs to the row of pressures of its number."""
     rows = follow_up.kept_rows(trial.pressure_pa[: len(trial.counts)])
     shown_pa = follow_up.smoothed(trial.pressure_pa[rows], follow_up.PRESSURE_SHARE)
-    return _paired(trial, found, rows, follow_up.smoothed(trial.counts[rows], follow_up.COUNT_SHARE), shown_pa)
+    return _paired(trial, found, rows, rows, shown_pa)
 
 
 def by_clock(trial: Trial, found: Healthy, clock: Clock) -> Paired:
@@ -89,14 +114,14 @@ def by_clock(trial: Trial, found: Healthy, clock: Clock) -> Paired:
     reference_s, shown_pa = _gauge(trial)
     wanted_s = clock.reference_s(trial.t_s)
     rows = np.flatnonzero((wanted_s >= reference_s[0]) & (wanted_s <= reference_s[-1]))
-    counts = follow_up.smoothed(trial.counts, follow_up.COUNT_SHARE)[rows]
     shown_pa = follow_up.smoothed(shown_pa, follow_up.PRESSURE_SHARE)
-    return _paired(trial, found, rows, counts, np.interp(wanted_s[rows], reference_s, shown_pa))
+    every = np.arange(len(trial.t_s))
+    return _paired(trial, found, every, rows, np.interp(wanted_s[rows], reference_s, shown_pa))
 
 
 def fitted_clock(trial: Trial, found: Healthy) -> Clock:
     """Against pairing by row, from the mean of the taxels; the delay of the smoothing is in it."""
-    sound = found.taxels[valid(trial.counts[:, found.taxels], found.most_step_count).all(axis=0)]
+    sound = found.taxels[found.valid(trial).all(axis=0)]
     mean = follow_up.smoothed(trial.counts[:, sound].mean(axis=1), follow_up.COUNT_SHARE)
     activation = mean[:REST_ROWS].mean() - mean
     return clocks.fit(trial.t_s, activation[:, None] ** np.arange(1, 4), *_gauge(trial))
@@ -108,24 +133,36 @@ def _gauge(trial: Trial) -> tuple[Array, Array]:
     return clocks.row_times_s(trial.t_s, len(trial.pressure_pa))[kept], trial.pressure_pa[kept]
 
 
-def _paired(trial: Trial, found: Healthy, rows: NDArray[np.intp], counts: Array, shown_pa: Array) -> Paired:
+def _paired(
+    trial: Trial, found: Healthy, smoothed: NDArray[np.intp], rows: NDArray[np.intp], shown_pa: Array
+) -> Paired:
+    """`rows`, all among those that are smoothed, with what the gauge showed then."""
+    counts = trial.counts[:, found.taxels]
+    rest_count = counts[:REST_ROWS].mean(axis=0)
+    triangle = slots(trial.layout)[found.taxels] // N_TAXELS
     return Paired(
         t_s=trial.t_s[rows],
-        counts=counts[:, found.taxels],
-        rest_count=trial.counts[:REST_ROWS, found.taxels].mean(axis=0),
+        raw=counts[smoothed],
+        sound=found.valid(trial)[smoothed],
+        of=np.searchsorted(smoothed, rows),
+        rest_count=rest_count,
+        board=trial.layout.identities[triangle, 0].astype(np.intp),
         pressure_pa=shown_pa,
         rest_pa=float(np.median(trial.pressure_pa[:REST_ROWS])),
-        valid=valid(trial.counts[:, found.taxels], found.most_step_count)[rows],
     )
 
 
 class Ours:
     """The cubic with what each taxel remembers; applied as the chain applies it, causally."""
 
-    def __init__(self, trained: Paired, trial: Trial, found: Healthy, stiffness: float) -> None:
+    def __init__(self, trained: Paired, trial: Trial, found: Healthy, share: float, stiffness: float) -> None:
         rows = slice(REST_ROWS, None, FITTED_EVERY)
         held = memory.states(trained.t_s, trained.load_pa, MEMORIES, trial.layout)
-        self.curves = memory.fit(trained.activation[rows], trained.load_pa[rows], held[rows], MEMORIES, stiffness)
+        self._share = share
+        activation = np.where(trained.valid, trained.rest_count - trained.steady(share), np.nan)
+        judged = trained.valid.mean(axis=0) > JUDGED_SHARE
+        activation[:, ~judged] = activation[:, judged][:, :1]  # those are not judged: any curve will do
+        self.curves = memory.fit(activation[rows], trained.load_pa[rows], held[rows], MEMORIES, stiffness)
         self.layout, self._slots = trial.layout, slots(trial.layout)[found.taxels]
         self.calibration, self.effects = self._model(trained.rest_count)
 
@@ -133,31 +170,39 @@ class Ours:
         """(n, m) Pa above the beginning of the file."""
         calibration, effects = self._model(judged.rest_count)
         counts = np.full((len(judged.t_s), len(self.layout) * N_TAXELS), np.nan)
-        counts[:, self._slots] = judged.counts
+        counts[:, self._slots] = judged.steady(self._share)
         chain = Chain(effects, self.layout, calibration)
         whole = chain.inverse()(counts.reshape(len(counts), len(self.layout), N_TAXELS), judged.t_s)
-        return whole.reshape(len(counts), -1)[:, self._slots]
+        return np.maximum(whole.reshape(len(counts), -1)[:, self._slots], 0.0)
 
     def _model(self, rest_count: Array) -> tuple[Calibration, tuple[Effect, ...]]:
-        said = {"source": "Belli et al. 2023, calibration_dataset", "counts": "smoothed exponentially, share 0.1"}
+        said = {
+            "source": "Belli et al. 2023, calibration_dataset",
+            "counts": f"smoothed exponentially, {self._share:g} of each new one",
+        }
         return memory.calibration(self.curves, self._slots, rest_count, self.layout, said)
 
 
-def chosen(trained: Paired, trial: Trial) -> float:
-    """The stiffness, by the median taxel's error in parts of the calibration data that were not fitted."""
+def chosen(trained: Paired, trial: Trial) -> tuple[float, float]:
+    """The share of a new count and the stiffness, by the median taxel's error in parts that were not fitted.
+
+    Of what is worth about the same, the quickest and then the stiffest.
+    """
     rows = slice(REST_ROWS, None, FITTED_EVERY)
     t_s = trained.t_s[rows]
     fold = np.minimum((t_s - t_s[0]) / np.ptp(t_s) * FOLDS, FOLDS - 1).astype(np.intp)
     held = memory.states(trained.t_s, trained.load_pa, MEMORIES, trial.layout)[rows]
-    left = [
-        np.median(memory.held_out(trained.activation[rows], trained.load_pa[rows], held, MEMORIES, stiffness, fold))
-        for stiffness in STIFFNESSES
-    ]
-    return max(stiffness for stiffness, each in zip(STIFFNESSES, left, strict=True) if each <= WORTH * min(left))
+    left = {}
+    for share in SHARES:
+        activation, load_pa = (trained.rest_count - trained.steady(share))[rows], trained.load_pa[rows]
+        for stiffness in STIFFNESSES:
+            rmse = memory.held_out(activation, load_pa, held, MEMORIES, stiffness, fold)
+            left[share, stiffness] = float(np.median(rmse))
+    return max(pair for pair, each in left.items() if each <= WORTH * min(left.values()))
 
 
 def models(
-    trained: Paired, trial: Trial, found: Healthy, stiffness: float, published_pa: Array
+    trained: Paired, trial: Trial, found: Healthy, share: float, stiffness: float, published_pa: Array
 ) -> dict[str, tuple[Callable[[Paired], Array], bool]]:
     """What each model says of rows (n, m), and whether that is above the file's beginning.
 
@@ -180,15 +225,15 @@ def models(
             ),
             True,
         ),
-        "ours, zeroed": (Ours(trained, trial, found, stiffness), True),
+        "ours, zeroed": (Ours(trained, trial, found, share, stiffness), True),
     }
 
 
 def scored(said_pa: Array, judged: Paired, zeroed: bool) -> Score:
-    """A taxel that may not be judged in most of a file is not within anything, and has no RMSE."""
+    """A taxel that may not be judged in a quarter of a file is not within anything, and has no RMSE."""
     error = said_pa - (judged.load_pa if zeroed else judged.pressure_pa)[:, None]
     n = judged.valid.sum(axis=0)
-    enough = n > 0.5 * len(error)
+    enough = n > JUDGED_SHARE * len(error)
     rmse = np.sqrt(np.where(judged.valid, error, 0.0).__pow__(2).sum(axis=0) / np.maximum(n, 1))
     often = ((np.abs(error) <= WITHIN_PA) & judged.valid).sum(axis=0) >= OFTEN * n
     return Score(np.where(enough, rmse, np.nan), often & enough)
@@ -206,6 +251,7 @@ def main() -> None:
     parser.add_argument("--folder", type=Path, default=FOLDER, help="with left_insole and results")
     parser.add_argument("--judge", nargs="*", default=JUDGED, help="names of files in left_insole")
     parser.add_argument("--out", type=Path, help="where ours is written, insole-calibration/1")
+    parser.add_argument("--picture", type=Path, help="where the median taxel's error is drawn, SVG")
     options = parser.parse_args()
 
     trial = read(options.folder / CALIBRATION)
@@ -213,31 +259,46 @@ def main() -> None:
     published_pa, known = published(options.folder, found)
     clock = fitted_clock(trial, found)
     trained = {"row": by_row(trial, found), "clock": by_clock(trial, found, clock)}
-    stiffness = chosen(trained["clock"], trial)
-    print(f"{len(found.taxels)} taxels, {known.sum()} of them with a published model; stiffness {stiffness:g}\n")
+    share, stiffness = chosen(trained["clock"], trial)
+    print(f"{len(found.taxels)} taxels, {known.sum()} of them with a published model")
+    print(f"ours: share {share:g}, stiffness {stiffness:g}\n")
     print(_said(trial, clock))
-    made = {how: models(pairs, trial, found, stiffness, published_pa) for how, pairs in trained.items()}
+    made = {how: models(pairs, trial, found, share, stiffness, published_pa) for how, pairs in trained.items()}
     ours = made["clock"]["ours, zeroed"][0]
     assert isinstance(ours, Ours)
     if options.out:
         write_calibration(options.out, ours.calibration, trial.layout)
-    rows = []
+    rows, panels = [], []
     for name in options.judge:
         judged = read(options.folder / CALIBRATION.parent / name)
         clock = fitted_clock(judged, found)
         print(_said(judged, clock))
         pairs = {"row": by_row(judged, found), "clock": by_clock(judged, found, clock)}
-        for model in made["row"]:
+        floor = {how: Ours(pairs[how], judged, found, share, stiffness) for how in pairs}
+        for model in (*made["row"], FLOOR):
             cells = []
             for how in ("row", "clock"):
-                estimate, zeroed = made[how][model]
+                estimate, zeroed = (floor[how], True) if model == FLOOR else made[how][model]
                 score = scored(estimate(pairs[how]), pairs[how], zeroed)
                 median = float(np.nanmedian(score.rmse_pa[known])) / 1e5
                 cells.append(f"{median:.3f} | {score.within.sum()} | {score.within[known].sum()}")
             rows.append(f"| {judged.name} | {model} | {' | '.join(cells)} |")
+        panels.append(_panel(judged.name, pairs["clock"], {name: made["clock"][name][0] for name in COLOURS}, known))
+    if options.picture:
+        write_text(options.picture, drawn(panels, "median error, bar", -0.3, 0.3))
     head = "median RMSE, bar | within 0.15 bar | … of the published"
     print(f"\n| file | model | by row: {head} | by clock: {head} |\n|{'---|' * 8}")
     print("\n".join(rows))
+
+
+def _panel(title: str, judged: Paired, shown: dict[str, Callable[[Paired], Array]], known: NDArray[np.bool_]) -> Panel:
+    """The median error of the taxels that are judged at a moment, by the models `shown`."""
+    curves = []
+    for name, estimate in shown.items():
+        error = np.where(judged.valid, estimate(judged) - judged.load_pa[:, None], np.nan)[:, known] / 1e5
+        error[np.isnan(error).all(axis=1)] = 0.0  # in the first second nothing is judged
+        curves.append((name.removesuffix(", zeroed"), COLOURS[name], np.nanmedian(error, axis=1)))
+    return Panel(title, judged.t_s, [("load / 10", "#888", judged.load_pa / 1e6), *curves])
 
 
 def _said(trial: Trial, clock: Clock) -> str:

@@ -78,7 +78,7 @@ def fit(
     reference: Array,
     *,
     most_offset_s: float = 20.0,
-    most_rate: float = 0.02,
+    most_rate: float = 0.04,
 ) -> Clock:
     """The clock under which `features` (n, k) at `t_s` (n,) explain `reference` (m,) or (m, channels) best.
 

@@ -25,10 +25,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
+from ..errors import CalibrationError
 from ..physics.calibration import Calibration
 from ..physics.chain import Chain
 from ..physics.effect import Effect, Where, effect
 from ..physics.effects_document import document
+from ..physics.law import MOST_SHARED
 from ..skin.geometry import N_TAXELS
 from ..skin.layout import Layout
 
@@ -38,6 +40,7 @@ _DEGREE = 3
 _SHARE = 0.5  # with which a memory is asked for, to be divided by it
 _TUKEY = 4.685  # robust standard deviations beyond which a sample counts nothing: 95 % efficient if all are good
 _ROUNDS = 4  # of weights
+_LEAST_SAMPLES = 50
 
 # (3, 3) the powers 1 to 3 of the integrals from 0 to u of Bernstein's quadratics (1−u)², 2u(1−u), u².
 _BERNSTEIN = np.array([[1.0, 0.0, 0.0], [-1.0, 1.0, 0.0], [1 / 3, -2 / 3, 1 / 3]])
@@ -84,15 +87,15 @@ def states(t_s: Array, pressure_pa: Array, memories: Memories, layout: Layout) -
 
 
 def fit(activation: Array, pressure_pa: Array, held: Array, memories: Memories, stiffness: float) -> Curves:
-    """Curves and shares of m taxels, from n samples that need not follow each other.
+    """Curves and shares of m taxels, from n samples that need not follow each other; NaN: a taxel said nothing.
 
     `activation` (n, m): counts below the baseline, smoothed: noise of theirs bends the curve and passes for memory.
-    `held` (n, …): the `states` of `memories` at the samples.
+    `held` (n, …): the `states` of `memories` at the samples. CalibrationError where a taxel has hardly any.
     """
     found = np.stack([_taxel(x, pressure_pa, held, stiffness) for x in activation.T])
     shares = found[:, 1 + _DEGREE :]
-    plays = len(memories.r_pa)
-    return Curves(memories, found[:, : 1 + _DEGREE], shares[:, :plays], shares[:, plays:])
+    w, a = (_bounded(each) for each in np.split(shares, [len(memories.r_pa)], axis=1))
+    return Curves(memories, found[:, : 1 + _DEGREE], w, a)
 
 
 def held_out(
@@ -104,11 +107,10 @@ def held_out(
         rest, own = fold != out, fold == out
         curves = fit(activation[rest], pressure_pa[rest], held[rest], memories, stiffness)
         powers = activation[own, :, None] ** np.arange(1 + _DEGREE)
-        said = (powers * curves.coefficients_pa).sum(axis=2) + held[own] @ np.concatenate(
-            [curves.w, curves.a], axis=1
-        ).T
-        squares += ((said - pressure_pa[own, None]) ** 2).sum(axis=0)
-    rmse: Array = np.sqrt(squares / len(pressure_pa))
+        said = (powers * curves.coefficients_pa).sum(axis=2)
+        said += held[own] @ np.concatenate([curves.w, curves.a], axis=1).T
+        squares += np.nansum((said - pressure_pa[own, None]) ** 2, axis=0)
+    rmse: Array = np.sqrt(squares / np.isfinite(activation).sum(axis=0))
     return rmse
 
 
@@ -139,8 +141,21 @@ def calibration(
     return made, effects
 
 
+def _bounded(shares: Array) -> Array:
+    """(m, …) brought down to what the laws allow: only a taxel that follows something else needs more."""
+    total = shares.sum(axis=1, keepdims=True)
+    bounded: Array = shares * np.minimum(1.0, MOST_SHARED / np.maximum(total, MOST_SHARED))
+    return bounded
+
+
 def _taxel(activation: Array, pressure_pa: Array, held: Array, stiffness: float) -> Array:
     """(4 + memories,) coefficients of the powers, then shares."""
+    there = np.isfinite(activation)
+    if there.sum() < _LEAST_SAMPLES:
+        raise CalibrationError(
+            f"a taxel has {there.sum()} samples, expected at least {_LEAST_SAMPLES}: leave it out, or record longer"
+        )
+    activation, pressure_pa, held = activation[there], pressure_pa[there], held[there]
     top = float(np.quantile(activation, 0.999))
     rises = (activation[:, None] / top) ** np.arange(1, 1 + _DEGREE) @ _BERNSTEIN
     found = _robust(np.concatenate([rises, held], axis=1), pressure_pa, stiffness)

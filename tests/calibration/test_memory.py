@@ -9,6 +9,7 @@ import pytest
 
 from insole_daemon.calibration import memory
 from insole_daemon.calibration.memory import Memories
+from insole_daemon.errors import CalibrationError
 from insole_daemon.physics.calibration import Calibration
 from insole_daemon.physics.chain import Chain
 from insole_daemon.physics.effect import effect
@@ -68,6 +69,19 @@ def test_a_taxel_without_memory_gets_none_and_its_curve_rises():
     slopes = [np.polyval(np.polyder(own[::-1]), x).min() for own in curves.coefficients_pa]
     assert min(slopes) >= 0.0
     assert not curves.coefficients_pa[:, 0].any()
+
+
+def test_samples_that_say_nothing_are_left_out_and_too_few_are_refused():
+    read = counts(noise=0.1)
+    gaps = read.copy()
+    gaps[500:900, 1] = np.nan
+    np.testing.assert_allclose(found(gaps).coefficients_pa[0], found(read).coefficients_pa[0])
+    x = np.array([5.0, 15.0, 30.0])
+    curve, whole = (np.polyval(found(each).coefficients_pa[1, ::-1], x) for each in (gaps, read))
+    np.testing.assert_allclose(curve, whole, rtol=0.02)
+    gaps[20:, 1] = np.nan
+    with pytest.raises(CalibrationError, match="a taxel has 20 samples, expected at least 50: leave it out"):
+        found(gaps)
 
 
 def test_held_out_memory_beats_none():
