@@ -11,7 +11,7 @@ that is what is known of a taxel that was hardly loaded.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import comb
 
@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 Progress = Callable[[str], None]
 
 DEGREES = (1, 2, 3, 4)
-PENALTIES = (1.0, 1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)  # the strongest first
+PENALTIES = (1.0, 1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
 STEEPEST = 5.0  # times the steepest slope of the common curve
 GAIN_SPREAD = 0.3  # of the taxels' gains, where they are not known; published recordings have 0.15 to 0.25
 _ROUNDS = 3  # of re-weighting
@@ -83,12 +83,12 @@ def fit(problem: Problem, alike: Weights, end_count: float, progress: Progress =
     """
     start = problem.lower(_TRIED_DEGREE)
     weights, _ = _reweighted(start, alike, _TRIED_PENALTY)
-    folds: dict[tuple[int, float], Array] = {}
+    errors: dict[tuple[int, float], float] = {}
     for d in DEGREES:
         progress(f"cross-validation of degree {d}")
-        folds |= {(d, p): each for p, each in zip(PENALTIES, _held_out(problem.lower(d), weights), strict=True)}
-    degree, penalty = _simplest(folds)
-    tried = tuple((*choice, float(errors.mean())) for choice, errors in folds.items())
+        errors |= {(d, p): error for p, error in zip(PENALTIES, _held_out(problem.lower(d), weights), strict=True)}
+    degree, penalty = min(errors, key=lambda choice: errors[choice])
+    tried = tuple((*choice, error) for choice, error in errors.items())
     chosen = problem.lower(degree)
     progress("weights")
     weights, common = _reweighted(chosen, alike, penalty)
@@ -96,16 +96,6 @@ def fit(problem: Problem, alike: Weights, end_count: float, progress: Progress =
     progress(f"{len(gradient)} unknowns with their constraints")
     solution = solve(hessian, gradient, chosen.limits(common[0], end_count, STEEPEST))
     return _fit(chosen, solution, hessian, common[0], weights, penalty, tried)
-
-
-def _simplest(folds: Mapping[tuple[int, float], Array]) -> tuple[int, float]:
-    """The first choice that is as good as the best, within what the best one's lead varies by over the folds."""
-    best = min(folds.values(), key=np.mean)
-    for choice, errors in folds.items():
-        behind = errors - best
-        if behind.mean() <= behind.std(ddof=1) / FOLDS**0.5:
-            return choice
-    raise AssertionError
 
 
 def fit_as_published(problem: Problem, rest_count: Array) -> Fit:
@@ -187,12 +177,12 @@ def _sizes(problem: Problem, hessian: Array) -> Array:
     return sizes
 
 
-def _held_out(problem: Problem, weights: Weights) -> Array:
-    """(penalties, FOLDS) mean squared residual of a part that was not fitted, in terms of its expected variance.
+def _held_out(problem: Problem, weights: Weights) -> list[float]:
+    """For each of PENALTIES the mean squared residual of parts that were not fitted, in terms of its expected variance.
 
     One decomposition of the equations serves all penalties.
     """
-    errors = np.zeros((len(PENALTIES), FOLDS))
+    errors = np.zeros(len(PENALTIES))
     for fold in range(FOLDS):
         rest, part = problem.without(fold), problem.only(fold)
         hessian, gradient = rest.equations(weights, None)
@@ -204,8 +194,8 @@ def _held_out(problem: Problem, weights: Weights) -> Array:
         for at, penalty in enumerate(PENALTIES):
             k = vectors @ ((data + penalty * prior) / (np.maximum(values, 0.0) + penalty)) / size
             shoe, chamber = part.residual_squares(k)
-            errors[at, fold] = (float(shoe @ weights.shoe) + float(chamber @ weights.chamber)) / max(n, 1.0)
-    return errors
+            errors[at] += (float(shoe @ weights.shoe) + float(chamber @ weights.chamber)) / max(n, 1.0) / FOLDS
+    return [float(error) for error in errors]
 
 
 def _fit(

@@ -17,6 +17,12 @@ _CIVIDIS = np.array([
 ], float)  # fmt: skip
 
 
+def category(number: int) -> str:
+    """A colour for SVG; a page may have another one for the dark, as --c0, --c1, …"""
+    at = number % len(CATEGORIES)
+    return f"var(--c{at}, {CATEGORIES[at]})"
+
+
 def magnitude(share: float) -> str:
     """The colour of 0 (dark) to 1 (bright)."""
     at = float(np.clip(share, 0.0, 1.0)) * (len(_CIVIDIS) - 1)

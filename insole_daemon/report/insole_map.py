@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..skin import geometry
 from ..skin.layout import Layout
-from .colours import CATEGORIES, magnitude
+from .colours import category, magnitude
 
 Array = NDArray[np.float64]
 
@@ -58,7 +58,7 @@ def word_map(layout: Layout, words: Mapping[int, str], usual: str, title: str) -
 
 
 def _colour(at: int) -> str:
-    return "var(--quiet)" if at == 0 else CATEGORIES[at % len(CATEGORIES)]
+    return "var(--quiet)" if at == 0 else category(at)
 
 
 def _taxels(

@@ -8,7 +8,8 @@ from html import escape
 _STYLE = """
 :root { --paper: #ffffff; --ink: #1c2430; --soft: #5b6675; --rule: #d8dde4; --quiet: #b6bec9; --panel: #f6f8fa; }
 @media (prefers-color-scheme: dark) {
-  :root { --paper: #12161c; --ink: #e4e9f0; --soft: #9aa6b5; --rule: #2c3541; --quiet: #55606f; --panel: #1a2029; }
+  :root { --paper: #12161c; --ink: #e4e9f0; --soft: #9aa6b5; --rule: #2c3541; --quiet: #55606f; --panel: #1a2029;
+    --c0: #5ab4ee; --c1: #ff8f4a; --c2: #2fcfa0; --c3: #e59ac4; --c4: #8fd0f5; --c5: #f5b942; }
 }
 body { margin: 0; background: var(--paper); color: var(--ink); font: 16px/1.5 system-ui, sans-serif; }
 main { max-width: 1080px; margin: 0 auto; padding: 24px 20px 64px; }

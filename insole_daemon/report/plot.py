@@ -10,7 +10,7 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import NDArray
 
-from .colours import CATEGORIES
+from .colours import category
 
 Array = NDArray[np.float64]
 
@@ -59,7 +59,7 @@ def axis(label: str, *values: Array) -> Axis:
 
 
 class Plot:
-    """Drawn in the order of the calls; `svg` is the text. Colours are numbers of CATEGORIES."""
+    """Drawn in the order of the calls; `svg` is the text. A colour is the number of a category."""
 
     def __init__(self, x: Axis, y: Axis, width: int = 640, height: int = 280) -> None:
         self._x, self._y, self._width, self._height = x, y, width, height
@@ -68,7 +68,7 @@ class Plot:
 
     def line(self, x: Array, y: Array, colour: int = 0, name: str = "", faint: bool = False) -> None:
         """Through the points (n,), interrupted where one is NaN; `name` puts it into the legend."""
-        style = f'stroke="{_colour(colour)}" stroke-width="{0.6 if faint else 1.6}"'
+        style = f'stroke="{category(colour)}" stroke-width="{0.6 if faint else 1.6}"'
         style += ' stroke-opacity="0.35"' if faint else ""
         self._marks.append(f'<path d="{self._path(*_thinned(x, y))}" fill="none" {style}/>')
         self._name(name, colour)
@@ -77,7 +77,7 @@ class Plot:
         """The area between two lines (n,)."""
         there = np.isfinite(low) & np.isfinite(high)
         around = self._path(np.concatenate([x[there], x[there][::-1]]), np.concatenate([low[there], high[there][::-1]]))
-        self._marks.append(f'<path d="{around}Z" fill="{_colour(colour)}" fill-opacity="0.22" stroke="none"/>')
+        self._marks.append(f'<path d="{around}Z" fill="{category(colour)}" fill-opacity="0.22" stroke="none"/>')
         self._name(name, colour)
 
     def svg(self, title: str) -> str:
@@ -132,7 +132,7 @@ class Plot:
     def _named(self) -> str:
         parts, u = [], float(_LEFT)
         for name, colour in self._legend:
-            parts.append(f'<rect x="{u:.0f}" y="{self._height + 6}" width="14" height="4" fill="{_colour(colour)}"/>')
+            parts.append(f'<rect x="{u:.0f}" y="{self._height + 6}" width="14" height="4" fill="{category(colour)}"/>')
             parts.append(f'<text x="{u + 19:.0f}" y="{self._height + 12}">{escape(name)}</text>')
             u += 40 + 6.4 * len(name)
         return "".join(parts)
@@ -151,10 +151,6 @@ def _thinned(x: Array, y: Array) -> tuple[Array, Array]:
         else:
             kept += sorted({a + int(np.nanargmin(part)), a + int(np.nanargmax(part))})
     return x[kept], y[kept]
-
-
-def _colour(number: int) -> str:
-    return CATEGORIES[number % len(CATEGORIES)]
 
 
 def _round_step(step: float) -> float:

@@ -147,7 +147,7 @@ class Wrench(Message):
 class Health(Message):
     """Once a second: what runs and what is wrong."""
 
-    SCHEMA = "insole.health/1"
+    SCHEMA = "insole.health/2"
     foot: Foot
     t_ns: int
     uptime_s: float

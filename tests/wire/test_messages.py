@@ -62,7 +62,7 @@ def encoding(message: Message | type[Message]) -> str:
 
 def test_every_kind_is_here() -> None:
     assert {type(message) for message in MESSAGES} == set(BY_KEY.values())
-    versions = {what: 2 if what == "event" else 1 for what in BY_KEY}
+    versions = {what: 2 if what in ("event", "health") else 1 for what in BY_KEY}
     assert {cls.SCHEMA for cls in BY_KEY.values()} == {f"insole.{what}/{number}" for what, number in versions.items()}
 
 
