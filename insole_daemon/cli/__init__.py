@@ -16,6 +16,7 @@ from . import (
     import_,
     record,
     replay,
+    report,
     run,
     simulate,
     status,
@@ -38,7 +39,7 @@ app = typer.Typer(
 )
 for verb in (
     demo.demo, run.run, simulate.simulate, replay.replay, watch.watch, status.status, doctor.doctor, boards.boards,
-    zero.zero, view.view, record.record, export.export, calibrate.calibrate,
+    zero.zero, view.view, record.record, report.report, export.export, calibrate.calibrate,
     validate.validate,
 ):  # fmt: skip
     app.command()(verb)

@@ -59,7 +59,7 @@ def _flags(meta: Meta, raw: Raw) -> NDArray[np.uint8]:
     flags = np.where(raw.valid, 0, INVALID).astype(np.uint8)
     # A comparison with NaN is False: never received is as old as can be.
     flags[~(raw.age_ms <= meta.stale_after_ms)] |= STALE
-    clamped_low = (raw.counts == 0) & ~np.isnan(raw.age_ms)[:, None]
-    flags[clamped_low & (raw.valid == 0)] |= SATURATED
+    answers = ~np.isnan(raw.age_ms) & (raw.status & 0xF == 0)
+    flags[(raw.counts == 0) & (raw.valid == 0) & answers[:, None]] |= SATURATED
     flags[:, ~PRESSURE_TAXELS] = 0
     return flags

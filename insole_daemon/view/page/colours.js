@@ -2,32 +2,23 @@
 
 const STEPS = 256;
 
-// viridis (van der Walt and Smith), as polynomials in the value.
+// viridis (van der Walt and Smith) at 0, 1/8, …, 1: as report/colours.py has it.
 const VIRIDIS = [
-  [0.2777273272, 0.1050930431, -0.3308618287, -4.6342304990, 6.2282699363, 4.7763849977, -5.4354558559],
-  [0.0054073445, 1.4046135299, 0.2148475595, -5.7991009734, 14.1799333668, -13.7451453777, 4.6458526122],
-  [0.3340998053, 1.3845901626, 0.0950951630, -19.3324409563, 56.6905526007, -65.3530326334, 26.3124352496],
+  [68, 1, 84], [71, 45, 123], [59, 82, 139], [44, 114, 142], [33, 145, 140],
+  [40, 174, 128], [94, 201, 98], [173, 220, 48], [253, 231, 37],
 ];
 // From blue over grey to red, alike in lightness on both sides (after ColorBrewer's RdBu).
 const DIVERGING = [[33, 102, 172], [103, 169, 207], [232, 232, 232], [239, 138, 98], [178, 24, 43]];
 
-function viridis(part) {
-  return VIRIDIS.map((terms) => 255 * terms.reduceRight((sum, term) => sum * part + term, 0));
-}
-
-function diverging(part) {
-  const place = part * (DIVERGING.length - 1), low = Math.min(Math.floor(place), DIVERGING.length - 2);
-  return DIVERGING[low].map((from, i) => from + (place - low) * (DIVERGING[low + 1][i] - from));
-}
-
-function table(colour) {
+function table(anchors) {
   return Uint32Array.from({ length: STEPS }, (_, i) => {
-    const [r, g, b] = colour(i / (STEPS - 1)).map((each) => Math.min(255, Math.max(0, Math.round(each))));
+    const place = i / (STEPS - 1) * (anchors.length - 1), low = Math.min(Math.floor(place), anchors.length - 2);
+    const [r, g, b] = anchors[low].map((from, k) => Math.round(from + (place - low) * (anchors[low + 1][k] - from)));
     return (255 << 24 | b << 16 | g << 8 | r) >>> 0; // as ImageData has it
   });
 }
 
-const SEQUENTIAL = table(viridis), SIGNED = table(diverging);
+const SEQUENTIAL = table(VIRIDIS), SIGNED = table(DIVERGING);
 
 // Colour of a value on a scale to `most`, from 0 or, if signed, from −most.
 export class Scale {

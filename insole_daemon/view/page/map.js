@@ -6,7 +6,7 @@ import { hull, outline } from "./outline.js";
 import { Room } from "./room.js";
 
 const PADS = new Set([6, 10]); // thermal, of the 12 taxels of a triangle
-const STEP_MM = 1.5, MARGIN_MM = 5, TAXEL_MM = 2.6, WRONG_MM = 4.6;
+const STEP_MM = 1.5, MARGIN_MM = 5, TAXEL_MM = 2.6, STALE_MM = 9;
 export const TRAIL_MS = 1500;
 
 // Faults of which the part is not believed; a saturated taxel has a mark of its own.
@@ -88,8 +88,9 @@ export class FootMap {
     ink.strokeStyle = colours.line;
     ink.stroke(this.shape);
     if (taxels) this.drawTaxels(cycle, scale, colours);
-    this.drawSaturated(cycle);
-    this.drawFaults(faults, colours);
+    const disbelieved = faults.filter(({ kind }) => DISBELIEVED.has(kind));
+    this.drawSaturated(cycle, disbelieved);
+    this.drawFaults(disbelieved, colours);
     this.drawCentre(trail, cycle);
   }
 
@@ -101,21 +102,20 @@ export class FootMap {
     const ink = this.under.getContext("2d", { alpha: false });
     ink.fillStyle = colours.card;
     ink.fillRect(0, 0, this.under.width, this.under.height);
-    ink.fillStyle = colours.sole;
+    // The field is painted over it where something is known; so what shows through is what is not.
+    ink.fillStyle = cycle?.flags.some((flags) => flags & INVALID) ? hatching(ink, colours, false, this.perMm) : colours.sole;
     ink.fill(this.shape);
     ink.save();
     ink.clip(this.shape);
-    for (const [falls, wanted] of [[false, (flags) => flags & INVALID && !(flags & STALE)], [true, (flags) => flags & STALE]]) {
-      const wrong = new Path2D();
-      this.index.forEach((i, k) => {
-        if (!cycle || !wanted(cycle.flags[i])) return;
-        const [x, y] = this.at(this.places[k]);
-        wrong.moveTo(x, y);
-        wrong.arc(x, y, WRONG_MM * this.perMm, 0, 2 * Math.PI);
-      });
-      ink.fillStyle = hatching(ink, colours, falls, this.perMm);
-      ink.fill(wrong);
-    }
+    const stale = new Path2D();
+    this.index.forEach((i, k) => {
+      if (!cycle || !(cycle.flags[i] & STALE)) return;
+      const [x, y] = this.at(this.places[k]);
+      stale.moveTo(x, y);
+      stale.arc(x, y, STALE_MM * this.perMm, 0, 2 * Math.PI);
+    });
+    ink.fillStyle = hatching(ink, colours, true, this.perMm);
+    ink.fill(stale);
     ink.restore();
     ink.strokeStyle = colours.line;
     ink.stroke(this.shape);
@@ -142,10 +142,11 @@ export class FootMap {
     });
   }
 
-  drawSaturated(cycle) {
+  drawSaturated(cycle, faults) {
     const { ink, perMm } = this;
     this.index.forEach((i, k) => {
       if (!(cycle.flags[i] & SATURATED) || cycle.flags[i] & STALE) return;
+      if (faults.some((fault) => concerns(fault, this.triangles[Math.floor(i / 12)]))) return;
       const [x, y] = this.at(this.places[k]);
       for (const [half, colour] of [[1.9, "#000"], [1.2, "#fff"]]) {
         ink.fillStyle = colour;
@@ -161,9 +162,9 @@ export class FootMap {
     ink.strokeStyle = colours.alarm;
     ink.lineWidth = Math.max(1.5, 0.9 * perMm);
     ink.setLineDash([2.4 * perMm, 1.6 * perMm]);
-    for (const fault of faults.filter(({ kind }) => DISBELIEVED.has(kind))) {
+    for (const fault of faults) {
       this.triangles.forEach((triangle, row) => {
-        if (triangle.board !== fault.board || (fault.triangle !== null && triangle.triangle !== fault.triangle)) return;
+        if (!concerns(fault, triangle)) return;
         if (fault.taxel === null) return ink.stroke(this.path(this.hulls[row]));
         const [x, y] = this.at(this.places[this.index.indexOf(12 * row + fault.taxel)] ?? [NaN, NaN]);
         ink.beginPath();
@@ -210,6 +211,10 @@ export class FootMap {
       ring(ink, ...this.at([1e3 * cycle.copX, 1e3 * cycle.copY]), 3 * perMm, 1.2 * perMm, "#fff", "#000");
     }
   }
+}
+
+function concerns(fault, { board, triangle }) {
+  return fault.board === board && (fault.triangle === null || fault.triangle === triangle);
 }
 
 function ring(ink, x, y, radius, width, inner, outer) {

@@ -92,7 +92,7 @@ export class Panels {
   rate(hz, history) {
     const ages = FEET.map((foot) => history.live[foot].at(-1)?.ageMs ?? NaN).filter((age) => age === age);
     this.$("rate").textContent = `${hz.toFixed(1)} Hz`;
-    this.$("age").textContent = ages.length ? `${Math.max(...ages).toFixed(0)} ms` : "–";
+    this.$("age").textContent = ages.length ? age(Math.max(...ages)) : "–";
     this.$("missing").textContent = history.missing;
   }
 
@@ -167,7 +167,8 @@ export function number(value, factor, digits) {
 }
 
 function age(ms) {
-  return ms === null ? "never seen" : `${ms.toFixed(0)} ms`;
+  if (ms === null) return "never seen";
+  return ms < 1000 ? `${ms.toFixed(0)} ms` : `${(ms / 1000).toFixed(1)} s`;
 }
 
 function tally(faults) {

@@ -19,7 +19,7 @@ export class Plot {
     if (!width) return;
     ink.setTransform(ratio, 0, 0, ratio, 0, 0);
     ink.fillStyle = colours.card;
-    ink.fillRect(0, 0, width, height);
+    ink.fillRect(0, 0, width + 1, height + 1);
     const bottom = height - BOTTOM, right = width - RIGHT;
     const [low, high, step] = this.axis(lines);
     const x = (t) => right + (t - now) / (1000 * SECONDS) * (right - LEFT);

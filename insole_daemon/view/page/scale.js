@@ -13,7 +13,7 @@ export function drawScale(room, scale, colours) {
   room.drawn = key;
   ink.setTransform(ratio, 0, 0, ratio, 0, 0);
   ink.fillStyle = colours.card;
-  ink.fillRect(0, 0, width, height);
+  ink.fillRect(0, 0, width + 1, height + 1);
   const top = 7, bottom = height - 7, wide = 12;
   for (let y = top; y < bottom; y++) {
     ink.fillStyle = scale.css(scale.most - (y - top) / (bottom - top) * (scale.most - scale.least));
