@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
+import threading
 import time
 
 import numpy as np
@@ -105,13 +106,19 @@ def test_the_residual_is_what_is_measured_less_what_is_simulated(browser, page, 
         simulated = np.where(meta.xy_m[..., 0] > 0.15, np.float32(PRESSED_PA - 100e3), np.float32(0))
         pressures = insole.pressures("left")
         with open_session("client", [], [live_daemon.endpoint]) as session:
-            end = time.monotonic() + 15
-            for measured in pressures:
-                put(session, dataclasses.replace(measured, pressure_pa=simulated))
-                if np.abs(colour(browser, "left", 205) - RED).max() < 35:
-                    break
-                assert time.monotonic() < end, colour(browser, "left", 205)
-        assert np.abs(colour(browser, "left", 40) - (232, 232, 232)).max() < 25, "where both are 0"
+
+            def simulate():  # apart from the browser, which is too slow to keep up with every cycle
+                for measured in pressures:
+                    put(session, dataclasses.replace(measured, pressure_pa=simulated))
+
+            thread = threading.Thread(target=simulate)
+            thread.start()
+            try:
+                becomes(browser, "left", RED, 205, within=35)
+                becomes(browser, "left", (232, 232, 232), 40, within=25)  # where both are 0
+            finally:
+                pressures.close()
+                thread.join()
 
 
 def put(session, message):
