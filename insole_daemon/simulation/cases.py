@@ -7,6 +7,7 @@ from typing import get_args
 
 import numpy as np
 
+from ..errors import SimulationError
 from ..skin.geometry import PRESSURE_TAXELS
 from ..skin.layout import Layout
 from .faults import LINE_KINDS, TAXEL_KINDS, ComesBack, Fault, FaultKind
@@ -40,7 +41,7 @@ def random_fault(
     if kind == "address_clash":
         others = [int(each) for each in np.unique(identities[:, 0]) if each != board]
         if not others:
-            raise ValueError(f"{kind}: expected layouts of at least two boards, found board {board} alone")
+            raise SimulationError(f"{kind}: expected layouts of at least two boards, found board {board} alone")
         return [Fault(kind, begin_s, until_s, board, other=others[rng.integers(len(others))])]
     return [Fault(kind, begin_s, until_s, board)]
 

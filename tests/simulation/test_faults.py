@@ -328,6 +328,13 @@ def test_a_fault_of_a_board_that_is_not_there_is_refused():
         emulator(faults=[Fault("silent", 0.0, None, 6), Fault("loose", 0.0, None, 6, 2)])
 
 
+def test_a_board_alone_clashes_with_none():
+    rear = [row for row, triangle in enumerate(LAYOUTS[0].triangles) if triangle.board == 7]
+    alone = layout.assigned(LAYOUTS[0], tuple(LAYOUTS[0].triangles[row] for row in rear))
+    with pytest.raises(SimulationError, match="at least two boards, found board 7 alone"):
+        random_fault("address_clash", np.random.default_rng(0), [alone], 0.0, 10.0)
+
+
 # ---- converters, temperature
 
 

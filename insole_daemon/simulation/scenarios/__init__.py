@@ -90,7 +90,7 @@ def _standing(about: str, task: type[Still | Balance | Moves], seconds: float) -
 
 def _walking(about: str, cadence_per_min: float, seconds: float) -> Scenario:
     return Scenario(
-        about=f"{about}, {cadence_per_min:g} steps a minute",
+        about=about,
         kind="shoe",
         uses=("length_s", "mass_kg", "cadence_per_min"),
         length_s=lambda conditions: conditions.length_s or seconds,
@@ -112,7 +112,7 @@ SCENARIOS: Mapping[str, Scenario] = {
     "t2": _standing("standing still on the left foot", Balance, 40.0),
     "t3": _standing("slow movements on both feet", Moves, 90.0),
     "t4": _walking("walking", 100.0, 60.0),
-    "t5": _walking("walking", 110.0, 60.0),
+    "t5": _walking("walking faster", 110.0, 60.0),
     "t6": _walking("walking slowly", 84.0, 60.0),
     "walk": Scenario(
         about="walking, without an end",
