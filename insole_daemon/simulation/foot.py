@@ -52,6 +52,7 @@ _REGIONS = np.array([
 ])  # fmt: skip
 
 _BEFORE_THE_HEEL = slice(2, None)
+_ON_TIPTOE = np.array([0.0, 0.0, 0.0, 0.10, 0.30, 0.30, 0.10, 0.20, 0.0, 0.0])  # as the shares late in stance
 _LATERAL_EDGE, _MEDIAL_EDGE = 8, 9
 
 
@@ -190,20 +191,26 @@ class Stand(Person):
     def region_n(self, foot: Foot, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n_times, n_regions) the force as it is distributed in quiet standing."""
         forward = 1 + 0.06 * sin_turns(0.23 * t_s)
-        return standing(self.force_n(foot, t_s), forward, np.zeros_like(t_s))
+        flat = np.zeros_like(t_s)
+        return standing(self.force_n(foot, t_s), forward, flat, flat)
 
 
 def standing(
-    force_n: NDArray[np.float64], forward: NDArray[np.float64], tilt: NDArray[np.float64]
+    force_n: NDArray[np.float64],
+    forward: NDArray[np.float64],
+    tiptoe: NDArray[np.float64],
+    tilt: NDArray[np.float64],
 ) -> NDArray[np.float64]:
     """(n, n_regions) how `force_n` (n,) is borne by who stands.
 
     `forward` (n,): how much more all but the heel bear, 1 in quiet standing; `tilt` (n,): the share of the force that
-    is on the lateral edge, on the medial one below 0.
+    is on the lateral edge, on the medial one below 0; `tiptoe` (n,): that of the rest which is borne as on tiptoe.
     """
     shares = np.repeat(_REGIONS[None, :, 7], len(force_n), axis=0)
     shares[:, _BEFORE_THE_HEEL] *= forward[:, None]
-    shares *= ((1.0 - np.abs(tilt)) / shares.sum(axis=1))[:, None]
+    shares *= ((1.0 - tiptoe) / shares.sum(axis=1))[:, None]
+    shares += tiptoe[:, None] * _ON_TIPTOE
+    shares *= (1.0 - np.abs(tilt))[:, None]
     shares[:, _LATERAL_EDGE] += np.maximum(tilt, 0.0)
     shares[:, _MEDIAL_EDGE] += np.maximum(-tilt, 0.0)
     return shares * force_n[:, None]

@@ -21,7 +21,7 @@ def errors():
 def test_with_physics_on_standing_stays_right_and_walking_does_not(errors):
     noise, physics = errors[False], errors[True]
     assert physics["t1"].f_z_n < 1.5 * noise["t1"].f_z_n
-    assert physics["t4"].f_z_n > 3 * noise["t4"].f_z_n
+    assert physics["t4"].f_z_n > 3 * noise["t4"].rows_f_z_n > 3 * noise["t4"].f_z_n
     assert physics["t4"].f_z_n > 5 * physics["t1"].f_z_n, "several-fold, as in the published table"
     assert 50 < physics["t4"].f_z_n < 200, "the order of the paper's 93 N"
 
@@ -29,4 +29,4 @@ def test_with_physics_on_standing_stays_right_and_walking_does_not(errors):
 def test_with_physics_off_walking_stays_what_noise_and_rounding_make_it(errors):
     noise = errors[False]
     assert noise["t1"].f_z_n < 15
-    assert noise["t4"].f_z_n < 30, "twice the force, and the cycle's own 20 ms"
+    assert noise["t4"].f_z_n < 25

@@ -29,7 +29,7 @@ def on_the_ground(t_s: NDArray[np.float64], seconds: float) -> NDArray[np.float6
 
 
 class _Standing(Person):
-    """Who stands for `seconds`: share of the weight on each foot, lean forward and tilt."""
+    """Who stands for `seconds`: share of the weight on each foot, lean forward, tiptoe and tilt."""
 
     def __init__(self, layouts: Sequence[Layout], body_mass_kg: float, places: Places | None, seconds: float) -> None:
         super().__init__(layouts, body_mass_kg, places)
@@ -45,8 +45,8 @@ class _Standing(Person):
         """(n_times,) of the weight that `foot` bears."""
 
     @abstractmethod
-    def _lean(self, foot: Foot, t_s: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """(n_times,) each: forward and tilt, as in `foot.standing`."""
+    def _lean(self, foot: Foot, t_s: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+        """(n_times,) each: forward, tiptoe and tilt, as in `foot.standing`."""
 
 
 class Still(_Standing):
@@ -56,8 +56,8 @@ class Still(_Standing):
         sideways = 0.04 * sin_turns(0.31 * t_s)
         return 0.5 + (sideways if foot == "left" else -sideways)
 
-    def _lean(self, foot: Foot, t_s: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        return 1 + 0.06 * sin_turns(0.23 * t_s), np.zeros_like(t_s)
+    def _lean(self, foot: Foot, t_s: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+        return 1 + 0.06 * sin_turns(0.23 * t_s), np.zeros_like(t_s), np.zeros_like(t_s)
 
 
 class Balance(_Standing):
@@ -66,17 +66,20 @@ class Balance(_Standing):
     def _share(self, foot: Foot, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.full_like(t_s, 1.0 if foot == "left" else 0.0) * (1 + 0.01 * sin_turns(0.9 * t_s))
 
-    def _lean(self, foot: Foot, t_s: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        return 1.4 + 0.12 * sin_turns(0.4 * t_s), 0.15 * sin_turns(0.55 * t_s)
+    def _lean(self, foot: Foot, t_s: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+        return 1.4 + 0.12 * sin_turns(0.4 * t_s), np.zeros_like(t_s), 0.15 * sin_turns(0.55 * t_s)
 
 
 class Moves(_Standing):
-    """T3: the weight goes from foot to foot every 11 s, from heels to toes every 7, to the edges every 13."""
+    """T3: the weight goes from foot to foot every 11 s, from heels to tiptoe every 7, to the edges every 13.
+
+    As published, it is there to press every taxel through its range.
+    """
 
     def _share(self, foot: Foot, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
         sideways = 0.46 * sin_turns(t_s / 11)
         return 0.5 + (sideways if foot == "left" else -sideways)
 
-    def _lean(self, foot: Foot, t_s: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _lean(self, foot: Foot, t_s: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
         forward = sin_turns(t_s / 7)
-        return np.where(forward > 0, 1 + 3.0 * forward, 1 + 0.8 * forward), 0.8 * sin_turns(t_s / 13)
+        return 1 + 0.9 * np.minimum(forward, 0.0), 0.9 * np.maximum(forward, 0.0), 0.8 * sin_turns(t_s / 13)
