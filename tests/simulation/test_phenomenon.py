@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.timeout(600)  # two whole calibrations: 40 s of CPU, more on a machine that is busy
+
 SCRIPT = Path(__file__).parents[2] / "benchmarks" / "paper_phenomenon.py"
 
 
