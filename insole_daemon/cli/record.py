@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 import threading
 from collections.abc import Iterator, Sequence
@@ -18,6 +19,7 @@ from .options import ConfigFile, Connect, Seconds, Which, on_end
 if TYPE_CHECKING:
     from ..config import Config, Foot
     from ..recording.copies import InsoleContents
+    from ..recording.coverage import Item, Protocol
     from ..recording.instrument import Instrument
     from ..recording.recorder import Progress, Session
     from ..wire.client import Client
@@ -56,6 +58,12 @@ def record(
     shoe: Annotated[
         list[Path] | None, typer.Option(help="insole-shoe/1: makes one wrench of a force shoe's two sensors.")
     ] = None,
+    guided: Annotated[
+        bool,
+        typer.Option(
+            "--guided", help="Say what to do next and what is covered so far of what tells the sensor's effects apart."
+        ),
+    ] = False,
     rotate_mb: Annotated[
         float | None, typer.Option(min=0.1, help="Go on in OUT-2, OUT-3 … after so many megabytes.")
     ] = None,
@@ -68,6 +76,7 @@ def record(
     """
     from .. import config as configs
     from ..bus.recovering import RecoveringSource
+    from ..recording.guide import Guide
     from ..recording.live import LiveRecorder
     from ..recording.recorder import Session
     from ..recording.writer import refuse_existing
@@ -97,7 +106,8 @@ def record(
         recorder = LiveRecorder(out, kind.value, insoles, len(instruments), interfaces, rotate_bytes)
         opened.callback(recorder.close)
         told = Telling(out)
-        session = Session(recorder, stop, seconds, told, told.note, [instrument for instrument, _ in instruments])
+        guide = Guide(insoles, kind.value, protocol_of(kind)) if guided else None
+        session = Session(recorder, stop, seconds, told, told.note, [each for each, _ in instruments], guide)
         _listen(session, instruments, client)
         what = f"a daemon on {connect}" if remote else ", ".join(map(str, settings.buses))
         print(f"insole: recording {what} into {out}; Ctrl-C ends", file=sys.stderr, flush=True)
@@ -108,6 +118,13 @@ def record(
         else:
             progress = session.from_bus(source)
     told.end(progress)
+
+
+def protocol_of(kind: RecordKind) -> Protocol:
+    """What a trial of that kind has to cover: nobody walks in a chamber or under a press."""
+    from ..recording.coverage import Protocol
+
+    return Protocol(steps=0) if kind in (RecordKind.chamber, RecordKind.bench) else Protocol()
 
 
 def insoles_of(settings: Config, foot: Which = Which.both) -> list[InsoleContents]:
@@ -182,16 +199,23 @@ def _listen(session: Session, instruments: Sequence[tuple[Instrument, str]], cli
 
 
 class Telling:
-    """The progress line: rewritten in place on a terminal, else a line now and then."""
+    """The progress line: rewritten in place on a terminal, else a line now and then.
+
+    Guided, what to do next is said when that changes, and what is covered is a line of JSON on standard output whenever
+    it has grown, unless that is a terminal.
+    """
 
     def __init__(self, out: Path) -> None:
         self._out = out
         self._live = sys.stderr.isatty()
         self._calls = 0
+        self._asked: dict[Foot, str] = {}
+        self._covered = ""
 
     def __call__(self, progress: Progress) -> None:
         """Once a second."""
         self._calls += 1
+        self._guide(progress)
         if self._live:
             print(f"\r{_line(progress)}\033[K", end="", file=sys.stderr, flush=True)
         elif self._calls % _QUIET_S == 0:
@@ -203,10 +227,30 @@ class Telling:
 
     def end(self, progress: Progress) -> None:
         """At the end."""
+        self._guide(progress)
         start = "\r\033[K" if self._live else ""
         print(f"{start}insole: recorded {_line(progress)} in {self._out}", file=sys.stderr, flush=True)
+        for foot, items in progress.covered.items():
+            missing = [f"{item.name} ({item.seen} so far: {item.ask})" for item in items if item.done < 1.0]
+            print(f"insole: {foot}: missing: {'; '.join(missing) or 'nothing'}", file=sys.stderr)
         if not (progress.frames or progress.cycles):
             print("insole: nothing came: are the boards powered and started?", file=sys.stderr)
+
+    def _guide(self, progress: Progress) -> None:
+        for foot, items in progress.covered.items():
+            ask = next((item.ask for item in items if item.done < 1.0), "all is covered: Ctrl-C ends")
+            if self._asked.get(foot) != ask:
+                self._asked[foot] = ask
+                self.note(f"{foot}: {ask}")
+        if progress.covered and not sys.stdout.isatty():
+            covered = json.dumps({foot: [_told(item) for item in items] for foot, items in progress.covered.items()})
+            if covered != self._covered:
+                self._covered = covered
+                print(covered, flush=True)
+
+
+def _told(item: Item) -> dict[str, Any]:
+    return {"name": item.name, "done": round(item.done, 2), "seen": item.seen, "ask": item.ask}
 
 
 def _line(progress: Progress) -> str:
@@ -214,6 +258,9 @@ def _line(progress: Progress) -> str:
     words = [f"{progress.seconds:.0f} s", what, f"{progress.bytes / 1e6:.1f} MB", f"{progress.lost} lost"]
     if progress.folders > 1:
         words.append(f"{progress.folders} folders")
+    for foot, items in progress.covered.items():
+        current = next((f" ({item.name}: {item.seen})" for item in items if item.done < 1.0), "")
+        words.append(f"{foot} {sum(item.done >= 1.0 for item in items)} of {len(items)} covered{current}")
     for instrument in progress.instruments:
         words.append(f"reference {instrument.foot} {instrument.readings} rows")
         if instrument.refused:

@@ -171,6 +171,13 @@ class LiveRecorder:
         if self._part.candump is not None:
             self._guarded(partial(self._part.candump.note_dropped, count))
 
+    def note(self, name: str, value: Any) -> None:
+        """Say `value` under the `extensions` of the recording.yaml that is written now."""
+        extensions = self._part.document.setdefault("extensions", {})
+        if extensions.get(name) != value:
+            extensions[name] = value
+            self._durable.do(self._part.writing_document())
+
     def write_cycle(self, foot: Foot, cycle: Mapping[str, Any]) -> None:
         """Append one cycle; the keys are those of counts.cycle_type."""
         growing = self._part.counts[foot]

@@ -240,7 +240,7 @@ def _layout(insole: RecordedInsole) -> Layout:
     return layouts.builtin(insole.foot, (front, middle, rear))
 
 
-def as_configured(board: RecordedBoard) -> Board:
+def as_configured(board: Board | RecordedBoard) -> Board:
     """A board's settings for the rules that need them: what is not known is what the daemon assumes of a board."""
     known = {
         name: value

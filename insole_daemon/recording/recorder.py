@@ -6,13 +6,16 @@ import os
 import queue
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 from ..bus.recovering import RecoveringSource
 from ..bus.source import FrameSource
+from ..config import Foot
 from ..errors import InsoleError
+from .coverage import Item
+from .guide import Guide
 from .instrument import Instrument
 from .live import LiveRecorder, record_of
 
@@ -32,6 +35,7 @@ class Progress:
     folders: int = 1
     seconds: float = 0.0
     instruments: tuple[Instrument, ...] = field(default=(), repr=False)
+    covered: Mapping[Foot, tuple[Item, ...]] = field(default_factory=dict, repr=False)  # of the protocol, if guided
 
 
 class Inbox:
@@ -75,6 +79,7 @@ class Session:
     tell: Callable[[Progress], None] = lambda progress: None
     note: Callable[[str], None] = lambda text: None  # an interface that goes, or is back
     instruments: Sequence[Instrument] = ()
+    guide: Guide | None = None
     inbox: Inbox = field(default_factory=Inbox)
 
     def from_bus(self, source: FrameSource) -> Progress:
@@ -89,6 +94,8 @@ class Session:
             if dropped:
                 self.recorder.note_dropped(dropped)
             self.recorder.write_frames(batch)
+            if self.guide is not None:
+                self.guide.frames(batch)
             progress.frames += len(batch)
             progress.lost = source.counters.overflows
             if isinstance(source, RecoveringSource):
@@ -111,6 +118,8 @@ class Session:
                     raise item
                 elif item.foot in self.recorder.feet:  # a daemon of the other foot may have come since
                     self.recorder.write_cycle(item.foot, record_of(item))
+                    if self.guide is not None:
+                        self.guide.cycle(item.foot, item)
                     progress.cycles += 1
                     progress.lost += item.lost
             self._tell(progress, clock)
@@ -137,6 +146,9 @@ class Session:
         return progress
 
     def _count(self, progress: Progress, clock: list[float]) -> None:
+        if self.guide is not None:
+            progress.covered = self.guide.covered()
+            self.recorder.note("coverage", self.guide.summary(progress.covered))
         progress.bytes, progress.folders = self.recorder.size, len(self.recorder.folders)
         progress.seconds = time.monotonic() - clock[0]
 
@@ -150,6 +162,8 @@ class Session:
         )
         if rows:
             self.recorder.write_reference(instrument.foot, instrument.clock, instrument.header, rows)
+            if self.guide is not None:
+                self.guide.rows(instrument, rows, received_s)
 
 
 def lines_of(descriptor: int) -> Iterator[str]:

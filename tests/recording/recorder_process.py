@@ -1,6 +1,7 @@
 """The bus side of `insole record` as a process, fed with `struct can_frame` in UDP datagrams; lines come on stdin.
 
-Everything but the address family of one socket is what `insole record` does; tests/vcan runs the verb itself.
+Everything but the address family of one socket is what `insole record` does; tests/vcan runs the verb itself. Guided
+by a protocol that takes seconds, not minutes, if a fifth argument says so.
 """
 
 from __future__ import annotations
@@ -13,26 +14,35 @@ from pathlib import Path
 
 from insole_daemon import config as configs
 from insole_daemon.bus.socketcan import SocketCanSource
-from insole_daemon.cli.record import insoles_of
+from insole_daemon.cli.record import Telling, insoles_of
+from insole_daemon.recording.coverage import Protocol
+from insole_daemon.recording.guide import Guide
 from insole_daemon.recording.instrument import Instrument
 from insole_daemon.recording.live import LiveRecorder
 from insole_daemon.recording.recorder import Session, lines_of, stamped
 
+SHORT = Protocol(rest_s=0.8, slow_s=1.5, ratio=2.0, hold_s=1.5, recovery_s=1.5, loops=2, steps=0)
 
-def main(out: str, config_file: str, port: str, rotate_bytes: str) -> None:
+
+def main(out: str, config_file: str, port: str, rotate_bytes: str, guided: str = "") -> None:
     sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     sock.bind(("127.0.0.1", int(port)))
     source = SocketCanSource(sock, "can0")
     stop = threading.Event()
     signal.signal(signal.SIGTERM, lambda *_: stop.set())
-    recorder = LiveRecorder(
-        Path(out), "chamber", insoles_of(configs.load(config_file)), 1, source.interfaces, int(rotate_bytes) or None
-    )
+    insoles = insoles_of(configs.load(config_file))
+    recorder = LiveRecorder(Path(out), "chamber", insoles, 1, source.interfaces, int(rotate_bytes) or None)
     instrument = Instrument("left", "chamber")
     session = Session(recorder, stop, instruments=[instrument])
+    if guided:
+        told = Telling(Path(out))
+        session.tell, session.note = told, told.note
+        session.guide = Guide(insoles, "chamber", SHORT)
     session.inbox.read(instrument, stamped(lines_of(0)))
     print("ready", flush=True)
-    session.from_bus(source)
+    progress = session.from_bus(source)
+    if guided:
+        told.end(progress)
     recorder.close()
     source.close()
 
