@@ -215,7 +215,9 @@ def _alike(ready: Sequence[Samples], slots: NDArray[np.intp], start: fused.Start
     for each in ready:
         pressure = curve_pa(start.coefficients_pa, each.activation[:, slots])
         if each.trial.kind == "shoe":
-            shoe.append(correlated(pressure @ start.arms.T - each.reference))
+            left = pressure @ start.arms.T - each.reference
+            line = np.stack([np.ones_like(each.t_s), each.t_s], axis=1)
+            shoe.append(correlated(left - line @ np.linalg.lstsq(line, left, rcond=None)[0]))
         else:
             chamber.append(float(np.median(correlated(pressure - each.reference))))
     return Weights(np.max(shoe, axis=0), np.full(len(slots), max(chamber)))

@@ -25,7 +25,7 @@ from .solver import Solution, solve
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]
 
-DEGREES = (1, 2, 3, 4)
+DEGREES = (1, 2, 3)
 PENALTIES = (1.0, 1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
 STEEPEST = 5.0  # times the steepest slope of the common curve
 GAIN_SPREAD = 0.3  # of the taxels' gains, where they are not known; published recordings have 0.15 to 0.25
@@ -83,12 +83,12 @@ def fit(problem: Problem, alike: Weights, end_count: float, progress: Progress =
     """
     start = problem.lower(_TRIED_DEGREE)
     weights, _ = _reweighted(start, alike, _TRIED_PENALTY)
-    errors: dict[tuple[int, float], float] = {}
+    errors: dict[tuple[int, float], Array] = {}
     for d in DEGREES:
         progress(f"cross-validation of degree {d}")
         errors |= {(d, p): error for p, error in zip(PENALTIES, _held_out(problem.lower(d), weights), strict=True)}
-    degree, penalty = min(errors, key=lambda choice: errors[choice])
-    tried = tuple((*choice, error) for choice, error in errors.items())
+    degree, penalty = _chosen(errors)
+    tried = tuple((*choice, float(error.mean())) for choice, error in errors.items())
     chosen = problem.lower(degree)
     progress("weights")
     weights, common = _reweighted(chosen, alike, penalty)
@@ -96,6 +96,21 @@ def fit(problem: Problem, alike: Weights, end_count: float, progress: Progress =
     progress(f"{len(gradient)} unknowns with their constraints")
     solution = solve(hessian, gradient, chosen.limits(common[0], end_count, STEEPEST))
     return _fit(chosen, solution, hessian, common[0], weights, penalty, tried)
+
+
+def _chosen(errors: dict[tuple[int, float], Array]) -> tuple[int, float]:
+    """The strongest penalty that is as good as the best choice, within what that one's lead varies by over the folds.
+
+    Of one penalty, the degree with the least error: a high one costs little while all taxels share the curve.
+    """
+    best = min(errors.values(), key=np.mean)
+
+    def as_good(error: Array) -> bool:
+        behind = error - best
+        return bool(behind.mean() <= behind.std(ddof=1) / FOLDS**0.5)
+
+    penalty = max(penalty for (_, penalty), error in errors.items() if as_good(error))
+    return min((choice for choice in errors if choice[1] == penalty), key=lambda choice: float(errors[choice].mean()))
 
 
 def fit_as_published(problem: Problem, rest_count: Array) -> Fit:
@@ -177,12 +192,12 @@ def _sizes(problem: Problem, hessian: Array) -> Array:
     return sizes
 
 
-def _held_out(problem: Problem, weights: Weights) -> list[float]:
-    """For each of PENALTIES the mean squared residual of parts that were not fitted, in terms of its expected variance.
+def _held_out(problem: Problem, weights: Weights) -> Array:
+    """(penalties, FOLDS) mean squared residual of a part that was not fitted, in terms of its expected variance.
 
     One decomposition of the equations serves all penalties.
     """
-    errors = np.zeros(len(PENALTIES))
+    errors = np.zeros((len(PENALTIES), FOLDS))
     for fold in range(FOLDS):
         rest, part = problem.without(fold), problem.only(fold)
         hessian, gradient = rest.equations(weights, None)
@@ -194,8 +209,8 @@ def _held_out(problem: Problem, weights: Weights) -> list[float]:
         for at, penalty in enumerate(PENALTIES):
             k = vectors @ ((data + penalty * prior) / (np.maximum(values, 0.0) + penalty)) / size
             shoe, chamber = part.residual_squares(k)
-            errors[at] += (float(shoe @ weights.shoe) + float(chamber @ weights.chamber)) / max(n, 1.0) / FOLDS
-    return [float(error) for error in errors]
+            errors[at, fold] = (float(shoe @ weights.shoe) + float(chamber @ weights.chamber)) / max(n, 1.0)
+    return errors
 
 
 def _fit(

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from .samples import Samples
 from .smoothing import FRAME
 from .solver import Constraints
-from .statistics import ChamberSums, ShoeSums
+from .statistics import ChamberSums, Drift, ShoeSums
 
 Array = NDArray[np.float64]
 
@@ -146,13 +146,17 @@ def problem(
         own = each.activation if rest_count is None else each.activation + (rest_count - each.trial.rest_count)
         scaled = own[:, slots] / scale_count
         valid = each.valid[:, slots]
+        if each.trial.kind == "shoe":
+            whole = valid.all(axis=1)
+            scaled, wrench = scaled[whole], each.reference[whole]
+            drift = Drift.of(each.t_s[whole], scaled, wrench, exponents) if rest_count is None else None
         for fold, rows in enumerate(_parts(len(scaled))):
             if each.trial.kind == "chamber":
                 sums = ChamberSums.of(scaled[rows], valid[rows], each.reference[rows, 0], exponents)
                 chamber[fold] = sums if chamber[fold] is None else chamber[fold] + sums  # type: ignore[operator]
             else:
-                whole = valid[rows].all(axis=1)
-                part = ShoeSums.of(scaled[rows][whole], each.reference[rows][whole], exponents)
+                own_drift = None if drift is None else drift.rows(rows)
+                part = ShoeSums.of(scaled[rows], wrench[rows], exponents, own_drift)
                 shoe[fold] = part if shoe[fold] is None else shoe[fold] + part  # type: ignore[operator]
     return Problem(
         exponents, scale_count, arms,

@@ -200,7 +200,7 @@ def _method(calibrated: Calibrated) -> list[str]:
         0,
         page.paragraph(
             f"Degree {fit.degree} and penalty {fit.penalty:g} by cross-validation over five stretches of every trial: "
-            "the least error on the stretch that was not fitted. Weights are one "
+            "the strongest penalty that is as good as the best choice, and its best degree. Weights are one "
             f"over the variance and the correlation time of the residuals. Curves start at 0 and never fall "
             f"({fit.solution.active} limits are active; KKT residual {fit.solution.kkt:.0e})."
         ),

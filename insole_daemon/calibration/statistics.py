@@ -31,6 +31,33 @@ def powers(x: Array, exponents: tuple[int, ...]) -> Array:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Drift:
+    """What of n samples goes with the course of a slow drift, by least squares: to be taken off both sides.
+
+    A shoe that warms moves every taxel's rest a little, whatever presses; fitted with that in it, the curves would bend
+    to make up for it.
+    """
+
+    course: Array  # (n, 2) orthonormal: a constant and a line in time
+    of_powers: Array  # (2, d·m)
+    of_wrench: Array  # (2, 3)
+
+    @classmethod
+    def of(cls, t_s: Array, x: Array, wrench: Array, exponents: tuple[int, ...]) -> Drift:
+        """Of t_s (n,), x (n, m) and wrench (n, 3)."""
+        course = np.linalg.qr(np.stack([np.ones_like(t_s), t_s], axis=1))[0]
+        of_powers = np.zeros((2, x.shape[1] * len(exponents)))
+        for first in range(0, len(x), _AT_ONCE):
+            rows = slice(first, first + _AT_ONCE)
+            of_powers += course[rows].T @ powers(x[rows], exponents)
+        return cls(course, of_powers, course.T @ wrench)
+
+    def rows(self, rows: slice) -> Drift:
+        """The same for some of the samples."""
+        return Drift(self.course[rows], self.of_powers, self.of_wrench)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class ShoeSums:
     """Of n samples with a known wrench, on m taxels and d powers; unit of a column: that of x to its power."""
 
@@ -40,14 +67,19 @@ class ShoeSums:
     squares: Array  # (3,) Σ f_z², m_x², m_y²
 
     @classmethod
-    def of(cls, x: Array, wrench: Array, exponents: tuple[int, ...]) -> ShoeSums:
-        """Of x (n, m) and wrench (n, 3) in N and N·m."""
+    def of(cls, x: Array, wrench: Array, exponents: tuple[int, ...], drift: Drift | None = None) -> ShoeSums:
+        """Of x (n, m) and wrench (n, 3) in N and N·m, both less their `drift`."""
         columns = x.shape[1] * len(exponents)
         gram, against = np.zeros((columns, columns)), np.zeros((3, columns))
+        if drift is not None:
+            wrench = wrench - drift.course @ drift.of_wrench
         for first in range(0, len(x), _AT_ONCE):
-            phi = powers(x[first : first + _AT_ONCE], exponents)
+            rows = slice(first, first + _AT_ONCE)
+            phi = powers(x[rows], exponents)
+            if drift is not None:
+                phi -= drift.course[rows] @ drift.of_powers
             gram += phi.T @ phi
-            against += wrench[first : first + _AT_ONCE].T @ phi
+            against += wrench[rows].T @ phi
         return cls(len(x), gram, against, (wrench**2).sum(axis=0))
 
     def __add__(self, other: ShoeSums) -> ShoeSums:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from insole_daemon.calibration.problem import Penalty, Problem, Weights
-from insole_daemon.calibration.statistics import ChamberSums, ShoeSums, powers
+from insole_daemon.calibration.statistics import ChamberSums, Drift, ShoeSums, powers
 
 M, EXPONENTS = 6, (1, 2, 3)
 RNG = np.random.default_rng(0)
@@ -65,6 +67,36 @@ def test_residuals_are_told_from_the_sums() -> None:
     own = K.reshape(3, M)
     at = np.stack([sum(own[j, i] * X[:, i] ** (j + 1) for j in range(3)) for i in range(M)], axis=1)
     assert np.allclose(chamber, np.where(VALID, at - PRESSURE[:, None], 0.0).__pow__(2).sum(axis=0))
+
+
+def test_a_slow_drift_changes_nothing() -> None:
+    t_s = np.linspace(0, 60, 500)
+    drifting = WRENCH + np.array([10.0, 0.2, 1.0]) + np.outer(t_s, [0.3, 0.01, -0.05])
+    plain, drifted = (
+        ShoeSums.of(X, wrench, EXPONENTS, Drift.of(t_s, X, wrench, EXPONENTS)) for wrench in (WRENCH, drifting)
+    )
+    assert np.allclose(plain.gram, drifted.gram)
+    assert np.allclose(plain.against, drifted.against)
+    assert np.allclose(plain.squares, drifted.squares)
+    line = np.stack([np.ones_like(t_s), t_s], axis=1)
+    phi = powers(X, EXPONENTS)
+    left = phi - line @ np.linalg.lstsq(line, phi, rcond=None)[0]
+    assert np.allclose(plain.gram, left.T @ left)
+
+
+def test_a_drift_is_that_of_the_whole_trial() -> None:
+    t_s = np.linspace(0, 60, 500)
+    drift = Drift.of(t_s, X, WRENCH, EXPONENTS)
+    whole = ShoeSums.of(X, WRENCH, EXPONENTS, drift)
+    parts = [slice(0, 200), slice(200, 500)]
+    added = sum_of(ShoeSums.of(X[p], WRENCH[p], EXPONENTS, drift.rows(p)) for p in parts)
+    assert np.allclose(added.gram, whole.gram)
+    assert np.allclose(added.against, whole.against)
+
+
+def sum_of(parts: Iterable[ShoeSums]) -> ShoeSums:
+    first, second = parts
+    return first + second
 
 
 def test_fewer_powers_are_part_of_the_same_sums() -> None:
