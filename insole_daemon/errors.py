@@ -10,6 +10,8 @@
     ├── EffectError            an effect that cannot do what it is asked to, or is not what its law allows
     ├── CalibrationError       data that cannot determine what is asked of them
     ├── SimulationError        something is asked of the simulator that it does not have, or its boards cannot carry
+    ├── DiagnosisError         recordings that cannot be diagnosed together, or do not hold what a diagnosis needs
+    │   └── UndecidableError   in order, but too little
     └── WireError              Zenoh: an endpoint that is taken, a daemon that is not there, a bad message
 
 Every message says what was expected, what was found, where, and what to do.
@@ -91,6 +93,18 @@ class SimulationError(InsoleError):
     """The simulator is asked for something it does not have, or its boards cannot carry."""
 
     exit_status = 2
+
+
+class DiagnosisError(InsoleError):
+    """Recordings that cannot be diagnosed, together or at all."""
+
+    exit_status = 4
+
+
+class UndecidableError(DiagnosisError):
+    """Recordings that are in order, but hold too little to tell anything from."""
+
+    exit_status = 3
 
 
 class BusError(InsoleError):

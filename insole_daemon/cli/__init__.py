@@ -11,6 +11,7 @@ from . import (
     boards,
     calibrate,
     demo,
+    diagnose,
     doctor,
     export,
     import_,
@@ -40,7 +41,7 @@ app = typer.Typer(
 for verb in (
     demo.demo, run.run, simulate.simulate, replay.replay, watch.watch, status.status, doctor.doctor, boards.boards,
     zero.zero, view.view, record.record, report.report, export.export, calibrate.calibrate,
-    validate.validate,
+    validate.validate, diagnose.diagnose,
 ):  # fmt: skip
     app.command()(verb)
 app.command("import")(import_.import_)

@@ -12,7 +12,7 @@ Documented extensions of a taxel; a reader that does not know them loses nothing
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from os import PathLike
 from typing import Annotated, Any, Literal
@@ -79,9 +79,12 @@ class _File(Section):
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
 
-def load(path: str | PathLike[str], layout: Layout) -> Calibration:
-    """The calibration in file `path` for the taxels of `layout`; DocumentError lists all that is wrong."""
-    file = read(path, _File, FORMAT, _check(layout))
+def load(path: str | PathLike[str], layout: Layout, known_effects: Collection[str] = KNOWN_EFFECTS) -> Calibration:
+    """The calibration in file `path` for the taxels of `layout`; DocumentError lists all that is wrong.
+
+    `known_effects`: words of effects that whoever asks can apply.
+    """
+    file = read(path, _File, FORMAT, _check(layout, known_effects))
     rows = layout.rows
     row = np.array([rows[t.board, t.triangle] for t in file.taxels])
     column = np.array([t.taxel for t in file.taxels])
@@ -156,7 +159,7 @@ def _frozen(calibration: Calibration) -> Calibration:
     return calibration
 
 
-def _check(layout: Layout) -> Callable[[Reading], None]:
+def _check(layout: Layout, known_effects: Collection[str]) -> Callable[[Reading], None]:
     def check(reading: Reading) -> None:
         found = reading.document.get("foot")
         if found in ("left", "right") and found != layout.foot:
@@ -170,8 +173,8 @@ def _check(layout: Layout) -> Callable[[Reading], None]:
             name = effect.get("effect") if isinstance(effect, dict) else None
             if not isinstance(name, str):
                 reading.problem(("effects", i, "effect"), "missing key: expected the name of an effect")
-            elif name not in KNOWN_EFFECTS:
-                known = ", ".join(sorted(KNOWN_EFFECTS)) or "none"
+            elif name not in known_effects:
+                known = ", ".join(sorted(known_effects)) or "none"
                 reading.problem(
                     ("effects", i, "effect"),
                     f'the effect "{name}" cannot be applied; this version knows: {known}. '

@@ -1,0 +1,59 @@
+"""`insole diagnose`: where recordings differ from their model, which physics was left out, and the model with it."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from ..diagnosis.diagnosing import Diagnosis
+
+EXIT = {"no mismatch": 0, "explained": 0, "partly explained": 1, "unexplained": 1, "not decidable": 3}
+
+
+def diagnose(
+    recordings: Annotated[list[Path], typer.Argument(help="Folders of recordings of one insole, explained together.")],
+    out: Annotated[
+        Path,
+        typer.Option("--out", help="Folder for diagnosis.json, model.json and report.html; it must not exist yet."),
+    ],
+    calibration: Annotated[
+        Path | None, typer.Option("--calibration", help="The static model that is asked about, if not the recording's.")
+    ] = None,
+    budget: Annotated[
+        float | None, typer.Option("--budget", min=1.0, help="Seconds after which no larger sets are tried.")
+    ] = None,
+) -> None:
+    """Say where recordings differ from their model, which physics was left out, and model it.
+
+    Exit status: 0 no mismatch or explained, 1 partly explained or unexplained, 2 wrong usage, 3 not decidable from
+    this data, 4 a recording was refused.
+    """
+    from ..diagnosis import writing
+    from ..diagnosis.diagnosing import diagnose as diagnosed
+    from ..physics import calibration as calibrations
+    from ..recording.loading import load
+    from ..recording.writer import refuse_existing
+
+    refuse_existing(out)
+    loaded = [load(folder) for folder in recordings]
+    for line in (line for each in loaded for line in each.warnings):
+        print(f"insole: {line}", file=sys.stderr)
+    model = None if calibration is None else calibrations.load(calibration, loaded[0].feet[0].layout)
+    found = diagnosed(loaded, model, budget, lambda text: print(f"insole: {text}", file=sys.stderr, flush=True))
+    writing.write(found, out)
+    _print(found, out)
+    raise typer.Exit(EXIT[found.verdict])
+
+
+def _print(found: Diagnosis, out: Path) -> None:
+    heldout = found.heldout
+    print(f"{found.verdict}: {heldout['before']:.2f} → {heldout['after']:.2f} counts, noise {heldout['floor']:.2f}")
+    for each in found.findings:
+        print(f"  {each.effect}: {each.sentence}")
+    for known in found.not_identifiable:
+        print(f"  not to be told from this: {known['effect']}: {known['why']}; record {known['record_instead']}")
+    print(f"{out}/report.html  {out}/diagnosis.json  {out}/model.json")

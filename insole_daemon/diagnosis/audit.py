@@ -1,0 +1,183 @@
+"""What is wrong with the readings themselves, before any physics: masked from the fit, and reported.
+
+Everything is told from the counts and the cycles' own flags. The mean of the insole's readings stands for the load
+here: the reference's clock is not known yet.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..physics.law import Array
+from ..recording.loading import FootRecording
+from ..skin.geometry import N_TAXELS, PRESSURE_TAXELS
+from .finding import Finding
+from .floor import noise_of_readings
+from .observed import stretches
+from .places import said, where
+
+SAME_S = 4.0  # a working taxel does not say one number for so long while the load moves
+MOVED = 0.15  # of the insole's range: the load moved
+MOST_INVALID = 0.1  # of a taxel's cycles: more, and it is left out
+OPEN_TAXELS = 8  # of a triangle's ten that fail together: the triangle has lost contact
+LOUD = 2.5  # times its usual noise: a burst
+BURST_S = 0.3
+WINDOW_S = 0.5
+GAP_PERIODS = 1.6
+MOST_LOST = 0.003  # of all cycles: fewer are what a bus loses
+REPEATS = 5  # equal readings of all of a triangle in a row: no converter is that slow
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Audit:
+    """Which readings are fit to be explained, and what was found out about the others."""
+
+    kept: NDArray[np.bool_]  # (n_triangles, 12)
+    cycles: NDArray[np.bool_]  # (n,)
+    findings: tuple[Finding, ...]
+
+
+def audit(foot: FootRecording, name: str) -> Audit:
+    """The readings of one foot in recording `name`."""
+    n, k = len(foot), len(foot.layout)
+    t_s = (foot.t_ns - foot.t_ns[0]) * 1e-9
+    counts = foot.counts.reshape(n, -1).astype(np.float64)
+    valid = foot.valid.reshape(n, -1)
+    asked = np.flatnonzero(_asked(foot).ravel())
+    mean = _insole(counts[:, asked], valid[:, asked])
+    silent = _dead(counts[:, asked], valid[:, asked], t_s, mean)
+    dead = np.zeros((n, k * N_TAXELS), bool)
+    dead[:, asked] = silent
+    share = dead[:, asked].mean(axis=0)
+    bad = np.zeros(k * N_TAXELS, bool)
+    bad[asked] = share > MOST_INVALID
+    findings: list[Finding] = []
+    opened = _open(dead.reshape(n, k, N_TAXELS), bad.reshape(k, N_TAXELS))
+    for row in opened:
+        slots = row * N_TAXELS + np.flatnonzero(PRESSURE_TAXELS)
+        when = intervals(np.asarray(dead[:, slots].sum(axis=1) >= OPEN_TAXELS), t_s)
+        findings.append(_finding("open_triangle", foot, name, slots, when, "lost contact: its taxels fail together"))
+    lone = np.array([slot for slot in np.flatnonzero(bad) if slot // N_TAXELS not in opened], np.intp)
+    if lone.size:
+        when = intervals(np.asarray(dead[:, lone].any(axis=1)), t_s)
+        always = dead[:, lone].mean() > 0.95
+        text = "say the same number while the load moves, or none that can be believed"
+        findings.append(_finding("dead_taxels", foot, name, lone, () if always else when, text))
+    lost = _lost(foot, t_s)
+    fresh: NDArray[np.bool_] = ~np.any(lost, axis=1)
+    quiet, bursts = _bursts(counts, fresh, np.flatnonzero(~bad & np.isin(np.arange(bad.size), asked)), t_s)
+    for slots, when in bursts:
+        findings.append(_finding("noise_burst", foot, name, slots, when, "are far noisier than usual for a while"))
+    if (~fresh).mean() > MOST_LOST:
+        rows = np.flatnonzero(lost.mean(axis=0) > MOST_LOST)
+        slots = (rows[:, None] * N_TAXELS + np.flatnonzero(PRESSURE_TAXELS)).ravel()
+        when = _joined(intervals(~fresh, t_s), 1.0)
+        spread = sum(b - a for a, b in when) > 0.5 * t_s[-1] or len(when) > 40
+        text = f"{lost[:, rows].mean():.1%} of the readings did not come, or came again unchanged"
+        findings.append(_finding("frame_loss", foot, name, slots, () if spread else when, text))
+    return Audit(~bad.reshape(k, N_TAXELS) & _asked(foot), fresh & quiet, tuple(findings))
+
+
+def intervals(flags: NDArray[np.bool_], t_s: Array) -> tuple[tuple[float, float], ...]:
+    """From when to when `flags` (n,) are set."""
+    return tuple((float(t_s[a]), float(t_s[b])) for a, b in stretches(flags))
+
+
+def _finding(
+    effect: str, foot: FootRecording, name: str, slots: NDArray[np.intp],
+    when: Iterable[tuple[float, float]], text: str,
+) -> Finding:  # fmt: skip
+    place = where(slots, np.flatnonzero(np.tile(PRESSURE_TAXELS, len(foot.layout))), foot.layout)
+    return Finding(
+        effect=effect, foot=foot.foot, where=place, sentence=f"{said(place)}: {text}.", recordings=(name,),
+        when_s=tuple(when),
+    )  # fmt: skip
+
+
+def _asked(foot: FootRecording) -> NDArray[np.bool_]:
+    """(n_triangles, 12) taxels that have pressure to tell: all ten of a triangle, or what a calibration lists."""
+    asked = np.tile(PRESSURE_TAXELS, (len(foot.layout), 1))
+    return asked if foot.calibration is None else asked & foot.calibration.usable
+
+
+def _insole(counts: Array, valid: NDArray[np.bool_]) -> Array:
+    """(n,) what a typical taxel says, over its range."""
+    middle = np.median(counts, axis=1)
+    span = float(np.ptp(middle)) or 1.0
+    found: Array = (middle.max() - middle) / span
+    return found
+
+
+def _dead(counts: Array, valid: NDArray[np.bool_], t_s: Array, mean: Array) -> NDArray[np.bool_]:
+    """(n, m) not to be believed, or one number for long while the load moved."""
+    dead = ~valid
+    for i in range(counts.shape[1]):
+        change = np.flatnonzero(np.diff(counts[:, i]) != 0)
+        starts, ends = np.append(0, change + 1), np.append(change, len(t_s) - 1)
+        for a, b in zip(starts[t_s[ends] - t_s[starts] > SAME_S], ends[t_s[ends] - t_s[starts] > SAME_S], strict=True):
+            if np.ptp(mean[a : b + 1]) > MOVED:
+                dead[a : b + 1, i] = True
+    return dead
+
+
+def _open(dead: NDArray[np.bool_], bad: NDArray[np.bool_]) -> list[int]:
+    together = dead.sum(axis=2) >= OPEN_TAXELS
+    return [row for row in range(len(bad)) if bad[row].sum() >= OPEN_TAXELS and together[:, row].mean() > 0.01]
+
+
+def _lost(foot: FootRecording, t_s: Array) -> NDArray[np.bool_]:
+    """(n, n_triangles) nothing new was read."""
+    lost: NDArray[np.bool_] = foot.missing | foot.repeated[:, None]
+    gap = np.diff(t_s, prepend=t_s[0])
+    lost |= (gap > GAP_PERIODS * np.median(gap))[:, None]
+    same = np.zeros((len(foot), len(foot.layout)), bool)
+    pressure = foot.counts[:, :, PRESSURE_TAXELS]
+    same[1:] = (pressure[1:] == pressure[:-1]).all(axis=2)
+    for row in range(len(foot.layout)):
+        for a, b in stretches(same[:, row]):
+            if b - a + 1 >= REPEATS:
+                lost[a : b + 1, row] = True
+    return lost
+
+
+def _bursts(
+    counts: Array, fresh: NDArray[np.bool_], slots: NDArray[np.intp], t_s: Array
+) -> tuple[NDArray[np.bool_], list[tuple[NDArray[np.intp], tuple[tuple[float, float], ...]]]]:
+    """(n,) quiet cycles, and the taxels and times of bursts."""
+    quiet = np.ones(len(t_s), bool)
+    if not slots.size or len(t_s) < 100:
+        return quiet, []
+    third = np.abs(np.diff(counts[:, slots], n=3, axis=0, prepend=counts[:3, slots])) / np.sqrt(20.0)
+    usual = noise_of_readings(counts[:, slots])
+    window = max(round(WINDOW_S / float(np.median(np.diff(t_s)))), 4)
+    n = len(t_s) // window
+    level = third[: n * window].reshape(n, window, -1).mean(axis=1) / (0.8 * usual)
+    loud = level > LOUD
+    # A step of the load is one loud window of all taxels; a burst lasts, or is some taxels' own.
+    loud_any = loud.mean(axis=1) > 0.0
+    if not loud_any.any():
+        return quiet, []
+    taxels = np.flatnonzero(loud.sum(axis=0) * window * float(np.median(np.diff(t_s))) >= BURST_S)
+    strong = loud[:, taxels]
+    times = np.repeat((strong.sum(axis=1) >= max(1, 0.5 * len(taxels))), window)
+    flags = np.zeros(len(t_s), bool)
+    flags[: n * window] = times
+    if not taxels.size or not flags.any() or flags.mean() > 0.5:
+        return quiet, []
+    quiet[flags] = False
+    return quiet, [(slots[taxels], _joined(intervals(flags, t_s), WINDOW_S))]
+
+
+def _joined(when: tuple[tuple[float, float], ...], gap_s: float) -> tuple[tuple[float, float], ...]:
+    """Intervals closer than `gap_s` as one."""
+    found: list[tuple[float, float]] = []
+    for a, b in when:
+        if found and a - found[-1][1] < gap_s:
+            found[-1] = (found[-1][0], b)
+        else:
+            found.append((a, b))
+    return tuple(found)

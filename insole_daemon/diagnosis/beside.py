@@ -1,0 +1,132 @@
+"""What is found beside the physics of a load: clocks, jumps, and what recalibration removes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..physics.calibration import Calibration
+from ..physics.effects import laws
+from ..physics.law import Array
+from ..skin.geometry import N_TAXELS
+from .explained import Insole
+from .finding import Finding, Quantity
+from .jumps import Jump
+from .modelling import Curves
+from .observed import Observed
+from .places import merged, said, where
+from .static import Change, changes, compare
+
+MOST_RATE = 1e-4  # a clock's rate error from which on it is a finding: the format's
+SIGMAS = 3.0
+LEAST_MOVED = 0.25  # of a reading's noise, RMS
+LEAST_LATE_S = 0.05  # that it makes by the end, at the least
+LEAST_OFFSET_S = 0.1  # of a reference whose rows were to go with the cycles
+
+
+def of_jumps(insole: Insole, observed: Sequence[Observed], found: Sequence[Sequence[Jump]]) -> list[Finding]:
+    """Boards that took their baselines anew."""
+    findings = []
+    for each, own in zip(observed, found, strict=True):
+        for jump in own:
+            slots = each.slots[np.isin(each.layout.identities[:, 0][each.slots // N_TAXELS], jump.boards)]
+            place = where(slots, each.slots, each.layout)
+            findings.append(
+                Finding(
+                    effect="rezero", foot=insole.foot, where=place, recordings=(each.name,),
+                    when_s=((jump.t_s, float(each.t_s[-1])),), equation=laws()["rezero"].equation,
+                    parameters={
+                        "t_s": Quantity(jump.t_s, 0.05, "s"),
+                        "shift_count": Quantity(jump.shift_count, 0.1, "count"),
+                    },
+                    explains=len(slots) / len(each.slots) * jump.shift_count**2 / 4,
+                    sentence=f"{said(place)} took its baselines anew at {jump.t_s:.1f} s: "
+                    f"{jump.shift_count:+.1f} counts since.",
+                )
+            )  # fmt: skip
+    return findings
+
+
+def of_spikes(insole: Insole, name: str, spikes: tuple[tuple[float, float], ...]) -> list[Finding]:
+    """A reference that says what no taxel knows of."""
+    if not spikes:
+        return []
+    return [
+        Finding(
+            effect="reference_fault", foot=insole.foot, where=where(insole.slots, insole.slots, insole.layout),
+            recordings=(name,), when_s=spikes,
+            sentence=f"The reference of {name} has {len(spikes)} spikes that no taxel knows of; they were taken out.",
+        )
+    ]  # fmt: skip
+
+
+def of_clocks(insole: Insole, observed: Sequence[Observed], clocks: Array, std: Array) -> list[Finding]:
+    """Rate errors beyond what two quartzes have, and any clock error where rows were to go with the cycles.
+
+    `clocks` (recordings, 2) offset_s and rate, `std` the same of their standard deviations.
+    """
+    findings = []
+    for each, (offset, rate), (offset_std, rate_std) in zip(observed, clocks, std, strict=True):
+        late = abs(rate) * float(each.cycle_s[-1])
+        by_row = each.paired_by_row and max(abs(offset), late) > LEAST_OFFSET_S
+        runs = abs(rate) > MOST_RATE + SIGMAS * rate_std and late > LEAST_LATE_S
+        if each.load.clock != "own" or not (by_row or runs):
+            continue
+        t = each.t_s
+        slope = np.gradient(each.count.mean(axis=1), t)
+        moved = slope * ((offset if each.paired_by_row else 0.0) + rate * t)
+        if np.sqrt(np.mean(moved**2)) < LEAST_MOVED * np.median(insole.noise_count):
+            continue
+        ahead = f", and {offset:+.2f} s ahead of its rows at the beginning" if each.paired_by_row else ""
+        findings.append(
+            Finding(
+                effect="clock", foot=insole.foot, where=where(each.slots, each.slots, each.layout),
+                recordings=(each.name,), equation=laws()["clock"].equation,
+                parameters={"offset_s": Quantity(offset, offset_std, "s"), "rate": Quantity(rate, rate_std, "1")},
+                explains=float(np.mean(moved**2)),
+                sentence=f"The reference's clock of {each.name} runs {rate:+.3%} fast{ahead}.",
+            )
+        )  # fmt: skip
+    return findings
+
+
+def of_curves(
+    insole: Insole, curves: Sequence[Curves], model: Calibration, bits: Sequence[int]
+) -> tuple[list[Finding], float]:
+    """How the curves differ from `model`'s, and the mean square by which it is off for their sake, counts²."""
+    usable = model.usable.ravel()
+    slots = merged(each.slots for each in curves)
+    slots = slots[usable[slots]]
+    if not slots.size:
+        return [], 0.0
+    low = max(0.0, *(float(each.load_pa[0]) for each in curves))
+    loads = np.linspace(low, min(float(each.load_pa[-1]) for each in curves), 60)
+    fitted = np.empty((len(slots), len(loads)))
+    for each in curves:
+        for slot, activation in zip(each.slots.tolist(), each.activation_count, strict=True):
+            if usable[slot]:
+                fitted[np.searchsorted(slots, slot)] = np.interp(loads, each.load_pa, activation)
+    baseline = model.baseline_count.ravel()[slots]
+    compared = compare(slots, loads, fitted + baseline[:, None], model, baseline)
+    found = changes(compared, float(np.median(insole.noise_of(slots))), insole.layout, bits)
+    return [_change(insole, each) for each in found], float(np.mean((compared.fitted - compared.believed) ** 2))
+
+
+def _change(insole: Insole, change: Change) -> Finding:
+    place = where(change.slots, insole.slots, insole.layout)
+    units = {parameter.name: parameter.unit for parameter in laws()[change.word].parameters}
+    value = next(value for value, _ in change.parameters.values())
+    sentence = {
+        "gain": f"answers {value:.2f} times as much as its calibration says",
+        "baseline": f"rests {value:+.1f} counts beside its calibration",
+        "bit_shift": f"answers as if its bit shift were {value:.0f}",
+        "stiffening": f"answers ever less beyond {value / 1e3:.0f} kPa",
+    }[change.word]
+    return Finding(
+        effect=change.word, foot=insole.foot, where=place, recordings=insole.recordings,
+        equation=laws()[change.word].equation,
+        parameters={name: Quantity(v, s, units[name]) for name, (v, s) in change.parameters.items()},
+        explains=change.moves_count**2 * len(change.slots) / len(insole.slots),
+        sentence=f"{said(place)} {sentence}: recalibration removes it.",
+    )  # fmt: skip

@@ -1,0 +1,69 @@
+"""Creep: a share of the answer that goes on for decades of time.
+
+The spectrum of time constants is smooth: from `shortest` on, a_k ∝ τ_k^tilt. A tilt of 0 is growth with the logarithm
+of time, between 0 and 1 a power law, below 0 it leans to one time constant: one family has all that is called creep.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ...physics.law import Array
+from ..candidate import Candidate, Excitation, bounds
+from ..operators import low_pass
+from .viscoelasticity import SLOWEST_S
+
+PER_DECADE = 2
+SHORTEST_S, LONGEST_S = 0.1, 1000.0
+NARROW = np.log(4.0)  # standard deviation of the logarithm of τ: a spectrum that is one time constant, smeared
+LEAST_SHARE = 2e-3  # of all shares together: less is not worth a mode in the model
+
+
+def candidate(excitation: Excitation) -> Candidate:
+    """The candidate for these recordings; what is slower than they are long is one ramp, and left out."""
+    longest_s = min(LONGEST_S, 4 * excitation.seconds)
+    n = 1 + round(PER_DECADE * np.log10(longest_s / SHORTEST_S))
+    tau_s = np.geomspace(SHORTEST_S, longest_s, n)
+
+    def shares(theta: Array) -> Array:
+        share, log_shortest, tilt = theta
+        # The edge of the spectrum is soft, so that moving it moves the answer smoothly.
+        edge = 1.0 / (1.0 + np.exp(-4.0 * (np.log(tau_s) - log_shortest)))
+        weight = edge * np.exp(tilt * (np.log(tau_s) - np.log(tau_s[-1])))
+        found: Array = share * weight / weight.sum()
+        return found
+
+    def act(x: Array, step_s: float, theta: Array) -> Array:
+        moved = x.copy()
+        for share, tau in zip(shares(theta), tau_s, strict=True):
+            if share > LEAST_SHARE * theta[0]:
+                moved += share * (low_pass(x, step_s, float(tau)) - x)
+        return moved
+
+    def parameters(theta: Array) -> dict[str, Any]:
+        each = shares(theta)
+        kept = each > LEAST_SHARE * theta[0]
+        return {"a": each[kept], "tau_s": tau_s[kept]}
+
+    def other_word(theta: Array) -> str:
+        each, log_tau = shares(theta) / max(theta[0], 1e-9), np.log(tau_s)
+        middle = float(each @ log_tau)
+        width = float(np.sqrt(each @ (log_tau - middle) ** 2))
+        return "viscoelasticity" if width < NARROW and middle < np.log(SLOWEST_S) else "creep"
+
+    low, high = bounds((0.0, 0.8), (np.log(0.1), np.log(min(60.0, longest_s / 4))), (-2.0, 0.9))
+    starts = [(0.05, np.log(s), tilt) for s in (0.2, 1.0, 5.0, 20.0) if s < longest_s / 4 for tilt in (-0.7, 0.0, 0.3)]
+    return Candidate(
+        word="creep",
+        order=5,
+        names=("share", "log_shortest", "tilt"),
+        low=low,
+        high=high,
+        starts=np.array(starts),
+        act=act,
+        parameters=parameters,
+        other_word=other_word,
+        needs=lambda e: None if e.seconds >= 20 else "creep needs a recording of 20 s or longer, with a hold",
+    )

@@ -1,0 +1,94 @@
+"""From subsets and what they leave to words: what is named, what cannot be told apart, what nothing known explains."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from .candidate import Excitation
+from .naming import Naming, Tried
+
+UNEXPLAINED = 0.25  # of the mismatch that the best subset leaves: it is something else
+AS_GOOD = 1.6  # times what the best subset leaves: a swap that leaves less is as good
+MISFIT = 0.10  # of the mismatch: what one family may miss of a material that is of its kind
+SIGMAS = 4.0
+
+# Words that only the stated excitation tells apart; without it a family's own misfit would decide.
+TWINS: Mapping[frozenset[str], str] = {
+    frozenset({"hysteresis", "creep"}): "speeds",
+    frozenset({"hysteresis", "viscoelasticity"}): "speeds",
+    frozenset({"creep", "viscoelasticity"}): "holds",
+    frozenset({"temperature", "drift"}): "temperature",
+    frozenset({"lag", "delay"}): "edges",
+    frozenset({"lag", "viscoelasticity"}): "edges",
+    frozenset({"creep", "drift"}): "holds",
+}
+RECORD: Mapping[str, str] = {
+    "speeds": "the same cycle at two speeds, one at least three times the other, and a hold of 60 s",
+    "holds": "a hold of at least 60 s, then 60 s without load",
+    "temperature": "the insole warming up and cooling down again",
+    "edges": "steps of the load that are over within 50 ms",
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Decided:
+    """What is said of one group."""
+
+    best: Tried
+    alternatives: Mapping[str, tuple[str, ...]]  # by word
+    unknown: bool
+    confidence: Mapping[str, float]  # by word
+    alone: Mapping[str, Tried]  # by word: the subset without it
+
+
+def shown(excitation: Excitation) -> frozenset[str]:
+    """Which of the excitations of TWINS the data hold."""
+    found = set()
+    if excitation.two_speeds:
+        found.add("speeds")
+    if excitation.hold_s >= 8.0:
+        found |= {"holds", "speeds"}
+    if excitation.temperature_reverses:
+        found.add("temperature")
+    return frozenset(found)
+
+
+def decide(naming: Naming, excitation: Excitation, rows: int) -> Decided:
+    """What is said of the group that `naming` searched; `rows`: of its evidence."""
+    best = naming.best
+    chance = SIGMAS * naming.floor * np.sqrt(2.0 / rows) / naming.excess
+    unknown = best.left_heldout > max(UNEXPLAINED, chance)
+    alternatives: dict[str, tuple[str, ...]] = {}
+    confidence: dict[str, float] = {}
+    alone: dict[str, Tried] = {}
+    there = shown(excitation)
+    for word in best.words:
+        swaps = []
+        for tried in naming.tried:
+            others = set(tried.words) - set(best.words)
+            if len(tried.words) != len(best.words) or set(best.words) - set(tried.words) != {word}:
+                continue
+            (other,) = others
+            at = [candidate.word for candidate in tried.fitted.candidates].index(other)
+            if tried.fitted.candidates[at].is_really(tried.fitted.values()[at]) == word:
+                continue  # the same physics in the other's words
+            pair = frozenset({word, other})
+            # Told apart by their excitation, twins differ by more than chance; else by more than families do.
+            blind = pair in TWINS and TWINS[pair] not in there
+            limit = max(AS_GOOD * best.left_heldout, best.left_heldout + chance, MISFIT if blind else 0.0)
+            if tried.left_heldout <= limit:
+                swaps.append((tried.left_heldout, other))
+        alternatives[word] = tuple(other for _, other in sorted(swaps))
+        smaller = [t for t in naming.tried if set(t.words) == set(best.words) - {word}]
+        alone[word] = smaller[0] if smaller else naming.null
+        lost = alone[word].left_heldout - best.left_heldout
+        rival = min(
+            (t.left_heldout for t in naming.tried if word not in t.words and len(t.words) <= len(best.words)),
+            default=1.0,
+        )
+        margin = max(rival, 1e-6) / max(best.left_heldout, chance, 1e-3)
+        confidence[word] = float(np.clip(1.0 - 0.5 / margin, 0.3, 0.99)) if lost > 0 else 0.3
+    return Decided(best, alternatives, unknown, confidence, alone)

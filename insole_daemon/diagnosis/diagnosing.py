@@ -1,0 +1,280 @@
+"""`insole diagnose`, from recordings to what is said of them: the order of the stages."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import __version__
+from ..errors import DiagnosisError
+from ..physics.calibration import Calibration
+from ..physics.law import Array
+from ..recording.loading import FootRecording, Recording
+from ..skin.geometry import N_TAXELS
+from ..skin.layout import Layout
+from . import beside, explained, modelling
+from . import jumps as jumping
+from .audit import Audit, audit
+from .candidate import Candidate, Excitation
+from .candidates import candidates
+from .deciding import RECORD, TWINS, Decided, decide, shown
+from .evidence import gather
+from .excitation import excitation
+from .explained import Insole
+from .finding import Finding, Verdict
+from .fit import Hypothesis
+from .groups import Located, locate
+from .observed import Observed
+from .observing import BEGAN, observe
+
+INVISIBLE = {
+    "crosstalk": ("under a uniform load every neighbour says the same", "an indenter one taxel wide, or walking"),
+    "preload": ("a constant load is a part of the static curve here", "the unloaded insole in the shoe and outside"),
+    "map_transform": ("a uniform load has no place", "walking or standing with a force shoe"),
+    "swapped_triangles": ("a uniform load is the same on both", "walking, or pressing on one triangle"),
+}
+MISSING = {
+    "delay": "the reference on the clock of the CAN frames",
+    "temperature": "an insole that warms up and cools down",
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Diagnosis:
+    """All that is said; `document` is its form as a file."""
+
+    insole: Insole
+    verdict: Verdict
+    heldout: Mapping[str, Any]
+    clocks: Array  # (recordings, 2) offset_s and rate of the reference's clock
+    findings: tuple[Finding, ...]
+    rejected: tuple[Mapping[str, str], ...]
+    not_identifiable: tuple[Mapping[str, str], ...]
+    model: Mapping[str, Any]
+    observed: tuple[Observed, ...]
+    located: Located
+    decided: tuple[Decided, ...]  # of each of the located groups
+
+    def document(self) -> dict[str, Any]:
+        """As `insole-diagnosis/1` has it."""
+        return {
+            "format": "insole-diagnosis/1",
+            "recordings": list(self.insole.recordings),
+            "against": "model",
+            "verdict": self.verdict,
+            "heldout": dict(self.heldout),
+            "alignment": [
+                {"recording": name, "offset_s": round(offset, 5), "rate": round(rate, 8)}
+                for name, (offset, rate) in zip(self.insole.recordings, self.clocks.tolist(), strict=True)
+            ],
+            "findings": [each.document() for each in self.findings],
+            "rejected": [dict(each) for each in self.rejected],
+            "not_identifiable": [dict(each) for each in self.not_identifiable],
+        }
+
+
+def diagnose(
+    recordings: Sequence[Recording],
+    calibration: Calibration | None,
+    budget_s: float | None,
+    progress: Callable[[str], None],
+) -> Diagnosis:
+    """What differs between recordings and their model, where the load is known.
+
+    `calibration`: the model that is asked about; without it that of the first recording, without both only memory
+    and faults are looked for. After `budget_s` no larger subsets are tried. DiagnosisError where the recordings do not
+    belong together or cannot show anything.
+    """
+    deadline = math.inf if budget_s is None else time.monotonic() + budget_s
+    feet = [_foot(each) for each in recordings]
+    layout = _one_layout(recordings, feet)
+    model = calibration if calibration is not None else feet[0].calibration
+    if model is not None and model.effects:
+        words = ", ".join(str(each.get("effect")) for each in model.effects)
+        raise DiagnosisError(f"the model has effects already ({words}), expected a static one: diagnose against that")
+    progress("auditing the readings")
+    audits = [audit(foot, each.folder.name) for foot, each in zip(feet, recordings, strict=True)]
+    observed, spikes = _observe(recordings, feet, audits)
+    excited = excitation(observed)
+    slots = observed[0].slots
+    noise = np.sqrt(np.mean([each.noise_count**2 for each in observed], axis=0))
+    found_jumps = _jumps(observed, slots, noise)
+    every = candidates(excited)
+    admitted = {word: each for word, each in every.items() if each.needs(excited) is None}
+    located = locate(observed, admitted, noise, jumping.columns(observed, found_jumps), deadline, progress)
+    decided = [decide(each.naming, excited, each.group.evidence.y.size) for each in located.named]
+    progress("fitting the model")
+    names = tuple(each.name for each in observed)
+    insole = Insole(feet[0].foot, layout, names, slots, noise, excited)
+    parts = list(zip(located.named, decided, strict=True))
+    curves = explained.curves(insole, located, parts)
+    before, after = explained.held_out(insole, located, parts)
+    findings, effects = explained.findings(insole, parts)
+    findings += [finding for each in audits for finding in each.findings]
+    findings += [
+        finding for name, when in zip(names, spikes, strict=True) for finding in beside.of_spikes(insole, name, when)
+    ]
+    findings += beside.of_jumps(insole, observed, found_jumps)
+    clocks, clocks_std = _clocks(observed, located)
+    findings += beside.of_clocks(insole, observed, clocks, clocks_std)
+    handed_in = 0.0
+    if model is not None:
+        bits = [board.shift for board in feet[0].boards if board.shift is not None]
+        recalibrated, handed_in = beside.of_curves(insole, curves, model, bits)
+        findings += recalibrated
+    findings.sort(key=lambda each: -each.explains)
+    floor = float(np.mean(noise**2))
+    rms = [round(float(np.sqrt(floor + square)), 4) for square in (before + handed_in, after, 0.0)]
+    provenance = {"made_by": f"insole diagnose {__version__}", "recordings": list(names), BEGAN: int(feet[0].t_ns[0])}
+    return Diagnosis(
+        insole=insole,
+        verdict=_verdict(findings),
+        heldout={"unit": "count", **dict(zip(("before", "after", "floor"), rms, strict=True))},
+        clocks=clocks,
+        findings=tuple(findings),
+        rejected=_rejected(parts),
+        not_identifiable=_not_identifiable(every, excited, decided),
+        model=modelling.document(insole.foot, layout, curves, effects, provenance),
+        observed=tuple(observed),
+        located=located,
+        decided=tuple(decided),
+    )
+
+
+def _foot(recording: Recording) -> FootRecording:
+    known = [foot for foot in recording.feet if foot.reference is not None]
+    if not known:
+        raise DiagnosisError(f"{recording.folder}: expected a reference (kind chamber), found none: what was the load?")
+    if len(known) > 1:
+        raise DiagnosisError(
+            f"{recording.folder}: expected one foot with a reference, found both: diagnose each by itself"
+        )
+    return known[0]
+
+
+def _one_layout(recordings: Sequence[Recording], feet: Sequence[FootRecording]) -> Layout:
+    first = feet[0].layout
+    for recording, foot in zip(recordings, feet, strict=True):
+        if foot.foot != feet[0].foot:
+            raise DiagnosisError(
+                f"{recording.folder}: expected the {feet[0].foot} foot as in {recordings[0].folder}, "
+                f"found the {foot.foot}: diagnose the feet one by one"
+            )
+        same = np.array_equal(foot.layout.identities, first.identities)
+        if not same or not np.allclose(foot.layout.xy_m, first.xy_m, atol=1e-6):
+            raise DiagnosisError(
+                f"{recording.folder}: its layout is not that of {recordings[0].folder}: these are two insoles, "
+                "or one of the maps is wrong; diagnose them one by one"
+            )
+    return first
+
+
+def _observe(
+    recordings: Sequence[Recording], feet: Sequence[FootRecording], audits: Sequence[Audit]
+) -> tuple[list[Observed], list[tuple[tuple[float, float], ...]]]:
+    """What is looked at of each recording, the same taxels of all, and when its reference had spikes."""
+    kept = np.all([each.kept for each in audits], axis=0)
+    if not kept.any():
+        raise DiagnosisError(f"{recordings[0].folder}: no taxel says anything that can be believed: see the audit")
+    seen = [
+        observe(recording, foot, kept, audited.cycles)
+        for recording, foot, audited in zip(recordings, feet, audits, strict=True)
+    ]
+    return [each for each, _ in seen], [spikes for _, spikes in seen]
+
+
+def _jumps(observed: Sequence[Observed], slots: NDArray[np.intp], noise: Array) -> list[list[jumping.Jump]]:
+    """Jumps of boards, in each recording: the largest first, each taken out before the next is looked for."""
+    found: list[list[jumping.Jump]] = [[] for _ in observed]
+    ends = np.cumsum([len(each.first) for each in observed])
+
+    def left(known: Sequence[Sequence[jumping.Jump]]) -> tuple[list[Array], Array]:
+        """(n, m) of each recording, and (j, m) how far each jump moves each taxel: activation, counts."""
+        group = gather(observed, slots, noise, jumping.columns(observed, known))
+        null = Hypothesis(group.evidence, ()).fit()
+        hypothesis = Hypothesis(group.taxels, ())
+        taxels = hypothesis.at(null.theta)
+        return np.split(taxels.residual * noise, ends[:-1]), hypothesis.jumps_of(taxels) * noise
+
+    parts, _ = left(found)
+    moved = np.empty((0, len(slots)))
+    for i, each in enumerate(observed):
+        while len(found[i]) < jumping.MOST_JUMPS:
+            jump = jumping.strongest(each, parts[i])
+            if jump is None:
+                break
+            tried = [*found[:i], [*found[i], jump], *found[i + 1 :]]
+            after, moves = left(tried)
+            before = jumping.unrest(each, parts[i], jump.boards)
+            if jumping.unrest(each, after[i], jump.boards) > jumping.SETTLES * before:
+                break  # it happens again and again: physics
+            found, parts, moved = tried, after, moves
+    boards = observed[0].layout.identities[:, 0][slots // N_TAXELS]
+    rows = iter(moved)
+    return [
+        [replace(jump, shift_count=-float(next(rows)[np.isin(boards, jump.boards)].mean())) for jump in own]
+        for own in found
+    ]
+
+
+def _clocks(observed: Sequence[Observed], located: Located) -> tuple[Array, Array]:
+    """(recordings, 2) offset_s and rate by the best explanation of most taxels, and their standard deviations."""
+    found = np.array([(each.offset_s, each.rate) for each in observed])
+    std = np.array([each.clock_std for each in observed])
+    best = max(located.named, key=lambda each: len(each.group.slots), default=None)
+    fitted = best.naming.best.fitted if best is not None else located.null
+    corrections = fitted.clocks()
+    if best is not None and corrections.size:
+        std = np.maximum(std, best.naming.best.std[: corrections.size].reshape(-1, 2))
+    return (found + corrections if corrections.size else found), std
+
+
+def _verdict(findings: Sequence[Finding]) -> Verdict:
+    if not findings:
+        return "no mismatch"
+    unknown = [each for each in findings if each.effect == "unknown"]
+    if unknown:
+        return "unexplained" if len(unknown) == len(findings) else "partly explained"
+    if any(len(each.alternatives) > 1 for each in findings):
+        return "not decidable"
+    return "explained"
+
+
+def _rejected(
+    parts: explained.Explained,
+) -> tuple[dict[str, str], ...]:
+    found: dict[str, str] = {}
+    for named, each in parts:
+        for tried in named.naming.tried:
+            if len(tried.words) == 1 and tried.words[0] not in each.best.words:
+                found.setdefault(
+                    tried.words[0],
+                    f"alone it leaves {max(tried.left_heldout, 0):.0%} of the mismatch on held-out blocks, "
+                    f"{' + '.join(each.best.words) or 'nothing'} leaves {max(each.best.left_heldout, 0):.0%}",
+                )
+    return tuple({"effect": word, "why": why} for word, why in found.items())
+
+
+def _not_identifiable(
+    every: Mapping[str, Candidate], excited: Excitation, decided: Sequence[Decided]
+) -> tuple[dict[str, str], ...]:
+    found = [{"effect": word, "why": why, "record_instead": instead} for word, (why, instead) in INVISIBLE.items()]
+    for word, each in every.items():
+        why = each.needs(excited)
+        if why is not None:
+            found.append({"effect": word, "why": why, "record_instead": MISSING.get(word, "more of that")})
+    there = shown(excited)
+    for said_of in decided:
+        for word, others in said_of.alternatives.items():
+            for other in others:
+                needed = TWINS.get(frozenset({word, other}))
+                if needed is not None and needed not in there:
+                    found.append({"effect": other, "why": f"these recordings cannot tell it from {word}",
+                                  "record_instead": RECORD[needed]})  # fmt: skip
+    return tuple(found)

@@ -1,0 +1,58 @@
+"""Many taxels into few mixtures that hold all they have in common; what is left out is noise.
+
+Where the load is the same everywhere, taxels differ in a handful of curves. The leading singular vectors hold those,
+and scoring them is scoring every taxel. Components below the edge that noise alone reaches (Marchenko & Pastur; Gavish
+& Donoho, IEEE Trans. Inf. Theory 60 (2014) 5040) are left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..physics.law import Array
+from .fit import Evidence
+from .floor import noise_of_blocks
+from .observed import Observed
+
+MOST_COMPONENTS = 10
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Group:
+    """Some taxels of all recordings, as evidence."""
+
+    slots: NDArray[np.intp]  # (m,)
+    evidence: Evidence  # r mixtures
+    taxels: Evidence  # each of the m taxels, in units of its noise
+    floor: float  # mean square of the mixtures' noise
+    floors: Array  # (m,) mean square of each taxel's noise, of a block
+
+    def per_taxel(self, mean_square: float) -> float:
+        """A mean square of the mixtures as one of the taxels."""
+        return float(mean_square * self.evidence.y.shape[1] / len(self.slots))
+
+
+def gather(observed: Sequence[Observed], slots: NDArray[np.intp], noise_count: Array, jumps: Array) -> Group:
+    """The taxels `slots`; `noise_count` (m,) of a reading, whose units everything is in;
+    `jumps` (n, j) the columns of what happened once.
+    """
+    found = []
+    for each in observed:
+        column = np.searchsorted(each.slots, slots)
+        found.append(-each.count[:, column] / noise_count)
+    y = np.concatenate(found)
+    floors = np.mean([noise_of_blocks(part) ** 2 for part in found], axis=0)
+    centred = y - y.mean(axis=0)
+    left, size, _ = np.linalg.svd(centred, full_matrices=False)
+    n, m = y.shape
+    edge = np.sqrt(np.median(floors) * n) * (1 + np.sqrt(m / n)) * 1.03
+    r = int(np.clip(np.count_nonzero(size > edge), 1, MOST_COMPONENTS))
+    mixed = left[:, :r] * size[:r]
+    ends = np.cumsum([len(part) for part in found])
+    floor = float(np.mean([np.mean(noise_of_blocks(part) ** 2) for part in np.split(mixed, ends[:-1])]))
+    evidence = Evidence(tuple(observed), mixed, jumps)
+    return Group(slots, evidence, evidence.of(y), floor, floors)

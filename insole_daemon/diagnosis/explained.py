@@ -1,0 +1,159 @@
+"""What the groups of taxels were explained by, as findings, curves and effects."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..config import Foot
+from ..physics.effect import Effect, Where
+from ..physics.effects import laws
+from ..physics.law import Array
+from ..skin.layout import Layout
+from .candidate import Candidate, Excitation
+from .deciding import Decided
+from .finding import Finding, Quantity
+from .fit import Hypothesis
+from .groups import Located, Named
+from .modelling import N_LOADS, Curves, as_effect, quantities
+from .places import merged, said, where
+
+LOOPS = ("hysteresis", "creep", "viscoelasticity")  # whose amplitude is stated too, as the format wants
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Insole:
+    """What everything that is said is about."""
+
+    foot: Foot
+    layout: Layout
+    recordings: tuple[str, ...]
+    slots: NDArray[np.intp]  # (m,) taxels that were asked
+    noise_count: Array  # (m,) of a reading
+    excitation: Excitation
+
+    def noise_of(self, slots: NDArray[np.intp]) -> Array:
+        """(k,) noise of some of the taxels, counts."""
+        return self.noise_count[np.searchsorted(self.slots, slots)]
+
+    def mean_square(self, named: Named) -> float:
+        """What the static model leaves of a group above the noise, counts², spread over all taxels."""
+        own = self.noise_of(named.group.slots)
+        return named.group.per_taxel(named.naming.excess) * float(np.sum(own**2)) / len(self.slots)
+
+
+Explained = Sequence[tuple[Named, Decided]]
+
+
+def held_out(insole: Insole, located: Located, explained: Explained) -> tuple[float, float]:
+    """Mean squares above the noise, counts² over all taxels, before and after the explanation."""
+    before = after = 0.0
+    for named, decided in explained:
+        whole = insole.mean_square(named)
+        before += whole * max(named.naming.null.left_heldout, 0.0)
+        after += whole * max(decided.best.left_heldout, 0.0)
+    columns = np.searchsorted(insole.slots, _rest(insole, explained))
+    left = float(np.sum((located.excess[columns] * insole.noise_count[columns]) ** 2)) / len(insole.slots)
+    return before + left, after + left
+
+
+def curves(insole: Insole, located: Located, explained: Explained) -> list[Curves]:
+    """Of every taxel, with the effects of its group taken out."""
+    found = []
+    for named, decided in explained:
+        hypothesis = Hypothesis(named.group.taxels, decided.best.fitted.candidates)
+        found.append(_curves(hypothesis, decided.best.fitted.theta, named.group.slots, insole))
+    rest = _rest(insole, explained)
+    if rest.size:
+        every = _curves(Hypothesis(located.taxels, ()), located.null.theta, insole.slots, insole)
+        found.append(Curves(rest, every.load_pa, every.activation_count[np.searchsorted(insole.slots, rest)]))
+    return found
+
+
+def findings(insole: Insole, explained: Explained) -> tuple[list[Finding], list[Effect]]:
+    """What is named, with the effects of the model, and what is not."""
+    found: list[Finding] = []
+    effects: list[Effect] = []
+    members: dict[str, list[tuple[Named, Decided]]] = {}
+    for named, decided in explained:
+        for word in decided.best.words:  # an unknown one's nearest words still make the model better
+            members.setdefault(word, []).append((named, decided))
+        if decided.unknown:
+            found.append(_unknown(insole, named, decided))
+    for word, parts in members.items():
+        asserted = [part for part in parts if not part[1].unknown]
+        named, decided = max(asserted or parts, key=lambda part: len(part[0].group.slots))
+        slots = merged(part[0].group.slots for part in asserted or parts)
+        finding, effect = _named(insole, word, where(slots, insole.slots, insole.layout), named, decided)
+        effects.append(effect)
+        if asserted:
+            found.append(finding)
+    return found, effects
+
+
+def _named(insole: Insole, word: str, place: Where, named: Named, decided: Decided) -> tuple[Finding, Effect]:
+    fitted = decided.best.fitted
+    at = [candidate.word for candidate in fitted.candidates].index(word)
+    candidate, hypothesis = fitted.candidates[at], Hypothesis(named.group.taxels, fitted.candidates)
+    taxels = hypothesis.at(fitted.theta)
+    own = insole.noise_of(named.group.slots)
+    values, std = taxels.values()[at], taxels.split(decided.best.std)[at]
+    knots_s = float(named.group.evidence.observed[0].cycle_s[-1])
+    parameters = quantities(candidate, values, std, hypothesis, taxels, own, insole.excitation, knots_s)
+    effect = as_effect(word, place, parameters)
+    if word in LOOPS:
+        parameters = {**parameters, "amplitude_fraction": _amplitude(hypothesis, candidate, values, std, insole)}
+    left = (decided.alone[word].left_heldout, decided.best.left_heldout)
+    above = named.group.per_taxel(named.naming.excess)
+    before, after = (float(np.sqrt(np.mean(own**2) * (1.0 + above * max(u, 0.0)))) for u in left)
+    others = decided.alternatives[word]
+    or_else = f", or {' or '.join(others)}, which these recordings cannot tell from it" if others else ""
+    finding = Finding(
+        effect=word, foot=insole.foot, where=place, recordings=insole.recordings, alternatives=others,
+        equation=laws()[word].equation, parameters=parameters,
+        explains=insole.mean_square(named) * max(left[0] - left[1], 0.0),
+        heldout_count=(before, after), confidence=decided.confidence[word],
+        sentence=f"{said(place)}: {word}{or_else}. On readings that were held out it takes the error from {before:.2f} "
+        f"to {after:.2f} counts.",
+    )  # fmt: skip
+    return finding, effect
+
+
+def _unknown(insole: Insole, named: Named, decided: Decided) -> Finding:
+    place = where(named.group.slots, insole.slots, insole.layout)
+    size = float(np.sqrt(named.group.per_taxel(named.naming.excess)))
+    nearest = " and ".join(decided.best.words) or "none of the known effects"
+    return Finding(
+        effect="unknown", foot=insole.foot, where=place, recordings=insole.recordings,
+        explains=insole.mean_square(named), confidence=0.9,
+        sentence=f"{said(place)}: {size:.1f} × the noise differs from the static model, and no known effect explains "
+        f"it; {nearest} comes nearest and leaves {min(decided.best.left_heldout, 1.0):.0%} of it.",
+    )  # fmt: skip
+
+
+def _amplitude(hypothesis: Hypothesis, candidate: Candidate, values: Array, std: Array, insole: Insole) -> Quantity:
+    """Half the peak-to-peak of what the effect adds to the load, over the load's span."""
+
+    def fraction(theta: Array) -> float:
+        assert candidate.act is not None
+        loads = [(each.load.pressure_pa, each.load.step_s) for each in hypothesis.evidence.observed]
+        spans = [float(np.ptp(candidate.act(load, step_s, theta) - load)) for load, step_s in loads]
+        return max(spans) / 2 / insole.excitation.span_pa
+
+    middle = fraction(values)
+    nudged = [np.clip(values + step, candidate.low, candidate.high) for step in np.diag(std)]
+    return Quantity(middle, float(np.sqrt(sum((fraction(theta) - middle) ** 2 for theta in nudged))), "1")
+
+
+def _curves(hypothesis: Hypothesis, theta: Array, slots: NDArray[np.intp], insole: Insole) -> Curves:
+    fitted = hypothesis.at(theta)
+    loads = np.linspace(float(fitted.effective_pa.min()), float(fitted.effective_pa.max()), N_LOADS)
+    return Curves(slots, loads, hypothesis.curve(fitted, loads) * insole.noise_of(slots)[:, None])
+
+
+def _rest(insole: Insole, explained: Explained) -> NDArray[np.intp]:
+    """Taxels that nothing was looked for at."""
+    return np.setdiff1d(insole.slots, merged(named.group.slots for named, _ in explained))

@@ -1,0 +1,72 @@
+"""What a diagnosis says: the structs of `insole-diagnosis/1`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+
+from ..config import Foot
+from ..physics.effect import Where
+
+Verdict = Literal["no mismatch", "explained", "partly explained", "unexplained", "not decidable"]
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """One parameter with its standard deviation: numbers, or lists of the same length."""
+
+    value: Any
+    std: Any
+    unit: str
+
+    def document(self) -> dict[str, Any]:
+        """As JSON has it."""
+        return {"value": _plain(self.value), "std": _plain(self.std), "unit": self.unit}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Finding:
+    """One thing that was found, and how it is known."""
+
+    effect: str
+    foot: Foot
+    where: Where
+    sentence: str
+    recordings: tuple[str, ...]
+    alternatives: tuple[str, ...] = ()
+    contradicted_by: tuple[str, ...] = ()
+    when_s: tuple[tuple[float, float], ...] = ()
+    regime: Mapping[str, Any] = field(default_factory=dict)
+    equation: str = ""
+    parameters: Mapping[str, Quantity] = field(default_factory=dict)
+    explains: float = 0.0  # mean square of a reading it takes away, in counts², over all taxels: the findings' order
+    heldout_count: tuple[float, float] | None = None  # before and after it alone is left out
+    confidence: float = 1.0
+
+    def document(self) -> dict[str, Any]:
+        """As `insole-diagnosis/1` has it."""
+        found: dict[str, Any] = {
+            "effect": self.effect,
+            "alternatives": list(self.alternatives),
+            "foot": self.foot,
+            "recordings": list(self.recordings),
+            "contradicted_by": list(self.contradicted_by),
+            "where": {"scope": self.where.scope, "ids": [list(identity) for identity in self.where.ids]},
+            "when_s": [[round(a, 3), round(b, 3)] for a, b in self.when_s],
+            "regime": dict(self.regime),
+            "equation": self.equation,
+            "parameters": {name: quantity.document() for name, quantity in self.parameters.items()},
+        }
+        if self.heldout_count is not None:
+            before, after = self.heldout_count
+            found["heldout"] = {"unit": "count", "before": round(before, 4), "after": round(after, 4)}
+        found["confidence"] = round(self.confidence, 3)
+        found["sentence"] = self.sentence
+        return found
+
+
+def _plain(value: Any) -> Any:
+    return [round(float(x), 9) for x in value] if np.ndim(value) else round(float(value), 9)

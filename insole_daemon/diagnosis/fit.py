@@ -1,0 +1,305 @@
+"""Counts explained by a hypothesis: candidates act on the load, and a free curve of every taxel reads the result.
+
+    y_i(t) = Σ_k C_ik · B_k(q(t)) + Σ_j D_ij · N_j(t) + ε_i(t),   q = the load after the effects, with the clock fitted
+
+The curve (C) and the shares (D) are solved for exactly at each step, so static recalibration is a nuisance in every
+hypothesis and only the few parameters of the physics and of the clocks are searched for: variable projection, Golub &
+Pereyra, SIAM J. Numer. Anal. 10 (1973) 413, with Kaufman's Jacobian, BIT 15 (1975) 49.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import block_diag
+from scipy.optimize import lsq_linear
+
+from ..physics.law import Array
+from .candidate import Candidate, Rows
+from .observed import Observed
+
+KNOTS = (1 / 3, 2 / 3)  # of the load's range: where the third derivative of a static curve may jump
+MOST_OFFSET_S, MOST_RATE = 0.5, 5e-4  # the clocks' correction after their edges were aligned
+MOST_STEPS = 14
+_N_CURVE = 4 + len(KNOTS)
+_SETTLED = 1e-5  # relative gain of a step that is worth no other
+_NUDGE = 1e-4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Evidence:
+    """Blocks of one insole in one or more recordings, and what of them is looked at.
+
+    `y` (n, r) activation of r taxels, or of r mixtures of taxels, in units of their noise; `observed` are the
+    recordings whose blocks follow each other in it. `own_clock`: offset and rate are fitted for each recording.
+    """
+
+    observed: tuple[Observed, ...]
+    y: Array
+    jumps: Array  # (n, j) columns of what happened once
+
+    @property
+    def own_clock(self) -> bool:
+        """Whether the reference's clock is another than that of the frames."""
+        return self.observed[0].load.clock == "own"
+
+    def of(self, y: Array) -> Evidence:
+        """The same blocks with other readings."""
+        return replace(self, y=y)
+
+    @property
+    def recording(self) -> NDArray[np.intp]:
+        """(n,) number of the recording of each row."""
+        return np.repeat(np.arange(len(self.observed)), [len(each.first) for each in self.observed])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fitted:
+    """A hypothesis with the values that explain the evidence best."""
+
+    candidates: tuple[Candidate, ...]
+    theta: Array  # (p,) of the clocks (offset_s and rate of each recording, with own clocks), then of each candidate
+    residual: Array  # (n, r) over all rows, those held out included
+    rows: NDArray[np.bool_]  # (n,) it was fitted to
+    design: Array  # (n, k) curve and columns
+    shares: Array  # (k, r)
+    effective_pa: Array  # (n, m) the load after the effects
+
+    @property
+    def cost(self) -> float:
+        """Sum of squares over the fitted rows."""
+        return float(np.sum(self.residual[self.rows] ** 2))
+
+    def mean_square(self, rows: NDArray[np.bool_] | None = None) -> float:
+        """Mean square of the residual over `rows`, all without."""
+        return float(np.mean(self.residual**2 if rows is None else self.residual[rows] ** 2))
+
+    def values(self) -> list[Array]:
+        """θ of each candidate."""
+        return self.split(self.theta)
+
+    def split(self, of_theta: Array) -> list[Array]:
+        """What is given for each of θ, as that of each candidate."""
+        n_clock = len(self.theta) - sum(map(len, self.candidates))
+        splits = np.cumsum([n_clock, *map(len, self.candidates)])
+        return [of_theta[a:b] for a, b in pairwise(splits)]
+
+    def clocks(self) -> Array:
+        """(recordings, 2) offset_s and rate of each recording, empty where the clocks are one."""
+        n_clock = len(self.theta) - sum(map(len, self.candidates))
+        return self.theta[:n_clock].reshape(-1, 2)
+
+
+class Hypothesis:
+    """Candidates together, to be fitted to evidence."""
+
+    def __init__(self, evidence: Evidence, candidates: Sequence[Candidate]) -> None:
+        self.evidence = evidence
+        self.candidates = tuple(sorted(candidates, key=lambda each: (each.order, each.word)))
+        n_clock = 2 * len(evidence.observed) if evidence.own_clock else 0
+        clock = np.tile([MOST_OFFSET_S, MOST_RATE], n_clock // 2)
+        self.low = np.concatenate([-clock, *(each.low for each in self.candidates)])
+        self.high = np.concatenate([clock, *(each.high for each in self.candidates)])
+        own = [_NUDGE * (c.high - c.low) if c.nudge is None else c.nudge for c in self.candidates]
+        self._nudge = np.concatenate([np.tile([1e-3, 1e-5], n_clock // 2), *own])
+        self._n_clock = n_clock
+        coarse = [n > _NUDGE if c.nudge is not None else n < 0 for c, n in zip(self.candidates, own, strict=True)]
+        self._stepwise = np.concatenate([np.zeros(n_clock, bool), *coarse])
+        loads = np.concatenate([each.load.pressure_pa.ravel() for each in evidence.observed])
+        low, high = float(loads.min()), float(loads.max())
+        self._middle, self._half = (low + high) / 2, max((high - low) / 2, 1e-9)
+        self._edges = [each.reference_s(each.edge_s) for each in evidence.observed]
+        self._rows = [Rows(each.t_s, float(each.cycle_s[-1]), each.temperature_c) for each in evidence.observed]
+
+    @property
+    def start(self) -> Array:
+        """(p,) clocks as aligned, candidates at their first start."""
+        return np.concatenate([np.zeros(self._n_clock), *(each.starts[0] for each in self.candidates)])
+
+    def effective_pa(self, theta: Array) -> Array:
+        """(n, m) the load after the effects, as the blocks saw it."""
+        found = []
+        for i, each in enumerate(self.evidence.observed):
+            x, at = each.load.pressure_pa, self._n_clock
+            for candidate in self.candidates:
+                if candidate.act is not None:
+                    x = candidate.act(x, each.load.step_s, theta[at : at + len(candidate)])
+                at += len(candidate)
+            offset, rate = theta[2 * i : 2 * i + 2] if self._n_clock else (0.0, 0.0)
+            found.append(each.load.means(x, self._edges[i] + rate * self._edges[i] + offset))
+        return np.concatenate(found)
+
+    def fit(
+        self, start: Array | None = None, rows: NDArray[np.bool_] | None = None, most_steps: int = MOST_STEPS
+    ) -> Fitted:
+        """The best values from `start` on; `rows`: fitted to these blocks alone."""
+        theta = np.clip(self.start if start is None else start, self.low, self.high)
+        kept = np.ones(len(self.evidence.y), bool) if rows is None else rows
+        best = self._solved(theta, kept)
+        jacobian, damping = self.jacobian(best), 1e-3
+        for _ in range(most_steps if len(theta) else 0):
+            step = self._step(best, jacobian, damping)
+            tried = self._solved(np.clip(best.theta + step, self.low, self.high), kept)
+            gain = 1.0 - tried.cost / max(best.cost, 1e-300)
+            if gain <= 0:
+                damping *= 10.0
+                if damping > 1e3:
+                    break
+                continue
+            best, damping = tried, max(damping / 5.0, 1e-7)
+            if gain < _SETTLED:
+                break
+            jacobian = self.jacobian(best)
+        return best
+
+    def jumps_of(self, fitted: Fitted) -> Array:
+        """(j, r) the shares of the jumps."""
+        first = _N_CURVE + len(self.evidence.observed) - 1
+        return fitted.shares[first : first + self.evidence.jumps.shape[1]]
+
+    def shares_of(self, fitted: Fitted) -> dict[str, Array]:
+        """By word, (k, r) the shares of the columns that candidates brought; of the first recording's own."""
+        at, found = _N_CURVE + len(self.evidence.observed) - 1 + self.evidence.jumps.shape[1], {}
+        for candidate in self.candidates:
+            if candidate.columns is not None:
+                k = [candidate.columns(rows, np.zeros((len(rows.t_s), 1))).shape[-1] for rows in self._rows]
+                found[candidate.word] = fitted.shares[at : at + k[0]]
+                at += sum(k) if candidate.own_columns else k[0]
+        return found
+
+    def load_at(self, x: Array) -> Array:
+        """The loads that −1…1 of the evidence's range stands for."""
+        return self._middle + self._half * x
+
+    def curve(self, fitted: Fitted, load_pa: Array) -> Array:
+        """(r, g) what each reading's fitted curve says at the effective loads `load_pa` (g,), without the columns."""
+        x = ((load_pa - self._middle) / self._half)[:, None]
+        reached = (fitted.effective_pa[fitted.rows] - self._middle) / self._half
+        basis = _curve(np.concatenate([reached, x]), np.arange(len(reached) + len(x)) < len(reached))[len(reached) :, 0]
+        found: Array = (basis @ fitted.shares[:_N_CURVE]).T
+        return found
+
+    def at(self, theta: Array) -> Fitted:
+        """The hypothesis with these values, only curves and shares fitted."""
+        return self._solved(theta, np.ones(len(self.evidence.y), bool))
+
+    def polished(self, best: Fitted) -> Fitted:
+        """`best` with thresholds, whose slopes mislead, moved by ever smaller steps for as long as that helps."""
+        if not self._stepwise.any():
+            return best
+        for j in np.flatnonzero(self._stepwise):
+            step = 4.0 * self._nudge[j]
+            while step > self._nudge[j] / 8:
+                tried = []
+                for moved in (step, -step):
+                    theta = best.theta.copy()
+                    theta[j] = np.clip(theta[j] + moved, self.low[j], self.high[j])
+                    tried.append(self._solved(theta, best.rows))
+                better = min(tried, key=lambda each: each.cost)
+                if better.cost < best.cost:
+                    best = better
+                else:
+                    step /= 2
+        return self.fit(best.theta, best.rows)
+
+    def promise(self, parent: Fitted, candidate: Candidate) -> tuple[float, Array]:
+        """What the best start of `candidate` explains of what `parent` leaves, to first order, and (p,) that start."""
+        best, found = -1.0, candidate.starts[0]
+        if candidate.act is None:
+            return best, found
+        slope = self._slope(parent)
+        basis = np.linalg.qr(parent.design)[0]
+        for start in candidate.starts:
+            moved = Hypothesis(self.evidence, (candidate,)).effective_pa(
+                np.concatenate([parent.theta[: self._n_clock], start])
+            )
+            direction = slope * (moved - self._unmoved(parent))
+            direction -= basis @ (basis.T @ direction)
+            norm = float(np.sum(direction**2))
+            gain = float(np.sum(direction * parent.residual)) if norm > 0 else 0.0
+            explained = gain**2 / norm if gain > 0 else 0.0
+            if explained > best:
+                best, found = explained, start
+        return best, found
+
+    def _unmoved(self, parent: Fitted) -> Array:
+        return Hypothesis(self.evidence, ()).effective_pa(parent.theta[: self._n_clock])
+
+    def _step(self, fitted: Fitted, jacobian: Array, damping: float) -> Array:
+        scale = np.linalg.norm(jacobian, axis=0)
+        scale[scale == 0] = 1.0
+        q, r = np.linalg.qr(jacobian / scale)
+        target = np.concatenate([-q.T @ fitted.residual[fitted.rows].ravel(), np.zeros(len(scale))])
+        matrix = np.concatenate([r, np.sqrt(damping) * np.eye(len(scale))])
+        free: Array = np.linalg.lstsq(matrix, target, rcond=None)[0]
+        low, high = (self.low - fitted.theta) * scale, (self.high - fitted.theta) * scale
+        if (free < low).any() or (free > high).any():
+            room = 1e-12 * np.maximum(1.0, np.abs(high - low))
+            free = lsq_linear(matrix, target, (low - room, high + room), method="bvls").x
+        step: Array = free / scale
+        return step
+
+    def jacobian(self, fitted: Fitted) -> Array:
+        """(rows · r, p) of the residual over the fitted rows."""
+        rows, q = fitted.rows, fitted.effective_pa
+        basis = np.linalg.qr(fitted.design[rows])[0]
+        slope = self._slope(fitted)[rows]
+        found = np.empty((*slope.shape, len(fitted.theta)))
+        for j in range(len(fitted.theta)):
+            nudged = fitted.theta.copy()
+            nudged[j] += self._nudge[j] if nudged[j] + self._nudge[j] <= self.high[j] else -self._nudge[j]
+            moved = slope * ((self.effective_pa(nudged) - q) / (nudged[j] - fitted.theta[j]))[rows]
+            found[..., j] = basis @ (basis.T @ moved) - moved
+        return found.reshape(found.shape[0] * found.shape[1], len(fitted.theta))
+
+    def _solved(self, theta: Array, rows: NDArray[np.bool_]) -> Fitted:
+        q = self.effective_pa(theta)
+        x = (q - self._middle) / self._half
+        design = np.concatenate([_curve(x, rows)[:, 0], *self._columns(x)], axis=1)
+        basis, triangle = np.linalg.qr(design[rows])
+        shares = np.linalg.lstsq(triangle, basis.T @ self.evidence.y[rows], rcond=1e-10)[0]
+        residual = self.evidence.y - design @ shares
+        return Fitted(self.candidates, theta, residual, rows, design, shares, q)
+
+    def _slope(self, fitted: Fitted) -> Array:
+        """(n, r) how the fitted readings change with a pascal of the effective load."""
+        x = (fitted.effective_pa - self._middle) / self._half
+        slopes = _slopes(x)[:, 0] / self._half
+        found: Array = slopes @ fitted.shares[: slopes.shape[1]]
+        return found
+
+    def _columns(self, x: Array) -> list[Array]:
+        """Columns beside the curve: a rest of its own for each recording, jumps, then what the candidates bring."""
+        recording = self.evidence.recording
+        found = [(recording[:, None] == np.arange(1, len(self.evidence.observed))).astype(float), self.evidence.jumps]
+        for candidate in self.candidates:
+            if candidate.columns is not None:
+                own = [candidate.columns(r, x[recording == i])[:, 0] for i, r in enumerate(self._rows)]
+                found.append(block_diag(*own) if candidate.own_columns else np.concatenate(own))
+        return found
+
+
+def _curve(x: Array, rows: NDArray[np.bool_]) -> Array:
+    """(n, m, k) the static curve's basis: a cubic spline of −1…1, straight beyond what the fitted `rows` reach."""
+    within = np.clip(x, x[rows].min(), x[rows].max())
+    found: Array = _spline(within) + (x - within)[..., None] * _slopes(within)
+    return found
+
+
+def _spline(x: Array) -> Array:
+    powers = [np.ones_like(x), x, x**2, x**3]
+    pieces = [np.maximum(x - (2 * knot - 1), 0.0) ** 3 for knot in KNOTS]
+    found: Array = np.stack([*powers, *pieces], axis=-1)
+    return found
+
+
+def _slopes(x: Array) -> Array:
+    """(n, m, k) derivative of the spline."""
+    powers = [np.zeros_like(x), np.ones_like(x), 2 * x, 3 * x**2]
+    pieces = [3 * np.maximum(x - (2 * knot - 1), 0.0) ** 2 for knot in KNOTS]
+    found: Array = np.stack([*powers, *pieces], axis=-1)
+    return found

@@ -1,0 +1,120 @@
+"""What was found as a model that others can use: effects in the format's words, and the curves fitted with them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..physics import effects_document
+from ..physics.effect import Effect, Where, effect
+from ..physics.effects import laws
+from ..physics.law import Array
+from ..skin.geometry import N_TAXELS
+from ..skin.layout import Layout
+from .candidate import Candidate, Excitation
+from .candidates.drift import knots_s
+from .finding import Quantity
+from .fit import Fitted, Hypothesis
+
+DEGREE = 5  # of the curve back from activation to pressure, in the file
+N_LOADS = 200
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Curves:
+    """Of m taxels: what they read at g effective loads, all effects left out."""
+
+    slots: NDArray[np.intp]
+    load_pa: Array  # (g,)
+    activation_count: Array  # (m, g) less the baseline that counts were turned round about, 0
+
+
+def quantities(
+    candidate: Candidate, values: Array, std: Array, hypothesis: Hypothesis, fitted: Fitted,
+    noise_count: Array, excitation: Excitation, seconds: float,
+) -> dict[str, Quantity]:  # fmt: skip
+    """The parameters of one effect in the format's words.
+
+    `fitted` to m taxels, `noise_count` (m,) theirs; `seconds` of the first recording.
+    """
+    units = {parameter.name: parameter.unit for parameter in laws()[candidate.word].parameters}
+    if candidate.parameters is not None:
+        middle = candidate.parameters(values)
+        spread = {name: np.zeros_like(np.asarray(value, float)) for name, value in middle.items()}
+        for j in range(len(values)):
+            nudged = np.clip(values + np.eye(len(values))[j] * max(std[j], 1e-9), candidate.low, candidate.high)
+            for name, value in candidate.parameters(nudged).items():
+                if np.shape(value) == np.shape(middle[name]):
+                    spread[name] += (np.asarray(value, float) - middle[name]) ** 2
+        return {name: Quantity(value, np.sqrt(spread[name]), units[name]) for name, value in middle.items()}
+    shares = hypothesis.shares_of(fitted)[candidate.word] * noise_count  # (k, m) in counts of activation
+    if candidate.word == "drift":
+        shift = -np.median(shares, axis=1)
+        scatter = 1.4826 * np.median(np.abs(shares + shift[:, None]), axis=1) / np.sqrt(shares.shape[1])
+        knots = knots_s(seconds)
+        return {
+            "t_s": Quantity(knots, np.zeros_like(knots), "s"),
+            "shift_count": Quantity(np.append(0.0, shift), np.append(0.0, scatter), "count"),
+        }
+    x = np.linspace(0.0, 2.0, 30)
+    loads = hypothesis.load_at(x - 1.0)
+    activation = hypothesis.curve(fitted, loads) * noise_count[:, None]
+    activation = activation - activation[:, :1]
+    per_kelvin = shares[0][:, None] + shares[1][:, None] * x
+    design = np.stack([activation, -np.ones_like(activation)], axis=-1)
+    solved = np.stack([np.linalg.lstsq(d, p, rcond=None)[0] for d, p in zip(design, per_kelvin, strict=True)])
+    gain, count = np.median(solved, axis=0)
+    spread = 1.4826 * np.median(np.abs(solved - [gain, count]), axis=0) / np.sqrt(len(solved))
+    return {
+        "count_per_k": Quantity(count, spread[1], units["count_per_k"]),
+        "gain_per_k": Quantity(gain, spread[0], units["gain_per_k"]),
+        "t0_c": Quantity(excitation.temperature_c, 0.0, units["t0_c"]),
+    }
+
+
+def as_effect(word: str, place: Where, parameters: Mapping[str, Quantity]) -> Effect:
+    """The effect that a chain runs."""
+    return effect(word, place, **{name: np.clip(q.value, *_bounds(word, name)) for name, q in parameters.items()})
+
+
+def document(
+    foot: str, layout: Layout, curves: Sequence[Curves], effects: Sequence[Effect], provenance: Mapping[str, Any]
+) -> dict[str, Any]:
+    """An `insole-calibration/1` that holds them; the baselines are what the curves say without load."""
+    taxels = []
+    identities = layout.identities.tolist()
+    for each in curves:
+        for slot, activation in zip(each.slots.tolist(), each.activation_count, strict=True):
+            baseline = -float(np.interp(0.0, each.load_pa, activation))
+            coefficients = _back(activation + baseline, each.load_pa)
+            board, triangle = identities[slot // N_TAXELS]
+            taxels.append(
+                {"board": board, "triangle": triangle, "taxel": slot % N_TAXELS,
+                 "baseline_count": round(baseline, 4), "coefficients_pa": [float(f"{c:.9g}") for c in coefficients]}
+            )  # fmt: skip
+    taxels.sort(key=lambda each: (each["board"], each["triangle"], each["taxel"]))
+    return {
+        "format": "insole-calibration/1", "foot": foot, "taxels": taxels,
+        "effects": effects_document.document(effects, layout), "provenance": dict(provenance),
+    }  # fmt: skip
+
+
+def _back(activation: Array, load_pa: Array) -> Array:
+    """(k,) coefficients of the load as a polynomial of the activation, rising at 0 as a chain needs it."""
+    scale = max(float(np.abs(activation).max()), 1e-9)
+    for degree in range(DEGREE, 0, -1):
+        powers = np.vander(activation / scale, degree + 1, increasing=True)
+        found = np.linalg.lstsq(powers, load_pa, rcond=None)[0] / scale ** np.arange(degree + 1)
+        slope = np.polynomial.polynomial.polyval(np.linspace(0.0, scale, 50), found[1:] * np.arange(1, degree + 1))
+        if (slope > 0).all():
+            return np.asarray(found)
+    return np.array([0.0, max(float(load_pa[-1]), 1.0) / scale])
+
+
+def _bounds(word: str, name: str) -> tuple[float, float]:
+    parameter = next(each for each in laws()[word].parameters if each.name == name)
+    return parameter.low, parameter.high

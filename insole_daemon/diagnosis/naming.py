@@ -1,0 +1,152 @@
+"""Which physics was left out: every subset of the candidates, and the price of one more.
+
+What a hypothesis leaves is measured as a share of what the static model leaves above the noise: u = 1 explains nothing,
+0 everything. One more effect has to take away PRICE of the whole and most of what the smaller set left: a family of
+curves never is the material's own, and what is left of a strong effect for that reason is not another effect. Because u
+is relative the rule is the same at every magnitude.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..physics.law import Array
+from .candidate import Candidate
+from .fit import Evidence, Fitted, Hypothesis
+
+MOST_EFFECTS = 3
+PRICE = 0.04  # of the whole excess: what one more effect has to take away
+SHARE = 0.5  # of what the smaller set leaves: as well
+KEPT = 6  # subsets of each size that are tried with blocks held out
+N_FOLDS = 5
+FOLD_S = 8.0  # blocks of rows that are held out together: longer than most memory of the noise
+
+Words = tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tried:
+    """One subset, fitted."""
+
+    words: Words
+    fitted: Fitted
+    left: float  # u, on the blocks it was fitted to
+    left_heldout: float = np.nan  # on blocks that were not
+    thetas: Array | None = None  # (N_FOLDS, p) without each fold
+
+    @property
+    def std(self) -> Array:
+        """(p,) of θ: the jackknife over folds, which sees what a family of curves leaves as well as noise."""
+        assert self.thetas is not None
+        spread = self.thetas - self.thetas.mean(axis=0)
+        found: Array = np.sqrt((N_FOLDS - 1) / N_FOLDS * np.sum(spread**2, axis=0))
+        return found
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Naming:
+    """All subsets that were tried on one group of taxels."""
+
+    floor: float  # mean square of the noise, in the units of the evidence
+    excess: float  # mean square that the static model leaves above it
+    null: Tried
+    best: Tried
+    tried: tuple[Tried, ...]
+
+
+def folds(evidence: Evidence) -> NDArray[np.intp]:
+    """(n,) which of N_FOLDS a row is held out with: stretches of FOLD_S, in turn."""
+    found = []
+    for each in evidence.observed:
+        t = each.t_s
+        found.append(((t - t[0]) // FOLD_S).astype(np.intp) % N_FOLDS)
+    return np.concatenate(found)
+
+
+def heldout(tried: Fitted, evidence: Evidence, load_pa: Array) -> tuple[float, Array]:
+    """Mean square over rows that are each predicted by a fit that has not seen its fold, and the θ of these fits.
+
+    Rows whose load `load_pa` (n,) lies beyond that of the rows fitted to are not asked: what a free curve says there is
+    no matter of the hypothesis.
+    """
+    hypothesis = Hypothesis(evidence, tried.candidates)
+    fold = folds(evidence)
+    total, asked, thetas = 0.0, 0, []
+    for i in range(N_FOLDS):
+        fitted_to = fold != i
+        low, high = load_pa[fitted_to].min(), load_pa[fitted_to].max()
+        out = ~fitted_to & (load_pa >= low) & (load_pa <= high)
+        fitted = hypothesis.fit(tried.theta, fitted_to, 3)
+        total += float(np.sum(fitted.residual[out] ** 2))
+        asked += fitted.residual[out].size
+        thetas.append(fitted.theta)
+    return total / max(asked, 1), np.stack(thetas)
+
+
+def name(evidence: Evidence, candidates: Mapping[str, Candidate], floor: float, deadline: float) -> Naming:
+    """Try every subset of the `candidates` that could win, up to MOST_EFFECTS of them, and choose.
+
+    `deadline` (monotonic): no larger subsets are begun after it.
+    """
+    null = Hypothesis(evidence, ()).fit()
+    excess = max(null.mean_square() - floor, 1e-12)
+    load_pa = null.effective_pa.mean(axis=1)
+
+    def judge(tried: Tried) -> Tried:
+        mean_square, thetas = heldout(tried.fitted, evidence, load_pa)
+        return replace(tried, left_heldout=(mean_square - floor) / excess, thetas=thetas)
+
+    by_words: dict[Words, Tried] = {(): Tried((), null, 1.0)}
+    best = judge(by_words[()])
+    judged = [best]
+    for size in range(1, MOST_EFFECTS + 1):
+        # What is left is less than one more effect costs: no larger set could win.
+        if best.left_heldout <= PRICE or (size > 1 and time.monotonic() > deadline):
+            break
+        for words in combinations(candidates, size):
+            fitted = _fitted(evidence, candidates, words, by_words)
+            by_words[words] = Tried(words, fitted, (fitted.mean_square() - floor) / excess)
+        promising = sorted((t for t in by_words.values() if len(t.words) == size), key=lambda t: t.left)[:KEPT]
+        of_size = sorted(map(judge, promising), key=_left)
+        judged += of_size
+        if _worth(best, of_size[0]):
+            best = of_size[0]
+    return Naming(floor, excess, judged[0], best, tuple(judged))
+
+
+def _left(tried: Tried) -> float:
+    return tried.left_heldout
+
+
+def _worth(smaller: Tried, larger: Tried) -> bool:
+    more = len(larger.words) - len(smaller.words)
+    gain = _left(smaller) - _left(larger)
+    return gain > PRICE * more and gain > (1 - (1 - SHARE) ** more) * max(_left(smaller), 0.0)
+
+
+def _fitted(
+    evidence: Evidence, candidates: Mapping[str, Candidate], words: Words, by_words: Mapping[Words, Tried]
+) -> Fitted:
+    """`words` fitted from the subsets one smaller, each with the best start of the word it lacks."""
+    hypothesis = Hypothesis(evidence, [candidates[word] for word in words])
+    parents = [(by_words[tuple(w for w in words if w != word)], word) for word in words]
+    parents.sort(key=lambda each: each[0].left)
+    # The second try begins with the clocks as they were aligned: a smaller set may have bent them.
+    starts = [_start(hypothesis, parent.fitted, candidates[word]) for parent, word in parents[:2]]
+    if len(starts) > 1:
+        starts[-1][: 2 * len(evidence.observed) * evidence.own_clock] = 0.0
+    best = min((hypothesis.fit(start) for start in starts), key=lambda fitted: fitted.cost)
+    return hypothesis.polished(best)
+
+
+def _start(hypothesis: Hypothesis, parent: Fitted, added: Candidate) -> np.ndarray:
+    clocks = parent.clocks().ravel()
+    own = {c.word: values for c, values in zip(parent.candidates, parent.values(), strict=True)}
+    own[added.word] = hypothesis.promise(parent, added)[1]
+    return np.concatenate([clocks, *(own[each.word] for each in hypothesis.candidates)])

@@ -1,0 +1,130 @@
+"""What is concealed is found, placed and modelled; what is not there is not found."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import insole_daemon
+from insole_daemon.cli import app
+from insole_daemon.diagnosis.diagnosing import Diagnosis, diagnose
+from insole_daemon.diagnosis.prediction import counts
+from insole_daemon.errors import DiagnosisError, UndecidableError
+from insole_daemon.physics.effect import Where
+
+from .chamber import LAYOUT, NOISE_COUNT, SLOTS, bouc_wen, relaxing, write
+
+
+def found(*folders) -> Diagnosis:
+    return diagnose([insole_daemon.load(folder) for folder in folders], None, None, lambda text: None)
+
+
+def words(diagnosis: Diagnosis) -> list[str]:
+    return [finding.effect for finding in diagnosis.findings]
+
+
+@pytest.mark.parametrize("clock", ["can", "own"])
+def test_nothing_is_found_where_nothing_is(tmp_path, clock):
+    diagnosis = found(write(tmp_path / "null", clock=clock))
+    assert diagnosis.verdict == "no mismatch"
+    assert not diagnosis.findings
+    assert diagnosis.heldout["after"] == pytest.approx(np.hypot(NOISE_COUNT, 0.41), rel=0.05)
+
+
+def test_a_relaxation_of_one_board_is_named_placed_and_measured(tmp_path):
+    where = np.repeat(LAYOUT.identities[:, 0] == 6, 12)
+    folder = write(tmp_path / "solid", relaxing(0.3, 0.8), where, clock="own")
+    diagnosis = found(folder)
+    assert words(diagnosis) == ["viscoelasticity"]
+    (finding,) = diagnosis.findings
+    assert finding.where == Where("board", ((6,),))
+    assert finding.parameters["a"].value == pytest.approx(0.3, rel=0.1)
+    assert finding.parameters["tau_s"].value == pytest.approx(0.8, rel=0.1)
+    assert diagnosis.heldout["after"] < 1.02 * diagnosis.heldout["floor"] < diagnosis.heldout["before"]
+
+
+def test_hysteresis_of_another_family_is_hysteresis(tmp_path):
+    diagnosis = found(write(tmp_path / "loop", bouc_wen(0.4, 60e3)))
+    assert words(diagnosis) == ["hysteresis"]
+    assert diagnosis.findings[0].where == Where()
+
+
+def test_the_model_predicts_the_counts(tmp_path):
+    folder = write(tmp_path / "solid", relaxing(0.3, 0.8))
+    out = tmp_path / "diagnosis"
+    result = CliRunner().invoke(app, ["diagnose", str(folder), "--out", str(out)])
+    assert result.exit_code == 0, result.output
+    said = json.loads((out / "diagnosis.json").read_text())
+    assert said["verdict"] == "explained"
+    recording = insole_daemon.load(folder)
+    off = (recording["left"].counts - counts(out / "model.json", recording)["left"]).reshape(-1, len(LAYOUT) * 12)
+    assert np.sqrt(np.mean(off[:, SLOTS] ** 2)) == pytest.approx(said["heldout"]["after"], rel=0.03)
+
+
+def test_a_board_that_took_its_baselines_anew(tmp_path):
+    def touch(t_s, counts):
+        counts[np.ix_(t_s > 41.0, np.repeat(LAYOUT.identities[:, 0] == 7, 12))] += 4.0
+
+    (finding,) = found(write(tmp_path / "zeroed", touch=touch)).findings
+    assert (finding.effect, finding.where) == ("rezero", Where("board", ((7,),)))
+    assert finding.parameters["t_s"].value == pytest.approx(41.0, abs=0.2)
+    assert finding.parameters["shift_count"].value == pytest.approx(4.0, abs=0.3)
+
+
+def test_dead_taxels_are_left_out_and_reported(tmp_path):
+    def touch(t_s, counts):
+        counts[:, [3, 27]] = 200.0
+
+    diagnosis = found(write(tmp_path / "dead", touch=touch))
+    (finding,) = diagnosis.findings
+    board, triangle = LAYOUT.identities[2].tolist()
+    assert finding.effect == "dead_taxels"
+    assert finding.where == Where("taxel", ((*LAYOUT.identities[0].tolist(), 3), (board, triangle, 3)))
+
+
+def test_spikes_of_the_reference_are_its_own_fault(tmp_path):
+    def reference(t_s, p):
+        for at in (1500, 3200, 5100):
+            p[at : at + 4] += 80e3
+        return p
+
+    (finding,) = found(write(tmp_path / "spikes", reference=reference)).findings
+    assert finding.effect == "reference_fault"
+    assert [round(start) for start, _ in finding.when_s] == [15, 32, 51]
+
+
+def test_too_few_cycles_decide_nothing(tmp_path):
+    folder = write(tmp_path / "short", seconds=14.0)
+    with pytest.raises(UndecidableError, match="expected at least 3 cycles"):
+        found(folder)
+    result = CliRunner().invoke(app, ["diagnose", str(folder), "--out", str(tmp_path / "out")])
+    assert isinstance(result.exception, UndecidableError)
+    assert result.exception.exit_status == 3
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_reference_that_never_moves(tmp_path):
+    folder = write(tmp_path / "flat", reference=lambda t_s, p: np.zeros_like(p))
+    (folder / "reference.csv").write_text("time_s,pressure_pa\n1750000000.0,0\n1750000050.0,0\n")
+    with pytest.raises(DiagnosisError, match="expected a load that rises and falls"):
+        found(folder)
+
+
+def test_two_insoles_are_not_explained_together(tmp_path):
+    first = write(tmp_path / "a")
+    second = write(tmp_path / "b", seed=2)
+    layout = second / "layout.yaml"
+    said = layout.read_text()
+    layout.write_text(re.sub(r"x_mm: ([0-9.]+)", lambda found: f"x_mm: {float(found[1]) + 5}", said, count=1))
+    with pytest.raises(DiagnosisError, match="these are two insoles"):
+        found(first, second)
+
+
+def test_two_recordings_of_one_insole_share_the_physics(tmp_path):
+    first = write(tmp_path / "a", relaxing(0.3, 0.8), seconds=60.0, clock="own")
+    second = write(tmp_path / "b", relaxing(0.3, 0.8), seconds=50.0, clock="own")
+    diagnosis = found(first, second)
+    assert words(diagnosis) == ["viscoelasticity"]
+    assert len(diagnosis.document()["alignment"]) == 2
