@@ -80,9 +80,8 @@ def view(
     with Client(connect, rig, zenoh_config) as insole:
         rigs = sorted({name for name, _ in insole.feet()})
         if not rigs:
-            raise WireError(
-                f"a Zenoh node answers on {connect}, but no insole daemon{'' if rig == '*' else f' {rig}'} is behind it"
-            )
+            which = "" if rig == "*" else f" of rig {rig}"
+            raise WireError(f"a Zenoh node answers on {connect}, but no insole daemon{which} is behind it")
         if len(rigs) > 1:
             raise WireError(f"{' and '.join(rigs)} publish behind {connect}: say which with --rig")
         insole.rig = rigs[0]

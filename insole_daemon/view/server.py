@@ -7,6 +7,7 @@ import contextlib
 import json
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
+from typing import Any
 
 from aiohttp import WSMsgType, web
 from aiohttp.typedefs import Handler
@@ -28,6 +29,7 @@ _HEARTBEAT_S = 10.0
 
 _HUB = web.AppKey("hub", Hub)
 _ACTIONS = web.AppKey("actions", Actions)
+_LISTENING: web.AppKey[asyncio.Task[None]] = web.AppKey("listening", asyncio.Task)
 
 
 def application(client: Client, rig: str, others: Others, safety: Safety, recordings: Path) -> web.Application:
@@ -72,13 +74,12 @@ def application(client: Client, rig: str, others: Others, safety: Safety, record
         app[_HUB], app[_ACTIONS] = hub, actions
         hub.stand("hello", {"version": __version__, "rig": rig})
         actions.tell_recording("")
-        listening = asyncio.create_task(hub.run())
+        app[_LISTENING] = listening = asyncio.create_task(hub.run())
         yield
         if recording.running:
             await asyncio.to_thread(recording.stop)
         listening.cancel()
-        with contextlib.suppress(asyncio.CancelledError):
-            await listening
+        await asyncio.wait({listening})
 
     app = web.Application(middlewares=[guard])
     app.cleanup_ctx.append(running)
@@ -130,7 +131,11 @@ async def _follow(request: web.Request) -> web.StreamResponse:
 
 
 async def serve(app: web.Application, host: str, port: int, ready: Callable[[], None], stop: asyncio.Event) -> None:
-    """Serve until `stop` is set, having called `ready` once the page can be had; WireError where the port is taken."""
+    """Serve until `stop` is set, having called `ready` once the page can be had; WireError where the port is taken.
+
+    Ends with the error of what listens to the daemon, should there be one: a page that shows nothing new must not
+    look as if nothing happened.
+    """
     runner = web.AppRunner(app, access_log=None, shutdown_timeout=1.0)
     await runner.setup()
     try:
@@ -143,6 +148,11 @@ async def serve(app: web.Application, host: str, port: int, ready: Callable[[], 
                 "take another one with --port, or another address with --listen"
             ) from error
         ready()
-        await stop.wait()
+        stopped = asyncio.create_task(stop.wait())
+        either: set[asyncio.Task[Any]] = {stopped, app[_LISTENING]}
+        await asyncio.wait(either, return_when=asyncio.FIRST_COMPLETED)
+        stopped.cancel()
+        if not stop.is_set():
+            app[_LISTENING].result()
     finally:
         await runner.cleanup()

@@ -2,8 +2,8 @@
 
 The page answers every message it got. What is under way is bounded by a window that grows with every answer and is
 halved when one takes much longer than the fastest did: so a queue never builds up on a slow link, on which a viewer
-gets fewer cycles and never older ones. Words (health, events) are kept for it, cycles are not: of each foot the newest
-replaces the one that waits.
+gets fewer cycles and never older ones. Words (health, events) are kept for it, cycles are not: where the window has no
+room, the newest of each foot replaces the one that waits.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ class Window:
         self._size, self._fastest_s, self._halved_s = float(_FIRST), float("inf"), 0.0
 
     @property
-    def open(self) -> bool:
-        """Whether another may be sent."""
-        return len(self._sent_s) < self._size
+    def room(self) -> float:
+        """How many more may be sent; less than 1: none."""
+        return self._size - len(self._sent_s)
 
     def sent(self, now_s: float) -> None:
         """One has gone."""
@@ -52,7 +52,7 @@ class Viewer:
 
     def __init__(self) -> None:
         self._words: deque[str] = deque(maxlen=_WORDS)
-        self._cycles: dict[int, bytes] = {}  # by foot
+        self._cycles: deque[tuple[int, bytes]] = deque()  # of which foot
         self._window = Window()
         self._changed = asyncio.Event()
 
@@ -62,9 +62,10 @@ class Viewer:
         self._changed.set()
 
     def show(self, foot: int, packet: bytes) -> None:
-        """Have a cycle sent, unless a newer one of the same foot comes first."""
-        self._cycles.pop(foot, None)  # so that the feet take turns
-        self._cycles[foot] = packet
+        """Have a cycle sent, unless the link is busy until a newer one of the same foot comes."""
+        if self._window.room <= len(self._cycles):
+            self._cycles = deque(each for each in self._cycles if each[0] != foot)
+        self._cycles.append((foot, packet))
         self._changed.set()
 
     def answered(self) -> None:
@@ -74,10 +75,10 @@ class Viewer:
 
     def take(self) -> str | bytes | None:
         """What is to be sent now, None where nothing waits or enough is under way."""
-        if not (self._window.open and (self._words or self._cycles)):
+        if self._window.room < 1 or not (self._words or self._cycles):
             return None
         self._window.sent(monotonic())
-        return self._words.popleft() if self._words else self._cycles.pop(next(iter(self._cycles)))
+        return self._words.popleft() if self._words else self._cycles.popleft()[1]
 
     async def next(self) -> str | bytes:
         """The same; waits for something, and for the link."""

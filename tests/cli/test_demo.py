@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import socket
 import subprocess
@@ -57,3 +58,17 @@ def test_it_ends_with_the_error_of_its_daemon(method):
     assert done.returncode == 3
     assert "insole: the demo's daemon stopped: the wire was cut." in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_it_shows_itself_in_a_browser():
+    with socket.socket() as sock:
+        if sock.connect_ex(("127.0.0.1", 8080)) == 0:
+            pytest.skip("port 8080, on which the page is served by default, is taken")
+    done = subprocess.run(
+        [INSOLE, "demo", "--seconds", "3", "--view"], capture_output=True, text=True, timeout=60,
+        env={**os.environ, "BROWSER": "true"},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "the page is on http://127.0.0.1:8080/" in done.stdout
+    with socket.socket() as sock:
+        assert sock.connect_ex(("127.0.0.1", 8080)) != 0, "the page has ended with the demo"

@@ -5,11 +5,14 @@ from __future__ import annotations
 import asyncio
 import re
 import socket
+import subprocess
+import sys
 from pathlib import Path
 
 import aiohttp
 import pytest
 
+INSOLE = Path(sys.executable).with_name("insole")
 PAGE = Path(__file__).parents[2] / "insole_daemon" / "view" / "page"
 
 
@@ -128,3 +131,16 @@ async def _closed_after(url, message):
 )
 def test_what_the_page_never_sends_ends_the_connection(page, message):
     assert asyncio.run(asyncio.wait_for(_closed_after(page, message), 10)) in (1008, 1009)
+
+
+def test_a_port_that_is_taken_and_a_daemon_that_is_not_there_are_said(page, live_daemon):
+    port = page.rpartition(":")[2].strip("/")
+    for options, words in [
+        (["--port", port, "--connect", live_daemon.endpoint], "take another one with --port"),
+        (["--connect", live_daemon.endpoint, "--rig", "nobody"], "no insole daemon of rig nobody is behind it"),
+        (["--connect", live_daemon.endpoint, "--reference", "middle=x"], "expected left=KEY or right=KEY"),
+    ]:
+        done = subprocess.run([INSOLE, "view", *options], capture_output=True, text=True, timeout=30)
+        assert done.returncode in (2, 3)
+        assert words in " ".join(done.stderr.split())
+        assert "Traceback" not in done.stderr

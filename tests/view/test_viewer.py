@@ -68,14 +68,28 @@ def test_a_slow_link_gets_fewer_cycles_and_never_older_ones(monkeypatch, rate_hz
 def test_words_are_kept_and_come_first():
     async def run():
         viewer = Viewer()
+        for _ in range(viewers._FIRST - 1):
+            viewer.say("before")
+            await viewer.next()
         viewer.show(0, b"old")
         viewer.show(1, b"right")
         viewer.show(0, b"new")
         viewer.say("one")
         viewer.say("two")
-        return [await viewer.next() for _ in range(4)]
+        found = []
+        for _ in range(4):
+            found.append(await viewer.next())
+            viewer.answered()
+        return found
 
     assert asyncio.run(run()) == ["one", "two", b"right", b"new"]
+
+
+def test_cycles_that_come_together_are_all_sent_where_there_is_room():
+    viewer = Viewer()
+    for packet in (b"1", b"2", b"3"):
+        viewer.show(0, packet)
+    assert [viewer.take() for _ in range(4)] == [b"1", b"2", b"3", None]
 
 
 def test_answers_to_nothing_open_no_window():
@@ -83,7 +97,7 @@ def test_answers_to_nothing_open_no_window():
     for _ in range(1000):
         window.answered(1.0)
     sent = 0
-    while window.open:
+    while window.room >= 1:
         window.sent(2.0)
         sent += 1
     assert sent <= viewers._FIRST

@@ -17,29 +17,30 @@ export class Field {
     this.weight = new Float32Array(n * NEAREST);
     this.image = new ImageData(this.width, this.height);
     this.pixels = new Uint32Array(this.image.data.buffer);
-    for (let row = 0; row < this.height; row++) {
-      for (let column = 0; column < this.width; column++) {
-        this.weigh(places, row * this.width + column, this.top - row * step, this.start - column * step);
+    const px = Float32Array.from(places, ([x]) => x), py = Float32Array.from(places, ([, y]) => y);
+    for (let row = 0, at = 0; row < this.height; row++) {
+      for (let column = 0; column < this.width; column++, at++) {
+        this.weigh(px, py, at * NEAREST, this.top - row * step, this.start - column * step);
       }
     }
   }
 
-  weigh(places, at, x, y) {
-    const near = places.map(([px, py], i) => [(px - x) ** 2 + (py - y) ** 2, i]);
-    const chosen = [];
-    for (const each of near) { // the NEAREST smallest, without sorting them all
-      if (chosen.length === NEAREST && each[0] >= chosen[NEAREST - 1][0]) continue;
-      let place = chosen.length === NEAREST ? NEAREST - 1 : chosen.length;
-      while (place > 0 && chosen[place - 1][0] > each[0]) { chosen[place] = chosen[place - 1]; place--; }
-      chosen[place] = each;
+  // The nearest taxels of a place and their weights, from `at` on. No arrays are made: there are 20 000 places.
+  weigh(px, py, at, x, y) {
+    const { taxel, weight } = this, end = at + NEAREST;
+    weight.fill(Infinity, at, end); // squares of distances, at first
+    for (let i = 0; i < px.length; i++) {
+      const squared = (px[i] - x) ** 2 + (py[i] - y) ** 2;
+      let k = end - 1;
+      if (squared >= weight[k]) continue;
+      for (; k > at && weight[k - 1] > squared; k--) { weight[k] = weight[k - 1]; taxel[k] = taxel[k - 1]; }
+      weight[k] = squared;
+      taxel[k] = i;
     }
-    // From the nearest on, so that far from all the weights are still some.
-    const weights = chosen.map(([squared]) => Math.exp(-(squared - chosen[0][0]) / (2 * SPREAD_MM ** 2)));
-    const total = weights.reduce((sum, each) => sum + each, 0);
-    chosen.forEach(([, i], k) => {
-      this.taxel[at * NEAREST + k] = i;
-      this.weight[at * NEAREST + k] = weights[k] / total;
-    });
+    const nearest = weight[at]; // measured from there, so that far from all the weights are still some
+    let total = 0;
+    for (let k = at; k < end; k++) total += weight[k] = Math.exp((nearest - weight[k]) / (2 * SPREAD_MM ** 2));
+    for (let k = at; k < end; k++) weight[k] /= total;
   }
 
   // Paint the image: values (n), NaN where not known, by a Scale.
