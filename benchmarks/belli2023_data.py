@@ -1,4 +1,4 @@
-"""The published left insole's trials, read by the project's own importer."""
+"""The published trials, read by the project's own importer."""
 
 from __future__ import annotations
 
@@ -37,7 +37,8 @@ def slots(layout: Layout) -> NDArray[np.intp]:
 def read(path: Path) -> Trial:
     """The trial in the MATLAB file `path`."""
     with tempfile.TemporaryDirectory() as folder:
-        foot = insole_daemon.load(import_matlab(path, Path(folder) / "trial", "left", None))["left"]
+        side = "right" if path.parent.name.startswith("right") else "left"
+        foot = insole_daemon.load(import_matlab(path, Path(folder) / "trial", side, None))[side]
         assert foot.reference is not None
         return Trial(
             path.stem,

@@ -43,9 +43,9 @@ _SMOOTHED_S = (0.5, 0.0)
 _MOST_STEPS = 20  # Gauss–Newton: it ends by itself after three to six
 _SMALL_STEP_S = 1e-5
 _TUKEY = 4.685  # robust standard deviations beyond which a sample counts nothing: 95 % efficient if all are good
-_BLOCKS = 30
+_BLOCK_S, _BLOCKS = 20.0, (6, 30)  # longer than what is left over remembers; at least and at most as many
 _LEAST_OVERLAP = 0.5  # of the taxels' samples: less may agree by chance
-_LEAST_EXPLAINED = 0.5  # of the variance of the reference's edges
+_LEAST_EXPLAINED = 0.25  # of the variance of the reference's edges; anything at all explains up to 0.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,10 +164,11 @@ class _Pair:
         left, _, _ = self._left(at, self._features, self._reference, np.ones(len(self._features)))
         weight = _tukey(left)
         left, slopes, edges = self._left(at, self._features, self._reference, weight)
-        blocks = np.linspace(0, len(left), _BLOCKS + 1).astype(int)[:-1]
+        n = int(np.clip(np.ptp(self._t_s) / _BLOCK_S, *_BLOCKS))
+        blocks = np.linspace(0, len(left), n + 1).astype(int)[:-1]
         scores = np.add.reduceat(np.einsum("n,nc,nci->ni", weight, left, slopes), blocks)
         inverse = np.linalg.pinv(np.einsum("n,nci,ncj->ij", weight, slopes, slopes))
-        covariance = inverse @ (scores.T @ scores) @ inverse * _BLOCKS / (_BLOCKS - 2)
+        covariance = inverse @ (scores.T @ scores) @ inverse * n / (n - 2)
         to_zero = np.array([1.0, -self._middle_s])  # the offset at 0 is that in the middle less the rate's share
         return Clock(
             offset_s=float(to_zero @ at),
