@@ -54,7 +54,7 @@ def _panel(panel: Panel, at: int, y_label: str, low: float, high: float) -> list
         places = zip(t_s, _means(values, step), strict=True)
         points = " ".join(f"{left + t / end_s * (right - left):.1f},{y(v):.1f}" for t, v in places)
         parts.append(f'<polyline points="{points}" fill="none" stroke="{colour}" stroke-width="1.3"/>')
-        parts.append(f'<text x="{left + 90 + 95 * row}" y="{bottom + 30}" fill="{colour}">{name}</text>')
+        parts.append(f'<text x="{left + 110 + 82 * row}" y="{bottom + 30}" fill="{colour}">{name}</text>')
     return parts
 
 
