@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import median_filter, uniform_filter1d
+from scipy.stats import trim_mean
 
 from ..errors import CalibrationError
 from . import clock as clocks
@@ -16,6 +18,8 @@ from .trials import Trial
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
+_ALWAYS, _ENOUGH = 0.99, 10
+_INSTANT = 25  # cycles, half a second: a median keeps what lasts longer than half of that
 _AGREES = 0.7  # correlation of the taxels with the reference
 _MOST_OFFSETS_S = (20.0, 5.0, 1.0)
 _UNLOADED = 0.15  # of the reference's range, above its lowest
@@ -42,16 +46,28 @@ def usable(trial: Trial) -> Mask:
 
 def aligned(trial: Trial) -> Clock:
     """The reference's clock against the taxels', from how both move: before there is any calibration."""
-    slots = usable(trial)
-    a = np.where(trial.valid[:, slots], trial.activation[:, slots], 0.0)
     if trial.kind == "chamber":
-        mean = a.mean(axis=1)
+        mean = _middle(trial)
         features = np.stack([mean, mean**2, mean**3], axis=1)
     else:
+        slots = usable(trial)
+        a = np.where(trial.valid[:, slots], trial.activation[:, slots], 0.0)
         x, y = trial.layout.xy_m.reshape(-1, 2)[slots].T
         arms = np.stack([np.ones_like(x), y, x], axis=1)
         features = np.concatenate([a @ arms, a**2 @ arms], axis=1)
     return _fitted(trial, features)
+
+
+def _middle(trial: Trial) -> Array:
+    """(n,) what the middle half of the taxels says on average, without what lasts less than a quarter of a second.
+
+    A triangle that loses contact for an instant, as those of public recordings do, makes edges that no pressure has.
+    """
+    always = trial.valid.mean(axis=0) > _ALWAYS
+    slots = always if np.count_nonzero(always) >= _ENOUGH else usable(trial)
+    middle = trim_mean(trial.activation[:, slots], 0.25, axis=1)
+    settled: Array = uniform_filter1d(median_filter(middle, _INSTANT), _INSTANT)
+    return settled
 
 
 def realigned(trial: Trial, predicted: Array) -> Clock:

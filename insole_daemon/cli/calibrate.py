@@ -49,7 +49,7 @@ def calibrate(
         print(f"insole: {line}", file=sys.stderr)
     which = the_foot(loaded, foot)
     calibrated = fitted(loaded, which, method.value, lambda text: print(f"insole: {text}", file=sys.stderr, flush=True))
-    for remark in calibrated.remarks:
+    for remark in (*calibrated.remarks, f"area of a taxel: from {document.provenance(calibrated)['area_from']}"):
         print(f"insole: {remark}", file=sys.stderr)
     document.write(calibrated, out)
     if report is not None:
