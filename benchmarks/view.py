@@ -6,7 +6,8 @@
 Both feet walk on a bus (feeder.py) before the daemon (ours.py), `insole view` runs beside it. `page`: headless Chromium
 draws with the CPU, on the same machine as everything else, which is more work than on a person's; the page itself
 counts. Published to painted is from the daemon's put until the browser is done with the frame that shows it.
-`viewers`: the daemon's latency with five browsers' connections and with no `insole view` at all, in turn.
+`viewers`: the daemon's latency with five browsers' connections, with none, and without `insole view`, in turn; the
+daemon has one CPU, all else the other.
 `slow`: one connection through a proxy that carries 20 kB/s, beside one without.
 """
 
@@ -133,29 +134,31 @@ async def watch(url: str, seconds: float, port: int | None = None) -> list[tuple
 
 
 def viewers(_: float) -> None:
-    """The daemon's own latency, with nobody and with five."""
-    found: dict[str, list[dict[str, Any]]] = {"nobody": [], "five viewers": []}
+    """The daemon's own latency: without `insole view`, with one that nobody looks at, and with five who do."""
+    process.settle(process.cpus()[1])  # and all that is started here, but the daemon
+    found: dict[str, list[dict[str, Any]]] = {"no insole view": [], "nobody looks": [], "five look": []}
     for seed in range(ROUNDS):
         for name, reports in found.items():
-            with daemon(ROUND_S, seed) as (measured, endpoint):
-                if name == "nobody":
-                    time.sleep(WARM_UP_S + ROUND_S + 1)
+            with daemon(ROUND_S, seed) as (measured, endpoint), ExitStack() as ending:
+                url = "" if name == "no insole view" else ending.enter_context(serving(endpoint))
+                if name == "five look":
+                    asyncio.run(_five(url))
                 else:
-                    with serving(endpoint) as url:
-                        asyncio.run(_five(url))
+                    time.sleep(WARM_UP_S + ROUND_S + 3)
                 reports.append(measured.end())
-            print(f"round {seed + 1}  {name:12} p50 {reports[-1]['latency_ms_p50']:.3f} "
+            print(f"round {seed + 1}  {name:14} p50 {reports[-1]['latency_ms_p50']:.3f} "
                   f"p99 {reports[-1]['latency_ms_p99']:.3f} ms", flush=True)  # fmt: skip
-    for key in ("latency_ms_p50", "latency_ms_p99"):
-        ratio = statistics.median(
-            five[key] / none[key] for none, five in zip(found["nobody"], found["five viewers"], strict=True)
-        )
-        medians = [statistics.median(each[key] for each in reports) for reports in found.values()]
-        print(f"{key}: {medians[0]:.3f} ms with nobody, {medians[1]:.3f} ms with five, in the same round {ratio:.2f} ×")
+    nobody = found["nobody looks"]
+    for name, reports in found.items():
+        said = []
+        for key in ("latency_ms_p50", "latency_ms_p99"):
+            ratio = statistics.median(own[key] / none[key] for own, none in zip(reports, nobody, strict=True))
+            said.append(f"{key[8:]} {statistics.median(each[key] for each in reports):.3f} ms ({ratio:.2f} ×)")
+        print(f"{name:14} {', '.join(said)} nobody's in the same round")
 
 
 async def _five(url: str) -> None:
-    await asyncio.gather(*(watch(url, WARM_UP_S + ROUND_S + 1) for _ in range(5)))
+    await asyncio.gather(*(watch(url, WARM_UP_S + ROUND_S + 3) for _ in range(5)))
 
 
 def slow(seconds: float) -> None:

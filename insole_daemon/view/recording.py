@@ -30,7 +30,7 @@ class Recording:
     @property
     def running(self) -> bool:
         """Whether one is being made."""
-        return self._running is not None and self._running.thread.is_alive()
+        return self._running is not None and not self._running.over
 
     def start(self, feet: list[str]) -> str:
         """Begin; where it is written. Raises InsoleError where it cannot be, or one is running."""
@@ -43,10 +43,10 @@ class Recording:
             return str(out)
 
     def stop(self) -> str:
-        """End it; what there is of it."""
+        """End it; what there is of it. Raises InsoleError where nothing is being recorded."""
         with self._lock:
-            if self._running is None:
-                raise InsoleError("nothing is being recorded")
+            if self._running is None or not self.running:
+                raise InsoleError(self._running.said if self._running is not None else "nothing is being recorded")
             self._running.stop()
             said, self._running = self._running.said, None
             return said
@@ -61,15 +61,19 @@ class Recording:
 
 
 class _Running:
+    """One recording, in a thread; `said` is how it goes, and `over` that it has ended, also by itself."""
+
     def __init__(self, recorder: LiveRecorder, raws: Subscription[Raw], tell: Callable[[str], None], out: Path) -> None:
-        self.recorder, self.said, self._raws, self._tell, self._out = recorder, "", raws, tell, out
+        self.recorder, self.said, self.over = recorder, "", False
+        self._raws, self._tell, self._out = raws, tell, out
         self._stop = threading.Event()
-        self.thread = threading.Thread(target=self._run, name="recording")
-        self.thread.start()
+        self._thread = threading.Thread(target=self._run, name="recording")
+        self._thread.start()
 
     def stop(self) -> None:
+        """End it and wait for that."""
         self._stop.set()
-        self.thread.join()
+        self._thread.join()
 
     def _run(self) -> None:
         session = Session(self.recorder, self._stop, tell=self._count)
@@ -78,9 +82,10 @@ class _Running:
             self.recorder.close()
             self._count(progress)
         except InsoleError as error:
-            self.said = f"recording ended: {error}"
+            self.said = f"the recording has ended: {error}"
         finally:
             self._raws.close()
+            self.over = True
         self._tell(self.said)
 
     def _count(self, progress: Progress) -> None:

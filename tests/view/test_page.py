@@ -187,6 +187,15 @@ def test_a_recording_with_its_marks_is_made_from_the_page(browser, page, live_da
     assert recording["left"].t_ns[0] - 2e9 < marker["t_ns"] < recording["left"].t_ns[-1] + 1e9
 
 
+def test_what_cannot_be_done_is_said(browser, page, live_daemon):
+    with live_daemon.boards():
+        look(browser, page)
+        browser.click("#ask-temperature")
+        span = "document.querySelector('#temperature span').textContent"
+        said = browser.until(f"return {span} !== 'asking …' && {span}")
+        assert "nothing is sent to the boards" in said, "unless it is configured"
+
+
 def test_a_pause_stands_still_and_is_looked_through_with_the_keyboard(browser, page, live_daemon):
     shown = "return window.insole.history.shown('left').seq"
     with live_daemon.boards():

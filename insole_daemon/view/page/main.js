@@ -221,6 +221,8 @@ function say(now) {
     const cycle = history.shown(foot);
     $(`force-${foot}`).textContent = cycle && cycle.fz === cycle.fz ? `${number(cycle.fz, 1, 0)} N` : "–";
   }
+  const simulated = !quantity.signed || FEET.some((foot) => maps[foot].used?.some((value) => value === value));
+  $("scale-unit").textContent = simulated ? quantity.unit : "no simulation is published";
   $("ago").textContent = history.paused ? `${number((history.at - history.end()) / 1000, 1, 2)} s` : "live";
   weight.say();
 }
