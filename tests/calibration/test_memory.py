@@ -9,7 +9,10 @@ import pytest
 
 from insole_daemon.calibration import memory
 from insole_daemon.calibration.memory import Memories
+from insole_daemon.documents import Reading
 from insole_daemon.errors import CalibrationError
+from insole_daemon.physics import calibration as calibrations
+from insole_daemon.physics import effects_document
 from insole_daemon.physics.calibration import Calibration
 from insole_daemon.physics.chain import Chain
 from insole_daemon.physics.effect import effect
@@ -95,10 +98,19 @@ def test_held_out_memory_beats_none():
     assert (with_memory < 0.8 * without).all()
 
 
-def test_the_file_names_the_effects_of_every_taxel(tmp_path):
-    made, _ = memory.calibration(found(counts(noise=0.5)), SLOTS, BASELINE, LAYOUT, {"source": "a test"})
-    write_calibration(tmp_path / "calibration.json", made, LAYOUT)
-    said = json.loads((tmp_path / "calibration.json").read_text())
+def test_the_file_gives_the_same_pressures_again(tmp_path):
+    read = counts(effect("hysteresis", r_pa=[20_000.0], w=[0.1]), noise=0.3)
+    made, effects = memory.calibration(found(read), SLOTS, BASELINE, LAYOUT, {"source": "a test"})
+    path = tmp_path / "calibration.json"
+    write_calibration(path, made, LAYOUT)
+    said = json.loads(path.read_text())
     assert [entry["effect"] for entry in said["effects"]] == ["hysteresis"] * 4 + ["creep"] * 4
     assert said["effects"][1]["where"] == {"scope": "taxel", "ids": [[5, 0, 5]]}
-    assert len(said["taxels"]) == 4
+    loaded = calibrations.load(path, LAYOUT, {"hysteresis", "creep"})
+    again = effects_document.parse(Reading(path), loaded.effects, LAYOUT)
+    whole = np.full((len(T_S), len(LAYOUT) * 12), np.nan)
+    whole[:, SLOTS] = read
+    whole = whole.reshape(len(T_S), -1, 12)
+    np.testing.assert_allclose(
+        Chain(again, LAYOUT, loaded).inverse()(whole, T_S), Chain(effects, LAYOUT, made).inverse()(whole, T_S)
+    )
