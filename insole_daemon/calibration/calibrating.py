@@ -45,7 +45,6 @@ class Calibrated:
     highest_count: Array  # (m,) activation up to which a curve was seen
     verdicts: dict[int, Verdict]  # of all pressure taxels, by slot
     left_out: dict[int, str]  # why a pressure taxel has no curve, by slot
-    alike: Weights
     remarks: tuple[str, ...]
 
     def pressure_pa(self, trial: Trial) -> Array:
@@ -92,7 +91,7 @@ def calibrate(
     zero_std = np.sqrt(np.mean([trial.noise_count**2 / trial.rest_cycles for trial in found], axis=0))[slots]
     fit = replace(fit, covariance_pa2=fit.covariance_pa2 + of_zero(fit.coefficients_pa, zero_std))
     return Calibrated(
-        foot, found[0].layout, method, tuple(ready), slots, rest_count, fit, highest, judged, left_out, alike, remarks
+        foot, found[0].layout, method, tuple(ready), slots, rest_count, fit, highest, judged, left_out, remarks
     )
 
 

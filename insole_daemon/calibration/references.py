@@ -34,10 +34,8 @@ _UNITS = {
 class Readings:
     """k readings of one, c columns: pressure_pa, or fz_n, mx_nm, my_nm."""
 
-    t_s: Array  # (k,) on its own clock, from near the first cycle on
-    origin_s: float  # what its clock says at t_s = 0
+    t_s: Array  # (k,) on its own clock, from near the first cycle on; as if read with the cycles where it has no times
     values: Array  # (k, c) NaN where nothing was said, or a spike
-    clocked: bool  # False: its rows have no times, and are counted as if read with the cycles
 
 
 def readings(
@@ -68,10 +66,10 @@ def readings(
         if len(values) != len(t_s):
             has = f"{name}: the reference has no times and {len(values)} rows, the foot {len(t_s)} cycles"
             remarks += (f"{has}: their rates are taken to differ by what fits best",)
-        return Readings(own_s, 0.0, values, False), remarks
+        return Readings(own_s, values), remarks
     began_s = float(foot.t_ns[0]) * 1e-9
     origin_s = began_s if abs(reference.time_s[0] - began_s) < _SAME_EPOCH_S else float(reference.time_s[0])
-    return Readings(reference.time_s - origin_s, origin_s, values, True), remarks
+    return Readings(reference.time_s - origin_s, values), remarks
 
 
 def _without_spikes(values: Array) -> tuple[Array, int]:
