@@ -12,7 +12,8 @@ from .naming import Naming, Tried
 
 UNEXPLAINED = 0.25  # of the mismatch that the best subset leaves: it is something else
 AS_GOOD = 1.6  # times what the best subset leaves: a swap that leaves less is as good
-MISFIT = 0.10  # of the mismatch: what one family may miss of a material that is of its kind
+# Of the mismatch: what one family may miss of a material that is of its kind, by the excitation that is missing.
+MISFIT = {"speeds": 0.1, "holds": 0.05, "temperature": 0.1, "edges": 0.02}
 SIGMAS = 4.0
 
 # Words that only the stated excitation tells apart; without it a family's own misfit would decide.
@@ -77,8 +78,9 @@ def decide(naming: Naming, excitation: Excitation, rows: int) -> Decided:
                 continue  # the same physics in the other's words
             pair = frozenset({word, other})
             # Told apart by their excitation, twins differ by more than chance; else by more than families do.
-            blind = pair in TWINS and TWINS[pair] not in there
-            limit = max(AS_GOOD * best.left_heldout, best.left_heldout + chance, MISFIT if blind else 0.0)
+            needed = TWINS.get(pair, "")
+            misfit = 0.0 if needed in there else MISFIT.get(needed, 0.0)
+            limit = max(AS_GOOD * best.left_heldout, best.left_heldout + chance, misfit)
             if tried.left_heldout <= limit:
                 swaps.append((tried.left_heldout, other))
         alternatives[word] = tuple(other for _, other in sorted(swaps))

@@ -135,13 +135,13 @@ def _unknown(insole: Insole, named: Named, decided: Decided) -> Finding:
 
 
 def _amplitude(hypothesis: Hypothesis, candidate: Candidate, values: Array, std: Array, insole: Insole) -> Quantity:
-    """Half the peak-to-peak of what the effect adds to the load, over the load's span."""
+    """Half the peak-to-peak of what the effect adds to the load and no static curve could, over the load's span."""
 
     def fraction(theta: Array) -> float:
         assert candidate.act is not None
         loads = [(each.load.pressure_pa, each.load.step_s) for each in hypothesis.evidence.observed]
-        spans = [float(np.ptp(candidate.act(load, step_s, theta) - load)) for load, step_s in loads]
-        return max(spans) / 2 / insole.excitation.span_pa
+        spans = [np.ptp(hypothesis.beyond_static(load, candidate.act(load, step_s, theta))) for load, step_s in loads]
+        return float(max(spans)) / 2 / insole.excitation.span_pa
 
     middle = fraction(values)
     nudged = [np.clip(values + step, candidate.low, candidate.high) for step in np.diag(std)]

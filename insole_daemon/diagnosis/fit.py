@@ -78,6 +78,11 @@ class Fitted:
         """Mean square of the residual over `rows`, all without."""
         return float(np.mean(self.residual**2 if rows is None else self.residual[rows] ** 2))
 
+    @property
+    def words(self) -> tuple[str, ...]:
+        """Of its candidates."""
+        return tuple(each.word for each in self.candidates)
+
     def values(self) -> list[Array]:
         """θ of each candidate."""
         return self.split(self.theta)
@@ -171,6 +176,13 @@ class Hypothesis:
                 at += sum(k) if candidate.own_columns else k[0]
         return found
 
+    def beyond_static(self, load_pa: Array, effective_pa: Array) -> Array:
+        """(N, 1) what no curve of the load makes of the effective load (N, 1)."""
+        x = (load_pa - self._middle) / self._half
+        basis = _spline(x)[:, 0]
+        rest: Array = effective_pa - basis @ np.linalg.lstsq(basis, effective_pa, rcond=None)[0]
+        return rest
+
     def load_at(self, x: Array) -> Array:
         """The loads that −1…1 of the evidence's range stands for."""
         return self._middle + self._half * x
@@ -206,25 +218,22 @@ class Hypothesis:
                     step /= 2
         return self.fit(best.theta, best.rows)
 
-    def promise(self, parent: Fitted, candidate: Candidate) -> tuple[float, Array]:
-        """What the best start of `candidate` explains of what `parent` leaves, to first order, and (p,) that start."""
-        best, found = -1.0, candidate.starts[0]
+    def promising(self, parent: Fitted, candidate: Candidate, most: int) -> list[Array]:
+        """(p,) the starts of `candidate` that explain most of what `parent` leaves, to first order, the best first."""
         if candidate.act is None:
-            return best, found
+            return [candidate.starts[0]]
         slope = self._slope(parent)
         basis = np.linalg.qr(parent.design)[0]
+        alone, unmoved = Hypothesis(self.evidence, (candidate,)), self._unmoved(parent)
+        explained = []
         for start in candidate.starts:
-            moved = Hypothesis(self.evidence, (candidate,)).effective_pa(
-                np.concatenate([parent.theta[: self._n_clock], start])
-            )
-            direction = slope * (moved - self._unmoved(parent))
+            moved = alone.effective_pa(np.concatenate([parent.theta[: self._n_clock], start]))
+            direction = slope * (moved - unmoved)
             direction -= basis @ (basis.T @ direction)
             norm = float(np.sum(direction**2))
-            gain = float(np.sum(direction * parent.residual)) if norm > 0 else 0.0
-            explained = gain**2 / norm if gain > 0 else 0.0
-            if explained > best:
-                best, found = explained, start
-        return best, found
+            gain = max(float(np.sum(direction * parent.residual)), 0.0)
+            explained.append(gain**2 / norm if norm > 0 else 0.0)
+        return [candidate.starts[i] for i in np.argsort(explained)[::-1][:most]]
 
     def _unmoved(self, parent: Fitted) -> Array:
         return Hypothesis(self.evidence, ()).effective_pa(parent.theta[: self._n_clock])

@@ -103,8 +103,8 @@ def name(evidence: Evidence, candidates: Mapping[str, Candidate], floor: float, 
         return replace(tried, left_heldout=(mean_square - floor) / excess, thetas=thetas)
 
     by_words: dict[Words, Tried] = {(): Tried((), null, 1.0)}
-    best = judge(by_words[()])
-    judged = [best]
+    judged: dict[Words, Tried] = {(): judge(by_words[()])}
+    best = judged[()]
     for size in range(1, MOST_EFFECTS + 1):
         # What is left is less than one more effect costs: no larger set could win.
         if best.left_heldout <= PRICE or (size > 1 and time.monotonic() > deadline):
@@ -113,11 +113,38 @@ def name(evidence: Evidence, candidates: Mapping[str, Candidate], floor: float, 
             fitted = _fitted(evidence, candidates, words, by_words)
             by_words[words] = Tried(words, fitted, (fitted.mean_square() - floor) / excess)
         promising = sorted((t for t in by_words.values() if len(t.words) == size), key=lambda t: t.left)[:KEPT]
-        of_size = sorted(map(judge, promising), key=_left)
-        judged += of_size
-        if _worth(best, of_size[0]):
-            best = of_size[0]
-    return Naming(floor, excess, judged[0], best, tuple(judged))
+        judged |= {tried.words: judge(tried) for tried in promising}
+        best = _best(judged)
+        for smaller in _without_one(evidence, candidates, best):
+            # A larger set may find its way where a smaller one was stuck: that one is tried from there again.
+            known = by_words[smaller.words]
+            if smaller.cost < known.fitted.cost:
+                better = Tried(smaller.words, smaller, (smaller.mean_square() - floor) / excess)
+                by_words[better.words], judged[better.words] = better, judge(better)
+        best = _best(judged)
+    return Naming(floor, excess, judged[()], best, tuple(judged.values()))
+
+
+def _best(judged: Mapping[Words, Tried]) -> Tried:
+    """The smallest set that no larger one is worth its price beside."""
+    best = judged[()]
+    for size in range(1, max(map(len, judged)) + 1):
+        challenger = min((t for t in judged.values() if len(t.words) == size), key=_left)
+        if _worth(best, challenger):
+            best = challenger
+    return best
+
+
+def _without_one(evidence: Evidence, candidates: Mapping[str, Candidate], tried: Tried) -> list[Fitted]:
+    """The sets one smaller, fitted from where `tried` is."""
+    found = []
+    values = {c.word: own for c, own in zip(tried.fitted.candidates, tried.fitted.values(), strict=True)}
+    for left_out in tried.words if len(tried.words) > 1 else ():
+        hypothesis = Hypothesis(evidence, [candidates[word] for word in tried.words if word != left_out])
+        own = [values[each.word] for each in hypothesis.candidates]
+        fitted = hypothesis.fit(np.concatenate([tried.fitted.clocks().ravel(), *own]))
+        found.append(hypothesis.polished(fitted))
+    return found
 
 
 def _left(tried: Tried) -> float:
@@ -137,16 +164,22 @@ def _fitted(
     hypothesis = Hypothesis(evidence, [candidates[word] for word in words])
     parents = [(by_words[tuple(w for w in words if w != word)], word) for word in words]
     parents.sort(key=lambda each: each[0].left)
-    # The second try begins with the clocks as they were aligned: a smaller set may have bent them.
-    starts = [_start(hypothesis, parent.fitted, candidates[word]) for parent, word in parents[:2]]
-    if len(starts) > 1:
-        starts[-1][: 2 * len(evidence.observed) * evidence.own_clock] = 0.0
-    best = min((hypothesis.fit(start) for start in starts), key=lambda fitted: fitted.cost)
-    return hypothesis.polished(best)
+    starts = [start for parent, word in parents[:2] for start in _starts(hypothesis, parent.fitted, candidates[word])]
+    # The last try begins with the clocks as their edges agree: a smaller set may have bent them.
+    starts.append(starts[0].copy())
+    starts[-1][: 2 * len(evidence.observed) * evidence.own_clock] = 0.0
+    if not evidence.own_clock:
+        starts.pop()
+    return hypothesis.polished(min((hypothesis.fit(start) for start in starts), key=lambda fitted: fitted.cost))
 
 
-def _start(hypothesis: Hypothesis, parent: Fitted, added: Candidate) -> np.ndarray:
+def _starts(hypothesis: Hypothesis, parent: Fitted, added: Candidate) -> list[Array]:
+    """θ to begin with: the parent's, and starts of the added one; where slopes mislead, several."""
     clocks = parent.clocks().ravel()
     own = {c.word: values for c, values in zip(parent.candidates, parent.values(), strict=True)}
-    own[added.word] = hypothesis.promise(parent, added)[1]
-    return np.concatenate([clocks, *(own[each.word] for each in hypothesis.candidates)])
+    several = 3 if added.nudge is not None and not parent.candidates else 1
+    found = []
+    for start in hypothesis.promising(parent, added, several):
+        own[added.word] = start
+        found.append(np.concatenate([clocks, *(own[each.word] for each in hypothesis.candidates)]))
+    return found
