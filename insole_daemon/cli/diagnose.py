@@ -36,9 +36,8 @@ def diagnose(
     from ..diagnosis.diagnosing import diagnose as diagnosed
     from ..physics import calibration as calibrations
     from ..recording.loading import load
-    from ..recording.writer import refuse_existing
 
-    refuse_existing(out)
+    writing.refuse_taken(out)
     loaded = [load(folder) for folder in recordings]
     for line in (line for each in loaded for line in each.warnings):
         print(f"insole: {line}", file=sys.stderr)

@@ -1,25 +1,33 @@
-"""A diagnosis as the folder that `insole diagnose` leaves, all or nothing."""
+"""A diagnosis as the files that `insole diagnose` leaves."""
 
 from __future__ import annotations
 
 import json
-import os
-import shutil
 from pathlib import Path
 
 from ..errors import FileError
 from ..files import write_text
 from .diagnosing import Diagnosis
 
+FILES = ("model.json", "diagnosis.json")  # the last one says that all are there
+
+
+def refuse_taken(out: Path) -> None:
+    """FileError where `out` is no folder to write a diagnosis into; it may exist, but hold none yet."""
+    if out.exists() and not out.is_dir():
+        raise FileError(f"{out}: expected a folder, or nothing yet, found a file")
+    there = [name for name in FILES if (out / name).exists()]
+    if there:
+        raise FileError(f"{out}: there is a diagnosis already ({', '.join(there)}): name another folder")
+
 
 def write(diagnosis: Diagnosis, out: Path) -> None:
-    """Write diagnosis.json and model.json into the new folder `out`; FileError where that fails."""
-    beside = out.with_name(f".{out.name}.{os.getpid()}")
+    """Write FILES into `out`; FileError where that fails, and then none of them stays."""
+    contents = {"model.json": diagnosis.model, "diagnosis.json": diagnosis.document()}
     try:
-        for name, content in (("diagnosis.json", diagnosis.document()), ("model.json", diagnosis.model)):
-            write_text(beside / name, json.dumps(content, indent=1, ensure_ascii=False) + "\n")
-        os.rename(beside, out)
+        for name in FILES:
+            write_text(out / name, json.dumps(contents[name], indent=1, ensure_ascii=False) + "\n")
     except OSError as error:
+        for name in FILES:
+            (out / name).unlink(missing_ok=True)
         raise FileError(f"{out}: cannot be written: {error.strerror or error}") from error
-    finally:
-        shutil.rmtree(beside, ignore_errors=True)
