@@ -81,13 +81,20 @@ export class FootMap {
     ink.clip(this.shape);
     const half = this.field.step / 2, [x, y] = this.at([this.field.top + half, this.field.start + half]);
     const size = this.perMm * this.field.step;
-    if (taxels) ink.globalAlpha = 0.35;
     ink.drawImage(this.small, x, y, size * this.field.width, size * this.field.height);
+    if (taxels) { // pale, so that they stand out
+      ink.globalAlpha = 0.65;
+      ink.fillStyle = colours.card;
+      ink.fillRect(0, 0, this.canvas.width, this.canvas.height);
+    }
     ink.restore();
     ink.lineWidth = Math.max(1, 0.5 * this.perMm);
     ink.strokeStyle = colours.line;
     ink.stroke(this.shape);
-    if (taxels) this.drawTaxels(cycle, scale, colours);
+    if (taxels) {
+      this.drawTaxels(cycle, scale, colours);
+      this.drawTriangles(colours);
+    }
     const disbelieved = faults.filter(({ kind }) => DISBELIEVED.has(kind));
     this.drawSaturated(cycle, disbelieved);
     this.drawFaults(disbelieved, colours);
@@ -139,6 +146,26 @@ export class FootMap {
         ink.strokeStyle = colours.ink;
         ink.stroke();
       }
+    });
+  }
+
+  // Which triangle is which, as board.triangle.
+  drawTriangles(colours) {
+    const { ink, perMm } = this;
+    ink.font = `600 ${Math.max(9, 4 * perMm)}px system-ui, sans-serif`;
+    ink.textAlign = "center";
+    ink.textBaseline = "middle";
+    ink.lineJoin = "round";
+    this.triangles.forEach(({ board, triangle }, row) => {
+      ink.lineWidth = 1;
+      ink.strokeStyle = colours.soft;
+      ink.stroke(this.path(this.hulls[row]));
+      const middle = [0, 1].map((axis) => this.hulls[row].reduce((sum, place) => sum + place[axis], 0) / this.hulls[row].length);
+      ink.lineWidth = 0.9 * perMm;
+      ink.strokeStyle = colours.card;
+      ink.fillStyle = colours.ink;
+      ink.strokeText(`${board}.${triangle}`, ...this.at(middle));
+      ink.fillText(`${board}.${triangle}`, ...this.at(middle));
     });
   }
 
