@@ -92,7 +92,7 @@ def live_daemon(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningDae
     """A daemon for the tests of a module."""
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     config_file = tmp_path_factory.mktemp("daemon") / "config.yaml"
-    config_file.write_text(f"format: insole-config/1\nrig: test\nzenoh:\n  listen: [{endpoint}]\n")
+    config_file.write_text(f"format: insole-config/1\nrig: demo\nzenoh:\n  listen: [{endpoint}]\n")
     running = RunningDaemon(config_file, endpoint, free_port(socket.SOCK_DGRAM))
     running.start()
     yield running

@@ -62,7 +62,7 @@ def test_picture(walk, browser, page, tmp_path, name, scheme, width, height, pho
         browser.js("return new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
         file = Path(os.environ.get("SCREENSHOTS", tmp_path)) / f"{name}.png"
         picture = Image.open(io.BytesIO(browser.driver.get_screenshot_as_png())).convert("RGB")
-        picture.quantize(256).save(file, optimize=True)  # a third of the bytes
+        picture.quantize(256, Image.Quantize.FASTOCTREE).save(file, optimize=True)  # a third of the bytes
     finally:
         cdp("Emulation.clearDeviceMetricsOverride", {})
         cdp("Emulation.setEmulatedMedia", {"features": []})
