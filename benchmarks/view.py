@@ -126,7 +126,7 @@ async def watch(url: str, seconds: float, port: int | None = None) -> list[tuple
             async for message in live:
                 await live.send_str("got")
                 if message.type is aiohttp.WSMsgType.BINARY:
-                    _, foot, _, seq, _, published_ms, _ = struct.unpack_from("<BBHI3d", message.data)
+                    _, foot, _, seq, _, published_ms = struct.unpack_from("<BBHI2d", message.data)
                     found.append((time.time() - published_ms / 1e3, seq, foot))
                 if time.monotonic() > end:
                     break

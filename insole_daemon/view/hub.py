@@ -104,6 +104,8 @@ class Hub:
         elif isinstance(message, Health):
             foot.health = message
             self.stand(f"health {message.foot}", dataclasses.asdict(message))
+        elif isinstance(message, Event) and message.figures:  # a step: soon there is another
+            self._say(_text("event", dataclasses.asdict(message)))
         elif isinstance(message, Event):
             self.tell("event", dataclasses.asdict(message))
         elif isinstance(message, Meta):
@@ -118,7 +120,7 @@ class Hub:
         if raw is None or pressure is None or not raw.seq == pressure.seq == wrench.seq or not self.viewers:
             return
         beside = self._others.at(wrench.foot, wrench.t_ns, raw.counts.shape)
-        packet = cycle_packet(meta, raw, pressure, wrench, beside, time.time_ns() * 1e-6)
+        packet = cycle_packet(meta, raw, pressure, wrench, beside)
         for viewer in self.viewers:
             viewer.show(0 if wrench.foot == "left" else 1, packet)
 

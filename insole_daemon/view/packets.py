@@ -15,7 +15,7 @@ from ..skin.geometry import PRESSURE_TAXELS
 from ..wire.messages import Meta, Pressure, Raw, Wrench
 from .beside import Beside
 
-HEAD = struct.Struct("<BBHI ddd 13f 4x")  # 1: a cycle; foot; n_triangles; seq; three times in ms; the floats of _floats
+HEAD = struct.Struct("<BBHI dd 13f 4x")  # 1: a cycle; foot; n_triangles; seq; two times in ms; what is not of one taxel
 UNIT_PA = 20.0  # of a pressure in the packet
 UNKNOWN = 0xFFFF  # a pressure that is none
 _MOST = UNKNOWN - 1
@@ -24,7 +24,7 @@ _MOST = UNKNOWN - 1
 INVALID, STALE, SATURATED = 1, 2, 4
 
 
-def cycle_packet(meta: Meta, raw: Raw, pressure: Pressure, wrench: Wrench, beside: Beside, sent_ms: float) -> bytes:
+def cycle_packet(meta: Meta, raw: Raw, pressure: Pressure, wrench: Wrench, beside: Beside) -> bytes:
     """The packet of one cycle; the three messages are of the same one."""
     ages = raw.age_ms
     floats = (
@@ -36,7 +36,7 @@ def cycle_packet(meta: Meta, raw: Raw, pressure: Pressure, wrench: Wrench, besid
     )
     head = HEAD.pack(
         1, ("left", "right").index(raw.foot), raw.n_triangles, raw.seq,
-        raw.t_ns * 1e-6, raw.t_published_ns * 1e-6, sent_ms, *floats,
+        raw.t_ns * 1e-6, raw.t_published_ns * 1e-6, *floats,
     )  # fmt: skip
     units = _units(pressure.pressure_pa)
     predicted = np.full_like(units, UNKNOWN) if beside.pressure_pa is None else _units(beside.pressure_pa)

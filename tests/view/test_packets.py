@@ -37,25 +37,25 @@ def packet(beside=NOTHING, **change):
         *head, given["f_z_n"], 1.5, -20.0, 0.04, None, None, None, None, 0.0, 0.9, given["valid"], given["age_ms"],
         missing, False,
     )  # fmt: skip
-    found = cycle_packet(META, raw, pressure, wrench, beside, 4.0)
+    found = cycle_packet(META, raw, pressure, wrench, beside)
     arrays = np.frombuffer(found, "<u2", 2 * 12 * N, HEAD.size), np.frombuffer(found[HEAD.size + 48 * N :], np.uint8)
     return HEAD.unpack(found[: HEAD.size]), *arrays[0].reshape(2, N, 12), *arrays[1].reshape(2, N, 12)
 
 
 def test_the_page_reads_what_is_written():
     head, units, predicted, counts, flags = packet()
-    assert head[:7] == (1, 1, N, 7, 2.0, 3.0, 4.0)
-    assert head[7:10] == (500.0, 1.5, -20.0)
-    assert head[10] == pytest.approx(0.04)
-    assert math.isnan(head[11])
-    assert head[12:14] == pytest.approx((0.9, 5.0))
-    assert all(math.isnan(each) for each in head[14:])
+    assert head[:6] == (1, 1, N, 7, 2.0, 3.0)
+    assert head[6:9] == (500.0, 1.5, -20.0)
+    assert head[9] == pytest.approx(0.04)
+    assert math.isnan(head[10])
+    assert head[11:13] == pytest.approx((0.9, 5.0))
+    assert all(math.isnan(each) for each in head[13:])
     assert (units == 100e3 / UNIT_PA).all()
     assert (predicted == UNKNOWN).all()
     assert (counts == 200).all()
     assert not flags.any()
     floats = re.search(r"FLOATS = \[(.*?)\]", JS, re.DOTALL).group(1)
-    assert floats.count('"') // 2 == len(head) - 7
+    assert floats.count('"') // 2 == len(head) - 6
     said = {name: int(value, 0) for name, value in re.findall(r"(\w+) = (0x\w+|\d+)[,;]", JS)}
     assert (said["HEAD_BYTES"], said["UNKNOWN"]) == (HEAD.size, UNKNOWN)
     assert (said["INVALID"], said["STALE"], said["SATURATED"]) == (INVALID, STALE, SATURATED)
@@ -81,11 +81,11 @@ def test_an_unknown_or_unthinkable_pressure_is_none():
     _, units, *_ = packet(pressure_pa=pressure, f_z_n=None)
     assert units[:3, 0].tolist() == [UNKNOWN, 0, UNKNOWN - 1]
     head, *_ = packet(f_z_n=None)
-    assert math.isnan(head[7])
+    assert math.isnan(head[6])
 
 
 def test_what_others_say_goes_along():
     beside = Beside((1.0, 2.0, 3.0), (4.0, 5.0, 6.0), np.full((N, 12), 60e3))
     head, _, predicted, *_ = packet(beside)
-    assert head[14:] == (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
+    assert head[13:] == (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
     assert (predicted == 60e3 / UNIT_PA).all()

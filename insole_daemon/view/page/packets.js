@@ -2,7 +2,7 @@
 
 const FLOATS = ["fz", "mx", "my", "copX", "copY", "validFraction", "ageMs",
   "refFz", "refMx", "refMy", "modelFz", "modelMx", "modelMy"];
-const HEAD_BYTES = 88;
+const HEAD_BYTES = 80;
 const KPA_PER_UNIT = 0.02;
 const UNKNOWN = 0xffff;
 
@@ -18,14 +18,13 @@ export function decode(buffer) {
     seq: view.getUint32(4, true),
     t: view.getFloat64(8, true), // ms since 1970
     published: view.getFloat64(16, true),
-    sent: view.getFloat64(24, true),
     triangles,
     units: new Uint16Array(buffer, HEAD_BYTES, n),
     predicted: new Uint16Array(buffer, HEAD_BYTES + 2 * n, n),
     counts: new Uint8Array(buffer, HEAD_BYTES + 4 * n, n),
     flags: new Uint8Array(buffer, HEAD_BYTES + 5 * n, n),
   };
-  FLOATS.forEach((name, i) => { cycle[name] = view.getFloat32(32 + 4 * i, true); });
+  FLOATS.forEach((name, i) => { cycle[name] = view.getFloat32(24 + 4 * i, true); });
   return cycle;
 }
 

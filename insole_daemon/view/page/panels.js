@@ -172,6 +172,7 @@ function age(ms) {
 }
 
 function tally(faults) {
-  const counts = Map.groupBy ? Map.groupBy(faults, (each) => each) : new Map(faults.map((each) => [each, [each]]));
-  return [...counts].map(([kind, all]) => (all.length > 1 ? `${all.length} × ${kind}` : kind)).join(", ");
+  const counts = new Map();
+  for (const kind of faults) counts.set(kind, (counts.get(kind) ?? 0) + 1);
+  return [...counts].map(([kind, n]) => (n > 1 ? `${n} × ${kind}` : kind)).join(", ");
 }
