@@ -1,4 +1,4 @@
-"""`insole demo`: the whole of it without hardware, and what it looks like."""
+"""`insole demo`: the whole of it without hardware, and what it looks like; `--hide` is in demo_hide."""
 
 from __future__ import annotations
 
@@ -26,11 +26,31 @@ _LINE_S = 1.0
 def demo(
     seconds: Seconds = None,
     view: Annotated[bool, typer.Option("--view", help="Show it in the browser as well: see 'insole view'.")] = False,
+    hide: Annotated[
+        str | None,
+        typer.Option(
+            "--hide",
+            metavar="EFFECT",
+            help="Instead: record a chamber trial in which this effect is concealed, or nothing, and diagnose it.",
+        ),
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option("--seed", min=0, help="With --hide: place and strength; drawn if not said.")
+    ] = None,
 ) -> None:
-    """See it work without hardware: a simulated walk, live.
+    """See it work without hardware: a simulated walk, live; or something concealed, found.
 
-    Emulated boards of both feet on an in-process bus, the real daemon, Zenoh, and a view in the terminal.
+    Emulated boards of both feet on an in-process bus, the real daemon, Zenoh, and a view in the terminal. With --hide
+    the exit status is 0 where the diagnosis names what was concealed first, else 1.
     """
+    if hide is not None:
+        if seconds is not None or view:
+            raise typer.BadParameter("--seconds and --view are of the live demo, not of --hide")
+        from .demo_hide import hide_and_seek
+
+        raise typer.Exit(0 if hide_and_seek(hide, seed) else 1)
+    if seed is not None:
+        raise typer.BadParameter("--seed is of --hide: say what to conceal")
     from ..bus.opening import open_sink
     from ..bus.recovering import RecoveringSource
     from ..config import Bus, Config

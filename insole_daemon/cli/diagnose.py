@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -32,8 +33,15 @@ def diagnose(
     Exit status: 0 no mismatch or explained, 1 partly explained or unexplained, 2 wrong usage, 3 not decidable from
     this data, 4 a recording was refused.
     """
+    raise typer.Exit(EXIT[diagnosed(recordings, out, calibration, budget).verdict])
+
+
+def diagnosed(
+    recordings: Sequence[Path], out: Path, calibration: Path | None = None, budget: float | None = None
+) -> Diagnosis:
+    """What the command does, up to its exit status."""
     from ..diagnosis import writing
-    from ..diagnosis.diagnosing import diagnose as diagnosed
+    from ..diagnosis.diagnosing import diagnose
     from ..physics import calibration as calibrations
     from ..recording.loading import load
 
@@ -42,10 +50,10 @@ def diagnose(
     for line in (line for each in loaded for line in each.warnings):
         print(f"insole: {line}", file=sys.stderr)
     model = None if calibration is None else calibrations.load(calibration, loaded[0].feet[0].layout)
-    found = diagnosed(loaded, model, budget, lambda text: print(f"insole: {text}", file=sys.stderr, flush=True))
+    found = diagnose(loaded, model, budget, lambda text: print(f"insole: {text}", file=sys.stderr, flush=True))
     writing.write(found, out)
     _print(found, out)
-    raise typer.Exit(EXIT[found.verdict])
+    return found
 
 
 def _print(found: Diagnosis, out: Path) -> None:

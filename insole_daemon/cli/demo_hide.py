@@ -1,0 +1,34 @@
+"""`insole demo --hide`: conceal an effect in a simulated trial, diagnose the recording, and then say what it was."""
+
+from __future__ import annotations
+
+import secrets
+import sys
+import time
+from pathlib import Path
+
+from .diagnose import diagnosed
+
+
+def hide_and_seek(word: str, seed: int | None) -> bool:
+    """Whether the diagnosis names `word` first; it is given the folder of the recording and nothing else."""
+    from .. import config as configs
+    from ..recording.writer import refuse_existing
+    from ..service.setup import load_layout
+    from ..simulation.concealed import NOTHING, conceal
+
+    began = time.monotonic()
+    drawn = secrets.randbelow(1_000_000) if seed is None else seed
+    folder = Path(f"concealed-{drawn}")
+    refuse_existing(folder)
+    config = configs.load(None)
+    layout = load_layout(config.insoles[0])
+    trial, out = folder / "trial", folder / "diagnosis"
+    print(f"insole: recording a chamber trial into {trial}", file=sys.stderr, flush=True)
+    hidden = conceal(word, trial, config, layout, drawn)
+    print(f"insole: diagnosing it: insole diagnose {trial} --out {out}", file=sys.stderr, flush=True)
+    findings = diagnosed([trial], out).findings
+    named = findings[0].effect if findings else NOTHING
+    print(f"What was concealed: {hidden} (seed {drawn}); named first: {named}")
+    print(f"insole: {time.monotonic() - began:.0f} s from start to report", file=sys.stderr)
+    return named == word

@@ -1,0 +1,32 @@
+"""Trials in which something is concealed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import insole_daemon
+from insole_daemon.config import Config
+from insole_daemon.service.setup import load_layout
+from insole_daemon.simulation.concealed import NOTHING, choices, conceal, drawn
+
+CONFIG = Config()
+LAYOUT = load_layout(CONFIG.insoles[0])
+
+
+@pytest.mark.parametrize("word", ["hysteresis", NOTHING])
+def test_the_folder_does_not_tell_what_is_concealed_in_it(tmp_path, word):
+    hidden = conceal(word, tmp_path / "trial", CONFIG, LAYOUT, 5)
+    assert str(hidden).startswith(word)
+    for path in (tmp_path / "trial").iterdir():
+        assert word.encode() not in path.read_bytes()
+    recording = insole_daemon.load(tmp_path / "trial")
+    assert recording.kind == "chamber"
+    assert recording["left"].calibration.effects == ()
+
+
+@pytest.mark.parametrize("word", [word for word in choices() if word != NOTHING])
+def test_every_effect_is_one_that_the_physics_knows(word):
+    found = [drawn(word, LAYOUT, np.random.default_rng(seed)) for seed in range(12)]
+    assert {each.law.word for each in found} == {word}
+    assert len({each.where for each in found}) in (1, 3)  # all of it, or one of three boards
