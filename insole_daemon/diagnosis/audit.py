@@ -16,7 +16,7 @@ from ..physics.law import Array
 from ..recording.loading import FootRecording
 from ..skin.geometry import N_TAXELS, PRESSURE_TAXELS
 from .finding import Finding
-from .floor import noise_of_readings
+from .floor import LEAST_COUNT, noise_of_readings
 from .observed import stretches
 from .places import said, where
 
@@ -25,6 +25,8 @@ MOVED = 0.15  # of the insole's range: the load moved
 MOST_INVALID = 0.1  # of a taxel's cycles: more, and it is left out
 OPEN_TAXELS = 8  # of a triangle's ten that fail together: the triangle has lost contact
 LOUD = 2.5  # times its usual noise: a burst
+BOARD_LOUD = 2.0  # times its quietest tenth, of a board's typical taxel: the board has another state
+LEAP_COUNT, LEAPS = 25.0, 2  # further than the other taxels from one cycle to the next, and how often: a loose contact
 BURST_S = 0.3
 WINDOW_S = 0.5
 GAP_PERIODS = 1.6
@@ -56,6 +58,12 @@ def audit(foot: FootRecording, name: str) -> Audit:
     bad = np.zeros(k * N_TAXELS, bool)
     bad[asked] = share > MOST_INVALID
     findings: list[Finding] = []
+    loud = np.zeros_like(bad)
+    for slots, when in _loud_boards(counts, asked[~bad[asked]], foot.layout.identities[:, 0], t_s):
+        loud[slots] = True
+        text = "is far noisier in some stretches than in others, too long to leave them out: the board is left out"
+        findings.append(_finding("noise_burst", foot, name, slots, when, text))
+    bad[asked] |= ~loud[asked] & (_leaps(counts[:, asked], valid[:, asked]) >= LEAPS)
     opened = _open(dead.reshape(n, k, N_TAXELS), bad.reshape(k, N_TAXELS))
     for row in opened:
         slots = row * N_TAXELS + np.flatnonzero(PRESSURE_TAXELS)
@@ -65,9 +73,11 @@ def audit(foot: FootRecording, name: str) -> Audit:
     if lone.size:
         when = intervals(np.asarray(dead[:, lone].any(axis=1)), t_s)
         always = dead[:, lone].mean() > 0.95
-        text = "say the same number while the load moves, or none that can be believed"
+        text = "say the same number while the load moves, leap, or say none that can be believed"
         findings.append(_finding("dead_taxels", foot, name, lone, () if always else when, text))
-    lost = _lost(foot, t_s)
+    # What a triangle without a taxel to believe lacks is no cycle's loss: one that is not there says the same for ever.
+    lost = _lost(foot, t_s) & (~bad.reshape(k, N_TAXELS) & _asked(foot)).any(axis=1)
+    bad |= loud
     fresh: NDArray[np.bool_] = ~np.any(lost, axis=1)
     quiet, bursts = _bursts(counts, fresh, np.flatnonzero(~bad & np.isin(np.arange(bad.size), asked)), t_s)
     for slots, when in bursts:
@@ -124,6 +134,14 @@ def _dead(counts: Array, valid: NDArray[np.bool_], t_s: Array, mean: Array) -> N
     return dead
 
 
+def _leaps(counts: Array, valid: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """(m,) how often a taxel alone leapt from one cycle to the next."""
+    change = np.diff(counts, axis=0)
+    change -= np.median(change, axis=1, keepdims=True)
+    found: NDArray[np.intp] = np.sum((np.abs(change) > LEAP_COUNT) & valid[1:] & valid[:-1], axis=0)
+    return found
+
+
 def _open(dead: NDArray[np.bool_], bad: NDArray[np.bool_]) -> list[int]:
     together = dead.sum(axis=2) >= OPEN_TAXELS
     return [row for row in range(len(bad)) if bad[row].sum() >= OPEN_TAXELS and together[:, row].mean() > 0.01]
@@ -144,6 +162,31 @@ def _lost(foot: FootRecording, t_s: Array) -> NDArray[np.bool_]:
     return lost
 
 
+def _loud_boards(
+    counts: Array, slots: NDArray[np.intp], boards: NDArray[np.uint8], t_s: Array
+) -> list[tuple[NDArray[np.intp], tuple[tuple[float, float], ...]]]:
+    """Taxels of boards that are loud for more than MOST_INVALID of the time, and when."""
+    found = []
+    level, window = _levels(counts[:, slots], t_s)
+    if len(level) < 20:
+        return []
+    ratio = level / np.maximum(np.quantile(level, 0.1, axis=0), LEAST_COUNT)
+    for board in np.unique(boards):
+        own = boards[slots // N_TAXELS] == board
+        loud = np.median(ratio[:, own], axis=1) > BOARD_LOUD if own.any() else np.zeros(len(level), bool)
+        if loud.mean() > MOST_INVALID:
+            found.append((slots[own], _joined(intervals(np.asarray(loud), t_s[::window]), 2 * WINDOW_S)))
+    return found
+
+
+def _levels(counts: Array, t_s: Array) -> tuple[Array, int]:
+    """(windows, m) noise of each taxel in each WINDOW_S, and how many cycles that is."""
+    window = max(round(WINDOW_S / float(np.median(np.diff(t_s)))), 4)
+    n = len(t_s) // window
+    third = np.abs(np.diff(counts, n=3, axis=0, prepend=counts[:3])) / np.sqrt(20.0)
+    return third[: n * window].reshape(n, window, -1).mean(axis=1) / 0.8, window
+
+
 def _bursts(
     counts: Array, fresh: NDArray[np.bool_], slots: NDArray[np.intp], t_s: Array
 ) -> tuple[NDArray[np.bool_], list[tuple[NDArray[np.intp], tuple[tuple[float, float], ...]]]]:
@@ -151,12 +194,8 @@ def _bursts(
     quiet = np.ones(len(t_s), bool)
     if not slots.size or len(t_s) < 100:
         return quiet, []
-    third = np.abs(np.diff(counts[:, slots], n=3, axis=0, prepend=counts[:3, slots])) / np.sqrt(20.0)
-    usual = noise_of_readings(counts[:, slots])
-    window = max(round(WINDOW_S / float(np.median(np.diff(t_s)))), 4)
-    n = len(t_s) // window
-    level = third[: n * window].reshape(n, window, -1).mean(axis=1) / (0.8 * usual)
-    loud = level > LOUD
+    level, window = _levels(counts[:, slots], t_s)
+    loud = level > LOUD * noise_of_readings(counts[:, slots])
     # A step of the load is one loud window of all taxels; a burst lasts, or is some taxels' own.
     loud_any = loud.mean(axis=1) > 0.0
     if not loud_any.any():
@@ -165,7 +204,7 @@ def _bursts(
     strong = loud[:, taxels]
     times = np.repeat((strong.sum(axis=1) >= max(1, 0.5 * len(taxels))), window)
     flags = np.zeros(len(t_s), bool)
-    flags[: n * window] = times
+    flags[: len(times)] = times
     if not taxels.size or not flags.any() or flags.mean() > 0.5:
         return quiet, []
     quiet[flags] = False

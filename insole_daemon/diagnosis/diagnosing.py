@@ -40,6 +40,7 @@ INVISIBLE = {
     "swapped_triangles": ("a uniform load is the same on both", "walking, or pressing on one triangle"),
 }
 MISSING = {
+    "drift": "at least three cycles",
     "delay": "the reference on the clock of the CAN frames",
     "temperature": "an insole that warms up and cools down",
 }

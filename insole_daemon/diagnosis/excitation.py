@@ -10,9 +10,11 @@ import numpy as np
 from ..errors import DiagnosisError, UndecidableError
 from ..physics.law import Array
 from .candidate import Excitation
-from .observed import Observed, stretches
+from .observed import Observed
 
-MOVES = 0.03  # of the span within a second: less is a hold
+MOVES = 0.03  # of the span within a second: a ramp whose speed counts
+HELD = 0.03  # of the span, within which a load stays that is held
+STEP_S = 3.0  # the shortest hold between two steps
 SPEEDS_APART = 2.0
 LEAST_CYCLES = 3
 TURN = 0.15  # of the span: a reversal counts from there on
@@ -28,23 +30,25 @@ def excitation(observed: Sequence[Observed]) -> Excitation:
             "falls at least three times: was the instrument recorded?"
         )
     reversals = sum(_reversals(load, TURN * span) for load in loads)
-    if reversals < 2 * LEAST_CYCLES - 1:
+    holds = [hold for each, load in zip(observed, loads, strict=True) for hold in _holds(load, each.load.step_s, span)]
+    steps = sum(seconds > STEP_S for seconds, _ in holds)
+    if reversals < 2 * LEAST_CYCLES - 1 and not (reversals and steps >= 2 * LEAST_CYCLES):
         raise UndecidableError(
-            f"{observed[0].folder}: the load turns {reversals} times, expected at least {LEAST_CYCLES} cycles "
-            "of loading and unloading (or steps): one ramp fits any physics. Record more, at two speeds, with holds"
+            f"{observed[0].folder}: the load turns {reversals} times and is held {steps} times, expected at least "
+            f"{LEAST_CYCLES} cycles of loading and unloading, or as many steps up and down: one ramp fits any physics. "
+            "Record more, at two speeds, with holds"
         )
-    ramps, holds = [], []
+    ramps = []
     for each, load in zip(observed, loads, strict=True):
         second = max(round(1.0 / each.load.step_s), 1)
         rate = (load[second:] - load[:-second]) / (second * each.load.step_s)
         ramps += _ramps(rate, MOVES * span, second)
-        holds.append(_longest((np.abs(rate) < MOVES * span) & (load[second:] > 0.2 * span)) * each.load.step_s)
     warm = [each.temperature_c for each in observed if each.temperature_c is not None]
     temperature = np.concatenate(warm) if len(warm) == len(observed) else np.zeros(1)
     return Excitation(
         span_pa=span,
         two_speeds=_two_speeds(ramps),
-        hold_s=max(holds),
+        hold_s=max((seconds for seconds, share in holds if share > 0.2), default=0.0),
         seconds=max(float(each.cycle_s[-1] - each.cycle_s[0]) for each in observed),
         temperature_span_k=float(np.subtract(*np.quantile(temperature, [0.99, 0.01]))),
         temperature_c=float(temperature.mean()),
@@ -80,8 +84,16 @@ def _two_speeds(ramps: Sequence[float]) -> bool:
     return len(ordered) >= 4 and bool(ordered[-2] > SPEEDS_APART * ordered[1])
 
 
-def _longest(flags: np.ndarray) -> int:
-    return max((b - a + 1 for a, b in stretches(flags)), default=0)
+def _holds(load: Array, step_s: float, span: float) -> list[tuple[float, float]]:
+    """How long, and at which share of the span, the load stays within HELD of it: one stretch after another."""
+    found = []
+    start, low, high = 0, float(load[0]), float(load[0])
+    for row, value in enumerate([*load.tolist(), np.inf]):
+        if max(high, value) - min(low, value) > HELD * span:
+            found.append(((row - start) * step_s, (low + high) / 2 / span))
+            start, low, high = row, value, value
+        low, high = min(low, value), max(high, value)
+    return found
 
 
 def _smooth(x: Array) -> Array:

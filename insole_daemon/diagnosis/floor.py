@@ -12,7 +12,7 @@ import numpy as np
 from ..physics.law import Array
 
 _HALF = 0.674_489_75  # of a normal variable's sizes are below this many standard deviations
-_LEAST_COUNT = 0.3  # rounding alone: 1/√12
+LEAST_COUNT = 0.3  # rounding alone: 1/√12
 
 
 def noise_of_blocks(y: Array) -> Array:
@@ -31,7 +31,7 @@ def noise_of_readings(count: Array) -> Array:
     most = np.quantile(third, 0.98, axis=0)
     kept = third <= most
     mean = np.sum(third * kept, axis=0) / np.maximum(kept.sum(axis=0), 1)
-    found: Array = np.maximum(mean / _MEAN_OF_KEPT, _LEAST_COUNT)
+    found: Array = np.maximum(mean / _MEAN_OF_KEPT, LEAST_COUNT)
     return found
 
 

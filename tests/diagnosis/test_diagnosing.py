@@ -84,6 +84,44 @@ def test_dead_taxels_are_left_out_and_reported(tmp_path):
     assert finding.where == Where("taxel", ((*LAYOUT.identities[0].tolist(), 3), (board, triangle, 3)))
 
 
+def test_a_triangle_that_is_not_there_costs_no_cycle(tmp_path):
+    def touch(t_s, counts):
+        counts[:, :12] = 0.0
+
+    diagnosis = found(write(tmp_path / "away", touch=touch))
+    (finding,) = diagnosis.findings
+    assert (finding.effect, finding.where) == (
+        "open_triangle",
+        Where("triangle", (tuple(LAYOUT.identities[0].tolist()),)),
+    )
+
+
+def test_a_board_that_is_loud_for_long_is_left_out_with_its_times(tmp_path):
+    rng = np.random.default_rng(2)
+    board = np.repeat(LAYOUT.identities[:, 0] == 6, 12)
+
+    def touch(t_s, counts):
+        on = (t_s > 20.0) & (t_s < 70.0)
+        counts[np.ix_(on, board)] += rng.normal(-20.0, 4.0, (on.sum(), board.sum()))
+
+    diagnosis = found(write(tmp_path / "loud", touch=touch))
+    (finding,) = diagnosis.findings
+    assert (finding.effect, finding.where) == ("noise_burst", Where("board", ((6,),)))
+    assert finding.when_s[0][0] == pytest.approx(20.0, abs=1.0)
+    assert finding.when_s[-1][1] == pytest.approx(70.0, abs=1.0)
+
+
+def test_a_taxel_that_leaps_is_left_out(tmp_path):
+    def touch(t_s, counts):
+        counts[(t_s % 20.0) > 15.0, 3] -= 45.0
+
+    (finding,) = found(write(tmp_path / "loose", touch=touch)).findings
+    assert (finding.effect, finding.where) == (
+        "dead_taxels",
+        Where("taxel", ((*LAYOUT.identities[0].tolist(), 3),)),
+    )
+
+
 def test_spikes_of_the_reference_are_its_own_fault(tmp_path):
     def reference(t_s, p):
         for at in (1500, 3200, 5100):

@@ -9,6 +9,7 @@ from ..candidate import Candidate, Excitation, Rows
 
 MOST_KNOTS = 9
 KNOT_S = 15.0
+LEAST_REVERSALS = 5  # fewer, and any memory of so few cycles can be written as drift
 
 
 def knots_s(seconds: float) -> Array:
@@ -35,4 +36,9 @@ def candidate(excitation: Excitation) -> Candidate:
         starts=np.empty((1, 0)),
         columns=columns,
         own_columns=True,
+        needs=lambda e: (
+            None
+            if e.reversals >= LEAST_REVERSALS
+            else f"the load turns {e.reversals} times: memory of one cycle is a slow rise and fall too"
+        ),
     )
