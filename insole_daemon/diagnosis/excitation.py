@@ -85,12 +85,17 @@ def _two_speeds(ramps: Sequence[float]) -> bool:
 
 
 def _holds(load: Array, step_s: float, span: float) -> list[tuple[float, float]]:
-    """How long, and at which share of the span, the load stays within HELD of it: one stretch after another."""
+    """How long, and at which share of the span, the load stays within HELD of it: one stretch after another.
+
+    A slow ramp stays so for a while too, but moves evenly: those are left out.
+    """
     found = []
     start, low, high = 0, float(load[0]), float(load[0])
     for row, value in enumerate([*load.tolist(), np.inf]):
         if max(high, value) - min(low, value) > HELD * span:
-            found.append(((row - start) * step_s, (low + high) / 2 / span))
+            quarter = (row - start) // 4
+            if abs(load[row - 1 - quarter] - load[start + quarter]) < HELD / 4 * span:
+                found.append(((row - start) * step_s, (low + high) / 2 / span))
             start, low, high = row, value, value
         low, high = min(low, value), max(high, value)
     return found

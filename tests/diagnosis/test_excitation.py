@@ -30,18 +30,18 @@ def stairs(levels, hold_s=8.0, ramp_s=3.0):
 def test_one_staircase_up_and_down_is_enough_and_drift_is_not_asked_for():
     found = excitation([seen(stairs([0, 1e5, 2e5, 3e5, 2e5, 1e5, 0]))])
     assert found.reversals == 1
-    assert found.hold_s == pytest.approx(8.0, abs=0.3)
+    assert found.hold_s == pytest.approx(8.0, abs=0.5)
     every = candidates(found)
     assert every["creep"].needs(found) is None
     assert every["hysteresis"].needs(found) is None
     assert "turns 1 times" in every["drift"].needs(found)
 
 
-def test_a_slow_ramp_is_no_hold():
+def test_a_slow_ramp_is_neither_step_nor_hold():
     slow = np.interp(np.arange(0.0, 600.0, STEP_S), [0, 300, 600], [0.0, 3e5, 0.0])
-    with pytest.raises(UndecidableError, match="one ramp fits any physics"):
-        excitation([seen(np.interp(np.arange(0.0, 60.0, STEP_S), [0, 30, 60], [0.0, 3e5, 0.0]))])
-    assert excitation([seen(np.concatenate([slow] * 3))]).hold_s < 12.0
+    with pytest.raises(UndecidableError, match="held 0 times.*one ramp fits any physics"):
+        excitation([seen(slow)])
+    assert excitation([seen(np.concatenate([slow] * 3))]).hold_s == 0.0
 
 
 def test_stairs_that_only_rise_decide_nothing():
