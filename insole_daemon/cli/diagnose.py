@@ -19,7 +19,9 @@ def diagnose(
     recordings: Annotated[list[Path], typer.Argument(help="Folders of recordings of one insole, explained together.")],
     out: Annotated[
         Path,
-        typer.Option("--out", help="Folder for diagnosis.json, model.json and report.html; it must not exist yet."),
+        typer.Option(
+            "--out", help="Folder for diagnosis.json, model.json and report.html; it may not hold a diagnosis yet."
+        ),
     ],
     calibration: Annotated[
         Path | None, typer.Option("--calibration", help="The static model that is asked about, if not the recording's.")

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from pathlib import Path
+from typing import Any
 
 from ..errors import FileError
 from ..files import write_text
 from .diagnosing import Diagnosis
+from .reporting.report import html
 
-FILES = ("model.json", "diagnosis.json")  # the last one says that all are there
+FILES = ("model.json", "report.html", "diagnosis.json")  # the last one says that all are there
 
 
 def refuse_taken(out: Path) -> None:
@@ -23,11 +26,16 @@ def refuse_taken(out: Path) -> None:
 
 def write(diagnosis: Diagnosis, out: Path) -> None:
     """Write FILES into `out`; FileError where that fails, and then none of them stays."""
-    contents = {"model.json": diagnosis.model, "diagnosis.json": diagnosis.document()}
+    contents = dict(zip(FILES, (_json(diagnosis.model), html(diagnosis), _json(diagnosis.document())), strict=True))
     try:
         for name in FILES:
-            write_text(out / name, json.dumps(contents[name], indent=1, ensure_ascii=False) + "\n")
+            write_text(out / name, contents[name])
     except OSError as error:
         for name in FILES:
-            (out / name).unlink(missing_ok=True)
+            with contextlib.suppress(OSError):
+                (out / name).unlink(missing_ok=True)
         raise FileError(f"{out}: cannot be written: {error.strerror or error}") from error
+
+
+def _json(content: Any) -> str:
+    return json.dumps(content, indent=1, ensure_ascii=False) + "\n"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from html import escape
 
@@ -17,12 +18,15 @@ Array = NDArray[np.float64]
 _PER_MM, _EDGE, _BAR = 2.0, 12, 66
 _RADIUS = 4.6
 _STEPS = 24  # of the scale beside it
+_FEW = 24  # taxels of one word: more are an area, in which letters cover each other
 
 
-def value_map(layout: Layout, values: Array, label: str, title: str) -> str:
-    """SVG of values (n_triangles · 12,), NaN left empty; the scale runs over the middle 96 % of them."""
+def value_map(layout: Layout, values: Array, label: str, title: str, from_zero: bool = False) -> str:
+    """SVG of values (n_triangles · 12,), NaN left empty; the scale runs over the middle 96 % of them, or from 0 on."""
     known = values[np.isfinite(values)]
     low, high = np.percentile(known, (2, 98)).tolist() if len(known) else (0.0, 1.0)
+    if from_zero:
+        low = 0.0
     if not high > low:
         high = low + (abs(low) or 1.0)
     colours = [magnitude((v - low) / (high - low)) if np.isfinite(v) else None for v in values.tolist()]
@@ -42,18 +46,21 @@ def value_map(layout: Layout, values: Array, label: str, title: str) -> str:
 
 
 def word_map(layout: Layout, words: Mapping[int, str], usual: str, title: str) -> str:
-    """SVG of a word by slot; those that are not `usual` have a colour and their first two letters."""
+    """SVG of a word by slot; those that are not `usual` have a colour, and their first two letters
+    where they are few.
+    """
     order = [usual, *sorted({word for word in words.values() if word != usual})]
     slots = len(layout) * geometry.N_TAXELS
     colours = [None if (word := words.get(slot)) is None else _colour(order.index(word)) for slot in range(slots)]
-    letters = [word[:2] if (word := words.get(slot)) is not None and word != usual else "" for slot in range(slots)]
+    number = Counter(words.values())
+    lettered = {word for word in order[1:] if number[word] <= _FEW}
+    letters = [word[:2] if (word := words.get(slot)) in lettered and word else "" for slot in range(slots)]
     marks, width, height = _taxels(layout, colours, letters)
     named = []
     for at, word in enumerate(order):
         y = _EDGE + 16 + 20 * at
-        n = sum(each == word for each in words.values())
         named.append(f'<circle cx="{width + 6}" cy="{y - 4}" r="{_RADIUS}" fill="{_colour(at)}"/>')
-        named.append(f'<text x="{width + 16}" y="{y}">{escape(word)} {n}</text>')
+        named.append(f'<text x="{width + 16}" y="{y}">{escape(word)} {number[word]}</text>')
     return _svg(title, width + 120, height, [*marks, *named])
 
 

@@ -1,0 +1,28 @@
+"""What the words for effects mean, for whoever has not read the table of laws."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+MEANINGS: Mapping[str, str] = {
+    "hysteresis": "under the same load it reads more while unloading than while loading, at any speed",
+    "snap": "at one load something snaps to, and lets go only at a lower one",
+    "viscoelasticity": "a part of the answer comes late, with one time constant, and then is complete",
+    "creep": "under a constant load the reading goes on growing for minutes, and takes as long to come back",
+    "lag": "the whole answer follows the load with one time constant",
+    "delay": "the whole answer comes later, unchanged",
+    "temperature": "warmth alone changes the reading",
+    "drift": "the reading wanders slowly in time, whatever the load and the temperature",
+    "rezero": "a board took a new zero in the middle of the recording",
+    "gain": "it answers more or less than it was calibrated for, by one factor",
+    "baseline": "without load it rests at another count than when it was calibrated",
+    "bit_shift": "the board divides its readings by another power of two than it was told",
+    "stiffening": "beyond some load it answers ever less, as a sole does that is compressed through",
+    "clock": "the clock of the reference runs faster or slower than that of the insole",
+    "dead_taxels": "taxels that do not answer",
+    "open_triangle": "a triangle that has lost contact",
+    "noise_burst": "a time in which readings are far noisier than usual",
+    "frame_loss": "readings that did not arrive, or arrived again unchanged",
+    "reference_fault": "the reference itself said what cannot have been",
+    "unknown": "something that is there, and is none of the effects known here",
+}
