@@ -15,12 +15,17 @@ from ..physics import effects_document
 from ..physics.chain import Chain
 from ..physics.effects import laws
 from ..physics.law import Array
-from ..recording.loading import Recording, as_configured
+from ..recording.loading import Recording, as_configured, load
 from ..skin.geometry import N_TAXELS
 from .audit import audit
 from .observing import BEGAN, observe
 
 _FAR_S = 86_400.0  # a recording of another day: its times have nothing to do with the model's
+
+
+def of_folder(model: Path, recording: Path, simulation: Path | None) -> dict[str, Array]:
+    """`counts` of the recording in a folder, for programs that know files alone; `simulation` is not asked."""
+    return counts(model, load(recording))
 
 
 def counts(model: str | PathLike[str], recording: Recording) -> dict[str, Array]:

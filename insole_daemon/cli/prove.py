@@ -1,0 +1,80 @@
+"""`insole prove`: the blind benchmark of the diagnosis, from sealed cases to tables; its programs stay its own."""
+
+from __future__ import annotations
+
+import secrets
+import subprocess
+import sys
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .options import write_whole
+
+_TOOL = (sys.executable, "-c", "from insole_daemon.cli import main; main()", "diagnose", "{recording}", "{simulation}")
+_PREDICTOR = "insole_daemon.diagnosis.prediction:of_folder"
+
+
+class Suite(StrEnum):
+    """Which kinds of cases."""
+
+    chamber = "chamber"
+    bench = "bench"
+    walking = "walking"
+    all = "all"
+
+
+def prove(
+    out: Annotated[Path, typer.Option("--out", help="Folder for cases, truth, answers and tables; not there yet.")],
+    cases: Annotated[int, typer.Option("--cases", min=1, help="How many.")] = 108,
+    seed: Annotated[int | None, typer.Option("--seed", min=0, help="Of the cases; drawn where it is not said.")] = None,
+    suite: Annotated[Suite, typer.Option("--suite", help="Which kinds of cases; bench is a short fixed list.")] = (
+        Suite.chamber
+    ),
+    jobs: Annotated[int, typer.Option("--jobs", min=1, help="How many at a time.")] = 1,
+) -> None:
+    """Prove the diagnosis on cases in which physics is concealed: generate, seal, diagnose, score.
+
+    Needs a checkout of the repository: generator and scorer are no part of the package, and share nothing with it.
+    The seal is printed first and the tables last; cases, truth, every run and its log stay in the folder.
+    """
+    from ..errors import FileError
+
+    root = Path(__file__).parents[2]
+    if not (root / "benchmarks" / "blind").is_dir():
+        raise FileError(
+            f"{root}: expected a checkout with benchmarks/blind, found the installed package: clone the repository, "
+            "'pip install -e .[lab]' in it, and run 'insole prove' again"
+        )
+    out = out.resolve()
+    if out.exists():
+        raise FileError(f"{out}: is already there; name another folder, runs are never overwritten")
+    given, sealed, answers, tables = (out / name for name in ("cases", "sealed", "answers", "tables.md"))
+    drawn = secrets.randbelow(2**31) if seed is None else seed
+    out.mkdir(parents=True)
+    print(f"insole: {cases} cases of {suite.value}, seed {drawn}, into {out}", file=sys.stderr, flush=True)
+    seal = _run(
+        root, "generate", "--cases", cases, "--suite", suite.value, "--seed", drawn, "--out", given,
+        "--sealed", sealed, "--jobs", jobs,
+    ).strip()  # fmt: skip
+    print(f"Seal: {seal}", flush=True)
+    _run(root, "run", "--cases", given, "--answers", answers, "--jobs", jobs, "--", *_TOOL, "--out", "{out}")
+    scored = _run(
+        root, "score", "--sealed", sealed, "--answers", answers, "--seal", seal, "--predictor", _PREDICTOR,
+        "--json", out / "score.json",
+    )  # fmt: skip
+    write_whole(tables, scored)
+    print(scored, end="")
+
+
+def _run(root: Path, program: str, *arguments: object) -> str:
+    """What a program of the benchmark says on stdout; its progress is shown. InsoleError where it fails."""
+    from ..errors import InsoleError
+
+    command = [sys.executable, "-m", f"benchmarks.blind.{program}", *map(str, arguments)]
+    done = subprocess.run(command, cwd=root, stdout=subprocess.PIPE, text=True)
+    if done.returncode:
+        raise InsoleError(f"{' '.join(command[1:4])} … ended with status {done.returncode}: see what it said above")
+    return done.stdout
