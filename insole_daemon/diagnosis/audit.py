@@ -23,10 +23,14 @@ from .places import said, where
 SAME_S = 4.0  # a working taxel does not say one number for so long while the load moves
 MOVED = 0.15  # of the insole's range: the load moved
 MOST_INVALID = 0.1  # of a taxel's cycles: more, and it is left out
+MOST_DEAD = 0.3  # of its cycles: more, and the taxel is called dead; less may be the load's or the zero's doing
 OPEN_TAXELS = 8  # of a triangle's ten that fail together: the triangle has lost contact
 LOUD = 2.5  # times its usual noise: a burst
 BOARD_LOUD = 2.0  # times its quietest tenth, of a board's typical taxel: the board has another state
-LEAP_COUNT, LEAPS = 25.0, 2  # further than the other taxels from one cycle to the next, and how often: a loose contact
+LEAP_COUNT, LEAPS = (
+    45.0,
+    2,
+)  # (a snap is less) further than the other taxels from one cycle to the next, and how often: a loose contact
 BURST_S = 0.3
 WINDOW_S = 0.5
 GAP_PERIODS = 1.6
@@ -69,7 +73,9 @@ def audit(foot: FootRecording, name: str) -> Audit:
         slots = row * N_TAXELS + np.flatnonzero(PRESSURE_TAXELS)
         when = intervals(np.asarray(dead[:, slots].sum(axis=1) >= OPEN_TAXELS), t_s)
         findings.append(_finding("open_triangle", foot, name, slots, when, "lost contact: its taxels fail together"))
-    lone = np.array([slot for slot in np.flatnonzero(bad) if slot // N_TAXELS not in opened], np.intp)
+    gone = np.zeros_like(bad)
+    gone[asked] = bad[asked] & ((share > MOST_DEAD) | (share <= MOST_INVALID))
+    lone = np.array([slot for slot in np.flatnonzero(gone) if slot // N_TAXELS not in opened], np.intp)
     if lone.size:
         when = intervals(np.asarray(dead[:, lone].any(axis=1)), t_s)
         always = dead[:, lone].mean() > 0.95
@@ -79,7 +85,7 @@ def audit(foot: FootRecording, name: str) -> Audit:
     lost = _lost(foot, t_s) & (~bad.reshape(k, N_TAXELS) & _asked(foot)).any(axis=1)
     bad |= loud
     fresh: NDArray[np.bool_] = ~np.any(lost, axis=1)
-    quiet, bursts = _bursts(counts, fresh, np.flatnonzero(~bad & np.isin(np.arange(bad.size), asked)), t_s)
+    quiet, bursts = _bursts(counts, lost, np.flatnonzero(~bad & np.isin(np.arange(bad.size), asked)), t_s)
     for slots, when in bursts:
         findings.append(_finding("noise_burst", foot, name, slots, when, "are far noisier than usual for a while"))
     if (~fresh).mean() > MOST_LOST:
@@ -188,7 +194,7 @@ def _levels(counts: Array, t_s: Array) -> tuple[Array, int]:
 
 
 def _bursts(
-    counts: Array, fresh: NDArray[np.bool_], slots: NDArray[np.intp], t_s: Array
+    counts: Array, lost: NDArray[np.bool_], slots: NDArray[np.intp], t_s: Array
 ) -> tuple[NDArray[np.bool_], list[tuple[NDArray[np.intp], tuple[tuple[float, float], ...]]]]:
     """(n,) quiet cycles, and the taxels and times of bursts."""
     quiet = np.ones(len(t_s), bool)
@@ -196,13 +202,18 @@ def _bursts(
         return quiet, []
     level, window = _levels(counts[:, slots], t_s)
     loud = level > LOUD * noise_of_readings(counts[:, slots])
+    n = len(level)
+    gaps: NDArray[np.bool_] = np.any(lost[: n * window].reshape(n, window, -1), axis=1)
+    loud &= ~gaps[:, slots // N_TAXELS]  # what is lost makes steps of its own
     # A step of the load is one loud window of all taxels; a burst lasts, or is some taxels' own.
     loud_any = loud.mean(axis=1) > 0.0
     if not loud_any.any():
         return quiet, []
     taxels = np.flatnonzero(loud.sum(axis=0) * window * float(np.median(np.diff(t_s))) >= BURST_S)
     strong = loud[:, taxels]
-    times = np.repeat((strong.sum(axis=1) >= max(1, 0.5 * len(taxels))), window)
+    there = (strong.sum(axis=1) >= max(1, 0.5 * len(taxels))).astype(float)
+    # A burst begins and ends within a window.
+    times = np.repeat(np.convolve(there, np.ones(3), mode="same") > 0, window)
     flags = np.zeros(len(t_s), bool)
     flags[: len(times)] = times
     if not taxels.size or not flags.any() or flags.mean() > 0.5:

@@ -12,6 +12,7 @@ from ..physics.law import Array
 from ..skin.geometry import N_TAXELS
 from .explained import Insole
 from .finding import Finding, Quantity
+from .groups import Named
 from .jumps import Jump
 from .modelling import Curves
 from .observed import Observed
@@ -89,6 +90,35 @@ def of_clocks(insole: Insole, observed: Sequence[Observed], clocks: Array, std: 
             )
         )  # fmt: skip
     return findings
+
+
+def of_delays(insole: Insole, observed: Sequence[Observed], named: Sequence[Named]) -> list[Finding]:
+    """Groups that are read later than the largest one, where each group's clocks were fitted with it."""
+    if len(named) < 2 or observed[0].load.clock != "own":
+        return []
+    main = max(named, key=lambda each: len(each.group.slots))
+    found = []
+    for each in named:
+        best, usual = each.naming.best, main.naming.best
+        late_s = float(usual.fitted.clocks()[0, 0] - best.fitted.clocks()[0, 0])
+        std_s = float(np.hypot(usual.std[0], best.std[0]))
+        group = each if late_s > 0 else main
+        slope = np.gradient(
+            observed[0].count[:, np.isin(insole.slots, group.group.slots)].mean(axis=1), observed[0].t_s
+        )
+        moved = float(np.sqrt(np.mean(slope**2))) * abs(late_s)
+        if each is main or abs(late_s) < SIGMAS * std_s or moved < LEAST_MOVED * np.median(insole.noise_count):
+            continue
+        place = where(group.group.slots, insole.slots, insole.layout)
+        found.append(
+            Finding(
+                effect="delay", foot=insole.foot, where=place, recordings=insole.recordings,
+                equation=laws()["delay"].equation, parameters={"delay_s": Quantity(abs(late_s), std_s, "s")},
+                explains=moved**2 * len(group.group.slots) / len(insole.slots),
+                sentence=f"{said(place)} is read {abs(late_s) * 1e3:.0f} ms later than the rest.",
+            )
+        )  # fmt: skip
+    return found
 
 
 def of_curves(

@@ -13,7 +13,7 @@ from .naming import Naming, Tried
 UNEXPLAINED = 0.25  # of the mismatch that the best subset leaves: it is something else
 AS_GOOD = 1.6  # times what the best subset leaves: a swap that leaves less is as good
 # Of the mismatch: what one family may miss of a material that is of its kind, by the excitation that is missing.
-MISFIT = {"speeds": 0.1, "holds": 0.05, "temperature": 0.1, "edges": 0.02}
+MISFIT = {"speeds": 0.1, "holds": 0.05, "temperature": 0.1}
 SIGMAS = 4.0
 
 # Words that only the stated excitation tells apart; without it a family's own misfit would decide.
@@ -25,6 +25,11 @@ TWINS: Mapping[frozenset[str], str] = {
     frozenset({"lag", "delay"}): "edges",
     frozenset({"lag", "viscoelasticity"}): "edges",
     frozenset({"creep", "drift"}): "holds",
+    frozenset({"hysteresis", "lag"}): "speeds",
+    frozenset({"hysteresis", "delay"}): "speeds",
+    frozenset({"creep", "lag"}): "speeds",
+    frozenset({"creep", "delay"}): "speeds",
+    frozenset({"viscoelasticity", "delay"}): "edges",
 }
 RECORD: Mapping[str, str] = {
     "speeds": "the same cycle at two speeds, one at least three times the other, and a hold of 60 s",
@@ -73,13 +78,13 @@ def decide(naming: Naming, excitation: Excitation, rows: int) -> Decided:
             if len(tried.words) != len(best.words) or set(best.words) - set(tried.words) != {word}:
                 continue
             (other,) = others
-            at = [candidate.word for candidate in tried.fitted.candidates].index(other)
-            if tried.fitted.candidates[at].is_really(tried.fitted.values()[at]) == word:
-                continue  # the same physics in the other's words
+            at = tried.fitted.words.index(other)
             pair = frozenset({word, other})
             # Told apart by their excitation, twins differ by more than chance; else by more than families do.
             needed = TWINS.get(pair, "")
             misfit = 0.0 if needed in there else MISFIT.get(needed, 0.0)
+            if not misfit and tried.fitted.candidates[at].is_really(tried.fitted.values()[at]) == word:
+                continue  # the same physics in the other's words
             limit = max(AS_GOOD * best.left_heldout, best.left_heldout + chance, misfit)
             if tried.left_heldout <= limit:
                 swaps.append((tried.left_heldout, other))

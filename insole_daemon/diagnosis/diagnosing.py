@@ -121,6 +121,7 @@ def diagnose(
     findings += [
         finding for name, when in zip(names, spikes, strict=True) for finding in beside.of_spikes(insole, name, when)
     ]
+    findings += beside.of_delays(insole, observed, located.named)
     findings += beside.of_jumps(insole, observed, found_jumps)
     clocks, clocks_std = _clocks(observed, located)
     findings += beside.of_clocks(insole, observed, clocks, clocks_std)
@@ -203,6 +204,7 @@ def _jumps(observed: Sequence[Observed], slots: NDArray[np.intp], noise: Array) 
         taxels = hypothesis.at(null.theta)
         return np.split(taxels.residual * noise, ends[:-1]), hypothesis.jumps_of(taxels) * noise
 
+    boards = observed[0].layout.identities[:, 0][slots // N_TAXELS]
     parts, _ = left(found)
     moved = np.empty((0, len(slots)))
     for i, each in enumerate(observed):
@@ -213,10 +215,11 @@ def _jumps(observed: Sequence[Observed], slots: NDArray[np.intp], noise: Array) 
             tried = [*found[:i], [*found[i], jump], *found[i + 1 :]]
             after, moves = left(tried)
             before = jumping.unrest(each, parts[i], jump.boards)
-            if jumping.unrest(each, after[i], jump.boards) > jumping.SETTLES * before:
-                break  # it happens again and again: physics
+            settles = jumping.unrest(each, after[i], jump.boards) < jumping.SETTLES * before
+            whole = float(np.mean(moves[sum(map(len, tried[: i + 1])) - 1][np.isin(boards, jump.boards)]))
+            if not settles or abs(jump.shift_count) < jumping.AT_ONCE * abs(whole):
+                break  # it happens again and again, or little by little: physics
             found, parts, moved = tried, after, moves
-    boards = observed[0].layout.identities[:, 0][slots // N_TAXELS]
     rows = iter(moved)
     return [
         [replace(jump, shift_count=-float(next(rows)[np.isin(boards, jump.boards)].mean())) for jump in own]
@@ -226,7 +229,7 @@ def _jumps(observed: Sequence[Observed], slots: NDArray[np.intp], noise: Array) 
 
 def _clocks(observed: Sequence[Observed], located: Located) -> tuple[Array, Array]:
     """(recordings, 2) offset_s and rate by the best explanation of most taxels, and their standard deviations."""
-    found = np.array([(each.offset_s, each.rate) for each in observed])
+    found = np.array([(each.began_s + each.offset_s, each.rate) for each in observed])
     std = np.array([each.clock_std for each in observed])
     best = max(located.named, key=lambda each: len(each.group.slots), default=None)
     fitted = best.naming.best.fitted if best is not None else located.null

@@ -22,7 +22,13 @@ from ..physics.law import Array
 from .candidate import Candidate, Rows
 from .observed import Observed
 
-KNOTS = (1 / 3, 2 / 3)  # of the load's range: where the third derivative of a static curve may jump
+KNOTS = (
+    1 / 6,
+    1 / 3,
+    1 / 2,
+    2 / 3,
+    5 / 6,
+)  # of the load's range: where the third derivative of a static curve may jump
 MOST_OFFSET_S, MOST_RATE = 0.5, 5e-4  # the clocks' correction after their edges were aligned
 MOST_STEPS = 14
 _N_CURVE = 4 + len(KNOTS)
@@ -194,6 +200,13 @@ class Hypothesis:
         basis = _curve(np.concatenate([reached, x]), np.arange(len(reached) + len(x)) < len(reached))[len(reached) :, 0]
         found: Array = (basis @ fitted.shares[:_N_CURVE]).T
         return found
+
+    def fit_clocks(self, theta: Array) -> Fitted:
+        """The hypothesis from `theta` on with only the clocks searched for."""
+        own = Hypothesis(self.evidence, self.candidates)
+        own.low, own.high = theta.copy(), theta.copy()
+        own.low[: self._n_clock], own.high[: self._n_clock] = self.low[: self._n_clock], self.high[: self._n_clock]
+        return own.fit(theta)
 
     def at(self, theta: Array) -> Fitted:
         """The hypothesis with these values, only curves and shares fitted."""

@@ -14,15 +14,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..physics.law import Array
+from ..skin.geometry import N_TAXELS
 from .candidate import Candidate
 from .evidence import Group, gather
 from .fit import Evidence, Fitted, Hypothesis
 from .naming import Naming, name
 from .observed import Observed
 
-LEAST_EXCESS = 0.2  # of a reading's noise: less is no mismatch worth a word
+LEAST_EXCESS = 0.3  # of a reading's noise: less is no mismatch worth a word
 SIGMAS = 5.0  # of what the mean square of noise alone does
-APART = 0.4  # of a taxel's own mismatch that an explanation leaves: it is another one's
+LATE = 0.6  # of a board's mismatch that clocks of its own take away: it is read later than the others
+APART = 0.2  # of a taxel's own mismatch that an explanation leaves: it is another one's
+APART_SIGMAS = 8.0  # of how the mismatch scatters in the calmer half of the taxels
+LONE = 4
 MOST_DEPTH = 3
 
 
@@ -73,7 +77,11 @@ def locate(
     left = excess(every, null)
     n = len(every.evidence.y)
     chance = np.sqrt(SIGMAS * np.sqrt(5.0 / n) * every.floors)  # a block's floor is itself estimated
-    affected = left > np.maximum(chance, LEAST_EXCESS)
+    # What a few do not share with the many has to stand out among these too.
+    lower = left[calm]
+    middle = float(np.median(lower))
+    usual = middle + APART_SIGMAS * 1.4826 * float(np.median(np.abs(lower - middle))) if middle < LEAST_EXCESS else 0.0
+    affected = left > np.maximum(chance, max(LEAST_EXCESS, usual))
     progress(f"{int(affected.sum())} of {len(slots)} taxels differ from the static model")
     named: list[Named] = []
     if affected.any():
@@ -98,11 +106,33 @@ def _name(
     progress(f"searching what explains {len(columns)} taxels")
     naming = name(group.evidence, candidates, group.floor, deadline)
     after = excess(group, naming.best.fitted)
-    still = after > np.maximum(APART * before[columns], 2 * LEAST_EXCESS)
+    still = after > np.maximum(APART * before[columns], LEAST_EXCESS)
     # All of them, or a part that is as bad as the rest: the explanation is poor, not the grouping.
     apart = still & (after > 3.0 * np.median(after))
+    if apart.sum() < LONE:  # a taxel or two that answer more or less than the others are no place
+        apart &= after > 2 * APART * before[columns]
+    if not (apart.any() and apart.mean() < 0.6):
+        apart = _late(group, naming.best.fitted, observed)
     if depth < MOST_DEPTH and apart.any() and apart.mean() < 0.6:
         for part in (columns[apart], columns[~apart]):
             _name(observed, candidates, noise_count, jumps, part, before, deadline, progress, named, depth + 1)
     else:
         named.append(Named(group, naming))
+
+
+def _late(group: Group, best: Fitted, observed: Sequence[Observed]) -> NDArray[np.bool_]:
+    """(m,) taxels of the board whose clocks would explain much more of it if they were its own; none: False."""
+    late = np.zeros(len(group.slots), bool)
+    boards = observed[0].layout.identities[:, 0][group.slots // N_TAXELS]
+    gains = []
+    for board in np.unique(boards) if best.clocks().size else ():
+        columns = np.flatnonzero(boards == board)
+        own = Hypothesis(group.taxels.of(group.taxels.y[:, columns]), best.candidates)
+        together, alone = own.at(best.theta), own.fit_clocks(best.theta)
+        above = max(together.mean_square() - float(group.floors[columns].mean()), 1e-12)
+        gains.append((1.0 - (alone.mean_square() - float(group.floors[columns].mean())) / above, above, board))
+    if gains:
+        gain, above, board = max(gains)
+        if gain > LATE and above > LEAST_EXCESS**2 and len(gains) > 1:
+            late = boards == board
+    return late

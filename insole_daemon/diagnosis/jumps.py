@@ -21,6 +21,7 @@ SIDE_S = 0.8  # of the means on either side
 SIGMAS = 6.0
 LEAST_COUNT = 0.8
 MOST_JUMPS = 4  # of one insole in one recording: what happens more often is physics
+AT_ONCE = 0.5  # of the whole shift that is seen at the jump itself, at the least: else it drifts
 SETTLES = 0.6  # of a board's unrest that remains when its jump is known, at the most
 SPIKE_S = 0.25  # the longest spike of a reference
 SPIKE = 0.02  # of the span: the least
@@ -80,8 +81,8 @@ def _steps(x: Array, side: int) -> Array:
 def _abrupt(x: Array, p: int, side: int) -> bool:
     """Whether most of the jump is there within two rows."""
     whole = x[p + 1 : p + side].mean() - x[p - side : p - 1].mean()
-    near = np.median(x[p + 1 : p + 4]) - np.median(x[p - 4 : p - 1])
-    return bool(abs(near) > 0.7 * abs(whole))
+    near = np.mean(x[p + 1 : p + 3]) - np.mean(x[p - 3 : p - 1])
+    return bool(abs(near) > 0.75 * abs(whole))
 
 
 def despiked(time_s: Array, pressure_pa: Array) -> tuple[Array, NDArray[np.bool_]]:

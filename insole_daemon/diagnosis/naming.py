@@ -1,7 +1,7 @@
 """Which physics was left out: every subset of the candidates, and the price of one more.
 
 What a hypothesis leaves is measured as a share of what the static model leaves above the noise: u = 1 explains nothing,
-0 everything. One more effect has to take away PRICE of the whole and most of what the smaller set left: a family of
+0 everything. One more effect has to take away a share of the whole and most of what the smaller set left: a family of
 curves never is the material's own, and what is left of a strong effect for that reason is not another effect. Because u
 is relative the rule is the same at every magnitude.
 """
@@ -21,8 +21,9 @@ from .candidate import Candidate
 from .fit import Evidence, Fitted, Hypothesis
 
 MOST_EFFECTS = 3
-PRICE = 0.04  # of the whole excess: what one more effect has to take away
-SHARE = 0.5  # of what the smaller set leaves: as well
+# What one more effect has to take away: of the whole excess, and of what the smaller set leaves. A small one has to
+# explain nearly all that is left.
+PRICES = ((0.04, 0.5), (0.008, 0.8))
 KEPT = 6  # subsets of each size that are tried with blocks held out
 N_FOLDS = 5
 FOLD_S = 8.0  # blocks of rows that are held out together: longer than most memory of the noise
@@ -107,7 +108,7 @@ def name(evidence: Evidence, candidates: Mapping[str, Candidate], floor: float, 
     best = judged[()]
     for size in range(1, MOST_EFFECTS + 1):
         # What is left is less than one more effect costs: no larger set could win.
-        if best.left_heldout <= PRICE or (size > 1 and time.monotonic() > deadline):
+        if best.left_heldout <= PRICES[-1][0] or (size > 1 and time.monotonic() > deadline):
             break
         for words in combinations(candidates, size):
             fitted = _fitted(evidence, candidates, words, by_words)
@@ -154,7 +155,8 @@ def _left(tried: Tried) -> float:
 def _worth(smaller: Tried, larger: Tried) -> bool:
     more = len(larger.words) - len(smaller.words)
     gain = _left(smaller) - _left(larger)
-    return gain > PRICE * more and gain > (1 - (1 - SHARE) ** more) * max(_left(smaller), 0.0)
+    left = max(_left(smaller), 0.0)
+    return any(gain > price * more and gain > (1 - (1 - share) ** more) * left for price, share in PRICES)
 
 
 def _fitted(

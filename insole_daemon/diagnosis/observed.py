@@ -75,6 +75,7 @@ class Observed:
     rate: float
     clock_std: tuple[float, float]  # of these two
     paired_by_row: bool  # the reference had no times: its rows were to go with the cycles
+    began_s: float  # what an own clock of the reference said at its first row, which its times count from here
 
     def reference_s(self, t_s: Array) -> Array:
         """What the reference's clock says when the taxels' says `t_s`, by the edges."""

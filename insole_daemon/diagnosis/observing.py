@@ -9,16 +9,21 @@ from numpy.typing import NDArray
 from scipy.stats import trim_mean
 
 from ..calibration import clock as clocks
+from ..calibration.clock import Clock
 from ..errors import DiagnosisError
 from ..physics.law import Array
 from ..recording.loading import FootRecording, Recording
 from ..recording.reference import Reference
+from ..skin.geometry import N_TAXELS
 from .floor import noise_of_readings
 from .jumps import despiked
 from .observed import Load, Observed, block_starts, stretches
 
 STEP_S = 0.04  # of the load's grid: finer than a block of cycles
 SMOOTH_S = 0.1  # over so long a reference is averaged: its noise would otherwise drive plays
+USUAL_RATE = 3e-4
+SURE = 0.995  # of the edges explained: there is nothing to look for
+SHARPER = 0.7  # of what is left unexplained, that another rate may leave at the most
 TEMPERATURE = "temperature_c"
 BEGAN = "began_t_ns"  # in a model's provenance: from when the times of its effects count
 
@@ -35,7 +40,9 @@ def observe(
     used = cycles & (np.diff(t_s, prepend=-1.0) > 0)
     cycle_s = t_s[used]
     counts, valid = (each.reshape(len(foot), -1)[used][:, slots] for each in (foot.counts, foot.valid))
-    count = _filled(counts, valid)
+    age_s = np.maximum(foot.age_ns[used], 0)[:, slots // N_TAXELS] * 1e-9
+    read = _filled(counts, valid)
+    count = _together(read, cycle_s, age_s)
     first = block_starts(cycle_s)
     reference = foot.reference
     if reference is None:
@@ -47,17 +54,18 @@ def observe(
     else:
         reference_s = reference_s - (foot.t_ns[0] * 1e-9 if reference.clock == "can" else reference_s[0])
     pressure_pa, spike = despiked(reference_s, _pressure_pa(recording, reference))
+    began_s = float(reference.time_s[0]) if reference.time_s is not None and reference.clock == "own" else 0.0
     offset_s, rate, std = 0.0, 0.0, (0.0, 0.0)
     if reference.clock == "own" or rows:
         # The middle half of the taxels: one that leaps or a board that steps bends edges by seconds.
         mean = -trim_mean(count, 0.25, axis=1)
         x = (mean - mean.mean()) / mean.std()
-        found = clocks.fit(cycle_s, np.stack([x**0, x, x**2, x**3], axis=1), reference_s, pressure_pa)
+        found = _clock(cycle_s, np.stack([x**0, x, x**2, x**3], axis=1), reference_s, pressure_pa)
         offset_s, rate, std = found.offset_s, found.rate, (found.offset_std_s, found.rate_std)
     load = Load(*_on_grid(reference_s, pressure_pa), "own" if rows else reference.clock)
     blocks = Observed(
         recording.folder.name, recording.folder, foot.layout, slots, cycle_s, first, np.empty(0),
-        noise_of_readings(count), None, load, offset_s, rate, std, rows,
+        noise_of_readings(read), None, load, offset_s, rate, std, rows, began_s,
     )  # fmt: skip
     temperature = None
     if TEMPERATURE in reference.columns:
@@ -68,6 +76,23 @@ def observe(
     seen = replace(blocks, count=blocks.blocks(count), temperature_c=temperature)
     when = ((reference_s[a] - offset_s, reference_s[b] - offset_s) for a, b in stretches(spike))
     return seen, tuple((float(a), float(b)) for a, b in when)
+
+
+def _clock(cycle_s: Array, features: Array, reference_s: Array, pressure_pa: Array) -> Clock:
+    """By the edges; a rate that no two quartzes have only where it explains clearly more of them."""
+    usual = clocks.fit(cycle_s, features, reference_s, pressure_pa, most_rate=USUAL_RATE)
+    if abs(usual.rate) < USUAL_RATE and usual.explained > SURE:
+        return usual
+    wide = clocks.fit(cycle_s, features, reference_s, pressure_pa)
+    return wide if 1.0 - wide.explained < SHARPER * (1.0 - usual.explained) else usual
+
+
+def _together(count: Array, cycle_s: Array, age_s: Array) -> Array:
+    """(n, m) counts at the moments of the cycles, between those at which each triangle was read."""
+    found = count.copy()
+    for column in np.flatnonzero(age_s.any(axis=0)):
+        found[:, column] = np.interp(cycle_s, cycle_s - age_s[:, column], count[:, column])
+    return found
 
 
 def _pressure_pa(recording: Recording, reference: Reference) -> Array:

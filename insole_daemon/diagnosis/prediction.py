@@ -47,11 +47,13 @@ def counts(model: str | PathLike[str], recording: Recording) -> dict[str, Array]
         t_s = (foot.t_ns - foot.t_ns[0]) * 1e-9
         began = (foot.t_ns[0] - int(calibration.provenance.get(BEGAN, foot.t_ns[0]))) * 1e-9
         t_s = np.maximum.accumulate(t_s)
-        load = np.interp(seen.reference_s(t_s), seen.load.t_s, seen.load.pressure_pa[:, 0])
+        # Each triangle was read as long ago as it is old.
+        read_s = t_s[:, None] - np.maximum(foot.age_ns, 0) * 1e-9
+        load = np.interp(seen.reference_s(read_s), seen.load.t_s, seen.load.pressure_pa[:, 0])
         warm: NDArray[np.float64] | None = None
         if seen.temperature_c is not None:
             warm = np.interp(t_s, seen.t_s, seen.temperature_c)
         shape = (len(foot), len(layout), N_TAXELS)
         origin = began if abs(began) < _FAR_S else 0.0
-        found[foot.foot] = run(np.broadcast_to(load[:, None, None], shape), t_s + origin, warm)
+        found[foot.foot] = run(np.broadcast_to(load[..., None], shape), t_s + origin, warm)
     return found

@@ -23,7 +23,7 @@ from ..skin.layout import Layout
 LEAST = 1.0  # of a reading's noise: what a shared change has to move the readings by
 SCATTERS = 3.0  # of the calibration's own scatter between taxels
 APART = 6.0  # of that scatter: a single taxel
-SHIFT_NEAR = 0.12  # of a power of two: a wrong shift and not just a gain
+SHIFT_NEAR = 0.05  # of a power of two: a wrong shift and not just a gain
 SHARPER = 0.7  # of what gain and baseline leave, that a knee has to take away
 LEAST_STIFF = 0.6  # of a reading's noise
 LEAST_KNEE_PA = 80e3  # a sole that bottoms out earlier is no sole
@@ -140,7 +140,7 @@ def _stiffening(static: Static, noise_count: float, layout: Layout) -> Change | 
             if left < best[0]:
                 best = left, float(knee), float(span)
     left, knee, span = best
-    if plain < LEAST_STIFF * noise_count or left > (1 - SHARPER) * plain:
+    if knee <= LEAST_KNEE_PA or plain < LEAST_STIFF * noise_count or left > (1 - SHARPER) * plain:
         return None
     parameters = {"knee_pa": (knee, 0.05 * top), "span_pa": (span, 0.2 * span)}
     return Change("stiffening", static.slots, parameters, plain)

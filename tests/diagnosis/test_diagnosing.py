@@ -113,7 +113,7 @@ def test_a_board_that_is_loud_for_long_is_left_out_with_its_times(tmp_path):
 
 def test_a_taxel_that_leaps_is_left_out(tmp_path):
     def touch(t_s, counts):
-        counts[(t_s % 20.0) > 15.0, 3] -= 45.0
+        counts[(t_s % 20.0) > 15.0, 3] -= 70.0
 
     (finding,) = found(write(tmp_path / "loose", touch=touch)).findings
     assert (finding.effect, finding.where) == (

@@ -1,7 +1,7 @@
 """Creep: a share of the answer that goes on for decades of time.
 
-The spectrum of time constants is smooth: from `shortest` on, a_k ∝ τ_k^tilt. A tilt of 0 is growth with the logarithm
-of time, between 0 and 1 a power law, below 0 it leans to one time constant: one family has all that is called creep.
+The spectrum of time constants is smooth: a_k ∝ τ_k^tilt from `shortest` to `longest`. A tilt of 0 is growth with the
+logarithm of time, between 0 and 1 a power law. It always goes on for tens of seconds: what is over sooner is no creep.
 """
 
 from __future__ import annotations
@@ -17,20 +17,22 @@ from .viscoelasticity import SLOWEST_S
 
 PER_DECADE = 2
 SHORTEST_S, LONGEST_S = 0.1, 1000.0
+LEAST_LONGEST_S = 20.0
 NARROW = np.log(4.0)  # standard deviation of the logarithm of τ: a spectrum that is one time constant, smeared
 LEAST_SHARE = 2e-3  # of all shares together: less is not worth a mode in the model
 
 
 def candidate(excitation: Excitation) -> Candidate:
     """The candidate for these recordings; what is slower than they are long is one ramp, and left out."""
-    longest_s = min(LONGEST_S, 4 * excitation.seconds)
+    longest_s = max(min(LONGEST_S, 4 * excitation.seconds), 2 * LEAST_LONGEST_S)
     n = 1 + round(PER_DECADE * np.log10(longest_s / SHORTEST_S))
     tau_s = np.geomspace(SHORTEST_S, longest_s, n)
 
     def shares(theta: Array) -> Array:
-        share, log_shortest, tilt = theta
-        # The edge of the spectrum is soft, so that moving it moves the answer smoothly.
+        share, log_shortest, log_longest, tilt = theta
+        # The edges of the spectrum are soft, so that moving them moves the answer smoothly.
         edge = 1.0 / (1.0 + np.exp(-4.0 * (np.log(tau_s) - log_shortest)))
+        edge /= 1.0 + np.exp(4.0 * (np.log(tau_s) - log_longest))
         weight = edge * np.exp(tilt * (np.log(tau_s) - np.log(tau_s[-1])))
         found: Array = share * weight / weight.sum()
         return found
@@ -53,12 +55,23 @@ def candidate(excitation: Excitation) -> Candidate:
         width = float(np.sqrt(each @ (log_tau - middle) ** 2))
         return "viscoelasticity" if width < NARROW and middle < np.log(SLOWEST_S) else "creep"
 
-    low, high = bounds((0.0, 0.8), (np.log(0.1), np.log(min(60.0, longest_s / 4))), (-2.0, 0.9))
-    starts = [(0.05, np.log(s), tilt) for s in (0.2, 1.0, 5.0, 20.0) if s < longest_s / 4 for tilt in (-0.7, 0.0, 0.3)]
+    low, high = bounds(
+        (0.0, 0.8),
+        (np.log(0.1), np.log(min(60.0, longest_s / 4))),
+        (np.log(LEAST_LONGEST_S), np.log(longest_s)),
+        (-0.4, 0.9),
+    )
+    starts = [
+        (0.05, np.log(shortest), np.log(longest), tilt)
+        for shortest in (0.2, 1.0, 5.0, 15.0)
+        for longest in (LEAST_LONGEST_S, longest_s)
+        for tilt in (0.0, 0.3)
+        if 2 * shortest < longest_s / 4
+    ]
     return Candidate(
         word="creep",
         order=5,
-        names=("share", "log_shortest", "tilt"),
+        names=("share", "log_shortest", "log_longest", "tilt"),
         low=low,
         high=high,
         starts=np.array(starts),

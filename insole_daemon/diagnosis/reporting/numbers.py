@@ -11,7 +11,7 @@ from ..explained import LOOPS
 from ..finding import Finding, Quantity
 from ..fit import Hypothesis
 from ..groups import Named
-from ..naming import N_FOLDS, PRICE, SHARE
+from ..naming import N_FOLDS, PRICES
 from ..places import said, where
 
 CORRELATED = 0.9
@@ -46,8 +46,12 @@ def tried(diagnosis: Diagnosis, named: Named) -> str:
 def price() -> str:
     """What one more effect has to be worth."""
     return page.paragraph(
-        f"One more effect is admitted where it takes away more than {PRICE:.0%} of what the static model leaves above "
-        f"the noise, and more than {SHARE:.0%} of what the smaller set leaves, both on blocks that were held out."
+        "One more effect is admitted where it takes away more than "
+        + ", or ".join(
+            f"{whole:.2g} of what the static model leaves above the noise and {rest:.0%} of what the smaller set leaves"
+            for whole, rest in PRICES
+        )
+        + ", on blocks that were held out."
     )
 
 
