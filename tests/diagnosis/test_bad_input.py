@@ -1,0 +1,104 @@
+"""Bad input gets a sentence that says so, the exit status of the format, and leaves nothing."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from insole_daemon.cli import app
+from insole_daemon.errors import InsoleError
+
+from .chamber import LAYOUT, write
+
+
+def refused(status: int, *arguments: object, out: Path) -> str:
+    """What `insole diagnose` says when it refuses."""
+    done = CliRunner().invoke(app, ["diagnose", *map(str, arguments), "--out", str(out)])
+    assert isinstance(done.exception, InsoleError), done.output
+    assert done.exception.exit_status == status
+    assert not out.exists()
+    return str(done.exception)
+
+
+def with_effects(path: Path, effects: list[dict]) -> Path:
+    """The calibration in `path`, with `effects`."""
+    document = json.loads(path.read_text())
+    path.write_text(json.dumps({**document, "effects": effects}))
+    return path
+
+
+MAGIC = {"effect": "magic", "where": {"scope": "insole", "ids": []}, "parameters": {}}
+CREEP = {
+    "effect": "creep", "where": {"scope": "insole", "ids": []},
+    "parameters": {"a": {"value": [0.1], "unit": "1"}, "tau_s": {"value": [9.0], "unit": "s"}},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("own", [True, False])
+def test_a_calibration_whose_effects_are_unknown(tmp_path, own):
+    folder = write(tmp_path / "trial", seconds=40.0)
+    if own:
+        with_effects(folder / "calibration.json", [MAGIC])
+        said = refused(4, folder, out=tmp_path / "out")
+    else:
+        other = tmp_path / "other.json"
+        other.write_text((folder / "calibration.json").read_text())
+        said = refused(4, folder, "--calibration", with_effects(other, [MAGIC]), out=tmp_path / "out")
+    assert "magic" in said
+    assert "effects" in said
+
+
+def test_a_calibration_that_has_physics_already(tmp_path):
+    folder = write(tmp_path / "trial", seconds=40.0)
+    other = tmp_path / "other.json"
+    other.write_text((folder / "calibration.json").read_text())
+    said = refused(4, folder, "--calibration", with_effects(other, [CREEP]), out=tmp_path / "out")
+    assert "creep" in said
+    assert "static" in said
+
+
+def test_a_calibration_of_another_insole(tmp_path):
+    folder = write(tmp_path / "trial", seconds=40.0)
+    document = json.loads((folder / "calibration.json").read_text())
+    board = int(LAYOUT.identities[0, 0])
+    for taxel in document["taxels"]:
+        taxel["board"] += 6 if taxel["board"] == board else 0
+    other = tmp_path / "other.json"
+    other.write_text(json.dumps(document))
+    assert "board" in refused(4, folder, "--calibration", other, out=tmp_path / "out")
+
+
+def test_a_reference_that_never_moves(tmp_path):
+    folder = write(tmp_path / "flat", seconds=40.0)
+    rows = [f"{1_750_000_000 + 0.5 * i},0.0" for i in range(80)]
+    (folder / "reference.csv").write_text("\n".join(["time_s,pressure_pa", *rows]) + "\n")
+    assert "expected a load that rises and falls" in refused(4, folder, out=tmp_path / "out")
+
+
+def test_a_recording_without_a_reference(tmp_path):
+    folder = write(tmp_path / "free", seconds=40.0)
+    document = (folder / "recording.yaml").read_text()
+    (folder / "recording.yaml").write_text(document[: document.index("reference:")].replace("chamber", "free"))
+    assert "expected a reference" in refused(4, folder, out=tmp_path / "out")
+
+
+def test_fewer_than_three_cycles(tmp_path):
+    folder = write(tmp_path / "short", seconds=9.0)
+    assert "at least 3 cycles" in refused(3, folder, out=tmp_path / "out")
+
+
+def test_a_folder_that_holds_a_diagnosis(tmp_path):
+    folder = write(tmp_path / "trial", seconds=40.0)
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "report.html").write_text("mine")
+    done = CliRunner().invoke(app, ["diagnose", str(folder), "--out", str(out)])
+    assert "there is a diagnosis already (report.html)" in str(done.exception)
+    assert (out / "report.html").read_text() == "mine"
+
+
+def test_a_recording_that_is_not_there(tmp_path):
+    assert "nowhere" in refused(4, tmp_path / "nowhere", out=tmp_path / "out")
