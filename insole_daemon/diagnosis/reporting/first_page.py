@@ -46,7 +46,7 @@ def facts(diagnosis: Diagnosis) -> str:
         (f"{before:.2f} counts", "error before"),
         (f"{after:.2f} counts", "error after"),
         (f"{floor:.2f} counts", "noise: no model gets below"),
-        (taken, "of the mismatch (mean square) explained"),
+        (taken, "of the mismatch is explained"),
         (f"{int(diagnosis.located.affected.sum())} of {len(diagnosis.insole.slots)}", "taxels show more than noise"),
     )
 
@@ -97,7 +97,7 @@ def trace(seen: Untouched) -> str:
     load.line(t, seen.load_pa[at] / 1e3, 2)
     left = Plot(time, axis("error, counts", seen.before[at], seen.after[at]), height=220)
     left.line(t, seen.before[at], 1, "without the effects")
-    if seen.named is not None and seen.named.naming.best.words:
+    if seen.explained:
         left.line(t, seen.after[at], 0, "with what was found")
     return page.figure(
         load.svg("load over time") + left.svg("error over time, before and after"),
@@ -141,7 +141,7 @@ def _count(insole: Insole, named: Named, left: float) -> float:
 
 def _window(seen: Untouched) -> NDArray[np.intp]:
     """Rows of the SHOWN_S in which the explanation changes most."""
-    change = np.cumsum((seen.before - seen.after) ** 2 if np.any(seen.before != seen.after) else seen.before**2)
+    change = np.cumsum((seen.before - seen.after) ** 2 if seen.explained else seen.before**2)
     best, found = -1.0, np.arange(len(seen.t_s))
     for start in range(0, len(seen.t_s), 10):
         inside = np.flatnonzero(

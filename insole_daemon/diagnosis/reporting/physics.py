@@ -35,7 +35,8 @@ def loops(seen: Untouched) -> str:
         top.line(x, seen.count[rows], 2)
         plot = Plot(load, left, 480, 240)
         plot.line(x, seen.before[rows], 1, "measured")
-        plot.line(x, seen.before[rows] - seen.after[rows], 0, "model")
+        if seen.explained:
+            plot.line(x, seen.before[rows] - seen.after[rows], 0, "model")
         figures.append(
             page.figure(
                 top.svg(f"counts over load in {name}") + plot.svg(f"loop over load in {name}"),
@@ -78,14 +79,14 @@ def _panel(seen: Untouched, x: Array, label: str, rows: NDArray[np.bool_], capti
         return ""
     middle = np.array([x[rows][which == b].mean() for b in kept])
     drawn = []
-    for left in (seen.before[rows], seen.after[rows]):
+    for left in (seen.before[rows], seen.after[rows])[: 1 + seen.explained]:
         mean = np.array([left[which == b].mean() for b in kept])
         std = np.array([left[which == b].std() / np.sqrt(np.count_nonzero(which == b)) for b in kept])
         drawn.append((mean, 2 * std))
     limits = [value for mean, std in drawn for value in (mean - std, mean + std)]
     plot = Plot(axis(label, middle), axis("error, counts", *limits, np.array([-0.1, 0.1])), 360, 210)
-    names = ("without the effects", "with them")
-    for colour, (mean, std), name in zip((1, 0), drawn, names, strict=True):
+    styles = ((1, "without the effects"), (0, "with them"))
+    for (colour, name), (mean, std) in zip(styles, drawn, strict=False):
         plot.band(middle, mean - std, mean + std, colour)
         plot.line(middle, mean, colour, name)
     return page.figure(plot.svg(f"error {caption}"), f"{caption[:1].upper()}{caption[1:]} (mean ± 2 σ of the mean).")

@@ -35,6 +35,11 @@ class Untouched:
         return float(np.ptp(self.load_pa))
 
     @property
+    def explained(self) -> bool:
+        """Whether there is an explanation to be drawn."""
+        return self.named is not None and bool(self.named.naming.best.words)
+
+    @property
     def held_s(self) -> Array:
         """(n,) how long the load has stood still; NaN while it moves."""
         still = np.abs(self.rate_pa_s) < HOLD * self.span_pa
