@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import pkgutil
 import re
 from xml.etree import ElementTree
 
 import pytest
 
 import insole_daemon
-from insole_daemon.diagnosis import writing
+from insole_daemon.diagnosis import candidates, writing
 from insole_daemon.diagnosis.diagnosing import Diagnosis, diagnose
+from insole_daemon.diagnosis.reporting.meanings import FAULTS, MEANINGS
 from insole_daemon.diagnosis.reporting.report import html
 from insole_daemon.diagnosis.reporting.untouched import untouched
 from insole_daemon.errors import FileError
+from insole_daemon.physics.effects import laws
 
 from .chamber import LAYOUT, relaxing, write
 
@@ -63,6 +66,25 @@ def test_a_page_of_a_null_says_that_nothing_was_found(tmp_path):
     assert "what is left is noise" in page
     assert "Nothing was found" in page
     assert "which is not worth a word" in page
+
+
+def test_faults_of_a_kind_are_one_line_on_page_one_and_each_a_row_below(tmp_path):
+    def touch(t_s, counts):
+        counts[:, :24] = 0.0
+
+    folder = write(tmp_path / "open", touch=touch, seconds=40.0)
+    page = html(diagnose([insole_daemon.load(folder)], None, None, lambda text: None))
+    triangles = [".".join(map(str, each)) for each in LAYOUT.identities[:2].tolist()]
+    assert page.count("<dt>Open triangle: a triangle that has lost contact</dt>") == 1
+    for name in triangles:
+        assert f'<td class="text">triangle {name}</td>' in page
+
+
+def test_every_word_of_a_finding_has_a_meaning():
+    words = {word for word, law in laws().items() if word in MEANINGS} | {"unknown", *FAULTS}
+    assert set(MEANINGS) == words
+    modules = {found.name for found in pkgutil.iter_modules(candidates.__path__)}
+    assert modules < set(MEANINGS)
 
 
 def test_a_page_that_cannot_be_written_leaves_nothing(diagnosed, tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from html import escape
 
 import numpy as np
@@ -17,7 +18,8 @@ from ..explained import Insole
 from ..finding import Finding
 from ..groups import LEAST_EXCESS, Named
 from ..naming import Tried
-from .meanings import MEANINGS
+from ..places import said
+from .meanings import FAULTS, MEANINGS
 from .untouched import Untouched
 
 SHOWN_S = 40.0  # of the trace: so that a cycle can be seen
@@ -55,15 +57,33 @@ def findings(diagnosis: Diagnosis) -> str:
     """Their sentences."""
     if not diagnosis.findings:
         return page.paragraph("Nothing was found that moves the readings by more than their noise hides.")
-    return "<dl>" + "".join(map(_finding, diagnosis.findings)) + "</dl>"
+    physics = [_item(_meant(each), _said(each)) for each in diagnosis.findings if each.effect not in FAULTS]
+    faults: dict[str, list[Finding]] = {}
+    for each in diagnosis.findings:
+        if each.effect in FAULTS:
+            faults.setdefault(each.effect, []).append(each)
+    broken = [_item(_meant(own[0]), _places(own)) for own in faults.values()]
+    return f"<dl>{''.join(physics + broken)}</dl>"
 
 
-def _finding(found: Finding) -> str:
+def _item(head: str, text: str) -> str:
+    return f"<dt>{escape(head[:1].upper() + head[1:])}</dt><dd>{escape(text[:1].upper() + text[1:])}</dd>"
+
+
+def _meant(found: Finding) -> str:
     words = [found.effect, *found.alternatives]
-    meant = "; or ".join(f"{word}: {MEANINGS[word]}" for word in words)
-    sure = f" Confidence {found.confidence:.0%}."
-    said = found.sentence[:1].upper() + found.sentence[1:]
-    return f"<dt>{escape(meant[:1].upper() + meant[1:])}</dt><dd>{escape(said + sure)}</dd>"
+    return "; or ".join(f"{word.replace('_', ' ')}: {MEANINGS[word]}" for word in words)
+
+
+def _said(found: Finding) -> str:
+    return f"{found.sentence} Confidence {found.confidence:.0%}."
+
+
+def _places(found: Sequence[Finding]) -> str:
+    """One sentence, or where, if it is the same in many places; the table of faults has the rest."""
+    if len(found) == 1:
+        return found[0].sentence
+    return f"{', '.join(said(each.where) for each in found)}: see the faults below."
 
 
 def maps(diagnosis: Diagnosis) -> str:

@@ -26,3 +26,5 @@ MEANINGS: Mapping[str, str] = {
     "reference_fault": "the reference itself said what cannot have been",
     "unknown": "something that is there, and is none of the effects known here",
 }
+
+FAULTS = ("dead_taxels", "open_triangle", "noise_burst", "frame_loss", "reference_fault")  # of readings, not physics

@@ -13,10 +13,10 @@ from ..fit import Hypothesis
 from ..groups import Named
 from ..naming import N_FOLDS, PRICES
 from ..places import said, where
+from .meanings import FAULTS
 
 CORRELATED = 0.9
 MOST_ROWS = 14
-FAULTS = ("dead_taxels", "open_triangle", "noise_burst", "frame_loss", "reference_fault")
 
 
 def tried(diagnosis: Diagnosis, named: Named) -> str:
