@@ -15,6 +15,7 @@ from ..physics.law import Array
 from ..skin.layout import Layout
 from .candidate import Candidate, Excitation
 from .deciding import Decided
+from .discovery import discover
 from .finding import Finding, Quantity
 from .fit import Hypothesis
 from .groups import Located, Named
@@ -126,11 +127,17 @@ def _unknown(insole: Insole, named: Named, decided: Decided) -> Finding:
     place = where(named.group.slots, insole.slots, insole.layout)
     size = float(np.sqrt(named.group.per_taxel(named.naming.excess)))
     nearest = " and ".join(decided.best.words) or "none of the known effects"
+    discovered = discover(named.group, named.naming.null.fitted)
+    proposal = ""
+    if discovered.equation:
+        share = f"{discovered.explained:.0%}"
+        proposal = f" As {discovered.equation} {share} of it can be written; what it is, that does not say."
     return Finding(
         effect="unknown", foot=insole.foot, where=place, recordings=insole.recordings,
         explains=insole.mean_square(named), confidence=0.9,
         sentence=f"{said(place)}: {size:.1f} × the noise differs from the static model, and no known effect explains "
-        f"it; {nearest} comes nearest and leaves {min(decided.best.left_heldout, 1.0):.0%} of it.",
+        f"it; {nearest} comes nearest and leaves {min(decided.best.left_heldout, 1.0):.0%} of it.{proposal}",
+        equation=discovered.equation, regime=discovered.regime,
     )  # fmt: skip
 
 

@@ -235,7 +235,7 @@ class Hypothesis:
         """(p,) the starts of `candidate` that explain most of what `parent` leaves, to first order, the best first."""
         if candidate.act is None:
             return [candidate.starts[0]]
-        slope = self._slope(parent)
+        slope = self.slope(parent)
         basis = np.linalg.qr(parent.design)[0]
         alone, unmoved = Hypothesis(self.evidence, (candidate,)), self._unmoved(parent)
         explained = []
@@ -269,7 +269,7 @@ class Hypothesis:
         """(rows · r, p) of the residual over the fitted rows."""
         rows, q = fitted.rows, fitted.effective_pa
         basis = np.linalg.qr(fitted.design[rows])[0]
-        slope = self._slope(fitted)[rows]
+        slope = self.slope(fitted)[rows]
         found = np.empty((*slope.shape, len(fitted.theta)))
         for j in range(len(fitted.theta)):
             nudged = fitted.theta.copy()
@@ -287,7 +287,7 @@ class Hypothesis:
         residual = self.evidence.y - design @ shares
         return Fitted(self.candidates, theta, residual, rows, design, shares, q)
 
-    def _slope(self, fitted: Fitted) -> Array:
+    def slope(self, fitted: Fitted) -> Array:
         """(n, r) how the fitted readings change with a pascal of the effective load."""
         x = (fitted.effective_pa - self._middle) / self._half
         slopes = _slopes(x)[:, 0] / self._half

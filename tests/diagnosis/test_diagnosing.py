@@ -51,6 +51,17 @@ def test_hysteresis_of_another_family_is_hysteresis(tmp_path):
     assert diagnosis.findings[0].where == Where()
 
 
+def test_what_no_name_fits_is_unknown_with_an_equation(tmp_path):
+    def stiffer_the_faster(t_s, p):
+        return p * (1 + 0.25 * np.tanh(np.abs(np.gradient(p, t_s)) / 40e3))
+
+    diagnosis = found(write(tmp_path / "rate", stiffer_the_faster))
+    assert diagnosis.verdict in ("unexplained", "partly explained")
+    (unknown,) = [finding for finding in diagnosis.findings if finding.effect == "unknown"]
+    assert "|dP/dt|" in unknown.equation
+    assert set(unknown.regime) == {"pressure_pa", "phase"}
+
+
 def test_the_model_predicts_the_counts(tmp_path):
     folder = write(tmp_path / "solid", relaxing(0.3, 0.8))
     out = tmp_path / "diagnosis"
