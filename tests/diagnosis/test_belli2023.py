@@ -1,0 +1,34 @@
+"""The published chamber recording of 142 s: nobody planted anything in it."""
+
+from pathlib import Path
+
+import pytest
+
+import insole_daemon
+from insole_daemon.diagnosis.diagnosing import diagnose
+from insole_daemon.recording.import_matlab import import_matlab
+
+NAME = "experiment_Inf_15September_dynamic_1"
+FILE = Path(__file__).parents[3] / "shared" / "data" / "belli2023" / "left_insole" / f"{NAME}.mat"
+
+
+@pytest.mark.skipif(not FILE.exists(), reason="no public recordings beside the repository")
+def test_the_published_recording_is_diagnosed(tmp_path):
+    recording = insole_daemon.load(import_matlab(FILE, tmp_path / NAME, "left", None))
+    diagnosis = diagnose([recording], None, 1.0, lambda text: None)
+    boards = recording["left"].layout.identities[:, 0]
+    assert set(boards[diagnosis.insole.slots // 12].tolist()) == {5}
+    assert len(diagnosis.insole.slots) == 120
+    by_place = {(each.effect, each.where.ids): each for each in diagnosis.findings}
+    # Its middle board stands on a step, several times as loud, for as long as it is pressed.
+    ((began, ended),) = by_place["noise_burst", ((6,),)].when_s
+    assert (began, ended) == (pytest.approx(29.8, abs=1.0), pytest.approx(121.5, abs=1.0))
+    ((lost, _),) = by_place["open_triangle", ((6, 6),)].when_s
+    assert lost == pytest.approx(43.5, abs=1.0)
+    # Against pairing row by row. With the loud board in the mean the clock ran 3.6 % fast.
+    ((offset_s, rate),) = diagnosis.clocks.tolist()
+    assert offset_s == pytest.approx(-0.35, abs=0.4)
+    assert rate == pytest.approx(-0.003, abs=0.005)
+    # One rise and one fall: any memory could be written as drift, so that is not asked for.
+    assert "drift" in {each["effect"] for each in diagnosis.not_identifiable}
+    assert diagnosis.heldout["before"] > 1.5 * diagnosis.heldout["floor"]
