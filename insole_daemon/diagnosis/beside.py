@@ -12,7 +12,7 @@ from ..physics.law import Array
 from ..skin.geometry import N_TAXELS
 from .explained import Insole
 from .finding import Finding, Quantity
-from .groups import Named
+from .groups import Located
 from .jumps import Jump
 from .modelling import Curves
 from .observed import Observed
@@ -23,6 +23,7 @@ MOST_RATE = 1e-4  # a clock's rate error from which on it is a finding: the form
 SIGMAS = 3.0
 LEAST_MOVED = 0.25  # of a reading's noise, RMS
 LEAST_LATE_S = 0.05  # that it makes by the end, at the least
+LEAST_TAXELS = 8  # fewer have no moment of their own: they are loose
 LEAST_OFFSET_S = 0.1  # of a reference whose rows were to go with the cycles
 
 
@@ -92,29 +93,32 @@ def of_clocks(insole: Insole, observed: Sequence[Observed], clocks: Array, std: 
     return findings
 
 
-def of_delays(insole: Insole, observed: Sequence[Observed], named: Sequence[Named]) -> list[Finding]:
-    """Groups that are read later than the largest one, where each group's clocks were fitted with it."""
-    if len(named) < 2 or observed[0].load.clock != "own":
+def of_delays(insole: Insole, observed: Sequence[Observed], located: Located) -> list[Finding]:
+    """Groups that are read later than the others, where each group's clocks were fitted with it."""
+    groups = [each for each in located.named if len(each.group.slots) >= LEAST_TAXELS]
+    main = max(groups, key=lambda each: len(each.group.slots), default=None)
+    if main is None or len(main.group.slots) == len(insole.slots) or observed[0].load.clock != "own":
         return []
-    main = max(named, key=lambda each: len(each.group.slots))
+    if len(groups) > 1:
+        others = [each for each in groups if each is not main]
+        usual, usual_std = main.naming.best.fitted.clocks(), float(main.naming.best.std[0])
+    else:
+        others, usual, usual_std = groups, located.null.clocks(), 0.0
     found = []
-    for each in named:
-        best, usual = each.naming.best, main.naming.best
-        late_s = float(usual.fitted.clocks()[0, 0] - best.fitted.clocks()[0, 0])
-        std_s = float(np.hypot(usual.std[0], best.std[0]))
-        group = each if late_s > 0 else main
-        slope = np.gradient(
-            observed[0].count[:, np.isin(insole.slots, group.group.slots)].mean(axis=1), observed[0].t_s
-        )
+    for each in others:
+        late_s = float(usual[0, 0] - each.naming.best.fitted.clocks()[0, 0])
+        std_s = float(np.hypot(usual_std, each.naming.best.std[0]))
+        late = each.group.slots if late_s > 0 else np.setdiff1d(insole.slots, each.group.slots)
+        slope = np.gradient(observed[0].count[:, np.isin(insole.slots, late)].mean(axis=1), observed[0].t_s)
         moved = float(np.sqrt(np.mean(slope**2))) * abs(late_s)
-        if each is main or abs(late_s) < SIGMAS * std_s or moved < LEAST_MOVED * np.median(insole.noise_count):
+        if abs(late_s) < SIGMAS * std_s or moved < LEAST_MOVED * np.median(insole.noise_count):
             continue
-        place = where(group.group.slots, insole.slots, insole.layout)
+        place = where(late, insole.slots, insole.layout)
         found.append(
             Finding(
                 effect="delay", foot=insole.foot, where=place, recordings=insole.recordings,
                 equation=laws()["delay"].equation, parameters={"delay_s": Quantity(abs(late_s), std_s, "s")},
-                explains=moved**2 * len(group.group.slots) / len(insole.slots),
+                explains=moved**2 * len(late) / len(insole.slots),
                 sentence=f"{said(place)} is read {abs(late_s) * 1e3:.0f} ms later than the rest.",
             )
         )  # fmt: skip

@@ -15,6 +15,7 @@ AS_GOOD = 1.6  # times what the best subset leaves: a swap that leaves less is a
 # Of the mismatch: what one family may miss of a material that is of its kind, by the excitation that is missing.
 MISFIT = {"speeds": 0.1, "holds": 0.05, "temperature": 0.1}
 SIGMAS = 4.0
+HOLD_S = 12.0  # shorter, and what relaxes and what creeps look alike
 
 # Words that only the stated excitation tells apart; without it a family's own misfit would decide.
 TWINS: Mapping[frozenset[str], str] = {
@@ -55,8 +56,8 @@ def shown(excitation: Excitation) -> frozenset[str]:
     found = set()
     if excitation.two_speeds:
         found.add("speeds")
-    if excitation.hold_s >= 8.0:
-        found |= {"holds", "speeds"}
+    if excitation.hold_s >= HOLD_S:
+        found.add("holds")
     if excitation.temperature_reverses:
         found.add("temperature")
     return frozenset(found)

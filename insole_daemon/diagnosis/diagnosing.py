@@ -121,8 +121,11 @@ def diagnose(
     findings += [
         finding for name, when in zip(names, spikes, strict=True) for finding in beside.of_spikes(insole, name, when)
     ]
-    findings += beside.of_delays(insole, observed, located.named)
-    findings += beside.of_jumps(insole, observed, found_jumps)
+    jumped = beside.of_jumps(insole, observed, found_jumps)
+    late = beside.of_delays(insole, observed, located)
+    findings += [*jumped, *late]
+    own = [each for each in jumped if each.recordings == names[:1]]  # a model's times are those of the first recording
+    effects += [modelling.as_effect(each.effect, each.where, each.parameters) for each in [*own, *late]]
     clocks, clocks_std = _clocks(observed, located)
     findings += beside.of_clocks(insole, observed, clocks, clocks_std)
     handed_in = 0.0

@@ -154,8 +154,8 @@ def _left(tried: Tried) -> float:
 
 def _worth(smaller: Tried, larger: Tried) -> bool:
     more = len(larger.words) - len(smaller.words)
-    gain = _left(smaller) - _left(larger)
-    left = max(_left(smaller), 0.0)
+    left = min(max(_left(smaller), 0.0), 1.0)  # more than the whole is what a free curve invents where it has to guess
+    gain = left - _left(larger)
     return any(gain > price * more and gain > (1 - (1 - share) ** more) * left for price, share in PRICES)
 
 
