@@ -26,6 +26,10 @@ def diagnose(
     calibration: Annotated[
         Path | None, typer.Option("--calibration", help="The static model that is asked about, if not the recording's.")
     ] = None,
+    simulation: Annotated[
+        Path | None,
+        typer.Option("--simulation", help="A simulated recording of the same trial: its load stands for a reference."),
+    ] = None,
     budget: Annotated[
         float | None, typer.Option("--budget", min=1.0, help="Seconds after which no larger sets are tried.")
     ] = None,
@@ -35,11 +39,15 @@ def diagnose(
     Exit status: 0 no mismatch or explained, 1 partly explained or unexplained, 2 wrong usage, 3 not decidable from
     this data, 4 a recording was refused.
     """
-    raise typer.Exit(EXIT[diagnosed(recordings, out, calibration, budget).verdict])
+    raise typer.Exit(EXIT[diagnosed(recordings, out, calibration, budget, simulation).verdict])
 
 
 def diagnosed(
-    recordings: Sequence[Path], out: Path, calibration: Path | None = None, budget: float | None = None
+    recordings: Sequence[Path],
+    out: Path,
+    calibration: Path | None = None,
+    budget: float | None = None,
+    simulation: Path | None = None,
 ) -> Diagnosis:
     """What the command does, up to its exit status."""
     from ..diagnosis import writing
@@ -52,7 +60,12 @@ def diagnosed(
     for line in (line for each in loaded for line in each.warnings):
         print(f"insole: {line}", file=sys.stderr)
     model = None if calibration is None else calibrations.load(calibration, loaded[0].feet[0].layout)
-    found = diagnose(loaded, model, budget, lambda text: print(f"insole: {text}", file=sys.stderr, flush=True))
+    load_of = None if simulation is None else load(simulation)
+
+    def say(text: str) -> None:
+        print(f"insole: {text}", file=sys.stderr, flush=True)
+
+    found = diagnose(loaded, model, budget, say, load_of)
     writing.write(found, out)
     _print(found, out)
     return found

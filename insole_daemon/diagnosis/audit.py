@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
 
 from ..physics.law import Array
 from ..recording.loading import FootRecording
@@ -24,6 +25,8 @@ SAME_S = 4.0  # a working taxel does not say one number for so long while the lo
 MOVED = 0.15  # of the insole's range: the load moved
 MOST_INVALID = 0.1  # of a taxel's cycles: more, and it is left out
 MOST_DEAD = 0.3  # of its cycles: more, and the taxel is called dead; less may be the load's or the zero's doing
+RAIL_SIGMAS, RAIL_CYCLES, MOST_ON_RAILS = 2.5, 15, 0.2  # how near an end, over how many cycles, how many taxels
+OPEN_S = 0.3  # how long a triangle is silent before it is called open
 OPEN_TAXELS = 8  # of a triangle's ten that fail together: the triangle has lost contact
 LOUD = 2.5  # times its usual noise: a burst
 BOARD_LOUD = 2.0  # times its quietest tenth, of a board's typical taxel: the board has another state
@@ -36,6 +39,10 @@ WINDOW_S = 0.5
 GAP_PERIODS = 1.6
 MOST_LOST = 0.003  # of all cycles: fewer are what a bus loses
 REPEATS = 5  # equal readings of all of a triangle in a row: no converter is that slow
+
+
+# E|z| of a normal variable without its largest fifth: (φ(0) − φ(1.2816)) · 2 / 0.8.
+_MEAN_OF_FOUR_FIFTHS = 0.5586
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,10 +75,12 @@ def audit(foot: FootRecording, name: str) -> Audit:
         text = "is far noisier in some stretches than in others, too long to leave them out: the board is left out"
         findings.append(_finding("noise_burst", foot, name, slots, when, text))
     bad[asked] |= ~loud[asked] & (_leaps(counts[:, asked], valid[:, asked]) >= LEAPS)
-    opened = _open(dead.reshape(n, k, N_TAXELS), bad.reshape(k, N_TAXELS))
+    # Readings at the upper end are a rest count that has wandered off, not a line without a triangle.
+    silent_now = (dead & (counts < 255)).reshape(n, k, N_TAXELS)
+    opened = _open(silent_now, t_s)
     for row in opened:
         slots = row * N_TAXELS + np.flatnonzero(PRESSURE_TAXELS)
-        when = intervals(np.asarray(dead[:, slots].sum(axis=1) >= OPEN_TAXELS), t_s)
+        when = _joined(intervals(np.asarray(silent_now[:, row].sum(axis=1) >= OPEN_TAXELS), t_s), 1.0)
         findings.append(_finding("open_triangle", foot, name, slots, when, "lost contact: its taxels fail together"))
     gone = np.zeros_like(bad)
     gone[asked] = bad[asked] & ((share > MOST_DEAD) | (share <= MOST_INVALID))
@@ -95,7 +104,8 @@ def audit(foot: FootRecording, name: str) -> Audit:
         spread = sum(b - a for a, b in when) > 0.5 * t_s[-1] or len(when) > 40
         text = f"{lost[:, rows].mean():.1%} of the readings did not come, or came again unchanged"
         findings.append(_finding("frame_loss", foot, name, slots, () if spread else when, text))
-    return Audit(~bad.reshape(k, N_TAXELS) & _asked(foot), fresh & quiet, tuple(findings))
+    kept = ~bad.reshape(k, N_TAXELS) & _asked(foot)
+    return Audit(kept, fresh & quiet & ~_on_rails(counts[:, kept.ravel()]), tuple(findings))
 
 
 def intervals(flags: NDArray[np.bool_], t_s: Array) -> tuple[tuple[float, float], ...]:
@@ -148,9 +158,21 @@ def _leaps(counts: Array, valid: NDArray[np.bool_]) -> NDArray[np.intp]:
     return found
 
 
-def _open(dead: NDArray[np.bool_], bad: NDArray[np.bool_]) -> list[int]:
-    together = dead.sum(axis=2) >= OPEN_TAXELS
-    return [row for row in range(len(bad)) if bad[row].sum() >= OPEN_TAXELS and together[:, row].mean() > 0.01]
+def _open(open_now: NDArray[np.bool_], t_s: Array) -> list[int]:
+    """Rows of triangles most of whose taxels (n, n_triangles, 12) say nothing for OPEN_S or longer."""
+    together = open_now.sum(axis=2) >= OPEN_TAXELS
+    return [
+        row for row in range(together.shape[1])
+        if any(t_s[b] - t_s[a] >= OPEN_S for a, b in stretches(together[:, row]))
+    ]  # fmt: skip
+
+
+def _on_rails(counts: Array) -> NDArray[np.bool_]:
+    """(n,) cycles in which many taxels stand so near an end of their range that it cuts their noise off."""
+    near = RAIL_SIGMAS * float(np.median(noise_of_readings(counts))) if counts.size else 0.0
+    usual = uniform_filter1d(counts, RAIL_CYCLES, axis=0)
+    cut: NDArray[np.bool_] = np.mean((usual > 255 - near) | (usual < near), axis=1) > MOST_ON_RAILS
+    return cut if cut.mean() < 0.9 else np.zeros_like(cut)
 
 
 def _lost(foot: FootRecording, t_s: Array) -> NDArray[np.bool_]:
@@ -161,6 +183,7 @@ def _lost(foot: FootRecording, t_s: Array) -> NDArray[np.bool_]:
     same = np.zeros((len(foot), len(foot.layout)), bool)
     pressure = foot.counts[:, :, PRESSURE_TAXELS]
     same[1:] = (pressure[1:] == pressure[:-1]).all(axis=2)
+    same &= (foot.valid & PRESSURE_TAXELS).sum(axis=2) >= N_TAXELS / 2  # what stands at the end of its range may stay
     for row in range(len(foot.layout)):
         for a, b in stretches(same[:, row]):
             if b - a + 1 >= REPEATS:
@@ -190,7 +213,9 @@ def _levels(counts: Array, t_s: Array) -> tuple[Array, int]:
     window = max(round(WINDOW_S / float(np.median(np.diff(t_s)))), 4)
     n = len(t_s) // window
     third = np.abs(np.diff(counts, n=3, axis=0, prepend=counts[:3])) / np.sqrt(20.0)
-    return third[: n * window].reshape(n, window, -1).mean(axis=1) / 0.8, window
+    # Without the largest fifth: a snap is in a few differences of a window, noise is in all of them.
+    sizes = np.sort(third[: n * window].reshape(n, window, -1), axis=1)[:, : round(0.8 * window)]
+    return sizes.mean(axis=1) / _MEAN_OF_FOUR_FIFTHS, window
 
 
 def _bursts(

@@ -23,20 +23,19 @@ TWINS: Mapping[frozenset[str], str] = {
     frozenset({"hysteresis", "viscoelasticity"}): "speeds",
     frozenset({"creep", "viscoelasticity"}): "holds",
     frozenset({"temperature", "drift"}): "temperature",
-    frozenset({"lag", "delay"}): "edges",
-    frozenset({"lag", "viscoelasticity"}): "edges",
+    frozenset({"lag", "delay"}): "speeds",
+    frozenset({"lag", "viscoelasticity"}): "speeds",
     frozenset({"creep", "drift"}): "holds",
     frozenset({"hysteresis", "lag"}): "speeds",
     frozenset({"hysteresis", "delay"}): "speeds",
     frozenset({"creep", "lag"}): "speeds",
     frozenset({"creep", "delay"}): "speeds",
-    frozenset({"viscoelasticity", "delay"}): "edges",
+    frozenset({"viscoelasticity", "delay"}): "speeds",
 }
 RECORD: Mapping[str, str] = {
     "speeds": "the same cycle at two speeds, one at least three times the other, and a hold of 60 s",
     "holds": "a hold of at least 60 s, then 60 s without load",
     "temperature": "the insole warming up and cooling down again",
-    "edges": "steps of the load that are over within 50 ms",
 }
 
 

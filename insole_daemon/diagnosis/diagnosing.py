@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,6 +51,7 @@ class Diagnosis:
     """All that is said; `document` is its form as a file."""
 
     insole: Insole
+    against: Literal["model", "simulation"]
     verdict: Verdict
     heldout: Mapping[str, Any]
     clocks: Array  # (recordings, 2) offset_s and rate of the reference's clock
@@ -67,7 +68,7 @@ class Diagnosis:
         return {
             "format": "insole-diagnosis/1",
             "recordings": list(self.insole.recordings),
-            "against": "model",
+            "against": self.against,
             "verdict": self.verdict,
             "heldout": dict(self.heldout),
             "alignment": [
@@ -85,15 +86,17 @@ def diagnose(
     calibration: Calibration | None,
     budget_s: float | None,
     progress: Callable[[str], None],
+    simulation: Recording | None = None,
 ) -> Diagnosis:
     """What differs between recordings and their model, where the load is known.
 
     `calibration`: the model that is asked about; without it that of the first recording, without both only memory
-    and faults are looked for. After `budget_s` no larger subsets are tried. DiagnosisError where the recordings do not
+    and faults are looked for. After `budget_s` no larger subsets are tried. `simulation` of the same
+    trial: its load stands for the reference. DiagnosisError where the recordings do not
     belong together or cannot show anything.
     """
     deadline = math.inf if budget_s is None else time.monotonic() + budget_s
-    feet = [_foot(each) for each in recordings]
+    feet = [_foot(each, simulation) for each in recordings]
     layout = _one_layout(recordings, feet)
     model = calibration if calibration is not None else feet[0].calibration
     if model is not None and model.effects:
@@ -101,7 +104,7 @@ def diagnose(
         raise DiagnosisError(f"the model has effects already ({words}), expected a static one: diagnose against that")
     progress("auditing the readings")
     audits = [audit(foot, each.folder.name) for foot, each in zip(feet, recordings, strict=True)]
-    observed, spikes = _observe(recordings, feet, audits)
+    observed, spikes = _observe(recordings, feet, audits, simulation)
     excited = excitation(observed)
     slots = observed[0].slots
     noise = np.sqrt(np.mean([each.noise_count**2 for each in observed], axis=0))
@@ -139,6 +142,7 @@ def diagnose(
     provenance = {"made_by": f"insole diagnose {__version__}", "recordings": list(names), BEGAN: int(feet[0].t_ns[0])}
     return Diagnosis(
         insole=insole,
+        against="model" if simulation is None else "simulation",
         verdict=_verdict(findings),
         heldout={"unit": "count", **dict(zip(("before", "after", "floor"), rms, strict=True))},
         clocks=clocks,
@@ -152,10 +156,13 @@ def diagnose(
     )
 
 
-def _foot(recording: Recording) -> FootRecording:
-    known = [foot for foot in recording.feet if foot.reference is not None]
+def _foot(recording: Recording, simulation: Recording | None) -> FootRecording:
+    known = [foot for foot in recording.feet if simulation is not None or foot.reference is not None]
     if not known:
-        raise DiagnosisError(f"{recording.folder}: expected a reference (kind chamber), found none: what was the load?")
+        raise DiagnosisError(
+            f"{recording.folder}: expected a reference (kind chamber), found none: what was the load? Record it, or "
+            "give a simulated recording of the trial with --simulation"
+        )
     if len(known) > 1:
         raise DiagnosisError(
             f"{recording.folder}: expected one foot with a reference, found both: diagnose each by itself"
@@ -181,14 +188,17 @@ def _one_layout(recordings: Sequence[Recording], feet: Sequence[FootRecording]) 
 
 
 def _observe(
-    recordings: Sequence[Recording], feet: Sequence[FootRecording], audits: Sequence[Audit]
+    recordings: Sequence[Recording],
+    feet: Sequence[FootRecording],
+    audits: Sequence[Audit],
+    simulation: Recording | None,
 ) -> tuple[list[Observed], list[tuple[tuple[float, float], ...]]]:
     """What is looked at of each recording, the same taxels of all, and when its reference had spikes."""
     kept = np.all([each.kept for each in audits], axis=0)
     if not kept.any():
         raise DiagnosisError(f"{recordings[0].folder}: no taxel says anything that can be believed: see the audit")
     seen = [
-        observe(recording, foot, kept, audited.cycles)
+        observe(recording, foot, kept, audited.cycles, simulation)
         for recording, foot, audited in zip(recordings, feet, audits, strict=True)
     ]
     return [each for each, _ in seen], [spikes for _, spikes in seen]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..physics import effects_document
 from ..physics.effect import Effect, Where, effect
 from ..physics.effects import laws
-from ..physics.law import Array
+from ..physics.law import MOST_SHARED, Array
 from ..skin.geometry import N_TAXELS
 from ..skin.layout import Layout
 from .candidate import Candidate, Excitation
@@ -77,8 +77,12 @@ def quantities(
 
 
 def as_effect(word: str, place: Where, parameters: Mapping[str, Quantity]) -> Effect:
-    """The effect that a chain runs."""
-    return effect(word, place, **{name: np.clip(q.value, *_bounds(word, name)) for name, q in parameters.items()})
+    """The effect that a chain runs: within the law's bounds, shares that sum to no more than can be undone."""
+    values = {name: np.clip(q.value, *_bounds(word, name)) for name, q in parameters.items()}
+    for name in ("a", "w"):
+        if np.ndim(values.get(name, 0.0)):
+            values[name] = values[name] * min(1.0, MOST_SHARED / max(float(np.sum(values[name])), 1e-9))
+    return effect(word, place, **values)
 
 
 def document(

@@ -21,19 +21,26 @@ from .observed import Load, Observed, block_starts, stretches
 
 STEP_S = 0.04  # of the load's grid: finer than a block of cycles
 SMOOTH_S = 0.1  # over so long a reference is averaged: its noise would otherwise drive plays
+LEAST_TOLD = 0.3
 USUAL_RATE = 3e-4
 SURE = 0.995  # of the edges explained: there is nothing to look for
 SHARPER = 0.7  # of what is left unexplained, that another rate may leave at the most
+MOST_APART = 0.15  # of the load's range, between taxels: noise and rounding of a simulated chamber are less
 TEMPERATURE = "temperature_c"
 BEGAN = "began_t_ns"  # in a model's provenance: from when the times of its effects count
 
 
 def observe(
-    recording: Recording, foot: FootRecording, kept: NDArray[np.bool_], cycles: NDArray[np.bool_]
+    recording: Recording,
+    foot: FootRecording,
+    kept: NDArray[np.bool_],
+    cycles: NDArray[np.bool_],
+    simulation: Recording | None = None,
 ) -> tuple[Observed, tuple[tuple[float, float], ...]]:
     """What a diagnosis looks at of `foot`, and when its reference had spikes, which are taken out.
 
-    `kept` (n_triangles, 12): the taxels that are fit to be asked; `cycles` (n,) those that hold new readings.
+    `kept` (n_triangles, 12): the taxels that are fit to be asked; `cycles` (n,) those that hold new readings;
+    `simulation`: of the same trial, whose load stands for the reference.
     """
     slots = np.flatnonzero(kept.ravel())
     t_s = (foot.t_ns - foot.t_ns[0]) * 1e-9
@@ -43,17 +50,22 @@ def observe(
     age_s = np.maximum(foot.age_ns[used], 0)[:, slots // N_TAXELS] * 1e-9
     read = _filled(counts, valid)
     count = _together(read, cycle_s, age_s)
-    first = block_starts(cycle_s)
-    reference = foot.reference
-    if reference is None:
-        raise DiagnosisError(f"{recording.folder}: expected a reference, found none: what was the load?")
+    if simulation is not None:
+        reference = simulated_load(simulation, foot)
+    elif foot.reference is not None and recording.kind == "chamber":
+        reference = foot.reference
+    else:
+        raise DiagnosisError(
+            f"{recording.folder}: expected a chamber's pressure, found kind {recording.kind}: what was the load? "
+            "Record it, or give a simulated recording of the trial with --simulation"
+        )
     reference_s = reference.time_s
     rows = reference_s is None
     if reference_s is None:
         reference_s = clocks.row_times_s(cycle_s, len(reference))
     else:
         reference_s = reference_s - (foot.t_ns[0] * 1e-9 if reference.clock == "can" else reference_s[0])
-    pressure_pa, spike = despiked(reference_s, _pressure_pa(recording, reference))
+    pressure_pa, spike = despiked(reference_s, reference["pressure_pa"])
     began_s = float(reference.time_s[0]) if reference.time_s is not None and reference.clock == "own" else 0.0
     offset_s, rate, std = 0.0, 0.0, (0.0, 0.0)
     if reference.clock == "own" or rows:
@@ -66,6 +78,16 @@ def observe(
         found = align(cycle_s, features, reference_s, pressure_pa)
         offset_s, rate, std = found.offset_s, found.rate, (found.offset_std_s, found.rate_std)
     load = Load(*_on_grid(reference_s, pressure_pa), "own" if rows else reference.clock)
+    # Where the reference says nothing the load is not known.
+    said_s = offset_s + (1.0 + rate) * cycle_s
+    told = (said_s >= load.t_s[0]) & (said_s <= load.t_s[-1])
+    if told.mean() < LEAST_TOLD:
+        raise DiagnosisError(
+            f"{recording.folder}: the reference covers {told.mean():.0%} of the cycles, expected at least "
+            f"{LEAST_TOLD:.0%}: is it of the same trial, and did it run all the time?"
+        )
+    cycle_s, count, read = cycle_s[told], count[told], read[told]
+    first = block_starts(cycle_s)
     blocks = Observed(
         recording.folder.name, recording.folder, foot.layout, slots, cycle_s, first, np.empty(0),
         noise_of_readings(read), None, load, offset_s, rate, std, rows, began_s,
@@ -79,6 +101,33 @@ def observe(
     seen = replace(blocks, count=blocks.blocks(count), temperature_c=temperature)
     when = ((reference_s[a] - offset_s, reference_s[b] - offset_s) for a, b in stretches(spike))
     return seen, tuple((float(a), float(b)) for a, b in when)
+
+
+def simulated_load(simulation: Recording, foot: FootRecording) -> Reference:
+    """The load that a simulated recording of the same trial tells, on a clock of its own.
+
+    DiagnosisError where it is of another layout, has no calibration, or its load is not the same everywhere.
+    """
+    same = next((each for each in simulation.feet if each.foot == foot.foot), None)
+    if same is None or not np.array_equal(same.layout.identities, foot.layout.identities):
+        raise DiagnosisError(
+            f"{simulation.folder}: expected a simulation of the {foot.foot} foot with the layout of the recording, "
+            "found another: simulate the insole that was recorded"
+        )
+    if same.pressure_pa is None:
+        raise DiagnosisError(f"{simulation.folder}: expected a calibration, which tells the load of its counts")
+    pressure = np.where(same.valid, same.pressure_pa, np.nan).reshape(len(same), -1)
+    told = ~np.isnan(pressure).all(axis=1)
+    middle = np.nanmedian(pressure[told], axis=1)
+    apart = np.nanmedian(np.abs(pressure[told] - middle[:, None]))
+    if apart > MOST_APART * np.ptp(middle):
+        raise DiagnosisError(
+            f"{simulation.folder}: its load differs from taxel to taxel by {apart / 1e3:.0f} kPa, expected a chamber: "
+            "a load with places (standing, walking) cannot be diagnosed yet"
+        )
+    t_s = ((same.t_ns - same.t_ns[0]) * 1e-9)[told]
+    mean = np.nanmean(np.where(np.abs(pressure[told] - middle[:, None]) < 10 * apart, pressure[told], np.nan), axis=1)
+    return Reference(foot.foot, "own", t_s, {"pressure_pa": mean})
 
 
 def _clock(cycle_s: Array, features: Array, reference_s: Array, pressure_pa: Array) -> Clock:
@@ -96,12 +145,6 @@ def _together(count: Array, cycle_s: Array, age_s: Array) -> Array:
     for column in np.flatnonzero(age_s.any(axis=0)):
         found[:, column] = np.interp(cycle_s, cycle_s - age_s[:, column], count[:, column])
     return found
-
-
-def _pressure_pa(recording: Recording, reference: Reference) -> Array:
-    if recording.kind != "chamber":
-        raise DiagnosisError(f"{recording.folder}: expected a recording of kind chamber, found {recording.kind}")
-    return reference["pressure_pa"]
 
 
 def _on_grid(time_s: Array, pressure_pa: Array) -> tuple[float, float, Array]:

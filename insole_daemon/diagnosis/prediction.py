@@ -8,52 +8,61 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..config import Board
 from ..documents import Reading
 from ..physics import calibration as calibrations
 from ..physics import effects_document
 from ..physics.chain import Chain
 from ..physics.effects import laws
 from ..physics.law import Array
-from ..recording.loading import Recording, as_configured, load
+from ..recording.loading import FootRecording, Recording, as_configured, load
 from ..skin.geometry import N_TAXELS
 from .audit import audit
 from .observing import BEGAN, observe
 
+_ALIGNED = 3  # times that the clock is moved by what the model leaves
 _FAR_S = 86_400.0  # a recording of another day: its times have nothing to do with the model's
 
 
 def of_folder(model: Path, recording: Path, simulation: Path | None) -> dict[str, Array]:
-    """`counts` of the recording in a folder, for programs that know files alone; `simulation` is not asked."""
-    return counts(model, load(recording))
+    """`counts` of the recording in a folder, for programs that know files alone."""
+    return counts(model, load(recording), None if simulation is None else load(simulation))
 
 
-def counts(model: str | PathLike[str], recording: Recording) -> dict[str, Array]:
+def counts(model: str | PathLike[str], recording: Recording, simulation: Recording | None = None) -> dict[str, Array]:
     """By foot, (n, n_triangles, 12) mean counts that `model` expects in every cycle; NaN where it knows no taxel.
 
-    The recording's clock is aligned by its edges, as in a diagnosis. DocumentError where the model is wrong.
+    The load is the reference's, or that of a `simulation` of the same trial; a clock of its own is aligned by the
+    edges, and then by what the model itself says. DocumentError where the model is wrong.
     """
     found: dict[str, Array] = {}
     for foot in recording.feet:
-        if foot.reference is None:
+        if foot.reference is None and simulation is None:
             continue
         layout = foot.layout
         calibration = calibrations.load(model, layout, laws())
         effects = effects_document.parse(Reading(Path(model)), calibration.effects, layout)
+        chain = Chain(effects, layout, calibration, [as_configured(board) for board in foot.boards])
         audited = audit(foot, recording.folder.name)
-        seen, _ = observe(recording, foot, audited.kept, audited.cycles)
-        boards: list[Board] = [as_configured(board) for board in foot.boards]
-        run = Chain(effects, layout, calibration, boards).forward()
-        t_s = (foot.t_ns - foot.t_ns[0]) * 1e-9
+        seen, _ = observe(recording, foot, audited.kept, audited.cycles, simulation)
+        t_s = np.maximum.accumulate((foot.t_ns - foot.t_ns[0]) * 1e-9)
         began = (foot.t_ns[0] - int(calibration.provenance.get(BEGAN, foot.t_ns[0]))) * 1e-9
-        t_s = np.maximum.accumulate(t_s)
-        # Each triangle was read as long ago as it is old.
-        read_s = t_s[:, None] - np.maximum(foot.age_ns, 0) * 1e-9
-        load = np.interp(seen.reference_s(read_s), seen.load.t_s, seen.load.pressure_pa[:, 0])
-        warm: NDArray[np.float64] | None = None
-        if seen.temperature_c is not None:
-            warm = np.interp(t_s, seen.t_s, seen.temperature_c)
-        shape = (len(foot), len(layout), N_TAXELS)
         origin = began if abs(began) < _FAR_S else 0.0
-        found[foot.foot] = run(np.broadcast_to(load[..., None], shape), t_s + origin, warm)
+        # Each triangle was read as long ago as it is old.
+        read_s = seen.reference_s(t_s[:, None] - np.maximum(foot.age_ns, 0) * 1e-9)
+        warm = None if seen.temperature_c is None else np.interp(t_s, seen.t_s, seen.temperature_c)
+        late_s = 0.0
+        for _ in range(_ALIGNED if seen.load.clock == "own" else 1):
+            loads = np.interp(read_s + late_s, seen.load.t_s, seen.load.pressure_pa[:, 0])
+            expected = chain.forward()(np.repeat(loads[..., None], N_TAXELS, axis=2), t_s + origin, warm)
+            late_s += _later_s(expected, foot, audited.kept, t_s)
+        found[foot.foot] = expected
     return found
+
+
+def _later_s(expected: Array, foot: FootRecording, kept: NDArray[np.bool_], t_s: Array) -> float:
+    """How much later in the load's time the readings are than `expected`, by the mean of the taxels kept."""
+    asked = kept & ~np.isnan(expected[0])
+    said, model = foot.counts[:, asked].mean(axis=1), expected[:, asked].mean(axis=1)
+    slope = np.gradient(model, t_s + 1e-9 * np.arange(len(t_s)))
+    slope -= slope.mean()
+    return float(np.sum((said - model) * slope) / max(float(np.sum(slope**2)), 1e-12))

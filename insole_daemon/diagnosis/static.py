@@ -23,7 +23,7 @@ from ..skin.layout import Layout
 LEAST = 1.0  # of a reading's noise: what a shared change has to move the readings by
 SCATTERS = 3.0  # of the calibration's own scatter between taxels
 APART = 6.0  # of that scatter: a single taxel
-SHIFT_NEAR = 0.05  # of a power of two: a wrong shift and not just a gain
+SHIFT_NEAR = 0.025  # of a power of two: a wrong shift and not just a gain
 SHARPER = 0.7  # of what gain and baseline leave, that a knee has to take away
 LEAST_STIFF = 0.6  # of a reading's noise
 LEAST_KNEE_PA = 80e3  # a sole that bottoms out earlier is no sole
