@@ -16,9 +16,18 @@ from benchmarks.blind.sensor import Sensors
 from benchmarks.blind.walk_chain import WalkChain
 from benchmarks.blind.walking import Walk
 
+# Five times the most that is asked for: nothing was solved beyond it, a law has broken.
+MOST_K = 50.0
+
+
+class UnsolvedError(Exception):
+    """The strength of an effect is none that was asked for."""
+
 
 @dataclass(frozen=True)
 class Case:
+    """Raises UnsolvedError where an effect is not finite, or solved and beyond `MOST_K` x the floor."""
+
     spec: Spec
     geometry: Geometry
     sensors: Sensors
@@ -34,6 +43,16 @@ class Case:
     rng: np.random.Generator  # for what is drawn when it is written
     faults: tuple[Fault, ...] = ()
     at_mm: np.ndarray | None = None  # (28, 12, 2) where the taxels of a walk truly lie
+
+    def __post_init__(self) -> None:
+        for word, k in self.k.items():
+            # Walks are as strong as they are drawn, and a bit is a whole bit.
+            solved = word != "bit_shift" and self.spec.suite != "walking"
+            if not np.isfinite(k) or (solved and k > MOST_K):
+                raise UnsolvedError(
+                    f"{self.spec}: expected a {word} of {self.spec.k:g} x the floor, at most {MOST_K:g} x, "
+                    f"found {k:g} x; its law in laws.py has broken under this load"
+                )
 
     @cached_property
     def chain(self) -> Chain | WalkChain:

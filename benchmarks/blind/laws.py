@@ -103,34 +103,35 @@ def power_law_steady(cycle: np.ndarray, exponent: float) -> np.ndarray:
     return np.fft.irfft(spectrum, len(cycle))
 
 
-def play(load: np.ndarray, radius: float, start: float) -> np.ndarray:
-    """The play operator by its definition."""
-    out, w = np.empty(len(load)), start
-    for k, x in enumerate(load.tolist()):
-        w = min(max(w, x - radius), x + radius)
+def plays(load: np.ndarray, radii: np.ndarray, start: float) -> np.ndarray:
+    """The play operator by its definition, (n_radii, n)."""
+    out, w = np.empty((len(load), len(radii))), np.full(len(radii), start)
+    for k, x in enumerate(load):
+        w = np.minimum(np.maximum(w, x - radii), x + radii)
         out[k] = w
-    return out
+    return out.T
 
 
 def hysteresis_like(cycle: np.ndarray, departure: np.ndarray) -> tuple[np.ndarray, float]:
     """The rate-independent material that closes the loop `departure` over this one `cycle` as nearly as any can.
 
-    A non-negative density of plays, fitted to the loop less what a static curve takes. Returns its departure and the
-    part of the loop's RMS it misses.
+    A non-negative density of plays and a static curve, a cubic. Returns its departure and what part it misses of the
+    RMS of the loop less its own cubic.
     """
     half = np.ptp(cycle) / 2
     mid = cycle.min() + half
     # Dense where the loop turns: right after a reversal, and shortly before the next.
     radii = np.concatenate([np.geomspace(1e-4, 0.5, 50), 1 - np.geomspace(1e-3, 0.49, 50)])
-    past = np.tile(cycle[::20], 2)
-    plays = np.array([play(past, half * r, mid)[len(past) // 2 :] for r in radii])
-    grid = np.arange(len(cycle))
-    plays = np.array([np.interp(grid, grid[::20], p, period=len(cycle)) for p in plays]) - cycle
+    # Every sample counts: a play nearly as wide as the cycle moves only where the load turns, and one that never moved
+    # would be a static curve, of which the fit would get the rounding errors.
+    n = len(cycle)
+    features = plays(np.tile(cycle, 2), half * radii, mid)[:, n:].T - cycle[:, None]
     static = np.linalg.qr(np.vander((cycle - mid) / half, 4))[0]
-    features = plays.T - static @ (static.T @ plays.T)
+    features -= static @ (static.T @ features)
     wanted = departure - static @ (static.T @ departure)
     weights, missed = nnls(features, wanted)
-    return weights @ plays, float(missed / np.linalg.norm(wanted))
+    # Wide plays are mostly static: what they add to the curve goes, or it would be many times the load.
+    return departure - wanted + features @ weights, float(missed / np.linalg.norm(wanted))
 
 
 # Outside the library -------------------------------------------------------------------------------------------------

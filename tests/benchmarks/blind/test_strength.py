@@ -1,12 +1,17 @@
 """k x the floor, computed once more from its definition."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from benchmarks.blind.case import UnsolvedError
 from benchmarks.blind.chain import chain
+from benchmarks.blind.chamber_case import chamber_case
 from benchmarks.blind.effect import conceal
 from benchmarks.blind.geometry import insole
 from benchmarks.blind.loads import chamber
+from benchmarks.blind.plan import Spec
 from benchmarks.blind.sensor import sensors
 from benchmarks.blind.strength import GRID_S, Measure, solve
 
@@ -47,3 +52,11 @@ def test_out_of_range_stays_at_the_limit():
     geometry, these, load = insole("left", 5), sensors(rng), chamber(rng, "full", "bag")
     effect = conceal(rng, geometry, load, "creep", "insole")
     assert solve(Measure(load, these, effect, False), 1000.0).amplitude == effect.limits[1]
+
+
+@pytest.mark.parametrize("k", [np.nan, np.inf, 3.9e8])
+def test_a_strength_that_is_none_is_refused(k):
+    case = chamber_case(6, 0, Spec("null"))
+    assert replace(case, k={"bit_shift": 70.0}).k
+    with pytest.raises(UnsolvedError, match="expected a hysteresis of 0 x the floor"):
+        replace(case, k={"hysteresis": k})
