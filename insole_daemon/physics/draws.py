@@ -11,6 +11,7 @@
     CLOCK                               offset and rate of the reference's clock
     INSTRUMENT   foot (0, 1), luck      noise and drift of the reference, column by column
     STRIDES                             what varies from stride to stride
+    CONCEALED                           where and how strong an effect is that a demo conceals
 
 Boards are named by address. The luck is that of a trial: another scenario on the same insole. So nothing that is added,
 left out or asked for in another order changes what is drawn for the rest.
@@ -46,6 +47,7 @@ class Drawn(IntEnum):
     CLOCK = 7
     INSTRUMENT = 8
     STRIDES = 9
+    CONCEALED = 10
 
 
 class Draws:

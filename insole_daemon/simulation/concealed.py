@@ -14,6 +14,7 @@ import numpy as np
 
 from ..config import Config
 from ..errors import SimulationError
+from ..physics.draws import Drawn, Draws
 from ..physics.effect import Effect, Where, effect
 from ..skin.layout import Layout
 from .conditions import Conditions, Course, Cycles
@@ -74,16 +75,18 @@ def conceal(word: str, folder: str | PathLike[str], config: Config, layout: Layo
     """
     if word not in choices():
         raise SimulationError(f"expected an effect that a chamber can show ({', '.join(choices())}), found {word!r}")
-    hidden = Concealed(word, None if word == NOTHING else drawn(word, layout, np.random.default_rng(seed)))
+    hidden = Concealed(word, None if word == NOTHING else drawn(word, layout, Draws(seed, Drawn.CONCEALED)))
     effects = {layout.foot: () if hidden.effect is None else (hidden.effect,)}
     conditions = Conditions(chamber=CYCLES, temperature=WARMTH)
     Trial("plenum", config, [layout], effects=effects, conditions=conditions, seed=seed).write(folder)
     return hidden
 
 
-def drawn(word: str, layout: Layout, rng: np.random.Generator) -> Effect:
+def drawn(word: str, layout: Layout, draws: Draws) -> Effect:
     """The effect `word` somewhere on the insole, of some strength."""
     parameters, one_board = _CONCEALED[word]
-    strength = float(rng.uniform(_WEAKEST, _STRONGEST))
-    board = int(rng.choice(np.unique(layout.identities[:, 0])))
+    share, which = draws.uniform(2).tolist()
+    strength = _WEAKEST + share * (_STRONGEST - _WEAKEST)
+    boards = np.unique(layout.identities[:, 0])
+    board = int(boards[int(which * len(boards))])
     return effect(word, Where("board", ((board,),)) if one_board else Where(), **parameters(strength))

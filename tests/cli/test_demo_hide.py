@@ -16,7 +16,7 @@ def test_what_was_concealed_is_found_and_then_said(tmp_path, monkeypatch):
     done = RUNNER.invoke(app, ["demo", "--hide", "gain", "--seed", "7"])
     assert done.exit_code == 0, done.output
     *_, before, last = done.stdout.splitlines()
-    assert last.startswith("What was concealed: gain on board 7: gain 0.78")
+    assert last.startswith("What was concealed: gain on board 7: gain 0.7745")
     assert last.endswith("(seed 7); named first: gain")
     assert "diagnosis.json" in before
     assert (tmp_path / "concealed-7" / "diagnosis" / "model.json").exists()

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 
 import insole_daemon
 from insole_daemon.config import Config
+from insole_daemon.physics.draws import Drawn, Draws
 from insole_daemon.service.setup import load_layout
 from insole_daemon.simulation.concealed import NOTHING, choices, conceal, drawn
 
@@ -27,6 +27,6 @@ def test_the_folder_does_not_tell_what_is_concealed_in_it(tmp_path, word):
 
 @pytest.mark.parametrize("word", [word for word in choices() if word != NOTHING])
 def test_every_effect_is_one_that_the_physics_knows(word):
-    found = [drawn(word, LAYOUT, np.random.default_rng(seed)) for seed in range(12)]
+    found = [drawn(word, LAYOUT, Draws(seed, Drawn.CONCEALED)) for seed in range(12)]
     assert {each.law.word for each in found} == {word}
     assert len({each.where for each in found}) in (1, 3)  # all of it, or one of three boards
