@@ -67,12 +67,15 @@ class Recorder:
 
 
 def assert_no_half_is_lost(folder: Path) -> None:
-    """All boards send at the same rate, so all identifiers stand in the log as often, but for both its ends."""
+    """All boards send at the same rate, so all identifiers stand in the log as often, but for both its ends.
+
+    There they may differ by the 100 ms that the emulator works out at once: it may be ended in the midst of them.
+    """
     log = read(folder / "can.log")
     assert log.counters.dropped == 0
     often = np.unique(log.frames.can_id, return_counts=True)[1]
     assert len(often) == 56
-    assert often.min() >= often.max() - 2
+    assert often.min() >= often.max() - 6
 
 
 @pytest.fixture
