@@ -19,7 +19,7 @@ from .discovery import discover
 from .finding import Finding, Quantity
 from .fit import Hypothesis
 from .groups import Located, Named
-from .modelling import N_LOADS, Curves, as_effect, quantities
+from .modelling import FAMILY, N_LOADS, Curves, as_effect, quantities
 from .places import merged, said, where
 
 LOOPS = ("hysteresis", "creep", "viscoelasticity")  # whose amplitude is stated too, as the format wants
@@ -152,7 +152,8 @@ def _amplitude(hypothesis: Hypothesis, candidate: Candidate, values: Array, std:
 
     middle = fraction(values)
     nudged = [np.clip(values + step, candidate.low, candidate.high) for step in np.diag(std)]
-    return Quantity(middle, float(np.sqrt(sum((fraction(theta) - middle) ** 2 for theta in nudged))), "1")
+    moved = float(np.sqrt(sum((fraction(theta) - middle) ** 2 for theta in nudged)))
+    return Quantity(middle, float(np.hypot(moved, FAMILY * middle)), "1")
 
 
 def _curves(hypothesis: Hypothesis, theta: Array, slots: NDArray[np.intp], insole: Insole) -> Curves:
