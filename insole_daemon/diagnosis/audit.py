@@ -61,7 +61,7 @@ def audit(foot: FootRecording, name: str) -> Audit:
     counts = foot.counts.reshape(n, -1).astype(np.float64)
     valid = foot.valid.reshape(n, -1)
     asked = np.flatnonzero(_asked(foot).ravel())
-    mean = _insole(counts[:, asked], valid[:, asked])
+    mean = _insole(counts[:, asked])
     silent = _dead(counts[:, asked], valid[:, asked], t_s, mean)
     dead = np.zeros((n, k * N_TAXELS), bool)
     dead[:, asked] = silent
@@ -130,7 +130,7 @@ def _asked(foot: FootRecording) -> NDArray[np.bool_]:
     return asked if foot.calibration is None else asked & foot.calibration.usable
 
 
-def _insole(counts: Array, valid: NDArray[np.bool_]) -> Array:
+def _insole(counts: Array) -> Array:
     """(n,) what a typical taxel says, over its range."""
     middle = np.median(counts, axis=1)
     span = float(np.ptp(middle)) or 1.0
@@ -231,8 +231,7 @@ def _bursts(
     gaps: NDArray[np.bool_] = np.any(lost[: n * window].reshape(n, window, -1), axis=1)
     loud &= ~gaps[:, slots // N_TAXELS]  # what is lost makes steps of its own
     # A step of the load is one loud window of all taxels; a burst lasts, or is some taxels' own.
-    loud_any = loud.mean(axis=1) > 0.0
-    if not loud_any.any():
+    if not loud.any():
         return quiet, []
     taxels = np.flatnonzero(loud.sum(axis=0) * window * float(np.median(np.diff(t_s))) >= BURST_S)
     strong = loud[:, taxels]

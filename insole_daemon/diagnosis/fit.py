@@ -80,9 +80,9 @@ class Fitted:
         """Sum of squares over the fitted rows."""
         return float(np.sum(self.residual[self.rows] ** 2))
 
-    def mean_square(self, rows: NDArray[np.bool_] | None = None) -> float:
-        """Mean square of the residual over `rows`, all without."""
-        return float(np.mean(self.residual**2 if rows is None else self.residual[rows] ** 2))
+    def mean_square(self) -> float:
+        """Mean square of the residual over all rows."""
+        return float(np.mean(self.residual**2))
 
     @property
     def words(self) -> tuple[str, ...]:

@@ -51,11 +51,6 @@ class Load:
         mean: Array = (total[1] - total[0]) / span[:, None]
         return mean
 
-    @property
-    def uniform(self) -> bool:
-        """Whether it is the same on every taxel."""
-        return bool(self.pressure_pa.shape[1] == 1)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Observed:
