@@ -9,7 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from .options import OneFoot
+
 if TYPE_CHECKING:
+    from ..config import Foot
     from ..diagnosis.diagnosing import Diagnosis
 
 EXIT = {"no mismatch": 0, "explained": 0, "partly explained": 1, "unexplained": 1, "not decidable": 3}
@@ -33,13 +36,14 @@ def diagnose(
     budget: Annotated[
         float | None, typer.Option("--budget", min=1.0, help="Seconds after which no larger sets are tried.")
     ] = None,
+    foot: Annotated[OneFoot | None, typer.Option("--foot", help="Needed where the recordings have both.")] = None,
 ) -> None:
     """Say where recordings differ from their model, which physics was left out, and model it.
 
     Exit status: 0 no mismatch or explained, 1 partly explained or unexplained, 2 wrong usage, 3 not decidable from
     this data, 4 a recording was refused.
     """
-    raise typer.Exit(EXIT[diagnosed(recordings, out, calibration, budget, simulation).verdict])
+    raise typer.Exit(EXIT[diagnosed(recordings, out, calibration, budget, simulation, foot).verdict])
 
 
 def diagnosed(
@@ -48,10 +52,12 @@ def diagnosed(
     calibration: Path | None = None,
     budget: float | None = None,
     simulation: Path | None = None,
+    foot: OneFoot | None = None,
 ) -> Diagnosis:
     """What the command does, up to its exit status."""
     from ..diagnosis import writing
     from ..diagnosis.diagnosing import diagnose
+    from ..diagnosis.feet import choose
     from ..physics import calibration as calibrations
     from ..recording.loading import load
 
@@ -59,13 +65,14 @@ def diagnosed(
     loaded = [load(folder) for folder in recordings]
     for line in (line for each in loaded for line in each.warnings):
         print(f"insole: {line}", file=sys.stderr)
-    model = None if calibration is None else calibrations.load(calibration, loaded[0].feet[0].layout)
     load_of = None if simulation is None else load(simulation)
+    asked: Foot | None = None if foot is None else "left" if foot is OneFoot.left else "right"
+    model = None if calibration is None else calibrations.load(calibration, choose(loaded, asked, load_of)[0].layout)
 
     def say(text: str) -> None:
         print(f"insole: {text}", file=sys.stderr, flush=True)
 
-    found = diagnose(loaded, model, budget, say, load_of)
+    found = diagnose(loaded, model, budget, say, load_of, asked)
     writing.write(found, out)
     _print(found, out)
     return found
@@ -73,7 +80,8 @@ def diagnosed(
 
 def _print(found: Diagnosis, out: Path) -> None:
     heldout = found.heldout
-    print(f"{found.verdict}: {heldout['before']:.2f} → {heldout['after']:.2f} counts, noise {heldout['floor']:.2f}")
+    unit = "counts" if heldout["unit"] == "count" else heldout["unit"]
+    print(f"{found.verdict}: {heldout['before']:.2f} → {heldout['after']:.2f} {unit}, noise {heldout['floor']:.2f}")
     for each in found.findings:
         print(f"  {each.effect}: {each.sentence}")
     for known in found.not_identifiable:

@@ -6,18 +6,17 @@ import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import __version__
+from ..config import Foot
 from ..errors import DiagnosisError
 from ..physics.calibration import Calibration
 from ..physics.law import Array
 from ..recording.loading import FootRecording, Recording
 from ..skin.geometry import N_TAXELS
-from ..skin.layout import Layout
 from . import beside, explained, modelling
 from . import jumps as jumping
 from .audit import Audit, audit
@@ -27,11 +26,12 @@ from .deciding import RECORD, TWINS, Decided, decide, shown
 from .evidence import gather
 from .excitation import excitation
 from .explained import Insole
-from .finding import Finding, Verdict
+from .feet import choose
 from .fit import Hypothesis
 from .groups import Located, locate
 from .observed import Observed
 from .observing import BEGAN, observe
+from .outcome import Outcome, verdict
 
 INVISIBLE = {
     "crosstalk": ("under a uniform load every neighbour says the same", "an indenter one taxel wide, or walking"),
@@ -46,39 +46,14 @@ MISSING = {
 }
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Diagnosis:
-    """All that is said; `document` is its form as a file."""
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Diagnosis(Outcome):
+    """What is said where the load is known on every taxel, and what it was told from."""
 
     insole: Insole
-    against: Literal["model", "simulation"]
-    verdict: Verdict
-    heldout: Mapping[str, Any]
-    clocks: Array  # (recordings, 2) offset_s and rate of the reference's clock
-    findings: tuple[Finding, ...]
-    rejected: tuple[Mapping[str, str], ...]
-    not_identifiable: tuple[Mapping[str, str], ...]
-    model: Mapping[str, Any]
     observed: tuple[Observed, ...]
     located: Located
     decided: tuple[Decided, ...]  # of each of the located groups
-
-    def document(self) -> dict[str, Any]:
-        """As `insole-diagnosis/1` has it."""
-        return {
-            "format": "insole-diagnosis/1",
-            "recordings": list(self.insole.recordings),
-            "against": self.against,
-            "verdict": self.verdict,
-            "heldout": dict(self.heldout),
-            "alignment": [
-                {"recording": name, "offset_s": round(offset, 5), "rate": round(rate, 8)}
-                for name, (offset, rate) in zip(self.insole.recordings, self.clocks.tolist(), strict=True)
-            ],
-            "findings": [each.document() for each in self.findings],
-            "rejected": [dict(each) for each in self.rejected],
-            "not_identifiable": [dict(each) for each in self.not_identifiable],
-        }
 
 
 def diagnose(
@@ -87,17 +62,18 @@ def diagnose(
     budget_s: float | None,
     progress: Callable[[str], None],
     simulation: Recording | None = None,
+    asked: Foot | None = None,
 ) -> Diagnosis:
     """What differs between recordings and their model, where the load is known.
 
     `calibration`: the model that is asked about; without it that of the first recording, without both only memory
     and faults are looked for. After `budget_s` no larger subsets are tried. `simulation` of the same
-    trial: its load stands for the reference. DiagnosisError where the recordings do not
-    belong together or cannot show anything.
+    trial: its load stands for the reference; `asked`: the foot, where there are two. DiagnosisError where
+    the recordings do not belong together or cannot show anything.
     """
     deadline = math.inf if budget_s is None else time.monotonic() + budget_s
-    feet = [_foot(each, simulation) for each in recordings]
-    layout = _one_layout(recordings, feet)
+    feet = choose(recordings, asked, simulation)
+    layout = feet[0].layout
     model = calibration if calibration is not None else feet[0].calibration
     if model is not None and model.effects:
         words = ", ".join(str(each.get("effect")) for each in model.effects)
@@ -141,9 +117,10 @@ def diagnose(
     rms = [round(float(np.sqrt(floor + square)), 4) for square in (before + handed_in, after, 0.0)]
     provenance = {"made_by": f"insole diagnose {__version__}", "recordings": list(names), BEGAN: int(feet[0].t_ns[0])}
     return Diagnosis(
+        recordings=names,
         insole=insole,
         against="model" if simulation is None else "simulation",
-        verdict=_verdict(findings),
+        verdict=verdict(findings),
         heldout={"unit": "count", **dict(zip(("before", "after", "floor"), rms, strict=True))},
         clocks=clocks,
         findings=tuple(findings),
@@ -154,37 +131,6 @@ def diagnose(
         located=located,
         decided=tuple(decided),
     )
-
-
-def _foot(recording: Recording, simulation: Recording | None) -> FootRecording:
-    known = [foot for foot in recording.feet if simulation is not None or foot.reference is not None]
-    if not known:
-        raise DiagnosisError(
-            f"{recording.folder}: expected a reference (kind chamber), found none: what was the load? Record it, or "
-            "give a simulated recording of the trial with --simulation"
-        )
-    if len(known) > 1:
-        raise DiagnosisError(
-            f"{recording.folder}: expected one foot with a reference, found both: diagnose each by itself"
-        )
-    return known[0]
-
-
-def _one_layout(recordings: Sequence[Recording], feet: Sequence[FootRecording]) -> Layout:
-    first = feet[0].layout
-    for recording, foot in zip(recordings, feet, strict=True):
-        if foot.foot != feet[0].foot:
-            raise DiagnosisError(
-                f"{recording.folder}: expected the {feet[0].foot} foot as in {recordings[0].folder}, "
-                f"found the {foot.foot}: diagnose the feet one by one"
-            )
-        same = np.array_equal(foot.layout.identities, first.identities)
-        if not same or not np.allclose(foot.layout.xy_m, first.xy_m, atol=1e-6):
-            raise DiagnosisError(
-                f"{recording.folder}: its layout is not that of {recordings[0].folder}: these are two insoles, "
-                "or one of the maps is wrong; diagnose them one by one"
-            )
-    return first
 
 
 def _observe(
@@ -250,17 +196,6 @@ def _clocks(observed: Sequence[Observed], located: Located) -> tuple[Array, Arra
     if best is not None and corrections.size:
         std = np.maximum(std, best.naming.best.std[: corrections.size].reshape(-1, 2))
     return (found + corrections if corrections.size else found), std
-
-
-def _verdict(findings: Sequence[Finding]) -> Verdict:
-    if not findings:
-        return "no mismatch"
-    unknown = [each for each in findings if each.effect == "unknown"]
-    if unknown:
-        return "unexplained" if len(unknown) == len(findings) else "partly explained"
-    if any(len(each.alternatives) > 1 for each in findings):
-        return "not decidable"
-    return "explained"
 
 
 def _rejected(
