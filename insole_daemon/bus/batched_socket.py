@@ -27,8 +27,10 @@ from ..errors import BusError
 from .frames import ERROR, EXTENDED, REMOTE, FrameBatch
 from .source import BusCounters
 
-_CAPACITY = 4096  # frames held between two drains: half a second of a saturated 1 Mbit/s bus
 RECEIVE_BUFFER_BYTES = 8 << 20
+# All that the kernel's queue can hold: it doubles the buffer, and charges 768 bytes for a small frame. Who reads relies
+# on one call taking in all that has arrived; else the cycles of a pause would be closed by time before they are read.
+_CAPACITY = 2 * RECEIVE_BUFFER_BYTES // 768
 _SO_TIMESTAMPNS = 35
 _SO_RXQ_OVFL = 40
 _SO_RCVBUFFORCE = 33

@@ -21,6 +21,7 @@ from ..skin.cycles import Cycles
 from ..skin.reader import SkinReader
 from ..wire.messages import Event, Health
 from ..wire.publisher import FootPublisher
+from .backlog import Backlog
 from .board_link import BoardLink
 from .boards import BoardOperations
 from .foot import Foot
@@ -73,6 +74,7 @@ class Daemon:
             if foot.config.boards.configure:
                 desk.keep(keep_configured(boards))
         self._tallies = [_Tally() for _ in feet]
+        self._backlog = Backlog()
         self._steps = Steps(self._feet)
         self._stopping = False
         self._reloader = Reloader(config_file)
@@ -117,9 +119,10 @@ class Daemon:
                         desk.step(Step(looked_ns, cycles, batch))
                 self._follow_buses()
                 self._follow_reload()
-                if time.monotonic_ns() >= next_health_ns:
+                late_ns = time.monotonic_ns() - next_health_ns
+                if late_ns >= 0:
                     self._report()
-                    next_health_ns += _HEALTH_NS
+                    next_health_ns += (late_ns // _HEALTH_NS + 1) * _HEALTH_NS  # what was slept through is not made up
             self._publish(self._skin.advance(self._source.clock_ns()))  # what a log leaves open at its end
         finally:
             notify("STOPPING=1")
@@ -129,13 +132,21 @@ class Daemon:
                 publisher.close()
 
     def _publish(self, closed_by_foot: list[list[Cycles]]) -> None:
-        """Everything that is new; of repeats that piled up, only the last."""
+        """Everything that is new; of repeats that piled up, or where it cannot keep up, only the newest."""
+        at_hand = [cycles for closed in closed_by_foot for cycles in closed]
+        if not at_hand:
+            return
+        newest_only = self._backlog.newest_only(at_hand, self._source.clock_ns())
         for foot, publisher, tally, closed in zip(
             self._feet, self._publishers, self._tallies, closed_by_foot, strict=True
         ):
             for number, cycles in enumerate(closed, 1):
                 for at in range(len(cycles)):
-                    if cycles.repeated[at] and (number, at) != (len(closed), len(cycles) - 1):
+                    newest = (number, at) == (len(closed), len(cycles) - 1)
+                    if not newest and newest_only:
+                        tally.skipped += 1
+                        continue
+                    if not newest and cycles.repeated[at]:
                         tally.skipped += 1
                     else:
                         messages = foot.messages(cycles, at)

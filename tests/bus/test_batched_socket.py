@@ -101,6 +101,21 @@ def test_frames_the_kernel_dropped_are_counted(pair):
     assert counters.frames == received + 1
 
 
+def test_one_call_takes_in_all_that_the_queue_can_hold(pair):
+    receiver, sender = pair
+    counters = BusCounters()
+    batched = BatchedSocket(receiver, counters)
+    for _ in range(25_000):
+        sender.send(frame(0x450, bytes(8)))
+    received = batched.receive()
+    batched.drain()
+    assert batched.receive() == 0, "the queue is empty"
+    sender.send(frame(0x450, bytes(8)))
+    batched.receive()
+    batched.drain()
+    assert counters.overflows == 25_000 - received
+
+
 def test_a_step_of_the_wall_clock_moves_no_monotonic_time(pair, monkeypatch):
     receiver, sender = pair
     counters = BusCounters()

@@ -133,8 +133,13 @@ class VirtualBus:
         pass
 
 
-def live(name: str, monkeypatch: pytest.MonkeyPatch, health_every_ns: int = 100_000_000) -> Published:
-    """The log through the daemon itself; only the publishers and the clock are replaced."""
+def live(
+    name: str, monkeypatch: pytest.MonkeyPatch, health_every_ns: int = 100_000_000, cycle_costs_ns: int = 0
+) -> Published:
+    """The log through the daemon itself; only the publishers and the clock are replaced.
+
+    `cycle_costs_ns`: publishing one cycle takes so long, on a bus that goes on meanwhile.
+    """
     bus = VirtualBus(log_of(name))
     published: dict[str, list[Message]] = defaultdict(list)
 
@@ -144,6 +149,8 @@ def live(name: str, monkeypatch: pytest.MonkeyPatch, health_every_ns: int = 100_
 
         def publish(self, message: Message) -> None:
             self.messages.append(message)
+            if isinstance(message, Raw):
+                bus.sleep(cycle_costs_ns * 1e-9)
 
         def stand(self, what: str, message: Message) -> None:
             self.messages.append(message)
