@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,6 +13,7 @@ from insole_daemon.bus.sink import can_frames
 from insole_daemon.config import Config, Zenoh
 from insole_daemon.service.foot import Foot, load_feet
 from insole_daemon.simulation.emulator import Emulator
+from insole_daemon.simulation.faults import Fault
 from insole_daemon.simulation.foot import Walk
 
 PERIOD_NS = 20_000_000
@@ -37,15 +39,15 @@ def feet() -> list[Foot]:
     return load_feet(config())
 
 
-def frames(seconds: float, seed: int = 0) -> FrameBatch:
+def frames(seconds: float, seed: int = 0, faults: Sequence[Fault] = ()) -> FrameBatch:
     """Both feet walking: 112 frames every 20 ms on one bus, every board with a clock and a phase from `seed`."""
     layouts = [foot.layout for foot in feet()]
-    return Emulator(config(), layouts, Walk(layouts, seed=seed), seed=seed).frames(0, seconds)
+    return Emulator(config(), layouts, Walk(layouts, seed=seed), seed=seed, faults=faults).frames(0, seconds)
 
 
-def loop(seed: int = 0) -> Loop:
+def loop(seed: int = 0, faults: Sequence[Fault] = ()) -> Loop:
     """The same as a loop, cut where the bus is idle, every half in it as often as every other."""
-    batch = frames((LOOP_CYCLES + 3) * PERIOD_NS * 1e-9, seed)
+    batch = frames((LOOP_CYCLES + 3) * PERIOD_NS * 1e-9, seed, faults)
     head = slice(112, 224)  # all boards send by then
     start = 112 + int(np.diff(batch.t_ns[head]).argmax()) + 1
     end = start + 112 * LOOP_CYCLES
