@@ -47,6 +47,11 @@ class Child:
             [sys.executable, str(HERE / script), *arguments], stdout=subprocess.PIPE, text=True
         )
 
+    @property
+    def pid(self) -> int:
+        """Of the process."""
+        return self._process.pid
+
     def said(self) -> dict[str, Any]:
         """The next object it prints."""
         assert self._process.stdout is not None

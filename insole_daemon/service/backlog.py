@@ -1,31 +1,62 @@
-"""What a loop that cannot keep up leaves out, so that what it publishes does not get older and older."""
+"""What a loop does that cannot keep up: it looks less often, and publishes only what is newest then.
+
+Waking up costs more than what is done then, so a loop that looks half as often needs little more than half of the CPU;
+and one that stays below what it is given is not stopped in the midst of a cycle, with data in hand that get older.
+"""
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterable
 
 from ..skin.cycles import Cycles
 
-BEHIND_NS = 40_000_000  # so old is a cycle only where others waited before it
-PATIENCE_NS = 250_000_000
+OLD_NS = 100_000_000  # at full rate: until cycles get so old, they had better be late than not be
+OVERSLEPT_NS = 40_000_000  # beyond a pause: the loop was kept from looking
+PATIENCE_NS = 300_000_000  # of being behind, what was on time in between taken off
+PAUSES_NS = (0, 15_000_000, 30_000_000, 60_000_000, 120_000_000, 240_000_000)  # before each look: 50 to 4 Hz
+TRIAL_NS, LONGEST_TRIAL_NS = 1_000_000_000, 64_000_000_000  # on time for so long, it tries to look more often
+_STEP_NS = 100_000_000  # a longer pause is one pause: who was stopped makes up for it
+
+_log = logging.getLogger(__name__)
 
 
 class Backlog:
-    """Whether cycles come faster than they can be published.
+    """How often to look, from how old the cycles are that have just closed.
 
-    A pause is made up for: who was stopped publishes all that has waited. Only where that takes longer than PATIENCE_NS
-    is there no making up, and older cycles give way to the newest until the loop is on time again.
+    A pause is made up for: who was stopped publishes all that has waited. Only where it is behind again and again does
+    it look less often, and more often again when it has been on time for a while; twice as long after each time in vain.
     """
 
     def __init__(self) -> None:
-        self._behind_since_ns: int | None = None
+        self._level = 0
+        self._behind_ns = 0
+        self._trial_ns = TRIAL_NS
+        self._looked_ns: int | None = None
+        self._on_time_since_ns = 0
 
-    def newest_only(self, closed: Iterable[Cycles], now_mono_ns: int) -> bool:
-        """Whether all but the newest cycle of a foot are to be left out, now that these have closed."""
-        oldest_ns = min((int(cycles.t_mono_ns[0]) for cycles in closed), default=None)
-        if oldest_ns is None or now_mono_ns - oldest_ns <= BEHIND_NS:
-            self._behind_since_ns = None
-            return False
-        if self._behind_since_ns is None:
-            self._behind_since_ns = now_mono_ns
-        return now_mono_ns - self._behind_since_ns > PATIENCE_NS
+    @property
+    def pause_ns(self) -> int:
+        """How long to rest before each look; where not 0, all but the newest cycle of a foot are left out."""
+        return PAUSES_NS[self._level]
+
+    def look(self, closed: Iterable[Cycles], now_mono_ns: int) -> None:
+        """Take note of the cycles that have just closed."""
+        oldest_ns = min((int(cycles.t_mono_ns[0]) for cycles in closed), default=now_mono_ns)
+        step_ns = min(_STEP_NS, now_mono_ns - (self._looked_ns if self._looked_ns is not None else now_mono_ns))
+        self._looked_ns = now_mono_ns
+        if now_mono_ns - oldest_ns > (self.pause_ns + OVERSLEPT_NS if self._level else OLD_NS):
+            self._behind_ns += step_ns
+            self._on_time_since_ns = now_mono_ns
+        else:
+            self._behind_ns = max(0, self._behind_ns - step_ns)
+        if self._behind_ns > PATIENCE_NS and self._level < len(PAUSES_NS) - 1:
+            if self._level == 0:
+                _log.warning("cannot keep up with the boards: some cycles are left out, the newest is published")
+            self._trial_ns = min(2 * self._trial_ns, LONGEST_TRIAL_NS)
+            self._change(self._level + 1, now_mono_ns)
+        elif self._level and now_mono_ns - self._on_time_since_ns > self._trial_ns:
+            self._change(self._level - 1, now_mono_ns)
+
+    def _change(self, level: int, now_mono_ns: int) -> None:
+        self._level, self._behind_ns, self._on_time_since_ns = level, 0, now_mono_ns

@@ -105,9 +105,11 @@ class Daemon:
                 due_ns = self._skin.due_ns()
                 if due_ns is not None:
                     until_ns = min(until_ns, due_ns)
-                batch, looked_ns = collect(
-                    self._source, self._skin.outstanding() or _ANY, until_ns, self._skin.promised_ns()
-                )
+                at_least, promised_ns = self._skin.outstanding() or _ANY, self._skin.promised_ns()
+                if self._backlog.pause_ns:
+                    time.sleep(self._backlog.pause_ns * 1e-9)
+                    at_least, promised_ns = 0, None  # what is there now
+                batch, looked_ns = collect(self._source, at_least, until_ns, promised_ns)
                 closed = self._skin.feed(batch)
                 self._publish(closed)
                 if due_ns is not None and looked_ns > due_ns:
@@ -136,7 +138,8 @@ class Daemon:
         at_hand = [cycles for closed in closed_by_foot for cycles in closed]
         if not at_hand:
             return
-        newest_only = self._backlog.newest_only(at_hand, self._source.clock_ns())
+        self._backlog.look(at_hand, self._source.clock_ns())
+        newest_only = self._backlog.pause_ns > 0
         for foot, publisher, tally, closed in zip(
             self._feet, self._publishers, self._tallies, closed_by_foot, strict=True
         ):

@@ -1,40 +1,82 @@
-"""When cycles are left out because the loop cannot keep up, and when they are not."""
+"""When the loop looks less often because it cannot keep up, and when it does not."""
 
 from __future__ import annotations
 
 from types import SimpleNamespace
 
-import pytest
-
-from insole_daemon.service.backlog import BEHIND_NS, PATIENCE_NS, Backlog
+from insole_daemon.service.backlog import LONGEST_TRIAL_NS, OLD_NS, PAUSES_NS, TRIAL_NS, Backlog
 
 SECOND = 1_000_000_000
+CYCLE = SECOND // 50
 
 
-def closed(*times_ns):
-    return [SimpleNamespace(t_mono_ns=[t_ns]) for t_ns in times_ns]
+def look(backlog, t_ns, oldest_ns):
+    """One look at the time t_ns; the rest it asks for."""
+    backlog.look([SimpleNamespace(t_mono_ns=[t_ns - oldest_ns]), SimpleNamespace(t_mono_ns=[t_ns])], t_ns)
+    return backlog.pause_ns
 
 
-def test_on_time_nothing_is_left_out():
+def behind(backlog, t_ns):
+    return look(backlog, t_ns, OLD_NS + PAUSES_NS[-1] + 1)
+
+
+def on_time(backlog, t_ns):
+    return look(backlog, t_ns, min(OLD_NS, CYCLE + backlog.pause_ns))
+
+
+def driven(backlog, t_ns, how, until):
+    """The time at which `how`, every 20 ms, brings its pause to `until`."""
+    for n in range(20_000):
+        if how(backlog, t_ns + n * CYCLE) == until:
+            return t_ns + n * CYCLE
+    raise AssertionError(f"its pause stayed {backlog.pause_ns}")
+
+
+def test_on_time_it_rests_never():
     backlog = Backlog()
-    assert not any(backlog.newest_only(closed(t - BEHIND_NS, t), t) for t in range(0, 2 * SECOND, SECOND // 50))
+    assert not any(look(backlog, t, OLD_NS) for t in range(0, 5 * SECOND, CYCLE))
 
 
 def test_a_pause_is_made_up_for_however_long_it_was():
     backlog = Backlog()
-    assert not backlog.newest_only(closed(0), 5 * SECOND)
-    assert not backlog.newest_only(closed(4 * SECOND), 5 * SECOND + PATIENCE_NS)
+    on_time(backlog, 0)
+    assert not look(backlog, 60 * SECOND, 60 * SECOND)
+    assert not look(backlog, 60 * SECOND + 3 * CYCLE, 10 * CYCLE)
 
 
-def test_who_is_behind_for_long_leaves_cycles_out_until_it_is_on_time():
+def test_pauses_now_and_then_do_not_add_up():
     backlog = Backlog()
-    for t_ns in range(SECOND, 2 * SECOND, SECOND // 50):
-        left_out = backlog.newest_only(closed(t_ns - BEHIND_NS - 1, t_ns), t_ns)
-        assert left_out == (t_ns - SECOND > PATIENCE_NS)
-    assert not backlog.newest_only(closed(2 * SECOND), 2 * SECOND)
-    assert not backlog.newest_only(closed(2 * SECOND), 3 * SECOND), "its patience begins anew"
+    for t in range(0, 60 * SECOND, SECOND):
+        assert not on_time(backlog, t + CYCLE)
+        assert not on_time(backlog, t + SECOND // 2)
+        assert not behind(backlog, t + SECOND // 2 + OLD_NS)
 
 
-@pytest.mark.parametrize("now_ns", [0, SECOND])
-def test_where_nothing_closed_nothing_is_behind(now_ns):
-    assert not Backlog().newest_only([], now_ns)
+def test_where_nothing_closed_nothing_is_behind():
+    backlog = Backlog()
+    for t in range(0, 5 * SECOND, CYCLE):
+        backlog.look([], t)
+    assert not backlog.pause_ns
+
+
+def test_who_is_behind_rests_longer_and_longer_and_says_so_once(caplog):
+    backlog, t = Backlog(), 0
+    for pause_ns in PAUSES_NS[1:]:
+        t = driven(backlog, t, behind, pause_ns)
+    assert t < 3 * SECOND
+    assert behind(backlog, t + SECOND) == PAUSES_NS[-1]
+    assert [record.message for record in caplog.records] == [
+        "cannot keep up with the boards: some cycles are left out, the newest is published"
+    ]
+
+
+def test_on_time_again_it_tries_to_look_more_often_and_waits_longer_after_each_time_in_vain():
+    backlog, waited = Backlog(), []
+    t = driven(backlog, 0, behind, PAUSES_NS[1])
+    for _ in range(9):
+        tried = driven(backlog, t, on_time, 0)
+        waited.append(tried - t)
+        t = driven(backlog, tried, behind, PAUSES_NS[1])
+    assert waited == sorted(waited)
+    assert TRIAL_NS < waited[0] < 3 * TRIAL_NS
+    assert LONGEST_TRIAL_NS < waited[-1] < LONGEST_TRIAL_NS + SECOND
