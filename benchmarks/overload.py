@@ -1,9 +1,10 @@
-"""The daemon on a third of the CPU it needs: how old is what it publishes, at what rate, and is all that is lost counted?
+"""The daemon on a third of the CPU it needs: how old is what it publishes, at what rate, and is what it drops counted?
 
     python benchmarks/overload.py [--seconds 20]
 
 Both feet walk on one bus. First the daemon runs freely, and what it needs is measured; then the kernel gives it a third
-of that. The age of a cycle is from the kernel's stamp on its newest frame until it has arrived at a subscriber.
+of that. In both it has precedence over whatever else runs on the host. The age of a cycle is from the kernel's stamp on
+its newest frame until it has arrived at a subscriber, which is as punctual as this host can be.
 """
 
 from __future__ import annotations
@@ -17,12 +18,13 @@ from dataclasses import dataclass, field
 import numpy as np
 import process
 from process import Child
-from quota import quota
+from quota import Group
 
 import insole_daemon
 from insole_daemon.wire.messages import Health, Wrench
 
 _SETTLE_S = 2.0
+_ADAPT_S = 5.0  # until the daemon has found the rate that it can keep
 _TICKS_PER_S = os.sysconf("SC_CLK_TCK")
 
 
@@ -83,37 +85,35 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=20.0, help="of every phase")
     parser.add_argument("--periods-ms", type=float, nargs="+", default=[100.0, 50.0], help="of the quota")
     options = parser.parse_args()
-    _, other = process.cpus()
-    n_phases = 1 + len(options.periods_ms)
-    total_s = n_phases * (options.seconds + _SETTLE_S) + 5
+    total_s = (1 + len(options.periods_ms)) * (options.seconds + _ADAPT_S) + 5
     with Child("ours.py", seconds=total_s) as daemon:
         ready = daemon.said()
-        with (
-            insole_daemon.connect(ready["endpoint"]) as insole,
-            Child("feeder.py", to=ready["feeds"][0], seconds=total_s - 2, cpu=other) as feeder,
-        ):
-            subscriber = Subscriber(insole)
-            time.sleep(_SETTLE_S)
-            before_s, began = cpu_s(daemon.pid), time.monotonic()
-            free = subscriber.phase(options.seconds)
-            need = (cpu_s(daemon.pid) - before_s) / (time.monotonic() - began)
-            print(f"free:  {free.told()}; {100 * need:.1f} % of a CPU, load {os.getloadavg()[0]:.1f}", flush=True)
-            for period_ms in options.periods_ms:
-                with quota(daemon.pid, need / 3, period_ms) as means:
-                    time.sleep(_SETTLE_S)
-                    short = subscriber.phase(options.seconds)
-                print(f"{100 * need / 3:.1f} % in every {period_ms:g} ms ({means}): {short.told()}", flush=True)
-            fed = feeder.said()
-            time.sleep(1.5)  # the last health
-            health = subscriber.last_health
+        with Child("feeder.py", to=ready["feeds"][0], seconds=total_s) as feeder, Group(daemon.pid) as group:
+            process.settle(None, punctual=True)
+            with insole_daemon.connect(ready["endpoint"]) as insole:
+                subscriber = Subscriber(insole)
+                time.sleep(_SETTLE_S)
+                before_s, began = cpu_s(daemon.pid), time.monotonic()
+                free = subscriber.phase(options.seconds)
+                need = (cpu_s(daemon.pid) - before_s) / (time.monotonic() - began)
+                print(
+                    f"{100 * need:.1f} % of a CPU, no limit: {free.told()}; load {os.getloadavg()[0]:.1f}", flush=True
+                )
+                for period_ms in options.periods_ms:
+                    said = group.limit(need / 3, period_ms)
+                    time.sleep(_ADAPT_S)
+                    print(f"{said}: {subscriber.phase(options.seconds).told()}", flush=True)
+                group.limit(1.0, 100.0)
+                fed = feeder.said()
+                time.sleep(1.5)  # the last health
+                health = subscriber.last_health
         report = daemon.end()
-    unaccounted = fed["sent"] - report["frames"] - report["dropped"]
     print(
-        f"frames: {fed['sent']} sent, {report['frames']} read, {report['dropped']} dropped by the full queue and counted"
+        f"frames: {fed['sent']} sent, {report['frames']} read, {report['dropped']} dropped by the full queue, counted"
     )
     for foot, last in health.items():
-        print(f"{foot}: {last.cycles['published']} cycles published, {last.cycles['skipped']} left out and counted")
-    print(f"frames not accounted for: {unaccounted}")
+        print(f"{foot}: {last.cycles['published']} cycles published, {last.cycles['skipped']} left out, counted")
+    print(f"frames not accounted for: {fed['sent'] - report['frames'] - report['dropped']}")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""A share of a CPU that a process may not exceed: the kernel's quota, or stopping and continuing where there is none."""
+"""A share of one CPU that a process may not exceed: the kernel's quota, or stopping it where there is none."""
 
 from __future__ import annotations
 
@@ -7,68 +7,77 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Iterator
 from pathlib import Path
+from types import TracebackType
+from typing import Self
 
 _V2, _V1 = Path("/sys/fs/cgroup"), Path("/sys/fs/cgroup/cpu")
+_MUCH = ("cpu.weight", "10000"), ("cpu.shares", "102400")  # of both versions; what else runs does not count then
+_LEAST_US = 1000  # of a quota
 
 
-@contextlib.contextmanager
-def quota(pid: int, share: float, period_ms: float) -> Iterator[str]:
-    """Give the process `share` of one CPU in every `period_ms` from now on; says by what means."""
-    group = _group(pid, round(share * period_ms * 1000), round(period_ms * 1000))
-    if group is None:
-        with _duty_cycle(pid, share, period_ms * 1e-3):
-            yield "SIGSTOP and SIGCONT in turn: no cgroup with a CPU quota is to be had here"
-        return
-    try:
-        yield f"cgroup {group}"
-    finally:
-        _move(pid, group.parent)
-        group.rmdir()
+class Group:
+    """A control group for the process `pid`, in which it gets all that its quota allows, however busy the host is."""
 
-
-def _group(pid: int, quota_us: int, period_us: int) -> Path | None:
-    """A cgroup of its own, of version 2 or 1."""
-    try:
-        v2 = "cpu" in (_V2 / "cgroup.subtree_control").read_text().split()
-    except OSError:
-        v2 = False
-    group = (_V2 if v2 else _V1) / f"insole-quota-{pid}"
-    try:
-        group.mkdir()
-        if v2:
-            (group / "cpu.max").write_text(f"{quota_us} {period_us}")
-        else:
-            (group / "cpu.cfs_period_us").write_text(str(period_us))
-            (group / "cpu.cfs_quota_us").write_text(str(quota_us))
-        _move(pid, group)
-    except OSError:
+    def __init__(self, pid: int) -> None:
+        self._pid = pid
+        self._folder: Path | None = None
+        self._ended, self._thread = threading.Event(), threading.Thread()
+        try:
+            self._v2 = "cpu" in (_V2 / "cgroup.subtree_control").read_text().split()
+        except OSError:
+            self._v2 = False
+        folder = (_V2 if self._v2 else _V1) / f"insole-quota-{pid}"
         with contextlib.suppress(OSError):
-            group.rmdir()
-        return None
-    return group
+            folder.mkdir()
+            self._folder = folder
+            name, value = _MUCH[0 if self._v2 else 1]
+            (folder / name).write_text(value)
+            (folder / "cgroup.procs").write_text(str(pid))
 
+    def limit(self, share: float, period_ms: float) -> str:
+        """From now on `share` of a CPU in every `period_ms`, or in longer ones if quotas need that; says how."""
+        period_ms = max(period_ms, _LEAST_US / share / 1000)
+        quota_us, period_us = round(share * period_ms * 1000), round(period_ms * 1000)
+        said = f"{100 * share:.1f} % of a CPU, {quota_us / 1000:.1f} ms in every {period_ms:.0f} ms"
+        if self._folder is None:
+            self._stop_in_turn(share, period_ms * 1e-3)
+            return f"{said}, by SIGSTOP and SIGCONT in turn since there is no control group with a quota here"
+        if self._v2:
+            (self._folder / "cpu.max").write_text(f"{quota_us} {period_us}")
+        else:
+            (self._folder / "cpu.cfs_quota_us").write_text("-1")
+            (self._folder / "cpu.cfs_period_us").write_text(str(period_us))
+            (self._folder / "cpu.cfs_quota_us").write_text(str(quota_us))
+        return said
 
-def _move(pid: int, group: Path) -> None:
-    (group / "cgroup.procs").write_text(str(pid))
+    def _stop_in_turn(self, share: float, period_s: float) -> None:
+        self._end_thread()
 
+        def cycle() -> None:
+            while not self._ended.is_set():
+                time.sleep(share * period_s)
+                os.kill(self._pid, signal.SIGSTOP)
+                time.sleep((1 - share) * period_s)
+                os.kill(self._pid, signal.SIGCONT)
 
-@contextlib.contextmanager
-def _duty_cycle(pid: int, share: float, period_s: float) -> Iterator[None]:
-    ended = threading.Event()
+        self._thread = threading.Thread(target=cycle)
+        self._thread.start()
 
-    def cycle() -> None:
-        while not ended.is_set():
-            time.sleep(share * period_s)
-            os.kill(pid, signal.SIGSTOP)
-            time.sleep((1 - share) * period_s)
-            os.kill(pid, signal.SIGCONT)
+    def _end_thread(self) -> None:
+        if self._thread.is_alive():
+            self._ended.set()
+            self._thread.join()
+        self._ended.clear()
 
-    thread = threading.Thread(target=cycle)
-    thread.start()
-    try:
-        yield
-    finally:
-        ended.set()
-        thread.join()
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Without limits again."""
+        self._end_thread()
+        if self._folder is not None:
+            (self._folder.parent / "cgroup.procs").write_text(str(self._pid))
+            self._folder.rmdir()

@@ -15,7 +15,8 @@ OLD_NS = 100_000_000  # at full rate: until cycles get so old, they had better b
 OVERSLEPT_NS = 40_000_000  # beyond a pause: the loop was kept from looking
 PATIENCE_NS = 300_000_000  # of being behind, what was on time in between taken off
 PAUSES_NS = (0, 15_000_000, 30_000_000, 60_000_000, 120_000_000, 240_000_000)  # before each look: 50 to 4 Hz
-TRIAL_NS, LONGEST_TRIAL_NS = 1_000_000_000, 64_000_000_000  # on time for so long, it tries to look more often
+TRIAL_NS = 1_000_000_000  # on time for so long, it looks more often; where it had to take that back, for twice as long
+LONGEST_TRIAL_NS = 16_000_000_000
 _STEP_NS = 100_000_000  # a longer pause is one pause: who was stopped makes up for it
 
 _log = logging.getLogger(__name__)
@@ -25,13 +26,14 @@ class Backlog:
     """How often to look, from how old the cycles are that have just closed.
 
     A pause is made up for: who was stopped publishes all that has waited. Only where it is behind again and again does
-    it look less often, and more often again when it has been on time for a while; twice as long after each time in vain.
+    it look less often, and more often again, step by step, when it has been on time for a while.
     """
 
     def __init__(self) -> None:
         self._level = 0
         self._behind_ns = 0
-        self._trial_ns = TRIAL_NS
+        self._trial_ns = self._vain_ns = TRIAL_NS  # until the next step to more; after one that was in vain
+        self._trying = False  # the last step was one to more
         self._looked_ns: int | None = None
         self._on_time_since_ns = 0
 
@@ -53,9 +55,12 @@ class Backlog:
         if self._behind_ns > PATIENCE_NS and self._level < len(PAUSES_NS) - 1:
             if self._level == 0:
                 _log.warning("cannot keep up with the boards: some cycles are left out, the newest is published")
-            self._trial_ns = min(2 * self._trial_ns, LONGEST_TRIAL_NS)
+            self._vain_ns = min(2 * self._vain_ns, LONGEST_TRIAL_NS) if self._trying else self._vain_ns
+            self._trial_ns, self._trying = self._vain_ns, False
             self._change(self._level + 1, now_mono_ns)
         elif self._level and now_mono_ns - self._on_time_since_ns > self._trial_ns:
+            self._vain_ns = TRIAL_NS if self._trying else self._vain_ns
+            self._trial_ns, self._trying = TRIAL_NS, True
             self._change(self._level - 1, now_mono_ns)
 
     def _change(self, level: int, now_mono_ns: int) -> None:

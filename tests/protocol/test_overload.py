@@ -16,7 +16,7 @@ def test_three_times_too_slow_it_publishes_what_is_new_and_counts_the_rest(monke
     healths = [message for message in published.others if isinstance(message, Health)]
     for all_of_foot, of_foot in zip(everything.cycles, published.cycles, strict=True):
         ages_ms = [(raw.t_published_ns - raw.t_ns) * 1e-6 for raw, _, _ in of_foot]
-        assert max(ages_ms) <= 60
+        assert max(ages_ms) <= 100
         assert 4 <= len(of_foot) < 0.6 * len(all_of_foot)
         assert [raw.seq for raw, _, _ in of_foot] == list(range(len(of_foot)))
         said = [each for each in healths if each.foot == of_foot[0][0].foot][-1].cycles

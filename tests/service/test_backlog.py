@@ -70,6 +70,12 @@ def test_who_is_behind_rests_longer_and_longer_and_says_so_once(caplog):
     ]
 
 
+def test_on_time_again_it_is_back_at_full_rate_within_seconds():
+    backlog = Backlog()
+    t = driven(backlog, 0, behind, PAUSES_NS[-1])
+    assert driven(backlog, t, on_time, 0) - t < (len(PAUSES_NS) - 1) * (TRIAL_NS + 2 * CYCLE)
+
+
 def test_on_time_again_it_tries_to_look_more_often_and_waits_longer_after_each_time_in_vain():
     backlog, waited = Backlog(), []
     t = driven(backlog, 0, behind, PAUSES_NS[1])
