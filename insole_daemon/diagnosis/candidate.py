@@ -56,10 +56,15 @@ class Candidate:
     # rows, (n, m) effective load scaled to −1…1 → (n, k) or (n, m, k) columns
     columns: Callable[[Rows, Array], Array] | None = None
     own_columns: bool = False  # each recording has columns, and shares, of its own
+    recordings: frozenset[int] | None = None  # in which it is at work; None: in all
     # θ → the parameters of the effect as the format has them; None: they are told from the columns' shares
     parameters: Callable[[Array], dict[str, Any]] | None = None
     other_word: Callable[[Array], str] | None = None  # θ → its word, where θ can make it another's
     needs: Callable[[Excitation], str | None] = lambda excitation: None  # what the data lack to tell it; None: nothing
+
+    def works_in(self, recording: int) -> bool:
+        """Whether it is at work in the recording of this number."""
+        return self.recordings is None or recording in self.recordings
 
     def is_really(self, theta: Array) -> str:
         """The word for what these parameters say: a family's edge may be another family."""

@@ -19,10 +19,12 @@ from ..recording.loading import FootRecording, Recording
 from ..skin.geometry import N_TAXELS
 from . import beside, explained, modelling
 from . import jumps as jumping
+from .agreement import agreed
 from .audit import Audit, audit
 from .candidate import Candidate, Excitation
 from .candidates import candidates
 from .deciding import RECORD, TWINS, Decided, decide, shown
+from .decoys import challenged
 from .evidence import gather
 from .excitation import excitation
 from .explained import Insole
@@ -88,6 +90,9 @@ def diagnose(
     every = candidates(excited)
     admitted = {word: each for word, each in every.items() if each.needs(excited) is None}
     located = locate(observed, admitted, noise, jumping.columns(observed, found_jumps), deadline, progress)
+    progress("asking every recording, and decoys")
+    tested = tuple(challenged(agreed(each, admitted, deadline)) for each in located.named)
+    located = replace(located, named=tested)
     decided = [decide(each.naming, excited, each.group.evidence.y.size) for each in located.named]
     progress("fitting the model")
     names = tuple(each.name for each in observed)
@@ -203,6 +208,12 @@ def _rejected(
 ) -> tuple[dict[str, str], ...]:
     found: dict[str, str] = {}
     for named, each in parts:
+        for decoy in named.naming.decoys:
+            if decoy.as_good and decoy.word not in each.best.words:
+                found[decoy.word] = (
+                    f"{decoy.kind}, where it is no physics, it leaves {max(decoy.left, 0):.1%} of the mismatch "
+                    f"on held-out blocks, and {max(decoy.effect_left_heldout, 0):.1%} as it should be"
+                )
         for tried in named.naming.tried:
             if len(tried.words) == 1 and tried.words[0] not in each.best.words:
                 found.setdefault(

@@ -89,7 +89,8 @@ def findings(insole: Insole, explained: Explained) -> tuple[list[Finding], list[
         named, decided = max(asserted or parts, key=lambda part: len(part[0].group.slots))
         slots = merged(part[0].group.slots for part in asserted or parts)
         finding, effect = _named(insole, word, where(slots, insole.slots, insole.layout), named, decided)
-        effects.append(effect)
+        if 2 * len(finding.contradicted_by) <= len(insole.recordings):  # else most are predicted better without it
+            effects.append(effect)
         if asserted:
             found.append(finding)
     return found, effects
@@ -110,15 +111,18 @@ def _named(insole: Insole, word: str, place: Where, named: Named, decided: Decid
     left = (decided.alone[word].left_heldout, decided.best.left_heldout)
     above = named.group.per_taxel(named.naming.excess)
     before, after = (float(np.sqrt(np.mean(own**2) * (1.0 + above * max(u, 0.0)))) for u in left)
+    shows = tuple(name for i, name in enumerate(insole.recordings) if candidate.works_in(i))
+    others_say = tuple(name for name in insole.recordings if name not in shows and not candidate.own_columns)
+    but = f" Predicted better without it, and so against it: {', '.join(others_say)}." if others_say else ""
     others = decided.alternatives[word]
     or_else = f", or {' or '.join(others)}, which these recordings cannot tell from it" if others else ""
     finding = Finding(
-        effect=word, foot=insole.foot, where=place, recordings=insole.recordings, alternatives=others,
+        effect=word, foot=insole.foot, where=place, recordings=shows, contradicted_by=others_say, alternatives=others,
         equation=laws()[word].equation, parameters=parameters,
         explains=insole.mean_square(named) * max(left[0] - left[1], 0.0),
         heldout_count=(before, after), confidence=decided.confidence[word],
         sentence=f"{said(place)}: {word}{or_else}. On readings that were held out it takes the error from {before:.2f} "
-        f"to {after:.2f} counts.",
+        f"to {after:.2f} counts.{but}",
     )  # fmt: skip
     return finding, effect
 

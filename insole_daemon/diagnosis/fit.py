@@ -57,6 +57,11 @@ class Evidence:
         """The same blocks with other readings."""
         return replace(self, y=y)
 
+    def part(self, recording: int) -> Evidence:
+        """One of the recordings alone."""
+        rows = self.recording == recording
+        return Evidence((self.observed[recording],), self.y[rows], self.jumps[rows])
+
     @property
     def recording(self) -> NDArray[np.intp]:
         """(n,) number of the recording of each row."""
@@ -137,7 +142,7 @@ class Hypothesis:
         for i, each in enumerate(self.evidence.observed):
             x, at = each.load.pressure_pa, self._n_clock
             for candidate in self.candidates:
-                if candidate.act is not None:
+                if candidate.act is not None and candidate.works_in(i):
                     x = candidate.act(x, each.load.step_s, theta[at : at + len(candidate)])
                 at += len(candidate)
             offset, rate = theta[2 * i : 2 * i + 2] if self._n_clock else (0.0, 0.0)
@@ -300,7 +305,10 @@ class Hypothesis:
         found = [(recording[:, None] == np.arange(1, len(self.evidence.observed))).astype(float), self.evidence.jumps]
         for candidate in self.candidates:
             if candidate.columns is not None:
-                own = [candidate.columns(r, x[recording == i])[:, 0] for i, r in enumerate(self._rows)]
+                own = [
+                    candidate.works_in(i) * candidate.columns(r, x[recording == i])[:, 0]
+                    for i, r in enumerate(self._rows)
+                ]
                 found.append(block_diag(*own) if candidate.own_columns else np.concatenate(own))
         return found
 

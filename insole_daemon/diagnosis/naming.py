@@ -9,7 +9,7 @@ is relative the rule is the same at every magnitude.
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -50,6 +50,17 @@ class Tried:
         return found
 
 
+@dataclass(frozen=True, slots=True)
+class Decoy:
+    """A copy of the effect `word` that is no physics, in its place, and what the set then leaves."""
+
+    word: str
+    kind: str
+    left: float  # on held-out blocks; where it is too much already, on those it was fitted to
+    effect_left_heldout: float  # with the effect itself
+    as_good: bool
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Naming:
     """All subsets that were tried on one group of taxels."""
@@ -59,6 +70,7 @@ class Naming:
     null: Tried
     best: Tried
     tried: tuple[Tried, ...]
+    decoys: tuple[Decoy, ...] = ()
 
 
 def folds(evidence: Evidence) -> NDArray[np.intp]:
@@ -115,23 +127,23 @@ def name(evidence: Evidence, candidates: Mapping[str, Candidate], floor: float, 
             by_words[words] = Tried(words, fitted, (fitted.mean_square() - floor) / excess)
         promising = sorted((t for t in by_words.values() if len(t.words) == size), key=lambda t: t.left)[:KEPT]
         judged |= {tried.words: judge(tried) for tried in promising}
-        best = _best(judged)
+        best = cheapest(judged.values())
         for smaller in _without_one(evidence, candidates, best):
             # A larger set may find its way where a smaller one was stuck: that one is tried from there again.
             known = by_words[smaller.words]
             if smaller.cost < known.fitted.cost:
                 better = Tried(smaller.words, smaller, (smaller.mean_square() - floor) / excess)
                 by_words[better.words], judged[better.words] = better, judge(better)
-        best = _best(judged)
+        best = cheapest(judged.values())
     return Naming(floor, excess, judged[()], best, tuple(judged.values()))
 
 
-def _best(judged: Mapping[Words, Tried]) -> Tried:
-    """The smallest set that no larger one is worth its price beside."""
-    best = judged[()]
-    for size in range(1, max(map(len, judged)) + 1):
-        challenger = min((t for t in judged.values() if len(t.words) == size), key=_left)
-        if _worth(best, challenger):
+def cheapest(judged: Collection[Tried]) -> Tried:
+    """The smallest set, of these with the empty one, that no larger one is worth its price beside."""
+    best = next(each for each in judged if not each.words)
+    for size in range(1, max(len(each.words) for each in judged) + 1):
+        challenger = min((each for each in judged if len(each.words) == size), key=_left, default=best)
+        if worth(best, challenger):
             best = challenger
     return best
 
@@ -152,7 +164,8 @@ def _left(tried: Tried) -> float:
     return tried.left_heldout
 
 
-def _worth(smaller: Tried, larger: Tried) -> bool:
+def worth(smaller: Tried, larger: Tried) -> bool:
+    """Whether what the larger set has more is worth its price."""
     more = len(larger.words) - len(smaller.words)
     left = min(max(_left(smaller), 0.0), 1.0)  # more than the whole is what a free curve invents where it has to guess
     gain = left - _left(larger)

@@ -6,6 +6,7 @@ import numpy as np
 
 from ...physics.law import Array
 from ...report import page
+from ..agreement import foretold
 from ..diagnosing import Diagnosis
 from ..explained import LOOPS
 from ..finding import Finding, Quantity
@@ -53,6 +54,52 @@ def price() -> str:
         )
         + ", on blocks that were held out."
     )
+
+
+def decoys(diagnosis: Diagnosis) -> str:
+    """The copies that are no physics, in the place of each effect."""
+    rows = [
+        (
+            each.word,
+            each.kind,
+            said(where(named.group.slots, diagnosis.insole.slots, diagnosis.insole.layout)),
+            f"{each.effect_left_heldout:.1%}",
+            f"{each.left:.1%}" if each.as_good else f"≥ {each.left:.1%}",
+            "as good: not named" if each.as_good else "worse",
+        )
+        for named in diagnosis.located.named
+        for each in named.naming.decoys
+    ]
+    if not rows:
+        return page.paragraph("No effect was about to be named that has a decoy.")
+    text = (
+        "Each effect that was about to be named was replaced by copies of itself that no material can do, with as "
+        "many parameters, the same bounds, starts and folds. What does not leave clearly less than these is not named."
+    )
+    columns = ("effect", "its decoy", "where", "left with the effect", "left with the decoy", "the decoy is")
+    return page.paragraph(text) + page.table(columns, rows, (0, 1, 2, 5))
+
+
+def recordings(diagnosis: Diagnosis) -> str:
+    """Every recording, foretold by what the others know of the physics."""
+    insole = diagnosis.insole
+    rows = [
+        (
+            said(where(named.group.slots, insole.slots, insole.layout)),
+            each.recording,
+            f"{each.before:.3f}",
+            f"{each.after:.3f}",
+        )
+        for named in diagnosis.located.named
+        if named.naming.best.words
+        for each in foretold(named)
+    ]
+    text = (
+        "Every recording held out as a whole: its curves and its clock are its own, fitted on other blocks of it, the "
+        "parameters of the physics those of the other recordings. RMS of what is left, in units of a reading's noise."
+    )
+    columns = ("where", "recording", "static curves alone", "with the effects as the others have them")
+    return page.paragraph(text) + page.table(columns, rows, (0, 1))
 
 
 def parameters(diagnosis: Diagnosis) -> str:

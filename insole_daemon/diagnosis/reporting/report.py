@@ -23,6 +23,9 @@ def html(diagnosis: Diagnosis) -> str:
     parts.append(page.section("Could it be chance?", chance.shown(chance.of(diagnosis, seen[0]), seen[0])))
     tables = [numbers.tried(diagnosis, each.named) for each in seen if each.named is not None]
     parts.append(page.section("What was tried, and lost by how much", numbers.price(), *tables))
+    parts.append(page.section("Decoys", numbers.decoys(diagnosis)))
+    if len(diagnosis.insole.recordings) > 1 and diagnosis.located.named:
+        parts.append(page.section("Recording by recording", numbers.recordings(diagnosis)))
     related = [numbers.correlations(seen[0].named)] if seen[0].named is not None else []
     parts.append(page.section("Parameters", numbers.parameters(diagnosis), *related))
     parts.append(page.section("Clocks", numbers.clocks(diagnosis)))

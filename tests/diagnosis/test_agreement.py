@@ -1,0 +1,48 @@
+"""Recordings that contradict each other are named, and do not bend what the others say."""
+
+from __future__ import annotations
+
+import pytest
+
+import insole_daemon
+from insole_daemon.diagnosis.agreement import foretold
+from insole_daemon.diagnosis.diagnosing import Diagnosis, diagnose
+
+from .chamber import bouc_wen, relaxing, write
+
+SOLID = relaxing(0.3, 0.8)
+
+
+def found(*folders) -> Diagnosis:
+    return diagnose([insole_daemon.load(folder) for folder in folders], None, None, lambda text: None)
+
+
+def test_an_effect_that_one_recording_does_not_show(tmp_path):
+    folders = [write(tmp_path / name, SOLID, seconds=50.0) for name in ("monday", "tuesday")]
+    folders.append(write(tmp_path / "friday", seconds=50.0))
+    diagnosis = found(*folders)
+    (finding,) = diagnosis.findings
+    assert finding.effect == "viscoelasticity"
+    assert finding.recordings == ("monday", "tuesday")
+    assert finding.contradicted_by == ("friday",)
+    assert "friday" in finding.sentence
+    assert finding.parameters["a"].value == pytest.approx(0.3, rel=0.1)
+    assert diagnosis.verdict == "explained"
+    assert [each["effect"] for each in diagnosis.model["effects"]] == ["viscoelasticity"]
+    # What the others know of the physics foretells each one that shows it.
+    monday, tuesday, friday = foretold(diagnosis.located.named[0])
+    for each in (monday, tuesday):
+        assert each.after < 0.2 * each.before
+    assert friday.after == friday.before
+
+
+def test_two_recordings_with_physics_of_their_own(tmp_path):
+    solid = write(tmp_path / "solid", SOLID, seconds=50.0)
+    loop = write(tmp_path / "loop", bouc_wen(0.3, 60e3), seconds=50.0)
+    by_word = {each.effect: each for each in found(solid, loop).findings}
+    assert set(by_word) == {"viscoelasticity", "hysteresis"}
+    assert (by_word["viscoelasticity"].recordings, by_word["viscoelasticity"].contradicted_by) == (
+        ("solid",),
+        ("loop",),
+    )
+    assert (by_word["hysteresis"].recordings, by_word["hysteresis"].contradicted_by) == (("loop",), ("solid",))
