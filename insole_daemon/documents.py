@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import math
 import re
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import MISSING, dataclass, field, fields
 from functools import cache
@@ -211,7 +212,7 @@ class Reading:
 
         def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
             names = [name for name, _ in pairs]
-            twice.extend(name for name in set(names) if names.count(name) > 1)
+            twice.extend(name for name, n in Counter(names).items() if n > 1)
             return dict(pairs)
 
         try:

@@ -117,11 +117,7 @@ class BatchedSocket:
         t_ns += control[:, 3]
         self._headers[:held, 5] = _CONTROL_BYTES
         self._counters.frames += held
-        can_id, dlc, data, flags = raw.view(np.uint32)[:, 0], raw[:, 4], raw[:, 8:], _ZEROS[:held]
-        if np.count_nonzero(raw.view(np.uint64)[:, 0] >> _ID_BITS == _PLAIN) < held:
-            can_id, flags = _flags_apart(can_id)
-            data[np.arange(8) >= dlc[:, None]] = 0
-        return FrameBatch(t_ns, self._monotonic(t_ns), _ZEROS[:held], can_id, dlc, data, flags)
+        return FrameBatch(t_ns, self._monotonic(t_ns), _ZEROS[:held], *parts_of(raw))
 
     def _count_drops(self, held: int) -> None:
         """The kernel's counter is cumulative and 32 bit, and rides on frames only once it is not zero."""
@@ -148,12 +144,24 @@ class BatchedSocket:
         return t_mono_ns
 
 
+def parts_of(
+    raw: NDArray[np.uint8],
+) -> tuple[NDArray[np.uint32], NDArray[np.uint8], NDArray[np.uint8], NDArray[np.uint8]]:
+    """can_id, dlc, data and flags, as in FrameBatch, of `raw` (n, 16), n `struct can_frame`, which may be changed."""
+    can_id, dlc, data, flags = raw.view(np.uint32)[:, 0], raw[:, 4], raw[:, 8:], _ZEROS[: len(raw)]
+    if np.count_nonzero(raw.view(np.uint64)[:, 0] >> _ID_BITS == _PLAIN) < len(raw):
+        can_id, flags = _flags_apart(can_id)
+        data[np.arange(8) >= dlc[:, None]] = 0
+    return can_id, dlc, data, flags
+
+
 def _flags_apart(id_and_flags: NDArray[np.uint32]) -> tuple[NDArray[np.uint32], NDArray[np.uint8]]:
     """Identifiers and flags of frames that are not all plain."""
     flags = np.where(id_and_flags & _ID_EXTENDED, EXTENDED, 0).astype(np.uint8)
     flags |= np.where(id_and_flags & _ID_REMOTE, REMOTE, 0).astype(np.uint8)
     flags |= np.where(id_and_flags & _ID_ERROR, ERROR, 0).astype(np.uint8)
-    return id_and_flags & np.uint32(0x1FFF_FFFF), flags
+    standard = flags & (EXTENDED | ERROR) == 0  # an error's class has 29 bits
+    return id_and_flags & np.where(standard, np.uint32(0x7FF), np.uint32(0x1FFF_FFFF)), flags
 
 
 def _set_receive_buffer(sock: socket.socket) -> None:

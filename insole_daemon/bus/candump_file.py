@@ -12,7 +12,7 @@ from ..errors import LogError
 
 _GZIP = b"\x1f\x8b"
 _ZSTD = b"\x28\xb5\x2f\xfd"
-_COMPRESSED_BYTES = 1 << 16  # read at a time; some ten times as much comes out
+_COMPRESSED_BYTES = 1 << 12  # read at a time; some ten times as much comes out, of a hostile zstd 32 000 times
 
 # First bytes of what people have instead of candump text, and what it is.
 _OTHERS: Final = (

@@ -120,7 +120,7 @@ class PythonCanSource:
             t_ns,
             t_mono_ns,
             np.zeros(len(messages), np.uint8),
-            np.array([message.arbitration_id for message in messages], np.uint32),
+            np.array([message.arbitration_id & 0x1FFF_FFFF for message in messages], np.uint32),
             np.array([message.dlc for message in messages], np.uint8),
             np.frombuffer(b"".join([bytes(message.data[:8]).ljust(8, b"\0") for message in messages]), np.uint8)
             .reshape(-1, 8)
@@ -131,7 +131,7 @@ class PythonCanSource:
 
 def _flags(message: Any) -> int:
     return (
-        EXTENDED * bool(message.is_extended_id)
+        EXTENDED * bool(message.is_extended_id or message.arbitration_id > 0x7FF)
         | REMOTE * bool(message.is_remote_frame)
         | ERROR * bool(message.is_error_frame)
         | FD * bool(message.is_fd)

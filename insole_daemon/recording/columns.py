@@ -27,6 +27,7 @@ from .copies import InsoleContents
 from .document import RecordedBoard
 
 _SLOTS = 16 * N_TAXELS  # of a board
+_LATEST_S = 9.2e9  # in the year 2261
 _ADDRESSES: dict[Foot, tuple[int, int, int]] = {"left": (5, 6, 7), "right": (8, 9, 10)}
 _PADS = f"thermal pads of the {{foot}} foot (taxels {' and '.join(map(str, np.flatnonzero(~PRESSURE_TAXELS)))}): 0"
 
@@ -84,6 +85,17 @@ def whole_bytes(values: NDArray[np.float64], where: str, names: Sequence[str] | 
             f"column {name}, and {int(wrong.sum()) - 1} more like it: are these filtered, or pressures?"
         )
     return values.astype(np.uint8)
+
+
+def nanoseconds(time_s: NDArray[np.float64], where: str) -> NDArray[np.int64]:
+    """(n,) times as integers; FileError where one is none, or beyond what 64 bits hold of nanoseconds."""
+    wrong = ~(np.abs(time_s) <= _LATEST_S)
+    if wrong.any():
+        row = int(wrong.argmax())
+        raise FileError(
+            f"{where}: expected times in seconds, up to {_LATEST_S:.0f}, found {time_s[row]:g} in row {row}"
+        )
+    return np.round(time_s * 1e9).astype(np.int64)
 
 
 def both_feet(width: int) -> bool:

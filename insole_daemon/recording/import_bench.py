@@ -21,14 +21,14 @@ from ..skin import layout as layouts
 from ..skin.geometry import N_TAXELS
 from ..skin.layout import TRIANGLE_10_MM2, Layout, Triangle
 from . import reference as references
-from .columns import whole_bytes
+from .columns import nanoseconds, whole_bytes
 from .copies import InsoleContents
 from .counts import CountsTable
 from .document import REFERENCE_COLUMNS, Kind, RecordedBoard
 from .reference import TIME
 from .writer import ReferenceContents, write
 
-_COUNT = re.compile(r"count_(\d+)_(\d+)_(\d+)")
+_COUNT = re.compile(r"count_([0-9]{1,3})_([0-9]{1,3})_([0-9]{1,3})")
 _GRID_COLUMNS = 8
 _KINDS: tuple[Kind, ...] = ("chamber", "shoe", "bench")
 
@@ -37,10 +37,11 @@ def import_bench(source: Path, out: Path, foot: Foot, layout: Layout | None) -> 
     """Write the recording `out` of the table `source`; FileError or DocumentError where it is none."""
     table, _ = references.read(source, "free", foot, "can")
     taxels = {name: tuple(map(int, m.groups())) for name in table.columns if (m := _COUNT.fullmatch(name))}
-    if table.time_s is None or not taxels:
+    if table.time_s is None or not taxels or not len(table):
         raise FileError(
-            f"{source}: expected the columns {TIME} and count_<board>_<triangle>_<taxel>, found "
-            f"{', '.join(table.columns)}; tables of other kinds are MATLAB files, YARP dumps and CAN logs"
+            f"{source}: expected the columns {TIME} and count_<board>_<triangle>_<taxel> and rows of them, found "
+            f"{', '.join(table.columns)} and {len(table)} rows; tables of other kinds are MATLAB files, YARP dumps and "
+            "CAN logs"
         )
     invented: list[str] = []
     if layout is None:
@@ -69,7 +70,7 @@ def import_bench(source: Path, out: Path, foot: Foot, layout: Layout | None) -> 
         first = {name: others.pop(name) for name in REFERENCE_COLUMNS[kind]}
         reference = [ReferenceContents(foot, "can", {TIME: table.time_s, **first, **others})]
     addresses = dict.fromkeys(layout.identities[:, 0].tolist())
-    t_ns = np.round(table.time_s * 1e6).astype(np.int64) * 1000  # what a float holds of a time since 1970
+    t_ns = (nanoseconds(table.time_s, str(source)) + 500) // 1000 * 1000  # what a float holds of a time since 1970
     return write(
         out,
         kind=kind or "free",

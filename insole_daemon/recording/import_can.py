@@ -81,6 +81,8 @@ def _batches(source: Path, names: list[str]) -> Iterator[FrameBatch]:
                 if len(rows) == _AT_ONCE:
                     yield _batch(source, rows, names)
                     rows = []
+            if rows:
+                yield _batch(source, rows, names)
     except FileError:
         raise
     except Exception as error:  # every format has errors of its own
@@ -88,8 +90,6 @@ def _batches(source: Path, names: list[str]) -> Iterator[FrameBatch]:
             f"{source}: expected a log that python-can reads ({', '.join(SUFFIXES)}, candump), found that it cannot: "
             f"{type(error).__name__}: {error}"
         ) from error
-    if rows:
-        yield _batch(source, rows, names)
 
 
 def _batch(source: Path, messages: Sequence[Any], names: list[str]) -> FrameBatch:
@@ -103,7 +103,7 @@ def _batch(source: Path, messages: Sequence[Any], names: list[str]) -> FrameBatc
             names.append(name)
         interface.append(names.index(name))
     flags = [
-        EXTENDED * bool(m.is_extended_id and not m.is_error_frame)
+        EXTENDED * bool((m.is_extended_id or m.arbitration_id > 0x7FF) and not m.is_error_frame)
         | REMOTE * bool(m.is_remote_frame)
         | ERROR * bool(m.is_error_frame)
         | FD * bool(m.is_fd)
@@ -114,7 +114,7 @@ def _batch(source: Path, messages: Sequence[Any], names: list[str]) -> FrameBatc
         t_ns,
         np.maximum.accumulate(t_ns),
         np.array(interface, np.uint8),
-        np.array([message.arbitration_id for message in messages], np.uint32),
+        np.array([message.arbitration_id & 0x1FFF_FFFF for message in messages], np.uint32),
         np.array([message.dlc for message in messages], np.uint8),
         np.frombuffer(data, np.uint8).reshape(-1, 8),
         np.array(flags, np.uint8),

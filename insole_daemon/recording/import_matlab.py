@@ -8,7 +8,6 @@ Source: ami-iit/paper_belli_2023_sensors_insole-calibration, Code/calibration_ta
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +15,9 @@ from numpy.typing import NDArray
 from ..config import Foot
 from ..errors import FileError
 from ..skin.layout import Layout
-from .columns import counts_of, insole_of
+from .columns import counts_of, insole_of, nanoseconds
 from .counts import CountsTable
-from .lab import need
+from .mat5 import read_struct
 from .writer import ReferenceContents, write
 
 _PA_PER_BAR = 1e5
@@ -29,14 +28,14 @@ def import_matlab(source: Path, out: Path, foot: Foot, layout: Layout | None) ->
     """Write the recording `out` of the file `source`; FileError where it is none of these."""
     experiment = _experiment(source)
     table = _matrix(source, experiment, "C")
-    if table.shape[1] < 3 or not np.isfinite(table[:, 1]).all():
+    if table.shape[1] < 3:
         raise FileError(f"{source}: C: expected a counter, a time and counts in each row, found {table.shape}")
     invented = ["times: when YARP published the row, in seconds of an unknown epoch; no frame's receive time is known"]
     insole = insole_of(foot, layout, invented)
     counts = counts_of(table[:, 2:], insole.layout, f"{source}: C", invented)
-    t_ns = np.round(table[:, 1] * 1e9).astype(np.int64)
+    t_ns = nanoseconds(table[:, 1], f"{source}: C")
     reference = []
-    if "P" in (experiment.dtype.names or ()):
+    if "P" in experiment:
         pressure = _matrix(source, experiment, "P")[:, 0]
         if np.nanmax(pressure, initial=0.0) > _MOST_BAR:
             raise FileError(
@@ -55,22 +54,19 @@ def import_matlab(source: Path, out: Path, foot: Foot, layout: Layout | None) ->
     )
 
 
-def _experiment(source: Path) -> Any:
-    io = need("scipy.io", "scipy", "importing MATLAB files")
+def _experiment(source: Path) -> dict[str, NDArray[np.float64] | None]:
     try:
-        variables = io.loadmat(source)
-    except Exception as error:  # scipy raises what its parser stumbles over
-        what = f"{type(error).__name__}: {error}"
-        raise FileError(f"{source}: expected a MATLAB file up to version 7, found another: {what}") from error
-    found = variables.get("experiment")
-    if found is None or found.dtype.names is None or "C" not in found.dtype.names:
-        names = ", ".join(name for name in variables if not name.startswith("_"))
-        raise FileError(f"{source}: expected a struct experiment with C and P, found {names or 'nothing'}")
-    return found.flat[0]
+        found = read_struct(source, "experiment")
+    except (OSError, ValueError) as error:
+        raise FileError(f"{source}: expected a MATLAB file of version 5 to 7, found another: {error}") from error
+    if "C" not in found:
+        raise FileError(f"{source}: expected a struct experiment with C and P, found {', '.join(found) or 'none'}")
+    return found
 
 
-def _matrix(source: Path, experiment: Any, name: str) -> NDArray[np.float64]:
+def _matrix(source: Path, experiment: dict[str, NDArray[np.float64] | None], name: str) -> NDArray[np.float64]:
     matrix = experiment[name]
-    if matrix.ndim != 2 or matrix.dtype.kind not in "fiu" or 0 in matrix.shape:
-        raise FileError(f"{source}: {name}: expected a matrix of numbers, found {matrix.dtype} {matrix.shape}")
-    return np.asarray(matrix, np.float64)
+    if matrix is None or matrix.ndim != 2 or 0 in matrix.shape:
+        what = "no numbers" if matrix is None else matrix.shape
+        raise FileError(f"{source}: {name}: expected a matrix of numbers, found {what}")
+    return matrix

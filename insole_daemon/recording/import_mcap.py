@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..errors import FileError
+from ..untrusted import quoted
 from .document import FILE
 from .lab import need
 from .writer import whole_folder
@@ -13,18 +14,23 @@ from .writer import whole_folder
 def import_mcap(source: Path, out: Path) -> Path:
     """Write the recording `out` of the attachments of `source`; FileError where they are none."""
     reader_module = need("mcap.reader", "mcap", "importing MCAP")
-    exceptions = need("mcap.exceptions", "mcap", "importing MCAP")
     try:
         with open(source, "rb") as file:
             files = {each.name: each.data for each in reader_module.make_reader(file).iter_attachments()}
-    except (OSError, ValueError, exceptions.McapError) as error:
-        raise FileError(f"{source}: expected an MCAP file, found one that cannot be read: {error}") from error
-    if FILE not in files or any(Path(name).name != name or name.startswith(".") for name in files):
+    except Exception as error:  # it raises what its parser stumbles over
+        what = f"{type(error).__name__}: {error}"
+        raise FileError(f"{source}: expected an MCAP file, found one that cannot be read: {what}") from error
+    if FILE not in files or not all(map(_is_name, files)):
         raise FileError(
             f"{source}: expected an MCAP file with a recording in its attachments, as 'insole export' writes it, "
-            f"found {', '.join(files) or 'no attachment'}"
+            f"found {quoted(list(files)) if files else 'no attachment'}"
         )
     with whole_folder(out) as folder:
         for name, content in files.items():
             (folder / name).write_bytes(content)
     return out
+
+
+def _is_name(name: str) -> bool:
+    """Of a file in the folder itself, and not hidden."""
+    return name != "" and Path(name).name == name and name.isprintable() and not name.startswith(".")

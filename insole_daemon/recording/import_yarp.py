@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..config import Foot
 from ..errors import FileError
 from ..skin.layout import Layout
-from .columns import both_feet, counts_of, insole_of
+from .columns import both_feet, counts_of, insole_of, nanoseconds
 from .counts import CountsTable
 from .writer import write
 
@@ -29,7 +29,7 @@ def import_yarp(source: Path, out: Path, foot: Foot | None, layout: Layout | Non
     stamps = 3 if _is_second_stamp(table) else 2
     values = table[:, stamps:]
     invented = ["times: when YARP published the row; no frame's receive time is known"]
-    t_ns = np.round(table[:, 1] * 1e9).astype(np.int64)
+    t_ns = nanoseconds(table[:, 1], str(path))
     feet: list[tuple[Foot, Layout | None, NDArray[np.float64]]] = []
     if both_feet(values.shape[1]) and foot is None and layout is None:
         half = values.shape[1] // 2

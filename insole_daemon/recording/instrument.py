@@ -7,7 +7,6 @@ Without a time of its own a reading is stamped with the moment it arrived, on th
 from __future__ import annotations
 
 import csv
-import json
 import math
 from collections.abc import Mapping
 
@@ -15,6 +14,7 @@ import numpy as np
 
 from ..config import Foot
 from ..errors import FileError
+from ..untrusted import parse_json
 from .document import REFERENCE_COLUMNS, Clock, Kind
 from .force_shoe import COLUMNS as SHOE_COLUMNS
 from .force_shoe import Shoe
@@ -59,7 +59,7 @@ class Instrument:
     def take_json(self, payload: bytes, now_s: float) -> str:
         """The rows that a message gives: a JSON object of numbers by column, or null where a value is missing."""
         try:
-            said = json.loads(payload)
+            said = parse_json(payload)
         except ValueError as error:
             return self._refuse(f"expected a JSON object, found {payload[:40]!r} ({error})")
         if not isinstance(said, dict) or not all(
@@ -69,7 +69,10 @@ class Instrument:
         if self._columns is None:
             self._begin(tuple(said))
         assert self._columns is not None
-        values = {name: math.nan if said.get(name) is None else float(said[name]) for name in self._columns}
+        try:
+            values = {name: math.nan if said.get(name) is None else float(said[name]) for name in self._columns}
+        except OverflowError as error:
+            return self._refuse(str(error))
         return self._row(values, now_s)
 
     def _begin(self, columns: tuple[str, ...]) -> None:

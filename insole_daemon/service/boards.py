@@ -15,6 +15,7 @@ from ..skin.boards import BoardSurvey
 from ..skin.bus_load import BusLoad, check_fits
 from ..skin.commands import Identity
 from ..skin.confirmation import Seen
+from ..untrusted import quoted
 from .board_link import BoardLink
 from .load import Load
 from .operations import Operation, Step, pause
@@ -67,13 +68,15 @@ class BoardOperations:
     def handle(self, request: dict[str, Any]) -> Operation:
         """The operation that a request asks for; raises WireError where there is none."""
         verb, arguments = request.get("do"), {word: value for word, value in request.items() if word != "do"}
-        if verb not in self._verbs:
-            raise WireError(f"boards: expected do: one of {', '.join(self._verbs)}, found {verb!r:.60}")
+        if not isinstance(verb, str) or verb not in self._verbs:
+            raise WireError(f"boards: expected do: one of {', '.join(self._verbs)}, found {quoted(verb)}")
         make, known = self._verbs[verb]
         if not arguments.keys() <= known:
-            raise WireError(f"boards: {verb} takes {sorted(known) or 'no arguments'}, found {sorted(arguments)}")
+            raise WireError(
+                f"boards: {verb} takes {sorted(known) or 'no arguments'}, found {quoted(sorted(arguments))}"
+            )
         if not all(isinstance(value, bool) for value in arguments.values()):
-            raise WireError(f"boards: {verb}: force is true or false, found {arguments!r:.60}")
+            raise WireError(f"boards: {verb}: force is true or false, found {quoted(arguments)}")
         return self._alone(verb, make(**arguments))
 
     def list(self) -> Operation:

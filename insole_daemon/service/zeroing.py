@@ -14,6 +14,7 @@ from ..physics.zero import Zero
 from ..physics.zeroing import Outcome, Zeroing
 from ..skin.cycles import Cycles
 from ..skin.layout import Layout
+from ..untrusted import quoted
 from ..wire.messages import CalibrationInUse, Event, Meta
 from .foot import Foot
 from .state import zero_path
@@ -106,12 +107,12 @@ def zero_handler(foot: Foot, voice: Voice) -> Callable[[dict[str, Any]], Generat
         seconds, force = request.get("seconds", SECONDS), request.get("force", False)
         unknown = request.keys() - {"seconds", "force"}
         if unknown:
-            raise InsoleError(f"zero: expected `seconds` and `force`, found {', '.join(sorted(map(str, unknown)))}")
+            raise InsoleError(f"zero: expected `seconds` and `force`, found {quoted(sorted(unknown))}")
         number = isinstance(seconds, (int, float)) and not isinstance(seconds, bool)
         if not number or not SECONDS_LEAST <= seconds <= SECONDS_MOST:
-            raise InsoleError(f"zero: seconds: expected {SECONDS_LEAST:g} to {SECONDS_MOST:g}, found {seconds!r:.40}")
+            raise InsoleError(f"zero: seconds: expected {SECONDS_LEAST:g} to {SECONDS_MOST:g}, found {quoted(seconds)}")
         if not isinstance(force, bool):
-            raise InsoleError(f"zero: force: expected true or false, found {force!r:.40}")
+            raise InsoleError(f"zero: force: expected true or false, found {quoted(force)}")
         return zero(foot, voice, float(seconds), force)
 
     return handle

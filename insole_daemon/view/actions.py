@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import time
 from typing import Any
 
 from ..errors import InsoleError
+from ..untrusted import parse_json, quoted
 from ..wire.client import Client
 from .hub import Hub
 from .recording import Recording
@@ -28,14 +28,14 @@ class Actions:
 
         Raises ValueError where it is none of those the page sends.
         """
-        asked = json.loads(text)
+        asked = parse_json(text)
         if not isinstance(asked, dict) or not isinstance(asked.get("number"), int):
-            raise ValueError(f"expected a map with a number, found {text:.60}")
+            raise ValueError(f"expected a map with a number, found {quoted(text)}")
         do, foot, words = asked.get("do"), asked.get("foot", ""), asked.get("text", "")
         if do in ("zero", "temperature") and foot not in _FEET:
-            raise ValueError(f"expected a foot, found {foot!r:.60}")
-        if not isinstance(words, str) or len(words) > _TEXT_LENGTH:
-            raise ValueError(f"expected a text of at most {_TEXT_LENGTH} characters, found {words!r:.60}")
+            raise ValueError(f"expected a foot, found {quoted(foot)}")
+        if not isinstance(words, str) or len(words) > _TEXT_LENGTH or not words.isprintable():
+            raise ValueError(f"expected a printable text of at most {_TEXT_LENGTH} characters, found {quoted(words)}")
         try:
             match do:
                 case "zero":
@@ -50,7 +50,7 @@ class Actions:
                 case "stop":
                     said = {"text": await asyncio.to_thread(self._recording.stop)}
                 case _:
-                    raise ValueError(f"expected zero, temperature, mark, record or stop, found {do!r:.60}")
+                    raise ValueError(f"expected zero, temperature, mark, record or stop, found {quoted(do)}")
         except InsoleError as error:
             return {"number": asked["number"], "ok": False, "said": {"text": str(error)}}
         if do in ("record", "stop"):

@@ -6,7 +6,6 @@ far away.
 
 from __future__ import annotations
 
-import json
 import math
 import time
 from collections import deque
@@ -17,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..untrusted import parse_json
 from ..wire.client import Client
 from ..wire.keys import key
 from ..wire.messages import Pressure, Wrench
@@ -108,9 +108,9 @@ class Others:
 def reading(payload: bytes) -> NDArray[np.float64] | None:
     """(3,) f_z, m_x, m_y of a reference's message, a JSON object as `insole record` takes it; None where it is none."""
     try:
-        said = json.loads(payload)
+        said = parse_json(payload)
         values = [math.nan if said[name] is None else float(said[name]) for name in COLUMNS]
-    except (ValueError, TypeError, KeyError):
+    except (ValueError, TypeError, KeyError, OverflowError):
         return None
     return np.array(values)
 

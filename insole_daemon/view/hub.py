@@ -117,7 +117,7 @@ class Hub:
         if meta is None or (meta.started_ns, meta.n_triangles) != (wrench.started_ns, wrench.n_triangles):
             self._ask(wrench.foot)  # the daemon is another one since
             return
-        if raw is None or pressure is None or not raw.seq == pressure.seq == wrench.seq or not self.viewers:
+        if raw is None or pressure is None or not _of(raw) == _of(pressure) == _of(wrench) or not self.viewers:
             return
         beside = self._others.at(wrench.foot, wrench.t_ns, raw.counts.shape)
         packet = cycle_packet(meta, raw, pressure, wrench, beside)
@@ -144,8 +144,13 @@ class Hub:
     def _describe(self, meta: Meta) -> None:
         self._feet[meta.foot].meta = meta
         said = {name: value for name, value in dataclasses.asdict(meta).items() if name not in ("xy_m", "zero")}
-        said["xy_mm"] = np.round(meta.xy_m.astype(np.float64) * 1e3, 2).reshape(-1).tolist()
+        said["xy_mm"] = np.round(np.nan_to_num(meta.xy_m).astype(np.float64) * 1e3, 2).reshape(-1).tolist()
         self.stand(f"meta {meta.foot}", said)
+
+
+def _of(message: Raw | Pressure | Wrench) -> tuple[int, int, int]:
+    """Which cycle of which daemon, and how large its arrays are."""
+    return message.started_ns, message.seq, message.n_triangles
 
 
 def _text(kind: str, said: Mapping[str, Any]) -> str:

@@ -19,6 +19,8 @@ HEAD = struct.Struct("<BBHI dd 13f 4x")  # 1: a cycle; foot; n_triangles; seq; t
 UNIT_PA = 20.0  # of a pressure in the packet
 UNKNOWN = 0xFFFF  # a pressure that is none
 _MOST = UNKNOWN - 1
+_LARGEST = float(np.finfo(np.float32).max)
+_SEQ_BITS = 0xFFFF_FFFF
 
 # What is wrong with a taxel, as bits; 0 may be read as pressure.
 INVALID, STALE, SATURATED = 1, 2, 4
@@ -29,13 +31,12 @@ def cycle_packet(meta: Meta, raw: Raw, pressure: Pressure, wrench: Wrench, besid
     ages = raw.age_ms
     floats = (
         *map(_float, (wrench.f_z_n, wrench.m_x_nm, wrench.m_y_nm, wrench.cop_x_m, wrench.cop_y_m)),
-        wrench.valid_fraction,
+        _float(wrench.valid_fraction),
         math.nan if np.isnan(ages).all() else float(np.nanmax(ages)),
-        *beside.reference,
-        *beside.model,
+        *map(_float, (*beside.reference, *beside.model)),
     )
     head = HEAD.pack(
-        1, ("left", "right").index(raw.foot), raw.n_triangles, raw.seq,
+        1, ("left", "right").index(raw.foot), raw.n_triangles, raw.seq & _SEQ_BITS,
         raw.t_ns * 1e-6, raw.t_published_ns * 1e-6, *floats,
     )  # fmt: skip
     units = _units(pressure.pressure_pa)
@@ -44,7 +45,7 @@ def cycle_packet(meta: Meta, raw: Raw, pressure: Pressure, wrench: Wrench, besid
 
 
 def _float(value: float | None) -> float:
-    return math.nan if value is None else value
+    return math.nan if value is None or abs(value) > _LARGEST else value
 
 
 def _units(pressure_pa: NDArray[np.floating]) -> NDArray[np.uint16]:

@@ -17,8 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import WireError
+from ..untrusted import is_plain, quoted
 
 Foot = Literal["left", "right"]
+MOST_TRIANGLES = 14 * 16  # of a rig: addresses 1 to 14; no other axis is longer
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +71,7 @@ class Message:
             raise WireError(
                 f"{cls.SCHEMA}: expected the keys {sorted(fields)}, "
                 f"missing {sorted(fields.keys() - found.keys())}, "
-                f"unknown {sorted(map(str, found.keys() - fields.keys()))}"
+                f"unknown {quoted(sorted(map(str, found.keys() - fields.keys())))}"
             )
         return cls(**{name: _from_wire(cls, name, hint, found) for name, hint in fields.items()})
 
@@ -259,8 +261,10 @@ def _from_wire(cls: type[Message], name: str, hint: Any, found: dict[str, Any]) 
     if get_origin(hint) is Annotated:
         array = next(extra for extra in get_args(hint) if isinstance(extra, Array))
         shape = [found.get(axis) if isinstance(axis, str) else axis for axis in array.shape]
-        if not isinstance(value, bytes) or not all(isinstance(n, int) and n >= 1 for n in shape):
-            raise WireError(f"{cls.SCHEMA}: {name}: expected bytes of {array.dtype} {array.shape}, found {value!r:.60}")
+        if not isinstance(value, bytes) or not all(isinstance(n, int) and 1 <= n <= MOST_TRIANGLES for n in shape):
+            raise WireError(
+                f"{cls.SCHEMA}: {name}: expected bytes of {array.dtype} {array.shape}, found {quoted(value)}, {shape}"
+            )
         dtype = np.dtype(array.dtype)
         size = dtype.itemsize * math.prod(n or 0 for n in shape)
         if len(value) != size:
@@ -269,19 +273,19 @@ def _from_wire(cls: type[Message], name: str, hint: Any, found: dict[str, Any]) 
             )
         return np.frombuffer(value, dtype).reshape(shape)
     if not _is_of(value, hint):
-        raise WireError(f"{cls.SCHEMA}: {name}: expected {hint}, found {value!r:.60}")
+        raise WireError(f"{cls.SCHEMA}: {name}: expected {hint}, found {quoted(value)}")
     return value
 
 
 def _is_of(value: Any, hint: Any) -> bool:
-    """Whether a decoded value is of the annotated type; maps and lists are looked at from outside only."""
+    """Whether a decoded value is of the annotated type, and plain; of maps and lists only that is looked at."""
     origin = get_origin(hint)
     if origin is Literal:
         return value in get_args(hint)
     if origin in (dict, list):
-        return isinstance(value, origin)
+        return isinstance(value, origin) and is_plain(value)
     if origin in (Union, UnionType):
         return any(_is_of(value, option) for option in get_args(hint))
     if hint in (int, float):
-        return isinstance(value, (int, hint)) and not isinstance(value, bool)
+        return isinstance(value, (int, hint)) and not isinstance(value, bool) and is_plain(value)
     return isinstance(value, hint)

@@ -11,6 +11,7 @@ import msgpack
 import zenoh
 
 from ..errors import WireError
+from ..untrusted import is_plain, quoted
 
 REQUEST_SCHEMA = "insole.request/1"
 REPLY_SCHEMA = "insole.reply/1"
@@ -30,11 +31,11 @@ def pack(said: dict[str, Any]) -> bytes:
 
 
 def unpack(payload: bytes, schema: str) -> dict[str, Any]:
-    """What a payload of `schema` says; raises WireError where it is no map with text as keys."""
+    """What a payload of `schema` says; raises WireError where it is no map of plain values (untrusted.is_plain)."""
     try:
         said = msgpack.unpackb(payload, raw=False, max_ext_len=0) if len(payload) <= _MOST_BYTES else None
     except Exception as error:  # msgpack raises ValueError and half a dozen of its own
         raise WireError(f"{schema}: expected a msgpack map, found {len(payload)} bytes: {error}") from error
-    if not isinstance(said, dict) or not all(isinstance(word, str) for word in said):
-        raise WireError(f"{schema}: expected a msgpack map, found {said!r:.60}")
+    if not isinstance(said, dict) or not is_plain(said):
+        raise WireError(f"{schema}: expected a msgpack map of plain values with text as keys, found {quoted(said)}")
     return said

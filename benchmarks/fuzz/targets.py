@@ -1,0 +1,231 @@
+"""Every parser that takes bytes from outside, each as a function of those bytes, with a few good inputs to start from.
+
+A target may return or raise an InsoleError that says what and where. Whatever else comes out of it is a finding.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from insole_daemon import config as configs
+from insole_daemon.bus.batched_socket import parts_of
+from insole_daemon.bus.candump import CandumpReader
+from insole_daemon.bus.candump_line import BadLine, parse
+from insole_daemon.bus.error_frames import count_kinds
+from insole_daemon.bus.frames import FrameBatch
+from insole_daemon.bus.gate import never_a_command, refusal
+from insole_daemon.documents import read
+from insole_daemon.physics import calibration, zero
+from insole_daemon.recording import document, reference
+from insole_daemon.recording.importing import import_recording
+from insole_daemon.recording.instrument import Instrument
+from insole_daemon.skin import commands
+from insole_daemon.skin import layout as layouts
+from insole_daemon.skin.reader import SkinReader
+from insole_daemon.view.actions import Actions
+from insole_daemon.view.beside import Others, reading
+from insole_daemon.view.hub import Hub
+from insole_daemon.view.viewer import Viewer
+from insole_daemon.wire.client import Client
+from insole_daemon.wire.messages import BY_KEY
+from insole_daemon.wire.requests import REQUEST_SCHEMA, unpack
+
+from . import seeds
+
+LAYOUT = layouts.builtin("left", (5, 6, 7))
+KINDS = tuple(BY_KEY)
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """`seeds` are good inputs; `byte_parser`: reads bytes one by one, so that it is given millions of inputs."""
+
+    name: str
+    take: Callable[[bytes], object]
+    seeds: Callable[[], Sequence[bytes]]
+    byte_parser: bool = False
+
+
+@cache
+def _folder() -> Path:
+    """Where inputs that are files are put: in memory, gone with the process."""
+    folder = Path(tempfile.mkdtemp(prefix="insole-fuzz-", dir="/dev/shm" if Path("/dev/shm").is_dir() else None))
+    import atexit
+
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return folder
+
+
+def _as_file(name: str, take: Callable[[Path], object]) -> Callable[[bytes], object]:
+    def taken(data: bytes) -> object:
+        path = _folder() / name
+        path.write_bytes(data)
+        return take(path)
+
+    return taken
+
+
+def _imported(name: str) -> Callable[[bytes], object]:
+    def take(path: Path) -> None:
+        out = path.with_suffix(".imported")
+        try:
+            import_recording(path, out, "left", None, None)
+        finally:
+            shutil.rmtree(out, ignore_errors=True)
+
+    return _as_file(name, take)
+
+
+def _frames(data: bytes) -> None:
+    """Frames as the kernel hands them over, all at moments 1 ms apart, into cycles; and what answers of boards say."""
+    raw = np.frombuffer(data[: len(data) // 16 * 16], np.uint8).reshape(-1, 16).copy()
+    if not len(raw):
+        return
+    n, t_ns = len(raw), np.arange(len(raw), dtype=np.int64) * 1_000_000
+    batch = FrameBatch(t_ns, t_ns, np.zeros(n, np.uint8), *parts_of(raw))
+    skin = SkinReader([LAYOUT], 20_000_000, 5_000_000)
+    closed = skin.feed(batch)[0] + skin.advance(n * 1_000_000 + 1_000_000_000)[0]
+    for cycles in closed:
+        assert cycles.counts.shape[1:] == (len(LAYOUT), 12)
+    count_kinds(batch, {})
+    assert len(never_a_command(batch)) == n
+    for row in range(n):
+        can_id, said = int(batch.can_id[row]), batch.data[row, : batch.dlc[row]].tobytes()
+        commands.read_discovery(can_id, said)
+        commands.read_version(can_id, said)
+        commands.read_temperature(can_id, said)
+        refusal(can_id, said, int(batch.flags[row]))
+
+
+def _candump_line(data: bytes) -> None:
+    with contextlib.suppress(BadLine):
+        parse(data)
+
+
+def _candump(path: Path) -> None:
+    with CandumpReader(path) as reader:
+        for batch in reader.pieces():
+            assert (np.diff(batch.t_mono_ns) >= 0).all()
+
+
+def _message(data: bytes) -> None:
+    """The first byte says which message the rest is sent as."""
+    BY_KEY[KINDS[data[0] % len(KINDS)]].decode(data[1:])
+
+
+def _reference_message(data: bytes) -> None:
+    reading(data)
+    Instrument("left", "shoe").take_json(data, 1.0)
+
+
+class _NoDaemon(Client):
+    """Nothing is asked of anybody."""
+
+    def meta(self, foot: str, rig: str | None = None) -> Any:
+        raise AssertionError("nobody asks")
+
+    def request(self, foot: str, verb: str, **arguments: Any) -> dict[str, Any]:
+        return {"ok": True, "asked": [foot, verb, sorted(arguments)]}
+
+
+class _NoRecording:
+    running = False
+
+    def mark(self, text: str) -> bool:
+        text.encode()  # as it is written into a file
+        return True
+
+    def start(self, feet: list[str]) -> str:
+        return "walk-1"
+
+    def stop(self) -> str:
+        return ""
+
+
+def _websocket(data: bytes) -> None:
+    """What the page sends, after aiohttp has made text of it; what it is told then can be sent to every viewer."""
+    text = data.decode("utf-8", "ignore")
+
+    async def reply() -> None:
+        hub, viewer = Hub(_NoDaemon(), "test", Others("simulation", {})), Viewer()
+        hub.join(viewer)
+        actions = Actions(_NoDaemon(), hub, _NoRecording())  # type: ignore[arg-type]
+        with contextlib.suppress(ValueError):  # the socket is closed
+            viewer.say(str(await actions.reply(text)))
+        _drain(viewer)
+
+    _loop().run_until_complete(reply())
+
+
+def _page(data: bytes) -> None:
+    """Messages of anybody who can publish, on their way to the page; each begins with its kind and its length."""
+
+    async def show() -> None:
+        hub, viewer = Hub(_NoDaemon(), "test", Others("simulation", {})), Viewer()
+        hub._ask = lambda name: None  # type: ignore[method-assign]
+        hub.join(viewer)
+        for kind, payload in seeds.parts(data):
+            hub._take(BY_KEY[KINDS[kind % len(KINDS)]].decode(payload))
+            _drain(viewer)
+
+    _loop().run_until_complete(show())
+
+
+def _drain(viewer: Viewer) -> None:
+    while (message := viewer.take()) is not None:
+        if isinstance(message, str):
+            message.encode()
+        viewer.answered()
+
+
+@cache
+def _loop() -> asyncio.AbstractEventLoop:
+    return asyncio.new_event_loop()
+
+
+def _all() -> Iterator[Target]:
+    yield Target("frames", _frames, seeds.frames, byte_parser=True)
+    yield Target("candump-line", _candump_line, seeds.candump_lines, byte_parser=True)
+    yield Target("candump", _as_file("can.log", _candump), seeds.candump_logs, byte_parser=True)
+    yield Target("message", _message, seeds.messages, byte_parser=True)
+    yield Target("request", lambda data: unpack(data, REQUEST_SCHEMA), seeds.requests, byte_parser=True)
+    yield Target("reference-message", _reference_message, seeds.reference_messages, byte_parser=True)
+    yield Target("config-yaml", _as_file("config.yaml", configs.load), seeds.config)
+    yield Target(
+        "recording-yaml",
+        _as_file("recording.yaml", lambda p: read(p, document.Document, document.FORMAT, document.check)),
+        seeds.recording,
+    )
+    yield Target("layout-yaml", _as_file("layout.yaml", layouts.load), seeds.layout)
+    yield Target("calibration-json", _as_file("c.json", lambda p: calibration.load(p, LAYOUT)), seeds.calibration)
+    yield Target("zero-json", _as_file("zero.json", lambda p: zero.load(p, LAYOUT)), seeds.zero)
+    yield Target(
+        "reference-csv", _as_file("r.csv", lambda p: reference.read(p, "shoe", "left", "own")), seeds.reference
+    )
+    yield Target("matlab", _imported("x.mat"), seeds.matlab)
+    yield Target("mcap", _imported("x.mcap"), seeds.mcap)
+    yield Target("yarp", _imported("data.log"), seeds.yarp)
+    yield Target("bench-csv", _imported("bench.csv"), seeds.bench)
+    yield Target("can-log", _imported("x.asc"), seeds.asc)
+    yield Target("counts", _as_file("counts.npz", _counts), seeds.counts)
+    yield Target("websocket", _websocket, seeds.websocket)
+    yield Target("page", _page, seeds.page)
+
+
+def _counts(path: Path) -> None:
+    from insole_daemon.recording import counts
+
+    counts.read(path, {"left": len(LAYOUT)})
+
+
+TARGETS = {target.name: target for target in _all()}

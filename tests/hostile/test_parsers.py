@@ -1,0 +1,46 @@
+"""Whatever comes from outside is read or refused in the project's own words: no crash, no hang, no flood of memory.
+
+The targets are those of the coverage-guided fuzzing (`python -m benchmarks.fuzz.run`), here with drawn inputs.
+"""
+
+from __future__ import annotations
+
+import time
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+
+from benchmarks.fuzz.targets import TARGETS
+from insole_daemon.errors import InsoleError
+from tests.hostile.damage import damaged
+
+LONGEST_CPU_S = 1.0
+
+
+def taken(name: str, data: bytes) -> str | None:
+    """What it says of `data`, None where it takes them."""
+    began = time.process_time()
+    try:
+        TARGETS[name].take(data)
+        said = None
+    except InsoleError as error:
+        said = str(error)
+    assert said != "", "it is refused without a word"
+    assert time.process_time() - began < LONGEST_CPU_S
+    return said
+
+
+@pytest.mark.parametrize("name", TARGETS)
+def test_what_is_good_is_taken(name):
+    for seed in TARGETS[name].seeds():
+        assert taken(name, seed) is None
+
+
+@pytest.mark.parametrize("name", TARGETS)
+def test_what_is_bad_is_refused_in_our_words(name):
+    @settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+    @given(damaged(TARGETS[name].seeds()))
+    def refuses(data):
+        taken(name, data)
+
+    refuses()
