@@ -60,7 +60,9 @@ def _experiment(source: Path) -> dict[str, NDArray[np.float64] | None]:
     except (OSError, ValueError) as error:
         raise FileError(f"{source}: expected a MATLAB file of version 5 to 7, found another: {error}") from error
     if "C" not in found:
-        raise FileError(f"{source}: expected a struct experiment with C and P, found {', '.join(found) or 'none'}")
+        raise FileError(
+            f"{source}: expected a struct experiment with C and P, found {', '.join(found) or 'no such struct'}"
+        )
     return found
 
 

@@ -69,8 +69,8 @@ def test_576_columns_of_the_published_form(tmp_path, left):
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        ({"experiment": {"P": np.ones((4, 1))}}, "expected a struct experiment with C and P, found experiment"),
-        ({"data": np.ones(3)}, "expected a struct experiment with C and P, found data"),
+        ({"experiment": {"P": np.ones((4, 1))}}, "expected a struct experiment with C and P, found P"),
+        ({"data": np.ones(3)}, "expected a struct experiment with C and P, found no such struct"),
         (
             {"experiment": {"C": np.ones((4, 100))}},
             "expected 10 or 12 columns for each of the 28 triangles .* found 98",
@@ -93,7 +93,7 @@ def test_what_cannot_be_told(tmp_path):
     with pytest.raises(InsoleError, match="--foot left or --foot right"):
         import_recording(tmp_path / "x.mat", tmp_path / "out", None, None, None)
     (tmp_path / "y.mat").write_bytes(b"MATLAB 7.3 MAT-file, HDF5")
-    with pytest.raises(InsoleError, match="expected a MATLAB file up to version 7"):
+    with pytest.raises(InsoleError, match="expected a MATLAB file of version 5 to 7"):
         import_recording(tmp_path / "y.mat", tmp_path / "out", "left", None, None)
     with pytest.raises(InsoleError, match="is not there"):
         import_recording(tmp_path / "z.mat", tmp_path / "out", "left", None, None)
