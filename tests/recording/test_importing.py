@@ -166,7 +166,8 @@ def test_a_benchs_table(tmp_path):
     assert any("1 empty cells" in line for line in recording.invented)
     source.write_text("time_s,force\n0,1\n")
     with pytest.raises(
-        InsoleError, match=r"expected the columns time_s and count_<board>_<triangle>_<taxel>, found force"
+        InsoleError,
+        match=r"expected the columns time_s and count_<board>_<triangle>_<taxel> and rows of them, found force",
     ):
         import_recording(source, tmp_path / "again", "left", None, None)
 
