@@ -31,7 +31,6 @@ from insole_daemon.calibration.memory import Memories
 from insole_daemon.files import write_text
 from insole_daemon.physics.calibration import Calibration
 from insole_daemon.physics.chain import Chain
-from insole_daemon.physics.effect import Effect
 from insole_daemon.recording.copies import write_calibration
 from insole_daemon.skin.geometry import N_TAXELS
 
@@ -164,18 +163,18 @@ class Ours:
         activation[:, ~judged] = activation[:, judged][:, :1]  # those are not judged: any curve will do
         self.curves = memory.fit(activation[rows], trained.load_pa[rows], held[rows], MEMORIES, stiffness)
         self.layout, self._slots = trial.layout, slots(trial.layout)[found.taxels]
-        self.calibration, self.effects = self._model(trained.rest_count)
+        self.calibration = self._model(trained.rest_count)
 
     def __call__(self, judged: Paired) -> Array:
         """(n, m) Pa above the beginning of the file."""
-        calibration, effects = self._model(judged.rest_count)
+        calibration = self._model(judged.rest_count)
         counts = np.full((len(judged.t_s), len(self.layout) * N_TAXELS), np.nan)
         counts[:, self._slots] = judged.steady(self._share)
-        chain = Chain(effects, self.layout, calibration)
+        chain = Chain(calibration.effects, self.layout, calibration)
         whole = chain.inverse()(counts.reshape(len(counts), len(self.layout), N_TAXELS), judged.t_s)
         return np.maximum(whole.reshape(len(counts), -1)[:, self._slots], 0.0)
 
-    def _model(self, rest_count: Array) -> tuple[Calibration, tuple[Effect, ...]]:
+    def _model(self, rest_count: Array) -> Calibration:
         said = {
             "source": "Belli et al. 2023, calibration_dataset",
             "counts": f"smoothed exponentially, {self._share:g} of each new one",

@@ -40,13 +40,10 @@ from insole_daemon.diagnosis.groups import Named
 from insole_daemon.diagnosis.modelling import Curves
 from insole_daemon.diagnosis.naming import N_FOLDS, Tried
 from insole_daemon.diagnosis.operators import low_pass, plays
-from insole_daemon.documents import Reading
 from insole_daemon.files import write_text
 from insole_daemon.physics import calibration as calibrations
-from insole_daemon.physics import effects_document
 from insole_daemon.physics.chain import Chain
 from insole_daemon.physics.effect import Where
-from insole_daemon.physics.effects import laws
 from insole_daemon.recording.import_matlab import import_matlab
 from insole_daemon.skin.geometry import N_TAXELS
 
@@ -109,9 +106,8 @@ class Model:
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "model.json"
             write_text(path, json.dumps(document))
-            calibration = calibrations.load(path, found.layout, laws())
-            effects = effects_document.parse(Reading(path), calibration.effects, found.layout)
-        self._chain = Chain(effects, found.layout, calibration)
+            calibration = calibrations.load(path, found.layout)
+        self._chain = Chain(calibration.effects, found.layout, calibration)
         self._shape = (len(found.layout), N_TAXELS)
 
     def __call__(self, paired: Paired, columns: NDArray[np.intp], rest_count: Array) -> Array:

@@ -67,6 +67,7 @@ class Insole(Section):
     layout: Path | None = None  # None: the built-in approximation
     calibration: Path | None = None  # None: the built-in default
     zero: Path | None = None  # None: the one that `insole zero` stored last, if there is one
+    model: Literal["static", "dynamic"] = "dynamic"  # of a calibration with effects
     boards: Annotated[tuple[Board, ...], at_least(1)]
 
     @property

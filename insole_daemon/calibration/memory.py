@@ -29,7 +29,6 @@ from ..errors import CalibrationError
 from ..physics.calibration import Calibration
 from ..physics.chain import Chain
 from ..physics.effect import Effect, Where, effect
-from ..physics.effects_document import document
 from ..physics.law import MOST_SHARED
 from ..skin.geometry import N_TAXELS
 from ..skin.layout import Layout
@@ -116,11 +115,8 @@ def held_out(
 
 def calibration(
     curves: Curves, slots: NDArray[np.intp], baseline_count: Array, layout: Layout, provenance: Mapping[str, Any]
-) -> tuple[Calibration, tuple[Effect, ...]]:
-    """What `fit` found as a file's contents, of the slots (m,) 12 · row + taxel, whose baselines are (m,).
-
-    The effects stand in the calibration too, as the file has them.
-    """
+) -> Calibration:
+    """What `fit` found, of the slots (m,) 12 · row + taxel, whose baselines are (m,)."""
     shape = (len(layout), N_TAXELS)
     row, taxel = np.divmod(slots, N_TAXELS)
     baseline = np.full(shape, np.nan)
@@ -129,16 +125,15 @@ def calibration(
     coefficients[row, taxel] = curves.coefficients_pa
     identities = layout.identities.tolist()
     effects = curves.effects(tuple((*identities[r], t) for r, t in zip(row.tolist(), taxel.tolist(), strict=True)))
-    made = Calibration(
+    return Calibration(
         foot=layout.foot,
         baseline_count=baseline,
         coefficients_pa=coefficients,
         covariance_pa2=None,
         usable=~np.isnan(baseline),
         provenance=provenance,
-        effects=tuple(document(effects, layout)),
+        effects=effects,
     )
-    return made, effects
 
 
 def _bounded(shares: Array) -> Array:

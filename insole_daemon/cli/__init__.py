@@ -15,6 +15,7 @@ from . import (
     doctor,
     export,
     import_,
+    model,
     prove,
     record,
     replay,
@@ -41,7 +42,7 @@ app = typer.Typer(
 )
 for verb in (
     demo.demo, run.run, simulate.simulate, replay.replay, watch.watch, status.status, doctor.doctor, boards.boards,
-    zero.zero, view.view, record.record, report.report, export.export, calibrate.calibrate,
+    zero.zero, model.model, view.view, record.record, report.report, export.export, calibrate.calibrate,
     validate.validate, diagnose.diagnose, prove.prove,
 ):  # fmt: skip
     app.command()(verb)

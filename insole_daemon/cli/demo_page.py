@@ -70,7 +70,7 @@ def tell_truth(
             pressure = Pressure(
                 layout.foot, seq, emulator.playing_since_ns, t_ns, t_ns, n,
                 person.pressure_pa(layout.foot, t_s)[0].astype(np.float32), np.ones((n, 12), np.uint8),
-                np.zeros(n, np.float32), np.zeros(n, np.uint8), False,
+                np.zeros(n, np.float32), np.zeros(n, np.uint8), False, "static", np.zeros((n, 12), np.uint8),
             )  # fmt: skip
             session.put(key(_SIMULATION, layout.foot, "pressure"), pressure.encode(), encoding=encoding)
             shoe = {name: float(values[0]) for name, values in person.reference(layout.foot, t_s).items()}

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from .. import __version__
 from ..config import Foot
 from ..errors import DiagnosisError
-from ..physics.calibration import Calibration
+from ..physics.calibration import BEGAN, Calibration
 from ..physics.law import Array
 from ..recording.loading import FootRecording, Recording
 from ..skin.geometry import N_TAXELS
@@ -32,7 +32,7 @@ from .feet import choose
 from .fit import Hypothesis
 from .groups import Located, locate
 from .observed import Observed
-from .observing import BEGAN, observe
+from .observing import observe
 from .outcome import Outcome, verdict
 
 INVISIBLE = {
@@ -78,7 +78,7 @@ def diagnose(
     layout = feet[0].layout
     model = calibration if calibration is not None else feet[0].calibration
     if model is not None and model.effects:
-        words = ", ".join(str(each.get("effect")) for each in model.effects)
+        words = ", ".join(each.law.word for each in model.effects)
         raise DiagnosisError(f"the model has effects already ({words}), expected a static one: diagnose against that")
     progress("auditing the readings")
     audits = [audit(foot, each.folder.name) for foot, each in zip(feet, recordings, strict=True)]

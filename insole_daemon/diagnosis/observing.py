@@ -27,7 +27,6 @@ SURE = 0.995  # of the edges explained: there is nothing to look for
 SHARPER = 0.7  # of what is left unexplained, that another rate may leave at the most
 MOST_APART = 0.15  # of the load's range, between taxels: noise and rounding of a simulated chamber are less
 TEMPERATURE = "temperature_c"
-BEGAN = "began_t_ns"  # in a model's provenance: from when the times of its effects count
 
 
 def observe(

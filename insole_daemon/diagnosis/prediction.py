@@ -8,16 +8,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..documents import Reading
 from ..physics import calibration as calibrations
-from ..physics import effects_document
+from ..physics.calibration import BEGAN
 from ..physics.chain import Chain
-from ..physics.effects import laws
 from ..physics.law import Array
 from ..recording.loading import FootRecording, Recording, as_configured, load
 from ..skin.geometry import N_TAXELS
 from .audit import audit
-from .observing import BEGAN, observe
+from .observing import observe
 
 _ALIGNED = 3  # times that the clock is moved by what the model leaves
 _FAR_S = 86_400.0  # a recording of another day: its times have nothing to do with the model's
@@ -39,9 +37,8 @@ def counts(model: str | PathLike[str], recording: Recording, simulation: Recordi
         if foot.reference is None and simulation is None:
             continue
         layout = foot.layout
-        calibration = calibrations.load(model, layout, laws())
-        effects = effects_document.parse(Reading(Path(model)), calibration.effects, layout)
-        chain = Chain(effects, layout, calibration, [as_configured(board) for board in foot.boards])
+        calibration = calibrations.load(model, layout)
+        chain = Chain(calibration.effects, layout, calibration, [as_configured(board) for board in foot.boards])
         audited = audit(foot, recording.folder.name)
         seen, _ = observe(recording, foot, audited.kept, audited.cycles, simulation)
         t_s = np.maximum.accumulate((foot.t_ns - foot.t_ns[0]) * 1e-9)

@@ -2,8 +2,8 @@
 
     P_i = Σ_k coefficients_pa[k] · (baseline_count − count)^k
 
-A taxel that is not listed is unusable. `effects` are the physics beyond this static curve; a file with one
-that is not among KNOWN_EFFECTS is refused, since its coefficients are only right together with it.
+A taxel that is not listed is unusable. `effects` are the physics beyond this static curve (`physics.effects`); a file
+with one that is not known is refused, since its coefficients are only right together with it.
 
 Documented extensions of a taxel; a reader that does not know them loses nothing else:
 `coefficients_covariance_pa2: [[…], …]`, the covariance of its coefficients, with a row and a column for each;
@@ -12,7 +12,7 @@ Documented extensions of a taxel; a reader that does not know them loses nothing
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from os import PathLike
 from typing import Annotated, Any, Literal
@@ -25,11 +25,13 @@ from ..documents import Key, Reading, Section, at_least, read, spell, within
 from ..errors import InsoleError
 from ..skin.geometry import N_TAXELS, PRESSURE_TAXELS, THERMAL_PADS
 from ..skin.layout import Layout
+from . import effects_document
+from .effect import Effect
 
 FORMAT = "insole-calibration/1"
-KNOWN_EFFECTS: frozenset[str] = frozenset()  # words of the format's table that this version can apply
 COVARIANCE = "coefficients_covariance_pa2"
 VALID_RANGE = "valid_range"
+BEGAN = "began_t_ns"  # in `provenance`: from when the times of effects count, ns of CLOCK_REALTIME
 
 # The public insole recordings lose about 12 counts a bar, with baselines near 240: 8 kPa a count.
 DEFAULT_PA_PER_COUNT = 8000.0
@@ -47,7 +49,7 @@ class Calibration:
     covariance_pa2: NDArray[np.float64] | None  # (n_triangles, 12, k, k) NaN where a taxel has none
     usable: NDArray[np.bool_]  # (n_triangles, 12) listed; never a thermal pad
     provenance: Mapping[str, Any]
-    effects: tuple[Mapping[str, Any], ...] = ()
+    effects: tuple[Effect, ...] = ()
     builtin: bool = False
     extensions: Mapping[str, Any] = field(default_factory=dict, repr=False)
     highest_count: NDArray[np.float64] | None = None  # (n_triangles, 12) activation seen in the fit; inf: not known
@@ -79,12 +81,10 @@ class _File(Section):
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
 
-def load(path: str | PathLike[str], layout: Layout, known_effects: Collection[str] = KNOWN_EFFECTS) -> Calibration:
-    """The calibration in file `path` for the taxels of `layout`; DocumentError lists all that is wrong.
-
-    `known_effects`: words of effects that whoever asks can apply.
-    """
-    file = read(path, _File, FORMAT, _check(layout, known_effects))
+def load(path: str | PathLike[str], layout: Layout) -> Calibration:
+    """The calibration in file `path` for the taxels of `layout`; DocumentError lists all that is wrong."""
+    effects: list[Effect] = []
+    file = read(path, _File, FORMAT, _check(layout, effects))
     rows = layout.rows
     row = np.array([rows[t.board, t.triangle] for t in file.taxels])
     column = np.array([t.taxel for t in file.taxels])
@@ -117,7 +117,7 @@ def load(path: str | PathLike[str], layout: Layout, known_effects: Collection[st
             covariance_pa2=covariance,
             usable=~np.isnan(baseline),
             provenance=file.provenance,
-            effects=file.effects,
+            effects=tuple(effects),
             extensions=file.extensions,
             highest_count=highest,
         )
@@ -159,7 +159,9 @@ def _frozen(calibration: Calibration) -> Calibration:
     return calibration
 
 
-def _check(layout: Layout, known_effects: Collection[str]) -> Callable[[Reading], None]:
+def _check(layout: Layout, found_effects: list[Effect]) -> Callable[[Reading], None]:
+    """What looks across the file; the effects it has are added to `found_effects`."""
+
     def check(reading: Reading) -> None:
         found = reading.document.get("foot")
         if found in ("left", "right") and found != layout.foot:
@@ -169,17 +171,8 @@ def _check(layout: Layout, known_effects: Collection[str]) -> Callable[[Reading]
             )
         _check_taxels(reading, layout)
         effects = reading.document.get("effects")
-        for i, effect in enumerate(effects if isinstance(effects, list) else ()):
-            name = effect.get("effect") if isinstance(effect, dict) else None
-            if not isinstance(name, str):
-                reading.problem(("effects", i, "effect"), "missing key: expected the name of an effect")
-            elif name not in known_effects:
-                known = ", ".join(sorted(known_effects)) or "none"
-                reading.problem(
-                    ("effects", i, "effect"),
-                    f'the effect "{name}" cannot be applied; this version knows: {known}. '
-                    "Without it the coefficients are wrong: use a static calibration, or a newer version",
-                )
+        if isinstance(effects, list):
+            found_effects.extend(effects_document.parse(reading, effects, layout))
 
     return check
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -98,8 +98,27 @@ class Chain:
         if laws:
             said = [f"the effect {word} has no inverse: {law.inverse_is}" for word, law in laws.items()]
             raise EffectError("\n".join(said))
+        return self._undone(lambda law: law.inverse)
+
+    def live(self) -> Run:
+        """The same for readings as they are: noise is kept small, and what has no inverse is left as it is.
+
+        What comes out belongs to a moment `late_s` before that of the reading.
+        """
+        return self._undone(lambda law: law.live or law.inverse)
+
+    @property
+    def late_s(self) -> Array:
+        """(n_triangles, 12) by how much older than its stamp each reading is that `live` has undone."""
+        late_s = np.zeros(len(self._layout) * N_TAXELS)
+        for effect in self.effects:
+            late_s[effect.where.slots(self._layout)] += effect.law.late_s(_values(effect))
+        return late_s.reshape(len(self._layout), N_TAXELS)
+
+    def _undone(self, by: Callable[[Law], Maker | None]) -> Run:
+        """From readings to the load; what `by` has no maker for is passed over."""
         pressure, activation, count = (
-            [self._stage(work, work.law.inverse) for work in reversed(works) if work.law.inverse]
+            [self._stage(work, maker) for work in reversed(works) if (maker := by(work.law)) is not None]
             for works in (self._pressure, self._activation, self._count)
         )
         if self._calibration is None:
@@ -108,7 +127,7 @@ class Chain:
         rows = np.ascontiguousarray(coefficients.T)
         curve = self._curved(
             lambda x, _: horner(rows, x),
-            [(work, work.law.inverse) for work in self._instead if work.law.inverse],
+            [(work, maker) for work in self._instead if (maker := by(work.law)) is not None],
         )
         return Run(
             [*count, lambda x, _: baseline - x, *activation, curve, *pressure],

@@ -99,6 +99,11 @@ class Law:
     forward: Maker = unchanged
     inverse: Maker | None = unchanged  # causal
     inverse_is: str  # "exact", or how far it is from that, or why there is none and what to do instead
+    # Undoes it on readings, whose noise `inverse` makes too much of; None: `inverse` itself does.
+    live: Maker | None = None
+    # (m,) or (1,) s by which a reading is older than its stamp, once `live` or `inverse` has undone what it can.
+    late_s: Callable[[Values], Array] = lambda values: np.zeros(1)
+    needs_temperature: bool = False  # to be undone, too
     scopes: tuple[Scope, ...] = SCOPES  # without "taxel", a parameter has one value for all of them
     # Its operator is shown all slots, not only those it is at work on (`Site.columns`).
     sees_all: bool = False

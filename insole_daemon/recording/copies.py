@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ..config import Board, Foot
 from ..files import write_text
 from ..physics import calibration as calibrations
+from ..physics import effects_document
 from ..physics import zero as zeros
 from ..physics.calibration import Calibration
 from ..physics.zero import Zero
@@ -93,7 +94,10 @@ def write_calibration(path: Path, calibration: Calibration, layout: Layout) -> N
             entry["extensions"] = {calibrations.COVARIANCE: calibration.covariance_pa2[row, taxel].tolist()}
         rows.append(json.dumps(entry, allow_nan=False))
     head: dict[str, Any] = {"format": calibrations.FORMAT, "foot": calibration.foot}
-    tail: dict[str, Any] = {"effects": list(calibration.effects), "provenance": dict(calibration.provenance)}
+    tail: dict[str, Any] = {
+        "effects": effects_document.document(calibration.effects, layout),
+        "provenance": dict(calibration.provenance),
+    }
     if calibration.extensions:
         tail["extensions"] = dict(calibration.extensions)
     taxels = ",\n  ".join(rows)

@@ -30,6 +30,7 @@ from .operations import RequestDesk, Step
 from .reapply import keep_configured
 from .reload import Reloader
 from .steps import Steps
+from .switching import model_handler
 from .zeroing import zero_handler
 
 _HEALTH_NS = 1_000_000_000
@@ -71,6 +72,7 @@ class Daemon:
             self._boards.append(boards)
             desk.offer("boards", boards.handle)
             desk.offer("zero", zero_handler(foot, publisher))
+            desk.offer("model", model_handler(foot, publisher))
             if foot.config.boards.configure:
                 desk.keep(keep_configured(boards))
         self._tallies = [_Tally() for _ in feet]
@@ -153,6 +155,8 @@ class Daemon:
                         tally.skipped += 1
                     else:
                         messages = foot.messages(cycles, at)
+                        if foot.models is not None:
+                            publisher.publish(foot.models)
                         for message in messages:
                             publisher.publish(message)
                         tally.count(cycles, at)
@@ -234,6 +238,7 @@ class Daemon:
                         "superseded_halves": assembler.superseded,
                         "missed_halves": int(assembler.missed.sum()),
                         "extrapolated": foot.extrapolated,
+                        "beyond": foot.beyond,
                     },
                     publish_rate_hz=published / elapsed_s,
                     latency_ms=latency_ms,

@@ -15,14 +15,16 @@ from .. import __version__
 from ..config import Config
 from ..mechanics.wrench import WrenchEstimator
 from ..physics import zero as zeros
+from ..physics.dynamic import DynamicModel
 from ..physics.static_curve import StaticCurve
 from ..skin.boards import BoardSurvey
 from ..skin.cycles import Cycles
 from ..skin.faults import FaultWatch
 from ..skin.geometry import PRESSURE_TAXELS
 from ..skin.validity import Validity
-from ..wire.messages import CalibrationInUse, Event, Meta, Pressure, Raw, Wrench
-from .setup import FootSetup, load_setups
+from ..wire.messages import CalibrationInUse, Event, Meta, ModelName, Models, Pressure, Raw, Wrench
+from .both_models import DynamicFoot, Estimate, side_by_side
+from .setup import FootSetup, differences, load_setups
 
 _STANDS_OUT_COUNT = 12  # below what the least loaded tenth of the foot reads; at rest taxels differ by less
 
@@ -31,7 +33,8 @@ class Foot:
     """What the daemon holds for one foot: its setup in use, and how many cycles were published.
 
     It stays the same object for as long as the daemon runs: whoever holds it reads with the setup of now.
-    `calibration` is the one in use: with the baselines of `zero`, where there is one.
+    `calibration` is the one in use: with the baselines of `zero`, where there is one. `models` is the last cycle of
+    `messages` by both models, None where the calibration has no effects.
     """
 
     def __init__(self, setup: FootSetup) -> None:
@@ -40,6 +43,10 @@ class Foot:
         self.survey = BoardSurvey(setup.layout)
         self.seq = 0
         self.extrapolated = 0  # cycles in which a taxel read beyond what its curve was fitted to
+        self.beyond = 0  # cycles of the dynamic model in which a taxel read beyond what its effects were identified to
+        self.models: Models | None = None
+        self._dynamic: DynamicFoot | None = None
+        self._asked: ModelName = setup.insole.model
         self.started_ns = time.time_ns()
         self.setup, self._watch = setup, _watch(setup)
         self.use(setup)
@@ -47,10 +54,17 @@ class Foot:
     def use(self, setup: FootSetup) -> None:
         """Read with `setup`, of the same boards and triangles, from the next cycle on.
 
-        Numbers of cycles and rates of boards go on, and what is known of faults unless taxels lie elsewhere now.
+        Numbers of cycles and rates of boards go on, and what is known of faults unless taxels lie elsewhere now. What
+        the dynamic model remembers goes on unless layout, calibration or zero are other ones: then it begins anew.
         Whoever publishes says so in `meta` and `calibration`.
         """
         config = setup.config
+        if setup.insole.model != self.setup.insole.model:
+            self._asked = setup.insole.model
+        if self._dynamic is None or differences(self.setup, setup):
+            self._dynamic = _dynamic(setup)
+        else:
+            self._dynamic.use(config, setup.layout)
         if not np.array_equal(setup.layout.xy_m, self.setup.layout.xy_m):
             self._watch = _watch(setup)
         elif setup.zero is not self.setup.zero:
@@ -61,8 +75,18 @@ class Foot:
         boards = {board.address: board for board in setup.insole.boards}
         self.validity = Validity(setup.layout, boards, self.stale_after_ns)
         self._lowest_count = self.calibration.lowest_count
+        self._none = np.zeros(self.calibration.usable.shape, np.bool_)
         self._curve = StaticCurve(self.calibration, config.contact.activation_threshold_count)
         self._wrench = WrenchEstimator(setup.layout, config.contact.min_force_n, config.contact.min_pressure_pa)
+
+    @property
+    def model(self) -> ModelName:
+        """The model whose pressure and wrench are published."""
+        return "static" if self._dynamic is None else self._asked
+
+    def switch(self, model: ModelName) -> None:
+        """Publish by `model` from the next cycle on; without effects both are the static one."""
+        self._asked = model
 
     def watch(self, cycles: Cycles, at: int) -> list[Event]:
         """Look for faults in cycle `at`: to be called with every cycle, once its messages are out.
@@ -85,24 +109,40 @@ class Foot:
         valid = self.validity(counts, status, age_ns) & self._curve.usable & ~self._watch.masked
         if self._lowest_count is not None and np.count_nonzero((counts < self._lowest_count) & valid):
             self.extrapolated += 1
-        pressure_pa = self._curve.pressure_pa(counts)
-        wrench = self._wrench(pressure_pa, valid, self._curve.variance_pa2(counts))
-        age_ms = _age_ms(age_ns)
-        valid_mark, missing = valid.view(np.uint8), cycles.missing[at].view(np.uint8)
-        repeated = bool(cycles.repeated[at])
-        seq, t_ns = self.seq, int(cycles.t_ns[at])
+        pressure_pa, variance_pa2 = self._curve.pressure_pa(counts), self._curve.variance_pa2(counts)
+        t_ns, repeated = int(cycles.t_ns[at]), bool(cycles.repeated[at])
+        static = Estimate(t_ns, age_ns, pressure_pa, valid, self._none, self._wrench(pressure_pa, valid, variance_pa2))
+        used, dynamic = static, None
+        if self._dynamic is not None:
+            dynamic = self._dynamic(cycles, at, pressure_pa, valid, variance_pa2)
+            if self.model == "dynamic":
+                used = dynamic
+                self.beyond += bool(np.count_nonzero(dynamic.beyond))
+        age_ms, missing = _age_ms(age_ns), cycles.missing[at].view(np.uint8)
+        wrench, own_valid, own_age_ms = used.wrench, used.valid.view(np.uint8), age_ms
+        if used is not static:
+            own_age_ms = _age_ms(used.age_ns)
+        seq, published_ns = self.seq, time.time_ns()
         self.seq += 1
-        head = (self.name, seq, self.started_ns, t_ns, time.time_ns(), self.n_triangles)
+        self.models = None
+        if dynamic is not None:
+            head = (self.name, seq, self.started_ns, published_ns, self.n_triangles)
+            self.models = side_by_side(head, self.model, static, dynamic, repeated)
+        own = (self.name, seq, self.started_ns, used.t_ns, published_ns, self.n_triangles)
         return (
             Raw(
-                *head, counts, status, cycles.triangle_t_ns[at], age_ms, missing, valid_mark,
-                bool(cycles.late[at]), repeated,
+                self.name, seq, self.started_ns, t_ns, published_ns, self.n_triangles, counts, status,
+                cycles.triangle_t_ns[at], age_ms, missing, valid.view(np.uint8), bool(cycles.late[at]), repeated,
             ),
-            Pressure(*head, pressure_pa.astype(np.float32), valid_mark, age_ms, missing, repeated),
+            Pressure(
+                *own, used.pressure_pa.astype(np.float32), own_valid, own_age_ms, missing, repeated,
+                self.model, used.beyond.view(np.uint8),
+            ),
             Wrench(
-                *head, wrench.f_z_n, wrench.m_x_nm, wrench.m_y_nm, wrench.cop_x_m, wrench.cop_y_m,
+                *own, wrench.f_z_n, wrench.m_x_nm, wrench.m_y_nm, wrench.cop_x_m, wrench.cop_y_m,
                 wrench.f_z_std_n, wrench.m_x_std_nm, wrench.m_y_std_nm, wrench.contact_area_m2,
-                wrench.valid_fraction, valid_mark, age_ms, missing, repeated,
+                wrench.valid_fraction, own_valid, own_age_ms, missing, repeated,
+                self.model, _share(used.beyond, used.valid),
             ),
         )  # fmt: skip
 
@@ -125,6 +165,8 @@ class Foot:
     def meta(self) -> Meta:
         """What one must know to read the messages."""
         publish, contact = self.config.publish, self.config.contact
+        dynamic = None if self._dynamic is None else self._dynamic.model
+        xy_m = self.layout.xy_m if dynamic is None or self.model == "static" else dynamic.xy_m
         return Meta(
             foot=self.name,
             rig=self.config.rig,
@@ -143,7 +185,7 @@ class Foot:
                 }
                 for board in self.insole.boards
             ],
-            xy_m=self.layout.xy_m.astype(np.float32),
+            xy_m=xy_m.astype(np.float32),
             taxel_area_m2=self.layout.taxel_area_m2,
             area_meaning=self.layout.area_meaning,
             layout=str(self.insole.layout or "built-in approximation"),
@@ -152,6 +194,9 @@ class Foot:
             calibration_builtin=self.calibration.builtin,
             zero_source=self.zero_source,
             zero=zeros.document(self.zero, self.layout) if self.zero is not None else None,
+            model=self.model,
+            effects=[] if dynamic is None else _effects(dynamic),
+            late_ms=np.zeros(self.n_triangles, np.float32) if dynamic is None else _age_ms(dynamic.late_ns),
             activation_threshold_count=contact.activation_threshold_count,
             min_force_n=contact.min_force_n,
             min_pressure_pa=contact.min_pressure_pa,
@@ -182,6 +227,34 @@ def load_feet(config: Config) -> list[Foot]:
 
 def _watch(setup: FootSetup) -> FaultWatch:
     return FaultWatch(setup.layout, {board.address: board for board in setup.insole.boards})
+
+
+def _dynamic(setup: FootSetup) -> DynamicFoot | None:
+    """Where the calibration has effects."""
+    calibration = setup.zeroed_calibration
+    if not calibration.effects:
+        return None
+    return DynamicFoot(setup.config, setup.layout, calibration, setup.insole.boards, setup.zero is not None)
+
+
+def _effects(model: DynamicModel) -> list[dict[str, Any]]:
+    """As in meta."""
+    why = {each.effect: each.why for each in model.left_out}
+    return [
+        {
+            "effect": each.law.word,
+            "scope": each.where.scope,
+            "ids": [list(identity) for identity in each.where.ids],
+            "left_out": why.get(each),
+        }
+        for each in (*model.effects, *why)
+    ]
+
+
+def _share(beyond: NDArray[np.bool_], valid: NDArray[np.bool_]) -> float:
+    """Of the valid taxels."""
+    n = int(np.count_nonzero(beyond))
+    return n / int(np.count_nonzero(valid)) if n else 0.0
 
 
 def _age_ms(age_ns: NDArray[np.int64]) -> NDArray[np.float32]:

@@ -17,7 +17,7 @@ import numpy as np
 from .. import config as configs
 from ..config import Config
 from ..errors import InsoleError
-from .setup import FootSetup, load_setups
+from .setup import FootSetup, differences, load_setups
 
 _CHANGES_RUNNING = frozenset({"extensions", "contact", "publish", "insoles"})  # these as far as said below
 _PUBLISH_CHANGES_RUNNING = frozenset({"extensions", "stale_after_ms"})
@@ -137,20 +137,8 @@ def _why_not(old: FootSetup, new: FootSetup) -> str | None:
 
 
 def _changes(old: FootSetup, new: FootSetup) -> list[str]:
-    changes = []
-    for what, arrays in (
-        ("calibration", ("baseline_count", "coefficients_pa", "covariance_pa2", "usable")),
-        ("zero", ("baseline_count", "noise_count")),
-        ("layout", ("xy_m", "taxel_area_m2")),
-    ):
-        before, after = getattr(old, what), getattr(new, what)
-        if not all(_same(getattr(before, name, None), getattr(after, name, None)) for name in arrays):
-            changes.append(f"{what} of the {old.insole.foot} foot")
+    changes = [f"{what} of the {old.insole.foot} foot" for what in differences(old, new)]
+    if old.insole.model != new.insole.model:
+        changes.append(f"model of the {old.insole.foot} foot")
     changes += _differences("contact.", old.config.contact, new.config.contact, frozenset({"extensions"}))
     return changes + _differences("publish.", old.config.publish, new.config.publish, frozenset({"extensions"}))
-
-
-def _same(a: object, b: object) -> bool:
-    if a is None or b is None:
-        return a is b
-    return np.array_equal(np.asarray(a), np.asarray(b), equal_nan=np.asarray(a).dtype.kind == "f")

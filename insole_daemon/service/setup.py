@@ -5,11 +5,14 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from ..config import Config, Insole
 from ..errors import DocumentError, DocumentsError, InsoleError
 from ..physics import calibration as calibrations
 from ..physics import zero as zeros
 from ..physics.calibration import Calibration
+from ..physics.effects_document import document
 from ..physics.zero import Zero
 from ..skin import layout as layouts
 from ..skin.layout import Layout
@@ -35,6 +38,34 @@ class FootSetup:
     def with_zero(self, zero: Zero, source: str) -> FootSetup:
         """The same with another zero, from the file `source`."""
         return replace(self, zero=zero, zero_source=source)
+
+
+_READ_WITH = (
+    ("calibration", ("baseline_count", "coefficients_pa", "covariance_pa2", "usable")),
+    ("zero", ("baseline_count", "noise_count")),
+    ("layout", ("xy_m", "taxel_area_m2")),
+)
+
+
+def differences(old: FootSetup, new: FootSetup) -> list[str]:
+    """Which of calibration, zero and layout say something else in `new`."""
+    if old is new:
+        return []
+    found = []
+    for what, arrays in _READ_WITH:
+        before, after = getattr(old, what), getattr(new, what)
+        same = all(_same(getattr(before, name, None), getattr(after, name, None)) for name in arrays)
+        if same and what == "calibration":
+            same = document(before.effects, old.layout) == document(after.effects, new.layout)
+        if not same:
+            found.append(what)
+    return found
+
+
+def _same(a: object, b: object) -> bool:
+    if a is None or b is None:
+        return a is b
+    return np.array_equal(np.asarray(a), np.asarray(b), equal_nan=np.asarray(a).dtype.kind == "f")
 
 
 def load_setups(config: Config) -> list[FootSetup]:

@@ -29,7 +29,7 @@ import zenoh
 from ..config import DEFAULT_ENDPOINT
 from ..errors import WireError
 from .keys import ROOT, key
-from .messages import BY_KEY, CalibrationInUse, Event, Health, Message, Meta, Pressure, Raw, Wrench
+from .messages import BY_KEY, CalibrationInUse, Event, Health, Message, Meta, Models, Pressure, Raw, Wrench
 from .requests import REPLY_SCHEMA, REQUEST_SCHEMA, encoding, pack, unpack
 from .session import open_session
 
@@ -51,7 +51,7 @@ class Gaps:
 
     def mark(self, stream: str, message: M) -> M:
         """The message with `lost` filled in; the first one of a daemon that restarted has lost nothing."""
-        if not isinstance(message, (Raw, Pressure, Wrench)):
+        if not isinstance(message, (Raw, Pressure, Wrench, Models)):
             return message
         started_ns, expected = self._next.get(stream, (0, 0))
         self._next[stream] = message.started_ns, message.seq + 1
@@ -206,6 +206,10 @@ class Client:
     def wrenches(self, foot: str = "*") -> Subscription[Wrench]:
         """f_z, m_x, m_y and CoP of every cycle."""
         return self._subscribe(key(self.rig, foot, "wrench"))
+
+    def models(self, foot: str = "*") -> Subscription[Models]:
+        """Pressure and wrench of every cycle by both models, of feet whose calibration has effects."""
+        return self._subscribe(key(self.rig, foot, "models"))
 
     def healths(self, foot: str = "*", rig: str | None = None) -> Subscription[Health]:
         """What runs and what is wrong, once a second; of `rig` where several have the foot: only the key tells."""

@@ -21,6 +21,7 @@ from ..untrusted import is_plain, quoted
 
 Foot = Literal["left", "right"]
 MOST_TRIANGLES = 14 * 16  # of a rig: addresses 1 to 14; no other axis is longer
+ModelName = Literal["static", "dynamic"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,11 +103,11 @@ class Raw(Message):
 class Pressure(Message):
     """Every cycle: the pressure map."""
 
-    SCHEMA = "insole.pressure/1"
+    SCHEMA = "insole.pressure/2"
     foot: Foot
     seq: int
     started_ns: int
-    t_ns: int
+    t_ns: int  # of the load: as in raw, less what the model says all of it comes late by
     t_published_ns: int
     n_triangles: int
     pressure_pa: PerTaxel  # NaN: thermal pad, or not in the calibration
@@ -114,6 +115,8 @@ class Pressure(Message):
     age_ms: PerTriangle
     missing: MarkPerTriangle
     repeated: bool
+    model: ModelName  # whose pressure it is
+    beyond: MarkPerTaxel  # 1: more than the effects of the dynamic model were identified to
     lost: int = field(default=0, metadata={"local": True})
 
 
@@ -121,11 +124,11 @@ class Pressure(Message):
 class Wrench(Message):
     """Every cycle: what the ground does to the foot, about the insole's origin."""
 
-    SCHEMA = "insole.wrench/1"
+    SCHEMA = "insole.wrench/2"
     foot: Foot
     seq: int
     started_ns: int
-    t_ns: int
+    t_ns: int  # as in pressure
     t_published_ns: int
     n_triangles: int
     f_z_n: float | None  # None: no taxel is valid
@@ -142,6 +145,40 @@ class Wrench(Message):
     age_ms: PerTriangle
     missing: MarkPerTriangle
     repeated: bool
+    model: ModelName  # whose pressure it sums up
+    beyond_fraction: float  # of the valid taxels: more than the effects of the dynamic model were identified to
+    lost: int = field(default=0, metadata={"local": True})
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Models(Message):
+    """Every cycle of a foot whose calibration has effects: what it is without them and with them."""
+
+    SCHEMA = "insole.models/1"
+    foot: Foot
+    seq: int
+    started_ns: int
+    t_published_ns: int
+    n_triangles: int
+    model: ModelName  # the one in pressure and wrench
+    static_t_ns: int  # as in raw
+    static_f_z_n: float | None
+    static_m_x_nm: float | None
+    static_m_y_nm: float | None
+    static_cop_x_m: float | None
+    static_cop_y_m: float | None
+    static_pressure_pa: PerTaxel
+    static_valid: MarkPerTaxel
+    dynamic_t_ns: int  # of the load
+    dynamic_f_z_n: float | None
+    dynamic_m_x_nm: float | None
+    dynamic_m_y_nm: float | None
+    dynamic_cop_x_m: float | None
+    dynamic_cop_y_m: float | None
+    dynamic_pressure_pa: PerTaxel
+    dynamic_valid: MarkPerTaxel
+    beyond: MarkPerTaxel
+    repeated: bool
     lost: int = field(default=0, metadata={"local": True})
 
 
@@ -149,12 +186,12 @@ class Wrench(Message):
 class Health(Message):
     """Once a second: what runs and what is wrong."""
 
-    SCHEMA = "insole.health/2"
+    SCHEMA = "insole.health/3"
     foot: Foot
     t_ns: int
     uptime_s: float
     state: Literal["ok", "degraded", "no data"]
-    cycles: dict[str, int]  # published, late, repeated, skipped, superseded halves, missed halves, extrapolated
+    cycles: dict[str, int]  # published, late, repeated, skipped, superseded and missed halves, extrapolated, beyond
     publish_rate_hz: float  # over the last second
     latency_ms: dict[str, float | None]  # newest half → put, over the last second: p50, p99, max
     boards: list[dict[str, Any]]
@@ -182,7 +219,7 @@ class Event(Message):
 class Meta(Message):
     """What one must know to read the cycle messages; on request, and cached for late joiners."""
 
-    SCHEMA = "insole.meta/1"
+    SCHEMA = "insole.meta/2"
     foot: Foot
     rig: str
     version: str  # of the daemon
@@ -199,6 +236,9 @@ class Meta(Message):
     calibration_builtin: bool  # a default that knows nothing of this insole
     zero_source: str  # the file, or why there is none
     zero: dict[str, Any] | None  # all of it, as in insole-zero/1: its baselines are in use
+    model: ModelName  # the one in pressure and wrench
+    effects: list[dict[str, Any]]  # of the calibration: the effect, where it is, why it is not undone or null
+    late_ms: PerTriangle  # by how much older than its frames a load is that the dynamic model finds
     activation_threshold_count: float  # 0: off
     min_force_n: float
     min_pressure_pa: float
@@ -227,6 +267,7 @@ BY_KEY: dict[str, type[Message]] = {
     "raw": Raw,
     "pressure": Pressure,
     "wrench": Wrench,
+    "models": Models,
     "health": Health,
     "event": Event,
     "meta": Meta,

@@ -9,7 +9,7 @@ import zenoh
 import zenoh.ext
 
 from .keys import key
-from .messages import CalibrationInUse, Event, Health, Message, Meta, Pressure, Raw, Wrench
+from .messages import CalibrationInUse, Event, Health, Message, Meta, Models, Pressure, Raw, Wrench
 
 
 def _encoding(message: type[Message]) -> zenoh.Encoding:
@@ -32,7 +32,7 @@ class FootPublisher:
                 congestion_control=zenoh.CongestionControl.DROP,
                 priority=zenoh.Priority.REAL_TIME,
             )
-            for what, message in (("raw", Raw), ("pressure", Pressure), ("wrench", Wrench))
+            for what, message in (("raw", Raw), ("pressure", Pressure), ("wrench", Wrench), ("models", Models))
         }
         self._publishers |= {
             message: session.declare_publisher(

@@ -9,10 +9,8 @@ import pytest
 
 from insole_daemon.calibration import memory
 from insole_daemon.calibration.memory import Memories
-from insole_daemon.documents import Reading
 from insole_daemon.errors import CalibrationError
 from insole_daemon.physics import calibration as calibrations
-from insole_daemon.physics import effects_document
 from insole_daemon.physics.calibration import Calibration
 from insole_daemon.physics.chain import Chain
 from insole_daemon.physics.effect import effect
@@ -55,11 +53,11 @@ def test_planted_shares_are_found_and_undone(spikes):
     curves = found(read)
     np.testing.assert_allclose(curves.w, 0.08, atol=0.02)
     np.testing.assert_allclose(curves.a, 0.1, atol=0.02)
-    made, effects = memory.calibration(curves, SLOTS, BASELINE, LAYOUT, {})
+    made = memory.calibration(curves, SLOTS, BASELINE, LAYOUT, {})
     clean = counts(effect("hysteresis", r_pa=[20_000.0], w=[0.08]), effect("creep", a=[0.1], tau_s=[20.0]))
     whole = np.full((len(T_S), len(LAYOUT) * 12), np.nan)
     whole[:, SLOTS] = clean
-    undone = Chain(effects, LAYOUT, made).inverse()(whole.reshape(len(T_S), -1, 12), T_S)
+    undone = Chain(made.effects, LAYOUT, made).inverse()(whole.reshape(len(T_S), -1, 12), T_S)
     left = undone.reshape(len(T_S), -1)[:, SLOTS] - LOAD_PA[:, None]
     assert np.sqrt((left**2).mean()) < 2000.0  # what is left out are products of w and a
 
@@ -100,17 +98,17 @@ def test_held_out_memory_beats_none():
 
 def test_the_file_gives_the_same_pressures_again(tmp_path):
     read = counts(effect("hysteresis", r_pa=[20_000.0], w=[0.1]), noise=0.3)
-    made, effects = memory.calibration(found(read), SLOTS, BASELINE, LAYOUT, {"source": "a test"})
+    made = memory.calibration(found(read), SLOTS, BASELINE, LAYOUT, {"source": "a test"})
     path = tmp_path / "calibration.json"
     write_calibration(path, made, LAYOUT)
     said = json.loads(path.read_text())
     assert [entry["effect"] for entry in said["effects"]] == ["hysteresis"] * 4 + ["creep"] * 4
     assert said["effects"][1]["where"] == {"scope": "taxel", "ids": [[5, 0, 5]]}
-    loaded = calibrations.load(path, LAYOUT, {"hysteresis", "creep"})
-    again = effects_document.parse(Reading(path), loaded.effects, LAYOUT)
+    loaded = calibrations.load(path, LAYOUT)
     whole = np.full((len(T_S), len(LAYOUT) * 12), np.nan)
     whole[:, SLOTS] = read
     whole = whole.reshape(len(T_S), -1, 12)
     np.testing.assert_allclose(
-        Chain(again, LAYOUT, loaded).inverse()(whole, T_S), Chain(effects, LAYOUT, made).inverse()(whole, T_S)
+        Chain(loaded.effects, LAYOUT, loaded).inverse()(whole, T_S),
+        Chain(made.effects, LAYOUT, made).inverse()(whole, T_S),
     )

@@ -78,7 +78,7 @@ def test_status_in_one_screen(demo):
 def test_watch_prints_json_lines_that_parse(demo):
     done = insole("watch", "insole/demo/right/pressure", "--json", "--count", 3)
     lines = [json.loads(line) for line in done.stdout.splitlines()]
-    assert [line["schema"] for line in lines] == ["insole.pressure/1"] * 3
+    assert [line["schema"] for line in lines] == ["insole.pressure/2"] * 3
     assert len(lines[0]["pressure_pa"]) == 28
     assert lines[0]["pressure_pa"][0][6] is None, "a thermal pad has no pressure"
     assert lines[1]["seq"] == lines[0]["seq"] + 1
@@ -88,7 +88,7 @@ def test_watch_prints_text_and_survives_a_reader_that_goes(demo):
     done = subprocess.run(
         f"{INSOLE} watch 'insole/demo/left/wrench' | head -n 2", shell=True, capture_output=True, text=True, timeout=30
     )
-    assert [line.split()[0] for line in done.stdout.splitlines()] == ["insole.wrench/1"] * 2
+    assert [line.split()[0] for line in done.stdout.splitlines()] == ["insole.wrench/2"] * 2
     assert "Traceback" not in done.stderr
 
 

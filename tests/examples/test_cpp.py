@@ -23,7 +23,7 @@ if shutil.which("g++") is None:
 if subprocess.run(["g++", "-E", "-x", "c++", "-"], input=b"#include <msgpack.hpp>", capture_output=True).returncode:
     lacking("there is no msgpack.hpp: libmsgpack-cxx-dev")
 
-ENCODING = "application/msgpack;insole.wrench/1"
+ENCODING = "application/msgpack;insole.wrench/2"
 
 
 @pytest.fixture(scope="module")

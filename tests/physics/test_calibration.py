@@ -12,7 +12,7 @@ import pytest
 from insole_daemon.config import Board
 from insole_daemon.config import load as load_config
 from insole_daemon.errors import DocumentError, InsoleError
-from insole_daemon.physics.calibration import KNOWN_EFFECTS, default, load
+from insole_daemon.physics.calibration import default, load
 from insole_daemon.skin import layout as layouts
 from insole_daemon.skin.geometry import PRESSURE_TAXELS
 from insole_daemon.skin.layout import Layout, builtin
@@ -140,19 +140,28 @@ def test_wrong_taxels(write: Write, row: dict[str, Any], key: str, message: str)
     assert message in found
 
 
-def test_every_effect_is_refused_by_name(write: Write) -> None:
-    assert not KNOWN_EFFECTS
-    found = problems(write(taxel(), effects=[{"effect": "hysteresis"}, {"effect": "creep", "parameters": {}}, {}]))
-    assert [(line, key) for line, key, _ in found] == [(1, f"effects[{i}].effect") for i in range(3)]
-    assert 'the effect "hysteresis" cannot be applied; this version knows: none' in found[0][2]
-    assert '"creep"' in found[1][2]
-    assert "expected the name of an effect" in found[2][2]
+LAG = {"effect": "lag", "where": {"scope": "insole"}, "parameters": {"tau_s": {"value": 0.03, "unit": "s"}}}
+
+
+def test_effects_are_read_with_the_curves(write: Write) -> None:
+    calibration = load(write(taxel(), effects=[LAG]), LAYOUT)
+    assert [each.law.word for each in calibration.effects] == ["lag"]
+    assert calibration.effects[0].values["tau_s"] == 0.03
+
+
+def test_effects_that_are_not_known_or_wrong_are_refused_by_name(write: Write) -> None:
+    found = problems(write(taxel(), effects=[LAG | {"effect": "hysteria"}, LAG | {"parameters": {}}, {}]))
+    assert {key for _, key, _ in found} == {
+        "effects[0].effect", "effects[1].parameters.tau_s",
+        "effects[2].effect", "effects[2].where", "effects[2].parameters",
+    }  # fmt: skip
+    assert 'unknown effect "hysteria": did you mean "hysteresis"?' in [message for *_, message in found]
 
 
 def test_everything_at_once(write: Write) -> None:
     path = write(
         taxel(6), taxel(0), taxel(0), taxel(1, board=9), taxel(2, baseline_count=float("nan")), taxel(3, 16),
-        foot="right", effects=[{"effect": "lag"}], efects=[],
+        foot="right", effects=[LAG | {"effect": "lagg"}], efects=[],
     )  # fmt: skip
     assert {(line, key) for line, key, _ in problems(path)} == {
         (1, "foot"),

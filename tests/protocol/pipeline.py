@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from collections import defaultdict
 from dataclasses import dataclass, field
@@ -19,12 +20,14 @@ from insole_daemon.bus.frames import FrameBatch
 from insole_daemon.bus.replay import CandumpSource
 from insole_daemon.bus.source import BusCounters, collect
 from insole_daemon.config import Board, Config, Contact, Insole, Publish
+from insole_daemon.physics.effect import Effect
 from insole_daemon.service import daemon as daemon_module
 from insole_daemon.service import foot as foot_module
 from insole_daemon.service.daemon import Daemon
-from insole_daemon.service.foot import load_feet
+from insole_daemon.service.foot import Foot, load_feet
+from insole_daemon.service.setup import load_setups
 from insole_daemon.skin.reader import SkinReader
-from insole_daemon.wire.messages import Message, Pressure, Raw, Wrench
+from insole_daemon.wire.messages import Message, Models, Pressure, Raw, Wrench
 from insole_daemon.wire.session import open_session
 
 GOLDEN = Path(__file__).parents[2] / "protocol" / "golden"
@@ -68,19 +71,27 @@ class Published:
     cycles: list[list[tuple[Raw, Pressure, Wrench]]]
     skin: SkinReader
     others: list[Message] = field(default_factory=list)
+    models: list[list[Models]] = field(default_factory=list)
 
 
-def at_once(name: str) -> Published:
-    """The log through the steps of the daemon's loop, without Zenoh and with every repeat."""
+def at_once(name: str, effects: tuple[Effect, ...] = ()) -> Published:
+    """The log through the steps of the daemon's loop, without Zenoh and with every repeat.
+
+    `effects` of the calibrations of both feet.
+    """
     config = config_of(name)
     source = CandumpSource(log_of(name), speed=None)
-    feet = load_feet(config)
+    feet = [
+        Foot(dataclasses.replace(setup, calibration=dataclasses.replace(setup.calibration, effects=effects)))
+        for setup in load_setups(config)
+    ]
     skin = SkinReader(
         [foot.layout for foot in feet],
         period_ns=round(1e9 / config.publish.rate_hz),
         slack_ns=round(config.publish.slack_ms * 1e6),
     )
     published: list[list[tuple[Raw, Pressure, Wrench]]] = [[] for _ in feet]
+    models: dict[str, list[Models]] = defaultdict(list)
     while not source.exhausted:
         batch, _ = collect(source, 1 << 30, source.clock_ns() - 1)
         for closed_by_foot in (skin.feed(batch), skin.advance(source.clock_ns())):
@@ -88,8 +99,10 @@ def at_once(name: str) -> Published:
                 for cycles in closed:
                     for at in range(len(cycles)):
                         messages.append(foot.messages(cycles, at))
+                        if foot.models is not None:
+                            models[foot.name].append(foot.models)
                         foot.watch(cycles, at)
-    return Published(published, skin)
+    return Published(published, skin, models=list(models.values()))
 
 
 class VirtualBus:

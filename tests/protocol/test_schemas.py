@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from dataclasses import replace
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, get_args, get_origin
 
@@ -12,17 +13,20 @@ import msgpack
 import numpy as np
 import pytest
 from oracle import PROTOCOL
-from pipeline import NAMES, golden, live
+from pipeline import NAMES, at_once, config_of, golden, live
 
 from insole_daemon.bus.error_frames import KINDS, OTHER
 from insole_daemon.bus.source import BusCounters, InterfaceState, State
 from insole_daemon.config import Board
+from insole_daemon.physics.effect import Where, effect
+from insole_daemon.service.foot import Foot
+from insole_daemon.service.setup import load_setups
 from insole_daemon.skin.boards import BoardReport, BoardState
 from insole_daemon.skin.faults import HEALED, Fault
 from insole_daemon.skin.faults import KINDS as FAULT_KINDS
 from insole_daemon.skin.layout import Triangle
 from insole_daemon.skin.streams import Refused
-from insole_daemon.wire.messages import BY_KEY, Array, Event, Health, Meta, wire_fields
+from insole_daemon.wire.messages import BY_KEY, Array, Event, Health, Meta, Models, wire_fields
 
 SCHEMAS = {path.name.partition(".")[0]: json.loads(path.read_text()) for path in PROTOCOL.glob("*.schema.json")}
 JSON_TYPES = {
@@ -134,7 +138,25 @@ def test_what_the_daemon_publishes_is_valid(name: str, monkeypatch: pytest.Monke
         if isinstance(message, Health) and (message.refused["unconfigured_board"] or message.refused["overflow"]):
             continue  # below
         assert_valid(what_of[type(message)], message.encode())
-    assert seen == set(BY_KEY.values())
+    assert seen == set(BY_KEY.values()) - {Models}, "its calibrations have no effects"
+
+
+def test_what_a_foot_with_effects_says_is_valid() -> None:
+    swap = Where("triangle", ((5, 0), (5, 1)))
+    effects = (
+        effect("hysteresis", r_pa=[5e3], w=[0.1]),
+        effect("delay", delay_s=0.02),
+        effect("temperature", swap, count_per_k=0.1, gain_per_k=0.0, t0_c=25.0),
+    )
+    for foot, cycles in zip(("left", "right"), at_once("walk", effects).models, strict=True):
+        assert len(cycles) > 10
+        for models in cycles:
+            assert models.foot == foot
+            assert_valid("models", models.encode())
+    (setup, _) = load_setups(config_of("walk"))
+    meta = Foot(replace(setup, calibration=replace(setup.calibration, effects=effects))).meta()
+    assert_valid("meta", meta.encode())
+    assert [bool(each["left_out"]) for each in meta.effects] == [False, False, True]
 
 
 def last_health(name: str, monkeypatch: pytest.MonkeyPatch) -> Health:

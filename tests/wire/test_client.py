@@ -194,7 +194,7 @@ def mixed(endpoint):
     def put(seq):
         for what, payload, encoding in (
             ("novel", b"\x00", "application/msgpack;insole.novel/1"),
-            ("wrench", b"rubbish", "application/msgpack;insole.wrench/1"),
+            ("wrench", b"rubbish", "application/msgpack;insole.wrench/2"),
             ("wrench", wrench(seq).encode(), "application/msgpack;insole.wrench/2"),
         ):
             # as urgent as the wrench that follows, or that comes first
@@ -235,7 +235,7 @@ def test_whoever_asks_for_one_kind_is_told_of_another_version_of_it(mixed):
     wrenches = insole.wrenches("left")
     time.sleep(0.2)
     put(1)
-    with pytest.raises(WireError, match="insole.wrench/1"):
+    with pytest.raises(WireError, match="insole.wrench/2"):
         next(wrenches)
     with pytest.raises(WireError, match="expected a key ending in one of raw, .*install the same insole-daemon"):
         insole.messages("insole/mixed/left/novel")

@@ -14,7 +14,9 @@ from hypothesis import strategies as st
 
 from insole_daemon.config import Config
 from insole_daemon.errors import WireError
-from insole_daemon.service.foot import load_feet
+from insole_daemon.physics.effect import effect
+from insole_daemon.service.foot import Foot, load_feet
+from insole_daemon.service.setup import load_setups
 from insole_daemon.skin.reader import SkinReader
 from insole_daemon.wire.messages import (
     BY_KEY,
@@ -23,6 +25,7 @@ from insole_daemon.wire.messages import (
     Health,
     Message,
     Meta,
+    Models,
     Pressure,
     Raw,
     Wrench,
@@ -34,7 +37,13 @@ FOOT = load_feet(Config())[0]
 N = FOOT.n_triangles
 
 
-def cycle(counts: int = 200) -> tuple[Raw, Pressure, Wrench]:
+def with_effects() -> Foot:
+    setup = load_setups(Config())[0]
+    effects = (effect("viscoelasticity", a=0.1, tau_s=0.3), effect("delay", delay_s=0.02))
+    return Foot(replace(setup, calibration=replace(setup.calibration, effects=effects)))
+
+
+def cycle(counts: int = 200, foot: Foot = FOOT) -> tuple[Raw, Pressure, Wrench]:
     """The messages of a cycle that one half of all triangles but the last has closed late."""
     reader = SkinReader([FOOT.layout], period_ns=20_000_000, slack_ns=5_000_000)
     (assembler,) = reader.assemblers
@@ -44,7 +53,14 @@ def cycle(counts: int = 200) -> tuple[Raw, Pressure, Wrench]:
     t_ns = 1_000_000_000 + 100_000 * slots.astype(np.int64)
     assembler.feed(slots, data, t_ns + 7, t_ns)
     (closed,) = assembler.advance(2_000_000_000)[:1]
-    return FOOT.messages(closed, 0)
+    return foot.messages(closed, 0)
+
+
+def both_models() -> Models:
+    foot = with_effects()
+    cycle(foot=foot)
+    assert foot.models is not None
+    return foot.models
 
 
 HEALTH = Health(
@@ -52,7 +68,7 @@ HEALTH = Health(
     latency_ms={"p50": None}, boards=[{"address": 5}], faults=[], bus={"frames": 1}, refused={"other": 0},
 )  # fmt: skip
 EVENT = Event("right", 1, "board_silent", "board 8: streaming → silent", [8])
-MESSAGES: list[Message] = [*cycle(), HEALTH, EVENT, FOOT.meta(), FOOT.calibration_in_use()]
+MESSAGES: list[Message] = [*cycle(), both_models(), HEALTH, EVENT, FOOT.meta(), FOOT.calibration_in_use()]
 every_message = pytest.mark.parametrize("message", MESSAGES, ids=lambda message: type(message).__name__)
 
 
@@ -62,7 +78,7 @@ def encoding(message: Message | type[Message]) -> str:
 
 def test_every_kind_is_here() -> None:
     assert {type(message) for message in MESSAGES} == set(BY_KEY.values())
-    versions = {what: 2 if what in ("event", "health") else 1 for what in BY_KEY}
+    versions = dict.fromkeys(BY_KEY, 1) | {"event": 2, "health": 3, "pressure": 2, "wrench": 2, "meta": 2}
     assert {cls.SCHEMA for cls in BY_KEY.values()} == {f"insole.{what}/{number}" for what, number in versions.items()}
 
 
@@ -121,17 +137,17 @@ def wrench_with(**changes: Any) -> bytes:
     ids=["empty", "no such byte", "text", "cut", "cut at the end", "something behind it"],
 )
 def test_not_msgpack(payload: bytes) -> None:
-    assert refusal(payload).startswith("insole.wrench/1: expected a msgpack map, found ")
+    assert refusal(payload).startswith("insole.wrench/2: expected a msgpack map, found ")
 
 
 @pytest.mark.parametrize(("value", "kind"), [([1], "list"), (3, "int"), (None, "NoneType"), (b"x", "bytes")])
 def test_not_a_map(value: Any, kind: str) -> None:
-    assert refusal(msgpack.packb(value)) == f"insole.wrench/1: expected a msgpack map, found {kind}"
+    assert refusal(msgpack.packb(value)) == f"insole.wrench/2: expected a msgpack map, found {kind}"
 
 
 def test_a_missing_key() -> None:
     found = refusal(wrench_with(cop_x_m=...))
-    assert "expected the keys ['age_ms', 'contact_area_m2'," in found
+    assert "expected the keys ['age_ms', 'beyond_fraction', 'contact_area_m2'," in found
     assert "missing ['cop_x_m'], unknown []" in found
 
 
@@ -160,7 +176,7 @@ def test_an_unknown_key() -> None:
 )
 def test_wrong_values(changes: dict[str, Any], message: str) -> None:
     found = refusal(wrench_with(**changes))
-    assert found.startswith(f"insole.wrench/1: {message}")
+    assert found.startswith(f"insole.wrench/2: {message}")
     assert len(found) < 200
 
 
@@ -171,7 +187,7 @@ def test_a_whole_number_is_a_number() -> None:
 @pytest.mark.parametrize("said", ["application/msgpack;insole.wrench/2", "application/msgpack", "zenoh/bytes", ""])
 def test_another_version_is_told_by_its_encoding(said: str) -> None:
     found = refusal(cycle()[2].encode(), Wrench, said)
-    assert found.startswith(f"expected a message 'application/msgpack;insole.wrench/1', found '{said}'")
+    assert found.startswith(f"expected a message 'application/msgpack;insole.wrench/2', found '{said}'")
     assert "install the same insole-daemon on both sides" in found
 
 

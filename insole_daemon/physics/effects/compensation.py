@@ -80,6 +80,7 @@ LAW = Law(
     forward=lambda values, site: _with_sign(-1.0, values, site),
     inverse=lambda values, site: _with_sign(1.0, values, site),
     inverse_is="exact, given the temperature",
+    needs_temperature=True,
     scopes=("insole", "board"),
     sees_all=True,
     wrong=_wrong,

@@ -29,4 +29,5 @@ LAW = Law(
     forward=_Delay,
     inverse=None,
     inverse_is="none: it would need the future. Stamp the readings with t − delay_s instead",
+    late_s=lambda values: values["delay_s"],
 )

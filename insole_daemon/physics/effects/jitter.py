@@ -41,5 +41,6 @@ LAW = Law(
     forward=_forward,
     inverse=None,
     inverse_is="none: which reading was how late is not known. Its mean can be stamped away as a delay's",
+    late_s=lambda values: np.sqrt(2.0 / np.pi) * values["std_s"],
     scopes=("insole", "board"),
 )

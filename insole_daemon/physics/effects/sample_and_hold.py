@@ -39,5 +39,6 @@ LAW = Law(
     forward=_forward,
     inverse=None,
     inverse_is="none: what was never read cannot be had back. Stamp the readings with t − 1/(2·rate_hz) instead",
+    late_s=lambda values: 0.5 / values["rate_hz"],
     scopes=("insole", "board"),
 )

@@ -52,4 +52,5 @@ LAW = Law(
     forward=_forward,
     inverse=_inverse,
     inverse_is="exact, given the temperature",
+    needs_temperature=True,
 )
