@@ -115,6 +115,19 @@ class Chain:
             late_s[effect.where.slots(self._layout)] += effect.law.late_s(_values(effect))
         return late_s.reshape(len(self._layout), N_TAXELS)
 
+    @property
+    def read_by(self) -> NDArray[np.intp] | None:
+        """(12 · n_triangles,) of every slot of a load, the slot that reads it; None: each its own."""
+        swapped = [effect for effect in self.effects if effect.law.word == "swapped_triangles"]
+        if not swapped:
+            return None
+        slot = np.arange(len(self._layout) * N_TAXELS)
+        for effect in reversed(swapped):
+            rows = slot.reshape(-1, N_TAXELS)
+            pair = [self._layout.rows[identity] for identity in effect.where.ids]  # type: ignore[index]
+            rows[pair] = rows[pair[::-1]]
+        return slot
+
     def _undone(self, by: Callable[[Law], Maker | None]) -> Run:
         """From readings to the load; what `by` has no maker for is passed over."""
         pressure, activation, count = (
@@ -122,7 +135,7 @@ class Chain:
             for works in (self._pressure, self._activation, self._count)
         )
         if self._calibration is None:
-            return Run(pressure, len(self._layout), None)
+            return Run(pressure, len(self._layout), None, self.read_by)
         coefficients, baseline, usable = self._curve()
         rows = np.ascontiguousarray(coefficients.T)
         curve = self._curved(
@@ -133,6 +146,7 @@ class Chain:
             [*count, lambda x, _: baseline - x, *activation, curve, *pressure],
             len(self._layout),
             usable,
+            self.read_by,
         )
 
     def _places(self, effects: Iterable[Effect]) -> Array:

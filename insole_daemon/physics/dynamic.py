@@ -72,12 +72,7 @@ class DynamicModel:
         self._load = Chain(of_load, layout).live()
         self._origin_s = since_ns * 1e-9 if any(each.law.word in OF_THEIR_TIME for each in self.effects) else 0.0
         self._highest_pa = _highest_pa(of_load, layout)
-        # Of each place, whose reading is its load.
-        self._read_by = None
-        swapped = [each for each in of_load if each.law.word == "swapped_triangles"]
-        if swapped:
-            slots = np.arange(len(layout) * N_TAXELS, dtype=np.float64).reshape(1, -1, N_TAXELS)
-            self._read_by = Chain(swapped, layout).inverse()(slots, np.zeros(1)).astype(np.intp).ravel()
+        self._read_by = chain.read_by
         # (n_triangles,) ns by how much older than its stamp a triangle's load is
         self.late_ns: NDArray[np.int64] = np.rint(1e9 * self.at_places(chain.late_s[None])[0].max(axis=1)).astype(
             np.int64

@@ -20,11 +20,18 @@ class Run:
     A slot that says nothing (NaN) is taken to stay at what it said last, or at 0, and its result is NaN.
     """
 
-    def __init__(self, stages: Sequence[Operator], n_triangles: int, usable: NDArray[np.bool_] | None) -> None:
-        """`usable` (m,): the slots that have results; None: all."""
+    def __init__(
+        self,
+        stages: Sequence[Operator],
+        n_triangles: int,
+        usable: NDArray[np.bool_] | None,
+        read_by: NDArray[np.intp] | None = None,
+    ) -> None:
+        """`usable` (m,): the slots whose signal has results, None: all; `read_by` (m,): whose the result is of each."""
         self._stages = tuple(stages)
         self._shape = (n_triangles, N_TAXELS)
         self._unusable = None if usable is None or usable.all() else ~usable
+        self._read_by = read_by
         self._last_t_s: float | None = None
         self._said: Array | None = None  # (m,) last
 
@@ -70,6 +77,8 @@ class Run:
             x = stage(x, moments)
         if some or self._unusable is not None:
             nothing = silent if self._unusable is None else silent | self._unusable
+            if self._read_by is not None:
+                nothing = nothing[:, self._read_by]
             x = np.where(nothing, np.nan, x)
         return x
 

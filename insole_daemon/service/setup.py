@@ -12,6 +12,7 @@ from ..errors import DocumentError, DocumentsError, InsoleError
 from ..physics import calibration as calibrations
 from ..physics import zero as zeros
 from ..physics.calibration import Calibration
+from ..physics.dynamic import DynamicModel
 from ..physics.effects_document import document
 from ..physics.zero import Zero
 from ..skin import layout as layouts
@@ -91,6 +92,7 @@ def _load_setup(config: Config, insole: Insole) -> FootSetup:
     try:
         if insole.calibration is not None:
             calibration = calibrations.load(insole.calibration, layout)
+            DynamicModel(layout, calibration, insole.boards, 0, zeroed=False)  # what does not go together is said now
     except InsoleError as error:
         refused.append(error)
     try:
