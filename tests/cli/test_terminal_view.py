@@ -20,7 +20,7 @@ AGE = np.full(N, 12, np.float32)
 MARK = np.ones((N, 12), np.uint8)
 WRENCH = Wrench(
     "left", 1, 1, 1, 1, N, 321.4, 1.25, -2.5, 0.0, 0.0, None, None, None, 0.0123, 0.98, MARK, AGE,
-    np.zeros(N, np.uint8), False, lost=3,
+    np.zeros(N, np.uint8), False, "static", 0.0, lost=3,
 )  # fmt: skip
 
 
@@ -42,7 +42,8 @@ def pressure(pa: float) -> Pressure:
     valid = MARK.copy()
     valid[:, THERMAL_PADS] = 0
     return Pressure(
-        "left", 1, 1, 1, 1, N, np.full((N, 12), pa, np.float32), valid, AGE, np.zeros(N, np.uint8), False
+        "left", 1, 1, 1, 1, N, np.full((N, 12), pa, np.float32), valid, AGE, np.zeros(N, np.uint8), False,
+        "static", 0 * MARK,
     )  # fmt: skip
 
 

@@ -103,6 +103,8 @@ def test_what_is_not_known_is_not_0(decode):
         one * np.nan,
         one.astype("u1"),
         True,
+        "static",
+        0.0,
     )
     whole = dataclasses.replace(
         unknown, f_z_n=-12, m_x_nm=0, cop_x_m=0.25, f_z_std_n=1.5, age_ms=one + 3, repeated=False

@@ -48,8 +48,17 @@ def messages(foot, number, f_z_n, repeated=False):
     age_ms, missing = np.zeros(foot.n_triangles, np.float32), np.zeros(foot.n_triangles, np.uint8)
     nothing = (None,) * 7
     return (
-        Pressure(*head, np.full((foot.n_triangles, 12), 1e4, np.float32), valid, age_ms, missing, repeated),
-        Wrench(*head, f_z_n, *nothing, 0.0, 1.0, valid, age_ms, missing, repeated),
+        Pressure(
+            *head,
+            np.full((foot.n_triangles, 12), 1e4, np.float32),
+            valid,
+            age_ms,
+            missing,
+            repeated,
+            "static",
+            0 * valid,
+        ),
+        Wrench(*head, f_z_n, *nothing, 0.0, 1.0, valid, age_ms, missing, repeated, "static", 0.0),
     )
 
 

@@ -32,10 +32,12 @@ def packet(beside=NOTHING, **change):
         *head, given["counts"], given["status"], np.zeros(N, np.int64), given["age_ms"], missing, given["valid"],
         False, False,
     )  # fmt: skip
-    pressure = Pressure(*head, given["pressure_pa"], given["valid"], given["age_ms"], missing, False)
+    pressure = Pressure(
+        *head, given["pressure_pa"], given["valid"], given["age_ms"], missing, False, "static", given["valid"] * 0
+    )
     wrench = Wrench(
         *head, given["f_z_n"], 1.5, -20.0, 0.04, None, None, None, None, 0.0, 0.9, given["valid"], given["age_ms"],
-        missing, False,
+        missing, False, "static", 0.0,
     )  # fmt: skip
     found = cycle_packet(META, raw, pressure, wrench, beside)
     arrays = np.frombuffer(found, "<u2", 2 * 12 * N, HEAD.size), np.frombuffer(found[HEAD.size + 48 * N :], np.uint8)

@@ -126,7 +126,9 @@ def test_client_reconnects_when_the_daemon_restarts(daemon):
 def wrench(seq: int, started_ns: int = 1) -> Wrench:
     none = np.zeros(1, np.float32)
     mark = np.zeros((1, 12), np.uint8)
-    return Wrench("left", seq, started_ns, 0, 0, 1, *[0.0] * 8, 0.0, 0.0, mark, none, none.astype(np.uint8), False)
+    return Wrench(
+        "left", seq, started_ns, 0, 0, 1, *[0.0] * 8, 0.0, 0.0, mark, none, none.astype(np.uint8), False, "static", 0.0
+    )
 
 
 def test_gaps_are_told(endpoint):
