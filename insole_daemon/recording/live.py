@@ -222,8 +222,21 @@ class LiveRecorder:
         while number and (folder in self.folders or folder.exists()):  # of an earlier recording: this one goes on
             number += 1
             folder = self._out.with_name(f"{self._out.name}-{number}")
-        folder.mkdir(parents=True, exist_ok=True)
         self.folders.append(folder)
+        unfinished = folder.absolute().with_name(f".{folder.name}.{os.getpid()}")
+        try:
+            part = self._unfinished_part(unfinished)
+            os.rename(unfinished, folder)  # a kill leaves a whole folder of this name, or none
+        except BaseException:
+            shutil.rmtree(unfinished, ignore_errors=True)
+            raise
+        part.folder = folder
+        for file in part.files():
+            self._durable.watch(file)
+        return part
+
+    def _unfinished_part(self, folder: Path) -> _Part:
+        folder.mkdir(parents=True)
         said, invented = write_insoles(folder, self._insoles)
         part = _Part(folder, {"kind": "free"})
         if self._interfaces is not None:
@@ -237,8 +250,6 @@ class LiveRecorder:
                 part.counts[insole.foot] = GrowingCounts(folder / "counts" / f"{insole.foot}.npy", len(insole.layout))
         part.document |= {"can_origin": "recorded", "invented": invented or None, "insoles": said}
         part.writing_document()()
-        for file in part.files():
-            self._durable.watch(file)
         return part
 
     def _begin_reference(self, foot: Foot, clock: Clock, header: str) -> BinaryIO:
