@@ -107,11 +107,7 @@ def _trial(recording: Recording, which: Foot) -> tuple[Trial, tuple[str, ...]]:
     if len(foot) < 2:
         raise CalibrationError(f"{name}: expected cycles of the {which} foot, found {len(foot)}")
     t_s = np.maximum.accumulate((foot.t_ns - foot.t_ns[0]) * 1e-9)
-    settings = {board.address: as_configured(board) for board in foot.boards}
-    valid = Validity(foot.layout, settings, round(Publish().stale_after_ms * 1e6))(
-        foot.counts, foot.status, foot.age_ns
-    )
-    faults = _mask(foot, FaultWatch(foot.layout, settings), valid)
+    valid, faults = screened(foot)
     read, remarks = readings(name, recording.kind, foot, t_s)
     counts = foot.counts.reshape(len(foot), -1).astype(np.float64)
     rest = _rest(name, t_s, counts, valid.reshape(len(foot), -1))
@@ -150,15 +146,20 @@ def _rest(name: str, t_s: Array, counts: Array, valid: Mask) -> slice:
     return slice(0, end)
 
 
-def _mask(foot: FootRecording, watch: FaultWatch, valid: Mask) -> tuple[Change, ...]:
-    """Take out of `valid` what the watch masks, cycle by cycle; what began and healed."""
+def screened(foot: FootRecording) -> tuple[Mask, tuple[Change, ...]]:
+    """(n, n_triangles, 12) what the daemon would have called valid, cycle by cycle, and the faults that it saw."""
+    settings = {board.address: as_configured(board) for board in foot.boards}
+    valid = Validity(foot.layout, settings, round(Publish().stale_after_ms * 1e6))(
+        foot.counts, foot.status, foot.age_ns
+    )
+    watch = FaultWatch(foot.layout, settings)
     cycles = _as_cycles(foot)
     changes: list[Change] = []
     for at in range(len(cycles)):
         watch.screen(cycles, at)
         valid[at] &= ~watch.masked
         changes += watch.update(cycles, at)
-    return tuple(changes)
+    return valid, tuple(changes)
 
 
 def _as_cycles(foot: FootRecording) -> Cycles:

@@ -12,15 +12,14 @@ from typing import NoReturn, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ..config import Board, Contact, Foot, Publish
+from ..config import Board, Foot, Publish
 from ..documents import Reading
 from ..documents import read as read_document
 from ..errors import DocumentError, InsoleError, Problem, RecordingError
-from ..mechanics.wrench import WrenchEstimator, WrenchSeries
+from ..mechanics.wrench import WrenchSeries
 from ..physics import calibration as calibrations
 from ..physics import zero as zeros
 from ..physics.calibration import Calibration
-from ..physics.static_curve import StaticCurve
 from ..physics.zero import Zero
 from ..skin import layout as layouts
 from ..skin.layout import Layout
@@ -40,9 +39,9 @@ from .document import (
     RecordedReference,
     check,
 )
+from .estimate import estimate
 from .reference import Reference
 
-_AT_ONCE = 2048  # cycles whose pressure is computed together: their float64 stay small
 T = TypeVar("T")
 
 
@@ -262,25 +261,17 @@ def _foot(
     valid: NDArray[np.bool_] | None,
 ) -> FootRecording:
     """The foot with validity, pressure and wrench by the daemon's rules and defaults; `valid` where a daemon said."""
-    layout, contact = parts.layout, Contact()
+    layout = parts.layout
     if valid is None:
-        boards = {board.address: as_configured(board) for board in parts.insole.boards}
-        valid = Validity(layout, boards, round(Publish().stale_after_ms * 1e6))(counts, status, age_ns)
+        settings = {board.address: as_configured(board) for board in parts.insole.boards}
+        valid = Validity(layout, settings, round(Publish().stale_after_ms * 1e6))(counts, status, age_ns)
     calibration, pressure_pa, wrench = parts.calibration, None, None
     if calibration is not None:
         if parts.zero is not None:
             calibration = zeros.apply(calibration, parts.zero)
-        curve = StaticCurve(calibration, contact.activation_threshold_count)
-        estimator = WrenchEstimator(layout, contact.min_force_n, contact.min_pressure_pa)
-        valid = valid & curve.usable
-        pressure_pa = np.empty(counts.shape, np.float32)
-        series = []
-        for first in range(0, len(counts), _AT_ONCE):
-            rows = slice(first, first + _AT_ONCE)
-            exact_pa = curve.pressure_pa(counts[rows])
-            pressure_pa[rows] = exact_pa
-            series.append(estimator.series(exact_pa, valid[rows], curve.variance_pa2(counts[rows])))
-        wrench = WrenchSeries.concatenate(series)
+        boards = [as_configured(board) for board in parts.insole.boards]
+        said = estimate(layout, calibration, boards, t_ns, counts, valid, zeroed=parts.zero is not None)
+        valid, pressure_pa, wrench = valid & calibration.usable, said.pressure_pa, said.wrench
     for array in (t_ns, counts, valid, status, age_ns, missing, late, repeated, pressure_pa):
         if array is not None:
             array.setflags(write=False)

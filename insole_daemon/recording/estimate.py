@@ -1,0 +1,71 @@
+"""Recorded counts into pressure and wrench, as the daemon makes them live: the same model, many cycles at once."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..config import Board, Contact
+from ..mechanics.wrench import WrenchEstimator, WrenchSeries
+from ..physics.calibration import Calibration
+from ..physics.dynamic import DynamicModel
+from ..physics.static_curve import StaticCurve
+from ..skin.layout import Layout
+
+_AT_ONCE = 2048  # cycles whose pressure is computed together: their float64 stay small
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Estimate:
+    """Of n cycles."""
+
+    t_ns: NDArray[np.int64]  # (n,) of the load: the cycles' own, less what all of it comes late by
+    pressure_pa: NDArray[np.float32]  # (n, n_triangles, 12) NaN: not in the calibration
+    valid: NDArray[np.bool_]  # (n, n_triangles, 12) may be read as pressure
+    beyond: NDArray[np.bool_]  # (n, n_triangles, 12) more than the effects were identified to
+    wrench: WrenchSeries
+
+
+def estimate(
+    layout: Layout,
+    calibration: Calibration,
+    boards: Sequence[Board],
+    t_ns: NDArray[np.int64],
+    counts: NDArray[np.uint8],
+    valid: NDArray[np.bool_],
+    *,
+    zeroed: bool,
+    model: Literal["static", "dynamic"] = "dynamic",
+) -> Estimate:
+    """What the daemon makes of consecutive cycles by its defaults; `counts` and `valid` (n, n_triangles, 12).
+
+    `zeroed`: the calibration has the baselines of a zero. Without effects both models are the same.
+    """
+    contact = Contact()
+    curve = StaticCurve(calibration, contact.activation_threshold_count)
+    dynamic = None
+    if calibration.effects and model == "dynamic" and len(t_ns):
+        dynamic = DynamicModel(layout, calibration, boards, int(t_ns[0]), zeroed=zeroed)
+        dynamic.mask(contact.activation_threshold_count)
+        layout = dataclasses.replace(layout, xy_m=dynamic.xy_m)
+        late_ns = int(dynamic.late_ns.min())
+    t_s = (np.maximum.accumulate(t_ns) - t_ns[:1]).astype(np.float64) * 1e-9
+    estimator = WrenchEstimator(layout, contact.min_force_n, contact.min_pressure_pa)
+    pressure_pa, beyond = np.empty(counts.shape, np.float32), np.zeros(counts.shape, np.bool_)
+    own, series = valid & curve.usable, []
+    for first in range(0, len(counts), _AT_ONCE):
+        rows = slice(first, first + _AT_ONCE)
+        exact_pa, variance_pa2 = curve.pressure_pa(counts[rows]), curve.variance_pa2(counts[rows])
+        if dynamic is not None:
+            undone = dynamic(exact_pa, counts[rows], own[rows], t_s[rows])
+            exact_pa, own[rows], beyond[rows] = undone.pressure_pa, undone.valid, undone.beyond
+            variance_pa2 = None if variance_pa2 is None else dynamic.at_places(variance_pa2)
+        pressure_pa[rows] = exact_pa
+        series.append(estimator.series(exact_pa, own[rows], variance_pa2))
+    stamped_ns = t_ns if dynamic is None else t_ns - late_ns
+    return Estimate(stamped_ns, pressure_pa, own, beyond, WrenchSeries.concatenate(series))
