@@ -102,7 +102,17 @@ def as_effect(word: str, place: Where, parameters: Mapping[str, Quantity]) -> Ef
 def document(
     foot: str, layout: Layout, curves: Sequence[Curves], effects: Sequence[Effect], provenance: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """An `insole-calibration/1` that holds them; the baselines are what the curves say without load."""
+    """An `insole-calibration/1` that holds them; the baselines are what the curves say without load.
+
+    Effects of the load are valid as far as the curves were seen.
+    """
+    seen_pa = [float(load) for each in curves for load in each.load_pa[[0, -1]]]
+    effects = [
+        replace(each, valid_range={"pressure_pa": (min(seen_pa), max(seen_pa))})
+        if seen_pa and each.law.domain == "pressure"
+        else each
+        for each in effects
+    ]
     taxels = []
     identities = layout.identities.tolist()
     for each in curves:
