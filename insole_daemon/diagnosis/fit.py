@@ -29,11 +29,12 @@ KNOTS = (
     2 / 3,
     5 / 6,
 )  # of the load's range: where the third derivative of a static curve may jump
+KNOTS_OF_PLACES = (1 / 3, 2 / 3)  # the same of a load with places: each taxel has a range, and a curve, of its own
 MOST_OFFSET_S, MOST_RATE = 0.5, 5e-4  # the clocks' correction after their edges were aligned
 MOST_STEPS = 14
-_N_CURVE = 4 + len(KNOTS)
 _SETTLED = 1e-5  # relative gain of a step that is worth no other
 _NUDGE = 1e-4
+_RANK = 1e-10  # relative size of a direction that others already hold
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,6 +43,7 @@ class Evidence:
 
     `y` (n, r) activation of r taxels, or of r mixtures of taxels, in units of their noise; `observed` are the
     recordings whose blocks follow each other in it. `own_clock`: offset and rate are fitted for each recording.
+    Where the load has places, that of `observed` is one for each of the r taxels.
     """
 
     observed: tuple[Observed, ...]
@@ -62,6 +64,10 @@ class Evidence:
         rows = self.recording == recording
         return Evidence((self.observed[recording],), self.y[rows], self.jumps[rows])
 
+    def of_taxels(self, columns: NDArray[np.intp]) -> Evidence:
+        """The taxels `columns` of it alone."""
+        return replace(self, observed=tuple(each.of_taxels(columns) for each in self.observed), y=self.y[:, columns])
+
     @property
     def recording(self) -> NDArray[np.intp]:
         """(n,) number of the recording of each row."""
@@ -76,7 +82,7 @@ class Fitted:
     theta: Array  # (p,) of the clocks (offset_s and rate of each recording, with own clocks), then of each candidate
     residual: Array  # (n, r) over all rows, those held out included
     rows: NDArray[np.bool_]  # (n,) it was fitted to
-    design: Array  # (n, k) curve and columns
+    design: Array  # (m, n, k) curve and columns; m: of the loads, one for all readings or one for each
     shares: Array  # (k, r)
     effective_pa: Array  # (n, m) the load after the effects
 
@@ -117,7 +123,8 @@ class Hypothesis:
         self.evidence = evidence
         self.candidates = tuple(sorted(candidates, key=lambda each: (each.order, each.word)))
         n_clock = 2 * len(evidence.observed) if evidence.own_clock else 0
-        clock = np.tile([MOST_OFFSET_S, MOST_RATE], n_clock // 2)
+        clock = np.tile([KNOTS_OF_PLACES = (1 / 3, 2 / 3)  # the same of a load with places: each taxel has a range, and a curve, of its own
+MOST_OFFSET_S, MOST_RATE], n_clock // 2)
         self.low = np.concatenate([-clock, *(each.low for each in self.candidates)])
         self.high = np.concatenate([clock, *(each.high for each in self.candidates)])
         own = [_NUDGE * (c.high - c.low) if c.nudge is None else c.nudge for c in self.candidates]
@@ -125,9 +132,11 @@ class Hypothesis:
         self._n_clock = n_clock
         coarse = [n > _NUDGE if c.nudge is not None else n < 0 for c, n in zip(self.candidates, own, strict=True)]
         self._stepwise = np.concatenate([np.zeros(n_clock, bool), *coarse])
-        loads = np.concatenate([each.load.pressure_pa.ravel() for each in evidence.observed])
-        low, high = float(loads.min()), float(loads.max())
-        self._middle, self._half = (low + high) / 2, max((high - low) / 2, 1e-9)
+        loads = [each.load.pressure_pa for each in evidence.observed]
+        low, high = np.min([x.min(axis=0) for x in loads], axis=0), np.max([x.max(axis=0) for x in loads], axis=0)
+        self._middle, self._half = (low + high) / 2, np.maximum((high - low) / 2, 1e-9)  # (m,)
+        self._knots = KNOTS if len(low) == 1 else KNOTS_OF_PLACES
+        self._n_curve = 4 + len(self._knots)
         self._edges = [each.reference_s(each.edge_s) for each in evidence.observed]
         self._rows = [Rows(each.t_s, float(each.cycle_s[-1]), each.temperature_c) for each in evidence.observed]
 
@@ -174,12 +183,12 @@ class Hypothesis:
 
     def jumps_of(self, fitted: Fitted) -> Array:
         """(j, r) the shares of the jumps."""
-        first = _N_CURVE + len(self.evidence.observed) - 1
+        first = self._n_curve + len(self.evidence.observed) - 1
         return fitted.shares[first : first + self.evidence.jumps.shape[1]]
 
     def shares_of(self, fitted: Fitted) -> dict[str, Array]:
         """By word, (k, r) the shares of the columns that candidates brought; of the first recording's own."""
-        at, found = _N_CURVE + len(self.evidence.observed) - 1 + self.evidence.jumps.shape[1], {}
+        at, found = self._n_curve + len(self.evidence.observed) - 1 + self.evidence.jumps.shape[1], {}
         for candidate in self.candidates:
             if candidate.columns is not None:
                 k = [candidate.columns(rows, np.zeros((len(rows.t_s), 1))).shape[-1] for rows in self._rows]
@@ -188,23 +197,25 @@ class Hypothesis:
         return found
 
     def beyond_static(self, load_pa: Array, effective_pa: Array) -> Array:
-        """(N, 1) what no cubic of the load, the usual static curve, makes of the effective load (N, 1)."""
+        """(N, m) what no cubic of the load, the usual static curve, makes of the effective load (N, m)."""
         x = (load_pa - self._middle) / self._half
-        basis = np.vander(x[:, 0], 4)
-        rest: Array = effective_pa - basis @ np.linalg.lstsq(basis, effective_pa, rcond=None)[0]
-        return rest
+        basis = np.stack([x**k for k in range(4)], axis=-1).swapaxes(0, 1)
+        stacked = _stacked(effective_pa, len(basis))
+        return _flat(stacked - basis @ (np.linalg.pinv(basis) @ stacked))
 
     def load_at(self, x: Array) -> Array:
-        """The loads that −1…1 of the evidence's range stands for."""
-        return self._middle + self._half * x
+        """The loads that −1…1 of the evidence's range stands for; of the widest range, where each taxel has its own."""
+        widest = int(np.argmax(self._half))
+        found: Array = self._middle[widest] + self._half[widest] * x
+        return found
 
     def curve(self, fitted: Fitted, load_pa: Array) -> Array:
         """(r, g) what each reading's fitted curve says at the effective loads `load_pa` (g,), without the columns."""
-        x = ((load_pa - self._middle) / self._half)[:, None]
+        x = (load_pa[:, None] - self._middle) / self._half
         reached = (fitted.effective_pa[fitted.rows] - self._middle) / self._half
-        basis = _curve(np.concatenate([reached, x]), np.arange(len(reached) + len(x)) < len(reached))[len(reached) :, 0]
-        found: Array = (basis @ fitted.shares[:_N_CURVE]).T
-        return found
+        both = np.concatenate([reached, x])
+        basis = self._curve(both, np.arange(len(both)) < len(reached))[:, len(reached) :]
+        return _flat(basis @ _stacked(fitted.shares[: self._n_curve], len(basis))).T
 
     def fit_clocks(self, theta: Array) -> Fitted:
         """The hypothesis from `theta` on with only the clocks searched for."""
@@ -247,7 +258,7 @@ class Hypothesis:
         for start in candidate.starts:
             moved = alone.effective_pa(np.concatenate([parent.theta[: self._n_clock], start]))
             direction = slope * (moved - unmoved)
-            direction -= basis @ (basis.T @ direction)
+            direction -= within(basis, direction)
             norm = float(np.sum(direction**2))
             gain = max(float(np.sum(direction * parent.residual)), 0.0)
             explained.append(gain**2 / norm if norm > 0 else 0.0)
@@ -273,63 +284,87 @@ class Hypothesis:
     def jacobian(self, fitted: Fitted) -> Array:
         """(rows · r, p) of the residual over the fitted rows."""
         rows, q = fitted.rows, fitted.effective_pa
-        basis = np.linalg.qr(fitted.design[rows])[0]
+        basis = np.linalg.qr(fitted.design[:, rows])[0]
         slope = self.slope(fitted)[rows]
         found = np.empty((*slope.shape, len(fitted.theta)))
         for j in range(len(fitted.theta)):
             nudged = fitted.theta.copy()
             nudged[j] += self._nudge[j] if nudged[j] + self._nudge[j] <= self.high[j] else -self._nudge[j]
             moved = slope * ((self.effective_pa(nudged) - q) / (nudged[j] - fitted.theta[j]))[rows]
-            found[..., j] = basis @ (basis.T @ moved) - moved
+            found[..., j] = within(basis, moved) - moved
         return found.reshape(found.shape[0] * found.shape[1], len(fitted.theta))
 
     def _solved(self, theta: Array, rows: NDArray[np.bool_]) -> Fitted:
         q = self.effective_pa(theta)
         x = (q - self._middle) / self._half
-        design = np.concatenate([_curve(x, rows)[:, 0], *self._columns(x)], axis=1)
-        basis, triangle = np.linalg.qr(design[rows])
-        shares = np.linalg.lstsq(triangle, basis.T @ self.evidence.y[rows], rcond=1e-10)[0]
-        residual = self.evidence.y - design @ shares
-        return Fitted(self.candidates, theta, residual, rows, design, shares, q)
+        design = np.concatenate([self._curve(x, rows), *self._columns(x)], axis=2)
+        y = _stacked(self.evidence.y, len(design))
+        basis, triangle = np.linalg.qr(design[:, rows])
+        shares = np.linalg.pinv(triangle, rcond=_RANK) @ (basis.swapaxes(1, 2) @ y[:, rows])
+        return Fitted(self.candidates, theta, _flat(y - design @ shares), rows, design, _flat(shares), q)
 
     def slope(self, fitted: Fitted) -> Array:
         """(n, r) how the fitted readings change with a pascal of the effective load."""
         x = (fitted.effective_pa - self._middle) / self._half
-        slopes = _slopes(x)[:, 0] / self._half
-        found: Array = slopes @ fitted.shares[: slopes.shape[1]]
-        return found
+        slopes = _slopes(x, self._knots) / self._half[:, None, None]
+        return _flat(slopes @ _stacked(fitted.shares[: self._n_curve], len(slopes)))
 
     def _columns(self, x: Array) -> list[Array]:
-        """Columns beside the curve: a rest of its own for each recording, jumps, then what the candidates bring."""
+        """(m, n, k) beside the curve: a rest of its own for each recording, jumps, then what the candidates bring."""
         recording = self.evidence.recording
-        found = [(recording[:, None] == np.arange(1, len(self.evidence.observed))).astype(float), self.evidence.jumps]
+        rests = (recording[:, None] == np.arange(1, len(self.evidence.observed))).astype(float)
+        found = [np.broadcast_to(each, (x.shape[1], *each.shape)) for each in (rests, self.evidence.jumps)]
         for candidate in self.candidates:
             if candidate.columns is not None:
                 own = [
-                    candidate.works_in(i) * candidate.columns(r, x[recording == i])[:, 0]
+                    candidate.works_in(i) * candidate.columns(r, x[recording == i]).swapaxes(0, 1)
                     for i, r in enumerate(self._rows)
                 ]
-                found.append(block_diag(*own) if candidate.own_columns else np.concatenate(own))
+                if candidate.own_columns:
+                    found.append(np.stack([block_diag(*each) for each in zip(*own, strict=True)]))
+                else:
+                    found.append(np.concatenate(own, axis=1))
+        return found
+
+    def _curve(self, x: Array, rows: NDArray[np.bool_]) -> Array:
+        """(m, n, k) the static curve's basis: a cubic spline of −1…1, straight beyond what the fitted `rows` reach."""
+        inside = np.clip(x, x[rows].min(axis=0), x[rows].max(axis=0))
+        beyond = (x - inside).T[..., None]
+        found: Array = _spline(inside, self._knots) + beyond * _slopes(inside, self._knots)
         return found
 
 
-def _curve(x: Array, rows: NDArray[np.bool_]) -> Array:
-    """(n, m, k) the static curve's basis: a cubic spline of −1…1, straight beyond what the fitted `rows` reach."""
-    within = np.clip(x, x[rows].min(), x[rows].max())
-    found: Array = _spline(within) + (x - within)[..., None] * _slopes(within)
+def within(basis: Array, x: Array) -> Array:
+    """(n, r) the part of `x` (n, r) that lies in the orthonormal `basis` (m, n, k) of each of its columns, or of all."""
+    stacked = _stacked(x, len(basis))
+    return _flat(basis @ (basis.swapaxes(1, 2) @ stacked))
+
+
+def _stacked(x: Array, m: int) -> Array:
+    """(m, n, r/m) of (n, r): the readings of each of m loads."""
+    found: Array = x.reshape(len(x), m, -1).swapaxes(0, 1)
     return found
 
 
-def _spline(x: Array) -> Array:
+def _flat(x: Array) -> Array:
+    """(n, r) of (m, n, r/m)."""
+    found: Array = x.swapaxes(0, 1).reshape(x.shape[1], -1)
+    return found
+
+
+def _spline(x: Array, knots: Sequence[float]) -> Array:
+    """(m, n, k) of (n, m)."""
+    x = x.T
     powers = [np.ones_like(x), x, x**2, x**3]
-    pieces = [np.maximum(x - (2 * knot - 1), 0.0) ** 3 for knot in KNOTS]
+    pieces = [np.maximum(x - (2 * knot - 1), 0.0) ** 3 for knot in knots]
     found: Array = np.stack([*powers, *pieces], axis=-1)
     return found
 
 
-def _slopes(x: Array) -> Array:
-    """(n, m, k) derivative of the spline."""
+def _slopes(x: Array, knots: Sequence[float]) -> Array:
+    """(m, n, k) derivative of the spline at (n, m)."""
+    x = x.T
     powers = [np.zeros_like(x), np.ones_like(x), 2 * x, 3 * x**2]
-    pieces = [3 * np.maximum(x - (2 * knot - 1), 0.0) ** 2 for knot in KNOTS]
+    pieces = [3 * np.maximum(x - (2 * knot - 1), 0.0) ** 2 for knot in knots]
     found: Array = np.stack([*powers, *pieces], axis=-1)
     return found

@@ -7,7 +7,7 @@ affordable.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +19,7 @@ from ..skin.layout import Layout
 
 BLOCK_S = 0.1
 MOST_ROWS = 3000  # longer recordings get longer blocks
+AT_ONCE = 0.1  # of a cycle, over which the load is averaged at a moment
 MOST_BLOCK_S = 0.3  # beyond it a ramp is no longer straight within a block
 
 
@@ -33,6 +34,11 @@ class Load:
     step_s: float
     pressure_pa: Array
     clock: Clock
+
+    @property
+    def has_places(self) -> bool:
+        """Whether it differs from taxel to taxel."""
+        return self.pressure_pa.shape[1] > 1
 
     @property
     def t_s(self) -> Array:
@@ -72,6 +78,12 @@ class Observed:
     paired_by_row: bool  # the reference had no times: its rows were to go with the cycles
     began_s: float  # what an own clock of the reference said at its first row, which its times count from here
 
+    def part(self, columns: NDArray[np.intp]) -> Observed:
+        """With the load of the taxels `columns` alone, where it has places."""
+        if not self.load.has_places:
+            return self
+        return replace(self, load=replace(self.load, pressure_pa=self.load.pressure_pa[:, columns]))
+
     def reference_s(self, t_s: Array) -> Array:
         """What the reference's clock says when the taxels' says `t_s`, by the edges."""
         return self.offset_s + (1.0 + self.rate) * t_s
@@ -86,6 +98,8 @@ class Observed:
         """(2, n) between which moments each block lies: half a cycle before its first and after its last."""
         last = np.append(self.first[1:], len(self.cycle_s)) - 1
         half = float(np.median(np.diff(self.cycle_s))) / 2
+        if self.load.has_places and len(self.first) == len(self.cycle_s):
+            half *= AT_ONCE  # a block of one cycle is one moment, and a step takes little longer
         return np.stack([self.cycle_s[self.first] - half, self.cycle_s[last] + half])
 
     def blocks(self, of_cycles: Array) -> Array:

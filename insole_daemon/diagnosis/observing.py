@@ -18,6 +18,7 @@ from ..skin.geometry import N_TAXELS
 from .floor import noise_of_readings
 from .jumps import despiked
 from .observed import Load, Observed, block_starts, stretches
+from .readings import filled, together
 
 STEP_S = 0.04  # of the load's grid: finer than a block of cycles
 SMOOTH_S = 0.1  # over so long a reference is averaged: its noise would otherwise drive plays
@@ -47,8 +48,8 @@ def observe(
     cycle_s = t_s[used]
     counts, valid = (each.reshape(len(foot), -1)[used][:, slots] for each in (foot.counts, foot.valid))
     age_s = np.maximum(foot.age_ns[used], 0)[:, slots // N_TAXELS] * 1e-9
-    read = _filled(counts, valid)
-    count = _together(read, cycle_s, age_s)
+    read = filled(counts, valid)
+    count = together(read, cycle_s, age_s)
     if simulation is not None:
         reference = simulated_load(simulation, foot)
     elif foot.reference is not None and recording.kind == "chamber":
@@ -138,14 +139,6 @@ def _clock(cycle_s: Array, features: Array, reference_s: Array, pressure_pa: Arr
     return wide if 1.0 - wide.explained < SHARPER * (1.0 - usual.explained) else usual
 
 
-def _together(count: Array, cycle_s: Array, age_s: Array) -> Array:
-    """(n, m) counts at the moments of the cycles, between those at which each triangle was read."""
-    found = count.copy()
-    for column in np.flatnonzero(age_s.any(axis=0)):
-        found[:, column] = np.interp(cycle_s, cycle_s - age_s[:, column], count[:, column])
-    return found
-
-
 def _on_grid(time_s: Array, pressure_pa: Array) -> tuple[float, float, Array]:
     """Where the grid begins, its step, and (N, 1) the readings averaged over SMOOTH_S."""
     known = ~np.isnan(pressure_pa)
@@ -158,13 +151,3 @@ def _on_grid(time_s: Array, pressure_pa: Array) -> tuple[float, float, Array]:
     low, high = np.maximum(middle - n_half, 0), np.minimum(middle + n_half + 1, len(fine))
     smooth = (total[high] - total[low]) / (high - low)
     return float(t[0]), STEP_S, smooth[:, None]
-
-
-def _filled(count: NDArray[np.uint8], valid: NDArray[np.bool_]) -> Array:
-    """(n, m) counts, with a straight line in the place of those that are not valid."""
-    filled = count.astype(np.float64)
-    rows = np.arange(len(count))
-    for column in np.flatnonzero(~valid.all(axis=0) & valid.any(axis=0)):
-        good = valid[:, column]
-        filled[~good, column] = np.interp(rows[~good], rows[good], filled[good, column])
-    return filled
