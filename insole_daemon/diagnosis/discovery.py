@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..physics.law import Array
 from .evidence import Group
-from .fit import Fitted, Hypothesis
+from .fit import Fitted, Hypothesis, within
 from .naming import N_FOLDS, folds
 from .observed import Load
 from .operators import low_pass, plays, relay
@@ -47,7 +47,7 @@ def discover(group: Group, null: Fitted) -> Discovered:
     for name, of_load in _atoms(span).items():
         blocks = [each.load.means(of_load(each.load), each.reference_s(each.edge_s)) for each in evidence.observed]
         direction = slope * np.concatenate(blocks)
-        direction -= basis @ (basis.T @ direction)
+        direction -= within(basis, direction)
         if np.sum(direction**2) > 0:
             names.append(name)
             directions.append(direction)

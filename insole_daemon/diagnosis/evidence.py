@@ -14,11 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..physics.law import Array
+from ..skin.geometry import N_TAXELS
 from .fit import Evidence
 from .floor import noise_of_blocks
 from .observed import Observed
 
 MOST_COMPONENTS = 10
+ASKED = 32  # taxels that speak for all where each has a load of its own: those that it moves most
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,13 +28,15 @@ class Group:
     """Some taxels of all recordings, as evidence."""
 
     slots: NDArray[np.intp]  # (m,)
-    evidence: Evidence  # r mixtures
+    evidence: Evidence  # r mixtures, or r of the taxels where each has a load of its own
     taxels: Evidence  # each of the m taxels, in units of its noise
-    floor: float  # mean square of the mixtures' noise
+    floor: float  # mean square of the evidence's noise
     floors: Array  # (m,) mean square of each taxel's noise, of a block
 
     def per_taxel(self, mean_square: float) -> float:
         """A mean square of the mixtures as one of the taxels."""
+        if self.evidence.observed[0].load.has_places:
+            return mean_square
         return float(mean_square * self.evidence.y.shape[1] / len(self.slots))
 
 
@@ -45,6 +49,8 @@ def gather(observed: Sequence[Observed], slots: NDArray[np.intp], noise_count: A
         column = np.searchsorted(each.slots, slots)
         found.append(-each.count[:, column] / noise_count)
     y = np.concatenate(found)
+    if observed[0].load.has_places:
+        return _asked(observed, slots, y, jumps)
     floors = np.mean([noise_of_blocks(part) ** 2 for part in found], axis=0)
     centred = y - y.mean(axis=0)
     left, size, _ = np.linalg.svd(centred, full_matrices=False)
@@ -56,3 +62,16 @@ def gather(observed: Sequence[Observed], slots: NDArray[np.intp], noise_count: A
     floor = float(np.mean([np.mean(noise_of_blocks(part) ** 2) for part in np.split(mixed, ends[:-1])]))
     evidence = Evidence(tuple(observed), mixed, jumps)
     return Group(slots, evidence, evidence.of(y), floor, floors)
+
+
+def _asked(observed: Sequence[Observed], slots: NDArray[np.intp], y: Array, jumps: Array) -> Group:
+    """Where each taxel has a load of its own: two of each triangle at the most, those that move most."""
+    columns = np.searchsorted(observed[0].slots, slots)
+    taxels = Evidence(tuple(each.part(columns) for each in observed), y, jumps)
+    floor = float(np.mean(np.concatenate([1.0 / np.diff(np.append(o.first, len(o.cycle_s))) for o in observed])))
+    moves = y.std(axis=0)
+    order = np.argsort(-moves, kind="stable")
+    triangle = slots[order] // N_TAXELS
+    rank = np.array([np.count_nonzero(triangle[:i] == own) for i, own in enumerate(triangle)])
+    chosen = np.sort(order[np.lexsort((np.arange(len(order)), rank > 1))][:ASKED])
+    return Group(slots, taxels.part(chosen), taxels, floor, np.full(len(slots), floor))

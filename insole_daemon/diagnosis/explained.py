@@ -151,13 +151,18 @@ def _amplitude(hypothesis: Hypothesis, candidate: Candidate, values: Array, std:
     def fraction(theta: Array) -> float:
         assert candidate.act is not None
         loads = [(each.load.pressure_pa, each.load.step_s) for each in hypothesis.evidence.observed]
-        spans = [np.ptp(hypothesis.beyond_static(load, candidate.act(load, step_s, theta))) for load, step_s in loads]
+        spans = [_span(hypothesis.beyond_static(load, candidate.act(load, step_s, theta))) for load, step_s in loads]
         return float(max(spans)) / 2 / insole.excitation.span_pa
 
     middle = fraction(values)
     nudged = [np.clip(values + step, candidate.low, candidate.high) for step in np.diag(std)]
     moved = float(np.sqrt(sum((fraction(theta) - middle) ** 2 for theta in nudged)))
     return Quantity(middle, float(np.hypot(moved, FAMILY * middle)), "1")
+
+
+def _span(x: Array) -> float:
+    """Of the taxel that moves most, of (N, m)."""
+    return float(np.ptp(x, axis=0).max())
 
 
 def _curves(hypothesis: Hypothesis, theta: Array, slots: NDArray[np.intp], insole: Insole) -> Curves:

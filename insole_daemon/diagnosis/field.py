@@ -19,6 +19,7 @@ from ..physics.calibration import Calibration
 from ..physics.law import Array
 from ..physics.static_curve import horner
 from ..recording.loading import FootRecording, Recording
+from ..recording.reference import Reference
 from ..skin.geometry import N_TAXELS, PRESSURE_TAXELS
 from ..skin.layout import Layout
 from .floor import noise_of_readings
@@ -28,6 +29,7 @@ from .readings import filled, together
 MOST_COURSES = 40
 FINER = 2  # rows of the grid for each cycle of the simulation
 SAME_PLACE_M = 1e-6
+MOST_APART = 0.15  # of the load's range, between taxels: noise and rounding of a simulated chamber are less
 MOST_BARE = 0.2  # of the taxels, that a simulation may know nothing of
 
 
@@ -48,9 +50,19 @@ class Field:
         found: Array = self.layout.xy_m.reshape(-1, 2)[self.slots]
         return found
 
-    def load(self, shapes: Array) -> Load:
-        """The load on m places that have `shapes` (m, r), on the simulation's clock."""
-        return Load(self.start_s, self.step_s, self.courses @ shapes.T, "own")
+    @property
+    def t_s(self) -> Array:
+        """(N,) of the rows, on the simulation's clock."""
+        found: Array = self.start_s + self.step_s * np.arange(len(self.courses))
+        return found
+
+    def load(self, shapes: Array, age_s: Array) -> Load:
+        """The load on m places that have `shapes` (m, r), each `age_s` (m,) earlier, on the simulation's clock."""
+        pressure = np.empty((len(self.courses), len(shapes)))
+        for age in np.unique(age_s):
+            own = age_s == age
+            pressure[:, own] = CubicSpline(self.t_s, self.courses)(np.maximum(self.t_s - age, self.start_s)) @ shapes[own].T
+        return Load(self.start_s, self.step_s, pressure, "own")
 
 
 def same_foot(simulation: Recording, foot: FootRecording) -> FootRecording:
@@ -76,6 +88,31 @@ def same_foot(simulation: Recording, foot: FootRecording) -> FootRecording:
     return same
 
 
+def has_places(simulation: Recording, foot: FootRecording) -> bool:
+    """Whether the simulated load differs from taxel to taxel, as in standing and walking."""
+    _, middle, apart = _typical(same_foot(simulation, foot))
+    return bool(apart > MOST_APART * np.ptp(middle))
+
+
+def uniform_load(simulation: Recording, foot: FootRecording) -> Reference:
+    """The load of a simulated chamber, on a clock of its own; DiagnosisError as `same_foot`."""
+    same = same_foot(simulation, foot)
+    pressure, middle, apart = _typical(same)
+    told = ~np.isnan(pressure).all(axis=1)
+    t_s = ((same.t_ns - same.t_ns[0]) * 1e-9)[told]
+    mean = np.nanmean(np.where(np.abs(pressure[told] - middle[:, None]) < 10 * apart, pressure[told], np.nan), axis=1)
+    return Reference(foot.foot, "own", t_s, {"pressure_pa": mean})
+
+
+def _typical(same: FootRecording) -> tuple[Array, Array, float]:
+    """(n, 12 · n_triangles) Pa, (k,) the middle of the cycles that tell any, and how far taxels are from it."""
+    assert same.pressure_pa is not None
+    pressure = np.where(same.valid, same.pressure_pa, np.nan).reshape(len(same), -1)
+    told = ~np.isnan(pressure).all(axis=1)
+    middle = np.nanmedian(pressure[told], axis=1)
+    return pressure, middle, float(np.nanmedian(np.abs(pressure[told] - middle[:, None])))
+
+
 def field(simulation: Recording, foot: FootRecording) -> Field:
     """The load that `simulation` tells, at all places it knows; DiagnosisError as `same_foot`."""
     same = same_foot(simulation, foot)
@@ -94,8 +131,7 @@ def field(simulation: Recording, foot: FootRecording) -> Field:
     t_s = t_s[used]
     read = filled(same.counts.reshape(n, -1)[used][:, slots], same.valid.reshape(n, -1)[used][:, slots])
     age_s = np.maximum(same.age_ns[used], 0)[:, slots // N_TAXELS] * 1e-9
-    count = together(read, t_s, age_s)
-    pressure, pa_per_count = _pressure(same.calibration, slots, count)
+    pressure, pa_per_count = pressure_of(same.calibration, slots, together(read, t_s, age_s))
     scale = noise_of_readings(read) * pa_per_count
     left, size, right = np.linalg.svd(pressure / scale, full_matrices=False)
     rows, m = pressure.shape
@@ -107,7 +143,7 @@ def field(simulation: Recording, foot: FootRecording) -> Field:
     return Field(foot.layout, float(t_s[0]), step_s, CubicSpline(t_s, courses)(grid), shapes, slots)
 
 
-def _pressure(calibration: Calibration, slots: NDArray[np.intp], count: Array) -> tuple[Array, Array]:
+def pressure_of(calibration: Calibration, slots: NDArray[np.intp], count: Array) -> tuple[Array, Array]:
     """(n, m) Pa of the counts of the taxels `slots`, and (m,) Pa a count in the middle of what they read."""
     coefficients = calibration.coefficients_pa.reshape(-1, calibration.coefficients_pa.shape[-1])[slots]
     activation = calibration.baseline_count.ravel()[slots] - count

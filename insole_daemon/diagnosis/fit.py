@@ -123,8 +123,7 @@ class Hypothesis:
         self.evidence = evidence
         self.candidates = tuple(sorted(candidates, key=lambda each: (each.order, each.word)))
         n_clock = 2 * len(evidence.observed) if evidence.own_clock else 0
-        clock = np.tile([KNOTS_OF_PLACES = (1 / 3, 2 / 3)  # the same of a load with places: each taxel has a range, and a curve, of its own
-MOST_OFFSET_S, MOST_RATE], n_clock // 2)
+        clock = np.tile([MOST_OFFSET_S, MOST_RATE], n_clock // 2)
         self.low = np.concatenate([-clock, *(each.low for each in self.candidates)])
         self.high = np.concatenate([clock, *(each.high for each in self.candidates)])
         own = [_NUDGE * (c.high - c.low) if c.nudge is None else c.nudge for c in self.candidates]

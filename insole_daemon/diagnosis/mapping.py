@@ -1,13 +1,13 @@
 """Whether the taxels are where, and who, the map says they are: triangles that are swapped, a map that lies askew.
 
-Everything else a diagnosis says of a load with places depends on it, so it is asked first, under the static model alone:
+Everything else a diagnosis says of a load with places depends on it, so it is asked first:
 
-    v_i(t) ≈ o_i + g_i · Σ_j A_ij(θ) · P_j(t + clock)
+    v_i(t) ≈ o_i + g_i · Σ_j A_ij(θ) · M[P_j](t + clock)
 
 v: what the calibration makes of the readings, P: the simulated load, A: where taxel i is looked for in it. Offsets o and
-gains g are each taxel's own, gains near the insole's; θ and the clock are common. The load between its taxels is
-interpolated with a Gaussian process (kriging; Rasmussen & Williams 2006, section 2.2), whose length the load itself
-tells, each taxel from the others.
+gains g are each taxel's own, gains near the insole's; θ, the clock and the memory M, any mixture of low-passes, are
+common nuisances: a heel that answers late is no heel that lies further back. The load between its taxels is
+interpolated with a Gaussian process, whose length the load itself tells (Rasmussen & Williams 2006, section 2.2).
 
 P is few courses in time, so all sums over time are made once: least squares on their Gram matrix.
 """
@@ -19,23 +19,30 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 from scipy.linalg import solve_triangular
-from scipy.optimize import linear_sum_assignment
 
 from ..physics.effects.crosstalk import neighbours
 from ..physics.law import Array
 from ..skin.geometry import N_TAXELS, PRESSURE_TAXELS
 from ..skin.layout import Layout
 from .field import Field
+from .operators import low_pass
 
 LENGTHS_M = np.geomspace(0.006, 0.05, 8)  # of the interpolation
 NUGGETS = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1)
-REACH_M = 0.009  # from the nearest taxel: further outside nobody knows the load
+KNOWN = 0.003  # of the load's variance: where less of it is left open, it is known
 GAIN_SPREAD = 0.15  # of calibrations, from taxel to taxel
-THETA = ("x_mm", "y_mm", "rotation_deg", "log_scale", "k", "offset_s", "rate")
-NUDGE = np.array([0.1, 0.1, 0.05, 1e-3, 1e-3, 1e-3, 1e-5])
-PLACE, SPREAD, CLOCK = slice(0, 4), slice(4, 5), slice(5, 7)
+TAUS_S = (0.03, 0.12, 0.5, 3.0)  # of the memory
+NUDGE = np.array([0.1, 0.1, 0.05, 1e-3, 1e-3, 1e-3, 1e-5, *(1e-3,) * len(TAUS_S)])
+# θ: x_mm, y_mm, rotation_deg and the logarithm of scale; k of crosstalk; offset_s and rate of the clock; the memory.
+PLACE, SPREAD, TIME = slice(0, 4), slice(4, 5), slice(5, 7 + len(TAUS_S))
+NOWHERE = np.zeros(len(NUDGE))
+MOST_SPREAD = 0.45
 MOST_STEPS = 25
+_PRIOR = 1.0 / GAIN_SPREAD**2
+_RIDGE, _SETTLED = 1e-9, 1e-7
+_CENTRE = 3  # the taxel in the middle of a triangle
 
 
 class Interpolation:
@@ -60,6 +67,8 @@ class Interpolation:
                 better = likelihood > best
                 best[better], self._length_m[better] = likelihood[better], length
                 self._weights[:, better] = vector @ (inverse[:, None] * turned[:, better])
+                if better[0]:
+                    self._inverse = (vector * inverse) @ vector.T
 
     def shapes(self, xy_m: Array) -> Array:
         """(m, r) shapes at the places (m, 2)."""
@@ -70,9 +79,11 @@ class Interpolation:
             found[:, which] = np.exp(-0.5 * square / length**2) @ self._weights[:, which]
         return found
 
-    def reaches(self, xy_m: Array) -> NDArray[np.bool_]:
-        """(m,) which of the places (m, 2) are near enough to be known of."""
-        found: NDArray[np.bool_] = np.sum((xy_m[:, None] - self.field.xy_m) ** 2, axis=-1).min(axis=1) < REACH_M**2
+    def known(self, xy_m: Array) -> NDArray[np.bool_]:
+        """(m,) at which of the places (m, 2) the load is known: between taxels, not beyond the last ones."""
+        square = np.sum((xy_m[:, None] - self.field.xy_m) ** 2, axis=-1)
+        near = np.exp(-0.5 * square / self._length_m[0] ** 2)
+        found: NDArray[np.bool_] = 1.0 - np.sum((near @ self._inverse) * near, axis=1) < KNOWN
         return found
 
 
@@ -86,10 +97,15 @@ def placed(xy_m: Array, pivot_m: Array, theta: Array) -> Array:
 
 
 class Sums:
-    """Sums over time of m taxels' pressures (n, m) and the courses (n, r) with their slopes, by fold."""
+    """Sums over time of m taxels' pressures (n, m), and of the courses with their slopes and memories, by fold."""
 
-    def __init__(self, v: Array, courses: Array, slopes: Array, t_s: Array, fold: NDArray[np.intp]) -> None:
-        basis = np.concatenate([np.ones((len(v), 1)), courses, slopes, t_s[:, None] * slopes], axis=1)
+    def __init__(self, v: Array, field: Field, at_s: Array, fold: NDArray[np.intp]) -> None:
+        """`at_s` (n,): when the rows were, on the simulation's clock; `fold` (n,) which each is held out with."""
+        spline = CubicSpline(field.t_s, field.courses)
+        courses, slopes = spline(at_s), spline(at_s, 1)
+        late = [CubicSpline(field.t_s, low_pass(field.courses, field.step_s, tau_s))(at_s) - courses for tau_s in TAUS_S]
+        since = (at_s - at_s.mean())[:, None]
+        basis = np.concatenate([np.ones((len(v), 1)), courses, slopes, since * slopes, *late], axis=1)
         self._parts = []
         for i in range(int(fold.max()) + 1):
             b, y = basis[fold == i], v[fold == i]
@@ -100,14 +116,15 @@ class Sums:
         """How many there are."""
         return len(self._parts)
 
-    def of(self, folds: Sequence[int]) -> Projected:
-        """All rows of some folds."""
-        gram, cross, square = (sum(each) for each in zip(*(self._parts[i] for i in folds), strict=True))
+    def without(self, fold: int | None = None) -> Projected:
+        """All rows but those of a fold."""
+        parts = [part for i, part in enumerate(self._parts) if i != fold]
+        gram, cross, square = (np.sum(each, axis=0) for each in zip(*parts, strict=True))
         n = gram[0, 0]
         mean = gram[0, 1:] / n
         centred = gram[1:, 1:] - n * np.outer(mean, mean)
         rest = cross[1:] - np.outer(mean, cross[0])
-        centred[np.diag_indices_from(centred)] *= 1.0 + 1e-9
+        centred[np.diag_indices_from(centred)] *= 1.0 + _RIDGE
         upper = np.linalg.cholesky(centred).T
         z = solve_triangular(upper, rest, trans="T")
         return Projected(int(n), upper, z.T, square - cross[0] ** 2 / n - np.sum(z**2, axis=0))
@@ -115,86 +132,113 @@ class Sums:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Projected:
-    """What of m taxels' signals the courses can say at all."""
+    """What of m taxels' signals the courses, their slopes and memories can say at all: q orthonormal coordinates."""
 
     rows: int
-    upper: Array  # (q, q) courses, slopes and slopes · t in orthonormal coordinates
-    z: Array  # (m, q) the taxels in these
-    beyond: Array  # (m,) sum of squares that no mixture of courses explains
+    upper: Array  # (q, q) from what was given to these
+    z: Array  # (m, q)
+    beyond: Array  # (m,) sum of squares that no mixture explains
 
 
 class Askew:
-    """The model above, for m taxels `slots` of a recording; pressures in units of their noise `scale` (m,) Pa."""
+    """The model above for m taxels `slots`; pressures in units of their noise `scale_pa` (m,)."""
 
-    def __init__(self, between: Interpolation, layout: Layout, slots: NDArray[np.intp], scale: Array) -> None:
-        self._between, self._layout, self._slots, self._scale = between, layout, slots, scale
+    def __init__(
+        self, between: Interpolation, layout: Layout, slots: NDArray[np.intp], scale_pa: Array, age_s: Array
+    ) -> None:
+        """`age_s` (m,): how long before the row's moment each was read."""
+        self._between, self._layout, self._scale_pa, self._age_s = between, layout, scale_pa, age_s
+        self.slots = slots
         self._every = np.flatnonzero(np.tile(PRESSURE_TAXELS, len(layout)))
-        self._xy = layout.xy_m.reshape(-1, 2)[self._every]
-        self._pivot = layout.xy_m[:, 3].mean(axis=0)
-        near = neighbours(layout.xy_m)[np.ix_(self._every, self._every)].astype(float)
-        self._near = near / np.maximum(near.sum(axis=1, keepdims=True), 1.0)
         self._columns = np.searchsorted(self._every, slots)
+        self._pivot_m = layout.xy_m[:, _CENTRE].mean(axis=0)
+        near = neighbours(layout.xy_m)[np.ix_(self._every, self._every)].astype(float)
+        self._number = near.sum(axis=1, keepdims=True)
+        self._near = near / np.maximum(self._number, 1.0)
+
+    def places_m(self, theta: Array, row: NDArray[np.intp]) -> Array:
+        """(taxels, 2) of all taxels of the layout; `row` (n_triangles,) in whose place each triangle is."""
+        slot = row[self._every // N_TAXELS] * N_TAXELS + self._every % N_TAXELS
+        return placed(self._layout.xy_m.reshape(-1, 2)[slot], self._pivot_m, theta)
+
+    def known(self, theta: Array, row: NDArray[np.intp]) -> NDArray[np.bool_]:
+        """(m,) where the load is known."""
+        return self._between.known(self.places_m(theta, row)[self._columns])
 
     def shapes(self, theta: Array, row: NDArray[np.intp]) -> Array:
-        """(m, r) of the load on the taxels; `row` (n_triangles,) whose place each triangle has."""
-        slot = row[self._every // N_TAXELS] * N_TAXELS + self._every % N_TAXELS
-        xy = self._layout.xy_m.reshape(-1, 2)[slot]
-        s = self._between.shapes(placed(xy, self._pivot, theta))
+        """(m, r) of the load on the taxels."""
+        s = self._between.shapes(self.places_m(theta, row))
         if theta[SPREAD][0]:
-            s = s + theta[SPREAD] * (self._near @ s - s)
-        return s[self._columns]
+            s = s + theta[SPREAD] * (self._near @ s - s * (self._number > 0))
+        found: Array = s[self._columns]
+        return found
 
-    def reached(self, theta: Array) -> NDArray[np.bool_]:
-        """(m,) taxels where the load is known."""
-        return self._between.reaches(placed(self._xy[self._columns], self._pivot, theta))
+    def coordinates(self, theta: Array, row: NDArray[np.intp], at: Projected) -> Array:
+        """(m, q) the load."""
+        s = self.shapes(theta, row) / self._scale_pa[:, None]
+        offset, rate, *memory = theta[TIME]
+        late = (offset - self._age_s)[:, None] * s
+        found: Array = np.concatenate([s, late, rate * s, *(share * s for share in memory)], axis=1) @ at.upper.T
+        return found
 
-    def _coordinates(self, theta: Array, row: NDArray[np.intp], at: Projected) -> Array:
-        s = self.shapes(theta, row) / self._scale[:, None]
-        offset, rate = theta[CLOCK]
-        return np.concatenate([s, offset * s, rate * s], axis=1) @ at.upper.T
-
-    def solved(self, theta: Array, row: NDArray[np.intp], at: Projected) -> tuple[Array, Array, Array]:
-        """(m, q) what is left, (m,) gains, (m, q) the load, in orthonormal coordinates."""
-        p = self._coordinates(theta, row, at)
+    def left(self, theta: Array, row: NDArray[np.intp], at: Projected) -> tuple[Array, Array, Array]:
+        """(m, q) what is left of the taxels, (m,) their gains, (m, q) the load."""
+        p = self.coordinates(theta, row, at)
         square, product = np.sum(p**2, axis=1), np.sum(p * at.z, axis=1)
-        strong = square > np.median(square)
-        usual = float(np.median(product[strong] / square[strong]))
-        prior = 1.0 / GAIN_SPREAD**2
-        gain = (product + prior * usual) / (square + prior)
+        gain = (product + _PRIOR * usual_gain(square, product)) / (square + _PRIOR)
         return at.z - gain[:, None] * p, gain, p
 
     def fit(
-        self, start: Array, free: NDArray[np.bool_], row: NDArray[np.intp], at: Projected, kept: NDArray[np.bool_]
-    ) -> Array:
-        """θ with the `free` ones at their best; taxels that are not `kept` (m,) are not asked."""
+        self, start: Array, free: Sequence[slice], row: NDArray[np.intp], at: Projected, kept: NDArray[np.bool_]
+    ) -> tuple[Array, float]:
+        """θ with the `free` parts at their best, and the sum of squares it leaves; only taxels `kept` (m,) are asked."""
         theta, damping = start.copy(), 1e-3
-        left, gain, p = self.solved(theta, row, at)
+        chosen = np.concatenate([np.arange(len(theta))[part] for part in free])
+        left, gain, p = self.left(theta, row, at)
         cost = float(np.sum(left[kept] ** 2))
-        chosen = np.flatnonzero(free)
         for _ in range(MOST_STEPS):
             jacobian = np.empty((int(kept.sum()), p.shape[1], len(chosen)))
             unit = p / np.maximum(np.linalg.norm(p, axis=1, keepdims=True), 1e-12)
             for j, which in enumerate(chosen):
                 nudged = theta.copy()
                 nudged[which] += NUDGE[which]
-                moved = gain[:, None] * (self._coordinates(nudged, row, at) - p) / NUDGE[which]
+                moved = gain[:, None] * (self.coordinates(nudged, row, at) - p) / NUDGE[which]
                 moved -= np.sum(moved * unit, axis=1, keepdims=True) * unit
                 jacobian[..., j] = -moved[kept]
             flat = jacobian.reshape(-1, len(chosen))
             normal, target = flat.T @ flat, flat.T @ left[kept].ravel()
-            better = False
+            before = cost
             while damping < 1e6:
-                step = np.linalg.solve(normal + damping * np.diag(np.diag(normal) + 1e-12), -target)
                 tried = theta.copy()
-                tried[chosen] += step
-                tried[SPREAD] = np.clip(tried[SPREAD], -0.1, 0.45)
-                rest = self.solved(tried, row, at)
+                tried[chosen] -= np.linalg.solve(normal + damping * np.diag(np.diag(normal) + 1e-12), target)
+                tried[SPREAD] = np.clip(tried[SPREAD], 0.0, MOST_SPREAD)
+                rest = self.left(tried, row, at)
                 after = float(np.sum(rest[0][kept] ** 2))
                 if after < cost:
-                    better = cost - after > 1e-7 * cost
                     theta, (left, gain, p), cost, damping = tried, rest, after, max(damping / 5, 1e-9)
                     break
                 damping *= 5
-            if not better:
+            if before - cost <= _SETTLED * before:
                 break
-        return theta
+        return theta, cost
+
+    def as_another(self, theta: Array, at: Projected) -> Array:
+        """(n_triangles, n_triangles) what is left of each triangle where it has the load of another's place."""
+        n = len(self._layout)
+        row = np.arange(n)
+        p = self.coordinates(theta, row, at)
+        usual = usual_gain(np.sum(p**2, axis=1), np.sum(p * at.z, axis=1))
+        found = np.zeros((n, n))
+        mine = self.slots // N_TAXELS
+        for other in range(n):
+            p = self.coordinates(theta, np.full(n, other), at)
+            square, product = np.sum(p**2, axis=1), np.sum(p * at.z, axis=1)
+            left = np.sum(at.z**2, axis=1) + _PRIOR * usual**2 - (product + _PRIOR * usual) ** 2 / (square + _PRIOR)
+            found[:, other] = np.bincount(mine, left, n)
+        return found
+
+
+def usual_gain(square: Array, product: Array) -> float:
+    """Of the taxels that bear most."""
+    strong = square >= np.median(square)
+    return float(np.median(product[strong] / np.maximum(square[strong], 1e-12)))

@@ -50,7 +50,7 @@ class _Try:
 
 
 def nulls(evidence: Evidence, static: Fitted, candidates: Mapping[str, Candidate], seed: int = 0) -> Nulls:
-    """`static`: fitted to `evidence` without any of the `candidates`."""
+    """`static`: fitted to `evidence`, whose load is the same on all taxels, without any of the `candidates`."""
     rng = np.random.default_rng(seed)
     ends = np.cumsum([len(each.first) for each in evidence.observed])[:-1]
     std = np.concatenate([np.tile(noise_of_blocks(part), (len(part), 1)) for part in np.split(evidence.y, ends)])
@@ -64,11 +64,11 @@ def nulls(evidence: Evidence, static: Fitted, candidates: Mapping[str, Candidate
     for i in range(N_FOLDS):
         fitted_to = fold != i
         out = ~fitted_to & (load_pa >= load_pa[fitted_to].min()) & (load_pa <= load_pa[fitted_to].max())
-        common = _Fold(static.design, directions, left, fitted_to, out)
+        common = _Fold(static.design[0], directions, left, fitted_to, out)
         for at, each in enumerate([nothing, *tries]):
             own = common
             if each.columns.size:
-                design = np.concatenate([static.design, each.columns], axis=1)
+                design = np.concatenate([static.design[0], each.columns], axis=1)
                 own = _Fold(design, directions[..., clocks], left, fitted_to, out)
             squares[at] += own.heldout(np.concatenate([clocks, each.common]))
     gains = 1.0 - squares[1:] / squares[0]
@@ -88,7 +88,7 @@ def _tries(evidence: Evidence, static: Fitted, candidates: Mapping[str, Candidat
         hypothesis = Hypothesis(clean, (candidate,))
         for start in candidate.starts:
             fitted = hypothesis.at(np.concatenate([static.theta, start]))
-            own, columns = np.empty((n, r, 0)), fitted.design[:, static.design.shape[1] :]
+            own, columns = np.empty((n, r, 0)), fitted.design[0, :, static.design.shape[2] :]
             if candidate.act is not None:
                 own = fitted.residual[..., None]
                 if candidate.nudge is None:  # else it is a threshold, which has no slope but its starts

@@ -13,8 +13,8 @@ from ..calibration.clock import Clock
 from ..errors import DiagnosisError
 from ..physics.law import Array
 from ..recording.loading import FootRecording, Recording
-from ..recording.reference import Reference
 from ..skin.geometry import N_TAXELS
+from .field import uniform_load
 from .floor import noise_of_readings
 from .jumps import despiked
 from .observed import Load, Observed, block_starts, stretches
@@ -26,7 +26,6 @@ LEAST_TOLD = 0.3
 USUAL_RATE = 3e-4
 SURE = 0.995  # of the edges explained: there is nothing to look for
 SHARPER = 0.7  # of what is left unexplained, that another rate may leave at the most
-MOST_APART = 0.15  # of the load's range, between taxels: noise and rounding of a simulated chamber are less
 TEMPERATURE = "temperature_c"
 
 
@@ -40,7 +39,7 @@ def observe(
     """What a diagnosis looks at of `foot`, and when its reference had spikes, which are taken out.
 
     `kept` (n_triangles, 12): the taxels that are fit to be asked; `cycles` (n,) those that hold new readings;
-    `simulation`: of the same trial, whose load stands for the reference.
+    `simulation`: of the same chamber trial, whose load stands for the reference.
     """
     slots = np.flatnonzero(kept.ravel())
     t_s = (foot.t_ns - foot.t_ns[0]) * 1e-9
@@ -51,7 +50,7 @@ def observe(
     read = filled(counts, valid)
     count = together(read, cycle_s, age_s)
     if simulation is not None:
-        reference = simulated_load(simulation, foot)
+        reference = uniform_load(simulation, foot)
     elif foot.reference is not None and recording.kind == "chamber":
         reference = foot.reference
     else:
@@ -101,33 +100,6 @@ def observe(
     seen = replace(blocks, count=blocks.blocks(count), temperature_c=temperature)
     when = ((reference_s[a] - offset_s, reference_s[b] - offset_s) for a, b in stretches(spike))
     return seen, tuple((float(a), float(b)) for a, b in when)
-
-
-def simulated_load(simulation: Recording, foot: FootRecording) -> Reference:
-    """The load that a simulated recording of the same trial tells, on a clock of its own.
-
-    DiagnosisError where it is of another layout, has no calibration, or its load is not the same everywhere.
-    """
-    same = next((each for each in simulation.feet if each.foot == foot.foot), None)
-    if same is None or not np.array_equal(same.layout.identities, foot.layout.identities):
-        raise DiagnosisError(
-            f"{simulation.folder}: expected a simulation of the {foot.foot} foot with the layout of the recording, "
-            "found another: simulate the insole that was recorded"
-        )
-    if same.pressure_pa is None:
-        raise DiagnosisError(f"{simulation.folder}: expected a calibration, which tells the load of its counts")
-    pressure = np.where(same.valid, same.pressure_pa, np.nan).reshape(len(same), -1)
-    told = ~np.isnan(pressure).all(axis=1)
-    middle = np.nanmedian(pressure[told], axis=1)
-    apart = np.nanmedian(np.abs(pressure[told] - middle[:, None]))
-    if apart > MOST_APART * np.ptp(middle):
-        raise DiagnosisError(
-            f"{simulation.folder}: its load differs from taxel to taxel by {apart / 1e3:.0f} kPa, expected a chamber: "
-            "a load with places (standing, walking) cannot be diagnosed yet"
-        )
-    t_s = ((same.t_ns - same.t_ns[0]) * 1e-9)[told]
-    mean = np.nanmean(np.where(np.abs(pressure[told] - middle[:, None]) < 10 * apart, pressure[told], np.nan), axis=1)
-    return Reference(foot.foot, "own", t_s, {"pressure_pa": mean})
 
 
 def _clock(cycle_s: Array, features: Array, reference_s: Array, pressure_pa: Array) -> Clock:
