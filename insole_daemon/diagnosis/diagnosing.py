@@ -17,24 +17,31 @@ from ..physics.calibration import BEGAN, Calibration
 from ..physics.law import Array
 from ..recording.loading import FootRecording, Recording
 from ..skin.geometry import N_TAXELS
-from . import beside, explained, modelling
+from . import beside, explained, modelling, simulated
 from . import jumps as jumping
 from .agreement import agreed
 from .audit import Audit, audit
 from .candidate import Candidate, Excitation
 from .candidates import candidates
+from .continued import continued
 from .deciding import RECORD, TWINS, Decided, decide, shown
 from .decoys import challenged
 from .evidence import gather
 from .excitation import excitation
 from .explained import Insole
 from .feet import choose
+from .field import has_places
 from .fit import Hypothesis
 from .groups import Located, locate
 from .observed import Observed
 from .observing import observe
 from .outcome import Outcome, verdict
+from .simulated import Mapped
 
+HIDDEN_IN_PLACES = {
+    "crosstalk": ("a smooth load looks the same with a little of it", "an indenter one taxel wide"),
+    "preload": ("a constant load is a part of the static curve here", "the unloaded insole in the shoe and outside"),
+}
 INVISIBLE = {
     "crosstalk": ("under a uniform load every neighbour says the same", "an indenter one taxel wide, or walking"),
     "preload": ("a constant load is a part of the static curve here", "the unloaded insole in the shoe and outside"),
@@ -82,7 +89,7 @@ def diagnose(
         raise DiagnosisError(f"the model has effects already ({words}), expected a static one: diagnose against that")
     progress("auditing the readings")
     audits = [audit(foot, each.folder.name) for foot, each in zip(feet, recordings, strict=True)]
-    observed, spikes = _observe(recordings, feet, audits, simulation)
+    observed, spikes, mapped = _observe(recordings, feet, audits, simulation, model, progress)
     excited = excitation(observed)
     slots = observed[0].slots
     noise = np.sqrt(np.mean([each.noise_count**2 for each in observed], axis=0))
@@ -99,8 +106,14 @@ def diagnose(
     insole = Insole(feet[0].foot, layout, names, slots, noise, excited)
     parts = list(zip(located.named, decided, strict=True))
     curves = explained.curves(insole, located, parts)
+    handed_in = None
+    if mapped is not None and model is not None:
+        curves, handed_in = _continued(curves, model, located, noise)
     before, after = explained.held_out(insole, located, parts)
     findings, effects = explained.findings(insole, parts)
+    if mapped is not None:
+        placed, of_places = simulated.findings(insole, mapped)
+        findings, effects = placed + findings, of_places + effects
     findings += [finding for each in audits for finding in each.findings]
     findings += [
         finding for name, when in zip(names, spikes, strict=True) for finding in beside.of_spikes(insole, name, when)
@@ -112,14 +125,14 @@ def diagnose(
     effects += [modelling.as_effect(each.effect, each.where, each.parameters) for each in [*own, *late]]
     clocks, clocks_std = _clocks(observed, located)
     findings += beside.of_clocks(insole, observed, clocks, clocks_std)
-    handed_in = 0.0
     if model is not None:
         bits = [board.shift for board in feet[0].boards if board.shift is not None]
-        recalibrated, handed_in = beside.of_curves(insole, curves, model, bits)
+        recalibrated, off = beside.of_curves(insole, curves, model, bits)
         findings += recalibrated
+        handed_in = off if handed_in is None else handed_in
     findings.sort(key=lambda each: -each.explains)
     floor = float(np.mean(noise**2))
-    rms = [round(float(np.sqrt(floor + square)), 4) for square in (before + handed_in, after, 0.0)]
+    rms = [round(float(np.sqrt(floor + square)), 4) for square in (before + (handed_in or 0.0), after, 0.0)]
     provenance = {"made_by": f"insole diagnose {__version__}", "recordings": list(names), BEGAN: int(feet[0].t_ns[0])}
     return Diagnosis(
         recordings=names,
@@ -130,7 +143,7 @@ def diagnose(
         clocks=clocks,
         findings=tuple(findings),
         rejected=_rejected(parts),
-        not_identifiable=_not_identifiable(every, excited, decided),
+        not_identifiable=_not_identifiable(every, excited, decided, _hidden(mapped)),
         model=modelling.document(insole.foot, layout, curves, effects, provenance),
         observed=tuple(observed),
         located=located,
@@ -143,16 +156,45 @@ def _observe(
     feet: Sequence[FootRecording],
     audits: Sequence[Audit],
     simulation: Recording | None,
-) -> tuple[list[Observed], list[tuple[tuple[float, float], ...]]]:
-    """What is looked at of each recording, the same taxels of all, and when its reference had spikes."""
+    model: Calibration | None,
+    progress: Callable[[str], None],
+) -> tuple[list[Observed], list[tuple[tuple[float, float], ...]], Mapped | None]:
+    """What is looked at of each recording, the same taxels of all, when its reference had spikes, and, where the
+    load has places, who and where the taxels are.
+    """
     kept = np.all([each.kept for each in audits], axis=0)
     if not kept.any():
         raise DiagnosisError(f"{recordings[0].folder}: no taxel says anything that can be believed: see the audit")
+    if simulation is not None and has_places(simulation, feet[0]):
+        if len(recordings) > 1:
+            raise DiagnosisError(
+                f"{simulation.folder}: a simulated walk is one trial, found {len(recordings)} recordings beside it: "
+                "diagnose each with its own simulation"
+            )
+        walked, mapped = simulated.observe(
+            recordings[0], feet[0], kept, audits[0].cycles, simulation, model, progress
+        )
+        return [walked], [()], mapped
     seen = [
         observe(recording, foot, kept, audited.cycles, simulation)
         for recording, foot, audited in zip(recordings, feet, audits, strict=True)
     ]
-    return [each for each, _ in seen], [spikes for _, spikes in seen]
+    return [each for each, _ in seen], [spikes for _, spikes in seen], None
+
+
+def _continued(
+    curves: Sequence[modelling.Curves], model: Calibration, located: Located, noise: Array
+) -> tuple[list[modelling.Curves], float]:
+    """Curves as far as their taxels' loads reach, `model`'s beyond; and how far off it is under these loads."""
+    load_pa = Hypothesis(located.taxels, ()).effective_pa(located.null.theta)
+    found, off = [], 0.0
+    for each in curves:
+        own = np.searchsorted(located.slots, each.slots)
+        activation = located.taxels.y[:, own] * noise[own]
+        whole, square = continued(each, model, load_pa[:, own], activation, noise[own])
+        found.append(whole)
+        off += square * len(own) / len(located.slots)
+    return found, off
 
 
 def _jumps(observed: Sequence[Observed], slots: NDArray[np.intp], noise: Array) -> list[list[jumping.Jump]]:
@@ -224,10 +266,20 @@ def _rejected(
     return tuple({"effect": word, "why": why} for word, why in found.items())
 
 
+def _hidden(mapped: Mapped | None) -> Mapping[str, tuple[str, str]]:
+    """What a load of this kind cannot show, by word: why, and what would."""
+    if mapped is None:
+        return INVISIBLE
+    return {word: why for word, why in HIDDEN_IN_PLACES.items() if word not in mapped.left}
+
+
 def _not_identifiable(
-    every: Mapping[str, Candidate], excited: Excitation, decided: Sequence[Decided]
+    every: Mapping[str, Candidate],
+    excited: Excitation,
+    decided: Sequence[Decided],
+    hidden: Mapping[str, tuple[str, str]],
 ) -> tuple[dict[str, str], ...]:
-    found = [{"effect": word, "why": why, "record_instead": instead} for word, (why, instead) in INVISIBLE.items()]
+    found = [{"effect": word, "why": why, "record_instead": instead} for word, (why, instead) in hidden.items()]
     for word, each in every.items():
         why = each.needs(excited)
         if why is not None:

@@ -90,8 +90,11 @@ def same_foot(simulation: Recording, foot: FootRecording) -> FootRecording:
 
 def has_places(simulation: Recording, foot: FootRecording) -> bool:
     """Whether the simulated load differs from taxel to taxel, as in standing and walking."""
-    _, middle, apart = _typical(same_foot(simulation, foot))
-    return bool(apart > MOST_APART * np.ptp(middle))
+    pressure, _, _ = _typical(same_foot(simulation, foot))
+    mean = np.nanmean(pressure[~np.isnan(pressure).all(axis=1)], axis=1)
+    loaded = mean > (mean.min() + mean.max()) / 2
+    apart = np.nanmedian(np.abs(pressure[~np.isnan(pressure).all(axis=1)][loaded] - mean[loaded, None]))
+    return bool(apart > MOST_APART * np.ptp(mean))
 
 
 def uniform_load(simulation: Recording, foot: FootRecording) -> Reference:

@@ -118,7 +118,13 @@ class Sums:
 
     def without(self, fold: int | None = None) -> Projected:
         """All rows but those of a fold."""
-        parts = [part for i, part in enumerate(self._parts) if i != fold]
+        return self._of([part for i, part in enumerate(self._parts) if i != fold])
+
+    def only(self, fold: int) -> Projected:
+        """The rows of one fold."""
+        return self._of([self._parts[fold]])
+
+    def _of(self, parts: Sequence[tuple[Array, Array, Array]]) -> Projected:
         gram, cross, square = (np.sum(each, axis=0) for each in zip(*parts, strict=True))
         n = gram[0, 0]
         mean = gram[0, 1:] / n
@@ -221,6 +227,19 @@ class Askew:
             if before - cost <= _SETTLED * before:
                 break
         return theta, cost
+
+    def held_out(self, start: Array, free: Sequence[slice], row: NDArray[np.intp], sums: Sums, kept: NDArray[np.bool_]) -> tuple[float, Array]:
+        """Mean square, in units of noise, that fits from `start` on leave of the folds they have not seen; their θ."""
+        thetas, left = [], 0.0
+        for i in range(sums.folds):
+            seen, unseen = sums.without(i), sums.only(i)
+            theta = self.fit(start, free, row, seen, kept)[0]
+            gain = self.left(theta, row, seen)[1]
+            rest = unseen.z - gain[:, None] * self.coordinates(theta, row, unseen)
+            left += float(np.sum(rest[kept] ** 2) + np.sum(unseen.beyond[kept]))
+            thetas.append(theta)
+        rows = sum(sums.only(i).rows for i in range(sums.folds))
+        return left / (rows * int(kept.sum())), np.stack(thetas)
 
     def as_another(self, theta: Array, at: Projected) -> Array:
         """(n_triangles, n_triangles) what is left of each triangle where it has the load of another's place."""

@@ -20,6 +20,7 @@ from ..skin.layout import Layout
 BLOCK_S = 0.1
 MOST_ROWS = 3000  # longer recordings get longer blocks
 AT_ONCE = 0.1  # of a cycle, over which the load is averaged at a moment
+MOST_MOMENT_S = 0.05  # a heel strikes within it
 MOST_BLOCK_S = 0.3  # beyond it a ramp is no longer straight within a block
 
 
@@ -113,6 +114,13 @@ def block_means(of_cycles: Array, first: NDArray[np.intp]) -> Array:
     total = np.add.reduceat(of_cycles, first, axis=0)
     mean: Array = total / n.reshape(-1, *(1,) * (of_cycles.ndim - 1))
     return mean
+
+
+def moments(cycle_s: Array) -> NDArray[np.intp]:
+    """(n,) as `block_starts`, where a step has to be seen: every cycle, in long recordings a few together."""
+    length_s = min(float(cycle_s[-1] - cycle_s[0]) / MOST_ROWS, MOST_MOMENT_S)
+    together = max(round(length_s / float(np.median(np.diff(cycle_s)))), 1)
+    return np.arange(0, len(cycle_s), together)
 
 
 def block_starts(cycle_s: Array) -> NDArray[np.intp]:

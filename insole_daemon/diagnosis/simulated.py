@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,13 +12,17 @@ from scipy.optimize import linear_sum_assignment
 from ..calibration import clock as clocks
 from ..errors import CalibrationError, DiagnosisError
 from ..physics.calibration import Calibration
+from ..physics.effect import Effect, Where, effect
+from ..physics.effects import laws
 from ..physics.law import Array
 from ..recording.loading import FootRecording, Recording
 from ..skin.geometry import N_TAXELS
+from .explained import Insole
 from .field import Field, field, pressure_of
+from .finding import Finding, Quantity
 from .floor import noise_of_readings
 from .mapping import NOWHERE, PLACE, SPREAD, TIME, Askew, Interpolation, Projected, Sums
-from .observed import Observed, block_starts
+from .observed import Observed, moments
 from .readings import filled
 
 PA_PER_COUNT = 8000.0  # of a taxel that nobody calibrated: what the configuration assumes
@@ -32,6 +36,8 @@ LEAST_K = 0.12  # of crosstalk: less, and a load that is a little too sharp look
 SIGMAS = 5.0
 SHARE = 0.25  # of what is left for a mixture of courses to explain
 LEAST_MOVED = 0.03  # of a reading's noise, RMS
+SURE = 0.97  # how often that was right on trials made for it
+SHARP = 0.06  # of k: what a load that is a little too sharp adds to it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,7 +50,7 @@ class Mapped:
     std: Array  # of θ
     askew: bool
     spread: bool
-    steps: tuple[tuple[str, float], ...]  # what is left after each that was found, mean square in units of noise
+    left: Mapping[str, tuple[float, float]]  # by word: held-out mean square without and with it, in units of noise
 
 
 def observe(
@@ -90,7 +96,7 @@ def observe(
     askew = Askew(Interpolation(told), foot.layout, slots, scale_pa, age_s)
     mapped = look(askew, sums, len(foot.layout))
     load = told.load(askew.shapes(mapped.theta, mapped.row), age_s)
-    first = block_starts(t_s)
+    first = moments(t_s)
     blocks = Observed(
         recording.folder.name, recording.folder, foot.layout, slots, t_s, first, np.empty(0), noise, None,
         load, offset_s, rate, std, False, 0.0,
@@ -99,51 +105,98 @@ def observe(
 
 
 def look(askew: Askew, sums: Sums, n_triangles: int) -> Mapped:
-    """Swaps first, then the map and what the cover spreads: each where it takes away enough of what is left."""
-    at = sums.without()
-    row = np.arange(n_triangles)
+    """Swaps first, then the map and what the cover spreads: each where it takes away enough on held-out steps."""
+    at, row = sums.without(), np.arange(n_triangles)
     every = np.ones(len(askew.slots), bool)
-    theta, cost = askew.fit(NOWHERE, [TIME], row, at, every)
+    theta, _ = askew.fit(NOWHERE, [TIME], row, at, every)
     swaps = _swaps(askew.as_another(theta, at), np.bincount(askew.slots // N_TAXELS, minlength=n_triangles))
-    size = at.rows * len(askew.slots)
-    steps = [("", cost / size)]
-    for a, b in swaps:
-        row[[a, b]] = b, a
+    known = Mapped(row, (), theta, np.zeros_like(theta), False, False, {})
     if swaps:
-        theta, cost = askew.fit(theta, [TIME], row, at, every)
-        steps.append(("swapped_triangles", cost / size))
-    found = Mapped(row, swaps, theta, np.zeros_like(theta), False, False, ())
-    for word, part in (("map_transform", PLACE), ("crosstalk", SPREAD)):
-        tried = _with(askew, sums, at, found, part)
-        if tried is not None:
-            found = tried
-            steps.append((word, float(np.sum(askew.left(found.theta, row, at)[0] ** 2)) / size))
-    return replace(found, steps=tuple(steps))
+        row = row.copy()
+        for a, b in swaps:
+            row[[a, b]] = b, a
+        theta, _ = askew.fit(theta, [TIME], row, at, every)
+        left = tuple(askew.held_out(theta, [TIME], each, sums, every)[0] for each in (known.row, row))
+        known = replace(known, row=row, swaps=swaps, theta=theta, left={"swapped_triangles": (left[0], left[1])})
+    known = _askew(askew, sums, at, known)
+    return _spread(askew, sums, at, known)
 
 
-def _with(askew: Askew, sums: Sums, at: Projected, known: Mapped, part: slice) -> Mapped | None:
-    """`known` with another part of θ; None where that is too little, or explains too little."""
-    free = [*([PLACE] if known.askew else []), part, TIME]
-    theta, kept = known.theta, np.ones(len(askew.slots), bool)
+def _askew(askew: Askew, sums: Sums, at: Projected, known: Mapped) -> Mapped:
+    theta, row, kept = known.theta, known.row, np.ones(len(askew.slots), bool)
     for _ in range(3):  # which taxels lie where the load is known depends on where they lie
-        theta, after = askew.fit(theta, free, known.row, at, kept)
-        kept = askew.known(theta, known.row)
-    theta, after = askew.fit(theta, free, known.row, at, kept)
-    before = askew.fit(known.theta, free[:-2] + free[-1:], known.row, at, kept)[1]
-    others = [askew.fit(theta, free, known.row, sums.without(i), kept)[0] for i in range(sums.folds)]
-    std = np.sqrt((sums.folds - 1) * np.var(others, axis=0))
-    noise = float(kept.sum() * (at.z.shape[1] - 1))
-    gain = before - after
-    enough = gain > SHARE * max(before - noise, 0.0) if part is PLACE else True
-    enough = enough and gain > LEAST_MOVED**2 * at.rows * kept.sum()
-    if part is PLACE:
-        nowhere = askew.places_m(NOWHERE, known.row)
-        moved = float(np.sqrt(np.mean(np.sum((askew.places_m(theta, known.row) - nowhere) ** 2, axis=1)))) * 1e3
-        sure = np.abs(theta[PLACE]) > SIGMAS * std[PLACE]
-        return replace(known, theta=theta, std=std, askew=True) if enough and moved > LEAST_MM and sure.any() else None
+        theta, _ = askew.fit(theta, [PLACE, TIME], row, at, kept)
+        kept = askew.known(theta, row)
+    theta, _ = askew.fit(theta, [PLACE, TIME], row, at, kept)
+    after, thetas = askew.held_out(theta, [PLACE, TIME], row, sums, kept)
+    before, _ = askew.held_out(known.theta, [TIME], row, sums, kept)
+    std = np.sqrt((sums.folds - 1) * np.var(thetas, axis=0))
+    moved = askew.places_m(theta, row) - askew.places_m(NOWHERE, row)
+    moved_mm = 1e3 * float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))
+    # Nothing explains what is no mixture of the courses at all, and what noise leaves of one.
+    floor = float(np.mean(at.beyond[kept] + at.z.shape[1])) / at.rows
+    enough = before - after > max(SHARE * (before - floor), LEAST_MOVED**2)
+    if not (enough and moved_mm > LEAST_MM and (np.abs(theta[PLACE]) > SIGMAS * std[PLACE]).any()):
+        return known
+    return replace(known, theta=theta, std=std, askew=True, left={**known.left, "map_transform": (before, after)})
+
+
+def _spread(askew: Askew, sums: Sums, at: Projected, known: Mapped) -> Mapped:
+    kept, row = askew.known(known.theta, known.row), known.row
+    rest = [PLACE, TIME] if known.askew else [TIME]
+    theta, _ = askew.fit(known.theta, [SPREAD, *rest], row, at, kept)
     spread = float(theta[SPREAD][0])
-    sure_k = spread > max(LEAST_K, SIGMAS * float(std[SPREAD][0]))
-    return replace(known, theta=theta, std=std, spread=True) if enough and sure_k else None
+    if spread < LEAST_K:
+        return known
+    after, thetas = askew.held_out(theta, [SPREAD, *rest], row, sums, kept)
+    before, _ = askew.held_out(known.theta, rest, row, sums, kept)
+    std = np.sqrt((sums.folds - 1) * np.var(thetas, axis=0))
+    if before - after < LEAST_MOVED**2 or spread < SIGMAS * float(std[SPREAD][0]):
+        return known
+    return replace(known, theta=theta, std=std, spread=True, left={**known.left, "crosstalk": (before, after)})
+
+
+def findings(insole: Insole, mapped: Mapped) -> tuple[list[Finding], list[Effect]]:
+    """What is said of it, and the same as effects of the model."""
+    found: list[Finding] = []
+    identities = insole.layout.identities
+    noise = float(np.sqrt(np.mean(insole.noise_count**2)))
+
+    def say(word: str, place: Where, parameters: dict[str, Quantity], text: str) -> None:
+        before, after = (noise * float(np.sqrt(left)) for left in mapped.left[word])
+        found.append(
+            Finding(
+                effect=word, foot=insole.foot, where=place, recordings=insole.recordings,
+                equation=laws()[word].equation, parameters=parameters, explains=before**2 - after**2,
+                heldout_count=(before, after), confidence=SURE,
+                sentence=f"{text} On steps that were held out it takes the error from {before:.2f} to {after:.2f} counts.",
+            )
+        )  # fmt: skip
+
+    effects: list[Effect] = []
+    for pair in mapped.swaps:
+        ids = tuple(tuple(each) for each in identities[list(pair)].tolist())
+        names = " and ".join(f"{board}.{triangle}" for board, triangle in ids)
+        quantity = Quantity([list(each) for each in ids], [[0, 0], [0, 0]], "1")
+        say("swapped_triangles", Where("triangle", ids), {"pair": quantity}, f"triangles {names} report as each other.")
+        effects.append(effect("swapped_triangles", Where("triangle", ids), pair=ids))
+    if mapped.askew:
+        (x, y, turned, size), std = mapped.theta[PLACE].tolist(), mapped.std[PLACE].tolist()
+        say(
+            "map_transform", Where(),
+            {
+                "x_mm": Quantity(x, std[0], "mm"), "y_mm": Quantity(y, std[1], "mm"),
+                "rotation_deg": Quantity(turned, std[2], "deg"),
+                "scale": Quantity(float(np.exp(size)), float(np.exp(size)) * std[3], "1"),
+            },
+            f"the insole lies {x:+.1f} mm forward, {y:+.1f} mm to the left and turned by {turned:+.2f}° from its map.",
+        )  # fmt: skip
+        effects.append(effect("map_transform", Where(), x_mm=x, y_mm=y, rotation_deg=turned, scale=float(np.exp(size))))
+    if mapped.spread:
+        k, std_k = float(mapped.theta[SPREAD][0]), float(np.hypot(mapped.std[SPREAD][0], SHARP))
+        say("crosstalk", Where(), {"k": Quantity(k, std_k, "1")}, f"the cover spreads {k:.0%} of a load to its neighbours.")
+        effects.append(effect("crosstalk", Where(), k=k))
+    return found, effects
 
 
 def _swaps(left: Array, taxels: NDArray[np.intp]) -> tuple[tuple[int, int], ...]:
