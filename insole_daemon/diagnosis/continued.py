@@ -24,8 +24,8 @@ def continued(
 ) -> tuple[Curves, float]:
     """The curves of m taxels, and the mean square by which `model` is off under these loads, counts².
 
-    `load_pa` (n, m) they bore and `activation` (n, m) they read, less the baseline as in `Curves`; `noise_count` (m,) of
-    a reading. A taxel that the model does not list stays as it is.
+    `load_pa` (n, m) they bore and `activation` (n, m) they read, less the baseline as in `Curves`; `noise_count` (m,)
+    of a reading. A taxel that the model does not list stays as it is.
     """
     listed = model.usable.ravel()[curves.slots]
     found, off = curves.activation_count.copy(), np.zeros(len(curves.slots))

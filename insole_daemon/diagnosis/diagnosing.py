@@ -171,9 +171,7 @@ def _observe(
                 f"{simulation.folder}: a simulated walk is one trial, found {len(recordings)} recordings beside it: "
                 "diagnose each with its own simulation"
             )
-        walked, mapped = simulated.observe(
-            recordings[0], feet[0], kept, audits[0].cycles, simulation, model, progress
-        )
+        walked, mapped = simulated.observe(recordings[0], feet[0], kept, audits[0].cycles, simulation, model, progress)
         return [walked], [()], mapped
     seen = [
         observe(recording, foot, kept, audited.cycles, simulation)

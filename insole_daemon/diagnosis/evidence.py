@@ -20,7 +20,7 @@ from .floor import noise_of_blocks
 from .observed import Observed
 
 MOST_COMPONENTS = 10
-ASKED = 32  # taxels that speak for all where each has a load of its own: those that it moves most
+ASKED = 12  # taxels that speak for all where each has a load of its own: those that it moves most
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,11 +67,11 @@ def gather(observed: Sequence[Observed], slots: NDArray[np.intp], noise_count: A
 def _asked(observed: Sequence[Observed], slots: NDArray[np.intp], y: Array, jumps: Array) -> Group:
     """Where each taxel has a load of its own: two of each triangle at the most, those that move most."""
     columns = np.searchsorted(observed[0].slots, slots)
-    taxels = Evidence(tuple(each.part(columns) for each in observed), y, jumps)
+    taxels = Evidence(tuple(each.of_taxels(columns) for each in observed), y, jumps)
     floor = float(np.mean(np.concatenate([1.0 / np.diff(np.append(o.first, len(o.cycle_s))) for o in observed])))
     moves = y.std(axis=0)
     order = np.argsort(-moves, kind="stable")
     triangle = slots[order] // N_TAXELS
     rank = np.array([np.count_nonzero(triangle[:i] == own) for i, own in enumerate(triangle)])
     chosen = np.sort(order[np.lexsort((np.arange(len(order)), rank > 1))][:ASKED])
-    return Group(slots, taxels.part(chosen), taxels, floor, np.full(len(slots), floor))
+    return Group(slots, taxels.of_taxels(chosen), taxels, floor, np.full(len(slots), floor))

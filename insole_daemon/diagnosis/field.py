@@ -61,7 +61,9 @@ class Field:
         pressure = np.empty((len(self.courses), len(shapes)))
         for age in np.unique(age_s):
             own = age_s == age
-            pressure[:, own] = CubicSpline(self.t_s, self.courses)(np.maximum(self.t_s - age, self.start_s)) @ shapes[own].T
+            pressure[:, own] = (
+                CubicSpline(self.t_s, self.courses)(np.maximum(self.t_s - age, self.start_s)) @ shapes[own].T
+            )
         return Load(self.start_s, self.step_s, pressure, "own")
 
 
@@ -83,7 +85,7 @@ def same_foot(simulation: Recording, foot: FootRecording) -> FootRecording:
     if same.calibration is None:
         raise DiagnosisError(f"{simulation.folder}: expected a calibration, which tells the load of its counts")
     if same.calibration.effects:
-        words = ", ".join(str(each.get("effect")) for each in same.calibration.effects)
+        words = ", ".join(each.law.word for each in same.calibration.effects)
         raise DiagnosisError(f"{simulation.folder}: its calibration has effects ({words}), expected a static one")
     return same
 

@@ -164,8 +164,10 @@ class Hypothesis:
         theta = np.clip(self.start if start is None else start, self.low, self.high)
         kept = np.ones(len(self.evidence.y), bool) if rows is None else rows
         best = self._solved(theta, kept)
+        if not most_steps or not len(theta):
+            return best
         jacobian, damping = self.jacobian(best), 1e-3
-        for _ in range(most_steps if len(theta) else 0):
+        for _ in range(most_steps):
             step = self._step(best, jacobian, damping)
             tried = self._solved(np.clip(best.theta + step, self.low, self.high), kept)
             gain = 1.0 - tried.cost / max(best.cost, 1e-300)
@@ -334,7 +336,7 @@ class Hypothesis:
 
 
 def within(basis: Array, x: Array) -> Array:
-    """(n, r) the part of `x` (n, r) that lies in the orthonormal `basis` (m, n, k) of each of its columns, or of all."""
+    """(n, r) what of `x` (n, r) lies in the orthonormal `basis` (m, n, k): of each of its columns, or of all."""
     stacked = _stacked(x, len(basis))
     return _flat(basis @ (basis.swapaxes(1, 2) @ stacked))
 

@@ -70,8 +70,8 @@ def locate(
     every = gather(observed, slots, noise_count, jumps)
     null = Hypothesis(every.evidence, ()).fit()
     left = excess(every, null)
-    # Taxels with a mismatch of their own bend the clocks for all: these are asked of the calmer half. Where the load has
-    # places the calm ones are those without a load, and the clocks were asked of the insole as a whole.
+    # Taxels with a mismatch of their own bend the clocks for all: these are asked of the calmer half. Where the load
+    # has places the calm ones are those without a load, and the clocks were asked of the insole as a whole.
     calm = np.sort(np.argsort(left, kind="stable")[: max(len(slots) // 2, 1)])
     if not observed[0].load.has_places:
         half = gather(observed, slots[calm], noise_count[calm], jumps)
@@ -129,7 +129,7 @@ def _late(group: Group, best: Fitted, observed: Sequence[Observed]) -> NDArray[n
     gains = []
     for board in np.unique(boards) if best.clocks().size else ():
         columns = np.flatnonzero(boards == board)
-        own = Hypothesis(group.taxels.part(columns), best.candidates)
+        own = Hypothesis(group.taxels.of_taxels(columns), best.candidates)
         together, alone = own.at(best.theta), own.fit_clocks(best.theta)
         above = max(together.mean_square() - float(group.floors[columns].mean()), 1e-12)
         gains.append((1.0 - (alone.mean_square() - float(group.floors[columns].mean())) / above, above, board))

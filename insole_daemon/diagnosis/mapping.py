@@ -4,8 +4,8 @@ Everything else a diagnosis says of a load with places depends on it, so it is a
 
     v_i(t) ≈ o_i + g_i · Σ_j A_ij(θ) · M[P_j](t + clock)
 
-v: what the calibration makes of the readings, P: the simulated load, A: where taxel i is looked for in it. Offsets o and
-gains g are each taxel's own, gains near the insole's; θ, the clock and the memory M, any mixture of low-passes, are
+v: what the calibration makes of the readings, P: the simulated load, A: where taxel i is looked for in it. Offsets o
+and gains g are each taxel's own, gains near the insole's; θ, the clock and the memory M, any mixture of low-passes, are
 common nuisances: a heel that answers late is no heel that lies further back. The load between its taxels is
 interpolated with a Gaussian process, whose length the load itself tells (Rasmussen & Williams 2006, section 2.2).
 
@@ -103,7 +103,9 @@ class Sums:
         """`at_s` (n,): when the rows were, on the simulation's clock; `fold` (n,) which each is held out with."""
         spline = CubicSpline(field.t_s, field.courses)
         courses, slopes = spline(at_s), spline(at_s, 1)
-        late = [CubicSpline(field.t_s, low_pass(field.courses, field.step_s, tau_s))(at_s) - courses for tau_s in TAUS_S]
+        late = [
+            CubicSpline(field.t_s, low_pass(field.courses, field.step_s, tau_s))(at_s) - courses for tau_s in TAUS_S
+        ]
         since = (at_s - at_s.mean())[:, None]
         basis = np.concatenate([np.ones((len(v), 1)), courses, slopes, since * slopes, *late], axis=1)
         self._parts = []
@@ -197,7 +199,7 @@ class Askew:
     def fit(
         self, start: Array, free: Sequence[slice], row: NDArray[np.intp], at: Projected, kept: NDArray[np.bool_]
     ) -> tuple[Array, float]:
-        """θ with the `free` parts at their best, and the sum of squares it leaves; only taxels `kept` (m,) are asked."""
+        """θ with the `free` parts at their best, and the sum of squares it leaves; taxels `kept` (m,) are asked."""
         theta, damping = start.copy(), 1e-3
         chosen = np.concatenate([np.arange(len(theta))[part] for part in free])
         left, gain, p = self.left(theta, row, at)
@@ -228,7 +230,9 @@ class Askew:
                 break
         return theta, cost
 
-    def held_out(self, start: Array, free: Sequence[slice], row: NDArray[np.intp], sums: Sums, kept: NDArray[np.bool_]) -> tuple[float, Array]:
+    def held_out(
+        self, start: Array, free: Sequence[slice], row: NDArray[np.intp], sums: Sums, kept: NDArray[np.bool_]
+    ) -> tuple[float, Array]:
         """Mean square, in units of noise, that fits from `start` on leave of the folds they have not seen; their θ."""
         thetas, left = [], 0.0
         for i in range(sums.folds):

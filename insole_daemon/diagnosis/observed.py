@@ -79,7 +79,7 @@ class Observed:
     paired_by_row: bool  # the reference had no times: its rows were to go with the cycles
     began_s: float  # what an own clock of the reference said at its first row, which its times count from here
 
-    def part(self, columns: NDArray[np.intp]) -> Observed:
+    def of_taxels(self, columns: NDArray[np.intp]) -> Observed:
         """With the load of the taxels `columns` alone, where it has places."""
         if not self.load.has_places:
             return self

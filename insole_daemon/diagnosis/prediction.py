@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from os import PathLike
 from pathlib import Path
 
@@ -15,7 +16,10 @@ from ..physics.law import Array
 from ..recording.loading import FootRecording, Recording, as_configured, load
 from ..skin.geometry import N_TAXELS
 from .audit import audit
+from .field import has_places
+from .observed import Observed
 from .observing import observe
+from .simulated import loads
 
 _ALIGNED = 3  # times that the clock is moved by what the model leaves
 _FAR_S = 86_400.0  # a recording of another day: its times have nothing to do with the model's
@@ -40,20 +44,31 @@ def counts(model: str | PathLike[str], recording: Recording, simulation: Recordi
         calibration = calibrations.load(model, layout)
         chain = Chain(calibration.effects, layout, calibration, [as_configured(board) for board in foot.boards])
         audited = audit(foot, recording.folder.name)
-        seen, _ = observe(recording, foot, audited.kept, audited.cycles, simulation)
         t_s = np.maximum.accumulate((foot.t_ns - foot.t_ns[0]) * 1e-9)
         began = (foot.t_ns[0] - int(calibration.provenance.get(BEGAN, foot.t_ns[0]))) * 1e-9
         origin = began if abs(began) < _FAR_S else 0.0
         # Each triangle was read as long ago as it is old.
-        read_s = seen.reference_s(t_s[:, None] - np.maximum(foot.age_ns, 0) * 1e-9)
-        warm = None if seen.temperature_c is None else np.interp(t_s, seen.t_s, seen.temperature_c)
+        read_s = t_s[:, None] - np.maximum(foot.age_ns, 0) * 1e-9
+        own_clock, warm = True, None
+        if simulation is not None and has_places(simulation, foot):
+            load_at = loads(recording, foot, audited, simulation, chain.xy_m)
+        else:
+            seen, _ = observe(recording, foot, audited.kept, audited.cycles, simulation)
+            own_clock = seen.load.clock == "own"
+            warm = None if seen.temperature_c is None else np.interp(t_s, seen.t_s, seen.temperature_c)
+            load_at = partial(_everywhere, seen)
         late_s = 0.0
-        for _ in range(_ALIGNED if seen.load.clock == "own" else 1):
-            loads = np.interp(read_s + late_s, seen.load.t_s, seen.load.pressure_pa[:, 0])
-            expected = chain.forward()(np.repeat(loads[..., None], N_TAXELS, axis=2), t_s + origin, warm)
+        for _ in range(_ALIGNED if own_clock else 1):
+            expected = chain.forward()(load_at(read_s + late_s), t_s + origin, warm)
             late_s += _later_s(expected, foot, audited.kept, t_s)
         found[foot.foot] = expected
     return found
+
+
+def _everywhere(seen: Observed, read_s: Array) -> Array:
+    """(n, n_triangles, 12) Pa of a load that is the same on all taxels."""
+    pressure = np.interp(seen.reference_s(read_s), seen.load.t_s, seen.load.pressure_pa[:, 0])
+    return np.repeat(pressure[..., None], N_TAXELS, axis=2)
 
 
 def _later_s(expected: Array, foot: FootRecording, kept: NDArray[np.bool_], t_s: Array) -> float:

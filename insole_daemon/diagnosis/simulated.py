@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 from scipy.optimize import linear_sum_assignment
 
 from ..calibration import clock as clocks
@@ -17,6 +18,7 @@ from ..physics.effects import laws
 from ..physics.law import Array
 from ..recording.loading import FootRecording, Recording
 from ..skin.geometry import N_TAXELS
+from .audit import Audit
 from .explained import Insole
 from .field import Field, field, pressure_of
 from .finding import Finding, Quantity
@@ -75,7 +77,7 @@ def observe(
     read = filled(count, valid)
     noise = noise_of_readings(read)
     age_s = np.maximum(np.median(foot.age_ns[used], axis=0), 0.0)[slots // N_TAXELS] * 1e-9
-    offset_s, rate, std = _clock(recording, simulation, foot, told, slots, t_s, read)
+    offset_s, rate, std = clock(recording, simulation, foot, told, slots, t_s, read)
     at_s = offset_s + (1.0 + rate) * t_s
     inside = (at_s >= told.t_s[0] + age_s.max()) & (at_s <= told.t_s[-1])
     if inside.mean() < LEAST_TOLD:
@@ -102,6 +104,30 @@ def observe(
         load, offset_s, rate, std, False, 0.0,
     )  # fmt: skip
     return replace(blocks, count=blocks.blocks(read)), mapped
+
+
+def loads(
+    recording: Recording, foot: FootRecording, audited: Audit, simulation: Recording, xy_m: Array
+) -> Callable[[Array], Array]:
+    """What gives the (n, n_triangles, 12) Pa of `simulation` at the places `xy_m` (n_triangles, 12, 2).
+
+    It is asked with the (n, n_triangles) moments of the recording, in s since its first frame, when each was read.
+    """
+    told = field(simulation, foot)
+    t_s = (foot.t_ns - foot.t_ns[0]) * 1e-9
+    used = audited.cycles & (np.diff(t_s, prepend=-1.0) > 0)
+    slots = np.flatnonzero(audited.kept.ravel())
+    read = filled(*(each.reshape(len(foot), -1)[used][:, slots] for each in (foot.counts, foot.valid)))
+    offset_s, rate, _ = clock(recording, simulation, foot, told, slots, t_s[used], read)
+    shapes = Interpolation(told).shapes(xy_m.reshape(-1, 2)).reshape(*xy_m.shape[:2], -1)
+    courses = CubicSpline(told.t_s, told.courses)
+
+    def at(read_s: Array) -> Array:
+        its_s = np.clip(offset_s + (1.0 + rate) * read_s, told.t_s[0], told.t_s[-1])
+        pressure: Array = np.einsum("ntr,tkr->ntk", courses(its_s), shapes)
+        return pressure
+
+    return at
 
 
 def look(askew: Askew, sums: Sums, n_triangles: int) -> Mapped:
@@ -169,7 +195,7 @@ def findings(insole: Insole, mapped: Mapped) -> tuple[list[Finding], list[Effect
                 effect=word, foot=insole.foot, where=place, recordings=insole.recordings,
                 equation=laws()[word].equation, parameters=parameters, explains=before**2 - after**2,
                 heldout_count=(before, after), confidence=SURE,
-                sentence=f"{text} On steps that were held out it takes the error from {before:.2f} to {after:.2f} counts.",
+                sentence=f"{text} On held-out steps it takes the error from {before:.2f} to {after:.2f} counts.",
             )
         )  # fmt: skip
 
@@ -194,7 +220,12 @@ def findings(insole: Insole, mapped: Mapped) -> tuple[list[Finding], list[Effect
         effects.append(effect("map_transform", Where(), x_mm=x, y_mm=y, rotation_deg=turned, scale=float(np.exp(size))))
     if mapped.spread:
         k, std_k = float(mapped.theta[SPREAD][0]), float(np.hypot(mapped.std[SPREAD][0], SHARP))
-        say("crosstalk", Where(), {"k": Quantity(k, std_k, "1")}, f"the cover spreads {k:.0%} of a load to its neighbours.")
+        say(
+            "crosstalk",
+            Where(),
+            {"k": Quantity(k, std_k, "1")},
+            f"the cover spreads {k:.0%} of a load to its neighbours.",
+        )
         effects.append(effect("crosstalk", Where(), k=k))
     return found, effects
 
@@ -215,7 +246,7 @@ def _swaps(left: Array, taxels: NDArray[np.intp]) -> tuple[tuple[int, int], ...]
     return tuple(found)
 
 
-def _clock(
+def clock(
     recording: Recording, simulation: Recording, foot: FootRecording, told: Field, slots: NDArray[np.intp],
     t_s: Array, read: Array,
 ) -> tuple[float, float, tuple[float, float]]:  # fmt: skip

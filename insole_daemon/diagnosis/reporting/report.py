@@ -20,7 +20,8 @@ def html(diagnosis: Diagnosis) -> str:
     parts.append(page.section("What these recordings cannot tell", numbers.limits(diagnosis)))
     for each in seen[:MOST_GROUPS]:
         parts.append(page.section(f"The physics: {_place(diagnosis, each)}", *_physics(diagnosis, each)))
-    parts.append(page.section("Could it be chance?", chance.shown(chance.of(diagnosis, seen[0]), seen[0])))
+    if not diagnosis.observed[0].load.has_places:
+        parts.append(page.section("Could it be chance?", chance.shown(chance.of(diagnosis, seen[0]), seen[0])))
     tables = [numbers.tried(diagnosis, each.named) for each in seen if each.named is not None]
     parts.append(page.section("What was tried, and lost by how much", numbers.price(), *tables))
     parts.append(page.section("Decoys", numbers.decoys(diagnosis)))
