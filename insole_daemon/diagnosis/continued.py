@@ -1,6 +1,7 @@
-"""Curves of taxels that each bear loads of their own: beyond what one has borne, its calibration goes on.
+"""Curves of taxels that each bear loads of their own: their calibration's, with a gain and a shift.
 
-A taxel under the arch bears a few counts in a walk, which tell no curve. What tells one is used as far as it reaches.
+A taxel under the arch bears a few counts in a walk, which tell no curve, and what a free curve says beyond the highest
+load a taxel has borne is a guess. Where a taxel bore little its gain is the insole's.
 """
 
 from __future__ import annotations
@@ -15,8 +16,8 @@ from ..physics.curve_inverse import CurveInverse
 from ..physics.law import Array
 from .modelling import Curves
 
-LEAST_REACH = 12.0  # counts that a curve of its own is told by; below, it is the calibration's with a gain and a shift
-GAIN_SPREAD = 0.1  # of what calibrations are off by: what a few counts may say of a gain
+STRONG = 12.0  # counts over which a taxel has to go for its gain to say what is usual
+GAIN_SPREAD = 0.1  # of what calibrations are off by
 
 
 def continued(
@@ -28,29 +29,23 @@ def continued(
     of a reading. A taxel that the model does not list stays as it is.
     """
     listed = model.usable.ravel()[curves.slots]
-    found, off = curves.activation_count.copy(), np.zeros(len(curves.slots))
     if not listed.any():
         return curves, 0.0
-    polynomial = CurveInverse(_coefficients(model, curves.slots[listed]))
-    load, read = load_pa[:, listed], activation[:, listed]
-    bore = polynomial(load)
-    grid = polynomial(np.repeat(curves.load_pa[:, None], int(listed.sum()), axis=1)).T
+    slots = curves.slots[listed]
+    polynomial = CurveInverse(_coefficients(model, slots))
+    bore, read = polynomial(load_pa[:, listed]), activation[:, listed]
     middle, centre = bore.mean(axis=0), read.mean(axis=0)
+    square, product = np.sum((bore - middle) ** 2, axis=0), np.sum((bore - middle) * (read - centre), axis=0)
+    strong = np.ptp(bore, axis=0) >= min(STRONG, float(np.ptp(bore, axis=0).max()))
+    usual = float(np.median(product[strong] / np.maximum(square[strong], 1e-9)))
     prior = (noise_count[listed] / GAIN_SPREAD) ** 2
-    gain = (np.sum((bore - middle) * (read - centre), axis=0) + prior) / (np.sum((bore - middle) ** 2, axis=0) + prior)
+    gain = (product + prior * usual) / (square + prior)
     shift = centre - gain * middle
-    baseline = model.baseline_count.ravel()[curves.slots[listed]]
-    line = gain[:, None] * grid + shift[:, None]
-    reach = load.max(axis=0)
-    for at, own in enumerate(np.flatnonzero(listed)):
-        if bore[:, at].max() - bore[:, at].min() < LEAST_REACH:
-            found[own] = line[at]
-            continue
-        beyond = curves.load_pa > reach[at]
-        step = np.interp(reach[at], curves.load_pa, found[own]) - np.interp(reach[at], curves.load_pa, line[at])
-        found[own, beyond] = line[at, beyond] + step
-    off[listed] = np.mean((gain * bore + shift + baseline - bore) ** 2, axis=0)
-    return replace(curves, activation_count=found), float(off[listed].mean())
+    found = curves.activation_count.copy()
+    grid = polynomial(np.repeat(curves.load_pa[:, None], len(slots), axis=1)).T
+    found[listed] = gain[:, None] * grid + shift[:, None]
+    off = gain * bore + shift + model.baseline_count.ravel()[slots] - bore
+    return replace(curves, activation_count=found), float(np.mean(off**2))
 
 
 def _coefficients(model: Calibration, slots: NDArray[np.intp]) -> Array:

@@ -41,6 +41,7 @@ from .simulated import Mapped
 HIDDEN_IN_PLACES = {
     "crosstalk": ("a smooth load looks the same with a little of it", "an indenter one taxel wide"),
     "preload": ("a constant load is a part of the static curve here", "the unloaded insole in the shoe and outside"),
+    "stiffening": ("most taxels bear too little to tell a curve", "a chamber, to the highest loads"),
 }
 INVISIBLE = {
     "crosstalk": ("under a uniform load every neighbour says the same", "an indenter one taxel wide, or walking"),
@@ -183,7 +184,7 @@ def _observe(
 def _continued(
     curves: Sequence[modelling.Curves], model: Calibration, located: Located, noise: Array
 ) -> tuple[list[modelling.Curves], float]:
-    """Curves as far as their taxels' loads reach, `model`'s beyond; and how far off it is under these loads."""
+    """Curves that are `model`'s with a gain and a shift, and how far off it is under these loads, counts²."""
     load_pa = Hypothesis(located.taxels, ()).effective_pa(located.null.theta)
     found, off = [], 0.0
     for each in curves:

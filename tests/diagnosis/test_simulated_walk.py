@@ -56,7 +56,7 @@ def test_nothing_is_found_where_nothing_is_and_the_model_tells_the_counts(tmp_pa
     done = CliRunner().invoke(app, ["diagnose", str(folder), "--simulation", str(plain), "--out", str(out)])
     assert done.exit_code == 0, done.output
     said = json.loads((out / "diagnosis.json").read_text())
-    assert said["findings"] == []
+    assert [each["sentence"] for each in said["findings"]] == []
     assert said["against"] == "simulation"
     assert "map_transform" not in [each["effect"] for each in said["not_identifiable"]]
     expected = prediction.of_folder(out / "model.json", folder, plain)["left"]
