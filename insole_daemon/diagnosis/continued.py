@@ -17,7 +17,7 @@ from ..physics.law import Array
 from .modelling import Curves
 
 STRONG = 12.0  # counts over which a taxel has to go for its gain to say what is usual
-GAIN_SPREAD = 0.1  # of what calibrations are off by
+HALF = 2.0  # times its noise that a reading has to vary by, RMS, for a taxel to have half a say in its own gain
 
 
 def continued(
@@ -38,7 +38,7 @@ def continued(
     square, product = np.sum((bore - middle) ** 2, axis=0), np.sum((bore - middle) * (read - centre), axis=0)
     strong = np.ptp(bore, axis=0) >= min(STRONG, float(np.ptp(bore, axis=0).max()))
     usual = float(np.median(product[strong] / np.maximum(square[strong], 1e-9)))
-    prior = (noise_count[listed] / GAIN_SPREAD) ** 2
+    prior = len(read) * (HALF * noise_count[listed]) ** 2
     gain = (product + prior * usual) / (square + prior)
     shift = centre - gain * middle
     found = curves.activation_count.copy()
