@@ -128,12 +128,13 @@ class BatchedSocket:
 
     def _monotonic(self, t_ns: NDArray[np.int64]) -> NDArray[np.int64]:
         """The same moments on the monotonic clock; a step of the wall clock in between moves no frame far."""
-        now_mono_ns = time.monotonic_ns()
-        offset_ns = now_mono_ns - time.time_ns()
-        if abs(offset_ns - self._clock_offset_ns) > _CLOCK_STEP_NS:
-            self._counters.clock_steps += 1
-        self._clock_offset_ns = offset_ns
-        t_mono_ns = t_ns + offset_ns
+        before_ns, now_ns, now_mono_ns = time.monotonic_ns(), time.time_ns(), time.monotonic_ns()
+        if now_mono_ns - before_ns < _CLOCK_STEP_NS:  # else another process ran in between: what was known stands
+            offset_ns = now_mono_ns - now_ns
+            if abs(offset_ns - self._clock_offset_ns) > _CLOCK_STEP_NS:
+                self._counters.clock_steps += 1
+            self._clock_offset_ns = offset_ns
+        t_mono_ns = t_ns + self._clock_offset_ns
         if t_mono_ns[0] < self._last_mono_ns:
             t_mono_ns[0] = self._last_mono_ns
         if np.count_nonzero(t_mono_ns[1:] < t_mono_ns[:-1]):

@@ -133,6 +133,26 @@ def test_a_step_of_the_wall_clock_moves_no_monotonic_time(pair, monkeypatch):
     assert 0 <= second.t_mono_ns[0] - first.t_mono_ns[0] < 1_000_000_000
 
 
+def test_another_process_that_runs_between_two_clocks_is_no_step(pair, monkeypatch):
+    receiver, sender = pair
+    counters = BusCounters()
+    batched = BatchedSocket(receiver, counters)
+    real = time.time_ns
+    sender.send(frame(0x450, bytes(8)))
+    batched.receive()
+
+    def late() -> int:
+        now_ns = real()
+        time.sleep(0.01)  # after the one clock was read and before the other
+        return now_ns
+
+    monkeypatch.setattr(time, "time_ns", late)
+    before_ns = time.monotonic_ns()
+    batch = batched.drain()
+    assert counters.clock_steps == 0
+    assert batch.t_mono_ns[0] < before_ns, "the frame had come before"
+
+
 def test_collect_waits_for_what_is_asked_and_no_longer_than_said(pair):
     receiver, sender = pair
     source = SocketCanSource(receiver, "can0")
