@@ -22,6 +22,10 @@ _FIXED = {
     # room there can be then lets a slow one catch up; with the default of 2, cycles were lost to an idle one.
     "transport/link/tx/queue/congestion_control/drop/wait_before_drop": 0,
     "transport/link/tx/queue/size/real_time": 16,
+    # After a cable was out TCP waits longer and longer before it tries again. So a side that has heard nothing for two
+    # seconds counts as gone, and is connected to anew, again and again, without pauses that grow.
+    "transport/link/tx/lease": 2000,
+    "connect/retry": {"period_init_ms": 200, "period_max_ms": 400, "period_increase_factor": 2},
 }
 _TLS_FILES = (
     "root_ca_certificate",
