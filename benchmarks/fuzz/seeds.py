@@ -221,7 +221,7 @@ def _messages() -> dict[str, Message]:
     )  # fmt: skip
     raw, pressure, wrench = foot.messages(cycles, 0)
     health = Health(
-        "left", 1, 2.0, "ok", {"published": 1}, 50.0, {"p50": None}, [{"address": 5}], [], {"frames": 1}, {}
+        "left", 1, 2.0, "ok", {"published": 1}, 50.0, {"p50": None}, [{"address": 5}], [], {"frames": 1}, {}, {}
     )
     event = Event("left", 1, "toe_off", "text", [5], figures={"stance_s": 0.7})
     every = (raw, pressure, wrench, health, event, foot.meta(), foot.calibration_in_use())

@@ -114,11 +114,10 @@ class Gate:
         try:
             if why is not None:
                 raise BusError(f"the frame {can_id:03X} [{payload.hex(' ').upper()}] is not sent: {why}")
-            sink = self._open_sink()
+            self._open_sink().send(_batch(can_id, payload))
         except BusError:
             self.refused += 1
             raise
-        sink.send(_batch(can_id, payload))
         self.sent += 1
 
     def _open_sink(self) -> FrameSink:

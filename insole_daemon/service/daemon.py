@@ -25,6 +25,7 @@ from .backlog import Backlog
 from .board_link import BoardLink
 from .boards import BoardOperations
 from .foot import Foot
+from .journal import Journal
 from .notify import notify
 from .operations import RequestDesk, Step
 from .reapply import keep_configured
@@ -63,7 +64,7 @@ class Daemon:
         )
         self._publishers = [FootPublisher(session, foot.config.rig, foot.name) for foot in feet]
         self._desks = [RequestDesk(session, foot.config.rig, foot.name) for foot in feet]
-        gates = _gates(source, feet)
+        gates = self._gates = _gates(source, feet)
         self._boards = []
         for foot, assembler, desk, publisher in zip(
             feet, self._skin.assemblers, self._desks, self._publishers, strict=True
@@ -81,6 +82,8 @@ class Daemon:
         self._stopping = False
         self._reloader = Reloader(config_file)
         self._reload_asked = False
+        self._reloads = self._reloads_refused = 0
+        self._journal = Journal(_log)
         self._started_mono_ns = time.monotonic_ns()
 
     def stop(self) -> None:
@@ -176,7 +179,7 @@ class Daemon:
         if not isinstance(self._source, RecoveringSource):
             return
         for change in self._source.changes():
-            _log.log(logging.INFO if change.state == "up" else logging.WARNING, "%s", change.text)
+            self._journal.tell(logging.INFO if change.state == "up" else logging.WARNING, change.text)
             kind = "bus_off" if change.state == "bus-off" else f"bus_{change.state}"
             for foot, publisher in zip(self._feet, self._publishers, strict=True):
                 boards = [b.address for b in foot.insole.boards if b.interface == change.interface]
@@ -199,23 +202,27 @@ class Daemon:
         if reloaded.before != running:  # a zero was taken meanwhile: what was read may be older
             reloader.start(running)
             return
+        self._reloads_refused += reloaded.refused is not None
+        self._reloads += reloaded.refused is None
         if reloaded.setups:
             for foot, setup in zip(self._feet, reloaded.setups, strict=True):
                 foot.use(setup)
             self._stand()
         for kind, text in reloaded.told():
-            _log.log(logging.INFO if kind == "reloaded" else logging.WARNING, "%s: %s", kind.replace("_", " "), text)
+            level = logging.INFO if kind == "reloaded" else logging.WARNING
+            self._journal.tell(level, f"{kind.replace('_', ' ')}: {text}")
             for foot, publisher in zip(self._feet, self._publishers, strict=True):
                 publisher.publish(Event(foot.name, time.time_ns(), kind, text, []))
         notify("READY=1")
 
     def _report(self) -> None:
         """Health of every foot, and the watchdog: it is fed by the loop that publishes, or not at all."""
+        self._journal.sum_up()
         now_ns = self._source.clock_ns()
         bus = self._source.counters
         rates = []
-        for foot, assembler, publisher, tally in zip(
-            self._feet, self._skin.assemblers, self._publishers, self._tallies, strict=True
+        for foot, assembler, publisher, desk, tally in zip(
+            self._feet, self._skin.assemblers, self._publishers, self._desks, self._tallies, strict=True
         ):
             reports = foot.survey(assembler, now_ns, foot.stale_after_ns)
             streaming = sum(report.state == "streaming" for report in reports)
@@ -246,6 +253,14 @@ class Daemon:
                     faults=faults,
                     bus=dataclasses.asdict(bus),
                     refused=_with_text_keys(dataclasses.asdict(self._skin.streams.refused)),
+                    asked={
+                        "requests_done": desk.done,
+                        "requests_refused": desk.refused,
+                        "reloads_done": self._reloads,
+                        "reloads_refused": self._reloads_refused,
+                        "commands_sent": sum(gate.sent for gate in self._gates.values()),
+                        "commands_refused": sum(gate.refused for gate in self._gates.values()),
+                    },
                 )
             )
         notify("WATCHDOG=1", "STATUS=" + ", ".join(

@@ -53,6 +53,7 @@ class RequestDesk:
     """Takes one foot's requests from Zenoh's threads, and runs at most one of every verb on the loop."""
 
     def __init__(self, session: zenoh.Session, rig: str, foot: str) -> None:
+        self.done = self.refused = 0
         self._session, self._rig, self._foot = session, rig, foot
         self._arrived: SimpleQueue[tuple[str, zenoh.Query]] = SimpleQueue()
         self._handlers: dict[str, Handler] = {}
@@ -127,6 +128,10 @@ class RequestDesk:
             self._running[verb] = operation, query
 
     def _reply(self, verb: str, query: zenoh.Query, reply: dict[str, Any]) -> None:
+        if "error" in reply or reply.get("ok") is False:
+            self.refused += 1
+        else:
+            self.done += 1
         try:
             query.reply(key(self._rig, self._foot, verb), pack(reply), encoding=encoding(REPLY_SCHEMA))
         except zenoh.ZError:

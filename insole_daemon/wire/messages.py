@@ -198,6 +198,7 @@ class Health(Message):
     faults: list[dict[str, Any]]  # that are there now: kind, board, triangle, taxel, since
     bus: dict[str, Any]  # frames, overflows, error frames by kind, clock steps, state of every interface
     refused: dict[str, Any]  # frames that carried no half of a configured triangle, by reason
+    asked: dict[str, int]  # requests and reloads, done and refused; commands to boards, sent and refused
 
 
 @dataclass(frozen=True, slots=True, eq=False)

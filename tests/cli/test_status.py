@@ -38,7 +38,7 @@ def health(state: str = "streaming", uptime_s: float = 3.0, interface: dict[str,
     return Health(
         foot="left", t_ns=1, uptime_s=uptime_s, state="ok", cycles={"published": 3}, publish_rate_hz=50.0,
         latency_ms={"p50": None}, boards=[{"address": a} | board for a in (5, 6, 7)], faults=[], bus=counted | bus,
-        refused={"other": 0},
+        refused={"other": 0}, asked={},
     )  # fmt: skip
 
 

@@ -31,7 +31,7 @@ def test_who_comes_later_hears_the_last_state_and_events_but_not_every_step():
                 Event("left", number, "toe_off", "the left foot leaves the ground", [], figures={"stance_s": 0.7})
             )
         for uptime_s in (1.0, 2.0):
-            hub._take(Health("left", 1, uptime_s, "ok", {}, 50.0, {}, [], [], {}, {}))
+            hub._take(Health("left", 1, uptime_s, "ok", {}, 50.0, {}, [], [], {}, {}, {}))
         hub.stand("recording", {"running": False, "text": ""})
         return told(hub)
 

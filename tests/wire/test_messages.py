@@ -66,6 +66,7 @@ def both_models() -> Models:
 HEALTH = Health(
     foot="left", t_ns=1, uptime_s=2.5, state="degraded", cycles={"published": 3}, publish_rate_hz=50.0,
     latency_ms={"p50": None}, boards=[{"address": 5}], faults=[], bus={"frames": 1}, refused={"other": 0},
+    asked={"requests_done": 0},
 )  # fmt: skip
 EVENT = Event("right", 1, "board_silent", "board 8: streaming → silent", [8])
 MESSAGES: list[Message] = [*cycle(), both_models(), HEALTH, EVENT, FOOT.meta(), FOOT.calibration_in_use()]

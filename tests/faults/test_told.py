@@ -1,0 +1,34 @@
+"""Health tells what was asked of the daemon and what came of it."""
+
+from __future__ import annotations
+
+import signal
+
+import pytest
+
+import insole_daemon
+from insole_daemon.errors import WireError
+
+
+def test_what_was_asked_is_counted(daemon):
+    text = daemon.config_file.read_text()
+    with insole_daemon.connect(daemon.endpoint) as insole:
+        healths, events = insole.healths("left"), insole.events("left")
+        assert set(next(iter(healths)).asked.values()) == {0}
+        insole.request("left", "boards", do="list")
+        with pytest.raises(WireError):
+            insole.request("left", "boards", do="fly")
+        insole.request("right", "boards", do="list")
+        for said, kind in ((text, "reloaded"), (text + "nonsense: 1\n", "reload_refused"), (text, "reloaded")):
+            daemon.config_file.write_text(said)
+            daemon.process.send_signal(signal.SIGHUP)
+            assert next(event.kind for event in events if "reload" in event.kind) == kind
+        health = next(health for health in healths if health.asked["reloads_done"] == 2)
+    assert health.asked == {
+        "requests_done": 1,
+        "requests_refused": 1,
+        "reloads_done": 2,
+        "reloads_refused": 1,
+        "commands_sent": 0,
+        "commands_refused": 0,
+    }
