@@ -34,7 +34,7 @@ def router(endpoint):
     ) as process:
         try:
             assert process.stdout.readline() == "ready\n"
-            yield
+            yield process
         finally:
             process.kill()
 

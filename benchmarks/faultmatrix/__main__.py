@@ -1,0 +1,58 @@
+"""The fault matrix: every fault on a real vcan, what subscribers saw, how long it took, what was lost.
+
+    python -m benchmarks.faultmatrix [WORD...] [--out docs/fault-matrix.md]
+
+Takes about a quarter of an hour, and the packages of tests/vcan/run. Where this kernel has no vcan the rows run on
+User Mode Linux (one processor, slow system calls). A WORD chooses the rows with it in their group or name; without
+one and with --out, the table is written.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+from benchmarks.faultmatrix.table import page
+
+CHECKOUT = Path(__file__).parents[2]
+TIMEOUT_S = 3000
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description="Every fault on a real vcan, as a table.")
+    parser.add_argument("words", nargs="*", help="only rows with one of them in their group or name")
+    parser.add_argument("--out", type=Path, help="the page to write")
+    options = parser.parse_args()
+    rows = []
+    began = time.monotonic()
+    with subprocess.Popen(
+        [sys.executable, "tests/vcan/uml.py", "--timeout", str(TIMEOUT_S), "--", sys.executable, "-m",
+         "benchmarks.faultmatrix.inside", *options.words],
+        cwd=CHECKOUT, stdout=subprocess.PIPE, text=True,
+    ) as process:  # fmt: skip
+        assert process.stdout is not None
+        for line in process.stdout:
+            rows.append(json.loads(line) | {"load": os.getloadavg()[0]})
+            print(_in_short(rows[-1]), file=sys.stderr, flush=True)
+    text = page(rows, time.monotonic() - began)
+    if options.out:
+        options.out.write_text(text)
+    else:
+        print(text)
+    return int(process.returncode != 0 or not all(each.get("met") for each in rows))
+
+
+def _in_short(row: dict) -> str:
+    if "failed" in row:
+        return f"FAILED {row['group']}: {row['fault']}\n{row['failed']}\n{row['log']}"
+    verdict = "met   " if row["met"] else "MISSED"
+    return f"{verdict} {row['group']}: {row['fault']}: back {row['back_s']}, lost {row['lost_out']}"
+
+
+if __name__ == "__main__":
+    sys.exit(main())
