@@ -4,7 +4,7 @@
 
 Each rig has a session of its own and publishes both feet at 50 Hz, three messages a cycle. The router is
 docs/examples/router.py, the recorder writes everybody's counts to disk, the viewer takes everybody's wrench. Age is
-from the rig's `put` until the viewer has the message decoded. All of it on one host: its load is everybody's.
+from the rig's `put` until the viewer has the message decoded. All run on one host, before whatever else runs there.
 """
 
 from __future__ import annotations
@@ -15,12 +15,14 @@ import subprocess
 import sys
 import threading
 import time
+from contextlib import ExitStack
 from pathlib import Path
 
 import measured
 import numpy as np
 from overload import cpu_s
 from process import Child
+from quota import Group
 
 import insole_daemon
 
@@ -61,9 +63,15 @@ def main() -> None:
     try:
         with Child("rigs.py", endpoint=endpoint, rigs=options.rigs) as rigs:
             sizes = rigs.said()
-            with Child("recorder_of_all.py", endpoint=endpoint) as recorder, insole_daemon.connect(endpoint) as insole:
+            with (
+                Child("recorder_of_all.py", endpoint=endpoint) as recorder,
+                insole_daemon.connect(endpoint) as insole,
+                ExitStack() as groups,
+            ):
                 assert recorder.said()["rigs"] == options.rigs
                 viewer = Viewer(insole)
+                for pid in (router.pid, recorder.pid, os.getpid()):
+                    groups.enter_context(Group(pid))
                 time.sleep(_SETTLE_S)
                 viewer.ages_ms, viewer.lost = [], 0
                 pids = {"rigs": rigs.pid, "router": router.pid, "recorder": recorder.pid, "viewer": os.getpid()}
@@ -86,7 +94,7 @@ def main() -> None:
     print(f"into the router: {messages_in} messages/s, {megabits:.1f} Mbit/s of payload")
     print(f"viewer:   {len(ages_ms) / elapsed_s / 2 / options.rigs:.2f} Hz a foot, {lost} lost, age p50 {p50:.2f}, "
           f"p99 {p99:.2f}, longest {most:.1f} ms")  # fmt: skip
-    print(f"recorder: {recorded['cycles']} cycles on disk, {recorded['lost']} lost")
+    print(f"recorder: {recorded['cycles']} cycles on disk, {recorded['lost']} lost, {recorded['waiting']} waiting")
     print(f"rigs:     {published['cycles']} cycles of each foot sent, at most {published['late_ms_max']:.1f} ms late")
     for name, percent in used.items():
         print(

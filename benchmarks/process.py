@@ -16,7 +16,7 @@ from typing import Any
 
 HERE = Path(__file__).parent
 _PR_SET_TIMERSLACK = 29
-_END_S = 20.0
+_END_S = 60.0
 
 
 def settle(cpu: int | None, punctual: bool = False) -> None:

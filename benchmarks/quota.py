@@ -76,8 +76,12 @@ class Group:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self.close()
+
+    def close(self) -> None:
         """Without limits again."""
         self._end_thread()
         if self._folder is not None:
-            (self._folder.parent / "cgroup.procs").write_text(str(self._pid))
+            with contextlib.suppress(ProcessLookupError):  # it has ended
+                (self._folder.parent / "cgroup.procs").write_text(str(self._pid))
             self._folder.rmdir()

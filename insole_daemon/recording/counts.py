@@ -101,6 +101,7 @@ class GrowingCounts:
     def __init__(self, path: Path, n_triangles: int) -> None:
         """Create the file; raises OSError where that cannot be."""
         self.dtype = cycle_type(n_triangles)
+        self._descr = repr(np.lib.format.dtype_to_descr(self.dtype))
         self._file = open(path, "wb", buffering=0)  # noqa: SIM115 - closed by close()
         self._n = 0
         self._file.write(self._header(0))
@@ -126,9 +127,9 @@ class GrowingCounts:
 
     def _header(self, n: int) -> bytes:
         """NPY format 1.0, in a room that a larger number of records does not change."""
-        said = {"descr": np.lib.format.dtype_to_descr(self.dtype), "fortran_order": False}
-        room = -(-(len(repr(said)) + 64) // 64) * 64 + 64 - len(_MAGIC) - 2
-        text = f"{repr(said)[:-1]}, 'shape': ({n},)}}".ljust(room - 1) + "\n"
+        said = f"{{'descr': {self._descr}, 'fortran_order': False"
+        room = -(-(len(said) + 65) // 64) * 64 + 64 - len(_MAGIC) - 2
+        text = f"{said}, 'shape': ({n},)}}".ljust(room - 1) + "\n"
         return _MAGIC + len(text).to_bytes(2, "little") + text.encode()
 
 

@@ -23,6 +23,8 @@ def new_reader(layouts: Sequence[Layout]) -> SkinReader:
 
 def read_log(path: Path, layouts: Sequence[Layout]) -> tuple[list[Cycles], LogCounters, tuple[str, ...]]:
     """The cycles of every layout, what the log holds, and a sentence for each oddity; LogError where it is none."""
+    if path.exists() and not path.stat().st_size:  # its recorder was killed before the first frame
+        return [Cycles.concatenate([], len(layout)) for layout in layouts], LogCounters(), (f"{path}: no frame in it",)
     skin = new_reader(layouts)
     closed: list[list[Cycles]] = [[] for _ in layouts]
     end_ns = 0

@@ -15,7 +15,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any, BinaryIO, Protocol, TypeVar
+from typing import Any, BinaryIO, Protocol, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,7 @@ from ..config import Foot
 from ..errors import FileError
 from ..files import write_text
 from . import counts as counted
+from .appending import AppendedLines
 from .copies import InsoleContents, write_insoles
 from .counts import GrowingCounts
 from .document import FILE, Clock, Kind, dump
@@ -106,10 +107,10 @@ class _Part:
 
     folder: Path
     document: dict[str, Any]
-    log: BinaryIO | None = None
+    log: AppendedLines | None = None
     candump: CandumpWriter | None = None
     counts: dict[str, GrowingCounts] = field(default_factory=dict)
-    references: dict[str, BinaryIO] = field(default_factory=dict)
+    references: dict[str, AppendedLines] = field(default_factory=dict)
 
     def size(self) -> int:
         return (self.log.tell() if self.log else 0) + sum(each.size for each in self.counts.values())
@@ -241,8 +242,8 @@ class LiveRecorder:
         part = _Part(folder, {"kind": "free"})
         if self._interfaces is not None:
             part.document["can"] = "can.log"
-            part.log = open(folder / "can.log", "wb", buffering=0)  # noqa: SIM115
-            part.candump = CandumpWriter(part.log, self._interfaces)
+            part.log = AppendedLines(folder / "can.log")
+            part.candump = CandumpWriter(cast(BinaryIO, part.log), self._interfaces)
         else:
             part.document["counts"] = "counts"
             (folder / "counts").mkdir()
@@ -252,10 +253,10 @@ class LiveRecorder:
         part.writing_document()()
         return part
 
-    def _begin_reference(self, foot: Foot, clock: Clock, header: str) -> BinaryIO:
+    def _begin_reference(self, foot: Foot, clock: Clock, header: str) -> AppendedLines:
         part = self._part
         name = f"{foot}-reference.csv" if self._references > 1 else "reference.csv"
-        file: BinaryIO = open(part.folder / name, "wb", buffering=0)  # noqa: SIM115
+        file = AppendedLines(part.folder / name)
         file.write(header.encode())
         part.references[foot] = file
         part.document["kind"] = self._kind

@@ -90,8 +90,11 @@ def test_before_the_first_frame_the_folder_says_what_it_is(recorder):
     text = (recorder.out / "recording.yaml").read_text()
     assert "kind: free" in text
     assert "can: can.log" in text
-    recorder.end()
+    recorder.end(signal.SIGKILL)
     assert "built-in approximation" in text
+    trial = insole_daemon.load(recorder.out)
+    assert [len(foot) for foot in trial.feet] == [0, 0]
+    assert trial.warnings == (f"{recorder.out / 'can.log'}: no frame in it",)
 
 
 def test_killed_it_leaves_everything_up_to_a_second_before(recorder):
