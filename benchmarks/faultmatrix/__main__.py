@@ -31,7 +31,7 @@ def main() -> int:
     rows = []
     began = time.monotonic()
     with subprocess.Popen(
-        [sys.executable, "tests/vcan/uml.py", "--timeout", str(TIMEOUT_S), "--", sys.executable, "-m",
+        [sys.executable, "tests/vcan/uml.py", "--timeout", str(TIMEOUT_S), "--memory", "512M", "--", sys.executable, "-m",
          "benchmarks.faultmatrix.inside", *options.words],
         cwd=CHECKOUT, stdout=subprocess.PIPE, text=True,
     ) as process:  # fmt: skip

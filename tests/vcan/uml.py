@@ -26,12 +26,13 @@ from pathlib import Path
 KERNEL = "linux.uml"
 MODULES = Path("/usr/lib/uml/modules")
 PACKAGES = "user-mode-linux kmod iproute2"
-# In the order they need each other. A newer package may compress them (.ko.xz).
-CAN_MODULES = (
+# CAN, and what else tests need, in the order they need each other. A newer package may compress them (.ko.xz).
+MODULE_FILES = (
     "net/can/can.ko*",
     "net/can/can-raw.ko*",
     "drivers/net/can/dev/can-dev.ko*",
     "drivers/net/can/vcan.ko*",
+    "drivers/net/veth.ko*",  # a cable between two networks
 )
 SYSTEM_PATH = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
 
@@ -121,7 +122,7 @@ def module_files() -> list[Path]:
     """The CAN modules of the kernel that will boot."""
     version = subprocess.run([KERNEL, "--version"], capture_output=True, text=True, check=True).stdout.strip()
     found = []
-    for pattern in CAN_MODULES:
+    for pattern in MODULE_FILES:
         match = sorted((MODULES / version / "kernel").glob(pattern))
         if not match:
             raise UmlError(
