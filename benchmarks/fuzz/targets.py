@@ -23,7 +23,7 @@ from insole_daemon.bus.candump import CandumpReader
 from insole_daemon.bus.candump_line import BadLine, parse
 from insole_daemon.bus.error_frames import count_kinds
 from insole_daemon.bus.frames import FrameBatch
-from insole_daemon.bus.gate import never_a_command, refusal
+from insole_daemon.bus.rules import never_a_command, refusal
 from insole_daemon.documents import read
 from insole_daemon.physics import calibration, zero
 from insole_daemon.recording import document, reference

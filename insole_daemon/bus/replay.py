@@ -13,7 +13,7 @@ from ..errors import InsoleError
 from .candump import read
 from .error_frames import count_kinds
 from .frames import ERROR, EXTENDED, FD, FrameBatch
-from .gate import never_a_command
+from .rules import never_a_command
 from .sink import FrameSink
 from .source import BusCounters
 

@@ -1,4 +1,7 @@
-"""The one contract of everything frames go to; who opened a bus, to read it or to send, closes it."""
+"""The one contract of everything frames go to; who opened a bus, to read it or to send, closes it.
+
+Both sinks ask `rules` about every frame before the first one is sent.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +16,7 @@ from numpy.typing import NDArray
 
 from ..errors import BusError
 from .frames import ERROR, EXTENDED, REMOTE, FrameBatch
+from .rules import check_may_leave
 
 PATIENCE_S = 1.0  # a transmit queue that takes nothing for so long is stuck
 _RETRY_S = 0.0005  # some four frames of a 1 Mbit/s bus
@@ -27,7 +31,7 @@ class FrameSink(Protocol):
     """Takes frames, in order; their times are not looked at."""
 
     def send(self, batch: FrameBatch) -> None:
-        """Hand the frames to the interface, all of them; raises BusError when it does not take them."""
+        """Hand the frames to the interface, all of them; raises BusError when it does not take them, or may not."""
         ...
 
 
@@ -61,6 +65,7 @@ class SocketCanSink:
 
     def send(self, batch: FrameBatch) -> None:
         """See FrameSink; waits while the interface's transmit queue is full."""
+        check_may_leave(batch)
         raw = can_frames(batch).tobytes()
         send = self._socket.send
         for at in range(0, len(raw), 16):
@@ -96,6 +101,7 @@ class PythonCanSink:
         """See FrameSink."""
         import can
 
+        check_may_leave(batch)
         try:
             for can_id, dlc, flags, data in zip(
                 batch.can_id.tolist(),

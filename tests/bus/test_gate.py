@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import itertools
+import re
+from pathlib import Path
 
 import can
 import numpy as np
 import pytest
 
+import insole_daemon
 from insole_daemon.bus.frames import ERROR, EXTENDED, FD, REMOTE, FrameBatch
-from insole_daemon.bus.gate import Gate, never_a_command, refusal
+from insole_daemon.bus.gate import Gate
 from insole_daemon.bus.recovering import RecoveringSource
+from insole_daemon.bus.rules import check_may_leave, never_a_command, refusal
+from insole_daemon.bus.sink import PythonCanSink, SocketCanSink
 from insole_daemon.config import Bus
 from insole_daemon.errors import BusError
 
@@ -183,3 +188,93 @@ def test_it_sends_on_the_bus_that_is_read():
             source.wait(0.1)
         assert source.drain().can_id.tolist() == [0x450], "what is sent there is not received there"
     source.close()
+
+
+# ---- what leaves by whichever way: a sink is all there is between this process and a bus
+
+# (class, first byte) that reboot a board into its bootloader, write its flash or rewrite its address
+FATAL = [(7, first) for first in (0x00, 0x01, 0x02, 0x03, 0x04, 0x0D, 0x32)] + [(2, 0x32)]
+
+
+def all_ids(dlc, first):
+    """Every 11-bit identifier with one first byte, the rest of a good frame where there is one."""
+    n, zero, nothing = 1 << 11, np.zeros(1 << 11, np.int64), np.zeros(1 << 11, np.uint8)
+    data = np.zeros((n, 8), np.uint8)
+    if dlc:
+        data[:, :dlc] = np.frombuffer(GOOD.get(first, bytes([first]))[:dlc].ljust(dlc, b"\0"), np.uint8)
+    ids = np.arange(n, dtype=np.uint32)
+    return FrameBatch(zero, zero, nothing, ids, np.full(n, dlc, np.uint8), data, nothing)
+
+
+def may_leave(frames):
+    try:
+        check_may_leave(frames)
+    except BusError:
+        return False
+    return True
+
+
+class Bus11:
+    """Stands for a CAN socket and for a python-can bus."""
+
+    def __init__(self):
+        self.left = []
+
+    def send(self, frame, *_, **__):
+        self.left.append(frame)
+
+
+@pytest.mark.parametrize("sink_of", [lambda bus: SocketCanSink(bus, "can0"), lambda bus: PythonCanSink(bus, "can0")])
+def test_no_sink_lets_a_fatal_command_out(sink_of):
+    for (cls, first), source, destination in itertools.product(FATAL, range(16), range(16)):
+        answer = cls == 2 and destination == 0 and 1 <= source <= 14  # of a board, to the host
+        for dlc in range(1, 9):
+            bus = Bus11()
+            can_id = cls << 8 | source << 4 | destination
+            frame = all_ids(dlc, first)[can_id : can_id + 1]
+            if answer:
+                continue
+            with pytest.raises(BusError, match="is not sent"):
+                sink_of(bus).send(frame)
+            assert bus.left == []
+
+
+def test_what_leaves_a_sink_of_every_identifier_with_every_first_byte_at_every_length():
+    commands = set()
+    for dlc, first in itertools.product(range(9), range(256)):
+        if dlc == 0 and first:
+            continue
+        frames = all_ids(dlc, first)
+        harmless = never_a_command(frames)
+        assert may_leave(frames[harmless])
+        for row in np.flatnonzero(~harmless).tolist():
+            if refusal(row, frames.data[row, :dlc].tobytes()) is None:
+                commands.add((row, frames.data[row, :dlc].tobytes()))
+    assert commands == ALLOWED, "beside what no board obeys, the list and nothing else"
+    for can_id, payload in sorted(ALLOWED):
+        assert may_leave(all_ids(len(payload), payload[0])[can_id : can_id + 1])
+
+
+def test_one_bad_frame_holds_back_all_that_come_with_it():
+    frames = all_ids(1, 0x32)
+    for sink_of in (SocketCanSink, PythonCanSink):
+        bus = Bus11()
+        with pytest.raises(BusError, match=r"the frame 200 .*is not sent"):
+            sink_of(bus, "can0").send(frames[0x1F8:0x208])
+        assert bus.left == []
+
+
+def test_nothing_but_the_sinks_writes_to_a_bus():
+    package = Path(insole_daemon.__file__).parent
+    source = {path.relative_to(package).as_posix(): path.read_text() for path in package.rglob("*.py")}
+    of_can = {name for name, text in source.items() if re.search(r"^ *(import can\b|from can\b)", text, re.MULTILINE)}
+    assert of_can == {
+        "bus/pythoncan.py", "bus/sink.py", "bus/socketcan.py", "recording/import_can.py", "service/doctor/can.py",
+    }  # fmt: skip
+    assert {name for name, text in source.items() if "can.Message(" in text} == {"bus/sink.py"}
+    assert {name for name, text in source.items() if "can_frames(" in text} == {"bus/sink.py"}
+    for name in of_can - {"bus/sink.py"}:
+        assert not re.search(r"\.send(to|msg|all|_periodic)?\(", source[name]), name
+    raw = {name for name, text in source.items() if "CAN_RAW" in text}
+    for name in raw - {"bus/sink.py"}:
+        assert not re.search(r"\.(send(to|msg|all)?|write)\(", source[name]), name

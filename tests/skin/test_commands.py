@@ -6,7 +6,7 @@ import itertools
 
 import pytest
 
-from insole_daemon.bus.gate import refusal
+from insole_daemon.bus.rules import refusal
 from insole_daemon.config import Board
 from insole_daemon.errors import BusError
 from insole_daemon.skin import commands
