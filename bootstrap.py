@@ -7,6 +7,7 @@
 
 Needs no root, no compiler and no pip: the package goes into .venv beside this file, and where Python comes
 without pip (Debian without python3-venv), pip is fetched. Later runs start at once.
+What is installed is what locks/ names: every package in one version, with the hashes that its files must have.
 """
 
 from __future__ import annotations
@@ -78,9 +79,14 @@ def prepare(extras: set[str]) -> None:
     wanted: dict[str, Any] = {
         "checkout": str(HERE),
         "python": f"{sys.version_info.major}.{sys.version_info.minor}",
-        "pyproject": hashlib.sha256((HERE / "pyproject.toml").read_bytes()).hexdigest(),
+        "pyproject": sha256(HERE / "pyproject.toml"),
         "extras": sorted(extras | set(state.get("extras", []))),  # what an earlier run installed stays
     }
+    locks = [HERE / "locks" / f"{name}.txt" for name in ("base", *wanted["extras"])]
+    for lock in locks:
+        if not lock.exists():
+            raise BootstrapError(f"expected one of the extras of pyproject.toml, found {lock.stem!r}")
+    wanted["locks"] = [sha256(lock) for lock in locks]
     if state == wanted and PYTHON.exists():
         return
 
@@ -89,9 +95,14 @@ def prepare(extras: set[str]) -> None:
         say(f"making {VENV} with Python {wanted['python']}")
         make_venv()
     say("installing the package and what it needs (a minute or so, once)")
-    with_extras = f"[{','.join(wanted['extras'])}]" if wanted["extras"] else ""
-    pip("install", "--only-binary=:all:", "--editable", f"{HERE}{with_extras}")
+    pip("install", "--only-binary=:all:", "--require-hashes", *(f"--requirement={lock}" for lock in locks))
+    pip("install", "--no-deps", "--no-build-isolation", "--editable", str(HERE))  # built by what has just been checked
     write_state(wanted)
+
+
+def sha256(file: Path) -> str:
+    """Of what is in it."""
+    return hashlib.sha256(file.read_bytes()).hexdigest()
 
 
 def read_state() -> dict[str, Any]:

@@ -85,9 +85,8 @@ def test_watch_prints_json_lines_that_parse(demo):
 
 
 def test_watch_prints_text_and_survives_a_reader_that_goes(demo):
-    done = subprocess.run(
-        f"{INSOLE} watch 'insole/demo/left/wrench' | head -n 2", shell=True, capture_output=True, text=True, timeout=30
-    )
+    command = f"{INSOLE} watch 'insole/demo/left/wrench' | head -n 2"
+    done = subprocess.run(["sh", "-c", command], capture_output=True, text=True, timeout=30)
     assert [line.split()[0] for line in done.stdout.splitlines()] == ["insole.wrench/2"] * 2
     assert "Traceback" not in done.stderr
 
