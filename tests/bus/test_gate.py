@@ -140,6 +140,20 @@ def test_what_is_played_again_is_no_command_at_any_identifier_with_any_first_byt
             assert len(passed - board_sends - overflow) == 6 * 256, "what boards stream, and other nodes"
 
 
+def test_nothing_but_standard_frames_is_played_again():
+    n = 1 << 11
+    zero, nothing = np.zeros(n, np.int64), np.zeros(n, np.uint8)
+    ids, dlc, data = np.arange(n, dtype=np.uint32), np.full(n, 8, np.uint8), np.zeros((n, 8), np.uint8)
+    of_boards = (ids >> 8 != 2) & (ids >> 8 != 7)
+    for flags in range(1, 16):
+        frames = FrameBatch(zero, zero, nothing, ids, dlc, data, np.full(n, flags, np.uint8))
+        expected = of_boards if flags == REMOTE else np.zeros(n, np.bool_)
+        assert np.array_equal(never_a_command(frames), expected), flags
+    for higher in (1 << 11, 1 << 12, 1 << 16, 1 << 28, 1 << 31):  # beyond 11 bits without saying so
+        frames = FrameBatch(zero, zero, nothing, ids | np.uint32(higher), dlc, data, nothing)
+        assert not never_a_command(frames).any()
+
+
 def test_nothing_at_all_unless_the_configuration_says_so():
     sink = Sink()
     gate = Gate(lambda: sink, configure=False)

@@ -35,6 +35,14 @@ def test_absent_triangles_stay_disabled():
     assert first[2:] == again
 
 
+def test_the_thermometers_commands():
+    """embot_prot_can_analog_polling.cpp: 0x39 which thermometers (a mask), 0x3A the period in seconds."""
+    assert commands.thermometer_configuration(3) == commands.Command(0x203, b"\x39\x01")
+    assert commands.thermometer_period(14, 5) == commands.Command(0x20E, b"\x3a\x05")
+    assert commands.version_query(1) == commands.Command(0x201, b"\x1c\x02\x00")
+    assert commands.discovery() == commands.Command(0x70F, b"\xff")
+
+
 def test_runs():
     assert commands.runs([]) == []
     assert commands.runs([3, 1, 2, 2, 7]) == [(1, 3), (7, 7)]
@@ -67,11 +75,14 @@ def test_everything_encoded_passes_the_gate():
         (lambda: commands.board_configuration(5, 0, 0, 240), "period_ms: boards take 1 to 209, found 0"),
         (lambda: commands.board_configuration(5, 0, 210, 240), "period_ms: boards take 1 to 209, found 210"),
         (lambda: commands.board_configuration(5, 0, 20, 256), "no_load"),
-        (lambda: commands.triangle_configuration(5, 0, 16, 3, True), "last triangle"),
+        (
+            lambda: commands.triangle_configuration(5, 0, 16, 3, True),
+            "^board 5: last triangle: boards take 0 to 15, found 16",
+        ),
         (lambda: commands.triangle_configuration(5, 3, 2, 3, True), "first triangle"),
         (lambda: commands.triangle_configuration(5, 0, 15, 8, True), "shift: boards take 0 to 7, found 8"),
         (lambda: commands.triangle_configuration(5, 0, 15, 3, True, 0x4000), "CDC offset"),
-        (lambda: commands.thermometer_period(5, 256), "seconds"),
+        (lambda: commands.thermometer_period(5, 256), "^board 5: seconds: boards take 0 to 255, found 256"),
     ],
 )
 def test_arguments_out_of_range(make, words):
@@ -84,8 +95,8 @@ def test_answers():
     address, identity = commands.read_discovery(0x750, mtb4)
     assert (address, identity.name, identity.firmware, identity.bootloader) == (5, "MTB4", (1, 25, 0), False)
     assert commands.read_discovery(0x750, mtb4[:4])[1].bootloader
-    address, identity = commands.read_version(0x2E0, bytes.fromhex("1C 05 02 11 00 01 00 00"))
-    assert (address, identity.name, identity.firmware, identity.protocol) == (14, "MTB", (2, 17, 0), (1, 0))
+    address, identity = commands.read_version(0x2E0, bytes.fromhex("1C 05 02 11 00 01 02 03"))
+    assert (address, identity.name, identity.firmware, identity.protocol) == (14, "MTB", (2, 17, 0), (1, 2))
     assert commands.read_temperature(0x35E, bytes.fromhex("01 01 01 00 00")) == (5, 25.7)
     assert commands.read_temperature(0x35E, bytes.fromhex("01 FB FF 00 00")) == (5, -0.5)
     assert commands.Identity(99, (1,)).name == "type 99"
@@ -102,6 +113,12 @@ def test_answers():
         (commands.read_version, 0x250, "1C 0B 01"),
         (commands.read_temperature, 0x35E, "40 F0 F0 F0 F0 F0 F0 F0"),  # triangle 14 of an MTB3
         (commands.read_temperature, 0x45E, "01 01 01 00 00"),
+        # of the right length and another first byte, and the other way round
+        (commands.read_discovery, 0x750, "FE 0B 01 19 00"),
+        (commands.read_discovery, 0x750, "FF 0B 01"),
+        (commands.read_version, 0x250, "1D 0B 01 19 00 02 00 01"),
+        (commands.read_temperature, 0x35E, "02 01 01 00 00"),
+        (commands.read_temperature, 0x35E, "01 01 01 00"),
     ],
 )
 def test_what_is_no_answer(read, can_id, payload):
