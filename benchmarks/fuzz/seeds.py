@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import io
 import json
+import math
 import struct
 import tempfile
 import zipfile
 from collections.abc import Iterator, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args, get_origin
 
+import msgpack
 import numpy as np
 import scipy.io
 
@@ -24,8 +26,7 @@ from insole_daemon.recording.export_mcap import export_mcap
 from insole_daemon.recording.loading import load
 from insole_daemon.recording.writer import ReferenceContents, write
 from insole_daemon.service.foot import Foot, load_feet
-from insole_daemon.skin.cycles import Cycles
-from insole_daemon.wire.messages import BY_KEY, Event, Health, Message
+from insole_daemon.wire.messages import BY_KEY, Array, Message, wire_fields
 from insole_daemon.wire.requests import pack
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -209,23 +210,29 @@ def counts() -> list[bytes]:
     return [_recorded()["counts.npz"], stored.getvalue()]
 
 
+def _made(cls: type[Message]) -> Message:
+    """One of its kind that its schema allows."""
+    sizes: dict[str | int, int] = {"n_triangles": 2, "n_coefficients": 3}
+    said: dict[str, Any] = {}
+    for name, hint in wire_fields(cls).items():
+        arrays = [extra for extra in getattr(hint, "__metadata__", ()) if isinstance(extra, Array)]
+        if arrays:
+            shape = [sizes.get(axis, axis) for axis in arrays[0].shape]
+            said[name] = bytes(np.dtype(arrays[0].dtype).itemsize * math.prod(map(int, shape)))
+        elif get_origin(hint) is Literal:
+            said[name] = get_args(hint)[0]
+        else:
+            plain = next(
+                (kind for kind in (bool, int, float, str, dict, list) if kind in (hint, get_origin(hint))), None
+            )
+            said[name] = {bool: False, int: 7, float: 0.5, str: "words", dict: {}, list: []}[plain] if plain else None
+    return cls.decode(msgpack.packb(said | {name: n for name, n in sizes.items() if name in said}))
+
+
 @cache
 def _messages() -> dict[str, Message]:
     """One of every kind."""
-    foot = _foot()
-    n = foot.n_triangles
-    t_ns, no, each = np.array([30_000_000]), np.zeros(1, np.bool_), np.zeros((1, n), np.int64)
-    cycles = Cycles(
-        t_ns, t_ns, np.full((1, n, 12), 200, np.uint8), each.astype(np.uint16), each, each, each,
-        each.astype(np.bool_), no, no,
-    )  # fmt: skip
-    raw, pressure, wrench = foot.messages(cycles, 0)
-    health = Health(
-        "left", 1, 2.0, "ok", {"published": 1}, 50.0, {"p50": None}, [{"address": 5}], [], {"frames": 1}, {}, {}
-    )
-    event = Event("left", 1, "toe_off", "text", [5], figures={"stance_s": 0.7})
-    every = (raw, pressure, wrench, health, event, foot.meta(), foot.calibration_in_use())
-    return dict(zip(BY_KEY, every, strict=True))
+    return {kind: _made(cls) for kind, cls in BY_KEY.items()}
 
 
 def messages() -> list[bytes]:

@@ -143,7 +143,8 @@ class Hub:
 
     def _describe(self, meta: Meta) -> None:
         self._feet[meta.foot].meta = meta
-        said = {name: value for name, value in dataclasses.asdict(meta).items() if name not in ("xy_m", "zero")}
+        said = {name: value for name, value in dataclasses.asdict(meta).items() if name != "zero"}
+        said = {name: value for name, value in said.items() if not isinstance(value, np.ndarray)}
         said["xy_mm"] = np.round(np.nan_to_num(meta.xy_m).astype(np.float64) * 1e3, 2).reshape(-1).tolist()
         self.stand(f"meta {meta.foot}", said)
 
