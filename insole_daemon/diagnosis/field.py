@@ -53,8 +53,7 @@ class Field:
     @property
     def t_s(self) -> Array:
         """(N,) of the rows, on the simulation's clock."""
-        found: Array = self.start_s + self.step_s * np.arange(len(self.courses))
-        return found
+        return np.asarray(self.start_s + self.step_s * np.arange(len(self.courses)), np.float64)
 
     def load(self, shapes: Array, age_s: Array) -> Load:
         """The load on m places that have `shapes` (m, r), each `age_s` (m,) earlier, on the simulation's clock."""

@@ -39,7 +39,7 @@ class Load:
     @property
     def has_places(self) -> bool:
         """Whether it differs from taxel to taxel."""
-        return self.pressure_pa.shape[1] > 1
+        return bool(self.pressure_pa.shape[1] > 1)
 
     @property
     def t_s(self) -> Array:
