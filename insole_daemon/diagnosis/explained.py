@@ -21,6 +21,7 @@ from .fit import Hypothesis
 from .groups import Located, Named
 from .modelling import FAMILY, N_LOADS, Curves, as_effect, quantities
 from .places import merged, said, where
+from .regimes import gained, regime, when
 
 LOOPS = ("hysteresis", "creep", "viscoelasticity")  # whose amplitude is stated too, as the format wants
 
@@ -116,9 +117,11 @@ def _named(insole: Insole, word: str, place: Where, named: Named, decided: Decid
     but = f" Predicted better without it, and so against it: {', '.join(others_say)}." if others_say else ""
     others = decided.alternatives[word]
     or_else = f", or {' or '.join(others)}, which these recordings cannot tell from it" if others else ""
+    gain = gained(named.group.evidence, decided.alone[word], decided.best)
     finding = Finding(
         effect=word, foot=insole.foot, where=place, recordings=shows, contradicted_by=others_say, alternatives=others,
-        equation=laws()[word].equation, parameters=parameters,
+        equation=laws()[word].equation, parameters=parameters, regime=regime(gain),
+        when_s=when(gain, insole.recordings.index(shows[0])),
         explains=insole.mean_square(named) * max(left[0] - left[1], 0.0),
         heldout_count=(before, after), confidence=decided.confidence[word],
         sentence=f"{said(place)}: {word}{or_else}. On readings that were held out it takes the error from {before:.2f} "
