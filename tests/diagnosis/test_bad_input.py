@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -10,8 +12,9 @@ from typer.testing import CliRunner
 
 from insole_daemon.cli import app
 from insole_daemon.errors import InsoleError
+from insole_daemon.recording import counts as counts_file
 
-from .chamber import LAYOUT, write
+from .chamber import KEPT, LAYOUT, WHOLE, write
 
 
 def refused(status: int, *arguments: object, out: Path) -> str:
@@ -76,6 +79,41 @@ def test_a_reference_that_never_moves(tmp_path):
     rows = [f"{1_750_000_000 + 0.5 * i},0.0" for i in range(80)]
     (folder / "reference.csv").write_text("\n".join(["time_s,pressure_pa", *rows]) + "\n")
     assert "expected a load that rises and falls" in refused(4, folder, out=tmp_path / "out")
+
+
+def test_two_insoles(tmp_path):
+    folders = [write(tmp_path / name, seconds=30.0) for name in ("first", "second")]
+    layout = folders[1] / "layout.yaml"
+    layout.write_text(re.sub(r"x_mm: ([0-9.]+)", lambda found: f"x_mm: {float(found[1]) + 5}", layout.read_text()))
+    assert "these are two insoles" in refused(4, *folders, out=tmp_path / "out")
+
+
+def test_two_feet(tmp_path):
+    right = replace(LAYOUT, foot="right")
+    folders = [write(tmp_path / "left", seconds=30.0), write(tmp_path / "right", seconds=30.0, layout=right)]
+    for path in folders[1].iterdir():
+        if path.suffix in (".yaml", ".json"):
+            path.write_text(path.read_text().replace("left", "right"))
+    table = counts_file.read(folders[1] / "counts.npz", {"left": len(LAYOUT)})["left"]
+    (folders[1] / "counts.npz").unlink()
+    counts_file.write(folders[1] / "counts.npz", {"right": table})
+    assert "diagnose the feet one by one" in refused(4, *folders, out=tmp_path / "out")
+
+
+def test_a_simulation_of_another_layout(tmp_path):
+    folder = write(tmp_path / "trial", seconds=30.0)
+    rows = [row + 2 for row in KEPT]
+    others = replace(LAYOUT, triangles=tuple(WHOLE.triangles[row] for row in rows), xy_m=WHOLE.xy_m[rows])
+    other = write(tmp_path / "simulated", seconds=30.0, layout=others)
+    said = refused(4, folder, "--simulation", other, out=tmp_path / "out")
+    assert "simulated" in said
+    assert "layout" in said
+
+
+def test_a_simulation_of_another_duration(tmp_path):
+    folder = write(tmp_path / "trial", seconds=30.0)
+    said = refused(4, folder, "--simulation", write(tmp_path / "longer", seconds=70.0), out=tmp_path / "out")
+    assert "lasts 30 s, found one of 70 s" in said
 
 
 def test_a_recording_without_a_reference(tmp_path):
