@@ -17,6 +17,8 @@ from .jumps import Jump
 from .modelling import Curves
 from .observed import Observed
 from .places import merged, said, where
+from .reference_faults import WORD as REFERENCE
+from .reference_faults import Fault
 from .static import Change, changes, compare
 
 MOST_RATE = 1e-4  # a clock's rate error from which on it is a finding: the format's
@@ -56,10 +58,24 @@ def of_spikes(insole: Insole, name: str, spikes: tuple[tuple[float, float], ...]
         return []
     return [
         Finding(
-            effect="reference_fault", foot=insole.foot, where=where(insole.slots, insole.slots, insole.layout),
+            effect=REFERENCE, foot=insole.foot, where=where(insole.slots, insole.slots, insole.layout),
             recordings=(name,), when_s=spikes,
             sentence=f"The reference of {name} has {len(spikes)} spikes that no taxel knows of; they were taken out.",
         )
+    ]  # fmt: skip
+
+
+def of_reference(insole: Insole, faults: Sequence[Fault]) -> list[Finding]:
+    """References that stepped or drifted: all taxels are off at once, each as its curve is steep."""
+    said_of = {"step": "steps by {:+.2f} kPa", "drift": "drifts by {:.2f} kPa"}
+    return [
+        Finding(
+            effect=REFERENCE, foot=insole.foot, where=where(insole.slots, insole.slots, insole.layout),
+            recordings=(each.recording,), when_s=each.when_s, explains=each.explains_count2,
+            sentence=f"The reference of {each.recording} {said_of[each.kind].format(each.size_pa / 1e3)}, of which no "
+            "taxel knows: the readings are off in proportion to the slopes of their curves. It was taken out.",
+        )
+        for each in faults
     ]  # fmt: skip
 
 

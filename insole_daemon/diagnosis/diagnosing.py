@@ -36,6 +36,7 @@ from .groups import Located, locate
 from .observed import Observed
 from .observing import observe
 from .outcome import Outcome, verdict
+from .reference_faults import Fault, without_drift, without_steps
 from .simulated import Mapped
 
 HIDDEN_IN_PLACES = {
@@ -94,10 +95,19 @@ def diagnose(
     excited = excitation(observed)
     slots = observed[0].slots
     noise = np.sqrt(np.mean([each.noise_count**2 for each in observed], axis=0))
+    faults: list[Fault] = []
+    if simulation is None:
+        observed, faults = without_steps(observed, noise)
     found_jumps = _jumps(observed, slots, noise)
     every = candidates(excited)
     admitted = {word: each for word, each in every.items() if each.needs(excited) is None}
-    located = locate(observed, admitted, noise, jumping.columns(observed, found_jumps), deadline, progress)
+    jumps = jumping.columns(observed, found_jumps)
+    located = locate(observed, admitted, noise, jumps, deadline, progress)
+    if simulation is None:
+        observed, drifts = without_drift(observed, noise, located)
+        if drifts:
+            faults += drifts
+            located = locate(observed, admitted, noise, jumps, deadline, progress)
     progress("asking every recording, and decoys")
     tested = tuple(challenged(agreed(each, admitted, deadline)) for each in located.named)
     located = replace(located, named=tested)
@@ -119,6 +129,7 @@ def diagnose(
     findings += [
         finding for name, when in zip(names, spikes, strict=True) for finding in beside.of_spikes(insole, name, when)
     ]
+    findings += beside.of_reference(insole, faults)
     jumped = beside.of_jumps(insole, observed, found_jumps)
     late = beside.of_delays(insole, observed, located)
     findings += [*jumped, *late]

@@ -54,6 +54,13 @@ def strongest(observed: Observed, residual_count: Array) -> Jump | None:
     return found
 
 
+def abrupt(t_s: Array, x: Array) -> float | None:
+    """When (n,) `x` jumps most, if it does so at once."""
+    side = max(round(SIDE_S / float(np.median(np.diff(t_s)))), 2)
+    p = int(np.argmax(np.abs(_steps(x, side))))
+    return float(t_s[p]) if _abrupt(x, p, side) else None
+
+
 def unrest(observed: Observed, residual_count: Array, boards: tuple[int, ...]) -> float:
     """Mean square of what boards do that the others do not, counts²."""
     mean, every = _boards(observed, residual_count)
