@@ -2,8 +2,8 @@
 
     python -m benchmarks.faultmatrix [WORD...] [--out docs/fault-matrix.md]
 
-Takes about a quarter of an hour, and the packages of tests/vcan/run. Where this kernel has no vcan the rows run on
-User Mode Linux (one processor, slow system calls). A WORD chooses the rows with it in their group or name; without
+Takes about a quarter of an hour, and User Mode Linux (apt-get install user-mode-linux kmod iproute2): a kernel of its
+own, whose clock may be set and whose interfaces may go. A WORD chooses the rows with it in their group or name; without
 one and with --out, the table is written.
 """
 
@@ -30,11 +30,9 @@ def main() -> int:
     options = parser.parse_args()
     rows = []
     began = time.monotonic()
-    with subprocess.Popen(
-        [sys.executable, "tests/vcan/uml.py", "--timeout", str(TIMEOUT_S), "--memory", "512M", "--", sys.executable, "-m",
-         "benchmarks.faultmatrix.inside", *options.words],
-        cwd=CHECKOUT, stdout=subprocess.PIPE, text=True,
-    ) as process:  # fmt: skip
+    inside = [sys.executable, "-m", "benchmarks.faultmatrix.inside", *options.words]
+    kernel = [sys.executable, "tests/vcan/uml.py", "--timeout", str(TIMEOUT_S), "--memory", "512M", "--"]
+    with subprocess.Popen([*kernel, *inside], cwd=CHECKOUT, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         for line in process.stdout:
             rows.append(json.loads(line) | {"load": os.getloadavg()[0]})

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.faultmatrix.rig import FAR, INTERFACES, NEAR, PORT, SETTLE_S, Rig, ip
+from benchmarks.restart import restart_sec
 
 NETWORK_S, PROCESS_S = 1.0, 3.0
 T, FOR_S = SETTLE_S + 0.5, 2.0  # of a fault that boards have by themselves: when, and for how long
@@ -312,17 +313,11 @@ def _(folder: Path) -> Run:
     with rig.fault():
         rig.daemon.kill()
         rig.daemon.wait()
-    time.sleep(_restart_s())
+    time.sleep(restart_sec())
     rig.start_daemon()
     ready_s = (time.monotonic_ns() - rig.ended_ns) * 1e-9
     rig.finish(ready_s + 4)
     return f"ready to read {ready_s:.2f} s after its end, most of which Python takes to start on this kernel"
-
-
-def _restart_s() -> float:
-    unit = Path(__file__).parents[2] / "systemd" / "insole-daemon.service"
-    (line,) = (line for line in unit.read_text().splitlines() if line.startswith("RestartSec="))
-    return float(line.removeprefix("RestartSec=").removesuffix("ms")) / 1000
 
 
 @row("host", "disk full: state folder and log")
