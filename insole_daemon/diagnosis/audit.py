@@ -35,7 +35,7 @@ LEAP_COUNT, LEAPS = (
     2,
 )  # (a snap is less) further than the other taxels from one cycle to the next, and how often: a loose contact
 BURST_S = 0.3
-WINDOW_S = 0.5
+WINDOW_S = 1.0
 GAP_PERIODS = 1.6
 MOST_LOST = 0.003  # of all cycles: fewer are what a bus loses
 REPEATS = 5  # equal readings of all of a triangle in a row: no converter is that slow
