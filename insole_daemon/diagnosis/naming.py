@@ -24,6 +24,9 @@ MOST_EFFECTS = 3
 # What one more effect has to take away: of the whole excess, and of what the smaller set leaves. A small one has to
 # explain nearly all that is left.
 PRICES = ((0.04, 0.5), (0.008, 0.8))
+LEAST_FITTED = 0.3  # of what the smaller set leaves, that has to go on the blocks that were fitted to as well
+FIRST_STEPS = 4  # that every subset is fitted for
+FITTED = 12  # subsets of each size that are fitted to the end
 KEPT = 6  # subsets of each size that are tried with blocks held out
 N_FOLDS = 5
 FOLD_S = 8.0  # blocks of rows that are held out together: longer than most memory of the noise
@@ -122,9 +125,11 @@ def name(evidence: Evidence, candidates: Mapping[str, Candidate], floor: float, 
         # What is left is less than one more effect costs: no larger set could win.
         if best.left_heldout <= PRICES[-1][0] or (size > 1 and time.monotonic() > deadline):
             break
-        for words in combinations(candidates, size):
-            fitted = _fitted(evidence, candidates, words, by_words)
-            by_words[words] = Tried(words, fitted, (fitted.mean_square() - floor) / excess)
+        # All are begun; those that come nearest are fitted to the end.
+        begun = [_begun(evidence, candidates, words, by_words) for words in combinations(candidates, size)]
+        begun.sort(key=lambda fitted: fitted.cost)
+        for fitted in [*(_finished(evidence, each) for each in begun[:FITTED]), *begun[FITTED:]]:
+            by_words[fitted.words] = Tried(fitted.words, fitted, (fitted.mean_square() - floor) / excess)
         promising = sorted((t for t in by_words.values() if len(t.words) == size), key=lambda t: t.left)[:KEPT]
         judged |= {tried.words: judge(tried) for tried in promising}
         best = cheapest(judged.values())
@@ -169,13 +174,15 @@ def worth(smaller: Tried, larger: Tried) -> bool:
     more = len(larger.words) - len(smaller.words)
     left = min(max(_left(smaller), 0.0), 1.0)  # more than the whole is what a free curve invents where it has to guess
     gain = left - _left(larger)
+    if smaller.left - larger.left < LEAST_FITTED * smaller.left:
+        return False  # it makes the fit of what the smaller set has steadier, and adds nothing
     return any(gain > price * more and gain > (1 - (1 - share) ** more) * left for price, share in PRICES)
 
 
-def _fitted(
+def _begun(
     evidence: Evidence, candidates: Mapping[str, Candidate], words: Words, by_words: Mapping[Words, Tried]
 ) -> Fitted:
-    """`words` fitted from the subsets one smaller, each with the best start of the word it lacks."""
+    """`words` after a few steps from the subsets one smaller, each with the best start of the word it lacks."""
     hypothesis = Hypothesis(evidence, [candidates[word] for word in words])
     parents = [(by_words[tuple(w for w in words if w != word)], word) for word in words]
     parents.sort(key=lambda each: each[0].left)
@@ -185,7 +192,12 @@ def _fitted(
     starts[-1][: 2 * len(evidence.observed) * evidence.own_clock] = 0.0
     if not evidence.own_clock:
         starts.pop()
-    return hypothesis.polished(min((hypothesis.fit(start) for start in starts), key=lambda fitted: fitted.cost))
+    return min((hypothesis.fit(start, most_steps=FIRST_STEPS) for start in starts), key=lambda fitted: fitted.cost)
+
+
+def _finished(evidence: Evidence, begun: Fitted) -> Fitted:
+    hypothesis = Hypothesis(evidence, begun.candidates)
+    return hypothesis.polished(hypothesis.fit(begun.theta))
 
 
 def _starts(hypothesis: Hypothesis, parent: Fitted, added: Candidate) -> list[Array]:

@@ -18,6 +18,7 @@ from .field import uniform_load
 from .floor import noise_of_readings
 from .jumps import despiked
 from .observed import Load, Observed, block_starts, stretches
+from .operators import low_pass, plays
 from .readings import filled, together
 
 STEP_S = 0.04  # of the load's grid: finer than a block of cycles
@@ -26,6 +27,8 @@ LEAST_TOLD = 0.3
 USUAL_RATE = 3e-4
 SURE = 0.995  # of the edges explained: there is nothing to look for
 SHARPER = 0.7  # of what is left unexplained, that another rate may leave at the most
+PLAYS = (0.05, 0.15, 0.4)  # of the readings' range
+RELAX_S = (0.5, 3.0, 20.0)
 TEMPERATURE = "temperature_c"
 
 
@@ -71,7 +74,7 @@ def observe(
         # The middle half of the taxels: one that leaps or a board that steps bends edges by seconds.
         mean = -trim_mean(count, 0.25, axis=1)
         x = (mean - mean.mean()) / mean.std()
-        features = np.stack([x**0, x, x**2, x**3], axis=1)
+        features = np.concatenate([np.stack([x**0, x, x**2, x**3], axis=1), _memory(cycle_s, x)], axis=1)
         # Rows without times are no clock: how far they run apart says nothing about quartzes.
         align = clocks.fit if rows else _clock
         found = align(cycle_s, features, reference_s, pressure_pa)
@@ -100,6 +103,14 @@ def observe(
     seen = replace(blocks, count=blocks.blocks(count), temperature_c=temperature)
     when = ((reference_s[a] - offset_s, reference_s[b] - offset_s) for a, b in stretches(spike))
     return seen, tuple((float(a), float(b)) for a, b in when)
+
+
+def _memory(cycle_s: Array, x: Array) -> Array:
+    """(n, k) what a sensor with memory may say beside powers of the readings `x` (n,): a strong one bends edges."""
+    above = (x - x.min())[:, None]
+    loops = plays(above, np.array(PLAYS) * float(np.ptp(x)))[..., 0].T
+    step_s = float(np.median(np.diff(cycle_s)))
+    return np.concatenate([loops, *(low_pass(above, step_s, tau) - above for tau in RELAX_S)], axis=1)
 
 
 def _clock(cycle_s: Array, features: Array, reference_s: Array, pressure_pa: Array) -> Clock:

@@ -29,7 +29,7 @@ def candidate(excitation: Excitation) -> Candidate:
             kept = theta == theta.max()
         return {"r_pa": radii_pa[kept], "w": theta[kept]}
 
-    low, high = bounds(*[(0.0, 0.4)] * len(RADII))
+    low, high = bounds(*[(0.0, 1.0)] * len(RADII))
     return Candidate(
         word="hysteresis",
         order=4,
