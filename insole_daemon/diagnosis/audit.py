@@ -54,8 +54,11 @@ class Audit:
     findings: tuple[Finding, ...]
 
 
-def audit(foot: FootRecording, name: str) -> Audit:
-    """The readings of one foot in recording `name`."""
+def audit(foot: FootRecording, name: str, steps: bool = False) -> Audit:
+    """The readings of one foot in recording `name`; `steps`: it is walked on.
+
+    A heel strike is as short as noise: then bursts and noisy boards are not looked for.
+    """
     n, k = len(foot), len(foot.layout)
     t_s = (foot.t_ns - foot.t_ns[0]) * 1e-9
     counts = foot.counts.reshape(n, -1).astype(np.float64)
@@ -70,7 +73,8 @@ def audit(foot: FootRecording, name: str) -> Audit:
     bad[asked] = share > MOST_INVALID
     findings: list[Finding] = []
     loud = np.zeros_like(bad)
-    for slots, when in _loud_boards(counts, asked[~bad[asked]], foot.layout.identities[:, 0], t_s):
+    boards = foot.layout.identities[:, 0]
+    for slots, when in () if steps else _loud_boards(counts, asked[~bad[asked]], boards, t_s):
         loud[slots] = True
         text = "is far noisier in some stretches than in others, too long to leave them out: the board is left out"
         findings.append(_finding("noise_burst", foot, name, slots, when, text))
@@ -94,7 +98,8 @@ def audit(foot: FootRecording, name: str) -> Audit:
     lost = _lost(foot, t_s) & (~bad.reshape(k, N_TAXELS) & _asked(foot)).any(axis=1)
     bad |= loud
     fresh: NDArray[np.bool_] = ~np.any(lost, axis=1)
-    quiet, bursts = _bursts(counts, lost, np.flatnonzero(~bad & np.isin(np.arange(bad.size), asked)), t_s)
+    quiet_of = np.empty(0, np.intp) if steps else np.flatnonzero(~bad & np.isin(np.arange(bad.size), asked))
+    quiet, bursts = _bursts(counts, lost, quiet_of, t_s)
     for slots, when in bursts:
         findings.append(_finding("noise_burst", foot, name, slots, when, "are far noisier than usual for a while"))
     if (~fresh).mean() > MOST_LOST:

@@ -43,7 +43,8 @@ class Finding:
     equation: str = ""
     parameters: Mapping[str, Quantity] = field(default_factory=dict)
     explains: float = 0.0  # mean square of a reading it takes away, in counts², over all taxels: the findings' order
-    heldout_count: tuple[float, float] | None = None  # before and after it alone is left out
+    heldout: tuple[float, float] | None = None  # before and after it alone is left out
+    unit: str = "count"  # of `heldout`
     confidence: float = 1.0
 
     def document(self) -> dict[str, Any]:
@@ -60,9 +61,9 @@ class Finding:
             "equation": self.equation,
             "parameters": {name: quantity.document() for name, quantity in self.parameters.items()},
         }
-        if self.heldout_count is not None:
-            before, after = self.heldout_count
-            found["heldout"] = {"unit": "count", "before": round(before, 4), "after": round(after, 4)}
+        if self.heldout is not None:
+            before, after = self.heldout
+            found["heldout"] = {"unit": self.unit, "before": round(before, 4), "after": round(after, 4)}
         found["confidence"] = round(self.confidence, 3)
         found["sentence"] = self.sentence
         return found

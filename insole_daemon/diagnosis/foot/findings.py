@@ -1,0 +1,203 @@
+"""What walks were explained by, as findings: effects, rests that wander, and gains that recalibration removes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...physics.effect import Effect, Where
+from ...physics.effect import effect as effect_of
+from ...physics.effects import laws
+from ...physics.law import Array
+from ..finding import Finding, Quantity
+from ..places import said
+from . import modelling
+from .deciding import Decided
+from .evidence import LOADED, Evidence
+from .hypothesis import Hypothesis
+from .naming import Naming, Tried
+
+PHASES = {"loading": (0.0, 0.25), "mid-stance": (0.25, 0.7), "push-off": (0.7, 1.0)}  # of a stance
+LEAST_DRIFT_COUNT, DRIFT_SIGMAS, LEAST_DRIFT = 0.4, 6.0, 0.5  # the last in units of the noise of f_z
+LEAST_GAIN, GAIN_SIGMAS = 0.08, 6.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Explained:
+    """Walks with what was decided of them."""
+
+    evidence: Evidence
+    names: tuple[str, ...]  # of the recordings
+    naming: Naming
+    decided: Decided
+    recalibration: Array  # (j,) by the best set
+
+    def rms(self, tried: Tried, channel: int = 0) -> float:
+        """Of held-out rows, with the noise that the kernel took away: N, or N·m."""
+        assert tried.heldout is not None
+        return self.of(tried.heldout, channel)
+
+    def of(self, left: Array, channel: int = 0) -> float:
+        """RMS of `left` (n, 3), in units of the noise, as N or N·m of unsmoothed sums."""
+        evidence = self.evidence
+        asked = evidence.asked & (evidence.fold >= 0)
+        square = [
+            float(np.mean((left[rows, channel] * part.noise[channel]) ** 2)) + self._taken(i, channel)
+            for i, part in enumerate(evidence.parts)
+            if (rows := asked & (evidence.of_part == i)).any()
+        ]
+        return float(np.sqrt(np.mean(square)))
+
+    def floor(self, channel: int = 0) -> float:
+        """What the noise of both sides comes to, unsmoothed."""
+        parts = self.evidence.parts
+        return float(np.sqrt(np.mean([p.noise[channel] ** 2 + self._taken(i, channel) for i, p in enumerate(parts)])))
+
+    def _taken(self, i: int, channel: int) -> float:
+        part = self.evidence.parts[i]
+        raw = np.hypot(part.walk.noise[channel], part.walk.shoe.noise[channel])
+        return max(float(raw**2 - part.noise[channel] ** 2), 0.0)
+
+
+def named(explained: Explained) -> tuple[list[Finding], list[Effect]]:
+    """The effects, what each explains, and as a model has them."""
+    decided, evidence = explained.decided, explained.evidence
+    foot = evidence.parts[0].walk.layout.foot
+    found, effects = [], []
+    for term in decided.best.terms:
+        without = decided.alone[term.word]
+        place, parameters = modelling.place(term, evidence), modelling.quantities(term, decided.best)
+        effects.append(modelling.effect(term, parameters, evidence))
+        if decided.unknown:
+            continue
+        others = decided.alternatives[term.word]
+        before, after = explained.rms(without), explained.rms(decided.best)
+        or_else = f", or {' or '.join(others)}, which these recordings cannot tell from it" if others else ""
+        against = _contradicted(explained, without)
+        found.append(
+            Finding(
+                effect=term.word, alternatives=others, foot=foot, where=place, equation=laws()[term.word].equation,
+                recordings=tuple(name for name in explained.names if name not in against), contradicted_by=against,
+                regime=_regime(explained, without), parameters=parameters, explains=before**2 - after**2,
+                heldout=(before, after), unit="N", confidence=decided.confidence[term.word],
+                sentence=f"{said(place)}: {term.word}{or_else}. On steps that were held out it takes the error of the "
+                f"force from {before:.1f} to {after:.1f} N.",
+            )
+        )  # fmt: skip
+    if decided.unknown:
+        nearest = " and ".join(sorted(decided.best.words)) or "none of the known effects"
+        left = (decided.best.left - 1) / max(explained.naming.static.left - 1, 1e-9)
+        found.append(
+            Finding(
+                effect="unknown", foot=foot, where=Where(), recordings=explained.names, confidence=0.9, unit="N",
+                regime=_regime(explained, explained.naming.static),
+                explains=explained.rms(explained.naming.static) ** 2, heldout=(explained.rms(explained.naming.static),) * 2,
+                sentence=f"The insole differs from its static model by {explained.rms(explained.naming.static):.1f} N, and "
+                f"no known effect explains it; {nearest} comes nearest and leaves {min(left, 1.0):.0%} of it.",
+            )
+        )  # fmt: skip
+    return found, effects
+
+
+def drifts(explained: Explained) -> tuple[list[Finding], list[Effect]]:
+    """Boards whose rest wanders, of each recording; a model has those of the first."""
+    evidence, found, effects = explained.evidence, list[Finding](), list[Effect]()
+    std = np.sqrt(np.diag(evidence.covariance))
+    at = evidence.n_common
+    for i, (part, name) in enumerate(zip(evidence.parts, explained.names, strict=True)):
+        k = (part.drifting.shape[2] - 3) // len(evidence.boards)
+        knots = np.linspace(part.rows_s[0], part.rows_s[-1], k + 1)
+        wandering: list[int] = []
+        curves: dict[int, tuple[Array, Array]] = {}
+        moved = np.zeros(len(part.rows_s))
+        for j, board in enumerate(evidence.boards):
+            own = slice(at + 3 + j * k, at + 3 + (j + 1) * k)
+            # What a rest loses, the static model reads as pressure: the activation grows as the count falls.
+            shift, own_std = explained.recalibration[own], std[own]
+            adds = part.drifting[:, 0, 3 + j * k : 3 + (j + 1) * k] @ shift
+            significant = np.abs(shift).max() > LEAST_DRIFT_COUNT and (np.abs(shift) / own_std).max() > DRIFT_SIGMAS
+            if significant and adds.std() > LEAST_DRIFT * np.hypot(part.walk.noise, part.walk.shoe.noise)[0] / part.noise[0]:
+                wandering.append(board)
+                curves[board] = np.append(0.0, shift), np.append(0.0, own_std)
+                moved += adds
+        at += part.drifting.shape[2]
+        if not wandering:
+            continue
+        place = Where() if len(wandering) == len(evidence.boards) else Where("board", tuple((b,) for b in wandering))
+        shift, own_std = (np.mean([curves[b][which] for b in wandering], axis=0) for which in (0, 1))
+        after = explained.rms(explained.decided.best)
+        before = float(np.hypot(after, (moved * part.noise[0]).std()))
+        parameters = {
+            "t_s": Quantity(knots, np.zeros_like(knots), "s"), "shift_count": Quantity(shift, own_std, "count")
+        }  # fmt: skip
+        found.append(
+            Finding(
+                effect="drift", foot=part.walk.layout.foot, where=place, recordings=(name,), parameters=parameters,
+                equation=laws()["drift"].equation, heldout=(before, after), unit="N", explains=before**2 - after**2,
+                sentence=f"{said(place)}: its rest wanders by up to {np.ptp(shift):.1f} counts, which takes the error of "
+                f"the force from {before:.1f} to {after:.1f} N.",
+            )
+        )  # fmt: skip
+        if i == 0:
+            for board in wandering:
+                effects.append(effect_of("drift", Where("board", ((board,),)), t_s=knots, shift_count=curves[board][0]))
+    return found, effects
+
+
+def gains(explained: Explained) -> list[Finding]:
+    """A gain that the whole insole shares: recalibration removes it."""
+    evidence = explained.evidence
+    gain = explained.recalibration[: evidence.n_common : 2]
+    mean = float(np.mean(gain))
+    std = float(np.std(gain) / np.sqrt(len(gain)))
+    if abs(mean) < max(LEAST_GAIN, GAIN_SIGMAS * std):
+        return []
+    moved = mean * float(np.sqrt(np.mean(np.concatenate([p.force_n for p in evidence.parts]) ** 2)))
+    return [
+        Finding(
+            effect="gain", foot=evidence.parts[0].walk.layout.foot, where=Where(), recordings=explained.names,
+            equation=laws()["gain"].equation, parameters={"gain": Quantity(1 / (1 + mean), std, "1")}, explains=moved**2,
+            sentence=f"The whole insole answers {1 / (1 + mean):.2f} times as much as its calibration says: "
+            "recalibration removes it.",
+        )
+    ]  # fmt: skip
+
+
+def _contradicted(explained: Explained, without: Tried) -> tuple[str, ...]:
+    """Recordings that the effect makes worse."""
+    evidence, best = explained.evidence, explained.decided.best
+    assert best.heldout is not None
+    assert without.heldout is not None
+    found = []
+    for i, name in enumerate(explained.names):
+        rows = evidence.asked & (evidence.fold >= 0) & (evidence.of_part == i)
+        if rows.any() and np.mean(best.heldout[rows] ** 2) > np.mean(without.heldout[rows] ** 2) + explained.naming.price:
+            found.append(name)
+    return tuple(found)
+
+
+def _regime(explained: Explained, without: Tried) -> dict[str, Any]:
+    """In which phase of the step it matters most."""
+    evidence, best = explained.evidence, explained.decided.best
+    assert best.heldout is not None
+    assert without.heldout is not None
+    left = without.heldout**2 - (best.heldout**2 if without is not best else 0.0)
+    phase = np.concatenate([phases(part.force_n, part.contacts) for part in evidence.parts])
+    share = {
+        name: float(left[(phase >= low) & (phase < high) & evidence.asked].sum()) for name, (low, high) in PHASES.items()
+    }
+    return {"phase": max(share, key=lambda name: share[name])}
+
+
+def phases(force_n: Array, contacts: NDArray[np.intp]) -> Array:
+    """(n,) which share of the stance is over, 0 to 1; NaN in the air."""
+    found = np.full(len(force_n), np.nan)
+    low = LOADED[0] * float(force_n.max())
+    for a, b in zip(contacts.tolist(), [*contacts[1:].tolist(), len(force_n)], strict=True):
+        loaded = a + np.flatnonzero(force_n[a:b] > low)
+        if loaded.size > 1:
+            found[loaded] = (loaded - loaded[0]) / (loaded[-1] - loaded[0] + 1)
+    return found

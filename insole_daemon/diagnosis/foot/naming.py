@@ -1,0 +1,134 @@
+"""Which physics was left out of walks: every set of effects, where in the insole, and the price of one more.
+
+Sets are judged by what they leave on whole steps that were held out, in units of the noise: 1 is nothing. One more effect
+has to take away more than noise and denoising do (`nulls`), a share of the whole mismatch and most of what the smaller
+set leaves: a family of curves never is the material's own, and what is left of a strong effect is not another effect.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from itertools import combinations, product
+
+import numpy as np
+
+from ...physics.law import Array
+from .evidence import N_FOLDS, Evidence
+from .hypothesis import ORDER, Fitted, Hypothesis, Term
+
+PRICES = ((0.03, 0.4), (0.003, 0.6))  # of the whole mismatch, and of what the smaller set leaves
+SPREAD = ("hysteresis", "viscoelasticity")  # what a part of the insole may have by itself
+KEPT = 4  # sets of each size that are judged on held-out steps
+PLACED = 2  # of these, whose effects are tried on parts of the insole, and then judged
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tried:
+    """One set, fitted."""
+
+    terms: frozenset[Term]
+    fitted: Fitted
+    heldout: Array | None = None  # (n, 3) left of every row by a fit that has not seen its fold
+    without: tuple[Fitted, ...] = ()  # those fits
+    left: float = np.inf  # mean square of `heldout`, over the rows that are asked
+
+    @property
+    def words(self) -> frozenset[str]:
+        """Of its effects."""
+        return frozenset(each.word for each in self.terms)
+
+    def std(self, values: Array, of_folds: Array) -> Array:
+        """Jackknife over the folds of values (k,) that these fits have (folds, k)."""
+        spread = of_folds - of_folds.mean(axis=0)
+        return np.asarray(np.sqrt((N_FOLDS - 1) / N_FOLDS * np.sum(spread**2, axis=0))) + 0 * values
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Naming:
+    """All that was tried."""
+
+    static: Tried
+    best: Tried
+    tried: tuple[Tried, ...]
+    price: float  # of one more effect, in mean squares of the noise
+
+
+class Search:
+    """Every set of effects that the evidence may tell."""
+
+    def __init__(self, evidence: Evidence, price: float) -> None:
+        self.evidence = evidence
+        self.price = price
+        own = any(part.walk.shoe.clock == "own" for part in evidence.parts)
+        self.words = [word for word in ORDER if not (own and word == "delay")]
+        self._fitted: dict[frozenset[Term], Tried] = {}
+
+    def name(self, deadline: float) -> Naming:
+        """The best set; `deadline` (monotonic): no larger ones are begun after it."""
+        static = self.judged(frozenset())
+        best = static
+        for size in range(1, len(self.words) + 1):
+            if size > 1 and time.monotonic() > deadline:
+                break
+            tried = sorted((self._tried(_terms(c)) for c in combinations(self.words, size)), key=_fits)[:KEPT]
+            judged = sorted((self.judged(each.terms) for each in tried), key=_left)
+            parts = [self._tried(terms) for each in judged[:PLACED] for terms in self._placed(each.terms)]
+            placed = [self.judged(each.terms) for each in sorted(parts, key=_fits)[:PLACED]]
+            challenger = min([*judged, *placed], key=_left)
+            if self.worth(static, best, challenger):
+                best = challenger
+        return Naming(static, best, tuple(each for each in self._fitted.values() if each.heldout is not None), self.price)
+
+    def judged(self, terms: frozenset[Term]) -> Tried:
+        """`terms` fitted, and judged on held-out steps."""
+        tried = self._tried(terms)
+        if tried.heldout is None:
+            left, without = Hypothesis(self.evidence, tuple(terms)).heldout(tried.fitted)
+            asked = self.evidence.asked & (self.evidence.fold >= 0)
+            tried = replace(tried, heldout=left, without=tuple(without), left=float(np.mean(left[asked] ** 2)))
+            self._fitted[terms] = tried
+        return tried
+
+    def worth(self, static: Tried, smaller: Tried, larger: Tried) -> bool:
+        """Whether `larger` is worth its price beside `smaller`."""
+        more = len(larger.terms) - len(smaller.terms)
+        whole, rest = max(static.left - 1.0, 1e-9), max(smaller.left - 1.0, 0.0)
+        gain = smaller.left - larger.left
+        return gain > self.price * more and any(
+            gain > price * more * whole and gain > (1 - (1 - share) ** more) * rest for price, share in PRICES
+        )
+
+    def _tried(self, terms: frozenset[Term]) -> Tried:
+        if terms not in self._fitted:
+            self._fitted[terms] = Tried(terms, Hypothesis(self.evidence, tuple(terms)).fit())
+        return self._fitted[terms]
+
+    def _placed(self, terms: frozenset[Term]) -> Iterable[frozenset[Term]]:
+        """`terms` with those that a part may have by itself on one board each."""
+        spread = [each for each in terms if each.word in SPREAD]
+        rest = terms - set(spread)
+        for boards in product(*([(), *((b,) for b in self.evidence.boards)] for _ in spread)):
+            if any(boards):
+                yield rest | {replace(each, boards=on) for each, on in zip(spread, boards, strict=True)}
+
+
+def by_words(tried: Iterable[Tried]) -> Mapping[frozenset[str], Tried]:
+    """The best of `tried` for each set of words."""
+    found: dict[frozenset[str], Tried] = {}
+    for each in sorted(tried, key=_left):
+        found.setdefault(each.words, each)
+    return found
+
+
+def _terms(words: Iterable[str]) -> frozenset[Term]:
+    return frozenset(Term(word) for word in words)
+
+
+def _fits(tried: Tried) -> float:
+    return tried.fitted.mean_square
+
+
+def _left(tried: Tried) -> float:
+    return tried.left
