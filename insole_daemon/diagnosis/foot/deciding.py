@@ -48,11 +48,11 @@ def decide(search: Search, naming: Naming) -> Decided:
     for term in best.terms:
         rest = best.words - {term.word}
         alone[term.word] = search.judged(best.terms - {term})
-        swaps = [
-            (tried.left, *words - best.words) for words, tried in judged.items()
-            if len(words) == len(best.words) and rest <= words and words != best.words and tried.left <= limit
-        ]  # fmt: skip
-        alternatives[term.word] = tuple(word for _, word in sorted(swaps))
+        swaps = sorted(
+            (tried.left, min(words - rest)) for words, tried in judged.items()
+            if len(words) == len(best.words) and rest < words and words != best.words and tried.left <= limit
+        )  # fmt: skip
+        alternatives[term.word] = tuple(word for _, word in swaps)
         rival = min((t.left for words, t in judged.items() if term.word not in words and len(words) <= len(best.words)),
                     default=naming.static.left)  # fmt: skip
         margin = max(rival - 1.0, 1e-3) / max(best.left - 1.0, naming.price)

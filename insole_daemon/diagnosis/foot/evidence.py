@@ -7,8 +7,8 @@ undone on the taxels' side, summed over the taxels, and lag and delay are put on
 three channels, and a hypothesis costs a millisecond.
 
 Undoing physics on noisy readings is where denoising masquerades as physics: a filter that averages noise improves the
-error and explains nothing. So both sides are smoothed by one symmetric kernel before anything is asked; it commutes with
-everything that is linear and leaves a filter little noise to earn with.
+error and explains nothing. So both sides are smoothed by one symmetric kernel before anything is asked; it commutes
+with everything that is linear and leaves a filter little noise to earn with.
 """
 
 from __future__ import annotations
@@ -142,7 +142,9 @@ class Part:
         edges = [int(loaded[0])]
         while t[edges[-1]] + 1.5 * FOLD_S < t[loaded[-1]]:
             at = int(np.searchsorted(t, t[edges[-1]] + FOLD_S))
-            edges.append(at - near + int(np.argmin(self.force_n[at - near : at + near])))  # in a swing, where there is one
+            edges.append(
+                at - near + int(np.argmin(self.force_n[at - near : at + near]))
+            )  # in a swing, where there is one
         for i, (a, b) in enumerate(pairwise([*edges, int(loaded[-1])])):
             found[a:b] = i % N_FOLDS
         return found
@@ -176,11 +178,19 @@ class Part:
 
 def part(walk: Walk) -> Part:
     """`walk`, both sides smoothed."""
-    left = [np.sqrt(min(1.0, period_s / (2 * np.sqrt(np.pi) * SMOOTH_S))) for period_s in (walk.period_s, walk.shoe.period_s)]
+    left = [
+        np.sqrt(min(1.0, period_s / (2 * np.sqrt(np.pi) * SMOOTH_S)))
+        for period_s in (walk.period_s, walk.shoe.period_s)
+    ]
     noise = np.hypot(left[0] * walk.noise, left[1] * walk.shoe.noise)
     shoe = gaussian_filter1d(walk.shoe.wrench, SMOOTH_S / FINE_S, axis=0, mode="nearest")
     pressure = gaussian_filter1d(walk.pressure_pa, SMOOTH_S / walk.step_s, axis=0, mode="nearest")
     return Part(walk, shoe, noise, pressure)
+
+
+def _kept(period_s: float) -> float:
+    """Of the standard deviation of white noise sampled every `period_s`, by the kernel."""
+    return float(np.sqrt(min(1.0, period_s / (2 * np.sqrt(np.pi) * SMOOTH_S))))
 
 
 class Evidence:

@@ -17,7 +17,6 @@ from ..places import said
 from . import modelling
 from .deciding import Decided
 from .evidence import LOADED, Evidence
-from .hypothesis import Hypothesis
 from .naming import Naming, Tried
 
 PHASES = {"loading": (0.0, 0.25), "mid-stance": (0.25, 0.7), "push-off": (0.7, 1.0)}  # of a stance
@@ -90,13 +89,14 @@ def named(explained: Explained) -> tuple[list[Finding], list[Effect]]:
     if decided.unknown:
         nearest = " and ".join(sorted(decided.best.words)) or "none of the known effects"
         left = (decided.best.left - 1) / max(explained.naming.static.left - 1, 1e-9)
+        before, after = explained.rms(explained.naming.static), explained.rms(decided.best)
         found.append(
             Finding(
                 effect="unknown", foot=foot, where=Where(), recordings=explained.names, confidence=0.9, unit="N",
                 regime=_regime(explained, explained.naming.static),
-                explains=explained.rms(explained.naming.static) ** 2, heldout=(explained.rms(explained.naming.static),) * 2,
-                sentence=f"The insole differs from its static model by {explained.rms(explained.naming.static):.1f} N, and "
-                f"no known effect explains it; {nearest} comes nearest and leaves {min(left, 1.0):.0%} of it.",
+                explains=before**2 - after**2, heldout=(before, after),
+                sentence=f"The insole differs from its static model by {before:.1f} N, and no known effect "
+                f"explains it; {nearest} comes nearest and leaves {min(left, 1.0):.0%} of it.",
             )
         )  # fmt: skip
     return found, effects
@@ -119,7 +119,10 @@ def drifts(explained: Explained) -> tuple[list[Finding], list[Effect]]:
             shift, own_std = explained.recalibration[own], std[own]
             adds = part.drifting[:, 0, 3 + j * k : 3 + (j + 1) * k] @ shift
             significant = np.abs(shift).max() > LEAST_DRIFT_COUNT and (np.abs(shift) / own_std).max() > DRIFT_SIGMAS
-            if significant and adds.std() > LEAST_DRIFT * np.hypot(part.walk.noise, part.walk.shoe.noise)[0] / part.noise[0]:
+            if (
+                significant
+                and adds.std() > LEAST_DRIFT * np.hypot(part.walk.noise, part.walk.shoe.noise)[0] / part.noise[0]
+            ):
                 wandering.append(board)
                 curves[board] = np.append(0.0, shift), np.append(0.0, own_std)
                 moved += adds
@@ -137,8 +140,8 @@ def drifts(explained: Explained) -> tuple[list[Finding], list[Effect]]:
             Finding(
                 effect="drift", foot=part.walk.layout.foot, where=place, recordings=(name,), parameters=parameters,
                 equation=laws()["drift"].equation, heldout=(before, after), unit="N", explains=before**2 - after**2,
-                sentence=f"{said(place)}: its rest wanders by up to {np.ptp(shift):.1f} counts, which takes the error of "
-                f"the force from {before:.1f} to {after:.1f} N.",
+                sentence=f"{said(place)}: its rest wanders by up to {np.ptp(shift):.1f} counts, which takes the error "
+                f"of the force from {before:.1f} to {after:.1f} N.",
             )
         )  # fmt: skip
         if i == 0:
@@ -159,7 +162,8 @@ def gains(explained: Explained) -> list[Finding]:
     return [
         Finding(
             effect="gain", foot=evidence.parts[0].walk.layout.foot, where=Where(), recordings=explained.names,
-            equation=laws()["gain"].equation, parameters={"gain": Quantity(1 / (1 + mean), std, "1")}, explains=moved**2,
+            equation=laws()["gain"].equation, parameters={"gain": Quantity(1 / (1 + mean), std, "1")},
+            explains=moved**2,
             sentence=f"The whole insole answers {1 / (1 + mean):.2f} times as much as its calibration says: "
             "recalibration removes it.",
         )
@@ -174,7 +178,10 @@ def _contradicted(explained: Explained, without: Tried) -> tuple[str, ...]:
     found = []
     for i, name in enumerate(explained.names):
         rows = evidence.asked & (evidence.fold >= 0) & (evidence.of_part == i)
-        if rows.any() and np.mean(best.heldout[rows] ** 2) > np.mean(without.heldout[rows] ** 2) + explained.naming.price:
+        if (
+            rows.any()
+            and np.mean(best.heldout[rows] ** 2) > np.mean(without.heldout[rows] ** 2) + explained.naming.price
+        ):
             found.append(name)
     return tuple(found)
 
@@ -187,7 +194,8 @@ def _regime(explained: Explained, without: Tried) -> dict[str, Any]:
     left = without.heldout**2 - (best.heldout**2 if without is not best else 0.0)
     phase = np.concatenate([phases(part.force_n, part.contacts) for part in evidence.parts])
     share = {
-        name: float(left[(phase >= low) & (phase < high) & evidence.asked].sum()) for name, (low, high) in PHASES.items()
+        name: float(left[(phase >= low) & (phase < high) & evidence.asked].sum())
+        for name, (low, high) in PHASES.items()
     }
     return {"phase": max(share, key=lambda name: share[name])}
 

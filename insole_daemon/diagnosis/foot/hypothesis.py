@@ -184,7 +184,9 @@ class Hypothesis:
         """(n, 3, 1) of each viscoelasticity."""
         times = dict(zip(self._timed, theta[len(theta) - len(self._timed) :].tolist(), strict=True))
         return [
-            np.concatenate([p.late(self._boards(e), float(np.exp(t)), e.backwards) for p in self.evidence.parts])[..., None]
+            np.concatenate([p.late(self._boards(e), float(np.exp(t)), e.backwards) for p in self.evidence.parts])[
+                ..., None
+            ]
             for e, t in times.items()
             if e.word == "viscoelasticity"
         ]

@@ -1,8 +1,8 @@
 """What was found on walks in the laws' own parameters, and as a model that a daemon can undo.
 
-Undone, a viscoelasticity is P = q + b·(q − z') with τ'·dz'/dt = q − z': a = b/(1 + b), τ = τ'/(1 − a). Undone plays are
-plays again: P = q + Σ b_j·(q − play_r'j[q]), whose slopes 1 + Σ_(i>j) b_i are one over those of the law, and whose radii
-are stretched by them (the inverse in `physics.effects.hysteresis`, the other way round).
+Undone, a viscoelasticity is P = q + b·(q − z') with τ'·dz'/dt = q − z': a = b/(1 + b), τ = τ'/(1 − a). Undone plays
+are plays again: P = q + Σ b_j·(q − play_r'j[q]), whose slopes 1 + Σ_(i>j) b_i are one over those of the law, and whose
+radii are stretched by them (the inverse in `physics.effects.hysteresis`, the other way round).
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Which physics was left out of walks: every set of effects, where in the insole, and the price of one more.
 
-Sets are judged by what they leave on whole steps that were held out, in units of the noise: 1 is nothing. One more effect
-has to take away more than noise and denoising do (`nulls`), a share of the whole mismatch and most of what the smaller
-set leaves: a family of curves never is the material's own, and what is left of a strong effect is not another effect.
+Sets are judged by what they leave on whole steps that were held out, in units of the noise: 1 is nothing. One more
+effect has to take away more than noise and denoising do (`nulls`), a share of the whole mismatch and most of what the
+smaller set leaves: a family of curves never is the material's own, and what is left of a strong effect is no other one.
 """
 
 from __future__ import annotations
@@ -73,13 +73,15 @@ class Search:
             if size > 1 and time.monotonic() > deadline:
                 break
             tried = sorted((self._tried(_terms(c)) for c in combinations(self.words, size)), key=_fits)[:KEPT]
-            judged = sorted((self.judged(each.terms) for each in tried), key=_left)
-            parts = [self._tried(terms) for each in judged[:PLACED] for terms in self._placed(each.terms)]
+            whole = sorted((self.judged(each.terms) for each in tried), key=_left)
+            parts = [self._tried(terms) for each in whole[:PLACED] for terms in self._placed(each.terms)]
             placed = [self.judged(each.terms) for each in sorted(parts, key=_fits)[:PLACED]]
-            challenger = min([*judged, *placed], key=_left)
+            challenger = min([*whole, *placed], key=_left)
             if self.worth(static, best, challenger):
                 best = challenger
-        return Naming(static, best, tuple(each for each in self._fitted.values() if each.heldout is not None), self.price)
+        return Naming(
+            static, best, tuple(each for each in self._fitted.values() if each.heldout is not None), self.price
+        )
 
     def judged(self, terms: frozenset[Term]) -> Tried:
         """`terms` fitted, and judged on held-out steps."""

@@ -2,7 +2,8 @@
 
 A null is what the static model says of these rows, with white noise on both sides that went through the same kernel.
 Directions are those of the static model, so a hundred nulls cost one projection; each is explained by the best single
-effect on the rows it is fitted to, which gives noise more than held-out steps would (White, Econometrica 68 (2000) 1097).
+effect on the rows it is fitted to, which gives noise more than held-out steps would (White, Econometrica 68 (2000)
+1097).
 """
 
 from __future__ import annotations
@@ -55,5 +56,7 @@ def price(found: Array) -> float:
 
 def _noise(rng: np.random.Generator, n: int, step_s: float) -> Array:
     """(n, 3, N_NULLS) of mean square 1, after the kernel that both sides went through."""
-    white = gaussian_filter1d(rng.standard_normal((n * EVERY, 3, N_NULLS), np.float32), SMOOTH_S / step_s, axis=0)[::EVERY]
+    white = gaussian_filter1d(rng.standard_normal((n * EVERY, 3, N_NULLS), np.float32), SMOOTH_S / step_s, axis=0)[
+        ::EVERY
+    ]
     return np.asarray(white / white.std(), np.float64)

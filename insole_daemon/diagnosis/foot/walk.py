@@ -1,8 +1,8 @@
 """A recording with a force shoe into what is looked at: pressures of taxels and the wrench of the shoe, in time.
 
 Counts are brought to the moments of a regular grid by a cubic through the moments at which each triangle was really
-read, before they are turned into pressure: on the edge of a heel strike two milliseconds are ten newtons, and a straight
-line between two cycles misses its bend.
+read, before they are turned into pressure: on the edge of a heel strike two milliseconds are ten newtons, and a
+straight line between two cycles misses its bend.
 """
 
 from __future__ import annotations
@@ -146,25 +146,35 @@ def read(recording: Recording, foot: FootRecording, calibration: Calibration, au
     )  # fmt: skip
     if shoe.clock == "can":
         return replace(walk, offset_s=foot.t_ns[0] * 1e-9 - shoe.epoch_s)
-    return replace(walk, **_aligned(walk))
+    offset_s, rate = _aligned(walk)
+    return replace(walk, offset_s=offset_s, rate=rate)
 
 
 def _shoe(recording: Recording, time_s: Array, wrench: Array, clock: Clock) -> Shoe:
     """The reference on its grid, by a cubic through its rows; gaps are bridged by it and left out later."""
     there = np.isfinite(wrench).all(axis=1) & (np.diff(time_s, prepend=-np.inf) > 0)
-    if there.sum() < LEAST_ROWS or not np.ptp(wrench[there, 0]) > LEAST_FORCE_N:
+    force = wrench[there, 0]
+    moved = float(force.max() - force.min()) if force.size else 0.0
+    if len(force) < LEAST_ROWS or not moved > LEAST_FORCE_N:
         raise DiagnosisError(
-            f"{recording.folder}: the force of the reference stays within {np.ptp(wrench[there, 0], initial=0):.0f} N, "
+            f"{recording.folder}: the force of the reference stays within {moved:.0f} N, "
             f"expected one that rises and falls by more than {LEAST_FORCE_N:.0f} N: was the shoe recorded?"
         )
     t, w = time_s[there] - time_s[there][0], wrench[there]
     grid_s = np.arange(0.0, t[-1], FINE_S)
     gaps = t[np.searchsorted(t, grid_s, side="right").clip(1, len(t) - 1)] - t[np.searchsorted(t, grid_s).clip(1) - 1]
     told = gaps < MOST_GAP_S
-    return Shoe(float(time_s[there][0]), CubicSpline(t, w)(grid_s), told, noise_of_blocks(w), float(np.median(np.diff(t))), clock)
+    return Shoe(
+        float(time_s[there][0]),
+        CubicSpline(t, w)(grid_s),
+        told,
+        noise_of_blocks(w),
+        float(np.median(np.diff(t))),
+        clock,
+    )
 
 
-def _aligned(walk: Walk) -> dict[str, float]:
+def _aligned(walk: Walk) -> tuple[float, float]:
     """Offset and rate by the edges; of regular steps half a stride off fits too, with the sign turned."""
     features = walk.pressure_pa @ walk.arms
     shoe = walk.shoe
@@ -177,7 +187,7 @@ def _aligned(walk: Walk) -> dict[str, float]:
         said = np.interp(found.reference_s(walk.t_s), shoe.t_s, shoe.wrench[:, 0])
         agrees = float(np.corrcoef(said, features[:, 0])[0, 1])
         if agrees > LEAST_AGREES:
-            return {"offset_s": found.offset_s, "rate": found.rate}
+            return found.offset_s, found.rate
     raise DiagnosisError(
         f"{walk.folder}: the force of the reference does not grow with what the {walk.layout.foot} insole reads "
         f"(correlation {agrees:.2f}): is it that of the other foot?"
