@@ -13,7 +13,7 @@ from .options import OneFoot
 
 if TYPE_CHECKING:
     from ..config import Foot
-    from ..diagnosis.diagnosing import Diagnosis
+    from ..diagnosis.outcome import Outcome
 
 EXIT = {"no mismatch": 0, "explained": 0, "partly explained": 1, "unexplained": 1, "not decidable": 3}
 
@@ -53,10 +53,10 @@ def diagnosed(
     budget: float | None = None,
     simulation: Path | None = None,
     foot: OneFoot | None = None,
-) -> Diagnosis:
+) -> Outcome:
     """What the command does, up to its exit status."""
     from ..diagnosis import writing
-    from ..diagnosis.diagnosing import diagnose
+    from ..diagnosis.by_load import diagnose
     from ..diagnosis.feet import choose
     from ..physics import calibration as calibrations
     from ..recording.loading import load
@@ -78,7 +78,7 @@ def diagnosed(
     return found
 
 
-def _print(found: Diagnosis, out: Path) -> None:
+def _print(found: Outcome, out: Path) -> None:
     heldout = found.heldout
     unit = "counts" if heldout["unit"] == "count" else heldout["unit"]
     print(f"{found.verdict}: {heldout['before']:.2f} → {heldout['after']:.2f} {unit}, noise {heldout['floor']:.2f}")

@@ -9,9 +9,10 @@ from ..errors import DiagnosisError
 from ..physics.calibration import Calibration
 from ..recording.loading import Recording
 from . import diagnosing
+from .diagnosing import Diagnosis
 from .feet import choose
 from .foot import diagnosing as on_foot
-from .outcome import Outcome
+from .foot.diagnosing import WalkDiagnosis
 
 
 def diagnose(
@@ -21,7 +22,7 @@ def diagnose(
     progress: Callable[[str], None],
     simulation: Recording | None = None,
     asked: Foot | None = None,
-) -> Outcome:
+) -> Diagnosis | WalkDiagnosis:
     """On every taxel (`diagnosing`), or in sum (`foot.diagnosing`): arguments and errors are those of both."""
     kinds = {each.kind for each in recordings}
     if simulation is not None or "shoe" not in kinds:

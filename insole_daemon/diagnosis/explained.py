@@ -123,7 +123,7 @@ def _named(insole: Insole, word: str, place: Where, named: Named, decided: Decid
         equation=laws()[word].equation, parameters=parameters, regime=regime(gain),
         when_s=when(gain, insole.recordings.index(shows[0])),
         explains=insole.mean_square(named) * max(left[0] - left[1], 0.0),
-        heldout=(before, after), confidence=decided.confidence[word],
+        heldout_count=(before, after), confidence=decided.confidence[word],
         sentence=f"{said(place)}: {word}{or_else}. On readings that were held out it takes the error from {before:.2f} "
         f"to {after:.2f} counts.{but}",
     )  # fmt: skip

@@ -43,8 +43,8 @@ class Finding:
     equation: str = ""
     parameters: Mapping[str, Quantity] = field(default_factory=dict)
     explains: float = 0.0  # mean square of a reading it takes away, in counts², over all taxels: the findings' order
-    heldout: tuple[float, float] | None = None  # before and after it alone is left out
-    unit: str = "count"  # of `heldout`
+    heldout_count: tuple[float, float] | None = None  # before and after it alone is left out
+    heldout_n: tuple[float, float] | None = None  # the same of a force, where no reading's load is known
     confidence: float = 1.0
 
     def document(self) -> dict[str, Any]:
@@ -61,9 +61,9 @@ class Finding:
             "equation": self.equation,
             "parameters": {name: quantity.document() for name, quantity in self.parameters.items()},
         }
-        if self.heldout is not None:
-            before, after = self.heldout
-            found["heldout"] = {"unit": self.unit, "before": round(before, 4), "after": round(after, 4)}
+        for unit, figures in (("count", self.heldout_count), ("N", self.heldout_n)):
+            if figures is not None:
+                found["heldout"] = {"unit": unit, "before": round(figures[0], 4), "after": round(figures[1], 4)}
         found["confidence"] = round(self.confidence, 3)
         found["sentence"] = self.sentence
         return found

@@ -10,7 +10,8 @@ from typing import Any
 from ..errors import FileError
 from ..files import write_text
 from .diagnosing import Diagnosis
-from .reporting.report import html
+from .foot.diagnosing import WalkDiagnosis
+from .reporting import report, walk
 
 FILES = ("model.json", "report.html", "diagnosis.json")  # the last one says that all are there
 
@@ -24,9 +25,10 @@ def refuse_taken(out: Path) -> None:
         raise FileError(f"{out}: there is a diagnosis already ({', '.join(there)}): name another folder")
 
 
-def write(diagnosis: Diagnosis, out: Path) -> None:
+def write(diagnosis: Diagnosis | WalkDiagnosis, out: Path) -> None:
     """Write FILES into `out`; FileError where that fails, and then none of them stays."""
-    contents = dict(zip(FILES, (_json(diagnosis.model), html(diagnosis), _json(diagnosis.document())), strict=True))
+    html = walk.html(diagnosis) if isinstance(diagnosis, WalkDiagnosis) else report.html(diagnosis)
+    contents = dict(zip(FILES, (_json(diagnosis.model), html, _json(diagnosis.document())), strict=True))
     try:
         for name in FILES:
             write_text(out / name, contents[name])

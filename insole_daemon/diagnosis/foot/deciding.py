@@ -11,7 +11,9 @@ from .naming import Naming, Search, Tried, by_words
 
 UNEXPLAINED = 0.25  # of the mismatch that the best set leaves: it is something else
 LEAST_UNEXPLAINED = 1.0  # of the noise's mean square, too
-DECOY = 0.5  # of what an effect takes away; where the same filter backwards takes away as much, it is denoising
+# Of what an effect takes away: where the same filter run backwards takes away more, it is denoising. A lag flattens
+# edges as its reverse does, and a delay makes up for the rest; which of the two is better is all that tells.
+DECOY = {"hysteresis": 0.5, "viscoelasticity": 0.5, "lag": 1.0}
 AS_GOOD = 1.6  # times what the best set leaves: a swap that leaves less is as good
 
 
@@ -32,12 +34,12 @@ def decide(search: Search, naming: Naming) -> Decided:
     """The best set without what a decoy explains as well, and what could stand in its place."""
     best, decoys, denoising = naming.best, dict[str, float](), list[str]()
     for term in sorted(naming.best.terms, key=lambda each: each.word):
-        if term.word == "delay":
-            continue  # its decoy is an earlier reading, which the bounds refuse
+        if term.word not in DECOY:
+            continue  # of a delay it is an earlier reading, which the bounds refuse
         without = search.judged(best.terms - {term})
         decoy = search.judged(best.terms - {term} | {replace(term, backwards=True)})
         decoys[term.word] = decoy.left
-        if without.left - decoy.left > DECOY * (without.left - best.left):
+        if without.left - decoy.left > DECOY[term.word] * (without.left - best.left):
             denoising.append(term.word)
             best = without
     judged = by_words(each for each in naming.tried if not any(term.backwards for term in each.terms))

@@ -12,12 +12,11 @@ import numpy as np
 
 from ... import __version__
 from ...errors import DiagnosisError, UndecidableError
-from ...physics.calibration import Calibration
+from ...physics.calibration import BEGAN, Calibration
 from ...physics.law import Array
 from ...recording.loading import FootRecording, Recording
 from .. import outcome
 from ..audit import audit
-from ..observing import BEGAN
 from ..outcome import Outcome
 from . import findings, modelling, nulls, walk
 from .deciding import Decided, decide
@@ -88,7 +87,7 @@ def diagnose(
             "Give one with --calibration; insole calibrate makes it"
         )
     if model.effects:
-        words = ", ".join(str(each.get("effect")) for each in model.effects)
+        words = ", ".join(each.law.word for each in model.effects)
         raise DiagnosisError(f"the model has effects already ({words}), expected a static one: diagnose against that")
     progress("auditing the readings")
     audits = [audit(foot, each.folder.name, steps=True) for foot, each in zip(feet, recordings, strict=True)]

@@ -66,7 +66,7 @@ def named(explained: Explained) -> tuple[list[Finding], list[Effect]]:
     decided, evidence = explained.decided, explained.evidence
     foot = evidence.parts[0].walk.layout.foot
     found, effects = [], []
-    for term in decided.best.terms:
+    for term in decided.best.fitted.terms:
         without = decided.alone[term.word]
         place, parameters = modelling.place(term, evidence), modelling.quantities(term, decided.best)
         effects.append(modelling.effect(term, parameters, evidence))
@@ -81,7 +81,7 @@ def named(explained: Explained) -> tuple[list[Finding], list[Effect]]:
                 effect=term.word, alternatives=others, foot=foot, where=place, equation=laws()[term.word].equation,
                 recordings=tuple(name for name in explained.names if name not in against), contradicted_by=against,
                 regime=_regime(explained, without), parameters=parameters, explains=before**2 - after**2,
-                heldout=(before, after), unit="N", confidence=decided.confidence[term.word],
+                heldout_n=(before, after), confidence=decided.confidence[term.word],
                 sentence=f"{said(place)}: {term.word}{or_else}. On steps that were held out it takes the error of the "
                 f"force from {before:.1f} to {after:.1f} N.",
             )
@@ -92,9 +92,9 @@ def named(explained: Explained) -> tuple[list[Finding], list[Effect]]:
         before, after = explained.rms(explained.naming.static), explained.rms(decided.best)
         found.append(
             Finding(
-                effect="unknown", foot=foot, where=Where(), recordings=explained.names, confidence=0.9, unit="N",
+                effect="unknown", foot=foot, where=Where(), recordings=explained.names, confidence=0.9,
                 regime=_regime(explained, explained.naming.static),
-                explains=before**2 - after**2, heldout=(before, after),
+                explains=before**2 - after**2, heldout_n=(before, after),
                 sentence=f"The insole differs from its static model by {before:.1f} N, and no known effect "
                 f"explains it; {nearest} comes nearest and leaves {min(left, 1.0):.0%} of it.",
             )
@@ -139,7 +139,7 @@ def drifts(explained: Explained) -> tuple[list[Finding], list[Effect]]:
         found.append(
             Finding(
                 effect="drift", foot=part.walk.layout.foot, where=place, recordings=(name,), parameters=parameters,
-                equation=laws()["drift"].equation, heldout=(before, after), unit="N", explains=before**2 - after**2,
+                equation=laws()["drift"].equation, heldout_n=(before, after), explains=before**2 - after**2,
                 sentence=f"{said(place)}: its rest wanders by up to {np.ptp(shift):.1f} counts, which takes the error "
                 f"of the force from {before:.1f} to {after:.1f} N.",
             )

@@ -25,7 +25,6 @@ from .hypothesis import Fitted, Term
 from .naming import Tried
 
 LEAST_SHARE = 2e-3  # of a play that is worth a word
-LARGEST_PA = 99.9  # %, of the pressures seen: the range the model was identified in
 
 
 def place(term: Term, evidence: Evidence) -> Where:
@@ -52,10 +51,9 @@ def quantities(term: Term, tried: Tried) -> dict[str, Quantity]:
 
 def effect(term: Term, parameters: Mapping[str, Quantity], evidence: Evidence) -> Effect:
     """As a chain runs it, with the range of pressures it was identified in."""
-    highest = max(float(np.percentile(part.pressure_pa, LARGEST_PA)) for part in evidence.parts)
-    return replace(
-        as_effect(term.word, place(term, evidence), parameters), valid_range={"pressure_pa": (0.0, round(highest, -3))}
-    )
+    highest = max(float(part.pressure_pa.max()) for part in evidence.parts)
+    limits = {"pressure_pa": (0.0, float(np.ceil(highest)))}
+    return replace(as_effect(term.word, place(term, evidence), parameters), valid_range=limits)
 
 
 def document(

@@ -10,7 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from itertools import combinations, product
+from itertools import combinations
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from .hypothesis import ORDER, Fitted, Hypothesis, Term
 
 PRICES = ((0.03, 0.4), (0.003, 0.6))  # of the whole mismatch, and of what the smaller set leaves
 SPREAD = ("hysteresis", "viscoelasticity")  # what a part of the insole may have by itself
+LEAST_LEFT = 0.15  # of the noise's mean square
 KEPT = 4  # sets of each size that are judged on held-out steps
 PLACED = 2  # of these, whose effects are tried on parts of the insole, and then judged
 
@@ -70,7 +71,8 @@ class Search:
         static = self.judged(frozenset())
         best = static
         for size in range(1, len(self.words) + 1):
-            if size > 1 and time.monotonic() > deadline:
+            # What is left is less than any effect that is worth a word: no larger set could win.
+            if size > 1 and (best.left - 1.0 < LEAST_LEFT or time.monotonic() > deadline):
                 break
             tried = sorted((self._tried(_terms(c)) for c in combinations(self.words, size)), key=_fits)[:KEPT]
             whole = sorted((self.judged(each.terms) for each in tried), key=_left)
@@ -108,12 +110,11 @@ class Search:
         return self._fitted[terms]
 
     def _placed(self, terms: frozenset[Term]) -> Iterable[frozenset[Term]]:
-        """`terms` with those that a part may have by itself on one board each."""
-        spread = [each for each in terms if each.word in SPREAD]
-        rest = terms - set(spread)
-        for boards in product(*([(), *((b,) for b in self.evidence.boards)] for _ in spread)):
-            if any(boards):
-                yield rest | {replace(each, boards=on) for each, on in zip(spread, boards, strict=True)}
+        """`terms` with one of those that a part may have by itself on one board."""
+        for term in terms:
+            if term.word in SPREAD:
+                for board in self.evidence.boards:
+                    yield terms - {term} | {replace(term, boards=(board,))}
 
 
 def by_words(tried: Iterable[Tried]) -> Mapping[frozenset[str], Tried]:

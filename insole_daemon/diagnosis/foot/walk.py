@@ -50,7 +50,7 @@ class Shoe:
     @cached_property
     def t_s(self) -> Array:
         """(M,) times of the rows."""
-        return np.arange(len(self.wrench)) * FINE_S
+        return np.arange(len(self.wrench), dtype=np.float64) * FINE_S
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,6 +18,7 @@ from ..explained import Insole
 from ..finding import Finding
 from ..groups import LEAST_EXCESS, Named
 from ..naming import Tried
+from ..outcome import Outcome
 from ..places import said
 from .meanings import FAULTS, MEANINGS
 from .untouched import Untouched
@@ -33,7 +34,7 @@ _VERDICTS = {
 }
 
 
-def verdict(diagnosis: Diagnosis) -> str:
+def verdict(diagnosis: Outcome) -> str:
     """One sentence."""
     return _VERDICTS[diagnosis.verdict]
 
@@ -53,7 +54,7 @@ def facts(diagnosis: Diagnosis) -> str:
     )
 
 
-def findings(diagnosis: Diagnosis) -> str:
+def findings(diagnosis: Outcome) -> str:
     """Their sentences."""
     if not diagnosis.findings:
         return page.paragraph("Nothing was found that moves the readings by more than their noise hides.")

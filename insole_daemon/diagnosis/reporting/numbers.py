@@ -13,6 +13,7 @@ from ..finding import Finding, Quantity
 from ..fit import Hypothesis
 from ..groups import Named
 from ..naming import N_FOLDS, PRICES
+from ..outcome import Outcome
 from ..places import said, where
 from .meanings import FAULTS
 
@@ -102,7 +103,7 @@ def recordings(diagnosis: Diagnosis) -> str:
     return page.paragraph(text) + page.table(columns, rows, (0, 1))
 
 
-def parameters(diagnosis: Diagnosis) -> str:
+def parameters(diagnosis: Outcome) -> str:
     """Of every finding, with standard deviations."""
     rows = [
         (each.effect, name, _values(quantity), quantity.unit)
@@ -159,7 +160,7 @@ def audit(diagnosis: Diagnosis) -> str:
     return parts[0] + page.table(("fault", "where", "recording", "when", "what"), rows, range(5))
 
 
-def limits(diagnosis: Diagnosis) -> str:
+def limits(diagnosis: Outcome) -> str:
     """What these recordings cannot tell, and what to record instead."""
     rows = [(each["effect"], each["why"], each["record_instead"]) for each in diagnosis.not_identifiable]
     return page.table(("effect", "why it cannot be told", "record instead"), rows, range(3))

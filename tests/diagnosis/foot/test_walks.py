@@ -1,0 +1,77 @@
+"""Walks with a force shoe: what is concealed in them is named, placed and modelled; what is not there is not found."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import insole_daemon
+from insole_daemon.cli import app
+from insole_daemon.errors import DiagnosisError, UndecidableError
+from insole_daemon.physics import calibration as calibrations
+
+from ..chamber import LAYOUT
+from ..chamber import write as write_chamber
+from .shoe import Array, late, write
+
+
+def diagnose(folder: Path, out: Path) -> dict:
+    done = CliRunner().invoke(app, ["diagnose", str(folder), "--out", str(out)])
+    assert done.exit_code == 0, (done.output, done.exception)
+    return json.loads((out / "diagnosis.json").read_text())
+
+
+def solid(p: Array) -> Array:
+    return 0.85 * p + 0.15 * late(p, 0.4)
+
+
+def test_effects_together_are_named_modelled_and_shown(tmp_path):
+    folder = write(tmp_path / "walk", lambda p: late(solid(p), 0.03), delay_s=0.03)
+    found = diagnose(folder, tmp_path / "out")
+    assert found["verdict"] == "explained"
+    by_word = {each["effect"]: each for each in found["findings"]}
+    assert set(by_word) == {"delay", "lag", "viscoelasticity"}
+    assert by_word["delay"]["parameters"]["delay_s"]["value"] == pytest.approx(0.03, abs=0.006)
+    assert by_word["lag"]["parameters"]["tau_s"]["value"] == pytest.approx(0.03, abs=0.006)
+    assert by_word["viscoelasticity"]["parameters"]["a"]["value"] == pytest.approx(0.15, rel=0.25)
+    assert by_word["viscoelasticity"]["heldout"]["unit"] == found["heldout"]["unit"] == "N"
+    assert found["heldout"]["after"] < 0.2 * found["heldout"]["before"]
+    assert found["heldout"]["m_y"]["after"] < 0.3 * found["heldout"]["m_y"]["before"]
+    assert {"crosstalk", "swapped_triangles", "map_transform"} <= {each["effect"] for each in found["not_identifiable"]}
+    layout = insole_daemon.load(folder)["left"].layout
+    model = calibrations.load(tmp_path / "out" / "model.json", layout)
+    assert [each.law.word for each in model.effects] == ["viscoelasticity", "lag", "delay"]
+    assert "error of the force" in (tmp_path / "out" / "report.html").read_text()
+
+
+@pytest.mark.parametrize("clock", ["can", "own"])
+def test_nothing_is_found_where_nothing_is(tmp_path, clock):
+    found = diagnose(write(tmp_path / "walk", clock=clock), tmp_path / "out")
+    assert found["verdict"] == "no mismatch"
+    assert not found["findings"]
+
+
+def test_what_one_part_of_the_insole_does_is_placed_there(tmp_path):
+    where = np.repeat(LAYOUT.identities[:, 0] == 7, 12)
+    found = diagnose(write(tmp_path / "walk", solid, where), tmp_path / "out")
+    (finding,) = found["findings"]
+    assert finding["effect"] == "viscoelasticity"
+    assert finding["where"] == {"scope": "board", "ids": [[7]]}
+
+
+def test_bad_input_is_refused_with_a_sentence(tmp_path):
+    def refused(kind: type[Exception], *folders: Path) -> str:
+        done = CliRunner().invoke(app, ["diagnose", *map(str, folders), "--out", str(tmp_path / "out")])
+        assert isinstance(done.exception, kind), (done.output, done.exception)
+        assert not (tmp_path / "out").exists()
+        return str(done.exception)
+
+    walk = write(tmp_path / "walk", seconds=8.0)
+    assert "was the shoe recorded" in refused(DiagnosisError, write(tmp_path / "still", seconds=8.0, force=0.0))
+    assert "at least 3 steps" in refused(UndecidableError, write(tmp_path / "step", seconds=3.5))
+    assert "--calibration" in refused(DiagnosisError, write(tmp_path / "bare", seconds=8.0, calibrated=False))
+    assert "chamber first" in refused(DiagnosisError, walk, write_chamber(tmp_path / "bag", seconds=8.0))
