@@ -101,7 +101,7 @@ class WrenchEstimator:
         std = [_NAN, _NAN, _NAN]
         if variance_pa2 is not None or n_valid < self._n_taxels:
             std = self._std(pressure, valid, variance_pa2, n_valid).tolist()
-        in_contact = f_z >= self._min_force_n
+        in_contact = f_z > 0 and f_z >= self._min_force_n  # which may be 0: no force has no centre
         return Wrench(
             f_z, m_x, m_y,
             -m_y / f_z if in_contact else _NAN,
@@ -145,7 +145,7 @@ class WrenchEstimator:
             variance = variance_pa2[row] if variance_pa2 is not None else None
             std[:, row] = self._std(pressure[row], valid[row], variance, int(n_valid[row]))
         f_z, m_x, m_y = wrench
-        in_contact = f_z >= self._min_force_n
+        in_contact = (f_z > 0) & (f_z >= self._min_force_n)
         force = np.where(in_contact, f_z, _NAN)
         touched = np.count_nonzero(valid.reshape(n, -1) & (pressure >= self._min_pressure_pa), axis=1)
         return WrenchSeries(

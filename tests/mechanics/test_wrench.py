@@ -184,3 +184,35 @@ def test_a_series_is_its_wrenches_one_by_one() -> None:
                 assert getattr(series, name)[row] == expected, (row, name)
     assert len(WrenchSeries.concatenate([series, series])) == 80
     assert len(WrenchSeries.concatenate([])) == 0
+
+
+def test_a_series_is_what_its_cycles_are_at_every_limit() -> None:
+    """Exactly the least force and pressure of contact; one valid taxel, all, none; with and without variance."""
+    one = np.zeros_like(VALID)
+    one[3, 4] = True
+    all_but_one = VALID.copy()
+    all_but_one[0, 0] = False
+    limit_pa = 20_000.0
+    cases = [
+        (point(3, 4), VALID), (point(3, 4), one), (point(3, 4), np.zeros_like(VALID)), (point(3, 4), all_but_one),
+        (point(3, 4, limit_pa * AREA), VALID), (point(5, 2, 20.0), VALID), (point(5, 2, 20.0), one),
+    ]  # fmt: skip
+    pressure, valid = np.stack([case[0] for case in cases]), np.stack([case[1] for case in cases])
+    force_n = float(estimator()(point(3, 4, 20.0), VALID, None).f_z_n)
+    for min_force_n in (force_n, 20.0, 0.0):
+        calculated = estimator(min_force_n, limit_pa)
+        for variance in (None, np.full(valid.shape, 4.0)):
+            series = calculated.series(pressure, valid, variance)
+            for at, (own, which) in enumerate(cases):
+                single = calculated(own, which, None if variance is None else variance[at])
+                for name in Wrench.__slots__:
+                    expected = getattr(single, name)
+                    assert getattr(series, name)[at] == pytest.approx(expected, rel=1e-12, nan_ok=True), (at, name)
+    at_limit = estimator(0.0, limit_pa)(np.where(VALID, limit_pa, np.nan), VALID, None)
+    assert at_limit.contact_area_m2 == pytest.approx(VALID.sum() * AREA), "the least pressure is contact"
+    unloaded = estimator(0.0)(np.where(VALID, 0.0, np.nan), VALID, None)
+    assert (unloaded.f_z_n, unloaded.contact_area_m2) == (0.0, 0.0)
+    assert np.isnan(unloaded.cop_x_m), "no force has no centre, whatever the least force of contact is"
+    whole = estimator().series(pressure[:1], valid[:1], None)
+    assert np.isnan(whole.f_z_std_n[0]), "nothing is missing and nothing is known of the curve"
+    assert np.isfinite(estimator().series(pressure[3:4], valid[3:4], None).f_z_std_n[0])

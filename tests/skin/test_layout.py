@@ -267,3 +267,22 @@ def test_handedness_is_the_same_on_both_feet(foot: Foot) -> None:
     xy = builtin(foot, (5, 6, 7)).xy_m
     tip, corner = xy[:, 9] - xy[:, 3], xy[:, 1] - xy[:, 3]
     assert (tip[:, 0] * corner[:, 1] - tip[:, 1] * corner[:, 0] < 0).all()
+
+
+def test_a_span_is_along_one_axis(write: Write) -> None:
+    """Far from the origin, and next to each other all the same."""
+    line, key, message = only(write(HEAD + triangle(x_mm=200) + triangle(triangle=4, x_mm=200.2)))
+    assert (line, key) == (4, "triangles")
+    assert "within 0.2 mm" in message
+    assert len(load(write(HEAD + triangle(x_mm=0) + triangle(triangle=4, x_mm=50)))) == 2, "50 mm are enough"
+
+
+def test_triangles_of_the_built_in_layout_point_up_or_down_their_rows() -> None:
+    for foot, addresses in (("left", (5, 6, 7)), ("right", (8, 9, 10))):
+        layout = builtin(foot, addresses)
+        found = {
+            patch: {t.rotation_deg for t in layout.triangles if t.patch == patch}
+            for patch in ("front", "middle", "rear")
+        }
+        assert found == {"front": {0.0, 180.0}, "middle": {90.0, 270.0}, "rear": {0.0, 180.0}}
+        assert all(t.x_mm == round(t.x_mm, 3) and t.y_mm == round(t.y_mm, 3) for t in layout.triangles), "micrometres"
