@@ -2,7 +2,8 @@
 
 What is judged is what the daemon would publish: its curve, its wrench, what it masks, zeroed on the recording's zero,
 or on its unloaded start where it has none. No cycle is selected and nothing is filtered. Errors are insole less
-reference, at the clock that fits best; DEFINITIONS says every figure in words.
+reference, at the clock that fits best; DEFINITIONS says every figure in words. A calibration with effects is judged
+twice: by its curves alone, and with the effects undone, each at its own best clock.
 """
 
 from __future__ import annotations
@@ -17,19 +18,19 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from ..config import Contact
 from ..errors import CalibrationError
-from ..mechanics.wrench import WrenchEstimator, WrenchSeries
+from ..mechanics.wrench import WrenchSeries
 from ..physics import zero as zeros
 from ..physics.calibration import Calibration
-from ..physics.static_curve import StaticCurve
 from ..physics.zero import Zero
-from ..recording.loading import Recording
+from ..recording.estimate import ModelName, estimate
+from ..recording.loading import Recording, as_configured
 from .clock import Clock
 from .samples import aligned, at_cycles, realigned
 from .trials import Trial, trials
 
 Array = NDArray[np.float64]
 
-FORMAT = "insole-validation/1"
+FORMAT = "insole-validation/2"
 GOOD_PA, GOOD_SHARE = 15e3, 0.9  # 0.15 bar on 90 % of the samples: a taxel that the follow-up calls good
 _STEADY_S, _STEADY = 1.0, 0.2
 
@@ -45,7 +46,10 @@ DEFINITIONS = {
     "highest_pressure": "the highest pressure of any valid taxel in any cycle",
     "taxels": "in a chamber, RMSE of each taxel over its valid cycles; good are those with at most "
     f"{GOOD_PA / 1e5:g} bar of error in at least {GOOD_SHARE:.0%} of them",
-    "extrapolated": "share of the cycles in which a valid taxel reads beyond what its curve was fitted to",
+    "extrapolated": "share of the cycles in which a valid taxel reads beyond what its curve was fitted to, or by the "
+    "dynamic model beyond what its effects were identified to",
+    "model": "dynamic: the effects of the calibration are undone, with nothing later than a cycle; static: its curves "
+    "alone. Each is judged at the clock that fits it best",
 }
 
 
@@ -86,29 +90,36 @@ class Result:
     """Of one trial."""
 
     trial: Trial
+    model: ModelName | None  # None: there is only one
     clock: Clock
     outcome: ShoeResult | ChamberResult
     reference: Array  # (n, c) NaN where it said nothing
     estimate: Array  # (n, c) of the wrench, or the mean pressure of the valid taxels
     extrapolated: float
 
+    @property
+    def title(self) -> str:
+        """The trial's name, with the model where there are two."""
+        return self.trial.name if self.model is None else f"{self.trial.name}, {self.model}"
+
 
 def validate(recordings: Sequence[Recording], calibration: Calibration) -> tuple[list[Result], tuple[str, ...]]:
     """Every recording judged, and a sentence for each oddity; CalibrationError where one cannot be."""
     found, remarks = trials(list(recordings), calibration.foot)
-    return [_judged(trial, calibration) for trial in found], remarks
+    models: tuple[ModelName | None, ...] = ("static", "dynamic") if calibration.effects else (None,)
+    return [_judged(trial, calibration, model) for trial in found for model in models], remarks
 
 
-def _judged(trial: Trial, calibration: Calibration) -> Result:
+def _judged(trial: Trial, calibration: Calibration, model: ModelName | None) -> Result:
     layout, n = trial.layout, len(trial.t_s)
     zeroed = zeros.apply(calibration, trial.foot.zero or _own_zero(trial))
-    curve = StaticCurve(zeroed, Contact().activation_threshold_count)
-    valid = trial.valid.reshape(n, len(layout), -1) & curve.usable
-    if not valid.any():
+    read = trial.valid.reshape(n, len(layout), -1) & zeroed.usable
+    if not read.any():
         raise CalibrationError(f"{trial.name}: expected valid taxels that the calibration lists, found none")
-    counts = trial.foot.counts
-    pressure_pa = curve.pressure_pa(counts)
-    beyond = np.zeros_like(valid) if zeroed.lowest_count is None else (counts < zeroed.lowest_count) & valid
+    counts, boards = trial.foot.counts, [as_configured(board) for board in trial.foot.boards]
+    said = estimate(layout, zeroed, boards, trial.foot.t_ns, counts, read, zeroed=True, model=model or "static")
+    pressure_pa, valid, series = said.pressure_pa.astype(np.float64), said.valid, said.wrench
+    beyond = said.beyond if zeroed.lowest_count is None else said.beyond | (counts < zeroed.lowest_count) & read
     extrapolated = float(beyond.any(axis=(1, 2)).mean())
     highest_pa = float(np.where(valid, pressure_pa, -np.inf).max())
     if trial.kind == "chamber":
@@ -118,14 +129,12 @@ def _judged(trial: Trial, calibration: Calibration) -> Result:
         with np.errstate(invalid="ignore", divide="ignore"):
             mean = np.where(valid, pressure_pa, 0.0).sum(axis=(1, 2)) / valid.sum(axis=(1, 2))
         taxels = _taxels(pressure_pa, reference[:, 0], there, calibration.usable)
-        return Result(trial, clock, ChamberResult(*taxels, highest_pa), reference, mean[:, None], extrapolated)
-    contact = Contact()
-    series = WrenchEstimator(layout, contact.min_force_n, contact.min_pressure_pa).series(pressure_pa, valid, None)
-    estimate = np.stack([series.f_z_n, series.m_x_nm, series.m_y_nm], axis=1)
-    clock = realigned(trial, np.nan_to_num(estimate))
+        return Result(trial, model, clock, ChamberResult(*taxels, highest_pa), reference, mean[:, None], extrapolated)
+    own = np.stack([series.f_z_n, series.m_x_nm, series.m_y_nm], axis=1)
+    clock = realigned(trial, np.nan_to_num(own))
     reference = at_cycles(trial, clock)
-    outcome = _shoe(trial, series, estimate, reference, contact.min_force_n, highest_pa)
-    return Result(trial, clock, outcome, reference, estimate, extrapolated)
+    outcome = _shoe(trial, series, own, reference, Contact().min_force_n, highest_pa)
+    return Result(trial, model, clock, outcome, reference, own, extrapolated)
 
 
 def _own_zero(trial: Trial) -> Zero:
@@ -177,7 +186,7 @@ def _taxels(
 
 
 def document(results: Sequence[Result], calibration: str) -> dict[str, Any]:
-    """`insole-validation/1`: everything that the tables say, NaN as null."""
+    """`insole-validation/2`: everything that the tables say, NaN as null."""
     return {
         "format": FORMAT,
         "calibration": calibration,
@@ -190,6 +199,7 @@ def document(results: Sequence[Result], calibration: str) -> dict[str, Any]:
 def _entry(result: Result) -> dict[str, Any]:
     entry: dict[str, Any] = {
         "name": result.trial.name,
+        "model": result.model,
         "kind": result.trial.kind,
         "cycles": len(result.trial.t_s),
         "clock": {

@@ -26,7 +26,7 @@ def shoe_rows(results: Sequence[Result]) -> list[tuple[str, ...]]:
         assert isinstance(found, ShoeResult)
         rows.append(
             (
-                each.trial.name,
+                each.title,
                 _of(found.highest_pressure_pa / 1e3, 0),
                 *_cells(found.f_z, 1.0, 1),
                 _of(found.steady_rmse_n, 1),
@@ -49,7 +49,7 @@ def chamber_rows(results: Sequence[Result]) -> list[tuple[str, ...]]:
         known = found.rmse_pa[np.isfinite(found.rmse_pa)]
         rows.append(
             (
-                each.trial.name,
+                each.title,
                 _of(found.highest_pressure_pa / 1e3, 0),
                 str(len(known)),
                 str(int(np.count_nonzero(found.good))),

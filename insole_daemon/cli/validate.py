@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 def validate(
     recordings: Annotated[list[Path], typer.Argument(help="Folders of recordings with a reference.")],
     calibration: Annotated[Path, typer.Option("--calibration", help="The calibration that is judged.")],
-    out: Annotated[Path | None, typer.Option("--json", help="All figures, as insole-validation/1.")] = None,
+    out: Annotated[Path | None, typer.Option("--json", help="All figures, as insole-validation/2.")] = None,
     report: Annotated[Path | None, typer.Option("--report", help="An HTML page, in one file.")] = None,
 ) -> None:
     """Judge a calibration by recordings with a known load: the published tables, for any tasks."""
@@ -54,7 +54,7 @@ def validate(
     console = Console(width=None if sys.stdout.isatty() else 160)
     for table in _tables(results):
         console.print(table)
-    for name in ("rmse", "accuracy", "steady", "cop", "taxels"):
+    for name in ("rmse", "accuracy", "steady", "cop", "taxels", *(("model",) if judged.effects else ())):
         print(f"{name}: {validation.DEFINITIONS[name]}", file=sys.stderr)
 
 

@@ -17,6 +17,8 @@ from ..physics.dynamic import DynamicModel
 from ..physics.static_curve import StaticCurve
 from ..skin.layout import Layout
 
+ModelName = Literal["static", "dynamic"]
+
 _AT_ONCE = 2048  # cycles whose pressure is computed together: their float64 stay small
 
 
@@ -40,7 +42,7 @@ def estimate(
     valid: NDArray[np.bool_],
     *,
     zeroed: bool,
-    model: Literal["static", "dynamic"] = "dynamic",
+    model: ModelName = "dynamic",
 ) -> Estimate:
     """What the daemon makes of consecutive cycles by its defaults; `counts` and `valid` (n, n_triangles, 12).
 

@@ -14,9 +14,11 @@ from typer.testing import CliRunner
 import insole_daemon
 from insole_daemon.calibration import validation
 from insole_daemon.calibration.validation import ChamberResult, ShoeResult, validate
+from insole_daemon.calibration.validation_report import html
 from insole_daemon.cli import app
 from insole_daemon.errors import CalibrationError
 from insole_daemon.physics.calibration import Calibration
+from insole_daemon.physics.effect import effect
 
 
 @pytest.fixture(scope="module")
@@ -95,3 +97,20 @@ def test_the_calibration_of_the_other_foot_is_refused(tasks: dict[str, Path], tm
     done = CliRunner().invoke(app, ["validate", str(tasks["t4"]), "--calibration", str(path)])
     assert isinstance(done.exception, CalibrationError)
     assert "of the right foot, which none of the recordings has" in str(done.exception)
+
+
+def test_effects_are_judged_beside_the_curves_alone(true: Calibration, tasks: dict[str, Path]) -> None:
+    late = replace(true, effects=(effect("viscoelasticity", a=0.3, tau_s=0.3),))
+    walk = [insole_daemon.load(tasks["t4"])]
+    (alone,), _ = validate(walk, true)
+    (static, dynamic), _ = validate(walk, late)
+    assert [static.model, dynamic.model, alone.model] == ["static", "dynamic", None]
+    np.testing.assert_allclose(static.estimate, alone.estimate)
+    assert isinstance(static.outcome, ShoeResult)
+    assert isinstance(dynamic.outcome, ShoeResult)
+    assert dynamic.outcome.f_z.rmse > 2 * static.outcome.f_z.rmse, "the walk was without"
+    page = html([static, dynamic], late, "late.json")
+    assert "A heel strike, before and after" in page
+    assert html([alone], true, "true.json").count("heel strike") == 0
+    entries = validation.document([static, dynamic], "late.json")["recordings"]
+    assert [(each["name"], each["model"]) for each in entries] == [("t4", "static"), ("t4", "dynamic")]
