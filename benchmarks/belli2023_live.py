@@ -2,12 +2,11 @@
 
     python benchmarks/belli2023_live.py [--folder ../shared/data/belli2023]
 
-The model is fitted to `calibration_dataset`, in the family that `validation_dataset_1` tells (docs/findings-belli2023.md),
-and given to a foot of the daemon as its calibration; its baselines are zeroed on the file's first second, as `insole zero`
-does. The counts of the file are sent as CAN frames at the times of its rows through the reader, the watch of faults and
-the foot, cycle by cycle. What it publishes is judged as in diagnosis_belli2023.py: mean pressure of the healthy taxels
-against the gauge, by the clocks, less the mean of the first second. Beside it the same model offline: the exact inverse of
-counts that have the published smoothing.
+The model is fitted to `calibration_dataset`, in each of the two families that it cannot tell apart, and given to a foot
+of the daemon as its calibration; its baselines are zeroed on the file's first second, as `insole zero` does. The counts
+of the file are sent as CAN frames at the times of its rows through the reader, the watch of faults and the foot, cycle
+by cycle. What it publishes is judged as in diagnosis_belli2023.py: mean pressure of the healthy taxels against the
+gauge, by the clocks. Beside it the same model offline: the exact inverse of counts that have the published smoothing.
 """
 
 from __future__ import annotations
@@ -16,6 +15,7 @@ import argparse
 import json
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from belli2023_data import CALIBRATION, FOLDER, Trial, read, slots
@@ -38,7 +38,9 @@ from insole_daemon.skin.reader import SkinReader
 
 START_NS = 1_600_000_000_000_000_000
 FRAME_NS = 120_000
-BACK_S = 0.1  # of a moment, in which what is published for it is looked for
+SMOOTHED_S = (
+    0.02 * (1 - follow_up.COUNT_SHARE) / follow_up.COUNT_SHARE
+)  # the clocks have that of smoothed counts in them
 WORDS = ("creep", "hysteresis")
 
 
@@ -65,7 +67,7 @@ def frames(layout: Layout, trial: Trial) -> FrameBatch:
 class Live:
     """What a foot of the daemon publishes of a file, by the static and the dynamic model."""
 
-    def __init__(self, document: dict[str, object], layout: Layout, trial: Trial, moved_count: Array) -> None:
+    def __init__(self, document: dict[str, Any], layout: Layout, trial: Trial, moved_count: Array) -> None:
         """`moved_count` (n_triangles · 12,): by how much this file rests elsewhere than the model's."""
         insole = Config().insoles[0]
         with tempfile.TemporaryDirectory() as folder:
@@ -89,8 +91,11 @@ class Live:
         self._t_s, self.static, self.dynamic = np.array(t_s), np.array(static), np.array(dynamic)
 
     def at(self, of: Array, t_s: Array, columns: NDArray[np.intp]) -> Array:
-        """(n, m) of `of` what had been published last when the frames of each row in `t_s` (n,) were in."""
-        row = np.searchsorted(self._t_s, t_s + 2 * 28 * FRAME_NS * 1e-9, side="right") - 1
+        """(n, m) of `of` what had been published last when the frames of each row in `t_s` (n,) were in.
+
+        The clocks were fitted to smoothed counts, which are late; what is published live is not.
+        """
+        row = np.searchsorted(self._t_s, t_s - SMOOTHED_S + 2 * 28 * FRAME_NS * 1e-9, side="right") - 1
         return of[row.clip(0)][:, columns]
 
 

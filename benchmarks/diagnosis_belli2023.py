@@ -22,6 +22,7 @@ import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from belli2023_data import CALIBRATION, FOLDER, Trial, read, slots
@@ -80,6 +81,10 @@ class Found:
 
     def model(self, tried: Tried, rows: NDArray[np.bool_] | None = None) -> Model:
         """One explanation as a model; `rows`: fitted to these blocks alone."""
+        return Model(self.document(tried, rows), self)
+
+    def document(self, tried: Tried, rows: NDArray[np.bool_] | None = None) -> dict[str, Any]:
+        """The same as the contents of a `model.json`."""
         group, theta = self.named.group, tried.fitted.theta
         kept = np.ones(len(group.evidence.y), bool) if rows is None else rows
         if rows is not None:
@@ -96,7 +101,7 @@ class Found:
             for each, values in zip(fitted.candidates, fitted.values(), strict=True)
             if each.parameters is not None
         ]
-        return Model(modelling.document("left", self.layout, [curves], effects, {}), self)
+        return modelling.document("left", self.layout, [curves], effects, {})
 
 
 class Model:
