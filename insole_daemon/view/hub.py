@@ -17,8 +17,8 @@ import numpy as np
 from ..errors import WireError
 from ..wire.client import Client
 from ..wire.keys import key
-from ..wire.messages import Event, Health, Message, Meta, Pressure, Raw, Wrench
-from .beside import Others
+from ..wire.messages import Event, Health, Message, Meta, Models, Pressure, Raw, Wrench
+from .beside import Others, triple
 from .packets import cycle_packet
 from .viewer import Viewer
 
@@ -36,6 +36,7 @@ class _Foot:
         self.health: Health | None = None
         self.raw: Raw | None = None
         self.pressure: Pressure | None = None
+        self.models: Models | None = None
         self.asked_s = -math.inf
 
 
@@ -99,6 +100,8 @@ class Hub:
             foot.raw = message
         elif isinstance(message, Pressure):
             foot.pressure = message
+        elif isinstance(message, Models):
+            foot.models = message
         elif isinstance(message, Wrench):
             self._cycle(foot, message)
         elif isinstance(message, Health):
@@ -120,6 +123,8 @@ class Hub:
         if raw is None or pressure is None or not _of(raw) == _of(pressure) == _of(wrench) or not self.viewers:
             return
         beside = self._others.at(wrench.foot, wrench.t_ns, raw.counts.shape)
+        if foot.models is not None and foot.models.seq == wrench.seq:  # rather the model that is not in use than a rig
+            beside = dataclasses.replace(beside, model=_other(foot.models))
         packet = cycle_packet(meta, raw, pressure, wrench, beside)
         for viewer in self.viewers:
             viewer.show(0 if wrench.foot == "left" else 1, packet)
@@ -152,6 +157,13 @@ class Hub:
 def _of(message: Raw | Pressure | Wrench) -> tuple[int, int, int]:
     """Which cycle of which daemon, and how large its arrays are."""
     return message.started_ns, message.seq, message.n_triangles
+
+
+def _other(models: Models) -> tuple[float, float, float]:
+    """The wrench by the model that is not in use."""
+    if models.model == "dynamic":
+        return triple((models.static_f_z_n, models.static_m_x_nm, models.static_m_y_nm))
+    return triple((models.dynamic_f_z_n, models.dynamic_m_x_nm, models.dynamic_m_y_nm))
 
 
 def _text(kind: str, said: Mapping[str, Any]) -> str:

@@ -4,9 +4,19 @@ from __future__ import annotations
 
 import asyncio
 import json
+from dataclasses import replace
 
+import numpy as np
+import pytest
+
+from insole_daemon.config import Config
+from insole_daemon.physics.effect import effect
+from insole_daemon.service.foot import Foot
+from insole_daemon.service.setup import load_setups
+from insole_daemon.skin.cycles import Cycles
 from insole_daemon.view.beside import Others
 from insole_daemon.view.hub import Hub
+from insole_daemon.view.packets import HEAD
 from insole_daemon.view.viewer import Viewer
 from insole_daemon.wire.client import Client
 from insole_daemon.wire.messages import Event, Health
@@ -40,6 +50,41 @@ def test_who_comes_later_hears_the_last_state_and_events_but_not_every_step():
         ("health", None), ("recording", None), ("event", "board_silent"),
     ]  # fmt: skip
     assert found[0]["uptime_s"] == 2.0
+
+
+def test_the_model_that_is_not_in_use_is_drawn_beside_the_one_that_is():
+    setup = load_setups(Config())[0]
+    effects = (effect("viscoelasticity", a=0.5, tau_s=0.5),)
+    foot = Foot(replace(setup, calibration=replace(setup.calibration, effects=effects)))
+    counts = np.full((2, foot.n_triangles, 12), 235, np.uint8)
+    counts[1] = 200
+    wide, flags, t_ns = np.zeros((2, foot.n_triangles), np.int64), np.zeros(2, bool), np.array([1, 2]) * 20_000_000
+    arrivals = wide + np.array([[2], [4]])
+    cycles = Cycles(t_ns, t_ns, counts, wide.astype(np.uint16), wide, wide, arrivals, wide > 0, flags, flags)
+
+    async def run():
+        hub, viewer = Hub(Client(), "test", Others("simulation", {})), Viewer()
+        hub._describe(foot.meta())
+        hub.join(viewer)
+        while viewer.take() is not None:
+            viewer.answered()
+        forces = []
+        for at, model in enumerate(("dynamic", "static")):
+            foot.switch(model)
+            messages = foot.messages(cycles, at)
+            for message in (foot.models, *messages):
+                hub._take(message)
+            forces.append((messages[2].f_z_n, foot.models.static_f_z_n, foot.models.dynamic_f_z_n))
+            head = HEAD.unpack(viewer.take()[: HEAD.size])
+            viewer.answered()
+            forces[-1] += (head[6], head[16])
+        return forces
+
+    (used, static, dynamic, shown, beside), later = asyncio.run(run())
+    assert (used, shown, beside) == (dynamic, pytest.approx(dynamic), pytest.approx(static))
+    used, static, dynamic, shown, beside = later
+    assert dynamic > 1.5 * static
+    assert (used, shown, beside) == (static, pytest.approx(static), pytest.approx(dynamic))
 
 
 def test_steps_reach_those_who_look():
