@@ -123,7 +123,8 @@ class Hub:
         if raw is None or pressure is None or not _of(raw) == _of(pressure) == _of(wrench) or not self.viewers:
             return
         beside = self._others.at(wrench.foot, wrench.t_ns, raw.counts.shape)
-        if foot.models is not None and foot.models.seq == wrench.seq:  # rather the model that is not in use than a rig
+        # Rather the model that is not in use than another rig.
+        if foot.models is not None and foot.models.seq == wrench.seq:
             beside = dataclasses.replace(beside, model=_other(foot.models))
         packet = cycle_packet(meta, raw, pressure, wrench, beside)
         for viewer in self.viewers:
