@@ -47,3 +47,9 @@ def test_weighted_is_the_sum_over_patterns():
     shares, patterns = draw.random((5, 3)), draw.random((3, 2, 4))
     assert portable.weighted(shares, patterns) == pytest.approx(np.tensordot(shares, patterns, axes=1))
     assert portable.weighted(shares, np.ones(3)) == pytest.approx(shares.sum(axis=1))
+
+
+def test_few_numbers_have_the_same_bits_as_many() -> None:
+    x = np.concatenate([-np.geomspace(1e-12, 700, 300), np.geomspace(1e-12, 50, 100), [0.0, -1000.0]])
+    one_by_one = np.array([portable.exp_minus_one(each)[()] for each in x])
+    assert one_by_one.tobytes() == portable.exp_minus_one(x).tobytes()
