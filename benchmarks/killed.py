@@ -5,7 +5,7 @@
 
 Three of four record a bus, some of these into a new folder every 100 kB; every fourth is `insole record --remote` and
 takes the cycles of a daemon. Every folder must open. The frames that are there must be the first that were sent, one by
-one, and the last line must be whole. Recorders have precedence over whatever else runs on the host.
+one, and the last line must be whole. Recorders and daemon have precedence over whatever else runs on the host.
 """
 
 from __future__ import annotations
@@ -207,6 +207,7 @@ def main() -> None:
     with (
         tempfile.TemporaryDirectory() as root,
         Child("ours.py", seconds=1e6, endpoint=measured.free_endpoint()) as daemon,
+        Group(daemon.pid),
     ):
         ready = daemon.said()
         with Child("feeder.py", to=ready["feeds"][0], seconds=86_400):

@@ -10,6 +10,7 @@ from the rig's `put` until the viewer has the message decoded. All run on one ho
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import subprocess
 import sys
@@ -28,7 +29,7 @@ import insole_daemon
 
 _ROUTER = Path(__file__).parent.parent / "docs" / "examples" / "router.py"
 _SETTLE_S = 5.0
-_MESSAGES_PER_CYCLE, _CYCLES_PER_S = 3, 100  # of both feet
+_CYCLES_PER_S = 100  # of both feet
 
 
 def rss_mb(pid: int) -> float:
@@ -88,10 +89,11 @@ def main() -> None:
         router.wait()
         router.stdout.close()
     p50, p99, most = np.percentile(ages_ms, [50, 99, 100])
-    messages_in = options.rigs * _CYCLES_PER_S * _MESSAGES_PER_CYCLE
-    megabits = options.rigs * _CYCLES_PER_S / 2 * sizes["bytes"] * 8e-6
+    taken = sizes["Raw"] + sizes["Wrench"]  # what nobody subscribes to does not leave a rig
     print(f"{options.rigs} rigs, {2 * options.rigs} feet, {options.seconds:g} s, load {os.getloadavg()[0]:.1f}")
-    print(f"into the router: {messages_in} messages/s, {megabits:.1f} Mbit/s of payload")
+    print(f"a cycle of a foot: {json.dumps(sizes)} bytes")
+    print(f"through the router: {options.rigs * _CYCLES_PER_S * 2} messages/s and "
+          f"{options.rigs * _CYCLES_PER_S * taken * 8e-6:.1f} Mbit/s of payload each way")  # fmt: skip
     print(f"viewer:   {len(ages_ms) / elapsed_s / 2 / options.rigs:.2f} Hz a foot, {lost} lost, age p50 {p50:.2f}, "
           f"p99 {p99:.2f}, longest {most:.1f} ms")  # fmt: skip
     print(f"recorder: {recorded['cycles']} cycles on disk, {recorded['lost']} lost, {recorded['waiting']} waiting")

@@ -78,7 +78,7 @@ def main() -> None:
                 publisher.stand("calibration", foot.calibration_in_use())
                 due.append((PERIOD_S * (number + at / 2) / options.rigs, publisher, cycles))
         due.sort(key=lambda each: each[0])
-        print(json.dumps({"bytes": sum(message.size for foot in encoded for message in foot[0])}), flush=True)
+        print(json.dumps({message.kind.__name__: message.size for message in encoded[0][0]}), flush=True)
         seq, begin, late_s = 0, time.monotonic(), 0.0
         while not ended.is_set():
             for phase_s, publisher, cycles in due:
