@@ -25,8 +25,9 @@ _log = logging.getLogger(__name__)
 class Backlog:
     """How often to look, from how old the cycles are that have just closed.
 
-    A pause is made up for: who was stopped publishes all that has waited. Only where it is behind again and again does
-    it look less often, and more often again, step by step, when it has been on time for a while.
+    A pause is made up for: who was stopped publishes all that has waited, as far as that is done within PATIENCE_NS.
+    Only where it is behind again and again does it look less often, and more often again, step by step, when it has
+    been on time for a while.
     """
 
     def __init__(self) -> None:
@@ -39,8 +40,12 @@ class Backlog:
 
     @property
     def pause_ns(self) -> int:
-        """How long to rest before each look; where not 0, all but the newest cycle of a foot are left out."""
+        """How long to rest before each look."""
         return PAUSES_NS[self._level]
+
+    def newest_only(self, publishing_ns: int) -> bool:
+        """Whether older cycles are to be left out, when those that closed have been published for `publishing_ns`."""
+        return self._level > 0 or publishing_ns > PATIENCE_NS
 
     def look(self, closed: Iterable[Cycles], now_mono_ns: int) -> None:
         """Take note of the cycles that have just closed."""

@@ -144,14 +144,14 @@ class Daemon:
         if not at_hand:
             return
         self._backlog.look(at_hand, self._source.clock_ns())
-        newest_only = self._backlog.pause_ns > 0
+        began_ns = self._source.clock_ns()
         for foot, publisher, tally, closed in zip(
             self._feet, self._publishers, self._tallies, closed_by_foot, strict=True
         ):
             for number, cycles in enumerate(closed, 1):
                 for at in range(len(cycles)):
                     newest = (number, at) == (len(closed), len(cycles) - 1)
-                    if not newest and newest_only:
+                    if not newest and self._backlog.newest_only(self._source.clock_ns() - began_ns):
                         tally.skipped += 1
                         continue
                     if not newest and cycles.repeated[at]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
-from insole_daemon.service.backlog import LONGEST_TRIAL_NS, OLD_NS, PAUSES_NS, TRIAL_NS, Backlog
+from insole_daemon.service.backlog import LONGEST_TRIAL_NS, OLD_NS, PATIENCE_NS, PAUSES_NS, TRIAL_NS, Backlog
 
 SECOND = 1_000_000_000
 CYCLE = SECOND // 50
@@ -42,6 +42,20 @@ def test_a_pause_is_made_up_for_however_long_it_was():
     on_time(backlog, 0)
     assert not look(backlog, 60 * SECOND, 60 * SECOND)
     assert not look(backlog, 60 * SECOND + 3 * CYCLE, 10 * CYCLE)
+
+
+def test_a_pause_that_takes_long_to_make_up_for_is_not():
+    backlog = Backlog()
+    assert not look(backlog, 60 * SECOND, 60 * SECOND)
+    assert not backlog.newest_only(PATIENCE_NS)
+    assert backlog.newest_only(PATIENCE_NS + 1)
+
+
+def test_who_rests_publishes_what_is_newest():
+    backlog = Backlog()
+    assert not backlog.newest_only(0)
+    driven(backlog, 0, behind, PAUSES_NS[1])
+    assert backlog.newest_only(0)
 
 
 def test_pauses_now_and_then_do_not_add_up():
