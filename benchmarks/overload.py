@@ -37,6 +37,8 @@ class Seen:
     seconds: float = 0.0
 
     def told(self) -> str:
+        if not self.ages_ms:
+            return "nothing came"
         p50, p99, most = np.percentile(self.ages_ms, [50, 99, 100])
         said = [health.publish_rate_hz for health in self.healths]
         return (

@@ -147,6 +147,11 @@ class Watch:
             self._wall, self._cpu = Latencies(), Latencies()
             self._hour_ns, self._hour_real = self._hour_ns + HOUR_NS, time.monotonic()
 
+    def end(self) -> None:
+        """Of less than an hour, what there is."""
+        if not self.rows:
+            self.rows.append((Census.take(), self._wall, self._cpu))
+
     def _say(self, hour: int, speed: float) -> None:
         census, wall, cpu = self.rows[-1]
         print(
@@ -223,6 +228,7 @@ def main() -> None:
             signal.signal(signal.SIGTERM, lambda *_: daemon.stop())
             time.sleep(0.5)  # until the subscription is there
             daemon.run()
+            watch.end()
             time.sleep(1.0)
             received = child.end()
         report(bus, daemon, watch, received)
