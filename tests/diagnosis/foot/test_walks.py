@@ -19,8 +19,8 @@ from ..chamber import write as write_chamber
 from .shoe import Array, late, write
 
 
-def diagnose(folder: Path, out: Path) -> dict:
-    done = CliRunner().invoke(app, ["diagnose", str(folder), "--out", str(out)])
+def diagnose(folder: Path, out: Path, *options: str) -> dict:
+    done = CliRunner().invoke(app, ["diagnose", str(folder), "--out", str(out), *options])
     assert done.exit_code == 0, (done.output, done.exception)
     return json.loads((out / "diagnosis.json").read_text())
 
@@ -61,6 +61,31 @@ def test_what_one_part_of_the_insole_does_is_placed_there(tmp_path):
     (finding,) = found["findings"]
     assert finding["effect"] == "viscoelasticity"
     assert finding["where"] == {"scope": "board", "ids": [[7]]}
+
+
+def test_a_simulated_trial_from_frames_to_what_is_named(tmp_path):
+    trial, effects, walk = tmp_path / "trial.yaml", tmp_path / "effects.yaml", tmp_path / "walk"
+    reference = {"offset_s": 0, "rate_ppm": 0}
+    trial.write_text(json.dumps({"format": "insole-trial/1", "length_s": 30, "reference": reference}))
+    concealed = [
+        {"effect": "viscoelasticity", "where": {"scope": "insole"},
+         "parameters": {"a": {"value": 0.1, "unit": "1"}, "tau_s": {"value": 0.4, "unit": "s"}}},
+        {"effect": "delay", "where": {"scope": "insole"}, "parameters": {"delay_s": {"value": 0.03, "unit": "s"}}},
+    ]  # fmt: skip
+    effects.write_text(json.dumps({"format": "insole-effects/1", "effects": concealed}))
+    arguments = ["simulate", "t4", "--out", walk, "--seed", 4, "--trial", trial, "--effects", effects]
+    done = CliRunner().invoke(app, [str(each) for each in arguments])
+    assert done.exit_code == 0, (done.output, done.exception)
+    recording = walk / "recording.yaml"
+    recording.write_text(recording.read_text().replace("clock: own", "clock: can"))
+    done = CliRunner().invoke(app, ["diagnose", str(walk), "--out", str(tmp_path / "out")])
+    assert isinstance(done.exception, DiagnosisError)
+    assert "--foot left" in str(done.exception)
+    found = diagnose(walk, tmp_path / "out", "--foot", "left")
+    told = [(each["effect"], each["parameters"]) for each in found["findings"]]
+    assert {word for word, _ in told} >= {"viscoelasticity", "delay"}, told
+    assert "lag" not in {word for word, _ in told}, told
+    assert found["heldout"]["after"] < 0.2 * found["heldout"]["before"], found["heldout"]
 
 
 def test_bad_input_is_refused_with_a_sentence(tmp_path):
