@@ -90,7 +90,8 @@ def diagnose(
         words = ", ".join(each.law.word for each in model.effects)
         raise DiagnosisError(f"the model has effects already ({words}), expected a static one: diagnose against that")
     progress("auditing the readings")
-    audits = [audit(foot, each.folder.name) for foot, each in zip(feet, recordings, strict=True)]
+    walk = simulation is not None and has_places(simulation, feet[0])
+    audits = [audit(foot, each.folder.name, walk) for foot, each in zip(feet, recordings, strict=True)]
     observed, spikes, mapped = _observe(recordings, feet, audits, simulation, model, progress)
     excited = excitation(observed)
     slots = observed[0].slots
@@ -119,12 +120,13 @@ def diagnose(
     curves = explained.curves(insole, located, parts)
     handed_in = None
     if mapped is not None and model is not None:
-        curves, handed_in = _continued(curves, model, located, noise)
+        curves, handed_in = _continued(curves, model, located, parts, noise)
     before, after = explained.held_out(insole, located, parts)
     findings, effects = explained.findings(insole, parts)
     if mapped is not None:
         placed, of_places = simulated.findings(insole, mapped)
         findings, effects = placed + findings, of_places + effects
+        before += sum(each.explains for each in placed)
     findings += [finding for each in audits for finding in each.findings]
     findings += [
         finding for name, when in zip(names, spikes, strict=True) for finding in beside.of_spikes(insole, name, when)
@@ -193,15 +195,22 @@ def _observe(
 
 
 def _continued(
-    curves: Sequence[modelling.Curves], model: Calibration, located: Located, noise: Array
+    curves: Sequence[modelling.Curves],
+    model: Calibration,
+    located: Located,
+    parts: explained.Explained,
+    noise: Array,
 ) -> tuple[list[modelling.Curves], float]:
     """Curves that are `model`'s with a gain and a shift, and how far off it is under these loads, counts²."""
     load_pa = Hypothesis(located.taxels, ()).effective_pa(located.null.theta)
+    for named, each in parts:
+        hypothesis = Hypothesis(named.group.taxels, each.best.fitted.candidates)
+        load_pa[:, np.searchsorted(located.slots, named.group.slots)] = hypothesis.effective_pa(each.best.fitted.theta)
     found, off = [], 0.0
-    for each in curves:
-        own = np.searchsorted(located.slots, each.slots)
+    for curve in curves:
+        own = np.searchsorted(located.slots, curve.slots)
         activation = located.taxels.y[:, own] * noise[own]
-        whole, square = continued(each, model, load_pa[:, own], activation, noise[own])
+        whole, square = continued(curve, model, load_pa[:, own], activation, noise[own])
         found.append(whole)
         off += square * len(own) / len(located.slots)
     return found, off

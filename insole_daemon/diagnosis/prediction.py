@@ -43,14 +43,15 @@ def counts(model: str | PathLike[str], recording: Recording, simulation: Recordi
         layout = foot.layout
         calibration = calibrations.load(model, layout)
         chain = Chain(calibration.effects, layout, calibration, [as_configured(board) for board in foot.boards])
-        audited = audit(foot, recording.folder.name)
+        walk = simulation is not None and has_places(simulation, foot)
+        audited = audit(foot, recording.folder.name, walk)
         t_s = np.maximum.accumulate((foot.t_ns - foot.t_ns[0]) * 1e-9)
         began = (foot.t_ns[0] - int(calibration.provenance.get(BEGAN, foot.t_ns[0]))) * 1e-9
         origin = began if abs(began) < _FAR_S else 0.0
         # Each triangle was read as long ago as it is old.
         read_s = t_s[:, None] - np.maximum(foot.age_ns, 0) * 1e-9
         own_clock, warm = True, None
-        if simulation is not None and has_places(simulation, foot):
+        if simulation is not None and walk:
             load_at = loads(recording, foot, audited, simulation, chain.xy_m)
         else:
             seen, _ = observe(recording, foot, audited.kept, audited.cycles, simulation)

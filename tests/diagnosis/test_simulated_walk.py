@@ -44,7 +44,7 @@ def plain(tmp_path_factory) -> Path:
 def looked(folder: Path, simulation: Path) -> simulated.Mapped:
     recording = load(folder)
     foot = recording.feet[0]
-    fit = audit(foot, "walk")
+    fit = audit(foot, "walk", steps=True)
     return simulated.observe(
         recording, foot, fit.kept, fit.cycles, load(simulation), foot.calibration, lambda text: None
     )[1]
