@@ -109,7 +109,7 @@ def document(
     seen_pa = [float(load) for each in curves for load in each.load_pa[[0, -1]]]
     effects = [
         replace(each, valid_range={"pressure_pa": (min(seen_pa), max(seen_pa))})
-        if seen_pa and each.law.domain == "pressure"
+        if seen_pa and each.law.domain == "pressure" and not each.valid_range
         else each
         for each in effects
     ]
