@@ -23,8 +23,10 @@ _FIXED = {
     "transport/link/tx/queue/congestion_control/drop/wait_before_drop": 0,
     "transport/link/tx/queue/size/real_time": 16,
     # After a cable was out TCP waits longer and longer before it tries again. So a side that has heard nothing for two
-    # seconds counts as gone, and is connected to anew, again and again, without pauses that grow.
+    # seconds counts as gone, and is connected to anew, again and again, without pauses that grow; an attempt that the
+    # network swallowed is given up after TCP's second try, for the third would come two seconds later.
     "transport/link/tx/lease": 2000,
+    "transport/unicast/open_timeout": 1500,
     "connect/retry": {"period_init_ms": 200, "period_max_ms": 400, "period_increase_factor": 2},
 }
 _TLS_FILES = (
