@@ -6,8 +6,7 @@ and one that stays below what it is given is not stopped in the midst of a cycle
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 from ..skin.cycles import Cycles
 
@@ -19,8 +18,6 @@ TRIAL_NS = 1_000_000_000  # on time for so long, it looks more often; where it h
 LONGEST_TRIAL_NS = 16_000_000_000
 _STEP_NS = 100_000_000  # a longer pause is one pause: who was stopped makes up for it
 
-_log = logging.getLogger(__name__)
-
 
 class Backlog:
     """How often to look, from how old the cycles are that have just closed.
@@ -30,7 +27,9 @@ class Backlog:
     been on time for a while.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, warn: Callable[[str], object] = lambda text: None) -> None:
+        """`warn` is told when it begins to look less often."""
+        self._warn = warn
         self._level = 0
         self._behind_ns = 0
         self._trial_ns = self._vain_ns = TRIAL_NS  # until the next step to more; after one that was in vain
@@ -59,7 +58,7 @@ class Backlog:
             self._behind_ns = max(0, self._behind_ns - step_ns)
         if self._behind_ns > PATIENCE_NS and self._level < len(PAUSES_NS) - 1:
             if self._level == 0:
-                _log.warning("cannot keep up with the boards: some cycles are left out, the newest is published")
+                self._warn("cannot keep up with the boards: some cycles are left out, the newest is published")
             self._vain_ns = min(2 * self._vain_ns, LONGEST_TRIAL_NS) if self._trying else self._vain_ns
             self._trial_ns, self._trying = self._vain_ns, False
             self._change(self._level + 1, now_mono_ns)

@@ -77,13 +77,13 @@ class Daemon:
             if foot.config.boards.configure:
                 desk.keep(keep_configured(boards))
         self._tallies = [_Tally() for _ in feet]
-        self._backlog = Backlog()
         self._steps = Steps(self._feet)
         self._stopping = False
         self._reloader = Reloader(config_file)
         self._reload_asked = False
         self._reloads = self._reloads_refused = 0
         self._journal = Journal(_log)
+        self._backlog = Backlog(partial(self._journal.tell, logging.WARNING))
         self._started_mono_ns = time.monotonic_ns()
 
     def stop(self) -> None:
