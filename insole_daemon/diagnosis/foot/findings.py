@@ -16,7 +16,7 @@ from ..finding import Finding, Quantity
 from ..places import said
 from . import modelling
 from .deciding import Decided
-from .evidence import LOADED, Evidence
+from .evidence import EVERY, LOADED, Evidence
 from .naming import Naming, Tried
 
 PHASES = {"loading": (0.0, 0.25), "mid-stance": (0.25, 0.7), "push-off": (0.7, 1.0)}  # of a stance
@@ -151,11 +151,13 @@ def drifts(explained: Explained) -> tuple[list[Finding], list[Effect]]:
 
 
 def gains(explained: Explained) -> list[Finding]:
-    """A gain that the whole insole shares: recalibration removes it."""
+    """A gain that the whole insole shares, curvature included: recalibration removes it."""
     evidence = explained.evidence
-    gain = explained.recalibration[: evidence.n_common : 2]
-    mean = float(np.mean(gain))
-    std = float(np.std(gain) / np.sqrt(len(gain)))
+    common = explained.recalibration[: evidence.n_common]
+    force = np.concatenate([np.sum(list(p.sums.values()), axis=0)[::EVERY, 0] / p.noise[0] for p in evidence.parts])
+    added = np.concatenate([p.stretched[:, 0] @ common for p in evidence.parts])
+    mean = float(added @ force) / float(force @ force)
+    std = float(np.std(common[::2]) / np.sqrt(len(common[::2])))
     if abs(mean) < max(LEAST_GAIN, GAIN_SIGMAS * std):
         return []
     moved = mean * float(np.sqrt(np.mean(np.concatenate([p.force_n for p in evidence.parts]) ** 2)))

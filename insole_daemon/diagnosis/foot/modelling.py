@@ -22,7 +22,7 @@ from ..finding import Quantity
 from ..modelling import FAMILY, as_effect
 from .evidence import CURVED_PA, RADII_PA, Evidence
 from .hypothesis import Fitted, Term
-from .naming import Tried
+from .naming import Tried, std
 
 LEAST_SHARE = 2e-3  # of a play that is worth a word
 
@@ -39,14 +39,14 @@ def quantities(term: Term, tried: Tried) -> dict[str, Quantity]:
     units = {parameter.name: parameter.unit for parameter in laws()[term.word].parameters}
     found = {}
     for name, value in values.items():
-        std = tried.std(value, np.stack([each[name] for each in folds])) if name != "r_pa" else np.zeros_like(value)
-        found[name] = (value, np.hypot(std, FAMILY * np.abs(value)))
+        scatter = std(np.stack([each[name] for each in folds]))
+        found[name] = (value, np.hypot(scatter, FAMILY * np.abs(value)))
     if term.word == "hysteresis":
         kept = found["w"][0] > LEAST_SHARE
         kept[np.argmax(found["w"][0])] = True
-        found = {name: (value[kept], std[kept]) for name, (value, std) in found.items()}
-        return {name: Quantity(value, std, units[name]) for name, (value, std) in found.items()}
-    return {name: Quantity(float(value[0]), float(std[0]), units[name]) for name, (value, std) in found.items()}
+        found = {name: (value[kept], spread[kept]) for name, (value, spread) in found.items()}
+        return {name: Quantity(value, spread, units[name]) for name, (value, spread) in found.items()}
+    return {name: Quantity(float(value[0]), float(spread[0]), units[name]) for name, (value, spread) in found.items()}
 
 
 def effect(term: Term, parameters: Mapping[str, Quantity], evidence: Evidence) -> Effect:

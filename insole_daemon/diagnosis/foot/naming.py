@@ -40,10 +40,12 @@ class Tried:
         """Of its effects."""
         return frozenset(each.word for each in self.terms)
 
-    def std(self, values: Array, of_folds: Array) -> Array:
-        """Jackknife over the folds of values (k,) that these fits have (folds, k)."""
-        spread = of_folds - of_folds.mean(axis=0)
-        return np.asarray(np.sqrt((N_FOLDS - 1) / N_FOLDS * np.sum(spread**2, axis=0))) + 0 * values
+
+def std(of_folds: Array) -> Array:
+    """(k,) jackknife of values (folds, k) that the fits without each fold have."""
+    spread = of_folds - of_folds.mean(axis=0)
+    found: Array = np.sqrt((N_FOLDS - 1) / N_FOLDS * np.sum(spread**2, axis=0))
+    return found
 
 
 @dataclass(frozen=True, slots=True, eq=False)

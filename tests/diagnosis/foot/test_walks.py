@@ -63,6 +63,18 @@ def test_what_one_part_of_the_insole_does_is_placed_there(tmp_path):
     assert finding["where"] == {"scope": "board", "ids": [[7]]}
 
 
+def test_walks_are_explained_together(tmp_path):
+    walks = [write(tmp_path / name, solid, seed=seed, clock="own") for name, seed in (("one", 1), ("two", 2))]
+    found = diagnose(walks[0], tmp_path / "out", str(walks[1]))
+    (finding,) = found["findings"]
+    assert finding["effect"] == "viscoelasticity"
+    assert finding["recordings"] == ["one", "two"]
+    assert finding["contradicted_by"] == []
+    assert finding["parameters"]["a"]["value"] == pytest.approx(0.15, rel=0.25)
+    assert [each["recording"] for each in found["alignment"]] == ["one", "two"]
+    assert [each["offset_s"] for each in found["alignment"]] == pytest.approx([3.1, 3.1], abs=0.05)
+
+
 def test_a_simulated_trial_from_frames_to_what_is_named(tmp_path):
     trial, effects, walk = tmp_path / "trial.yaml", tmp_path / "effects.yaml", tmp_path / "walk"
     reference = {"offset_s": 0, "rate_ppm": 0}
