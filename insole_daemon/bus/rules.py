@@ -80,15 +80,17 @@ def never_a_command(frames: FrameBatch) -> NDArray[np.bool_]:
     """(n,) which frames no board can take for a command: what boards send, and other nodes' traffic.
 
     Boards take commands in the classes 2 and 7, 29-bit identifiers and CAN FD are none of theirs. Of these classes only
-    what comes from a board passes: answers, which go to the host (class 2, destination 0), and an MTB3's notice that it
-    dropped its queue (class 7, type 5, no payload).
+    what comes from a board passes: answers, which go to the host (class 2, destination 0; of class 7 those to discovery
+    alone, FF), and an MTB3's notice that it dropped its queue (class 7, type 5, no payload).
     """
     cls, source, destination = frames.can_id >> 8, frames.can_id >> 4 & 0xF, frames.can_id & 0xF
     said = (frames.flags == 0) & (source >= 1) & (source <= 14)
     answer = said & (cls == 2) & (destination == 0)
+    identity = said & (cls == 7) & (destination == 0) & (frames.data[:, 0] == 0xFF)
+    identity &= (frames.dlc == 4) | (frames.dlc == 5)
     overflow = said & (cls == 7) & (destination == 5) & (frames.dlc == 0)
     standard = (frames.flags & (ERROR | FD | EXTENDED) == 0) & (cls < 8)
-    passes: NDArray[np.bool_] = standard & ((cls != 2) & (cls != 7) | answer | overflow)
+    passes: NDArray[np.bool_] = standard & ((cls != 2) & (cls != 7) | answer | identity | overflow)
     return passes
 
 

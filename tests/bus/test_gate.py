@@ -16,8 +16,11 @@ from insole_daemon.bus.gate import Gate
 from insole_daemon.bus.recovering import RecoveringSource
 from insole_daemon.bus.rules import check_may_leave, never_a_command, refusal
 from insole_daemon.bus.sink import PythonCanSink, SocketCanSink
-from insole_daemon.config import Bus
+from insole_daemon.config import Bus, Config
 from insole_daemon.errors import BusError
+from insole_daemon.service.setup import load_layout
+from insole_daemon.simulation.emulator import Emulator
+from insole_daemon.simulation.foot import Walk
 
 # The longest way round the code under test: written out by hand, one good frame a command.
 GOOD = {
@@ -138,6 +141,17 @@ def test_what_is_played_again_is_no_command_at_any_identifier_with_any_first_byt
             overflow = {0x705 | address << 4 for address in range(1, 15)} if dlc == 0 else set()
             assert {can_id for can_id in passed if can_id >> 8 in (2, 7)} == board_sends | overflow
             assert len(passed - board_sends - overflow) == 6 * 256, "what boards stream, and other nodes"
+
+
+def test_of_class_7_boards_say_who_they_are_and_nothing_else():
+    for dlc, first in itertools.product(range(9), range(256)):
+        passed = {
+            can_id for can_id in np.flatnonzero(never_a_command(all_ids(dlc, first))).tolist() if can_id >> 8 == 7
+        }
+        if dlc in (4, 5) and first == 0xFF:
+            assert passed == {0x700 | address << 4 for address in range(1, 15)}
+        else:
+            assert passed == ({0x705 | address << 4 for address in range(1, 15)} if dlc == 0 else set())
 
 
 def test_nothing_but_standard_frames_is_played_again():
@@ -292,3 +306,18 @@ def test_nothing_but_the_sinks_writes_to_a_bus():
     raw = {name for name, text in source.items() if "CAN_RAW" in text}
     for name in raw - {"bus/sink.py"}:
         assert not re.search(r"\.(send(to|msg|all)?|write)\(", source[name]), name
+
+
+def test_whatever_emulated_boards_say_may_leave():
+    """Streams, and their answers to every command there is."""
+    config = Config()
+    layouts = [load_layout(insole) for insole in config.insoles]
+    boards = Emulator(config, layouts, Walk(layouts), generation="mtb4").run(0)
+    said = [boards.advance(100_000_000)]
+    for can_id, payload in sorted(ALLOWED):
+        boards.obey(all_ids(len(payload), payload[0])[can_id : can_id + 1])
+        said.append(boards.advance(boards.now_ns + 5_000_000))
+    said.append(boards.advance(boards.now_ns + 2_000_000_000))  # their thermometers too
+    frames = FrameBatch.concatenate(said)
+    assert {0x4, 0x2, 0x7, 0x3} <= set((frames.can_id >> 8).tolist())
+    assert never_a_command(frames).all()
