@@ -34,6 +34,7 @@ LEAP_COUNT, LEAPS = (
     45.0,
     2,
 )  # (a snap is less) further than the other taxels from one cycle to the next, and how often: a loose contact
+MOST_LEAPING = 0.5  # of the taxels: as many loose contacts there are not
 BURST_S = 0.3
 WINDOW_S = 1.0
 GAP_PERIODS = 1.6
@@ -68,7 +69,9 @@ def audit(foot: FootRecording, name: str, steps: bool = False) -> Audit:
     silent = _dead(counts[:, asked], valid[:, asked], t_s, mean)
     dead = np.zeros((n, k * N_TAXELS), bool)
     dead[:, asked] = silent
-    share = dead[:, asked].mean(axis=0)
+    # Where many stand at an end of their range together it is the rest counts that have wandered off, not the taxels.
+    railed = _on_rails(counts[:, asked])
+    share = dead[~railed][:, asked].mean(axis=0)
     bad = np.zeros(k * N_TAXELS, bool)
     bad[asked] = share > MOST_INVALID
     findings: list[Finding] = []
@@ -78,7 +81,9 @@ def audit(foot: FootRecording, name: str, steps: bool = False) -> Audit:
         loud[slots] = True
         text = "is far noisier in some stretches than in others, too long to leave them out: the board is left out"
         findings.append(_finding("noise_burst", foot, name, slots, when, text))
-    bad[asked] |= ~loud[asked] & (_leaps(counts[:, asked], valid[:, asked]) >= LEAPS)
+    leaping = _leaps(counts[:, asked], valid[:, asked]) >= LEAPS
+    if leaping.mean() < MOST_LEAPING:  # else it is how this insole answers, and no contact
+        bad[asked] |= ~loud[asked] & leaping
     # Readings at the upper end are a rest count that has wandered off, not a line without a triangle.
     silent_now = (dead & (counts < 255)).reshape(n, k, N_TAXELS)
     opened = _open(silent_now, t_s)

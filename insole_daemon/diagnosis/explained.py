@@ -13,16 +13,17 @@ from ..physics.effect import Effect, Where
 from ..physics.effects import laws
 from ..physics.law import Array
 from ..skin.layout import Layout
-from .candidate import Candidate, Excitation
+from .candidate import Excitation
 from .deciding import Decided
 from .discovery import discover
 from .finding import Finding, Quantity
-from .fit import Hypothesis
+from .fit import Fitted, Hypothesis
 from .groups import Located, Named
 from .modelling import FAMILY, N_LOADS, Curves, as_effect, quantities
 from .places import merged, said, where
 from .regimes import gained, regime, when
 
+LEAST_UNKNOWN = 0.5  # of a reading's noise: less is no mismatch to announce without a name
 LOOPS = ("hysteresis", "creep", "viscoelasticity")  # whose amplitude is stated too, as the format wants
 
 
@@ -83,7 +84,7 @@ def findings(insole: Insole, explained: Explained) -> tuple[list[Finding], list[
     for named, decided in explained:
         for word in decided.best.words:  # an unknown one's nearest words still make the model better
             members.setdefault(word, []).append((named, decided))
-        if decided.unknown:
+        if decided.unknown and _size(named) > LEAST_UNKNOWN:
             found.append(_unknown(insole, named, decided))
     for word, parts in members.items():
         asserted = [part for part in parts if not part[1].unknown]
@@ -108,7 +109,7 @@ def _named(insole: Insole, word: str, place: Where, named: Named, decided: Decid
     parameters = quantities(candidate, values, std, hypothesis, taxels, own, insole.excitation, knots_s)
     effect = as_effect(word, place, parameters)
     if word in LOOPS:
-        parameters = {**parameters, "amplitude_fraction": _amplitude(hypothesis, candidate, values, std, insole)}
+        parameters = {**parameters, "amplitude_fraction": _amplitude(hypothesis, taxels, at, std, own)}
     left = (decided.alone[word].left_heldout, decided.best.left_heldout)
     above = named.group.per_taxel(named.naming.excess)
     before, after = (float(np.sqrt(np.mean(own**2) * (1.0 + above * max(u, 0.0)))) for u in left)
@@ -130,9 +131,14 @@ def _named(insole: Insole, word: str, place: Where, named: Named, decided: Decid
     return finding, effect
 
 
+def _size(named: Named) -> float:
+    """RMS that the static model leaves of a group above the noise, in units of a reading's noise."""
+    return float(np.sqrt(named.group.per_taxel(named.naming.excess)))
+
+
 def _unknown(insole: Insole, named: Named, decided: Decided) -> Finding:
     place = where(named.group.slots, insole.slots, insole.layout)
-    size = float(np.sqrt(named.group.per_taxel(named.naming.excess)))
+    size = _size(named)
     nearest = " and ".join(decided.best.words) or "none of the known effects"
     discovered = discover(named.group, named.naming.null.fitted)
     proposal = ""
@@ -148,14 +154,24 @@ def _unknown(insole: Insole, named: Named, decided: Decided) -> Finding:
     )  # fmt: skip
 
 
-def _amplitude(hypothesis: Hypothesis, candidate: Candidate, values: Array, std: Array, insole: Insole) -> Quantity:
-    """Half the peak-to-peak of what the effect adds to the load and no static curve could, over the load's span."""
+def _amplitude(hypothesis: Hypothesis, fitted: Fitted, at: int, std: Array, own: Array) -> Quantity:
+    """Half the peak-to-peak of what candidate `at` adds to the mean reading and no static curve could, over its span.
+
+    `fitted` to m taxels, `own` (m,) their noise. In readings and not in loads: where the curve is steep it adds more.
+    """
+    candidate, values = fitted.candidates[at], fitted.values()[at]
+    low, high = float(fitted.effective_pa.min()), float(fitted.effective_pa.max())
+    grid = np.linspace(low - 0.2 * (high - low), high + 0.2 * (high - low), N_LOADS)
+    reading = own @ hypothesis.curve(fitted, grid) / len(own)
 
     def fraction(theta: Array) -> float:
         assert candidate.act is not None
-        loads = [(each.load.pressure_pa, each.load.step_s) for each in hypothesis.evidence.observed]
-        spans = [_span(hypothesis.beyond_static(load, candidate.act(load, step_s, theta))) for load, step_s in loads]
-        return float(max(spans)) / 2 / insole.excitation.span_pa
+        found = []
+        for each in hypothesis.evidence.observed:
+            load = each.load.pressure_pa
+            said = np.interp(candidate.act(load, each.load.step_s, theta), grid, reading)
+            found.append(_span(hypothesis.beyond_static(load, said)) / _span(said))
+        return max(found) / 2
 
     middle = fraction(values)
     nudged = [np.clip(values + step, candidate.low, candidate.high) for step in np.diag(std)]

@@ -30,3 +30,22 @@ def test_a_burst_is_told_with_its_place_and_time(tmp_path: Path) -> None:
     ((began, ended),) = found.when_s
     assert began == np.clip(began, 37.5, 40.5)
     assert ended == np.clip(ended, 42.5, 45.5)
+
+
+def test_rest_counts_beyond_the_range_make_no_taxel_dead(tmp_path: Path) -> None:
+    def wandered(t_s: chamber.Array, counts: chamber.Array) -> None:
+        counts[t_s > 55] += 25.0
+
+    recording = load(chamber.write(tmp_path / "railed", touch=wandered))
+    found = audit(recording.feet[0], "railed")
+    assert found.kept.sum() == len(chamber.SLOTS)
+    assert 0.5 < found.cycles.mean() < 0.95
+
+
+def test_noise_that_makes_all_leap_is_no_loose_contact(tmp_path: Path) -> None:
+    def rough(t_s: chamber.Array, counts: chamber.Array) -> None:
+        loaded = counts < 215
+        counts[loaded] += np.random.default_rng(6).normal(0.0, 14.0, loaded.sum())
+
+    recording = load(chamber.write(tmp_path / "rough", touch=rough))
+    assert audit(recording.feet[0], "rough").kept.sum() == len(chamber.SLOTS)
