@@ -79,7 +79,7 @@ def when(gain: Gain, recording: int) -> tuple[tuple[float, float], ...]:
     return ((float(inside[0]), float(inside[-1])),)
 
 
-def _shortest(of_bins: Array, share: float) -> tuple[int, int]:
+def _shortest(of_bins: NDArray[Any], share: float) -> tuple[int, int]:
     """From which to before which bin the shortest run lies that holds `share` of the whole."""
     total = np.concatenate([[0.0], np.cumsum(of_bins)])
     n = len(of_bins)

@@ -42,7 +42,7 @@ def test_a_reference_that_stepped(tmp_path, clock):
 
 def test_a_reference_that_drifted(tmp_path):
     def reference(t_s, p):
-        return p + 12e3 * np.interp(t_s, *COURSE)
+        return p + 60e3 * np.interp(t_s, *COURSE)
 
     diagnosis = found(write(tmp_path / "drifted", reference=reference, seconds=60.0))
     assert [each.effect for each in diagnosis.findings] == ["reference_fault"]
