@@ -3,8 +3,8 @@
     python -m benchmarks.faultmatrix [WORD...] [--out docs/fault-matrix.md]
 
 Takes about a quarter of an hour, and User Mode Linux (apt-get install user-mode-linux kmod iproute2): a kernel of its
-own, whose clock may be set and whose interfaces may go. A WORD chooses the rows with it in their group or name; without
-one and with --out, the table is written.
+own, whose clock may be set and whose interfaces may go. A WORD chooses the rows with it in their group or name; the
+others keep their line of the page that is there.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ TIMEOUT_S = 3000
 def main() -> int:
     parser = argparse.ArgumentParser(description="Every fault on a real vcan, as a table.")
     parser.add_argument("words", nargs="*", help="only rows with one of them in their group or name")
-    parser.add_argument("--out", type=Path, help="the page to write")
+    parser.add_argument("--out", type=Path, help="the page to write, or to renew")
     options = parser.parse_args()
     rows = []
     began = time.monotonic()
@@ -37,7 +37,8 @@ def main() -> int:
         for line in process.stdout:
             rows.append(json.loads(line) | {"load": os.getloadavg()[0]})
             print(_in_short(rows[-1]), file=sys.stderr, flush=True)
-    text = page(rows, time.monotonic() - began)
+    before = options.out.read_text() if options.out and options.out.exists() else ""
+    text = page(rows, time.monotonic() - began, before)
     if options.out:
         options.out.write_text(text)
     else:

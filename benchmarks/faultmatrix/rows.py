@@ -354,6 +354,20 @@ def _(folder: Path) -> Run:
     return f"`zero` meanwhile: {why}. Afterwards: {again}"
 
 
+@row("host", "memory: another process holds all but 128 MB for 3 s")
+def _(folder: Path) -> Run:
+    rig = yield {}
+    hog = (
+        "import re, time\n"
+        "free_kb = int(re.search(r'MemAvailable: +(\\d+)', open('/proc/meminfo').read()).group(1))\n"
+        "held = b'x' * (free_kb - 128 * 1024 << 10)\n"
+        "time.sleep(3)"
+    )
+    with rig.fault():
+        status = subprocess.run(["nice", "-n", "19", sys.executable, "-c", hog], check=False).returncode
+    return "" if status == 0 else f"the other process ended with {status}"
+
+
 def _small_disk(folder: Path) -> Path:
     disk = folder / "state"
     disk.mkdir()
@@ -407,20 +421,6 @@ def _slew(ppm: int) -> None:
     timex[0], timex[2] = 2, ppm << 16  # modes, freq; struct timex of 64 bit
     if ctypes.CDLL(None, use_errno=True).adjtimex(timex) < 0:
         raise OSError(ctypes.get_errno(), "adjtimex")
-
-
-@row("host", "memory: another process holds all but 128 MB for 3 s")
-def _(folder: Path) -> Run:
-    rig = yield {}
-    hog = (
-        "import re, time\n"
-        "free_kb = int(re.search(r'MemAvailable: +(\\d+)', open('/proc/meminfo').read()).group(1))\n"
-        "held = b'x' * (free_kb - 128 * 1024 << 10)\n"
-        "time.sleep(3)"
-    )
-    with rig.fault():
-        status = subprocess.run(["nice", "-n", "19", sys.executable, "-c", hog], check=False).returncode
-    return "" if status == 0 else f"the other process ended with {status}"
 
 
 @row("files", "calibration replaced again and again while it is read (60 reloads)")

@@ -26,7 +26,7 @@ from .socketcan import cannot_open
 from .source import BusCounters, InterfaceState, State
 
 _FIRST_PAUSE_S = 0.1
-_LONGEST_PAUSE_S = 0.5  # so that what came back is read within a second, board's start of stream included
+_LONGEST_PAUSE_S = 0.25  # so that what came back is read within a second, opening and start of the stream included
 _INDEX_CHECK_NS = 250_000_000
 
 _BUS_OFF, _RESTARTED = (next(b for b, k in KINDS.items() if k == kind) for kind in ("bus_off", "restarted"))
