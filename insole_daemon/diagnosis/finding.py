@@ -70,4 +70,4 @@ class Finding:
 
 
 def _plain(value: Any) -> Any:
-    return [round(float(x), 9) for x in value] if np.ndim(value) else round(float(value), 9)
+    return [_plain(x) for x in value] if np.ndim(value) else round(float(value), 9)

@@ -76,9 +76,15 @@ def test_a_map_that_lies_askew(tmp_path, plain):
 
 
 def test_triangles_that_are_each_other(tmp_path, plain):
-    mapped = looked(walk(tmp_path / "walk", effect("swapped_triangles", Where(), pair=SWAP)), plain)
-    assert mapped.swaps == ((3, 15),)
-    assert not mapped.askew
+    folder, out = walk(tmp_path / "walk", effect("swapped_triangles", Where(), pair=SWAP)), tmp_path / "out"
+    done = CliRunner().invoke(app, ["diagnose", str(folder), "--simulation", str(plain), "--out", str(out)])
+    assert done.exit_code == 0, done.output
+    (found,) = json.loads((out / "diagnosis.json").read_text())["findings"]
+    assert found["effect"] == "swapped_triangles"
+    assert found["where"] == {"scope": "triangle", "ids": [list(each) for each in SWAP]}
+    assert found["parameters"]["pair"]["value"] == [list(each) for each in SWAP]
+    (effect_of_model,) = json.loads((out / "model.json").read_text())["effects"]
+    assert effect_of_model["effect"] == "swapped_triangles"
 
 
 def test_an_answer_that_comes_late_is_no_map_that_lies_askew(tmp_path, plain):

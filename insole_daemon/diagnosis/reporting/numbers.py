@@ -181,7 +181,7 @@ def _correlation(named: Named) -> tuple[list[str], Array]:
 
 
 def _values(quantity: Quantity) -> str:
-    pairs = zip(np.atleast_1d(quantity.value), np.atleast_1d(quantity.std), strict=True)
+    pairs = zip(np.ravel(quantity.value), np.ravel(quantity.std), strict=True)
     return ", ".join(f"{value:.4g} ± {std:.2g}" for value, std in pairs)
 
 
