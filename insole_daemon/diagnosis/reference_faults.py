@@ -23,7 +23,7 @@ from .observed import Observed
 
 SIGMAS = 4.0
 MOST_STEPS = 3
-TAKES = 0.4  # of the mismatch, that a step has to take away: else it comes again, and is physics
+TAKES = 0.85  # of the mismatch, that a step has to take away: else it comes again, and is physics
 SETTLES = 0.1  # of it, that a drift may leave
 SHARPER = 0.7  # of what a drift of the counts leaves, that one of the reference may leave
 MOST_OF = 0.75  # of the taxels: a reference is the same for all
