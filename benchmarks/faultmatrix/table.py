@@ -24,9 +24,9 @@ never published. The left foot has three boards; where a bus fails, the right on
 
 What subscribers saw is of the time of the fault; events until 4 s after it; counters of `health` that moved by its end.
 
-Two figures are that kernel's own. It stops for up to a second when an interface goes, the other bus with it. And Python
-takes 5 s to start on it; on an ordinary kernel subscribers are without cycles for 0.65 s (`python -m benchmarks.restart`,
-which has the restart of the unit in it).
+Two figures are that kernel's own. It stops for up to a second when an interface goes, the other bus with it. And
+Python takes 5 s to start on it; on an ordinary kernel subscribers are without cycles for 0.65 s
+(`python -m benchmarks.restart`, which has the restart of the unit in it).
 
 | fault | what subscribers saw | back | believed | lost inside | lost outside | |
 |---|---|---|---|---|---|---|
