@@ -38,11 +38,13 @@ def observe(
     kept: NDArray[np.bool_],
     cycles: NDArray[np.bool_],
     simulation: Recording | None = None,
+    smooth_s: float = SMOOTH_S,
 ) -> tuple[Observed, tuple[tuple[float, float], ...]]:
     """What a diagnosis looks at of `foot`, and when its reference had spikes, which are taken out.
 
     `kept` (n_triangles, 12): the taxels that are fit to be asked; `cycles` (n,) those that hold new readings;
-    `simulation`: of the same chamber trial, whose load stands for the reference.
+    `simulation`: of the same chamber trial, whose load stands for the reference;
+    `smooth_s`: over so long the reference is averaged.
     """
     slots = np.flatnonzero(kept.ravel())
     t_s = (foot.t_ns - foot.t_ns[0]) * 1e-9
@@ -79,7 +81,7 @@ def observe(
         align = clocks.fit if rows else _clock
         found = align(cycle_s, features, reference_s, pressure_pa)
         offset_s, rate, std = found.offset_s, found.rate, (found.offset_std_s, found.rate_std)
-    load = Load(*_on_grid(reference_s, pressure_pa), "own" if rows else reference.clock)
+    load = Load(*_on_grid(reference_s, pressure_pa, smooth_s), "own" if rows else reference.clock)
     # Where the reference says nothing the load is not known.
     said_s = offset_s + (1.0 + rate) * cycle_s
     told = (said_s >= load.t_s[0]) & (said_s <= load.t_s[-1])
@@ -122,15 +124,16 @@ def _clock(cycle_s: Array, features: Array, reference_s: Array, pressure_pa: Arr
     return wide if 1.0 - wide.explained < SHARPER * (1.0 - usual.explained) else usual
 
 
-def _on_grid(time_s: Array, pressure_pa: Array) -> tuple[float, float, Array]:
-    """Where the grid begins, its step, and (N, 1) the readings averaged over SMOOTH_S."""
+def _on_grid(time_s: Array, pressure_pa: Array, smooth_s: float) -> tuple[float, float, Array]:
+    """Where the grid begins, its step, and (N, 1) the readings averaged over `smooth_s`."""
     known = ~np.isnan(pressure_pa)
     t, p = time_s[known], pressure_pa[known]
-    n_fine, n_half = 4, max(round(SMOOTH_S / 2 / (STEP_S / 4)), 1)
-    grid = np.arange(t[0], t[-1], STEP_S)
-    fine = np.interp(t[0] + np.arange(n_fine * len(grid)) * STEP_S / n_fine, t, p)
+    step_s = STEP_S / SMOOTH_S * smooth_s
+    n_fine, n_half = 4, max(round(smooth_s / 2 / (step_s / 4)), 1)
+    grid = np.arange(t[0], t[-1], step_s)
+    fine = np.interp(t[0] + np.arange(n_fine * len(grid)) * step_s / n_fine, t, p)
     total = np.concatenate([[0.0], np.cumsum(fine)])
     middle = n_fine * np.arange(len(grid))
     low, high = np.maximum(middle - n_half, 0), np.minimum(middle + n_half + 1, len(fine))
     smooth = (total[high] - total[low]) / (high - low)
-    return float(t[0]), STEP_S, smooth[:, None]
+    return float(t[0]), step_s, smooth[:, None]

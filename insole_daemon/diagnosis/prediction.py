@@ -21,6 +21,7 @@ from .observed import Observed
 from .observing import observe
 from .simulated import loads
 
+SMOOTH_S = 0.03  # that the reference is averaged over: more blunts the corners of fast ramps by counts
 _ALIGNED = 3  # times that the clock is moved by what the model leaves
 _FAR_S = 86_400.0  # a recording of another day: its times have nothing to do with the model's
 
@@ -54,7 +55,7 @@ def counts(model: str | PathLike[str], recording: Recording, simulation: Recordi
         if simulation is not None and walk:
             load_at = loads(recording, foot, audited, simulation, chain.xy_m)
         else:
-            seen, _ = observe(recording, foot, audited.kept, audited.cycles, simulation)
+            seen, _ = observe(recording, foot, audited.kept, audited.cycles, simulation, SMOOTH_S)
             own_clock = seen.load.clock == "own"
             warm = None if seen.temperature_c is None else np.interp(t_s, seen.t_s, seen.temperature_c)
             load_at = partial(_everywhere, seen)
