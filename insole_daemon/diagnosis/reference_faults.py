@@ -63,8 +63,8 @@ def without_drift(
     """The recordings with the drift of their references taken out, where that explains what else is named a drift."""
     nothing: tuple[list[Observed], list[Fault]] = (list(observed), [])
     main = max(located.named, key=lambda each: len(each.group.slots), default=None)
-    if main is None or len(main.group.slots) < MOST_OF * len(located.slots) or "drift" not in main.naming.best.words:
-        return nothing
+    if main is None or len(main.group.slots) < MOST_OF * len(located.slots) or main.naming.best.words != ("drift",):
+        return nothing  # memory beside it: a free course of the reference takes the place of either
     evidence, naming = main.group.evidence, main.naming
     alone = next((each for each in naming.tried if each.words == ("drift",)), naming.best)
     wandering, fitted = _wandering(evidence, naming.null.fitted.theta, knots_s)
