@@ -23,7 +23,7 @@ from tests.conftest import free_port
 from tests.wire.test_beyond_loopback import blocks, certificate
 
 FOR_DAEMON, FOR_VIEWER = blocks("json5")
-VERBS = ("boards", "zero")
+VERBS = ("boards", "zero", "model")
 
 
 @pytest.fixture(scope="module")
@@ -93,13 +93,13 @@ def permitted(folder, configuration, name):
 
 
 def test_the_pages_rules_permit_what_they_say(folder):
-    assert permitted(folder, FOR_DAEMON, "operator") == {"boards", "zero"}
+    assert permitted(folder, FOR_DAEMON, "operator") == set(VERBS)
     assert permitted(folder, FOR_DAEMON, "viewer") == set()
 
 
 @pytest.mark.parametrize("verb", VERBS)
 def test_a_command_is_permitted_alone(folder, verb):
-    alone = re.sub(r'"insole/\*/\*/boards", "insole/\*/\*/zero"', f'"insole/*/*/{verb}"', FOR_DAEMON)
+    alone = re.sub(r'"insole/\*/\*/boards", [^]]*"insole/\*/\*/model"', f'"insole/*/*/{verb}"', FOR_DAEMON)
     assert alone != FOR_DAEMON
     assert permitted(folder, alone, "operator") == {verb}
 
