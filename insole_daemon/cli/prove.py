@@ -15,6 +15,7 @@ from .options import write_whole
 
 _TOOL = (sys.executable, "-c", "from insole_daemon.cli import main; main()", "diagnose", "{recording}", "{simulation}")
 _PREDICTOR = "insole_daemon.diagnosis.prediction:of_folder"
+_COMPENSATOR = "insole_daemon.diagnosis.compensation:of_walk"
 
 
 class Suite(StrEnum):
@@ -63,7 +64,7 @@ def prove(
     _run(root, "run", "--cases", given, "--answers", answers, "--jobs", jobs, "--", *_TOOL, "--out", "{out}")
     scored = _run(
         root, "score", "--sealed", sealed, "--answers", answers, "--seal", seal, "--predictor", _PREDICTOR,
-        "--json", out / "score.json",
+        "--compensator", _COMPENSATOR, "--json", out / "score.json",
     )  # fmt: skip
     write_whole(tables, scored)
     print(scored, end="")
