@@ -39,7 +39,8 @@ int main() {
             list("valid", w.valid);
             list("age_ms", w.age_ms);
             list("missing", w.missing);
-            std::cout << "\"repeated\":" << (w.repeated ? "true" : "false") << "}\n";
+            std::cout << "\"repeated\":" << (w.repeated ? "true" : "false") << ",\"model\":\"" << w.model
+                      << "\",\"beyond_fraction\":" << w.beyond_fraction << "}\n";
         } catch (const std::exception& error) {
             std::cout << "{\"error\":\"" << error.what() << "\"}\n";
         }

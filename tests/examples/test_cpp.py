@@ -119,7 +119,7 @@ def test_what_is_no_such_message_is_refused(samples, decode):
     encoding, payload = samples[0]
     fields = msgpack.unpackb(payload)
     spoilt = [
-        ("application/msgpack;insole.wrench/2", payload),
+        ("application/msgpack;insole.wrench/1", payload),
         ("application/msgpack;insole.raw/1", payload),
         (encoding, b""),
         (encoding, payload[:-1]),
@@ -144,7 +144,7 @@ def test_the_whole_subscriber_behind_a_stand_in_for_zenoh(samples, build, tmp_pa
     """Compiled against declarations written after zenoh-c's headers; zenoh-c itself comes from no package index."""
     left = [sample for sample in samples if Wrench.decode(sample[1]).foot == "left"]
     unknown = dataclasses.replace(Wrench.decode(left[1][1]), f_z_n=None).encode()
-    sent = [left[0], (ENCODING, unknown), left[4], ("application/msgpack;insole.wrench/2", b""), left[5]]
+    sent = [left[0], (ENCODING, unknown), left[4], ("application/msgpack;insole.wrench/1", b""), left[5]]
     file = tmp_path / "samples"
     file.write_bytes(stream(sent))
     result = subprocess.run(
@@ -166,7 +166,7 @@ def test_the_whole_subscriber_behind_a_stand_in_for_zenoh(samples, build, tmp_pa
         'a stand-in for Zenoh: mode = "client"',
         'a stand-in for Zenoh: connect/endpoints = ["tcp/127.0.0.1:1"]',
         "a stand-in for Zenoh: subscribed to insole/*/*/wrench",
-        "another message: application/msgpack;insole.wrench/2",
+        "another message: application/msgpack;insole.wrench/1",
     ]
 
 
