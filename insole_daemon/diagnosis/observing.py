@@ -76,10 +76,13 @@ def observe(
         # The middle half of the taxels: one that leaps or a board that steps bends edges by seconds.
         mean = -trim_mean(count, 0.25, axis=1)
         x = (mean - mean.mean()) / mean.std()
-        features = np.concatenate([np.stack([x**0, x, x**2, x**3], axis=1), _memory(cycle_s, x)], axis=1)
-        # Rows without times are no clock: how far they run apart says nothing about quartzes.
-        align = clocks.fit if rows else _clock
-        found = align(cycle_s, features, reference_s, pressure_pa)
+        features = np.stack([x**0, x, x**2, x**3], axis=1)
+        if rows:
+            # No clock: how far they run apart says nothing about quartzes, and with any rate allowed memory beside the
+            # curve takes an offset's place where there is one rise and one fall.
+            found = clocks.fit(cycle_s, features, reference_s, pressure_pa)
+        else:
+            found = _clock(cycle_s, np.concatenate([features, _memory(cycle_s, x)], axis=1), reference_s, pressure_pa)
         offset_s, rate, std = found.offset_s, found.rate, (found.offset_std_s, found.rate_std)
     load = Load(*_on_grid(reference_s, pressure_pa, smooth_s), "own" if rows else reference.clock)
     # Where the reference says nothing the load is not known.
