@@ -66,7 +66,7 @@ def observe(
     reference_s = reference.time_s
     rows = reference_s is None
     if reference_s is None:
-        reference_s = clocks.row_times_s(cycle_s, len(reference))
+        reference_s = clocks.row_times_s(t_s, len(reference))  # of all cycles: a row stood beside each
     else:
         reference_s = reference_s - (foot.t_ns[0] * 1e-9 if reference.clock == "can" else reference_s[0])
     pressure_pa, spike = despiked(reference_s, reference["pressure_pa"])
