@@ -62,11 +62,21 @@ def shown(excitation: Excitation) -> frozenset[str]:
     return frozenset(found)
 
 
+def by_chance(naming: Naming, rows: int) -> float:
+    """The part of the mismatch that `rows` of its evidence may say less or more by their noise."""
+    return SIGMAS * naming.floor * float(np.sqrt(2.0 / rows)) / naming.excess
+
+
+def unexplained(naming: Naming, rows: int) -> bool:
+    """Whether the best set leaves too much to be asserted; `rows`: of its evidence."""
+    return naming.best.left_heldout > max(UNEXPLAINED, by_chance(naming, rows))
+
+
 def decide(naming: Naming, excitation: Excitation, rows: int) -> Decided:
     """What is said of the group that `naming` searched; `rows`: of its evidence."""
     best = naming.best
-    chance = SIGMAS * naming.floor * np.sqrt(2.0 / rows) / naming.excess
-    unknown = best.left_heldout > max(UNEXPLAINED, chance)
+    chance = by_chance(naming, rows)
+    unknown = unexplained(naming, rows)
     alternatives: dict[str, tuple[str, ...]] = {}
     confidence: dict[str, float] = {}
     alone: dict[str, Tried] = {}

@@ -4,7 +4,8 @@ A candidate is named for what it explains of held-out blocks, and some of that a
 one that smooths a noisy reference, one that has as many parameters, one with the same spectrum. So each effect that is
 about to be named is replaced by copies of itself that are not physics, with the same parameters, bounds, starts and
 folds: run backwards in time, so that the answer comes before the load; made symmetric in time, a smoother that knows
-the future; with the phases of what it adds scrambled. What does not leave clearly less than these is not named.
+the future; with the phases of what it adds scrambled. What does not leave clearly less than these is not named. A set
+that leaves too much to be asserted stays what comes nearest, decoys or not: it is for the model, which has no other.
 """
 
 from __future__ import annotations
@@ -16,13 +17,12 @@ import numpy as np
 
 from ..physics.law import Array
 from .candidate import Candidate, Rows
+from .deciding import AS_GOOD, by_chance, unexplained
 from .fit import Evidence, Fitted, Hypothesis
 from .groups import Named
 from .naming import Decoy, Naming, cheapest, heldout
 from .observed import Observed
 
-AS_GOOD = 1.6  # times what the effect leaves: a decoy that leaves less is as good
-SIGMAS = 4.0
 ALIKE = 0.7  # correlation of two courses of temperature: a copy that is the course itself is no decoy
 
 Course = Callable[[Array], Array]  # (n, …) on a regular grid → the same, without its physics
@@ -33,10 +33,10 @@ def challenged(named: Named) -> Named:
     naming, evidence = named.naming, named.group.evidence
     found: list[Decoy] = []
     lost_words: set[str] = set()
-    while naming.best.words:
+    rows = evidence.y.size
+    while naming.best.words and not unexplained(naming, rows):
         best = naming.best
-        chance = SIGMAS * naming.floor * float(np.sqrt(2.0 / evidence.y.size)) / naming.excess
-        limit = max(AS_GOOD * best.left_heldout, best.left_heldout + chance)
+        limit = max(AS_GOOD * best.left_heldout, best.left_heldout + by_chance(naming, rows))
         tried = [each for word in best.words for each in _tried(naming, evidence, word, limit)]
         found += tried
         lost = min((each for each in tried if each.as_good), key=lambda each: each.left, default=None)
