@@ -30,15 +30,14 @@ OPEN_S = 0.3  # how long a triangle is silent before it is called open
 OPEN_TAXELS = 8  # of a triangle's ten that fail together: the triangle has lost contact
 LOUD = 2.5  # times its usual noise: a burst
 BOARD_LOUD = 2.0  # times its quietest tenth, of a board's typical taxel: the board has another state
-LEAP_COUNT, LEAPS = (
-    45.0,
-    2,
-)  # (a snap is less) further than the other taxels from one cycle to the next, and how often: a loose contact
+# Further than the other taxels from one cycle to the next (a snap is less), and how often: a loose contact.
+LEAP_COUNT, LEAPS = 45.0, 2
 MOST_LEAPING = 0.5  # of the taxels: as many loose contacts there are not
 BURST_S = 0.3
 WINDOW_S = 1.0
 GAP_PERIODS = 1.6
 MOST_LOST = 0.003  # of all cycles: fewer are what a bus loses
+FROZEN = 0.9  # of the cycles without a new reading: the triangle is not there, whatever it says
 REPEATS = 5  # equal readings of all of a triangle in a row: no converter is that slow
 
 
@@ -69,6 +68,10 @@ def audit(foot: FootRecording, name: str, steps: bool = False) -> Audit:
     silent = _dead(counts[:, asked], valid[:, asked], t_s, mean)
     dead = np.zeros((n, k * N_TAXELS), bool)
     dead[:, asked] = silent
+    came_not = _lost(foot, t_s)
+    frozen = came_not.mean(axis=0) > FROZEN
+    if not frozen.all():  # else the load never moved
+        dead[:, asked] |= frozen[asked // N_TAXELS]
     # Where many stand at an end of their range together it is the rest counts that have wandered off, not the taxels.
     railed = _on_rails(counts[:, asked])
     share = dead[~railed][:, asked].mean(axis=0)
@@ -100,7 +103,7 @@ def audit(foot: FootRecording, name: str, steps: bool = False) -> Audit:
         text = "say the same number while the load moves, leap, or say none that can be believed"
         findings.append(_finding("dead_taxels", foot, name, lone, () if always else when, text))
     # What a triangle without a taxel to believe lacks is no cycle's loss: one that is not there says the same for ever.
-    lost = _lost(foot, t_s) & (~bad.reshape(k, N_TAXELS) & _asked(foot)).any(axis=1)
+    lost = came_not & (~bad.reshape(k, N_TAXELS) & _asked(foot)).any(axis=1)
     bad |= loud
     fresh: NDArray[np.bool_] = ~np.any(lost, axis=1)
     quiet_of = np.empty(0, np.intp) if steps else np.flatnonzero(~bad & np.isin(np.arange(bad.size), asked))

@@ -24,6 +24,7 @@ from .readings import filled, together
 STEP_S = 0.04  # of the load's grid: finer than a block of cycles
 SMOOTH_S = 0.1  # over so long a reference is averaged: its noise would otherwise drive plays
 LEAST_TOLD = 0.3
+LEAST_CYCLES = 500  # ten seconds
 USUAL_RATE = 3e-4
 SURE = 0.995  # of the edges explained: there is nothing to look for
 SHARPER = 0.7  # of what is left unexplained, that another rate may leave at the most
@@ -49,6 +50,11 @@ def observe(
     slots = np.flatnonzero(kept.ravel())
     t_s = (foot.t_ns - foot.t_ns[0]) * 1e-9
     used = cycles & (np.diff(t_s, prepend=-1.0) > 0)
+    if used.sum() < LEAST_CYCLES:
+        raise DiagnosisError(
+            f"{recording.folder}: {used.sum()} of {len(used)} cycles have new readings of all triangles that work, "
+            f"expected at least {LEAST_CYCLES}: do the boards send what they read, and do all of them?"
+        )
     cycle_s = t_s[used]
     counts, valid = (each.reshape(len(foot), -1)[used][:, slots] for each in (foot.counts, foot.valid))
     age_s = np.maximum(foot.age_ns[used], 0)[:, slots // N_TAXELS] * 1e-9
