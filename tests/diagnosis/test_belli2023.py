@@ -6,10 +6,13 @@ import pytest
 
 import insole_daemon
 from insole_daemon.diagnosis.diagnosing import diagnose
+from insole_daemon.errors import InsoleError
 from insole_daemon.recording.import_matlab import import_matlab
 
 NAME = "experiment_Inf_15September_dynamic_1"
-FILE = Path(__file__).parents[3] / "shared" / "data" / "belli2023" / "left_insole" / f"{NAME}.mat"
+FILES = Path(__file__).parents[3] / "shared" / "data" / "belli2023"
+FILE = FILES / "left_insole" / f"{NAME}.mat"
+RIGHT = "experiment_2September_allTaxels_dynamic_pink_good"  # most triangles say one number for ever
 
 
 @pytest.mark.skipif(not FILE.exists(), reason="no public recordings beside the repository")
@@ -32,3 +35,12 @@ def test_the_published_recording_is_diagnosed(tmp_path):
     # One rise and one fall: any memory could be written as drift, so that is not asked for.
     assert "drift" in {each["effect"] for each in diagnosis.not_identifiable}
     assert diagnosis.heldout["before"] > 1.5 * diagnosis.heldout["floor"]
+
+
+@pytest.mark.skipif(not FILE.exists(), reason="no public recordings beside the repository")
+def test_one_whose_triangles_hardly_say_anything_is_refused_in_a_sentence(tmp_path):
+    recording = insole_daemon.load(
+        import_matlab(FILES / "right_insole" / f"{RIGHT}.mat", tmp_path / RIGHT, "right", None)
+    )
+    with pytest.raises(InsoleError, match="the reference does not follow the taxels"):
+        diagnose([recording], None, 1.0, lambda text: None)
