@@ -24,7 +24,7 @@ from .readings import filled, together
 STEP_S = 0.04  # of the load's grid: finer than a block of cycles
 SMOOTH_S = 0.1  # over so long a reference is averaged: its noise would otherwise drive plays
 LEAST_TOLD = 0.3
-LEAST_CYCLES = 500  # ten seconds
+LEAST_CYCLES = 100  # two seconds: what a diagnosis needs is asked of the load, later
 USUAL_RATE = 3e-4
 SURE = 0.995  # of the edges explained: there is nothing to look for
 SHARPER = 0.7  # of what is left unexplained, that another rate may leave at the most
