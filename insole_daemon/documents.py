@@ -22,12 +22,18 @@ from typing import Annotated, Any, Literal, NoReturn, TypeVar, Union, get_args, 
 import yaml
 
 from .errors import DocumentError, InsoleError, Problem
+from .files import read_at_most
+from .untrusted import quoted
 
 Key = tuple[str | int, ...]  # ("insoles", 0, "foot") is spelled insoles[0].foot
 T = TypeVar("T")
 S = TypeVar("S", bound="Section")
 
 MAX_DEPTH = 50  # of maps and lists within each other; our formats need 7
+YAML_BYTES = 1 << 20  # of what people write; reading so much takes about a second
+JSON_BYTES = 8 << 20  # of what programs write: an effect of its own for each of 480 taxels is 0.4 MB
+MOST_PROBLEMS = 100  # that are told of one file
+_LONGEST_KEY = 80  # as far as it is spelled
 _LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # libyaml if it is there: ten times faster
 _BAD: Any = object()  # stands where a value was refused
 # What names of keys end with, in our formats or in other people's habits.
@@ -97,7 +103,7 @@ def wrong(struct: Section, key: Key = ()) -> Iterator[tuple[Key, str]]:
 
 def spell(key: Key) -> str:
     """`key` as a person writes it: insoles[0].boards[2].address."""
-    text = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in key)
+    text = "".join(f"[{part}]" if isinstance(part, int) else f".{part:.{_LONGEST_KEY}}" for part in key)
     return text.removeprefix(".") or "(file)"
 
 
@@ -110,13 +116,15 @@ class Reading:
         self._found: list[tuple[Key, Any]] = []
         self._lines: dict[Key, int] = {}
         self._json = ""  # the text, if it is JSON
-        text = self._decode()
         json_by_name = path.suffix.lower() == ".json"
+        text = self._decode(JSON_BYTES if json_by_name else YAML_BYTES)
         self.document: Any = self._parse_json(text) if json_by_name else self._parse_yaml(text)
 
     def problem(self, key: Key, message: str, line: int | None = None) -> None:
-        """Note that something is wrong at `key`; reading goes on."""
+        """Note that something is wrong at `key`; reading goes on, but not for ever."""
         self._problems.append((key, message, line))
+        if len(self._problems) == MOST_PROBLEMS:
+            self.finish()
 
     def refuse(self, key: Key, message: str, line: int | None = None) -> NoReturn:
         """Note that something is wrong at `key` that leaves no sense in reading on."""
@@ -133,7 +141,11 @@ class Reading:
         if self._problems:
             self._number_lines()
             found = [Problem(line or self._line(key), spell(key), text) for key, text, line in self._problems]
-            raise DocumentError(str(self.path), sorted(found, key=lambda problem: problem.line or 0))
+            found.sort(key=lambda problem: problem.line or 0)
+            if len(found) >= MOST_PROBLEMS:
+                more = f"more may be wrong: only {MOST_PROBLEMS} problems are told, put these right first"
+                found = [*found[:MOST_PROBLEMS], Problem(None, "(file)", more)]
+            raise DocumentError(str(self.path), found)
 
     def section(self, kind: Any, raw: Any, key: Key, also: tuple[str, ...] = ()) -> Any:
         """A `kind` out of the map `raw`; `also` are keys that are read elsewhere."""
@@ -194,9 +206,9 @@ class Reading:
             self.problem(key, f"expected {_words(hint)}, found {_found(raw)}")
         return value
 
-    def _decode(self) -> str:
+    def _decode(self, most_bytes: int) -> str:
         try:
-            text = self.path.read_bytes().decode("utf-8-sig")
+            text = read_at_most(self.path, most_bytes).decode("utf-8-sig")
         except OSError as error:
             self.refuse((), f"cannot be read: {error.strerror or error}")
         except UnicodeDecodeError as error:
@@ -211,9 +223,10 @@ class Reading:
         twice: list[str] = []
 
         def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-            names = [name for name, _ in pairs]
-            twice.extend(name for name, n in Counter(names).items() if n > 1)
-            return dict(pairs)
+            found = dict(pairs)
+            if len(found) < len(pairs):
+                twice.extend(name for name, n in Counter(name for name, _ in pairs).items() if n > 1)
+            return found
 
         try:
             document = json.loads(text, object_pairs_hook=unique)
@@ -225,12 +238,12 @@ class Reading:
         if twice:
             self._number_lines()  # which finds where
             if not self._problems:
-                self.problem((), f"keys that stand twice in one map: {', '.join(twice)}")
+                self.problem((), f"keys that stand twice in one map: {quoted(twice)}")
         return document
 
     def _number_lines(self) -> None:
         """Find the lines of the keys of a JSON file, which its own parser does not tell."""
-        if self._json and not self._lines:
+        if self._json and not self._lines and len(self._json) <= YAML_BYTES:
             self._lines[()] = 1
             # JSON is YAML, except for tabs between tokens and pairs of surrogates, which cost the lines
             try:
@@ -395,7 +408,7 @@ def _nearest(key: str, known: Iterable[str]) -> tuple[str, str]:
 
 def _foreign(tag: str, found: Any) -> str:
     name, _, version = tag.partition("/")
-    text = f"expected {tag}, found {found if isinstance(found, str) else _found(found)}"
+    text = f"expected {tag}, found {found[:_LONGEST_KEY] if isinstance(found, str) else _found(found)}"
     if isinstance(found, str) and found.startswith(f"{name}/"):
         return f"{text}: this program reads version {version} of {name} and no other"
     return f"{text}: this is another kind of file"

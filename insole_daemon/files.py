@@ -1,8 +1,9 @@
-"""Files that are written all or nothing."""
+"""Files that are written all or nothing, and read up to a size."""
 
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -31,6 +32,17 @@ def write_text(path: Path, text: str) -> None:
         os.fsync(folder)  # else the rename itself may not survive
     finally:
         os.close(folder)
+
+
+def read_at_most(path: Path, most_bytes: int) -> bytes:
+    """The content of `path`; OSError where it cannot be read or is longer, without reading more than that."""
+    with open(path, "rb") as file:
+        content = file.read(most_bytes + 1)
+        if len(content) > most_bytes:
+            found_mb = max(len(content), os.fstat(file.fileno()).st_size) / 1e6
+            what = f"expected at most {most_bytes / 1e6:.1f} MB, found {found_mb:.1f} MB: is it the file that is meant?"
+            raise OSError(errno.EFBIG, what)
+    return content
 
 
 @contextlib.contextmanager

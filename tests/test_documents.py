@@ -8,7 +8,19 @@ from typing import Annotated, Any, Literal
 
 import pytest
 
-from insole_daemon.documents import Reading, Section, at_least, matching, read, spell, within, wrong
+from insole_daemon.documents import (
+    JSON_BYTES,
+    MOST_PROBLEMS,
+    YAML_BYTES,
+    Reading,
+    Section,
+    at_least,
+    matching,
+    read,
+    spell,
+    within,
+    wrong,
+)
 from insole_daemon.errors import DocumentError, SimulationError
 
 
@@ -307,6 +319,43 @@ def test_no_file(tmp_path: Path) -> None:
     assert (line, key) == (None, "(file)")
     assert "cannot be read: No such file" in message
     assert "cannot be read: Is a directory" in only(tmp_path)[2]
+
+
+@pytest.mark.parametrize(
+    ("name", "most", "message"),
+    [
+        ("document.yaml", YAML_BYTES, "cannot be read: expected at most 1.0 MB, found 3.0 MB: is it the file"),
+        ("document.json", JSON_BYTES, "cannot be read: expected at most 8.4 MB, found 10.4 MB: is it the file"),
+    ],
+)
+def test_a_document_has_a_most_size(write: Write, name: str, most: int, message: str) -> None:
+    head = b'{"format": "test-whole/1", "parts": [{"number": 1}]'
+    assert load(write(head + b" " * (most - len(head) - 1) + b"}", name)).parts[0].number == 1
+    assert "expected at most" in only(write(head + b" " * (most - len(head)) + b"}", name))[2]
+    assert message in only(write(b" " * (most + 2_000_000), name))[2]
+
+
+def test_a_document_without_an_end_is_not_read_for_ever(tmp_path: Path) -> None:
+    (tmp_path / "document.yaml").symlink_to("/dev/zero")
+    assert "expected at most 1.0 MB" in only(tmp_path / "document.yaml")[2]
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("document.json", '{"format": "test-whole/1", "parts": [' + "{}," * 500_000 + "{}]}"),
+        ("document.json", '{"format": "test-whole/1", ' + '"k": 1,' * 500_000 + '"parts": 1}'),
+        ("document.yaml", f"format: {TAG}\nparts: [" + "{a: 1}, " * 100_000 + "]\n"),
+        ("document.yaml", f"format: {TAG}\n" + "k" * 900_000 + ": {a: 1}\nparts: [{number: 1, x: 1}]\n"),
+        ("document.yaml", "format: " + "x" * 1_000_000),
+    ],
+)
+def test_of_many_problems_some_are_told(write: Write, name: str, text: str) -> None:
+    found = problems(write(text, name))
+    assert len(found) <= MOST_PROBLEMS + 1
+    assert sum(len(key) + len(message) for _, key, message in found) < 50_000
+    if len(found) > MOST_PROBLEMS:
+        assert found[-1] == (None, "(file)", "more may be wrong: only 100 problems are told, put these right first")
 
 
 def test_byte_order_mark_is_read_over(write: Write) -> None:

@@ -133,7 +133,7 @@ def layout() -> list[bytes]:
 
 
 def calibration() -> list[bytes]:
-    """Of two taxels, with all there may be."""
+    """Of two taxels, with all there may be, and with effects."""
     taxel: dict[str, Any] = {"board": 5, "triangle": 0, "taxel": 0, "baseline_count": 240.0}
     extensions = {
         "coefficients_covariance_pa2": [[1.0, 0.1], [0.1, 2.0]],
@@ -146,7 +146,19 @@ def calibration() -> list[bytes]:
             taxel | {"taxel": 1, "coefficients_pa": [0.0, 7900.0, 12.0, 0.11]},
         ],
     }  # fmt: skip
-    return [json.dumps(said).encode(), json.dumps(said, indent=1).encode()]
+    lag = {
+        "effect": "lag", "where": {"scope": "board", "ids": [[6]]}, "valid_range": {"pressure_pa": [0, 340000]},
+        "parameters": {"tau_s": {"value": 0.03, "std": 0.002, "unit": "s"}},
+    }  # fmt: skip
+    hysteresis = {
+        "effect": "hysteresis", "where": {"scope": "taxel", "ids": [[5, 0, 0]]},
+        "parameters": {
+            "r_pa": {"value": [2000, 8000], "std": [300, 900], "unit": "Pa"},
+            "w": {"value": [0.05, 0.03], "unit": "1"},
+        },
+    }  # fmt: skip
+    model = said | {"effects": [lag, hysteresis]}
+    return [json.dumps(said).encode(), json.dumps(said, indent=1).encode(), json.dumps(model).encode()]
 
 
 def zero() -> list[bytes]:

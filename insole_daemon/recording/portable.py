@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
+from ..documents import Reading
 from . import counts as counted
 from .document import FILE, dump
 from .loading import Recording
@@ -19,7 +19,7 @@ from .writer import log_name
 def portable(recording: Recording) -> dict[str, bytes]:
     """The content of every file by its name; the log is compressed, and a copy of it loads to the same arrays."""
     folder = recording.folder
-    document: dict[str, Any] = yaml.safe_load((folder / FILE).read_text("utf-8"))
+    document: dict[str, Any] = Reading(folder / FILE).document
     document.pop("format")
     files: dict[str, bytes] = {}
     if recording.log is not None:
@@ -28,8 +28,8 @@ def portable(recording: Recording) -> dict[str, bytes]:
             name, content = "can.log.gz", gzip.compress(content, 6, mtime=0)
         document["can"], files[name] = name, content
     else:
+        files["counts.npz"] = _counts(folder / document["counts"], recording)
         document["counts"] = "counts.npz"
-        files["counts.npz"] = _counts(folder / _named(folder, "counts"), recording)
     for entry in document["insoles"]:
         for key in ("layout", "calibration", "zero"):
             if entry.get(key) is not None:
@@ -42,11 +42,6 @@ def portable(recording: Recording) -> dict[str, bytes]:
         files[name] = (folder / entry["file"]).read_bytes()
         entry["file"] = name
     return {FILE: dump(document).encode(), **files}
-
-
-def _named(folder: Path, key: str) -> str:
-    named: str = yaml.safe_load((folder / FILE).read_text("utf-8"))[key]
-    return named
 
 
 def _counts(path: Path, recording: Recording) -> bytes:

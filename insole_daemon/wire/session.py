@@ -10,7 +10,9 @@ from pathlib import Path
 
 import zenoh
 
+from ..documents import YAML_BYTES
 from ..errors import WireError
+from ..files import read_at_most
 
 _OURS = {"mode": "mode", "listen/endpoints": "listen", "connect/endpoints": "connect"}  # Zenoh's key → config.yaml's
 _FIXED = {
@@ -71,7 +73,7 @@ def load_config(path: Path) -> zenoh.Config:
     What config.yaml says or the daemon sets may not stand there as well: it would silently be without effect.
     """
     try:
-        config = zenoh.Config.from_json5(path.read_text())
+        config = zenoh.Config.from_json5(read_at_most(path, YAML_BYTES).decode())
     except OSError as error:
         raise _refused(path, f"cannot be read: {error.strerror or error}") from error
     except (UnicodeDecodeError, zenoh.ZError) as error:
