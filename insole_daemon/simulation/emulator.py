@@ -25,7 +25,7 @@ from .sensors import Temperature
 _AHEAD_NS, _AHEAD_IN_TALK_NS, _TALK_NS = 100_000_000, 20_000_000, 1_000_000_000
 _GROUP_S = 0.002  # frames due within this are sent together
 _LATE_NS = 500_000_000  # frames that late were missed by everybody: a real bus does not catch up
-_CHUNK_NS = 1_000_000_000  # of frames made at once when written
+_CHUNK_NS = 1_000_000_000  # of frames made at once when written, and at most when played
 
 
 class Emulator:
@@ -117,8 +117,11 @@ class Emulator:
         while not stop.is_set() and (t_end_ns is None or run.now_ns < t_end_ns):
             if receive is not None and run.obey(receive()):
                 talks_until_ns = run.now_ns + _TALK_NS
-            until_ns = run.now_ns + (_AHEAD_IN_TALK_NS if run.now_ns < talks_until_ns else _AHEAD_NS)
-            batch = received(run.advance(until_ns if t_end_ns is None else min(until_ns, t_end_ns)))
+            # Who is late makes all that was missed at once: in short portions it would fall behind for good.
+            from_ns = max(run.now_ns, time.monotonic_ns() - since_start_ns)
+            until_ns = from_ns + (_AHEAD_IN_TALK_NS if run.now_ns < talks_until_ns else _AHEAD_NS)
+            until_ns = min(until_ns, run.now_ns + _CHUNK_NS, t_end_ns or until_ns)
+            batch = received(run.advance(until_ns))
             sent += _send_when_due(batch, run.now_ns, since_start_ns, send, stop)
         return sent
 
@@ -175,17 +178,16 @@ def _send_when_due(
     stop: threading.Event,
 ) -> int:
     """Send the frames of one stretch of time in small groups, and return at its end; how many were sent."""
-    at = 0
+    at = sent = 0
     while not stop.is_set():
         now_ns = time.monotonic_ns() - since_start_ns
-        if now_ns - until_ns > _LATE_NS:
-            break
-        due = int(np.searchsorted(batch.t_ns, now_ns, side="right"))
+        missed, due = np.searchsorted(batch.t_ns, [now_ns - _LATE_NS, now_ns], side="right").tolist()
+        at = max(at, missed)
         if due > at:
             send(batch[at:due])
-            at = due
+            sent, at = sent + due - at, due
         if at == len(batch) and now_ns >= until_ns:
             break
         next_ns = int(batch.t_ns[at]) if at < len(batch) else until_ns
         stop.wait(max(_GROUP_S, (next_ns - now_ns) * 1e-9))
-    return at
+    return sent
