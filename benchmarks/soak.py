@@ -25,8 +25,8 @@ from pathlib import Path
 import measured
 import numpy as np
 from process import Child
-from soak_bus import KINDS, Clock, SoakBus
-from soak_faults import Day
+from soak_bus import Clock, accounts
+from soak_faults import Day, FaultyBus, loops
 
 from insole_daemon import config as configs
 from insole_daemon.bus.frames import FrameBatch
@@ -39,7 +39,7 @@ from insole_daemon.wire.session import open_session
 HOUR_NS = 3_600_000_000_000
 SPEED = 20.0
 _BINS_PER_DECADE, _DECADES = 400, 7  # of latency from 1 µs on: half a per cent each
-_GOOD = "format: insole-config/1\nrig: bench\ncontact: {{min_force_n: {}}}\n"
+_CONFIG = "format: insole-config/1\nrig: bench\n"
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,36 +71,14 @@ class Latencies:
         return float(10 ** ((reached + 1) / _BINS_PER_DECADE) * 1e-3)
 
 
-class Soak(SoakBus):
+class Soak(FaultyBus):
     """The bus of the day, with a stopwatch at the hand-over of frames."""
 
-    def __init__(self, clock: Clock, config_file: Path, seed: int) -> None:
-        self.day = Day(seed, self._bring_about)
-        self.daemon: Daemon | None = None
-        self.handed_over_ns = self.handed_over_cpu_ns = 0
-        self._clock_of_day, self._config_file = clock, config_file
-        self._random = np.random.default_rng([seed, 1])
-        self._reloads = 0
-        super().__init__(clock, self.day.frames)
+    handed_over_ns = handed_over_cpu_ns = 0
 
     def drain(self) -> FrameBatch:
         self.handed_over_ns, self.handed_over_cpu_ns = time.perf_counter_ns(), time.thread_time_ns()
         return super().drain()
-
-    def _bring_about(self, moment: str) -> None:
-        if moment == "stopped":
-            self._clock_of_day.stop_for(float(self._random.uniform(0.05, 2.0)))
-        elif moment == "overrun":  # the queue holds four seconds
-            self._clock_of_day.stop_for(float(self._random.uniform(5.0, 10.0)))
-        elif moment == "clock step":
-            self._clock_of_day.wall_offset_ns += int(self._random.choice([-1, 1])) * HOUR_NS
-        elif moment == "bus down":
-            self.go_down(float(self._random.uniform(0.5, 5.0)))
-        elif self.daemon is not None:
-            self._reloads += 1
-            good = _GOOD.format(20 + self._reloads % 2)
-            self._config_file.write_text(good if moment == "reload" else good + "nonsense: 1\n")
-            self.daemon.reload()
 
 
 class Watch:
@@ -165,28 +143,12 @@ class Watch:
 
 def account(bus: Soak, daemon: Daemon) -> int:
     """Print where every frame is; how many are not accounted for."""
-    used = 0
-    for assembler in daemon._skin.assemblers:
-        assembler.settle()
-        used += int(assembler.arrivals.sum())
-    refused = {
-        reason: sum(count.values()) if isinstance(count, dict) else count
-        for reason, count in asdict(daemon._skin.streams.refused).items()
-    }
-    counters = bus.counters
-    found = {"used": used} | refused
-    unaccounted = 0
+    rows = accounts(bus, daemon)
     print("\n| frames | put on the bus | counted by the daemon |\n|---|---|---|")
-    for kind, put in zip(KINDS, bus.queue.put.tolist(), strict=True):
-        print(f"| {kind} | {put} | {found[kind]} |")
-        unaccounted += abs(put - found[kind])
-    print(f"| dropped by the full queue | {bus.queue.dropped} | {counters.overflows} |")
-    unaccounted += abs(bus.queue.dropped - counters.overflows)
-    total = int(bus.queue.put.sum())
-    print(f"| all that came in | {total} | {counters.frames} |")
-    unaccounted += abs(total - counters.frames) + found["fd"]
+    for what, put, found in rows:
+        print(f"| {what} | {put} | {found} |")
     print(f"\nwhile the interface was down {bus.unread} more were sent, which nobody can receive")
-    return unaccounted
+    return sum(abs(put - found) for _, put, found in rows)
 
 
 def report(bus: Soak, daemon: Daemon, watch: Watch, received: dict[str, dict[str, float]]) -> None:
@@ -216,10 +178,10 @@ def main() -> None:
     endpoint = measured.free_endpoint()
     with tempfile.TemporaryDirectory() as folder:
         config_file = Path(folder, "config.yaml")
-        config_file.write_text(_GOOD.format(20))
+        config_file.write_text(_CONFIG)
         os.environ["STATE_DIRECTORY"] = folder
         clock = Clock(SPEED)
-        bus = Soak(clock, config_file, options.seed)
+        bus = Soak(clock, config_file, Day(options.seed, loops(options.seed)))
         clock.inject()
         with open_session("peer", [endpoint]) as session, Child("subscriber.py", endpoint=endpoint) as child:
             child.said()

@@ -12,7 +12,7 @@ import sys
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ from insole_daemon.bus.socketcan import SocketCanSource
 from insole_daemon.bus.source import BusCounters
 from insole_daemon.config import Bus
 from insole_daemon.errors import BusError
+from insole_daemon.service.daemon import Daemon
 
 # As `skin.streams.Refused` names them; what a frame is, is known from how it was made, not from its bytes.
 KINDS = (
@@ -86,11 +87,11 @@ class Clock:
         """The next sleep takes so much longer, as for a process that was stopped."""
         self._stopped_ns = round(seconds * 1e9)
 
-    def inject(self) -> None:
+    def inject(self, put: Callable[[object, str, object], None] = setattr) -> None:
         """From now on the live path goes by this clock."""
         for name, module in list(sys.modules.items()):
             if name.startswith("insole_daemon.") and getattr(module, "time", None) is time:
-                module.time = self  # type: ignore[attr-defined]
+                put(module, "time", self)
 
 
 class Queue:
@@ -212,3 +213,18 @@ class SoakBus(RecoveringSource):
                 return
             self._chunk, self._at = self._chunks(self._next_chunk_ns), 0
             self._next_chunk_ns += 1_000_000_000
+
+
+def accounts(bus: SoakBus, daemon: Daemon) -> list[tuple[str, int, int]]:
+    """(which frames, how many there were, how many the daemon counted), each pair the same if none went astray."""
+    found = {"used": 0}
+    for assembler in daemon._skin.assemblers:
+        assembler.settle()
+        found["used"] += int(assembler.arrivals.sum())
+    for reason, count in asdict(daemon._skin.streams.refused).items():
+        found[reason] = sum(count.values()) if isinstance(count, dict) else count
+    put, counters = bus.queue.put, bus.counters
+    rows = [(kind, int(n), found.pop(kind)) for kind, n in zip(KINDS, put, strict=True)]
+    rows += [(reason, 0, n) for reason, n in found.items()]
+    rows.append(("dropped by the full queue", bus.queue.dropped, counters.overflows))
+    return [*rows, ("all that came in", int(put.sum()), counters.frames)]

@@ -5,13 +5,15 @@ All of it from one seed. Faults of frames act on a second of frames at a time; e
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import numpy as np
 import traffic
 from numpy.random import Generator
-from soak_bus import KINDS, Frames
+from soak_bus import KINDS, Clock, Frames, SoakBus
 
+from insole_daemon.service.daemon import Daemon
 from insole_daemon.simulation.faults import Fault
 from insole_daemon.skin.identifiers import CLASS_MANAGEMENT, CLASS_SKIN, TAG_A, TYPE_OVERFLOW
 
@@ -170,14 +172,15 @@ def loops(seed: int) -> list[traffic.Loop]:
 
 
 class Day:
-    """What is on the bus, second by second, and what else happens; `bring_about` does what is no matter of frames."""
+    """What is on the bus, second by second, and at which moments something happens that is no matter of frames."""
 
-    def __init__(self, seed: int, bring_about: Callable[[str], None]) -> None:
+    def __init__(self, seed: int, loops: Sequence[traffic.Loop], every_s: float = 30.0) -> None:
+        """`loops` are of 10 s; `every_s`: the time between two faults, on average."""
         self.happened: dict[str, int] = {}
-        self._bring_about = bring_about
+        self.bring_about: Callable[[str], None] = lambda moment: None
         self._random = np.random.default_rng(seed)
-        self._loops = loops(seed)
-        self._loop, self._second, self._until_second = self._loops[0], 0, 0
+        self._loops, self._every_s = loops, every_s
+        self._loop, self._second, self._until_second = loops[0], 0, 0
         self._transform: Transform | None = None
 
     def frames(self, from_ns: int) -> Frames:
@@ -192,13 +195,42 @@ class Day:
         frames = Frames(self._loop.rows[first:last], due_ns, np.zeros(n, np.uint8))
         if second >= self._until_second:
             self._transform = None
-            if second > 10 and random.random() < 1 / 30:  # half a minute between two, on average
+            if second > 10 and random.random() < 1 / self._every_s:
                 name = str(random.choice([*TRANSFORMS, *MOMENTS]))
                 self.happened[name] = self.happened.get(name, 0) + 1
                 if name in MOMENTS:
                     self._until_second = second + 15  # nothing else until it is over
-                    self._bring_about(name)
+                    self.bring_about(name)
                 else:
                     self._transform, longest_s = TRANSFORMS[name]
                     self._until_second = second + int(random.integers(1, longest_s + 1))
         return frames if self._transform is None else self._transform(frames, random)
+
+
+class FaultyBus(SoakBus):
+    """The bus of a `day`, whose moments it brings about: in its clock, its interface and the daemon's configuration."""
+
+    def __init__(self, clock: Clock, config_file: Path, day: Day) -> None:
+        self.day = day
+        self.daemon: Daemon | None = None
+        self._clock_of_day, self._config_file = clock, config_file
+        self._config = config_file.read_text()
+        self._random = np.random.default_rng(1)
+        self._reloads = 0
+        day.bring_about = self._bring_about
+        super().__init__(clock, day.frames)
+
+    def _bring_about(self, moment: str) -> None:
+        if moment == "stopped":
+            self._clock_of_day.stop_for(float(self._random.uniform(0.05, 2.0)))
+        elif moment == "overrun":  # the queue holds four seconds
+            self._clock_of_day.stop_for(float(self._random.uniform(5.0, 10.0)))
+        elif moment == "clock step":
+            self._clock_of_day.wall_offset_ns += int(self._random.choice([-1, 1])) * 3600 * SECOND_NS
+        elif moment == "bus down":
+            self.go_down(float(self._random.uniform(0.5, 5.0)))
+        elif self.daemon is not None:
+            self._reloads += 1
+            good = f"{self._config}contact: {{min_force_n: {20 + self._reloads % 2}}}\n"
+            self._config_file.write_text(good if moment == "reload" else good + "nonsense: 1\n")
+            self.daemon.reload()
