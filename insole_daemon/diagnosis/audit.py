@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
+from ..physics.effect import Where
 from ..physics.law import Array
 from ..recording.loading import FootRecording
 from ..skin.geometry import N_TAXELS, PRESSURE_TAXELS
@@ -22,11 +23,13 @@ from .observed import stretches
 from .places import said, where
 
 SAME_S = 4.0  # a working taxel does not say one number for so long while the load moves
+TALKS = 0.25  # as often as the liveliest taxels do: one that changes more seldom tells little of the load
 MOVED = 0.15  # of the insole's range: the load moved
 MOST_INVALID = 0.1  # of a taxel's cycles: more, and it is left out
 MOST_DEAD = 0.3  # of its cycles: more, and the taxel is called dead; less may be the load's or the zero's doing
 RAIL_SIGMAS, RAIL_CYCLES, MOST_ON_RAILS = 2.5, 15, 0.2  # how near an end, over how many cycles, how many taxels
 OPEN_S = 0.3  # how long a triangle is silent before it is called open
+ALWAYS = 0.95  # of the time: from beginning to end
 OPEN_TAXELS = 8  # of a triangle's ten that fail together: the triangle has lost contact
 LOUD = 2.5  # times its usual noise: a burst
 BOARD_LOUD = 2.0  # times its quietest tenth, of a board's typical taxel: the board has another state
@@ -78,6 +81,21 @@ def audit(foot: FootRecording, name: str, steps: bool = False) -> Audit:
     bad = np.zeros(k * N_TAXELS, bool)
     bad[asked] = share > MOST_INVALID
     findings: list[Finding] = []
+    # Readings at the upper end are a rest count that has wandered off, not a line without a triangle.
+    silent_now = (dead & (counts < 255)).reshape(n, k, N_TAXELS)
+    opened = _open(silent_now, t_s)
+    apart: dict[tuple[tuple[float, float], ...], list[int]] = {}
+    for row in opened:
+        slots = row * N_TAXELS + np.flatnonzero(PRESSURE_TAXELS)
+        if bad[slots].sum() >= OPEN_TAXELS:  # what its last taxels say is not to be believed either
+            bad[slots] = True
+        silent_together = np.asarray(silent_now[:, row].sum(axis=1) >= OPEN_TAXELS)
+        when = _joined(intervals(silent_together, t_s), 1.0) if silent_together.mean() < ALWAYS else ()
+        apart.setdefault(when, []).append(row)
+    for when, rows_of in apart.items():
+        text = "lost contact: " + ("its taxels fail" if len(rows_of) == 1 else "the taxels of each fail") + " together"
+        place = Where("triangle", tuple(tuple(identity) for identity in foot.layout.identities[rows_of].tolist()))
+        findings.append(_finding("open_triangle", foot, name, place, when, text + ("" if when else ", all along")))
     loud = np.zeros_like(bad)
     boards = foot.layout.identities[:, 0]
     for slots, when in () if steps else _loud_boards(counts, asked[~bad[asked]], boards, t_s):
@@ -87,19 +105,12 @@ def audit(foot: FootRecording, name: str, steps: bool = False) -> Audit:
     leaping = _leaps(counts[:, asked], valid[:, asked]) >= LEAPS
     if leaping.mean() < MOST_LEAPING:  # else it is how this insole answers, and no contact
         bad[asked] |= ~loud[asked] & leaping
-    # Readings at the upper end are a rest count that has wandered off, not a line without a triangle.
-    silent_now = (dead & (counts < 255)).reshape(n, k, N_TAXELS)
-    opened = _open(silent_now, t_s)
-    for row in opened:
-        slots = row * N_TAXELS + np.flatnonzero(PRESSURE_TAXELS)
-        when = _joined(intervals(np.asarray(silent_now[:, row].sum(axis=1) >= OPEN_TAXELS), t_s), 1.0)
-        findings.append(_finding("open_triangle", foot, name, slots, when, "lost contact: its taxels fail together"))
     gone = np.zeros_like(bad)
     gone[asked] = bad[asked] & ((share > MOST_DEAD) | (share <= MOST_INVALID))
     lone = np.array([slot for slot in np.flatnonzero(gone) if slot // N_TAXELS not in opened], np.intp)
     if lone.size:
         when = intervals(np.asarray(dead[:, lone].any(axis=1)), t_s)
-        always = dead[:, lone].mean() > 0.95
+        always = dead[:, lone].mean() > ALWAYS
         text = "say the same number while the load moves, leap, or say none that can be believed"
         findings.append(_finding("dead_taxels", foot, name, lone, () if always else when, text))
     # What a triangle without a taxel to believe lacks is no cycle's loss: one that is not there says the same for ever.
@@ -109,7 +120,7 @@ def audit(foot: FootRecording, name: str, steps: bool = False) -> Audit:
     quiet_of = np.empty(0, np.intp) if steps else np.flatnonzero(~bad & np.isin(np.arange(bad.size), asked))
     quiet, bursts = _bursts(counts, lost, quiet_of, t_s)
     for slots, when in bursts:
-        findings.append(_finding("noise_burst", foot, name, slots, when, "are far noisier than usual for a while"))
+        findings.append(_finding("noise_burst", foot, name, slots, when, "far noisier than usual for a while"))
     if (~fresh).mean() > MOST_LOST:
         rows = np.flatnonzero(lost.mean(axis=0) > MOST_LOST)
         slots = (rows[:, None] * N_TAXELS + np.flatnonzero(PRESSURE_TAXELS)).ravel()
@@ -127,10 +138,11 @@ def intervals(flags: NDArray[np.bool_], t_s: Array) -> tuple[tuple[float, float]
 
 
 def _finding(
-    effect: str, foot: FootRecording, name: str, slots: NDArray[np.intp],
+    effect: str, foot: FootRecording, name: str, place: Where | NDArray[np.intp],
     when: Iterable[tuple[float, float]], text: str,
 ) -> Finding:  # fmt: skip
-    place = where(slots, np.flatnonzero(np.tile(PRESSURE_TAXELS, len(foot.layout))), foot.layout)
+    if not isinstance(place, Where):
+        place = where(place, np.flatnonzero(np.tile(PRESSURE_TAXELS, len(foot.layout))), foot.layout)
     return Finding(
         effect=effect, foot=foot.foot, where=place, sentence=f"{said(place)}: {text}.", recordings=(name,),
         when_s=tuple(when),
@@ -144,8 +156,9 @@ def _asked(foot: FootRecording) -> NDArray[np.bool_]:
 
 
 def _insole(counts: Array) -> Array:
-    """(n,) what a typical taxel says, over its range."""
-    middle = np.median(counts, axis=1)
+    """(n,) what a typical taxel says, over its range; most of an insole may not be there, and say one number."""
+    often = np.mean(np.diff(counts, axis=0) != 0, axis=0)
+    middle = np.median(counts[:, often >= TALKS * np.quantile(often, 0.95)], axis=1)
     span = float(np.ptp(middle)) or 1.0
     found: Array = (middle.max() - middle) / span
     return found

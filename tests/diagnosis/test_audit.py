@@ -49,3 +49,18 @@ def test_noise_that_makes_all_leap_is_no_loose_contact(tmp_path: Path) -> None:
 
     recording = load(chamber.write(tmp_path / "rough", touch=rough))
     assert audit(recording.feet[0], "rough").kept.sum() == len(chamber.SLOTS)
+
+
+def test_an_insole_most_of_which_is_not_there_is_one_finding(tmp_path: Path) -> None:
+    def absent(t_s: chamber.Array, counts: chamber.Array) -> None:
+        counts[:, 24:] = 240.0  # one number, as a host sends it for what is not connected
+        counts[:, 24:26] += np.random.default_rng(7).normal(0.0, 1.0, (len(t_s), 2))  # lines that pick something up
+
+    recording = load(chamber.write(tmp_path / "absent", touch=absent))
+    found = audit(recording.feet[0], "absent")
+    (told,) = found.findings
+    identities = [tuple(identity) for identity in recording.feet[0].layout.identities.tolist()]
+    assert (told.effect, told.where.ids, told.when_s) == ("open_triangle", tuple(identities[2:]), ())
+    assert "all along" in told.sentence
+    assert not found.kept[2:].any()
+    assert found.kept[:2].sum() == 20
