@@ -94,7 +94,7 @@ def _frames(data: bytes) -> None:
     n, t_ns = len(raw), np.arange(len(raw), dtype=np.int64) * 1_000_000
     batch = FrameBatch(t_ns, t_ns, np.zeros(n, np.uint8), *parts_of(raw))
     skin = SkinReader([LAYOUT], 20_000_000, 5_000_000)
-    closed = skin.feed(batch)[0] + skin.advance(n * 1_000_000 + 1_000_000_000)[0]
+    closed = skin.feed(batch)[0] + skin.advance(n * 1_000_000 + 200_000_000)[0]  # until nothing is expected any more
     for cycles in closed:
         assert cycles.counts.shape[1:] == (len(LAYOUT), 12)
     count_kinds(batch, {})
