@@ -39,15 +39,17 @@ class DynamicFoot:
     ) -> None:
         self._began_ns = time.time_ns()
         self._origin: tuple[int, float] | None = None  # monotonic time of the first cycle, and its second
+        self._threshold_count = config.contact.activation_threshold_count
         self.model = DynamicModel(layout, calibration, boards, self._began_ns, zeroed=zeroed)
-        self.use(config, layout)
+        self.model.mask(self._threshold_count)
+        own = dataclasses.replace(layout, xy_m=self.model.xy_m)
+        self._wrench = WrenchEstimator(own, config.contact.min_force_n, config.contact.min_pressure_pa)
         self._common_ns = int(self.model.late_ns.min())  # what all triangles are late by; the rest is their age
 
-    def use(self, config: Config, layout: Layout) -> None:
-        """Sum up with these thresholds from now on; what is remembered stays."""
-        contact, own = config.contact, dataclasses.replace(layout, xy_m=self.model.xy_m)
-        self.model.mask(contact.activation_threshold_count)
-        self._wrench = WrenchEstimator(own, contact.min_force_n, contact.min_pressure_pa)
+    def go_on(self, before: DynamicFoot) -> None:
+        """With what `before` remembers, which is of the same layout and calibration."""
+        self.model, self._began_ns, self._origin = before.model, before._began_ns, before._origin
+        self.model.mask(self._threshold_count)
 
     def __call__(
         self,

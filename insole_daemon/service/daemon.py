@@ -204,9 +204,9 @@ class Daemon:
             return
         self._reloads_refused += reloaded.refused is not None
         self._reloads += reloaded.refused is None
-        if reloaded.setups:
-            for foot, setup in zip(self._feet, reloaded.setups, strict=True):
-                foot.use(setup)
+        if reloaded.outfits:
+            for foot, outfit in zip(self._feet, reloaded.outfits, strict=True):
+                foot.use(outfit)
             self._stand()
         for kind, text in reloaded.told():
             level = logging.INFO if kind == "reloaded" else logging.WARNING

@@ -13,18 +13,15 @@ from numpy.typing import NDArray
 
 from .. import __version__
 from ..config import Config
-from ..mechanics.wrench import WrenchEstimator
 from ..physics import zero as zeros
 from ..physics.dynamic import DynamicModel
-from ..physics.static_curve import StaticCurve
 from ..skin.boards import BoardSurvey
 from ..skin.cycles import Cycles
-from ..skin.faults import FaultWatch
 from ..skin.geometry import PRESSURE_TAXELS
-from ..skin.validity import Validity
 from ..wire.messages import CalibrationInUse, Event, Meta, ModelName, Models, Pressure, Raw, Wrench
-from .both_models import DynamicFoot, Estimate, side_by_side
-from .setup import FootSetup, differences, load_setups
+from .both_models import Estimate, side_by_side
+from .outfit import Outfit
+from .setup import FootSetup, load_setups
 
 _STANDS_OUT_COUNT = 12  # below what the least loaded tenth of the foot reads; at rest taxels differ by less
 
@@ -45,39 +42,41 @@ class Foot:
         self.extrapolated = 0  # cycles in which a taxel read beyond what its curve was fitted to
         self.beyond = 0  # cycles of the dynamic model in which a taxel read beyond what its effects were identified to
         self.models: Models | None = None
-        self._dynamic: DynamicFoot | None = None
         self._asked: ModelName = setup.insole.model
         self.started_ns = time.time_ns()
-        self.setup, self._watch = setup, _watch(setup)
-        self.use(setup)
+        outfit = Outfit.of(setup)
+        self._watch, self._dynamic = outfit.watch, outfit.dynamic
+        self._put_on(outfit)
 
-    def use(self, setup: FootSetup) -> None:
-        """Read with `setup`, of the same boards and triangles, from the next cycle on.
+    def use(self, outfit: Outfit) -> None:
+        """Read with `outfit`, made to follow the setup in use, from the next cycle on.
 
         Numbers of cycles and rates of boards go on, and what is known of faults unless taxels lie elsewhere now. What
         the dynamic model remembers goes on unless layout, calibration or zero are other ones: then it begins anew.
         Whoever publishes says so in `meta` and `calibration`.
         """
-        config = setup.config
-        if setup.insole.model != self.setup.insole.model:
+        setup, before = outfit.setup, self.setup
+        assert outfit.before is before, "it was made to follow another setup"
+        if setup.insole.model != before.insole.model:
             self._asked = setup.insole.model
-        if self._dynamic is None or differences(self.setup, setup):
-            self._dynamic = _dynamic(setup)
-        else:
-            self._dynamic.use(config, setup.layout)
-        if not np.array_equal(setup.layout.xy_m, self.setup.layout.xy_m):
-            self._watch = _watch(setup)
-        elif setup.zero is not self.setup.zero:
+        if outfit.dynamic is not None and self._dynamic is not None and not outfit.differences:
+            outfit.dynamic.go_on(self._dynamic)
+        self._dynamic = outfit.dynamic
+        if outfit.moved:
+            self._watch = outfit.watch
+        elif setup.zero is not before.zero:
             self._watch.zeroed()
-        self.setup, self.config, self.insole, self.layout = setup, config, setup.insole, setup.layout
-        self.calibration, self.zero, self.zero_source = setup.zeroed_calibration, setup.zero, setup.zero_source
-        self.stale_after_ns = round(config.publish.stale_after_ms * 1e6)
-        boards = {board.address: board for board in setup.insole.boards}
-        self.validity = Validity(setup.layout, boards, self.stale_after_ns)
+        self._put_on(outfit)
+
+    def _put_on(self, outfit: Outfit) -> None:
+        """What remembers nothing."""
+        setup = self.setup = outfit.setup
+        self.config, self.insole, self.layout = setup.config, setup.insole, setup.layout
+        self.calibration, self.zero, self.zero_source = outfit.calibration, setup.zero, setup.zero_source
+        self.stale_after_ns = round(setup.config.publish.stale_after_ms * 1e6)
+        self.validity, self._curve, self._wrench = outfit.validity, outfit.curve, outfit.wrench
         self._lowest_count = self.calibration.lowest_count
         self._none = np.zeros(self.calibration.usable.shape, np.bool_)
-        self._curve = StaticCurve(self.calibration, config.contact.activation_threshold_count)
-        self._wrench = WrenchEstimator(setup.layout, config.contact.min_force_n, config.contact.min_pressure_pa)
 
     @property
     def model(self) -> ModelName:
@@ -223,18 +222,6 @@ class Foot:
 def load_feet(config: Config) -> list[Foot]:
     """The feet of `config` with their files; raises DocumentsError with what is wrong in any of them."""
     return [Foot(setup) for setup in load_setups(config)]
-
-
-def _watch(setup: FootSetup) -> FaultWatch:
-    return FaultWatch(setup.layout, {board.address: board for board in setup.insole.boards})
-
-
-def _dynamic(setup: FootSetup) -> DynamicFoot | None:
-    """Where the calibration has effects."""
-    calibration = setup.zeroed_calibration
-    if not calibration.effects:
-        return None
-    return DynamicFoot(setup.config, setup.layout, calibration, setup.insole.boards, setup.zero is not None)
 
 
 def _effects(model: DynamicModel) -> list[dict[str, Any]]:

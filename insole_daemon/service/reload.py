@@ -1,7 +1,7 @@
 """The configuration read again while the daemon runs: what can change between two cycles, and what cannot.
 
-Reading takes longer than a cycle lasts, so a thread does it; the loop takes the result when it is whole. A file that
-is refused changes nothing.
+Reading takes longer than a cycle lasts, and so does making of it what a foot is read with. A thread does both; the loop
+takes the result when it is whole. A file that is refused changes nothing.
 """
 
 from __future__ import annotations
@@ -17,7 +17,8 @@ import numpy as np
 from .. import config as configs
 from ..config import Config
 from ..errors import InsoleError
-from .setup import FootSetup, differences, load_setups
+from .outfit import Outfit
+from .setup import FootSetup, load_setups
 
 _CHANGES_RUNNING = frozenset({"extensions", "contact", "publish", "insoles"})  # these as far as said below
 _PUBLISH_CHANGES_RUNNING = frozenset({"extensions", "stale_after_ms"})
@@ -25,10 +26,10 @@ _PUBLISH_CHANGES_RUNNING = frozenset({"extensions", "stale_after_ms"})
 
 @dataclass(frozen=True, slots=True)
 class Reloaded:
-    """What came of one reload: setups with what changed, or the reason why all stays as it is."""
+    """What came of one reload: outfits with what changed, or the reason why all stays as it is."""
 
     before: tuple[FootSetup, ...]  # the ones that ran when it began
-    setups: tuple[FootSetup, ...] = ()  # what takes their places; empty: nothing is taken over
+    outfits: tuple[Outfit, ...] = ()  # what takes their places; empty: nothing is taken over
     changed: tuple[str, ...] = ()
     needs_restart: tuple[str, ...] = ()  # what changed in the file and cannot change in a running daemon
     refused: str | None = None  # every problem, one a line
@@ -111,9 +112,9 @@ def merge(running: Sequence[FootSetup], asked: Config, asked_setups: Sequence[Fo
         publish=replace(before.publish, stale_after_ms=asked.publish.stale_after_ms),
         insoles=tuple(setup.insole for setup in chosen),
     )
-    setups = tuple(replace(setup, config=config) for setup in chosen)
-    changed = [what for old, new in zip(running, setups, strict=True) for what in _changes(old, new)]
-    return Reloaded(tuple(running), setups, tuple(dict.fromkeys(changed)), tuple(needs_restart))
+    outfits = tuple(Outfit.of(replace(new, config=config), old) for old, new in zip(running, chosen, strict=True))
+    changed = dict.fromkeys(what for outfit in outfits for what in _changes(outfit))
+    return Reloaded(tuple(running), outfits, tuple(changed), tuple(needs_restart))
 
 
 def _other_keys(before: Config, asked: Config) -> list[str]:
@@ -136,8 +137,9 @@ def _why_not(old: FootSetup, new: FootSetup) -> str | None:
     return None
 
 
-def _changes(old: FootSetup, new: FootSetup) -> list[str]:
-    changes = [f"{what} of the {old.insole.foot} foot" for what in differences(old, new)]
+def _changes(outfit: Outfit) -> list[str]:
+    old, new = outfit.before, outfit.setup
+    changes = [f"{what} of the {old.insole.foot} foot" for what in outfit.differences]
     if old.insole.model != new.insole.model:
         changes.append(f"model of the {old.insole.foot} foot")
     changes += _differences("contact.", old.config.contact, new.config.contact, frozenset({"extensions"}))

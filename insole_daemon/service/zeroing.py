@@ -13,10 +13,11 @@ from ..physics import zero as zeros
 from ..physics.zero import Zero
 from ..physics.zeroing import Outcome, Zeroing
 from ..skin.cycles import Cycles
-from ..skin.layout import Layout
 from ..untrusted import quoted
 from ..wire.messages import CalibrationInUse, Event, Meta
 from .foot import Foot
+from .outfit import Outfit
+from .setup import FootSetup
 from .state import zero_path
 
 SECONDS = 3.0
@@ -71,14 +72,13 @@ def zero(
         voice.publish(Event(foot.name, clock_ns(), "zero_refused", "; ".join(outcome.refusals), []))
         return reply
     path = zero_path(foot.config.rig, foot.name)
-    writing = _Writing(path, outcome.zero, foot.layout)
-    while not writing.done:
-        yield
-    if writing.error is not None:
-        why = f"{path}: cannot be written: {writing.error.strerror or writing.error}; the zero is not in use either"
+    try:
+        outfit = yield from _stored(foot, outcome.zero, path)
+    except OSError as error:
+        why = f"{path}: cannot be written: {error.strerror or error}; the zero is not in use either"
         voice.publish(Event(foot.name, clock_ns(), "zero_refused", why, []))
         return reply | {"ok": False, "refusals": [*reply["refusals"], why]}
-    foot.use(foot.setup.with_zero(outcome.zero, str(path)))
+    foot.use(outfit)
     voice.stand("meta", foot.meta())
     voice.stand("calibration", foot.calibration_in_use())
     voice.publish(
@@ -137,19 +137,36 @@ def _reply(foot: Foot, outcome: Outcome) -> dict[str, Any]:
     }
 
 
-class _Writing:
-    """A zero on its way to the disk, on a thread: an SD card may take longer for it than a cycle lasts."""
+def _stored(foot: Foot, zero: Zero, path: Path) -> Generator[None, Step, Outfit]:
+    """Write the zero; what the foot is to be read with then. Raises OSError where it cannot be written."""
+    while True:
+        storing = _Storing(path, zero, foot.setup)
+        while not storing.done:
+            yield
+        if storing.error is not None:
+            raise storing.error
+        assert storing.outfit is not None
+        if storing.outfit.before is foot.setup:  # else a reload came in between, and is not to be undone
+            return storing.outfit
 
-    def __init__(self, path: Path, zero: Zero, layout: Layout) -> None:
-        self.error: OSError | None = None
-        self._job = path, zero, layout
-        self._thread = threading.Thread(target=self._write, name="zero", daemon=True)
+
+class _Storing:
+    """A zero on its way to the disk and to use, on a thread: either may take longer than a cycle lasts."""
+
+    def __init__(self, path: Path, zero: Zero, setup: FootSetup) -> None:
+        self.error: Exception | None = None
+        self.outfit: Outfit | None = None
+        self._job = path, zero, setup
+        self._thread = threading.Thread(target=self._store, name="zero", daemon=True)
         self._thread.start()
 
-    def _write(self) -> None:
+    def _store(self) -> None:
+        path, zero, setup = self._job
         try:
-            zeros.save(*self._job)
-        except OSError as error:
+            outfit = Outfit.of(setup.with_zero(zero, str(path)), setup)
+            zeros.save(path, zero, setup.layout)
+            self.outfit = outfit
+        except Exception as error:  # who asked is told
             self.error = error
 
     @property

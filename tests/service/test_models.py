@@ -15,6 +15,7 @@ from insole_daemon.physics.effect import Effect, effect
 from insole_daemon.physics.zero import Zero
 from insole_daemon.service.foot import Foot
 from insole_daemon.service.operations import Step
+from insole_daemon.service.outfit import Outfit
 from insole_daemon.service.setup import FootSetup, load_setups
 from insole_daemon.service.switching import model_handler
 from insole_daemon.skin.cycles import Cycles
@@ -89,11 +90,11 @@ def test_what_it_remembers_survives_a_reload_of_anything_else_and_not_of_what_it
     before = [force_n(foot, 0, 20) for foot in (kept, again, zeroed)]
     assert before[0] == before[1] == before[2]
     config = replace(SETUP.config, contact=Contact(min_force_n=35))
-    kept.use(replace(SETUP, config=config, calibration=replace(SETUP.calibration)))
+    kept.use(Outfit.of(replace(SETUP, config=config, calibration=replace(SETUP.calibration)), SETUP))
     other = replace(SETUP.calibration, effects=(effect("viscoelasticity", a=0.3, tau_s=0.4), EFFECTS[1]))
-    again.use(replace(SETUP, calibration=other))
+    again.use(Outfit.of(replace(SETUP, calibration=other), SETUP))
     rest = np.where(SETUP.calibration.usable, SETUP.calibration.baseline_count, np.nan)
-    zeroed.use(SETUP.with_zero(Zero("left", 1, rest, 0.0 * rest), "a test"))
+    zeroed.use(Outfit.of(SETUP.with_zero(Zero("left", 1, rest, 0.0 * rest), "a test"), SETUP))
     whole = force_n(Foot(SETUP), 0, 21)[-1]
     static = force_n(Foot(STATIC), 20, 21)[0]
     assert force_n(kept, 20, 21)[0] == whole
@@ -118,10 +119,10 @@ def test_the_configuration_chooses_and_changes_the_choice_only_where_it_changes(
     foot = Foot(with_model("static"))
     assert foot.model == "static"
     foot.switch("dynamic")
-    foot.use(with_model("static"))
+    foot.use(Outfit.of(with_model("static"), foot.setup))
     assert foot.model == "dynamic"
-    foot.use(with_model("dynamic"))
-    foot.use(with_model("static"))
+    foot.use(Outfit.of(with_model("dynamic"), foot.setup))
+    foot.use(Outfit.of(with_model("static"), foot.setup))
     assert foot.model == "static"
 
 
