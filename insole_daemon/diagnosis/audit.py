@@ -60,7 +60,7 @@ class Audit:
 def audit(foot: FootRecording, name: str, steps: bool = False) -> Audit:
     """The readings of one foot in recording `name`; `steps`: it is walked on.
 
-    A heel strike is as short as noise: then bursts and noisy boards are not looked for.
+    A heel strike is as short as noise: then bursts and noisy boards are not looked for, and leaps that stay are none.
     """
     n, k = len(foot), len(foot.layout)
     t_s = (foot.t_ns - foot.t_ns[0]) * 1e-9
@@ -102,7 +102,7 @@ def audit(foot: FootRecording, name: str, steps: bool = False) -> Audit:
         loud[slots] = True
         text = "is far noisier in some stretches than in others, too long to leave them out: the board is left out"
         findings.append(_finding("noise_burst", foot, name, slots, when, text))
-    leaping = _leaps(counts[:, asked], valid[:, asked]) >= LEAPS
+    leaping = _leaps(counts[:, asked], valid[:, asked], steps) >= LEAPS
     if leaping.mean() < MOST_LEAPING:  # else it is how this insole answers, and no contact
         bad[asked] |= ~loud[asked] & leaping
     gone = np.zeros_like(bad)
@@ -176,11 +176,17 @@ def _dead(counts: Array, valid: NDArray[np.bool_], t_s: Array, mean: Array) -> N
     return dead
 
 
-def _leaps(counts: Array, valid: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """(m,) how often a taxel alone leapt from one cycle to the next."""
+def _leaps(counts: Array, valid: NDArray[np.bool_], steps: bool) -> NDArray[np.intp]:
+    """(m,) how often a taxel alone leapt from one cycle to the next; of `steps`, and at once back again.
+
+    Where a heel strikes, some taxels leap and the others do not; but then they bear that load for a while.
+    """
     change = np.diff(counts, axis=0)
     change -= np.median(change, axis=1, keepdims=True)
-    found: NDArray[np.intp] = np.sum((np.abs(change) > LEAP_COUNT) & valid[1:] & valid[:-1], axis=0)
+    leaps = np.where((np.abs(change) > LEAP_COUNT) & valid[1:] & valid[:-1], np.sign(change), 0.0)
+    if steps:
+        leaps = np.where(leaps[1:] * leaps[:-1] < 0, leaps[1:], 0.0)
+    found: NDArray[np.intp] = np.count_nonzero(leaps, axis=0)
     return found
 
 

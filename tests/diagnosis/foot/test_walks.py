@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +12,10 @@ from typer.testing import CliRunner
 
 import insole_daemon
 from insole_daemon.cli import app
+from insole_daemon.diagnosis.audit import audit
 from insole_daemon.errors import DiagnosisError, UndecidableError
 from insole_daemon.physics import calibration as calibrations
+from insole_daemon.recording.loading import load
 
 from ..chamber import LAYOUT
 from ..chamber import write as write_chamber
@@ -98,6 +101,17 @@ def test_a_simulated_trial_from_frames_to_what_is_named(tmp_path):
     assert {word for word, _ in told} >= {"viscoelasticity", "delay"}, told
     assert "lag" not in {word for word, _ in told}, told
     assert found["heldout"]["after"] < 0.2 * found["heldout"]["before"], found["heldout"]
+
+
+@pytest.mark.parametrize(("cycles", "found"), [(6, []), (1, ["dead_taxels"])])
+def test_a_heel_strike_is_no_loose_contact_and_a_leap_that_comes_back_at_once_is(tmp_path, cycles, found):
+    foot = load(write(tmp_path / "walk", seconds=12.0)).feet[0]
+    counts = foot.counts.copy()
+    for begin in range(100, 500, 60):
+        counts[begin : begin + cycles, 0, :3] = 100
+    audited = audit(replace(foot, counts=counts), "walk", steps=True)
+    assert [each.effect for each in audited.findings] == found
+    assert audited.kept[0, :3].all() == (not found)
 
 
 def test_bad_input_is_refused_with_a_sentence(tmp_path):
