@@ -18,7 +18,7 @@ from .candidate import Candidate
 from .fit import Evidence, Fitted, Hypothesis
 from .floor import noise_of_blocks
 from .groups import LEAST_EXCESS, Named
-from .naming import MOST_EFFECTS, N_FOLDS, Naming, Tried, folds, heldout, name, worth
+from .naming import MOST_EFFECTS, N_FOLDS, Naming, Tried, folds, heldout, left, name, worth
 
 UNEXPLAINED = 0.25  # of the mismatch, that the recordings together leave: each is asked by itself
 
@@ -86,9 +86,9 @@ def _quiet(named: Named, fitted: Fitted) -> bool:
 
 def _judged(naming: Naming, evidence: Evidence, fitted: Fitted) -> Tried:
     mean_square, thetas = heldout(fitted, evidence, naming.null.fitted.effective_pa.mean(axis=1))
-    left, left_heldout = ((each - naming.floor) / naming.excess for each in (fitted.mean_square(), mean_square))
     words = tuple(each.word for each in fitted.candidates)
-    return Tried(words, fitted, left, left_heldout, thetas)
+    fitted_to = left(fitted, evidence, naming.floor, naming.excess)
+    return Tried(words, fitted, fitted_to, (mean_square - naming.floor) / naming.excess, thetas)
 
 
 def _excepted(naming: Naming, evidence: Evidence, best: Tried) -> Tried:

@@ -10,9 +10,10 @@ from ..physics.calibration import Calibration
 from ..physics.effects import laws
 from ..physics.law import Array
 from ..skin.geometry import N_TAXELS
+from .deciding import unexplained
 from .explained import Insole
 from .finding import Finding, Quantity
-from .groups import Located
+from .groups import Located, Named
 from .jumps import Jump
 from .modelling import Curves
 from .observed import Observed
@@ -111,15 +112,17 @@ def of_clocks(insole: Insole, observed: Sequence[Observed], clocks: Array, std: 
 
 def of_delays(insole: Insole, observed: Sequence[Observed], located: Located) -> list[Finding]:
     """Groups that are read later than the others, where each group's clocks were fitted with it."""
-    groups = [each for each in located.named if len(each.group.slots) >= LEAST_TAXELS]
+    groups = [each for each in located.named if len(each.group.slots) >= LEAST_TAXELS and _explained(each)]
     main = max(groups, key=lambda each: len(each.group.slots), default=None)
     if main is None or len(main.group.slots) == len(insole.slots) or observed[0].load.clock != "own":
         return []
     if len(groups) > 1:
         others = [each for each in groups if each is not main]
         usual, usual_std = main.naming.best.fitted.clocks(), float(main.naming.best.std[0])
-    else:
+    elif 2 * len(main.group.slots) < len(insole.slots):
         others, usual, usual_std = groups, located.null.clocks(), 0.0
+    else:
+        return []  # the clocks without any physics were asked of taxels that have it
     found = []
     for each in others:
         late_s = float(usual[0, 0] - each.naming.best.fitted.clocks()[0, 0])
@@ -139,6 +142,11 @@ def of_delays(insole: Insole, observed: Sequence[Observed], located: Located) ->
             )
         )  # fmt: skip
     return found
+
+
+def _explained(named: Named) -> bool:
+    """What is not explained bends the clocks that are fitted with it."""
+    return not unexplained(named.naming, named.group.evidence.y.size)
 
 
 def of_curves(

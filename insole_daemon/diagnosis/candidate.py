@@ -56,6 +56,7 @@ class Candidate:
     # rows, (n, m) effective load scaled to −1…1 → (n, k) or (n, m, k) columns
     columns: Callable[[Rows, Array], Array] | None = None
     own_columns: bool = False  # each recording has columns, and shares, of its own
+    scatters: bool = False  # it acts on each taxel by more or less than on others (`strengths`)
     recordings: frozenset[int] | None = None  # in which it is at work; None: in all
     # θ → the parameters of the effect as the format has them; None: they are told from the columns' shares
     parameters: Callable[[Array], dict[str, Any]] | None = None

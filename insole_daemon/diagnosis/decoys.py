@@ -20,7 +20,7 @@ from .candidate import Candidate, Rows
 from .deciding import AS_GOOD, by_chance, unexplained
 from .fit import Evidence, Fitted, Hypothesis
 from .groups import Named
-from .naming import Decoy, Naming, cheapest, heldout
+from .naming import Decoy, Naming, cheapest, heldout, left
 from .observed import Observed
 
 ALIKE = 0.7  # correlation of two courses of temperature: a copy that is the course itself is no decoy
@@ -71,11 +71,11 @@ def _tried(naming: Naming, evidence: Evidence, word: str, limit: float) -> Itera
         (values[word],) = hypothesis.promising(rest, decoy, 1)
         own = [values[each.word] for each in hypothesis.candidates]
         fitted = hypothesis.polished(hypothesis.fit(np.concatenate([rest.clocks().ravel(), *own])))
-        left = (fitted.mean_square() - naming.floor) / naming.excess
-        if left <= limit:  # else it would leave no less of blocks that are held out
+        leaves = left(fitted, evidence, naming.floor, naming.excess)
+        if leaves <= limit:  # else it would leave no less of blocks that are held out
             mean_square, _ = heldout(fitted, evidence, naming.null.fitted.effective_pa.mean(axis=1))
-            left = (mean_square - naming.floor) / naming.excess
-        yield Decoy(word, kind, left, best.left_heldout, left <= limit)
+            leaves = (mean_square - naming.floor) / naming.excess
+        yield Decoy(word, kind, leaves, best.left_heldout, leaves <= limit)
 
 
 def _rest(best: Fitted, evidence: Evidence, word: str) -> Fitted:

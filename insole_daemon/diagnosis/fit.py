@@ -298,11 +298,14 @@ class Hypothesis:
     def _solved(self, theta: Array, rows: NDArray[np.bool_]) -> Fitted:
         q = self.effective_pa(theta)
         x = (q - self._middle) / self._half
-        design = np.concatenate([self._curve(x, rows), *self._columns(x)], axis=2)
+        return self.explained(theta, rows, q, np.concatenate([self._curve(x, rows), *self._columns(x)], axis=2))
+
+    def explained(self, theta: Array, rows: NDArray[np.bool_], effective_pa: Array, design: Array) -> Fitted:
+        """The readings by shares of the columns `design` (m, n, k), those of the curve first, fitted to `rows`."""
         y = _stacked(self.evidence.y, len(design))
         basis, triangle = np.linalg.qr(design[:, rows])
         shares = np.linalg.pinv(triangle, rcond=_RANK) @ (basis.swapaxes(1, 2) @ y[:, rows])
-        return Fitted(self.candidates, theta, _flat(y - design @ shares), rows, design, _flat(shares), q)
+        return Fitted(self.candidates, theta, _flat(y - design @ shares), rows, design, _flat(shares), effective_pa)
 
     def slope(self, fitted: Fitted) -> Array:
         """(n, r) how the fitted readings change with a pascal of the effective load."""

@@ -20,6 +20,7 @@ from .evidence import Group, gather
 from .fit import Evidence, Fitted, Hypothesis
 from .naming import Naming, name
 from .observed import Observed
+from .strengths import freed
 
 LEAST_EXCESS = 0.3  # of a reading's noise: less is no mismatch worth a word
 SIGMAS = 5.0  # of what the mean square of noise alone does
@@ -51,8 +52,12 @@ class Located:
 
 
 def excess(group: Group, fitted: Fitted) -> Array:
-    """(m,) RMS that a hypothesis leaves of every taxel beyond its noise, in units of a reading's noise."""
-    taxels = Hypothesis(group.taxels, fitted.candidates).at(fitted.theta)
+    """(m,) RMS that a hypothesis leaves of every taxel beyond its noise, in units of a reading's noise.
+
+    Each taxel has strengths of its own: one that answers more than the others is not explained by other physics.
+    """
+    hypothesis = Hypothesis(group.taxels, fitted.candidates)
+    taxels = freed(hypothesis, hypothesis.at(fitted.theta))
     found: Array = np.sqrt(np.maximum(np.mean(taxels.residual**2, axis=0) - group.floors, 0.0))
     return found
 

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from ..physics.law import Array
 from .candidate import Candidate
 from .fit import Evidence, Fitted, Hypothesis
+from .strengths import freed
 
 MOST_EFFECTS = 3
 # What one more effect has to take away: of the whole excess, and of what the smaller set leaves. A small one has to
@@ -85,6 +86,11 @@ def folds(evidence: Evidence) -> NDArray[np.intp]:
     return np.concatenate(found)
 
 
+def left(fitted: Fitted, evidence: Evidence, floor: float, excess: float) -> float:
+    """u of the blocks it was fitted to, each reading with strengths of its own."""
+    return (freed(Hypothesis(evidence, fitted.candidates), fitted).mean_square() - floor) / excess
+
+
 def heldout(tried: Fitted, evidence: Evidence, load_pa: Array) -> tuple[float, Array]:
     """Mean square over rows that are each predicted by a fit that has not seen its fold, and the θ of these fits.
 
@@ -98,7 +104,7 @@ def heldout(tried: Fitted, evidence: Evidence, load_pa: Array) -> tuple[float, A
         fitted_to = fold != i
         low, high = load_pa[fitted_to].min(), load_pa[fitted_to].max()
         out = ~fitted_to & (load_pa >= low) & (load_pa <= high)
-        fitted = hypothesis.fit(tried.theta, fitted_to, 3)
+        fitted = freed(hypothesis, hypothesis.fit(tried.theta, fitted_to, 3))
         total += float(np.sum(fitted.residual[out] ** 2))
         asked += fitted.residual[out].size
         thetas.append(fitted.theta)
@@ -129,7 +135,7 @@ def name(evidence: Evidence, candidates: Mapping[str, Candidate], floor: float, 
         begun = [_begun(evidence, candidates, words, by_words) for words in combinations(candidates, size)]
         begun.sort(key=lambda fitted: fitted.cost)
         for fitted in [*(_finished(evidence, each) for each in begun[:FITTED]), *begun[FITTED:]]:
-            by_words[fitted.words] = Tried(fitted.words, fitted, (fitted.mean_square() - floor) / excess)
+            by_words[fitted.words] = Tried(fitted.words, fitted, left(fitted, evidence, floor, excess))
         promising = sorted((t for t in by_words.values() if len(t.words) == size), key=lambda t: t.left)[:KEPT]
         judged |= {tried.words: judge(tried) for tried in promising}
         best = cheapest(judged.values())
@@ -137,7 +143,7 @@ def name(evidence: Evidence, candidates: Mapping[str, Candidate], floor: float, 
             # A larger set may find its way where a smaller one was stuck: that one is tried from there again.
             known = by_words[smaller.words]
             if smaller.cost < known.fitted.cost:
-                better = Tried(smaller.words, smaller, (smaller.mean_square() - floor) / excess)
+                better = Tried(smaller.words, smaller, left(smaller, evidence, floor, excess))
                 by_words[better.words], judged[better.words] = better, judge(better)
         best = cheapest(judged.values())
     return Naming(floor, excess, judged[()], best, tuple(judged.values()))
@@ -172,11 +178,11 @@ def _left(tried: Tried) -> float:
 def worth(smaller: Tried, larger: Tried) -> bool:
     """Whether what the larger set has more is worth its price."""
     more = len(larger.words) - len(smaller.words)
-    left = min(max(_left(smaller), 0.0), 1.0)  # more than the whole is what a free curve invents where it has to guess
-    gain = left - _left(larger)
+    before = min(max(_left(smaller), 0.0), 1.0)  # more than the whole is what a curve invents where it has to guess
+    gain = before - _left(larger)
     if smaller.left - larger.left < LEAST_FITTED * smaller.left:
         return False  # it makes the fit of what the smaller set has steadier, and adds nothing
-    return any(gain > price * more and gain > (1 - (1 - share) ** more) * left for price, share in PRICES)
+    return any(gain > price * more and gain > (1 - (1 - share) ** more) * before for price, share in PRICES)
 
 
 def _begun(

@@ -51,7 +51,7 @@ def load(seconds: float = 90.0, top_pa: float = 300e3) -> tuple[Array, Array]:
 def write(
     folder: Path,
     effect: Callable[[Array, Array], Array] = lambda t_s, p: p,
-    where: NDArray[np.bool_] | None = None,
+    where: NDArray[np.bool_] | Array | None = None,
     touch: Callable[[Array, Array], None] = lambda t_s, counts: None,
     reference: Callable[[Array, Array], Array] = lambda t_s, p: p,
     clock: str = "can",
@@ -60,15 +60,18 @@ def write(
     temperature: Callable[[Array], Array] = lambda t_s: np.full_like(t_s, 25.0),
     layout: Layout = LAYOUT,
 ) -> Path:
-    """A recording whose taxels `where` (6·12,) feel `effect(t, load)`; `touch` changes the counts in place."""
+    """A recording whose taxels feel `effect(t, load)`; `touch` changes the counts in place.
+
+    `where` (6·12,): which of them, or by how much each.
+    """
     rng = np.random.default_rng(seed)
     t_s, p = load(seconds)
     cycle_s = np.arange(0.05, seconds - 0.05, 0.02)
-    there = np.ones(len(layout) * 12, bool) if where is None else where
-    q = np.where(there, np.interp(cycle_s, t_s, effect(t_s, p))[:, None], np.interp(cycle_s, t_s, p)[:, None])
-    sensitivity = rng.normal(1.6e-4, 1e-5, there.size)
-    bend = rng.normal(900e3, 50e3, there.size)
-    rest = rng.normal(240.5, 1.0, there.size)
+    strength = np.ones(len(layout) * 12) if where is None else where.astype(float)
+    q = np.interp(cycle_s, t_s, p)[:, None] + strength * np.interp(cycle_s, t_s, effect(t_s, p) - p)[:, None]
+    sensitivity = rng.normal(1.6e-4, 1e-5, strength.size)
+    bend = rng.normal(900e3, 50e3, strength.size)
+    rest = rng.normal(240.5, 1.0, strength.size)
     counts = rest - sensitivity * q / (1 + q / bend) + rng.normal(0.0, NOISE_COUNT, q.shape)
     touch(cycle_s, counts)
     whole = np.clip(np.floor(counts + rng.random(counts.shape)), 0, 255).astype(np.uint8)

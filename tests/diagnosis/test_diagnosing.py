@@ -50,6 +50,14 @@ def test_hysteresis_of_another_family_is_hysteresis(tmp_path):
     assert diagnosis.findings[0].where == Where()
 
 
+def test_strengths_that_scatter_are_no_other_physics(tmp_path):
+    strength = np.random.default_rng(3).normal(1.0, 0.2, len(LAYOUT) * 12)
+    diagnosis = found(write(tmp_path / "solid", relaxing(0.7, 0.8), strength, clock="own"))
+    assert words(diagnosis) == ["viscoelasticity"]
+    assert diagnosis.findings[0].where == Where()
+    assert diagnosis.heldout["after"] < 1.02 * diagnosis.heldout["floor"] < 0.8 * diagnosis.heldout["before"]
+
+
 def test_what_no_name_fits_is_unknown_with_an_equation(tmp_path):
     def stiffer_the_faster(t_s, p):
         return p * (1 + 0.25 * np.tanh(np.abs(np.gradient(p, t_s)) / 40e3))

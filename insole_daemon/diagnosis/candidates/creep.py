@@ -19,6 +19,7 @@ PER_DECADE = 2
 SHORTEST_S, LONGEST_S = 0.1, 1000.0
 LEAST_LONGEST_S = 20.0
 NARROW = np.log(4.0)  # standard deviation of the logarithm of τ: a spectrum that is one time constant, smeared
+LEAST_WIDTH = np.log(4.0)  # of the spectrum: narrower, and its edges would swap places
 LEAST_SHARE = 2e-3  # of all shares together: less is not worth a mode in the model
 
 
@@ -27,9 +28,12 @@ def candidate(excitation: Excitation) -> Candidate:
     longest_s = max(min(LONGEST_S, 4 * excitation.seconds), 2 * LEAST_LONGEST_S)
     n = 1 + round(PER_DECADE * np.log10(longest_s / SHORTEST_S))
     tau_s = np.geomspace(SHORTEST_S, longest_s, n)
+    log_least_longest = np.log(LEAST_LONGEST_S)
 
     def shares(theta: Array) -> Array:
-        share, log_shortest, log_longest, tilt = theta
+        share, log_shortest, reach, tilt = theta
+        least = max(log_least_longest, log_shortest + LEAST_WIDTH)
+        log_longest = least + reach * (np.log(longest_s) - least)
         # The edges of the spectrum are soft, so that moving them moves the answer smoothly.
         edge = 1.0 / (1.0 + np.exp(-4.0 * (np.log(tau_s) - log_shortest)))
         edge /= 1.0 + np.exp(4.0 * (np.log(tau_s) - log_longest))
@@ -58,25 +62,26 @@ def candidate(excitation: Excitation) -> Candidate:
     low, high = bounds(
         (0.0, 0.8),
         (np.log(0.1), np.log(min(60.0, longest_s / 4))),
-        (np.log(LEAST_LONGEST_S), np.log(longest_s)),
+        (0.0, 1.0),
         (-0.4, 0.9),
     )
     starts = [
-        (0.05, np.log(shortest), np.log(longest), tilt)
+        (0.05, np.log(shortest), reach, tilt)
         for shortest in (0.2, 1.0, 5.0, 15.0)
-        for longest in (LEAST_LONGEST_S, longest_s)
+        for reach in (0.0, 1.0)
         for tilt in (0.0, 0.3)
         if 2 * shortest < longest_s / 4
     ]
     return Candidate(
         word="creep",
         order=5,
-        names=("share", "log_shortest", "log_longest", "tilt"),
+        names=("share", "log_shortest", "reach", "tilt"),
         low=low,
         high=high,
         starts=np.array(starts),
         act=act,
         parameters=parameters,
+        scatters=True,
         other_word=other_word,
         needs=lambda e: None if e.seconds >= 20 else "creep needs a recording of 20 s or longer, with a hold",
     )

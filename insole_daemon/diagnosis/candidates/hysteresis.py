@@ -39,6 +39,7 @@ def candidate(excitation: Excitation) -> Candidate:
         starts=np.full((1, len(RADII)), 0.02),
         act=fan,
         parameters=parameters,
+        scatters=True,
         needs=lambda e: None if e.reversals else "the load never turns back, as hysteresis needs",
     )
 

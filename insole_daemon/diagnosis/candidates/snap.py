@@ -41,5 +41,6 @@ def candidate(excitation: Excitation) -> Candidate:
         nudge=np.array([0.01, 0.02, 1e-4]),  # a relay answers to nothing smaller than the distance of two samples
         act=act,
         parameters=parameters,
+        scatters=True,
         needs=lambda e: None if e.reversals else "the load never turns back, as a snap needs",
     )

@@ -34,4 +34,5 @@ def candidate(excitation: Excitation) -> Candidate:
         starts=np.array([(0.05, log_tau) for log_tau in np.log(np.geomspace(0.08, 5.0, 8))]),
         act=act,
         parameters=parameters,
+        scatters=True,
     )
