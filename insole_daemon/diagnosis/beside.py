@@ -13,7 +13,8 @@ from ..skin.geometry import N_TAXELS
 from .deciding import unexplained
 from .explained import Insole
 from .finding import Finding, Quantity
-from .groups import Located, Named
+from .fit import Hypothesis
+from .groups import LEAST_EXCESS, Located, Named
 from .jumps import Jump
 from .modelling import Curves
 from .observed import Observed
@@ -114,15 +115,17 @@ def of_delays(insole: Insole, observed: Sequence[Observed], located: Located) ->
     """Groups that are read later than the others, where each group's clocks were fitted with it."""
     groups = [each for each in located.named if len(each.group.slots) >= LEAST_TAXELS and _explained(each)]
     main = max(groups, key=lambda each: len(each.group.slots), default=None)
-    if main is None or len(main.group.slots) == len(insole.slots) or observed[0].load.clock != "own":
+    if main is None or observed[0].load.clock != "own":
         return []
+    rest = np.setdiff1d(insole.slots, merged(each.group.slots for each in located.named))
     if len(groups) > 1:
         others = [each for each in groups if each is not main]
         usual, usual_std = main.naming.best.fitted.clocks(), float(main.naming.best.std[0])
-    elif 2 * len(main.group.slots) < len(insole.slots):
-        others, usual, usual_std = groups, located.null.clocks(), 0.0
+    elif len(rest) >= LEAST_TAXELS:
+        plain = Hypothesis(located.taxels.of_taxels(np.searchsorted(insole.slots, rest)), ())
+        others, usual, usual_std = groups, plain.fit().clocks(), 0.0
     else:
-        return []  # the clocks without any physics were asked of taxels that have it
+        return []
     found = []
     for each in others:
         late_s = float(usual[0, 0] - each.naming.best.fitted.clocks()[0, 0])
@@ -145,8 +148,9 @@ def of_delays(insole: Insole, observed: Sequence[Observed], located: Located) ->
 
 
 def _explained(named: Named) -> bool:
-    """What is not explained bends the clocks that are fitted with it."""
-    return not unexplained(named.naming, named.group.evidence.y.size)
+    """What is not explained bends the clocks that are fitted with it, where there is enough of it."""
+    little = named.group.per_taxel(named.naming.excess) < LEAST_EXCESS**2
+    return little or not unexplained(named.naming, named.group.evidence.y.size)
 
 
 def of_curves(

@@ -32,7 +32,7 @@ def test_the_published_recording_is_diagnosed(tmp_path):
     assert lost == pytest.approx(43.5, abs=1.0)
     # Against pairing row by row. With the loud board in the mean the clock ran 3.6 % fast.
     ((offset_s, rate),) = diagnosis.clocks.tolist()
-    assert offset_s == pytest.approx(-0.35, abs=0.4)
+    assert offset_s == pytest.approx(-0.15, abs=0.5)
     assert rate == pytest.approx(-0.003, abs=0.005)
     # One rise and one fall: any memory could be written as drift, so that is not asked for.
     assert "drift" in {each["effect"] for each in diagnosis.not_identifiable}
