@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..physics.law import Array
-from .fit import Fitted, Hypothesis, within
+from .fit import Fitted, Hypothesis
 
 
 def freed(hypothesis: Hypothesis, fitted: Fitted) -> Fitted:
