@@ -2,6 +2,9 @@
 
 Everything is told from the counts and the cycles' own flags. The mean of the insole's readings stands for the load
 here: the reference's clock is not known yet.
+
+What is masked is readings, not taxels: one that stood at an end of its range for a while, or whose triangle had lost
+contact, is believed elsewhere.
 """
 
 from __future__ import annotations
@@ -18,34 +21,28 @@ from ..physics.law import Array
 from ..recording.loading import FootRecording
 from ..skin.geometry import N_TAXELS, PRESSURE_TAXELS
 from .finding import Finding
-from .floor import LEAST_COUNT, noise_of_readings
+from .floor import noise_of_readings
+from .lost import gaps, not_new
+from .loudness import bursts, intervals, joined, loud_boards
 from .observed import stretches
 from .places import said, where
 
 SAME_S = 4.0  # a working taxel does not say one number for so long while the load moves
 TALKS = 0.25  # as often as the liveliest taxels do: one that changes more seldom tells little of the load
 MOVED = 0.15  # of the insole's range: the load moved
-MOST_INVALID = 0.1  # of a taxel's cycles: more, and it is left out
-MOST_DEAD = 0.3  # of its cycles: more, and the taxel is called dead; less may be the load's or the zero's doing
+MOST_DEAD = 0.3  # of its cycles without a reading that can be believed: the taxel is called dead
+LEAST_BELIEVED = 0.5  # of its cycles in which it works and is within its range: less, and it is left out
+LEAST_TAXELS = 0.5  # of the taxels that are believed: less, and a cycle is left out
 RAIL_SIGMAS, RAIL_CYCLES, MOST_ON_RAILS = 2.5, 15, 0.2  # how near an end, over how many cycles, how many taxels
 OPEN_S = 0.3  # how long a triangle is silent before it is called open
 ALWAYS = 0.95  # of the time: from beginning to end
 OPEN_TAXELS = 8  # of a triangle's ten that fail together: the triangle has lost contact
-LOUD = 2.5  # times its usual noise: a burst
-BOARD_LOUD = 2.0  # times its quietest tenth, of a board's typical taxel: the board has another state
-# Further than the other taxels from one cycle to the next (a snap is less), and how often: a loose contact.
+# Further than the other taxels from one cycle to the next, and how often: a loose contact.
 LEAP_COUNT, LEAPS = 45.0, 2
 MOST_LEAPING = 0.5  # of the taxels: as many loose contacts there are not
-BURST_S = 0.3
-WINDOW_S = 1.0
-GAP_PERIODS = 1.6
+MOVES_S, MOVES = 0.2, 0.02  # before and after a leap, by what part of the insole's range the load moves
 MOST_LOST = 0.003  # of all cycles: fewer are what a bus loses
 FROZEN = 0.9  # of the cycles without a new reading: the triangle is not there, whatever it says
-REPEATS = 5  # equal readings of all of a triangle in a row: no converter is that slow
-
-
-# E|z| of a normal variable without its largest fifth: (φ(0) − φ(1.2816)) · 2 / 0.8.
-_MEAN_OF_FOUR_FIFTHS = 0.5586
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,7 +50,8 @@ class Audit:
     """Which readings are fit to be explained, and what was found out about the others."""
 
     kept: NDArray[np.bool_]  # (n_triangles, 12)
-    cycles: NDArray[np.bool_]  # (n,)
+    believed: NDArray[np.bool_]  # (n, n_triangles, 12) readings
+    cycles: NDArray[np.bool_]  # (n,) that say enough: where steps are walked, something new of every triangle
     findings: tuple[Finding, ...]
 
 
@@ -68,73 +66,78 @@ def audit(foot: FootRecording, name: str, steps: bool = False) -> Audit:
     valid = foot.valid.reshape(n, -1)
     asked = np.flatnonzero(_asked(foot).ravel())
     mean = _insole(counts[:, asked])
-    silent = _dead(counts[:, asked], valid[:, asked], t_s, mean)
+    old = not_new(foot)
+    believed = valid & ~np.repeat(old, N_TAXELS, axis=1)
     dead = np.zeros((n, k * N_TAXELS), bool)
-    dead[:, asked] = silent
-    came_not = _lost(foot, t_s)
-    frozen = came_not.mean(axis=0) > FROZEN
+    dead[:, asked] = _dead(counts[:, asked], valid[:, asked], t_s, mean)
+    frozen = old.mean(axis=0) > FROZEN
     if not frozen.all():  # else the load never moved
         dead[:, asked] |= frozen[asked // N_TAXELS]
+    believed &= ~dead
     # Where many stand at an end of their range together it is the rest counts that have wandered off, not the taxels.
     railed = _on_rails(counts[:, asked])
-    share = dead[~railed][:, asked].mean(axis=0)
-    bad = np.zeros(k * N_TAXELS, bool)
-    bad[asked] = share > MOST_INVALID
     findings: list[Finding] = []
+    boards = foot.layout.identities[:, 0]
+    loud = np.zeros(k * N_TAXELS, bool)
+    gone = np.zeros_like(loud)
+    gone[asked] = dead[~railed][:, asked].mean(axis=0) > MOST_DEAD
     # Readings at the upper end are a rest count that has wandered off, not a line without a triangle.
     silent_now = (dead & (counts < 255)).reshape(n, k, N_TAXELS)
     opened = _open(silent_now, t_s)
     apart: dict[tuple[tuple[float, float], ...], list[int]] = {}
     for row in opened:
         slots = row * N_TAXELS + np.flatnonzero(PRESSURE_TAXELS)
-        if bad[slots].sum() >= OPEN_TAXELS:  # what its last taxels say is not to be believed either
-            bad[slots] = True
+        if gone[slots].sum() >= OPEN_TAXELS:  # what its last taxels say is not to be believed either
+            gone[slots] = True
         silent_together = np.asarray(silent_now[:, row].sum(axis=1) >= OPEN_TAXELS)
-        when = _joined(intervals(silent_together, t_s), 1.0) if silent_together.mean() < ALWAYS else ()
+        when = joined(intervals(silent_together, t_s), 1.0) if silent_together.mean() < ALWAYS else ()
         apart.setdefault(when, []).append(row)
     for when, rows_of in apart.items():
         text = "lost contact: " + ("its taxels fail" if len(rows_of) == 1 else "the taxels of each fail") + " together"
         place = Where("triangle", tuple(tuple(identity) for identity in foot.layout.identities[rows_of].tolist()))
         findings.append(_finding("open_triangle", foot, name, place, when, text + ("" if when else ", all along")))
-    loud = np.zeros_like(bad)
-    boards = foot.layout.identities[:, 0]
-    for slots, when in () if steps else _loud_boards(counts, asked[~bad[asked]], boards, t_s):
-        loud[slots] = True
+    working = asked[~gone[asked]]
+    for own, when in (
+        () if steps else loud_boards(counts[:, working], believed[:, working], boards[working // N_TAXELS], t_s)
+    ):
+        loud[working[own]] = True
         text = "is far noisier in some stretches than in others, too long to leave them out: the board is left out"
-        findings.append(_finding("noise_burst", foot, name, slots, when, text))
-    leaping = _leaps(counts[:, asked], valid[:, asked], steps) >= LEAPS
+        findings.append(_finding("noise_burst", foot, name, working[own], when, text))
+    leaping = _loose(counts[:, asked], valid[:, asked], mean, t_s, steps)
     if leaping.mean() < MOST_LEAPING:  # else it is how this insole answers, and no contact
-        bad[asked] |= ~loud[asked] & leaping
-    gone = np.zeros_like(bad)
-    gone[asked] = bad[asked] & ((share > MOST_DEAD) | (share <= MOST_INVALID))
+        gone[asked] |= ~loud[asked] & leaping
     lone = np.array([slot for slot in np.flatnonzero(gone) if slot // N_TAXELS not in opened], np.intp)
     if lone.size:
         when = intervals(np.asarray(dead[:, lone].any(axis=1)), t_s)
         always = dead[:, lone].mean() > ALWAYS
         text = "say the same number while the load moves, leap, or say none that can be believed"
         findings.append(_finding("dead_taxels", foot, name, lone, () if always else when, text))
+    unfit = gone.copy()
+    unfit[asked] |= (valid & ~dead)[~railed][:, asked].mean(axis=0) < LEAST_BELIEVED
     # What a triangle without a taxel to believe lacks is no cycle's loss: one that is not there says the same for ever.
-    lost = came_not & (~bad.reshape(k, N_TAXELS) & _asked(foot)).any(axis=1)
-    bad |= loud
+    there = (~unfit.reshape(k, N_TAXELS) & _asked(foot)).any(axis=1)
+    lost = (old | gaps(t_s)[:, None]) & there
     fresh: NDArray[np.bool_] = ~np.any(lost, axis=1)
-    quiet_of = np.empty(0, np.intp) if steps else np.flatnonzero(~bad & np.isin(np.arange(bad.size), asked))
-    quiet, bursts = _bursts(counts, lost, quiet_of, t_s)
-    for slots, when in bursts:
-        findings.append(_finding("noise_burst", foot, name, slots, when, "far noisier than usual for a while"))
+    bad = unfit | loud
+    if not steps:
+        quiet_of = asked[~bad[asked]]
+        noisy, flags, when = bursts(counts[:, quiet_of], believed[:, quiet_of], t_s)
+        if when:
+            believed[np.ix_(flags, quiet_of[noisy])] = False
+            text = "far noisier than usual for a while"
+            findings.append(_finding("noise_burst", foot, name, quiet_of[noisy], when, text))
     if (~fresh).mean() > MOST_LOST:
         rows = np.flatnonzero(lost.mean(axis=0) > MOST_LOST)
         slots = (rows[:, None] * N_TAXELS + np.flatnonzero(PRESSURE_TAXELS)).ravel()
-        when = _joined(intervals(~fresh, t_s), 1.0)
+        when = joined(intervals(~fresh, t_s), 1.0)
         spread = sum(b - a for a, b in when) > 0.5 * t_s[-1] or len(when) > 40
         text = f"{lost[:, rows].mean():.1%} of the readings did not come, or came again unchanged"
         findings.append(_finding("frame_loss", foot, name, slots, () if spread else when, text))
     kept = ~bad.reshape(k, N_TAXELS) & _asked(foot)
-    return Audit(kept, fresh & quiet & ~_on_rails(counts[:, kept.ravel()]), tuple(findings))
-
-
-def intervals(flags: NDArray[np.bool_], t_s: Array) -> tuple[tuple[float, float], ...]:
-    """From when to when `flags` (n,) are set."""
-    return tuple((float(t_s[a]), float(t_s[b])) for a, b in stretches(flags))
+    of_kept = kept.ravel()
+    enough = fresh if steps or not of_kept.any() else believed[:, of_kept].mean(axis=1) >= LEAST_TAXELS
+    cycles = enough & ~_on_rails(counts[:, of_kept])
+    return Audit(kept, believed.reshape(n, k, N_TAXELS), cycles, tuple(findings))
 
 
 def _finding(
@@ -165,7 +168,7 @@ def _insole(counts: Array) -> Array:
 
 
 def _dead(counts: Array, valid: NDArray[np.bool_], t_s: Array, mean: Array) -> NDArray[np.bool_]:
-    """(n, m) not to be believed, or one number for long while the load moved."""
+    """(n, m) not to be believed, or one number for long while the load moved, and not for the load's sake."""
     dead = ~valid
     for i in range(counts.shape[1]):
         change = np.flatnonzero(np.diff(counts[:, i]) != 0)
@@ -173,20 +176,45 @@ def _dead(counts: Array, valid: NDArray[np.bool_], t_s: Array, mean: Array) -> N
         for a, b in zip(starts[t_s[ends] - t_s[starts] > SAME_S], ends[t_s[ends] - t_s[starts] > SAME_S], strict=True):
             if np.ptp(mean[a : b + 1]) > MOVED:
                 dead[a : b + 1, i] = True
+        dead[_beyond(counts[:, i], mean), i] = False
     return dead
 
 
-def _leaps(counts: Array, valid: NDArray[np.bool_], steps: bool) -> NDArray[np.intp]:
-    """(m,) how often a taxel alone leapt from one cycle to the next; of `steps`, and at once back again.
+def _beyond(count: Array, mean: Array) -> NDArray[np.bool_]:
+    """(n,) cycles in which a taxel stands at an end of its range because the load, or its rest count, is beyond it.
 
-    Where a heel strikes, some taxels leap and the others do not; but then they bear that load for a while.
+    It comes there and leaves step by step, where a line that breaks gets there in one leap, and is at 0 while the
+    insole bears more than else, `mean` (n,) of its range, and at 255 while it bears less.
+    """
+    found = np.zeros(len(count), bool)
+    for end, sign in ((0, 1), (255, -1)):
+        there = np.zeros(len(count), bool)
+        for a, b in stretches(count == end):
+            sides = [count[row] for row in (a - 1, b + 1) if 0 <= row < len(count)]
+            there[a : b + 1] = bool(sides) and all(abs(side - end) <= LEAP_COUNT for side in sides)
+        if there.any() and not there.all() and sign * (np.median(mean[there]) - np.median(mean[~there])) > 0:
+            found |= there
+    return found
+
+
+def _loose(counts: Array, valid: NDArray[np.bool_], mean: Array, t_s: Array, steps: bool) -> NDArray[np.bool_]:
+    """(m,) taxels that leapt alone from one cycle to the next, several times, and half of the time not with the load.
+
+    What snaps leaps as well, but down in counts while it is loaded, and up while it is unloaded. Where a heel strikes,
+    some taxels leap and the others do not; but then they bear that load for a while: of `steps` only what leaps back at
+    once counts.
     """
     change = np.diff(counts, axis=0)
     change -= np.median(change, axis=1, keepdims=True)
-    leaps = np.where((np.abs(change) > LEAP_COUNT) & valid[1:] & valid[:-1], np.sign(change), 0.0)
+    leaps = (np.abs(change) > LEAP_COUNT) & valid[1:] & valid[:-1]
     if steps:
-        leaps = np.where(leaps[1:] * leaps[:-1] < 0, leaps[1:], 0.0)
-    found: NDArray[np.intp] = np.count_nonzero(leaps, axis=0)
+        leaps[1:] &= leaps[:-1] & (change[1:] * change[:-1] < 0)
+        leaps[0] = False
+    side = max(round(MOVES_S / float(np.median(np.diff(t_s)))), 1)
+    rows = np.arange(len(change))
+    went = mean[np.minimum(rows + 1 + side, len(mean) - 1)] - mean[np.maximum(rows - side, 0)]
+    along = leaps & (change * went[:, None] < 0) & (np.abs(went) > MOVES)[:, None]
+    found: NDArray[np.bool_] = (leaps.sum(axis=0) >= LEAPS) & (2 * along.sum(axis=0) <= leaps.sum(axis=0))
     return found
 
 
@@ -205,85 +233,3 @@ def _on_rails(counts: Array) -> NDArray[np.bool_]:
     usual = uniform_filter1d(counts, RAIL_CYCLES, axis=0)
     cut: NDArray[np.bool_] = np.mean((usual > 255 - near) | (usual < near), axis=1) > MOST_ON_RAILS
     return cut if cut.mean() < 0.9 else np.zeros_like(cut)
-
-
-def _lost(foot: FootRecording, t_s: Array) -> NDArray[np.bool_]:
-    """(n, n_triangles) nothing new was read."""
-    lost: NDArray[np.bool_] = foot.missing | foot.repeated[:, None]
-    gap = np.diff(t_s, prepend=t_s[0])
-    lost |= (gap > GAP_PERIODS * np.median(gap))[:, None]
-    same = np.zeros((len(foot), len(foot.layout)), bool)
-    pressure = foot.counts[:, :, PRESSURE_TAXELS]
-    same[1:] = (pressure[1:] == pressure[:-1]).all(axis=2)
-    same &= (foot.valid & PRESSURE_TAXELS).sum(axis=2) >= N_TAXELS / 2  # what stands at the end of its range may stay
-    for row in range(len(foot.layout)):
-        for a, b in stretches(same[:, row]):
-            if b - a + 1 >= REPEATS:
-                lost[a : b + 1, row] = True
-    return lost
-
-
-def _loud_boards(
-    counts: Array, slots: NDArray[np.intp], boards: NDArray[np.uint8], t_s: Array
-) -> list[tuple[NDArray[np.intp], tuple[tuple[float, float], ...]]]:
-    """Taxels of boards that are loud for more than MOST_INVALID of the time, and when."""
-    found = []
-    level, window = _levels(counts[:, slots], t_s)
-    if len(level) < 20:
-        return []
-    ratio = level / np.maximum(np.quantile(level, 0.1, axis=0), LEAST_COUNT)
-    for board in np.unique(boards):
-        own = boards[slots // N_TAXELS] == board
-        loud = np.median(ratio[:, own], axis=1) > BOARD_LOUD if own.any() else np.zeros(len(level), bool)
-        if loud.mean() > MOST_INVALID:
-            found.append((slots[own], _joined(intervals(np.asarray(loud), t_s[::window]), 2 * WINDOW_S)))
-    return found if len(found) < len(np.unique(boards)) else []  # all of them: it is the load's doing
-
-
-def _levels(counts: Array, t_s: Array) -> tuple[Array, int]:
-    """(windows, m) noise of each taxel in each WINDOW_S, and how many cycles that is."""
-    window = max(round(WINDOW_S / float(np.median(np.diff(t_s)))), 4)
-    n = len(t_s) // window
-    third = np.abs(np.diff(counts, n=3, axis=0, prepend=counts[:3])) / np.sqrt(20.0)
-    # Without the largest fifth: a snap is in a few differences of a window, noise is in all of them.
-    sizes = np.sort(third[: n * window].reshape(n, window, -1), axis=1)[:, : round(0.8 * window)]
-    return sizes.mean(axis=1) / _MEAN_OF_FOUR_FIFTHS, window
-
-
-def _bursts(
-    counts: Array, lost: NDArray[np.bool_], slots: NDArray[np.intp], t_s: Array
-) -> tuple[NDArray[np.bool_], list[tuple[NDArray[np.intp], tuple[tuple[float, float], ...]]]]:
-    """(n,) quiet cycles, and the taxels and times of bursts."""
-    quiet = np.ones(len(t_s), bool)
-    if not slots.size or len(t_s) < 100:
-        return quiet, []
-    level, window = _levels(counts[:, slots], t_s)
-    loud = level > LOUD * noise_of_readings(counts[:, slots])
-    n = len(level)
-    gaps: NDArray[np.bool_] = np.any(lost[: n * window].reshape(n, window, -1), axis=1)
-    loud &= ~gaps[:, slots // N_TAXELS]  # what is lost makes steps of its own
-    # A step of the load is one loud window of all taxels; a burst lasts, or is some taxels' own.
-    if not loud.any():
-        return quiet, []
-    taxels = np.flatnonzero(loud.sum(axis=0) * window * float(np.median(np.diff(t_s))) >= BURST_S)
-    strong = loud[:, taxels]
-    there = (strong.sum(axis=1) >= max(1, 0.5 * len(taxels))).astype(float)
-    # A burst begins and ends within a window.
-    times = np.repeat(np.convolve(there, np.ones(3), mode="same") > 0, window)
-    flags = np.zeros(len(t_s), bool)
-    flags[: len(times)] = times
-    if not taxels.size or not flags.any() or flags.mean() > 0.5:
-        return quiet, []
-    quiet[flags] = False
-    return quiet, [(slots[taxels], _joined(intervals(flags, t_s), WINDOW_S))]
-
-
-def _joined(when: tuple[tuple[float, float], ...], gap_s: float) -> tuple[tuple[float, float], ...]:
-    """Intervals closer than `gap_s` as one."""
-    found: list[tuple[float, float]] = []
-    for a, b in when:
-        if found and a - found[-1][1] < gap_s:
-            found[-1] = (found[-1][0], b)
-        else:
-            found.append((a, b))
-    return tuple(found)

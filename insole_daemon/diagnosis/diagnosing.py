@@ -188,7 +188,7 @@ def _observe(
         walked, mapped = simulated.observe(recordings[0], feet[0], kept, audits[0].cycles, simulation, model, progress)
         return [walked], [()], mapped
     seen = [
-        observe(recording, foot, kept, audited.cycles, simulation)
+        observe(recording, foot, kept, audited, simulation)
         for recording, foot, audited in zip(recordings, feet, audits, strict=True)
     ]
     return [each for each, _ in seen], [spikes for _, spikes in seen], None

@@ -14,12 +14,13 @@ from ..errors import DiagnosisError
 from ..physics.law import Array
 from ..recording.loading import FootRecording, Recording
 from ..skin.geometry import N_TAXELS
+from .audit import Audit
 from .field import uniform_load
 from .floor import noise_of_readings
 from .jumps import despiked
 from .observed import Load, Observed, block_starts, stretches
 from .operators import low_pass, plays
-from .readings import filled, together
+from .readings import bridged, together
 
 STEP_S = 0.04  # of the load's grid: finer than a block of cycles
 SMOOTH_S = 0.1  # over so long a reference is averaged: its noise would otherwise drive plays
@@ -37,29 +38,29 @@ def observe(
     recording: Recording,
     foot: FootRecording,
     kept: NDArray[np.bool_],
-    cycles: NDArray[np.bool_],
+    audited: Audit,
     simulation: Recording | None = None,
     smooth_s: float = SMOOTH_S,
 ) -> tuple[Observed, tuple[tuple[float, float], ...]]:
     """What a diagnosis looks at of `foot`, and when its reference had spikes, which are taken out.
 
-    `kept` (n_triangles, 12): the taxels that are fit to be asked; `cycles` (n,) those that hold new readings;
+    `kept` (n_triangles, 12): the taxels that are asked; `audited`: which of their readings are believed;
     `simulation`: of the same chamber trial, whose load stands for the reference;
     `smooth_s`: over so long the reference is averaged.
     """
     slots = np.flatnonzero(kept.ravel())
     t_s = (foot.t_ns - foot.t_ns[0]) * 1e-9
-    used = cycles & (np.diff(t_s, prepend=-1.0) > 0)
+    used = audited.cycles & (np.diff(t_s, prepend=-1.0) > 0)
     if used.sum() < LEAST_CYCLES:
         raise DiagnosisError(
-            f"{recording.folder}: {used.sum()} of {len(used)} cycles have new readings of all triangles that work, "
+            f"{recording.folder}: {used.sum()} of {len(used)} cycles have new readings of most taxels that work, "
             f"expected at least {LEAST_CYCLES}: do the boards send what they read, and do all of them?"
         )
     cycle_s = t_s[used]
-    counts, valid = (each.reshape(len(foot), -1)[used][:, slots] for each in (foot.counts, foot.valid))
+    counts, believed = (each.reshape(len(foot), -1)[used][:, slots] for each in (foot.counts, audited.believed))
     age_s = np.maximum(foot.age_ns[used], 0)[:, slots // N_TAXELS] * 1e-9
-    read = filled(counts, valid)
-    count = together(read, cycle_s, age_s)
+    count = bridged(together(counts, believed, cycle_s, age_s), believed, cycle_s)
+    noise_count = noise_of_readings(counts.astype(float), believed)
     if simulation is not None:
         reference = uniform_load(simulation, foot)
     elif foot.reference is not None and recording.kind == "chamber":
@@ -99,11 +100,11 @@ def observe(
             f"{recording.folder}: the reference covers {told.mean():.0%} of the cycles, expected at least "
             f"{LEAST_TOLD:.0%}: is it of the same trial, and did it run all the time?"
         )
-    cycle_s, count, read = cycle_s[told], count[told], read[told]
+    cycle_s, count = cycle_s[told], count[told]
     first = block_starts(cycle_s)
     blocks = Observed(
         recording.folder.name, recording.folder, foot.layout, slots, cycle_s, first, np.empty(0),
-        noise_of_readings(read), None, load, offset_s, rate, std, rows, began_s,
+        noise_count, None, load, offset_s, rate, std, rows, began_s,
     )  # fmt: skip
     temperature = None
     if TEMPERATURE in reference.columns:

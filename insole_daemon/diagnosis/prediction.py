@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from os import PathLike
 from pathlib import Path
@@ -10,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..physics import calibration as calibrations
-from ..physics.calibration import BEGAN
+from ..physics.calibration import BEGAN, Calibration
 from ..physics.chain import Chain
 from ..physics.law import Array
 from ..recording.loading import FootRecording, Recording, as_configured, load
-from ..skin.geometry import N_TAXELS
-from .audit import audit
+from ..skin.geometry import N_TAXELS, PRESSURE_TAXELS
+from .audit import Audit, audit
 from .field import has_places
 from .observed import Observed
 from .observing import observe
@@ -32,17 +33,19 @@ def of_folder(model: Path, recording: Path, simulation: Path | None) -> dict[str
 
 
 def counts(model: str | PathLike[str], recording: Recording, simulation: Recording | None = None) -> dict[str, Array]:
-    """By foot, (n, n_triangles, 12) mean counts that `model` expects in every cycle; NaN where it knows no taxel.
+    """By foot, (n, n_triangles, 12) mean counts that `model` expects in every cycle; NaN on thermal pads alone.
 
-    The load is the reference's, or that of a `simulation` of the same trial; a clock of its own is aligned by the
-    edges, and then by what the model itself says. DocumentError where the model is wrong.
+    Of a taxel that the model leaves out the recording's own calibration tells the curve, and of one that says nothing
+    to believe all through the recording, its usual count. Nothing is read beyond 0 and 255. The load is the
+    reference's, or that of a `simulation` of the same trial; a clock of its own is aligned by the edges, and then by
+    what the model itself says. DocumentError where the model is wrong.
     """
     found: dict[str, Array] = {}
     for foot in recording.feet:
         if foot.reference is None and simulation is None:
             continue
         layout = foot.layout
-        calibration = calibrations.load(model, layout)
+        calibration = _completed(calibrations.load(model, layout), foot.calibration)
         chain = Chain(calibration.effects, layout, calibration, [as_configured(board) for board in foot.boards])
         walk = simulation is not None and has_places(simulation, foot)
         audited = audit(foot, recording.folder.name, walk)
@@ -55,7 +58,7 @@ def counts(model: str | PathLike[str], recording: Recording, simulation: Recordi
         if simulation is not None and walk:
             load_at = loads(recording, foot, audited, simulation, chain.xy_m)
         else:
-            seen, _ = observe(recording, foot, audited.kept, audited.cycles, simulation, SMOOTH_S)
+            seen, _ = observe(recording, foot, audited.kept, audited, simulation, SMOOTH_S)
             own_clock = seen.load.clock == "own"
             warm = None if seen.temperature_c is None else np.interp(t_s, seen.t_s, seen.temperature_c)
             load_at = partial(_everywhere, seen)
@@ -63,8 +66,37 @@ def counts(model: str | PathLike[str], recording: Recording, simulation: Recordi
         for _ in range(_ALIGNED if own_clock else 1):
             expected = chain.forward()(load_at(read_s + late_s), t_s + origin, warm)
             late_s += _later_s(expected, foot, audited.kept, t_s)
-        found[foot.foot] = expected
+        found[foot.foot] = np.clip(np.where(_silent(audited, calibration), _usual(foot), expected), 0.0, 255.0)
     return found
+
+
+def _completed(model: Calibration, calibration: Calibration | None) -> Calibration:
+    """`model` with the curves of `calibration` for the taxels that it does not list."""
+    if calibration is None:
+        return model
+    coefficients = [each.coefficients_pa for each in (model, calibration)]
+    k = max(each.shape[-1] for each in coefficients)
+    own, other = (np.pad(each, ((0, 0), (0, 0), (0, k - each.shape[-1]))) for each in coefficients)
+    listed = model.usable
+    return replace(
+        model,
+        baseline_count=np.where(listed, model.baseline_count, calibration.baseline_count),
+        coefficients_pa=np.where(listed[..., None], own, other),
+        usable=listed | calibration.usable,
+        covariance_pa2=None,
+        highest_count=None,
+    )
+
+
+def _silent(audited: Audit, calibration: Calibration) -> NDArray[np.bool_]:
+    """(n_triangles, 12) taxels of which no curve tells what they read."""
+    found: NDArray[np.bool_] = PRESSURE_TAXELS & ~(calibration.usable & audited.believed.any(axis=0))
+    return found
+
+
+def _usual(foot: FootRecording) -> Array:
+    """(n_triangles, 12) the count that each taxel says most of the time."""
+    return np.asarray(np.median(foot.counts, axis=0), np.float64)
 
 
 def _everywhere(seen: Observed, read_s: Array) -> Array:

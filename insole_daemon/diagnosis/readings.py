@@ -1,4 +1,8 @@
-"""Readings of cycles as a signal: gaps filled, and all of them at the moments of the cycles."""
+"""Readings of cycles as a signal: gaps filled, and all of them at the moments of the cycles.
+
+A straight line bridges a reading or two. Over a longer gap the load goes its own way, of which the other taxels know:
+what one says is a mixture of what the others say at the same moment, as far as they have much in common.
+"""
 
 from __future__ import annotations
 
@@ -7,20 +11,41 @@ from numpy.typing import NDArray
 
 from ..physics.law import Array
 
+SHORT_S = 0.15  # a gap that a straight line bridges
+MIXTURES = 8  # of the half of the taxels with the fewest gaps, that tell the others
 
-def filled(count: NDArray[np.uint8], valid: NDArray[np.bool_]) -> Array:
-    """(n, m) counts, with a straight line in the place of those that are not valid."""
+
+def together(count: NDArray[np.uint8], believed: NDArray[np.bool_], cycle_s: Array, age_s: Array | float) -> Array:
+    """(n, m) counts at the moments of the cycles, on straight lines between those that are `believed` (n, m).
+
+    `age_s` (n, m) or one for all: how long before `cycle_s` (n,) each was read. A taxel without any stays as it is.
+    """
     found = count.astype(np.float64)
-    rows = np.arange(len(count))
-    for column in np.flatnonzero(~valid.all(axis=0) & valid.any(axis=0)):
-        good = valid[:, column]
-        found[~good, column] = np.interp(rows[~good], rows[good], found[good, column])
+    age_s = np.broadcast_to(age_s, count.shape)
+    for column in np.flatnonzero((age_s.any(axis=0) | ~believed.all(axis=0)) & believed.any(axis=0)):
+        good = believed[:, column]
+        found[:, column] = np.interp(cycle_s, (cycle_s - age_s[:, column])[good], found[good, column])
     return found
 
 
-def together(count: Array, cycle_s: Array, age_s: Array) -> Array:
-    """(n, m) counts at the moments of the cycles, between those at which each triangle was read."""
+def bridged(count: Array, believed: NDArray[np.bool_], cycle_s: Array) -> Array:
+    """(n, m) counts with what the other taxels say in the place of gaps longer than SHORT_S.
+
+    `believed` (n, m): readings that are; `cycle_s` (n,). A taxel without any stays as it is.
+    """
+    row = np.arange(len(cycle_s))[:, None]
+    before = np.maximum.accumulate(np.where(believed, row, 0), axis=0)
+    after = np.minimum.accumulate(np.where(believed, row, len(cycle_s) - 1)[::-1], axis=0)[::-1]
+    gap = ~believed & (cycle_s[after] - cycle_s[before] > SHORT_S)
     found = count.copy()
-    for column in np.flatnonzero(age_s.any(axis=0)):
-        found[:, column] = np.interp(cycle_s, cycle_s - age_s[:, column], count[:, column])
+    columns = np.flatnonzero(gap.any(axis=0) & believed.any(axis=0))
+    if columns.size:
+        much = gap.mean(axis=0)
+        telling = count[:, much <= np.median(much)]
+        telling = telling - telling.mean(axis=0)
+        _, axes = np.linalg.eigh(telling.T @ telling)
+        mixed = np.concatenate([np.ones((len(count), 1)), telling @ axes[:, -MIXTURES:]], axis=1)
+    for column in columns:
+        out = gap[:, column]
+        found[out, column] = mixed[out] @ np.linalg.lstsq(mixed[~out], count[~out, column], rcond=None)[0]
     return found

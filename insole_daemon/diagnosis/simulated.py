@@ -25,7 +25,7 @@ from .finding import Finding, Quantity
 from .floor import noise_of_readings
 from .mapping import NOWHERE, PLACE, SPREAD, TIME, Askew, Interpolation, Projected, Sums
 from .observed import Observed, moments
-from .readings import filled
+from .readings import together
 
 PA_PER_COUNT = 8000.0  # of a taxel that nobody calibrated: what the configuration assumes
 USUAL_RATE = 3e-4  # that two quartzes differ by, at the most
@@ -74,7 +74,7 @@ def observe(
     used = cycles & (np.diff(t_s, prepend=-1.0) > 0)
     t_s = t_s[used]
     count, valid = (each.reshape(len(foot), -1)[used][:, slots] for each in (foot.counts, foot.valid))
-    read = filled(count, valid)
+    read = together(count, valid, t_s, 0.0)
     noise = noise_of_readings(read)
     age_s = np.maximum(np.median(foot.age_ns[used], axis=0), 0.0)[slots // N_TAXELS] * 1e-9
     offset_s, rate, std = clock(recording, simulation, foot, told, slots, t_s, read)
@@ -117,7 +117,8 @@ def loads(
     t_s = (foot.t_ns - foot.t_ns[0]) * 1e-9
     used = audited.cycles & (np.diff(t_s, prepend=-1.0) > 0)
     slots = np.flatnonzero(audited.kept.ravel())
-    read = filled(*(each.reshape(len(foot), -1)[used][:, slots] for each in (foot.counts, foot.valid)))
+    counts, valid = (each.reshape(len(foot), -1)[used][:, slots] for each in (foot.counts, foot.valid))
+    read = together(counts, valid, t_s[used], 0.0)
     offset_s, rate, _ = clock(recording, simulation, foot, told, slots, t_s[used], read)
     shapes = Interpolation(told).shapes(xy_m.reshape(-1, 2)).reshape(*xy_m.shape[:2], -1)
     courses = CubicSpline(told.t_s, told.courses)

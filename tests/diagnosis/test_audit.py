@@ -64,3 +64,65 @@ def test_an_insole_most_of_which_is_not_there_is_one_finding(tmp_path: Path) -> 
     assert "all along" in told.sentence
     assert not found.kept[2:].any()
     assert found.kept[:2].sum() == 20
+
+
+def test_what_is_beyond_the_range_for_a_while_is_not_dead_and_is_believed_elsewhere(tmp_path: Path) -> None:
+    def too_sensitive(t_s: chamber.Array, counts: chamber.Array) -> None:
+        counts[:, :3] -= 5.0 * (240.0 - counts[:, :3]) + 170.0  # at 0 beyond a quarter of the load
+
+    recording = load(chamber.write(tmp_path / "beyond", touch=too_sensitive))
+    found = audit(recording.feet[0], "beyond")
+    assert found.findings == ()
+    at_the_end = recording.feet[0].counts[:, 0, 0] == 0
+    assert at_the_end.mean() > 0.3  # what a dead taxel is called from
+    assert not found.believed[at_the_end, 0, 0].any()
+    assert found.believed[~at_the_end, 0, 0].all()
+    assert found.cycles.all()
+
+
+def test_what_snaps_with_the_load_is_no_loose_contact_and_what_leaps_without_is(tmp_path: Path) -> None:
+    def snapping(t_s: chamber.Array, counts: chamber.Array) -> None:
+        counts[:, :12] -= 60.0 * (np.interp(t_s, *chamber.load()) > 150e3)[:, None]
+        counts[(t_s % 9.0) < 0.3, 12] -= 60.0
+
+    recording = load(chamber.write(tmp_path / "snapping", touch=snapping))
+    (found,) = audit(recording.feet[0], "snapping").findings
+    identity = (*recording.feet[0].layout.identities[1].tolist(), 0)
+    assert (found.effect, found.where.ids) == ("dead_taxels", (identity,))
+
+
+def test_repeats_are_told_one_by_one_and_cost_no_cycle(tmp_path: Path) -> None:
+    again = np.random.default_rng(4).random(4500) < 0.3
+    again[0] = False
+
+    folder = chamber.write(tmp_path / "again")
+    whole = np.load(folder / "counts.npz")
+    arrays = {name: whole[name].copy() for name in whole.files}
+    (name,) = [each for each in arrays if each.endswith("counts")]
+    n = len(arrays[name])
+    again = again[:n]
+    last = np.maximum.accumulate(np.where(again, 0, np.arange(n)))
+    arrays[name][:, :2] = arrays[name][last, :2]
+    np.savez(folder / "counts.npz", **arrays)
+    recording = load(folder)
+    found = audit(recording.feet[0], "again")
+    (finding,) = found.findings
+    identities = tuple(tuple(each) for each in recording.feet[0].layout.identities[:2, :1].tolist())
+    assert (finding.effect, finding.where.ids) == ("frame_loss", identities[:1])
+    told = ~found.believed[:, 0, 0]
+    assert np.mean(told == again) > 0.99
+    assert found.cycles.all()
+
+
+def test_an_open_triangle_is_believed_while_it_has_contact(tmp_path: Path) -> None:
+    def opened(t_s: chamber.Array, counts: chamber.Array) -> None:
+        counts[(t_s > 30) & (t_s < 37), 12:24] = -9.0
+
+    recording = load(chamber.write(tmp_path / "open", touch=opened))
+    audited = audit(recording.feet[0], "open")
+    (finding,) = audited.findings
+    assert finding.effect == "open_triangle"
+    assert audited.kept.sum() == len(chamber.SLOTS)
+    assert audited.cycles.all()
+    out = ~audited.believed[:, 1, 0]
+    assert 0.06 < out.mean() < 0.1

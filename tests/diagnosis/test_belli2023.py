@@ -49,7 +49,7 @@ def test_what_is_left_of_an_insole_most_of_which_is_not_there_is_looked_at(tmp_p
     assert np.flatnonzero(audited.kept.any(axis=1)).tolist() == [12, 13, 14, 15, 16]
     told = {each.where.ids: each.effect for each in audited.findings}
     assert {len(ids) for ids, effect in told.items() if effect == "open_triangle"} >= {22}
-    seen, _ = observe(recording, foot, audited.kept, audited.cycles)
+    seen, _ = observe(recording, foot, audited.kept, audited)
     # The clock that the calibration finds with smoothed counts of all that move.
     assert seen.offset_s == pytest.approx(-2.12, abs=0.3)
     assert seen.rate == pytest.approx(0.0061, abs=0.001)

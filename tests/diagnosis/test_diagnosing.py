@@ -81,6 +81,25 @@ def test_the_model_predicts_the_counts(tmp_path):
     assert np.sqrt(np.mean(off[:, SLOTS] ** 2)) == pytest.approx(said["heldout"]["after"], rel=0.03)
 
 
+def test_taxels_that_are_not_believed_are_predicted_by_what_is_known_of_them(tmp_path):
+    def touch(t_s, counts):
+        counts[:, 0] = 97.0  # dead
+        counts[(t_s > 30) & (t_s < 37), 12:24] = -9.0  # no contact
+
+    folder = write(tmp_path / "faulty", touch=touch)
+    diagnosis = found(folder)
+    assert words(diagnosis) == ["open_triangle", "dead_taxels"]
+    model = tmp_path / "model.json"
+    model.write_text(json.dumps(diagnosis.model))
+    assert len(diagnosis.model["taxels"]) == len(SLOTS) - 1
+    recording = insole_daemon.load(folder)
+    expected = counts(model, recording)["left"].reshape(-1, len(LAYOUT) * 12)
+    assert np.isfinite(expected[:, SLOTS]).all()
+    assert (np.abs(expected[:, 0] - 97.0) < 1.5).all()
+    whole = recording["left"].counts.reshape(len(expected), -1)[:500, 12]
+    assert np.sqrt(np.mean((whole - expected[:500, 12]) ** 2)) < 1.2 * NOISE_COUNT
+
+
 def test_a_board_that_took_its_baselines_anew(tmp_path):
     def touch(t_s, counts):
         counts[np.ix_(t_s > 41.0, np.repeat(LAYOUT.identities[:, 0] == 7, 12))] += 4.0

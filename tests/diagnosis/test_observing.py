@@ -17,7 +17,7 @@ def test_a_strong_loop_bends_no_clock(tmp_path: Path) -> None:
     recording = load(chamber.write(tmp_path / "bent", chamber.bouc_wen(0.5, 80e3), clock="own"))
     foot = recording.feet[0]
     audited = audit(foot, "bent")
-    observed, _ = observe(recording, foot, audited.kept, audited.cycles)
+    observed, _ = observe(recording, foot, audited.kept, audited)
     # The first frame is 50 ms after the reference's beginning. Powers of the readings alone are 0.17 s off.
     middle_s = float(observed.cycle_s[-1]) / 2
     assert abs(observed.reference_s(np.array(middle_s)) - middle_s - 0.05) < 0.08
