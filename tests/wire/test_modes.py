@@ -107,6 +107,34 @@ def test_a_router_that_comes_later_or_comes_back_is_found(tmp_path, endpoint, mo
                 works(endpoint)
 
 
+@pytest.mark.parametrize("mode", ["peer", "client"])
+def test_who_was_connected_through_a_killed_router_is_so_again_within_a_second(tmp_path, endpoint, mode):
+    """Daemon, router and subscriber stay the same processes but the router; one of three attempts has to be in time."""
+    own = f"tcp/127.0.0.1:{free_port()}"
+    took_s = []
+    with contextlib.ExitStack() as routers:
+        process = routers.enter_context(router(endpoint))
+        zenoh = f"{{mode: {mode}, listen: [{own}], connect: [{endpoint}]}}"
+        with daemon(tmp_path, zenoh), insole_daemon.connect(endpoint) as insole:
+            wrenches = insole.wrenches("left")
+            list(itertools.islice(wrenches, 50))
+            for _ in range(3):
+                process.kill()  # SIGKILL: nobody is told
+                process.wait()
+                parted_ns = time.time_ns()
+                time.sleep(1)  # of attempts in vain
+                process = routers.enter_context(router(endpoint))
+                back_ns = time.time_ns()
+                first = next(wrench for wrench in wrenches if wrench.t_published_ns > parted_ns + 500_000_000)
+                following = list(itertools.islice(wrenches, 50))
+                assert first.lost > 0, "what was published meanwhile went nowhere, and that is told"
+                assert sum(wrench.lost for wrench in following) == 0
+                took_s.append((first.t_published_ns - back_ns) * 1e-9)
+                if took_s[-1] < 1:
+                    break
+    assert min(took_s) < 1, took_s
+
+
 def test_a_client_must_be_told_where_its_router_is(tmp_path):
     config = tmp_path / "config.yaml"
     config.write_text("format: insole-config/1\nzenoh: {mode: client}\n")
