@@ -9,6 +9,9 @@ A half is expected as long as it comes at least every `period + slack`. One that
 (a silent board, a board told 50 ms) is no longer waited for: its last value is repeated with its true age. It is
 expected again from the first time it arrives twice within `period + slack`.
 
+A half that comes again within TWICE_NS is the same one, sent once more by its controller because a node had missed it.
+It completes nothing: else, after the one that closes a cycle, all later cycles would close before that half comes.
+
 All of it depends on the receive times of the frames alone, never on when or in what portions they are read:
 a replay gives the cycles that were live.
 """
@@ -16,13 +19,18 @@ a replay gives the cycles that were live.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 PATIENCE = 3  # cycles a half may miss before it is no longer waited for
 
+TWICE_NS = 500_000  # four frames; boards read a half once a millisecond at the most
+
 GAP_NS = 60_000_000_000  # a silence longer than this is not filled with repeats
+
+S = TypeVar("S", np.int64, np.uint64)
 
 _NEVER = -(1 << 62)  # receive time of a half that has never arrived
 _WINDOW_CYCLES = 4  # frames of this many cycles are searched for the end of one
@@ -32,6 +40,11 @@ _BLOCK_CYCLES, _BLOCK_CYCLES_MOST = 4, 256  # this many whole cycles are taken i
 def _row(n: int, length: int) -> NDArray[np.int64]:
     """(n, 1) where the rows of a table with so many columns begin."""
     return (np.arange(n) * length)[:, None]
+
+
+def _before(stored: NDArray[S], rows: NDArray[S]) -> NDArray[S]:
+    """(n, …) what stood before each of the n rows: `stored` before the first."""
+    return stored[None] if len(rows) == 1 else np.concatenate([stored[None], rows[:-1]])
 
 
 def _counts(halves: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -117,7 +130,7 @@ class CycleAssembler:
         self._complete_ns: int | None = None  # when the last cycle closed, if it was complete
         self._promised_ns: int | None = None
         self._newest_t_ns = 0
-        self._fresh = False  # something has arrived since the last close
+        self._fresh = False  # some half was seen since the last close
         self._block_pause = 0  # cycles to take the careful way before blocks are tried again
         self._block_failures = 0
         self._due_ns: int | None = None  # when the open cycle is closed by time; None before the first frame
@@ -218,9 +231,18 @@ class CycleAssembler:
         assert self._due_ns is not None
         in_time = int(np.searchsorted(t_mono_ns, self._due_ns, side="right"))
         first = np.full(len(self._seen), len(slots))
-        first[slots[::-1]] = np.arange(len(slots) - 1, -1, -1)  # the earliest arrival is written last
+        rows = np.flatnonzero(t_mono_ns - self._arrived_before(slots, t_mono_ns) >= TWICE_NS)[::-1]
+        first[slots[rows]] = rows  # the earliest arrival is written last
         needed = first[self._expected & ~self._seen]
         return min(int(needed.max()) + 1, in_time) if needed.size else in_time
+
+    def _arrived_before(self, slots: NDArray[np.int16], t_mono_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+        """(n,) when the half of each of these frames arrived last before it."""
+        before = self._t_mono_ns[slots]
+        order = np.argsort(slots, kind="stable")
+        again = np.flatnonzero(slots[order[1:]] == slots[order[:-1]])
+        before[order[again + 1]] = t_mono_ns[order[again]]
+        return before
 
     def _absorb(
         self,
@@ -234,25 +256,27 @@ class CycleAssembler:
         if not n:
             return
         self._newest_t_ns = int(t_ns[-1])
-        self._fresh = True
-        seen_before = int(np.count_nonzero(self._seen))
-        self._seen[slots] = True
-        superseded = n - (int(np.count_nonzero(self._seen)) - seen_before)
-        self._outstanding = int(np.count_nonzero(self._expected & ~self._seen))
-        self.superseded += superseded
+        n_slots = len(self._seen)
+        arrivals = np.bincount(slots, minlength=n_slots)
         before, t_before = self._bytes[slots], self._t_mono_ns[slots]
-        if superseded:
+        if np.count_nonzero(arrivals) < n:
             # A half may be in here twice. Sorted by slot, the frame before is its previous arrival, or the stored one.
             order = np.argsort(slots, kind="stable")
             slots, payload, t_ns, t_mono_ns = slots[order], payload[order], t_ns[order], t_mono_ns[order]
             before, t_before = before[order], t_before[order]
             again = np.flatnonzero(slots[1:] == slots[:-1]) + 1
             before[again], t_before[again] = payload[again - 1], t_mono_ns[again - 1]
-        in_time = slots[t_mono_ns - t_before <= self._limit_ns]
+        since_ns = t_mono_ns - t_before
+        seen_before = int(np.count_nonzero(self._seen))
+        self._seen[slots[since_ns >= TWICE_NS]] = True
+        seen = int(np.count_nonzero(self._seen))
+        self._fresh = seen > 0
+        self.superseded += n - (seen - seen_before)
+        self._outstanding = int(np.count_nonzero(self._expected & ~self._seen))
+        in_time = slots[(since_ns >= TWICE_NS) & (since_ns <= self._limit_ns)]
         self._misses[in_time] = 0
         self._returning[in_time] = True
-        n_slots = len(self._seen)
-        self.arrivals += np.bincount(slots, minlength=n_slots)
+        self.arrivals += arrivals
         self.changes += np.bincount(slots[payload != before], minlength=n_slots)
         self._bytes[slots] = payload  # repeated slots: the last assignment stands
         self._t_ns[slots] = t_ns
@@ -337,7 +361,8 @@ class CycleAssembler:
         since_ns = t_close.copy()
         since_ns[1:] -= t_close[:-1]
         since_ns[0] -= self._due_ns - self._limit_ns
-        in_time, whole = since_ns <= self._limit_ns, (stamp_mono != _NEVER) == expected
+        intervals = stamp_mono - _before(self._t_mono_ns, stamp_mono)
+        in_time, whole = since_ns <= self._limit_ns, ((stamp_mono != _NEVER) & (intervals >= TWICE_NS)) == expected
         if np.count_nonzero(in_time) < n or np.count_nonzero(whole) < n * n_slots:
             n_good = int((in_time & whole.all(axis=1)).argmin())
             if n_good < min(n, _BLOCK_CYCLES):
@@ -345,6 +370,7 @@ class CycleAssembler:
                 self._block_pause = 1 << self._block_failures
                 return None
             n, place, t_close, stamp_mono = n_good, place[: n_good * size], t_close[:n_good], stamp_mono[:n_good]
+            intervals = intervals[:n_good]
         self._block_failures = 0
         used = n * size
         table, stamp = np.empty((n, n_slots), np.uint64), np.empty((n, n_slots), np.int64)
@@ -354,10 +380,8 @@ class CycleAssembler:
         table.reshape(-1)[place] = payload[:used]
         stamp.reshape(-1)[place] = t_ns[:used]
         if np.count_nonzero(self._misses):
-            intervals = np.diff(stamp_mono, axis=0, prepend=self._t_mono_ns[None])
             self._misses[expected & (intervals <= self._limit_ns).any(axis=0)] = 0
-        before = self._bytes[None] if n == 1 else np.concatenate([self._bytes[None], table[:-1]])
-        self.changes += np.add.reduce(table != before, axis=0)
+        self.changes += np.add.reduce(table != _before(self._bytes, table), axis=0)
         arrivals = self.arrivals + np.arange(1, n + 1)[:, None] * expected
         self.arrivals = arrivals[-1].copy()
         self._bytes, self._t_ns, self._t_mono_ns = table[-1].copy(), stamp[-1].copy(), stamp_mono[-1].copy()

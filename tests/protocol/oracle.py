@@ -21,6 +21,7 @@ SKIN = cantools.database.load_file(PROTOCOL / "skin.dbc", frame_id_mask=0x700).m
 
 PATIENCE = 3
 GAP_NS = 60_000_000_000
+TWICE_NS = 500_000
 THERMAL_PADS = (6, 10)
 TAXELS_MM = [
     (6.533, 0), (9.8, -5.66), (3.267, -5.66), (0, 0), (-3.267, -5.66), (-9.8, -5.66),
@@ -159,13 +160,16 @@ class Foot:
         if self.due_ns is None:
             self.due_ns = frame.mono_ns + self.period_ns + self.slack_ns
         self.pass_time(frame.mono_ns)
-        if half in self.last and frame.mono_ns - self.last[half][2] <= self.period_ns + self.slack_ns:
+        since_ns = frame.mono_ns - self.last[half][2] if half in self.last else None
+        twice = since_ns is not None and since_ns < TWICE_NS
+        if since_ns is not None and not twice and since_ns <= self.period_ns + self.slack_ns:
             self.misses[half] = 0
             self.returning.add(half)
-        self.superseded += half in self.seen
+        self.superseded += twice or half in self.seen
         self.last[half] = decode(frame.data), frame.t_ns, frame.mono_ns
         self.newest_t_ns = frame.t_ns
-        self.seen.add(half)
+        if not twice:
+            self.seen.add(half)
         if self.expected and self.expected <= self.seen:
             self.close(frame.mono_ns, late=False)
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from insole_daemon.skin import cycles as module
-from insole_daemon.skin.cycles import PATIENCE, CycleAssembler, Cycles
+from insole_daemon.skin.cycles import PATIENCE, TWICE_NS, CycleAssembler, Cycles
 
 MS = 1_000_000
 PERIOD, SLACK = 20 * MS, 5 * MS
@@ -39,15 +39,18 @@ class OneAtATime:
         while t_mono_ns > self.due:
             self.close_by_time()
         before = self.half[slot]
-        if before is not None and t_mono_ns - before[2] <= PERIOD + SLACK:
+        twice = before is not None and t_mono_ns - before[2] < TWICE_NS
+        if before is not None and not twice and t_mono_ns - before[2] <= PERIOD + SLACK:
             self.misses[slot] = 0
             self.back.add(slot)
         self.changes[slot] += (before[0] if before else bytes(8)) != payload
-        self.superseded += slot in self.seen
+        self.superseded += twice or slot in self.seen
         self.arrivals[slot // 2] += 1
         self.half[slot] = (payload, t_ns, t_mono_ns)
-        self.seen.add(slot)
-        self.newest, self.fresh = t_ns, True
+        if not twice:
+            self.seen.add(slot)
+            self.fresh = True
+        self.newest = t_ns
         if self.expected and self.expected <= self.seen:
             self.close(t_mono_ns, late=False)
 
@@ -99,8 +102,9 @@ def stream(rng: np.random.Generator, n_triangles: int, seconds: float, faults: f
             for k, slot in enumerate(rng.permutation(slots) if shuffled else slots):
                 if rng.random() < 0.002 * faults:
                     continue
-                for _ in range(1 + (rng.random() < 0.001 * faults)):
-                    rows.append((t + 120_000 * k, slot, rng.integers(0, 256, 8) * (rng.random() < 0.8)))
+                for again in range(1 + rng.geometric(0.5) * (rng.random() < 0.01 * faults)):
+                    later = again * int(rng.choice([0, 130_000, TWICE_NS - 1, TWICE_NS, 900_000]))
+                    rows.append((t + 120_000 * k + later, slot, rng.integers(0, 256, 8) * (rng.random() < 0.8)))
     rows.sort(key=lambda row: row[0])
     t = START + np.maximum.accumulate(np.array([max(0, row[0]) for row in rows], np.int64))
     return np.array([r[1] for r in rows], np.int16), np.array([r[2] for r in rows], np.uint8), t + 7_000 * MS, t
@@ -167,6 +171,32 @@ def test_a_missing_half_delays_a_cycle_by_the_slack_and_no_more():
     assert late.tolist() == [4]
     assert cycles.t_mono_ns[4] == cycles.t_mono_ns[3] + PERIOD + SLACK
     assert cycles.missing[4].tolist() == [False, True, False]
+
+
+@pytest.mark.parametrize("which", range(6))
+def test_a_half_that_its_controller_sent_twice_moves_no_cycle(which):
+    frames = regular(3, 20)
+    row = 7 * 6 + which
+    twice = tuple(np.insert(column, row + 1, column[row], axis=0) for column in frames)
+    twice[3][row + 1] += 130_000 * (which == 5)  # before the next one; after the last there is time
+    assembler = CycleAssembler(3, PERIOD, SLACK)
+    cycles, undisturbed = run(assembler, twice, []), run(CycleAssembler(3, PERIOD, SLACK), frames, [])
+    np.testing.assert_array_equal(cycles.t_mono_ns, undisturbed.t_mono_ns)
+    np.testing.assert_array_equal(cycles.counts, undisturbed.counts)
+    assert cycles.age_ns.max() < 6 * 120_000
+    assert assembler.superseded == 1
+
+
+def test_a_silent_half_that_is_sent_twice_is_not_waited_for():
+    slots, data, t_ns, t_mono_ns = regular(3, 60)
+    tick = np.arange(len(slots)) // 6
+    keep = (slots != 4) | (tick < 5) | (tick == 40)
+    assembler = CycleAssembler(3, PERIOD, SLACK)
+    once = [column[keep] for column in (slots, data, t_ns, t_mono_ns)]
+    again = int(np.flatnonzero((once[0] == 4) & (once[3] > START + 20 * PERIOD))[0])
+    cycles = run(assembler, tuple(np.insert(column, again + 1, column[again], axis=0) for column in once), [])
+    assert not assembler.expected[4]
+    assert cycles.late.sum() == PATIENCE
 
 
 def test_boards_told_50_ms_are_repeated_on_a_steady_grid_with_their_true_age():
