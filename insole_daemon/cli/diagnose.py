@@ -82,8 +82,10 @@ def _print(found: Outcome, out: Path) -> None:
     heldout = found.heldout
     unit = "counts" if heldout["unit"] == "count" else heldout["unit"]
     print(f"{found.verdict}: {heldout['before']:.2f} → {heldout['after']:.2f} {unit}, noise {heldout['floor']:.2f}")
+    every = {name for each in found.findings for name in each.recordings}
     for each in found.findings:
-        print(f"  {each.effect}: {each.sentence}")
+        only = "" if every <= set(each.recordings) else f" [{', '.join(each.recordings)}]"
+        print(f"  {each.effect}: {each.sentence}{only}")
     for known in found.not_identifiable:
         print(f"  not to be told from this: {known['effect']}: {known['why']}; record {known['record_instead']}")
     print(f"{out}/report.html  {out}/diagnosis.json  {out}/model.json")

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import json
+
 import pytest
+from typer.testing import CliRunner
 
 import insole_daemon
+from insole_daemon.cli import app
 from insole_daemon.diagnosis import diagnosing
 from insole_daemon.diagnosis.agreement import foretold
 from insole_daemon.diagnosis.candidates import candidates
@@ -51,10 +55,9 @@ def test_an_effect_that_one_recording_does_not_show(tmp_path):
 def test_two_recordings_with_physics_of_their_own(tmp_path):
     solid = write(tmp_path / "solid", SOLID, seconds=40.0)
     loop = write(tmp_path / "loop", bouc_wen(0.3, 60e3), seconds=40.0)
-    by_word = {each.effect: each for each in found(solid, loop).findings}
-    assert set(by_word) == {"viscoelasticity", "hysteresis"}
-    assert (by_word["viscoelasticity"].recordings, by_word["viscoelasticity"].contradicted_by) == (
-        ("solid",),
-        ("loop",),
-    )
-    assert (by_word["hysteresis"].recordings, by_word["hysteresis"].contradicted_by) == (("loop",), ("solid",))
+    done = CliRunner().invoke(app, ["diagnose", str(solid), str(loop), "--out", str(tmp_path / "out")])
+    findings = json.loads((tmp_path / "out" / "diagnosis.json").read_text())["findings"]
+    by_word = {each["effect"]: (each["recordings"], each["contradicted_by"]) for each in findings}
+    assert by_word == {"viscoelasticity": (["solid"], ["loop"]), "hysteresis": (["loop"], ["solid"])}
+    (told,) = [line for line in done.stdout.splitlines() if line.startswith("  viscoelasticity")]
+    assert told.endswith("[solid]")
