@@ -8,7 +8,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import __version__
 from ..config import Foot
@@ -16,7 +15,6 @@ from ..errors import DiagnosisError
 from ..physics.calibration import BEGAN, Calibration
 from ..physics.law import Array
 from ..recording.loading import FootRecording, Recording
-from ..skin.geometry import N_TAXELS
 from . import beside, explained, modelling, simulated
 from . import jumps as jumping
 from .agreement import agreed
@@ -26,7 +24,6 @@ from .candidates import candidates
 from .continued import continued
 from .deciding import RECORD, TWINS, Decided, decide, shown
 from .decoys import challenged
-from .evidence import gather
 from .excitation import excitation
 from .explained import Insole
 from .feet import choose
@@ -37,6 +34,7 @@ from .observed import Observed
 from .observing import observe
 from .outcome import Outcome, verdict
 from .reference_faults import Fault, without_drift, without_steps
+from .rezeros import rezeroed
 from .simulated import Mapped
 
 HIDDEN_IN_PLACES = {
@@ -99,11 +97,17 @@ def diagnose(
     faults: list[Fault] = []
     if simulation is None:
         observed, faults = without_steps(observed, noise)
-    found_jumps = _jumps(observed, slots, noise)
+    found_jumps = rezeroed(observed, slots, noise)
     every = candidates(excited)
     admitted = {word: each for word, each in every.items() if each.needs(excited) is None}
     jumps = jumping.columns(observed, found_jumps)
     located = locate(observed, admitted, noise, jumps, deadline, progress)
+    if _drifts(located):  # it may have been at once, and physics hid that
+        more = rezeroed(observed, slots, noise, found_jumps, located)
+        columns = jumping.columns(observed, more)
+        again = locate(observed, admitted, noise, columns, deadline, progress) if columns.size > jumps.size else located
+        if not _drifts(again):
+            located, found_jumps, jumps = again, more, columns
     if simulation is None:
         observed, drifts = without_drift(observed, noise, located)
         if drifts:
@@ -216,40 +220,8 @@ def _continued(
     return found, off
 
 
-def _jumps(observed: Sequence[Observed], slots: NDArray[np.intp], noise: Array) -> list[list[jumping.Jump]]:
-    """Jumps of boards, in each recording: the largest first, each taken out before the next is looked for."""
-    found: list[list[jumping.Jump]] = [[] for _ in observed]
-    ends = np.cumsum([len(each.first) for each in observed])
-
-    def left(known: Sequence[Sequence[jumping.Jump]]) -> tuple[list[Array], Array]:
-        """(n, m) of each recording, and (j, m) how far each jump moves each taxel: activation, counts."""
-        group = gather(observed, slots, noise, jumping.columns(observed, known))
-        null = Hypothesis(group.evidence, ()).fit()
-        hypothesis = Hypothesis(group.taxels, ())
-        taxels = hypothesis.at(null.theta)
-        return np.split(taxels.residual * noise, ends[:-1]), hypothesis.jumps_of(taxels) * noise
-
-    boards = observed[0].layout.identities[:, 0][slots // N_TAXELS]
-    parts, _ = left(found)
-    moved = np.empty((0, len(slots)))
-    for i, each in enumerate(observed):
-        while len(found[i]) < jumping.MOST_JUMPS:
-            jump = jumping.strongest(each, parts[i])
-            if jump is None:
-                break
-            tried = [*found[:i], [*found[i], jump], *found[i + 1 :]]
-            after, moves = left(tried)
-            before = jumping.unrest(each, parts[i], jump.boards)
-            settles = jumping.unrest(each, after[i], jump.boards) < jumping.SETTLES * before
-            whole = float(np.mean(moves[sum(map(len, tried[: i + 1])) - 1][np.isin(boards, jump.boards)]))
-            if not settles or abs(jump.shift_count) < jumping.AT_ONCE * abs(whole):
-                break  # it happens again and again, or little by little: physics
-            found, parts, moved = tried, after, moves
-    rows = iter(moved)
-    return [
-        [replace(jump, shift_count=-float(next(rows)[np.isin(boards, jump.boards)].mean())) for jump in own]
-        for own in found
-    ]
+def _drifts(located: Located) -> bool:
+    return any("drift" in each.naming.best.words for each in located.named)
 
 
 def _clocks(observed: Sequence[Observed], located: Located) -> tuple[Array, Array]:

@@ -189,12 +189,24 @@ class Hypothesis:
 
     def shares_of(self, fitted: Fitted) -> dict[str, Array]:
         """By word, (k, r) the shares of the columns that candidates brought; of the first recording's own."""
+        return {word: fitted.shares[at][:first] for word, (at, first) in self._brought().items()}
+
+    def brought_by(self, fitted: Fitted) -> dict[str, Array]:
+        """By word, (n, r) what candidates add to the readings by columns that they brought."""
+        return {
+            word: _flat(fitted.design[..., at] @ _stacked(fitted.shares[at], len(fitted.design)))
+            for word, (at, _) in self._brought().items()
+        }
+
+    def _brought(self) -> dict[str, tuple[slice, int]]:
+        """By word, where the columns of candidates stand, and how many of them are the first recording's."""
         at, found = self._n_curve + len(self.evidence.observed) - 1 + self.evidence.jumps.shape[1], {}
         for candidate in self.candidates:
             if candidate.columns is not None:
                 k = [candidate.columns(rows, np.zeros((len(rows.t_s), 1))).shape[-1] for rows in self._rows]
-                found[candidate.word] = fitted.shares[at : at + k[0]]
-                at += sum(k) if candidate.own_columns else k[0]
+                n = sum(k) if candidate.own_columns else k[0]
+                found[candidate.word] = slice(at, at + n), k[0]
+                at += n
         return found
 
     def beyond_static(self, load_pa: Array, effective_pa: Array) -> Array:

@@ -20,7 +20,7 @@ from .evidence import Group, gather
 from .fit import Evidence, Fitted, Hypothesis
 from .naming import Naming, name
 from .observed import Observed
-from .strengths import freed
+from .strengths import amounts, freed
 
 LEAST_EXCESS = 0.3  # of a reading's noise: less is no mismatch worth a word
 SIGMAS = 5.0  # of what the mean square of noise alone does
@@ -28,6 +28,8 @@ LATE = 0.6  # of a board's mismatch that clocks of its own take away: it is read
 APART = 0.2  # of a taxel's own mismatch that an explanation leaves: it is another one's
 APART_SIGMAS = 8.0  # of how the mismatch scatters in the calmer half of the taxels
 LONE = 4
+IDLE = 0.5  # of what an effect does to taxels that feel it little: those that all feel less do not feel it
+MEANS = 10  # steps until two means no longer move
 MOST_DEPTH = 3
 
 
@@ -109,6 +111,8 @@ def _name(
     named: list[Named],
     depth: int,
 ) -> None:
+    if depth > 1 and not (before[columns] > LEAST_EXCESS).any():
+        return
     group = gather(observed, observed[0].slots[columns], noise_count[columns], jumps)
     progress(f"searching what explains {len(columns)} taxels")
     naming = name(group.evidence, candidates, group.floor, deadline)
@@ -120,11 +124,31 @@ def _name(
         apart &= after > 2 * APART * before[columns]
     if not (apart.any() and apart.mean() < 0.6):
         apart = _late(group, naming.best.fitted, observed)
-    if depth < MOST_DEPTH and apart.any() and apart.mean() < 0.6:
+    if not (apart.any() and apart.mean() < 0.6):
+        apart = _idle(group, naming.best.fitted)
+    if depth < MOST_DEPTH and apart.any():
         for part in (columns[apart], columns[~apart]):
             _name(observed, candidates, noise_count, jumps, part, before, deadline, progress, named, depth + 1)
     else:
         named.append(Named(group, naming))
+
+
+def _idle(group: Group, best: Fitted) -> NDArray[np.bool_]:
+    """(m,) taxels to which the effect that is at work in the others does next to nothing; none: False."""
+    hypothesis = Hypothesis(group.taxels, best.candidates)
+    clearest, found = IDLE, np.zeros(len(group.slots), bool)
+    for amount in amounts(hypothesis, hypothesis.at(best.theta)) if best.candidates else ():
+        works = amount > amount.max() / 2
+        for _ in range(MEANS):
+            if works.all():
+                break
+            works = amount > (amount[works].mean() + amount[~works].mean()) / 2
+        if works.all() or amount[works].mean() < LEAST_EXCESS:
+            continue
+        little = float(np.quantile(np.abs(amount[~works]), 0.95) / np.quantile(amount[works], 0.05))
+        if little < clearest:
+            clearest, found = little, ~works
+    return found
 
 
 def _late(group: Group, best: Fitted, observed: Sequence[Observed]) -> NDArray[np.bool_]:

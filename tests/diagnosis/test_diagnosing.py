@@ -58,6 +58,28 @@ def test_strengths_that_scatter_are_no_other_physics(tmp_path):
     assert diagnosis.heldout["after"] < 1.02 * diagnosis.heldout["floor"] < 0.8 * diagnosis.heldout["before"]
 
 
+def test_a_drift_everywhere_and_a_relaxation_of_one_board_have_each_their_place(tmp_path):
+    def drift(t_s, counts):
+        counts += 6.0 * np.minimum(t_s / 60.0, 1.0)[:, None]
+
+    where = np.repeat(LAYOUT.identities[:, 0] == 6, 12)
+    diagnosis = found(write(tmp_path / "both", relaxing(0.4, 0.8), where, drift))
+    places = {finding.effect: finding.where for finding in diagnosis.findings}
+    assert places == {"viscoelasticity": Where("board", ((6,),)), "drift": Where()}
+
+
+def test_a_board_that_took_its_baselines_anew_beside_memory(tmp_path):
+    def anew(t_s, counts):
+        counts[np.ix_(t_s >= 41.0, np.repeat(LAYOUT.identities[:, 0] == 6, 12))] += 8.0
+
+    diagnosis = found(write(tmp_path / "both", relaxing(0.7, 0.8), touch=anew, clock="own"))
+    assert sorted(words(diagnosis)) == ["rezero", "viscoelasticity"]
+    (rezero,) = [finding for finding in diagnosis.findings if finding.effect == "rezero"]
+    assert rezero.where == Where("board", ((6,),))
+    assert rezero.parameters["t_s"].value == pytest.approx(41.0, abs=0.1)
+    assert rezero.parameters["shift_count"].value == pytest.approx(8.0, abs=0.5)
+
+
 def test_what_no_name_fits_is_unknown_with_an_equation(tmp_path):
     def stiffer_the_faster(t_s, p):
         return p * (1 + 0.25 * np.tanh(np.abs(np.gradient(p, t_s)) / 40e3))
