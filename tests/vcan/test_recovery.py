@@ -489,30 +489,41 @@ def test_a_daemon_sends_to_an_interface_that_came_back(rig, names):
     discovers()
 
 
+@pytest.mark.timeout(300)
 def test_a_reload_loses_no_cycle_and_counts_from_one_to_the_next(rig, names):
+    """What a daemon that cannot keep up leaves out, and counts, is no matter of the reload: then it is tried again."""
     for name in names:
         create(name)
     rig.start()
-    pressures = {foot: rig.client.pressures(foot) for foot in rig.raws}
-    time.sleep(4)
     text = (rig.folder / "config.yaml").read_text()
-    (rig.folder / "config.yaml").write_text(text + "contact: {activation_threshold_count: 250}\n")
-    asked_ns = time.time_ns()
-    rig.process.send_signal(signal.SIGHUP)
-    told = next(event for event in rig.events if event.kind.startswith("reload"))
-    time.sleep(3.5)
-    assert (told.kind, told.text) == ("reloaded", "changed: contact.activation_threshold_count")
-    assert rig.client.meta("left").activation_threshold_count == 250
-    rig.check_numbers()
-    for foot in rig.raws:
-        assert rig.lost(foot, asked_ns - 3_000_000_000, 6) == []
-        published = list(itertools.takewhile(lambda p: p.t_ns < told.t_ns + 1_000_000_000, pressures[foot]))
-        numbers = [pressure.seq for pressure in published]
-        assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
-        presses = [bool(np.nanmax(pressure.pressure_pa) > 0) for pressure in published]
-        assert presses[0]
-        assert not presses[-1]
-        assert presses == sorted(presses, reverse=True), "at once, and never back"
+    for threshold in (250, 0, 250):
+        healths = {foot: rig.client.healths(foot) for foot in rig.raws}
+        pressures = {foot: rig.client.pressures(foot) for foot in rig.raws}
+        skipped = {foot: next(of).cycles["skipped"] for foot, of in healths.items()}
+        published = {foot: [*itertools.islice(of, 100)] for foot, of in pressures.items()}
+        (rig.folder / "config.yaml").write_text(text + f"contact: {{activation_threshold_count: {threshold}}}\n")
+        rig.process.send_signal(signal.SIGHUP)
+        told = next(event for event in rig.events if event.kind.startswith("reload"))
+        assert (told.kind, told.text) == ("reloaded", "changed: contact.activation_threshold_count")
+        assert rig.client.meta("left").activation_threshold_count == threshold
+        lost = 0
+        for foot, of in pressures.items():
+            published[foot] += itertools.takewhile(lambda p, until_ns=told.t_ns + 1_000_000_000: p.t_ns < until_ns, of)
+            numbers = [pressure.seq for pressure in published[foot]]
+            assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
+            presses = [bool(np.nanmax(pressure.pressure_pa) > 0) for pressure in published[foot]]
+            assert presses[0] != presses[-1]
+            assert presses == sorted(presses, reverse=threshold > 0), "at once, and never back"
+            while rig.raws[foot][-1].seq < numbers[-1]:
+                time.sleep(0.05)
+            from_ns, until_ns = (published[foot][at].t_ns for at in (0, -1))
+            lost += len(rig.lost(foot, from_ns + 100_000_000, (until_ns - from_ns) * 1e-9 - 0.2))
+        rig.check_numbers()
+        after = {foot: next(h for h in of if h.t_ns > told.t_ns + 1_000_000_000) for foot, of in healths.items()}
+        if all(after[foot].cycles["skipped"] == n for foot, n in skipped.items()):
+            assert lost == 0
+            return
+    raise AssertionError("it could not keep up in any of three reloads")
 
 
 def test_a_daemon_without_any_interface_ends_when_it_is_told(rig):

@@ -17,32 +17,32 @@ ANSWERS, READINGS = ({"can_id": kind, "can_mask": 0x700} for kind in (0x700, 0x4
 pytestmark = pytest.mark.vcan
 
 
-@pytest.mark.timeout(120)
+@pytest.mark.timeout(300)
 def test_boards_obey_a_host(vcan: str) -> None:
-    """Each socket takes one kind of frame from the kernel, so that no reading pushes an answer out of a full queue."""
+    """Each socket takes one kind of frame from the kernel, so that no reading pushes an answer out of a full queue.
+
+    Only the test's own time ends the waiting: a kernel that has a tenth of a processor takes tens of seconds.
+    """
     with (
         can.Bus(vcan, interface="socketcan", can_filters=[ANSWERS]) as host,
         can.Bus(vcan, interface="socketcan", can_filters=[READINGS]) as listener,
     ):
         played = subprocess.Popen(
-            [INSOLE, "simulate", "stand", "--bus", f"socketcan:{vcan}", "--seconds", "100"], stderr=subprocess.DEVNULL
+            [INSOLE, "simulate", "stand", "--bus", f"socketcan:{vcan}"], stderr=subprocess.DEVNULL
         )
         try:
-            assert listener.recv(60) is not None, "the boards have come up"
+            listener.recv()  # the boards have come up
             host.send(can.Message(arbitration_id=0x70F, data=b"\xff", is_extended_id=False))
             answered: set[int] = set()
             while answered < BOARDS:
-                message = host.recv(20)
-                assert message is not None, f"only {answered} answered"
+                message = host.recv()
                 answered.add(message.arbitration_id >> 4 & 0xF)
             assert answered == BOARDS
 
             host.send(can.Message(arbitration_id=0x205, data=b"\x07\x01", is_extended_id=False))
             recent: deque[int] = deque(maxlen=200)
             while len(recent) < 200 or set(recent) != BOARDS - {5}:
-                message = listener.recv(20)
-                assert message is not None, "one board was told to stop, and all have"
-                recent.append(message.arbitration_id >> 4 & 0xF)
+                recent.append(listener.recv().arbitration_id >> 4 & 0xF)
         finally:
             played.terminate()
-            assert played.wait(30) == 0
+            assert played.wait() == 0
