@@ -25,8 +25,9 @@ from .sink import FrameSink
 from .socketcan import cannot_open
 from .source import BusCounters, InterfaceState, State
 
-_FIRST_PAUSE_S = 0.1
-_LONGEST_PAUSE_S = 0.25  # so that what came back is read within a second, opening and start of the stream included
+_PAUSE_S = (
+    0.1  # between attempts: what came back is to be read within a second, opening and start of the stream included
+)
 _INDEX_CHECK_NS = 250_000_000
 
 _BUS_OFF, _RESTARTED = (next(b for b, k in KINDS.items() if k == kind) for kind in ("bus_off", "restarted"))
@@ -160,13 +161,11 @@ class Link:
         self._thread.start()
 
     def _reopen(self, broken: PollableSource | None) -> None:
-        """Close what broke, then try with growing pauses."""
+        """Close what broke, then try again and again."""
         if broken is not None:
             with contextlib.suppress(Exception):  # a driver may raise anything about an adapter that is gone
                 broken.close()
-        pause_s = _FIRST_PAUSE_S
-        while not self._ended.wait(pause_s):
-            pause_s = min(2 * pause_s, _LONGEST_PAUSE_S)
+        while not self._ended.wait(_PAUSE_S):
             try:
                 self._opened = _open(self.bus)
             except BusError as error:
