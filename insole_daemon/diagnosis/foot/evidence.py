@@ -26,7 +26,7 @@ from scipy.ndimage import binary_dilation, gaussian_filter1d
 
 from ...physics.law import Array
 from ...skin.geometry import N_TAXELS
-from ..operators import low_pass, plays
+from ..operators import low_pass, plays, standing_out
 from .walk import FINE_S, Walk
 
 SMOOTH_S = 0.015  # standard deviation of the kernel on both sides
@@ -53,6 +53,17 @@ class Part:
     pressure_pa: Array  # (N, m) smoothed
 
     @cached_property
+    def courses_pa(self) -> Array:
+        """(N, m) `pressure_pa` as the few courses that stand out of the noise, each with a shape: for what turns at a
+        taxel's own turning points, which noise would drag about.
+        """
+        walk = self.walk
+        noise_pa = np.sqrt(np.mean(walk.slope_pa**2, axis=0)) * walk.noise_count
+        x = self.pressure_pa / noise_pa
+        own = standing_out(x[::EVERY] / _kept(walk.period_s))
+        return np.asarray((x @ own) @ own.T * noise_pa)
+
+    @cached_property
     def rows_s(self) -> Array:
         """(n,) moments of the rows."""
         return self.walk.t_s[::EVERY]
@@ -66,12 +77,12 @@ class Part:
     @cached_property
     def loops(self) -> dict[int, Array]:
         """By board, (n, 3, k) the sum of x − play_r[x] for each of RADII_PA."""
-        return self._loops(plays(self.pressure_pa, RADII_PA))
+        return self._loops(plays(self.courses_pa, RADII_PA))
 
     @cached_property
     def backwards(self) -> dict[int, Array]:
         """As `loops`, of time reversed: as good at averaging, and no physics."""
-        return self._loops(plays(self.pressure_pa[::-1], RADII_PA)[:, ::-1])
+        return self._loops(plays(self.courses_pa[::-1], RADII_PA)[:, ::-1])
 
     def _loops(self, gone: Array) -> dict[int, Array]:
         boards, arms = self.walk.boards, self.walk.arms
@@ -105,7 +116,10 @@ class Part:
 
     @cached_property
     def asked(self) -> NDArray[np.bool_]:
-        """(n,) rows at which both sides are known, and their neighbours too."""
+        """(n,) rows at which both sides are known, and their neighbours too.
+
+        Not what a foot bears that stands on it when the recording begins: nobody knows what went before.
+        """
         walk, n_kernel = self.walk, round(3 * SMOOTH_S / self.walk.step_s)
         known = ~binary_dilation(~walk.told, iterations=n_kernel)[::EVERY]
         at = walk.offset_s + (1.0 + walk.rate) * self.rows_s
@@ -114,7 +128,8 @@ class Part:
         known &= np.interp(at, walk.shoe.t_s, gap.astype(float)) == 0
         for t, first, last in ((self.rows_s, self.rows_s[0], self.rows_s[-1]), (at, 0.0, end_s)):
             known &= (t > first + EDGE_S) & (t < last - EDGE_S)
-        return np.asarray(known)
+        in_the_air = self.force_n < LOADED[0] * float(self.force_n.max())
+        return np.asarray(known & (np.maximum.accumulate(in_the_air) | ~in_the_air.any()))
 
     @cached_property
     def force_n(self) -> Array:
@@ -137,7 +152,7 @@ class Part:
         What comes before the first load and after the last is like nothing else: no other block could predict it.
         """
         found = np.full(len(self.rows_s), -1)
-        loaded = np.flatnonzero(self.force_n > LOADED[1] * self.force_n.max())
+        loaded = np.flatnonzero(self.asked & (self.force_n > LOADED[1] * self.force_n.max()))
         t, near = self.rows_s, round(FOLD_S / 3 / float(np.diff(self.rows_s[:2])[0]))
         edges = [int(loaded[0])]
         while t[edges[-1]] + 1.5 * FOLD_S < t[loaded[-1]]:
@@ -162,11 +177,19 @@ class Part:
         return np.stack(found, axis=-1) / self.noise[:, None]
 
     @cached_property
+    def knots_s(self) -> Array:
+        """(knots,) between which rests wander in a straight line."""
+        t = self.rows_s
+        return np.linspace(t[0], t[-1], max(round((t[-1] - t[0]) / KNOT_S), 2) + 1)
+
+    @cached_property
     def drifting(self) -> Array:
-        """(n, 3, 3 + boards·knots) constants of the three channels, and what rests that wander would add."""
+        """(n, 3, 3 + boards·knots) constants of the three channels, and what rests that wander would add.
+
+        They wander about a middle that is not theirs: the constants'.
+        """
         t, walk = self.rows_s, self.walk
-        knots = np.linspace(t[0], t[-1], max(round((t[-1] - t[0]) / KNOT_S), 2) + 1)
-        hats = np.stack([np.interp(t, knots, hat) for hat in np.eye(len(knots))[1:]], axis=-1)
+        hats = np.stack([np.interp(t, self.knots_s, hat) for hat in np.eye(len(self.knots_s))], axis=-1)
         slope = gaussian_filter1d(walk.slope_pa, SMOOTH_S / walk.step_s, axis=0)[::EVERY]
         rests = [
             (slope[:, walk.boards == b] @ walk.arms[walk.boards == b])[..., None] * hats[:, None]
@@ -178,11 +201,7 @@ class Part:
 
 def part(walk: Walk) -> Part:
     """`walk`, both sides smoothed."""
-    left = [
-        np.sqrt(min(1.0, period_s / (2 * np.sqrt(np.pi) * SMOOTH_S)))
-        for period_s in (walk.period_s, walk.shoe.period_s)
-    ]
-    noise = np.hypot(left[0] * walk.noise, left[1] * walk.shoe.noise)
+    noise = np.hypot(_kept(walk.period_s) * walk.noise, _kept(walk.shoe.period_s) * walk.shoe.noise)
     shoe = gaussian_filter1d(walk.shoe.wrench, SMOOTH_S / FINE_S, axis=0, mode="nearest")
     pressure = gaussian_filter1d(walk.pressure_pa, SMOOTH_S / walk.step_s, axis=0, mode="nearest")
     return Part(walk, shoe, noise, pressure)
@@ -215,6 +234,12 @@ class Evidence:
         self._loops: dict[Any, Array] = {}
         self._rid: dict[Any, Array] = {}
         self._projections = {fold: self._projection(fold) for fold in (None, *range(N_FOLDS))}
+
+    def rests(self, of_recalibration: Array, i: int) -> Array:
+        """(boards, knots) counts by which the rests of walk `i` wander; `of_recalibration` (j,) or its deviations."""
+        begin = self.n_common + sum(each.drifting.shape[2] for each in self.parts[:i])
+        own = of_recalibration[begin + 3 : begin + self.parts[i].drifting.shape[2]]
+        return own.reshape(len(self.boards), -1)
 
     @cached_property
     def covariance(self) -> Array:

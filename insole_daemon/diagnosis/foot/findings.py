@@ -106,31 +106,28 @@ def drifts(explained: Explained) -> tuple[list[Finding], list[Effect]]:
     """Boards whose rest wanders, of each recording; a model has those of the first."""
     evidence, found, effects = explained.evidence, list[Finding](), list[Effect]()
     std = np.sqrt(np.diag(evidence.covariance))
-    at = evidence.n_common
     for i, (part, name) in enumerate(zip(evidence.parts, explained.names, strict=True)):
-        k = (part.drifting.shape[2] - 3) // len(evidence.boards)
-        knots = np.linspace(part.rows_s[0], part.rows_s[-1], k + 1)
+        rests, stds = evidence.rests(explained.recalibration, i), evidence.rests(std, i)
+        added = part.drifting[:, 0, 3:].reshape(len(part.rows_s), *rests.shape)
         wandering: list[int] = []
-        curves: dict[int, tuple[Array, Array]] = {}
         moved = np.zeros(len(part.rows_s))
-        for j, board in enumerate(evidence.boards):
-            own = slice(at + 3 + j * k, at + 3 + (j + 1) * k)
+        for j, (shift, own_std) in enumerate(zip(rests, stds, strict=True)):
             # What a rest loses, the static model reads as pressure: the activation grows as the count falls.
-            shift, own_std = explained.recalibration[own], std[own]
-            adds = part.drifting[:, 0, 3 + j * k : 3 + (j + 1) * k] @ shift
-            significant = np.abs(shift).max() > LEAST_DRIFT_COUNT and (np.abs(shift) / own_std).max() > DRIFT_SIGMAS
+            away = np.abs(shift - shift.mean())
+            adds = added[:, j] @ (shift - shift.mean())
+            significant = away.max() > LEAST_DRIFT_COUNT and (away / own_std).max() > DRIFT_SIGMAS
             if (
                 significant
                 and adds.std() > LEAST_DRIFT * np.hypot(part.walk.noise, part.walk.shoe.noise)[0] / part.noise[0]
             ):
-                wandering.append(board)
-                curves[board] = np.append(0.0, shift), np.append(0.0, own_std)
+                wandering.append(j)
                 moved += adds
-        at += part.drifting.shape[2]
         if not wandering:
             continue
-        place = Where() if len(wandering) == len(evidence.boards) else Where("board", tuple((b,) for b in wandering))
-        shift, own_std = (np.mean([curves[b][which] for b in wandering], axis=0) for which in (0, 1))
+        boards = tuple((evidence.boards[j],) for j in wandering)
+        place = Where() if len(wandering) == len(evidence.boards) else Where("board", boards)
+        shift, own_std = rests[wandering].mean(axis=0), stds[wandering].mean(axis=0)
+        knots = part.knots_s
         after = explained.rms(explained.decided.best)
         before = float(np.hypot(after, (moved * part.noise[0]).std()))
         parameters = {
@@ -145,8 +142,8 @@ def drifts(explained: Explained) -> tuple[list[Finding], list[Effect]]:
             )
         )  # fmt: skip
         if i == 0:
-            for board in wandering:
-                effects.append(effect_of("drift", Where("board", ((board,),)), t_s=knots, shift_count=curves[board][0]))
+            for j, board in zip(wandering, boards, strict=True):
+                effects.append(effect_of("drift", Where("board", (board,)), t_s=knots, shift_count=rests[j]))
     return found, effects
 
 

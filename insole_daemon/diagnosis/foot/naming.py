@@ -19,6 +19,7 @@ from .evidence import N_FOLDS, Evidence
 from .hypothesis import ORDER, Fitted, Hypothesis, Term
 
 PRICES = ((0.03, 0.4), (0.003, 0.6))  # of the whole mismatch, and of what the smaller set leaves
+TIMING = ("lag", "delay")  # are what they are: what these leave is the whole mismatch of a family of materials
 SPREAD = ("hysteresis", "viscoelasticity")  # what a part of the insole may have by itself
 LEAST_LEFT = 0.15  # of the noise's mean square
 KEPT = 4  # sets of each size that are judged on held-out steps
@@ -100,7 +101,9 @@ class Search:
     def worth(self, static: Tried, smaller: Tried, larger: Tried) -> bool:
         """Whether `larger` is worth its price beside `smaller`."""
         more = len(larger.terms) - len(smaller.terms)
-        whole, rest = max(static.left - 1.0, 1e-9), max(smaller.left - 1.0, 0.0)
+        timing = frozenset(each for each in larger.terms if each.word in TIMING)
+        mismatch = static if timing == larger.terms else self.judged(timing)
+        whole, rest = max(mismatch.left - 1.0, 1e-9), max(smaller.left - 1.0, 0.0)
         gain = smaller.left - larger.left
         return gain > self.price * more and any(
             gain > price * more * whole and gain > (1 - (1 - share) ** more) * rest for price, share in PRICES
