@@ -186,10 +186,11 @@ class Part:
     def drifting(self) -> Array:
         """(n, 3, 3 + boards·knots) constants of the three channels, and what rests that wander would add.
 
-        They wander about a middle that is not theirs: the constants'.
+        They wander about their middle in time, which is the constants' affair: the two could make up for each other.
         """
         t, walk = self.rows_s, self.walk
-        hats = np.stack([np.interp(t, self.knots_s, hat) for hat in np.eye(len(self.knots_s))], axis=-1)
+        hats = np.stack([np.interp(t, self.knots_s, hat) for hat in np.eye(len(self.knots_s))[1:]], axis=-1)
+        hats -= hats.mean(axis=0)
         slope = gaussian_filter1d(walk.slope_pa, SMOOTH_S / walk.step_s, axis=0)[::EVERY]
         rests = [
             (slope[:, walk.boards == b] @ walk.arms[walk.boards == b])[..., None] * hats[:, None]
@@ -236,10 +237,10 @@ class Evidence:
         self._projections = {fold: self._projection(fold) for fold in (None, *range(N_FOLDS))}
 
     def rests(self, of_recalibration: Array, i: int) -> Array:
-        """(boards, knots) counts by which the rests of walk `i` wander; `of_recalibration` (j,) or its deviations."""
+        """(boards, knots) counts of walk `i` since its first knot; `of_recalibration` (j,) or its deviations."""
         begin = self.n_common + sum(each.drifting.shape[2] for each in self.parts[:i])
         own = of_recalibration[begin + 3 : begin + self.parts[i].drifting.shape[2]]
-        return own.reshape(len(self.boards), -1)
+        return np.pad(own.reshape(len(self.boards), -1), ((0, 0), (1, 0)))
 
     @cached_property
     def covariance(self) -> Array:

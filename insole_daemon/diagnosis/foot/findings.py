@@ -108,14 +108,14 @@ def drifts(explained: Explained) -> tuple[list[Finding], list[Effect]]:
     std = np.sqrt(np.diag(evidence.covariance))
     for i, (part, name) in enumerate(zip(evidence.parts, explained.names, strict=True)):
         rests, stds = evidence.rests(explained.recalibration, i), evidence.rests(std, i)
-        added = part.drifting[:, 0, 3:].reshape(len(part.rows_s), *rests.shape)
+        added = part.drifting[:, 0, 3:].reshape(len(part.rows_s), len(rests), -1)
         wandering: list[int] = []
         moved = np.zeros(len(part.rows_s))
         for j, (shift, own_std) in enumerate(zip(rests, stds, strict=True)):
             # What a rest loses, the static model reads as pressure: the activation grows as the count falls.
-            away = np.abs(shift - shift.mean())
-            adds = added[:, j] @ (shift - shift.mean())
-            significant = away.max() > LEAST_DRIFT_COUNT and (away / own_std).max() > DRIFT_SIGMAS
+            adds = added[:, j] @ shift[1:]
+            sigmas = np.abs(shift[1:]) / own_std[1:]
+            significant = np.abs(shift).max() > LEAST_DRIFT_COUNT and sigmas.max() > DRIFT_SIGMAS
             if (
                 significant
                 and adds.std() > LEAST_DRIFT * np.hypot(part.walk.noise, part.walk.shoe.noise)[0] / part.noise[0]
@@ -143,7 +143,9 @@ def drifts(explained: Explained) -> tuple[list[Finding], list[Effect]]:
         )  # fmt: skip
         if i == 0:
             for j, board in zip(wandering, boards, strict=True):
-                effects.append(effect_of("drift", Where("board", (board,)), t_s=knots, shift_count=rests[j]))
+                # The rests of the model's curves are in the middle of the walk.
+                middle = np.interp(part.rows_s, knots, rests[j]).mean()
+                effects.append(effect_of("drift", Where("board", (board,)), t_s=knots, shift_count=rests[j] - middle))
     return found, effects
 
 

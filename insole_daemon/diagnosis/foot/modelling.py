@@ -59,21 +59,15 @@ def effect(term: Term, parameters: Mapping[str, Quantity], evidence: Evidence) -
 def document(
     evidence: Evidence, recalibration: Array, effects: list[Effect], provenance: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """An `insole-calibration/1`: the curves as recalibrated, with the effects.
-
-    Rests that wander, and less than a drift is named for, have their middle.
-    """
+    """An `insole-calibration/1`: the curves as recalibrated, with the effects."""
     walk = evidence.parts[0].walk
     layout, calibration = walk.layout, walk.calibration
     triangles = np.unique(walk.slots // N_TAXELS)
     gain, curved = recalibration[: evidence.n_common].reshape(-1, 2).T
     # The constants of the wrench go to the taxels as the smallest pressures that have it.
-    constant = recalibration[evidence.n_common : evidence.n_common + 3] * evidence.parts[0].noise
+    constant = recalibration[evidence.n_common : evidence.n_common + 3]  # N and N·m
     rests_pa = walk.arms @ np.linalg.lstsq(walk.arms.T @ walk.arms, constant, rcond=None)[0]
     rest_of = dict(zip(walk.slots.tolist(), rests_pa.tolist(), strict=True))
-    drifting = {board for each in effects if each.law.word == "drift" for (board,) in each.where.ids}
-    wandered = np.mean(evidence.rests(recalibration, 0), axis=1).tolist()
-    moved = {b: 0.0 if b in drifting else shift for b, shift in zip(evidence.boards, wandered, strict=True)}
     taxels = []
     for slot in np.flatnonzero(calibration.usable.ravel()).tolist():
         row, taxel = divmod(slot, N_TAXELS)
@@ -85,7 +79,7 @@ def document(
         board, triangle = layout.identities[row].tolist()
         taxels.append(
             {"board": board, "triangle": triangle, "taxel": taxel,
-             "baseline_count": round(float(calibration.baseline_count[row, taxel]) + moved.get(board, 0.0), 4),
+             "baseline_count": round(float(calibration.baseline_count[row, taxel]), 4),
              "coefficients_pa": [float(f"{value:.9g}") for value in c]}
         )  # fmt: skip
     taxels.sort(key=lambda each: (each["board"], each["triangle"], each["taxel"]))

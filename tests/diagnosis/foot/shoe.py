@@ -60,10 +60,12 @@ def write(
     seed: int = 1,
     calibrated: bool = True,
     force: float = 1.0,
+    stands_s: float = 0.0,
 ) -> Path:
-    """A recording whose taxels `where` (72,) feel `effect(load)` and are read `delay_s` late."""
+    """A recording whose taxels `where` (72,) feel `effect(load)` and are read `delay_s` late; it begins standing."""
     rng = np.random.default_rng(seed + 1000)
     t_s, p = load(seconds, seed)
+    p[t_s < stands_s] = 100e3
     q = np.where(np.ones(p.shape[1], bool) if where is None else where, effect(p), p)
     cycle_s = np.arange(0.1, seconds - 0.05, 0.02)
     felt = np.stack([np.interp(cycle_s - delay_s, t_s, column) for column in q.T], axis=1)

@@ -13,6 +13,8 @@ from typer.testing import CliRunner
 import insole_daemon
 from insole_daemon.cli import app
 from insole_daemon.diagnosis.audit import audit
+from insole_daemon.diagnosis.compensation import of_walk
+from insole_daemon.diagnosis.operators import plays
 from insole_daemon.errors import DiagnosisError, UndecidableError
 from insole_daemon.physics import calibration as calibrations
 from insole_daemon.recording.loading import load
@@ -64,6 +66,29 @@ def test_what_one_part_of_the_insole_does_is_placed_there(tmp_path):
     (finding,) = found["findings"]
     assert finding["effect"] == "viscoelasticity"
     assert finding["where"] == {"scope": "board", "ids": [[7]]}
+
+
+def test_a_constant_of_the_shoe_goes_to_the_curves_as_it_is(tmp_path):
+    walk = write(tmp_path / "walk")
+    rows = (walk / "reference.csv").read_text().splitlines()
+    f_z = rows[0].split(",").index("fz_n")
+    for i, row in enumerate(rows[1:], 1):
+        cells = row.split(",")
+        cells[f_z] = str(float(cells[f_z]) + 5.0)
+        rows[i] = ",".join(cells)
+    (walk / "reference.csv").write_text("\n".join(rows) + "\n")
+    diagnose(walk, tmp_path / "out")
+    shoe = load(walk).feet[0].reference
+    t_s, f_z_n = of_walk(tmp_path / "out" / "model.json", walk)["left"]
+    off = f_z_n - np.interp(t_s, shoe.time_s, shoe["fz_n"])
+    assert abs(np.median(off)) < 1.5
+
+
+def test_hysteresis_is_found_in_a_walk_that_begins_on_the_foot(tmp_path):
+    walk = write(tmp_path / "walk", lambda p: p + 0.3 * plays(p, np.array([20e3]))[0], stands_s=1.0)
+    (finding,) = diagnose(walk, tmp_path / "out")["findings"]
+    assert finding["effect"] == "hysteresis"
+    assert finding["where"]["scope"] == "insole"
 
 
 def test_walks_are_explained_together(tmp_path):
