@@ -21,6 +21,7 @@ from .agreement import agreed
 from .audit import Audit, audit
 from .candidate import Candidate, Excitation
 from .candidates import candidates
+from .carried import carried
 from .continued import continued
 from .deciding import RECORD, TWINS, Decided, decide, shown
 from .decoys import challenged
@@ -116,15 +117,15 @@ def diagnose(
     progress("asking every recording, and decoys")
     tested = tuple(challenged(agreed(each, admitted, deadline)) for each in located.named)
     located = replace(located, named=tested)
-    decided = [decide(each.naming, excited, each.group.evidence.y.size) for each in located.named]
+    decided = [carried(each, decide(each.naming, excited, each.group.evidence.y.size)) for each in located.named]
     progress("fitting the model")
     names = tuple(each.name for each in observed)
     insole = Insole(feet[0].foot, layout, names, slots, noise, excited)
     parts = list(zip(located.named, decided, strict=True))
     curves = explained.curves(insole, located, parts)
-    handed_in = None
+    sure, handed_in = (explained.curves(insole, located, parts, sure=True) if mapped is None else curves), None
     if mapped is not None and model is not None:
-        curves, handed_in = _continued(curves, model, located, parts, noise)
+        sure, handed_in = _continued(curves, model, located, parts, noise)
     before, after = explained.held_out(insole, located, parts)
     findings, effects = explained.findings(insole, parts)
     if mapped is not None:
@@ -162,7 +163,7 @@ def diagnose(
         findings=tuple(findings),
         rejected=_rejected(parts),
         not_identifiable=_not_identifiable(every, excited, decided, _hidden(mapped)),
-        model=modelling.document(insole.foot, layout, curves, effects, provenance),
+        model=modelling.document(insole.foot, layout, sure, effects, provenance),
         observed=tuple(observed),
         located=located,
         decided=tuple(decided),

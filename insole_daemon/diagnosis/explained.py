@@ -14,6 +14,7 @@ from ..physics.effects import laws
 from ..physics.law import Array
 from ..skin.layout import Layout
 from .candidate import Excitation
+from .carried import bends
 from .deciding import Decided
 from .discovery import discover
 from .finding import Finding, Quantity
@@ -63,15 +64,19 @@ def held_out(insole: Insole, located: Located, explained: Explained) -> tuple[fl
     return before + left, after + left
 
 
-def curves(insole: Insole, located: Located, explained: Explained) -> list[Curves]:
-    """Of every taxel, with the effects of its group taken out."""
+def curves(insole: Insole, located: Located, explained: Explained, sure: bool = False) -> list[Curves]:
+    """Of every taxel, with the effects of its group taken out; `sure`: bent no further than loads not seen allow."""
     found = []
     for named, decided in explained:
-        hypothesis = Hypothesis(named.group.taxels, decided.best.fitted.candidates)
-        found.append(_curves(hypothesis, decided.best.fitted.theta, named.group.slots, insole))
+        group, fitted = named.group, decided.best.fitted
+        plain = sure and not bends(group.evidence, fitted, group.floor)
+        found.append(_curves(Hypothesis(group.taxels, fitted.candidates, plain), fitted.theta, group.slots, insole))
     rest = _rest(insole, explained)
     if rest.size:
-        every = _curves(Hypothesis(located.taxels, ()), located.null.theta, insole.slots, insole)
+        whole = Hypothesis(located.taxels, ()).at(located.null.theta)
+        floor = whole.mean_square() - float(np.mean(located.excess**2))
+        plain = sure and not bends(located.taxels, whole, floor)
+        every = _curves(Hypothesis(located.taxels, (), plain), located.null.theta, insole.slots, insole)
         found.append(Curves(rest, every.load_pa, every.activation_count[np.searchsorted(insole.slots, rest)]))
     return found
 
@@ -82,10 +87,10 @@ def findings(insole: Insole, explained: Explained) -> tuple[list[Finding], list[
     effects: list[Effect] = []
     members: dict[str, list[tuple[Named, Decided]]] = {}
     for named, decided in explained:
-        for word in decided.best.words:  # an unknown one's nearest words still make the model better
+        for word in decided.best.words:
             members.setdefault(word, []).append((named, decided))
         if decided.unknown and _size(named) > LEAST_UNKNOWN:
-            found.append(_unknown(insole, named, decided))
+            found.append(_unknown(insole, named))
     for word, parts in members.items():
         asserted = [part for part in parts if not part[1].unknown]
         named, decided = max(asserted or parts, key=lambda part: len(part[0].group.slots))
@@ -136,10 +141,10 @@ def _size(named: Named) -> float:
     return float(np.sqrt(named.group.per_taxel(named.naming.excess)))
 
 
-def _unknown(insole: Insole, named: Named, decided: Decided) -> Finding:
+def _unknown(insole: Insole, named: Named) -> Finding:
     place = where(named.group.slots, insole.slots, insole.layout)
     size = _size(named)
-    nearest = " and ".join(decided.best.words) or "none of the known effects"
+    nearest = " and ".join(named.naming.best.words) or "none of the known effects"
     discovered = discover(named.group, named.naming.null.fitted)
     proposal = ""
     if discovered.equation:
@@ -149,7 +154,7 @@ def _unknown(insole: Insole, named: Named, decided: Decided) -> Finding:
         effect="unknown", foot=insole.foot, where=place, recordings=insole.recordings,
         explains=insole.mean_square(named), confidence=0.9,
         sentence=f"{said(place)}: {size:.1f} × the noise differs from the static model, and no known effect explains "
-        f"it; {nearest} comes nearest and leaves {min(decided.best.left_heldout, 1.0):.0%} of it.{proposal}",
+        f"it; {nearest} comes nearest and leaves {min(named.naming.best.left_heldout, 1.0):.0%} of it.{proposal}",
         equation=discovered.equation, regime=discovered.regime,
     )  # fmt: skip
 

@@ -117,9 +117,9 @@ class Fitted:
 
 
 class Hypothesis:
-    """Candidates together, to be fitted to evidence."""
+    """Candidates together, to be fitted to evidence; where it is `plain` every curve is one cubic."""
 
-    def __init__(self, evidence: Evidence, candidates: Sequence[Candidate]) -> None:
+    def __init__(self, evidence: Evidence, candidates: Sequence[Candidate], plain: bool = False) -> None:
         self.evidence = evidence
         self.candidates = tuple(sorted(candidates, key=lambda each: (each.order, each.word)))
         n_clock = 2 * len(evidence.observed) if evidence.own_clock else 0
@@ -134,7 +134,7 @@ class Hypothesis:
         loads = [each.load.pressure_pa for each in evidence.observed]
         low, high = np.min([x.min(axis=0) for x in loads], axis=0), np.max([x.max(axis=0) for x in loads], axis=0)
         self._middle, self._half = (low + high) / 2, np.maximum((high - low) / 2, 1e-9)  # (m,)
-        self._knots = KNOTS if len(low) == 1 else KNOTS_OF_PLACES
+        self._knots = () if plain else KNOTS if len(low) == 1 else KNOTS_OF_PLACES
         self._n_curve = 4 + len(self._knots)
         self._edges = [each.reference_s(each.edge_s) for each in evidence.observed]
         self._rows = [Rows(each.t_s, float(each.cycle_s[-1]), each.temperature_c) for each in evidence.observed]

@@ -21,7 +21,10 @@ from .finding import Quantity
 from .fit import Fitted, Hypothesis
 
 FAMILY = 0.05  # of a parameter: what it is off by where other families were concealed, in trials made for that
-DEGREE = 5  # of the curve back from activation to pressure, in the file
+MOST_DEGREE = 11  # of the curve back from activation to pressure, in the file
+NEAR_COUNT = 0.05  # RMS: a polynomial that says so nearly what the curve says is enough
+BEYOND = np.linspace(0.01, 0.1, 10)  # of the range: over so much it goes on straight at either end
+FLAT = 0.02  # of the usual slope: flatter, and a reading tells next to nothing of the load
 N_LOADS = 200
 
 
@@ -132,15 +135,31 @@ def document(
 
 
 def _back(activation: Array, load_pa: Array) -> Array:
-    """(k,) coefficients of the load as a polynomial of the activation, rising at 0 as a chain needs it."""
-    scale = max(float(np.abs(activation).max()), 1e-9)
-    for degree in range(DEGREE, 0, -1):
-        powers = np.vander(activation / scale, degree + 1, increasing=True)
-        found = np.linalg.lstsq(powers, load_pa, rcond=None)[0] / scale ** np.arange(degree + 1)
-        slope = np.polynomial.polynomial.polyval(np.linspace(0.0, scale, 50), found[1:] * np.arange(1, degree + 1))
-        if (slope > 0).all():
-            return np.asarray(found)
-    return np.array([0.0, max(float(load_pa[-1]), 1.0) / scale])
+    """(k,) coefficients of the load as a polynomial of the activation, rising as a chain needs it.
+
+    What it is off counts as it would be read: where the curve is flat, as beyond a knee, a pascal is little.
+    """
+    slope = np.gradient(activation, load_pa)
+    slope = np.maximum(slope, FLAT * max(float(np.ptp(activation)), 1e-9) / float(np.ptp(load_pa)))
+    more = BEYOND * float(np.ptp(load_pa))
+    ends = [(load_pa[0] - more[::-1], activation[0] - more[::-1] * slope[0]),
+            (load_pa, activation),
+            (load_pa[-1] + more, activation[-1] + more * slope[-1])]  # fmt: skip
+    load, read = (np.concatenate(each) for each in zip(*ends, strict=True))
+    weight = np.concatenate([np.full(len(more), slope[0]), slope, np.full(len(more), slope[-1])])
+    scale = max(float(np.abs(read).max()), 1e-9)
+    grid = np.linspace(float(read.min()), float(read.max()), 200) / scale
+    best, nearest = np.array([0.0, max(float(load_pa[-1]), 1.0) / scale]), np.inf
+    for degree in range(1, MOST_DEGREE + 1):
+        powers = np.vander(read / scale, degree + 1, increasing=True)
+        found = np.linalg.lstsq(powers * weight[:, None], load * weight, rcond=None)[0]
+        rises = np.polynomial.polynomial.polyval(grid, found[1:] * np.arange(1, degree + 1)) > 0
+        off = float(np.sqrt(np.mean(((powers @ found - load) * weight) ** 2)))
+        if rises.all() and off < nearest:
+            best, nearest = found / scale ** np.arange(degree + 1), off
+        if nearest < NEAR_COUNT:
+            break
+    return best
 
 
 def _bounds(word: str, name: str) -> tuple[float, float]:

@@ -23,7 +23,9 @@ from .observing import observe
 from .simulated import loads
 
 SMOOTH_S = 0.03  # that the reference is averaged over: more blunts the corners of fast ramps by counts
-_ALIGNED = 3  # times that the clock is moved by what the model leaves
+_MOST_ALIGNED = 12  # times that the clock is moved by what the model leaves
+_ALIGNED_S = 5e-4  # by less it is not moved again
+MOST_LATER_S = 0.5  # in one go: edges tell a clock more nearly
 _FAR_S = 86_400.0  # a recording of another day: its times have nothing to do with the model's
 
 
@@ -62,10 +64,13 @@ def counts(model: str | PathLike[str], recording: Recording, simulation: Recordi
             own_clock = seen.load.clock == "own"
             warm = None if seen.temperature_c is None else np.interp(t_s, seen.t_s, seen.temperature_c)
             load_at = partial(_everywhere, seen)
-        late_s = 0.0
-        for _ in range(_ALIGNED if own_clock else 1):
-            expected = chain.forward()(load_at(read_s + late_s), t_s + origin, warm)
-            late_s += _later_s(expected, foot, audited.kept, t_s)
+        late_s = np.zeros(len(t_s))
+        for _ in range(_MOST_ALIGNED if own_clock else 1):
+            expected = chain.forward()(load_at(read_s + late_s[:, None]), t_s + origin, warm)
+            later_s = _later_s(expected, foot, audited.kept, t_s)
+            late_s += later_s
+            if np.abs(later_s).max() < _ALIGNED_S:
+                break
         found[foot.foot] = np.clip(np.where(_silent(audited, calibration), _usual(foot), expected), 0.0, 255.0)
     return found
 
@@ -105,10 +110,16 @@ def _everywhere(seen: Observed, read_s: Array) -> Array:
     return np.repeat(pressure[..., None], N_TAXELS, axis=2)
 
 
-def _later_s(expected: Array, foot: FootRecording, kept: NDArray[np.bool_], t_s: Array) -> float:
-    """How much later in the load's time the readings are than `expected`, by the mean of the taxels kept."""
+def _later_s(expected: Array, foot: FootRecording, kept: NDArray[np.bool_], t_s: Array) -> Array:
+    """(n,) how much later in the load's time the readings are than `expected`, by the mean of the taxels kept.
+
+    One time for all and one that grows: what is not in the model bends the edges by which clocks are told first.
+    """
     asked = kept & ~np.isnan(expected[0])
     said, model = foot.counts[:, asked].mean(axis=1), expected[:, asked].mean(axis=1)
     slope = np.gradient(model, t_s + 1e-9 * np.arange(len(t_s)))
-    slope -= slope.mean()
-    return float(np.sum((said - model) * slope) / max(float(np.sum(slope**2)), 1e-12))
+    grows = np.stack([np.ones_like(t_s), t_s / max(float(t_s[-1]), 1e-9) - 0.5], axis=1)
+    moves = slope[:, None] * grows
+    design = np.concatenate([np.ones_like(grows[:, :1]), moves], axis=1)
+    shares = np.linalg.lstsq(design, said - model, rcond=None)[0]
+    return np.asarray(np.clip(grows @ shares[1:], -MOST_LATER_S, MOST_LATER_S))
