@@ -142,8 +142,8 @@ def case(rng: np.random.Generator, out: Path, words: list[str], k: float, kind: 
             low, high = (middle, high) if np.std(rest) < k * 1.12 else (low, middle)
         return middle
 
-    q, count_terms = p, np.zeros((len(cycle), 1))
-    order = ["hysteresis", "snap", "viscoelasticity", "creep", "lag", "multiplicative", "fatigue"]
+    q, timed, count_terms = p, p, np.zeros((len(cycle), 1))
+    order = ["hysteresis", "snap", "viscoelasticity", "creep", "lag", "delay", "multiplicative", "fatigue"]
     for word in sorted(words, key=lambda w: order.index(w) if w in order else 99):
         if word == "hysteresis":
             if rng.random() < 0.5:
@@ -164,11 +164,19 @@ def case(rng: np.random.Generator, out: Path, words: list[str], k: float, kind: 
             make = lambda a, z=n: power_law(p, a, z, seconds)  # noqa: E731
         elif word == "lag":
             make = lambda a: lagged(p, max(a, 1e-3))  # noqa: E731
+        elif word == "delay":
+            make = lambda a: np.interp(t - a, t, p)  # noqa: E731
         elif word == "multiplicative":
             tau = rng.uniform(0.3, 1.0)
             make = lambda a, z=tau: multiplicative(p, a, z)  # noqa: E731
         elif word == "fatigue":
             make = lambda a: fatigue(p, a)  # noqa: E731
+        elif word == "rezero":
+            board = LAYOUT.identities[:, 0] == rng.choice([5, 6, 7])
+            jump = (cycle > seconds * rng.uniform(0.2, 0.7))[:, None] * np.repeat(board, 12)
+            count_terms = count_terms + 2.0 * k * rng.choice([-1, 1]) * jump
+            truth.append({"effect": word})
+            continue
         elif word == "temperature":
             warm = sampled(temperature) - temperature.mean()
             u = sampled(p) / p.max()
@@ -184,11 +192,15 @@ def case(rng: np.random.Generator, out: Path, words: list[str], k: float, kind: 
             truth.append({"effect": word})
             continue
         amplitude = reach(make)
-        q = q + make(amplitude) - p
+        if word in ("lag", "delay"):  # of the electronics: the same for all taxels
+            timed = timed + make(amplitude) - p
+        else:
+            q = q + make(amplitude) - p
         truth.append({"effect": word, "amplitude": amplitude})
     load_columns = np.where(place, sampled(q)[:, None], sampled(p)[:, None])
-    scatter = rng.normal(1, 0.05, n_taxels)
+    scatter = rng.normal(1, 0.1, n_taxels)
     load_columns = sampled(p)[:, None] + scatter * (load_columns - sampled(p)[:, None])
+    load_columns += sampled(timed - p)[:, None] * place
     activation = curve(load_columns) + count_terms * place
     raw = activation + rng.normal(0, 1, activation.shape) * noise
     rest = rng.normal(240.5, 1.2, n_taxels)
@@ -290,7 +302,7 @@ def somewhere(rng: np.random.Generator) -> NDArray[np.bool_]:
     return found.ravel()
 
 
-KNOWN = ["hysteresis", "snap", "viscoelasticity", "creep", "temperature", "drift"]
+KNOWN = ["hysteresis", "snap", "viscoelasticity", "creep", "lag", "delay", "temperature", "drift", "rezero"]
 
 
 def main() -> None:
@@ -316,7 +328,7 @@ def main() -> None:
             "speeds": 2,
             "holds": True,
             "warm": True,
-            "clock": str(rng.choice(["own", "can"])),
+            "clock": "can" if {"lag", "delay"} & set(chosen) else str(rng.choice(["own", "can"])),
             "reference_noise": 300.0,
             "place": somewhere if len(chosen) == 1 and rng.random() < 0.3 else everywhere,
         }

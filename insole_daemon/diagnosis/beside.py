@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..physics.calibration import Calibration
 from ..physics.effects import laws
@@ -27,6 +28,7 @@ MOST_RATE = 1e-4  # a clock's rate error from which on it is a finding: the form
 SIGMAS = 3.0
 LEAST_MOVED = 0.25  # of a reading's noise, RMS
 LEAST_LATE_S = 0.05  # that it makes by the end, at the least
+LEAST_IN_TIME = 0.25  # of the taxels
 LEAST_TAXELS = 8  # fewer have no moment of their own: they are loose
 LEAST_OFFSET_S = 0.1  # of a reference whose rows were to go with the cycles
 
@@ -112,39 +114,49 @@ def of_clocks(insole: Insole, observed: Sequence[Observed], clocks: Array, std: 
 
 
 def of_delays(insole: Insole, observed: Sequence[Observed], located: Located) -> list[Finding]:
-    """Groups that are read later than the others, where each group's clocks were fitted with it."""
-    groups = [each for each in located.named if len(each.group.slots) >= LEAST_TAXELS and _explained(each)]
-    main = max(groups, key=lambda each: len(each.group.slots), default=None)
-    if main is None or observed[0].load.clock != "own":
-        return []
+    """Groups that are read later than the earliest, where each group's clocks were fitted with it."""
+    clocks = [
+        (each.group.slots, each.naming.best.fitted.clocks(), float(each.naming.best.std[0]))
+        for each in located.named
+        if observed[0].load.clock == "own" and len(each.group.slots) >= LEAST_TAXELS and _explained(each)
+    ]
     rest = np.setdiff1d(insole.slots, merged(each.group.slots for each in located.named))
-    if len(groups) > 1:
-        others = [each for each in groups if each is not main]
-        usual, usual_std = main.naming.best.fitted.clocks(), float(main.naming.best.std[0])
-    elif len(rest) >= LEAST_TAXELS:
+    if clocks and len(rest) >= LEAST_TAXELS:
         plain = Hypothesis(located.taxels.of_taxels(np.searchsorted(insole.slots, rest)), ())
-        others, usual, usual_std = groups, plain.fit().clocks(), 0.0
-    else:
+        clocks.append((rest, plain.fit().clocks(), 0.0))
+    # The reference is ahead or behind by any constant: what is read earliest, of a quarter at least, is read in time.
+    many = [each for each in clocks if LEAST_IN_TIME * len(insole.slots) <= len(each[0])]
+    if not many:
         return []
-    found = []
-    for each in others:
-        late_s = float(usual[0, 0] - each.naming.best.fitted.clocks()[0, 0])
-        std_s = float(np.hypot(usual_std, each.naming.best.std[0]))
-        late = each.group.slots if late_s > 0 else np.setdiff1d(insole.slots, each.group.slots)
-        slope = np.gradient(observed[0].count[:, np.isin(insole.slots, late)].mean(axis=1), observed[0].t_s)
-        moved = float(np.sqrt(np.mean(slope**2))) * abs(late_s)
-        if abs(late_s) < SIGMAS * std_s or moved < LEAST_MOVED * np.median(insole.noise_count):
+    _, usual, usual_std = max(many, key=lambda each: each[1][0, 0])
+    late: list[tuple[NDArray[np.intp], float, float]] = []
+    for slots, clock, own_std in clocks:
+        late_s, std_s = float(usual[0, 0] - clock[0, 0]), float(np.hypot(usual_std, own_std))
+        if late_s <= SIGMAS * std_s or _moved(insole, observed[0], slots, late_s) < LEAST_MOVED:
             continue
-        place = where(late, insole.slots, insole.layout)
-        found.append(
-            Finding(
-                effect="delay", foot=insole.foot, where=place, recordings=insole.recordings,
-                equation=laws()["delay"].equation, parameters={"delay_s": Quantity(abs(late_s), std_s, "s")},
-                explains=moved**2 * len(late) / len(insole.slots),
-                sentence=f"{said(place)} is read {abs(late_s) * 1e3:.0f} ms later than the rest.",
-            )
-        )  # fmt: skip
-    return found
+        same = next((i for i, (_, s, std) in enumerate(late) if abs(s - late_s) < SIGMAS * np.hypot(std, std_s)), None)
+        if same is None:
+            late.append((slots, late_s, std_s))
+        else:  # other physics beside the same delay
+            late[same] = (merged([late[same][0], slots]), *late[same][1:])
+    return [_late(insole, observed[0], *each) for each in late]
+
+
+def _late(insole: Insole, seen: Observed, slots: NDArray[np.intp], late_s: float, std_s: float) -> Finding:
+    place = where(slots, insole.slots, insole.layout)
+    moved_count = _moved(insole, seen, slots, late_s) * float(np.median(insole.noise_count))
+    return Finding(
+        effect="delay", foot=insole.foot, where=place, recordings=insole.recordings,
+        equation=laws()["delay"].equation, parameters={"delay_s": Quantity(late_s, std_s, "s")},
+        explains=moved_count**2 * len(slots) / len(insole.slots),
+        sentence=f"{said(place)} is read {late_s * 1e3:.0f} ms later than the rest.",
+    )  # fmt: skip
+
+
+def _moved(insole: Insole, seen: Observed, slots: NDArray[np.intp], late_s: float) -> float:
+    """By how much readings that come late differ from those in time: RMS, in units of a reading's noise."""
+    slope = np.gradient(seen.count[:, np.isin(insole.slots, slots)].mean(axis=1), seen.t_s)
+    return float(np.sqrt(np.mean(slope**2))) * late_s / float(np.median(insole.noise_count))
 
 
 def _explained(named: Named) -> bool:

@@ -26,7 +26,7 @@ APART = 6.0  # of that scatter: a single taxel
 SHIFT_NEAR = 0.025  # of a power of two: a wrong shift and not just a gain
 SHARPER = 0.7  # of what gain and baseline leave, that a knee has to take away
 LEAST_STIFF = 0.6  # of a reading's noise
-LEAST_KNEE_PA = 80e3  # a sole that bottoms out earlier is no sole
+KNEES = (0.2, 0.9)  # of the highest load: a knee has a curve on either side
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -130,9 +130,8 @@ def _stiffening(static: Static, noise_count: float, layout: Layout) -> Change | 
     site = Site(layout, layout.xy_m, np.zeros(1, np.intp), np.empty(0, np.int64), np.empty(0, np.int64), 0)
     still = Moments(load, np.zeros_like(load), None)
     top = float(load[-1])
-    if top < 1.3 * LEAST_KNEE_PA:
-        return None
-    for knee in np.linspace(LEAST_KNEE_PA, 0.9 * top, 15):
+    knees = np.linspace(*KNEES, 18) * top
+    for knee in knees:
         for span in np.geomspace(0.15, 20, 16) * top:
             law = STIFFENING.forward({"knee_pa": np.array([knee]), "span_pa": np.array([span])}, site)
             q = law(load[:, None], still)[:, 0]
@@ -140,7 +139,7 @@ def _stiffening(static: Static, noise_count: float, layout: Layout) -> Change | 
             if left < best[0]:
                 best = left, float(knee), float(span)
     left, knee, span = best
-    if knee <= LEAST_KNEE_PA or plain < LEAST_STIFF * noise_count or left > (1 - SHARPER) * plain:
+    if knee <= knees[0] or plain < LEAST_STIFF * noise_count or left > (1 - SHARPER) * plain:
         return None
     parameters = {"knee_pa": (knee, 0.05 * top), "span_pa": (span, 0.2 * span)}
     return Change("stiffening", static.slots, parameters, plain)

@@ -80,6 +80,34 @@ def test_a_board_that_took_its_baselines_anew_beside_memory(tmp_path):
     assert rezero.parameters["shift_count"].value == pytest.approx(8.0, abs=0.5)
 
 
+def test_a_board_that_is_read_late_beside_one_that_relaxes(tmp_path):
+    def late(t_s, counts):
+        own = np.repeat(LAYOUT.identities[:, 0] == 5, 12)
+        later = np.searchsorted(t_s, np.maximum(t_s - 0.12, t_s[0]))
+        counts[:, own] = counts[later][:, own]
+
+    where = np.repeat(LAYOUT.identities[:, 0] == 6, 12)
+    diagnosis = found(write(tmp_path / "both", relaxing(0.4, 0.8), where, late, clock="own"))
+    places = {finding.effect: finding.where for finding in diagnosis.findings}
+    assert places == {"viscoelasticity": Where("board", ((6,),)), "delay": Where("board", ((5,),))}
+    assert len(diagnosis.findings) == 2
+    (delay,) = [finding for finding in diagnosis.findings if finding.effect == "delay"]
+    assert delay.parameters["delay_s"].value == pytest.approx(0.12, abs=0.01)
+
+
+def test_a_sole_that_bottoms_out_early_in_what_was_loaded(tmp_path):
+    knee_pa, span_pa = 75e3, 100e3
+
+    def bottoming(t_s, p):
+        over = np.maximum(p - knee_pa, 0.0)
+        return np.minimum(p, knee_pa) + over * span_pa / (span_pa + over)
+
+    diagnosis = found(write(tmp_path / "stiff", bottoming))
+    (stiffening,) = [finding for finding in diagnosis.findings if finding.effect == "stiffening"]
+    assert stiffening.parameters["knee_pa"].value == pytest.approx(knee_pa, rel=0.2)
+    assert set(words(diagnosis)) <= {"stiffening", "gain", "baseline"}
+
+
 def test_what_no_name_fits_is_unknown_with_an_equation(tmp_path):
     def stiffer_the_faster(t_s, p):
         return p * (1 + 0.25 * np.tanh(np.abs(np.gradient(p, t_s)) / 40e3))
