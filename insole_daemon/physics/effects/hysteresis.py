@@ -8,18 +8,21 @@ samples only: so it is exact. The inverse is again such a sum, with
     r'_j = w_0·r_j + Σ_(i<j) w_i·(r_j − r_i),   w'_0 = 1/w_0,   w'_j = 1/(w_0 + … + w_j) − 1/(w_0 + … + w_(j−1))
 
 A count of noise is several kPa and drags small plays about. So live, what there is to correct is worked out from
-readings that are SMOOTHED_S smooth, and added to the reading as it is: f_z of a walk is nearest to its load at about a
-tenth of a second (benchmarks/compensation.py), and nothing arrives later for it.
+smoother readings and added to the reading as it is: nothing arrives later for it. They are smoothed over NEAR taxels,
+which costs no time, and over SMOOTHED_S: more would know too late that a load turns.
 """
 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
+from ...skin.geometry import N_TAXELS, PRESSURE_TAXELS
 from ..law import MOST_SHARED, Array, Law, Moments, Operator, Parameter, Site, Values, wrong_sum
 from ..relaxation import Relaxation
 
-SMOOTHED_S = 0.1
+NEAR = 7  # a taxel and the six around it
+SMOOTHED_S = 0.02
 
 
 class _Plays:
@@ -62,12 +65,22 @@ def _inverse(values: Values, site: Site) -> Operator:
 def _live(values: Values, site: Site) -> Operator:
     smooth = Relaxation(np.zeros(1), np.ones((1, 1)), np.full((1, 1), SMOOTHED_S))
     inverse = _inverse(values, site)
+    near = _nearest(site)
 
     def live(x: Array, moments: Moments) -> Array:
-        smoothed = smooth(x, moments)
+        smoothed = smooth(x[:, near].mean(axis=2), moments)
         return x + (inverse(smoothed, moments) - smoothed)
 
     return live
+
+
+def _nearest(site: Site) -> NDArray[np.intp]:
+    """(m, NEAR) of every column those of the nearest taxels that bear pressure, its own among them; fewer if few."""
+    at_m = site.xy_m.reshape(-1, 2)[site.columns]
+    apart_m = np.linalg.norm(at_m[:, None] - at_m, axis=2)
+    apart_m[:, ~PRESSURE_TAXELS[site.columns % N_TAXELS]] = np.inf
+    found: NDArray[np.intp] = np.argsort(apart_m, axis=1, kind="stable")[:, :NEAR]
+    return found
 
 
 LAW = Law(
