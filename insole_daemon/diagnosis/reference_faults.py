@@ -25,7 +25,8 @@ SIGMAS = 4.0
 MOST_STEPS = 3
 TAKES = 0.85  # of the mismatch, that a step has to take away: else it comes again, and is physics
 SETTLES = 0.1  # of it, that a drift may leave
-SHARPER = 0.7  # of what a drift of the counts leaves, that one of the reference may leave
+AS_WELL = 1.2  # times what a drift of the counts leaves, that one of the reference may leave: it has one course for all
+HIDDEN = 0.01  # of the mismatch: where noise alone says as much, the two are not told apart
 MOST_OF = 0.75  # of the taxels: a reference is the same for all
 NEAR_S = 0.3  # how far a step may be from where it was seen first
 KNOT_S, MOST_KNOTS = 5.0, 60
@@ -68,10 +69,11 @@ def without_drift(
     evidence, naming = main.group.evidence, main.naming
     alone = next((each for each in naming.tried if each.words == ("drift",)), naming.best)
     wandering, fitted = _wandering(evidence, naming.null.fitted.theta, knots_s)
-    # Judged where both were fitted, which flatters the drift: it has a course for every taxel.
+    # Judged where both were fitted, which flatters the drift: it has a course for every taxel. One course, by the slope
+    # of each taxel's curve, leaves as little only where the load is off: taxels answer differently to a load.
     left = (fitted.mean_square() - naming.floor) / naming.excess
     chance = SIGMAS * naming.floor * float(np.sqrt(2.0 / evidence.y.size)) / naming.excess
-    if left > min(SHARPER * alone.left, alone.left - chance, SETTLES):
+    if left > min(AS_WELL * alone.left, SETTLES) or chance > HIDDEN:
         return nothing
     wandering, fitted = _wandering(evidence, fitted.theta[: len(naming.null.fitted.theta)], _closer)
     explains = main.group.per_taxel((1.0 - max(left, 0.0)) * naming.excess) * float(np.mean(noise_count**2))

@@ -40,9 +40,10 @@ def test_a_reference_that_stepped(tmp_path, clock):
     assert diagnosis.heldout["after"] < 1.02 * diagnosis.heldout["floor"]
 
 
-def test_a_reference_that_drifted(tmp_path):
+@pytest.mark.parametrize("size_pa", [60e3, 20e3])  # far enough to bend the curves, and where they are straight
+def test_a_reference_that_drifted(tmp_path, size_pa):
     def reference(t_s, p):
-        return p + 60e3 * np.interp(t_s, *COURSE)
+        return p + size_pa * np.interp(t_s, *COURSE)
 
     diagnosis = found(write(tmp_path / "drifted", reference=reference, seconds=60.0))
     assert [each.effect for each in diagnosis.findings] == ["reference_fault"]
