@@ -125,7 +125,8 @@ def diagnose(
     curves = explained.curves(insole, located, parts)
     sure, handed_in = (explained.curves(insole, located, parts, sure=True) if mapped is None else curves), None
     if mapped is not None and model is not None:
-        sure, handed_in = _continued(curves, model, located, parts, noise)
+        curves, handed_in = _continued(curves, model, located, parts, noise)
+        sure = curves
     before, after = explained.held_out(insole, located, parts)
     findings, effects = explained.findings(insole, parts)
     if mapped is not None:
