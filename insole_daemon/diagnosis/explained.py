@@ -20,7 +20,7 @@ from .discovery import discover
 from .finding import Finding, Quantity
 from .fit import Fitted, Hypothesis
 from .groups import Located, Named
-from .modelling import FAMILY, N_LOADS, Curves, as_effect, quantities
+from .modelling import FAMILIES, N_LOADS, Curves, as_effect, quantities
 from .places import merged, said, where
 from .regimes import gained, regime, when
 
@@ -181,7 +181,7 @@ def _amplitude(hypothesis: Hypothesis, fitted: Fitted, at: int, std: Array, own:
     middle = fraction(values)
     nudged = [np.clip(values + step, candidate.low, candidate.high) for step in np.diag(std)]
     moved = float(np.sqrt(sum((fraction(theta) - middle) ** 2 for theta in nudged)))
-    return Quantity(middle, float(np.hypot(moved, FAMILY * middle)), "1")
+    return Quantity(middle, float(np.hypot(moved, FAMILIES["amplitude_fraction"] * middle)), "1")
 
 
 def _span(x: Array) -> float:
