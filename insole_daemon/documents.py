@@ -355,7 +355,7 @@ def _words(hint: Any) -> str:
     names = {
         int: "a whole number", float: "a finite number", str: "text", bool: "true or false",
         tuple: "a list", Path: "the path of a file", Mapping: "a map",
-        Literal: f"one of {', '.join(map(str, kind.args))}",
+        Literal: f"one of {', '.join(map(str, kind.args))}", Any: "a value",
     }  # fmt: skip
     name = "a map of keys" if kind.section else names.get(kind.base) or kind.base.EXPECTED
     return name + "".join(limit.words for limit in kind.limits)

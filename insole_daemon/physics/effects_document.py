@@ -23,6 +23,7 @@ from .effects import laws
 from .law import Array, Law, Scope
 
 FORMAT = "insole-effects/1"
+_LARGEST = 2**1023  # of numbers that a float can be
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -118,17 +119,25 @@ def _quantities(
         given[name] = found.value
         if found.unit != units[name]:
             wrong.append(((name, "unit"), f'expected the unit "{units[name]}", found "{found.unit}"'))
-        if found.std is not None:
-            try:
-                std[name] = np.array(found.std, float)
-            except (TypeError, ValueError):
-                std[name] = np.empty(0)
-            if std[name].shape != np.shape(found.value) or not (std[name] >= 0).all():
+        value = _array(found.value)
+        if found.std is not None and value is not None:  # what is no value is told below
+            of_value = _array(found.std)
+            if of_value is None or of_value.shape != value.shape or not (of_value >= 0).all():
                 wrong.append(((name, "std"), "expected a number of at least 0 for each of the value"))
+            else:
+                std[name] = of_value
     for at, message in wrong_values(law, given):
         if at[0] not in unread:
             wrong.append(((at[0], "value", *at[1:]) if at[0] in given and at[0] in units else at, message))
     return given, std, wrong
+
+
+def _array(raw: Any) -> Array | None:
+    """Numbers as a file has them, None where they are none, or too large, or lists of different lengths."""
+    try:
+        return np.array(raw, float)
+    except (TypeError, ValueError, OverflowError):
+        return None
 
 
 def _wrong_pair(pair: Any, where: Where, layout: Layout) -> list[tuple[Key, str]]:
@@ -149,7 +158,7 @@ def _is_range(limits: Any) -> bool:
     return (
         isinstance(limits, list)
         and len(limits) == 2
-        and all(isinstance(limit, int | float) and not isinstance(limit, bool) for limit in limits)
+        and all(type(limit) in (int, float) and abs(limit) < _LARGEST for limit in limits)
         and limits[0] <= limits[1]
     )
 

@@ -1,8 +1,10 @@
-"""Good inputs made bad: what hypothesis draws for a parser of bytes."""
+"""Good inputs made bad: what hypothesis draws for a parser of bytes, and for one of maps and lists."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import copy
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 from hypothesis import strategies as st
 
@@ -32,3 +34,36 @@ def _edited(seed: bytes, edits: list[Edit]) -> bytes:
         place = at * (len(seed) + 1) // 1_000_000
         seed = seed[:place] + new + seed[place + gone :]
     return seed or b"\0"
+
+
+# What may stand where something else is meant: other types, lists of other shapes, words that mean something elsewhere.
+VALUES = (
+    None, True, 0, -1, 16, 255, 1.5, 1e300, 10**30, 10**400, float("inf"), float("nan"), "", "x", "taxel",
+    "hysteresis", "swapped_triangles", [], [[]], [1], [1, [2]], [[1], [2, 3]], [[1, 2], [3, 4]], ["a"], [None],
+    [10**400], [[5, 0, 0]], [[5, 0], [6, 4]], {}, {"a": 1}, {"value": 1, "unit": "s"}, {"unit": "s"},
+    {"value": [1, [2]], "std": 1, "unit": "s"},
+)  # fmt: skip
+
+
+def bent(documents: Sequence[Any]) -> st.SearchStrategy[Any]:
+    """One of `documents`, plain maps and lists, with another value at some place."""
+    places = [(document, path) for document in documents for path in _paths(document)]
+    return st.builds(_put, st.sampled_from(places), st.sampled_from(VALUES))
+
+
+def _paths(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    yield path
+    keys = value if isinstance(value, dict) else range(len(value)) if isinstance(value, list) else ()
+    for key in keys:
+        yield from _paths(value[key], (*path, key))
+
+
+def _put(place: tuple[Any, tuple[Any, ...]], new: Any) -> Any:
+    document, path = copy.deepcopy(place[0]), place[1]
+    if not path:
+        return new
+    inside = document
+    for key in path[:-1]:
+        inside = inside[key]
+    inside[path[-1]] = new
+    return document

@@ -127,6 +127,31 @@ def test_how_deep_plain_values_go():
     assert not is_plain(nested(MAX_DEPTH + 1))
 
 
+@pytest.mark.parametrize(
+    ("of_effect", "words"),
+    [
+        ({"parameters": {"tau_s": {"value": [[1], [2, 3]], "std": 1, "unit": "s"}}}, "tau_s.value: expected a number"),
+        ({"parameters": {"tau_s": {"value": 0.03, "std": [[1], [2, 3]], "unit": "s"}}}, "tau_s.std: expected a number"),
+        ({"parameters": {"tau_s": {"value": 0.03, "std": 10**400, "unit": "s"}}}, "tau_s.std: expected a number"),
+        ({"parameters": {"tau_s": {"unit": "s"}}}, "tau_s.value: missing key: expected a value"),
+        ({"valid_range": {"pressure_pa": [0, 10**400]}}, "valid_range.pressure_pa: expected two numbers"),
+    ],
+)
+def test_an_effect_of_other_shapes_is_refused(of_effect, words):
+    model = json.loads(seeds.calibration()[-1])
+    model["effects"][0] |= of_effect
+    with pytest.raises(InsoleError, match=words):
+        TARGETS["calibration-json"].take(json.dumps(model).encode())
+
+
+@pytest.mark.parametrize("limits", [["a", 1], [0, 10**400], [0, None]])
+def test_a_valid_range_of_no_numbers_is_refused(limits):
+    calibration = json.loads(seeds.calibration()[0])
+    calibration["taxels"][0]["extensions"]["valid_range"]["activation_count"] = limits
+    with pytest.raises(InsoleError, match="two numbers that ascend"):
+        TARGETS["calibration-json"].take(json.dumps(calibration).encode())
+
+
 def test_a_verb_that_is_no_text_is_no_mistake_of_ours():
     operations = BoardOperations(None, lambda *_: None)
     for verb in (["list"], {"list": 1}, None, 3):

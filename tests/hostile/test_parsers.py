@@ -5,14 +5,16 @@ The targets are those of the coverage-guided fuzzing (`python -m benchmarks.fuzz
 
 from __future__ import annotations
 
+import json
 import time
 
 import pytest
+import yaml
 from hypothesis import HealthCheck, given, settings
 
 from benchmarks.fuzz.targets import TARGETS
 from insole_daemon.errors import InsoleError
-from tests.hostile.damage import damaged
+from tests.hostile.damage import bent, damaged
 
 LONGEST_CPU_S = 1.0
 
@@ -42,5 +44,18 @@ def test_what_is_bad_is_refused_in_our_words(name):
     @given(damaged(TARGETS[name].seeds()))
     def refuses(data):
         taken(name, data)
+
+    refuses()
+
+
+@pytest.mark.parametrize("name", ["config-yaml", "recording-yaml", "layout-yaml", "calibration-json", "zero-json"])
+def test_documents_that_say_something_else_are_refused_in_our_words(name):
+    """JSON is YAML; of damaged bytes few are one any more."""
+    documents = [yaml.safe_load(seed) for seed in TARGETS[name].seeds()]
+
+    @settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
+    @given(bent(documents))
+    def refuses(document):
+        taken(name, json.dumps(document).encode())
 
     refuses()
