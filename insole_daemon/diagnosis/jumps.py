@@ -7,7 +7,7 @@ snaps does so again in every cycle.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from ..skin.geometry import N_TAXELS
 from .observed import Observed, stretches
 
 SIDE_S = 0.8  # of the means on either side
+NEAR_S = 0.25  # of its moment, within which a jump was seen first
 SIGMAS = 6.0
 LEAST_COUNT = 0.8
 MOST_JUMPS = 4  # of one insole in one recording: what happens more often is physics
@@ -52,6 +53,19 @@ def strongest(observed: Observed, residual_count: Array) -> Jump | None:
         if abs(step[p]) > least and larger and _abrupt(own, p, side):
             found = Jump(float(t[p]), (board,), -float(step[p]))
     return found
+
+
+def nearer(observed: Observed, residual_count: Array, jump: Jump, moved_count: float) -> Jump:
+    """The jump at the moment at which it happened, by what is left (n, m) beside one that moves by `moved_count`.
+
+    Activations, in counts: what is left between the moment that was taken and the right one is the jump itself.
+    """
+    mean, boards = _boards(observed, residual_count)
+    (own,) = (each for each, board in zip(mean.T, boards, strict=True) if board in jump.boards)
+    start, end = observed.edge_s
+    near = np.abs(observed.t_s - jump.t_s) < NEAR_S
+    late_s = -float(np.sum((own * (end - start))[near])) / moved_count
+    return replace(jump, t_s=jump.t_s + float(np.clip(late_s, -NEAR_S, NEAR_S)))
 
 
 def abrupt(t_s: Array, x: Array) -> float | None:
@@ -118,10 +132,11 @@ def despiked(time_s: Array, pressure_pa: Array) -> tuple[Array, NDArray[np.bool_
 
 
 def columns(observed: Sequence[Observed], found: Sequence[Sequence[Jump]]) -> Array:
-    """(n, j) a column for every jump: 1 from its moment on, in its recording."""
+    """(n, j) a column for every jump: in its recording, what part of each block comes after its moment."""
     every = [(i, jump) for i, own in enumerate(found) for jump in own]
     ends = np.cumsum([0, *(len(each.first) for each in observed)])
     made = np.zeros((ends[-1], len(every)))
     for j, (i, jump) in enumerate(every):
-        made[ends[i] : ends[i + 1], j] = observed[i].t_s >= jump.t_s
+        start, end = observed[i].edge_s
+        made[ends[i] : ends[i + 1], j] = np.clip((end - jump.t_s) / (end - start), 0.0, 1.0)
     return made

@@ -55,10 +55,12 @@ def rezeroed(
                 break
             tried = [*found[:i], [*found[i], jump], *found[i + 1 :]]
             after, moves = _left(parts, observed, slots, noise_count, tried)
+            jump = jumping.nearer(each, after[i], jump, _whole(moves, tried, i, boards))
+            tried = [*found[:i], [*found[i], jump], *found[i + 1 :]]
+            after, moves = _left(parts, observed, slots, noise_count, tried)
             before = jumping.unrest(each, residual[i], jump.boards)
             settles = jumping.unrest(each, after[i], jump.boards) < jumping.SETTLES * before
-            whole = float(np.mean(moves[sum(map(len, tried[: i + 1])) - 1][np.isin(boards, jump.boards)]))
-            if not settles or abs(jump.shift_count) < jumping.AT_ONCE * abs(whole):
+            if not settles or abs(jump.shift_count) < jumping.AT_ONCE * abs(_whole(moves, tried, i, boards)):
                 break  # it happens again and again, or little by little: physics
             found, residual, moved = tried, after, moves
     rows = iter(moved)
@@ -68,6 +70,12 @@ def rezeroed(
     ]
     # What was nearest before a larger one was known may be nothing beside it.
     return [[jump for jump in own if abs(jump.shift_count) > jumping.LEAST_COUNT / 2] for own in sized]
+
+
+def _whole(moves: Array, tried: Sequence[Sequence[Jump]], i: int, boards: NDArray[np.uint8]) -> float:
+    """How far the last jump of recording `i` moves its board: activation, counts."""
+    at = sum(map(len, tried[: i + 1])) - 1
+    return float(np.mean(moves[at][np.isin(boards, tried[i][-1].boards)]))
 
 
 def _parts(
