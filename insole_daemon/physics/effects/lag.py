@@ -1,9 +1,9 @@
 """A first-order lag: what arrives follows the load with one time constant.
 
-Live it is undone only as far as pays: (1 + τ·s)/(1 + τ_f·s) has a gain of at most τ/τ_f, and what is left is a lag of
-τ_f, of which all but the second order is a delay and stamped away as one. Error by noise goes with τ/τ_f, by what is
-left with τ_f²; with a count of noise a walk is nearest to its load about where τ_f = √(τ · ROLL_OFF_S), a gain of 1.6
-at 20 ms and 3.2 at 80 ms. A lag below ROLL_OFF_S is only stamped away. (benchmarks/compensation.py)
+Live it is undone only as far as pays: (1 + τ·s)/(1 + τ_f·s/2)². What is left are two lags of τ_f/2, of which all but
+the second order is a delay of τ_f and stamped away as one; of a single lag of τ_f the second order would be twice as
+large, and more of the noise would come through. τ_f = √(τ · ROLL_OFF_S), at most τ: with a count of noise more gain
+makes a walk worse, with less noise it would pay (benchmarks/compensation.py).
 """
 
 from __future__ import annotations
@@ -66,15 +66,17 @@ def _inverse(values: Values, site: Site) -> Operator:
 
 
 def _left_s(values: Values) -> Array:
-    """(m,) or (1,) the time constant that is left."""
+    """(m,) or (1,) by how much it is late that is left."""
     left_s: Array = np.minimum(values["tau_s"], np.sqrt(values["tau_s"] * ROLL_OFF_S))
     return left_s
 
 
 def _live(values: Values, site: Site) -> Operator:
-    left_s = _left_s(values)
-    gain = values["tau_s"] / left_s
-    return Relaxation(gain, 1.0 - gain[None], left_s[None])
+    half_s = _left_s(values) / 2
+    gain = values["tau_s"] / half_s
+    lead = Relaxation(gain, 1.0 - gain[None], half_s[None])
+    smooth = Relaxation(np.zeros(1), np.ones((1, 1)), half_s[None])
+    return lambda x, moments: lead(smooth(x, moments), moments)
 
 
 LAW = Law(
