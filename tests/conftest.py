@@ -87,6 +87,12 @@ class RunningDaemon:
             ),
         )
         layouts = [load_layout(insole) for insole in config.insoles]
+        with self.played(Emulator(config, layouts, load(layouts), **further)) as emulator:
+            yield emulator
+
+    @contextlib.contextmanager
+    def played(self, emulator: Emulator) -> Iterator[Emulator]:
+        """What `emulator` sends, until the block ends."""
         sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         sock.connect(("127.0.0.1", self.port))
 
@@ -96,7 +102,6 @@ class RunningDaemon:
                     sock.send(row.tobytes())
 
         stop = threading.Event()
-        emulator = Emulator(config, layouts, load(layouts), **further)
         thread = threading.Thread(target=emulator.play, args=(send, stop))
         thread.start()
         try:
