@@ -103,12 +103,11 @@ def diagnose(
     admitted = {word: each for word, each in every.items() if each.needs(excited) is None}
     jumps = jumping.columns(observed, found_jumps)
     located = locate(observed, admitted, noise, jumps, deadline, progress)
-    if _drifts(located):  # it may have been at once, and physics hid that
-        more = rezeroed(observed, slots, noise, found_jumps, located)
-        columns = jumping.columns(observed, more)
-        again = locate(observed, admitted, noise, columns, deadline, progress) if columns.size > jumps.size else located
-        if not _drifts(again):
-            located, found_jumps, jumps = again, more, columns
+    if _drifts(located) or any(found_jumps):  # it may have been at once, and more or less than without physics
+        found_jumps = rezeroed(observed, slots, noise, found_jumps, located)
+        looked_at, jumps = jumps, jumping.columns(observed, found_jumps)
+        if not np.array_equal(looked_at, jumps):
+            located = locate(observed, admitted, noise, jumps, deadline, progress)
     if simulation is None:
         observed, drifts = without_drift(observed, noise, located)
         if drifts:

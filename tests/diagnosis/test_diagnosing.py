@@ -80,6 +80,21 @@ def test_a_board_that_took_its_baselines_anew_beside_memory(tmp_path):
     assert rezero.parameters["shift_count"].value == pytest.approx(8.0, abs=0.5)
 
 
+def test_a_board_that_took_its_baselines_anew_while_all_drift(tmp_path):
+    def touch(t_s, counts):
+        counts -= 12.0 * (1.0 - np.exp(-t_s / 20.0))[:, None]
+        counts[np.ix_(t_s >= 41.0, np.repeat(LAYOUT.identities[:, 0] == 6, 12))] += 6.0
+
+    diagnosis = found(write(tmp_path / "both", touch=touch))
+    (rezero,) = [finding for finding in diagnosis.findings if finding.effect == "rezero"]
+    assert rezero.where == Where("board", ((6,),))
+    assert rezero.parameters["t_s"].value == pytest.approx(40.95, abs=0.05)  # since the first cycle, at 0.05 s
+    assert rezero.parameters["shift_count"].value == pytest.approx(6.0, abs=0.5)
+    (drift,) = [finding for finding in diagnosis.findings if finding.effect == "drift"]
+    assert drift.where == Where()
+    assert diagnosis.heldout["after"] < 1.05 * diagnosis.heldout["floor"]
+
+
 def test_a_board_that_is_read_late_beside_one_that_relaxes(tmp_path):
     def late(t_s, counts):
         own = np.repeat(LAYOUT.identities[:, 0] == 5, 12)
