@@ -33,6 +33,7 @@ from .fit import Hypothesis
 from .groups import Located, locate
 from .observed import Observed
 from .observing import observe
+from .one_cause import of_one_cause
 from .outcome import Outcome, verdict
 from .reference_faults import Fault, without_drift, without_steps
 from .rezeros import rezeroed
@@ -115,7 +116,7 @@ def diagnose(
             located = locate(observed, admitted, noise, jumps, deadline, progress)
     progress("asking every recording, and decoys")
     tested = tuple(challenged(agreed(each, admitted, deadline)) for each in located.named)
-    located = replace(located, named=tested)
+    located = replace(located, named=of_one_cause(tested, excited))
     decided = [carried(each, decide(each.naming, excited, each.group.evidence.y.size)) for each in located.named]
     progress("fitting the model")
     names = tuple(each.name for each in observed)
