@@ -77,20 +77,21 @@ class Part:
     @cached_property
     def loops(self) -> dict[int, Array]:
         """By board, (n, 3, k) the sum of x − play_r[x] for each of RADII_PA."""
-        return self._loops(plays(self.courses_pa, RADII_PA))
+        return self._loops(1)
 
     @cached_property
     def backwards(self) -> dict[int, Array]:
         """As `loops`, of time reversed: as good at averaging, and no physics."""
-        return self._loops(plays(self.courses_pa[::-1], RADII_PA)[:, ::-1])
+        return self._loops(-1)
 
-    def _loops(self, gone: Array) -> dict[int, Array]:
+    def _loops(self, way: int) -> dict[int, Array]:
         boards, arms = self.walk.boards, self.walk.arms
-        rows = -gone[:, ::EVERY]
-        return {
-            int(b): np.moveaxis(rows[..., boards == b] @ arms[boards == b], 0, -1) / self.noise[:, None]
-            for b in np.unique(boards)
-        }
+        found: dict[int, list[Array]] = {int(b): [] for b in np.unique(boards)}
+        for radius_pa in RADII_PA[:, None]:  # one at a time: all of them, of ten minutes, are gigabytes
+            rows = -plays(self.courses_pa[::way], radius_pa)[0, ::way][::EVERY]
+            for board, sums in found.items():
+                sums.append(rows[:, boards == board] @ arms[boards == board] / self.noise)
+        return {board: np.stack(sums, axis=-1) for board, sums in found.items()}
 
     def late(self, boards: Sequence[int], tau_s: float, backwards: bool = False) -> Array:
         """(n, 3) the sum of x − z with τ·dz/dt = x − z over the taxels of `boards`."""
