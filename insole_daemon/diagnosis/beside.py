@@ -100,17 +100,24 @@ def of_clocks(insole: Insole, observed: Sequence[Observed], clocks: Array, std: 
         moved = slope * ((offset if each.paired_by_row else 0.0) + rate * t)
         if np.sqrt(np.mean(moved**2)) < LEAST_MOVED * np.median(insole.noise_count):
             continue
-        ahead = f", and {offset:+.2f} s ahead of its rows at the beginning" if each.paired_by_row else ""
+        ahead = ""
+        if each.paired_by_row:
+            ahead = f", and {abs(offset):.2f} s {_way(offset, 'ahead of', 'behind')} its rows at the beginning"
         findings.append(
             Finding(
                 effect="clock", foot=insole.foot, where=where(each.slots, each.slots, each.layout),
                 recordings=(each.name,), equation=laws()["clock"].equation,
                 parameters={"offset_s": Quantity(offset, offset_std, "s"), "rate": Quantity(rate, rate_std, "1")},
                 explains=float(np.mean(moved**2)),
-                sentence=f"The reference's clock of {each.name} runs {rate:+.3%} fast{ahead}.",
+                sentence=f"The reference's clock of {each.name} runs {abs(rate):.3%} {_way(rate, 'fast', 'slow')}"
+                f"{ahead}.",
             )
         )  # fmt: skip
     return findings
+
+
+def _way(value: float, positive: str, negative: str) -> str:
+    return positive if value > 0 else negative
 
 
 def of_delays(insole: Insole, observed: Sequence[Observed], located: Located) -> list[Finding]:
