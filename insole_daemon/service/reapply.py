@@ -144,6 +144,7 @@ class _Keeper:
             step, seen = yield from boards.apply(step, forgot, load.words)
         finally:
             boards.occupied = None
+            self._counted = None  # what came meanwhile is neither what it was nor what it will be
         for address in sorted(forgot):
             self._tell_verdict(address, seen[address])
         return step
