@@ -1,0 +1,77 @@
+"""Taxels and triangles without a contact: what says one number for ever, leaps, or fails all together."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..physics.law import Array
+from .observed import stretches
+
+SAME_S = 4.0  # a working taxel does not say one number for so long while the load moves
+MOVED = 0.15  # of the insole's range: the load moved
+OPEN_S = 0.3  # how long a triangle is silent before it is called open
+OPEN_TAXELS = 8  # of a triangle's ten that fail together: the triangle has lost contact
+# Further than the other taxels from one cycle to the next, and how often: a loose contact.
+LEAP_COUNT, LEAPS = 45.0, 2
+MOVES_S, MOVES = 0.2, 0.02  # before and after a leap, by what part of the insole's range the load moves
+
+
+def silent(counts: Array, valid: NDArray[np.bool_], t_s: Array, mean: Array) -> NDArray[np.bool_]:
+    """(n, m) not to be believed, or one number for long while the load moved, and not for the load's sake."""
+    dead = ~valid
+    for i in range(counts.shape[1]):
+        change = np.flatnonzero(np.diff(counts[:, i]) != 0)
+        starts, ends = np.append(0, change + 1), np.append(change, len(t_s) - 1)
+        for a, b in zip(starts[t_s[ends] - t_s[starts] > SAME_S], ends[t_s[ends] - t_s[starts] > SAME_S], strict=True):
+            if np.ptp(mean[a : b + 1]) > MOVED:
+                dead[a : b + 1, i] = True
+        dead[_beyond(counts[:, i], mean), i] = False
+    return dead
+
+
+def _beyond(count: Array, mean: Array) -> NDArray[np.bool_]:
+    """(n,) cycles in which a taxel stands at an end of its range because the load, or its rest count, is beyond it.
+
+    It comes there and leaves step by step, where a line that breaks gets there in one leap, and is at 0 while the
+    insole bears more than else, `mean` (n,) of its range, and at 255 while it bears less.
+    """
+    found = np.zeros(len(count), bool)
+    for end, sign in ((0, 1), (255, -1)):
+        there = np.zeros(len(count), bool)
+        for a, b in stretches(count == end):
+            sides = [count[row] for row in (a - 1, b + 1) if 0 <= row < len(count)]
+            there[a : b + 1] = bool(sides) and all(abs(side - end) <= LEAP_COUNT for side in sides)
+        if there.any() and not there.all() and sign * (np.median(mean[there]) - np.median(mean[~there])) > 0:
+            found |= there
+    return found
+
+
+def loose(counts: Array, valid: NDArray[np.bool_], mean: Array, t_s: Array, steps: bool) -> NDArray[np.bool_]:
+    """(m,) taxels that leapt alone from one cycle to the next, several times, and half of the time not with the load.
+
+    What snaps leaps as well, but down in counts while it is loaded, and up while it is unloaded. Where a heel strikes,
+    some taxels leap and the others do not; but then they bear that load for a while: of `steps` only what leaps back at
+    once counts.
+    """
+    change = np.diff(counts, axis=0)
+    change -= np.median(change, axis=1, keepdims=True)
+    leaps = (np.abs(change) > LEAP_COUNT) & valid[1:] & valid[:-1]
+    if steps:
+        leaps[1:] &= leaps[:-1] & (change[1:] * change[:-1] < 0)
+        leaps[0] = False
+    side = max(round(MOVES_S / float(np.median(np.diff(t_s)))), 1)
+    rows = np.arange(len(change))
+    went = mean[np.minimum(rows + 1 + side, len(mean) - 1)] - mean[np.maximum(rows - side, 0)]
+    along = leaps & (change * went[:, None] < 0) & (np.abs(went) > MOVES)[:, None]
+    found: NDArray[np.bool_] = (leaps.sum(axis=0) >= LEAPS) & (2 * along.sum(axis=0) <= leaps.sum(axis=0))
+    return found
+
+
+def opened(open_now: NDArray[np.bool_], t_s: Array) -> list[int]:
+    """Rows of triangles most of whose taxels (n, n_triangles, 12) say nothing for OPEN_S or longer."""
+    together = open_now.sum(axis=2) >= OPEN_TAXELS
+    return [
+        row for row in range(together.shape[1])
+        if any(t_s[b] - t_s[a] >= OPEN_S for a, b in stretches(together[:, row]))
+    ]  # fmt: skip
