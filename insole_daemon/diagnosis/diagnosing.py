@@ -25,6 +25,7 @@ from .carried import carried
 from .continued import continued
 from .deciding import RECORD, TWINS, Decided, decide, shown
 from .decoys import challenged
+from .evidence import Taxels
 from .excitation import excitation
 from .explained import Insole
 from .feet import choose
@@ -99,21 +100,23 @@ def diagnose(
     faults: list[Fault] = []
     if simulation is None:
         observed, faults = without_steps(observed, noise)
-    found_jumps = rezeroed(observed, slots, noise)
+    taxels = Taxels(tuple(observed), slots, noise)
+    found_jumps = rezeroed(taxels)
     every = candidates(excited)
     admitted = {word: each for word, each in every.items() if each.needs(excited) is None}
     jumps = jumping.columns(observed, found_jumps)
-    located = locate(observed, admitted, noise, jumps, deadline, progress)
+    located = locate(taxels, admitted, jumps, deadline, progress)
     if _drifts(located) or any(found_jumps):  # it may have been at once, and more or less than without physics
-        found_jumps = rezeroed(observed, slots, noise, found_jumps, located)
+        found_jumps = rezeroed(taxels, found_jumps, located)
         looked_at, jumps = jumps, jumping.columns(observed, found_jumps)
         if not np.array_equal(looked_at, jumps):
-            located = locate(observed, admitted, noise, jumps, deadline, progress)
+            located = locate(taxels, admitted, jumps, deadline, progress)
     if simulation is None:
         observed, drifts = without_drift(observed, noise, located)
         if drifts:
             faults += drifts
-            located = locate(observed, admitted, noise, jumps, deadline, progress)
+            taxels = replace(taxels, observed=tuple(observed))
+            located = locate(taxels, admitted, jumps, deadline, progress)
     progress("asking every recording, and decoys")
     tested = tuple(challenged(agreed(each, admitted, deadline)) for each in located.named)
     located = replace(located, named=of_one_cause(tested, excited))

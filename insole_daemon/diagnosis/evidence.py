@@ -24,6 +24,29 @@ ASKED = 12  # taxels that speak for all where each has a load of its own: those 
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Taxels:
+    """Some taxels of one insole in its recordings, to be explained."""
+
+    observed: tuple[Observed, ...]
+    slots: NDArray[np.intp]  # (m,)
+    noise_count: Array  # (m,) of a reading
+
+    def some(self, columns: NDArray[np.intp] | NDArray[np.bool_]) -> Taxels:
+        """The taxels `columns` of them."""
+        return Taxels(self.observed, self.slots[columns], self.noise_count[columns])
+
+    def at(self, slots: NDArray[np.intp]) -> Taxels:
+        """Those of them with these slots."""
+        return self.some(np.searchsorted(self.slots, slots))
+
+    @property
+    def boards(self) -> NDArray[np.uint8]:
+        """(m,) address of the board of each."""
+        found: NDArray[np.uint8] = self.observed[0].layout.identities[:, 0][self.slots // N_TAXELS]
+        return found
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Group:
     """Some taxels of all recordings, as evidence."""
 
@@ -40,14 +63,12 @@ class Group:
         return float(mean_square * self.evidence.y.shape[1] / len(self.slots))
 
 
-def gather(observed: Sequence[Observed], slots: NDArray[np.intp], noise_count: Array, jumps: Array) -> Group:
-    """The taxels `slots`; `noise_count` (m,) of a reading, whose units everything is in;
-    `jumps` (n, j) the columns of what happened once.
-    """
-    found = []
+def gather(taxels: Taxels, jumps: Array) -> Group:
+    """The `taxels`, in units of their noise; `jumps` (n, j) the columns of what happened once."""
+    observed, slots, found = taxels.observed, taxels.slots, []
     for each in observed:
         column = np.searchsorted(each.slots, slots)
-        found.append(-each.count[:, column] / noise_count)
+        found.append(-each.count[:, column] / taxels.noise_count)
     y = np.concatenate(found)
     if observed[0].load.has_places:
         return _asked(observed, slots, y, jumps)
@@ -60,7 +81,7 @@ def gather(observed: Sequence[Observed], slots: NDArray[np.intp], noise_count: A
     mixed = left[:, :r] * size[:r]
     ends = np.cumsum([len(part) for part in found])
     floor = float(np.mean([np.mean(noise_of_blocks(part) ** 2) for part in np.split(mixed, ends[:-1])]))
-    evidence = Evidence(tuple(observed), mixed, jumps)
+    evidence = Evidence(observed, mixed, jumps)
     return Group(slots, evidence, evidence.of(y), floor, floors)
 
 

@@ -7,19 +7,17 @@ a single taxel is not diluted among 280, and one of all is not asked 280 times.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..physics.law import Array
-from ..skin.geometry import N_TAXELS
 from .candidate import Candidate
-from .evidence import Group, gather
+from .evidence import Group, Taxels, gather
 from .fit import Evidence, Fitted, Hypothesis
 from .naming import Naming, name
-from .observed import Observed
 from .strengths import amounts, freed
 
 LEAST_EXCESS = 0.3  # of a reading's noise: less is no mismatch worth a word
@@ -65,23 +63,22 @@ def excess(group: Group, fitted: Fitted) -> Array:
 
 
 def locate(
-    observed: Sequence[Observed],
+    taxels: Taxels,
     candidates: Mapping[str, Candidate],
-    noise_count: Array,
     jumps: Array,
     deadline: float,
     progress: Callable[[str], None],
 ) -> Located:
-    """Groups of taxels, and what explains each; after `deadline` (monotonic) only small sets are tried."""
-    slots = observed[0].slots
-    every = gather(observed, slots, noise_count, jumps)
+    """Groups of the `taxels`, and what explains each; after `deadline` (monotonic) only small sets are tried."""
+    slots = taxels.slots
+    every = gather(taxels, jumps)
     null = Hypothesis(every.evidence, ()).fit()
     left = excess(every, null)
     # Taxels with a mismatch of their own bend the clocks for all: these are asked of the calmer half. Where the load
     # has places the calm ones are those without a load, and the clocks were asked of the insole as a whole.
     calm = np.sort(np.argsort(left, kind="stable")[: max(len(slots) // 2, 1)])
-    if not observed[0].load.has_places:
-        half = gather(observed, slots[calm], noise_count[calm], jumps)
+    if not taxels.observed[0].load.has_places:
+        half = gather(taxels.some(calm), jumps)
         null = Hypothesis(every.evidence, ()).at(Hypothesis(half.evidence, ()).fit().theta)
         left = excess(every, null)
     n = len(every.evidence.y)
@@ -95,14 +92,13 @@ def locate(
     named: list[Named] = []
     if affected.any():
         first = np.arange(len(slots)) if affected.mean() > 0.6 else np.flatnonzero(affected)
-        _name(observed, candidates, noise_count, jumps, first, left, deadline, progress, named, 1)
+        _name(taxels, candidates, jumps, first, left, deadline, progress, named, 1)
     return Located(slots, left, affected, null, every.taxels, tuple(named))
 
 
 def _name(
-    observed: Sequence[Observed],
+    taxels: Taxels,
     candidates: Mapping[str, Candidate],
-    noise_count: Array,
     jumps: Array,
     columns: NDArray[np.intp],
     before: Array,
@@ -113,7 +109,7 @@ def _name(
 ) -> None:
     if depth > 1 and not (before[columns] > LEAST_EXCESS).any():
         return
-    group = gather(observed, observed[0].slots[columns], noise_count[columns], jumps)
+    group = gather(taxels.some(columns), jumps)
     progress(f"searching what explains {len(columns)} taxels")
     naming = name(group.evidence, candidates, group.floor, deadline)
     after = excess(group, naming.best.fitted)
@@ -123,12 +119,12 @@ def _name(
     if apart.sum() < LONE:  # a taxel or two that answer more or less than the others are no place
         apart &= after > 2 * APART * before[columns]
     if not (apart.any() and apart.mean() < 0.6):
-        apart = _late(group, naming.best.fitted, observed)
+        apart = _late(group, naming.best.fitted, taxels.boards[columns])
     if not (apart.any() and apart.mean() < 0.6):
         apart = _idle(group, naming.best.fitted)
     if depth < MOST_DEPTH and apart.any():
         for part in (columns[apart], columns[~apart]):
-            _name(observed, candidates, noise_count, jumps, part, before, deadline, progress, named, depth + 1)
+            _name(taxels, candidates, jumps, part, before, deadline, progress, named, depth + 1)
     else:
         named.append(Named(group, naming))
 
@@ -151,10 +147,9 @@ def _idle(group: Group, best: Fitted) -> NDArray[np.bool_]:
     return found
 
 
-def _late(group: Group, best: Fitted, observed: Sequence[Observed]) -> NDArray[np.bool_]:
-    """(m,) taxels of the board whose clocks would explain much more of it if they were its own; none: False."""
+def _late(group: Group, best: Fitted, boards: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """(m,) taxels of the one of the `boards` (m,) whose clocks would explain much more of it if they were its own."""
     late = np.zeros(len(group.slots), bool)
-    boards = observed[0].layout.identities[:, 0][group.slots // N_TAXELS]
     gains = []
     for board in np.unique(boards) if best.clocks().size else ():
         columns = np.flatnonzero(boards == board)

@@ -16,7 +16,7 @@ from ..physics.law import Array
 from . import jumps as jumping
 from .candidate import Candidate
 from .candidates.drift import knots_s
-from .evidence import gather
+from .evidence import Taxels, gather
 from .fit import Evidence, Fitted, Hypothesis
 from .groups import LEAST_EXCESS, Located
 from .observed import Observed
@@ -100,7 +100,7 @@ def _closer(seconds: float) -> Array:
 
 def _step(seen: Observed, noise_count: Array) -> tuple[Observed, Fault] | None:
     """The largest step of the reference, taken out; None where there is none that stays."""
-    group = gather([seen], seen.slots, noise_count, np.empty((len(seen.first), 0)))
+    group = gather(Taxels((seen,), seen.slots, noise_count), np.empty((len(seen.first), 0)))
     evidence = group.evidence
     hypothesis = Hypothesis(evidence, ())
     null = hypothesis.fit()

@@ -15,15 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..physics.law import Array
-from ..skin.geometry import N_TAXELS
 from . import jumps as jumping
 from .candidate import Candidate
-from .evidence import Group, gather
+from .evidence import Group, Taxels, gather
 from .fit import Evidence, Hypothesis
 from .groups import Located
 from .jumps import Jump
 from .naming import Tried, heldout, left, worth
-from .observed import Observed
 from .strengths import freed
 
 
@@ -36,36 +34,29 @@ class _Part:
     theta: Array
 
 
-def rezeroed(
-    observed: Sequence[Observed],
-    slots: NDArray[np.intp],
-    noise_count: Array,
-    known: Sequence[Sequence[Jump]] = (),
-    located: Located | None = None,
-) -> list[list[Jump]]:
+def rezeroed(taxels: Taxels, known: Sequence[Sequence[Jump]] = (), located: Located | None = None) -> list[list[Jump]]:
     """Jumps of boards in each recording, after the `known` ones: the largest first, each taken out before the next.
 
-    `noise_count` (m,) of the taxels `slots`; `located`: with what they were explained by.
+    `located`: with what the `taxels` were explained by.
     """
-    found = [list(each) for each in known] or [[] for _ in observed]
-    parts = _parts(observed, slots, noise_count, located)
-    boards = observed[0].layout.identities[:, 0][slots // N_TAXELS]
-    residual, moved = _left(parts, observed, slots, noise_count, found)
-    for i, each in enumerate(observed):
+    found = [list(each) for each in known] or [[] for _ in taxels.observed]
+    parts, boards = _parts(taxels, located), taxels.boards
+    residual, moved = _left(parts, taxels, found)
+    for i, each in enumerate(taxels.observed):
         while len(found[i]) < jumping.MOST_JUMPS:
             jump = jumping.strongest(each, residual[i])
             if jump is None:
                 break
             tried = [*found[:i], [*found[i], jump], *found[i + 1 :]]
-            after, moves = _left(parts, observed, slots, noise_count, tried)
+            after, moves = _left(parts, taxels, tried)
             jump = jumping.nearer(each, after[i], jump, _whole(moves, tried, i, boards))
             tried = [*found[:i], [*found[i], jump], *found[i + 1 :]]
-            after, moves = _left(parts, observed, slots, noise_count, tried)
+            after, moves = _left(parts, taxels, tried)
             before = jumping.unrest(each, residual[i], jump.boards)
             settles = jumping.unrest(each, after[i], jump.boards) < jumping.SETTLES * before
             if not settles or abs(jump.shift_count) < jumping.AT_ONCE * abs(_whole(moves, tried, i, boards)):
                 break  # it happens again and again, or little by little: physics
-            if located is not None and not _pays(parts, observed, slots, noise_count, found, tried, jump.boards):
+            if located is not None and not _pays(parts, taxels, found, tried, jump.boards):
                 break
             found, residual, moved = tried, after, moves
     rows = iter(moved)
@@ -85,9 +76,7 @@ def _whole(moves: Array, tried: Sequence[Sequence[Jump]], i: int, boards: NDArra
 
 def _pays(
     parts: Sequence[_Part],
-    observed: Sequence[Observed],
-    slots: NDArray[np.intp],
-    noise_count: Array,
+    taxels: Taxels,
     known: Sequence[Sequence[Jump]],
     tried: Sequence[Sequence[Jump]],
     boards: tuple[int, ...],
@@ -95,13 +84,14 @@ def _pays(
     """Whether the jump that `tried` has beside the `known` ones is worth an effect to most taxels of its `boards`."""
     pays = asked = 0
     for part in parts:
-        own = part.group.slots[np.isin(observed[0].layout.identities[:, 0][part.group.slots // N_TAXELS], boards)]
-        if not own.size:
+        whole = taxels.at(part.group.slots)
+        own = whole.some(np.isin(whole.boards, boards))
+        if not own.slots.size:
             continue
-        group = gather(observed, own, noise_count[np.searchsorted(slots, own)], jumping.columns(observed, known))
-        with_it = replace(group.evidence, jumps=jumping.columns(observed, tried))
-        pays += own.size * worth(_judged(part, group, group.evidence), _judged(part, group, with_it, "rezero"))
-        asked += own.size
+        group = gather(own, jumping.columns(own.observed, known))
+        with_it = replace(group.evidence, jumps=jumping.columns(own.observed, tried))
+        pays += own.slots.size * worth(_judged(part, group, group.evidence), _judged(part, group, with_it, "rezero"))
+        asked += own.slots.size
     return 2 * pays > asked
 
 
@@ -114,36 +104,29 @@ def _judged(part: _Part, group: Group, evidence: Evidence, *more: str) -> Tried:
     return Tried((*fitted.words, *more), fitted, left(fitted, evidence, group.floor, excess), unseen)
 
 
-def _parts(
-    observed: Sequence[Observed], slots: NDArray[np.intp], noise_count: Array, located: Located | None
-) -> list[_Part]:
+def _parts(taxels: Taxels, located: Located | None) -> list[_Part]:
     """The located groups and, by the static model, what is left; all taxels by it, where nothing is located."""
-    found, rest = [], np.ones(len(slots), bool)
+    found, rest = [], np.ones(len(taxels.slots), bool)
     for named in located.named if located is not None else ():
         fitted = named.naming.best.fitted
         found.append(_Part(named.group, fitted.candidates, fitted.theta))
-        rest[np.searchsorted(slots, named.group.slots)] = False
+        rest[np.searchsorted(taxels.slots, named.group.slots)] = False
     if rest.any():
-        group = gather(observed, slots[rest], noise_count[rest], jumping.columns(observed, [[] for _ in observed]))
+        group = gather(taxels.some(rest), jumping.columns(taxels.observed, [[] for _ in taxels.observed]))
         found.append(_Part(group, (), Hypothesis(group.evidence, ()).start))
     return found
 
 
-def _left(
-    parts: Sequence[_Part],
-    observed: Sequence[Observed],
-    slots: NDArray[np.intp],
-    noise_count: Array,
-    known: Sequence[Sequence[Jump]],
-) -> tuple[list[Array], Array]:
+def _left(parts: Sequence[_Part], taxels: Taxels, known: Sequence[Sequence[Jump]]) -> tuple[list[Array], Array]:
     """(n, m) of each recording that is not explained, and (j, m) how far each jump moves it: activation, counts."""
-    columns = jumping.columns(observed, known)
-    residual, moves = np.empty((len(columns), len(slots))), np.empty((columns.shape[1], len(slots)))
+    columns = jumping.columns(taxels.observed, known)
+    n, m = len(columns), len(taxels.slots)
+    residual, moves = np.empty((n, m)), np.empty((columns.shape[1], m))
     for part in parts:
-        own = np.searchsorted(slots, part.group.slots)
+        own = np.searchsorted(taxels.slots, part.group.slots)
         mixed = Hypothesis(replace(part.group.evidence, jumps=columns), part.candidates)
         hypothesis = Hypothesis(replace(part.group.taxels, jumps=columns), part.candidates)
-        taxels = freed(hypothesis, hypothesis.at(mixed.fit(part.theta).theta))
-        residual[:, own] = taxels.residual * noise_count[own]
-        moves[:, own] = hypothesis.jumps_of(taxels) * noise_count[own]
-    return np.split(residual, np.cumsum([len(each.first) for each in observed])[:-1]), moves
+        each = freed(hypothesis, hypothesis.at(mixed.fit(part.theta).theta))
+        residual[:, own] = each.residual * taxels.noise_count[own]
+        moves[:, own] = hypothesis.jumps_of(each) * taxels.noise_count[own]
+    return np.split(residual, np.cumsum([len(each.first) for each in taxels.observed])[:-1]), moves

@@ -13,6 +13,7 @@ from insole_daemon.diagnosis.audit import audit
 from insole_daemon.diagnosis.candidate import Candidate
 from insole_daemon.diagnosis.candidates.viscoelasticity import candidate
 from insole_daemon.diagnosis.decoys import challenged
+from insole_daemon.diagnosis.evidence import Taxels
 from insole_daemon.diagnosis.excitation import excitation
 from insole_daemon.diagnosis.groups import Named, locate
 from insole_daemon.diagnosis.observing import observe
@@ -32,7 +33,9 @@ def explained(folder, change=lambda found: found) -> Named:
     seen, _ = observe(recording, foot, audited.kept, audited)
     found: Candidate = change(candidate(excitation([seen])))
     nothing = np.empty((len(seen.first), 0))
-    located = locate([seen], {found.word: found}, seen.noise_count, nothing, math.inf, lambda text: None)
+    located = locate(
+        Taxels((seen,), seen.slots, seen.noise_count), {found.word: found}, nothing, math.inf, lambda text: None
+    )
     (named,) = located.named
     return named
 

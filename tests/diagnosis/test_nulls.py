@@ -8,7 +8,7 @@ import pytest
 import insole_daemon
 from insole_daemon.diagnosis.candidates import candidates
 from insole_daemon.diagnosis.diagnosing import Diagnosis, diagnose
-from insole_daemon.diagnosis.evidence import gather
+from insole_daemon.diagnosis.evidence import Taxels, gather
 from insole_daemon.diagnosis.fit import Hypothesis
 from insole_daemon.diagnosis.nulls import N_NULLS, Nulls, nulls
 
@@ -18,7 +18,7 @@ from .chamber import relaxing, write
 def found(folder) -> tuple[Diagnosis, Nulls]:
     diagnosis = diagnose([insole_daemon.load(folder)], None, None, lambda text: None)
     insole = diagnosis.insole
-    group = gather(diagnosis.observed, insole.slots, insole.noise_count, diagnosis.located.taxels.jumps)
+    group = gather(Taxels(diagnosis.observed, insole.slots, insole.noise_count), diagnosis.located.taxels.jumps)
     static = Hypothesis(group.evidence, ()).fit()
     every = candidates(insole.excitation)
     return diagnosis, nulls(group.evidence, static, every)
@@ -40,7 +40,7 @@ def test_what_is_not_there_gives_no_more_than_noise_does(tmp_path):
 def test_nulls_are_the_same_each_time_and_as_often_beyond_as_they_should_be(tmp_path):
     diagnosis, _ = found(write(tmp_path / "null", seconds=60.0))
     insole = diagnosis.insole
-    group = gather(diagnosis.observed, insole.slots, insole.noise_count, diagnosis.located.taxels.jumps)
+    group = gather(Taxels(diagnosis.observed, insole.slots, insole.noise_count), diagnosis.located.taxels.jumps)
     evidence, every = group.evidence, candidates(insole.excitation)
     clean = Hypothesis(evidence, ()).fit()
     std = np.sqrt(np.mean(clean.residual**2, axis=0))

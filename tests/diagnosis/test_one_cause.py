@@ -11,7 +11,7 @@ import pytest
 import insole_daemon
 from insole_daemon.diagnosis.audit import audit
 from insole_daemon.diagnosis.candidates import candidates
-from insole_daemon.diagnosis.evidence import gather
+from insole_daemon.diagnosis.evidence import Taxels, gather
 from insole_daemon.diagnosis.excitation import excitation
 from insole_daemon.diagnosis.groups import Named
 from insole_daemon.diagnosis.naming import name
@@ -33,7 +33,7 @@ def late(tmp_path):
     asked = {word: each for word, each in candidates(excited).items() if word in ("lag", "delay")}
     third = LAYOUT.identities[:, 0][seen.slots // N_TAXELS] == 6
     groups = [
-        gather([seen], seen.slots[own], seen.noise_count[own], np.empty((len(seen.first), 0)))
+        gather(Taxels((seen,), seen.slots, seen.noise_count).some(own), np.empty((len(seen.first), 0)))
         for own in (~third, third)
     ]
     many, few = (Named(group, name(group.evidence, asked, group.floor, math.inf)) for group in groups)

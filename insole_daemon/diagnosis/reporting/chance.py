@@ -8,7 +8,7 @@ from ...report import page
 from ...report.plot import Axis, Plot
 from ..candidates import candidates
 from ..diagnosing import Diagnosis
-from ..evidence import gather
+from ..evidence import Taxels, gather
 from ..fit import Hypothesis
 from ..nulls import Nulls, nulls
 from .untouched import Untouched
@@ -24,7 +24,8 @@ def of(diagnosis: Diagnosis, seen: Untouched) -> Nulls:
     }
     if seen.named is not None:
         return nulls(seen.named.group.evidence, seen.named.naming.null.fitted, admitted)
-    group = gather(diagnosis.observed, insole.slots, insole.noise_count, diagnosis.located.taxels.jumps)
+    taxels = Taxels(diagnosis.observed, insole.slots, insole.noise_count)
+    group = gather(taxels, diagnosis.located.taxels.jumps)
     return nulls(group.evidence, Hypothesis(group.evidence, ()).fit(), admitted)
 
 
