@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -80,8 +80,8 @@ def diagnosed(
 
 def _print(found: Outcome, out: Path) -> None:
     heldout = found.heldout
-    unit = "counts" if heldout["unit"] == "count" else heldout["unit"]
-    print(f"{found.verdict}: {heldout['before']:.2f} → {heldout['after']:.2f} {unit}, noise {heldout['floor']:.2f}")
+    errors = [heldout, heldout["f_z"]] if "f_z" in heldout else [heldout]
+    print(f"{found.verdict}: {'; '.join(map(_error, errors))}")
     every = {name for each in found.findings for name in each.recordings}
     for each in found.findings:
         only = "" if every <= set(each.recordings) else f" [{', '.join(each.recordings)}]"
@@ -89,3 +89,8 @@ def _print(found: Outcome, out: Path) -> None:
     for known in found.not_identifiable:
         print(f"  not to be told from this: {known['effect']}: {known['why']}; record {known['record_instead']}")
     print(f"{out}/report.html  {out}/diagnosis.json  {out}/model.json")
+
+
+def _error(of: Mapping[str, Any]) -> str:
+    unit = "counts" if of["unit"] == "count" else of["unit"]
+    return f"{of['before']:.2f} → {of['after']:.2f} {unit}, noise {of['floor']:.2f}"

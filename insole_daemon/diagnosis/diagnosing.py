@@ -13,6 +13,7 @@ from .. import __version__
 from ..config import Foot
 from ..errors import DiagnosisError
 from ..physics.calibration import BEGAN, Calibration
+from ..physics.effect import Effect
 from ..physics.law import Array
 from ..recording.loading import FootRecording, Recording
 from . import beside, explained, modelling, simulated
@@ -32,6 +33,7 @@ from .feet import choose
 from .field import has_places
 from .fit import Hypothesis
 from .groups import Located, locate
+from .modelling import Curves
 from .observed import Observed
 from .observing import observe
 from .one_cause import of_one_cause
@@ -66,6 +68,8 @@ class Diagnosis(Outcome):
     observed: tuple[Observed, ...]
     located: Located
     decided: tuple[Decided, ...]  # of each of the located groups
+    curves: tuple[Curves, ...]  # of the model
+    effects: tuple[Effect, ...]
 
 
 def diagnose(
@@ -171,6 +175,8 @@ def diagnose(
         observed=tuple(observed),
         located=located,
         decided=tuple(decided),
+        curves=tuple(sure),
+        effects=tuple(effects),
     )
 
 
@@ -204,12 +210,12 @@ def _observe(
 
 
 def _continued(
-    curves: Sequence[modelling.Curves],
+    curves: Sequence[Curves],
     model: Calibration,
     located: Located,
     parts: explained.Explained,
     noise: Array,
-) -> tuple[list[modelling.Curves], float]:
+) -> tuple[list[Curves], float]:
     """Curves that are `model`'s with a gain and a shift, and how far off it is under these loads, counts²."""
     load_pa = Hypothesis(located.taxels, ()).effective_pa(located.null.theta)
     for named, each in parts:

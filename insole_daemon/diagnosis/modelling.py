@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..config import Foot
 from ..physics import effects_document
+from ..physics.calibration import Calibration
 from ..physics.effect import Effect, Where, effect
 from ..physics.effects import laws
 from ..physics.law import MOST_SHARED, Array
@@ -107,7 +109,7 @@ def as_effect(word: str, place: Where, parameters: Mapping[str, Quantity]) -> Ef
 
 
 def document(
-    foot: str, layout: Layout, curves: Sequence[Curves], effects: Sequence[Effect], provenance: Mapping[str, Any]
+    foot: Foot, layout: Layout, curves: Sequence[Curves], effects: Sequence[Effect], provenance: Mapping[str, Any]
 ) -> dict[str, Any]:
     """An `insole-calibration/1` that holds them; the baselines are what the curves say without load.
 
@@ -122,20 +124,39 @@ def document(
     ]
     taxels = []
     identities = layout.identities.tolist()
-    for each in curves:
-        for slot, activation in zip(each.slots.tolist(), each.activation_count, strict=True):
-            baseline = -float(np.interp(0.0, each.load_pa, activation))
-            coefficients = _back(activation + baseline, each.load_pa)
-            board, triangle = identities[slot // N_TAXELS]
-            taxels.append(
-                {"board": board, "triangle": triangle, "taxel": slot % N_TAXELS,
-                 "baseline_count": round(baseline, 4), "coefficients_pa": [float(f"{c:.9g}") for c in coefficients]}
-            )  # fmt: skip
+    for slot, baseline, coefficients in _polynomials(curves):
+        board, triangle = identities[slot // N_TAXELS]
+        taxels.append(
+            {"board": board, "triangle": triangle, "taxel": slot % N_TAXELS,
+             "baseline_count": round(baseline, 4), "coefficients_pa": [float(f"{c:.9g}") for c in coefficients]}
+        )  # fmt: skip
     taxels.sort(key=lambda each: (each["board"], each["triangle"], each["taxel"]))
     return {
         "format": "insole-calibration/1", "foot": foot, "taxels": taxels,
         "effects": effects_document.document(effects, layout), "provenance": dict(provenance),
     }  # fmt: skip
+
+
+def static(foot: Foot, layout: Layout, curves: Sequence[Curves]) -> Calibration:
+    """The curves alone, as what pressures are told by."""
+    told = list(_polynomials(curves))
+    k = max(len(coefficients) for _, _, coefficients in told)
+    baseline = np.full(len(layout) * N_TAXELS, np.nan)
+    rows = np.full((len(baseline), k), np.nan)
+    for slot, rest, coefficients in told:
+        baseline[slot] = rest
+        rows[slot] = np.pad(coefficients, (0, k - len(coefficients)))
+    shape = (len(layout), N_TAXELS)
+    usable = ~np.isnan(baseline)
+    return Calibration(foot, baseline.reshape(shape), rows.reshape(*shape, k), None, usable.reshape(shape), {})
+
+
+def _polynomials(curves: Sequence[Curves]) -> Iterable[tuple[int, float, Array]]:
+    """Of every taxel its slot, its baseline and its coefficients."""
+    for each in curves:
+        for slot, activation in zip(each.slots.tolist(), each.activation_count, strict=True):
+            baseline = -float(np.interp(0.0, each.load_pa, activation))
+            yield slot, baseline, _back(activation + baseline, each.load_pa)
 
 
 def _back(activation: Array, load_pa: Array) -> Array:

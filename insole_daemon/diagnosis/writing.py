@@ -11,7 +11,8 @@ from ..errors import FileError
 from ..files import write_text
 from .diagnosing import Diagnosis
 from .foot.diagnosing import WalkDiagnosis
-from .reporting import report, walk
+from .reporting import both, report, walk
+from .together import Together
 
 FILES = ("model.json", "report.html", "diagnosis.json")  # the last one says that all are there
 
@@ -25,10 +26,9 @@ def refuse_taken(out: Path) -> None:
         raise FileError(f"{out}: there is a diagnosis already ({', '.join(there)}): name another folder")
 
 
-def write(diagnosis: Diagnosis | WalkDiagnosis, out: Path) -> None:
+def write(diagnosis: Diagnosis | WalkDiagnosis | Together, out: Path) -> None:
     """Write FILES into `out`; FileError where that fails, and then none of them stays."""
-    html = walk.html(diagnosis) if isinstance(diagnosis, WalkDiagnosis) else report.html(diagnosis)
-    contents = dict(zip(FILES, (_json(diagnosis.model), html, _json(diagnosis.document())), strict=True))
+    contents = dict(zip(FILES, (_json(diagnosis.model), _html(diagnosis), _json(diagnosis.document())), strict=True))
     try:
         for name in FILES:
             write_text(out / name, contents[name])
@@ -37,6 +37,12 @@ def write(diagnosis: Diagnosis | WalkDiagnosis, out: Path) -> None:
             with contextlib.suppress(OSError):
                 (out / name).unlink(missing_ok=True)
         raise FileError(f"{out}: cannot be written: {error.strerror or error}") from error
+
+
+def _html(diagnosis: Diagnosis | WalkDiagnosis | Together) -> str:
+    if isinstance(diagnosis, Together):
+        return both.html(diagnosis)
+    return walk.html(diagnosis) if isinstance(diagnosis, WalkDiagnosis) else report.html(diagnosis)
 
 
 def _json(content: Any) -> str:

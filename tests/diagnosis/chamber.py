@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +31,36 @@ LAYOUT = Layout(
     "left", WHOLE.taxel_area_m2, WHOLE.area_meaning, tuple(WHOLE.triangles[row] for row in KEPT), WHOLE.xy_m[KEPT]
 )
 SLOTS = np.flatnonzero(np.tile(PRESSURE_TAXELS, len(LAYOUT)))
+
+
+@dataclass(frozen=True)
+class Sensors:
+    """Taxels of an insole, all 72 slots of LAYOUT: what they read of a load, and the model that says so."""
+
+    sensitivity: Array  # counts a pascal, at first
+    bend: Array  # Pa
+    rest: Array
+
+    @classmethod
+    def drawn(cls, rng: np.random.Generator, n: int = 72) -> Sensors:
+        return cls(rng.normal(1.6e-4, 1e-5, n), rng.normal(900e3, 50e3, n), rng.normal(240.5, 1.0, n))
+
+    def read(self, q: Array) -> Array:
+        """(n, 72) mean counts."""
+        return self.rest - self.sensitivity * q / (1 + q / self.bend)
+
+    def model(self, layout: Layout) -> dict[str, Any]:
+        loads = np.linspace(0.0, 300e3, 60)
+        taxels = []
+        for slot in SLOTS.tolist():
+            a = self.sensitivity[slot] * loads / (1 + loads / self.bend[slot])
+            cubic = np.linalg.lstsq(np.stack([a, a**2, a**3], axis=1), loads, rcond=None)[0]
+            board, triangle = layout.identities[slot // 12].tolist()
+            taxels.append(
+                {"board": board, "triangle": triangle, "taxel": slot % 12,
+                 "baseline_count": float(self.rest[slot]), "coefficients_pa": [0.0, *cubic.tolist()]}
+            )  # fmt: skip
+        return {"format": "insole-calibration/1", "foot": "left", "taxels": taxels, "effects": [], "provenance": {}}
 
 
 def load(seconds: float = 90.0, top_pa: float = 300e3) -> tuple[Array, Array]:
@@ -69,10 +101,8 @@ def write(
     cycle_s = np.arange(0.05, seconds - 0.05, 0.02)
     strength = np.ones(len(layout) * 12) if where is None else where.astype(float)
     q = np.interp(cycle_s, t_s, p)[:, None] + strength * np.interp(cycle_s, t_s, effect(t_s, p) - p)[:, None]
-    sensitivity = rng.normal(1.6e-4, 1e-5, strength.size)
-    bend = rng.normal(900e3, 50e3, strength.size)
-    rest = rng.normal(240.5, 1.0, strength.size)
-    counts = rest - sensitivity * q / (1 + q / bend) + rng.normal(0.0, NOISE_COUNT, q.shape)
+    sensors = Sensors.drawn(rng, strength.size)
+    counts = sensors.read(q) + rng.normal(0.0, NOISE_COUNT, q.shape)
     touch(cycle_s, counts)
     whole = np.clip(np.floor(counts + rng.random(counts.shape)), 0, 255).astype(np.uint8)
     folder.mkdir(parents=True)
@@ -85,18 +115,7 @@ def write(
     columns = {"time_s": began + t_s, "pressure_pa": said, "temperature_c": temperature(t_s)}
     (folder / "reference.csv").write_text(text(columns))
     layouts.write(folder / "layout.yaml", layout)
-    loads = np.linspace(0.0, 300e3, 60)
-    taxels = []
-    for slot in SLOTS.tolist():
-        a = sensitivity[slot] * loads / (1 + loads / bend[slot])
-        cubic = np.linalg.lstsq(np.stack([a, a**2, a**3], axis=1), loads, rcond=None)[0]
-        board, triangle = layout.identities[slot // 12].tolist()
-        taxels.append(
-            {"board": board, "triangle": triangle, "taxel": slot % 12,
-             "baseline_count": float(rest[slot]), "coefficients_pa": [0.0, *cubic.tolist()]}
-        )  # fmt: skip
-    model = {"format": "insole-calibration/1", "foot": "left", "taxels": taxels, "effects": [], "provenance": {}}
-    (folder / "calibration.json").write_text(json.dumps(model))
+    (folder / "calibration.json").write_text(json.dumps(sensors.model(layout)))
     boards = [{"address": a, "period_ms": 20, "shift": 3, "no_load": 240, "skin_type": 0} for a in (5, 6, 7)]
     insole = {"foot": "left", "layout": "layout.yaml", "calibration": "calibration.json", "boards": boards}
     said_of = {"foot": "left", "file": "reference.csv", "clock": clock}

@@ -13,17 +13,21 @@ import numpy as np
 from ... import __version__
 from ...errors import DiagnosisError, UndecidableError
 from ...physics.calibration import BEGAN, Calibration
+from ...physics.effect import Effect
 from ...physics.law import Array
 from ...recording.loading import FootRecording, Recording
 from .. import outcome
 from ..audit import audit
+from ..opinion import Opinion
 from ..outcome import Outcome
-from . import findings, modelling, nulls, walk
+from . import figures, findings, modelling, nulls, walk
 from .deciding import Decided, decide
 from .evidence import Evidence, part
 from .findings import Explained
 from .hypothesis import Hypothesis
+from .known import Agreed, Known, agreed
 from .naming import Naming, Search, Tried
+from .walk import Walk
 
 LEAST_STEPS = 3
 _PER_TAXEL = "three sums of {n} taxels hold nothing of a single one"
@@ -55,6 +59,8 @@ class WalkDiagnosis(Outcome):
 
     explained: Explained
     gains_of_nulls: Array
+    effects: tuple[Effect, ...]  # that were found in them
+    opinions: Mapping[str, Opinion]  # by word, of the effects that were known from elsewhere
 
     @property
     def decided(self) -> Decided:
@@ -73,30 +79,31 @@ def diagnose(
     calibration: Calibration | None,
     budget_s: float | None,
     progress: Callable[[str], None],
+    known: Known | None = None,
 ) -> WalkDiagnosis:
     """What differs between walks, or standing, and the static model: `calibration`, else the first recording's own.
 
-    `feet`: the one foot of each recording. DiagnosisError where they cannot show anything, UndecidableError where there
-    are too few steps.
+    `feet`: the one foot of each recording; `known`: what a chamber has shown of the same insole. DiagnosisError where
+    they cannot show anything, UndecidableError where there are too few steps.
     """
     deadline = math.inf if budget_s is None else time.monotonic() + budget_s
-    model = calibration if calibration is not None else feet[0].calibration
-    if model is None:
-        raise DiagnosisError(
-            f"{recordings[0].folder}: expected a calibration, found none: a wrench is told from pressures. "
-            "Give one with --calibration; insole calibrate makes it"
-        )
-    if model.effects:
-        words = ", ".join(each.law.word for each in model.effects)
-        raise DiagnosisError(f"the model has effects already ({words}), expected a static one: diagnose against that")
+    model = static_model(recordings[0], feet[0], calibration)
     progress("auditing the readings")
     audits = [audit(foot, each.folder.name, steps=True) for foot, each in zip(feet, recordings, strict=True)]
     kept = np.all([each.kept for each in audits], axis=0)
-    walks = [
-        walk.read(recording, foot, model, replace(audited, kept=kept))
-        for recording, foot, audited in zip(recordings, feet, audits, strict=True)
-    ]
-    parts = [part(each) for each in walks]
+
+    def read(static: Calibration) -> list[Walk]:
+        return [
+            walk.read(recording, foot, static, replace(audited, kept=kept))
+            for recording, foot, audited in zip(recordings, feet, audits, strict=True)
+        ]
+
+    handed_in = [part(each) for each in read(model)]
+    parts, agrees = handed_in, Agreed((), (), {})
+    if known is not None:
+        highest_pa = max(float(each.walk.pressure_pa.max()) for each in handed_in)
+        agrees = agreed(read(known.curves(highest_pa)), known, progress)
+        parts = [part(each) for each in agrees.walks]
     steps = sum(len(each.contacts) for each in parts)
     if steps < LEAST_STEPS:
         raise UndecidableError(
@@ -113,7 +120,7 @@ def diagnose(
     decided = decide(search, naming)
     hypothesis = Hypothesis(evidence, tuple(decided.best.terms))
     recalibration = evidence.recalibration(hypothesis.unexplained(decided.best.fitted), None)
-    names = tuple(each.name for each in walks)
+    names = tuple(each.walk.name for each in parts)
     explained = Explained(evidence, names, naming, decided, recalibration)
     found, effects = findings.named(explained)
     drifting, of_drifts = findings.drifts(explained)
@@ -127,31 +134,47 @@ def diagnose(
         recordings=names,
         against="model",
         verdict=outcome.verdict(found),
-        heldout=_heldout(explained),
+        heldout=_heldout(explained, evidence if known is None else Evidence(handed_in)),
         clocks=_clocks(hypothesis, decided.best),
         findings=tuple(found),
         rejected=_rejected(explained),
-        not_identifiable=_not_identifiable(explained, len(walks[0].slots)),
-        model=modelling.document(evidence, recalibration, [*effects, *of_drifts], provenance),
+        not_identifiable=_not_identifiable(explained, len(parts[0].walk.slots)),
+        model=modelling.document(evidence, recalibration, [*agrees.effects, *effects, *of_drifts], provenance),
         explained=explained,
         gains_of_nulls=of_nulls,
+        effects=tuple(effects),
+        opinions=agrees.opinions,
     )
 
 
-def _heldout(explained: Explained) -> Mapping[str, Any]:
-    """Of f_z, with the moments beside it: the model as it was handed in, what was found, and the noise."""
-    static = Hypothesis(explained.evidence, ())
-    handed_in = static.unexplained(explained.naming.static.fitted)
-
-    def figures(channel: int, unit: str) -> dict[str, Any]:
-        figures = (
-            explained.of(handed_in, channel),
-            explained.rms(explained.decided.best, channel),
-            explained.floor(channel),
+def static_model(first: Recording, foot: FootRecording, calibration: Calibration | None) -> Calibration:
+    """The model that is asked about: `calibration`, else that of `foot` in the first recording; DiagnosisError."""
+    model = calibration if calibration is not None else foot.calibration
+    if model is None:
+        raise DiagnosisError(
+            f"{first.folder}: expected a calibration, found none: a wrench is told from pressures. "
+            "Give one with --calibration; insole calibrate makes it"
         )
-        return {"unit": unit, **{k: round(v, 4) for k, v in zip(("before", "after", "floor"), figures, strict=True)}}
+    if model.effects:
+        words = ", ".join(each.law.word for each in model.effects)
+        raise DiagnosisError(f"the model has effects already ({words}), expected a static one: diagnose against that")
+    return model
 
-    return {**figures(0, "N"), "m_x": figures(1, "N·m"), "m_y": figures(2, "N·m")}
+
+def _heldout(explained: Explained, handed_in: Evidence) -> Mapping[str, Any]:
+    """Of f_z, with the moments beside it: the model as it was `handed_in`, what was found, and the noise."""
+    static = Hypothesis(handed_in, ())
+    before = static.unexplained(static.fit())
+
+    def told(channel: int, unit: str) -> dict[str, Any]:
+        values = (
+            figures.rms(handed_in, before, channel),
+            explained.rms(explained.decided.best, channel),
+            figures.floor(explained.evidence, channel),
+        )
+        return {"unit": unit, **{k: round(v, 4) for k, v in zip(("before", "after", "floor"), values, strict=True)}}
+
+    return {**told(0, "N"), "m_x": told(1, "N·m"), "m_y": told(2, "N·m")}
 
 
 def _clocks(hypothesis: Hypothesis, best: Tried) -> Array:

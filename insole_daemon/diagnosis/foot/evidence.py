@@ -154,6 +154,8 @@ class Part:
         """
         found = np.full(len(self.rows_s), -1)
         loaded = np.flatnonzero(self.asked & (self.force_n > LOADED[1] * self.force_n.max()))
+        if not loaded.size:  # it stands there from the beginning
+            return found
         t, near = self.rows_s, round(FOLD_S / 3 / float(np.diff(self.rows_s[:2])[0]))
         edges = [int(loaded[0])]
         while t[edges[-1]] + 1.5 * FOLD_S < t[loaded[-1]]:

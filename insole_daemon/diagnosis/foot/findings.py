@@ -14,7 +14,7 @@ from ...physics.effects import laws
 from ...physics.law import Array
 from ..finding import Finding, Quantity
 from ..places import said
-from . import modelling
+from . import figures, modelling
 from .deciding import Decided
 from .evidence import EVERY, LOADED, Evidence
 from .naming import Naming, Tried
@@ -37,28 +37,7 @@ class Explained:
     def rms(self, tried: Tried, channel: int = 0) -> float:
         """Of held-out rows, with the noise that the kernel took away: N, or N·m."""
         assert tried.heldout is not None
-        return self.of(tried.heldout, channel)
-
-    def of(self, left: Array, channel: int = 0) -> float:
-        """RMS of `left` (n, 3), in units of the noise, as N or N·m of unsmoothed sums."""
-        evidence = self.evidence
-        asked = evidence.asked & (evidence.fold >= 0)
-        square = [
-            float(np.mean((left[rows, channel] * part.noise[channel]) ** 2)) + self._taken(i, channel)
-            for i, part in enumerate(evidence.parts)
-            if (rows := asked & (evidence.of_part == i)).any()
-        ]
-        return float(np.sqrt(np.mean(square)))
-
-    def floor(self, channel: int = 0) -> float:
-        """What the noise of both sides comes to, unsmoothed."""
-        parts = self.evidence.parts
-        return float(np.sqrt(np.mean([p.noise[channel] ** 2 + self._taken(i, channel) for i, p in enumerate(parts)])))
-
-    def _taken(self, i: int, channel: int) -> float:
-        part = self.evidence.parts[i]
-        raw = np.hypot(part.walk.noise[channel], part.walk.shoe.noise[channel])
-        return max(float(raw**2 - part.noise[channel] ** 2), 0.0)
+        return figures.rms(self.evidence, tried.heldout, channel)
 
 
 def named(explained: Explained) -> tuple[list[Finding], list[Effect]]:

@@ -70,6 +70,7 @@ class Walk:
     shoe: Shoe
     offset_s: float  # what the shoe's clock said at the first frame, and its rate, as the edges agree best
     rate: float
+    undone_pa: Array | None = None  # (N, m) what effects known from elsewhere took away
 
     @property
     def step_s(self) -> float:
@@ -84,8 +85,9 @@ class Walk:
 
     @cached_property
     def pressure_pa(self) -> Array:
-        """(N, m) by the static model."""
-        return np.asarray(np.polynomial.polynomial.polyval(self.activation_count, self.coefficients, tensor=False))
+        """(N, m) by the static model, with what is known from elsewhere undone."""
+        static = np.polynomial.polynomial.polyval(self.activation_count, self.coefficients, tensor=False)
+        return np.asarray(static if self.undone_pa is None else static + self.undone_pa)
 
     @cached_property
     def slope_pa(self) -> Array:

@@ -13,27 +13,32 @@ MOST_GROUPS = 4  # that are drawn; all stand in the tables
 
 def html(diagnosis: Diagnosis) -> str:
     """One file, complete in itself."""
-    seen = untouched(diagnosis)
-    parts = [first_page.facts(diagnosis), page.section("What was found", first_page.findings(diagnosis))]
-    parts.append(page.section("Where", first_page.maps(diagnosis)))
-    parts.append(page.section("Before and after, on data it had not seen", *_first(diagnosis, seen)))
-    parts.append(page.section("What these recordings cannot tell", numbers.limits(diagnosis)))
-    for each in seen[:MOST_GROUPS]:
-        parts.append(page.section(f"The physics: {_place(diagnosis, each)}", *_physics(diagnosis, each)))
-    if not diagnosis.observed[0].load.has_places:
-        parts.append(page.section("Could it be chance?", chance.shown(chance.of(diagnosis, seen[0]), seen[0])))
-    tables = [numbers.tried(diagnosis, each.named) for each in seen if each.named is not None]
-    parts.append(page.section("What was tried, and lost by how much", numbers.price(), *tables))
-    parts.append(page.section("Decoys", numbers.decoys(diagnosis)))
-    if len(diagnosis.insole.recordings) > 1 and diagnosis.located.named:
-        parts.append(page.section("Recording by recording", numbers.recordings(diagnosis)))
-    related = [numbers.correlations(seen[0].named)] if seen[0].named is not None else []
-    parts.append(page.section("Parameters", numbers.parameters(diagnosis), *related))
-    parts.append(page.section("Clocks", numbers.clocks(diagnosis)))
-    parts.append(page.section("Readings: noise and faults", numbers.audit(diagnosis)))
     names = ", ".join(diagnosis.insole.recordings)
     title = f"Diagnosis of the {diagnosis.insole.foot} insole"
-    return page.page(title, f"{first_page.verdict(diagnosis)} Recorded in {names}.", parts)
+    return page.page(title, f"{first_page.verdict(diagnosis)} Recorded in {names}.", parts(diagnosis))
+
+
+def parts(diagnosis: Diagnosis) -> list[str]:
+    """Its sections."""
+    seen = untouched(diagnosis)
+    found = [first_page.facts(diagnosis), page.section("What was found", first_page.findings(diagnosis))]
+    found.append(page.section("Where", first_page.maps(diagnosis)))
+    found.append(page.section("Before and after, on data it had not seen", *_first(diagnosis, seen)))
+    found.append(page.section("What these recordings cannot tell", numbers.limits(diagnosis)))
+    for each in seen[:MOST_GROUPS]:
+        found.append(page.section(f"The physics: {_place(diagnosis, each)}", *_physics(diagnosis, each)))
+    if not diagnosis.observed[0].load.has_places:
+        found.append(page.section("Could it be chance?", chance.shown(chance.of(diagnosis, seen[0]), seen[0])))
+    tables = [numbers.tried(diagnosis, each.named) for each in seen if each.named is not None]
+    found.append(page.section("What was tried, and lost by how much", numbers.price(), *tables))
+    found.append(page.section("Decoys", numbers.decoys(diagnosis)))
+    if len(diagnosis.insole.recordings) > 1 and diagnosis.located.named:
+        found.append(page.section("Recording by recording", numbers.recordings(diagnosis)))
+    related = [numbers.correlations(seen[0].named)] if seen[0].named is not None else []
+    found.append(page.section("Parameters", numbers.parameters(diagnosis), *related))
+    found.append(page.section("Clocks", numbers.clocks(diagnosis)))
+    found.append(page.section("Readings: noise and faults", numbers.audit(diagnosis)))
+    return found
 
 
 def _first(diagnosis: Diagnosis, seen: list[Untouched]) -> list[str]:

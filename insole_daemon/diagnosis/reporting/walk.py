@@ -9,6 +9,7 @@ from ...physics.law import Array
 from ...report import page
 from ...report.bars import bars
 from ...report.plot import Plot, axis
+from ..foot import figures
 from ..foot.diagnosing import WalkDiagnosis
 from ..foot.hypothesis import Hypothesis
 from ..foot.naming import PRICES, Naming, Tried
@@ -20,18 +21,23 @@ MOST_ROWS = 14
 
 def html(diagnosis: WalkDiagnosis) -> str:
     """One file, complete in itself."""
-    parts = [_facts(diagnosis), page.section("What was found", first_page.findings(diagnosis))]
-    parts.append(
-        page.section("Before and after, on steps it had not seen", page.row(_trace(diagnosis), _stairs(diagnosis)))
-    )
-    parts.append(page.section("What these recordings cannot tell", numbers.limits(diagnosis)))
-    parts.append(page.section("Could it be chance, or denoising?", _chance(diagnosis)))
-    parts.append(page.section("What was tried, and lost by how much", _tried(diagnosis)))
-    parts.append(page.section("Parameters", numbers.parameters(diagnosis)))
-    parts.append(page.section("Clocks and noise", _clocks(diagnosis)))
     foot = diagnosis.explained.evidence.parts[0].walk.layout.foot
     lead = f"{first_page.verdict(diagnosis)} Recorded in {', '.join(diagnosis.recordings)}."
-    return page.page(f"Diagnosis of the {foot} insole, walking", lead, parts)
+    return page.page(f"Diagnosis of the {foot} insole, walking", lead, parts(diagnosis))
+
+
+def parts(diagnosis: WalkDiagnosis) -> list[str]:
+    """Its sections."""
+    return [
+        _facts(diagnosis),
+        page.section("What was found", first_page.findings(diagnosis)),
+        page.section("Before and after, on steps it had not seen", page.row(_trace(diagnosis), _stairs(diagnosis))),
+        page.section("What these recordings cannot tell", numbers.limits(diagnosis)),
+        page.section("Could it be chance, or denoising?", _chance(diagnosis)),
+        page.section("What was tried, and lost by how much", _tried(diagnosis)),
+        page.section("Parameters", numbers.parameters(diagnosis)),
+        page.section("Clocks and noise", _clocks(diagnosis)),
+    ]
 
 
 def _facts(diagnosis: WalkDiagnosis) -> str:
@@ -77,7 +83,7 @@ def _stairs(diagnosis: WalkDiagnosis) -> str:
     steps = _steps(explained.naming, explained.decided.best)
     names = ["static curves, recalibrated", *(f"with {_named(each)}" for each in steps[1:])]
     rms = [explained.rms(each) for each in steps]
-    floor = explained.floor()
+    floor = figures.floor(explained.evidence)
     rows = [
         (name, value, f"{value:.1f}", 1 if i == 0 else 0)
         for i, (name, value) in enumerate(zip(names, rms, strict=True))

@@ -17,7 +17,7 @@ from insole_daemon.recording.reference import text
 from insole_daemon.skin import layout as layouts
 from insole_daemon.skin.layout import Layout
 
-from ..chamber import LAYOUT, SLOTS
+from ..chamber import LAYOUT, SLOTS, Sensors
 
 Array = NDArray[np.float64]
 DT_S = 0.002
@@ -61,8 +61,12 @@ def write(
     calibrated: bool = True,
     force: float = 1.0,
     stands_s: float = 0.0,
+    sensors: Sensors | None = None,
 ) -> Path:
-    """A recording whose taxels `where` (72,) feel `effect(load)` and are read `delay_s` late; it begins standing."""
+    """A recording whose taxels `where` (72,) feel `effect(load)` and are read `delay_s` late; it begins standing.
+
+    `sensors`: of the insole, else straight ones.
+    """
     rng = np.random.default_rng(seed + 1000)
     t_s, p = load(seconds, seed)
     p[t_s < stands_s] = 100e3
@@ -70,7 +74,8 @@ def write(
     cycle_s = np.arange(0.1, seconds - 0.05, 0.02)
     felt = np.stack([np.interp(cycle_s - delay_s, t_s, column) for column in q.T], axis=1)
     rest = rng.normal(240.0, 1.0, p.shape[1])
-    read = rest - felt / PA_PER_COUNT / rng.normal(1.0, 0.03, p.shape[1]) + rng.normal(0.0, 0.8, felt.shape)
+    straight = rest - felt / PA_PER_COUNT / rng.normal(1.0, 0.03, p.shape[1])
+    read = (straight if sensors is None else sensors.read(felt)) + rng.normal(0.0, 0.8, felt.shape)
     counts = np.clip(np.rint(read), 0, 255).astype(np.uint8).reshape(len(cycle_s), -1, 12)
     folder.mkdir(parents=True)
     table = CountsTable(np.rint((BEGAN_S + cycle_s) * 1e9).astype(np.int64), counts, *[None] * 7)
@@ -89,6 +94,8 @@ def write(
         for slot in SLOTS.tolist()
     ]  # fmt: skip
     model = {"format": "insole-calibration/1", "foot": "left", "taxels": taxels, "effects": [], "provenance": {}}
+    if sensors is not None:
+        model = sensors.model(LAYOUT)
     boards = [{"address": a, "period_ms": 20, "shift": 3, "no_load": 240, "skin_type": 0} for a in (5, 6, 7)]
     insole = {"foot": "left", "layout": "layout.yaml", "boards": boards}
     if calibrated:

@@ -1,0 +1,95 @@
+"""A chamber and a force shoe of one insole, explained together: what each shows, and what it says of the other."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from insole_daemon.cli import app
+from insole_daemon.diagnosis.compensation import of_walk
+from insole_daemon.recording.loading import load
+
+from . import chamber
+from .chamber import Array, Sensors, relaxing
+from .foot import shoe
+
+SEED = 1
+QUICK = ("--budget", "1")  # no larger sets than single effects
+SENSORS = Sensors.drawn(np.random.default_rng(SEED))  # as `chamber.write` draws them
+
+
+def bag(folder: Path, effect=lambda t_s, p: p) -> Path:
+    return chamber.write(folder / "bag", effect, seconds=60.0, seed=SEED)
+
+
+def walk(folder: Path, effect=lambda p: p, **options) -> Path:
+    return shoe.write(folder / "walk", effect, seconds=20.0, sensors=SENSORS, **options)
+
+
+def solid(p: Array) -> Array:
+    return 0.7 * p + 0.3 * shoe.late(p, 0.8)
+
+
+def diagnose(out: Path, *folders: Path, options: tuple[str, ...] = ()) -> dict:
+    done = CliRunner().invoke(app, ["diagnose", *map(str, folders), "--out", str(out), *options])
+    assert done.exit_code == 0, (done.output, done.exception)
+    return json.loads((out / "diagnosis.json").read_text())
+
+
+def off_n(model: Path, folder: Path) -> float:
+    """RMS by which the force of `model`, live, is off."""
+    reference = load(folder).feet[0].reference
+    t_s, f_z_n = of_walk(model, folder)["left"]
+    return float(np.sqrt(np.mean((f_z_n - np.interp(t_s, reference.time_s, reference["fz_n"])) ** 2)))
+
+
+def test_what_both_show_is_one_finding_and_what_only_the_walk_can_is_beside_it(tmp_path):
+    folders = bag(tmp_path, relaxing(0.3, 0.8)), walk(tmp_path, solid, delay_s=0.03)
+    found = diagnose(tmp_path / "out", *folders)
+    assert found["verdict"] == "explained"
+    assert found["recordings"] == ["bag", "walk"]
+    by_word = {each["effect"]: each for each in found["findings"]}
+    assert set(by_word) == {"viscoelasticity", "delay"}, [each["sentence"] for each in found["findings"]]
+    assert by_word["viscoelasticity"]["recordings"] == ["bag", "walk"]
+    assert by_word["viscoelasticity"]["contradicted_by"] == []
+    assert by_word["viscoelasticity"]["parameters"]["a"]["value"] == pytest.approx(0.3, rel=0.1)
+    assert by_word["delay"]["recordings"] == ["walk"]
+    assert by_word["delay"]["parameters"]["delay_s"]["value"] == pytest.approx(0.03, abs=0.004)
+    assert found["heldout"]["unit"] == "count"
+    assert found["heldout"]["f_z"]["after"] < 0.3 * found["heldout"]["f_z"]["before"]
+    words = {each["effect"] for each in found["not_identifiable"]}
+    assert "crosstalk" in words
+    assert "creep" not in words  # the chamber would have told it
+    assert [each["recording"] for each in found["alignment"]] == ["bag", "walk"]
+    model = tmp_path / "out" / "model.json"
+    assert [each["effect"] for each in json.loads(model.read_text())["effects"]] == ["viscoelasticity", "delay"]
+    assert off_n(model, folders[1]) < 0.4 * off_n(folders[1] / "calibration.json", folders[1])
+    assert "The chamber by itself" in (tmp_path / "out" / "report.html").read_text()
+
+
+def test_a_walk_that_does_not_have_what_the_chamber_shows_is_named_and_its_model_has_it_not(tmp_path):
+    found = diagnose(tmp_path / "out", bag(tmp_path, relaxing(0.3, 0.8)), walk(tmp_path), options=QUICK)
+    (finding,) = found["findings"]
+    assert finding["effect"] == "viscoelasticity"
+    assert finding["recordings"] == ["bag"]
+    assert finding["contradicted_by"] == ["walk"]
+    assert json.loads((tmp_path / "out" / "model.json").read_text())["effects"] == []
+
+
+def test_a_chamber_that_would_show_what_only_the_walk_has_is_named(tmp_path):
+    found = diagnose(tmp_path / "out", walk(tmp_path, solid), bag(tmp_path), options=QUICK)
+    (finding,) = found["findings"]
+    assert finding["effect"] == "viscoelasticity"
+    assert finding["recordings"] == ["walk"]
+    assert finding["contradicted_by"] == ["bag"]
+
+
+def test_nothing_is_found_where_nothing_is(tmp_path):
+    stands = shoe.write(tmp_path / "stands", seconds=12.0, sensors=SENSORS, stands_s=11.0, clock="own")
+    found = diagnose(tmp_path / "out", bag(tmp_path), stands, walk(tmp_path))
+    assert [each["sentence"] for each in found["findings"]] == []
+    assert found["verdict"] == "no mismatch"
