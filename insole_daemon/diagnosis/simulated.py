@@ -111,7 +111,8 @@ def loads(
 ) -> Callable[[Array], Array]:
     """What gives the (n, n_triangles, 12) Pa of `simulation` at the places `xy_m` (n_triangles, 12, 2).
 
-    It is asked with the (n, n_triangles) moments of the recording, in s since its first frame, when each was read.
+    It is asked with the (n, n_triangles) moments of the recording, in s since its first frame, when each was read. What
+    comes after the end of the simulation is a guess (`Field.until`).
     """
     told = field(simulation, foot)
     t_s = (foot.t_ns - foot.t_ns[0]) * 1e-9
@@ -121,6 +122,7 @@ def loads(
     read = together(counts, valid, t_s[used], 0.0)
     offset_s, rate, _ = clock(recording, simulation, foot, told, slots, t_s[used], read)
     shapes = Interpolation(told).shapes(xy_m.reshape(-1, 2)).reshape(*xy_m.shape[:2], -1)
+    told = told.until(offset_s + (1.0 + rate) * float(t_s[-1]))
     courses = CubicSpline(told.t_s, told.courses)
 
     def at(read_s: Array) -> Array:

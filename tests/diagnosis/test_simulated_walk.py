@@ -75,6 +75,19 @@ def test_a_map_that_lies_askew(tmp_path, plain):
     assert log_scale == pytest.approx(0.0, abs=0.02)
 
 
+def test_beyond_the_end_of_a_simulation_the_walk_is_foretold_to_go_on(tmp_path):
+    short, folder = walk(tmp_path / "simulation", take=0, seconds=17.2), walk(tmp_path / "walk", seconds=18.0)
+    foot = load(folder).feet[0]
+    (calibration,) = folder.glob("*calibration*")
+    expected = prediction.of_folder(calibration, folder, short)["left"]
+    assert np.isfinite(expected[:, :, :6]).all()
+    t_s = (foot.t_ns - foot.t_ns[0]) * 1e-9
+    after, moment = t_s > 17.3, np.searchsorted(t_s, 17.1)
+    left = np.sqrt(np.nanmean((foot.counts - expected)[after] ** 2))
+    still = np.sqrt(np.nanmean((foot.counts - expected[moment])[after] ** 2))
+    assert left < 0.6 * still, (left, still)
+
+
 def test_triangles_that_are_each_other(tmp_path, plain):
     folder, out = walk(tmp_path / "walk", effect("swapped_triangles", Where(), pair=SWAP)), tmp_path / "out"
     done = CliRunner().invoke(app, ["diagnose", str(folder), "--simulation", str(plain), "--out", str(out)])
