@@ -26,6 +26,8 @@ from insole_daemon.recording.export_mcap import export_mcap
 from insole_daemon.recording.loading import load
 from insole_daemon.recording.writer import ReferenceContents, write
 from insole_daemon.service.foot import Foot, load_feet
+from insole_daemon.skin import layout as layouts
+from insole_daemon.skin.identifiers import TAG_A, TAG_B, skin_id
 from insole_daemon.wire.messages import BY_KEY, Array, Message, wire_fields
 from insole_daemon.wire.requests import pack
 
@@ -39,14 +41,23 @@ _LOG = (
 
 
 def frames() -> list[bytes]:
-    """struct can_frame, 16 bytes each: halves of cycles, answers, commands, an error frame."""
+    """struct can_frame, 16 bytes: halves of cycles, answers, commands, an error frame."""
     said = [
         (0x450, "40EEEFF1EFF1F1F0"), (0x450, "C0EEEFF1EFF10000"), (0x468, "41EEEFF1EFF1F1F0"),
         (0x250, "1C0B010203020001"), (0x7A0, "FF0B010203"), (0x350, "01FA000000"), (0x205, "0700"), (0x70F, "FF"),
         (0x20000004, "0004000000000000"),
     ]  # fmt: skip
-    packed = [struct.pack("<IB3x8s", i, len(d) // 2, bytes.fromhex(d)) for i, d in said]
-    return [*packed, b"".join(packed), packed[0] * 40]
+    return [struct.pack("<IB3x8s", i, len(d) // 2, bytes.fromhex(d)) for i, d in said]
+
+
+def cycles() -> list[bytes]:
+    """Frames one after another: two cycles of an insole, a half over and over, all kinds."""
+    halves = [
+        struct.pack("<IB3x8B", skin_id(at.board, at.triangle), 8, tag, *[240] * 7)
+        for at in layouts.builtin("left", (5, 6, 7)).triangles
+        for tag in (TAG_A, TAG_B)
+    ]
+    return [b"".join(halves) * 2, halves[0] * 40, b"".join(frames())]
 
 
 def candump_lines() -> list[bytes]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import os
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
@@ -23,7 +24,6 @@ from insole_daemon.bus.candump import CandumpReader
 from insole_daemon.bus.candump_line import BadLine, parse
 from insole_daemon.bus.error_frames import count_kinds
 from insole_daemon.bus.frames import FrameBatch
-from insole_daemon.bus.rules import never_a_command, refusal
 from insole_daemon.documents import read
 from insole_daemon.physics import calibration, zero
 from insole_daemon.recording import document, reference
@@ -32,6 +32,7 @@ from insole_daemon.recording.instrument import Instrument
 from insole_daemon.skin import commands
 from insole_daemon.skin import layout as layouts
 from insole_daemon.skin.reader import SkinReader
+from insole_daemon.skin.streams import Streams
 from insole_daemon.view.actions import Actions
 from insole_daemon.view.beside import Others, reading
 from insole_daemon.view.hub import Hub
@@ -69,7 +70,9 @@ def _folder() -> Path:
 def _as_file(name: str, take: Callable[[Path], object]) -> Callable[[bytes], object]:
     def taken(data: bytes) -> object:
         path = _folder() / name
-        path.write_bytes(data)
+        file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+        os.write(file, data)
+        os.close(file)
         return take(path)
 
     return taken
@@ -86,25 +89,34 @@ def _imported(name: str) -> Callable[[bytes], object]:
     return _as_file(name, take)
 
 
-def _frames(data: bytes) -> None:
-    """Frames as the kernel hands them over, all at moments 1 ms apart, into cycles; and what answers of boards say."""
+def _batch(data: bytes) -> FrameBatch:
+    """Frames as the kernel hands them over, 16 bytes each, 1 ms apart."""
     raw = np.frombuffer(data[: len(data) // 16 * 16], np.uint8).reshape(-1, 16).copy()
-    if not len(raw):
-        return
-    n, t_ns = len(raw), np.arange(len(raw), dtype=np.int64) * 1_000_000
-    batch = FrameBatch(t_ns, t_ns, np.zeros(n, np.uint8), *parts_of(raw))
-    skin = SkinReader([LAYOUT], 20_000_000, 5_000_000)
-    closed = skin.feed(batch)[0] + skin.advance(n * 1_000_000 + 200_000_000)[0]  # until nothing is expected any more
-    for cycles in closed:
-        assert cycles.counts.shape[1:] == (len(LAYOUT), 12)
+    t_ns = np.arange(len(raw), dtype=np.int64) * 1_000_000
+    return FrameBatch(t_ns, t_ns, np.zeros(len(raw), np.uint8), *parts_of(raw))
+
+
+@cache
+def _streams() -> Streams:
+    return Streams([LAYOUT])
+
+
+def _frame(data: bytes) -> None:
+    """One frame: whose it is, what it counts as, and what it says if a board answers."""
+    batch = _batch(data.ljust(16, b"\0")[:16])
+    assert -4 <= _streams().slots(batch)[0] < 2 * len(LAYOUT)
     count_kinds(batch, {})
-    assert len(never_a_command(batch)) == n
-    for row in range(n):
-        can_id, said = int(batch.can_id[row]), batch.data[row, : batch.dlc[row]].tobytes()
-        commands.read_discovery(can_id, said)
-        commands.read_version(can_id, said)
-        commands.read_temperature(can_id, said)
-        refusal(can_id, said, int(batch.flags[row]))
+    can_id, said = int(batch.can_id[0]), batch.data[0, : batch.dlc[0]].tobytes()
+    for answer in (commands.read_discovery, commands.read_version, commands.read_temperature):
+        answer(can_id, said)
+
+
+def _cycles(data: bytes) -> None:
+    """Frames into cycles, until nothing is expected any more."""
+    batch = _batch(data)
+    skin = SkinReader([LAYOUT], 20_000_000, 5_000_000)
+    for cycles in skin.feed(batch)[0] + skin.advance(len(batch) * 1_000_000 + 200_000_000)[0]:
+        assert cycles.counts.shape[1:] == (len(LAYOUT), 12)
 
 
 def _candump_line(data: bytes) -> None:
@@ -194,7 +206,8 @@ def _loop() -> asyncio.AbstractEventLoop:
 
 
 def _all() -> Iterator[Target]:
-    yield Target("frames", _frames, seeds.frames, byte_parser=True)
+    yield Target("frame", _frame, seeds.frames, byte_parser=True)
+    yield Target("cycles", _cycles, seeds.cycles)
     yield Target("candump-line", _candump_line, seeds.candump_lines, byte_parser=True)
     yield Target("candump", _as_file("can.log", _candump), seeds.candump_logs, byte_parser=True)
     yield Target("message", _message, seeds.messages, byte_parser=True)
