@@ -30,8 +30,8 @@ T = TypeVar("T")
 S = TypeVar("S", bound="Section")
 
 MAX_DEPTH = 50  # of maps and lists within each other; our formats need 7
-YAML_BYTES = 1 << 20  # of what people write; reading so much takes about a second
-JSON_BYTES = 8 << 20  # of what programs write: an effect of its own for each of 480 taxels is 0.4 MB
+YAML_BYTES = 1 << 18  # of what people write: a layout is 3 kB; the most costly takes a quarter of a second to read
+JSON_BYTES = 1 << 20  # of what programs write: an effect of its own for each of 480 taxels is 0.4 MB
 MOST_PROBLEMS = 100  # that are told of one file
 _LONGEST_KEY = 80  # as far as it is spelled
 _LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # libyaml if it is there: ten times faster
@@ -58,6 +58,11 @@ def within(low: float, high: float) -> Limit:
 def at_least(n: int) -> Limit:
     """A list of n entries or more."""
     return Limit(f" of at least {n}", lambda value: len(value) >= n)
+
+
+def entries(low: int, high: int) -> Limit:
+    """A list's number of entries, both allowed."""
+    return Limit(f" of {low} to {high}", lambda value: low <= len(value) <= high)
 
 
 def matching(regex: str, words: str) -> Limit:
@@ -97,8 +102,8 @@ def read(path: str | PathLike[str], kind: type[S], tag: str, check: Callable[[Re
 def wrong(struct: Section, key: Key = ()) -> Iterator[tuple[Key, str]]:
     """Where a struct that was made by hand is outside what a file could have said, and what was expected there."""
     kind: Any = type(struct)
-    for name, hint in _grammar(kind)[0].items():
-        yield from _wrong(hint, getattr(struct, name), (*key, name))
+    for name, of_field in _grammar(kind)[0].items():
+        yield from _wrong(of_field, getattr(struct, name), (*key, name))
 
 
 def spell(key: Key) -> str:
@@ -150,7 +155,7 @@ class Reading:
     def section(self, kind: Any, raw: Any, key: Key, also: tuple[str, ...] = ()) -> Any:
         """A `kind` out of the map `raw`; `also` are keys that are read elsewhere."""
         if not isinstance(raw, dict):
-            self.problem(key, f"expected {_words(kind)}, found {_found(raw)}")
+            self.problem(key, f"expected {_words(_type(kind))}, found {_found(raw)}")
             return _BAD
         grammar, required = _grammar(kind)
         values: dict[str, Any] = {}
@@ -176,8 +181,7 @@ class Reading:
         self._found.append((key, struct))
         return struct
 
-    def _value(self, hint: Any, raw: Any, key: Key) -> Any:
-        kind = _type(hint)
+    def _value(self, kind: _Type, raw: Any, key: Key) -> Any:
         base = kind.base
         if base is Any or (raw is None and kind.optional):
             return raw
@@ -187,12 +191,12 @@ class Reading:
             raw = float(raw) if abs(raw) < 2**1023 else math.inf
         value: Any = _BAD
         if base is Literal:
-            value = raw if any(type(raw) is type(choice) and raw == choice for choice in kind.args) else _BAD
-        elif base is tuple and isinstance(raw, list) and kind.allows(raw):
-            entries = [self._value(kind.args[0], item, (*key, i)) for i, item in enumerate(raw)]
-            right = tuple(entry for entry in entries if entry is not _BAD)
+            value = raw if any(type(raw) is type(choice) and raw == choice for choice in kind.choices) else _BAD
+        elif kind.entry is not None and isinstance(raw, list) and kind.allows(raw):
+            read = [self._value(kind.entry, item, (*key, i)) for i, item in enumerate(raw)]
+            right = tuple(entry for entry in read if entry is not _BAD)
             # a list of numbers is right or wrong; of sections, checks are shown those that are right
-            return right if _type(kind.args[0]).section or len(right) == len(raw) else _BAD
+            return right if kind.entry.section or len(right) == len(raw) else _BAD
         elif base is Mapping and isinstance(raw, dict):
             value = raw
         elif base is Path and isinstance(raw, str) and raw:
@@ -203,7 +207,7 @@ class Reading:
         elif type(raw) is base and (base is not float or math.isfinite(raw)) and kind.allows(raw):
             value = raw
         if value is _BAD:
-            self.problem(key, f"expected {_words(hint)}, found {_found(raw)}")
+            self.problem(key, f"expected {_words(kind)}, found {_found(raw)}")
         return value
 
     def _decode(self, most_bytes: int) -> str:
@@ -311,7 +315,8 @@ class Reading:
 @dataclass(frozen=True, slots=True)
 class _Type:
     base: Any
-    args: tuple[Any, ...]
+    choices: tuple[Any, ...]  # of a Literal
+    entry: _Type | None  # of a list
     limits: tuple[Any, ...]
     optional: bool
     section: bool
@@ -328,34 +333,34 @@ def _type(hint: Any) -> _Type:
     hint, *limits = get_args(hint) if get_origin(hint) is Annotated else (hint,)
     base = get_origin(hint) or hint
     section = isinstance(base, type) and issubclass(base, Section)
-    return _Type(base, get_args(hint), tuple(limits), optional, section)
+    choices = get_args(hint) if base is Literal else ()
+    entry = _type(get_args(hint)[0]) if base is tuple else None
+    return _Type(base, choices, entry, tuple(limits), optional, section)
 
 
 @cache
-def _grammar(kind: Any) -> tuple[dict[str, Any], set[str]]:
+def _grammar(kind: Any) -> tuple[dict[str, _Type], set[str]]:
     """Key → type, and the keys that must be there."""
     hints = get_type_hints(kind, include_extras=True)
     required = {f.name for f in fields(kind) if f.default is MISSING and f.default_factory is MISSING}
-    return {f.name: hints[f.name] for f in fields(kind)}, required
+    return {f.name: _type(hints[f.name]) for f in fields(kind)}, required
 
 
-def _wrong(hint: Any, value: Any, key: Key) -> Iterator[tuple[Key, str]]:
-    kind = _type(hint)
+def _wrong(kind: _Type, value: Any, key: Key) -> Iterator[tuple[Key, str]]:
     if isinstance(value, Section):
         yield from wrong(value, key)
-    elif value is not None and (not kind.allows(value) or (kind.base is Literal and value not in kind.args)):
-        yield key, f"expected {_words(hint)}, found {_found(value)}"
-    elif isinstance(value, tuple):
+    elif value is not None and (not kind.allows(value) or (kind.base is Literal and value not in kind.choices)):
+        yield key, f"expected {_words(kind)}, found {_found(value)}"
+    elif kind.entry is not None and isinstance(value, tuple):
         for i, entry in enumerate(value):
-            yield from _wrong(kind.args[0], entry, (*key, i))
+            yield from _wrong(kind.entry, entry, (*key, i))
 
 
-def _words(hint: Any) -> str:
-    kind = _type(hint)
+def _words(kind: _Type) -> str:
     names = {
         int: "a whole number", float: "a finite number", str: "text", bool: "true or false",
         tuple: "a list", Path: "the path of a file", Mapping: "a map",
-        Literal: f"one of {', '.join(map(str, kind.args))}", Any: "a value",
+        Literal: f"one of {', '.join(map(str, kind.choices))}", Any: "a value",
     }  # fmt: skip
     name = "a map of keys" if kind.section else names.get(kind.base) or kind.base.EXPECTED
     return name + "".join(limit.words for limit in kind.limits)

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..config import Board
-from ..documents import Key, Reading, Section, at_least, read, spell, within
+from ..documents import Key, Reading, Section, at_least, entries, read, spell, within
 from ..errors import InsoleError
 from ..skin.geometry import N_TAXELS, PRESSURE_TAXELS, THERMAL_PADS
 from ..skin.layout import Layout
@@ -31,6 +31,7 @@ from .effect import Effect
 FORMAT = "insole-calibration/1"
 COVARIANCE = "coefficients_covariance_pa2"
 VALID_RANGE = "valid_range"
+MOST_COEFFICIENTS = 32  # of a taxel: the arrays of all taxels are as wide as the longest
 BEGAN = "began_t_ns"  # in `provenance`: from when the times of effects count, ns of CLOCK_REALTIME
 
 # The public insole recordings lose about 12 counts a bar, with baselines near 240: 8 kPa a count.
@@ -70,7 +71,7 @@ class _Taxel(Section):
     triangle: Annotated[int, within(0, 15)]
     taxel: Annotated[int, within(0, N_TAXELS - 1)]
     baseline_count: Annotated[float, within(0, 510)]  # a fit may leave the 8-bit range, but not by much
-    coefficients_pa: Annotated[tuple[float, ...], at_least(1)]
+    coefficients_pa: Annotated[tuple[float, ...], entries(1, MOST_COEFFICIENTS)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

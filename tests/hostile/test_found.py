@@ -149,6 +149,13 @@ def test_a_valid_range_of_no_numbers_is_refused(limits):
         TARGETS["calibration-json"].take(json.dumps(calibration).encode())
 
 
+def test_a_taxel_of_many_coefficients_does_not_flood_the_memory():
+    calibration = json.loads(seeds.calibration()[0])
+    calibration["taxels"][1]["coefficients_pa"] = [1] * 400_000  # 1 GB for all taxels
+    with pytest.raises(InsoleError, match=r"expected a list of 1 to 32, found a list of 400000"):
+        TARGETS["calibration-json"].take(json.dumps(calibration, separators=(",", ":")).encode())
+
+
 def test_a_verb_that_is_no_text_is_no_mistake_of_ours():
     operations = BoardOperations(None, lambda *_: None)
     for verb in (["list"], {"list": 1}, None, 3):

@@ -126,8 +126,8 @@ def test_another_version(write: Write) -> None:
     [
         (taxel(baseline_count=float("nan")), "baseline_count", "found nan"),
         (taxel(coefficients_pa=[0.0, float("inf")]), "coefficients_pa[1]", "found inf"),
-        (taxel(coefficients_pa=[]), "coefficients_pa", "expected a list of at least 1"),
-        (taxel(coefficients_pa=7900), "coefficients_pa", "expected a list of at least 1, found 7900"),
+        (taxel(coefficients_pa=[]), "coefficients_pa", "expected a list of 1 to 32"),
+        (taxel(coefficients_pa=7900), "coefficients_pa", "expected a list of 1 to 32, found 7900"),
         (taxel(12), "taxel", "from 0 to 11, found 12"),
         (taxel(baseline_count=30000), "baseline_count", "from 0 to 510, found 30000"),
         (taxel(coefficients_kpa=[1]), "coefficients_kpa", "give it in pa"),
