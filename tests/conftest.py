@@ -34,7 +34,10 @@ def free_port(kind: socket.SocketKind = socket.SOCK_STREAM) -> int:
 
 
 def one_of_five(measure: Callable[[], dict[str, float]], **limits: tuple[float, float]) -> None:
-    """Measure until every figure is within its limits: a busy host spoils some attempts, a mistake spoils them all."""
+    """Measure until every figure is within its limits: a busy host spoils some attempts, a mistake spoils them all.
+
+    Only of figures of time: what may never happen, as a loss, is asserted within `measure`, where the first time fails.
+    """
     attempts = []
     for _ in range(5):
         attempts.append(measure())

@@ -53,9 +53,10 @@ def test_boards_told_50_ms_repeat_at_50_hz_and_subscribers_see_it(daemon):
         def measure():
             got = list(itertools.islice(wrenches, 150))
             health = next(h for h in healths if h.t_ns > got[-1].t_published_ns)
-            assert all(w.valid[:, 0].any() for w in got)
+            assert not any(w.lost for w in got)
             rates_hz = [board["rate_hz"] for board in health.boards]
             return {
+                "valid": np.mean([w.valid[:, 0].any() for w in got]),  # boards that get no CPU are silent
                 "published_ms": np.median(np.diff([w.t_published_ns for w in got])) * 1e-6,
                 "repeated": np.mean([w.repeated for w in got]),
                 "oldest_ms": max(float(w.age_ms.max()) for w in got),
@@ -66,6 +67,7 @@ def test_boards_told_50_ms_repeat_at_50_hz_and_subscribers_see_it(daemon):
 
         one_of_five(
             measure,
+            valid=(0.999, 1.001),
             published_ms=(19, 21),
             repeated=(0.1, 0.7),  # three boards, whose phases leave 32 ms free
             oldest_ms=(35, 75),
@@ -85,13 +87,16 @@ def test_a_missing_board_is_marked_and_does_not_slow_the_others(daemon):
         def measure():
             got = list(itertools.islice(wrenches, 100))
             for w in got:
+                assert not w.lost
                 assert not w.valid[missing].any()
                 assert np.isnan(w.age_ms[missing]).all()
-                assert w.valid[~missing].any()
                 assert w.valid_fraction < 1
-            return {"rate_hz": 99e9 / (got[-1].t_ns - got[0].t_ns)}
+            return {
+                "valid": np.mean([w.valid[~missing].any() for w in got]),
+                "rate_hz": 99e9 / (got[-1].t_ns - got[0].t_ns),
+            }
 
-        one_of_five(measure, rate_hz=(49, 51))
+        one_of_five(measure, valid=(0.999, 1.001), rate_hz=(49, 51))
         health = next(healths)
     assert health.state == "degraded"
     assert {b["address"]: b["state"] for b in health.boards} == {5: "streaming", 6: "never seen", 7: "streaming"}
