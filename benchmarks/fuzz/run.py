@@ -109,6 +109,8 @@ def fuzz(name: str, corpus: Path) -> None:
 
     def one(data: bytes) -> None:
         nonlocal inputs, told_s
+        if not inputs:
+            _keep_no_arrays(atheris)  # now: until Fuzz() it puts its own in place
         inputs, began = inputs + 1, time.process_time()
         if began > told_s + 1:  # libFuzzer tells it at powers of two alone
             told_s = began
@@ -126,7 +128,6 @@ def fuzz(name: str, corpus: Path) -> None:
     rss_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024 + MOST_MB
     options = [f"-artifact_prefix={corpus}/found-", f"-rss_limit_mb={rss_mb}", "-timeout=60", f"-max_len={longest}"]
     atheris.Setup([sys.argv[0], *options, str(corpus)], one)
-    _keep_no_arrays(atheris)
     atheris.Fuzz()
 
 
