@@ -21,6 +21,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from random import Random
 from types import ModuleType
 from typing import Any
 
@@ -67,7 +68,9 @@ def watched(name: str, corpus: Path, minutes: float | None, byte_parser: bool) -
         seen = re.match(r"#(\d+)\s+(\w+)\s+(?:cov: (\d+))?", line)
         if not seen:
             continue
-        used_s, inputs = cpu_s(process.pid), int(seen[1])
+        used_s = cpu_s(process.pid)
+        if seen[2] == "inputs":
+            inputs = int(seen[1])
         if seen[2] in ("INITED", "NEW") and int(seen[3] or 0) > edges:
             edges, newest_s = int(seen[3] or 0), used_s
         if minutes is not None:
@@ -111,9 +114,9 @@ def fuzz(name: str, corpus: Path) -> None:
         nonlocal inputs, told_s
         if not inputs:
             _keep_no_arrays(atheris)  # now: until Fuzz() it puts its own in place
-        inputs, began = inputs + 1, time.process_time()
+        inputs, began = inputs + (len(target.units.apart(data)) if target.units else 1), time.process_time()
         if began > told_s + 1:  # libFuzzer tells it at powers of two alone
-            told_s = began
+            told_s = began  # and counts several units as one
             print(f"#{inputs}\tinputs", file=sys.stderr, flush=True)
         try:
             target.take(data or b"\0")
@@ -123,11 +126,21 @@ def fuzz(name: str, corpus: Path) -> None:
         if took_s > LONGEST_CPU_S:
             raise TimeoutError(f"{took_s:.1f} s of CPU for {len(data)} bytes")
 
+    def mutated(data: bytes, most_bytes: int, seed: int) -> bytes:
+        """Units like those in `data`, each changed for itself."""
+        units, random = target.units, Random(seed)
+        assert units is not None
+        given = units.apart(data)
+        changed = [atheris.Mutate(random.choice(given), units.most_bytes) for _ in range(units.n)]
+        return units.together(changed)[:most_bytes]
+
     # What is read byte by byte has small units, and so has what is tried.
     longest = 2 * max(map(len, target.seeds())) if target.byte_parser else 65536
+    if target.units:
+        longest = target.units.n * (target.units.most_bytes + 1)
     rss_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024 + MOST_MB
     options = [f"-artifact_prefix={corpus}/found-", f"-rss_limit_mb={rss_mb}", "-timeout=60", f"-max_len={longest}"]
-    atheris.Setup([sys.argv[0], *options, str(corpus)], one)
+    atheris.Setup([sys.argv[0], *options, str(corpus)], one, **({"custom_mutator": mutated} if target.units else {}))
     atheris.Fuzz()
 
 

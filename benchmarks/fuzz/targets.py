@@ -14,14 +14,15 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from insole_daemon import config as configs
 from insole_daemon.bus.batched_socket import parts_of
 from insole_daemon.bus.candump import CandumpReader
-from insole_daemon.bus.candump_line import BadLine, parse
+from insole_daemon.bus.candump_fast import PAD, TimeForm, decode
+from insole_daemon.bus.candump_line import BadLine, interface_name, parse
 from insole_daemon.bus.error_frames import count_kinds
 from insole_daemon.bus.frames import FrameBatch
 from insole_daemon.documents import read
@@ -47,6 +48,23 @@ LAYOUT = layouts.builtin("left", (5, 6, 7))
 KINDS = tuple(BY_KEY)
 
 
+class Units(NamedTuple):
+    """What many of are handed over together, each an input of its own: how to take them apart, and join them again."""
+
+    apart: Callable[[bytes], list[bytes]]
+    together: Callable[[list[bytes]], bytes]
+    n: int  # handed over together
+    most_bytes: int  # of one
+
+
+FRAMES = Units(
+    lambda data: [data[at : at + 16] for at in range(0, len(data), 16)],
+    lambda units: b"".join(unit.ljust(16, b"\0") for unit in units),
+    n=64, most_bytes=16,
+)  # fmt: skip
+LINES = Units(lambda data: data.split(b"\n"), b"\n".join, n=16, most_bytes=200)
+
+
 @dataclass(frozen=True, slots=True)
 class Target:
     """`seeds` are good inputs; `byte_parser`: reads bytes one by one, so that it is given millions of inputs."""
@@ -55,6 +73,7 @@ class Target:
     take: Callable[[bytes], object]
     seeds: Callable[[], Sequence[bytes]]
     byte_parser: bool = False
+    units: Units | None = None
 
 
 @cache
@@ -101,14 +120,15 @@ def _streams() -> Streams:
     return Streams([LAYOUT])
 
 
-def _frame(data: bytes) -> None:
-    """One frame: whose it is, what it counts as, and what it says if a board answers."""
-    batch = _batch(data.ljust(16, b"\0")[:16])
-    assert -4 <= _streams().slots(batch)[0] < 2 * len(LAYOUT)
+def _frames(data: bytes) -> None:
+    """Whose each frame is, what it counts as, and what it says if a board answers."""
+    batch = _batch(data)
+    slots = _streams().slots(batch)
+    assert ((slots >= -4) & (slots < 2 * len(LAYOUT))).all()
     count_kinds(batch, {})
-    can_id, said = int(batch.can_id[0]), batch.data[0, : batch.dlc[0]].tobytes()
-    for answer in (commands.read_discovery, commands.read_version, commands.read_temperature):
-        answer(can_id, said)
+    for can_id, dlc, said in zip(batch.can_id.tolist(), batch.dlc.tolist(), batch.data, strict=True):
+        for answer in (commands.read_discovery, commands.read_version, commands.read_temperature):
+            answer(can_id, said[:dlc].tobytes())
 
 
 def _cycles(data: bytes) -> None:
@@ -119,9 +139,22 @@ def _cycles(data: bytes) -> None:
         assert cycles.counts.shape[1:] == (len(LAYOUT), 12)
 
 
-def _candump_line(data: bytes) -> None:
-    with contextlib.suppress(BadLine):
-        parse(data)
+def _candump_lines(data: bytes) -> None:
+    """Each line many at once and one with care, which say the same."""
+    text = data + b"\n"
+    form = TimeForm.of(text) or TimeForm(10, 6)
+    columns = decode(np.frombuffer(bytes(PAD) + text + bytes(PAD), np.uint8), PAD, PAD + len(text), form)
+    for row, line in enumerate(text.split(b"\n")[:-1]):
+        try:
+            found = parse(line)
+        except BadLine:
+            name = columns.key[:, row].tobytes().rstrip(b"\0")  # as PieceDecoder judges it
+            assert not (columns.ok[row] and name.startswith(b" ") and interface_name(name.strip(b" ")))
+            continue
+        if columns.ok[row]:
+            columns_say = columns.t_ns, columns.can_id, columns.dlc, columns.flags
+            assert [column[row] for column in columns_say] == [found.t_ns, found.can_id, found.dlc, found.flags]
+            assert columns.data[row].tobytes() == found.data
 
 
 def _candump(path: Path) -> None:
@@ -206,10 +239,10 @@ def _loop() -> asyncio.AbstractEventLoop:
 
 
 def _all() -> Iterator[Target]:
-    yield Target("frame", _frame, seeds.frames, byte_parser=True)
+    yield Target("frames", _frames, seeds.frames, byte_parser=True, units=FRAMES)
     yield Target("cycles", _cycles, seeds.cycles)
-    yield Target("candump-line", _candump_line, seeds.candump_lines, byte_parser=True)
-    yield Target("candump", _as_file("can.log", _candump), seeds.candump_logs, byte_parser=True)
+    yield Target("candump-lines", _candump_lines, seeds.candump_lines, byte_parser=True, units=LINES)
+    yield Target("candump", _as_file("can.log", _candump), seeds.candump_logs)
     yield Target("message", _message, seeds.messages, byte_parser=True)
     yield Target("request", lambda data: unpack(data, REQUEST_SCHEMA), seeds.requests, byte_parser=True)
     yield Target("reference-message", _reference_message, seeds.reference_messages, byte_parser=True)

@@ -74,7 +74,10 @@ def test_it_is_refused_in_our_words(target, data, words):
 @pytest.mark.parametrize(
     ("target", "data"),
     [
-        ("frame", struct.pack("<IB3x8s", 0x6750, 8, b"\x1c")),  # an identifier of more than 11 bits that says it has 11
+        (
+            "frames",
+            struct.pack("<IB3x8s", 0x6750, 8, b"\x1c"),
+        ),  # an identifier of more than 11 bits that says it has 11
         ("reference-message", b"[" * 100_000),
         ("reference-message", b'{"fz_n": 1' + b"0" * 400 + b', "mx_nm": 0, "my_nm": 0}'),
         ("websocket", b"[" * 4000),
