@@ -31,6 +31,7 @@ LONGEST_STRIDE_S = 3.0  # more is a pause
 _GAP_S = 0.2  # of cycles: what lies between is not known
 _BLOCK_S = 0.5
 _BLOCKS = 2  # the last second: who lifts a foot is not slower, who shifts his weight is
+_LONG_AGO_NS = -(10**18)
 _UNLOADED = 0.2  # of the largest force of that time: what is above it is no rest
 
 Kind = Literal["initial_contact", "toe_off"]
@@ -87,7 +88,9 @@ class FootGait:
         self._levels = Levels()
         self._last_ns: int | None = None
         self._last_n = 0.0
-        self._low_ns = self._high_ns = 0  # monotonic: when low was last passed upwards, high downwards
+        # Monotonic: when low was last passed upwards, high downwards; each tells one event. The levels move, so that a
+        # force can be below the one and above the other twice without passing either again.
+        self._low_ns = self._high_ns = _LONG_AGO_NS
         self._previous_contact_ns: int | None = None
         self._off_ns: int | None = None
         self._begin()
@@ -110,7 +113,7 @@ class FootGait:
         self._last_ns, self._last_n = t_mono_ns, f_z_n
         if last_ns is None or not 0 < t_mono_ns - last_ns <= _GAP_S * 1e9:
             self.contact_ns = self._off_ns = None  # what was before is of another time
-            self._low_ns = self._high_ns = 0
+            self._low_ns = self._high_ns = _LONG_AGO_NS
             self.loaded = f_z_n >= high_n
             return None
 
@@ -132,13 +135,15 @@ class FootGait:
         elif self.loaded and f_z_n < low_n:
             self.loaded = False
             off_ns = crossed_ns(low_n) if last_n >= low_n else t_mono_ns
-            if off_ns - self._high_ns <= QUICK_S * 1e9:
+            quick = off_ns - self._high_ns <= QUICK_S * 1e9
+            self._high_ns = _LONG_AGO_NS
+            if quick:
                 return self._toe_off(off_ns, t_mono_ns, t_ns)
             self.contact_ns = self._off_ns = None
         return None
 
     def _contact(self, t_mono_ns: int, t_ns: int) -> GaitEvent:
-        contact_ns = self._low_ns
+        contact_ns, self._low_ns = self._low_ns, _LONG_AGO_NS
         figures: dict[str, float | None] = {
             "swing_s": _span_s(self._off_ns, contact_ns),
             "stride_s": _span_s(self._previous_contact_ns, contact_ns),
@@ -222,7 +227,7 @@ class Gait:
         """How much longer the left foot's last stance was than the right's, of their mean (Robinson et al. 1987)."""
         stances = [self._feet[foot].stance_s if foot in self._feet else None for foot in ("left", "right")]
         left_s, right_s = stances
-        return None if left_s is None or right_s is None else 200.0 * (left_s - right_s) / (left_s + right_s)
+        return 200.0 * (left_s - right_s) / (left_s + right_s) if left_s and right_s else None
 
 
 def _span_s(first_ns: int | None, last_ns: int) -> float | None:

@@ -178,3 +178,19 @@ def test_a_layout_of_the_heel_alone_has_one_region_that_counts():
     gait, valid = FootGait(few), np.tile(PRESSURE_TAXELS, (len(rear), 1))
     for at in range(60):
         gait.update(at * 20_000_000, 0, 500.0 if at % 40 > 15 else 0.0, np.full((len(rear), 12), 1e4), valid)
+
+
+def test_levels_that_move_do_not_tell_one_contact_twice(monkeypatch):
+    """A soak found it after ten hours: the force was between the levels all the time, and they moved around it."""
+    gait = FootGait(LEFT)
+    monkeypatch.setattr(gait._levels, "update", lambda t_mono_ns, f_z_n: None)
+
+    def told(f_z_n, low_n, high_n):
+        gait._levels.low_n, gait._levels.high_n = low_n, high_n
+        told.t_ns += 20_000_000
+        return gait.update(told.t_ns, START_NS + told.t_ns, f_z_n, np.zeros((len(LEFT), 12)), VALID)
+
+    told.t_ns = 0
+    forces = [(0.0, 20.0, 60.0), (100.0, 20.0, 60.0), (100.0, 120.0, 360.0), (100.0, 20.0, 60.0), (100.0, 20.0, 60.0)]
+    events = [told(*each) for each in forces]
+    assert [each and each.kind for each in events] == [None, "initial_contact", None, None, None]
