@@ -45,7 +45,7 @@ def page(rows: list[dict[str, Any]], took_s: float, before: str = "") -> str:
     favoured = ", of which it ran ahead (`chrt -f 1`)" if os.sched_getscheduler(0) == os.SCHED_FIFO else ""
     others = "; the others are of runs before" if len(there) > len(rows) else ""
     where = (
-        f"This run: {len(rows)} faults in {took_s / 60:.0f} min{others}, on User Mode Linux, a kernel whose one"
+        f"This run: {len(rows)} of the faults in {took_s / 60:.0f} min{others}, on User Mode Linux, a kernel whose one"
         " processor all of it shares and whose system calls take ten times as long as elsewhere, on a machine with a"
         f" load of {loads[len(loads) // 2]:.0f} (median) from other work{favoured}. So times are upper bounds, and"
         " `slack_ms` is 20 instead of 5: what that processor brings late is not lost."
