@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from .candidate import Excitation
-from .naming import Naming, Tried
+from .naming import AS_GOOD, Naming, Tried
 
 UNEXPLAINED = 0.25  # of the mismatch that the best subset leaves: it is something else
-AS_GOOD = 1.6  # times what the best subset leaves: a swap that leaves less is as good
 # Of the mismatch: what one family may miss of a material that is of its kind, by the excitation that is missing.
 MISFIT = {"speeds": 0.1, "holds": 0.05, "temperature": 0.1}
 SIGMAS = 4.0

@@ -17,10 +17,10 @@ import numpy as np
 
 from ..physics.law import Array
 from .candidate import Candidate, Rows
-from .deciding import AS_GOOD, by_chance, unexplained
+from .deciding import by_chance, unexplained
 from .fit import Evidence, Fitted, Hypothesis
 from .groups import Named
-from .naming import Decoy, Naming, cheapest, heldout, left
+from .naming import AS_GOOD, Decoy, Naming, cheapest, heldout, left
 from .observed import Observed
 
 ALIKE = 0.7  # correlation of two courses of temperature: a copy that is the course itself is no decoy

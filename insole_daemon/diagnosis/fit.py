@@ -30,7 +30,7 @@ KNOTS = (
     5 / 6,
 )  # of the load's range: where the third derivative of a static curve may jump
 KNOTS_OF_PLACES = (1 / 3, 2 / 3)  # the same of a load with places: each taxel has a range, and a curve, of its own
-MOST_OFFSET_S, MOST_RATE = 0.5, 5e-4  # the clocks' correction after their edges were aligned
+MOST_OFFSET_S, MOST_RATE = 1.0, 3e-3  # the clocks' correction after their edges were aligned, which physics bends
 MOST_STEPS = 14
 _SETTLED = 1e-5  # relative gain of a step that is worth no other
 _NUDGE = 1e-4

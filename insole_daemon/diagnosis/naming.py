@@ -25,6 +25,7 @@ MOST_EFFECTS = 3
 # What one more effect has to take away: of the whole excess, and of what the smaller set leaves. A small one has to
 # explain nearly all that is left.
 PRICES = ((0.04, 0.5), (0.008, 0.8))
+AS_GOOD = 1.6  # times what the best subset leaves: a swap that leaves less is as good
 LEAST_FITTED = 0.3  # of what the smaller set leaves, that has to go on the blocks that were fitted to as well
 FIRST_STEPS = 4  # that every subset is fitted for
 FITTED = 12  # subsets of each size that are fitted to the end
@@ -153,10 +154,21 @@ def cheapest(judged: Collection[Tried]) -> Tried:
     """The smallest set, of these with the empty one, that no larger one is worth its price beside."""
     best = next(each for each in judged if not each.words)
     for size in range(1, max(len(each.words) for each in judged) + 1):
-        challenger = min((each for each in judged if len(each.words) == size), key=_left, default=best)
+        of_size = [each for each in judged if len(each.words) == size]
+        challenger = _in_its_words(min(of_size, key=_left, default=best), of_size)
         if worth(best, challenger):
             best = challenger
     return best
+
+
+def _in_its_words(tried: Tried, of_size: Collection[Tried]) -> Tried:
+    """`tried`, or of its size what says the same in its own words: a family's edge is not told as that family."""
+    values = zip(tried.fitted.candidates, tried.fitted.values(), strict=True)
+    really = {candidate.is_really(own) for candidate, own in values}
+    for each in of_size:
+        if set(each.words) == really and _left(each) <= AS_GOOD * _left(tried):
+            return each
+    return tried
 
 
 def _without_one(evidence: Evidence, candidates: Mapping[str, Candidate], tried: Tried) -> list[Fitted]:

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import savgol_filter
 from scipy.stats import trim_mean
 
 from ..calibration import clock as clocks
@@ -22,8 +23,9 @@ from .observed import Load, Observed, block_starts, stretches
 from .operators import low_pass, plays
 from .readings import bridged, together
 
-STEP_S = 0.04  # of the load's grid: finer than a block of cycles
-SMOOTH_S = 0.1  # over so long a reference is averaged: its noise would otherwise drive plays
+STEP_S = 0.02  # of the load's grid: finer than a block of cycles
+SMOOTH_S = 0.1  # over so long a reference is smoothed: its noise would otherwise drive plays
+FINE = 4  # steps in one of them, in which it is smoothed
 LEAST_TOLD = 0.3
 LEAST_CYCLES = 100  # two seconds: what a diagnosis needs is asked of the load, later
 USUAL_RATE = 3e-4
@@ -40,13 +42,11 @@ def observe(
     kept: NDArray[np.bool_],
     audited: Audit,
     simulation: Recording | None = None,
-    smooth_s: float = SMOOTH_S,
 ) -> tuple[Observed, tuple[tuple[float, float], ...]]:
     """What a diagnosis looks at of `foot`, and when its reference had spikes, which are taken out.
 
     `kept` (n_triangles, 12): the taxels that are asked; `audited`: which of their readings are believed;
-    `simulation`: of the same chamber trial, whose load stands for the reference;
-    `smooth_s`: over so long the reference is averaged.
+    `simulation`: of the same chamber trial, whose load stands for the reference.
     """
     slots = np.flatnonzero(kept.ravel())
     t_s = (foot.t_ns - foot.t_ns[0]) * 1e-9
@@ -91,7 +91,7 @@ def observe(
         else:
             found = _clock(cycle_s, np.concatenate([features, _memory(cycle_s, x)], axis=1), reference_s, pressure_pa)
         offset_s, rate, std = found.offset_s, found.rate, (found.offset_std_s, found.rate_std)
-    load = Load(*_on_grid(reference_s, pressure_pa, smooth_s), "own" if rows else reference.clock)
+    load = Load(*_on_grid(reference_s, pressure_pa), "own" if rows else reference.clock)
     # Where the reference says nothing the load is not known.
     said_s = offset_s + (1.0 + rate) * cycle_s
     told = (said_s >= load.t_s[0]) & (said_s <= load.t_s[-1])
@@ -134,16 +134,14 @@ def _clock(cycle_s: Array, features: Array, reference_s: Array, pressure_pa: Arr
     return wide if 1.0 - wide.explained < SHARPER * (1.0 - usual.explained) else usual
 
 
-def _on_grid(time_s: Array, pressure_pa: Array, smooth_s: float) -> tuple[float, float, Array]:
-    """Where the grid begins, its step, and (N, 1) the readings averaged over `smooth_s`."""
+def _on_grid(time_s: Array, pressure_pa: Array) -> tuple[float, float, Array]:
+    """Where the grid begins, its step, and (N, 1) the readings smoothed over SMOOTH_S.
+
+    By parabolas: a mean would be a memory itself, symmetric in time, and beside it a lag that shall be as wide as the
+    one that is there is not as skew, which a lag with a share does better.
+    """
     known = ~np.isnan(pressure_pa)
     t, p = time_s[known], pressure_pa[known]
-    step_s = STEP_S / SMOOTH_S * smooth_s
-    n_fine, n_half = 4, max(round(smooth_s / 2 / (step_s / 4)), 1)
-    grid = np.arange(t[0], t[-1], step_s)
-    fine = np.interp(t[0] + np.arange(n_fine * len(grid)) * step_s / n_fine, t, p)
-    total = np.concatenate([[0.0], np.cumsum(fine)])
-    middle = n_fine * np.arange(len(grid))
-    low, high = np.maximum(middle - n_half, 0), np.minimum(middle + n_half + 1, len(fine))
-    smooth = (total[high] - total[low]) / (high - low)
-    return float(t[0]), step_s, smooth[:, None]
+    grid_s = np.arange(t[0], t[-1], STEP_S / FINE)
+    fine = savgol_filter(np.interp(grid_s, t, p), 2 * round(SMOOTH_S * FINE / STEP_S / 2) + 1, 2)
+    return float(t[0]), STEP_S, fine[::FINE, None]

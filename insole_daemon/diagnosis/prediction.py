@@ -22,7 +22,6 @@ from .observed import Observed
 from .observing import observe
 from .simulated import loads
 
-SMOOTH_S = 0.03  # that the reference is averaged over: more blunts the corners of fast ramps by counts
 _MOST_ALIGNED = 12  # times that the clock is moved by what the model leaves
 _ALIGNED_S = 5e-4  # by less it is not moved again
 MOST_LATER_S = 0.5  # in one go: edges tell a clock more nearly
@@ -60,7 +59,7 @@ def counts(model: str | PathLike[str], recording: Recording, simulation: Recordi
         if simulation is not None and walk:
             load_at = loads(recording, foot, audited, simulation, chain.xy_m)
         else:
-            seen, _ = observe(recording, foot, audited.kept, audited, simulation, SMOOTH_S)
+            seen, _ = observe(recording, foot, audited.kept, audited, simulation)
             own_clock = seen.load.clock == "own"
             warm = None if seen.temperature_c is None else np.interp(t_s, seen.t_s, seen.temperature_c)
             load_at = partial(_everywhere, seen)
