@@ -22,16 +22,16 @@ from ..recording.loading import FootRecording
 from ..skin.geometry import N_TAXELS, PRESSURE_TAXELS
 from . import contact
 from .finding import Finding
-from .floor import noise_of_readings
 from .lost import gaps, not_new
-from .loudness import bursts, intervals, joined, loud_boards
+from .loudness import bursts, intervals, joined, loud_boards, louder
 from .places import said, where
 
 TALKS = 0.25  # as often as the liveliest taxels do: one that changes more seldom tells little of the load
 MOST_DEAD = 0.3  # of its cycles without a reading that can be believed: the taxel is called dead
 LEAST_BELIEVED = 0.5  # of its cycles in which it works and is within its range: less, and it is left out
 LEAST_TAXELS = 0.5  # of the taxels that are believed: less, and a cycle is left out
-RAIL_SIGMAS, RAIL_CYCLES, MOST_ON_RAILS = 2.5, 15, 0.2  # how near an end, over how many cycles, how many taxels
+RAIL_READINGS, RAIL_CYCLES, MOST_ON_RAILS = 2, 15, 0.2  # at an end, of how many cycles, of how many taxels
+LOUDER = 1.5  # times the scatter under little load: noise goes with the load
 ALWAYS = 0.95  # of the time: from beginning to end
 MOST_LEAPING = 0.5  # of the taxels: as many loose contacts there are not
 MOST_LOST = 0.003  # of all cycles: fewer are what a bus loses
@@ -92,13 +92,16 @@ def audit(foot: FootRecording, name: str, steps: bool = False) -> Audit:
     if not steps:
         loud, noisy = _loud(seen, gone)
         findings += noisy
-    gone |= ~loud & _leaping(seen, steps)
+    restless = [] if steps else _louder(seen, seen.asked[~(gone | loud)[seen.asked]])
+    findings += restless
+    if not restless:  # else what leaps is noise, and a hold no burst
+        gone |= ~loud & _leaping(seen, steps)
     findings += _alone(seen, gone, opened)
     unfit = gone.copy()
     unfit[seen.asked] |= (seen.valid & ~seen.dead)[~seen.railed][:, seen.asked].mean(axis=0) < LEAST_BELIEVED
     kept = ~(unfit | loud).reshape(foot.valid.shape[1:]) & _asked(foot)
     of_kept, believed = kept.ravel(), seen.believed
-    if not steps:
+    if not (steps or restless):
         burst, noisy = _bursts(seen, np.flatnonzero(of_kept))
         believed &= ~burst
         findings += noisy
@@ -184,8 +187,18 @@ def _bursts(seen: _Readings, quiet: NDArray[np.intp]) -> tuple[NDArray[np.bool_]
     noisy, cycles, when = bursts(seen.counts[:, quiet], seen.believed[:, quiet], seen.t_s)
     if not when:
         return burst, []
-    burst[np.ix_(cycles, quiet[noisy])] = True
-    return burst, [seen.finding("noise_burst", quiet[noisy], when, "far noisier than usual for a while")]
+    found = seen.finding("noise_burst", quiet[noisy], when, "far noisier than usual for a while")
+    burst[np.ix_(cycles, found.where.slots(seen.foot.layout))] = True  # the calmest of a board too
+    return burst, [found]
+
+
+def _louder(seen: _Readings, quiet: NDArray[np.intp]) -> list[Finding]:
+    """What is told where noise goes with the load: of the slots `quiet`."""
+    times = louder(seen.counts[:, quiet], seen.believed[:, quiet], seen.t_s, seen.mean)
+    if not times > LOUDER:
+        return []
+    text = f"readings scatter {times:.1f} times as much under much load as under little, which no known effect does"
+    return [seen.finding("unknown", quiet, (), text)]
 
 
 def _lost(seen: _Readings, unfit: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], list[Finding]]:
@@ -221,7 +234,6 @@ def _insole(counts: Array) -> Array:
 
 def _on_rails(counts: Array) -> NDArray[np.bool_]:
     """(n,) cycles in which many taxels stand so near an end of their range that it cuts their noise off."""
-    near = RAIL_SIGMAS * float(np.median(noise_of_readings(counts))) if counts.size else 0.0
-    usual = uniform_filter1d(counts, RAIL_CYCLES, axis=0)
-    cut: NDArray[np.bool_] = np.mean((usual > 255 - near) | (usual < near), axis=1) > MOST_ON_RAILS
+    at_end = uniform_filter1d(((counts <= 0) | (counts >= 255)).astype(np.float64), RAIL_CYCLES, axis=0)
+    cut: NDArray[np.bool_] = np.mean(at_end > (RAIL_READINGS - 0.5) / RAIL_CYCLES, axis=1) > MOST_ON_RAILS
     return cut if cut.mean() < 0.9 else np.zeros_like(cut)

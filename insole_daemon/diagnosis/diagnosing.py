@@ -239,7 +239,7 @@ def _clocks(observed: Sequence[Observed], located: Located) -> tuple[Array, Arra
     """(recordings, 2) offset_s and rate by the best explanation of most taxels, and their standard deviations."""
     found = np.array([(each.began_s + each.offset_s, each.rate) for each in observed])
     std = np.array([each.clock_std for each in observed])
-    best = max(located.named, key=lambda each: len(each.group.slots), default=None)
+    best = next((each for each in located.named if 2 * len(each.group.slots) > len(located.slots)), None)
     fitted = best.naming.best.fitted if best is not None else located.null
     corrections = fitted.clocks()
     if best is not None and corrections.size:

@@ -30,7 +30,7 @@ KNOTS = (
     5 / 6,
 )  # of the load's range: where the third derivative of a static curve may jump
 KNOTS_OF_PLACES = (1 / 3, 2 / 3)  # the same of a load with places: each taxel has a range, and a curve, of its own
-MOST_OFFSET_S, MOST_RATE = 1.0, 3e-3  # the clocks' correction after their edges were aligned, which physics bends
+MOST_OFFSET_S, MOST_RATE = 0.5, 5e-4  # the clocks' correction after their edges were aligned
 MOST_STEPS = 14
 _SETTLED = 1e-5  # relative gain of a step that is worth no other
 _NUDGE = 1e-4
@@ -122,8 +122,8 @@ class Hypothesis:
     def __init__(self, evidence: Evidence, candidates: Sequence[Candidate], plain: bool = False) -> None:
         self.evidence = evidence
         self.candidates = tuple(sorted(candidates, key=lambda each: (each.order, each.word)))
-        n_clock = 2 * len(evidence.observed) if evidence.own_clock else 0
-        clock = np.tile([MOST_OFFSET_S, MOST_RATE], n_clock // 2)
+        clock = np.array([clock_room(each) for each in evidence.observed if evidence.own_clock]).ravel()
+        n_clock = len(clock)
         self.low = np.concatenate([-clock, *(each.low for each in self.candidates)])
         self.high = np.concatenate([clock, *(each.high for each in self.candidates)])
         own = [_NUDGE * (c.high - c.low) if c.nudge is None else c.nudge for c in self.candidates]
@@ -348,6 +348,12 @@ class Hypothesis:
         beyond = (x - inside).T[..., None]
         found: Array = _spline(inside, self._knots) + beyond * _slopes(inside, self._knots)
         return found
+
+
+def clock_room(seen: Observed) -> tuple[float, float]:
+    """By how much its clock may be corrected: offset, s, and rate. From a rate that the edges found, back to none."""
+    back = 0.0 if seen.paired_by_row else abs(seen.rate)
+    return MOST_OFFSET_S + back * float(seen.cycle_s[-1]) / 2, MOST_RATE + back
 
 
 def within(basis: Array, x: Array) -> Array:

@@ -14,6 +14,8 @@ BOARD_LOUD = 2.0  # times its quietest tenth, of a board's typical taxel: the bo
 MOST_LOUD = 0.1  # of the time: a board that is loud for longer is left out
 BURST_S = 0.3
 WINDOW_S = 1.0
+LEAST_WINDOWS = 20
+LITTLE = 0.3  # of the time: under the least load, and under the most
 
 Times = tuple[tuple[float, float], ...]
 
@@ -32,7 +34,7 @@ def loud_boards(
     level, window = _levels(counts, t_s)
     level[_any(~believed, window)] = np.nan
     known = np.isfinite(level).mean(axis=0) > MOST_LOUD
-    if len(level) < 20 or not known.any():
+    if len(level) < LEAST_WINDOWS or not known.any():
         return []
     found = []
     quiet = np.maximum(np.nanquantile(level[:, known], 0.1, axis=0), LEAST_COUNT)
@@ -66,6 +68,24 @@ def bursts(
     if flags.mean() > 0.5:
         return taxels, np.zeros(len(t_s), bool), ()
     return for_long, flags, joined(intervals(flags, t_s), WINDOW_S)
+
+
+def louder(counts: Array, believed: NDArray[np.bool_], t_s: Array, load: Array) -> float:
+    """How many times as noisy the typical taxel is under much load as under little; `load` (n,). 1 where none can say.
+
+    `counts`, `believed` (n, m).
+    """
+    level, window = _levels(counts, t_s)
+    if len(level) < LEAST_WINDOWS:
+        return 1.0
+    level[_any(~believed, window)] = np.nan
+    bore = load[: len(level) * window].reshape(len(level), window).mean(axis=1)
+    little, much = level[bore <= np.quantile(bore, LITTLE)], level[bore >= np.quantile(bore, 1.0 - LITTLE)]
+    known = np.all([np.isfinite(each).mean(axis=0) > MOST_LOUD for each in (little, much)], axis=0)
+    if not known.any():
+        return 1.0
+    below, above = (np.maximum(np.nanmedian(each[:, known], axis=0), LEAST_COUNT) for each in (little, much))
+    return float(np.median(above / below))
 
 
 def intervals(flags: NDArray[np.bool_], t_s: Array) -> Times:

@@ -33,6 +33,7 @@ SURE = 0.995  # of the edges explained: there is nothing to look for
 SHARPER = 0.7  # of what is left unexplained, that another rate may leave at the most
 PLAYS = (0.05, 0.15, 0.4)  # of the readings' range
 RELAX_S = (0.5, 3.0, 20.0)
+SLOW_S = 20.0
 TEMPERATURE = "temperature_c"
 
 
@@ -89,7 +90,8 @@ def observe(
             # curve takes an offset's place where there is one rise and one fall.
             found = clocks.fit(cycle_s, features, reference_s, pressure_pa)
         else:
-            found = _clock(cycle_s, np.concatenate([features, _memory(cycle_s, x)], axis=1), reference_s, pressure_pa)
+            every = [features, _memory(cycle_s, x), _slow(cycle_s, x)]
+            found = _clock(cycle_s, np.concatenate(every, axis=1), reference_s, pressure_pa)
         offset_s, rate, std = found.offset_s, found.rate, (found.offset_std_s, found.rate_std)
     load = Load(*_on_grid(reference_s, pressure_pa), "own" if rows else reference.clock)
     # Where the reference says nothing the load is not known.
@@ -123,6 +125,14 @@ def _memory(cycle_s: Array, x: Array) -> Array:
     loops = plays(above, np.array(PLAYS) * float(np.ptp(x)))[..., 0].T
     step_s = float(np.median(np.diff(cycle_s)))
     return np.concatenate([loops, *(low_pass(above, step_s, tau) - above for tau in RELAX_S)], axis=1)
+
+
+def _slow(cycle_s: Array, x: Array) -> Array:
+    """(n, k) what warmth and drift may do to the readings `x` (n,): their rest and their gain change within SLOW_S."""
+    n = max(round(float(np.ptp(cycle_s)) / SLOW_S), 1) + 1
+    knots = np.linspace(cycle_s[0], cycle_s[-1], n)
+    hats = np.stack([np.interp(cycle_s, knots, hat) for hat in np.eye(n)[1:]], axis=1)
+    return np.concatenate([hats, hats * x[:, None]], axis=1)
 
 
 def _clock(cycle_s: Array, features: Array, reference_s: Array, pressure_pa: Array) -> Clock:

@@ -126,3 +126,28 @@ def test_an_open_triangle_is_believed_while_it_has_contact(tmp_path: Path) -> No
     assert audited.cycles.all()
     out = ~audited.believed[:, 1, 0]
     assert 0.06 < out.mean() < 0.1
+
+
+def test_noise_that_goes_with_the_load_is_told_and_makes_no_taxel_loose(tmp_path: Path) -> None:
+    def restless(t_s: chamber.Array, counts: chamber.Array) -> None:
+        bears = np.interp(t_s, *chamber.load()) / 300e3
+        counts += np.random.default_rng(8).normal(0.0, 1.0, counts.shape) * 14.0 * bears[:, None]
+
+    recording = load(chamber.write(tmp_path / "restless", touch=restless))
+    found = audit(recording.feet[0], "restless")
+    (told,) = found.findings
+    assert (told.effect, told.where.scope) == ("unknown", "insole")
+    assert found.kept.sum() == len(chamber.SLOTS)
+    assert found.cycles.all()
+
+
+def test_the_calmest_taxel_of_a_board_that_bursts_is_not_believed_either(tmp_path: Path) -> None:
+    def loud(t_s: chamber.Array, counts: chamber.Array) -> None:
+        rows, rng = (t_s > 40) & (t_s < 43), np.random.default_rng(5)
+        counts[rows, :23] += rng.normal(0.0, 5.0, (rows.sum(), 23))
+
+    recording = load(chamber.write(tmp_path / "calm", touch=loud))
+    found = audit(recording.feet[0], "calm")
+    (told,) = found.findings
+    assert (told.effect, told.where.ids) == ("noise_burst", ((5,),))
+    assert found.believed[:, 1, 11].mean() < 0.98

@@ -44,6 +44,12 @@ def test_a_relaxation_of_one_board_is_named_placed_and_measured(tmp_path):
     assert diagnosis.heldout["after"] < 1.02 * diagnosis.heldout["floor"] < diagnosis.heldout["before"]
 
 
+def test_a_lag_is_a_lag_beside_a_reference_with_a_clock_of_its_own(tmp_path):
+    (finding,) = found(write(tmp_path / "late", relaxing(1.0, 0.4), clock="own")).findings
+    assert (finding.effect, finding.alternatives) == ("lag", ())
+    assert finding.parameters["tau_s"].value == pytest.approx(0.4, rel=0.05)
+
+
 def test_hysteresis_of_another_family_is_hysteresis(tmp_path):
     diagnosis = found(write(tmp_path / "loop", bouc_wen(0.4, 60e3)))
     assert words(diagnosis) == ["hysteresis"]
