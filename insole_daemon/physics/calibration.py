@@ -198,6 +198,11 @@ def _check_taxels(reading: Reading, layout: Layout) -> None:
         if identity[:2] not in rows and who not in strangers:
             strangers.add(who)  # once is enough
             reading.problem(key, f"{who} is not in the layout: is this the calibration of another insole?")
+        if not _at_most_pa(t.coefficients_pa):
+            reading.problem(
+                (*key, "coefficients_pa"),
+                f"expected a pressure below {_MOST_PA:g} Pa at every count, found coefficients that give more",
+            )
         if COVARIANCE in t.extensions:
             wrong = _wrong_covariance(t.extensions[COVARIANCE], len(t.coefficients_pa))
             if wrong:
@@ -210,6 +215,15 @@ def _check_taxels(reading: Reading, layout: Layout) -> None:
 
 
 _MOST_COUNT = 1e6  # far beyond what any board says
+_MOST_ACTIVATION, _MOST_PA = (
+    510.0,
+    1e30,
+)  # a baseline's most, at a count of 0; what sums and squares of are still numbers
+
+
+def _at_most_pa(coefficients_pa: Sequence[float]) -> bool:
+    """Whether the pressure is a number that can be gone on with, whatever the count is."""
+    return sum(abs(value) * _MOST_ACTIVATION**k for k, value in enumerate(coefficients_pa)) <= _MOST_PA
 
 
 def _is_range(value: Any) -> bool:
@@ -233,6 +247,8 @@ def _wrong_covariance(matrix: Any, k: int) -> str | None:
     if not np.isfinite(values).all():
         return "expected finite numbers, found nan or inf"
     scale = np.sqrt(np.abs(np.diag(values)))
+    if not _at_most_pa(scale.tolist()):
+        return f"expected standard deviations below {_MOST_PA:g} Pa at every count, found a covariance that gives more"
     unit = values / np.outer(np.where(scale > 0, scale, 1.0), np.where(scale > 0, scale, 1.0))
     if not np.allclose(unit, unit.T, atol=1e-6):
         return "expected a symmetric matrix, found one that is not"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 
 from ..mechanics.gait import Gait, GaitEvent
@@ -26,7 +27,7 @@ class Steps:
             return
         if not any(foot.layout is layout for layout in self._layouts):  # a reload moved the taxels
             self._begin()
-        f_z_n = None if wrench.f_z_n != wrench.f_z_n else wrench.f_z_n
+        f_z_n = wrench.f_z_n if wrench.f_z_n is not None and math.isfinite(wrench.f_z_n) else None
         event = self._gait.update(foot.name, t_mono_ns, wrench.t_ns, f_z_n, pressure.pressure_pa, pressure.valid)
         if event is not None:
             yield Event(event.foot, event.t_ns, event.kind, _text(event), [], figures=event.figures)

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import replace
+from random import Random
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from insole_daemon.mechanics.gait import HIGH_N, LOW_N, FootGait, Gait
 from insole_daemon.mechanics.regions import REGIONS, regions
@@ -194,3 +198,26 @@ def test_levels_that_move_do_not_tell_one_contact_twice(monkeypatch):
     forces = [(0.0, 20.0, 60.0), (100.0, 20.0, 60.0), (100.0, 120.0, 360.0), (100.0, 20.0, 60.0), (100.0, 20.0, 60.0)]
     events = [told(*each) for each in forces]
     assert [each and each.kind for each in events] == [None, "initial_contact", None, None, None]
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 2**32))
+def test_any_forces_at_all_are_survived(seed):
+    """Forces about the levels, unknown ones and pauses: every event is a later one, every figure a number."""
+    random, gait, nothing, t_ns = Random(seed), Gait(LAYOUTS), np.zeros((len(LEFT), 12)), 0
+    some_n = [0.0, LOW_N, HIGH_N, *(random.uniform(-100, 1500) for _ in range(4))]
+    happened_ns = {"left": -1, "right": -1}
+    f_z_n = dict.fromkeys(happened_ns, 0.0)
+    for _ in range(200):
+        t_ns += random.choice([20] * 12 + [1, 19, 40, 150, 200, 201, 1000]) * 1_000_000
+        for foot in happened_ns:
+            f_z_n[foot] = random.choice(some_n) if random.random() < 0.5 else f_z_n[foot]
+            known = None if random.random() < 0.01 else f_z_n[foot]
+            event = gait.update(foot, t_ns, t_ns, known, nothing, VALID)
+            if event is None:
+                continue
+            assert happened_ns[foot] <= event.t_ns <= t_ns
+            happened_ns[foot] = event.t_ns
+            symmetry = event.figures.pop("stance_symmetry_percent", None)
+            assert symmetry is None or abs(symmetry) < 200
+            assert all(value is None or 0 <= value < math.inf for value in event.figures.values())

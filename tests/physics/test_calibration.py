@@ -127,6 +127,8 @@ def test_another_version(write: Write) -> None:
         (taxel(baseline_count=float("nan")), "baseline_count", "found nan"),
         (taxel(coefficients_pa=[0.0, float("inf")]), "coefficients_pa[1]", "found inf"),
         (taxel(coefficients_pa=[]), "coefficients_pa", "expected a list of 1 to 32"),
+        (taxel(coefficients_pa=[0.0, 1e28]), "coefficients_pa", "expected a pressure below 1e+30 Pa at every count"),
+        (taxel(coefficients_pa=[0.0] * 31 + [1e300]), "coefficients_pa", "expected a pressure below 1e+30 Pa"),
         (taxel(coefficients_pa=7900), "coefficients_pa", "expected a list of 1 to 32, found 7900"),
         (taxel(12), "taxel", "from 0 to 11, found 12"),
         (taxel(baseline_count=30000), "baseline_count", "from 0 to 510, found 30000"),
@@ -201,6 +203,7 @@ def test_uncertainty_is_an_extension(write: Write) -> None:
         ([[1.0, 0.0], [0.0, float("nan")]], "found nan or inf"),
         ([[1.0, 0.0], [0.0, -1.0]], "negative eigenvalue"),
         ([[1.0, 2.0], [2.0, 1.0]], "negative eigenvalue"),
+        ([[1.0, 0.0], [0.0, 1e300]], "expected standard deviations below 1e+30 Pa"),
     ],
 )
 def test_wrong_covariance(write: Write, matrix: object, message: str) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import math
 from pathlib import Path
 
 import numpy as np
@@ -65,7 +66,7 @@ def messages(foot, number, f_z_n, repeated=False):
 def test_repeats_and_unknown_forces_tell_nothing():
     (foot, _), found = load_feet(Config()), []
     steps = Steps([foot])
-    for number, f_z_n in enumerate([0.0, 0.0, float("nan"), 0.0, 0.0, 300.0, 500.0]):
+    for number, f_z_n in enumerate([0.0, math.inf, math.nan, 0.0, 0.0, 300.0, 500.0]):
         found += steps.take(foot, number * 20_000_000, *messages(foot, number, f_z_n, repeated=False))
         found += steps.take(foot, number * 20_000_000, *messages(foot, number, 700.0, repeated=True))
     (event,) = found
