@@ -53,6 +53,11 @@ class Decided:
     alone: Mapping[str, Tried]  # by word: the subset without it
 
 
+def sure(rival: float, best: float) -> float:
+    """How sure what leaves `best` is, where the best without it leaves `rival`."""
+    return float(np.clip(1.0 - DOUBT * best / max(rival, 1e-6), 1.0 - DOUBT, 0.99))
+
+
 def shown(excitation: Excitation) -> frozenset[str]:
     """Which of the excitations of TWINS the data hold."""
     found = set()
@@ -109,6 +114,5 @@ def decide(naming: Naming, excitation: Excitation, rows: int) -> Decided:
             (t.left_heldout for t in naming.tried if word not in t.words and len(t.words) <= len(best.words)),
             default=1.0,
         )
-        margin = max(rival, 1e-6) / max(best.left_heldout, chance, 1e-3)
-        confidence[word] = float(np.clip(1.0 - DOUBT / margin, 1.0 - DOUBT, 0.99)) if lost > 0 else 0.5
+        confidence[word] = sure(rival, max(best.left_heldout, chance, 1e-3)) if lost > 0 else 0.5
     return Decided(best, alternatives, unknown, confidence, alone)

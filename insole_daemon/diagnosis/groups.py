@@ -77,17 +77,18 @@ def locate(
     # Taxels with a mismatch of their own bend the clocks for all: these are asked of the calmer half. Where the load
     # has places the calm ones are those without a load, and the clocks were asked of the insole as a whole.
     calm = np.sort(np.argsort(left, kind="stable")[: max(len(slots) // 2, 1)])
-    if not taxels.observed[0].load.has_places:
+    has_places = taxels.observed[0].load.has_places
+    if not has_places:
         half = gather(taxels.some(calm), jumps)
         null = Hypothesis(every.evidence, ()).at(Hypothesis(half.evidence, ()).fit().theta)
         left = excess(every, null)
-    n = len(every.evidence.y)
-    chance = np.sqrt(SIGMAS * np.sqrt(5.0 / n) * every.floors)  # a block's floor is itself estimated
     # What a few do not share with the many has to stand out among these too.
     lower = left[calm]
     middle = float(np.median(lower))
     usual = middle + APART_SIGMAS * 1.4826 * float(np.median(np.abs(lower - middle))) if middle < LEAST_EXCESS else 0.0
-    affected = left > np.maximum(chance, max(LEAST_EXCESS, usual))
+    affected = left > np.maximum(_chance(every), max(LEAST_EXCESS, usual))
+    if has_places and np.median(np.mean(null.residual**2, axis=0)) - every.floor > LEAST_EXCESS**2:
+        affected |= True  # what all share shows in those that move most, and drowns in each of the others
     progress(f"{int(affected.sum())} of {len(slots)} taxels differ from the static model")
     named: list[Named] = []
     if affected.any():
@@ -113,7 +114,7 @@ def _name(
     progress(f"searching what explains {len(columns)} taxels")
     naming = name(group.evidence, candidates, group.floor, deadline)
     after = excess(group, naming.best.fitted)
-    still = after > np.maximum(APART * before[columns], LEAST_EXCESS)
+    still = after > np.maximum(np.maximum(APART * before[columns], LEAST_EXCESS), _chance(group))
     # All of them, or a part that is as bad as the rest: the explanation is poor, not the grouping.
     apart = still & (after > 3.0 * np.median(after))
     if apart.sum() < LONE:  # a taxel or two that answer more or less than the others are no place
@@ -127,6 +128,11 @@ def _name(
             _name(taxels, candidates, jumps, part, before, deadline, progress, named, depth + 1)
     else:
         named.append(Named(group, naming))
+
+
+def _chance(group: Group) -> Array:
+    """(m,) what a taxel may leave by chance, as `excess` has it; a block's floor is itself estimated."""
+    return np.asarray(np.sqrt(SIGMAS * np.sqrt(5.0 / len(group.evidence.y)) * group.floors))
 
 
 def _idle(group: Group, best: Fitted) -> NDArray[np.bool_]:

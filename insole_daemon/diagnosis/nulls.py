@@ -46,29 +46,29 @@ class _Try:
 
     word: str
     common: NDArray[np.intp]  # of the directions that all readings share
-    columns: Array  # (n, k) of which each reading has a share of its own
+    columns: Array  # (m, n, k) of which each reading has a share of its own; m as of the designs
 
 
 def nulls(evidence: Evidence, static: Fitted, candidates: Mapping[str, Candidate], seed: int = 0) -> Nulls:
-    """`static`: fitted to `evidence`, whose load is the same on all taxels, without any of the `candidates`."""
+    """`static`: fitted to `evidence` without any of the `candidates`."""
     rng = np.random.default_rng(seed)
     ends = np.cumsum([len(each.first) for each in evidence.observed])[:-1]
     std = np.concatenate([np.tile(noise_of_blocks(part), (len(part), 1)) for part in np.split(evidence.y, ends)])
     noise = std[..., None] * rng.standard_normal((*std.shape, N_NULLS))
     left = np.concatenate([static.residual[..., None], noise], axis=2)  # what was observed stands first
     directions, tries = _tries(evidence, static, candidates)
-    nothing = _Try("", np.empty(0, np.intp), np.empty((len(left), 0)))
+    nothing = _Try("", np.empty(0, np.intp), np.empty((1, len(left), 0)))
     squares = np.zeros((1 + len(tries), left.shape[2]))
     load_pa, fold = static.effective_pa.mean(axis=1), folds(evidence)
     clocks = np.arange(len(static.theta))
     for i in range(N_FOLDS):
         fitted_to = fold != i
         out = ~fitted_to & (load_pa >= load_pa[fitted_to].min()) & (load_pa <= load_pa[fitted_to].max())
-        common = _Fold(static.design[0], directions, left, fitted_to, out)
+        common = _Fold(static.design, directions, left, fitted_to, out)
         for at, each in enumerate([nothing, *tries]):
             own = common
             if each.columns.size:
-                design = np.concatenate([static.design[0], each.columns], axis=1)
+                design = np.concatenate([static.design, each.columns], axis=2)
                 own = _Fold(design, directions[..., clocks], left, fitted_to, out)
             squares[at] += own.heldout(np.concatenate([clocks, each.common]))
     gains = 1.0 - squares[1:] / squares[0]
@@ -88,7 +88,7 @@ def _tries(evidence: Evidence, static: Fitted, candidates: Mapping[str, Candidat
         hypothesis = Hypothesis(clean, (candidate,))
         for start in candidate.starts:
             fitted = hypothesis.at(np.concatenate([static.theta, start]))
-            own, columns = np.empty((n, r, 0)), fitted.design[0, :, static.design.shape[2] :]
+            own, columns = np.empty((n, r, 0)), fitted.design[:, :, static.design.shape[2] :]
             if candidate.act is not None:
                 own = fitted.residual[..., None]
                 if candidate.nudge is None:  # else it is a threshold, which has no slope but its starts
@@ -108,10 +108,13 @@ class _Fold:
     def __init__(
         self, design: Array, directions: Array, left: Array, fitted_to: NDArray[np.bool_], out: NDArray[np.bool_]
     ) -> None:
-        """`design` (n, k): each reading has shares of its own; `directions` (n, r, j) and `left` (n, r, N)."""
-        n, j = len(directions), directions.shape[2]
-        both = np.concatenate([directions, left], axis=2).reshape(n, -1)
-        both = both - design @ np.linalg.lstsq(design[fitted_to], both[fitted_to], rcond=_RANK)[0]
+        """`design` (m, n, k): each reading has shares of its own; `directions` (n, r, j) and `left` (n, r, N)."""
+        j, both = directions.shape[2], np.concatenate([directions, left], axis=2)
+        readings = [slice(None)] if len(design) == 1 else [slice(i, i + 1) for i in range(both.shape[1])]
+        for reading, own in zip(readings, design, strict=True):
+            y = both[:, reading].reshape(len(both), -1)
+            y = y - own @ np.linalg.lstsq(own[fitted_to], y[fitted_to], rcond=_RANK)[0]
+            both[:, reading] = y.reshape(both[:, reading].shape)
         inside, outside = (both[rows].reshape(-1, j + left.shape[2]) for rows in (fitted_to, out))
         self._normal, self._normal_out = inside[:, :j].T @ inside, outside[:, :j].T @ outside
         self._square: Array = np.sum(outside[:, j:] ** 2, axis=0)

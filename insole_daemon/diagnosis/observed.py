@@ -19,6 +19,7 @@ from ..skin.layout import Layout
 
 BLOCK_S = 0.1
 MOST_ROWS = 3000  # longer recordings get longer blocks
+SLIVER = 1e-3  # of a row
 AT_ONCE = 0.1  # of a cycle, over which the load is averaged at a moment
 MOST_MOMENT_S = 0.05  # a heel strikes within it
 MOST_BLOCK_S = 0.3  # beyond it a ramp is no longer straight within a block
@@ -50,7 +51,9 @@ class Load:
     def means(self, x: Array, edge_s: Array) -> Array:
         """(n, m) means of (N, m) `x`, on this grid, from `edge_s[0]` to `edge_s[1]` (2, n) of the reference's time."""
         grown = np.concatenate([np.zeros((1, x.shape[1])), np.cumsum((x[1:] + x[:-1]) / 2, axis=0)])
-        at = np.clip((edge_s - self.start_s) / self.step_s, 0.0, len(x) - 1.000001)
+        # What lies beyond an end is told by its last sliver: a clock is still moved when blocks have been chosen.
+        sliver = np.array([[0.0], [SLIVER]])
+        at = np.clip((edge_s - self.start_s) / self.step_s, sliver, len(x) - 1 - 2 * SLIVER + sliver)
         before = at.astype(np.intp)
         share = (at - before)[..., None]
         total = grown[before] + share * (x[before] + share / 2 * (x[before + 1] - x[before]))

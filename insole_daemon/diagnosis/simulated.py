@@ -19,6 +19,7 @@ from ..physics.law import Array
 from ..recording.loading import FootRecording, Recording
 from ..skin.geometry import N_TAXELS
 from .audit import Audit
+from .deciding import sure
 from .explained import Insole
 from .field import Field, field, pressure_of
 from .finding import Finding, Quantity
@@ -29,6 +30,7 @@ from .readings import together
 
 PA_PER_COUNT = 8000.0  # of a taxel that nobody calibrated: what the configuration assumes
 USUAL_RATE = 3e-4  # that two quartzes differ by, at the most
+EDGE_S = 0.1  # of a simulation, left out at both ends: physics moves the clock that its edges agree on
 LEAST_TOLD = 0.8  # of the cycles, that a simulation of the trial covers
 FOLD_S, N_FOLDS = 4.0, 10  # some whole steps, held out together
 SWAPPED = 0.5  # of what two triangles leave, that being each other takes away
@@ -38,7 +40,6 @@ LEAST_K = 0.12  # of crosstalk: less, and a load that is a little too sharp look
 SIGMAS = 5.0
 SHARE = 0.25  # of what is left for a mixture of courses to explain
 LEAST_MOVED = 0.03  # of a reading's noise, RMS
-SURE = 0.97  # how often that was right on trials made for it
 SHARP = 0.06  # of k: what a load that is a little too sharp adds to it
 
 
@@ -53,6 +54,8 @@ class Mapped:
     askew: bool
     spread: bool
     left: Mapping[str, tuple[float, float]]  # by word: held-out mean square without and with it, in units of noise
+    floor: float  # of it: what is no mixture of the courses at all, and what noise leaves of one
+    chance: float  # by how much it is off by chance
 
 
 def observe(
@@ -79,7 +82,7 @@ def observe(
     age_s = np.maximum(np.median(foot.age_ns[used], axis=0), 0.0)[slots // N_TAXELS] * 1e-9
     offset_s, rate, std = clock(recording, simulation, foot, told, slots, t_s, read)
     at_s = offset_s + (1.0 + rate) * t_s
-    inside = (at_s >= told.t_s[0] + age_s.max()) & (at_s <= told.t_s[-1])
+    inside = (at_s >= told.t_s[0] + age_s.max() + EDGE_S) & (at_s <= told.t_s[-1] - EDGE_S)
     if inside.mean() < LEAST_TOLD:
         raise DiagnosisError(
             f"{simulation.folder}: it covers {inside.mean():.0%} of the recording {recording.folder.name}, expected at "
@@ -139,7 +142,9 @@ def look(askew: Askew, sums: Sums, n_triangles: int) -> Mapped:
     every = np.ones(len(askew.slots), bool)
     theta, _ = askew.fit(NOWHERE, [TIME], row, at, every)
     swaps = _swaps(askew.as_another(theta, at), np.bincount(askew.slots // N_TAXELS, minlength=n_triangles))
-    known = Mapped(row, (), theta, np.zeros_like(theta), False, False, {})
+    floor = float(np.mean(at.beyond + at.z.shape[1])) / at.rows
+    chance = SIGMAS * float(np.sqrt(2.0 / at.z.size)) * at.z.shape[1] / at.rows
+    known = Mapped(row, (), theta, np.zeros_like(theta), False, False, {}, floor, chance)
     if swaps:
         row = row.copy()
         for a, b in swaps:
@@ -192,12 +197,14 @@ def findings(insole: Insole, mapped: Mapped) -> tuple[list[Finding], list[Effect
     noise = float(np.sqrt(np.mean(insole.noise_count**2)))
 
     def say(word: str, place: Where, parameters: dict[str, Quantity], text: str) -> None:
-        before, after = (noise * float(np.sqrt(left)) for left in mapped.left[word])
+        left = mapped.left[word]
+        before, after = (noise * float(np.sqrt(each)) for each in left)
+        confidence = sure(left[0] - mapped.floor, max(left[1] - mapped.floor, mapped.chance))
         found.append(
             Finding(
                 effect=word, foot=insole.foot, where=place, recordings=insole.recordings,
                 equation=laws()[word].equation, parameters=parameters, explains=before**2 - after**2,
-                heldout_count=(before, after), confidence=SURE,
+                heldout_count=(before, after), confidence=confidence,
                 sentence=f"{text} On held-out steps it takes the error from {before:.2f} to {after:.2f} counts.",
             )
         )  # fmt: skip

@@ -62,6 +62,8 @@ def test_nothing_is_found_where_nothing_is_and_the_model_tells_the_counts(tmp_pa
     expected = prediction.of_folder(out / "model.json", folder, plain)["left"]
     left = load(folder).feet[0].counts - expected
     assert np.sqrt(np.nanmean(left**2)) < 1.2
+    report = (out / "report.html").read_text()
+    assert "were searched for the best single effect" in report
 
 
 def test_a_map_that_lies_askew(tmp_path, plain):
@@ -96,6 +98,7 @@ def test_triangles_that_are_each_other(tmp_path, plain):
     assert found["effect"] == "swapped_triangles"
     assert found["where"] == {"scope": "triangle", "ids": [list(each) for each in SWAP]}
     assert found["parameters"]["pair"]["value"] == [list(each) for each in SWAP]
+    assert found["confidence"] > 0.95
     (effect_of_model,) = json.loads((out / "model.json").read_text())["effects"]
     assert effect_of_model["effect"] == "swapped_triangles"
 
@@ -104,6 +107,19 @@ def test_an_answer_that_comes_late_is_no_map_that_lies_askew(tmp_path, plain):
     mapped = looked(walk(tmp_path / "walk", effect("viscoelasticity", Where(), a=0.15, tau_s=0.3)), plain)
     assert not mapped.askew
     assert not mapped.swaps
+
+
+def test_what_all_taxels_share_and_none_shows_clearly_is_named_for_the_whole_insole(tmp_path, plain):
+    folder = walk(tmp_path / "walk", effect("viscoelasticity", Where(), a=0.12, tau_s=0.4))
+    out = tmp_path / "out"
+    arguments = ["diagnose", str(folder), "--simulation", str(plain), "--out", str(out), "--budget", "1"]
+    done = CliRunner().invoke(app, arguments)
+    assert done.exit_code == 0, done.output
+    (found,) = json.loads((out / "diagnosis.json").read_text())["findings"]
+    assert found["effect"] == "viscoelasticity"
+    assert found["where"] == {"scope": "insole", "ids": []}
+    assert found["parameters"]["a"]["value"] == pytest.approx(0.12, abs=0.02)
+    assert found["parameters"]["tau_s"]["value"] == pytest.approx(0.4, rel=0.25)
 
 
 @pytest.mark.parametrize(("scenario", "seconds"), [("t1", SECONDS), ("t4", 10.0)])

@@ -27,8 +27,7 @@ def parts(diagnosis: Diagnosis) -> list[str]:
     found.append(page.section("What these recordings cannot tell", numbers.limits(diagnosis)))
     for each in seen[:MOST_GROUPS]:
         found.append(page.section(f"The physics: {_place(diagnosis, each)}", *_physics(diagnosis, each)))
-    if not diagnosis.observed[0].load.has_places:
-        found.append(page.section("Could it be chance?", chance.shown(chance.of(diagnosis, seen[0]), seen[0])))
+    found.append(page.section("Could it be chance?", chance.shown(chance.of(diagnosis, seen[0]), seen[0])))
     tables = [numbers.tried(diagnosis, each.named) for each in seen if each.named is not None]
     found.append(page.section("What was tried, and lost by how much", numbers.price(), *tables))
     found.append(page.section("Decoys", numbers.decoys(diagnosis)))
