@@ -18,18 +18,19 @@ from ...physics.law import Array
 from ...recording.loading import FootRecording, Recording
 from .. import outcome
 from ..audit import audit
+from ..finding import Finding
 from ..opinion import Opinion
 from ..outcome import Outcome
-from . import figures, findings, modelling, nulls, walk
-from .deciding import Decided, decide
-from .evidence import Evidence, part
+from . import figures, findings, modelling, walk
+from .camps import LEAST_STEPS, camps
+from .deciding import Decided
+from .evidence import Evidence, Part, part
 from .findings import Explained
 from .hypothesis import Hypothesis
 from .known import Agreed, Known, agreed
-from .naming import Naming, Search, Tried
+from .naming import Naming
 from .walk import Walk
 
-LEAST_STEPS = 3
 _PER_TAXEL = "three sums of {n} taxels hold nothing of a single one"
 _CHAMBER = "the insole in a vacuum bag or a chamber, where the load is known on every taxel"
 INVISIBLE = {
@@ -57,10 +58,14 @@ OWN_CLOCK = "the shoe has a clock of its own, whose offset a delay of all boards
 class WalkDiagnosis(Outcome):
     """What is said of walks, and what it was told from."""
 
-    explained: Explained
-    gains_of_nulls: Array
+    camps: tuple[Explained, ...]  # of walks that do not contradict each other; the model is of the first
     effects: tuple[Effect, ...]  # that were found in them
     opinions: Mapping[str, Opinion]  # by word, of the effects that were known from elsewhere
+
+    @property
+    def explained(self) -> Explained:
+        """Most of the walks."""
+        return self.camps[0]
 
     @property
     def decided(self) -> Decided:
@@ -110,23 +115,13 @@ def diagnose(
             f"{recordings[0].folder}: the foot is loaded {steps} times, expected at least {LEAST_STEPS} steps: one "
             "rise and fall fits any physics. Record a walk of a minute"
         )
-    evidence = Evidence(parts)
-    progress("noise alone: what it would explain")
-    of_nulls = nulls.gains(evidence)
-    search = Search(evidence, nulls.price(of_nulls))
-    progress(f"searching what explains {steps} steps")
-    naming = search.name(deadline)
-    progress("decoys: what a filter without physics explains")
-    decided = decide(search, naming)
-    hypothesis = Hypothesis(evidence, tuple(decided.best.terms))
-    recalibration = evidence.recalibration(hypothesis.unexplained(decided.best.fitted), None)
+    of_walks = camps(parts, deadline, progress)
     names = tuple(each.walk.name for each in parts)
-    explained = Explained(evidence, names, naming, decided, recalibration)
-    found, effects = findings.named(explained)
-    drifting, of_drifts = findings.drifts(explained)
-    found += drifting + findings.gains(explained)
+    found, (effects, *_), (of_drifts, *_) = _findings(of_walks)
     found += [finding for each in audits for finding in each.findings]
     found.sort(key=lambda each: -each.explains)
+    most, of_all = of_walks[0], known is None and len(of_walks) == 1
+    of_the_day = of_drifts if most.names[0] == names[0] else []  # a model's times are those of the first recording
     provenance = {
         "made_by": f"insole diagnose {__version__}", "recordings": list(names), BEGAN: int(feet[0].t_ns[0]),
     }  # fmt: skip
@@ -134,14 +129,15 @@ def diagnose(
         recordings=names,
         against="model",
         verdict=outcome.verdict(found),
-        heldout=_heldout(explained, evidence if known is None else Evidence(handed_in)),
-        clocks=_clocks(hypothesis, decided.best),
+        heldout=_heldout(of_walks, most.evidence if of_all else Evidence(handed_in)),
+        clocks=_clocks(of_walks, names),
         findings=tuple(found),
-        rejected=_rejected(explained),
-        not_identifiable=_not_identifiable(explained, len(parts[0].walk.slots)),
-        model=modelling.document(evidence, recalibration, [*agrees.effects, *effects, *of_drifts], provenance),
-        explained=explained,
-        gains_of_nulls=of_nulls,
+        rejected=_rejected(of_walks[0]),
+        not_identifiable=_not_identifiable(of_walks[0], parts),
+        model=modelling.document(
+            most.evidence, most.recalibration, [*agrees.effects, *effects, *of_the_day], provenance
+        ),
+        camps=tuple(of_walks),
         effects=tuple(effects),
         opinions=agrees.opinions,
     )
@@ -161,30 +157,50 @@ def static_model(first: Recording, foot: FootRecording, calibration: Calibration
     return model
 
 
-def _heldout(explained: Explained, handed_in: Evidence) -> Mapping[str, Any]:
+def _findings(of_walks: Sequence[Explained]) -> tuple[list[Finding], list[list[Effect]], list[list[Effect]]]:
+    """Of all camps, and of each its effects and its drifts."""
+    found, effects, of_drifts = list[Finding](), [], []
+    for camp in of_walks:
+        named, own = findings.named(camp)
+        drifting, own_drifts = findings.drifts(camp)
+        effects.append(own)
+        of_drifts.append(own_drifts)
+        for each in named:
+            may_be = {each.effect, *each.alternatives}
+            against = [
+                name for other in of_walks if other is not camp and not may_be & other.words for name in other.names
+            ]
+            found.append(replace(each, contradicted_by=(*each.contradicted_by, *against)))
+        found += drifting + findings.gains(camp)
+    return found, effects, of_drifts
+
+
+def _heldout(of_walks: Sequence[Explained], handed_in: Evidence) -> Mapping[str, Any]:
     """Of f_z, with the moments beside it: the model as it was `handed_in`, what was found, and the noise."""
     static = Hypothesis(handed_in, ())
     before = static.unexplained(static.fit())
+    walks = [len(each.names) for each in of_walks]
 
     def told(channel: int, unit: str) -> dict[str, Any]:
-        values = (
-            figures.rms(handed_in, before, channel),
-            explained.rms(explained.decided.best, channel),
-            figures.floor(explained.evidence, channel),
-        )
+        after = [each.rms(each.decided.best, channel) for each in of_walks]
+        floor = [figures.floor(each.evidence, channel) for each in of_walks]
+        both = (float(np.sqrt(np.average(np.square(each), weights=walks))) for each in (after, floor))
+        values = (figures.rms(handed_in, before, channel), *both)
         return {"unit": unit, **{k: round(v, 4) for k, v in zip(("before", "after", "floor"), values, strict=True)}}
 
     return {**told(0, "N"), "m_x": told(1, "N·m"), "m_y": told(2, "N·m")}
 
 
-def _clocks(hypothesis: Hypothesis, best: Tried) -> Array:
+def _clocks(of_walks: Sequence[Explained], names: Sequence[str]) -> Array:
     """(recordings, 2) offset_s and rate of the shoe's clock: a delay is in neither."""
-    moved = hypothesis.clocks(best.fitted.theta)
-    return np.array([
-        (part.walk.shoe.epoch_s * (part.walk.shoe.clock == "own") + part.walk.offset_s - late, part.walk.rate + rate)
-        if part.walk.shoe.clock == "own" else (0.0, 0.0)
-        for part, (late, rate) in zip(hypothesis.evidence.parts, moved.tolist(), strict=True)
-    ])  # fmt: skip
+    found = {}
+    for each in of_walks:
+        best = each.decided.best
+        moved = Hypothesis(each.evidence, tuple(best.terms)).clocks(best.fitted.theta)
+        for own, (late, rate) in zip((walked.walk for walked in each.evidence.parts), moved.tolist(), strict=True):
+            told = (own.shoe.epoch_s + own.offset_s - late, own.rate + rate)
+            found[own.name] = told if own.shoe.clock == "own" else (0.0, 0.0)
+    return np.array([found[name] for name in names])
 
 
 def _rejected(explained: Explained) -> tuple[dict[str, str], ...]:
@@ -209,12 +225,12 @@ def _rejected(explained: Explained) -> tuple[dict[str, str], ...]:
     return tuple(found)
 
 
-def _not_identifiable(explained: Explained, n_taxels: int) -> tuple[dict[str, str], ...]:
+def _not_identifiable(explained: Explained, parts: Sequence[Part]) -> tuple[dict[str, str], ...]:
     found = [
-        {"effect": word, "why": why.format(n=n_taxels), "record_instead": instead}
+        {"effect": word, "why": why.format(n=len(parts[0].walk.slots)), "record_instead": instead}
         for word, (why, instead) in INVISIBLE.items()
     ]
-    if any(each.walk.shoe.clock == "own" for each in explained.evidence.parts):
+    if any(each.walk.shoe.clock == "own" for each in parts):
         found.append({"effect": "delay", "why": OWN_CLOCK, "record_instead": "the shoe on the clock of the CAN frames"})
     for word, others in explained.decided.alternatives.items():
         for other in others:

@@ -33,6 +33,12 @@ class Explained:
     naming: Naming
     decided: Decided
     recalibration: Array  # (j,) by the best set
+    gains_of_nulls: Array  # mean square that the best single effect takes away of noise alone
+
+    @property
+    def words(self) -> frozenset[str]:
+        """What is said of them."""
+        return frozenset({"unknown"}) if self.decided.unknown else self.decided.best.words
 
     def rms(self, tried: Tried, channel: int = 0) -> float:
         """Of held-out rows, with the noise that the kernel took away: N, or N·m."""
@@ -54,7 +60,7 @@ def named(explained: Explained) -> tuple[list[Finding], list[Effect]]:
         others = decided.alternatives[term.word]
         before, after = explained.rms(without), explained.rms(decided.best)
         or_else = f", or {' or '.join(others)}, which these recordings cannot tell from it" if others else ""
-        against = _contradicted(explained, without)
+        against = contradicted(explained, without)
         found.append(
             Finding(
                 effect=term.word, alternatives=others, foot=foot, where=place, equation=laws()[term.word].equation,
@@ -150,8 +156,8 @@ def gains(explained: Explained) -> list[Finding]:
     ]  # fmt: skip
 
 
-def _contradicted(explained: Explained, without: Tried) -> tuple[str, ...]:
-    """Recordings that the effect makes worse."""
+def contradicted(explained: Explained, without: Tried) -> tuple[str, ...]:
+    """Recordings that the effect, which `without` is left out of, makes worse."""
     evidence, best = explained.evidence, explained.decided.best
     assert best.heldout is not None
     assert without.heldout is not None

@@ -42,7 +42,7 @@ def parts(diagnosis: WalkDiagnosis) -> list[str]:
 
 def _facts(diagnosis: WalkDiagnosis) -> str:
     heldout = diagnosis.heldout
-    steps = sum(len(each.contacts) for each in diagnosis.explained.evidence.parts)
+    steps = sum(len(part.contacts) for camp in diagnosis.camps for part in camp.evidence.parts)
     return page.facts(
         (f"{heldout['before']:.1f} N", "error of the force before"),
         (f"{heldout['after']:.1f} N", "error after"),
@@ -104,7 +104,7 @@ def _steps(naming: Naming, best: Tried) -> list[Tried]:
 
 
 def _chance(diagnosis: WalkDiagnosis) -> str:
-    gains, naming, decided = diagnosis.gains_of_nulls, diagnosis.naming, diagnosis.decided
+    gains, naming, decided = diagnosis.explained.gains_of_nulls, diagnosis.naming, diagnosis.decided
     text = (
         f"In {len(gains)} nulls made of these walks, with noise and nothing else, the best single effect takes away "
         f"{np.median(gains):.4f} of the noise's mean square, {gains.max():.4f} at the most. One more effect has to "
@@ -145,10 +145,12 @@ def _tried(diagnosis: WalkDiagnosis) -> str:
 
 
 def _clocks(diagnosis: WalkDiagnosis) -> str:
+    parts = {part.walk.name: part for camp in diagnosis.camps for part in camp.evidence.parts}
     rows = [
-        (part.walk.name, part.walk.shoe.clock, f"{offset:+.4f}", f"{rate * 1e6:+.0f}", f"{len(part.contacts)}",
+        (name, part.walk.shoe.clock, f"{offset:+.4f}", f"{rate * 1e6:+.0f}", f"{len(part.contacts)}",
          f"{part.walk.noise[0]:.1f}", f"{part.walk.shoe.noise[0]:.1f}")
-        for part, (offset, rate) in zip(diagnosis.explained.evidence.parts, diagnosis.clocks.tolist(), strict=True)
+        for name, (offset, rate) in zip(diagnosis.recordings, diagnosis.clocks.tolist(), strict=True)
+        for part in [parts[name]]
     ]  # fmt: skip
     columns = (
         "recording",

@@ -19,7 +19,7 @@ from insole_daemon.errors import DiagnosisError, UndecidableError
 from insole_daemon.physics import calibration as calibrations
 from insole_daemon.recording.loading import load
 
-from ..chamber import LAYOUT
+from ..chamber import LAYOUT, Sensors
 from ..chamber import write as write_chamber
 from .shoe import Array, late, write
 
@@ -101,6 +101,24 @@ def test_walks_are_explained_together(tmp_path):
     assert finding["parameters"]["a"]["value"] == pytest.approx(0.15, rel=0.25)
     assert [each["recording"] for each in found["alignment"]] == ["one", "two"]
     assert [each["offset_s"] for each in found["alignment"]] == pytest.approx([3.1, 3.1], abs=0.05)
+
+
+def test_walks_that_contradict_each_other_are_named_and_most_of_them_have_the_model(tmp_path):
+    sensors = Sensors.drawn(np.random.default_rng(1))
+    one, two, three = (
+        write(tmp_path / name, effect, seed=seed, seconds=16.0, sensors=sensors)
+        for seed, (name, effect) in enumerate((("one", lambda p: p), ("two", solid), ("three", solid)), 1)
+    )
+    found = diagnose(one, tmp_path / "out", str(two), str(three), "--budget", "1")
+    (finding,) = found["findings"]
+    assert finding["effect"] == "viscoelasticity"
+    assert finding["recordings"] == ["two", "three"]
+    assert finding["contradicted_by"] == ["one"]
+    assert finding["parameters"]["a"]["value"] == pytest.approx(0.15, rel=0.2)
+    assert found["heldout"]["after"] < 0.4 * found["heldout"]["before"]
+    assert [each["recording"] for each in found["alignment"]] == ["one", "two", "three"]
+    (effect,) = json.loads((tmp_path / "out" / "model.json").read_text())["effects"]
+    assert effect["effect"] == "viscoelasticity"
 
 
 def test_a_simulated_trial_from_frames_to_what_is_named(tmp_path):
