@@ -20,6 +20,7 @@ from ..errors import WireError
 from ..untrusted import is_plain, quoted
 
 Foot = Literal["left", "right"]
+MOST_BYTES = 1 << 20  # of a payload: calibration and meta of an insole with much provenance have a tenth of it
 MOST_TRIANGLES = 14 * 16  # of a rig: addresses 1 to 14; no other axis is longer
 ModelName = Literal["static", "dynamic"]
 
@@ -61,6 +62,8 @@ class Message:
                 f"expected a message {expected!r}, found {encoding!r}: "
                 "the sender speaks another version; install the same insole-daemon on both sides"
             )
+        if len(payload) > MOST_BYTES:
+            raise WireError(f"{cls.SCHEMA}: expected at most {MOST_BYTES} bytes, found {len(payload)}")
         try:
             found = msgpack.unpackb(payload, raw=False, max_ext_len=0)
         except Exception as error:  # msgpack raises ValueError and half a dozen of its own

@@ -16,7 +16,7 @@ from ..untrusted import is_plain, quoted
 REQUEST_SCHEMA = "insole.request/1"
 REPLY_SCHEMA = "insole.reply/1"
 
-_MOST_BYTES = 1 << 20  # a request says a few words
+_MOST_BYTES = 1 << 18  # a request says a few words, a reply some hundred
 
 
 def encoding(schema: str) -> zenoh.Encoding:

@@ -13,6 +13,7 @@ import zenoh
 from ..documents import YAML_BYTES
 from ..errors import WireError
 from ..files import read_at_most
+from .messages import MOST_BYTES
 
 _OURS = {"mode": "mode", "listen/endpoints": "listen", "connect/endpoints": "connect"}  # Zenoh's key → config.yaml's
 _FIXED = {
@@ -29,6 +30,7 @@ _FIXED = {
     # network swallowed is given up after TCP's second try, for the third would come two seconds later.
     "transport/link/tx/lease": 2000,
     "transport/unicast/open_timeout": 1500,
+    "transport/link/rx/max_message_size": 2 * MOST_BYTES,  # instead of 1 GB: what is larger is dropped as it comes
     "connect/retry": {"period_init_ms": 200, "period_max_ms": 400, "period_increase_factor": 2},
 }
 _TLS_FILES = (

@@ -113,6 +113,12 @@ def test_there_are_not_more_triangles_than_boards_have():
         Raw.decode(field("raw", "n_triangles", 65_536))
 
 
+def test_a_message_has_a_most_size():
+    payload = field("health", "boards", [{}] * (1 << 20))
+    with pytest.raises(WireError, match=r"insole\.health/\d: expected at most 1048576 bytes, found 10"):
+        Health.decode(payload)
+
+
 def test_a_value_that_is_too_deep_to_be_shown_is_refused():
     payload = field("wrench", "f_z_n", 0).replace(b"\xa5f_z_n\x00", b"\xa5f_z_n" + DEEP)
     with pytest.raises(WireError, match="f_z_n: expected"):

@@ -10,6 +10,7 @@ import sys
 import time
 
 import pytest
+import zenoh
 
 import insole_daemon
 from insole_daemon.config import load
@@ -51,6 +52,22 @@ def daemon(tmp_path, zenoh):
     finally:
         status, _ = running.end()
     assert status == 0
+
+
+def test_a_payload_beyond_all_measure_is_dropped_and_costs_nothing_else():
+    endpoint, got = f"tcp/127.0.0.1:{free_port()}", []
+    with open_session("peer", [endpoint]) as ours, open_session("client", connect=[endpoint]) as theirs:
+
+        def put_until_there(payload):
+            while payload not in got:  # whoever is not connected, or has no room, gets nothing
+                theirs.put("insole/small", payload)
+                time.sleep(0.05)
+
+        with ours.declare_subscriber("insole/**", lambda sample: got.append(sample.payload.to_bytes()[:5])):
+            put_until_there(b"first")
+            theirs.put("insole/huge", bytes(20_000_000), congestion_control=zenoh.CongestionControl.BLOCK)
+            put_until_there(b"last")
+    assert set(got) == {b"first", b"last"}
 
 
 def works(endpoint):
