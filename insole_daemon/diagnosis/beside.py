@@ -173,9 +173,9 @@ def _explained(named: Named) -> bool:
 
 
 def of_curves(
-    insole: Insole, curves: Sequence[Curves], model: Calibration, bits: Sequence[int]
+    insole: Insole, curves: Sequence[Curves], model: Calibration, bits: Sequence[int], creeps: bool
 ) -> tuple[list[Finding], float]:
-    """How the curves differ from `model`'s, and the mean square by which it is off for their sake, counts²."""
+    """How the curves differ from `model`'s, beside a creep or none, and the mean square of that, counts²."""
     usable = model.usable.ravel()
     slots = merged(each.slots for each in curves)
     slots = slots[usable[slots]]
@@ -189,7 +189,7 @@ def of_curves(
             if usable[slot]:
                 fitted[np.searchsorted(slots, slot)] = np.interp(loads, each.load_pa, activation)
     baseline = model.baseline_count.ravel()[slots]
-    compared = compare(slots, loads, fitted + baseline[:, None], model, baseline)
+    compared = compare(slots, loads, fitted + baseline[:, None], model, baseline, creeps)
     found = changes(compared, float(np.median(insole.noise_of(slots))), insole.layout, bits)
     return [_change(insole, each) for each in found], float(np.mean((compared.fitted - compared.believed) ** 2))
 

@@ -154,7 +154,8 @@ def diagnose(
     findings += beside.of_clocks(insole, observed, clocks, clocks_std)
     if model is not None:
         bits = [board.shift for board in feet[0].boards if board.shift is not None]
-        recalibrated, off = beside.of_curves(insole, curves, model, bits)
+        creeps = any("creep" in each.best.words for each in decided)
+        recalibrated, off = beside.of_curves(insole, curves, model, bits, creeps)
         findings += recalibrated
         handed_in = off if handed_in is None else handed_in
     findings.sort(key=lambda each: -each.explains)

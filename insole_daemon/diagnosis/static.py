@@ -26,6 +26,7 @@ APART = 6.0  # of that scatter: a single taxel
 SHIFT_NEAR = 0.025  # of a power of two: a wrong shift and not just a gain
 SHARPER = 0.7  # of what gain and baseline leave, that a knee has to take away
 LEAST_STIFF = 0.6  # of a reading's noise
+STRETCHES = np.linspace(1.0, 2.0, 21)  # of the load, that a creep may hide
 KNEES = (0.2, 0.9)  # of the highest load: a knee has a curve on either side
 
 
@@ -37,6 +38,7 @@ class Static:
     load_pa: Array  # (g,)
     believed: Array  # (m, g) activation
     fitted: Array  # (m, g)
+    stretched: Array  # (k, g) of the typical taxel as it is believed, at loads stretched by what a creep may hide
     gain: Array  # (m,)
     shift_count: Array  # (m,) added to the count
 
@@ -52,18 +54,31 @@ class Change:
 
 
 def compare(
-    slots: NDArray[np.intp], load_pa: Array, fitted: Array, calibration: Calibration, baseline_count: Array
+    slots: NDArray[np.intp],
+    load_pa: Array,
+    fitted: Array,
+    calibration: Calibration,
+    baseline_count: Array,
+    creeps: bool,
 ) -> Static:
-    """`fitted` (m, g): baseline − count less `baseline_count` (m,), the believed one's, at `load_pa`."""
+    """`fitted` (m, g): baseline − count less `baseline_count` (m,), the believed one's, at `load_pa`.
+
+    `creeps`: what of a creep goes on for longer than was recorded is no memory there, but a share of the load that
+    never comes: the curve beside it is stretched along the load.
+    """
     coefficients = calibration.coefficients_pa.reshape(-1, calibration.coefficients_pa.shape[-1])[slots]
     if coefficients.shape[1] == 1:
         coefficients = np.concatenate([coefficients, np.zeros_like(coefficients)], axis=1)
-    believed = CurveInverse(coefficients)(np.broadcast_to(load_pa[:, None], (len(load_pa), len(slots)))).T
+    inverse = CurveInverse(coefficients)
+    believed = inverse(np.broadcast_to(load_pa[:, None], (len(load_pa), len(slots)))).T
+    stretches = STRETCHES if creeps else STRETCHES[:1]
+    far_pa = np.outer(stretches, load_pa)
+    stretched = inverse(np.broadcast_to(far_pa.reshape(-1, 1), (far_pa.size, len(slots)))).mean(axis=1)
     mean, centre = believed.mean(axis=1, keepdims=True), fitted.mean(axis=1, keepdims=True)
     varies = np.maximum(((believed - mean) ** 2).sum(axis=1), 1e-12)
     gain = ((believed - mean) * (fitted - centre)).sum(axis=1) / varies
     shift = -(centre[:, 0] - gain * mean[:, 0])
-    return Static(slots, load_pa, believed, fitted, gain, shift)
+    return Static(slots, load_pa, believed, fitted, stretched.reshape(far_pa.shape), gain, shift)
 
 
 def changes(static: Static, noise_count: float, layout: Layout, bits: Sequence[int]) -> list[Change]:
@@ -126,7 +141,7 @@ def _stiffening(static: Static, noise_count: float, layout: Layout) -> Change | 
     """Whether the mean curve bends away beyond a knee, as the law says."""
     believed, fitted, load = static.believed.mean(axis=0), static.fitted.mean(axis=0), static.load_pa
     best = (np.inf, 0.0, 0.0)
-    plain = _left(believed, fitted)
+    plain = min(_left(each, fitted) for each in static.stretched)
     site = Site(layout, layout.xy_m, np.zeros(1, np.intp), np.empty(0, np.int64), np.empty(0, np.int64), 0)
     still = Moments(load, np.zeros_like(load), None)
     top = float(load[-1])
