@@ -1,6 +1,7 @@
 """Is every part of the diagnosis needed? The blind benchmark with one part of it taken out at a time.
 
     python -m benchmarks.diagnosis_ablations --seed N --cases 24 --out OUT
+    python -m benchmarks.diagnosis_ablations --seed N --cases 120 --kinds triple --only whole greedy --out OUT
 
 Generator and scorer are the blind benchmark's own programs (`benchmarks/blind`), run as they are: the seal is printed
 first, every run is logged. Only what answers is patched, here and nowhere in the package:
@@ -9,6 +10,9 @@ first, every run is logged. Only what answers is patched, here and nowhere in th
 - no decoys: what is best is named without copies of it that are no physics;
 - no clock: the reference's clock is what the edges say, and is not fitted with the physics;
 - training data: sets are judged on the blocks that they were fitted to.
+
+`--kinds`: only cases of these kinds are answered, those that a part is there for: what greedy selection cannot do shows
+in triples, where the best single effect is none of the three. What kind a case is only this program is told.
 """
 
 from __future__ import annotations
@@ -84,18 +88,32 @@ def score(out: Path, name: str, seal: str) -> dict[str, Any]:
 
 def row(found: dict[str, Any]) -> list[str]:
     tables = found["tables"]
-    rates = [tables["singles"], tables["pair"]["exact"], tables["triple"]["exact"], tables["nulls"], tables["outside"]]
-    shown = [f"{each['right']:g} of {each['n']}" for each in [*rates, tables["undecidable"]]]
-    named = [(r["wanted"], {words[0] for words in r["named"]}) for r in found["cases"]]
+    answered = [each for each in found["cases"] if each["answered"]]
+    kinds = {each["kind"] for each in answered}
+    rates = {"single": tables["singles"], "pair": tables["pair"]["exact"], "triple": tables["triple"]["exact"],
+             "null": tables["nulls"], "outside": tables["outside"], "undecidable": tables["undecidable"]}  # fmt: skip
+    shown = [f"{each['right']:g} of {each['n']}" if kind in kinds else "–" for kind, each in rates.items()]
+    named = [(r["wanted"], {words[0] for words in r["named"]}) for r in answered]
     shown.append(str(sum(len(words - set(wanted) - {"unknown"}) for wanted, words in named)))
-    cpu = [r["run"]["cpu_seconds"] for r in found["cases"]]
+    cpu = [r["run"]["cpu_seconds"] for r in answered]
     return [*shown, f"{np.median(cpu):.0f}"]
+
+
+def leave_out(out: Path, kinds: Collection[str]) -> None:
+    """Puts cases of other kinds aside."""
+    truth = json.loads((out / "sealed/truth.json").read_text())["cases"]
+    (out / "aside").mkdir()
+    for name, case in truth.items():
+        if case["kind"] not in kinds:
+            (out / "cases" / name).rename(out / "aside" / name)
 
 
 def main() -> None:
     ask = argparse.ArgumentParser(prog="python -m benchmarks.diagnosis_ablations", description=__doc__)
     ask.add_argument("--seed", type=int, required=True, help="from outside, a fresh one")
     ask.add_argument("--cases", type=int, default=24)
+    ask.add_argument("--kinds", nargs="+", metavar="KIND", help="of cases that are answered; all unless said")
+    ask.add_argument("--only", nargs="+", choices=ABLATIONS, default=list(ABLATIONS), metavar="PART")
     ask.add_argument("--out", type=Path, required=True)
     said = ask.parse_args()
     said.out.mkdir(parents=True)
@@ -104,10 +122,12 @@ def main() -> None:
         "--out", f"{said.out}/cases", "--sealed", f"{said.out}/sealed",
     )  # fmt: skip
     print(f"seal {seal}, seed {said.seed}, {said.cases} cases\n", flush=True)
+    if said.kinds:
+        leave_out(said.out, said.kinds)
     head = ["what answers", "single", "pair exact", "triple exact", "nulls alarmed", "outside: unknown",
             "undecidable: said so", "names of what is not there", "CPU, median s"]  # fmt: skip
     print("| " + " | ".join(head) + " |\n|" + "---|" * len(head), flush=True)
-    for name in ABLATIONS:
+    for name in said.only:
         print("| " + " | ".join([name, *row(score(said.out, name, seal))]) + " |", flush=True)
 
 
