@@ -14,6 +14,7 @@ from insole_daemon.config import Config
 from insole_daemon.diagnosis.compensation import of_walk
 from insole_daemon.physics import effects_document
 from insole_daemon.physics.effect import effect
+from insole_daemon.physics.effects.lag import LATE_S
 from insole_daemon.simulation.conditions import Conditions, Instrument
 from insole_daemon.simulation.trial import Trial
 from insole_daemon.skin.layout import builtin
@@ -66,7 +67,7 @@ def test_it_is_what_loading_gives_and_stamps_what_is_late(walk: Path, tmp_path: 
     plain = insole_daemon.load(walk)["left"]
     t_s, _ = of_walk(made, walk)["left"]
     late_s = plain.t_ns * 1e-9 - t_s
-    assert late_s == pytest.approx(0.025 + np.sqrt(0.02 * 0.008), abs=1e-5)
+    assert late_s == pytest.approx(0.025 + np.sqrt(0.02 * LATE_S), abs=1e-5)
     own = shutil.copytree(walk, tmp_path / "own")
     made.replace(next(own.glob("*calibration.json")))
     found = insole_daemon.load(own)["left"].wrench

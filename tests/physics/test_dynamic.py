@@ -13,7 +13,7 @@ from insole_daemon.physics.calibration import BEGAN, Calibration, default
 from insole_daemon.physics.chain import Chain
 from insole_daemon.physics.dynamic import DynamicModel, Undone
 from insole_daemon.physics.effect import Effect, Where, effect
-from insole_daemon.physics.effects.lag import ROLL_OFF_S
+from insole_daemon.physics.effects.lag import LATE_S
 from insole_daemon.physics.static_curve import StaticCurve
 from insole_daemon.skin.geometry import PRESSURE_TAXELS
 from insole_daemon.skin.layout import builtin
@@ -102,7 +102,7 @@ def test_noise_does_not_drag_plays_about() -> None:
 def test_a_lag_is_undone_as_far_as_its_gain_allows(tau_s: float) -> None:
     lag = effect("lag", tau_s=tau_s)
     live = Live(lag)
-    most = max(np.sqrt(tau_s / ROLL_OFF_S), 1.0)
+    most = max(np.sqrt(tau_s / LATE_S), 1.0)
     assert live.model.late_ns == pytest.approx(tau_s / most * 1e9, abs=1)
     noise = Live(lag).one_by_one(counts_of(0.0 * walk(), noise=1.0))[50:]
     assert rms(noise) < 1.05 * most * 8e3, "8 kPa a count"

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from . import nulls
-from .deciding import decide
-from .evidence import Evidence, Part
+from .deciding import decide, refitted
+from .evidence import FREE, Evidence, Part
 from .findings import Explained, contradicted
 from .hypothesis import Hypothesis
 from .naming import Search
@@ -51,6 +51,9 @@ def explained(parts: Sequence[Part], deadline: float, progress: Callable[[str], 
     naming = search.name(deadline)
     progress("decoys: what a filter without physics explains")
     decided = decide(search, naming)
+    if not any(term.word == "hysteresis" for term in decided.best.terms):
+        evidence = Evidence(parts, FREE)
+        naming, decided = refitted(Search(evidence, naming.price), naming, decided)
     hypothesis = Hypothesis(evidence, tuple(decided.best.terms))
     recalibration = evidence.recalibration(hypothesis.unexplained(decided.best.fitted), None)
     names = tuple(each.walk.name for each in parts)

@@ -59,6 +59,17 @@ def decide(search: Search, naming: Naming) -> Decided:
                     default=naming.static.left)  # fmt: skip
         margin = max(rival - 1.0, 1e-3) / max(best.left - 1.0, naming.price)
         confidence[term.word] = float(np.clip(1.0 - 0.5 / margin, 0.3, 0.99))
-    above = max(naming.static.left - 1.0, 0.0)
-    unknown = best.left - 1.0 > max(UNEXPLAINED * above, LEAST_UNEXPLAINED)
+    unknown = _unexplained(naming.static, best)
     return Decided(best, alternatives, confidence, alone, decoys, tuple(denoising), unknown)
+
+
+def refitted(search: Search, naming: Naming, decided: Decided) -> tuple[Naming, Decided]:
+    """What was decided, fitted to the evidence of `search`: the same walks, recalibrated otherwise."""
+    static, terms = search.judged(frozenset()), decided.best.terms
+    best, alone = search.judged(terms), {term.word: search.judged(terms - {term}) for term in terms}
+    unknown = _unexplained(static, best)
+    return replace(naming, static=static), replace(decided, best=best, alone=alone, unknown=unknown)
+
+
+def _unexplained(static: Tried, best: Tried) -> bool:
+    return best.left - 1.0 > max(UNEXPLAINED * max(static.left - 1.0, 0.0), LEAST_UNEXPLAINED)

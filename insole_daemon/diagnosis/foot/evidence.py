@@ -35,12 +35,24 @@ EDGE_S = 0.5  # left out at both ends
 FOLD_S = 4.0  # rows that are held out together: three whole steps
 N_FOLDS = 5
 LOADED = (0.05, 0.2)  # of the largest force: below the one a foot swings, above the other it stands
-# Recalibration is a nuisance in every hypothesis: by this much, one standard deviation, it is free.
-GAIN = 0.05  # of a triangle's pressure, and of its curvature at CURVED_PA
 CURVED_PA = 2e5
-DRIFT_COUNT = 2.0  # of a board, between two knots
+DRIFT_COUNT = 2.0  # of a board, between two knots: by one standard deviation it is free
 KNOT_S = 15.0
-RADII_PA = np.geomspace(500.0, 64e3, 8)  # of plays
+RADII_PA = np.geomspace(8e3, 64e3, 6)  # of plays: smaller ones are dragged about by noise where they are undone
+
+
+@dataclass(frozen=True, slots=True)
+class Freedom:
+    """How far recalibration, a nuisance in every hypothesis, may bend the curves of each triangle."""
+
+    powers: tuple[int, ...]  # of the pressure, P^k / CURVED_PA^(k − 1)
+    gain: float  # of each, by one standard deviation
+
+
+USUAL = Freedom((1, 2), 0.05)
+# The curves of a chamber go on beyond its pressures as polynomials, which a walk may have to bend back. Beside loops of
+# hysteresis that would be too much: where the curve is and how wide the loop, three sums do not tell apart.
+FREE = Freedom((1, 2, 3), 0.3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,16 +179,15 @@ class Part:
             found[a:b] = i % N_FOLDS
         return found
 
-    @cached_property
-    def stretched(self) -> Array:
-        """(n, 3, 2·triangles) what gains and curvatures of triangles would add."""
+    def stretched(self, powers: tuple[int, ...]) -> Array:
+        """(n, 3, triangles · powers) what the powers of its triangles' pressures would add."""
         x = self.pressure_pa[::EVERY]
         triangles = self.walk.slots // N_TAXELS
-        found = []
-        for triangle in np.unique(triangles):
-            own = triangles == triangle
-            found.append(x[:, own] @ self.walk.arms[own])
-            found.append(x[:, own] ** 2 @ self.walk.arms[own] / CURVED_PA)
+        found = [
+            x[:, triangles == triangle] ** power @ self.walk.arms[triangles == triangle] / CURVED_PA ** (power - 1)
+            for triangle in np.unique(triangles)
+            for power in powers
+        ]
         return np.stack(found, axis=-1) / self.noise[:, None]
 
     @cached_property
@@ -221,20 +232,20 @@ class Evidence:
 
     n_plays = len(RADII_PA)
 
-    def __init__(self, parts: Sequence[Part]) -> None:
-        self.parts = tuple(parts)
+    def __init__(self, parts: Sequence[Part], freedom: Freedom = USUAL) -> None:
+        self.parts, self.freedom = tuple(parts), freedom
         self.boards = tuple(int(b) for b in np.unique(np.concatenate([p.walk.boards for p in parts])))
         self.fold = np.concatenate([p.folds for p in parts])
         self.asked = np.concatenate([p.asked for p in parts])
         self.of_part = np.repeat(np.arange(len(parts)), [len(p.rows_s) for p in parts])
-        common = np.concatenate([p.stretched for p in parts])
+        common = np.concatenate([p.stretched(freedom.powers) for p in parts])
         own = [p.drifting for p in parts]
         n, k = len(common), sum(each.shape[2] for each in own)
         apart = block_diag(*(each.reshape(-1, each.shape[2]) for each in own)).reshape(n, 3, k)
         self.nuisance = np.concatenate([common, apart], axis=2)
         self.n_common = common.shape[2]
         free = [np.concatenate([np.zeros(3), np.full(each.shape[2] - 3, 1 / DRIFT_COUNT)]) for each in own]
-        self._stiff = np.concatenate([np.full(self.n_common, 1 / GAIN), *free])
+        self._stiff = np.concatenate([np.full(self.n_common, 1 / freedom.gain), *free])
         self._loops: dict[Any, Array] = {}
         self._rid: dict[Any, Array] = {}
         self._projections = {fold: self._projection(fold) for fold in (None, *range(N_FOLDS))}

@@ -139,9 +139,11 @@ def gains(explained: Explained) -> list[Finding]:
     evidence = explained.evidence
     common = explained.recalibration[: evidence.n_common]
     force = np.concatenate([np.sum(list(p.sums.values()), axis=0)[::EVERY, 0] / p.noise[0] for p in evidence.parts])
-    added = np.concatenate([p.stretched[:, 0] @ common for p in evidence.parts])
+    powers = evidence.freedom.powers
+    added = np.concatenate([p.stretched(powers)[:, 0] @ common for p in evidence.parts])
     mean = float(added @ force) / float(force @ force)
-    std = float(np.std(common[::2]) / np.sqrt(len(common[::2])))
+    of_gains = common[:: len(powers)]
+    std = float(np.std(of_gains) / np.sqrt(len(of_gains)))
     if abs(mean) < max(LEAST_GAIN, GAIN_SIGMAS * std):
         return []
     moved = mean * float(np.sqrt(np.mean(np.concatenate([p.force_n for p in evidence.parts]) ** 2)))

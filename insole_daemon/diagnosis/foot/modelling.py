@@ -12,6 +12,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.polynomial.polynomial import polyadd, polypow
 
 from ...physics import effects_document
 from ...physics.effect import Effect, Where
@@ -63,7 +64,7 @@ def document(
     walk = evidence.parts[0].walk
     layout, calibration = walk.layout, walk.calibration
     triangles = np.unique(walk.slots // N_TAXELS)
-    gain, curved = recalibration[: evidence.n_common].reshape(-1, 2).T
+    bent = recalibration[: evidence.n_common].reshape(len(triangles), -1)
     # The constants of the wrench go to the taxels as the smallest pressures that have it.
     constant = recalibration[evidence.n_common : evidence.n_common + 3]  # N and N·m
     rests_pa = walk.arms @ np.linalg.lstsq(walk.arms.T @ walk.arms, constant, rcond=None)[0]
@@ -74,7 +75,7 @@ def document(
         c = calibration.coefficients_pa[row, taxel]
         if row in triangles:
             at = int(np.searchsorted(triangles, row))
-            c = np.polynomial.polynomial.polyadd((1 + gain[at]) * c, curved[at] / CURVED_PA * np.convolve(c, c))
+            c = _bent(c, dict(zip(evidence.freedom.powers, bent[at], strict=True)))
         c[0] += rest_of.get(slot, 0.0)
         board, triangle = layout.identities[row].tolist()
         taxels.append(
@@ -87,6 +88,14 @@ def document(
         "format": "insole-calibration/1", "foot": layout.foot, "taxels": taxels,
         "effects": effects_document.document(effects, layout), "provenance": dict(provenance),
     }  # fmt: skip
+
+
+def _bent(c: Array, by: Mapping[int, float]) -> Array:
+    """Coefficients of P + Σ by_k · P^k / CURVED_PA^(k − 1), P the polynomial of the coefficients `c`."""
+    found = c
+    for power, share in by.items():
+        found = polyadd(found, share / CURVED_PA ** (power - 1) * polypow(c, power))
+    return np.asarray(found)
 
 
 def _values(term: Term, fitted: Fitted) -> dict[str, Array]:

@@ -7,9 +7,9 @@ samples only: so it is exact. The inverse is again such a sum, with
 
     r'_j = w_0·r_j + Σ_(i<j) w_i·(r_j − r_i),   w'_0 = 1/w_0,   w'_j = 1/(w_0 + … + w_j) − 1/(w_0 + … + w_(j−1))
 
-A count of noise is several kPa and drags small plays about. So live, what there is to correct is worked out from
-smoother readings and added to the reading as it is: nothing arrives later for it. They are smoothed over NEAR taxels,
-which costs no time, and over SMOOTHED_S: more would know too late that a load turns.
+A count of noise is several kPa and drags small plays about. So live, what there is to correct is worked out from the
+mean over NEAR taxels, which costs no time, and plays remember a course that is smoothed over REMEMBERED_S as well: a
+reading is held against what has turned before it, and as soon as the load moves on it is followed without delay.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from ..law import MOST_SHARED, Array, Law, Moments, Operator, Parameter, Site, V
 from ..relaxation import Relaxation
 
 NEAR = 7  # a taxel and the six around it
-SMOOTHED_S = 0.02
+REMEMBERED_S = 0.025
 
 
 class _Plays:
@@ -33,26 +33,32 @@ class _Plays:
         self._y: Array | None = None
 
     def __call__(self, x: Array, moments: Moments) -> Array:
-        if self._y is None:
-            self._y = np.zeros((len(self._r), x.shape[1]))
-        high = x[:, None] + self._r
-        y = x[:, None] - self._r
-        last = self._y
-        for ceiling, row in zip(high, y, strict=True):
-            np.minimum(last, ceiling, out=ceiling)
-            last = np.maximum(ceiling, row, out=row)
+        return self.held_against(x, x)
+
+    def held_against(self, remembered: Array, x: Array) -> Array:
+        """Of `x` (n, m), where the plays have followed the course `remembered` (n, m) until the sample before."""
+        last = np.zeros((len(self._r), x.shape[1])) if self._y is None else self._y
+        y = np.empty((len(x), *last.shape))
+        for followed, now, found in zip(remembered, x, y, strict=True):
+            found[:] = self._moved(last, now)
+            last = found if remembered is x else self._moved(last, followed)
         self._y = last.copy()
         y *= self._w
         q: Array = y.sum(axis=1)
         q += self._at_once * x
         return q
 
+    def _moved(self, last: Array, x: Array) -> Array:
+        moved: Array = np.minimum(last, x + self._r)
+        np.maximum(moved, x - self._r, out=moved)
+        return moved
+
 
 def _forward(values: Values, site: Site) -> Operator:
     return _Plays(1.0 - values["w"].sum(axis=0), values["r_pa"], values["w"])
 
 
-def _inverse(values: Values, site: Site) -> Operator:
+def _inverse(values: Values, site: Site) -> _Plays:
     r, w = np.broadcast_arrays(values["r_pa"], values["w"])
     order = np.argsort(r, axis=0)
     r, w = np.take_along_axis(r, order, axis=0), np.take_along_axis(w, order, axis=0)
@@ -63,13 +69,13 @@ def _inverse(values: Values, site: Site) -> Operator:
 
 
 def _live(values: Values, site: Site) -> Operator:
-    smooth = Relaxation(np.zeros(1), np.ones((1, 1)), np.full((1, 1), SMOOTHED_S))
+    smooth = Relaxation(np.zeros(1), np.ones((1, 1)), np.full((1, 1), REMEMBERED_S))
     inverse = _inverse(values, site)
     near = _nearest(site)
 
     def live(x: Array, moments: Moments) -> Array:
-        smoothed = smooth(x[:, near].mean(axis=2), moments)
-        return x + (inverse(smoothed, moments) - smoothed)
+        beside: Array = x[:, near].mean(axis=2)
+        return x + inverse.held_against(smooth(beside, moments), beside) - beside
 
     return live
 

@@ -1,9 +1,9 @@
 """A first-order lag: what arrives follows the load with one time constant.
 
-Live it is undone only as far as pays: (1 + τ·s)/(1 + τ_f·s/2)². What is left are two lags of τ_f/2, of which all but
-the second order is a delay of τ_f and stamped away as one; of a single lag of τ_f the second order would be twice as
-large, and more of the noise would come through. τ_f = √(τ · ROLL_OFF_S), at most τ: with a count of noise more gain
-makes a walk worse, with less noise it would pay (benchmarks/compensation.py).
+Live it is undone as it was left_s = √(τ · LATE_S) ago, at most τ: what is left is that delay, stamped away as one.
+Value and slope of q at that moment, P = q + τ·dq/dt, are those of the parabola that fits the last READINGS best
+(Savitzky & Golay, Anal. Chem. 36 (1964) 1627). The slope at the newest reading is several times less certain than one
+cycle before it; later still costs more than it tells (benchmarks/compensation.py).
 """
 
 from __future__ import annotations
@@ -12,9 +12,11 @@ import numpy as np
 
 from ..first_order import recur, steps
 from ..law import Array, Law, Moments, Operator, Parameter, Site, Values
-from ..relaxation import Relaxation
 
-ROLL_OFF_S = 0.008
+LATE_S = 0.008
+READINGS = 5
+_PERIOD_S = 0.02  # of cycles that nobody has seen, before the first; times are counted in it
+_NO_CURVE = 1e-9  # keeps solvable what too few moments tell
 
 _SAME_MOMENT = 1e-12  # a step with less of the new load in it tells nothing about that load
 
@@ -67,16 +69,37 @@ def _inverse(values: Values, site: Site) -> Operator:
 
 def _left_s(values: Values) -> Array:
     """(m,) or (1,) by how much it is late that is left."""
-    left_s: Array = np.minimum(values["tau_s"], np.sqrt(values["tau_s"] * ROLL_OFF_S))
+    left_s: Array = np.minimum(values["tau_s"], np.sqrt(values["tau_s"] * LATE_S))
     return left_s
 
 
+class _Live:
+    """q + τ·dq/dt as it was `left_s` ago."""
+
+    def __init__(self, tau_s: Array, left_s: Array) -> None:
+        tau, left = tau_s / _PERIOD_S, left_s / _PERIOD_S
+        self._of_slope, self._of_bend = tau - left, left * (left - 2.0 * tau)
+        self._t_s: Array | None = None  # (READINGS − 1,) of the readings before, and
+        self._q: Array  # (READINGS − 1, m)
+
+    def __call__(self, x: Array, moments: Moments) -> Array:
+        if self._t_s is None:
+            self._t_s = moments.t_s[0] - _PERIOD_S * np.arange(READINGS - 1, 0, -1)
+            self._q = np.repeat(x[:1], READINGS - 1, axis=0)
+        t_s, q = np.concatenate([self._t_s, moments.t_s]), np.concatenate([self._q, x])
+        self._t_s, self._q = t_s[1 - READINGS :].copy(), q[1 - READINGS :].copy()
+        rows = np.arange(len(x))[:, None] + np.arange(READINGS)
+        powers = ((t_s[rows] - moments.t_s[:, None]) / _PERIOD_S)[:, None] ** np.arange(3)[:, None]
+        fit = np.linalg.solve(powers @ powers.transpose(0, 2, 1) + _NO_CURVE * np.eye(3), powers)[..., None]
+        weights = fit[:, 0] + self._of_slope * fit[:, 1] + self._of_bend * fit[:, 2]  # (n, READINGS, 1 or m)
+        found: Array = weights[:, 0] * q[: len(x)]
+        for k in range(1, READINGS):
+            found += weights[:, k] * q[k : k + len(x)]
+        return found
+
+
 def _live(values: Values, site: Site) -> Operator:
-    half_s = _left_s(values) / 2
-    gain = values["tau_s"] / half_s
-    lead = Relaxation(gain, 1.0 - gain[None], half_s[None])
-    smooth = Relaxation(np.zeros(1), np.ones((1, 1)), half_s[None])
-    return lambda x, moments: lead(smooth(x, moments), moments)
+    return _Live(values["tau_s"], _left_s(values))
 
 
 LAW = Law(

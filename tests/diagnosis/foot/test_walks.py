@@ -172,3 +172,18 @@ def test_bad_input_is_refused_with_a_sentence(tmp_path):
     document = (free / "recording.yaml").read_text()
     (free / "recording.yaml").write_text(document[: document.index("reference:")].replace("chamber", "free"))
     assert "leave it out" in refused(DiagnosisError, walk, free)
+
+
+def test_a_curve_that_bends_beyond_its_chamber_is_bent_back(tmp_path):
+    def error_n(folder: Path, model: Path) -> float:
+        t_s, f_z_n = of_walk(model, folder)["left"]
+        shoe = insole_daemon.load(folder)["left"].reference
+        return float(np.std(f_z_n - np.interp(t_s, shoe.time_s, shoe["fz_n"])))
+
+    straight = write(tmp_path / "straight")
+    bent = write(tmp_path / "bent", lambda p: p - 0.15 * p * (p / 2e5) ** 2)
+    found = diagnose(bent, tmp_path / "out")
+    assert not {each["effect"] for each in found["findings"]} - {"gain"}
+    usual = error_n(straight, straight / "calibration.json")
+    assert error_n(bent, bent / "calibration.json") > 2 * usual
+    assert error_n(bent, tmp_path / "out" / "model.json") < 1.2 * usual
