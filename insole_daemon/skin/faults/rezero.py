@@ -6,7 +6,8 @@ count is off by the load of that moment. Two marks, from the counts:
 jump – from one look to the next all loaded taxels of a board that bore the same before come to stand at their rest
     level, while the others go on bearing what they bore. Pauses (an MTB3 makes one of three periods) are looked over.
 negative – the mean of the board's taxels stands above their rest levels, or PINNED of them at 255: what was zeroed
-    away is missing when the load goes. Not with a no-load of 255, which leaves no room above.
+    away is missing when the load goes. Not with a no-load of 255, which leaves no room above, nor where it stood nearly
+    as high when it last was unloaded: a rest that drifts creeps there step by step.
 
 Observable if the board's taxels bore 2 counts (16 kPa) in the mean when it was zeroed: by the jump at once if another
 board bears load, else once it has been unloaded. Zeroed under less, or if all boards are zeroed together under a
@@ -36,6 +37,7 @@ OTHERS_NOISE, OWN_NOISE = 100.0, 75.0  # counts: three times the noise of a chan
 PAUSE_NS = 200_000_000  # the longest that is looked over
 CONFIRM_NS = 60_000_000  # in which a jump turns out to be another board's frames, or a board that goes
 NEGATIVE_COUNT = 1.25  # mean; rebound after long standing is some per cent of 20 counts, the noise 0.3 at most
+CREEPS_COUNT = 0.6  # mean, from one step to the next
 PINNED = 5  # more than can be stuck there
 NEGATIVE_NS = 80_000_000
 HEALED_NS = 200_000_000  # of a swing of 0.4 s
@@ -61,12 +63,15 @@ class Rezeroed:
         self._jumped_ns = [_NEVER] * n
         self._negative_ns = [_NEVER] * n  # since when
         self._at_rest_ns = [_NEVER] * n  # since when
+        self._lowest = [0.0] * n  # mean since the board was last loaded, and
+        self._lowest_before = [0.0] * n  # from then back to when it was loaded before
 
     def forget(self) -> None:
         """Believe every board again."""
         n = len(self._own)
         self.rezeroed[:] = False
         self._jumped_ns, self._negative_ns, self._at_rest_ns = [_NEVER] * n, [_NEVER] * n, [_NEVER] * n
+        self._lowest, self._lowest_before = [0.0] * n, [0.0] * n
 
     def update(self, streams: BoardStreams, fresh_boards: NDArray[np.bool_], t_mono_ns: int) -> bool:
         """Look at a cycle that `rest` has taken in; whether `rezeroed` changed.
@@ -90,7 +95,11 @@ class Rezeroed:
             if self.rezeroed[board]:
                 changed |= self._healed(board, unloaded, t_mono_ns)
                 continue
-            if mean[board] > -NEGATIVE_COUNT and pinned[board] < PINNED:
+            if mean[board] > LOADED_MEAN and self._lowest[board] < 0:
+                self._lowest_before[board], self._lowest[board] = self._lowest[board], 0.0
+            self._lowest[board] = min(self._lowest[board], mean[board])
+            above = -mean[board] > max(NEGATIVE_COUNT, CREEPS_COUNT - self._lowest_before[board])
+            if not above and pinned[board] < PINNED:
                 self._negative_ns[board] = _NEVER
             elif self._negative_ns[board] == _NEVER:
                 self._negative_ns[board] = t_mono_ns

@@ -191,6 +191,16 @@ def test_board_zeroed_under_load_until_it_is_zeroed_without(generation: str, loa
     assert not found.masked[-1].any()
 
 
+@pytest.mark.parametrize("board", [5, 7])
+def test_a_board_whose_rest_drifts_while_somebody_walks_was_not_zeroed(board: int) -> None:
+    cycles = cycles_of([], 14.0, WALKS)
+    t_s = (cycles.t_mono_ns - START_NS) * 1e-9
+    dither = np.random.default_rng(0).random(cycles.counts.shape)
+    drifted = (cycles.counts + np.floor(0.3 * t_s[:, None, None] + dither)).clip(0, 255).astype(np.uint8)
+    told = watch(replace(cycles, counts=np.where(rows_of(board)[:, None], drifted, cycles.counts))).told()
+    assert [event for event in told if event[0].startswith("board")] == []
+
+
 @generations
 def test_zeroed_without_load_is_no_fault(generation: str) -> None:
     faults = [Fault("rezero", 3.0, None, address) for address in (5, 6, 7)]
