@@ -99,7 +99,8 @@ class Rezeroed:
                 self._lowest_before[board], self._lowest[board] = self._lowest[board], 0.0
             self._lowest[board] = min(self._lowest[board], mean[board])
             above = -mean[board] > max(NEGATIVE_COUNT, CREEPS_COUNT - self._lowest_before[board])
-            if not above and pinned[board] < PINNED:
+            full = pinned[board] >= PINNED and self._lowest_before[board] > -CREEPS_COUNT
+            if not (above or full):
                 self._negative_ns[board] = _NEVER
             elif self._negative_ns[board] == _NEVER:
                 self._negative_ns[board] = t_mono_ns
