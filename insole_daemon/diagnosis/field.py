@@ -8,7 +8,7 @@ takes most of it away without touching time: no filter is left that could be tak
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +28,6 @@ from .readings import together
 
 MOST_COURSES = 40
 FINER = 2  # rows of the grid for each cycle of the simulation
-ALIKE_S = 1.0  # a step: what came after one that was alike comes after this one
 SAME_PLACE_M = 1e-6
 MOST_APART = 0.15  # of the load's range, between taxels: noise and rounding of a simulated chamber are less
 MOST_BARE = 0.2  # of the taxels, that a simulation may know nothing of
@@ -55,22 +54,6 @@ class Field:
     def t_s(self) -> Array:
         """(N,) of the rows, on the simulation's clock."""
         return np.asarray(self.start_s + self.step_s * np.arange(len(self.courses)), np.float64)
-
-    def until(self, t_s: float) -> Field:
-        """The same up to `t_s`: beyond its end it goes on as it did after the second that is most like its last.
-
-        A simulation may end before the recording of its trial does, and the load of its last moment is none of a
-        moment later: a foot that is in the air then strikes.
-        """
-        n, alike = len(self.courses), round(ALIKE_S / self.step_s)
-        more = int(np.ceil((t_s - self.t_s[-1]) / self.step_s))
-        if not 0 < more <= n - 2 * alike:
-            return self
-        x = self.courses * np.sqrt(np.mean(self.shapes**2, axis=0))
-        ends = np.arange(alike, n - max(more, alike))
-        apart = [float(np.sum((x[end - alike : end] - x[-alike:]) ** 2)) for end in ends]
-        end = int(ends[np.argmin(apart)])
-        return replace(self, courses=np.concatenate([self.courses, self.courses[end : end + more]]))
 
     def load(self, shapes: Array, age_s: Array) -> Load:
         """The load on m places that have `shapes` (m, r), each `age_s` (m,) earlier, on the simulation's clock."""

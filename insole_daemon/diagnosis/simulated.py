@@ -30,6 +30,7 @@ from .readings import together
 
 PA_PER_COUNT = 8000.0  # of a taxel that nobody calibrated: what the configuration assumes
 USUAL_RATE = 3e-4  # that two quartzes differ by, at the most
+ALIKE_S = 0.5  # some of a step
 EDGE_S = 0.1  # of a simulation, left out at both ends: physics moves the clock that its edges agree on
 LEAST_TOLD = 0.8  # of the cycles, that a simulation of the trial covers
 FOLD_S, N_FOLDS = 4.0, 10  # some whole steps, held out together
@@ -115,7 +116,7 @@ def loads(
     """What gives the (n, n_triangles, 12) Pa of `simulation` at the places `xy_m` (n_triangles, 12, 2).
 
     It is asked with the (n, n_triangles) moments of the recording, in s since its first frame, when each was read. What
-    comes after the end of the simulation is a guess (`Field.until`).
+    comes after the end of the simulation is a guess: the load of that earlier stretch whose readings were most alike.
     """
     told = field(simulation, foot)
     t_s = (foot.t_ns - foot.t_ns[0]) * 1e-9
@@ -125,15 +126,27 @@ def loads(
     read = together(counts, valid, t_s[used], 0.0)
     offset_s, rate, _ = clock(recording, simulation, foot, told, slots, t_s[used], read)
     shapes = Interpolation(told).shapes(xy_m.reshape(-1, 2)).reshape(*xy_m.shape[:2], -1)
-    told = told.until(offset_s + (1.0 + rate) * float(t_s[-1]))
     courses = CubicSpline(told.t_s, told.courses)
+    missing_s = offset_s + (1.0 + rate) * float(t_s[-1]) - float(told.t_s[-1])
+    back_s = _alike(t_s[used], read, missing_s) if missing_s > 0 else 0.0
 
     def at(read_s: Array) -> Array:
-        its_s = np.clip(offset_s + (1.0 + rate) * read_s, told.t_s[0], told.t_s[-1])
+        its_s = offset_s + (1.0 + rate) * read_s
+        its_s = np.clip(np.where(its_s > told.t_s[-1], its_s - back_s, its_s), told.t_s[0], told.t_s[-1])
         pressure: Array = np.einsum("ntr,tkr->ntk", courses(its_s), shapes)
         return pressure
 
     return at
+
+
+def _alike(t_s: Array, read: Array, missing_s: float) -> float:
+    """How long before its end the recording read (n, m) what is most like its last `missing_s` with ALIKE_S before."""
+    n, rows = len(t_s), int(np.count_nonzero(t_s > t_s[-1] - missing_s - ALIKE_S))
+    back = np.arange(int(np.count_nonzero(t_s > t_s[-1] - missing_s)), n - rows)
+    if not back.size:
+        return 0.0
+    apart = [float(np.sum((read[n - rows - each : n - each] - read[n - rows :]) ** 2)) for each in back]
+    return float(t_s[-1] - t_s[-1 - int(back[np.argmin(apart)])])
 
 
 def look(askew: Askew, sums: Sums, n_triangles: int) -> Mapped:
