@@ -112,12 +112,6 @@ def fatigue(p: Array, share: float) -> Array:
     return p * (1 + share * np.tanh(np.abs(rate) / (0.1 * p.max())))
 
 
-def averaged(p: Array, seconds: float) -> Array:
-    """Outside the library: as much of what comes as of what was, as software that draws smooth curves makes of it."""
-    n = max(round(seconds / DT), 1) | 1
-    return np.convolve(np.pad(p, n // 2, mode="edge"), np.ones(n) / n, mode="valid")
-
-
 def case(rng: np.random.Generator, out: Path, words: list[str], k: float, kind: dict) -> dict:
     seconds, top = kind["seconds"], kind["top"]
     p = load(rng, seconds, top, kind["speeds"], kind["holds"])
@@ -149,7 +143,7 @@ def case(rng: np.random.Generator, out: Path, words: list[str], k: float, kind: 
         return middle
 
     q, timed, count_terms = p, p, np.zeros((len(cycle), 1))
-    order = ["hysteresis", "snap", "viscoelasticity", "creep", "lag", "delay", "multiplicative", "fatigue", "averaged"]
+    order = ["hysteresis", "snap", "viscoelasticity", "creep", "lag", "delay", "multiplicative", "fatigue"]
     for word in sorted(words, key=lambda w: order.index(w) if w in order else 99):
         if word == "hysteresis":
             if rng.random() < 0.5:
@@ -177,8 +171,6 @@ def case(rng: np.random.Generator, out: Path, words: list[str], k: float, kind: 
             make = lambda a, z=tau: multiplicative(p, a, z)  # noqa: E731
         elif word == "fatigue":
             make = lambda a: fatigue(p, a)  # noqa: E731
-        elif word == "averaged":
-            make = lambda a: averaged(p, 4 * a)  # noqa: E731
         elif word == "rezero":
             board = LAYOUT.identities[:, 0] == rng.choice([5, 6, 7])
             jump = (cycle > seconds * rng.uniform(0.2, 0.7))[:, None] * np.repeat(board, 12)
@@ -200,7 +192,7 @@ def case(rng: np.random.Generator, out: Path, words: list[str], k: float, kind: 
             truth.append({"effect": word})
             continue
         amplitude = reach(make)
-        if word in ("lag", "delay", "averaged"):  # of the electronics: the same for all taxels
+        if word in ("lag", "delay"):  # of the electronics: the same for all taxels
             timed = timed + make(amplitude) - p
         else:
             q = q + make(amplitude) - p
