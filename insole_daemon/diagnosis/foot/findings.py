@@ -90,7 +90,8 @@ def named(explained: Explained) -> tuple[list[Finding], list[Effect]]:
 def drifts(explained: Explained) -> tuple[list[Finding], list[Effect]]:
     """Boards whose rest wanders, of each recording; a model has those of the first."""
     evidence, found, effects = explained.evidence, list[Finding](), list[Effect]()
-    std = np.sqrt(np.diag(evidence.covariance))
+    left = float(np.sqrt(max(explained.decided.best.left, 1.0)))  # what no effect explains is no drift either
+    std = left * np.sqrt(np.diag(evidence.covariance))
     for i, (part, name) in enumerate(zip(evidence.parts, explained.names, strict=True)):
         rests, stds = evidence.rests(explained.recalibration, i), evidence.rests(std, i)
         added = part.drifting[:, 0, 3:].reshape(len(part.rows_s), len(rests), -1)
@@ -103,7 +104,7 @@ def drifts(explained: Explained) -> tuple[list[Finding], list[Effect]]:
             significant = np.abs(shift).max() > LEAST_DRIFT_COUNT and sigmas.max() > DRIFT_SIGMAS
             if (
                 significant
-                and adds.std() > LEAST_DRIFT * np.hypot(part.walk.noise, part.walk.shoe.noise)[0] / part.noise[0]
+                and adds.std() > LEAST_DRIFT * left * np.hypot(part.walk.noise, part.walk.shoe.noise)[0] / part.noise[0]
             ):
                 wandering.append(j)
                 moved += adds
