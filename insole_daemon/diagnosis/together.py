@@ -18,6 +18,7 @@ from .. import __version__
 from ..config import Foot
 from ..physics import effects_document
 from ..physics.calibration import BEGAN, Calibration
+from ..physics.dynamic import OF_THEIR_TIME
 from ..recording.loading import Recording
 from . import diagnosing, modelling
 from .confronted import opinions
@@ -27,11 +28,10 @@ from .feet import choose
 from .finding import Finding
 from .foot import diagnosing as on_foot
 from .foot.diagnosing import WalkDiagnosis
-from .foot.known import MEMORY, TIMING, Known
+from .foot.known import MEMORY, Known
+from .foot.naming import TIMING
 from .opinion import Opinion
 from .outcome import Outcome, verdict
-
-OF_THE_DAY = ("drift", "rezero")  # whose times are those of the first recording
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -156,15 +156,18 @@ def _could_tell(walks: WalkDiagnosis, word: str) -> bool:
 
 
 def _effects(chamber: Diagnosis, walks: WalkDiagnosis, first: Outcome) -> list[Mapping[str, Any]]:
-    """Of the model, which is for walking: what the walks agree with and found, and what they cannot see."""
+    """Of the model, which is for walking: what the walks agree with and found, and what they cannot see.
+
+    Of times their own, only those of the recording named `first`: the model's begin with it.
+    """
     material = (*MEMORY, *(word for word in TIMING if _could_tell(walks, word)))
     of_chamber = [
         each
         for each in chamber.effects
         if (each.law.word not in material or (each.where.scope != "insole" and each.law.word in TIMING))
-        and (each.law.word not in OF_THE_DAY or first is chamber)
+        and (each.law.word not in OF_THEIR_TIME or first is chamber)
     ]
-    of_walks = [each for each in walks.model["effects"] if each["effect"] not in OF_THE_DAY or first is walks]
+    of_walks = [each for each in walks.model["effects"] if each["effect"] not in OF_THEIR_TIME or first is walks]
     return [*effects_document.document(of_chamber, chamber.insole.layout), *of_walks]
 
 

@@ -31,6 +31,7 @@ from .effect import Effect
 FORMAT = "insole-calibration/1"
 COVARIANCE = "coefficients_covariance_pa2"
 VALID_RANGE = "valid_range"
+_MOST_BASELINE_COUNT = 510.0  # a fit may leave the 8-bit range, but not by much; the activation at a count of 0
 MOST_COEFFICIENTS = 32  # of a taxel: the arrays of all taxels are as wide as the longest
 BEGAN = "began_t_ns"  # in `provenance`: from when the times of effects count, ns of CLOCK_REALTIME
 
@@ -70,7 +71,7 @@ class _Taxel(Section):
     board: Annotated[int, within(1, 14)]
     triangle: Annotated[int, within(0, 15)]
     taxel: Annotated[int, within(0, N_TAXELS - 1)]
-    baseline_count: Annotated[float, within(0, 510)]  # a fit may leave the 8-bit range, but not by much
+    baseline_count: Annotated[float, within(0, _MOST_BASELINE_COUNT)]
     coefficients_pa: Annotated[tuple[float, ...], entries(1, MOST_COEFFICIENTS)]
 
 
@@ -215,15 +216,12 @@ def _check_taxels(reading: Reading, layout: Layout) -> None:
 
 
 _MOST_COUNT = 1e6  # far beyond what any board says
-_MOST_ACTIVATION, _MOST_PA = (
-    510.0,
-    1e30,
-)  # a baseline's most, at a count of 0; what sums and squares of are still numbers
+_MOST_PA = 1e30  # sums and squares of which are still numbers
 
 
 def _at_most_pa(coefficients_pa: Sequence[float]) -> bool:
     """Whether the pressure is a number that can be gone on with, whatever the count is."""
-    return sum(abs(value) * _MOST_ACTIVATION**k for k, value in enumerate(coefficients_pa)) <= _MOST_PA
+    return sum(abs(value) * _MOST_BASELINE_COUNT**k for k, value in enumerate(coefficients_pa)) <= _MOST_PA
 
 
 def _is_range(value: Any) -> bool:

@@ -237,6 +237,7 @@ class Evidence:
         self.boards = tuple(int(b) for b in np.unique(np.concatenate([p.walk.boards for p in parts])))
         self.fold = np.concatenate([p.folds for p in parts])
         self.asked = np.concatenate([p.asked for p in parts])
+        self.judged = self.asked & (self.fold >= 0)  # (n,) rows that are held out once
         self.of_part = np.repeat(np.arange(len(parts)), [len(p.rows_s) for p in parts])
         common = np.concatenate([p.stretched(freedom.powers) for p in parts])
         own = [p.drifting for p in parts]

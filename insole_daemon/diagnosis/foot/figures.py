@@ -13,7 +13,7 @@ def rms(evidence: Evidence, left: Array, channel: int = 0) -> float:
     square = [
         float(np.mean((left[rows, channel] * part.noise[channel]) ** 2)) + _taken(evidence, i, channel)
         for i, part in enumerate(evidence.parts)
-        if (rows := evidence.asked & (evidence.fold >= 0) & (evidence.of_part == i)).any()
+        if (rows := evidence.judged & (evidence.of_part == i)).any()
     ]
     return float(np.sqrt(np.mean(square)))
 

@@ -140,10 +140,9 @@ def gains(explained: Explained) -> list[Finding]:
     evidence = explained.evidence
     common = explained.recalibration[: evidence.n_common]
     force = np.concatenate([np.sum(list(p.sums.values()), axis=0)[::EVERY, 0] / p.noise[0] for p in evidence.parts])
-    powers = evidence.freedom.powers
-    added = np.concatenate([p.stretched(powers)[:, 0] @ common for p in evidence.parts])
+    added = evidence.nuisance[:, 0, : evidence.n_common] @ common
     mean = float(added @ force) / float(force @ force)
-    of_gains = common[:: len(powers)]
+    of_gains = common[:: len(evidence.freedom.powers)]
     std = float(np.std(of_gains) / np.sqrt(len(of_gains)))
     if abs(mean) < max(LEAST_GAIN, GAIN_SIGMAS * std):
         return []
@@ -166,7 +165,7 @@ def contradicted(explained: Explained, without: Tried) -> tuple[str, ...]:
     assert without.heldout is not None
     found = []
     for i, name in enumerate(explained.names):
-        rows = evidence.asked & (evidence.fold >= 0) & (evidence.of_part == i)
+        rows = evidence.judged & (evidence.of_part == i)
         if (
             rows.any()
             and np.mean(best.heldout[rows] ** 2) > np.mean(without.heldout[rows] ** 2) + explained.naming.price

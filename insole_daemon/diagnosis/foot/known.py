@@ -22,12 +22,11 @@ from ..opinion import Opinion
 from . import figures
 from .evidence import Evidence, part
 from .hypothesis import Term
-from .naming import Search
+from .naming import TIMING, Search
 from .nulls import LEAST_PRICE
 from .walk import Walk
 
 MEMORY = ("hysteresis", "snap", "viscoelasticity", "creep")  # of the material: it goes along from trial to trial
-TIMING = ("lag", "delay")  # heel strikes tell these better than any chamber
 WORSE = 0.1  # of what is left of a walk above its noise, that an effect has to add to be contradicted
 
 
@@ -102,8 +101,7 @@ def _left(walks: Sequence[Walk], effects: Sequence[Effect]) -> _Left:
     search = Search(evidence, LEAST_PRICE)
     tried = search.judged(frozenset(Term(word) for word in TIMING if word in search.words))
     assert tried.heldout is not None
-    judged = evidence.asked & (evidence.fold >= 0)
-    square = np.where(judged, np.mean(tried.heldout**2, axis=1), 0.0)
-    n = np.bincount(evidence.of_part, judged, len(walks))
+    square = np.where(evidence.judged, np.mean(tried.heldout**2, axis=1), 0.0)
+    n = np.bincount(evidence.of_part, evidence.judged, len(walks))
     above = np.bincount(evidence.of_part, square, len(walks)) / np.maximum(n, 1) - 1.0
     return _Left(np.maximum(above, 0.0), figures.rms(evidence, tried.heldout))

@@ -34,7 +34,7 @@ class Tried:
     fitted: Fitted
     heldout: Array | None = None  # (n, 3) left of every row by a fit that has not seen its fold
     without: tuple[Fitted, ...] = ()  # those fits
-    left: float = np.inf  # mean square of `heldout`, over the rows that are asked
+    left: float = np.inf  # mean square of `heldout`, over the rows that are judged
 
     @property
     def words(self) -> frozenset[str]:
@@ -93,8 +93,8 @@ class Search:
         tried = self._tried(terms)
         if tried.heldout is None:
             left, without = Hypothesis(self.evidence, tuple(terms)).heldout(tried.fitted)
-            asked = self.evidence.asked & (self.evidence.fold >= 0)
-            tried = replace(tried, heldout=left, without=tuple(without), left=float(np.mean(left[asked] ** 2)))
+            mean_square = float(np.mean(left[self.evidence.judged] ** 2))
+            tried = replace(tried, heldout=left, without=tuple(without), left=mean_square)
             self._fitted[terms] = tried
         return tried
 
