@@ -57,6 +57,7 @@ class Clock:
         self._mono_ns, self.wall_offset_ns = time.monotonic_ns(), time.time_ns() - time.monotonic_ns()
         self._paced_from = self._mono_ns, self._mono_ns  # injected, real
         self._stopped_ns = 0
+        self.stops = 0  # that somebody has slept through
         self.passing: Callable[[int], None] = lambda until_ns: None  # told before the time is there
 
     def monotonic_ns(self) -> int:
@@ -73,6 +74,7 @@ class Clock:
 
     def sleep(self, seconds: float) -> None:
         until_ns = self._mono_ns + max(0, round(seconds * 1e9)) + self._stopped_ns
+        self.stops += self._stopped_ns > 0
         self._stopped_ns = 0
         self.passing(until_ns)
         self._mono_ns = until_ns
