@@ -6,10 +6,11 @@ from collections.abc import Callable, Sequence
 
 from . import nulls
 from .deciding import decide, refitted
-from .evidence import FREE, Evidence, Part
+from .evidence import FREE, UNDONE_PA, USUAL, Evidence
 from .findings import Explained, contradicted
 from .hypothesis import Hypothesis
 from .naming import Search
+from .part import Part
 
 LEAST_STEPS = 3  # one rise and fall fits any physics
 
@@ -51,13 +52,16 @@ def explained(parts: Sequence[Part], deadline: float, progress: Callable[[str], 
     naming = search.name(deadline)
     progress("decoys: what a filter without physics explains")
     decided = decide(search, naming)
-    if not any(term.word == "hysteresis" for term in decided.best.terms):
-        evidence = Evidence(parts, FREE)
-        naming, decided = refitted(Search(evidence, naming.price), naming, decided)
+    search = Search(Evidence(parts, FREE), naming.price)
+    material = search.judged(decided.best.terms)
+    if "hysteresis" in material.words:  # what undoes it best on noisy readings is not what the material is
+        search = Search(Evidence(parts, USUAL, UNDONE_PA), naming.price)
+    naming, decided = refitted(search, naming, decided)
+    evidence = search.evidence
     hypothesis = Hypothesis(evidence, tuple(decided.best.terms))
     recalibration = evidence.recalibration(hypothesis.unexplained(decided.best.fitted), None)
     names = tuple(each.walk.name for each in parts)
-    return Explained(evidence, names, naming, decided, recalibration, of_nulls)
+    return Explained(evidence, names, naming, decided, material, recalibration, of_nulls)
 
 
 def _at_odds(together: Explained) -> bool:

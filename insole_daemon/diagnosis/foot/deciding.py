@@ -67,7 +67,7 @@ def refitted(search: Search, naming: Naming, decided: Decided) -> tuple[Naming, 
     """What was decided, fitted to the evidence of `search`: the same walks, recalibrated otherwise."""
     static, terms = search.judged(frozenset()), decided.best.terms
     best, alone = search.judged(terms), {term.word: search.judged(terms - {term}) for term in terms}
-    unknown = _unexplained(static, best)
+    unknown = decided.unknown and _unexplained(static, best)
     return replace(naming, static=static), replace(decided, best=best, alone=alone, unknown=unknown)
 
 

@@ -24,11 +24,12 @@ from ..outcome import Outcome
 from . import figures, findings, modelling, walk
 from .camps import LEAST_STEPS, camps
 from .deciding import Decided
-from .evidence import Evidence, Part, part
+from .evidence import Evidence
 from .findings import Explained
 from .hypothesis import Hypothesis
 from .known import Agreed, Known, agreed
 from .naming import Naming
+from .part import Part, part
 from .walk import Walk
 
 _PER_TAXEL = "three sums of {n} taxels hold nothing of a single one"

@@ -1,44 +1,22 @@
-"""Walks as evidence: what the taxels say in sum, what recalibration may change, and blocks of steps to hold out.
-
-    L_τ[R](t − d) = Σ_i arm_i · (v_i + effects undone on v_i) + recalibration + noise
-
-v is the static model's pressure and R the wrench of the shoe. The load of a single taxel is not known, so effects are
-undone on the taxels' side, summed over the taxels, and lag and delay are put on the reference's side: 280 taxels become
-three channels, and a hypothesis costs a millisecond.
-
-Undoing physics on noisy readings is where denoising masquerades as physics: a filter that averages noise improves the
-error and explains nothing. So both sides are smoothed by one symmetric kernel before anything is asked; it commutes
-with everything that is linear and leaves a filter little noise to earn with.
-"""
+"""Walks as evidence: what their rows say, what recalibration may change, and blocks of steps to hold out."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
-from scipy.ndimage import binary_dilation, gaussian_filter1d
 
 from ...physics.law import Array
-from ...skin.geometry import N_TAXELS
-from ..operators import low_pass, plays, standing_out
-from .walk import FINE_S, Walk
+from .part import N_FOLDS, Part
 
-SMOOTH_S = 0.015  # standard deviation of the kernel on both sides
-EVERY = 4  # moments of the grid a row: what the kernel leaves has no more to say
-EDGE_S = 0.5  # left out at both ends
-FOLD_S = 4.0  # rows that are held out together: three whole steps
-N_FOLDS = 5
-LOADED = (0.05, 0.2)  # of the largest force: below the one a foot swings, above the other it stands
-CURVED_PA = 2e5
 DRIFT_COUNT = 2.0  # of a board, between two knots: by one standard deviation it is free
-KNOT_S = 15.0
-RADII_PA = np.geomspace(8e3, 64e3, 6)  # of plays: smaller ones are dragged about by noise where they are undone
+RADII_PA = tuple(np.geomspace(4e3, 64e3, 8).tolist())  # of plays, as a material may have them
+UNDONE_PA = tuple(np.geomspace(8e3, 64e3, 6).tolist())  # and as they are undone: noise drags smaller ones about
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,190 +28,43 @@ class Freedom:
 
 
 USUAL = Freedom((1, 2), 0.05)
-# The curves of a chamber go on beyond its pressures as polynomials, which a walk may have to bend back. Beside loops of
-# hysteresis that would be too much: where the curve is and how wide the loop, three sums do not tell apart.
+# The curves of a chamber go on beyond its pressures as polynomials, which a walk may have to bend back. For naming, and
+# for undoing loops of hysteresis on noisy readings, that would be too much: it takes the place of part of the loops.
 FREE = Freedom((1, 2, 3), 0.3)
 
 
-@dataclass(frozen=True, eq=False)
-class Part:
-    """One walk as n rows of three channels, in units of the noise that is left in them."""
+class Sums:
+    """Parts one after the other."""
 
-    walk: Walk
-    shoe: Array  # (M, 3) smoothed wrench on its fine grid, N and N·m
-    noise: Array  # (3,) what the smoothed sums have
-    pressure_pa: Array  # (N, m) smoothed
+    def __init__(self, parts: Sequence[Part], radii_pa: tuple[float, ...]) -> None:
+        self._parts, self._radii_pa = tuple(parts), radii_pa
+        self._loops: dict[tuple[tuple[int, ...], bool], Array] = {}
 
-    @cached_property
-    def courses_pa(self) -> Array:
-        """(N, m) `pressure_pa` as the few courses that stand out of the noise, each with a shape: for what turns at a
-        taxel's own turning points, which noise would drag about.
-        """
-        walk = self.walk
-        noise_pa = np.sqrt(np.mean(walk.slope_pa**2, axis=0)) * walk.noise_count
-        x = self.pressure_pa / noise_pa
-        own = standing_out(x[::EVERY] / _kept(walk.period_s))
-        return np.asarray((x @ own) @ own.T * noise_pa)
-
-    @cached_property
-    def rows_s(self) -> Array:
-        """(n,) moments of the rows."""
-        return self.walk.t_s[::EVERY]
-
-    @cached_property
-    def sums(self) -> dict[int, Array]:
-        """By board, (N, 3) the static model's wrench of its taxels."""
-        boards, arms = self.walk.boards, self.walk.arms
-        return {int(b): self.pressure_pa[:, boards == b] @ arms[boards == b] for b in np.unique(boards)}
-
-    @cached_property
-    def loops(self) -> dict[int, Array]:
-        """By board, (n, 3, k) the sum of x − play_r[x] for each of RADII_PA."""
-        return self._loops(1)
-
-    @cached_property
-    def backwards(self) -> dict[int, Array]:
-        """As `loops`, of time reversed: as good at averaging, and no physics."""
-        return self._loops(-1)
-
-    def _loops(self, way: int) -> dict[int, Array]:
-        boards, arms = self.walk.boards, self.walk.arms
-        found: dict[int, list[Array]] = {int(b): [] for b in np.unique(boards)}
-        for radius_pa in RADII_PA[:, None]:  # one at a time: all of them, of ten minutes, are gigabytes
-            rows = -plays(self.courses_pa[::way], radius_pa)[0, ::way][::EVERY]
-            for board, sums in found.items():
-                sums.append(rows[:, boards == board] @ arms[boards == board] / self.noise)
-        return {board: np.stack(sums, axis=-1) for board, sums in found.items()}
+    def target(self, clocks: Array, late_s: float, lag_s: float, swing_s: float = 0.0) -> Array:
+        """(n, 3) `Part.target`; `clocks` (parts, 2) how much later each is, and its rate."""
+        return np.concatenate([
+            part.target(late_s + own_s, rate, lag_s, swing_s)
+            for part, (own_s, rate) in zip(self._parts, clocks.tolist(), strict=True)
+        ])  # fmt: skip
 
     def late(self, boards: Sequence[int], tau_s: float, backwards: bool = False) -> Array:
-        """(n, 3) the sum of x − z with τ·dz/dt = x − z over the taxels of `boards`."""
-        x = np.sum([self.sums[board] for board in boards], axis=0)
-        way = -1 if backwards else 1
-        z = low_pass(x[::way], self.walk.step_s, tau_s)[::way]
-        return np.asarray((x - z)[::EVERY] / self.noise)
+        """(n, 3) `Part.late`."""
+        return np.concatenate([part.late(boards, tau_s, backwards) for part in self._parts])
 
-    def target(self, late_s: float, rate: float, lag_s: float, swing_s: float = 0.0) -> Array:
-        """(n, 3) what the taxels of this walk have to explain beyond their static model.
-
-        The reference after a lag, as it was `late_s` before; `rate` of its clock beside the one that the edges agree
-        on. `swing_s`: a lag that runs backwards, and explains nothing real.
-        """
-        x = self.shoe
-        if lag_s > FINE_S / 20:
-            x = low_pass(x, FINE_S, lag_s)
-        if swing_s > FINE_S / 20:
-            x = low_pass(x[::-1], FINE_S, swing_s)[::-1]
-        at = self.walk.offset_s - late_s + (1.0 + self.walk.rate + rate) * self.rows_s
-        said = np.stack([np.interp(at, self.walk.shoe.t_s, column) for column in x.T], axis=1)
-        return np.asarray((said - np.sum(list(self.sums.values()), axis=0)[::EVERY]) / self.noise)
-
-    @cached_property
-    def asked(self) -> NDArray[np.bool_]:
-        """(n,) rows at which both sides are known, and their neighbours too.
-
-        Not what a foot bears that stands on it when the recording begins: nobody knows what went before.
-        """
-        walk, n_kernel = self.walk, round(3 * SMOOTH_S / self.walk.step_s)
-        known = ~binary_dilation(~walk.told, iterations=n_kernel)[::EVERY]
-        at = walk.offset_s + (1.0 + walk.rate) * self.rows_s
-        end_s = walk.shoe.t_s[-1]
-        gap = binary_dilation(~walk.shoe.told, iterations=round(3 * SMOOTH_S / FINE_S))
-        known &= np.interp(at, walk.shoe.t_s, gap.astype(float)) == 0
-        for t, first, last in ((self.rows_s, self.rows_s[0], self.rows_s[-1]), (at, 0.0, end_s)):
-            known &= (t > first + EDGE_S) & (t < last - EDGE_S)
-        in_the_air = self.force_n < LOADED[0] * float(self.force_n.max())
-        return np.asarray(known & (np.maximum.accumulate(in_the_air) | ~in_the_air.any()))
-
-    @cached_property
-    def force_n(self) -> Array:
-        """(n,) the shoe's f_z at the rows."""
-        at = self.walk.offset_s + (1.0 + self.walk.rate) * self.rows_s
-        return np.interp(at, self.walk.shoe.t_s, self.shoe[:, 0])
-
-    @cached_property
-    def contacts(self) -> NDArray[np.intp]:
-        """(k,) rows at which the foot begins to bear a load."""
-        low, high = np.array(LOADED) * float(self.force_n.max())
-        state = np.where(self.force_n > high, 1, np.where(self.force_n < low, 0, -1))
-        row = np.maximum.accumulate(np.where(state >= 0, np.arange(len(state)), 0))
-        return np.flatnonzero(np.diff(state[row]) == 1) + 1
-
-    @cached_property
-    def folds(self) -> NDArray[np.intp]:
-        """(n,) which of N_FOLDS a row is held out with: blocks of whole steps; −1: always fitted to.
-
-        What comes before the first load and after the last is like nothing else: no other block could predict it.
-        """
-        found = np.full(len(self.rows_s), -1)
-        loaded = np.flatnonzero(self.asked & (self.force_n > LOADED[1] * self.force_n.max()))
-        if not loaded.size:  # it stands there from the beginning
-            return found
-        t, near = self.rows_s, round(FOLD_S / 3 / float(np.diff(self.rows_s[:2])[0]))
-        edges = [int(loaded[0])]
-        while t[edges[-1]] + 1.5 * FOLD_S < t[loaded[-1]]:
-            at = int(np.searchsorted(t, t[edges[-1]] + FOLD_S))
-            edges.append(
-                at - near + int(np.argmin(self.force_n[at - near : at + near]))
-            )  # in a swing, where there is one
-        for i, (a, b) in enumerate(pairwise([*edges, int(loaded[-1])])):
-            found[a:b] = i % N_FOLDS
-        return found
-
-    def stretched(self, powers: tuple[int, ...]) -> Array:
-        """(n, 3, triangles · powers) what the powers of its triangles' pressures would add."""
-        x = self.pressure_pa[::EVERY]
-        triangles = self.walk.slots // N_TAXELS
-        found = [
-            x[:, triangles == triangle] ** power @ self.walk.arms[triangles == triangle] / CURVED_PA ** (power - 1)
-            for triangle in np.unique(triangles)
-            for power in powers
-        ]
-        return np.stack(found, axis=-1) / self.noise[:, None]
-
-    @cached_property
-    def knots_s(self) -> Array:
-        """(knots,) between which rests wander in a straight line."""
-        t = self.rows_s
-        return np.linspace(t[0], t[-1], max(round((t[-1] - t[0]) / KNOT_S), 2) + 1)
-
-    @cached_property
-    def drifting(self) -> Array:
-        """(n, 3, 3 + boards·knots) constants of the three channels, and what rests that wander would add.
-
-        They wander about their middle in time, which is the constants' affair: the two could make up for each other.
-        """
-        t, walk = self.rows_s, self.walk
-        hats = np.stack([np.interp(t, self.knots_s, hat) for hat in np.eye(len(self.knots_s))[1:]], axis=-1)
-        hats -= hats.mean(axis=0)
-        slope = gaussian_filter1d(walk.slope_pa, SMOOTH_S / walk.step_s, axis=0)[::EVERY]
-        rests = [
-            (slope[:, walk.boards == b] @ walk.arms[walk.boards == b])[..., None] * hats[:, None]
-            for b in np.unique(walk.boards)
-        ]
-        constant = np.broadcast_to(np.eye(3), (len(t), 3, 3))
-        return np.concatenate([constant, *rests], axis=-1) / self.noise[:, None]
-
-
-def part(walk: Walk) -> Part:
-    """`walk`, both sides smoothed."""
-    noise = np.hypot(_kept(walk.period_s) * walk.noise, _kept(walk.shoe.period_s) * walk.shoe.noise)
-    shoe = gaussian_filter1d(walk.shoe.wrench, SMOOTH_S / FINE_S, axis=0, mode="nearest")
-    pressure = gaussian_filter1d(walk.pressure_pa, SMOOTH_S / walk.step_s, axis=0, mode="nearest")
-    return Part(walk, shoe, noise, pressure)
-
-
-def _kept(period_s: float) -> float:
-    """Of the standard deviation of white noise sampled every `period_s`, by the kernel."""
-    return float(np.sqrt(min(1.0, period_s / (2 * np.sqrt(np.pi) * SMOOTH_S))))
+    def loops(self, boards: Sequence[int], backwards: bool = False) -> Array:
+        """(n, 3, k) the loops of plays on `boards`, which depend on nothing that is searched for."""
+        key = (tuple(boards), backwards)
+        if key not in self._loops:
+            loops = [part.loops(self._radii_pa, backwards) for part in self._parts]
+            self._loops[key] = np.concatenate([np.sum([own[b] for b in boards], axis=0) for own in loops])
+        return self._loops[key]
 
 
 class Evidence:
     """Walks of one insole; gains and curvatures are common to all, constants and drifts each walk's own."""
 
-    n_plays = len(RADII_PA)
-
-    def __init__(self, parts: Sequence[Part], freedom: Freedom = USUAL) -> None:
-        self.parts, self.freedom = tuple(parts), freedom
+    def __init__(self, parts: Sequence[Part], freedom: Freedom = USUAL, radii_pa: tuple[float, ...] = RADII_PA) -> None:
+        self.parts, self.freedom, self.radii_pa = tuple(parts), freedom, radii_pa
         self.boards = tuple(int(b) for b in np.unique(np.concatenate([p.walk.boards for p in parts])))
         self.fold = np.concatenate([p.folds for p in parts])
         self.asked = np.concatenate([p.asked for p in parts])
@@ -247,7 +78,7 @@ class Evidence:
         self.n_common = common.shape[2]
         free = [np.concatenate([np.zeros(3), np.full(each.shape[2] - 3, 1 / DRIFT_COUNT)]) for each in own]
         self._stiff = np.concatenate([np.full(self.n_common, 1 / freedom.gain), *free])
-        self._loops: dict[Any, Array] = {}
+        self.said, self.noise = Sums(parts, radii_pa), Sums([p.twin for p in parts], radii_pa)
         self._rid: dict[Any, Array] = {}
         self._projections = {fold: self._projection(fold) for fold in (None, *range(N_FOLDS))}
 
@@ -267,11 +98,11 @@ class Evidence:
         """(n,) rows that are fitted to, `without` one fold."""
         return self.asked if without is None else self.asked & (self.fold != without)
 
-    def rid_loops(self, boards: Sequence[int], backwards: bool, without: int | None) -> Array:
-        """`loops`, rid of recalibration: they depend on nothing that is searched for."""
-        key = (tuple(boards), backwards, without)
+    def rid_loops(self, sums: Sums, boards: Sequence[int], backwards: bool, without: int | None) -> Array:
+        """The loops of `said` or `noise`, rid of recalibration."""
+        key = (sums is self.noise, tuple(boards), backwards, without)
         if key not in self._rid:
-            self._rid[key] = self.rid(self.loops(boards, backwards), without)
+            self._rid[key] = self.rid(sums.loops(boards, backwards), without)
         return self._rid[key]
 
     def rid(self, x: Array, without: int | None) -> Array:
@@ -279,14 +110,6 @@ class Evidence:
         basis, _ = self._projections[without]
         stacked = self._stacked(x, without)
         return np.asarray(stacked - basis @ (basis.T @ stacked))
-
-    def loops(self, boards: Sequence[int], backwards: bool) -> Array:
-        """(n, 3, k) the loops of plays on `boards`."""
-        key = (tuple(boards), backwards)
-        if key not in self._loops:
-            parts = [p.backwards if backwards else p.loops for p in self.parts]
-            self._loops[key] = np.concatenate([np.sum([own[b] for b in boards], axis=0) for own in parts])
-        return self._loops[key]
 
     def recalibration(self, x: Array, without: int | None) -> Array:
         """(j,) what recalibration makes of `x` (n, 3)."""

@@ -16,8 +16,9 @@ from ..finding import Finding, Quantity
 from ..places import said
 from . import figures, modelling
 from .deciding import Decided
-from .evidence import EVERY, LOADED, Evidence
+from .evidence import Evidence
 from .naming import Naming, Tried
+from .part import EVERY, LOADED
 
 PHASES = {"loading": (0.0, 0.25), "mid-stance": (0.25, 0.7), "push-off": (0.7, 1.0)}  # of a stance
 LEAST_DRIFT_COUNT, DRIFT_SIGMAS, LEAST_DRIFT = 0.4, 6.0, 0.5  # the last in units of the noise of f_z
@@ -31,7 +32,8 @@ class Explained:
     evidence: Evidence
     names: tuple[str, ...]  # of the recordings
     naming: Naming
-    decided: Decided
+    decided: Decided  # fitted as it is undone
+    material: Tried  # the same effects as the material has them: free of what noise does to a fit
     recalibration: Array  # (j,) by the best set
     gains_of_nulls: Array  # mean square that the best single effect takes away of noise alone
 
@@ -53,8 +55,8 @@ def named(explained: Explained) -> tuple[list[Finding], list[Effect]]:
     found, effects = [], []
     for term in decided.best.fitted.terms:
         without = decided.alone[term.word]
-        place, parameters = modelling.place(term, evidence), modelling.quantities(term, decided.best)
-        effects.append(modelling.effect(term, parameters, evidence))
+        place, parameters = modelling.place(term, evidence), modelling.quantities(term, explained.material)
+        effects.append(modelling.effect(term, modelling.quantities(term, decided.best), evidence))
         if decided.unknown:
             continue
         others = decided.alternatives[term.word]
@@ -161,15 +163,13 @@ def gains(explained: Explained) -> list[Finding]:
 def contradicted(explained: Explained, without: Tried) -> tuple[str, ...]:
     """Recordings that the effect, which `without` is left out of, makes worse."""
     evidence, best = explained.evidence, explained.decided.best
-    assert best.heldout is not None
-    assert without.heldout is not None
+    assert best.square is not None
+    assert without.square is not None
+    worse = best.square - without.square
     found = []
     for i, name in enumerate(explained.names):
         rows = evidence.judged & (evidence.of_part == i)
-        if (
-            rows.any()
-            and np.mean(best.heldout[rows] ** 2) > np.mean(without.heldout[rows] ** 2) + explained.naming.price
-        ):
+        if rows.any() and np.mean(worse[rows]) > explained.naming.price:
             found.append(name)
     return tuple(found)
 
@@ -177,9 +177,9 @@ def contradicted(explained: Explained, without: Tried) -> tuple[str, ...]:
 def _regime(explained: Explained, without: Tried) -> dict[str, Any]:
     """In which phase of the step it matters most."""
     evidence, best = explained.evidence, explained.decided.best
-    assert best.heldout is not None
-    assert without.heldout is not None
-    left = without.heldout**2 - (best.heldout**2 if without is not best else 0.0)
+    assert best.square is not None
+    assert without.square is not None
+    left = without.square - (best.square if without is not best else 0.0)
     phase = np.concatenate([phases(part.force_n, part.contacts) for part in evidence.parts])
     share = {
         name: float(left[(phase >= low) & (phase < high) & evidence.asked].sum())

@@ -4,6 +4,10 @@ Shares of effects are no less than 0 and recalibration costs what it is unlikely
 problem of non-negative least squares (Lawson & Hanson 1974) within the search for its times (variable projection, Golub
 & Pereyra 1973). Timing is a nuisance in every fold: offset and rate of a clock of the shoe's own, else what a bus may
 take to bring a reading.
+
+Undoing effects on noisy readings amplifies their noise, and a lag averages that of the shoe: plain least squares leaves
+the one out where it is, and takes the other for more than it is. So what the same hypothesis makes of noise alone is
+taken off (bias-compensated least squares: Stoica & Söderström, Int. J. Control 35 (1982) 449).
 """
 
 from __future__ import annotations
@@ -13,10 +17,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg import eigh
 from scipy.optimize import least_squares, nnls
 
 from ...physics.law import Array
-from .evidence import N_FOLDS, Evidence
+from .evidence import Evidence, Sums
+from .part import N_FOLDS
 
 ORDER = ("hysteresis", "viscoelasticity", "lag", "delay")  # on the signal path
 MOST_OFFSET_S, MOST_RATE = 0.15, 5e-4  # of a clock of its own, after the edges were aligned
@@ -27,6 +33,8 @@ _STARTS_S = (0.1, 0.5, 2.0)
 _SCALE = {"offset": 0.01, "rate": 1e-4, "delay": 0.01, "lag": 0.01, "viscoelasticity": 0.5}
 _SHARED = ("hysteresis", "viscoelasticity")  # what has shares, for each play or one
 _MOST_CALLS = 12
+_ROOM = 16.0  # what noise may come to, as a mean square
+MOST_NOISE = 0.5  # of the square of any mixture of columns: more of it taken off, and nearly nothing has a share
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +53,9 @@ class Fitted:
     terms: tuple[Term, ...]
     theta: Array  # (p,) clocks of every walk, then the times of the terms
     shares: tuple[Array, ...]  # of each term: none of lag and delay, one of viscoelasticity, one a play of hysteresis
-    mean_square: float  # what is left of rows fitted to, and of the price of recalibration, in units of the noise
+    radii_pa: tuple[float, ...]  # of these
+    mean_square: float  # left of rows fitted to, less the noise added, and price of recalibration; 1 is the noise
+    believed: float  # how much of the noise that shares add is taken off: all of it, where columns are not mostly noise
 
     def times(self, term: Term) -> float:
         """What was searched for of `term`: s; of hysteresis, which has no time, 0."""
@@ -77,6 +87,8 @@ class Hypothesis:
             low, high, scale = [*low, bounds[0]], [*high, bounds[1]], [*scale, _SCALE[each.word]]
         self._low, self._high, self._scale = np.array(low), np.array(high), np.array(scale)
         self._delayed = late
+        self._still = np.clip(np.zeros(len(low)), self._low, self._high)  # without any time of an effect
+        self._static: dict[int | None, float] = {}
 
     def fit(self, start: Array | None = None, without: int | None = None, most_calls: int = _MOST_CALLS) -> Fitted:
         """The best values, from `start` on or from all starts there are; `without` one fold."""
@@ -86,9 +98,9 @@ class Hypothesis:
 
     def at(self, theta: Array, without: int | None = None) -> Fitted:
         """With these times, everything else solved for."""
-        left, shares = self._solved(theta, without)
-        n = 3 * int(self.evidence.rows(without).sum())
-        return Fitted(self.terms, theta, tuple(self._by_term(shares)), float(left @ left) / max(n, 1))
+        left, noise, shares, believed = self._solved(theta, without)
+        square = float(left @ left - noise) / max(3 * int(self.evidence.rows(without).sum()), 1)
+        return Fitted(self.terms, theta, tuple(self._by_term(shares)), self.evidence.radii_pa, square, believed)
 
     def left(self, fitted: Fitted, without: int | None = None) -> Array:
         """(n, 3) what is left of all rows, in units of the noise, with recalibration fitted `without` a fold."""
@@ -97,19 +109,23 @@ class Hypothesis:
 
     def unexplained(self, fitted: Fitted) -> Array:
         """(n, 3) what the effects leave of all rows, before any recalibration."""
-        shares = np.concatenate([*fitted.shares, np.empty(0)])
-        return np.asarray(self._target(fitted.theta) - self._columns(fitted.theta) @ shares)
+        return self._unexplained(fitted, self.evidence.said)
 
-    def heldout(self, fitted: Fitted) -> tuple[Array, list[Fitted]]:
-        """(n, 3) what is left of every row by a fit that has not seen its fold, and these fits."""
-        found = np.zeros_like(self.evidence.nuisance[..., 0])
-        without = []
-        for fold in range(N_FOLDS):
-            again = self.fit(fitted.theta, fold, 3) if len(fitted.theta) else self.at(fitted.theta, fold)
-            out = self.evidence.fold == fold
-            found[out] = self.left(again, fold)[out]
-            without.append(again)
-        return found, without
+    def added_noise(self, fitted: Fitted) -> Array:
+        """(n,) mean square that noise has more in each row than by the static model; below 0: less."""
+        noise = self.evidence.noise
+        lagged, all_of_it = self._target(fitted.theta, noise), self._unexplained(fitted, noise)
+        of_shares = all_of_it**2 - lagged**2
+        return np.asarray(
+            np.mean(lagged**2 - self._target(self._still, noise) ** 2 + fitted.believed * of_shares, axis=1)
+        )
+
+    def without_each_fold(self, fitted: Fitted) -> list[Fitted]:
+        """`fitted` again, from there on, without each fold."""
+        return [
+            self.fit(fitted.theta, fold, 3) if len(fitted.theta) else self.at(fitted.theta, fold)
+            for fold in range(N_FOLDS)
+        ]
 
     def clocks(self, theta: Array) -> Array:
         """(parts, 2) how much later the readings are than the clocks as aligned, and by how much the rate is off."""
@@ -125,7 +141,7 @@ class Hypothesis:
 
     @cached_property
     def _starts(self) -> list[Array]:
-        first = np.clip(np.zeros(len(self._low)), self._low, self._high)
+        first = self._still.copy()
         n_clock = len(first) - len(self._timed)
         for at, each in enumerate(self._timed, n_clock):
             first[at] = np.log(_STARTS_S[1]) if each.word == "viscoelasticity" else 0.015
@@ -142,68 +158,96 @@ class Hypothesis:
         if not len(start):
             return 0.0, start
         inside = np.clip(start, self._low + 1e-9, self._high - 1e-9)
+        n = 3 * int(self.evidence.rows(without).sum())
+
+        def left(x: Array) -> Array:
+            # A sum of squares has nothing taken off: what noise adds is missing from one more square instead.
+            rest, noise, *_ = self._solved(x * self._scale, without)
+            return np.append(rest, np.sqrt(max(_ROOM * n - noise, 0.0)))
+
         found = least_squares(
-            lambda x: self._solved(x * self._scale, without)[0], inside / self._scale,
-            bounds=(self._low / self._scale, self._high / self._scale), diff_step=1e-3, max_nfev=most_calls,
-            xtol=1e-4, ftol=1e-5,
+            left, inside / self._scale, bounds=(self._low / self._scale, self._high / self._scale),
+            diff_step=1e-3, max_nfev=most_calls, xtol=1e-4, ftol=1e-5,
         )  # fmt: skip
         return float(found.cost), found.x * self._scale
 
-    def _solved(self, theta: Array, without: int | None) -> tuple[Array, Array]:
-        """What is left, its price included, and the shares."""
-        timed = [self._target(theta)[..., None], *self._late(theta)]
+    def _solved(self, theta: Array, without: int | None) -> tuple[Array, float, Array, float]:
+        """What is left, its price included; the square that noise adds to it; shares; how much of it is believed."""
+        rest, columns = self._rid(theta, self.evidence.said, without)
+        of_rest, of_columns = self._rid(theta, self.evidence.noise, without)
+        noise, shares, believed = float(of_rest @ of_rest) - self._static_noise(without), np.empty(0), 1.0
+        if columns.shape[1]:
+            normal, of_noise = columns.T @ columns, of_columns.T @ of_columns
+            normal += 1e-9 * np.trace(normal) * np.eye(len(normal))
+            most = float(eigh(of_noise, normal, eigvals_only=True)[-1])
+            believed = min(1.0, MOST_NOISE / max(most, 1e-9))
+            with_noise = of_columns.T @ of_rest
+            triangle = np.linalg.cholesky(normal - believed * of_noise)
+            shares = nnls(triangle.T, np.linalg.solve(triangle, columns.T @ rest - believed * with_noise))[0]
+            noise += believed * float(shares @ of_noise @ shares - 2.0 * shares @ with_noise)
+        return rest - columns @ shares, noise, shares, believed
+
+    def _rid(self, theta: Array, sums: Sums, without: int | None) -> tuple[Array, Array]:
+        """Target and columns, rid of recalibration."""
+        timed = [self._target(theta, sums)[..., None], *self._late(theta, sums)]
         rid = self.evidence.rid(np.concatenate(timed, axis=2), without)
-        rest, moved = rid[:, 0], iter(rid[:, 1:].T)
-        free = [
-            self.evidence.rid_loops(self._boards(each), each.backwards, without)
-            if each.word == "hysteresis" else next(moved)[:, None]
+        late = iter(rid[:, 1:].T)
+        columns = [
+            self.evidence.rid_loops(sums, self._boards(each), each.backwards, without)
+            if each.word == "hysteresis" else next(late)[:, None]
             for each in self.terms if each.word in _SHARED
         ]  # fmt: skip
-        if not free:
-            return rest, np.empty(0)
-        columns = np.concatenate(free, axis=1)
-        normal = columns.T @ columns
-        triangle = np.linalg.cholesky(normal + 1e-9 * np.trace(normal) * np.eye(len(normal)))
-        shares = nnls(triangle.T, np.linalg.solve(triangle, columns.T @ rest))[0]
-        return rest - columns @ shares, shares
+        return rid[:, 0], np.concatenate([np.empty((len(rid), 0)), *columns], axis=1)
 
-    def _target(self, theta: Array) -> Array:
-        clocks = self.clocks(theta)
-        times = dict(zip(self._timed, theta[len(theta) - len(self._timed) :].tolist(), strict=True))
+    def _static_noise(self, without: int | None) -> float:
+        """The square of noise by the static model."""
+        if without not in self._static:
+            noise = self.evidence.rid(self._target(self._still, self.evidence.noise)[..., None], without)
+            self._static[without] = float(np.sum(noise**2))
+        return self._static[without]
+
+    def _unexplained(self, fitted: Fitted, sums: Sums) -> Array:
+        shares = np.concatenate([*fitted.shares, np.empty(0)])
+        return np.asarray(self._target(fitted.theta, sums) - self._columns(fitted.theta, sums) @ shares)
+
+    def _target(self, theta: Array, sums: Sums) -> Array:
+        times = self._times(theta)
         lag = {each.backwards: t for each, t in times.items() if each.word == "lag"}
         late = sum(t for each, t in times.items() if each.word == "delay")
-        return np.concatenate([
-            part.target(late + own[0], own[1], lag.get(False, 0.0), lag.get(True, 0.0))
-            for part, own in zip(self.evidence.parts, clocks, strict=True)
-        ])  # fmt: skip
+        return sums.target(self.clocks(theta), late, lag.get(False, 0.0), lag.get(True, 0.0))
 
     def _boards(self, term: Term) -> tuple[int, ...]:
         return term.boards or self.evidence.boards
 
-    def _late(self, theta: Array) -> list[Array]:
+    def _late(self, theta: Array, sums: Sums) -> list[Array]:
         """(n, 3, 1) of each viscoelasticity."""
-        times = dict(zip(self._timed, theta[len(theta) - len(self._timed) :].tolist(), strict=True))
         return [
-            np.concatenate([p.late(self._boards(e), float(np.exp(t)), e.backwards) for p in self.evidence.parts])[
-                ..., None
-            ]
-            for e, t in times.items()
-            if e.word == "viscoelasticity"
+            sums.late(self._boards(each), tau_s, each.backwards)[..., None]
+            for each, tau_s in self._times(theta).items()
+            if each.word == "viscoelasticity"
         ]
 
-    def _columns(self, theta: Array) -> Array:
-        late = iter(self._late(theta))
+    def _columns(self, theta: Array, sums: Sums) -> Array:
+        late = iter(self._late(theta, sums))
         found = [np.empty((len(self.evidence.fold), 3, 0))]
         for each in self.terms:
             if each.word in _SHARED:
                 slow = each.word == "viscoelasticity"
-                found.append(next(late) if slow else self.evidence.loops(self._boards(each), each.backwards))
+                found.append(next(late) if slow else sums.loops(self._boards(each), each.backwards))
         return np.concatenate(found, axis=2)
+
+    def _times(self, theta: Array) -> dict[Term, float]:
+        """Of the terms that have one, s."""
+        values = theta[len(theta) - len(self._timed) :].tolist()
+        return {
+            each: float(np.exp(value)) if each.word == "viscoelasticity" else value
+            for each, value in zip(self._timed, values, strict=True)
+        }
 
     def _by_term(self, shares: Array) -> list[Array]:
         found, at = [], 0
         for each in self.terms:
-            k = {"viscoelasticity": 1, "hysteresis": self.evidence.n_plays}.get(each.word, 0)
+            k = {"viscoelasticity": 1, "hysteresis": len(self.evidence.radii_pa)}.get(each.word, 0)
             found.append(shares[at : at + k])
             at += k
         return found

@@ -20,10 +20,11 @@ from ...physics.law import Array
 from ...skin.geometry import N_TAXELS
 from ..opinion import Opinion
 from . import figures
-from .evidence import Evidence, part
+from .evidence import Evidence
 from .hypothesis import Term
 from .naming import TIMING, Search
 from .nulls import LEAST_PRICE
+from .part import part
 from .walk import Walk
 
 MEMORY = ("hysteresis", "snap", "viscoelasticity", "creep")  # of the material: it goes along from trial to trial
@@ -101,7 +102,8 @@ def _left(walks: Sequence[Walk], effects: Sequence[Effect]) -> _Left:
     search = Search(evidence, LEAST_PRICE)
     tried = search.judged(frozenset(Term(word) for word in TIMING if word in search.words))
     assert tried.heldout is not None
-    square = np.where(evidence.judged, np.mean(tried.heldout**2, axis=1), 0.0)
+    assert tried.square is not None
+    square = np.where(evidence.judged, tried.square, 0.0)
     n = np.bincount(evidence.of_part, evidence.judged, len(walks))
     above = np.bincount(evidence.of_part, square, len(walks)) / np.maximum(n, 1) - 1.0
     return _Left(np.maximum(above, 0.0), figures.rms(evidence, tried.heldout))

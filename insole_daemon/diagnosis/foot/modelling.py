@@ -21,9 +21,10 @@ from ...physics.law import Array
 from ...skin.geometry import N_TAXELS
 from ..finding import Quantity
 from ..modelling import FAMILY, as_effect
-from .evidence import CURVED_PA, RADII_PA, Evidence
+from .evidence import Evidence
 from .hypothesis import Fitted, Term
 from .naming import Tried, std
+from .part import CURVED_PA
 
 LEAST_SHARE = 2e-3  # of a play that is worth a word
 
@@ -104,12 +105,12 @@ def _values(term: Term, fitted: Fitted) -> dict[str, Array]:
         a = shares / (1.0 + shares)
         return {"a": a, "tau_s": time_s / (1.0 - a)}
     if term.word == "hysteresis":
-        return _plays(shares)
+        return _plays(shares, np.array(fitted.radii_pa))
     return {"tau_s" if term.word == "lag" else "delay_s": np.array([time_s])}
 
 
-def _plays(shares: Array) -> dict[str, Array]:
-    """Radii and weights of the law whose inverse has `shares` at RADII_PA."""
+def _plays(shares: Array, radii_pa: Array) -> dict[str, Array]:
+    """Radii and weights of the law whose inverse has `shares` at `radii_pa`."""
     slopes = 1.0 + shares.sum() - np.concatenate([[0.0], np.cumsum(shares)])  # of the inverse, before and after each
-    widths = np.diff(RADII_PA, prepend=0.0)
+    widths = np.diff(radii_pa, prepend=0.0)
     return {"r_pa": np.cumsum(slopes[:-1] * widths), "w": np.diff(1.0 / slopes)}

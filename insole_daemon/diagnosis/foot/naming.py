@@ -15,8 +15,9 @@ from itertools import combinations
 import numpy as np
 
 from ...physics.law import Array
-from .evidence import N_FOLDS, Evidence
+from .evidence import Evidence
 from .hypothesis import ORDER, Fitted, Hypothesis, Term
+from .part import N_FOLDS
 
 PRICES = ((0.03, 0.4), (0.003, 0.6))  # of the whole mismatch, and of what the smaller set leaves
 TIMING = ("lag", "delay")  # are what they are: what these leave is the whole mismatch of a family of materials
@@ -32,9 +33,10 @@ class Tried:
 
     terms: frozenset[Term]
     fitted: Fitted
-    heldout: Array | None = None  # (n, 3) left of every row by a fit that has not seen its fold
-    without: tuple[Fitted, ...] = ()  # those fits
-    left: float = np.inf  # mean square of `heldout`, over the rows that are judged
+    without: tuple[Fitted, ...] = ()  # fits that have not seen one fold each
+    heldout: Array | None = None  # (n, 3) what these leave of the rows of theirs
+    square: Array | None = None  # (n,) its mean square over the channels, less the noise that undoing effects adds
+    left: float = np.inf  # mean of that over the rows that are judged
 
     @property
     def words(self) -> frozenset[str]:
@@ -92,9 +94,15 @@ class Search:
         """`terms` fitted, and judged on held-out steps."""
         tried = self._tried(terms)
         if tried.heldout is None:
-            left, without = Hypothesis(self.evidence, tuple(terms)).heldout(tried.fitted)
-            mean_square = float(np.mean(left[self.evidence.judged] ** 2))
-            tried = replace(tried, heldout=left, without=tuple(without), left=mean_square)
+            hypothesis, evidence = Hypothesis(self.evidence, tuple(terms)), self.evidence
+            without = hypothesis.without_each_fold(tried.fitted)
+            heldout, square = np.zeros((len(evidence.fold), 3)), np.zeros(len(evidence.fold))
+            for fold, fitted in enumerate(without):
+                own = evidence.fold == fold
+                heldout[own] = hypothesis.left(fitted, fold)[own]
+                square[own] = (np.mean(heldout**2, axis=1) - hypothesis.added_noise(fitted))[own]
+            left = float(np.mean(square[evidence.judged]))
+            tried = replace(tried, without=tuple(without), heldout=heldout, square=square, left=left)
             self._fitted[terms] = tried
         return tried
 

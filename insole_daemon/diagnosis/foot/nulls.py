@@ -12,8 +12,9 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from ...physics.law import Array
-from .evidence import EVERY, SMOOTH_S, Evidence
+from .evidence import Evidence
 from .hypothesis import Hypothesis
+from .part import EVERY, SMOOTH_S
 
 N_NULLS = 60
 LEAST_PRICE = 0.05  # of the noise's mean square: what a symmetric smoother of the reference still earns, measured
@@ -27,19 +28,12 @@ def gains(evidence: Evidence, seed: int = 0) -> Array:
     static = Hypothesis(evidence, ())
     clocks = static.clocks(static.fit().theta)
 
-    def target(late_s: float, lag_s: float) -> Array:
-        return np.concatenate([
-            p.target(own[0] + late_s, own[1], lag_s) for p, own in zip(evidence.parts, clocks, strict=True)
-        ])  # fmt: skip
-
-    plain = target(0.0, 0.0)
-    timing = np.concatenate([p.late(evidence.boards, 1e-3) for p in evidence.parts])
-    late = [np.concatenate([p.late(evidence.boards, tau_s) for p in evidence.parts]) for tau_s in _LATE_S]
+    plain, boards = evidence.said.target(clocks, 0.0, 0.0), evidence.boards
     effects = [
-        (target(0.0, _LAG_S) - plain)[..., None],
-        timing[..., None],
-        np.stack(late, axis=-1),
-        evidence.loops(evidence.boards, False),
+        (evidence.said.target(clocks, 0.0, _LAG_S) - plain)[..., None],
+        evidence.said.late(boards, 1e-3)[..., None],
+        np.stack([evidence.said.late(boards, tau_s) for tau_s in _LATE_S], axis=-1),
+        evidence.said.loops(boards),
     ]
     explained = []
     for directions in effects:
