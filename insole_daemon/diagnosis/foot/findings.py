@@ -92,7 +92,11 @@ def named(explained: Explained) -> tuple[list[Finding], list[Effect]]:
 def drifts(explained: Explained) -> tuple[list[Finding], list[Effect]]:
     """Boards whose rest wanders, of each recording; a model has those of the first."""
     evidence, found, effects = explained.evidence, list[Finding](), list[Effect]()
-    left = float(np.sqrt(max(explained.decided.best.left, 1.0)))  # what no effect explains is no drift either
+    heldout = explained.decided.best.heldout
+    assert heldout is not None
+    left = float(
+        np.sqrt(max(np.mean(heldout[evidence.judged] ** 2), 1.0))
+    )  # what no effect explains is no drift either
     std = left * np.sqrt(np.diag(evidence.covariance))
     for i, (part, name) in enumerate(zip(evidence.parts, explained.names, strict=True)):
         rests, stds = evidence.rests(explained.recalibration, i), evidence.rests(std, i)
