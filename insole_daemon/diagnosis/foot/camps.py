@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+from ...physics.law import Array
 from . import nulls
-from .deciding import decide, refitted
+from .deciding import Decided, decide, refitted
 from .evidence import FREE, UNDONE_PA, USUAL, Evidence
 from .findings import Explained, contradicted
 from .hypothesis import Hypothesis
-from .naming import Search
+from .naming import Naming, Search
 from .part import Part
 
 LEAST_STEPS = 3  # one rise and fall fits any physics
@@ -51,7 +52,11 @@ def explained(parts: Sequence[Part], deadline: float, progress: Callable[[str], 
     progress(f"searching what explains {sum(len(each.contacts) for each in parts)} steps")
     naming = search.name(deadline)
     progress("decoys: what a filter without physics explains")
-    decided = decide(search, naming)
+    return fitted(parts, naming, decide(search, naming), of_nulls)
+
+
+def fitted(parts: Sequence[Part], naming: Naming, decided: Decided, of_nulls: Array) -> Explained:
+    """What was decided, as the material has it and as it is undone."""
     search = Search(Evidence(parts, FREE), naming.price)
     material = search.judged(decided.best.terms)
     if "hysteresis" in material.words:  # what undoes it best on noisy readings is not what the material is

@@ -94,9 +94,8 @@ def drifts(explained: Explained) -> tuple[list[Finding], list[Effect]]:
     evidence, found, effects = explained.evidence, list[Finding](), list[Effect]()
     heldout = explained.decided.best.heldout
     assert heldout is not None
-    left = float(
-        np.sqrt(max(np.mean(heldout[evidence.judged] ** 2), 1.0))
-    )  # what no effect explains is no drift either
+    # What no effect explains is no drift either.
+    left = float(np.sqrt(np.clip(np.mean(heldout[evidence.judged] ** 2), 1.0, None)))
     std = left * np.sqrt(np.diag(evidence.covariance))
     for i, (part, name) in enumerate(zip(evidence.parts, explained.names, strict=True)):
         rests, stds = evidence.rests(explained.recalibration, i), evidence.rests(std, i)

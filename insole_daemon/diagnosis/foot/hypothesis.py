@@ -173,8 +173,7 @@ class Hypothesis:
 
     def _solved(self, theta: Array, without: int | None) -> tuple[Array, float, Array, float]:
         """What is left, its price included; the square that noise adds to it; shares; how much of it is believed."""
-        rest, columns = self._rid(theta, self.evidence.said, without)
-        of_rest, of_columns = self._rid(theta, self.evidence.noise, without)
+        (rest, columns), (of_rest, of_columns) = self._rid(theta, without)
         noise, shares, believed = float(of_rest @ of_rest) - self._static_noise(without), np.empty(0), 1.0
         if columns.shape[1]:
             normal, of_noise = columns.T @ columns, of_columns.T @ of_columns
@@ -187,17 +186,21 @@ class Hypothesis:
             noise += believed * float(shares @ of_noise @ shares - 2.0 * shares @ with_noise)
         return rest - columns @ shares, noise, shares, believed
 
-    def _rid(self, theta: Array, sums: Sums, without: int | None) -> tuple[Array, Array]:
-        """Target and columns, rid of recalibration."""
-        timed = [self._target(theta, sums)[..., None], *self._late(theta, sums)]
-        rid = self.evidence.rid(np.concatenate(timed, axis=2), without)
-        late = iter(rid[:, 1:].T)
-        columns = [
-            self.evidence.rid_loops(sums, self._boards(each), each.backwards, without)
-            if each.word == "hysteresis" else next(late)[:, None]
-            for each in self.terms if each.word in _SHARED
-        ]  # fmt: skip
-        return rid[:, 0], np.concatenate([np.empty((len(rid), 0)), *columns], axis=1)
+    def _rid(self, theta: Array, without: int | None) -> list[tuple[Array, Array]]:
+        """Target and columns, rid of recalibration: of what was said, and of noise alone."""
+        both = (self.evidence.said, self.evidence.noise)
+        timed = [each for sums in both for each in (self._target(theta, sums)[..., None], *self._late(theta, sums))]
+        found = []
+        rid_of_both = np.split(self.evidence.rid(np.concatenate(timed, axis=2), without), 2, axis=1)
+        for sums, rid in zip(both, rid_of_both, strict=True):
+            late = iter(rid[:, 1:].T)
+            columns = [
+                self.evidence.rid_loops(sums, self._boards(each), each.backwards, without)
+                if each.word == "hysteresis" else next(late)[:, None]
+                for each in self.terms if each.word in _SHARED
+            ]  # fmt: skip
+            found.append((rid[:, 0], np.concatenate([np.empty((len(rid), 0)), *columns], axis=1)))
+        return found
 
     def _static_noise(self, without: int | None) -> float:
         """The square of noise by the static model."""
