@@ -53,21 +53,27 @@ def compare(kept: Path, foot: str, model: Path, predict: Predictor) -> dict[str,
 
 
 def compare_force(kept: Path, foot: str, model: Path, compensate: Compensator) -> dict[str, Any]:
-    """RMS errors of f_z over the continuation, N: static (recalibrated), compensated, oracle (nothing concealed)."""
+    """RMS errors of f_z over the continuation, N: the calibration as handed in, static (recalibrated on the truth),
+    compensated, oracle (nothing concealed)."""
     with np.load(kept / "scoring.npz") as scoring:
         t_s, true = scoring["t_s"], scoring["fz_n"]
         errors = {name: scoring[f"{name}_fz_n"] - true for name in ("static", "oracle")}
     row: dict[str, Any] = {name: float(np.sqrt(np.mean(e**2))) for name, e in errors.items()}
     row["failure"] = None
-    try:
-        when, said = (np.asarray(x, float) for x in compensate(model, kept / "recording")[foot])
+
+    def left(calibration: Path) -> float:
+        when, said = (np.asarray(x, float) for x in compensate(calibration, kept / "recording")[foot])
         late = (when >= t_s[0]) & (when <= t_s[-1])
         if late.sum() < 0.9 * len(t_s) or not np.isfinite(said[late]).all():
             raise ValueError(f"expected a finite f_z for each of {len(t_s)} rows, found {late.sum()}")
-        row["model"] = float(np.sqrt(np.mean((said[late] - np.interp(when[late], t_s, true)) ** 2)))
+        return float(np.sqrt(np.mean((said[late] - np.interp(when[late], t_s, true)) ** 2)))
+
+    try:
+        row["handed_in"], row["model"] = left(kept / "recording" / "calibration.json"), left(model)
     except Exception as failure:  # whatever the tool's code does, the case is scored
         row["failure"] = f"{type(failure).__name__}: {failure}"
         return row
     row["change"] = row["model"] / row["static"] - 1
+    row["over_handed_in"] = row["model"] / row["handed_in"]
     row["over_oracle"] = row["model"] / row["oracle"]
     return row
