@@ -37,7 +37,8 @@ def told(recording: Path, words: list[str], out: Path) -> None:
     search = Search(Evidence(parts), LEAST_PRICE)
     best = search.judged(frozenset(Term(word) for word in words))
     naming = Naming(search.judged(frozenset()), best, (), search.price)
-    explained = camps.fitted(parts, naming, Decided(best, {}, {}, {}, {}, (), unknown=True), np.zeros(1))
+    decided = Decided(best, dict.fromkeys(words, ()), dict.fromkeys(words, 1.0), {}, {}, (), unknown=False)
+    explained = camps.fitted(parts, naming, decided, np.zeros(1))
     effects = findings.named(explained)[1] + findings.drifts(explained)[1]
     provenance = {"recordings": [recording.name]}
     out.write_text(json.dumps(modelling.document(explained.evidence, explained.recalibration, effects, provenance)))
@@ -68,10 +69,8 @@ def main() -> None:
             with_names_n = left_n(model, proof / "sealed" / name)
         tool_n = case["force"]["model"]
         ratios.setdefault(case["kind"], []).append(tool_n / with_names_n)
-        said = " | ".join(
-            (" ".join(words), f"{tool_n:.1f} N", f"{with_names_n:.1f} N", f"{tool_n / with_names_n:.2f} ×")
-        )
-        print(f"| {case['kind']} {name} | {said} |", flush=True)
+        said = f"{tool_n:.1f} N | {with_names_n:.1f} N | {tool_n / with_names_n:.2f} ×"
+        print(f"| {case['kind']} {name} | {' '.join(words)} | {said} |", flush=True)
     for kind, found in ratios.items():
         print(f"\n{kind}: median of {len(found)} {np.median(found):.2f} ×, largest {max(found):.2f} ×")
 
