@@ -118,15 +118,21 @@ class Model:
         self._chain = Chain(calibration.effects, found.layout, calibration)
         self._shape = (len(found.layout), N_TAXELS)
 
-    def __call__(self, paired: Paired, columns: NDArray[np.intp], rest_count: Array) -> Array:
-        """(n, m) Pa of the slots `columns` (m,), whose baselines were measured where they rested at `rest_count`."""
+    def __call__(
+        self, paired: Paired, columns: NDArray[np.intp], rest_count: Array, share: float = follow_up.COUNT_SHARE
+    ) -> Array:
+        """(n, m) Pa of the slots `columns` (m,), whose baselines were measured where they rested at `rest_count`.
+
+        Counts are smoothed by `share`, 1: as they were read, and taken where those smoothed as published are as late.
+        """
         last = np.maximum.accumulate(np.where(paired.sound, np.arange(len(paired.raw))[:, None], 0), axis=0)
         held = np.take_along_axis(paired.raw, last, axis=0) - paired.rest_count + rest_count
         counts = np.full((len(held), self._shape[0] * self._shape[1]), np.nan)
-        counts[:, columns] = follow_up.smoothed(held, follow_up.COUNT_SHARE)
+        counts[:, columns] = follow_up.smoothed(held, share)
         t_s = np.interp(np.arange(len(held)), paired.of, paired.t_s)
         pressure_pa = self._chain.inverse()(counts.reshape(len(held), *self._shape), t_s)
-        return np.asarray(pressure_pa.reshape(len(held), -1)[:, columns][paired.of])
+        earlier = round(1 / follow_up.COUNT_SHARE - 1 / share)
+        return np.asarray(pressure_pa.reshape(len(held), -1)[:, columns][np.maximum(paired.of - earlier, 0)])
 
 
 class Bound:
