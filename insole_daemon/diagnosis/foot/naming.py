@@ -82,8 +82,10 @@ class Search:
             tried = sorted((self._tried(_terms(c)) for c in combinations(self.words, size)), key=_fits)[:KEPT]
             whole = sorted((self.judged(each.terms) for each in tried), key=_left)
             parts = [self._tried(terms) for each in whole[:PLACED] for terms in self._placed(each.terms)]
-            placed = [self.judged(each.terms) for each in sorted(parts, key=_fits)[:PLACED]]
-            challenger = min([*whole, *placed], key=_left)
+            placed = sorted((self.judged(each.terms) for each in sorted(parts, key=_fits)[:PLACED]), key=_left)
+            challenger = whole[0]
+            if placed and placed[0].left < challenger.left - self.price:  # a place has its price too
+                challenger = placed[0]
             if self.worth(static, best, challenger):
                 best = challenger
         return Naming(
