@@ -32,6 +32,7 @@ TAU_S = (0.03, 4.0)  # of viscoelasticity: slower, and within a walk it is a res
 _STARTS_S = (0.1, 0.5, 2.0)
 _SCALE = {"offset": 0.01, "rate": 1e-4, "delay": 0.01, "lag": 0.01, "viscoelasticity": 0.5}
 _SHARED = ("hysteresis", "viscoelasticity")  # what has shares, for each play or one
+_MOST_SHARES = {"viscoelasticity": 1.0}  # half of the answer late: what hardly bears a load would have any
 _MOST_CALLS = 12
 _ROOM = 16.0  # what noise may come to, as a mean square
 MOST_NOISE = 0.5  # of the square of any mixture of columns: more of it taken off, and nearly nothing has a share
@@ -89,6 +90,8 @@ class Hypothesis:
         self._delayed = late
         self._still = np.clip(np.zeros(len(low)), self._low, self._high)  # without any time of an effect
         self._static: dict[int | None, float] = {}
+        most = [np.full(self._n_shares(each), _MOST_SHARES.get(each.word, np.inf)) for each in self.terms]
+        self._most = np.concatenate([*most, np.empty(0)])
 
     def fit(self, start: Array | None = None, without: int | None = None, most_calls: int = _MOST_CALLS) -> Fitted:
         """The best values, from `start` on or from all starts there are; `without` one fold."""
@@ -183,6 +186,7 @@ class Hypothesis:
             with_noise = of_columns.T @ of_rest
             triangle = np.linalg.cholesky(normal - believed * of_noise)
             shares = nnls(triangle.T, np.linalg.solve(triangle, columns.T @ rest - believed * with_noise))[0]
+            shares = np.minimum(shares, self._most)
             noise += believed * float(shares @ of_noise @ shares - 2.0 * shares @ with_noise)
         return rest - columns @ shares, noise, shares, believed
 
@@ -250,7 +254,9 @@ class Hypothesis:
     def _by_term(self, shares: Array) -> list[Array]:
         found, at = [], 0
         for each in self.terms:
-            k = {"viscoelasticity": 1, "hysteresis": len(self.evidence.radii_pa)}.get(each.word, 0)
-            found.append(shares[at : at + k])
-            at += k
+            found.append(shares[at : at + self._n_shares(each)])
+            at += self._n_shares(each)
         return found
+
+    def _n_shares(self, term: Term) -> int:
+        return {"viscoelasticity": 1, "hysteresis": len(self.evidence.radii_pa)}.get(term.word, 0)
