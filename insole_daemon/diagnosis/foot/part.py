@@ -4,7 +4,7 @@
 
 v is the static model's pressure and R the wrench of the shoe. The load of a single taxel is not known, so effects are
 undone on the taxels' side, summed over the taxels, and lag and delay are put on the reference's side: 280 taxels become
-three channels, and a hypothesis costs a millisecond.
+three channels, and a hypothesis costs a few milliseconds.
 
 Undoing physics on noisy readings is where denoising masquerades as physics: a filter that averages noise improves the
 error and explains nothing. So both sides are smoothed by one symmetric kernel before anything is asked, which commutes
@@ -51,10 +51,10 @@ class Part:
         """Noise alone, white before the kernel, as large as that of this walk."""
         rng, walk = np.random.default_rng(0), self.walk
         one, two = (
-            _white(rng, self.pressure_pa.shape, walk.step_s) * kept(walk.period_s) * walk.noise_count * walk.slope_pa
+            _white(rng, self.pressure_pa.shape, walk.step_s) * _kept(walk.period_s) * walk.noise_count * walk.slope_pa
             for _ in range(2)
         )
-        shoe = _white(rng, self.shoe.shape, FINE_S) * kept(walk.shoe.period_s) * walk.shoe.noise
+        shoe = _white(rng, self.shoe.shape, FINE_S) * _kept(walk.shoe.period_s) * walk.shoe.noise
         noisier = (self.courses_pa + self.standing(one), self.courses_pa + self.standing(two))
         return Twin(walk, shoe, self.noise, (one - two) / np.sqrt(2.0), noisier)
 
@@ -75,7 +75,7 @@ class Part:
         """(m, r) of the courses in units of the noise of readings, and that, (m,) Pa."""
         walk = self.walk
         noise_pa = np.sqrt(np.mean(walk.slope_pa**2, axis=0)) * walk.noise_count
-        return standing_out(self.pressure_pa[::EVERY] / noise_pa / kept(walk.period_s)), noise_pa
+        return standing_out(self.pressure_pa[::EVERY] / noise_pa / _kept(walk.period_s)), noise_pa
 
     @cached_property
     def rows_s(self) -> Array:
@@ -239,7 +239,7 @@ class Twin(Part):
 
 def part(walk: Walk) -> Part:
     """`walk`, both sides smoothed."""
-    noise = np.hypot(kept(walk.period_s) * walk.noise, kept(walk.shoe.period_s) * walk.shoe.noise)
+    noise = np.hypot(_kept(walk.period_s) * walk.noise, _kept(walk.shoe.period_s) * walk.shoe.noise)
     shoe = gaussian_filter1d(walk.shoe.wrench, SMOOTH_S / FINE_S, axis=0, mode="nearest")
     pressure = gaussian_filter1d(walk.pressure_pa, SMOOTH_S / walk.step_s, axis=0, mode="nearest")
     return Part(walk, shoe, noise, pressure)
@@ -251,6 +251,6 @@ def _white(rng: np.random.Generator, shape: tuple[int, ...], step_s: float) -> A
     return np.asarray(smooth / smooth.std())
 
 
-def kept(period_s: float) -> float:
+def _kept(period_s: float) -> float:
     """Of the standard deviation of white noise sampled every `period_s`, by the kernel."""
     return float(np.sqrt(min(1.0, period_s / (2 * np.sqrt(np.pi) * SMOOTH_S))))
