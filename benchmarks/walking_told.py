@@ -34,11 +34,12 @@ def told(recording: Path, words: list[str], out: Path) -> None:
     loaded = load(recording)
     (foot,) = loaded.feet
     parts = [part(walk.read(loaded, foot, static_model(loaded, foot, None), audit(foot, recording.name, steps=True)))]
-    search = Search(Evidence(parts), LEAST_PRICE)
+    evidence = Evidence(parts)
+    search = Search(evidence, LEAST_PRICE)
     best = search.judged(frozenset(Term(word) for word in words))
     naming = Naming(search.judged(frozenset()), best, (), search.price)
     decided = Decided(best, dict.fromkeys(words, ()), dict.fromkeys(words, 1.0), {}, {}, (), unknown=False)
-    explained = camps.fitted(parts, naming, decided, np.zeros(1))
+    explained = camps.fitted(evidence, naming, decided, np.zeros(1))
     effects = findings.named(explained)[1] + findings.drifts(explained)[1]
     provenance = {"recordings": [recording.name]}
     out.write_text(json.dumps(modelling.document(explained.evidence, explained.recalibration, effects, provenance)))

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from ...physics.law import Array
 from . import nulls
 from .deciding import Decided, decide, refitted
-from .evidence import FREE, UNDONE_PA, USUAL, Evidence
+from .evidence import FREE, UNDONE_PA, Evidence
 from .findings import Explained, contradicted
 from .hypothesis import Hypothesis
 from .naming import Naming, Search
@@ -52,15 +52,16 @@ def explained(parts: Sequence[Part], deadline: float, progress: Callable[[str], 
     progress(f"searching what explains {sum(len(each.contacts) for each in parts)} steps")
     naming = search.name(deadline)
     progress("decoys: what a filter without physics explains")
-    return fitted(parts, naming, decide(search, naming), of_nulls)
+    return fitted(evidence, naming, decide(search, naming), of_nulls)
 
 
-def fitted(parts: Sequence[Part], naming: Naming, decided: Decided, of_nulls: Array) -> Explained:
-    """What was decided, as the material has it and as it is undone."""
+def fitted(evidence: Evidence, naming: Naming, decided: Decided, of_nulls: Array) -> Explained:
+    """What was decided by `evidence`, as the material has it and as it is undone."""
+    parts = evidence.parts
     search = Search(Evidence(parts, FREE), naming.price)
     material = search.judged(decided.best.terms)
     if "hysteresis" in material.words:  # what undoes it best on noisy readings is not what the material is
-        search = Search(Evidence(parts, USUAL, UNDONE_PA), naming.price)
+        search = Search(evidence.with_plays(UNDONE_PA), naming.price)
     naming, decided = refitted(search, naming, decided)
     evidence = search.evidence
     hypothesis = Hypothesis(evidence, tuple(decided.best.terms))

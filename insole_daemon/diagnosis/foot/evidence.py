@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -63,8 +64,8 @@ class Sums:
 class Evidence:
     """Walks of one insole; gains and curvatures are common to all, constants and drifts each walk's own."""
 
-    def __init__(self, parts: Sequence[Part], freedom: Freedom = USUAL, radii_pa: tuple[float, ...] = RADII_PA) -> None:
-        self.parts, self.freedom, self.radii_pa = tuple(parts), freedom, radii_pa
+    def __init__(self, parts: Sequence[Part], freedom: Freedom = USUAL) -> None:
+        self.parts, self.freedom = tuple(parts), freedom
         self.boards = tuple(int(b) for b in np.unique(np.concatenate([p.walk.boards for p in parts])))
         self.fold = np.concatenate([p.folds for p in parts])
         self.asked = np.concatenate([p.asked for p in parts])
@@ -78,9 +79,19 @@ class Evidence:
         self.n_common = common.shape[2]
         free = [np.concatenate([np.zeros(3), np.full(each.shape[2] - 3, 1 / DRIFT_COUNT)]) for each in own]
         self._stiff = np.concatenate([np.full(self.n_common, 1 / freedom.gain), *free])
-        self.said, self.noise = Sums(parts, radii_pa), Sums([p.twin for p in parts], radii_pa)
-        self._rid: dict[Any, Array] = {}
         self._projections = {fold: self._projection(fold) for fold in (None, *range(N_FOLDS))}
+        self._play(RADII_PA)
+
+    def _play(self, radii_pa: tuple[float, ...]) -> None:
+        self.radii_pa = radii_pa
+        self.said, self.noise = Sums(self.parts, radii_pa), Sums([p.twin for p in self.parts], radii_pa)
+        self._rid: dict[Any, Array] = {}
+
+    def with_plays(self, radii_pa: tuple[float, ...]) -> Evidence:
+        """The same with plays of other radii; what recalibration may do, the most of the memory, is shared."""
+        found = copy(self)
+        found._play(radii_pa)
+        return found
 
     def rests(self, of_recalibration: Array, i: int) -> Array:
         """(boards, knots) counts of walk `i` since its first knot; `of_recalibration` (j,) or its deviations."""
