@@ -269,10 +269,12 @@ def test_words_can_be_read_in_light_and_dark(browser, page, live_daemon, scheme)
     look_at = [{"name": "prefers-color-scheme", "value": scheme}]
     browser.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": look_at})
     browser.open(page)
-    found = browser.js(
+    found = browser.until(  # the styles may come a moment after the page
         """const style = getComputedStyle(document.documentElement);
-        return Object.fromEntries(["ink", "soft", "card", "page", "accent", "on-accent", "alarm", "left", "right"]
-          .map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));"""
+        const found = Object.fromEntries(
+          ["ink", "soft", "card", "page", "accent", "on-accent", "alarm", "left", "right"]
+            .map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
+        return Object.values(found).every(Boolean) && found;"""
     )
     browser.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
 
