@@ -15,6 +15,7 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+from blind.untouched import compare_force
 
 from insole_daemon.diagnosis.audit import audit
 from insole_daemon.diagnosis.compensation import of_walk
@@ -29,8 +30,8 @@ from insole_daemon.diagnosis.foot.part import part
 from insole_daemon.recording.loading import load
 
 
-def told(recording: Path, words: list[str], out: Path) -> None:
-    """Write the model of the effects `words`, fitted to the walk."""
+def told(recording: Path, words: list[str], out: Path) -> str:
+    """Write the model of the effects `words`, fitted to the walk, and say which foot it is."""
     loaded = load(recording)
     (foot,) = loaded.feet
     parts = [part(walk.read(loaded, foot, static_model(loaded, foot, None), audit(foot, recording.name, steps=True)))]
@@ -43,15 +44,7 @@ def told(recording: Path, words: list[str], out: Path) -> None:
     effects = findings.named(explained)[1] + findings.drifts(explained)[1]
     provenance = {"recordings": [recording.name]}
     out.write_text(json.dumps(modelling.document(explained.evidence, explained.recalibration, effects, provenance)))
-
-
-def left_n(model: Path, kept: Path) -> float:
-    """RMS of f_z over the part that was kept back."""
-    with np.load(kept / "scoring.npz") as scoring:
-        t_s, true_n = scoring["t_s"], scoring["fz_n"]
-    ((when_s, said_n),) = of_walk(model, kept / "recording").values()
-    kept_back = (when_s >= t_s[0]) & (when_s <= t_s[-1])
-    return float(np.sqrt(np.mean((said_n[kept_back] - np.interp(when_s[kept_back], t_s, true_n)) ** 2)))
+    return foot.layout.foot
 
 
 def main() -> None:
@@ -66,8 +59,8 @@ def main() -> None:
         name, words = case["case"], case["wanted"] or []
         with tempfile.TemporaryDirectory() as folder:
             model = Path(folder, "model.json")
-            told(proof / "cases" / name / "recording", words, model)
-            with_names_n = left_n(model, proof / "sealed" / name)
+            foot = told(proof / "cases" / name / "recording", words, model)
+            with_names_n = compare_force(proof / "sealed" / name, foot, model, of_walk)["model"]
         tool_n = case["force"]["model"]
         ratios.setdefault(case["kind"], []).append(tool_n / with_names_n)
         said = f"{tool_n:.1f} N | {with_names_n:.1f} N | {tool_n / with_names_n:.2f} ×"

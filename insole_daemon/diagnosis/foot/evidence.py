@@ -39,7 +39,6 @@ class Sums:
 
     def __init__(self, parts: Sequence[Part], radii_pa: tuple[float, ...]) -> None:
         self._parts, self._radii_pa = tuple(parts), radii_pa
-        self._loops: dict[tuple[tuple[int, ...], bool], Array] = {}
 
     def target(self, clocks: Array, late_s: float, lag_s: float, swing_s: float = 0.0) -> Array:
         """(n, 3) `Part.target`; `clocks` (parts, 2) how much later each is, and its rate."""
@@ -54,11 +53,8 @@ class Sums:
 
     def loops(self, boards: Sequence[int], backwards: bool = False) -> Array:
         """(n, 3, k) the loops of plays on `boards`, which depend on nothing that is searched for."""
-        key = (tuple(boards), backwards)
-        if key not in self._loops:
-            loops = [part.loops(self._radii_pa, backwards) for part in self._parts]
-            self._loops[key] = np.concatenate([np.sum([own[b] for b in boards], axis=0) for own in loops])
-        return self._loops[key]
+        loops = [part.loops(self._radii_pa, backwards) for part in self._parts]
+        return np.concatenate([np.sum([own[b] for b in boards], axis=0) for own in loops])
 
 
 class Evidence:
@@ -81,6 +77,9 @@ class Evidence:
         self._stiff = np.concatenate([np.full(self.n_common, 1 / freedom.gain), *free])
         self._projections = {fold: self._projection(fold) for fold in (None, *range(N_FOLDS))}
         self._play(RADII_PA)
+        clocks = np.zeros((len(parts), 2))
+        self.static_noise = self.noise.target(clocks, 0.0, 0.0)  # (n, 3) noise alone by the static model
+        self._static_squares: dict[int | None, float] = {}
 
     def _play(self, radii_pa: tuple[float, ...]) -> None:
         self.radii_pa = radii_pa
@@ -121,6 +120,12 @@ class Evidence:
         basis, _ = self._projections[without]
         stacked = self._stacked(x, without)
         return np.asarray(stacked - basis @ (basis.T @ stacked))
+
+    def static_square(self, without: int | None) -> float:
+        """The square of `static_noise`, rid of recalibration."""
+        if without not in self._static_squares:
+            self._static_squares[without] = float(np.sum(self.rid(self.static_noise[..., None], without) ** 2))
+        return self._static_squares[without]
 
     def recalibration(self, x: Array, without: int | None) -> Array:
         """(j,) what recalibration makes of `x` (n, 3)."""

@@ -88,8 +88,6 @@ class Hypothesis:
             low, high, scale = [*low, bounds[0]], [*high, bounds[1]], [*scale, _SCALE[each.word]]
         self._low, self._high, self._scale = np.array(low), np.array(high), np.array(scale)
         self._delayed = late
-        self._still = np.clip(np.zeros(len(low)), self._low, self._high)  # without any time of an effect
-        self._static: dict[int | None, float] = {}
         most = [np.full(self._n_shares(each), _MOST_SHARES.get(each.word, np.inf)) for each in self.terms]
         self._most = np.concatenate([*most, np.empty(0)])
 
@@ -112,16 +110,14 @@ class Hypothesis:
 
     def unexplained(self, fitted: Fitted) -> Array:
         """(n, 3) what the effects leave of all rows, before any recalibration."""
-        return self._unexplained(fitted, self.evidence.said)
+        target, undone = self._sides(fitted, self.evidence.said)
+        return target - undone
 
     def added_noise(self, fitted: Fitted) -> Array:
         """(n,) mean square that noise has more in each row than by the static model; below 0: less."""
-        noise = self.evidence.noise
-        lagged, all_of_it = self._target(fitted.theta, noise), self._unexplained(fitted, noise)
-        of_shares = all_of_it**2 - lagged**2
-        return np.asarray(
-            np.mean(lagged**2 - self._target(self._still, noise) ** 2 + fitted.believed * of_shares, axis=1)
-        )
+        lagged, undone = self._sides(fitted, self.evidence.noise)
+        of_shares = (lagged - undone) ** 2 - lagged**2
+        return np.asarray(np.mean(lagged**2 - self.evidence.static_noise**2 + fitted.believed * of_shares, axis=1))
 
     def without_each_fold(self, fitted: Fitted) -> list[Fitted]:
         """`fitted` again, from there on, without each fold."""
@@ -144,7 +140,7 @@ class Hypothesis:
 
     @cached_property
     def _starts(self) -> list[Array]:
-        first = self._still.copy()
+        first = np.clip(np.zeros(len(self._low)), self._low, self._high)
         n_clock = len(first) - len(self._timed)
         for at, each in enumerate(self._timed, n_clock):
             first[at] = np.log(_STARTS_S[1]) if each.word == "viscoelasticity" else 0.015
@@ -177,7 +173,7 @@ class Hypothesis:
     def _solved(self, theta: Array, without: int | None) -> tuple[Array, float, Array, float]:
         """What is left, its price included; the square that noise adds to it; shares; how much of it is believed."""
         (rest, columns), (of_rest, of_columns) = self._rid(theta, without)
-        noise, shares, believed = float(of_rest @ of_rest) - self._static_noise(without), np.empty(0), 1.0
+        noise, shares, believed = float(of_rest @ of_rest) - self.evidence.static_square(without), np.empty(0), 1.0
         if columns.shape[1]:
             normal, of_noise = columns.T @ columns, of_columns.T @ of_columns
             normal += 1e-9 * np.trace(normal) * np.eye(len(normal))
@@ -206,16 +202,10 @@ class Hypothesis:
             found.append((rid[:, 0], np.concatenate([np.empty((len(rid), 0)), *columns], axis=1)))
         return found
 
-    def _static_noise(self, without: int | None) -> float:
-        """The square of noise by the static model."""
-        if without not in self._static:
-            noise = self.evidence.rid(self._target(self._still, self.evidence.noise)[..., None], without)
-            self._static[without] = float(np.sum(noise**2))
-        return self._static[without]
-
-    def _unexplained(self, fitted: Fitted, sums: Sums) -> Array:
+    def _sides(self, fitted: Fitted, sums: Sums) -> tuple[Array, Array]:
+        """(n, 3) the target, and what the shares undo of it."""
         shares = np.concatenate([*fitted.shares, np.empty(0)])
-        return np.asarray(self._target(fitted.theta, sums) - self._columns(fitted.theta, sums) @ shares)
+        return self._target(fitted.theta, sums), np.asarray(self._columns(fitted.theta, sums) @ shares)
 
     def _target(self, theta: Array, sums: Sums) -> Array:
         times = self._times(theta)

@@ -9,12 +9,11 @@ effect on the rows it is fitted to, which gives noise more than held-out steps w
 from __future__ import annotations
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
 
 from ...physics.law import Array
 from .evidence import Evidence
 from .hypothesis import Hypothesis
-from .part import EVERY, SMOOTH_S
+from .part import EVERY, white
 
 N_NULLS = 60
 LEAST_PRICE = 0.05  # of the noise's mean square: what a symmetric smoother of the reference still earns, measured
@@ -24,10 +23,10 @@ _LAG_S, _LATE_S = 0.015, (0.1, 0.4, 1.5)
 def gains(evidence: Evidence, seed: int = 0) -> Array:
     """(N_NULLS,) mean square that the best single effect takes away, in units of the noise."""
     rng = np.random.default_rng(seed)
-    noise = evidence.rid(np.concatenate([_noise(rng, len(p.rows_s), p.walk.step_s) for p in evidence.parts]), None)
+    drawn = [white(rng, (len(p.rows_s) * EVERY, 3, N_NULLS), p.walk.step_s)[::EVERY] for p in evidence.parts]
+    noise = evidence.rid(np.concatenate(drawn).astype(np.float64), None)
     static = Hypothesis(evidence, ())
     clocks = static.clocks(static.fit().theta)
-
     plain, boards = evidence.said.target(clocks, 0.0, 0.0), evidence.boards
     effects = [
         (evidence.said.target(clocks, 0.0, _LAG_S) - plain)[..., None],
@@ -46,11 +45,3 @@ def gains(evidence: Evidence, seed: int = 0) -> Array:
 def price(found: Array) -> float:
     """Of one more effect: more than the best of all gives in 99 of 100 nulls."""
     return max(float(np.quantile(found, 0.99)), LEAST_PRICE)
-
-
-def _noise(rng: np.random.Generator, n: int, step_s: float) -> Array:
-    """(n, 3, N_NULLS) of mean square 1, after the kernel that both sides went through."""
-    white = gaussian_filter1d(rng.standard_normal((n * EVERY, 3, N_NULLS), np.float32), SMOOTH_S / step_s, axis=0)[
-        ::EVERY
-    ]
-    return np.asarray(white / white.std(), np.float64)

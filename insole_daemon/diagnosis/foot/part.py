@@ -51,8 +51,8 @@ class Part:
         """Noise alone, white before the kernel, as large as that of this walk."""
         rng, walk = np.random.default_rng(0), self.walk
         size_pa = (_kept(walk.period_s) * walk.noise_count * walk.slope_pa).astype(np.float32)  # walks are long
-        one, two = (_white(rng, self.pressure_pa.shape, walk.step_s) * size_pa for _ in range(2))
-        shoe = _white(rng, self.shoe.shape, FINE_S) * _kept(walk.shoe.period_s) * walk.shoe.noise
+        one, two = (white(rng, self.pressure_pa.shape, walk.step_s) * size_pa for _ in range(2))
+        shoe = white(rng, self.shoe.shape, FINE_S) * _kept(walk.shoe.period_s) * walk.shoe.noise
         noisier = (self.courses_pa + self.standing(one), self.courses_pa + self.standing(two))
         return Twin(walk, shoe, self.noise, (one - two) * np.float32(np.sqrt(0.5)), noisier)
 
@@ -243,8 +243,8 @@ def part(walk: Walk) -> Part:
     return Part(walk, shoe, noise, pressure)
 
 
-def _white(rng: np.random.Generator, shape: tuple[int, ...], step_s: float) -> Array:
-    """Noise of mean square 1 that went through the kernel."""
+def white(rng: np.random.Generator, shape: tuple[int, ...], step_s: float) -> Array:
+    """Noise of mean square 1 that went through the kernel, along the first axis."""
     smooth = gaussian_filter1d(rng.standard_normal(shape, np.float32), SMOOTH_S / step_s, axis=0)
     return np.asarray(smooth / smooth.std())
 
