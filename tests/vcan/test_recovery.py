@@ -383,15 +383,15 @@ class Rig:
         """
         while len(sent := self._in_rhythm(foot, from_ns)) < TICKS:
             time.sleep(0.1)
-        until_ns = int(sent[-1]) + 1
+        until_ns = int(sent[-1, 1]) + 1
         for messages in (self.raws[foot], self.healths[foot]):
             while messages[-1].t_ns < until_ns:
                 time.sleep(0.05)
         told = [(health.t_ns, health.cycles["skipped"]) for health in list(self.healths[foot])]
-        before = max((skipped for t_ns, skipped in told if t_ns <= sent[0]), default=0)
+        before = max((skipped for t_ns, skipped in told if t_ns <= sent[0, 0]), default=0)
         left_out = min(skipped for t_ns, skipped in told if t_ns >= until_ns) - before
-        published = np.array([raw.triangle_t_ns[0] for raw in list(self.raws[foot])])
-        lost = [t_ns for t_ns in sent.tolist() if abs(published - t_ns).min() > 15_000_000]
+        received = np.array([raw.triangle_t_ns[0] for raw in list(self.raws[foot])])  # by the kernel, as it was sent
+        lost = [[first, last] for first, last in sent.tolist() if not ((received >= first) & (received <= last)).any()]
         assert len(lost) <= left_out, f"{foot}: {len(lost)} of {len(sent)} lost, {left_out} told: {lost}"
 
     def check_frames(self) -> None:
@@ -409,18 +409,19 @@ class Rig:
         assert (bus["frames"], bus["overflows"]) == (sum(boards.sent for boards in self.boards.values()), 0)
 
     def _in_rhythm(self, foot: str, from_ns: int) -> NDArray[np.int64]:
-        """When ticks of a board were sent that keeps its rhythm, from the first cycle on that came.
+        """(n, 2) from when to when ticks of a board were sent that keeps its rhythm, from the first cycle on that came.
 
         Removing an interface can stop this one-processor kernel for a second, boards and all; what they then send in
         one go is nothing that boards do.
         """
-        if not (self.boards[foot].ticks_ns and self.raws[foot] and self.healths[foot]):
-            return np.empty(0, np.int64)
-        first, last = np.array(self.boards[foot].ticks_ns).T
-        steady = (np.diff(first) > 10_000_000) & (np.diff(first) < 35_000_000)
+        if not (self.boards[foot].ticks_ns[:-1] and self.raws[foot] and self.healths[foot]):
+            return np.empty((0, 2), np.int64)
+        ticks = np.array(self.boards[foot].ticks_ns[:-1])  # the newest may be on its way yet
+        between_ns, long_ns = np.diff(ticks[:, 0]), ticks[:, 1] - ticks[:, 0]
+        steady = (between_ns > 10_000_000) & (between_ns < 35_000_000)
         rhythm = np.flatnonzero(steady[:-3] & steady[1:-2] & steady[2:-1] & steady[3:]) + 3
-        sent = first[rhythm][(last - first)[rhythm] < 10_000_000]
-        return sent[sent >= max(from_ns, self.raws[foot][0].t_ns)]
+        sent = ticks[rhythm][long_ns[rhythm] < 10_000_000]
+        return sent[sent[:, 0] >= max(from_ns, self.raws[foot][0].t_ns)]
 
     def check_numbers(self) -> None:
         """Every cycle since the first has come."""
@@ -438,7 +439,7 @@ class _Boards:
     def __init__(self, name: str) -> None:
         self._name, self._index = name, 0
         self.silent, self.sent = False, 0  # frames
-        self.ticks_ns: list[list[int]] = []  # when the first frame of each and when the last one was sent
+        self.ticks_ns: list[list[int]] = []  # just before the first frame of each was sent, just after the last one
         self._socket: socket.socket | None = None
 
     def __enter__(self) -> _Boards:
@@ -460,13 +461,13 @@ class _Boards:
                 self._index = index
             assert self._socket is not None
             for frame in can_frames(batch):
+                before_ns = time.time_ns()
                 self._socket.send(frame.tobytes())
                 self.sent += 1
-                now_ns = time.time_ns()
                 if frame[0] & 0xF == 0 and frame[8] == 0x40:
-                    self.ticks_ns.append([now_ns, now_ns])
-                elif self.ticks_ns:
-                    self.ticks_ns[-1][1] = now_ns
+                    self.ticks_ns.append([before_ns, before_ns])
+                if self.ticks_ns:
+                    self.ticks_ns[-1][1] = time.time_ns()
         except OSError:
             pass  # nobody hears them
 
