@@ -30,14 +30,13 @@ class OneAtATime:
         self.half = [None] * n  # (payload, t_ns, t_mono_ns)
         self.seen, self.expected, self.misses, self.back = set(), set(range(n)), [0] * n, set()
         self.arrivals = [0] * self.n_triangles
-        self.superseded, self.newest, self.fresh = 0, 0, False
+        self.superseded, self.skipped, self.newest, self.fresh = 0, 0, 0, False
         self.changes, self.missed = [0] * n, [0] * n
 
     def frame(self, slot: int, payload: bytes, t_ns: int, t_mono_ns: int) -> None:
         if self.due is None:
             self.due = t_mono_ns + PERIOD + SLACK
-        while t_mono_ns > self.due:
-            self.close_by_time()
+        self.until(t_mono_ns)
         before = self.half[slot]
         twice = before is not None and t_mono_ns - before[2] < TWICE_NS
         if before is not None and not twice and t_mono_ns - before[2] <= PERIOD + SLACK:
@@ -53,6 +52,14 @@ class OneAtATime:
         self.newest = t_ns
         if self.expected and self.expected <= self.seen:
             self.close(t_mono_ns, late=False)
+
+    def until(self, t_mono_ns: int) -> None:
+        while self.due is not None and t_mono_ns > self.due:
+            if t_mono_ns - self.due > module.GAP_NS and not self.fresh:
+                periods = (t_mono_ns - self.due) // PERIOD
+                self.skipped += periods
+                self.due += periods * PERIOD
+            self.close_by_time()
 
     def close_by_time(self) -> None:
         absent = self.expected - self.seen
@@ -129,17 +136,66 @@ def test_same_cycles_as_one_frame_at_a_time_however_the_stream_is_cut(seed, n_tr
     cycles = run(assembler, frames, cuts)
     for slot, payload, t_ns, t_mono_ns in zip(*frames, strict=True):
         oracle.frame(int(slot), payload.tobytes(), int(t_ns), int(t_mono_ns))
+    compare(assembler, cycles, oracle)
+    assert int(assembler.arrivals.sum()) == n
+
+
+def compare(assembler: CycleAssembler, cycles: Cycles, oracle: OneAtATime) -> None:
     assembler.settle()
     assert len(cycles) == len(oracle.out)
     for name in oracle.out[0] if oracle.out else ():
         expected = np.array([cycle[name] for cycle in oracle.out])
         np.testing.assert_array_equal(getattr(cycles, name), expected, err_msg=name)
     assert assembler.superseded == oracle.superseded
+    assert assembler.skipped == oracle.skipped
+    assert assembler.due_ns == oracle.due
     assert assembler.changes.tolist() == oracle.changes
     assert assembler.missed.tolist() == oracle.missed
     assert np.flatnonzero(assembler.expected).tolist() == sorted(oracle.expected)
     assert assembler.outstanding == len(oracle.expected - oracle.seen)
-    assert int(assembler.arrivals.sum()) == n
+
+
+DUE, SHORT_GAP, SECOND = PERIOD + SLACK, 100 * MS, 1000 * MS
+ALL = -1  # halves, one after the other; else a slot
+ACTS = st.tuples(
+    st.sampled_from(["frame", "frame", "frame", "read what came", "look at the clock"]),
+    st.sampled_from([ALL, ALL, 0, 1, 2, 3]),
+    # From the act before: such that frames and looks fall on the very moment at which something ends.
+    st.sampled_from(
+        [0, TWICE_NS - 1, TWICE_NS, SLACK, PERIOD, DUE, 75 * MS, DUE + SHORT_GAP, DUE + SHORT_GAP + 1, SECOND]
+    ),
+)
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.sampled_from([1, 2]), st.lists(ACTS, min_size=1, max_size=40))
+def test_what_comes_at_the_very_moment_something_ends_is_dealt_with_by_the_rules(n_triangles, acts):
+    assembler, oracle = CycleAssembler(n_triangles, PERIOD, SLACK), OneAtATime(n_triangles)
+    closed, waiting, t = [], [], START
+
+    def read() -> None:
+        if waiting:
+            slots, data, t_ns = zip(*waiting, strict=True)
+            stamps = np.array(t_ns, np.int64)
+            closed.extend(assembler.feed(np.array(slots, np.int16), np.array(data, np.uint8), stamps, stamps))
+            waiting.clear()
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "GAP_NS", SHORT_GAP)
+        for number, (act, which, later) in enumerate(acts):
+            t += later
+            if act == "frame":
+                for slot in range(2 * n_triangles) if which == ALL else [which % (2 * n_triangles)]:
+                    payload = np.full(8, number, np.uint8)
+                    waiting.append((slot, payload, t))
+                    oracle.frame(slot, payload.tobytes(), t, t)
+            else:
+                read()
+                if act == "look at the clock":
+                    closed += assembler.advance(t)
+                    oracle.until(t)
+        read()
+    compare(assembler, Cycles.concatenate(closed, n_triangles), oracle)
 
 
 def regular(n_triangles: int, cycles: int, period: int = PERIOD, start: int = START) -> tuple:
@@ -257,3 +313,29 @@ def test_never_received_is_never_zero_age():
     cycles = run(assembler, (slots[keep], data[keep], t_ns[keep], t_mono_ns[keep]), [])
     assert (cycles.age_ns[:, 1] == -1).all()
     assert (cycles.triangle_t_ns[:, 1] == 0).all()
+
+
+def test_no_cycles_have_the_shapes_and_types_of_cycles():
+    some = run(CycleAssembler(3, PERIOD, SLACK), regular(3, 5), [4])  # one the careful way, four at once
+    careful = CycleAssembler(3, PERIOD, SLACK).feed(*(column[:7] for column in regular(3, 2, PERIOD + 2 * SLACK)))[0]
+    none = Cycles.concatenate([], 3)
+    assert len(none) == 0
+    assert (some.counts.dtype, some.status.dtype, some.missing.dtype, some.late.dtype) == (
+        np.uint8, np.uint16, np.bool_, np.bool_
+    )  # fmt: skip
+    for name in Cycles.__slots__:
+        one = getattr(some, name)
+        assert getattr(none, name).shape == one[:0].shape, name
+        assert {getattr(none, name).dtype, getattr(careful, name).dtype} == {one.dtype}, name
+
+
+def test_the_end_of_a_cycle_is_promised_while_the_boards_keep_their_rhythm():
+    slots, data, t_ns, t_mono_ns = regular(2, 8)
+    keep = np.ones(len(slots), bool)
+    keep[4 * 4 + 3] = False  # the last half of the fifth cycle, which is late then
+    assembler, promises = CycleAssembler(2, PERIOD, SLACK), []
+    for row in np.flatnonzero(keep):
+        at = slice(row, row + 1)
+        if assembler.feed(slots[at], data[at], t_ns[at], t_mono_ns[at]):
+            promises.append(None if assembler.promised_ns is None else assembler.promised_ns - int(t_mono_ns[row]))
+    assert promises == [None, PERIOD, PERIOD, PERIOD, None, None, PERIOD, PERIOD]

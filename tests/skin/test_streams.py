@@ -153,6 +153,7 @@ def test_counters_add_up_and_halves_between_are_kept() -> None:
     rows = [
         (0x450, half(0x40)), (0x450, half(0x99)), (0x452, half(0x40)), (0x4C0, half(0x40)),
         (0x450, b""), (0x450, half(0xC0)), (0x123, b"abc"), (0x450, b"", REMOTE),
+        (0x450, half(0x40), EXTENDED), (0x450, half(0x40), FD), (0x004, bytes(8), ERROR),
     ]  # fmt: skip
     for _ in range(3):
         found = streams.slots(frames(*rows))
@@ -160,7 +161,7 @@ def test_counters_add_up_and_halves_between_are_kept() -> None:
         assert found[[0, 5]].tolist() == [0, 1]
     assert refused(streams) == {
         "unknown_tag": 3, "unconfigured_triangle": 3, "unconfigured_board": {12: 3}, "bad_dlc": 3, "other": 3,
-        "remote": 3,
+        "remote": 3, "extended": 3, "fd": 3, "error": 3,
     }  # fmt: skip
 
 
