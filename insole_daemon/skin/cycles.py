@@ -9,8 +9,10 @@ A half is expected as long as it comes at least every `period + slack`. One that
 (a silent board, a board told 50 ms) is no longer waited for: its last value is repeated with its true age. It is
 expected again from the first time it arrives twice within `period + slack`.
 
-A half that comes again within TWICE_NS is the same one, sent once more by its controller because a node had missed it.
-It completes nothing: else, after the one that closes a cycle, all later cycles would close before that half comes.
+A half that comes again within TWICE_NS, with no other half of its board in between, is the same one, sent once more by
+its controller because a node had missed it. It completes nothing: else, after the one that closes a cycle, all later
+cycles would close before that half comes. With others in between it is the next reading, however soon: an adapter or a
+host that was held up hands on at once what came one after the other.
 
 All of it depends on the receive times of the frames alone, never on when or in what portions they are read:
 a replay gives the cycles that were live.
@@ -19,7 +21,7 @@ a replay gives the cycles that were live.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +33,7 @@ TWICE_NS = 500_000  # four frames; boards read a half once a millisecond at the 
 GAP_NS = 60_000_000_000  # a silence longer than this is not filled with repeats
 
 S = TypeVar("S", np.int64, np.uint64)
+V = TypeVar("V", np.int16, np.int64, np.uint64)
 
 _NEVER = -(1 << 62)  # receive time of a half that has never arrived
 _WINDOW_CYCLES = 4  # frames of this many cycles are searched for the end of one
@@ -45,6 +48,15 @@ def _row(n: int, length: int) -> NDArray[np.int64]:
 def _before(stored: NDArray[S], rows: NDArray[S]) -> NDArray[S]:
     """(n, …) what stood before each of the n rows: `stored` before the first."""
     return stored[None] if len(rows) == 1 else np.concatenate([stored[None], rows[:-1]])
+
+
+def _one_before(keys: NDArray[Any], values: NDArray[V], stored: NDArray[V]) -> NDArray[V]:
+    """(n,) the value of the one before each with the same key: `stored` of its key (k,) before the first."""
+    before: NDArray[V] = stored[keys]
+    order = np.argsort(keys, kind="stable")
+    later = np.flatnonzero(keys[order[1:]] == keys[order[:-1]]) + 1
+    before[order[later]] = values[order[later - 1]]
+    return before
 
 
 def _counts(halves: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -102,14 +114,14 @@ class Cycles:
 class CycleAssembler:
     """Closes the cycles of one foot.
 
-    `period_ns` is the publish period, `slack_ns` how long a missing half may delay a cycle. Of the slots of all feet,
-    `first_slot` is the first of this one.
+    `boards` (n_triangles,) has the address of the board of each triangle, `period_ns` is the publish period, `slack_ns`
+    how long a missing half may delay a cycle. Of the slots of all feet, `first_slot` is the first of this one.
     """
 
-    def __init__(self, n_triangles: int, period_ns: int, slack_ns: int, first_slot: int = 0) -> None:
-        n_slots = 2 * n_triangles
+    def __init__(self, boards: NDArray[np.uint8], period_ns: int, slack_ns: int, first_slot: int = 0) -> None:
+        n_slots = 2 * len(boards)
         self._first_slot = first_slot
-        self.n_triangles = n_triangles
+        self.n_triangles = len(boards)
         self.superseded = 0  # halves overwritten by a second arrival within a cycle
         self.arrivals = np.zeros(n_slots, np.int64)  # of every half since the start
         self.changes = np.zeros(n_slots, np.int64)  # arrivals whose bytes differed from the ones before
@@ -121,6 +133,9 @@ class CycleAssembler:
         self._t_ns = np.zeros(n_slots, np.int64)
         self._t_mono_ns = np.full(n_slots, _NEVER)
         self._seen = np.zeros(n_slots, np.bool_)  # since the last close
+        addresses, of_triangles = np.unique(boards, return_inverse=True)
+        self._board = np.repeat(of_triangles, 2)  # of every slot
+        self._newest_slot = np.full(len(addresses), -1, np.int16)  # which half of each board came last
         self._expected = np.ones(n_slots, np.bool_)
         self._misses = np.zeros(n_slots, np.int64)  # late closings missed since the half last came in time
         self._returning = np.zeros(n_slots, np.bool_)  # came in time while not expected
@@ -231,18 +246,18 @@ class CycleAssembler:
         assert self._due_ns is not None
         in_time = int(np.searchsorted(t_mono_ns, self._due_ns, side="right"))
         first = np.full(len(self._seen), len(slots))
-        rows = np.flatnonzero(t_mono_ns - self._arrived_before(slots, t_mono_ns) >= TWICE_NS)[::-1]
+        since_ns = t_mono_ns - _one_before(slots, t_mono_ns, self._t_mono_ns)
+        rows = np.flatnonzero(~self._once_more(slots, since_ns))[::-1]
         first[slots[rows]] = rows  # the earliest arrival is written last
         needed = first[self._expected & ~self._seen]
         return min(int(needed.max()) + 1, in_time) if needed.size else in_time
 
-    def _arrived_before(self, slots: NDArray[np.int16], t_mono_ns: NDArray[np.int64]) -> NDArray[np.int64]:
-        """(n,) when the half of each of these frames arrived last before it."""
-        before = self._t_mono_ns[slots]
-        order = np.argsort(slots, kind="stable")
-        again = np.flatnonzero(slots[order[1:]] == slots[order[:-1]])
-        before[order[again + 1]] = t_mono_ns[order[again]]
-        return before
+    def _once_more(self, slots: NDArray[np.int16], since_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """(n,) which of these halves are the same one again; `since_ns` each came before."""
+        soon = since_ns < TWICE_NS
+        if np.count_nonzero(soon):
+            soon &= _one_before(self._board[slots], slots, self._newest_slot) == slots
+        return soon
 
     def _absorb(
         self,
@@ -257,30 +272,23 @@ class CycleAssembler:
             return
         self._newest_t_ns = int(t_ns[-1])
         n_slots = len(self._seen)
-        arrivals = np.bincount(slots, minlength=n_slots)
-        before, t_before = self._bytes[slots], self._t_mono_ns[slots]
-        if np.count_nonzero(arrivals) < n:
-            # A half may be in here twice. Sorted by slot, the frame before is its previous arrival, or the stored one.
-            order = np.argsort(slots, kind="stable")
-            slots, payload, t_ns, t_mono_ns = slots[order], payload[order], t_ns[order], t_mono_ns[order]
-            before, t_before = before[order], t_before[order]
-            again = np.flatnonzero(slots[1:] == slots[:-1]) + 1
-            before[again], t_before[again] = payload[again - 1], t_mono_ns[again - 1]
-        since_ns = t_mono_ns - t_before
+        since_ns = t_mono_ns - _one_before(slots, t_mono_ns, self._t_mono_ns)
+        new = ~self._once_more(slots, since_ns)
         seen_before = int(np.count_nonzero(self._seen))
-        self._seen[slots[since_ns >= TWICE_NS]] = True
+        self._seen[slots[new]] = True
         seen = int(np.count_nonzero(self._seen))
         self._fresh = seen > 0
         self.superseded += n - (seen - seen_before)
         self._outstanding = int(np.count_nonzero(self._expected & ~self._seen))
-        in_time = slots[(since_ns >= TWICE_NS) & (since_ns <= self._limit_ns)]
+        in_time = slots[new & (since_ns <= self._limit_ns)]
         self._misses[in_time] = 0
         self._returning[in_time] = True
-        self.arrivals += arrivals
-        self.changes += np.bincount(slots[payload != before], minlength=n_slots)
+        self.arrivals += np.bincount(slots, minlength=n_slots)
+        self.changes += np.bincount(slots[payload != _one_before(slots, payload, self._bytes)], minlength=n_slots)
         self._bytes[slots] = payload  # repeated slots: the last assignment stands
         self._t_ns[slots] = t_ns
         self._t_mono_ns[slots] = t_mono_ns
+        self._newest_slot[self._board[slots]] = slots
 
     def _skip_gap(self, t_mono_ns: int) -> None:
         """Nothing until `t_mono_ns`: beyond GAP_NS the repeats in between would say nothing new."""
@@ -385,6 +393,8 @@ class CycleAssembler:
         arrivals = self.arrivals + np.arange(1, n + 1)[:, None] * expected
         self.arrivals = arrivals[-1].copy()
         self._bytes, self._t_ns, self._t_mono_ns = table[-1].copy(), stamp[-1].copy(), stamp_mono[-1].copy()
+        newest = slots[used - size : used]
+        self._newest_slot[self._board[newest]] = newest
         t_newest = t_ns[:used].reshape(n, size)[:, -1]
         self._newest_t_ns = int(t_newest[-1])
         t_a, t_b = stamp_mono[:, ::2], stamp_mono[:, 1::2]

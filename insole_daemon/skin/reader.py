@@ -19,7 +19,7 @@ class SkinReader:
         self.streams = Streams(layouts)
         first_slots = np.cumsum([0, *(2 * len(layout) for layout in layouts)]).tolist()
         self.assemblers = [
-            CycleAssembler(len(layout), period_ns, slack_ns, first)
+            CycleAssembler(layout.identities[:, 0], period_ns, slack_ns, first)
             for layout, first in zip(layouts, first_slots[:-1], strict=True)
         ]
 

@@ -133,6 +133,7 @@ class Foot:
         self.last: dict[Half, tuple[dict[str, int], int, int]] = {}  # signals, t_ns, mono_ns
         self.expected = set(halves)
         self.misses = dict.fromkeys(halves, 0)
+        self.newest: dict[int, Half] = {}  # of each board
         self.seen: set[Half] = set()
         self.returning: set[Half] = set()
         self.due_ns: int | None = None
@@ -161,7 +162,9 @@ class Foot:
             self.due_ns = frame.mono_ns + self.period_ns + self.slack_ns
         self.pass_time(frame.mono_ns)
         since_ns = frame.mono_ns - self.last[half][2] if half in self.last else None
-        twice = since_ns is not None and since_ns < TWICE_NS
+        board, _ = identity
+        twice = since_ns is not None and since_ns < TWICE_NS and self.newest.get(board) == half
+        self.newest[board] = half
         if since_ns is not None and not twice and since_ns <= self.period_ns + self.slack_ns:
             self.misses[half] = 0
             self.returning.add(half)

@@ -35,7 +35,7 @@ def cycles_of_pairs(data_a: np.ndarray, data_b: np.ndarray) -> tuple[np.ndarray,
     n = len(data_a)
     data = np.stack([data_a, data_b], axis=1).reshape(2 * n, 8)
     t_ns = np.repeat(np.arange(n), 2) * 20 * MS + np.tile([0, MS], n)
-    assembler = CycleAssembler(1, 20 * MS, 5 * MS)
+    assembler = CycleAssembler(np.array([5], np.uint8), 20 * MS, 5 * MS)
     closed = assembler.feed(np.tile(np.array([0, 1], np.int16), n), data, t_ns, t_ns)
     counts = np.concatenate([cycles.counts[:, 0] for cycles in closed])
     status = np.concatenate([cycles.status[:, 0] for cycles in closed])

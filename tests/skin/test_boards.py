@@ -21,7 +21,7 @@ class Bench:
     """Boards that send into an assembler, each with a period and with something new so often."""
 
     def __init__(self) -> None:
-        self.assembler = CycleAssembler(N, 20 * MS, 5 * MS)
+        self.assembler = CycleAssembler(LAYOUT.identities[:, 0], 20 * MS, 5 * MS)
         self.survey = BoardSurvey(LAYOUT)
         self.now_ns = START
         assert [report.state for report in self.survey(self.assembler, self.now_ns, STALE)] == ["never seen"] * 3
@@ -69,7 +69,7 @@ def test_rates_are_those_since_the_survey_before() -> None:
 
 
 def test_the_first_survey_has_no_rates() -> None:
-    assembler = CycleAssembler(N, 20 * MS, 5 * MS)
+    assembler = CycleAssembler(LAYOUT.identities[:, 0], 20 * MS, 5 * MS)
     slots = np.arange(2 * N)
     assembler.feed(slots.astype(np.int16), np.ones((2 * N, 8), np.uint8), START + slots, START + slots)
     reports = BoardSurvey(LAYOUT)(assembler, START + MS, STALE)
@@ -101,7 +101,7 @@ def test_never_seen() -> None:
 
 def test_one_triangle_of_a_board_that_is_not_there_changes_no_rate() -> None:
     """A loose triangle sends nothing; the board is still as fast as the others say."""
-    assembler = CycleAssembler(N, 20 * MS, 5 * MS)
+    assembler = CycleAssembler(LAYOUT.identities[:, 0], 20 * MS, 5 * MS)
     survey = BoardSurvey(LAYOUT)
     survey(assembler, START, STALE)
     slots = np.tile(np.arange(2, 2 * N), 50)
