@@ -40,6 +40,7 @@ def test_effects_together_are_named_modelled_and_shown(tmp_path):
     assert found["verdict"] == "explained"
     by_word = {each["effect"]: each for each in found["findings"]}
     assert set(by_word) == {"delay", "lag", "viscoelasticity"}
+    assert {each["where"]["scope"] for each in found["findings"]} == {"insole"}
     assert by_word["delay"]["parameters"]["delay_s"]["value"] == pytest.approx(0.03, abs=0.006)
     assert by_word["lag"]["parameters"]["tau_s"]["value"] == pytest.approx(0.03, abs=0.006)
     assert by_word["viscoelasticity"]["parameters"]["a"]["value"] == pytest.approx(0.15, rel=0.25)
