@@ -8,7 +8,7 @@ arithmetic is that of a search: whole signals at once on a regular grid instead 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -46,10 +46,11 @@ class Candidate:
 
     word: str
     order: int  # on the signal path
-    names: tuple[str, ...]  # of θ, in the search's own terms
-    low: Array  # (p,)
-    high: Array  # (p,)
-    starts: Array  # (s, p) where to begin; the best of them is chosen by what it would explain
+    names: tuple[str, ...] = ()  # of θ, in the search's own terms; none where columns are all there is
+    low: Array = field(default_factory=lambda: np.empty(0))  # (p,)
+    high: Array = field(default_factory=lambda: np.empty(0))  # (p,)
+    # (s, p) where to begin; the best of them is chosen by what it would explain
+    starts: Array = field(default_factory=lambda: np.empty((1, 0)))
     nudge: Array | None = None  # (p,) step of θ that shows a slope; None: a ten-thousandth of the bounds' distance
     # (N, m) load, s a row, θ → (N, m) what is left of it after the effect
     act: Callable[[Array, float, Array], Array] | None = None

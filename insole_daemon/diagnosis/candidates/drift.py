@@ -30,10 +30,6 @@ def candidate(excitation: Excitation) -> Candidate:
     return Candidate(
         word="drift",
         order=8,
-        names=(),
-        low=np.empty(0),
-        high=np.empty(0),
-        starts=np.empty((1, 0)),
         columns=columns,
         own_columns=True,
         needs=lambda e: (

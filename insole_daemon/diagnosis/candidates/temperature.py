@@ -22,10 +22,6 @@ def candidate(excitation: Excitation) -> Candidate:
     return Candidate(
         word="temperature",
         order=8,
-        names=(),
-        low=np.empty(0),
-        high=np.empty(0),
-        starts=np.empty((1, 0)),
         columns=columns,
         needs=lambda e: (
             None
