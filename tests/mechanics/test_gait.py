@@ -98,17 +98,33 @@ def test_peak_and_integral_of_every_region_are_those_of_its_pressure():
         assert last.figures[f"{name}_integral_pa_s"] == pytest.approx(highest.sum() * 0.001, rel=0.06)
 
 
-def test_a_limp_shows_in_the_symmetry():
-    gait = Gait(LAYOUTS)
-    found = []
+def test_a_limp_on_straight_ramps_has_the_figures_worked_out_by_hand():
+    """Rest at 50 N and 600 N more under load: low is a twentieth of these above rest, 80 N, and high 140 N."""
+    gait, last = Gait(LAYOUTS), {}
     for at in range(400):
         t_s = at * PERIOD_S
-        for foot, begin_s, stance_s in (("left", 0.0, 0.7), ("right", 0.6, 0.5)):
-            phase = ((t_s - begin_s) % 1.2) / stance_s
-            f_z_n = 600.0 * np.sin(np.pi * phase) if phase < 1 else 0.0
-            event = gait.update(foot, at * 20_000_000, at * 20_000_000, f_z_n, np.zeros((len(LEFT), 12)), VALID)
-            found += [event] if event is not None and event.kind == "toe_off" else []
-    assert found[-1].figures["stance_symmetry_percent"] == pytest.approx(200 * 0.2 / 1.2, abs=4.0)
+        for foot, begin_s, end_s in (("left", 0.0, 0.72), ("right", 0.6, 0.8)):
+            into_s = (t_s - begin_s) % 1.2
+            f_z_n = 50.0 + 600.0 * min(max(min(into_s, end_s - into_s) / 0.24, 0.0), 1.0)
+            t_ns = at * 20_000_000
+            event = gait.update(foot, t_ns, START_NS + t_ns, f_z_n, np.full((len(LEFT), 12), 1e4), VALID)
+            if event is not None:
+                last[foot, event.kind] = event
+    by_hand = {  # into a stride: low is crossed 12 ms after a rise began, 12 ms before a fall ended
+        ("left", "initial_contact"): (0.012, {"swing_s": 0.504}),
+        ("left", "toe_off"): (0.708, {"stance_s": 0.696, "double_support_s": 0.096}),
+        ("right", "initial_contact"): (0.612, {"swing_s": 0.424}),
+        ("right", "toe_off"): (0.188, {"stance_s": 0.776, "double_support_s": 0.176}),
+    }
+    for (foot, kind), (into_s, figures) in by_hand.items():
+        event = last[foot, kind]
+        assert (event.t_ns - START_NS) * 1e-9 % 1.2 == pytest.approx(into_s, abs=1e-6)
+        assert event.noticed_after_s == pytest.approx(0.028 if kind == "initial_contact" else 0.012, abs=1e-6)
+        if kind == "initial_contact":
+            figures |= {"stride_s": 1.2, "cadence_per_min": 100.0}
+        else:
+            figures |= {"stance_symmetry_percent": 200 * (0.696 - 0.776) / (0.696 + 0.776), "peak_force_n": 650.0}
+        assert {name: event.figures[name] for name in figures} == pytest.approx(figures, abs=1e-6)
 
 
 @pytest.mark.parametrize("name", ["stand", "t1", "t2", "t3"])
