@@ -16,6 +16,7 @@ from typing import Any, Literal, get_args, get_origin
 import msgpack
 import numpy as np
 import scipy.io
+from mcap.writer import Writer
 
 from insole_daemon.config import Config
 from insole_daemon.physics import zero as zeros
@@ -196,8 +197,13 @@ def matlab() -> list[bytes]:
 
 
 def mcap() -> list[bytes]:
-    """What `insole export` writes."""
-    return [_recorded()["x.mcap"]]
+    """What `insole export` writes, and a small one."""
+    small = io.BytesIO()
+    writer = Writer(small, use_chunking=False)
+    writer.start()
+    writer.add_attachment(0, 0, "recording.yaml", "application/yaml", b"format: insole-recording/1")
+    writer.finish()
+    return [_recorded()["x.mcap"], small.getvalue()]
 
 
 def yarp() -> list[bytes]:
