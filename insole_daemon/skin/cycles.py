@@ -313,7 +313,6 @@ class CycleAssembler:
     def _close(self, t_close_ns: int, late: bool) -> Cycles:
         t_a, t_b = self._t_mono_ns[::2], self._t_mono_ns[1::2]
         t_older = np.minimum(t_a, t_b)
-        never = t_older == _NEVER
         halves = self._bytes.view(np.uint8).reshape(1, -1, 16)
         absent = self._expected & ~self._seen
         cycle = Cycles(
@@ -321,8 +320,8 @@ class CycleAssembler:
             t_ns=np.array([self._newest_t_ns]),
             counts=_counts(halves),
             status=_status(halves),
-            triangle_t_ns=np.where(never, 0, np.where(t_a <= t_b, self._t_ns[::2], self._t_ns[1::2]))[None],
-            age_ns=np.where(never, -1, t_close_ns - t_older)[None],
+            triangle_t_ns=np.where(t_a <= t_b, self._t_ns[::2], self._t_ns[1::2])[None],  # 0 where never received
+            age_ns=np.where(t_older == _NEVER, -1, t_close_ns - t_older)[None],
             arrivals=(self.arrivals[::2] + self.arrivals[1::2])[None],
             missing=(absent[::2] | absent[1::2])[None],
             late=np.array([late]),
@@ -401,8 +400,7 @@ class CycleAssembler:
         t_older = np.minimum(t_a, t_b)
         triangle_t_ns, age_ns = np.where(t_a <= t_b, stamp[:, ::2], stamp[:, 1::2]), t_close[:, None] - t_older
         if size < n_slots:
-            never = t_older == _NEVER
-            triangle_t_ns[never], age_ns[never] = 0, -1
+            age_ns[t_older == _NEVER] = -1
         halves = table.view(np.uint8).reshape(n, -1, 16)
         if n > 1:
             self._complete_ns = int(t_close[-2])
