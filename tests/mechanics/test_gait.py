@@ -192,12 +192,14 @@ def test_regions_share_the_sole_from_heel_to_toes():
     assert all(near.max() < far.min() for near, far in itertools.pairwise(x))
 
 
-def test_a_layout_of_the_heel_alone_has_one_region_that_counts():
-    rear = [row for row, triangle in enumerate(LEFT.triangles) if triangle.x_mm < 60]
-    few = replace(LEFT, triangles=tuple(LEFT.triangles[row] for row in rear), xy_m=LEFT.xy_m[rear])
-    gait, valid = FootGait(few), np.tile(PRESSURE_TAXELS, (len(rear), 1))
-    for at in range(60):
-        gait.update(at * 20_000_000, 0, 500.0 if at % 40 > 15 else 0.0, np.full((len(rear), 12), 1e4), valid)
+def test_a_region_without_taxels_presses_nothing():
+    region = regions(LEFT)[:, PRESSURE_TAXELS]
+    ends = np.flatnonzero((region == 0).all(axis=1) | (region == 3).all(axis=1)).tolist()
+    few = replace(LEFT, triangles=tuple(LEFT.triangles[row] for row in ends), xy_m=LEFT.xy_m[ends])
+    gait, valid, pressure_pa = FootGait(few), np.tile(PRESSURE_TAXELS, (len(ends), 1)), np.full((len(ends), 12), 1e4)
+    told = [gait.update(at * 20_000_000, 0, 500.0 if at % 40 > 15 else 0.0, pressure_pa, valid) for at in range(60)]
+    (lift,) = [event for event in told if event is not None and event.kind == "toe_off"]
+    assert [lift.figures[f"{name}_peak_pa"] for name in REGIONS] == [1e4, 0.0, 0.0, 1e4]
 
 
 def test_levels_that_move_do_not_tell_one_contact_twice(monkeypatch):
