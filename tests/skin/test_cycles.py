@@ -230,6 +230,21 @@ def test_a_complete_cycle_closes_with_its_last_half():
     np.testing.assert_array_equal(cycles.age_ns[0], (np.array([5, 3, 1]) * 120_000))
 
 
+def test_of_the_slots_of_all_feet_each_takes_its_own():
+    left, right = regular(2, 10), regular(3, 10, start=START + 7 * MS)
+    both = [np.concatenate(pair) for pair in zip(left, (right[0] + 4, *right[1:]), strict=True)]
+    both[0] = np.append(both[0], [-1, 10]).astype(np.int16)  # no half, and one of a third foot
+    both[1:] = [np.append(column, column[-2:], axis=0) for column in both[1:]]
+    order = np.argsort(both[3], kind="stable")
+    frames = tuple(column[order] for column in both)
+    for first_slot, own in ((0, left), (4, right)):
+        boards = np.array(of_four(len(np.unique(own[0])) // 2), np.uint8)
+        cycles = run(CycleAssembler(boards, PERIOD, SLACK, first_slot), frames, [])
+        alone = run(CycleAssembler(boards, PERIOD, SLACK), own, [])
+        np.testing.assert_array_equal(cycles.t_mono_ns, alone.t_mono_ns)
+        np.testing.assert_array_equal(cycles.arrivals, alone.arrivals)
+
+
 def test_a_missing_half_delays_a_cycle_by_the_slack_and_no_more():
     slots, data, t_ns, t_mono_ns = regular(3, 10)
     lost = np.ones(60, bool)
