@@ -32,8 +32,7 @@ TWICE_NS = 500_000  # four frames; boards read a half once a millisecond at the 
 
 GAP_NS = 60_000_000_000  # a silence longer than this is not filled with repeats
 
-S = TypeVar("S", np.int64, np.uint64)
-V = TypeVar("V", np.int16, np.int64, np.uint64)
+S = TypeVar("S", np.int16, np.int64, np.uint64)
 
 _NEVER = -(1 << 62)  # receive time of a half that has never arrived
 _WINDOW_CYCLES = 4  # frames of this many cycles are searched for the end of one
@@ -50,9 +49,9 @@ def _before(stored: NDArray[S], rows: NDArray[S]) -> NDArray[S]:
     return stored[None] if len(rows) == 1 else np.concatenate([stored[None], rows[:-1]])
 
 
-def _one_before(keys: NDArray[Any], values: NDArray[V], stored: NDArray[V]) -> NDArray[V]:
+def _one_before(keys: NDArray[Any], values: NDArray[S], stored: NDArray[S]) -> NDArray[S]:
     """(n,) the value of the one before each with the same key: `stored` of its key (k,) before the first."""
-    before: NDArray[V] = stored[keys]
+    before: NDArray[S] = stored[keys]
     order = np.argsort(keys, kind="stable")
     later = np.flatnonzero(keys[order[1:]] == keys[order[:-1]]) + 1
     before[order[later]] = values[order[later - 1]]

@@ -140,7 +140,7 @@ class Hypothesis:
 
     @cached_property
     def _starts(self) -> list[Array]:
-        first = np.clip(np.zeros(len(self._low)), self._low, self._high)
+        first = np.zeros(len(self._low))
         n_clock = len(first) - len(self._timed)
         for at, each in enumerate(self._timed, n_clock):
             first[at] = np.log(_STARTS_S[1]) if each.word == "viscoelasticity" else 0.015
