@@ -24,7 +24,7 @@ def regions(layout: Layout) -> NDArray[np.int8]:
     """(n_triangles, 12) the number in REGIONS of every pressure taxel, -1 on thermal pads."""
     x = layout.xy_m[..., 0]
     rear, front = x[:, PRESSURE_TAXELS].min(), x[:, PRESSURE_TAXELS].max()
-    along = (x - rear) / max(front - rear, 1e-9)
+    along = (x - rear) / (front - rear)
     found: NDArray[np.int8] = np.searchsorted(ENDS, along, side="right").astype(np.int8)
     found[:, ~PRESSURE_TAXELS] = -1
     return found

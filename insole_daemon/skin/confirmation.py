@@ -36,7 +36,7 @@ class Seen:
     triangles: tuple[int, ...]
     open_triangles: tuple[int, ...]  # those that report a data line without a sensor
     period_ms: float | None  # median over its halves; None: too few
-    rest_count: float | None  # median over its pressure taxels, open triangles left out; None: nothing arrived
+    rest_count: float | None  # median over its pressure taxels, open triangles left out; None: there is none
 
     def differences(self, board: Board, triangles: Collection[int]) -> list[str]:
         """What stands against that `board` does what it was told, with `triangles` enabled; nothing: it does.
@@ -78,10 +78,9 @@ class StreamWatch:
 
     def feed(self, frames: FrameBatch) -> None:
         """Take in what arrived."""
-        if len(frames):
-            kept = frames[_is_half(frames) & np.isin(frames.can_id >> np.uint32(4) & 0xF, self._addresses)]
-            if len(kept):
-                self._kept.append(kept)
+        kept = frames[_is_half(frames) & np.isin(frames.can_id >> np.uint32(4) & 0xF, self._addresses)]
+        if len(kept):
+            self._kept.append(kept)
 
     def seen(self) -> dict[int, Seen]:
         """What every board sent, by address."""
@@ -92,8 +91,9 @@ class StreamWatch:
 
 def _is_half(frames: FrameBatch) -> NDArray[np.bool_]:
     cls, tag = frames.can_id >> np.uint32(8), frames.data[:, 0]
-    skin = (cls == CLASS_SKIN) | (cls == CLASS_LEGACY_SKIN) | (cls == CLASS_SECOND_HALF)
-    half: NDArray[np.bool_] = skin & (frames.flags == 0) & (frames.dlc == 8) & ((tag == TAG_A) | (tag == TAG_B))
+    skin = (cls == CLASS_SKIN) | (cls == CLASS_LEGACY_SKIN)
+    a, b = skin & (tag == TAG_A), (skin | (cls == CLASS_SECOND_HALF)) & (tag == TAG_B)
+    half: NDArray[np.bool_] = (a | b) & (frames.flags == 0) & (frames.dlc == 8)
     return half
 
 

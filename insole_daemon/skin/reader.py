@@ -39,7 +39,7 @@ class SkinReader:
         return min(filter(None, (assembler.outstanding for assembler in self.assemblers)), default=None)
 
     def promised_ns(self) -> int | None:
-        """When the next cycle of some foot will be complete; None while one that is waited for has no rhythm."""
+        """When the next cycle of some foot will be complete; None where none is waited for, or one has no rhythm."""
         promises = [each.promised_ns for each in self.assemblers if each.outstanding]
         return min(promises) if promises and None not in promises else None  # type: ignore[type-var]
 

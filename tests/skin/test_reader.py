@@ -1,0 +1,173 @@
+"""Two feet on one bus: each closes its own cycles, and what is waited for is what comes first of either."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from insole_daemon.bus.frames import FrameBatch
+from insole_daemon.skin import layout as layouts
+from insole_daemon.skin.cycles import PATIENCE, TWICE_NS
+from insole_daemon.skin.identifiers import TAG_A, TAG_B, skin_id
+from insole_daemon.skin.layout import Foot, Layout, Triangle
+from insole_daemon.skin.reader import SkinReader
+
+MS = 1_000_000
+PERIOD_NS, SLACK_NS = 20 * MS, 5 * MS
+LIMIT_NS = PERIOD_NS + SLACK_NS
+START_NS = 1_000 * MS  # monotonic
+WALL_NS = 7_000 * MS  # ahead of the monotonic clock
+
+Half = tuple[int, int, int]  # board, triangle, tag
+
+
+def layout(foot: Foot, *identities: tuple[int, int]) -> Layout:
+    return layouts.of(foot, 1e-5, None, tuple(
+        Triangle(board=board, triangle=triangle, patch="", x_mm=100.0 * at, y_mm=0.0, rotation_deg=0.0)
+        for at, (board, triangle) in enumerate(identities)
+    ))  # fmt: skip
+
+
+LEFT, RIGHT = layout("left", (7, 1), (5, 1), (5, 0)), layout("right", (8, 4))
+
+
+def halves(of: Layout) -> list[Half]:
+    return [(t.board, t.triangle, tag) for t in of.triangles for tag in (TAG_A, TAG_B)]
+
+
+def frames(*rows: tuple[int, Half]) -> FrameBatch:
+    """Rows of (ns after the start, half); every count is ten times the board and the triangle's number."""
+    n = len(rows)
+    t_mono_ns = START_NS + np.array([t_ns for t_ns, _ in rows], np.int64)
+    data = [[tag, *[10 * board + triangle] * 5, 0, 0] for _, (board, triangle, tag) in rows]
+    return FrameBatch(
+        t_mono_ns + WALL_NS, t_mono_ns, np.zeros(n, np.uint8),
+        np.array([skin_id(board, triangle) for _, (board, triangle, _) in rows], np.uint32),
+        np.full(n, 8, np.uint8), np.array(data, np.uint8).reshape(n, 8), np.zeros(n, np.uint8),
+    )  # fmt: skip
+
+
+def complete(reader: SkinReader, of: Layout, *times_ns: int) -> None:
+    """All halves of a foot arrive at each of these times."""
+    for t_ns in times_ns:
+        (closed,) = (cycles for cycles in reader.feed(frames(*((t_ns, half) for half in halves(of)))) if cycles)
+        assert [len(each) for each in closed] == [1]
+
+
+def give_up(reader: SkinReader, of: Layout) -> None:
+    """A single half of a foot, and then none for so long that no more is waited for."""
+    reader.feed(frames((0, halves(of)[0])))
+    reader.advance(START_NS + (PATIENCE + 1) * LIMIT_NS + 1)
+
+
+@pytest.fixture
+def reader() -> SkinReader:
+    return SkinReader([LEFT, RIGHT], PERIOD_NS, SLACK_NS)
+
+
+@pytest.mark.parametrize("order", [[LEFT, RIGHT], [RIGHT, LEFT]], ids=["left first", "right first"])
+def test_each_foot_closes_its_own_cycle_when_it_is_complete(order: list[Layout]) -> None:
+    reader = SkinReader(order, PERIOD_NS, SLACK_NS)
+    *rest, last = [(at * MS, half) for at, half in enumerate(halves(LEFT))]
+    left, right = order.index(LEFT), order.index(RIGHT)
+    assert reader.feed(frames(*rest, (6 * MS, halves(RIGHT)[1]))) == [[], []]
+
+    closed = reader.feed(frames((7 * MS, last[1])))
+    assert closed[right] == []
+    (cycle,) = closed[left]
+    assert cycle.t_mono_ns.tolist() == [START_NS + 7 * MS]
+    assert cycle.t_ns.tolist() == [START_NS + 7 * MS + WALL_NS]
+    assert cycle.counts[0, :, 0].tolist() == [71, 51, 50]
+    assert cycle.age_ns.tolist() == [[7 * MS, 5 * MS, 3 * MS]]
+
+    closed = reader.feed(frames((8 * MS, halves(RIGHT)[0])))
+    assert closed[left] == []
+    (cycle,) = closed[right]
+    assert cycle.t_mono_ns.tolist() == [START_NS + 8 * MS]
+    assert cycle.counts[0, :, 0].tolist() == [84]
+    assert not cycle.late.any()
+
+
+@pytest.mark.parametrize(
+    ("between", "closes"), [((7, 1, TAG_A), False), ((5, 0, TAG_A), True)], ids=["another board", "the same board"]
+)
+def test_a_half_sent_once_more_is_known_by_what_its_board_sent_between(
+    reader: SkinReader, between: Half, closes: bool
+) -> None:
+    again = (5, 1, TAG_B)
+    reader.feed(frames(*((0, half) for half in halves(LEFT) if half != again), (0, again)))
+    reader.feed(frames((TWICE_NS // 3, between), (TWICE_NS // 2, again)))
+    others = [half for half in halves(LEFT) if half not in (again, between)]
+    closed, _ = reader.feed(frames(*((10 * MS, half) for half in others)))
+    assert [len(each) for each in closed] == [1] * closes
+
+
+def test_frames_of_nobody_close_nothing_and_are_counted(reader: SkinReader) -> None:
+    assert reader.feed(frames((0, (9, 0, TAG_A)), (0, (8, 5, TAG_A)))) == [[], []]
+    assert reader.streams.refused.unconfigured_board == {9: 1}
+    assert reader.streams.refused.unconfigured_triangle == 1
+    assert reader.due_ns() is None
+
+
+def test_no_frames_close_nothing(reader: SkinReader) -> None:
+    assert reader.feed(FrameBatch.empty()) == [[], []]
+
+
+def test_nothing_is_due_or_promised_before_the_first_frame(reader: SkinReader) -> None:
+    assert reader.due_ns() is None
+    assert reader.promised_ns() is None
+    assert reader.advance(START_NS + 1_000 * LIMIT_NS) == [[], []]
+
+
+@pytest.mark.parametrize("first", [LEFT, RIGHT], ids=["left", "right"])
+def test_time_closes_the_cycle_of_the_foot_that_is_due_first(reader: SkinReader, first: Layout) -> None:
+    second = RIGHT if first is LEFT else LEFT
+    reader.feed(frames((0, halves(first)[0])))
+    assert reader.due_ns() == START_NS + LIMIT_NS
+    reader.feed(frames((3 * MS, halves(second)[0])))
+    assert reader.due_ns() == START_NS + LIMIT_NS
+    assert reader.advance(START_NS + LIMIT_NS) == [[], []]
+    closed = reader.advance(START_NS + LIMIT_NS + 1)
+    assert [[len(each) for each in cycles] for cycles in closed] == ([[1], []] if first is LEFT else [[], [1]])
+    (cycle,) = closed[0] + closed[1]
+    assert cycle.late.all()
+    assert reader.due_ns() == START_NS + LIMIT_NS + 3 * MS
+
+
+def test_outstanding_are_the_halves_of_the_foot_that_lacks_least(reader: SkinReader) -> None:
+    found = [reader.outstanding()]
+    for half in halves(LEFT)[:-1]:
+        reader.feed(frames((0, half)))
+        found.append(reader.outstanding())
+    assert found == [2, 2, 2, 2, 2, 1], "six of the left foot and two of the right"
+    reader.feed(frames((0, halves(LEFT)[-1])))
+    assert reader.outstanding() == 2
+
+
+def test_a_foot_that_waits_for_none_has_nothing_outstanding(reader: SkinReader) -> None:
+    give_up(reader, RIGHT)
+    assert reader.outstanding() == 6
+    give_up(reader, LEFT)
+    assert reader.outstanding() is None
+
+
+def test_the_next_cycle_is_promised_by_the_rhythm_of_the_foot_that_comes_first(reader: SkinReader) -> None:
+    complete(reader, LEFT, 0, 20 * MS)
+    assert reader.promised_ns() is None, "the right foot is waited for and has no rhythm"
+    complete(reader, RIGHT, 23 * MS)
+    assert reader.promised_ns() is None
+    complete(reader, LEFT, 40 * MS)
+    complete(reader, RIGHT, 44 * MS)
+    assert reader.promised_ns() == START_NS + 60 * MS
+    complete(reader, LEFT, 60 * MS)
+    assert reader.promised_ns() == START_NS + 65 * MS
+
+
+def test_a_foot_that_waits_for_none_promises_nothing(reader: SkinReader) -> None:
+    give_up(reader, LEFT)
+    assert reader.promised_ns() is None
+    complete(reader, RIGHT, 200 * MS, 221 * MS)
+    assert reader.promised_ns() == START_NS + 242 * MS
+    reader.advance(START_NS + 1_000 * MS)
+    assert reader.outstanding() is None
+    assert reader.promised_ns() is None
