@@ -6,7 +6,7 @@ It knows the positions of a template and nothing of which triangle is where.
     rest      all untouched: what every triangle reads then is its level
     press     waits for some triangle to fall well below its level, and to stay there for a moment
     lift      waits until it is back; then the whole press is judged
-    … the next position; positions that stayed in doubt are asked once more at the end
+    … the next position; where nothing answered, or what had answered elsewhere, it is asked once more at the end
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ NOISE_FACTOR = 6.0  # a triangle that is noisy at rest must fall by so many of i
 MARGIN = 2.0  # the one pressed falls by at least so many times what the second does
 RELEASED_SHARE = 0.3  # of the deepest fall
 REST_S, HOLD_S, QUIET_S = 1.5, 0.3, 0.3
-WAIT_S = 15.0  # for a press; then the position counts as one that does not answer
+WAIT_S = 15.0  # for a press; then the position counts as one that does not answer. For a lift, until it is said again
 MAX_UNCLEAR = 3  # times a position is asked again at once because two answered
 
 Identity = tuple[int, int]  # board, triangle
@@ -120,7 +120,6 @@ class Mapping:
         level = level_count.ravel()
         if self._since_ns is None:
             self._since_ns = now_ns
-            self._rest = _Mean()
             return [Say("rest", "touch nothing: taking what every triangle reads without load")]
         step = {"rest": self._at_rest, "press": self._await_press, "lift": self._await_lift}.get(self._what)
         return step(now_ns, level) if step is not None else []
@@ -168,18 +167,23 @@ class Mapping:
         self._gather(fall)
         if now_ns - self._pressed_since_ns < HOLD_S * 1e9:
             return []
-        self._what, self._quiet_since_ns = "lift", None
+        self._what, self._since_ns, self._quiet_since_ns = "lift", now_ns, None
         winner = int(self._fall_sum.argmax())
         return [Say("lift", f"{_name(winner)} answers: lift", self._queue[0], _identity(winner))]
 
     def _await_lift(self, now_ns: int, level: NDArray[np.float64]) -> list[Say]:
+        assert self._since_ns is not None
         fall = self._fall(level)
         self._gather(fall)
         winner = int(self._fall_sum.argmax())
         shallow = max(RELEASED_SHARE * self._deepest, 0.5 * self._bar[winner])
         if fall[winner] > shallow or (fall > np.maximum(shallow, self._bar)).any():
             self._quiet_since_ns = None
-            return []
+            if now_ns - self._since_ns <= self._wait_ns:
+                return []
+            self._since_ns, still = now_ns, int(fall.argmax())
+            text = f"{_name(still)} still reads as if it were pressed: lift, and take away what lies on the insole"
+            return [Say("lift", text, self._queue[0], _identity(still))]
         if self._quiet_since_ns is None:
             self._quiet_since_ns, self._rest = now_ns, _Mean()
         self._rest.add(level)
@@ -220,6 +224,7 @@ class Mapping:
 
     def _missing(self, now_ns: int) -> list[Say]:
         position = self._queue[0]
+        self._unclear.pop(position, None)
         self._ask_again(position)
         return self._settle(now_ns, None, f"{position}: nothing answers", "missing")
 
@@ -256,7 +261,7 @@ class Mapping:
 
 
 class _Mean:
-    """Mean and standard deviation of what was added, by triangle; NaN for what was unknown half of the time."""
+    """Mean and standard deviation of what was added, by triangle; NaN for what was unknown most of the time."""
 
     def __init__(self) -> None:
         self._values: list[NDArray[np.float64]] = []

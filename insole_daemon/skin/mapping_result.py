@@ -51,7 +51,7 @@ def summary(
         lines.append(f"open or dead by their own report: {_names(faulty)}")
     idle = sorted(set(streaming) - answered - set(faulty))
     if idle:
-        lines.append(f"streaming, but never pressed: {_names(idle)}")
+        lines.append(f"streaming, but found at no position: {_names(idle)}")
     return lines
 
 
@@ -66,7 +66,8 @@ def _swapped(found: Sequence[Found], owners: Map[int, Foot]) -> list[str]:
         owner = owners.get(board)
         wrong = sorted({foot for foot in where if foot != owner})
         if owner is None:
-            lines.append(f"unknown: board {board} lies in the {wrong[0]} foot: add it to that foot's boards")
+            feet_of_it = " and the ".join(wrong)
+            lines.append(f"unknown: board {board} lies in the {feet_of_it} foot: add it to the boards there")
         elif wrong and owner not in where:
             lines.append(
                 f"swapped: board {board} lies in the {wrong[0]} foot, the configuration gives it to the {owner} foot: "
@@ -75,8 +76,8 @@ def _swapped(found: Sequence[Found], owners: Map[int, Foot]) -> list[str]:
         elif wrong:
             n = len(where) - where.count(owner)
             lines.append(
-                f"swapped: board {board} of the {owner} foot answered at {n} of {len(where)} positions of the "
-                f"{wrong[0]} foot: was the other foot pressed, or is a patch plugged into the wrong board?"
+                f"swapped: board {board} of the {owner} foot answered at {len(where)} positions, {n} of them "
+                f"in the {wrong[0]} foot: was the other foot pressed, or is a patch plugged into the wrong board?"
             )
     return lines
 

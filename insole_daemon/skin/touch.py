@@ -42,7 +42,7 @@ class Touch:
     def level_count(self, now_mono_ns: int) -> NDArray[np.float64]:
         """(16, 16) mean count of the pressure taxels by [board, triangle].
 
-        NaN where no half came for half a second, or the triangle reports an error (open or dead).
+        NaN where one of the halves did not come for half a second, or the triangle reports an error (open or dead).
         """
         level: NDArray[np.float64] = self._counts[:, PRESSURE_TAXELS].mean(axis=1)
         level[(now_mono_ns - self._t_ns.min(axis=1) > _STALE_NS) | (self._error != 0)] = np.nan

@@ -143,7 +143,7 @@ def test_a_dead_triangle_is_missing_and_the_rest_right():
     assert found[7].state == "missing"
     assert times[found[7].position] == 2, "asked once more at the end"
     assert any(line.startswith("missing: left foot, front patch, position 8") for line in lines)
-    assert f"streaming, but never pressed: board {board} triangle {triangle}" in lines
+    assert f"streaming, but found at no position: board {board} triangle {triangle}" in lines
     assert len(layout_of(TEMPLATES[0], found)) == 27
 
 

@@ -1,0 +1,167 @@
+"""The layout that a mapping amounts to, and the sentences on what is not as it should be."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from insole_daemon.skin.layout import Foot, Triangle, of
+from insole_daemon.skin.mapping import Found, Identity, Position, positions
+from insole_daemon.skin.mapping_result import layout_of, summary
+
+TEMPLATE = of(
+    "left",
+    3.1e-5,
+    "a tenth",
+    (
+        Triangle(board=1, triangle=0, patch="front", x_mm=200.0, y_mm=-10.0, rotation_deg=30.0),
+        Triangle(board=1, triangle=1, patch="front", x_mm=180.0, y_mm=10.0, rotation_deg=90.0, mirrored=True),
+        Triangle(board=2, triangle=0, patch="rear", x_mm=20.0, y_mm=0.0, rotation_deg=210.0),
+    ),
+)
+LEFT = positions(TEMPLATE)
+RIGHT = [Position("right", row, "rear", row + 1, 30.0 * row, 0.0) for row in range(3)]
+OWNERS: dict[int, Foot] = {5: "left", 6: "left", 9: "right"}
+
+
+def answered(position: Position, board: int, triangle: int = 0) -> Found:
+    return Found(position, "answered", (board, triangle))
+
+
+def lines(
+    *found: Found, streaming: Sequence[Identity] = (), faulty: Sequence[Identity] = (), owners: dict[int, Foot] = OWNERS
+) -> list[str]:
+    return summary(found, owners, streaming, faulty)
+
+
+# ---- the layout
+
+
+def test_who_answered_lies_where_the_template_has_the_position_as_the_template_has_it() -> None:
+    found = [answered(LEFT[2], 6, 11), answered(LEFT[0], 9, 3), answered(LEFT[1], 5, 15)]
+    layout = layout_of(TEMPLATE, found)
+    assert layout is not None
+    assert layout.triangles == (
+        Triangle(board=6, triangle=11, patch="rear", x_mm=20.0, y_mm=0.0, rotation_deg=210.0),
+        Triangle(board=9, triangle=3, patch="front", x_mm=200.0, y_mm=-10.0, rotation_deg=30.0),
+        Triangle(board=5, triangle=15, patch="front", x_mm=180.0, y_mm=10.0, rotation_deg=90.0, mirrored=True),
+    )
+    np.testing.assert_array_equal(layout.xy_m, TEMPLATE.xy_m[[2, 0, 1]])
+    assert (layout.foot, layout.area_meaning) == ("left", "a tenth")
+    assert layout.taxel_area_m2 == pytest.approx(3.1e-5)
+
+
+def test_a_layout_is_of_one_foot_and_without_the_positions_in_doubt() -> None:
+    found = [
+        answered(RIGHT[0], 9, 3),
+        Found(LEFT[0], "doubled", (5, 1), (LEFT[2],)),
+        answered(LEFT[1], 5, 15),
+        Found(LEFT[2], "doubled", (5, 1), (LEFT[0],)),
+        Found(RIGHT[1], "missing", None),
+    ]
+    layout = layout_of(TEMPLATE, found)
+    assert layout is not None
+    assert [(t.board, t.triangle, t.x_mm) for t in layout.triangles] == [(5, 15, 180.0)]
+
+
+@pytest.mark.parametrize(
+    "found",
+    [
+        [],
+        [answered(RIGHT[0], 9)],
+        [Found(LEFT[0], "missing", None), Found(LEFT[1], "unclear", None)],
+        [Found(LEFT[0], "doubled", (5, 1), (LEFT[1],)), Found(LEFT[1], "doubled", (5, 1), (LEFT[0],))],
+    ],
+)
+def test_without_a_position_that_answered_there_is_no_layout(found: list[Found]) -> None:
+    assert layout_of(TEMPLATE, found) is None
+
+
+# ---- the sentences
+
+
+def test_where_all_is_well_nothing_is_said() -> None:
+    found = [answered(LEFT[0], 5), answered(LEFT[1], 6), answered(RIGHT[0], 9)]
+    assert lines(*found, streaming=[(5, 0), (6, 0), (9, 0)]) == []
+    assert lines() == []
+
+
+def test_missing_and_in_doubt_are_told_in_the_order_asked() -> None:
+    assert lines(Found(LEFT[1], "unclear", None), answered(LEFT[0], 5), Found(LEFT[2], "missing", None)) == [
+        "in doubt: left foot, front patch, position 2: two answered every time",
+        "missing: left foot, rear patch, position 1: nothing answered; is its triangle enabled, and connected?",
+    ]
+
+
+def test_every_doubled_triangle_is_told_once_with_all_places_where_it_answered() -> None:
+    found = [
+        Found(LEFT[0], "doubled", (5, 1), (LEFT[2], LEFT[1])),
+        Found(RIGHT[0], "doubled", (9, 7), (RIGHT[1],)),
+        Found(LEFT[1], "doubled", (5, 1), (LEFT[0], LEFT[2])),
+        Found(LEFT[2], "doubled", (5, 1), (LEFT[0], LEFT[1])),
+        Found(RIGHT[1], "doubled", (9, 7), (RIGHT[0],)),
+    ]
+    advice = "left out there; look for two triangles with one address"
+    assert lines(*found) == [
+        f"doubled: board 5 triangle 1 answers at {LEFT[0]}; {LEFT[2]}; {LEFT[1]}: {advice}",
+        f"doubled: board 9 triangle 7 answers at {RIGHT[0]}; {RIGHT[1]}: {advice}",
+    ]
+
+
+def test_boards_that_lie_in_the_other_foot_are_swapped() -> None:
+    advice = "move it there in the configuration, or plug the insoles the other way round"
+    assert lines(answered(LEFT[0], 9), answered(RIGHT[0], 6), answered(LEFT[1], 9, 1), answered(LEFT[2], 5)) == [
+        f"swapped: board 6 lies in the right foot, the configuration gives it to the left foot: {advice}",
+        f"swapped: board 9 lies in the left foot, the configuration gives it to the right foot: {advice}",
+    ]
+
+
+def test_a_board_that_lies_in_both_feet_is_swapped_in_part() -> None:
+    question = "was the other foot pressed, or is a patch plugged into the wrong board?"
+    found = [answered(LEFT[0], 5), answered(RIGHT[0], 5, 1), answered(LEFT[1], 5, 2), answered(RIGHT[1], 9)]
+    assert lines(*found) == [
+        f"swapped: board 5 of the left foot answered at 3 positions, 1 of them in the right foot: {question}"
+    ]
+
+
+def test_a_doubled_answer_tells_too_in_which_foot_a_board_lies() -> None:
+    found = [Found(LEFT[0], "doubled", (9, 1), (LEFT[1],)), Found(LEFT[1], "doubled", (9, 1), (LEFT[0],))]
+    assert [line.split(",")[0] for line in lines(*found)][1:] == ["swapped: board 9 lies in the left foot"]
+
+
+def test_a_board_that_the_configuration_does_not_know_is_told_with_its_feet() -> None:
+    found = [answered(RIGHT[0], 12), answered(RIGHT[1], 12, 1), answered(LEFT[0], 5)]
+    assert lines(*found) == ["unknown: board 12 lies in the right foot: add it to the boards there"]
+    assert lines(*found, answered(LEFT[1], 12, 2)) == [
+        "unknown: board 12 lies in the left and the right foot: add it to the boards there"
+    ]
+
+
+def test_what_reports_itself_open_or_dead_is_told_by_board_and_triangle() -> None:
+    assert lines(streaming=[(6, 2), (5, 11)], faulty=[(6, 2), (5, 11)]) == [
+        "open or dead by their own report: board 5 triangle 11, board 6 triangle 2"
+    ]
+
+
+def test_what_streams_and_was_found_nowhere_is_told_unless_it_is_faulty() -> None:
+    found = [answered(LEFT[0], 5, 1), Found(LEFT[1], "doubled", (6, 2), (LEFT[2],)), Found(RIGHT[0], "missing", None)]
+    streaming = [(9, 4), (5, 1), (6, 2), (5, 9), (6, 3)]
+    assert lines(*found, streaming=streaming, faulty=[(6, 3)])[2:] == [
+        "open or dead by their own report: board 6 triangle 3",
+        "streaming, but found at no position: board 5 triangle 9, board 9 triangle 4",
+    ]
+
+
+def test_the_sentences_stand_in_one_order() -> None:
+    found = [
+        answered(LEFT[0], 12, 1),
+        Found(RIGHT[0], "doubled", (9, 1), (RIGHT[1],)),
+        Found(RIGHT[1], "doubled", (9, 1), (RIGHT[0],)),
+        Found(LEFT[1], "missing", None),
+    ]
+    told = lines(*found, streaming=[(5, 0), (5, 1)], faulty=[(5, 1)])
+    assert [line.split(":")[0] for line in told] == [
+        "missing", "doubled", "unknown", "open or dead by their own report", "streaming, but found at no position",
+    ]  # fmt: skip
