@@ -4,7 +4,8 @@
 `reset` – it came back after having been silent: it lost power, or its cable. One that stays away is only silent:
     boards do not stream after power-up until they are told to.
 `clash` – halves of one triangle come at CLASH_RATE times the rate its board was told, or more: two boards that bear
-    one address do that, each in its own time. If *all* boards that send do so, it is the configuration that is wrong.
+    one address do that, each in its own time. Looked for where more came at once than one board sends: one board that
+    sends faster than told, evenly, is none. If *all* of several boards do so, it is the configuration that is wrong.
 """
 
 from __future__ import annotations

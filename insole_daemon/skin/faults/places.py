@@ -28,7 +28,7 @@ class Places:
         self.period_ns = np.array([board.period_ms * 1_000_000 for board in settings], np.int64)
         self.no_load = np.array([board.no_load for board in settings])
         self.shift = np.array([board.shift for board in settings])
-        self._by_board = np.argsort(self.board_of_triangle, kind="stable")
+        self._by_board = np.argsort(self.board_of_triangle)
         self._first = np.searchsorted(self.board_of_triangle[self._by_board], np.arange(len(self.addresses)))
 
     def most_of_board(self, of_triangle: NDArray[np.int64]) -> NDArray[np.int64]:
