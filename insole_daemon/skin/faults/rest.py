@@ -16,7 +16,7 @@ UNLOADED_COUNT = 0.7  # mean activation of a board below which nothing presses i
 NEAR_NO_LOAD_COUNT = 12.0  # a rest level further from the no-load is a fault, not a rest level
 ENOUGH_LEARNED = 5  # unloaded looks after which a rest level may be relied upon
 GAIN = 0.02  # of the running mean: some seconds of swing; drift and creep are slower
-TOP_MARGIN = 6  # a no-load this close to 255 lets a taxel rest there, by its noise and drift
+TOP_MARGIN = 6  # from 256 on down: a no-load in it lets a taxel rest at 255, by its noise and drift
 CLIP_COUNT = -15.0, 40.0  # what one taxel counts at most in a board's mean: a single faulty one does not move it
 
 
@@ -31,7 +31,7 @@ class Rest:
         nominal = places.no_load + (1 - 2.0**-places.shift) / 2
         self._nominal: NDArray[np.float32] = nominal[places.board].astype(np.float32)
         self._lowest = self._nominal - np.float32(NEAR_NO_LOAD_COUNT)
-        self._highest: NDArray[np.float32] = np.minimum(self._nominal + np.float32(NEAR_NO_LOAD_COUNT), np.float32(255))
+        self._highest = self._nominal + np.float32(NEAR_NO_LOAD_COUNT)
         self.usable = np.ones(n, np.bool_)
         self.n_usable: NDArray[np.float32] = np.zeros(n_boards, np.float32)
         self.activation = np.zeros(n, np.float32)  # rest level − count
@@ -83,7 +83,7 @@ class Rest:
     def learn(self, believed: NDArray[np.bool_], fresh_boards: NDArray[np.bool_]) -> None:
         """Move the levels of `believed` taxels (n,) towards the counts of this cycle; only while the foot is unloaded.
 
-        Faulty ones too, if they stand near their no-load: a board may have been zeroed in silence, by one noisy
+        Faulty ones too, if they stand near their level: a board may have been zeroed in silence, by one noisy
         reading, and what seems stuck then is not.
         """
         self.learned[fresh_boards] += 1

@@ -10,8 +10,8 @@ negative – the mean of the board's taxels stands above their rest levels, or P
     as high when it last was unloaded: a rest that drifts creeps there step by step.
 
 Observable if the board's taxels bore 2 counts (16 kPa) in the mean when it was zeroed: by the jump at once if another
-board bears load, else once it has been unloaded. Zeroed under less, or if all boards are zeroed together under a
-load that stays, nothing is seen.
+board bears load, five taxels bore 4 counts and the board sends every 200 ms or faster; else once it has been unloaded.
+Zeroed under less, or if all boards are zeroed together under a load that stays, nothing is seen.
 
 What a re-zeroed board says is wrong by an unknown load on every taxel, so all of it is masked until it has stood at
 its rest levels for HEALED_NS while the rest of the foot was unloaded too: until it was zeroed again without load.
@@ -145,5 +145,6 @@ class Rezeroed:
             self._at_rest_ns[board] = t_mono_ns
         elif t_mono_ns - self._at_rest_ns[board] >= HEALED_NS:
             self.rezeroed[board] = False
+            self._lowest[board] = self._lowest_before[board] = 0.0  # that was the fault, no creeping
             return True
         return False
