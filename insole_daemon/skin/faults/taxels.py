@@ -3,7 +3,8 @@
 An idle taxel and a dead one send the same, so a fault of a taxel can only be seen under load, and the load of walking
 serves. Each is compared with its NEIGHBOURS nearest ones:
 
-`saturated` – on a rail, at 0, or at 255 where that is not the rest level, for SATURATED_NS. Observable at once.
+`saturated` – on a rail, at 0, or at 255 where that is not the rest level, for SATURATED_NS: it takes two
+    looks. Observable at once.
 `dead` – it bears less than SHARE of what the least of its four neighbours bears, while that is LOADED_COUNT or more.
     Observable once the least of its neighbours has truly borne 48 kPa for 0.2 s, 6 counts of a taxel of the usual
     sensitivity and 4.4 of one less sensitive by two σ; a taxel whose neighbours never bear so much is never judged.
@@ -61,13 +62,12 @@ class TaxelFaults:
         xy = places.layout.xy_m.reshape(-1, 2)[places.taxel]
         distance = np.hypot(*(xy[:, None] - xy[None]).transpose(2, 0, 1))
         np.fill_diagonal(distance, np.inf)
-        k = min(NEIGHBOURS, n - 1)
-        self._neighbours = np.argsort(distance, axis=1, kind="stable")[:, :k].T.copy()  # (k, n)
+        self._neighbours = np.argsort(distance, axis=1, kind="stable")[:, :NEIGHBOURS].T.copy()  # (NEIGHBOURS, n)
         self.state = np.zeros(n, np.uint8)
         self._for_dead, self._for_stuck = np.zeros((2, n), np.float32)  # evidence
-        self._off_rail_ns = np.zeros(n, np.int64)  # when it was last not on one
-        self._on_rail_ns = np.zeros(n, np.int64)  # when it was last on one
-        self._was_on_rail = False
+        self._on_rail = np.zeros(n, np.bool_)  # when it was last live
+        self._rail_since_ns, self._rail_until_ns = np.zeros((2, n), np.int64)  # it was on one
+        self._any_on_rail = False
         self._any_faulty = False
         self._changed = False
 
@@ -78,7 +78,7 @@ class TaxelFaults:
         """
         self._changed = False
         # Nearly always no count is at an end of its range, and none was.
-        if self._any_faulty or self._was_on_rail or self._rest.any_at_top or not counts.all():
+        if self._any_faulty or self._any_on_rail or self._rest.any_at_top or not counts.all():
             live = live & ~self._saturated(counts, live, t_mono_ns)
         live = live & self._rest.known
         if live.any():
@@ -100,7 +100,7 @@ class TaxelFaults:
             least = np.where(there, around, np.inf).min(axis=0)
             borne = np.where(there, around, 0)
             mean, highest = borne.sum(axis=0) / np.maximum(n_there, 1), np.abs(borne).max(axis=0)
-            live = live & (self.state != _SATURATED) & (n_there >= min(2, len(around)))
+            live = live & (n_there >= 2)
         loaded = live & (least >= LOADED_COUNT)
         if loaded.any():
             self._weigh(self._for_dead, np.where(loaded, SHARE * least - activation, 0), _DEAD)
@@ -125,16 +125,16 @@ class TaxelFaults:
     def _saturated(self, counts: NDArray[np.float32], live: NDArray[np.bool_], t_mono_ns: int) -> NDArray[np.bool_]:
         """(n,) which taxels stand on a rail."""
         rail: NDArray[np.bool_] = ((counts == 0) | self._rest.at_top) & live
-        on_rail = bool(rail.any())
-        if on_rail or self._was_on_rail:
-            self._off_rail_ns[~rail] = t_mono_ns
-            self._on_rail_ns[rail] = t_mono_ns
-            long = t_mono_ns - self._off_rail_ns >= SATURATED_NS
+        if rail.any() or self._any_on_rail:
+            self._rail_since_ns[rail & ~self._on_rail] = t_mono_ns
+            self._rail_until_ns[rail] = t_mono_ns
+            self._on_rail = np.where(live, rail, self._on_rail)
+            self._any_on_rail = bool(self._on_rail.any())
+            long = t_mono_ns - self._rail_since_ns >= SATURATED_NS
             self._become(rail & long & (self.state < _SATURATED), _SATURATED)
-        self._was_on_rail = on_rail
         if self._any_faulty:
             saturated = self.state == _SATURATED
-            self._mend(saturated & live & (t_mono_ns - self._on_rail_ns >= UNSATURATED_NS))
+            self._mend(saturated & live & (t_mono_ns - self._rail_until_ns >= UNSATURATED_NS))
         return rail
 
     def _become(self, which: NDArray[np.bool_], state: int) -> None:
