@@ -90,7 +90,7 @@ class LooseTriangles:
         in_a = rail[:, :_HALF_A].sum(axis=1)
         in_b = rail[:, _HALF_A:].sum(axis=1)
         pad_a, pad_b = rail[:, _PAD_A], rail[:, _PAD_B]
-        bad: NDArray[np.bool_] = (pad_a & (in_a == _HALF_A)) | (pad_b & (in_b == 12 - _HALF_A))
+        bad: NDArray[np.bool_] = (in_a == _HALF_A) | (in_b == 12 - _HALF_A)
         bad |= (in_a + in_b >= ON_RAILS) & (pad_a | pad_b)
         if self._rests_at_top:  # a chip that reads 0: its taxel 9 alone is at 0, and all others at 255
             bad |= (counts[:, 9] == 0) & ((counts == 255).sum(axis=1) == 11)

@@ -92,7 +92,7 @@ class FaultWatch:
         self._fresh = np.zeros(n, np.bool_)  # halves came since the last look
         self._since = np.zeros(n, np.bool_)  # … since all of its board was fresh
         self._until_look = LOOK_CYCLES
-        self._found = False  # by screening, and not yet told
+        self._untold = False  # something was found by screening, or a person took a new zero
         self._active: dict[_Key, int] = {}
         self._heard = self._streams.seen.copy()
         self._believe()
@@ -103,10 +103,14 @@ class FaultWatch:
         return [Fault(*key, since_ns) for key, since_ns in self._active.items()]
 
     def zeroed(self) -> None:
-        """A person took a new zero of the unloaded foot: rest levels are learned anew, re-zeroed boards believed."""
+        """A person took a new zero of the unloaded foot: rest levels are learned anew, re-zeroed boards believed.
+
+        What ends with it is told with the next cycle.
+        """
         self._rest.forget(np.ones_like(self._streams.seen))
         self._rezeroed.forget()
         self._believe()
+        self._untold = True
 
     def screen(self, cycles: Cycles, at: int) -> None:
         """Mask the triangles that are loose in cycle `at`: before anybody reads it."""
@@ -124,7 +128,7 @@ class FaultWatch:
             if found or not np.array_equal(there, self._there):
                 self._there = there
                 self._believe()
-            self._found |= found
+            self._untold |= found
 
     def update(self, cycles: Cycles, at: int) -> list[Change]:
         """Take in cycle `at`, which has been screened; what began or healed with it."""
@@ -133,8 +137,8 @@ class FaultWatch:
         if not (self._until_look or cycles.repeated[at]):
             self._until_look = LOOK_CYCLES
             changed |= self._look(cycles.counts[at], t_mono_ns)
-        changed |= self._found
-        self._found = False
+        changed |= self._untold
+        self._untold = False
         return self._changes(int(cycles.t_ns[at])) if changed else []
 
     def _look(self, counts: NDArray[np.uint8], t_mono_ns: int) -> bool:
