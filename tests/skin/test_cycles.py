@@ -292,6 +292,18 @@ def test_a_silent_half_that_is_sent_twice_is_not_waited_for():
     assert cycles.late.sum() == PATIENCE
 
 
+def test_a_half_that_comes_once_after_it_was_missed_has_not_made_good_for_it():
+    assembler, late = assembling(of_four(2)), 0
+    for tick in range(20):
+        frames = regular(2, 1, start=START + tick * PERIOD)
+        there = (frames[0] != 3) | (tick < 5) | (tick == 4 + PATIENCE)
+        closed = assembler.feed(*(column[there] for column in frames))
+        closed += assembler.advance(START + (tick + 1) * PERIOD - 1)  # as the live path does
+        late += sum(cycles.late.sum() for cycles in closed)
+    assert late == PATIENCE
+    assert not assembler.expected[3]
+
+
 def test_boards_told_50_ms_are_repeated_on_a_steady_grid_with_their_true_age():
     assembler = assembling(of_four(2))
     cycles = run(assembler, regular(2, 40, period=50 * MS), [])
