@@ -112,7 +112,8 @@ class Daemon:
                     until_ns = min(until_ns, due_ns)
                 at_least, promised_ns = self._skin.outstanding() or _ANY, self._skin.promised_ns()
                 if self._backlog.pause_ns:
-                    time.sleep(self._backlog.pause_ns * 1e-9)
+                    now_ns = self._source.clock_ns()
+                    time.sleep((self._skin.best_look_ns(now_ns + self._backlog.pause_ns) - now_ns) * 1e-9)
                     at_least, promised_ns = 0, None  # what is there now
                 batch, looked_ns = collect(self._source, at_least, until_ns, promised_ns)
                 closed = self._skin.feed(batch)

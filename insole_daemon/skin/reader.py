@@ -11,11 +11,14 @@ from .cycles import CycleAssembler, Cycles
 from .layout import Layout
 from .streams import Streams
 
+JITTER_NS = 2_000_000  # by which a cycle may be complete later than promised
+
 
 class SkinReader:
     """Sorts frames by foot and closes the cycles of each; `layouts`, one a foot, give the order of all results."""
 
     def __init__(self, layouts: Sequence[Layout], period_ns: int, slack_ns: int) -> None:
+        self._period_ns = period_ns
         self.streams = Streams(layouts)
         first_slots = np.cumsum([0, *(2 * len(layout) for layout in layouts)]).tolist()
         self.assemblers = [
@@ -42,6 +45,18 @@ class SkinReader:
         """When the next cycle of some foot will be complete; None where none is waited for, or one has no rhythm."""
         promises = [each.promised_ns for each in self.assemblers if each.outstanding]
         return min(promises) if promises and None not in promises else None  # type: ignore[type-var]
+
+    def best_look_ns(self, from_ns: int) -> int:
+        """When to look within a period of `from_ns`, to find the newest cycles of all feet as young as can be.
+
+        It is `from_ns` itself where none is waited for, or one has no rhythm.
+        """
+        promises = [each.promised_ns for each in self.assemblers if each.outstanding]
+        if not promises or None in promises:
+            return from_ns
+        complete = [promise + JITTER_NS for promise in promises]  # type: ignore[operator]
+        looks = [from_ns + (each - from_ns) % self._period_ns for each in complete]
+        return min(looks, key=lambda look: sum((look - each) % self._period_ns for each in complete))
 
     def due_ns(self) -> int | None:
         """When the next cycle is closed by time; None before the first frame."""

@@ -10,7 +10,7 @@ from insole_daemon.skin import layout as layouts
 from insole_daemon.skin.cycles import PATIENCE, TWICE_NS
 from insole_daemon.skin.identifiers import TAG_A, TAG_B, skin_id
 from insole_daemon.skin.layout import Foot, Layout, Triangle
-from insole_daemon.skin.reader import SkinReader
+from insole_daemon.skin.reader import JITTER_NS, SkinReader
 
 MS = 1_000_000
 PERIOD_NS, SLACK_NS = 20 * MS, 5 * MS
@@ -171,3 +171,27 @@ def test_a_foot_that_waits_for_none_promises_nothing(reader: SkinReader) -> None
     reader.advance(START_NS + 1_000 * MS)
     assert reader.outstanding() is None
     assert reader.promised_ns() is None
+
+
+@pytest.mark.parametrize(
+    ("right_ms", "from_ms", "look_ms"),
+    [(3, 50, 63), (3, 63, 63), (3, 64, 83), (15, 50, 60), (15, 61, 80), (0, 50, 60), (3, 10_000, 10_003)],
+)
+def test_the_best_look_is_when_the_foot_that_follows_the_other_is_complete(
+    reader: SkinReader, right_ms: int, from_ms: int, look_ms: int
+) -> None:
+    for at_ms in (0, 20):
+        complete(reader, LEFT, at_ms * MS)
+        complete(reader, RIGHT, (at_ms + right_ms) * MS)
+    assert reader.best_look_ns(START_NS + JITTER_NS + from_ms * MS) == START_NS + JITTER_NS + look_ms * MS
+
+
+def test_the_best_look_follows_the_foot_that_is_waited_for(reader: SkinReader) -> None:
+    assert reader.best_look_ns(START_NS) == START_NS, "nothing has come"
+    give_up(reader, LEFT)
+    complete(reader, RIGHT, 200 * MS)
+    assert reader.best_look_ns(START_NS + 300 * MS) == START_NS + 300 * MS, "it has no rhythm"
+    complete(reader, RIGHT, 221 * MS)
+    assert reader.best_look_ns(START_NS + 300 * MS) == START_NS + 302 * MS + JITTER_NS
+    reader.advance(START_NS + 1_000 * MS)
+    assert reader.best_look_ns(START_NS + 300 * MS) == START_NS + 300 * MS, "none is waited for"
