@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable
 from ..skin.cycles import Cycles
 
 OLD_NS = 100_000_000  # at full rate: until cycles get so old, they had better be late than not be
-OVERSLEPT_NS = 60_000_000  # beyond a pause, and what it may wait for cycles: the loop was kept from looking
+OVERSLEPT_NS = 40_000_000  # beyond a pause: the loop was kept from looking
 PATIENCE_NS = 300_000_000  # of being behind, what was on time in between taken off
 PAUSES_NS = (0, 15_000_000, 30_000_000, 60_000_000, 120_000_000, 240_000_000)  # before each look: 50 to 4 Hz
 TRIAL_NS = 1_000_000_000  # on time for so long, it looks more often; where it had to take that back, for twice as long

@@ -84,7 +84,7 @@ class Daemon:
         self._reloads = self._reloads_refused = 0
         self._journal = Journal(_log)
         self._backlog = Backlog(partial(self._journal.tell, logging.WARNING))
-        self._started_mono_ns = time.monotonic_ns()
+        self._next_health_ns = self._started_mono_ns = time.monotonic_ns()
 
     def stop(self) -> None:
         """End `run` within a few hundredths of a second; safe from signal handlers and other threads."""
@@ -102,7 +102,7 @@ class Daemon:
         self._follow_buses()
         notify("READY=1", "STATUS=waiting for frames")
         ready()
-        next_health_ns = time.monotonic_ns() + _HEALTH_NS
+        self._next_health_ns = time.monotonic_ns() + _HEALTH_NS
         try:
             while not self._stopping and not self._source.exhausted:
                 busy = any(desk.busy for desk in self._desks) or any(boards.occupied for boards in self._boards)
@@ -112,8 +112,7 @@ class Daemon:
                     until_ns = min(until_ns, due_ns)
                 at_least, promised_ns = self._skin.outstanding() or _ANY, self._skin.promised_ns()
                 if self._backlog.pause_ns:
-                    now_ns = self._source.clock_ns()
-                    time.sleep((self._skin.best_look_ns(now_ns + self._backlog.pause_ns) - now_ns) * 1e-9)
+                    self._rest()
                     at_least, promised_ns = 0, None  # what is there now
                 batch, looked_ns = collect(self._source, at_least, until_ns, promised_ns)
                 closed = self._skin.feed(batch)
@@ -127,10 +126,8 @@ class Daemon:
                         desk.step(Step(looked_ns, cycles, batch))
                 self._follow_buses()
                 self._follow_reload()
-                late_ns = time.monotonic_ns() - next_health_ns
-                if late_ns >= 0:
-                    self._report()
-                    next_health_ns += (late_ns // _HEALTH_NS + 1) * _HEALTH_NS  # what was slept through is not made up
+                if not self._backlog.pause_ns:
+                    self._report_if_due()
             self._publish(self._skin.advance(self._source.clock_ns()))  # what a log leaves open at its end
         finally:
             notify("STOPPING=1")
@@ -215,6 +212,21 @@ class Daemon:
             for foot, publisher in zip(self._feet, self._publishers, strict=True):
                 publisher.publish(Event(foot.name, time.time_ns(), kind, text, []))
         notify("READY=1")
+
+    def _rest(self) -> None:
+        """Until the next look; health in the middle of it, when what was published last has left."""
+        now_ns = self._source.clock_ns()
+        look_ns = self._skin.best_look_ns(now_ns + self._backlog.pause_ns)
+        if self._next_health_ns < look_ns:
+            time.sleep((look_ns - now_ns) * 0.5e-9)
+            self._report_if_due()
+        time.sleep(max(0, look_ns - self._source.clock_ns()) * 1e-9)
+
+    def _report_if_due(self) -> None:
+        late_ns = time.monotonic_ns() - self._next_health_ns
+        if late_ns >= 0:
+            self._report()
+            self._next_health_ns += (late_ns // _HEALTH_NS + 1) * _HEALTH_NS  # what was slept through is not made up
 
     def _report(self) -> None:
         """Health of every foot, and the watchdog: it is fed by the loop that publishes, or not at all."""
