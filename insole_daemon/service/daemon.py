@@ -217,7 +217,7 @@ class Daemon:
         """Until the next look; health in the middle of it, when what was published last has left."""
         now_ns = self._source.clock_ns()
         look_ns = self._skin.best_look_ns(now_ns + self._backlog.pause_ns)
-        if self._next_health_ns < look_ns:
+        if self._next_health_ns - time.monotonic_ns() < look_ns - now_ns:  # the clock of a log is another one
             time.sleep((look_ns - now_ns) * 0.5e-9)
             self._report_if_due()
         time.sleep(max(0, look_ns - self._source.clock_ns()) * 1e-9)
