@@ -43,20 +43,22 @@ class SkinReader:
 
     def promised_ns(self) -> int | None:
         """When the next cycle of some foot will be complete; None where none is waited for, or one has no rhythm."""
-        promises = [each.promised_ns for each in self.assemblers if each.outstanding]
-        return min(promises) if promises and None not in promises else None  # type: ignore[type-var]
+        return min(self._promises_ns(), default=None)
 
     def best_look_ns(self, from_ns: int) -> int:
         """When to look within a period of `from_ns`, to find the newest cycles of all feet as young as can be.
 
         It is `from_ns` itself where none is waited for, or one has no rhythm.
         """
-        promises = [each.promised_ns for each in self.assemblers if each.outstanding]
-        if not promises or None in promises:
-            return from_ns
-        complete = [promise + JITTER_NS for promise in promises]  # type: ignore[operator]
+        complete = [promise + JITTER_NS for promise in self._promises_ns()]
         looks = [from_ns + (each - from_ns) % self._period_ns for each in complete]
-        return min(looks, key=lambda look: sum((look - each) % self._period_ns for each in complete))
+        return min(looks, key=lambda look: sum((look - each) % self._period_ns for each in complete), default=from_ns)
+
+    def _promises_ns(self) -> list[int]:
+        """Of the feet that are waited for; none where one of them has no rhythm."""
+        waited_for = [each.promised_ns for each in self.assemblers if each.outstanding]
+        promises = [promise for promise in waited_for if promise is not None]
+        return promises if len(promises) == len(waited_for) else []
 
     def due_ns(self) -> int | None:
         """When the next cycle is closed by time; None before the first frame."""
