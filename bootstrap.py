@@ -52,11 +52,13 @@ def main(arguments: list[str]) -> int:
     """Prepare .venv, then become the command asked for."""
     command, rest = (arguments[0], arguments[1:]) if arguments else ("", [])
     if command == "demo":
-        prepare({"view"})
+        prepare({"lab", "view"})  # all that the documented commands need
         become(VENV / "bin" / "insole", "demo", *rest)
     if command == "test":
         prepare({"test"})
         os.chdir(HERE)  # where pytest finds its settings
+        # Threads of small matrices wait for each other on a busy machine, ten times as long as they work.
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         become(PYTHON, "-m", "pytest", *rest)
     if command == "install" and len(rest) <= 1:
         prepare(set(rest[0].split(",")) if rest else set())
@@ -80,6 +82,7 @@ def prepare(extras: set[str]) -> None:
         "checkout": str(HERE),
         "python": f"{sys.version_info.major}.{sys.version_info.minor}",
         "pyproject": sha256(HERE / "pyproject.toml"),
+        "kernel": sha256(HERE / "insole_daemon" / "kernel.c"),  # compiled when the package is installed
         "extras": sorted(extras | set(state.get("extras", []))),  # what an earlier run installed stays
     }
     locks = [HERE / "locks" / f"{name}.txt" for name in ("base", *wanted["extras"])]

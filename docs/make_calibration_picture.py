@@ -13,7 +13,7 @@ from insole_daemon.calibration.calibrating import calibrate, curve_pa
 from insole_daemon.config import Config
 from insole_daemon.report.insole_map import value_map
 from insole_daemon.report.plot import Axis, Plot
-from insole_daemon.service.setup import load_layout
+from insole_daemon.service.foot_setup import load_layout
 from insole_daemon.simulation.trial import Trial
 from insole_daemon.skin.geometry import N_TAXELS
 

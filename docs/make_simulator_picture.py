@@ -9,11 +9,11 @@ import numpy as np
 
 from insole_daemon.config import Config
 from insole_daemon.physics.effect import effect
-from insole_daemon.service.setup import load_layout
-from insole_daemon.simulation.conditions import Cycles
+from insole_daemon.service.foot_setup import load_layout
+from insole_daemon.simulation.conditions import ChamberCycles
 from insole_daemon.simulation.reference_insole import reference_insole
 from insole_daemon.simulation.scenarios.chamber import Chamber, programme
-from insole_daemon.simulation.sensed import Insole, Sensed
+from insole_daemon.simulation.sensed import SensedLoad, SimulatedInsole
 from insole_daemon.simulation.trial import Trial
 
 WIDTH, HEIGHT, MARGIN = 300, 190, 40
@@ -67,8 +67,8 @@ def loops():
     boards = LEFT.insoles[0].boards
     curves = []
     for speed, colour in ((3e3, "#1f6fb4"), (45e3, "#c0562b")):
-        load = Chamber([LAYOUT], programme(90e3, (speed,), Cycles(cycles=1)))
-        sensed = Sensed(load, [Insole(LAYOUT, boards, made.calibration(LAYOUT, boards, 0), effects)])
+        load = Chamber([LAYOUT], programme(90e3, (speed,), ChamberCycles(cycles=1)))
+        sensed = SensedLoad(load, [SimulatedInsole(LAYOUT, boards, made.calibration(LAYOUT, boards, 0), effects)])
         t_s = np.linspace(5, 5 + 2 * 90e3 / speed, 120)
         activation = sensed.pressure_pa("left", t_s)[:, 0, 3] / made.pa_per_count
         curves.append((load.level_pa(t_s) / 1e3, activation, colour, f"{speed / 1e3:.0f} kPa/s"))

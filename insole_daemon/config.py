@@ -20,6 +20,7 @@ Address = Annotated[int, within(1, 14)]  # 0 is the host, 15 is everyone
 Endpoint = Annotated[str, matching(r"[a-z][a-z0-9_-]*/\S+", " such as tcp/127.0.0.1:7447")]
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"  # loopback: nobody else reads along unless the config says so
+DEFAULT_PORT = 7447
 DEFAULT_SHIFT = 3  # of the only public launch file of this insole (SkinInsolesWearableDevice.xml)
 DEFAULT_NO_LOAD = 240  # 0xF0: the host's default, and what the public insole recordings rest at
 BUILT_IN_BOARDS = 3  # front, middle, rear: what the built-in layout is made for

@@ -18,32 +18,29 @@ import pytest
 
 from insole_daemon import config as configs
 from insole_daemon.bus.sink import can_frames
-from insole_daemon.service.setup import load_layout
+from insole_daemon.service.foot_setup import load_layout
 from insole_daemon.simulation.emulator import Emulator
 from insole_daemon.simulation.foot import Walk
 from insole_daemon.simulation.load import Load
 from insole_daemon.skin.layout import Layout
 
 DAEMON = Path(__file__).parent / "service" / "daemon_process.py"
+LONG = Path(__file__).with_name("long.txt")
+
+
+@pytest.hookimpl(tryfirst=True)  # before pytest deselects by marker
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the tests that long.txt lists."""
+    listed = tuple(line for line in LONG.read_text().splitlines() if line and not line.startswith("#"))
+    for item in items:
+        if item.nodeid.startswith(listed):
+            item.add_marker("long")
 
 
 def free_port(kind: socket.SocketKind = socket.SOCK_STREAM) -> int:
     with socket.socket(socket.AF_INET, kind) as sock:
         sock.bind(("127.0.0.1", 0))
         return int(sock.getsockname()[1])
-
-
-def one_of_five(measure: Callable[[], dict[str, float]], **limits: tuple[float, float]) -> None:
-    """Measure until every figure is within its limits: a busy host spoils some attempts, a mistake spoils them all.
-
-    Only of figures of time: what may never happen, as a loss, is asserted within `measure`, where the first time fails.
-    """
-    attempts = []
-    for _ in range(5):
-        attempts.append(measure())
-        if all(low < attempts[-1][name] < high for name, (low, high) in limits.items()):
-            return
-    raise AssertionError(f"expected {limits}, found {attempts}")
 
 
 @dataclass

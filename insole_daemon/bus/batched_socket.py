@@ -23,6 +23,7 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
+from ..compiled import kernel
 from ..errors import BusError
 from .frames import ERROR, EXTENDED, REMOTE, FrameBatch
 from .source import BusCounters
@@ -85,6 +86,12 @@ class BatchedSocket:
 
     def receive(self) -> int:
         """Take in what waits in the socket, without blocking; the number of frames now held."""
+        if kernel is not None:
+            held: int = kernel.receive(self.socket.fileno(), self._headers, self._held)
+            if held < 0:
+                raise OSError(-held, os.strerror(-held))
+            self._held = held
+            return held
         room = _CAPACITY - self._held
         if room == 0:
             return self._held
@@ -108,32 +115,57 @@ class BatchedSocket:
         held, self._held = self._held, 0
         if held == 0:
             return FrameBatch.empty()
+        if kernel is not None:
+            return self._drain_compiled(held)
         raw = self._frames[:held].copy()
         control = self._control[:held]
         self._count_drops(held)
         if np.count_nonzero(control[:, 1] == _STAMP_HEADER) < held:
-            raise BusError("the kernel delivered a frame without a receive time although SO_TIMESTAMPNS is set")
+            raise _without_time()
         t_ns = control[:, 2] * 1_000_000_000
         t_ns += control[:, 3]
         self._headers[:held, 5] = _CONTROL_BYTES
         self._counters.frames += held
         return FrameBatch(t_ns, self._monotonic(t_ns), _ZEROS[:held], *parts_of(raw))
 
+    def _drain_compiled(self, held: int) -> FrameBatch:
+        """As `drain`, of the `held` frames."""
+        raw, t_ns, t_mono_ns = np.empty((held, 16), np.uint8), np.empty(held, np.int64), np.empty(held, np.int64)
+        now_mono_ns = self._follow_clocks()
+        stamped, plain, dropped, self._last_mono_ns = kernel.drain(
+            self._frames, self._control, self._headers, self._clock_offset_ns, self._last_mono_ns, now_mono_ns,
+            raw, t_ns, t_mono_ns,
+        )  # fmt: skip
+        if dropped is not None:
+            self._add_drops(dropped)
+        if stamped < held:
+            raise _without_time()
+        self._counters.frames += held
+        parts = plain_parts_of(raw) if plain == held else parts_of(raw)
+        return FrameBatch(t_ns, t_mono_ns, _ZEROS[:held], *parts)
+
     def _count_drops(self, held: int) -> None:
         """The kernel's counter is cumulative and 32 bit, and rides on frames only once it is not zero."""
         if self._headers[held - 1, 5] > _STAMP_BYTES:
-            dropped = int(self._control[held - 1].view(np.uint32)[_STAMP_BYTES // 4 + 4])
-            self._counters.overflows += (dropped - self._dropped) & 0xFFFF_FFFF
-            self._dropped = dropped
+            self._add_drops(int(self._control[held - 1].view(np.uint32)[_STAMP_BYTES // 4 + 4]))
 
-    def _monotonic(self, t_ns: NDArray[np.int64]) -> NDArray[np.int64]:
-        """The same moments on the monotonic clock; a step of the wall clock in between moves no frame far."""
+    def _add_drops(self, dropped: int) -> None:
+        self._counters.overflows += (dropped - self._dropped) & 0xFFFF_FFFF
+        self._dropped = dropped
+
+    def _follow_clocks(self) -> int:
+        """The monotonic clock; the distance of the wall clock to it is up to date then, as far as that can be known."""
         before_ns, now_ns, now_mono_ns = time.monotonic_ns(), time.time_ns(), time.monotonic_ns()
         if now_mono_ns - before_ns < _CLOCK_STEP_NS:  # else another process ran in between: what was known stands
             offset_ns = now_mono_ns - now_ns
             if abs(offset_ns - self._clock_offset_ns) > _CLOCK_STEP_NS:
                 self._counters.clock_steps += 1
             self._clock_offset_ns = offset_ns
+        return now_mono_ns
+
+    def _monotonic(self, t_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+        """The same moments on the monotonic clock; a step of the wall clock in between moves no frame far."""
+        now_mono_ns = self._follow_clocks()
         t_mono_ns = t_ns + self._clock_offset_ns
         if t_mono_ns[0] < self._last_mono_ns:
             t_mono_ns[0] = self._last_mono_ns
@@ -149,11 +181,22 @@ def parts_of(
     raw: NDArray[np.uint8],
 ) -> tuple[NDArray[np.uint32], NDArray[np.uint8], NDArray[np.uint8], NDArray[np.uint8]]:
     """can_id, dlc, data and flags, as in FrameBatch, of `raw` (n, 16), n `struct can_frame`, which may be changed."""
-    can_id, dlc, data, flags = raw.view(np.uint32)[:, 0], raw[:, 4], raw[:, 8:], _ZEROS[: len(raw)]
+    can_id, dlc, data, flags = plain_parts_of(raw)
     if np.count_nonzero(raw.view(np.uint64)[:, 0] >> _ID_BITS == _PLAIN) < len(raw):
         can_id, flags = _flags_apart(can_id)
         data[np.arange(8) >= dlc[:, None]] = 0
     return can_id, dlc, data, flags
+
+
+def plain_parts_of(
+    raw: NDArray[np.uint8],
+) -> tuple[NDArray[np.uint32], NDArray[np.uint8], NDArray[np.uint8], NDArray[np.uint8]]:
+    """The same of standard data frames of 8 bytes only."""
+    return raw.view(np.uint32)[:, 0], raw[:, 4], raw[:, 8:], _ZEROS[: len(raw)]
+
+
+def _without_time() -> BusError:
+    return BusError("the kernel delivered a frame without a receive time although SO_TIMESTAMPNS is set")
 
 
 def _flags_apart(id_and_flags: NDArray[np.uint32]) -> tuple[NDArray[np.uint32], NDArray[np.uint8]]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..errors import LogError
 from .candump_fast import PAD
 from .candump_file import LogFile, other_format
-from .candump_line import BadLine, dropped_frames, parse, shown
+from .candump_line import BadLine, dropped_frames, parse_line, shown_line
 from .candump_piece import Piece, PieceDecoder, RefusedLine
 from .frames import ERROR, FD, REMOTE, FrameBatch
 from .growing import GrowingBatch
@@ -206,18 +206,18 @@ class CandumpReader:
         if dropped_frames(rest) is not None:
             return True
         try:
-            found = parse(rest)
+            found = parse_line(rest)
         except BadLine as bad:
             if not self.counters.frames:
                 raise self._refusal(RefusedLine(0, rest, str(bad), True)) from None
-            self._tear(f"line {self._lines + 1} is torn, found {shown(rest)}")
+            self._tear(f"line {self._lines + 1} is torn, found {shown_line(rest)}")
             return False
         # Half a payload is a payload too, so it is held against the frames of the same identifier before it.
         recent = self._recent
         alike = recent.dlc[(recent.can_id == found.can_id) & (recent.flags == found.flags)]
         if len(alike) and found.dlc < alike[-1]:
             self._tear(
-                f"line {self._lines + 1} is torn, found {shown(rest)} "
+                f"line {self._lines + 1} is torn, found {shown_line(rest)} "
                 f"where the same identifier had {alike[-1]} bytes before"
             )
             return False
@@ -245,15 +245,15 @@ class CandumpReader:
         number, line = self._lines + refused.index + 1, refused.line
         if not refused.first or self.counters.frames or re.match(rb"\(\d+\.\d+\) \S+ +\S+#", line):
             return LogError(
-                f"{self._path}: line {number}: expected {refused.expected}, found {shown(line)}; "
+                f"{self._path}: line {number}: expected {refused.expected}, found {shown_line(line)}; "
                 "take the line out, or record with 'candump -L' or 'candump -l'"
             )
         if _SCREEN_OUTPUT.match(line):
             return LogError(
                 f"{self._path}: line {number}: expected candump's log format ({_EXAMPLE}), "
-                f"found its screen format, {shown(line)}; record with 'candump -L' or 'candump -l'"
+                f"found its screen format, {shown_line(line)}; record with 'candump -L' or 'candump -l'"
             )
-        other = other_format(self._head) or ("binary data" if b"\0" in line else shown(line))
+        other = other_format(self._head) or ("binary data" if b"\0" in line else shown_line(line))
         return LogError(
             f"{self._path}: line {number}: this is not candump text: expected lines such as "
             f"{_EXAMPLE}, found {other}; 'can_logconvert' of python-can converts BLF, ASC, TRC, MDF and CSV"

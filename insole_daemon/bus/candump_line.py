@@ -72,7 +72,7 @@ def dropped_frames(line: bytes) -> int | None:
     return int(note[1]) if note else None
 
 
-def parse(line: bytes) -> Line:
+def parse_line(line: bytes) -> Line:
     """Read `line`, which has no newline; raises BadLine."""
     found = _LINE.fullmatch(line)
     if found is None:
@@ -108,7 +108,7 @@ def parse(line: bytes) -> Line:
     )
 
 
-def shown(line: bytes) -> str:
+def shown_line(line: bytes) -> str:
     """`line` as a message quotes it: on one line, printable, shortened."""
     text = line.decode(errors="backslashreplace")
     return repr(text) if len(text) <= _SHOWN_CHARS else repr(text[:_SHOWN_CHARS]) + "…"

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .candump_fast import PAD, Columns, TimeForm, decode
-from .candump_line import BadLine, Line, dropped_frames, interface_name, parse
+from .candump_line import BadLine, Line, dropped_frames, interface_name, parse_line
 from .frames import FrameBatch
 
 INTERFACES_MAX: Final = 255
@@ -126,7 +126,7 @@ class PieceDecoder:
                 self.dropped += dropped
             elif line.strip():
                 try:
-                    frames.append((index, parse(line)))
+                    frames.append((index, parse_line(line)))
                 except BadLine as bad:
                     first = not frames and not columns.ok[:index].any()
                     raise RefusedLine(index, line, str(bad), first) from None

@@ -76,9 +76,7 @@ class SocketCanSource:
         """A sink on the socket that is read here; a raw CAN socket does not receive its own frames."""
         return SocketCanSink(self._socket, self.interfaces[0], patience_s, self._sending_failed)
 
-    def clock_ns(self) -> int:
-        """The monotonic clock."""
-        return time.monotonic_ns()
+    clock_ns = staticmethod(time.monotonic_ns)
 
     def wait(self, timeout_s: float) -> None:
         """See FrameSource."""

@@ -18,7 +18,7 @@ Array: TypeAlias = NDArray[np.float64]
 _SHARE = 0.01  # of a new cycle in the mean: two seconds
 
 
-def risen(counts: Array, rest_count: Array, board: NDArray[np.intp]) -> Array:
+def baseline_rise_count(counts: Array, rest_count: Array, board: NDArray[np.intp]) -> Array:
     """(n, m) by how much the baselines `rest_count` (m,) have risen, of `counts` (n, m) on the boards `board` (m,)."""
     by = np.zeros(counts.shape)
     for each in np.unique(board):

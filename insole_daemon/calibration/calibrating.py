@@ -15,9 +15,9 @@ from ..recording.loading import Recording
 from ..skin.layout import Layout
 from . import fused
 from .fused import DEGREES, PUBLISHED_EXPONENTS, Fit, Progress
-from .problem import Weights, problem
+from .problem import Weights, fused_problem
 from .samples import Samples, aligned, realigned, samples
-from .trials import Trial, trials
+from .trials import CalibrationTrial, trials
 from .verdict import Verdict, verdicts
 
 Array = NDArray[np.float64]
@@ -47,7 +47,7 @@ class Calibrated:
     left_out: dict[int, str]  # why a pressure taxel has no curve, by slot
     remarks: tuple[str, ...]
 
-    def pressure_pa(self, trial: Trial) -> Array:
+    def pressure_pa(self, trial: CalibrationTrial) -> Array:
         """(n, m) of a trial, zeroed on its own start."""
         rest = self.rest_count if self.method == "paper" else trial.rest_count
         return curve_pa(self.fit.coefficients_pa, rest[self.slots] - trial.counts[:, self.slots])
@@ -77,25 +77,27 @@ def calibrate(
     highest = _highest(ready, slots)
     scale_count = max(float(np.median(highest)), 1.0)
     exponents = tuple(range(1, max(DEGREES) + 1))
-    first = problem(ready, slots, exponents, scale_count)
+    first = fused_problem(ready, slots, exponents, scale_count)
     progress("first fit")
     start = fused.first_fit(first)
     ready = [_realigned(each, slots, start) for each in ready]
     alike = _alike(ready, slots, start)
     if method == "paper":
-        raw = problem(ready, slots, PUBLISHED_EXPONENTS, scale_count, rest_count)
+        raw = fused_problem(ready, slots, PUBLISHED_EXPONENTS, scale_count, rest_count)
         progress("the published fit")
         fit = fused.fit_as_published(raw, rest_count[slots])
     else:
-        fit = fused.fit(problem(ready, slots, exponents, scale_count), alike, _BEYOND * float(highest.max()), progress)
+        fit = fused.fit_fused(
+            fused_problem(ready, slots, exponents, scale_count), alike, _BEYOND * float(highest.max()), progress
+        )
     zero_std = np.sqrt(np.mean([trial.noise_count**2 / trial.rest_cycles for trial in found], axis=0))[slots]
-    fit = replace(fit, covariance_pa2=fit.covariance_pa2 + of_zero(fit.coefficients_pa, zero_std))
+    fit = replace(fit, covariance_pa2=fit.covariance_pa2 + zero_covariance(fit.coefficients_pa, zero_std))
     return Calibrated(
         foot, found[0].layout, method, tuple(ready), slots, rest_count, fit, highest, judged, left_out, remarks
     )
 
 
-def of_zero(coefficients_pa: Array, zero_std_count: Array) -> Array:
+def zero_covariance(coefficients_pa: Array, zero_std_count: Array) -> Array:
     """(m, k, k) covariance of coefficients (m, k) that comes of not knowing rest better than zero_std_count (m,).
 
     A shift of δ turns c_j into c_j + δ·(j + 1)·c_(j+1).
@@ -216,13 +218,13 @@ def _alike(ready: Sequence[Samples], slots: NDArray[np.intp], start: fused.Start
         if each.trial.kind == "shoe":
             left = pressure @ start.arms.T - each.reference
             line = np.stack([np.ones_like(each.t_s), each.t_s], axis=1)
-            shoe.append(correlated(left - line @ np.linalg.lstsq(line, left, rcond=None)[0]))
+            shoe.append(correlation_samples(left - line @ np.linalg.lstsq(line, left, rcond=None)[0]))
         else:
-            chamber.append(float(np.median(correlated(pressure - each.reference))))
+            chamber.append(float(np.median(correlation_samples(pressure - each.reference))))
     return Weights(np.max(shoe, axis=0), np.full(len(slots), max(chamber)))
 
 
-def correlated(residual: Array) -> Array:
+def correlation_samples(residual: Array) -> Array:
     """(c,) integrated autocorrelation time in samples of residuals (n, c), at least 1."""
     n = len(residual)
     spectrum = np.fft.rfft(residual - residual.mean(axis=0), 2 * n, axis=0)

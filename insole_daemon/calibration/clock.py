@@ -71,7 +71,7 @@ def row_times_s(t_s: Array, rows: int) -> Array:
     return float(t_s[0]) + np.arange(rows) * float(t_s[-1] - t_s[0]) / (len(t_s) - 1)
 
 
-def fit(
+def fit_clock(
     t_s: Array,
     features: Array,
     reference_s: Array,
@@ -84,7 +84,8 @@ def fit(
 
     Both times never decrease; count them from the trial's beginning, for the offset is that at 0. Rows of the
     reference with NaN are left out. A clock further off than `most_offset_s` in the trial's middle, or `most_rate`,
-    is not looked for. CalibrationError where the reference does not move, or follows nothing that the taxels say.
+    is not looked for; with `most_rate` 0 the rate is held at 0. CalibrationError where the reference does not move, or
+    follows nothing that the taxels say.
     """
     given = reference[:, None] if reference.ndim == 1 else reference
     there = np.isfinite(given).all(axis=1)
@@ -97,7 +98,7 @@ def fit(
             "was it switched on, and is it the right column?"
         )
     given = given[:, moves]
-    pair = _Pair(t_s, features, reference_s, given)
+    pair = _Pair(t_s, features, reference_s, given, has_rate=most_rate > 0)
     at = pair.search(most_offset_s, most_rate)
     for smoothed_s in _SMOOTHED_S:
         at = pair.refined(at, smoothed_s)
@@ -114,8 +115,9 @@ def fit(
 class _Pair:
     """Both streams. A clock is (2,) here: its lead in s in the middle of the trial, and its rate."""
 
-    def __init__(self, t_s: Array, features: Array, reference_s: Array, reference: Array) -> None:
+    def __init__(self, t_s: Array, features: Array, reference_s: Array, reference: Array, has_rate: bool) -> None:
         self._middle_s = float(t_s[0] + t_s[-1]) / 2
+        self._has_rate = has_rate
         self._t_s, self._reference_s = t_s, reference_s
         self._features, self._reference = _edges(features, t_s), _edges(reference, reference_s)
 
@@ -193,7 +195,8 @@ class _Pair:
         smooth = _averaged(reference, self._reference_s, _SLOPE_S)
         slope = _at(wanted_s, self._reference_s, np.gradient(smooth, self._reference_s, axis=0))
         said = _at(wanted_s, self._reference_s, reference)
-        whole = np.concatenate([said, slope, slope * since_middle_s[:, None]], axis=1)
+        by_rate = slope * since_middle_s[:, None] * self._has_rate  # 0: least squares take no step in it
+        whole = np.concatenate([said, slope, by_rate], axis=1)
         root = np.sqrt(weight * inside)[:, None]
         left = (whole - features @ np.linalg.lstsq(features * root, whole * root, rcond=None)[0]) * inside[:, None]
         n = reference.shape[1]

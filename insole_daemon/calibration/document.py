@@ -30,7 +30,7 @@ from .verdict import Verdict, of_triangle
 _DIGITS = 10  # of a coefficient
 
 
-def document(calibrated: Calibrated) -> dict[str, Any]:
+def calibration_document(calibrated: Calibrated) -> dict[str, Any]:
     """The file's content, as plain maps, lists and numbers."""
     fit, layout = calibrated.fit, calibrated.layout
     taxels = []
@@ -68,10 +68,10 @@ def document(calibrated: Calibrated) -> dict[str, Any]:
     }
 
 
-def write(calibrated: Calibrated, path: Path) -> None:
+def save_calibration(calibrated: Calibrated, path: Path) -> None:
     """Write the file, all or nothing; FileError where it cannot be written."""
     try:
-        write_text(path, json.dumps(document(calibrated), indent=1) + "\n")
+        write_text(path, json.dumps(calibration_document(calibrated), indent=1) + "\n")
     except OSError as error:
         raise FileError(f"{path}: cannot be written: {error.strerror or error}") from error
 

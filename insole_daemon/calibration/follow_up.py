@@ -34,7 +34,7 @@ def kept_rows(pressure_pa: Array) -> NDArray[np.intp]:
     return np.append(rows, rows[-1] + 1) if rows.size else rows
 
 
-def smoothed(values: Array, share: float) -> Array:
+def smooth_causally(values: Array, share: float) -> Array:
     """Of the rows (n, …), each with its `share` in what there was before; the first is as it is."""
     first = (1.0 - share) * values[:1]
     return np.asarray(lfilter([share], [1.0, share - 1.0], values, axis=0, zi=first)[0])
@@ -47,7 +47,7 @@ def train(counts: Array, pressure_pa: Array) -> Array:
     return np.stack([_trained(_regressors(np.minimum(c, _MOST_COUNT)), load) for c in counts[rows].T])
 
 
-def estimate(counts: Array, coefficients_pa: Array) -> Array:
+def estimate_pressure(counts: Array, coefficients_pa: Array) -> Array:
     """(n, m) Pa of smoothed counts (n, m), every row."""
     said = np.empty_like(counts)
     for taxel, own in enumerate(coefficients_pa):

@@ -1,9 +1,9 @@
 """How the fused problem is weighted and solved: as published, or with what its conclusion asks for.
 
-`fit` chooses the degree and the penalty by cross-validation over blocks of time, takes the weights from the residuals
-until they agree (iteratively re-weighted), and bounds the curves. Every curve is 0 at rest. What is penalised is not
-the size of the coefficients but their distance from the curve that all taxels have in common, times the taxel's gain:
-that is what is known of a taxel that was hardly loaded.
+`fit_fused` chooses the degree and the penalty by cross-validation over blocks of time, takes the weights from the
+residuals until they agree (iteratively re-weighted), and bounds the curves. Every curve is 0 at rest. What is penalised
+is not the size of the coefficients but their distance from the curve that all taxels have in common, times the taxel's
+gain: that is what is known of a taxel that was hardly loaded.
 
 `fit_as_published` is Sorrentino et al. 2020 to the letter: a cubic in raw counts with its constant, its weights and its
 λ. It has no constraints. Only the signs of its regressors are corrected.
@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import CalibrationError
-from .problem import FOLDS, Penalty, Problem, Weights
+from .problem import FOLDS, FusedProblem, Penalty, Weights
 from .solver import Solution, solve
 
 Array = NDArray[np.float64]
@@ -67,7 +67,7 @@ class Start:
     arms: Array  # (3, m)
 
 
-def first_fit(problem: Problem) -> Start:
+def first_fit(problem: FusedProblem) -> Start:
     """Of the usual degree, without a choice and without limits."""
     start = problem.lower(_TRIED_DEGREE)
     ones = Weights(np.ones(3), np.ones(problem.m))
@@ -76,7 +76,7 @@ def first_fit(problem: Problem) -> Start:
     return Start(_in_counts(start, k), problem.arms)
 
 
-def fit(problem: Problem, alike: Weights, end_count: float, progress: Progress = lambda text: None) -> Fit:
+def fit_fused(problem: FusedProblem, alike: Weights, end_count: float, progress: Progress = lambda text: None) -> Fit:
     """The curves of a problem with powers 1 to max(DEGREES); slopes are limited up to `end_count`.
 
     `alike` (of ones and more): how many samples of a channel say the same, since what is left is not white.
@@ -113,7 +113,7 @@ def _chosen(errors: dict[tuple[int, float], Array]) -> tuple[int, float]:
     return min((choice for choice in errors if choice[1] == penalty), key=lambda choice: float(errors[choice].mean()))
 
 
-def fit_as_published(problem: Problem, rest_count: Array) -> Fit:
+def fit_as_published(problem: FusedProblem, rest_count: Array) -> Fit:
     """The curves of a problem with powers 0 to 3 of counts below `rest_count` (m,), the same for all its samples.
 
     A cubic in raw counts C is one in rest − C with other coefficients, a = T k; the penalty is λ‖a‖².
@@ -131,7 +131,7 @@ def fit_as_published(problem: Problem, rest_count: Array) -> Fit:
     return _fit(problem, solution, hessian, np.zeros(d), weights, PUBLISHED_PENALTY, ())
 
 
-def _reweighted(problem: Problem, alike: Weights, penalty: float) -> tuple[Weights, tuple[Array, Array]]:
+def _reweighted(problem: FusedProblem, alike: Weights, penalty: float) -> tuple[Weights, tuple[Array, Array]]:
     """The weights at which residuals and weights agree, and the common curve with its gains."""
     n_shoe, n_chamber = max(problem.n_shoe, 1), np.maximum(problem.n_chamber, 1.0)
     shoe = sum((each.squares for each in problem.shoe), np.zeros(3)) / n_shoe
@@ -155,7 +155,7 @@ def _weights(shoe: Array, chamber: Array, alike: Weights) -> Weights:
     return Weights(inverse(shoe, alike.shoe), inverse(chamber, alike.chamber))
 
 
-def common_curve(problem: Problem, weights: Weights) -> tuple[Array, Array]:
+def common_curve(problem: FusedProblem, weights: Weights) -> tuple[Array, Array]:
     """(d,) the curve that all taxels have in common, and (m,) by what each is to be multiplied, 1 on average.
 
     k_i = g_i·c, by turns for c and for g. Without gains the more sensitive taxels, which say more at the same load,
@@ -175,7 +175,7 @@ def common_curve(problem: Problem, weights: Weights) -> tuple[Array, Array]:
     return curve, gain
 
 
-def _penalty(problem: Problem, weights: Weights, penalty: float, common: tuple[Array, Array]) -> Penalty:
+def _penalty(problem: FusedProblem, weights: Weights, penalty: float, common: tuple[Array, Array]) -> Penalty:
     """In terms of what the data say of a coefficient on average: `penalty` means the same in any unit."""
     size = _sizes(problem, problem.equations(weights, None)[0])
     return Penalty(np.tile(np.diag(penalty * size), (problem.m, 1, 1)), _targets(*common))
@@ -186,13 +186,13 @@ def _targets(curve: Array, gain: Array) -> Array:
     return gain[:, None] * curve
 
 
-def _sizes(problem: Problem, hessian: Array) -> Array:
+def _sizes(problem: FusedProblem, hessian: Array) -> Array:
     """(d,) what the data say of a coefficient of each power, on average over the taxels."""
     sizes: Array = np.diag(hessian).reshape(len(problem.exponents), -1).mean(axis=1)
     return sizes
 
 
-def _held_out(problem: Problem, weights: Weights) -> Array:
+def _held_out(problem: FusedProblem, weights: Weights) -> Array:
     """(penalties, FOLDS) mean squared residual of a part that was not fitted, in terms of its expected variance.
 
     One decomposition of the equations serves all penalties.
@@ -214,7 +214,7 @@ def _held_out(problem: Problem, weights: Weights) -> Array:
 
 
 def _fit(
-    problem: Problem, solution: Solution, hessian: Array, common: Array, weights: Weights, penalty: float,
+    problem: FusedProblem, solution: Solution, hessian: Array, common: Array, weights: Weights, penalty: float,
     tried: tuple[tuple[int, float, float], ...],
 ) -> Fit:  # fmt: skip
     d, m = len(problem.exponents), problem.m
@@ -237,7 +237,7 @@ def _fit(
     return Fit(coefficients, covariance, whole, weights, penalty, tried, solution, residual_pa, residual_wrench)
 
 
-def _in_counts(problem: Problem, k: Array) -> Array:
+def _in_counts(problem: FusedProblem, k: Array) -> Array:
     """(m, width) coefficients of the powers of the activation in counts, from 0 on."""
     coefficients = np.zeros((problem.m, max(problem.exponents) + 1))
     size = problem.scale_count ** -np.array(problem.exponents, float)

@@ -54,7 +54,7 @@ class Memories:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Curves:
+class MemoryCurves:
     """What was found of m taxels."""
 
     memories: Memories
@@ -85,7 +85,9 @@ def states(t_s: Array, pressure_pa: Array, memories: Memories, layout: Layout) -
     return np.stack(held, axis=1) if held else np.empty((len(t_s), 0))
 
 
-def fit(activation: Array, pressure_pa: Array, held: Array, memories: Memories, stiffness: float) -> Curves:
+def fit_memory(
+    activation: Array, pressure_pa: Array, held: Array, memories: Memories, stiffness: float
+) -> MemoryCurves:
     """Curves and shares of m taxels, from n samples that need not follow each other; NaN: a taxel said nothing.
 
     `activation` (n, m): counts below the baseline, smoothed: noise of theirs bends the curve and passes for memory.
@@ -94,17 +96,17 @@ def fit(activation: Array, pressure_pa: Array, held: Array, memories: Memories, 
     found = np.stack([_taxel(x, pressure_pa, held, stiffness) for x in activation.T])
     shares = found[:, 1 + _DEGREE :]
     w, a = (_bounded(each) for each in np.split(shares, [len(memories.r_pa)], axis=1))
-    return Curves(memories, found[:, : 1 + _DEGREE], w, a)
+    return MemoryCurves(memories, found[:, : 1 + _DEGREE], w, a)
 
 
-def held_out(
+def cv_rmse_pa(
     activation: Array, pressure_pa: Array, held: Array, memories: Memories, stiffness: float, fold: NDArray[np.intp]
 ) -> Array:
     """(m,) RMSE in Pa of samples that were not fitted: each `fold` (n,) is left out once, its memories are known."""
     squares = np.zeros(activation.shape[1])
     for out in np.unique(fold):
         rest, own = fold != out, fold == out
-        curves = fit(activation[rest], pressure_pa[rest], held[rest], memories, stiffness)
+        curves = fit_memory(activation[rest], pressure_pa[rest], held[rest], memories, stiffness)
         powers = activation[own, :, None] ** np.arange(1 + _DEGREE)
         said = (powers * curves.coefficients_pa).sum(axis=2)
         said += held[own] @ np.concatenate([curves.w, curves.a], axis=1).T
@@ -113,10 +115,10 @@ def held_out(
     return rmse
 
 
-def calibration(
-    curves: Curves, slots: NDArray[np.intp], baseline_count: Array, layout: Layout, provenance: Mapping[str, Any]
+def memory_calibration(
+    curves: MemoryCurves, slots: NDArray[np.intp], baseline_count: Array, layout: Layout, provenance: Mapping[str, Any]
 ) -> Calibration:
-    """What `fit` found, of the slots (m,) 12 · row + taxel, whose baselines are (m,)."""
+    """Return what `fit_memory` found, for the slots (m,) 12 · row + taxel, whose baselines are (m,)."""
     shape = (len(layout), N_TAXELS)
     row, taxel = np.divmod(slots, N_TAXELS)
     baseline = np.full(shape, np.nan)

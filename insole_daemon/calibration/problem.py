@@ -43,7 +43,7 @@ class Penalty:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Problem:
+class FusedProblem:
     """Data of m taxels, in parts along time; d powers of the scaled activation."""
 
     exponents: tuple[int, ...]
@@ -62,7 +62,7 @@ class Problem:
         """(3, d·m)."""
         return np.tile(self.arms, len(self.exponents))
 
-    def lower(self, d: int) -> Problem:
+    def lower(self, d: int) -> FusedProblem:
         """With the first d powers only."""
         return replace(
             self,
@@ -71,7 +71,7 @@ class Problem:
             chamber=tuple(each.first(d) for each in self.chamber),
         )
 
-    def without(self, fold: int) -> Problem:
+    def without(self, fold: int) -> FusedProblem:
         """All but one part."""
         return replace(
             self,
@@ -79,7 +79,7 @@ class Problem:
             chamber=tuple(each for at, each in enumerate(self.chamber) if at != fold),
         )
 
-    def only(self, fold: int) -> Problem:
+    def only(self, fold: int) -> FusedProblem:
         """One part."""
         return replace(self, shoe=self.shoe[fold : fold + 1], chamber=self.chamber[fold : fold + 1])
 
@@ -132,10 +132,10 @@ class Problem:
         return Constraints(rows.reshape(m * _GRID, d * m), np.zeros(m * _GRID), np.full(m * _GRID, most))
 
 
-def problem(
+def fused_problem(
     samples: Sequence[Samples], slots: NDArray[np.intp], exponents: tuple[int, ...], scale_count: float,
     rest_count: Array | None = None,
-) -> Problem:  # fmt: skip
+) -> FusedProblem:  # fmt: skip
     """Of the taxels `slots` (m,); `rest_count` (slots,): counts below that, instead of below each trial's own rest."""
     layout = samples[0].trial.layout
     x, y = layout.xy_m.reshape(-1, 2)[slots].T
@@ -158,7 +158,7 @@ def problem(
                 own_drift = None if drift is None else drift.rows(rows)
                 part = ShoeSums.of(scaled[rows], wrench[rows], exponents, own_drift)
                 shoe[fold] = part if shoe[fold] is None else shoe[fold] + part  # type: ignore[operator]
-    return Problem(
+    return FusedProblem(
         exponents, scale_count, arms,
         tuple(s for s in shoe if s is not None), tuple(c for c in chamber if c is not None),
     )  # fmt: skip

@@ -38,7 +38,7 @@ class Readings:
     values: Array  # (k, c) NaN where nothing was said, or a spike
 
 
-def readings(
+def checked_readings(
     name: str, kind: Literal["chamber", "shoe"], foot: FootRecording, t_s: Array
 ) -> tuple[Readings, tuple[str, ...]]:
     """The reference of a foot whose cycles are at t_s (n,), and a sentence for each oddity.

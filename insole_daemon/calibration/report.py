@@ -12,7 +12,7 @@ from ..report.insole_map import value_map, word_map
 from ..report.plot import Axis, Plot, axis
 from ..skin.geometry import N_TAXELS, PRESSURE_TAXELS
 from .calibrating import Calibrated, curve_pa
-from .samples import Samples, at_cycles
+from .samples import Samples, reference_at_cycles
 from .verdict import of_triangle
 
 Array = NDArray[np.float64]
@@ -21,7 +21,7 @@ _POINTS = 80  # of a curve
 _SENSITIVE_PA = 50e3  # at which sensitivities are compared
 
 
-def html(calibrated: Calibrated) -> str:
+def calibration_page(calibrated: Calibrated) -> str:
     """The whole page."""
     fit = calibrated.fit
     words = Counter(each.word for each in calibrated.verdicts.values())
@@ -147,7 +147,7 @@ def _residuals(calibrated: Calibrated) -> list[str]:
 def _of_trial(calibrated: Calibrated, each: Samples) -> str:
     """The whole trial, smoothed or not: what was selected shows in what is left."""
     trial = each.trial
-    reference = at_cycles(trial, each.clock)
+    reference = reference_at_cycles(trial, each.clock)
     valid = trial.valid[:, calibrated.slots]
     pressure = np.where(valid, calibrated.pressure_pa(trial), np.nan)
     if trial.kind == "chamber":

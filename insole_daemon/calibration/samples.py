@@ -12,14 +12,14 @@ from scipy.stats import trim_mean
 from ..errors import CalibrationError
 from . import clock as clocks
 from .clock import Clock
-from .smoothing import far_from, slow, smoothed
-from .trials import Trial
+from .smoothing import far_from, savitzky_golay, slow
+from .trials import CalibrationTrial
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _ALWAYS, _ENOUGH = 0.99, 10
-_INSTANT = 25  # cycles, half a second: a median keeps what lasts longer than half of that
+_INSTANT_S = 0.5  # a median over it keeps what lasts longer than half of that
 _AGREES = 0.7  # correlation of the taxels with the reference
 _MOST_OFFSETS_S = (20.0, 5.0, 1.0)
 _UNLOADED = 0.15  # of the reference's range, above its lowest
@@ -29,7 +29,7 @@ _UNLOADED = 0.15  # of the reference's range, above its lowest
 class Samples:
     """The rows of one trial that are fitted; block: a number that grows along the trial, for cross-validation."""
 
-    trial: Trial
+    trial: CalibrationTrial
     clock: Clock
     activation: Array  # (n, slots)
     valid: Mask  # (n, slots)
@@ -38,13 +38,13 @@ class Samples:
     covered: float  # share of the cycles beside which the reference said something
 
 
-def usable(trial: Trial) -> Mask:
+def usable(trial: CalibrationTrial) -> Mask:
     """(slots,) that are valid most of the time."""
     often: Mask = trial.valid.mean(axis=0) > 0.5
     return often
 
 
-def aligned(trial: Trial) -> Clock:
+def aligned(trial: CalibrationTrial) -> Clock:
     """The reference's clock against the taxels', from how both move: before there is any calibration."""
     if trial.kind == "chamber":
         mean = _middle(trial)
@@ -58,7 +58,7 @@ def aligned(trial: Trial) -> Clock:
     return _fitted(trial, features)
 
 
-def _middle(trial: Trial) -> Array:
+def _middle(trial: CalibrationTrial) -> Array:
     """(n,) what the middle half of the taxels says on average, without what lasts less than a quarter of a second.
 
     A triangle that loses contact for an instant, as those of public recordings do, makes edges that no pressure has.
@@ -66,21 +66,22 @@ def _middle(trial: Trial) -> Array:
     always = trial.valid.mean(axis=0) > _ALWAYS
     slots = always if np.count_nonzero(always) >= _ENOUGH else usable(trial)
     middle = trim_mean(trial.activation[:, slots], 0.25, axis=1)
-    settled: Array = uniform_filter1d(median_filter(middle, _INSTANT), _INSTANT)
+    instant = max(round(_INSTANT_S / float(np.median(np.diff(trial.t_s)))), 1)
+    settled: Array = uniform_filter1d(median_filter(middle, instant), instant)
     return settled
 
 
-def realigned(trial: Trial, predicted: Array) -> Clock:
+def realigned(trial: CalibrationTrial, predicted: Array) -> Clock:
     """The clock under which the reference follows what a calibration makes of the counts, (n, c)."""
     return _fitted(trial, predicted)
 
 
-def _fitted(trial: Trial, features: Array) -> Clock:
+def _fitted(trial: CalibrationTrial, features: Array) -> Clock:
     """Of regular cycles or steps, half a period off fits as well with the sign turned: then nearer ones are tried."""
     read = trial.readings
     for most_offset_s in _MOST_OFFSETS_S:
         try:
-            clock = clocks.fit(trial.t_s, features, read.t_s, read.values, most_offset_s=most_offset_s)
+            clock = clocks.fit_clock(trial.t_s, features, read.t_s, read.values, most_offset_s=most_offset_s)
         except CalibrationError as error:
             raise CalibrationError(f"{trial.name}: {error}") from error
         agrees = _agrees(trial, clock)
@@ -92,16 +93,16 @@ def _fitted(trial: Trial, features: Array) -> Clock:
     )
 
 
-def _agrees(trial: Trial, clock: Clock) -> float:
+def _agrees(trial: CalibrationTrial, clock: Clock) -> float:
     """Correlation of what all taxels say with the pressure, or the force, of the reference."""
-    reference = at_cycles(trial, clock)[:, 0]
+    reference = reference_at_cycles(trial, clock)[:, 0]
     said = np.isfinite(reference)
     slots = usable(trial)
     own = np.where(trial.valid[:, slots], trial.activation[:, slots], 0.0).sum(axis=1)
     return float(np.corrcoef(own[said], reference[said])[0, 1])
 
 
-def at_cycles(trial: Trial, clock: Clock) -> Array:
+def reference_at_cycles(trial: CalibrationTrial, clock: Clock) -> Array:
     """(n, c) the reference at the cycles, NaN where it said nothing."""
     wanted_s = clock.reference_s(trial.t_s)
     read = trial.readings
@@ -115,22 +116,22 @@ def at_cycles(trial: Trial, clock: Clock) -> Array:
     return values
 
 
-def samples(trial: Trial, clock: Clock) -> Samples:
+def samples(trial: CalibrationTrial, clock: Clock) -> Samples:
     """Smoothed and slow ones; CalibrationError where the reference follows the taxels with the wrong sign."""
-    reference = at_cycles(trial, clock)
+    reference = reference_at_cycles(trial, clock)
     said: Mask = np.asarray(np.isfinite(reference).all(axis=1))
     _check_start(trial, reference[:, 0])
     if trial.kind == "shoe":
         _check_foot(trial, reference, said)
-    smooth = smoothed(np.where(said[:, None], reference, 0.0), trial.t_s)
+    smooth = savitzky_golay(np.where(said[:, None], reference, 0.0), trial.t_s)
     smooth[~far_from(~said)] = np.nan
     kept = slow(smooth, trial.t_s)
-    activation = smoothed(trial.activation, trial.t_s)[kept]
+    activation = savitzky_golay(trial.activation, trial.t_s)[kept]
     valid = far_from(~trial.valid)[kept]
     return Samples(trial, clock, activation, valid, smooth[kept], trial.t_s[kept], float(said.mean()))
 
 
-def _check_start(trial: Trial, load: Array) -> None:
+def _check_start(trial: CalibrationTrial, load: Array) -> None:
     """Raise where the reference (n,) says that something pressed on what the trial is zeroed on."""
     start = load[: trial.rest_cycles]
     low, high = np.nanpercentile(load, (1, 99)).tolist()
@@ -142,7 +143,7 @@ def _check_start(trial: Trial, load: Array) -> None:
         )
 
 
-def _check_foot(trial: Trial, reference: Array, said: Mask) -> None:
+def _check_foot(trial: CalibrationTrial, reference: Array, said: Mask) -> None:
     """Raise where the reference's moments contradict where the insole is pressed."""
     slots = usable(trial)
     a = np.where(trial.valid[:, slots], trial.activation[:, slots], 0.0)[said]

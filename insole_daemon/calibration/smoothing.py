@@ -25,17 +25,17 @@ SLOW = 0.5  # of the range, a second
 _GAP = 3.0  # periods: over a longer one nothing is smoothed
 
 
-def stretches(t_s: Array) -> list[slice]:
+def contiguous_stretches(t_s: Array) -> list[slice]:
     """Of at least FRAME samples, without a gap."""
     period_s = float(np.median(np.diff(t_s)))
     cuts = [0, *(np.flatnonzero(np.diff(t_s) > _GAP * period_s) + 1).tolist(), len(t_s)]
     return [slice(a, b) for a, b in pairwise(cuts) if b - a >= FRAME]
 
 
-def smoothed(x: Array, t_s: Array) -> Array:
+def savitzky_golay(x: Array, t_s: Array) -> Array:
     """x (n, …) filtered along its stretches; NaN between them."""
     y = np.full(x.shape, np.nan)
-    for rows in stretches(t_s):
+    for rows in contiguous_stretches(t_s):
         y[rows] = savgol_filter(x[rows], FRAME, ORDER, axis=0)
     return y
 
@@ -52,7 +52,7 @@ def slow(values: Array, t_s: Array) -> Mask:
     kept = np.zeros(len(values), np.bool_)
     span = np.nanmax(values, axis=0) - np.nanmin(values, axis=0)
     span[1:] = np.maximum(span[1:], ARM_M * span[0])
-    for rows in stretches(t_s):
+    for rows in contiguous_stretches(t_s):
         rate = np.gradient(values[rows], t_s[rows] + np.arange(len(t_s[rows])) * 1e-12, axis=0)
         kept[rows] = (np.abs(rate) < SLOW * span).all(axis=1)
     return kept & np.isfinite(values).all(axis=1)

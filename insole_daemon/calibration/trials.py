@@ -16,12 +16,14 @@ from numpy.typing import NDArray
 from ..config import Foot, Publish
 from ..errors import CalibrationError
 from ..recording.loading import FootRecording, Recording, as_configured
+from ..recording.read_times import arrived, at_cycles
 from ..skin.cycles import Cycles
 from ..skin.faults import FaultWatch
 from ..skin.faults.watch import Change
+from ..skin.geometry import N_TAXELS
 from ..skin.layout import Layout
 from ..skin.validity import Validity
-from .references import Readings, readings
+from .references import Readings, checked_readings
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -33,7 +35,7 @@ _SETTLES_S = 0.1  # left out before the load's begin
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Trial:
+class CalibrationTrial:
     """n cycles of one foot beside its reference; slots are the layout's triangles times 12."""
 
     name: str
@@ -46,6 +48,7 @@ class Trial:
     valid: Mask  # (n, slots) carries pressure, and no fault was found
     faults: tuple[Change, ...]  # as they began and healed
     readings: Readings
+    activation: Array  # (n, slots) counts below rest at the moments of the cycles, on lines between new readings
 
     @property
     def layout(self) -> Layout:
@@ -57,18 +60,13 @@ class Trial:
         """(n, slots)."""
         return self.foot.counts.reshape(len(self.foot), -1)
 
-    @property
-    def activation(self) -> Array:
-        """(n, slots) counts below rest."""
-        return self.rest_count - self.counts
 
-
-def trials(recordings: list[Recording], foot: Foot) -> tuple[list[Trial], tuple[str, ...]]:
+def trials(recordings: list[Recording], foot: Foot) -> tuple[list[CalibrationTrial], tuple[str, ...]]:
     """The `foot` of every recording, and a sentence for each thing a person should know.
 
     CalibrationError lists what makes them unfit: no reference, none without load, other boards or other settings.
     """
-    found: list[Trial] = []
+    found: list[CalibrationTrial] = []
     wrong: list[str] = []
     remarks: list[str] = []
     for recording in recordings:
@@ -91,7 +89,7 @@ def feet(recordings: list[Recording]) -> set[Foot]:
     return set.intersection(*({f.foot for f in each.feet if f.reference is not None} for each in recordings))
 
 
-def _trial(recording: Recording, which: Foot) -> tuple[Trial, tuple[str, ...]]:
+def _trial(recording: Recording, which: Foot) -> tuple[CalibrationTrial, tuple[str, ...]]:
     name = recording.folder.name
     if recording.kind not in ("chamber", "shoe"):
         raise CalibrationError(
@@ -108,7 +106,7 @@ def _trial(recording: Recording, which: Foot) -> tuple[Trial, tuple[str, ...]]:
         raise CalibrationError(f"{name}: expected cycles of the {which} foot, found {len(foot)}")
     t_s = np.maximum.accumulate((foot.t_ns - foot.t_ns[0]) * 1e-9)
     valid, faults = screened(foot)
-    read, remarks = readings(name, recording.kind, foot, t_s)
+    read, remarks = checked_readings(name, recording.kind, foot, t_s)
     counts = foot.counts.reshape(len(foot), -1).astype(np.float64)
     rest = _rest(name, t_s, counts, valid.reshape(len(foot), -1))
     still = np.where(valid.reshape(len(foot), -1)[rest], counts[rest], np.nan)
@@ -118,12 +116,19 @@ def _trial(recording: Recording, which: Foot) -> tuple[Trial, tuple[str, ...]]:
     # A taxel that says nothing at rest is zeroed where it is: that it says nothing under load is its verdict.
     rest_count[~seen] = counts[rest][:, ~seen].mean(axis=0)
     return (
-        Trial(
+        CalibrationTrial(
             name, recording.kind, foot, t_s, rest_count, np.nan_to_num(noise_count), rest.stop,
-            valid.reshape(len(foot), -1), faults, read,
+            valid.reshape(len(foot), -1), faults, read, _activation(foot, t_s, rest_count),
         ),
         remarks,
     )  # fmt: skip
+
+
+def _activation(foot: FootRecording, t_s: Array, rest_count: Array) -> Array:
+    is_new = np.repeat(foot.is_new, N_TAXELS, axis=1)
+    behind_s = np.asarray(np.repeat(foot.behind_ns, N_TAXELS, axis=1) * 1e-9, np.float64)
+    activation: Array = rest_count - at_cycles(foot.counts.reshape(len(foot), -1), is_new, t_s, behind_s)
+    return activation
 
 
 def _rest(name: str, t_s: Array, counts: Array, valid: Mask) -> slice:
@@ -164,13 +169,13 @@ def screened(foot: FootRecording) -> tuple[Mask, tuple[Change, ...]]:
 
 def _as_cycles(foot: FootRecording) -> Cycles:
     t_ns = np.maximum.accumulate(foot.t_ns)
-    came = 2 * (~foot.missing & ~foot.repeated[:, None])
+    came = 2 * arrived(foot.read_ns)
     return Cycles(
         t_mono_ns=t_ns,
         t_ns=foot.t_ns,
         counts=foot.counts,
         status=foot.status,
-        triangle_t_ns=t_ns[:, None] - foot.age_ns,
+        triangle_t_ns=foot.read_ns,
         age_ns=foot.age_ns,
         arrivals=np.cumsum(came, axis=0).astype(np.int64),
         missing=foot.missing,
@@ -179,7 +184,7 @@ def _as_cycles(foot: FootRecording) -> Cycles:
     )
 
 
-def _differences(first: Trial, other: Trial) -> Iterator[str]:
+def _differences(first: CalibrationTrial, other: CalibrationTrial) -> Iterator[str]:
     """Why two trials cannot be of one calibration."""
     both = f"{first.name} and {other.name}"
     if not np.array_equal(first.layout.identities, other.layout.identities):

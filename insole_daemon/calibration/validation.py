@@ -25,8 +25,8 @@ from ..physics.zero import Zero
 from ..recording.estimate import ModelName, estimate
 from ..recording.loading import Recording, as_configured
 from .clock import Clock
-from .samples import aligned, at_cycles, realigned
-from .trials import Trial, trials
+from .samples import aligned, realigned, reference_at_cycles
+from .trials import CalibrationTrial, trials
 
 Array = NDArray[np.float64]
 
@@ -89,7 +89,7 @@ class ChamberResult:
 class Result:
     """Of one trial."""
 
-    trial: Trial
+    trial: CalibrationTrial
     model: ModelName | None  # None: there is only one
     clock: Clock
     outcome: ShoeResult | ChamberResult
@@ -110,7 +110,7 @@ def validate(recordings: Sequence[Recording], calibration: Calibration) -> tuple
     return [_judged(trial, calibration, model) for trial in found for model in models], remarks
 
 
-def _judged(trial: Trial, calibration: Calibration, model: ModelName | None) -> Result:
+def _judged(trial: CalibrationTrial, calibration: Calibration, model: ModelName | None) -> Result:
     layout, n = trial.layout, len(trial.t_s)
     zeroed = zeros.apply(calibration, trial.foot.zero or _own_zero(trial))
     read = trial.valid.reshape(n, len(layout), -1) & zeroed.usable
@@ -124,7 +124,7 @@ def _judged(trial: Trial, calibration: Calibration, model: ModelName | None) -> 
     highest_pa = float(np.where(valid, pressure_pa, -np.inf).max())
     if trial.kind == "chamber":
         clock = aligned(trial)
-        reference = at_cycles(trial, clock)
+        reference = reference_at_cycles(trial, clock)
         there = valid & np.isfinite(reference)[:, :, None]
         with np.errstate(invalid="ignore", divide="ignore"):
             mean = np.where(valid, pressure_pa, 0.0).sum(axis=(1, 2)) / valid.sum(axis=(1, 2))
@@ -132,12 +132,12 @@ def _judged(trial: Trial, calibration: Calibration, model: ModelName | None) -> 
         return Result(trial, model, clock, ChamberResult(*taxels, highest_pa), reference, mean[:, None], extrapolated)
     own = np.stack([series.f_z_n, series.m_x_nm, series.m_y_nm], axis=1)
     clock = realigned(trial, np.nan_to_num(own))
-    reference = at_cycles(trial, clock)
+    reference = reference_at_cycles(trial, clock)
     outcome = _shoe(trial, series, own, reference, Contact().min_force_n, highest_pa)
     return Result(trial, model, clock, outcome, reference, own, extrapolated)
 
 
-def _own_zero(trial: Trial) -> Zero:
+def _own_zero(trial: CalibrationTrial) -> Zero:
     shape = (len(trial.layout), -1)
     return Zero(
         trial.foot.foot, int(trial.foot.t_ns[0]), trial.rest_count.reshape(shape), trial.noise_count.reshape(shape)
@@ -145,7 +145,12 @@ def _own_zero(trial: Trial) -> Zero:
 
 
 def _shoe(
-    trial: Trial, series: WrenchSeries, estimate: Array, reference: Array, min_force_n: float, highest_pa: float
+    trial: CalibrationTrial,
+    series: WrenchSeries,
+    estimate: Array,
+    reference: Array,
+    min_force_n: float,
+    highest_pa: float,
 ) -> ShoeResult:
     said = np.isfinite(reference).all(axis=1) & np.isfinite(estimate).all(axis=1)
     f_z, m_x, m_y = (_tracking(estimate[said, i], reference[said, i]) for i in range(3))
@@ -185,7 +190,7 @@ def _taxels(
     return rmse, mean, good
 
 
-def document(results: Sequence[Result], calibration: str) -> dict[str, Any]:
+def validation_document(results: Sequence[Result], calibration: str) -> dict[str, Any]:
     """`insole-validation/2`: everything that the tables say, NaN as null."""
     return {
         "format": FORMAT,

@@ -17,7 +17,7 @@ from .validation_rows import CHAMBER_COLUMNS, SHOE_COLUMNS, chamber_rows, shoe_r
 LOADED_N, UNLOADED_S, STEP_S = 20.0, 0.2, 0.8  # of the step that is shown larger
 
 
-def html(results: Sequence[Result], calibration: Calibration, name: str) -> str:
+def validation_page(results: Sequence[Result], calibration: Calibration, name: str) -> str:
     """The whole page; `name` of the calibration's file."""
     shoe = [each for each in results if isinstance(each.outcome, ShoeResult)]
     chamber = [each for each in results if isinstance(each.outcome, ChamberResult)]

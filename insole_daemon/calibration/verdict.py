@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from ..skin.geometry import N_TAXELS, PRESSURE_TAXELS
 from .samples import Samples
-from .trials import Trial
+from .trials import CalibrationTrial
 
 Array = NDArray[np.float64]
 
@@ -76,7 +76,7 @@ def of_triangle(taxels: Sequence[Verdict]) -> Verdict:
     return Verdict("healthy", detail=f"but for {len(bad)} of its taxels" if bad else "")
 
 
-def _still(trial: Trial, slots: NDArray[np.intp]) -> list[tuple[int, Verdict]]:
+def _still(trial: CalibrationTrial, slots: NDArray[np.intp]) -> list[tuple[int, Verdict]]:
     """Dead and stuck ones: constant to the end while the others moved."""
     counts = trial.counts[:, slots].astype(np.int16)
     level = np.median(counts, axis=1)
@@ -101,7 +101,7 @@ def _still(trial: Trial, slots: NDArray[np.intp]) -> list[tuple[int, Verdict]]:
     return found
 
 
-def _loose(trial: Trial) -> list[tuple[int, Verdict]]:
+def _loose(trial: CalibrationTrial) -> list[tuple[int, Verdict]]:
     rows = trial.layout.rows
     found = []
     for change in trial.faults:

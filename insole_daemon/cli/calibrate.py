@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .options import OneFoot, write_whole
+from .options import Force, OneFoot, name_next, refuse_existing_file, write_whole
+from .progress import show_work
 
 if TYPE_CHECKING:
     from ..config import Foot
@@ -35,29 +36,34 @@ def calibrate(
             "cross-validation. paper: a cubic in raw counts with the published weights and λ."
         ),
     ] = Method.default,
+    force: Force = False,
 ) -> None:
     """Fit the curve of every taxel of one foot to recordings with a known load."""
     from ..calibration import document
     from ..calibration.calibrating import calibrate as fitted
-    from ..calibration.report import html
+    from ..calibration.report import calibration_page
     from ..recording.loading import load
 
     if out.suffix.lower() != ".json":
         raise typer.BadParameter(f"expected an --out that ends in .json, found {out}")
+    for file in (out, report):
+        refuse_existing_file(file, force)
     loaded = [load(folder) for folder in recordings]
     for line in (line for each in loaded for line in each.warnings):
         print(f"insole: {line}", file=sys.stderr)
     which = the_foot(loaded, foot)
-    calibrated = fitted(loaded, which, method.value, lambda text: print(f"insole: {text}", file=sys.stderr, flush=True))
+    with show_work(f"fitting the {which} foot") as say:
+        calibrated = fitted(loaded, which, method.value, say)
     for remark in (*calibrated.remarks, f"area of a taxel: from {document.provenance(calibrated)['area_from']}"):
         print(f"insole: {remark}", file=sys.stderr)
-    document.write(calibrated, out)
+    document.save_calibration(calibrated, out)
     if report is not None:
-        write_whole(report, html(calibrated))
+        write_whole(report, calibration_page(calibrated))
     fit = calibrated.fit
     print(
         f"{out}: {which} foot, {len(calibrated.slots)} taxels, {len(calibrated.left_out)} left out, degree {fit.degree}"
     )
+    name_next(f"insole validate OTHER-RECORDINGS --calibration {out}")
 
 
 def the_foot(loaded: list[Recording], asked: OneFoot | None) -> Foot:

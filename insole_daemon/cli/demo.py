@@ -12,7 +12,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ..config import DEFAULT_ENDPOINT
 from .options import Seconds, on_end
+from .view import DEFAULT_PORT
 
 if TYPE_CHECKING:
     from ..config import Config
@@ -21,11 +23,16 @@ if TYPE_CHECKING:
 _CHANNEL = "demo"
 _DRAWN_S = 0.1
 _LINE_S = 1.0
+_IF_TAKEN = ", or give this one another endpoint: insole demo --listen tcp/127.0.0.1:7448"
 
 
 def demo(
     seconds: Seconds = None,
     view: Annotated[bool, typer.Option("--view", help="Show it in the browser as well: see 'insole view'.")] = False,
+    port: Annotated[
+        int | None, typer.Option(min=1, max=65535, help=f"With --view: where the page is served, else {DEFAULT_PORT}.")
+    ] = None,
+    listen: Annotated[str, typer.Option(help="Zenoh endpoint on which the demo publishes.")] = DEFAULT_ENDPOINT,
     hide: Annotated[
         str | None,
         typer.Option(
@@ -44,26 +51,28 @@ def demo(
     the exit status is 0 where the diagnosis names what was concealed first, else 1.
     """
     if hide is not None:
-        if seconds is not None or view:
-            raise typer.BadParameter("--seconds and --view are of the live demo, not of --hide")
+        if seconds is not None or view or port is not None or listen != DEFAULT_ENDPOINT:
+            raise typer.BadParameter("--seconds, --view, --port and --listen are of the live demo, not of --hide")
         from .demo_hide import hide_and_seek
 
         raise typer.Exit(0 if hide_and_seek(hide, seed) else 1)
     if seed is not None:
         raise typer.BadParameter("--seed is of --hide: say what to conceal")
+    if port is not None and not view:
+        raise typer.BadParameter("--port is of the page: add --view")
     from ..bus.opening import open_sink
     from ..bus.recovering import RecoveringSource
-    from ..config import Bus, Config
+    from ..config import Bus, Config, Zenoh
     from ..service.daemon import Daemon
     from ..service.foot import load_feet
     from ..simulation.emulator import Emulator
     from ..simulation.foot import Walk
     from ..wire.client import Client
     from ..wire.keys import key
-    from ..wire.session import open_session
+    from ..wire.session import full_endpoint, open_session
 
     bus = Bus("virtual", _CHANNEL)
-    config = Config(rig="demo", buses=(bus,))
+    config = Config(rig="demo", buses=(bus,), zenoh=Zenoh(listen=(full_endpoint(listen),)))
     config = replace(
         config,
         insoles=tuple(
@@ -77,7 +86,7 @@ def demo(
     with (
         contextlib.closing(RecoveringSource([bus])) as source,
         open_sink(bus) as sink,
-        open_session(config.zenoh.mode, config.zenoh.listen, if_taken=": the demo has no other endpoint") as session,
+        open_session(config.zenoh.mode, config.zenoh.listen, if_taken=_IF_TAKEN) as session,
         Client(config.zenoh.listen[0], config.rig) as insole,
     ):
         daemon = Daemon(source, feet, session)
@@ -101,10 +110,10 @@ def demo(
         }
         shown: contextlib.AbstractContextManager[str] = contextlib.nullcontext("'insole view' shows it in a browser")
         if view:
-            from .demo_page import page, tell_truth
+            from .demo_page import open_page, tell_truth
 
             parts["truth"] = lambda: tell_truth(session, emulator, person, layouts, stop)
-            shown = page(config.zenoh.listen[0], config.rig)
+            shown = open_page(config.zenoh.listen[0], config.rig, port or DEFAULT_PORT)
         with _running(parts, end, failed):
             ready.wait()  # before, nobody answers for meta
             with shown as where:

@@ -16,7 +16,7 @@ def hide_and_seek(word: str, seed: int | None) -> bool:
     """Whether the diagnosis names `word` first; it is given the folder of the recording and nothing else."""
     from .. import config as configs
     from ..recording.writer import refuse_existing
-    from ..service.setup import load_layout
+    from ..service.foot_setup import load_layout
     from ..simulation.concealed import NOTHING, conceal
 
     began = time.monotonic()

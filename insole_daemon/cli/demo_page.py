@@ -26,13 +26,13 @@ _SIMULATION = "simulation"  # the rig that `insole view` draws beside, and the r
 
 
 @contextlib.contextmanager
-def page(endpoint: str, rig: str) -> Iterator[str]:
+def open_page(endpoint: str, rig: str, port: int) -> Iterator[str]:
     """`insole view --open` until the block ends; what it says of itself. InsoleError where it does not start."""
     from ..errors import InsoleError
 
     command = "from insole_daemon.cli import main; main()"
     process = subprocess.Popen(
-        [sys.executable, "-c", command, "view", "--open", "--connect", endpoint, "--rig", rig],
+        [sys.executable, "-c", command, "view", "--open", "--connect", endpoint, "--rig", rig, "--port", str(port)],
         stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     assert process.stderr is not None

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from .options import OneFoot
+from .progress import show_work
 
 if TYPE_CHECKING:
     from ..config import Foot
@@ -69,11 +70,9 @@ def diagnosed(
     asked: Foot | None = None if foot is None else "left" if foot is OneFoot.left else "right"
     model = None if calibration is None else calibrations.load(calibration, choose(loaded, asked, load_of)[0].layout)
 
-    def say(text: str) -> None:
-        print(f"insole: {text}", file=sys.stderr, flush=True)
-
-    found = diagnose(loaded, model, budget, say, load_of, asked)
-    writing.write(found, out)
+    with show_work("diagnosing") as say:
+        found = diagnose(loaded, model, budget, say, load_of, asked)
+        writing.write(found, out)
     _print(found, out)
     return found
 

@@ -10,7 +10,7 @@ import typer
 from .options import ConfigFile
 
 if TYPE_CHECKING:
-    from ..service.doctor import Finding
+    from ..service.doctor import CheckResult
 
 _SUBJECT = 18  # characters
 
@@ -25,7 +25,7 @@ def doctor(config: ConfigFile = None) -> None:
 
     levels: list[str] = []
     for finding in examine(config):
-        sys.stdout.write(_lines(finding))
+        sys.stdout.write(finding_lines(finding))
         sys.stdout.flush()
         levels.append(finding.level)
     problems, warnings = levels.count("problem"), levels.count("warning")
@@ -34,7 +34,8 @@ def doctor(config: ConfigFile = None) -> None:
         raise typer.Exit(1)
 
 
-def _lines(finding: Finding) -> str:
+def finding_lines(finding: CheckResult) -> str:
+    """A finding and its remedy, as text."""
     lines = f"{finding.level:<8} {finding.subject:<{_SUBJECT}} {finding.text}\n"
     if finding.remedy:
         lines += f"{'':<8} {'':<{_SUBJECT}} → {finding.remedy}\n"

@@ -9,6 +9,8 @@ from typing import Annotated
 
 import typer
 
+from .progress import show_work
+
 
 class Form(StrEnum):
     """What a recording is exported to."""
@@ -17,35 +19,48 @@ class Form(StrEnum):
     npz = "npz"
     mat = "mat"
     mcap = "mcap"
+    parquet = "parquet"
+    c3d = "c3d"
 
 
 def export(
     recording: Annotated[Path, typer.Argument(help="Folder of the recording.")],
-    out: Annotated[Path, typer.Argument(help="File, or with --to csv the folder, that is written.")],
+    out: Annotated[
+        Path,
+        typer.Argument(help="File that is written: .csv has the forces alone. With --to csv and parquet the folder."),
+    ],
     to: Annotated[Form | None, typer.Option(help="Without it, what the ending of OUT says.")] = None,
 ) -> None:
-    """Write a recording as CSV, npz, MATLAB or MCAP."""
+    """Write a recording as CSV, npz, MATLAB, MCAP, Parquet or C3D; steps are part of it, but in npz."""
     from ..errors import FileError
-    from ..recording import export_mcap, export_tables
+    from ..recording import export_c3d, export_mcap, export_tables
     from ..recording.loading import load
+    from ..recording.quality import quality
     from ..recording.writer import refuse_existing
 
     suffix = out.suffix.lower().removeprefix(".")
     form = to or (Form(suffix) if suffix in list(Form) else None)
     if form is None:
-        raise typer.BadParameter(f"expected an OUT that ends in .npz, .mat or .mcap, or --to, found {out}")
+        raise typer.BadParameter(
+            f"expected an OUT that ends in .csv, .npz, .mat, .mcap, .parquet or .c3d, or --to, found {out}"
+        )
     refuse_existing(out)
     loaded = load(recording)
     for line in loaded.warnings:
         print(f"insole: {line}", file=sys.stderr)
     write = {
-        Form.csv: export_tables.export_csv,
+        Form.csv: export_tables.export_wrenches if suffix == "csv" else export_tables.export_csv,
         Form.npz: export_tables.export_npz,
         Form.mat: export_tables.export_matlab,
         Form.mcap: export_mcap.export_mcap,
+        Form.parquet: export_tables.export_parquet,
+        Form.c3d: export_c3d.export_c3d,
     }[form]
     try:
-        write(loaded, out)
+        with show_work(f"writing {out}"):
+            write(loaded, out)
     except OSError as error:
         raise FileError(f"{out}: cannot be written: {error.strerror or error}") from error
+    for foot, found in quality(loaded).items():
+        print(f"insole: {foot}: {found.sentence}", file=sys.stderr)
     print(f"{out}: {form.value}, {', '.join(f'{each.foot} {len(each)} cycles' for each in loaded.feet)}")

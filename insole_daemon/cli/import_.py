@@ -3,24 +3,15 @@
 from __future__ import annotations
 
 import sys
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from .options import OneFoot, name_next
+
 if TYPE_CHECKING:
     from ..config import Foot
-
-if TYPE_CHECKING:
-    pass
-
-
-class OneFoot(StrEnum):
-    """Whose insole a table of counts is of."""
-
-    left = "left"
-    right = "right"
 
 
 def import_(
@@ -63,3 +54,4 @@ def import_(
         print(f"insole: {line}", file=sys.stderr)
     for line in recording.invented:
         print(f"insole: invented: {line}", file=sys.stderr)
+    name_next(f"insole report {out}")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .options import ConfigFile, Which, on_end
+from .options import ConfigFile, Force, Which, name_next, on_end, refuse_existing_file
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -34,6 +34,7 @@ def map_(
         typer.Option(help="Layout of one foot whose positions are asked for; without it, the configured one."),
     ] = None,
     wait_s: Annotated[float, typer.Option("--wait", min=1, help="Seconds to wait for a press.")] = 15.0,
+    force: Force = False,
 ) -> None:
     """Find out which triangle lies where: press them one after another.
 
@@ -47,6 +48,8 @@ def map_(
     from ..skin.touch import Touch
 
     settings = configs.load(config)
+    for insole in _chosen(settings, foot):
+        refuse_existing_file(_path(out, insole.foot), force)
     templates = [_template(insole, template) for insole in _chosen(settings, foot)]
     owners = {board.address: insole.foot for insole in settings.insoles for board in insole.boards}
     asked = [position for layout in templates for position in positions(layout)]
@@ -57,12 +60,16 @@ def map_(
         for change in source.changes():
             raise BusError(change.text)  # an interface that is not up: better known before somebody presses
         _say(f"reading {', '.join(map(str, settings.buses))}; {len(asked)} positions to press")
-        _watch(source, touch, mapping, asked, stop)
+        watch_presses(source, touch, mapping, asked, stop)
     if stop.is_set() and not mapping.done:
         raise InsoleError("ended before every position was pressed: nothing is written")
-    complete = _write(out, templates, mapping.found(), owners, touch)
+    complete = write_layouts(out, templates, mapping.found(), owners, touch)
     if not complete:
         raise typer.Exit(1)
+
+
+def _path(out: Path, foot: Foot) -> Path:
+    return out / f"{foot}-layout.yaml"
 
 
 def _chosen(settings: Config, foot: Which) -> list[Insole]:
@@ -76,13 +83,13 @@ def _chosen(settings: Config, foot: Which) -> list[Insole]:
 
 
 def _template(insole: Insole, given: Path | None) -> Layout:
-    from ..service.setup import load_layout
+    from ..service.foot_setup import load_layout
     from ..skin import layout as layouts
 
     return layouts.load(given, insole.foot) if given is not None else load_layout(insole)
 
 
-def _watch(
+def watch_presses(
     source: RecoveringSource, touch: Touch, mapping: Mapping, asked: list[Position], stop: threading.Event
 ) -> None:
     """Look at the bus forty times a second until every position has been asked."""
@@ -114,7 +121,9 @@ def _watch(
                 _say(f"  {say.text}" + ("\a" if say.what in ("lift", "missing", "again") else ""))
 
 
-def _write(out: Path, templates: list[Layout], found: list[Found], owners: dict[int, Foot], touch: Touch) -> bool:
+def write_layouts(
+    out: Path, templates: list[Layout], found: list[Found], owners: dict[int, Foot], touch: Touch
+) -> bool:
     """Write what was found, and say what was not; whether all is well."""
     import numpy as np
 
@@ -131,7 +140,7 @@ def _write(out: Path, templates: list[Layout], found: list[Found], owners: dict[
         if layout is None:
             _say(f"{template.foot}: no position answered for certain, nothing is written")
             continue
-        path = out / f"{template.foot}-layout.yaml"
+        path = _path(out, template.foot)
         remark = (
             "Written by `insole map`: board and triangle of every position were found by pressing it.\n"
             "Places, rotations and mirroring are those of the template; a press does not tell them."
@@ -141,6 +150,7 @@ def _write(out: Path, templates: list[Layout], found: list[Found], owners: dict[
         except OSError as error:
             raise InsoleError(f"{path}: cannot be written: {error.strerror or error}") from error
         _say(f"{template.foot}: {len(layout)} of {len(template)} positions in {path}")
+        name_next(f"in config.yaml, under the {template.foot} foot: layout: {path}; then insole zero")
     lines = summary(
         found, owners, identities(touch.seen()), identities(touch.faulty() & touch.seen())
     )  # fmt: skip

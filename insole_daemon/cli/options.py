@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import sys
 from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
@@ -15,11 +16,14 @@ from ..config import Bus
 ConfigFile = Annotated[
     Path | None, typer.Option("--config", help="config.yaml; without it, the built-in default is used.")
 ]
-Connect = Annotated[str, typer.Option("--connect", help="Zenoh endpoint of the daemon.")]
+Connect = Annotated[
+    str, typer.Option("--connect", help="Zenoh endpoint of the daemon: tcp/host:port, host:port or host.")
+]
 ZenohFile = Annotated[
     Path | None, typer.Option("--zenoh-config", help="Zenoh's own configuration, with the certificate to show.")
 ]
 RigName = Annotated[str, typer.Option("--rig", help="Name of the rig, where one endpoint leads to several.")]
+Force = Annotated[bool, typer.Option("--force", help="Replace files that are already there.")]
 Seconds = Annotated[float | None, typer.Option("--seconds", min=0.1, help="End after this time.")]
 
 
@@ -50,6 +54,18 @@ BusName = Annotated[Bus, _BUS]
 OptionalBusName = Annotated[Bus | None, _BUS]
 
 
+def refuse_existing_file(path: Path | None, force: bool) -> None:
+    """Raise FileError where `path` is there and may not be replaced, or is a folder."""
+    from ..errors import FileError
+
+    if path is None or not path.exists():
+        return
+    if path.is_dir():
+        raise FileError(f"{path}: expected the name of a file, found a folder")
+    if not force:
+        raise FileError(f"{path}: is already there; choose another name, or replace it with --force")
+
+
 def write_whole(path: Path, text: str) -> None:
     """Write a file, all or nothing; FileError where it cannot be written."""
     from ..errors import FileError
@@ -59,6 +75,11 @@ def write_whole(path: Path, text: str) -> None:
         write_text(path, text)
     except OSError as error:
         raise FileError(f"{path}: cannot be written: {error.strerror or error}") from error
+
+
+def name_next(command: str) -> None:
+    """Say which command a person may want next."""
+    print(f"insole: next: {command}", file=sys.stderr)
 
 
 def on_end(stop: Callable[[], object]) -> None:

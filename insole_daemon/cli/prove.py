@@ -29,26 +29,20 @@ class Suite(StrEnum):
 
 def prove(
     out: Annotated[Path, typer.Option("--out", help="Folder for cases, truth, answers and tables; not there yet.")],
-    cases: Annotated[int, typer.Option("--cases", min=1, help="How many.")] = 108,
+    cases: Annotated[int, typer.Option("--cases", min=1, help="How many.")] = 120,
     seed: Annotated[int | None, typer.Option("--seed", min=0, help="Of the cases; drawn where it is not said.")] = None,
     suite: Annotated[Suite, typer.Option("--suite", help="Which kinds of cases; bench is a short fixed list.")] = (
-        Suite.chamber
+        Suite.all
     ),
     jobs: Annotated[int, typer.Option("--jobs", min=1, help="How many at a time.")] = 1,
 ) -> None:
     """Prove the diagnosis on cases in which physics is concealed: generate, seal, diagnose, score.
 
-    Needs a checkout of the repository: generator and scorer are no part of the package, and share nothing with it.
-    The seal is printed first and the tables last; cases, truth, every run and its log stay in the folder.
+    Generator and scorer share no module with this package. The seal is printed first and the tables last; cases,
+    truth, every run and its log stay in the folder.
     """
     from ..errors import FileError
 
-    root = Path(__file__).parents[2]
-    if not (root / "benchmarks" / "blind").is_dir():
-        raise FileError(
-            f"{root}: expected a checkout with benchmarks/blind, found the installed package: clone the repository, "
-            "'pip install -e .[lab]' in it, and run 'insole prove' again"
-        )
     out = out.resolve()
     if out.exists():
         raise FileError(f"{out}: is already there; name another folder, runs are never overwritten")
@@ -57,24 +51,33 @@ def prove(
     out.mkdir(parents=True)
     print(f"insole: {cases} cases of {suite.value}, seed {drawn}, into {out}", file=sys.stderr, flush=True)
     seal = _run(
-        root, "generate", "--cases", cases, "--suite", suite.value, "--seed", drawn, "--out", given,
+        "make", "--cases", cases, "--suite", suite.value, "--seed", drawn, "--out", given,
         "--sealed", sealed, "--jobs", jobs,
     ).strip()  # fmt: skip
     print(f"Seal: {seal}", flush=True)
-    _run(root, "run", "--cases", given, "--answers", answers, "--jobs", jobs, "--", *_TOOL, "--out", "{out}")
+    _run("run", "--cases", given, "--answers", answers, "--jobs", jobs, "--", *_TOOL, "--out", "{out}")
     scored = _run(
-        root, "score", "--sealed", sealed, "--answers", answers, "--seal", seal, "--predictor", _PREDICTOR,
+        "score", "--sealed", sealed, "--answers", answers, "--seal", seal, "--predictor", _PREDICTOR,
         "--compensator", _COMPENSATOR, "--json", out / "score.json",
     )  # fmt: skip
     write_whole(tables, scored)
     print(scored, end="")
 
 
-def _run(root: Path, program: str, *arguments: object) -> str:
-    """What a program of the benchmark says on stdout; its progress is shown. InsoleError where it fails."""
+def _benchmark() -> tuple[str, Path | None]:
+    """Name of the blind benchmark's package and the folder to run it from: a checkout's own, else the installed one."""
+    root = Path(__file__).parents[2]
+    if (root / "benchmarks" / "diagnosis" / "blind").is_dir():
+        return "benchmarks.diagnosis.blind", root
+    return "insole_blind", None
+
+
+def _run(program: str, *arguments: object) -> str:
+    """Run one program of the benchmark, show its progress, return its stdout. InsoleError where it fails."""
     from ..errors import InsoleError
 
-    command = [sys.executable, "-m", f"benchmarks.blind.{program}", *map(str, arguments)]
+    package, root = _benchmark()
+    command = [sys.executable, "-m", package, program, *map(str, arguments)]
     done = subprocess.run(command, cwd=root, stdout=subprocess.PIPE, text=True)
     if done.returncode:
         raise InsoleError(f"{' '.join(command[1:4])} … ended with status {done.returncode}: see what it said above")

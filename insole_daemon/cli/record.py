@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 import typer
 
 from ..config import DEFAULT_ENDPOINT
-from .options import ConfigFile, Connect, Seconds, Which, on_end
+from .options import ConfigFile, Connect, Seconds, Which, name_next, on_end
 
 if TYPE_CHECKING:
     from ..config import Config, Foot
@@ -118,6 +118,8 @@ def record(
         else:
             progress = session.from_bus(source)
     told.end(progress)
+    if progress.frames or progress.cycles:
+        name_next(f"insole report {out}")
 
 
 def protocol_of(kind: RecordKind) -> Protocol:
@@ -134,7 +136,9 @@ def insoles_of(settings: Config, foot: Which = Which.both) -> list[InsoleContent
     from ..service.foot import load_feet
 
     insoles = [
-        InsoleContents(each.name, each.insole.boards, each.layout, each.insole.calibration, each.zero)
+        InsoleContents(
+            each.name, each.insole.boards, each.layout, each.insole.calibration or each.calibration, each.zero
+        )
         for each in load_feet(settings)
         if foot in (Which.both, each.name)
     ]
@@ -145,7 +149,7 @@ def insoles_of(settings: Config, foot: Which = Which.both) -> list[InsoleContent
 
 def _of_daemon(client: Client, connect: str, foot: Which) -> list[InsoleContents]:
     from ..errors import WireError
-    from ..recording.of_daemon import insole_of
+    from ..recording.of_daemon import insole_in_use
 
     found = [(rig, name) for rig, name in client.feet() if foot in (Which.both, name)]
     if not found:
@@ -154,7 +158,7 @@ def _of_daemon(client: Client, connect: str, foot: Which) -> list[InsoleContents
     if len(rigs) > 1:
         raise WireError(f"{' and '.join(rigs)} publish behind {connect}: say which with --rig")
     client.rig = rigs[0]  # one that comes later is another wearer
-    return [insole_of(client, name) for _, name in found]
+    return [insole_in_use(client, name) for _, name in found]
 
 
 def _key(reference: str) -> str:
@@ -230,6 +234,8 @@ class Telling:
         self._guide(progress)
         start = "\r\033[K" if self._live else ""
         print(f"{start}insole: recorded {_line(progress)} in {self._out}", file=sys.stderr, flush=True)
+        for foot, quality in progress.quality.items():
+            print(f"insole: {foot}: {quality.sentence}", file=sys.stderr)
         for foot, items in progress.covered.items():
             missing = [f"{item.name} ({item.seen} so far: {item.ask})" for item in items if item.done < 1.0]
             print(f"insole: {foot}: missing: {'; '.join(missing) or 'nothing'}", file=sys.stderr)
@@ -255,7 +261,10 @@ def _told(item: Item) -> dict[str, Any]:
 
 def _line(progress: Progress) -> str:
     what = f"{progress.cycles} cycles" if progress.cycles else f"{progress.frames} frames"
-    words = [f"{progress.seconds:.0f} s", what, f"{progress.bytes / 1e6:.1f} MB", f"{progress.lost} lost"]
+    words = [f"{progress.seconds:.0f} s", what, f"{progress.bytes / 1e6:.1f} MB"]
+    words += [f"{foot} {quality.verdict} ({quality.percent} %)" for foot, quality in progress.quality.items()]
+    if progress.lost:
+        words.append(f"{progress.lost} lost")
     if progress.folders > 1:
         words.append(f"{progress.folders} folders")
     for foot, items in progress.covered.items():

@@ -8,19 +8,53 @@ from typing import Annotated
 
 import typer
 
-from .options import write_whole
+from .options import Force, name_next, refuse_existing_file, write_whole
+from .progress import show_work
+
+_RECORDINGS = Path("recordings")  # where the page puts its own
 
 
 def report(
-    recording: Annotated[Path, typer.Argument(help="Folder of a recording.")],
-    out: Annotated[
-        Path | None, typer.Option("--out", help="Where to write it; left out: report.html in the folder.")
+    recording: Annotated[
+        Path | None,
+        typer.Argument(help="Folder of a recording; left out: the newest one here and in recordings/."),
     ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", help="Where to write it; left out: report.html in the folder, which is replaced."),
+    ] = None,
+    force: Force = False,
 ) -> None:
     """Draw a recording: pressure, forces, steps and health, as one HTML file that needs no internet."""
     from ..recording.loading import load
     from ..view.recorded import recorded_page
 
-    file = out or recording / "report.html"
-    write_whole(file, recorded_page(load(recording)))
+    if out is not None and out.suffix.lower() not in (".html", ".htm"):
+        raise typer.BadParameter(f"expected an --out that ends in .html, found {out}")
+    refuse_existing_file(out, force)
+    folder = recording or newest_recording()
+    file = out or folder / "report.html"
+    loaded = load(folder)
+    for line in loaded.warnings:
+        print(f"insole: {line}", file=sys.stderr)
+    with show_work(f"drawing {folder}"):
+        write_whole(file, recorded_page(loaded))
     print(f"insole: wrote {file}", file=sys.stderr)
+    name_next(f"insole export {folder} {folder.name}.csv, or .npz, .mat, .mcap")
+
+
+def newest_recording() -> Path:
+    """The folder of the recording that was begun last, here or in recordings/; FileError where there is none."""
+    from ..errors import FileError
+    from ..recording.document import FILE
+
+    found = [
+        file
+        for file in (*Path().glob(f"*/{FILE}"), *_RECORDINGS.glob(f"*/{FILE}"))
+        if not file.parent.name.startswith(".")  # unfinished
+    ]
+    if not found:
+        raise FileError(
+            f"no recording here or in {_RECORDINGS}/: name the folder of one, or make one with 'insole record walk-1'"
+        )
+    return max(found, key=lambda file: file.stat().st_mtime).parent

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .options import ConfigFile, OptionalBusName, Seconds, on_end
+from .options import ConfigFile, OptionalBusName, Seconds, name_next, on_end
 
 if TYPE_CHECKING:
     from ..config import Bus
@@ -61,7 +61,7 @@ def simulate(
     if (bus is None) == (out is None):
         raise typer.BadParameter("expected one of --bus (such as socketcan:can0) and --out, found both or neither")
     from .. import config as configs
-    from ..service.setup import load_layout
+    from ..service.foot_setup import load_layout
     from ..simulation import conditions, effects_file
     from ..simulation.trial import Trial
 
@@ -73,6 +73,7 @@ def simulate(
     if out is not None:
         path = trial.write(out, seconds)
         print(f"insole: {scenario.value} ({trial.scenario.about}) written into {path}", file=sys.stderr)
+        name_next(f"insole report {path}")
     elif bus is not None:
         _play(trial, bus, trial.length_s(seconds))
 

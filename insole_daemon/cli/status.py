@@ -40,14 +40,17 @@ def status(rig: RigName = "*", connect: Connect = DEFAULT_ENDPOINT, zenoh_config
 
 
 def _screen(rig: str, foot: str, health: Health | None, meta: Meta) -> str:
+    from ..skin.quality import WINDOW_S, Quality
+
     if health is None:
         return f"{rig} {foot}: no health within {_HEALTH_WITHIN_S:g} s: the daemon hangs; restart it\n"
+    running = f"{health.publish_rate_hz:.1f} Hz, up {health.uptime_s:.0f} s, version {meta.version}"
     lines = [
-        f"{rig} {foot}: {health.state}, {health.publish_rate_hz:.1f} Hz, up {health.uptime_s:.0f} s",
-        f"  daemon       {meta.version}",
+        f"{rig} {foot}: {health.state}, {running}",
         f"  layout       {meta.layout}",
         f"  calibration  {meta.calibration}",
         f"  zero         {meta.zero_source}",
+        f"  quality      {Quality.of(health.quality).sentence}, in the last {WINDOW_S} s",
         "  cycles       " + _counts(health.cycles),
         "  latency      " + ", ".join(f"{k} {v:.2f} ms" for k, v in health.latency_ms.items() if v is not None),
     ]

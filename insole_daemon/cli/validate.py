@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .options import write_whole
+from .options import Force, name_next, refuse_existing_file, write_whole
+from .progress import show_work
+from .tables import print_table
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from ..calibration.validation import Result
 
 
@@ -23,17 +23,20 @@ def validate(
     calibration: Annotated[Path, typer.Option("--calibration", help="The calibration that is judged.")],
     out: Annotated[Path | None, typer.Option("--json", help="All figures, as insole-validation/2.")] = None,
     report: Annotated[Path | None, typer.Option("--report", help="An HTML page, in one file.")] = None,
+    force: Force = False,
 ) -> None:
     """Judge a calibration by recordings with a known load: the published tables, for any tasks."""
     from rich.console import Console
 
     from ..calibration import validation
-    from ..calibration.validation_report import html
+    from ..calibration.validation_report import validation_page
     from ..documents import Reading
     from ..errors import CalibrationError
     from ..physics import calibration as calibrations
     from ..recording.loading import load
 
+    for file in (out, report):
+        refuse_existing_file(file, force)
     loaded = [load(folder) for folder in recordings]
     for line in (line for each in loaded for line in each.warnings):
         print(f"insole: {line}", file=sys.stderr)
@@ -43,42 +46,31 @@ def validate(
     if foot in ("left", "right") and layout is None:
         raise CalibrationError(f"{calibration}: a calibration of the {foot} foot, which none of the recordings has")
     judged = calibrations.load(calibration, layout or loaded[0].feet[0].layout)
-    results, remarks = validation.validate(loaded, judged)
+    with show_work(f"judging {calibration.name}"):
+        results, remarks = validation.validate(loaded, judged)
     for remark in remarks:
         print(f"insole: {remark}", file=sys.stderr)
     if out is not None:
-        said = validation.document(results, str(calibration))
+        said = validation.validation_document(results, str(calibration))
         write_whole(out, json.dumps(said, indent=1, ensure_ascii=False) + "\n")
     if report is not None:
-        write_whole(report, html(results, judged, calibration.name))
+        write_whole(report, validation_page(results, judged, calibration.name))
     console = Console(width=None if sys.stdout.isatty() else 160)
-    for table in _tables(results):
-        console.print(table)
+    for columns, rows in _tables(results):
+        print_table(console, columns, rows)
     for name in ("rmse", "accuracy", "steady", "cop", "taxels", *(("model",) if judged.effects else ())):
         print(f"{name}: {validation.DEFINITIONS[name]}", file=sys.stderr)
+    name_next(f"in config.yaml, under the {judged.foot} foot: calibration: {calibration}; then insole run")
 
 
-def _tables(results: Sequence[Result]) -> list[Table]:
+def _tables(results: Sequence[Result]) -> Iterator[tuple[Sequence[str], Sequence[Sequence[str]]]]:
+    """Columns and rows of each table."""
     from ..calibration.validation import ShoeResult
     from ..calibration.validation_rows import CHAMBER_COLUMNS, SHOE_COLUMNS, chamber_rows, shoe_rows
 
-    tables = []
     shoe = [each for each in results if isinstance(each.outcome, ShoeResult)]
     chamber = [each for each in results if not isinstance(each.outcome, ShoeResult)]
     if shoe:
-        tables.append(_table(SHOE_COLUMNS, shoe_rows(shoe)))
+        yield SHOE_COLUMNS, shoe_rows(shoe)
     if chamber:
-        tables.append(_table(CHAMBER_COLUMNS, chamber_rows(chamber)))
-    return tables
-
-
-def _table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
-    from rich.box import SIMPLE
-    from rich.table import Table
-
-    table = Table(box=SIMPLE)
-    for at, column in enumerate(columns):
-        table.add_column(column, justify="right" if at else "left")
-    for row in rows:
-        table.add_row(*row)
-    return table
+        yield CHAMBER_COLUMNS, chamber_rows(chamber)

@@ -38,21 +38,12 @@ def view(
     connect: Connect = DEFAULT_ENDPOINT,
     zenoh_config: ZenohFile = None,
 ) -> None:
-    """Serve a page that shows a running daemon live, in any browser.
-
-    Needs the extra [view]: pip install 'insole-daemon[view]'.
-    """
-    from ..errors import InsoleError, WireError
+    """Serve a page that shows a running daemon live, in any browser."""
+    from ..errors import WireError
+    from ..view.beside import Others
+    from ..view.safety import Safety
+    from ..view.server import application, serve
     from ..wire.client import Client
-
-    try:
-        from ..view.beside import Others
-        from ..view.safety import Safety
-        from ..view.server import application, serve
-    except ModuleNotFoundError as error:
-        raise InsoleError(
-            f"the page needs {error.name}, which is not installed: pip install 'insole-daemon[view]'"
-        ) from error
 
     references = {foot: f"reference/{foot}" for foot in ("left", "right")}
     for each in reference or ():

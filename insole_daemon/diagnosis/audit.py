@@ -19,10 +19,11 @@ from scipy.ndimage import uniform_filter1d
 from ..physics.effect import Where
 from ..physics.law import Array
 from ..recording.loading import FootRecording
+from ..recording.read_times import arrived, median_interval_ns
 from ..skin.geometry import N_TAXELS, PRESSURE_TAXELS
 from . import contact
 from .finding import Finding
-from .lost import gaps, not_new
+from .lost import lost
 from .loudness import bursts, intervals, joined, loud_boards, louder
 from .places import said, where
 
@@ -35,7 +36,8 @@ LOUDER = 1.5  # times the scatter under little load: noise goes with the load
 ALWAYS = 0.95  # of the time: from beginning to end
 MOST_LEAPING = 0.5  # of the taxels: as many loose contacts there are not
 MOST_LOST = 0.003  # of all cycles: fewer are what a bus loses
-FROZEN = 0.9  # of the cycles without a new reading: the triangle is not there, whatever it says
+LEAST_APART = 1.5  # times as long between its readings: the board sets the pace of the others
+FROZEN = 0.9  # of its readings repeat the one before: the triangle is not there, whatever it says
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,8 +109,10 @@ def audit(foot: FootRecording, name: str, steps: bool = False) -> Audit:
         findings += noisy
     fresh, missing = _lost(seen, unfit)
     findings += missing
-    enough = fresh if steps or not of_kept.any() else believed[:, of_kept].mean(axis=1) >= LEAST_TAXELS
-    cycles = enough & ~_on_rails(seen.counts[:, of_kept])
+    if of_kept.any():
+        enough = believed[:, of_kept][:, _slowest(foot, np.flatnonzero(of_kept))].mean(axis=1) >= LEAST_TAXELS
+        fresh = fresh & enough if steps else enough
+    cycles = fresh & ~_on_rails(seen.counts[:, of_kept])
     return Audit(kept, believed.reshape(foot.valid.shape), cycles, tuple(findings))
 
 
@@ -118,10 +122,11 @@ def _readings(foot: FootRecording, name: str) -> _Readings:
     t_s = (foot.t_ns - foot.t_ns[0]) * 1e-9
     counts, valid = foot.counts.reshape(n, -1).astype(np.float64), foot.valid.reshape(n, -1)
     asked = np.flatnonzero(_asked(foot).ravel())
-    mean, old = _insole(counts[:, asked]), not_new(foot)
+    mean, old = _insole(counts[:, asked]), ~foot.is_new
     dead = np.zeros(counts.shape, bool)
     dead[:, asked] = contact.silent(counts[:, asked], valid[:, asked], t_s, mean)
-    frozen = old.mean(axis=0) > FROZEN
+    came = arrived(foot.read_ns).sum(axis=0)
+    frozen = foot.is_new.sum(axis=0) < (1.0 - FROZEN) * came
     if not frozen.all():  # else the load never moved
         dead[:, asked] |= frozen[asked // N_TAXELS]
     return _Readings(foot, name, t_s, counts, valid, asked, mean, old, dead, _on_rails(counts[:, asked]))
@@ -205,16 +210,24 @@ def _lost(seen: _Readings, unfit: NDArray[np.bool_]) -> tuple[NDArray[np.bool_],
     """(n,) cycles that bring something new of every triangle, and what is told of the others; (s,) `unfit` taxels."""
     # What a triangle without a taxel to believe lacks is no cycle's loss: one that is not there says the same for ever.
     there = (~unfit.reshape(seen.foot.valid.shape[1:]) & _asked(seen.foot)).any(axis=1)
-    lost = (seen.old | gaps(seen.t_s)[:, None]) & there
-    fresh = np.asarray(~lost.any(axis=1))
+    gone = lost(seen.foot) & there
+    fresh = np.asarray(~gone.any(axis=1))
     if (~fresh).mean() <= MOST_LOST:
         return fresh, []
-    rows = np.flatnonzero(lost.mean(axis=0) > MOST_LOST)
+    rows = np.flatnonzero(gone.mean(axis=0) > min(MOST_LOST, gone.mean(axis=0).max() / 2))
     slots = (rows[:, None] * N_TAXELS + np.flatnonzero(PRESSURE_TAXELS)).ravel()
     when = joined(intervals(~fresh, seen.t_s), 1.0)
     spread = sum(b - a for a, b in when) > 0.5 * seen.t_s[-1] or len(when) > 40
-    text = f"{lost[:, rows].mean():.1%} of the readings did not come, or came again unchanged"
+    text = f"{gone[:, rows].mean():.1%} of the readings did not come, or came again unchanged"
     return fresh, [seen.finding("frame_loss", slots, () if spread else when, text)]
+
+
+def _slowest(foot: FootRecording, slots: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Which of `slots` are read least often: all, unless boards differ so much that others are read in between."""
+    every = [median_interval_ns(foot.read_ns[new, row]) for row, new in enumerate(foot.is_new.T)]
+    interval_ns = np.nan_to_num(every)[slots // N_TAXELS]
+    slow = interval_ns * LEAST_APART > interval_ns.max()
+    return np.flatnonzero(slow)
 
 
 def _asked(foot: FootRecording) -> NDArray[np.bool_]:

@@ -16,6 +16,7 @@ from .explained import Insole
 from .finding import Finding, Quantity
 from .fit import Hypothesis
 from .groups import LEAST_EXCESS, Located, Named
+from .handed_in import Component, absorbed, activation, listed
 from .jumps import Jump
 from .modelling import Curves
 from .observed import Observed
@@ -173,25 +174,48 @@ def _explained(named: Named) -> bool:
 
 
 def of_curves(
-    insole: Insole, curves: Sequence[Curves], model: Calibration, bits: Sequence[int], creeps: bool
+    insole: Insole,
+    curves: Sequence[Curves],
+    model: Calibration,
+    bits: Sequence[int],
+    creeps: bool,
+    components: Sequence[Component],
 ) -> tuple[list[Finding], float]:
-    """How the curves differ from `model`'s, beside a creep or none, and the mean square of that, counts²."""
-    usable = model.usable.ravel()
+    """How the curves differ from `model`'s, beside a creep or none, and what of a reading the components may move.
+
+    The components are what a calibration of the sensor with its effects may hold; the second value is the RMS, counts,
+    of all that they may bring at once: no gain is told from less.
+    """
     slots = merged(each.slots for each in curves)
-    slots = slots[usable[slots]]
+    slots = slots[listed(model, slots)]
     if not slots.size:
         return [], 0.0
     low = max(0.0, *(float(each.load_pa[0]) for each in curves))
     loads = np.linspace(low, min(float(each.load_pa[-1]) for each in curves), 60)
-    fitted = np.empty((len(slots), len(loads)))
+    baseline = model.baseline_count.ravel()[slots][:, None]
+    fitted = _on(loads, slots, curves) + baseline
+    believed = activation(model, slots, np.broadcast_to(loads[:, None], (len(loads), len(slots)))).T
+    parts = []
+    for each in components:
+        less = fitted - baseline if each.less is None else _on(loads, slots, [each.less])
+        parts.append((_on(loads, slots, [each.more]) - less, each.low, each.high))
+    moves = sum(np.sqrt(np.mean(part**2)) * (high - low) for part, low, high in parts)
+    held = absorbed(fitted, believed, parts)
+    noise_count = float(np.median(insole.noise_of(slots)))
+    compared = compare(slots, loads, fitted + held, model, creeps, noise_count)
+    found = changes(compared, noise_count, insole.layout, bits)
+    return [_change(insole, each) for each in found], float(moves)
+
+
+def _on(loads_pa: Array, slots: NDArray[np.intp], curves: Sequence[Curves]) -> Array:
+    """(m, g) activation of the `slots` (m,) at `loads_pa` (g,)."""
+    found = np.zeros((len(slots), len(loads_pa)))
     for each in curves:
-        for slot, activation in zip(each.slots.tolist(), each.activation_count, strict=True):
-            if usable[slot]:
-                fitted[np.searchsorted(slots, slot)] = np.interp(loads, each.load_pa, activation)
-    baseline = model.baseline_count.ravel()[slots]
-    compared = compare(slots, loads, fitted + baseline[:, None], model, baseline, creeps)
-    found = changes(compared, float(np.median(insole.noise_of(slots))), insole.layout, bits)
-    return [_change(insole, each) for each in found], float(np.mean((compared.fitted - compared.believed) ** 2))
+        for slot, read in zip(each.slots.tolist(), each.activation_count, strict=True):
+            at = int(np.searchsorted(slots, slot))
+            if at < len(slots) and slots[at] == slot:
+                found[at] = np.interp(loads_pa, each.load_pa, read)
+    return found
 
 
 def _change(insole: Insole, change: Change) -> Finding:

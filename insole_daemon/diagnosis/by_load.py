@@ -8,12 +8,10 @@ from ..config import Foot
 from ..errors import DiagnosisError
 from ..physics.calibration import Calibration
 from ..recording.loading import Recording
-from . import diagnosing, together
+from . import diagnosing, pipeline
 from .diagnosing import Diagnosis
 from .feet import choose
-from .foot import diagnosing as on_foot
-from .foot.diagnosing import WalkDiagnosis
-from .together import Together
+from .pipeline import WrenchDiagnosis
 
 
 def diagnose(
@@ -23,17 +21,20 @@ def diagnose(
     progress: Callable[[str], None],
     simulation: Recording | None = None,
     asked: Foot | None = None,
-) -> Diagnosis | WalkDiagnosis | Together:
-    """On every taxel (`diagnosing`), in sum (`foot.diagnosing`) or both (`together`), with their errors."""
+) -> Diagnosis | WrenchDiagnosis:
+    """What differs, by the recordings' kinds, with the errors of the way it takes.
+
+    Where the insole is calibrated, `pipeline`; chambers without a calibration, and what has a simulation, go to
+    `diagnosing`.
+    """
     kinds = {each.kind for each in recordings}
-    if simulation is not None or "shoe" not in kinds:
-        return diagnosing.diagnose(recordings, calibration, budget_s, progress, simulation, asked)
     others = [each for each in recordings if each.kind not in ("chamber", "shoe")]
-    if others:
+    if others and simulation is None and len(kinds) > 1:
         raise DiagnosisError(
             f"{others[0].folder}: expected a chamber or a force shoe as in the other recordings, found kind "
             f"{others[0].kind}: leave it out"
         )
-    if "chamber" in kinds:
-        return together.diagnose(recordings, calibration, budget_s, progress, asked)
-    return on_foot.diagnose(recordings, choose(recordings, asked), calibration, budget_s, progress)
+    feet = choose(recordings, asked, simulation)
+    if simulation is not None or (not pipeline.has_model(feet[0], calibration) and "shoe" not in kinds):
+        return diagnosing.diagnose(recordings, calibration, budget_s, progress, simulation, asked)
+    return pipeline.diagnose(recordings, feet, calibration, progress)

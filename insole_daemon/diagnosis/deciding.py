@@ -15,7 +15,7 @@ UNEXPLAINED = 0.25  # of the mismatch that the best subset leaves: it is somethi
 MISFIT = {"speeds": 0.1, "holds": 0.05, "temperature": 0.1}
 SIGMAS = 4.0
 # That neither a word nor its alternatives are there, where other words leave as little: of the project's own trials
-# (benchmarks/diagnosis_training.py --seed 606 --cases 54) one in eleven with rivals within five times, none of 46
+# (benchmarks/diagnosis/training.py --seed 606 --cases 54) one in eleven with rivals within five times, none of 46
 # beyond.
 DOUBT = 0.2
 HOLD_S = 12.0  # shorter, and what relaxes and what creeps look alike
@@ -34,6 +34,10 @@ TWINS: Mapping[frozenset[str], str] = {
     frozenset({"creep", "lag"}): "speeds",
     frozenset({"creep", "delay"}): "speeds",
     frozenset({"viscoelasticity", "delay"}): "speeds",
+    frozenset({"lag", "clock"}): "speeds",
+    frozenset({"hysteresis", "clock"}): "speeds",
+    frozenset({"creep", "clock"}): "speeds",
+    frozenset({"viscoelasticity", "clock"}): "speeds",
 }
 RECORD: Mapping[str, str] = {
     "speeds": "the same cycle at two speeds, one at least three times the other, and a hold of 60 s",

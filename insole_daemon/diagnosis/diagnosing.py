@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from ..physics.calibration import BEGAN, Calibration
 from ..physics.effect import Effect
 from ..physics.law import Array
 from ..recording.loading import FootRecording, Recording
-from . import beside, explained, modelling, simulated
+from . import beside, explained, handed_in, modelling, simulated
 from . import jumps as jumping
 from .agreement import agreed
 from .audit import Audit, audit
@@ -37,10 +38,11 @@ from .modelling import Curves
 from .observed import Observed
 from .observing import observe
 from .one_cause import of_one_cause
-from .outcome import Outcome, verdict
+from .outcome import Outcome, verdict_of
 from .reference_faults import Fault, without_drift, without_steps
 from .rezeros import rezeroed
 from .simulated import Mapped
+from .static import LEAST as LEAST_STATIC
 
 HIDDEN_IN_PLACES = {
     "crosstalk": ("a smooth load looks the same with a little of it", "an indenter one taxel wide"),
@@ -53,6 +55,9 @@ INVISIBLE = {
     "map_transform": ("a uniform load has no place", "walking or standing with a force shoe"),
     "swapped_triangles": ("a uniform load is the same on both", "walking, or pressing on one triangle"),
 }
+# Times the noise floor: what `before` may be where nothing differs, 1.25 in squares. Beside the white noise, of which
+# the floor is told, readings have slow noise, up to a fifth of their variance, and a calibration is never exact.
+MOST_NULL = 1.118
 MISSING = {
     "drift": "at least three cycles",
     "delay": "the reference on the clock of the CAN frames",
@@ -91,6 +96,8 @@ def diagnose(
     feet = choose(recordings, asked, simulation)
     layout = feet[0].layout
     model = calibration if calibration is not None else feet[0].calibration
+    if model is not None and model.builtin:  # it is nobody's belief of this insole
+        model = None
     if model is not None and model.effects:
         words = ", ".join(each.law.word for each in model.effects)
         raise DiagnosisError(f"the model has effects already ({words}), expected a static one: diagnose against that")
@@ -98,6 +105,7 @@ def diagnose(
     walk = simulation is not None and has_places(simulation, feet[0])
     audits = [audit(foot, each.folder.name, walk) for foot, each in zip(feet, recordings, strict=True)]
     observed, spikes, mapped = _observe(recordings, feet, audits, simulation, model, progress)
+    as_read = observed
     excited = excitation(observed)
     slots = observed[0].slots
     noise = np.sqrt(np.mean([each.noise_count**2 for each in observed], axis=0))
@@ -130,11 +138,11 @@ def diagnose(
     insole = Insole(feet[0].foot, layout, names, slots, noise, excited)
     parts = list(zip(located.named, decided, strict=True))
     curves = explained.curves(insole, located, parts)
-    sure, handed_in = (explained.curves(insole, located, parts, sure=True) if mapped is None else curves), None
-    if mapped is not None and model is not None:
-        curves, handed_in = _continued(curves, model, located, parts, noise)
-        sure = curves
+    sure = explained.curves(insole, located, parts, sure=True) if mapped is None else curves
     before, after = explained.held_out(insole, located, parts)
+    if mapped is not None and model is not None:
+        curves, static = _continued(curves, model, located, parts, noise)
+        before, sure = before + static, curves
     findings, effects = explained.findings(insole, parts)
     if mapped is not None:
         placed, of_places = simulated.findings(insole, mapped)
@@ -152,26 +160,33 @@ def diagnose(
     effects += [modelling.as_effect(each.effect, each.where, each.parameters) for each in [*own, *late]]
     clocks, clocks_std = _clocks(observed, located)
     findings += beside.of_clocks(insole, observed, clocks, clocks_std)
+    blurred: list[dict[str, str]] = []
     if model is not None:
         bits = [board.shift for board in feet[0].boards if board.shift is not None]
         creeps = any("creep" in each.best.words for each in decided)
-        recalibrated, off = beside.of_curves(insole, curves, model, bits, creeps)
+        holds = handed_in.components(insole, located, parts) if mapped is None else []
+        recalibrated, held_count = beside.of_curves(insole, curves, model, bits, creeps, holds)
         findings += recalibrated
-        handed_in = off if handed_in is None else handed_in
+        told = {each.effect for each in recalibrated}
+        if held_count > LEAST_STATIC * float(np.median(noise)):
+            blurred = [_blurred(word, held_count) for word in ("gain", "baseline") if word not in told]
+        if mapped is None:
+            before = handed_in.mismatch(replace(taxels, observed=tuple(as_read)), located.null.theta, model)
     findings.sort(key=lambda each: -each.explains)
     floor = float(np.mean(noise**2))
-    rms = [round(float(np.sqrt(floor + square)), 4) for square in (before + (handed_in or 0.0), after, 0.0)]
+    rms = [round(float(np.sqrt(floor + square)), 4) for square in (before, after, 0.0)]
+    heldout: dict[str, Any] = {"unit": "count", **dict(zip(("before", "after", "floor"), rms, strict=True))}
     provenance = {"made_by": f"insole diagnose {__version__}", "recordings": list(names), BEGAN: int(feet[0].t_ns[0])}
     return Diagnosis(
         recordings=names,
         insole=insole,
         against="model" if simulation is None else "simulation",
-        verdict=verdict(findings),
-        heldout={"unit": "count", **dict(zip(("before", "after", "floor"), rms, strict=True))},
+        verdict=verdict_of(findings, heldout, MOST_NULL * rms[2]),
+        heldout=heldout,
         clocks=clocks,
         findings=tuple(findings),
         rejected=_rejected(parts),
-        not_identifiable=_not_identifiable(every, excited, decided, _hidden(mapped)),
+        not_identifiable=(*_not_identifiable(every, excited, decided, _hidden(mapped)), *blurred),
         model=modelling.document(insole.foot, layout, sure, effects, provenance),
         observed=tuple(observed),
         located=located,
@@ -269,6 +284,15 @@ def _rejected(
     return tuple({"effect": word, "why": why} for word, why in found.items())
 
 
+def _blurred(word: str, held_count: float) -> dict[str, str]:
+    return {
+        "effect": word,
+        "why": f"the calibration may hold up to {held_count:.1f} counts of the mean of what was found: less cannot be "
+        "told from it",
+        "record_instead": "a calibration that waits at every level, at the temperature of the trial",
+    }
+
+
 def _hidden(mapped: Mapped | None) -> Mapping[str, tuple[str, str]]:
     """What a load of this kind cannot show, by word: why, and what would."""
     if mapped is None:
@@ -285,7 +309,7 @@ def _not_identifiable(
     found = [{"effect": word, "why": why, "record_instead": instead} for word, (why, instead) in hidden.items()]
     for word, each in every.items():
         why = each.needs(excited)
-        if why is not None:
+        if why is not None and word != "clock":  # an own clock is aligned, and told of beside the candidates
             found.append({"effect": word, "why": why, "record_instead": MISSING.get(word, "more of that")})
     there = shown(excited)
     for said_of in decided:

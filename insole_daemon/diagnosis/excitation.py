@@ -29,15 +29,8 @@ def excitation(observed: Sequence[Observed]) -> Excitation:
             f"{observed[0].folder}: the reference says {loads[0][0]:g} Pa throughout, expected a load that rises and "
             "falls at least three times: was the instrument recorded?"
         )
-    reversals = sum(_reversals(load, TURN * span) for load in loads)
-    holds = [hold for each, load in zip(observed, loads, strict=True) for hold in _holds(load, each.load.step_s, span)]
-    steps = sum(seconds > STEP_S for seconds, _ in holds)
-    if reversals < 2 * LEAST_CYCLES - 1 and not (reversals and steps >= 2 * LEAST_CYCLES):
-        raise UndecidableError(
-            f"{observed[0].folder}: the load turns {reversals} times and is held {steps} times, expected at least "
-            f"{LEAST_CYCLES} cycles of loading and unloading, or as many steps up and down: one ramp fits any physics. "
-            "Record more, at two speeds, with holds"
-        )
+    steps_s = [each.load.step_s for each in observed]
+    reversals, holds = require_cycles(str(observed[0].folder), loads, steps_s, span)
     ramps = []
     for each, load in zip(observed, loads, strict=True):
         second = max(round(1.0 / each.load.step_s), 1)
@@ -56,6 +49,25 @@ def excitation(observed: Sequence[Observed]) -> Excitation:
         reversals=reversals,
         own_clock=observed[0].load.clock == "own",
     )
+
+
+def require_cycles(
+    name: str, loads: Sequence[Array], steps_s: Sequence[float], span: float
+) -> tuple[int, list[tuple[float, float]]]:
+    """How often loads (N,) of all recordings turn, and their holds: seconds and share of `span`.
+
+    `steps_s`: between two rows of each. UndecidableError where that is too little to tell anything by.
+    """
+    reversals = sum(_reversals(load, TURN * span) for load in loads)
+    holds = [hold for load, step_s in zip(loads, steps_s, strict=True) for hold in _holds(load, step_s, span)]
+    steps = sum(seconds > STEP_S for seconds, _ in holds)
+    if reversals < 2 * LEAST_CYCLES - 1 and not (reversals and steps >= 2 * LEAST_CYCLES):
+        raise UndecidableError(
+            f"{name}: the load turns {reversals} times and is held {steps} times, expected at least "
+            f"{LEAST_CYCLES} cycles of loading and unloading, or as many steps up and down: one ramp fits any physics. "
+            "Record more, at two speeds, with holds"
+        )
+    return reversals, holds
 
 
 def _many_speeds(load: Load) -> bool:

@@ -70,13 +70,13 @@ def curves(insole: Insole, located: Located, explained: Explained, sure: bool = 
     for named, decided in explained:
         group, fitted = named.group, decided.best.fitted
         plain = sure and not bends(group.evidence, fitted, group.floor)
-        found.append(_curves(Hypothesis(group.taxels, fitted.candidates, plain), fitted.theta, group.slots, insole))
+        found.append(curves_of(Hypothesis(group.taxels, fitted.candidates, plain), fitted.theta, group.slots, insole))
     rest = _rest(insole, explained)
     if rest.size:
         whole = Hypothesis(located.taxels, ()).at(located.null.theta)
         floor = whole.mean_square() - float(np.mean(located.excess**2))
         plain = sure and not bends(located.taxels, whole, floor)
-        every = _curves(Hypothesis(located.taxels, (), plain), located.null.theta, insole.slots, insole)
+        every = curves_of(Hypothesis(located.taxels, (), plain), located.null.theta, insole.slots, insole)
         found.append(Curves(rest, every.load_pa, every.activation_count[np.searchsorted(insole.slots, rest)]))
     return found
 
@@ -96,7 +96,9 @@ def findings(insole: Insole, explained: Explained) -> tuple[list[Finding], list[
         named, decided = max(asserted or parts, key=lambda part: len(part[0].group.slots))
         slots = merged(part[0].group.slots for part in asserted or parts)
         finding, effect = _named(insole, word, where(slots, insole.slots, insole.layout), named, decided)
-        if 2 * len(finding.contradicted_by) <= len(insole.recordings):  # else most are predicted better without it
+        if word != "clock" and 2 * len(finding.contradicted_by) <= len(
+            insole.recordings
+        ):  # else most are predicted better without it
             effects.append(effect)
         if asserted:
             found.append(finding)
@@ -189,7 +191,8 @@ def _span(x: Array) -> float:
     return float(np.ptp(x, axis=0).max())
 
 
-def _curves(hypothesis: Hypothesis, theta: Array, slots: NDArray[np.intp], insole: Insole) -> Curves:
+def curves_of(hypothesis: Hypothesis, theta: Array, slots: NDArray[np.intp], insole: Insole) -> Curves:
+    """The curves of the taxels `slots`, which `hypothesis` is of, with its values at `theta`."""
     fitted = hypothesis.at(theta)
     loads = np.linspace(float(fitted.effective_pa.min()), float(fitted.effective_pa.max()), N_LOADS)
     return Curves(slots, loads, hypothesis.curve(fitted, loads) * insole.noise_of(slots)[:, None])

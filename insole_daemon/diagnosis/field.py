@@ -19,12 +19,12 @@ from ..physics.calibration import Calibration
 from ..physics.law import Array
 from ..physics.static_curve import horner
 from ..recording.loading import FootRecording, Recording
+from ..recording.read_times import at_cycles
 from ..recording.reference import Reference
 from ..skin.geometry import N_TAXELS, PRESSURE_TAXELS
 from ..skin.layout import Layout
 from .floor import noise_of_readings
 from .observed import Load
-from .readings import together
 
 MOST_COURSES = 40
 FINER = 2  # rows of the grid for each cycle of the simulation
@@ -133,10 +133,11 @@ def field(simulation: Recording, foot: FootRecording) -> Field:
     t_s = (same.t_ns - same.t_ns[0]) * 1e-9
     used = np.diff(t_s, prepend=-1.0) > 0
     t_s = t_s[used]
-    counts, valid = (each.reshape(n, -1)[used][:, slots] for each in (same.counts, same.valid))
-    age_s = np.maximum(same.age_ns[used], 0)[:, slots // N_TAXELS] * 1e-9
-    pressure, pa_per_count = pressure_of(same.calibration, slots, together(counts, valid, t_s, age_s))
-    scale = noise_of_readings(counts.astype(float), valid) * pa_per_count
+    new = same.valid & same.is_new[..., None]
+    counts, new = (each.reshape(n, -1)[used][:, slots] for each in (same.counts, new))
+    behind_s = same.behind_ns[used][:, slots // N_TAXELS] * 1e-9
+    pressure, pa_per_count = pressure_of(same.calibration, slots, at_cycles(counts, new, t_s, behind_s))
+    scale = noise_of_readings(counts.astype(float), new) * pa_per_count
     left, size, right = np.linalg.svd(pressure / scale, full_matrices=False)
     rows, m = pressure.shape
     # The edge of white noise, in units of a reading's: readings are shifted to common moments, which averages a little.

@@ -46,6 +46,7 @@ class Finding:
     heldout_count: tuple[float, float] | None = None  # before and after it alone is left out
     heldout_n: tuple[float, float] | None = None  # the same of a force, where no reading's load is known
     confidence: float = 1.0
+    margin: float | None = None  # by which the best explanation without it is worse, in least gains of an effect
 
     def document(self) -> dict[str, Any]:
         """As `insole-diagnosis/1` has it."""

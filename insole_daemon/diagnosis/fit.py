@@ -216,6 +216,11 @@ class Hypothesis:
         stacked = _stacked(effective_pa, len(basis))
         return _flat(stacked - basis @ (np.linalg.pinv(basis) @ stacked))
 
+    def position(self, load_pa: Array) -> Array:
+        """Where in the evidence's range of loads, −1 to 1, `load_pa` (n, m) lies."""
+        found: Array = (load_pa - self._middle) / self._half
+        return found
+
     def load_at(self, x: Array) -> Array:
         """The loads that −1…1 of the evidence's range stands for; of the widest range, where each taxel has its own."""
         widest = int(np.argmax(self._half))

@@ -27,14 +27,15 @@ def noise_of_blocks(y: Array) -> Array:
 def noise_of_readings(count: Array, believed: NDArray[np.bool_] | None = None) -> Array:
     """(m,) standard deviation of a single reading of (cycles, m) counts: at least what rounding makes.
 
-    Of those that are `believed` (cycles, m), all unless said. Whole numbers make a median coarse; the mean of the
-    sizes, without the largest 2 %, is not.
+    Of those that are `believed` (cycles, m), all unless said, each beside the next that is: a repeated reading would
+    have no noise. Whole numbers make a median coarse; the mean of the sizes, without the largest 2 %, is not.
     """
-    third = np.abs(np.diff(count, n=3, axis=0)) / np.sqrt(20.0)
-    if believed is not None:
-        four = believed[3:] & believed[2:-1] & believed[1:-2] & believed[:-3]
-        four[:, four.sum(axis=0) < LEAST_DIFFERENCES] = True
-        third[~four] = np.nan
+    third = np.full((max(len(count) - 3, 1), count.shape[1]), np.nan)
+    for column in range(count.shape[1]):
+        own = count[:, column] if believed is None else count[believed[:, column], column]
+        if len(own) < LEAST_DIFFERENCES + 3:
+            own = count[:, column]
+        third[: max(len(own) - 3, 0), column] = np.abs(np.diff(own, n=3)) / np.sqrt(20.0)
     most = np.nanquantile(third, 0.98, axis=0)
     kept = third <= most
     mean = np.sum(np.where(kept, third, 0.0), axis=0) / np.maximum(kept.sum(axis=0), 1)

@@ -119,7 +119,9 @@ def despiked(time_s: Array, pressure_pa: Array) -> tuple[Array, NDArray[np.bool_
     far = off > max(SIGMAS * noise, SPIKE * float(np.subtract(*np.quantile(p, [0.999, 0.001]))))
     # At a turn of a fast ramp the median lags behind: a spike leaves its neighbours by more than the load ever moves.
     rate = np.abs(np.diff(p, prepend=p[:1]))
-    usual = float(np.quantile(rate, 0.99))
+    # Rates of the spikes themselves are not usual, however many there are.
+    still = ~(far | np.roll(far, 1) | np.roll(far, -1))
+    usual = float(np.quantile(rate[still], 0.99)) if still.any() else np.inf
     keep = np.zeros(len(p), bool)
     for a, b in stretches(far):
         if rate[max(a - 1, 0) : b + 3].max() > 3 * usual and b - a <= window // 2:

@@ -31,7 +31,7 @@ from .operators import low_pass
 
 LENGTHS_M = np.geomspace(0.006, 0.05, 8)  # of the interpolation
 NUGGETS = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1)
-KNOWN = 0.003  # of the load's variance: where less of it is left open, it is known
+KNOWN = 0.003  # of the load's variance: where no more is left open than at the simulation's own taxels, it is known
 GAIN_SPREAD = 0.15  # of calibrations, from taxel to taxel
 TAUS_S = (0.03, 0.12, 0.5, 3.0)  # of the memory
 NUDGE = np.array([0.1, 0.1, 0.05, 1e-3, 1e-3, 1e-3, 1e-5, *(1e-3,) * len(TAUS_S)])
@@ -69,6 +69,7 @@ class Interpolation:
                 self._weights[:, better] = vector @ (inverse[:, None] * turned[:, better])
                 if better[0]:
                     self._inverse = (vector * inverse) @ vector.T
+        self._least_open = float(self._open(xy).max())
 
     def shapes(self, xy_m: Array) -> Array:
         """(m, r) shapes at the places (m, 2)."""
@@ -81,10 +82,15 @@ class Interpolation:
 
     def known(self, xy_m: Array) -> NDArray[np.bool_]:
         """(m,) at which of the places (m, 2) the load is known: between taxels, not beyond the last ones."""
+        found: NDArray[np.bool_] = self._open(xy_m) < self._least_open + KNOWN
+        return found
+
+    def _open(self, xy_m: Array) -> Array:
+        """(m,) share of the load's variance that is left open at the places (m, 2)."""
         square = np.sum((xy_m[:, None] - self.field.xy_m) ** 2, axis=-1)
         near = np.exp(-0.5 * square / self._length_m[0] ** 2)
-        found: NDArray[np.bool_] = 1.0 - np.sum((near @ self._inverse) * near, axis=1) < KNOWN
-        return found
+        left: Array = 1.0 - np.sum((near @ self._inverse) * near, axis=1)
+        return left
 
 
 def placed(xy_m: Array, pivot_m: Array, theta: Array) -> Array:

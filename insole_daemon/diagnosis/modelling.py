@@ -22,7 +22,7 @@ from .candidates.drift import knots_s
 from .finding import Quantity
 from .fit import Fitted, Hypothesis
 
-# Of a parameter: what it is off by where materials of other families were concealed (benchmarks/diagnosis_families.py).
+# Of a parameter: what it is off by where materials of other families were concealed (benchmarks/diagnosis/families.py).
 FAMILY = 0.05
 FAMILIES = {"step_pa": 0.3, "amplitude_fraction": 0.08}  # a snap that domains spread out loses most of its edges
 MOST_DEGREE = 11  # of the curve back from activation to pressure, in the file

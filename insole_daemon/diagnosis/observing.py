@@ -10,30 +10,24 @@ from scipy.signal import savgol_filter
 from scipy.stats import trim_mean
 
 from ..calibration import clock as clocks
-from ..calibration.clock import Clock
 from ..errors import DiagnosisError
 from ..physics.law import Array
 from ..recording.loading import FootRecording, Recording
+from ..recording.read_times import at_cycles
 from ..skin.geometry import N_TAXELS
 from .audit import Audit
 from .field import uniform_load
 from .floor import noise_of_readings
 from .jumps import despiked
+from .observations.alignment import fit_own_clock
 from .observed import Load, Observed, block_starts, stretches
-from .operators import low_pass, plays
-from .readings import bridged, together
+from .readings import bridged
 
 STEP_S = 0.02  # of the load's grid: finer than a block of cycles
 SMOOTH_S = 0.1  # over so long a reference is smoothed: its noise would otherwise drive plays
 FINE = 4  # steps in one of them, in which it is smoothed
 LEAST_TOLD = 0.3
 LEAST_CYCLES = 100  # two seconds: what a diagnosis needs is asked of the load, later
-USUAL_RATE = 3e-4
-SURE = 0.995  # of the edges explained: there is nothing to look for
-SHARPER = 0.7  # of what is left unexplained, that another rate may leave at the most
-PLAYS = (0.05, 0.15, 0.4)  # of the readings' range
-RELAX_S = (0.5, 3.0, 20.0)
-SLOW_S = 20.0
 TEMPERATURE = "temperature_c"
 
 
@@ -59,8 +53,8 @@ def observe(
         )
     cycle_s = t_s[used]
     counts, believed = (each.reshape(len(foot), -1)[used][:, slots] for each in (foot.counts, audited.believed))
-    age_s = np.maximum(foot.age_ns[used], 0)[:, slots // N_TAXELS] * 1e-9
-    count = bridged(together(counts, believed, cycle_s, age_s), believed, cycle_s)
+    behind_s = foot.behind_ns[used][:, slots // N_TAXELS] * 1e-9
+    count = bridged(at_cycles(counts, believed, cycle_s, behind_s), believed, cycle_s)
     noise_count = noise_of_readings(counts.astype(float), believed)
     if simulation is not None:
         reference = uniform_load(simulation, foot)
@@ -83,15 +77,7 @@ def observe(
     if reference.clock == "own" or rows:
         # The middle half of the taxels: one that leaps or a board that steps bends edges by seconds.
         mean = -trim_mean(count, 0.25, axis=1)
-        x = (mean - mean.mean()) / mean.std()
-        features = np.stack([x**0, x, x**2, x**3], axis=1)
-        if rows:
-            # No clock: how far they run apart says nothing about quartzes, and with any rate allowed memory beside the
-            # curve takes an offset's place where there is one rise and one fall.
-            found = clocks.fit(cycle_s, features, reference_s, pressure_pa)
-        else:
-            every = [features, _memory(cycle_s, x), _slow(cycle_s, x)]
-            found = _clock(cycle_s, np.concatenate(every, axis=1), reference_s, pressure_pa)
+        found = fit_own_clock(cycle_s, mean, reference_s, pressure_pa, memory=not rows)
         offset_s, rate, std = found.offset_s, found.rate, (found.offset_std_s, found.rate_std)
     load = Load(*_on_grid(reference_s, pressure_pa), "own" if rows else reference.clock)
     # Where the reference says nothing the load is not known.
@@ -117,31 +103,6 @@ def observe(
     seen = replace(blocks, count=blocks.blocks(count), temperature_c=temperature)
     when = ((reference_s[a] - offset_s, reference_s[b] - offset_s) for a, b in stretches(spike))
     return seen, tuple((float(a), float(b)) for a, b in when)
-
-
-def _memory(cycle_s: Array, x: Array) -> Array:
-    """(n, k) what a sensor with memory may say beside powers of the readings `x` (n,): a strong one bends edges."""
-    above = (x - x.min())[:, None]
-    loops = plays(above, np.array(PLAYS) * float(np.ptp(x)))[..., 0].T
-    step_s = float(np.median(np.diff(cycle_s)))
-    return np.concatenate([loops, *(low_pass(above, step_s, tau) - above for tau in RELAX_S)], axis=1)
-
-
-def _slow(cycle_s: Array, x: Array) -> Array:
-    """(n, k) what warmth and drift may do to the readings `x` (n,): their rest and their gain change within SLOW_S."""
-    n = max(round(float(np.ptp(cycle_s)) / SLOW_S), 1) + 1
-    knots = np.linspace(cycle_s[0], cycle_s[-1], n)
-    hats = np.stack([np.interp(cycle_s, knots, hat) for hat in np.eye(n)[1:]], axis=1)
-    return np.concatenate([hats, hats * x[:, None]], axis=1)
-
-
-def _clock(cycle_s: Array, features: Array, reference_s: Array, pressure_pa: Array) -> Clock:
-    """By the edges; a rate that no two quartzes have only where it explains clearly more of them."""
-    usual = clocks.fit(cycle_s, features, reference_s, pressure_pa, most_rate=USUAL_RATE)
-    if abs(usual.rate) < USUAL_RATE and usual.explained > SURE:
-        return usual
-    wide = clocks.fit(cycle_s, features, reference_s, pressure_pa)
-    return wide if 1.0 - wide.explained < SHARPER * (1.0 - usual.explained) else usual
 
 
 def _on_grid(time_s: Array, pressure_pa: Array) -> tuple[float, float, Array]:

@@ -54,7 +54,7 @@ def counts(model: str | PathLike[str], recording: Recording, simulation: Recordi
         began = (foot.t_ns[0] - int(calibration.provenance.get(BEGAN, foot.t_ns[0]))) * 1e-9
         origin = began if abs(began) < _FAR_S else 0.0
         # Each triangle was read as long ago as it is old.
-        read_s = t_s[:, None] - np.maximum(foot.age_ns, 0) * 1e-9
+        read_s = t_s[:, None] - foot.behind_ns * 1e-9
         own_clock, warm = True, None
         if simulation is not None and walk:
             load_at = loads(recording, foot, audited, simulation, chain.xy_m)

@@ -1,4 +1,4 @@
-"""Readings of cycles as a signal: gaps filled, and all of them at the moments of the cycles.
+"""Readings of cycles as a signal, with gaps filled.
 
 A straight line bridges a reading or two. Over a longer gap the load goes its own way, of which the other taxels know:
 what one says is a mixture of what the others say at the same moment, as far as they have much in common.
@@ -13,19 +13,6 @@ from ..physics.law import Array
 
 SHORT_S = 0.15  # a gap that a straight line bridges
 MIXTURES = 8  # of the half of the taxels with the fewest gaps, that tell the others
-
-
-def together(count: NDArray[np.uint8], believed: NDArray[np.bool_], cycle_s: Array, age_s: Array | float) -> Array:
-    """(n, m) counts at the moments of the cycles, on straight lines between those that are `believed` (n, m).
-
-    `age_s` (n, m) or one for all: how long before `cycle_s` (n,) each was read. A taxel without any stays as it is.
-    """
-    found = count.astype(np.float64)
-    age_s = np.broadcast_to(age_s, count.shape)
-    for column in np.flatnonzero((age_s.any(axis=0) | ~believed.all(axis=0)) & believed.any(axis=0)):
-        good = believed[:, column]
-        found[:, column] = np.interp(cycle_s, (cycle_s - age_s[:, column])[good], found[good, column])
-    return found
 
 
 def bridged(count: Array, believed: NDArray[np.bool_], cycle_s: Array) -> Array:

@@ -17,6 +17,7 @@ from ..physics.effect import Effect, Where, effect
 from ..physics.effects import laws
 from ..physics.law import Array
 from ..recording.loading import FootRecording, Recording
+from ..recording.read_times import at_cycles
 from ..skin.geometry import N_TAXELS
 from .audit import Audit
 from .deciding import sure
@@ -26,7 +27,6 @@ from .finding import Finding, Quantity
 from .floor import noise_of_readings
 from .mapping import NOWHERE, PLACE, SPREAD, TIME, Askew, Interpolation, Projected, Sums
 from .observed import Observed, moments
-from .readings import together
 
 PA_PER_COUNT = 8000.0  # of a taxel that nobody calibrated: what the configuration assumes
 USUAL_RATE = 3e-4  # that two quartzes differ by, at the most
@@ -77,10 +77,13 @@ def observe(
     t_s = (foot.t_ns - foot.t_ns[0]) * 1e-9
     used = cycles & (np.diff(t_s, prepend=-1.0) > 0)
     t_s = t_s[used]
-    count, valid = (each.reshape(len(foot), -1)[used][:, slots] for each in (foot.counts, foot.valid))
-    read = together(count, valid, t_s, 0.0)
-    noise = noise_of_readings(read)
-    age_s = np.maximum(np.median(foot.age_ns[used], axis=0), 0.0)[slots // N_TAXELS] * 1e-9
+    new = foot.valid & foot.is_new[..., None]
+    count, new = (each.reshape(len(foot), -1)[used][:, slots] for each in (foot.counts, new))
+    behind_s = foot.behind_ns[used][:, slots // N_TAXELS] * 1e-9
+    # Each triangle as long before the cycles as it usually is.
+    age_s = np.median(behind_s, axis=0)
+    read = at_cycles(count, new, t_s, behind_s - age_s)
+    noise = noise_of_readings(count.astype(float), new)
     offset_s, rate, std = clock(recording, simulation, foot, told, slots, t_s, read)
     at_s = offset_s + (1.0 + rate) * t_s
     inside = (at_s >= told.t_s[0] + age_s.max() + EDGE_S) & (at_s <= told.t_s[-1] - EDGE_S)
@@ -122,8 +125,9 @@ def loads(
     t_s = (foot.t_ns - foot.t_ns[0]) * 1e-9
     used = audited.cycles & (np.diff(t_s, prepend=-1.0) > 0)
     slots = np.flatnonzero(audited.kept.ravel())
-    counts, valid = (each.reshape(len(foot), -1)[used][:, slots] for each in (foot.counts, foot.valid))
-    read = together(counts, valid, t_s[used], 0.0)
+    new = foot.valid & foot.is_new[..., None]
+    counts, new = (each.reshape(len(foot), -1)[used][:, slots] for each in (foot.counts, new))
+    read = at_cycles(counts, new, t_s[used], foot.behind_ns[used][:, slots // N_TAXELS] * 1e-9)
     offset_s, rate, _ = clock(recording, simulation, foot, told, slots, t_s[used], read)
     shapes = Interpolation(told).shapes(xy_m.reshape(-1, 2)).reshape(*xy_m.shape[:2], -1)
     courses = CubicSpline(told.t_s, told.courses)
@@ -174,6 +178,8 @@ def _askew(askew: Askew, sums: Sums, at: Projected, known: Mapped) -> Mapped:
     for _ in range(3):  # which taxels lie where the load is known depends on where they lie
         theta, _ = askew.fit(theta, [PLACE, TIME], row, at, kept)
         kept = askew.known(theta, row)
+        if not kept.any():
+            return known
     theta, _ = askew.fit(theta, [PLACE, TIME], row, at, kept)
     after, thetas = askew.held_out(theta, [PLACE, TIME], row, sums, kept)
     before, _ = askew.held_out(known.theta, [TIME], row, sums, kept)
@@ -191,6 +197,8 @@ def _askew(askew: Askew, sums: Sums, at: Projected, known: Mapped) -> Mapped:
 def _spread(askew: Askew, sums: Sums, at: Projected, known: Mapped) -> Mapped:
     kept, row = askew.known(known.theta, known.row), known.row
     rest = [PLACE, TIME] if known.askew else [TIME]
+    if not kept.any():
+        return known
     theta, _ = askew.fit(known.theta, [SPREAD, *rest], row, at, kept)
     spread = float(theta[SPREAD][0])
     if spread < LEAST_K:
@@ -198,7 +206,8 @@ def _spread(askew: Askew, sums: Sums, at: Projected, known: Mapped) -> Mapped:
     after, thetas = askew.held_out(theta, [SPREAD, *rest], row, sums, kept)
     before, _ = askew.held_out(known.theta, rest, row, sums, kept)
     std = np.sqrt((sums.folds - 1) * np.var(thetas, axis=0))
-    if before - after < LEAST_MOVED**2 or spread < SIGMAS * float(std[SPREAD][0]):
+    floor = float(np.mean(at.beyond[kept] + at.z.shape[1])) / at.rows
+    if before - after < max(SHARE * (before - floor), LEAST_MOVED**2) or spread < SIGMAS * float(std[SPREAD][0]):
         return known
     return replace(known, theta=theta, std=std, spread=True, left={**known.left, "crosstalk": (before, after)})
 
@@ -282,7 +291,7 @@ def clock(
     x = (x - x.mean(axis=0)) / np.maximum(x.std(axis=0), 1e-9)
     features = np.concatenate([np.ones((len(x), 1)), x, x**2], axis=1)
     try:
-        found = clocks.fit(t_s, features, told.t_s, reference, most_rate=USUAL_RATE)
+        found = clocks.fit_clock(t_s, features, told.t_s, reference, most_rate=USUAL_RATE)
     except CalibrationError as error:
         raise DiagnosisError(
             f"{simulation.folder}: no stretch of it goes with {recording.folder.name} ({error}): expected a simulation "

@@ -21,6 +21,7 @@ from ..skin.geometry import N_TAXELS
 from ..skin.layout import Layout
 
 LEAST = 1.0  # of a reading's noise: what a shared change has to move the readings by
+ALONE = 0.35  # of a reading's noise, RMS: what gain or baseline may leave beside the two together, to be named alone
 SCATTERS = 3.0  # of the calibration's own scatter between taxels
 APART = 6.0  # of that scatter: a single taxel
 SHIFT_NEAR = 0.025  # of a power of two: a wrong shift and not just a gain
@@ -58,10 +59,10 @@ def compare(
     load_pa: Array,
     fitted: Array,
     calibration: Calibration,
-    baseline_count: Array,
     creeps: bool,
+    noise_count: float,
 ) -> Static:
-    """`fitted` (m, g): baseline − count less `baseline_count` (m,), the believed one's, at `load_pa`.
+    """`fitted` (m, g): the believed baseline less the count, at `load_pa`.
 
     `creeps`: what of a creep goes on for longer than was recorded is no memory there, but a share of the load that
     never comes: the curve beside it is stretched along the load.
@@ -74,11 +75,28 @@ def compare(
     stretches = STRETCHES if creeps else STRETCHES[:1]
     far_pa = np.outer(stretches, load_pa)
     stretched = inverse(np.broadcast_to(far_pa.reshape(-1, 1), (far_pa.size, len(slots)))).mean(axis=1)
-    mean, centre = believed.mean(axis=1, keepdims=True), fitted.mean(axis=1, keepdims=True)
-    varies = np.maximum(((believed - mean) ** 2).sum(axis=1), 1e-12)
-    gain = ((believed - mean) * (fitted - centre)).sum(axis=1) / varies
-    shift = -(centre[:, 0] - gain * mean[:, 0])
+    gain, shift = _gain_and_shift(believed, fitted, noise_count)
     return Static(slots, load_pa, believed, fitted, stretched.reshape(far_pa.shape), gain, shift)
+
+
+def _gain_and_shift(believed: Array, fitted: Array, noise_count: float) -> tuple[Array, Array]:
+    """(m,) gain and what is added to the count, of each taxel; one of them alone where it says nearly all.
+
+    The two are hardly told apart where little load is: what one of them explains is not two changes that cancel.
+    """
+    mean, centre = believed.mean(axis=1), fitted.mean(axis=1)
+    varies = np.maximum(((believed - mean[:, None]) ** 2).sum(axis=1), 1e-12)
+    both = ((believed - mean[:, None]) * (fitted - centre[:, None])).sum(axis=1) / varies
+    gain = (believed * fitted).sum(axis=1) / np.maximum((believed**2).sum(axis=1), 1e-12)
+    still, unmoved = np.ones_like(gain), np.zeros_like(gain)
+    models = [(gain, unmoved), (still, mean - centre), (both, both * mean - centre)]
+    off = np.sqrt(np.mean((fitted - believed) ** 2, axis=1))
+    asked = off > LEAST * noise_count if np.count_nonzero(off > LEAST * noise_count) > N_TAXELS / 2 else off > -1.0
+    left = [
+        float(np.mean((fitted - g[:, None] * believed + s[:, None])[asked] ** 2)) - (ALONE * noise_count) ** 2 * (i < 2)
+        for i, (g, s) in enumerate(models)
+    ]
+    return models[int(np.argmin(left))]
 
 
 def changes(static: Static, noise_count: float, layout: Layout, bits: Sequence[int]) -> list[Change]:

@@ -10,9 +10,8 @@ from typing import Any
 from ..errors import FileError
 from ..files import write_text
 from .diagnosing import Diagnosis
-from .foot.diagnosing import WalkDiagnosis
-from .reporting import both, report, walk
-from .together import Together
+from .pipeline import WrenchDiagnosis
+from .reporting import report, wrench
 
 FILES = ("model.json", "report.html", "diagnosis.json")  # the last one says that all are there
 
@@ -26,7 +25,7 @@ def refuse_taken(out: Path) -> None:
         raise FileError(f"{out}: there is a diagnosis already ({', '.join(there)}): name another folder")
 
 
-def write(diagnosis: Diagnosis | WalkDiagnosis | Together, out: Path) -> None:
+def write(diagnosis: Diagnosis | WrenchDiagnosis, out: Path) -> None:
     """Write FILES into `out`; FileError where that fails, and then none of them stays."""
     contents = dict(zip(FILES, (_json(diagnosis.model), _html(diagnosis), _json(diagnosis.document())), strict=True))
     try:
@@ -39,10 +38,8 @@ def write(diagnosis: Diagnosis | WalkDiagnosis | Together, out: Path) -> None:
         raise FileError(f"{out}: cannot be written: {error.strerror or error}") from error
 
 
-def _html(diagnosis: Diagnosis | WalkDiagnosis | Together) -> str:
-    if isinstance(diagnosis, Together):
-        return both.html(diagnosis)
-    return walk.html(diagnosis) if isinstance(diagnosis, WalkDiagnosis) else report.html(diagnosis)
+def _html(diagnosis: Diagnosis | WrenchDiagnosis) -> str:
+    return wrench.html(diagnosis) if isinstance(diagnosis, WrenchDiagnosis) else report.html(diagnosis)
 
 
 def _json(content: Any) -> str:

@@ -8,6 +8,8 @@ moment between the sum over the taxels on one side of its axis and that over the
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,6 +17,17 @@ from ..skin.geometry import PRESSURE_TAXELS
 from ..skin.layout import Layout
 
 NEAREST = 24  # a triangle's other nine and those of its neighbours that face it
+
+
+@dataclass(frozen=True, slots=True)
+class _Gap:
+    """The m taxels that are missing from a cycle."""
+
+    nearest: NDArray[np.intp]  # (m, NEAREST) their neighbours
+    lone: NDArray[np.bool_]  # (m,) none of the neighbours is valid
+    any_lone: bool
+    one_side: NDArray[np.float64]  # (3, m) of the rows of the wrench
+    other_side: NDArray[np.float64]
 
 
 class MissingArea:
@@ -29,15 +42,25 @@ class MissingArea:
         distance[taxel, np.arange(len(taxel))] = np.inf
         self._nearest = taxel[np.argsort(distance, axis=1, kind="stable")[:, : min(NEAREST, len(taxel) - 1)]]
         self._one_side, self._other_side = np.maximum(rows, 0), np.maximum(-rows, 0)
+        self._marks: bytes | None = None  # of the cycle that `_gap` was made for
+        self._gap = self._gap_of(self._pressure_taxel)
 
     def __call__(self, pressure: NDArray[np.float64], valid: NDArray[np.bool_]) -> NDArray[np.float64]:
         """(3,) N, N·m, N·m from pressure and valid (12 · n_triangles,); pressure is 0 where it is not valid."""
+        marks = valid.tobytes()
+        if marks != self._marks:  # which are missing hardly ever changes
+            self._marks, self._gap = marks, self._gap_of(valid)
+        gap = self._gap
+        most = pressure[gap.nearest].max(axis=1, initial=0.0)
+        if gap.any_lone:  # deep inside a hole: anything that is borne anywhere
+            most[gap.lone] = pressure.max(initial=0.0)
+        largest: NDArray[np.float64] = np.maximum(
+            (gap.one_side * most).sum(axis=1), (gap.other_side * most).sum(axis=1)
+        )
+        return largest
+
+    def _gap_of(self, valid: NDArray[np.bool_]) -> _Gap:
         missing = np.flatnonzero(self._pressure_taxel & ~valid)
         nearest = self._nearest[missing]
-        most = pressure[nearest].max(axis=1, initial=0.0)
-        lone = ~valid[nearest].any(axis=1)
-        if lone.any():  # deep inside a hole: anything that is borne anywhere
-            most[lone] = pressure.max(initial=0.0)
-        one, other = self._one_side[:, missing], self._other_side[:, missing]
-        largest: NDArray[np.float64] = np.maximum((one * most).sum(axis=1), (other * most).sum(axis=1))
-        return largest
+        lone: NDArray[np.bool_] = np.logical_not(valid[nearest].any(axis=1))
+        return _Gap(nearest, lone, bool(lone.any()), self._one_side[:, missing], self._other_side[:, missing])

@@ -78,12 +78,12 @@ class WrenchEstimator:
     def __init__(self, layout: Layout, min_force_n: float, min_pressure_pa: float) -> None:
         x, y = layout.xy_m[..., 0].ravel(), layout.xy_m[..., 1].ravel()
         self._area_m2 = layout.taxel_area_m2
-        self._rows = self._area_m2 * np.stack([np.ones_like(x), y, -x])  # (3, n_triangles · 12)
-        self._rows_squared = self._rows**2
-        self._missing = MissingArea(layout, self._rows)
+        self.rows = self._area_m2 * np.stack([np.ones_like(x), y, -x])  # (3, n_triangles · 12)
+        self._rows_squared = self.rows**2
+        self._missing = MissingArea(layout, self.rows)
         self._n_taxels = len(layout.triangles) * (12 - len(THERMAL_PADS))
         self._min_force_n = min_force_n
-        self._min_pressure_pa = min_pressure_pa
+        self.min_pressure_pa = min_pressure_pa
 
     def __call__(
         self,
@@ -92,14 +92,31 @@ class WrenchEstimator:
         variance_pa2: NDArray[np.float64] | None,
     ) -> Wrench:
         """The wrench of pressure_pa, valid and variance_pa2, each (n_triangles, 12); invalid taxels count nothing."""
-        n_valid = int(np.count_nonzero(valid))
-        if n_valid == 0:
-            return Wrench(_NAN, _NAN, _NAN, _NAN, _NAN, _NAN, _NAN, _NAN, 0.0, 0.0)
         pressure = np.where(valid, pressure_pa, 0.0).ravel()
         # Not a matrix product: for so few numbers BLAS costs more to wake than to use.
-        f_z, m_x, m_y = np.add.reduce(self._rows * pressure, axis=1).tolist()
+        f_z, m_x, m_y = np.add.reduce(self.rows * pressure, axis=1).tolist()
+        n_in_contact = int(np.count_nonzero(valid.ravel() & (pressure >= self.min_pressure_pa)))
+        return self.of_sums(
+            f_z, m_x, m_y, int(np.count_nonzero(valid)), n_in_contact, pressure_pa, valid, variance_pa2
+        )  # fmt: skip
+
+    def of_sums(
+        self,
+        f_z: float,
+        m_x: float,
+        m_y: float,
+        n_valid: int,
+        n_in_contact: int,
+        pressure_pa: NDArray[np.float64],
+        valid: NDArray[np.bool_],
+        variance_pa2: NDArray[np.float64] | None,
+    ) -> Wrench:
+        """As a call gives, where the sums over the valid taxels are known, and how many of them are in contact."""
+        if n_valid == 0:
+            return Wrench(_NAN, _NAN, _NAN, _NAN, _NAN, _NAN, _NAN, _NAN, 0.0, 0.0)
         std = [_NAN, _NAN, _NAN]
         if variance_pa2 is not None or n_valid < self._n_taxels:
+            pressure = np.where(valid, pressure_pa, 0.0).ravel()
             std = self._std(pressure, valid, variance_pa2, n_valid).tolist()
         in_contact = f_z > 0 and f_z >= self._min_force_n  # which may be 0: no force has no centre
         return Wrench(
@@ -107,7 +124,7 @@ class WrenchEstimator:
             -m_y / f_z if in_contact else _NAN,
             m_x / f_z if in_contact else _NAN,
             std[0], std[1], std[2],
-            int(np.count_nonzero(valid.ravel() & (pressure >= self._min_pressure_pa))) * self._area_m2,
+            n_in_contact * self._area_m2,
             n_valid / self._n_taxels,
         )  # fmt: skip
 
@@ -137,7 +154,7 @@ class WrenchEstimator:
         n_valid = np.count_nonzero(valid.reshape(n, -1), axis=1)
         known = n_valid > 0
         pressure = np.where(valid, pressure_pa, 0.0).reshape(n, -1)
-        wrench = np.add.reduce(self._rows[:, None] * pressure, axis=2)
+        wrench = np.add.reduce(self.rows[:, None] * pressure, axis=2)
         wrench[:, ~known] = _NAN
         std = np.full((3, n), _NAN)
         stated = known if variance_pa2 is not None else known & (n_valid < self._n_taxels)
@@ -147,7 +164,7 @@ class WrenchEstimator:
         f_z, m_x, m_y = wrench
         in_contact = (f_z > 0) & (f_z >= self._min_force_n)
         force = np.where(in_contact, f_z, _NAN)
-        touched = np.count_nonzero(valid.reshape(n, -1) & (pressure >= self._min_pressure_pa), axis=1)
+        touched = np.count_nonzero(valid.reshape(n, -1) & (pressure >= self.min_pressure_pa), axis=1)
         return WrenchSeries(
             f_z, m_x, m_y, -m_y / force, m_x / force, std[0], std[1], std[2],
             touched * self._area_m2, n_valid / self._n_taxels,

@@ -119,6 +119,7 @@ def load(path: str | PathLike[str], layout: Layout) -> Calibration:
             covariance_pa2=covariance,
             usable=~np.isnan(baseline),
             provenance=file.provenance,
+            builtin=file.provenance.get("builtin") is True,
             effects=tuple(effects),
             extensions=file.extensions,
             highest_count=highest,
@@ -147,7 +148,10 @@ def default(layout: Layout, boards: Sequence[Board]) -> Calibration:
             coefficients_pa=np.where(usable[..., None], (0.0, DEFAULT_PA_PER_COUNT), np.nan),
             covariance_pa2=None,
             usable=usable,
-            provenance={},
+            provenance={
+                "builtin": True,
+                "source": f"built-in: {DEFAULT_PA_PER_COUNT:g} Pa per count for every taxel, not measured",
+            },
             builtin=True,
         )
     )

@@ -20,7 +20,7 @@ from .portable import exp_minus_one
 _NO_TIME = 1e-300  # in the place of a step of 0, where φ is 1
 
 
-class Step(NamedTuple):
+class FirstOrderStep(NamedTuple):
     """z_n = decay · z_(n−1) + before · P_(n−1) + now · P_n; each (n, *shape of τ)."""
 
     decay: Array
@@ -28,12 +28,12 @@ class Step(NamedTuple):
     now: Array
 
 
-def steps(dt_s: Array, tau_s: Array) -> Step:
+def steps(dt_s: Array, tau_s: Array) -> FirstOrderStep:
     """The steps that take `dt_s` (n,), of time constants `tau_s` of any shape."""
     x = np.maximum(dt_s.reshape(-1, *(1,) * tau_s.ndim) / tau_s, _NO_TIME)
     gone = -exp_minus_one(-x)
     mean = gone / x
-    return Step(1.0 - gone, mean - 1.0 + gone, 1.0 - mean)
+    return FirstOrderStep(1.0 - gone, mean - 1.0 + gone, 1.0 - mean)
 
 
 def recur(factor: Array, drive: Array, state: Array) -> Array:

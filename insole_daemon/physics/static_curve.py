@@ -24,8 +24,10 @@ class StaticCurve:
     def __init__(self, calibration: Calibration, activation_threshold_count: float) -> None:
         self.usable = calibration.usable
         self._baseline_count = calibration.baseline_count
-        self._threshold_count = activation_threshold_count
-        self._coefficients = np.moveaxis(calibration.coefficients_pa, -1, 0).copy()
+        self.threshold_count = activation_threshold_count
+        self.coefficients = np.ascontiguousarray(
+            np.moveaxis(calibration.coefficients_pa, -1, 0)
+        )  # (k, n_triangles, 12)
         self._variance: NDArray[np.float64] | None = None
         if calibration.covariance_pa2 is not None:
             degree = calibration.covariance_pa2.shape[-1]
@@ -37,9 +39,9 @@ class StaticCurve:
     def pressure_pa(self, counts: NDArray[np.uint8]) -> NDArray[np.float64]:
         """(…, n_triangles, 12) Pa from counts of that shape; NaN where the calibration lists no taxel."""
         activation = self._baseline_count - counts
-        pressure = horner(self._coefficients, activation)
-        if self._threshold_count > 0:
-            pressure[activation < self._threshold_count] = 0.0
+        pressure = horner(self.coefficients, activation)
+        if self.threshold_count > 0:
+            pressure[activation < self.threshold_count] = 0.0
         return pressure
 
     def variance_pa2(self, counts: NDArray[np.uint8]) -> NDArray[np.float64] | None:

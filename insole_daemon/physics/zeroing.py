@@ -43,7 +43,7 @@ Taxel = tuple[int, int, int]  # board, triangle, taxel
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class ZeroOutcome:
     """What came of it: a zero, or none and why not; and every taxel that is not as it should be."""
 
     zero: Zero | None
@@ -86,7 +86,7 @@ class Zeroing:
         saturated = (cycles.counts == 0) & ((cycles.status & 0xF == 0) & new)[..., None]
         self._zeros += saturated.sum(axis=0)
 
-    def outcome(self, t_ns: int, force: bool = False) -> Outcome:
+    def outcome(self, t_ns: int, force: bool = False) -> ZeroOutcome:
         """The zero of what was gathered; with `force` also of a foot that is loaded or moves."""
         usable = self._calibration.usable & PRESSURE_TAXELS
         heard = (self._readings >= MIN_READINGS)[:, None] & usable
@@ -122,7 +122,7 @@ class Zeroing:
             )
         given = good.any() and enough and (force or not refusals)
         shift = (mean - self._calibration.baseline_count)[good]
-        return Outcome(
+        return ZeroOutcome(
             Zero(
                 self._layout.foot, t_ns, np.where(good, mean, np.nan), np.where(good, noise, np.nan)
             ) if given else None,

@@ -26,13 +26,17 @@ from ..skin.layout import Layout, Triangle
 from .document import RecordedBoard
 
 BUILTIN_LAYOUT = "the layout of the {foot} foot: the built-in approximation, not measured on this insole"
+BUILTIN_CALIBRATION = (
+    "the calibration of the {foot} foot: the built-in line, not measured on this insole; "
+    "forces are of the right order and no more"
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class InsoleContents:
     """One insole of a recording that is written.
 
-    A calibration is a file to copy or an object to write; a built-in one is none, and is left out.
+    A calibration is a file to copy or an object to write. A built-in one is written too, and listed as invented.
     """
 
     foot: Foot
@@ -56,8 +60,10 @@ def write_insoles(folder: Path, insoles: Sequence[InsoleContents]) -> tuple[list
         if isinstance(insole.calibration, Path):
             entry["calibration"] = f"{prefix}calibration.json"
             shutil.copyfile(insole.calibration, folder / entry["calibration"])
-        elif insole.calibration is not None and not insole.calibration.builtin:
+        elif insole.calibration is not None:
             entry["calibration"] = f"{prefix}calibration.json"
+            if insole.calibration.builtin:
+                invented.append(BUILTIN_CALIBRATION.format(foot=insole.foot))
             write_calibration(folder / entry["calibration"], insole.calibration, insole.layout)
         if insole.zero is not None:
             entry["zero"] = f"{prefix}zero.json"

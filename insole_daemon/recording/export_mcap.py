@@ -5,15 +5,21 @@
 | /insole/left/wrench    | insole.wrench            | every cycle, where there is a calibration |
 | /insole/left/health    | insole.recorded_health   | once a second |
 | /insole/left/event     | insole.event             | a board begins to send, or falls silent |
-| /insole/left/reference | insole.reference         | every reading that has a time |
+| /insole/left/reference | insole.reference.left    | every reading that has a time |
+| /insole/left/step      | insole.step              | every stance, at its toe-off: label and figures |
+| /insole/left/pressure  | foxglove.PointCloud      | every cycle: place and pressure_pa of the pressure taxels |
+| /insole/log            | foxglove.Log             | every stance in words |
+| /tf                    | foxglove.FrameTransforms | once: where the feet are drawn, which nobody measured |
 
-Messages are JSON with a JSON schema (encoding `jsonschema`, as Foxglove wants it), a value that is not known is left
-out: no reader of these files takes null for a number. The recording's own files are attachments, byte for byte but
-for the log, which is compressed: the file alone gives the recording back (`insole import`).
+Messages are JSON with a JSON schema (encoding `jsonschema`, as Foxglove wants it), those of Foxglove's own schemas are
+protobuf. A value that is not known is left out: no reader of these files takes null for a number. The recording's own
+files are attachments, byte for byte but for the log, which is compressed: the file alone gives the recording back
+(`insole import`).
 """
 
 from __future__ import annotations
 
+import heapq
 import json
 import math
 from collections.abc import Iterator, Mapping
@@ -23,7 +29,9 @@ from typing import Any
 import numpy as np
 
 from ..files import unfinished
+from ..mechanics.gait.steps import Steps
 from .derived import events, health
+from .foxglove import foot_frames, log_messages, point_clouds, register
 from .instrument import RECEIVED
 from .lab import need
 from .loading import FootRecording, Recording
@@ -52,7 +60,12 @@ _PROPERTIES: Mapping[str, dict[str, Any]] = {
     },
     "event": {"kind": _TEXT, "text": _TEXT, "boards": {"type": "array", "items": _WHOLE}},
 }
-_SCHEMAS = {"wrench": "insole.wrench", "health": "insole.recorded_health", "event": "insole.event"}
+_SCHEMAS = {
+    "wrench": "insole.wrench",
+    "health": "insole.recorded_health",
+    "event": "insole.event",
+    "step": "insole.step",
+}
 
 Messages = Iterator[tuple[int, dict[str, Any]]]
 
@@ -66,10 +79,13 @@ def export_mcap(recording: Recording, out: Path) -> None:
         start_ns = min((int(foot.t_ns[0]) for foot in recording.feet if len(foot)), default=0)
         written: list[tuple[int, int, bytes]] = []
         for foot in recording.feet:
-            for what, messages in _channels(foot):
-                channel = _channel(writer, foot, what)
+            for what, messages in _channels(foot, recording.steps):
+                channel = _channel(writer, foot, what, recording.steps)
                 written += [(t_ns, channel, _json(message)) for t_ns, message in messages]
-        for sequence, (t_ns, channel, data) in enumerate(sorted(written, key=lambda each: each[0])):
+        streams: list[Iterator[tuple[int, int, bytes]]] = [iter(sorted(written, key=lambda each: each[0]))]
+        if any(foot.wrench is not None for foot in recording.feet):
+            streams += _foxglove(writer, recording, start_ns)
+        for sequence, (t_ns, channel, data) in enumerate(heapq.merge(*streams, key=lambda each: each[0])):
             writer.add_message(channel, log_time=t_ns, publish_time=t_ns, data=data, sequence=sequence)
         for name, content in portable(recording).items():
             media = _MEDIA.get(Path(name).suffix, "application/octet-stream")
@@ -78,22 +94,50 @@ def export_mcap(recording: Recording, out: Path) -> None:
         writer.finish()
 
 
-def _channels(foot: FootRecording) -> list[tuple[str, Messages]]:
+def _foxglove(writer: Any, recording: Recording, start_ns: int) -> list[Iterator[tuple[int, int, bytes]]]:
+    """Pressure, words and frames as Foxglove's own schemas, each stream in order of time."""
+    known = [foot for foot in recording.feet if foot.wrench is not None]
+    streams = [_on(register(writer, "FrameTransforms", "/tf"), iter([(start_ns, foot_frames(start_ns))]))]
+    streams.append(_on(register(writer, "Log", "/insole/log"), log_messages(recording.steps)))
+    for foot in known:
+        channel = register(writer, "PointCloud", f"/insole/{foot.foot}/pressure")
+        streams.append(_on(channel, point_clouds(foot)))
+    return streams
+
+
+def _on(channel: int, messages: Iterator[tuple[int, bytes]]) -> Iterator[tuple[int, int, bytes]]:
+    return ((t_ns, channel, data) for t_ns, data in messages)
+
+
+def _steps(foot: FootRecording, steps: Steps) -> Messages:
+    own = steps.of(foot.foot)
+    columns = {name: column.tolist() for name, column in own.columns.items() if name != "foot"}
+    for row, t_ns in enumerate(own.told_ns.tolist()):
+        yield t_ns, {name: column[row] for name, column in columns.items()}
+
+
+def _channels(foot: FootRecording, steps: Steps) -> list[tuple[str, Messages]]:
     channels: list[tuple[str, Messages]] = [("health", health(foot)), ("event", events(foot))]
     if foot.wrench is not None:
         channels.append(("wrench", _wrenches(foot)))
+        channels.append(("step", _steps(foot, steps)))
     if foot.reference is not None and foot.reference.time_s is not None:
         channels.append(("reference", _readings(foot)))
     return channels
 
 
-def _channel(writer: Any, foot: FootRecording, what: str) -> int:
+def _step_properties(steps: Steps) -> dict[str, Any]:
+    types: dict[str, Any] = {"label": _TEXT, "number": _WHOLE}
+    return {name: types.get(name, _NUMBER) for name in steps.columns if name != "foot"}
+
+
+def _channel(writer: Any, foot: FootRecording, what: str, steps: Steps) -> int:
     if what == "reference":
         assert foot.reference is not None
         properties: dict[str, Any] = dict.fromkeys(foot.reference.columns, _NUMBER)
         name = f"insole.reference.{foot.foot}"
     else:
-        properties, name = _PROPERTIES[what], _SCHEMAS[what]
+        properties, name = dict(_PROPERTIES.get(what) or _step_properties(steps)), _SCHEMAS[what]
     schema = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": name, "type": "object",
               "properties": properties}  # fmt: skip
     schema_id = writer.register_schema(name=name, encoding="jsonschema", data=json.dumps(schema).encode())

@@ -1,7 +1,8 @@
-"""A recording as tables: a folder of CSV, an .npz for numpy, a .mat for MATLAB."""
+"""A recording as tables: a folder of CSV or Parquet, forces in one CSV file, an .npz for numpy, a .mat for MATLAB."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import FileError
 from ..files import unfinished, write_text
+from ..mechanics.gait.steps import Steps
+from ..mechanics.wrench import WrenchSeries
 from ..skin import layout as layouts
 from . import reference as references
 from .lab import need
@@ -27,7 +31,7 @@ def export_csv(recording: Recording, out: Path) -> None:
         for foot in recording.feet:
             identities = foot.layout.identities.tolist()
             taxels = [f"{board}_{triangle}_{taxel}" for board, triangle in identities for taxel in range(12)]
-            times = [f"{t // 1000 // 10**6}.{t // 1000 % 10**6:06d}" for t in foot.t_ns.tolist()]
+            times = _times(foot.t_ns)
             flat = foot.counts.reshape(len(foot), -1)
             _write(folder / f"{foot.foot}-counts.csv", [f"count_{name}" for name in taxels], times, flat.tolist())
             _write(
@@ -51,6 +55,30 @@ def export_csv(recording: Recording, out: Path) -> None:
                     columns = {TIME: foot.reference.time_s, **columns}
                 write_text(folder / f"{foot.foot}-reference.csv", references.text(columns))
             layouts.write(folder / f"{foot.foot}-layout.yaml", foot.layout)
+        write_text(folder / "steps.csv", steps_text(recording.steps))
+
+
+def export_wrenches(recording: Recording, out: Path) -> None:
+    """Write the file `out`, as CSV: a row for each foot and cycle in the order of time, with the wrench.
+
+    Raises FileError where no foot has a wrench.
+    """
+    feet = [foot for foot in recording.feet if foot.wrench is not None]
+    if not feet:
+        raise FileError(
+            f"{recording.folder}: no foot has a calibration, so there is no force for {out.name}; "
+            f"'insole export {recording.folder} {out.stem} --to csv' writes the counts"
+        )
+    names = WrenchSeries.__slots__
+    wrenches = [np.stack([getattr(foot.wrench, name) for name in names], axis=-1) for foot in feet]
+    t_ns = np.concatenate([foot.t_ns for foot in feet])
+    which = np.concatenate([np.full(len(foot), foot.foot) for foot in feet])
+    rows = np.concatenate(wrenches)
+    order = np.argsort(t_ns, kind="stable")
+    lines = [",".join((TIME, "foot", *names))]
+    for time, foot, row in zip(_times(t_ns[order]), which[order].tolist(), rows[order].tolist(), strict=True):
+        lines.append(",".join((time, foot, *("" if value != value else f"{value:.9g}" for value in row))))
+    write_text(out, "\n".join(lines) + "\n")
 
 
 def export_npz(recording: Recording, out: Path) -> None:
@@ -69,8 +97,47 @@ def export_matlab(recording: Recording, out: Path) -> None:
     content: dict[str, Any] = {"recording": _about(recording)}
     for foot in recording.feet:
         content[foot.foot] = fields(foot)
+    steps = recording.steps
+    content["steps"] = {**steps.columns, **{f"curve_{name}": curve for name, curve in steps.curves.items()}}
     with unfinished(out) as beside, open(beside, "wb") as file:
         io.savemat(file, content, do_compression=True, long_field_names=True)
+
+
+def export_parquet(recording: Recording, out: Path) -> None:
+    """Write the folder `out`: steps.parquet, and a table of cycles a foot, whose taxels are lists in a column."""
+    arrow = need("pyarrow", "pyarrow", "exporting Parquet")
+    parquet = need("pyarrow.parquet", "pyarrow", "exporting Parquet")
+    with whole_folder(out) as folder:
+        parquet.write_table(_arrow_table(arrow, recording.steps.columns, {}), folder / "steps.parquet")
+        for foot in recording.feet:
+            columns = fields(foot)
+            n = len(foot)
+            of_layout = {name: json.dumps(columns.pop(name).tolist()) for name in ("board", "triangle", "xy_m")}
+            cycles = {name: column for name, column in columns.items() if not name.startswith("reference_")}
+            readings = {name.removeprefix("reference_"): columns[name] for name in columns.keys() - cycles.keys()}
+            flat = {name: column.reshape(n, -1) if column.ndim > 1 else column for name, column in cycles.items()}
+            about = {"foot": foot.foot, "triangles": str(len(foot.layout)), **of_layout, **_about(recording)}
+            parquet.write_table(_arrow_table(arrow, flat, about), folder / f"{foot.foot}.parquet")
+            if readings:
+                parquet.write_table(_arrow_table(arrow, readings, {}), folder / f"{foot.foot}-reference.parquet")
+
+
+def _arrow_table(arrow: Any, columns: Mapping[str, NDArray[Any]], about: Mapping[str, str]) -> Any:
+    arrays = {}
+    for name, column in columns.items():
+        values = arrow.array(np.ascontiguousarray(column).ravel())
+        arrays[name] = values if column.ndim == 1 else arrow.FixedSizeListArray.from_arrays(values, column.shape[1])
+    return arrow.table(arrays).replace_schema_metadata(dict(about))
+
+
+def steps_text(steps: Steps) -> str:
+    """The table of steps as CSV; what is not known is an empty cell."""
+    lines = [",".join(steps.columns)]
+    for row in zip(*(column.tolist() for column in steps.columns.values()), strict=True):
+        lines.append(
+            ",".join("" if cell != cell else f"{cell:.9g}" if isinstance(cell, float) else str(cell) for cell in row)
+        )
+    return "\n".join(lines) + "\n"
 
 
 def fields(foot: FootRecording) -> dict[str, NDArray[Any]]:
@@ -108,6 +175,11 @@ def _about(recording: Recording) -> Mapping[str, str]:
             f"{foot.foot}: {foot.reference.clock}" for foot in recording.feet if foot.reference is not None
         ),
     }
+
+
+def _times(t_ns: NDArray[np.int64]) -> list[str]:
+    """Seconds, to the microsecond."""
+    return [f"{t // 1000 // 10**6}.{t // 1000 % 10**6:06d}" for t in t_ns.tolist()]
 
 
 def _write(path: Path, names: list[str], times: list[str], rows: Any) -> None:

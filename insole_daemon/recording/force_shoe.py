@@ -62,7 +62,7 @@ class Sensor(Section):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Shoe(Section):
+class ShoeSensors(Section):
     """Both sensors of one shoe."""
 
     foot: Foot
@@ -88,6 +88,6 @@ class Shoe(Section):
         return {"fz_n": force[:, 2], "mx_nm": moment[:, 0], "my_nm": moment[:, 1]}
 
 
-def load(path: str | PathLike[str]) -> Shoe:
+def load(path: str | PathLike[str]) -> ShoeSensors:
     """The shoe in file `path`; DocumentError lists all that is wrong with it."""
-    return read(path, Shoe, FORMAT)
+    return read(path, ShoeSensors, FORMAT)

@@ -17,7 +17,7 @@ from ..errors import FileError
 from ..untrusted import parse_json
 from .document import REFERENCE_COLUMNS, Clock, Kind
 from .force_shoe import COLUMNS as SHOE_COLUMNS
-from .force_shoe import Shoe
+from .force_shoe import ShoeSensors
 from .reference import TIME
 
 RECEIVED = "received_s"
@@ -30,7 +30,7 @@ class Instrument:
     last one: a recording is not ended by a bad line.
     """
 
-    def __init__(self, foot: Foot, kind: Kind, shoe: Shoe | None = None) -> None:
+    def __init__(self, foot: Foot, kind: Kind, shoe: ShoeSensors | None = None) -> None:
         if shoe is not None and shoe.foot != foot:
             raise FileError(f"expected the shoe of the {foot} foot, found that of the {shoe.foot} foot")
         self.foot, self._kind, self._shoe = foot, kind, shoe

@@ -6,6 +6,7 @@ import importlib
 from typing import Any
 
 from ..errors import InsoleError
+from ..extras import install_command
 
 
 def need(module: str, package: str, what: str) -> Any:
@@ -14,5 +15,5 @@ def need(module: str, package: str, what: str) -> Any:
         return importlib.import_module(module)
     except ImportError as error:
         raise InsoleError(
-            f"{what} needs the package {package}, which is not installed: pip install 'insole-daemon[lab]'"
+            f"{what} needs the package {package}, which is not installed: {install_command('lab')}"
         ) from error

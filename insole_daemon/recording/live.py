@@ -157,6 +157,16 @@ class LiveRecorder:
         return self._finished_bytes + self._part.size()
 
     @property
+    def folder(self) -> Path:
+        """The folder that is written now."""
+        return self._part.folder
+
+    @property
+    def insoles(self) -> tuple[InsoleContents, ...]:
+        """The insoles that are recorded."""
+        return self._insoles
+
+    @property
     def feet(self) -> frozenset[Foot]:
         """The feet that are recorded."""
         return frozenset(insole.foot for insole in self._insoles)

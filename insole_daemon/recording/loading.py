@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
-from typing import NoReturn, TypeVar
+from typing import TYPE_CHECKING, NoReturn, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,11 +22,13 @@ from ..physics import zero as zeros
 from ..physics.calibration import Calibration
 from ..physics.zero import Zero
 from ..skin import layout as layouts
+from ..skin.cycles import Cycles
 from ..skin.layout import Layout
 from ..skin.validity import Validity
 from . import counts as counted
 from . import reference as references
-from .cycles import age_ns_of, read_log
+from . import views
+from .cycles import SAME_PERIOD, age_ns_of, read_log
 from .document import (
     FILE,
     FORMAT,
@@ -40,12 +42,19 @@ from .document import (
     check,
 )
 from .estimate import estimate
+from .read_times import arrived, median_interval_ns, new_readings, overdue
 from .reference import Reference
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+    from ..mechanics.gait.steps import Steps
 
 T = TypeVar("T")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class FootRecording:
     """n cycles of one foot; triangles in the layout's order, thermal pads among the 12 taxels of each."""
 
@@ -57,8 +66,10 @@ class FootRecording:
     valid: NDArray[np.bool_]  # (n, n_triangles, 12) may be read as pressure; with a calibration, only what it lists
     status: NDArray[np.uint16]  # (n, n_triangles) status words; 0 where none were kept
     age_ns: NDArray[np.int64]  # (n, n_triangles) of the older half; -1: never received; 0 where none were kept
-    missing: NDArray[np.bool_]  # (n, n_triangles) a half was expected and did not come
-    late: NDArray[np.bool_]  # (n,)
+    read_ns: NDArray[np.int64]  # (n, n_triangles) when the older half was received, on the clock of t_ns; -1: never
+    is_new: NDArray[np.bool_]  # (n, n_triangles) a reading that no cycle had before: neither late nor held by its board
+    missing: NDArray[np.bool_]  # (n, n_triangles) a reading was due, at the interval of its board, and did not come
+    late: NDArray[np.bool_]  # (n,) closed by time, with readings missing
     repeated: NDArray[np.bool_]  # (n,) nothing had arrived since the cycle before
     calibration: Calibration | None  # with the zero's baselines, where there is one
     zero: Zero | None
@@ -70,8 +81,26 @@ class FootRecording:
         """How many cycles there are."""
         return len(self.t_ns)
 
+    @property
+    def behind_ns(self) -> NDArray[np.int64]:
+        """(n, n_triangles) how long before `t_ns` each reading was received; 0: never."""
+        behind: NDArray[np.int64] = np.where(self.read_ns < 0, 0, np.maximum(self.t_ns[:, None] - self.read_ns, 0))
+        return behind
 
-@dataclass(frozen=True, slots=True, eq=False)
+    def __repr__(self) -> str:
+        """Five lines at most."""
+        return views.describe_foot(self)
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """A row a cycle, indexed by its time: the wrench, and the reference where its clock is that of the frames."""
+        return views.foot_dataframe(self)
+
+    def to_xarray(self) -> xr.Dataset:
+        """Everything by cycle, triangle and taxel, with units as attributes."""
+        return views.foot_dataset(self)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Recording:
     """One trial."""
 
@@ -90,6 +119,23 @@ class Recording:
                 return each
         known = " and ".join(each.foot for each in self.feet)
         raise InsoleError(f"{self.folder}: expected one of the recorded feet ({known}), found {foot!r}")
+
+    def __repr__(self) -> str:
+        """Five lines at most."""
+        return views.describe(self)
+
+    @cached_property
+    def steps(self) -> Steps:
+        """The steps of both feet: a table with a label a row; see docs/gait.md."""
+        return views.steps_of_recording(self)
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """The cycles of both feet, each named by a column `foot`, in order of time."""
+        return views.dataframe(self)
+
+    def to_xarray(self) -> dict[str, xr.Dataset]:
+        """A dataset a foot: feet have cycles and triangles of their own."""
+        return {foot.foot: foot.to_xarray() for foot in self.feet}
 
 
 @dataclass(slots=True)
@@ -183,10 +229,10 @@ class _Loading:
             if log is None:
                 return []
             self._warnings += log[2]
-            return [
-                _foot(parts, c.t_ns, c.counts, c.status, c.age_ns, c.missing, c.late, c.repeated, None)
-                for parts, c in zip(self._parts, log[0], strict=True)
-            ]
+            feet = [_logged(parts, cycles) for parts, cycles in zip(self._parts, log[0], strict=True)]
+            for foot in feet:
+                self._warnings += _periods_otherwise(document.can, foot)
+            return feet
         path = document.counts or Path()
         sizes: dict[str, int] = {parts.insole.foot: len(parts.layout) for parts in self._parts}
         tables = self._tried(partial(counted.read, path, sizes))
@@ -197,15 +243,21 @@ class _Loading:
         steps = int(np.count_nonzero(np.diff(table.t_ns) < 0))
         if steps:
             self._warnings.append(f"{path}: time goes back {steps} times in the cycles of the {parts.insole.foot} foot")
+        age_ns = np.zeros(shape, np.int64) if table.age_ms is None else age_ns_of(table.age_ms)
+        missing = np.zeros(shape, np.bool_) if table.missing is None else table.missing.astype(np.bool_)
+        repeated = np.zeros(shape[0], np.bool_) if table.repeated is None else table.repeated.astype(np.bool_)
+        read_ns = np.where(age_ns < 0, -1, np.maximum.accumulate(table.t_ns)[:, None] - age_ns)
         return _foot(
             parts,
             table.t_ns,
             table.counts,
             np.zeros(shape, np.uint16) if table.status is None else table.status,
-            np.zeros(shape, np.int64) if table.age_ms is None else age_ns_of(table.age_ms),
-            np.zeros(shape, np.bool_) if table.missing is None else table.missing.astype(np.bool_),
+            age_ns,
+            read_ns,
+            new_readings(arrived(read_ns) & ~missing & ~repeated[:, None], table.counts),
+            missing,
             np.zeros(shape[0], np.bool_) if table.late is None else table.late.astype(np.bool_),
-            np.zeros(shape[0], np.bool_) if table.repeated is None else table.repeated.astype(np.bool_),
+            repeated,
             None if table.valid is None else table.valid.astype(np.bool_),
         )
 
@@ -249,12 +301,53 @@ def as_configured(board: Board | RecordedBoard) -> Board:
     return Board(address=board.address, interface=board.interface or "can0", **known)
 
 
+def _logged(parts: _Parts, cycles: Cycles) -> FootRecording:
+    """The foot of a log: a reading is due at the interval of its board, whenever the cycles close."""
+    read_mono_ns = np.where(cycles.age_ns < 0, -1, cycles.t_mono_ns[:, None] - cycles.age_ns)
+    came = arrived(read_mono_ns)
+    missing = overdue(came, read_mono_ns, cycles.t_mono_ns)
+    return _foot(
+        parts,
+        cycles.t_ns,
+        cycles.counts,
+        cycles.status,
+        cycles.age_ns,
+        np.where(cycles.age_ns < 0, -1, cycles.triangle_t_ns),
+        new_readings(came, cycles.counts),
+        missing,
+        cycles.late & missing.any(axis=1),
+        cycles.repeated,
+        None,
+    )
+
+
+def _periods_otherwise(log: Path, foot: FootRecording) -> Iterator[str]:
+    """A sentence for each board that sends at another period than it was told, or has new readings less often."""
+    address = foot.layout.identities[:, 0]
+    for board in foot.boards:
+        own = np.flatnonzero(address == board.address)
+        came = arrived(foot.read_ns[:, own])
+        sent_ms, new_ms = (
+            1e-6 * float(np.median([median_interval_ns(foot.read_ns[flags[:, i], k]) for i, k in enumerate(own)]))
+            for flags in (came, foot.is_new[:, own])
+        )
+        if board.period_ms is not None and abs(sent_ms - board.period_ms) > SAME_PERIOD * board.period_ms:
+            yield (
+                f"{log}: board {board.address} sends every {sent_ms:.0f} ms, {FILE} says {board.period_ms}: "
+                "its frames are believed"
+            )
+        if new_ms > (1.0 + SAME_PERIOD) * sent_ms:
+            yield f"{log}: board {board.address} sends every {sent_ms:.0f} ms, with new readings every {new_ms:.0f} ms"
+
+
 def _foot(
     parts: _Parts,
     t_ns: NDArray[np.int64],
     counts: NDArray[np.uint8],
     status: NDArray[np.uint16],
     age_ns: NDArray[np.int64],
+    read_ns: NDArray[np.int64],
+    is_new: NDArray[np.bool_],
     missing: NDArray[np.bool_],
     late: NDArray[np.bool_],
     repeated: NDArray[np.bool_],
@@ -272,10 +365,10 @@ def _foot(
         boards = [as_configured(board) for board in parts.insole.boards]
         said = estimate(layout, calibration, boards, t_ns, counts, valid, zeroed=parts.zero is not None)
         valid, pressure_pa, wrench = valid & calibration.usable, said.pressure_pa, said.wrench
-    for array in (t_ns, counts, valid, status, age_ns, missing, late, repeated, pressure_pa):
+    for array in (t_ns, counts, valid, status, age_ns, read_ns, is_new, missing, late, repeated, pressure_pa):
         if array is not None:
             array.setflags(write=False)
     return FootRecording(
-        parts.insole.foot, layout, parts.insole.boards, t_ns, counts, valid, status, age_ns, missing, late, repeated,
-        calibration, parts.zero, pressure_pa, wrench, parts.reference,
+        parts.insole.foot, layout, parts.insole.boards, t_ns, counts, valid, status, age_ns, read_ns, is_new, missing,
+        late, repeated, calibration, parts.zero, pressure_pa, wrench, parts.reference,
     )  # fmt: skip

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from ..wire.client import Client
 
 
-def insole_of(client: Client, foot: str) -> InsoleContents:
+def insole_in_use(client: Client, foot: str) -> InsoleContents:
     """The insole of `foot` as the daemon reads it; WireError where none has that foot.
 
     The calibration's baselines are those in use, so a zero that is in use is in them too.

@@ -8,16 +8,19 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from ..bus.recovering import RecoveringSource
 from ..bus.source import FrameSource
 from ..config import Foot
 from ..errors import InsoleError
+from ..skin.quality import Quality
 from .coverage import Item
 from .guide import Guide
 from .instrument import Instrument
 from .live import LiveRecorder, record_of
+from .quality import KEY, RecorderQuality, document
 
 _TELL_S = 1.0
 _GATHER_S = 0.01  # frames of so long are written together: waking for each would cost a core
@@ -35,6 +38,7 @@ class Progress:
     folders: int = 1
     seconds: float = 0.0
     instruments: tuple[Instrument, ...] = field(default=(), repr=False)
+    quality: Mapping[Foot, Quality] = field(default_factory=dict, repr=False)
     covered: Mapping[Foot, tuple[Item, ...]] = field(default_factory=dict, repr=False)  # of the protocol, if guided
 
 
@@ -81,6 +85,12 @@ class Session:
     instruments: Sequence[Instrument] = ()
     guide: Guide | None = None
     inbox: Inbox = field(default_factory=Inbox)
+    _quality: RecorderQuality = field(init=False)
+    _folder: Path = field(init=False)  # that the quality is of
+
+    def __post_init__(self) -> None:
+        """Count the quality from now on."""
+        self._quality, self._folder = RecorderQuality(self.recorder.insoles), self.recorder.folder
 
     def from_bus(self, source: FrameSource) -> Progress:
         """Record every frame of `source`; what there was in the end."""
@@ -94,6 +104,7 @@ class Session:
             if dropped:
                 self.recorder.note_dropped(dropped)
             self.recorder.write_frames(batch)
+            self._quality.frames(batch, source.clock_ns())
             if self.guide is not None:
                 self.guide.frames(batch)
             progress.frames += len(batch)
@@ -118,6 +129,7 @@ class Session:
                     raise item
                 elif item.foot in self.recorder.feet:  # a daemon of the other foot may have come since
                     self.recorder.write_cycle(item.foot, record_of(item))
+                    self._quality.cycle(item.foot, item)
                     if self.guide is not None:
                         self.guide.cycle(item.foot, item)
                     progress.cycles += 1
@@ -146,6 +158,12 @@ class Session:
         return progress
 
     def _count(self, progress: Progress, clock: list[float]) -> None:
+        if self._folder == self.recorder.folder:
+            progress.quality = self._quality.of_feet()
+            self.recorder.note(KEY, document(progress.quality))
+        else:
+            self._folder = self.recorder.folder
+            self._quality.restart()
         if self.guide is not None:
             progress.covered = self.guide.covered()
             self.recorder.note("coverage", self.guide.summary(progress.covered))

@@ -1,14 +1,64 @@
-"""The steps in a recording: what the daemon would have told while it was made."""
+"""The steps in a recording: as a table, and as the daemon would have told them while it was made."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
+import numpy as np
+from numpy.typing import NDArray
+
+from ..config import Contact
 from ..mechanics.gait import Gait, GaitEvent
+from ..mechanics.gait.figures import FootCourse
+from ..mechanics.gait.steps import Steps, find_steps
+from ..mechanics.region_map import RegionSpan, load_regions, map_regions
+from ..physics.static_curve import StaticCurve
+from .aligned import AlignedFoot, align
 from .loading import FootRecording
 
 
-def steps(feet: Sequence[FootRecording]) -> list[GaitEvent]:
+def step_table(feet: Sequence[FootRecording], regions: tuple[RegionSpan, ...] | None = None) -> Steps:
+    """The steps of the feet that have a calibration; `regions` None: heel, midfoot, metatarsals, hallux and toes."""
+    spans = load_regions() if regions is None else regions
+    start_ns = min((int(foot.t_ns[0]) for foot in feet if len(foot)), default=0)
+    courses, remarks = [], []
+    for foot in feet:
+        if foot.calibration is None:
+            remarks.append(
+                f"the {foot.foot} foot has no calibration: there are counts, and no force to tell steps from"
+            )
+        elif not len(foot):
+            remarks.append(f"the {foot.foot} foot has no cycle")
+        else:
+            courses.append(_course(foot, spans, start_ns))
+    if len(feet) == 1:
+        remarks.append(f"only the {feet[0].foot} foot is recorded")
+    return find_steps(courses, start_ns, remarks)
+
+
+def _course(foot: FootRecording, regions: tuple[RegionSpan, ...], start_ns: int) -> FootCourse:
+    aligned = align(foot)
+    return FootCourse(
+        foot=foot.foot,
+        t_s=np.asarray((aligned.t_ns - start_ns) * 1e-9, np.float64),
+        wrench=aligned.wrench,
+        pressure_pa=aligned.pressure_pa,
+        valid=aligned.valid,
+        variance_pa2=partial(_variance_pa2, foot, aligned),
+        regions=map_regions(regions, foot.layout),
+        taxel_area_m2=foot.layout.taxel_area_m2,
+        min_pressure_pa=Contact().min_pressure_pa,
+    )
+
+
+def _variance_pa2(foot: FootRecording, aligned: AlignedFoot, rows: slice) -> NDArray[np.float64] | None:
+    assert foot.calibration is not None
+    curve = StaticCurve(foot.calibration, Contact().activation_threshold_count)
+    return curve.variance_pa2(foot.counts[aligned.cycle[rows]])
+
+
+def gait_events(feet: Sequence[FootRecording]) -> list[GaitEvent]:
     """The gait events of both feet in the order in which they are noticed; of a foot without calibration, none."""
     known = [foot for foot in feet if foot.wrench is not None]
     gait = Gait([foot.layout for foot in known])

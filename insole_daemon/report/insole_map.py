@@ -21,12 +21,19 @@ _STEPS = 24  # of the scale beside it
 _FEW = 24  # taxels of one word: more are an area, in which letters cover each other
 
 
-def value_map(layout: Layout, values: Array, label: str, title: str, from_zero: bool = False) -> str:
-    """SVG of values (n_triangles · 12,), NaN left empty; the scale runs over the middle 96 % of them, or from 0 on."""
+def value_map(
+    layout: Layout, values: Array, label: str, title: str, from_zero: bool = False, highest: float | None = None
+) -> str:
+    """SVG of values (n_triangles · 12,), NaN left empty; the scale runs over the middle 96 % of them, or from 0 on.
+
+    `highest` is the upper end of the scale, where several maps share one.
+    """
     known = values[np.isfinite(values)]
     low, high = np.percentile(known, (2, 98)).tolist() if len(known) else (0.0, 1.0)
     if from_zero:
         low = 0.0
+    if highest is not None:
+        high = highest
     if not high > low:
         high = low + (abs(low) or 1.0)
     colours = [magnitude((v - low) / (high - low)) if np.isfinite(v) else None for v in values.tolist()]
@@ -64,6 +71,17 @@ def word_map(layout: Layout, words: Mapping[int, str], usual: str, title: str) -
     return _svg(title, width + 120, height, [*marks, *named])
 
 
+def outlines_mm(layout: Layout) -> Array:
+    """(n_triangles, corners, 2) x forward and y to the wearer's left of every triangle's corners."""
+    outlines: Array = 1e3 * geometry.place_points(
+        geometry.OUTLINE_MM,
+        [(t.x_mm, t.y_mm) for t in layout.triangles],
+        [t.rotation_deg for t in layout.triangles],
+        [t.mirrored for t in layout.triangles],
+    )
+    return outlines
+
+
 def _colour(at: int) -> str:
     return "var(--quiet)" if at == 0 else category(at)
 
@@ -72,12 +90,7 @@ def _taxels(
     layout: Layout, colours: list[str | None], letters: list[str] | None = None
 ) -> tuple[list[str], float, float]:
     """Marks of triangles and taxels, and how wide and high they are."""
-    outlines = 1e3 * geometry.place(
-        geometry.OUTLINE_MM,
-        [(t.x_mm, t.y_mm) for t in layout.triangles],
-        [t.rotation_deg for t in layout.triangles],
-        [t.mirrored for t in layout.triangles],
-    )
+    outlines = outlines_mm(layout)
     low, high = outlines.min(axis=(0, 1)), outlines.max(axis=(0, 1))
 
     def placed(xy_mm: Array) -> Array:
@@ -104,6 +117,7 @@ def _taxels(
 
 def _svg(title: str, width: float, height: float, marks: list[str]) -> str:
     return (
-        f'<svg viewBox="0 0 {width:.0f} {height:.0f}" role="img" xmlns="http://www.w3.org/2000/svg" class="map">'
+        f'<svg viewBox="0 0 {width:.0f} {height:.0f}" width="{width:.0f}" height="{height:.0f}" role="img" '
+        f'xmlns="http://www.w3.org/2000/svg" class="map">'
         f"<title>{escape(title)}</title>{''.join(marks)}</svg>"
     )

@@ -16,8 +16,9 @@ main { max-width: 1080px; margin: 0 auto; padding: 24px 20px 64px; }
 h1 { font-size: 1.7em; margin: 0 0 .2em; } h2 { font-size: 1.2em; margin: 2em 0 .4em; }
 p { margin: .4em 0 .8em; max-width: 72ch; } .lead { color: var(--soft); }
 figure { margin: 0; padding: 12px; background: var(--panel); border: 1px solid var(--rule); border-radius: 8px; }
-figcaption { color: var(--soft); font-size: .88em; margin-top: 6px; }
-.row { display: grid; grid-template-columns: repeat(auto-fit, minmax(310px, 1fr)); gap: 16px; margin: 12px 0; }
+figure { overflow-x: auto; } figcaption { color: var(--soft); font-size: .88em; margin-top: 6px; }
+.row { display: grid; gap: 16px; margin: 12px 0; }
+.row { grid-template-columns: repeat(auto-fit, minmax(min(100%, 506px), 1fr)); }
 .facts { display: flex; flex-wrap: wrap; gap: 10px; margin: 16px 0; }
 .facts div { background: var(--panel); border: 1px solid var(--rule); border-radius: 8px; padding: 8px 14px; }
 .facts b { display: block; font-size: 1.3em; } .facts span { color: var(--soft); font-size: .86em; }
@@ -26,8 +27,8 @@ th, td { padding: 4px 10px 4px 0; text-align: right; border-bottom: 1px solid va
 th { color: var(--soft); font-weight: 600; white-space: normal; vertical-align: bottom; }
 th:first-child, td:first-child { text-align: left; }
 td.text, th.text { text-align: left; white-space: normal; }
-svg { width: 100%; height: auto; display: block; font: 12px system-ui, sans-serif; fill: var(--ink); }
-svg.map { max-height: 620px; } .tick { font-size: 11px; fill: var(--soft); }
+svg { display: block; font: 12px system-ui, sans-serif; fill: var(--ink); }
+.tick { font-size: 11px; fill: var(--soft); }
 .frame { fill: none; stroke: var(--quiet); } .grid { stroke: var(--rule); fill: none; }
 dt { font-weight: 600; } dd { margin: 0 0 .6em; color: var(--soft); max-width: 80ch; }
 """

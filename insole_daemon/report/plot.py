@@ -15,6 +15,7 @@ from .colours import category
 Array = NDArray[np.float64]
 
 _LEFT, _RIGHT, _TOP, _BOTTOM, _LEGEND = 62, 12, 10, 42, 22
+WIDTH, WHOLE_WIDTH = 480, 1012  # pixels: two plots fill a row of a page, or one
 _MOST_POINTS = 1600  # of one line: as many as there are pixels
 
 
@@ -61,10 +62,16 @@ def axis(label: str, *values: Array) -> Axis:
 class Plot:
     """Drawn in the order of the calls; `svg` is the text. A colour is the number of a category."""
 
-    def __init__(self, x: Axis, y: Axis, width: int = 640, height: int = 280) -> None:
+    def __init__(self, x: Axis, y: Axis, width: float = WIDTH, height: float = 280) -> None:
         self._x, self._y, self._width, self._height = x, y, width, height
         self._marks: list[str] = []
         self._legend: list[tuple[str, int]] = []
+
+    @classmethod
+    def to_scale(cls, x: Axis, y: Axis, height: float) -> Plot:
+        """One on which a unit is as long along both axes."""
+        per_unit = (height - _TOP - _BOTTOM) / (y.high - y.low)
+        return cls(x, y, round(_LEFT + _RIGHT + per_unit * (x.high - x.low), 1), height)
 
     def line(self, x: Array, y: Array, colour: int = 0, name: str = "", faint: bool = False) -> None:
         """Through the points (n,), interrupted where one is NaN; `name` puts it into the legend."""
@@ -72,6 +79,10 @@ class Plot:
         style += ' stroke-opacity="0.35"' if faint else ""
         self._marks.append(f'<path d="{self._path(*_thinned(x, y))}" fill="none" {style}/>')
         self._name(name, colour)
+
+    def outline(self, x: Array, y: Array) -> None:
+        """The closed shape with these corners (n,), as quiet as the frame."""
+        self._marks.append(f'<path d="{self._path(x, y)}Z" class="frame"/>')
 
     def band(self, x: Array, low: Array, high: Array, colour: int = 0, name: str = "") -> None:
         """The area between two lines (n,)."""
@@ -88,7 +99,8 @@ class Plot:
         )
         clip = f"c{crc32((title + ''.join(self._marks)).encode()):08x}"  # one of its own on any page
         return (
-            f'<svg viewBox="0 0 {self._width} {height}" role="img" xmlns="http://www.w3.org/2000/svg">'
+            f'<svg viewBox="0 0 {self._width:g} {height:g}" width="{self._width:g}" height="{height:g}" role="img" '
+            f'xmlns="http://www.w3.org/2000/svg">'
             f'<title>{escape(title)}</title><clipPath id="{clip}"><rect {inside}/></clipPath>'
             f'{self._axes()}<g clip-path="url(#{clip})">{"".join(self._marks)}</g>{self._named()}</svg>'
         )

@@ -19,7 +19,7 @@ from ..skin.confirmation import Seen, StreamWatch
 from ..skin.cycles import CycleAssembler
 from ..skin.identifiers import CLASS_LEGACY_SKIN, CLASS_MANAGEMENT, TYPE_THERMOMETER
 from .foot import Foot
-from .load import LOOK_NS, Load, LoadRecord
+from .load import LOOK_NS, FootLoad, LoadRecord
 from .operations import Step, pause
 
 T = TypeVar("T")
@@ -122,8 +122,8 @@ class BoardLink:
     ) -> Generator[None, Step, tuple[Step, dict[int, T]]]:
         """What `read` finds by address, once all `expected` have answered or `wait_ns` are over."""
         found: dict[int, T] = {}
-        until_ns = step.now_mono_ns + wait_ns
-        while step.now_mono_ns < until_ns and (expected is None or not found.keys() >= set(expected)):
+        until_ns = step.attended_ns + wait_ns
+        while step.attended_ns < until_ns and (expected is None or not found.keys() >= set(expected)):
             step = yield
             for can_id, payload in _short_frames(step.frames):
                 answer = read(can_id, payload)
@@ -136,18 +136,18 @@ class BoardLink:
     ) -> Generator[None, Step, tuple[Step, dict[int, Seen]]]:
         """What the boards send in the next `watch_ns` and `periods` of the slowest."""
         slowest_ms = max(self.boards[address].period_ms for address in addresses)
-        until_ns = step.now_mono_ns + watch_ns + periods * slowest_ms * 1_000_000
+        until_ns = step.attended_ns + watch_ns + periods * slowest_ms * 1_000_000
         watch = StreamWatch(addresses)
-        while step.now_mono_ns < until_ns:
+        while step.attended_ns < until_ns:
             step = yield
             watch.feed(step.frames)
         return step, watch.seen()
 
-    def look(self, step: Step, without: Collection[int] = ()) -> Generator[None, Step, tuple[Step, Load]]:
+    def look(self, step: Step, without: Collection[int] = ()) -> Generator[None, Step, tuple[Step, FootLoad]]:
         """What presses on the foot, read from its boards, those in `without` left out."""
         record = LoadRecord(self.foot, without)
-        until_ns = step.now_mono_ns + LOOK_NS
-        while step.now_mono_ns < until_ns:
+        until_ns = step.attended_ns + LOOK_NS
+        while step.attended_ns < until_ns:
             step = yield
             record.add(step)
         return step, record.load()

@@ -17,7 +17,7 @@ from ..skin.commands import Identity
 from ..skin.confirmation import Seen
 from ..untrusted import quoted
 from .board_link import BoardLink
-from .load import Load
+from .load import FootLoad
 from .operations import Operation, Step, pause
 
 _TEMPERATURE_NS = 3_000_000_000  # it is asked for one reading a second
@@ -32,7 +32,7 @@ Tell = Callable[[str, str, Collection[int]], None]  # publishes an event: kind, 
 class LoadBefore:
     """What pressed on the foot before boards were told something that may take their baseline."""
 
-    load: Load
+    load: FootLoad
     known: bool
 
     @property

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import gc
 import logging
 import time
 from collections import deque
@@ -16,8 +17,10 @@ import zenoh
 
 from ..bus.gate import Gate
 from ..bus.recovering import RecoveringSource
-from ..bus.source import FrameSource, collect
+from ..bus.source import FrameSource, collect, sleep_precisely
+from ..compiled import kernel
 from ..skin.cycles import Cycles
+from ..skin.quality import QualityWindow, period_ns_of
 from ..skin.reader import SkinReader
 from ..wire.messages import Event, Health
 from ..wire.publisher import FootPublisher
@@ -27,10 +30,10 @@ from .boards import BoardOperations
 from .foot import Foot
 from .journal import Journal
 from .notify import notify
-from .operations import RequestDesk, Step
+from .operations import AttendedClock, RequestDesk, Step
 from .reapply import keep_configured
 from .reload import Reloader
-from .steps import Steps
+from .steps import StepEvents
 from .switching import model_handler
 from .zeroing import zero_handler
 
@@ -76,8 +79,8 @@ class Daemon:
             desk.offer("model", model_handler(foot, publisher))
             if foot.config.boards.configure:
                 desk.keep(keep_configured(boards))
-        self._tallies = [_Tally() for _ in feet]
-        self._steps = Steps(self._feet)
+        self._tallies = [_Tally(period_ns_of(foot.insole.boards, publish.rate_hz)) for foot in feet]
+        self._steps = StepEvents(self._feet)
         self._stopping = False
         self._reloader = Reloader(config_file)
         self._reload_asked = False
@@ -96,17 +99,22 @@ class Daemon:
 
     def run(self, ready: Callable[[], None] = lambda: None) -> None:
         """Publish until stopped; `ready` is called once everything is open."""
-        self._stand()
+        self._publish_latched()
         for foot, assembler in zip(self._feet, self._skin.assemblers, strict=True):
             foot.survey(assembler, self._source.clock_ns(), foot.stale_after_ns)  # rates are counted from here
         self._follow_buses()
+        sleep_precisely()
+        attended = AttendedClock()
+        if kernel is None:
+            self._journal.tell(logging.INFO, "computing with numpy: the compiled kernel was not built")
+        gc.collect()
+        gc.freeze()  # what is there now stays: the collector need not look at it again
         notify("READY=1", "STATUS=waiting for frames")
         ready()
         self._next_health_ns = time.monotonic_ns() + _HEALTH_NS
         try:
             while not self._stopping and not self._source.exhausted:
-                busy = any(desk.busy for desk in self._desks) or any(boards.occupied for boards in self._boards)
-                until_ns = self._source.clock_ns() + (_BUSY_NS if busy else _IDLE_NS)
+                until_ns = self._source.clock_ns() + (_BUSY_NS if self._is_busy() else _IDLE_NS)
                 due_ns = self._skin.due_ns()
                 if due_ns is not None:
                     until_ns = min(until_ns, due_ns)
@@ -121,9 +129,10 @@ class Daemon:
                     by_time = self._skin.advance(looked_ns)
                     self._publish(by_time)
                     closed = [complete + late for complete, late in zip(closed, by_time, strict=True)]
+                attended_ns = attended.turn(looked_ns)
                 for desk, cycles in zip(self._desks, closed, strict=True):
                     if not desk.idle:
-                        desk.step(Step(looked_ns, cycles, batch))
+                        desk.step(Step(looked_ns, cycles, batch, attended_ns))
                 self._follow_buses()
                 self._follow_reload()
                 if not self._backlog.pause_ns:
@@ -135,6 +144,10 @@ class Daemon:
                 desk.close()
             for publisher in self._publishers:
                 publisher.close()
+
+    def _is_busy(self) -> bool:
+        """Whether something is asked for, or done to boards."""
+        return any(desk.busy or boards.occupied for desk, boards in zip(self._desks, self._boards, strict=True))
 
     def _publish(self, closed_by_foot: list[list[Cycles]]) -> None:
         """Everything that is new; of repeats that piled up, or where it cannot keep up, only the newest."""
@@ -154,23 +167,28 @@ class Daemon:
                         continue
                     if not newest and cycles.repeated[at]:
                         tally.skipped += 1
+                        foot.skip(cycles, at)
                     else:
                         messages = foot.messages(cycles, at)
-                        if foot.models is not None:
-                            publisher.publish(foot.models)
-                        for message in messages:
-                            publisher.publish(message)
+                        publisher.publish(*messages.published())
                         tally.count(cycles, at)
-                        for step in self._steps.take(foot, int(cycles.t_mono_ns[at]), *messages[1:]):
+                        events = self._steps.take(foot, int(cycles.t_mono_ns[at]), messages.pressure, messages.wrench)
+                        for step in events:
                             publisher.publish(step)
-                    for event in foot.watch(cycles, at):
-                        publisher.publish(event)
-
-    def _stand(self) -> None:
-        """What late joiners must get."""
+                    if not newest:
+                        self._tell_faults(foot, publisher)
         for foot, publisher in zip(self._feet, self._publishers, strict=True):
-            publisher.stand("meta", foot.meta())
-            publisher.stand("calibration", foot.calibration_in_use())
+            self._tell_faults(foot, publisher)  # once the newest cycles of all feet are out
+
+    def _tell_faults(self, foot: Foot, publisher: FootPublisher) -> None:
+        for event in foot.fault_events():
+            publisher.publish(event)
+
+    def _publish_latched(self) -> None:
+        """Publish `meta` and `calibration`, and keep them for late joiners."""
+        for foot, publisher in zip(self._feet, self._publishers, strict=True):
+            publisher.publish_latched("meta", foot.meta())
+            publisher.publish_latched("calibration", foot.calibration_in_use())
 
     def _follow_buses(self) -> None:
         """Tell the feet that hang on an interface what has become of it."""
@@ -202,10 +220,10 @@ class Daemon:
             return
         self._reloads_refused += reloaded.refused is not None
         self._reloads += reloaded.refused is None
-        if reloaded.outfits:
-            for foot, outfit in zip(self._feet, reloaded.outfits, strict=True):
-                foot.use(outfit)
-            self._stand()
+        if reloaded.pipelines:
+            for foot, pipeline in zip(self._feet, reloaded.pipelines, strict=True):
+                foot.replace_pipeline(pipeline)
+            self._publish_latched()
         for kind, text in reloaded.told():
             level = logging.INFO if kind == "reloaded" else logging.WARNING
             self._journal.tell(level, f"{kind.replace('_', ' ')}: {text}")
@@ -216,7 +234,7 @@ class Daemon:
     def _rest(self) -> None:
         """Until the next look; health in the middle of it, when what was published last has left."""
         now_ns = self._source.clock_ns()
-        look_ns = self._skin.best_look_ns(now_ns + self._backlog.pause_ns)
+        look_ns = self._skin.best_poll_ns(now_ns + self._backlog.pause_ns)
         if self._next_health_ns - time.monotonic_ns() < look_ns - now_ns:  # the clock of a log is another one
             time.sleep((look_ns - now_ns) * 0.5e-9)
             self._report_if_due()
@@ -261,6 +279,7 @@ class Daemon:
                         "beyond": foot.beyond,
                     },
                     publish_rate_hz=published / elapsed_s,
+                    quality=tally.quality.report(time.monotonic_ns()).document(),
                     latency_ms=latency_ms,
                     boards=[dataclasses.asdict(report) for report in reports],
                     faults=faults,
@@ -306,13 +325,15 @@ def _teller(foot: Foot, publisher: FootPublisher) -> Callable[[str, str, Collect
 class _Tally:
     """Counters of one foot that the loop keeps for its health."""
 
-    def __init__(self) -> None:
+    def __init__(self, period_ns: int) -> None:
+        self.quality = QualityWindow(period_ns)
         self.late = self.repeated = self.skipped = self.reported_seq = 0
         self._latencies_ms: deque[float] = deque(maxlen=1000)
         self._reported_ns = time.monotonic_ns()
 
     def count(self, cycles: Cycles, at: int) -> None:
         """One cycle has been put."""
+        self.quality.count(bool(cycles.late[at]), bool(cycles.repeated[at]))
         self.late += bool(cycles.late[at])
         if cycles.repeated[at]:
             self.repeated += 1

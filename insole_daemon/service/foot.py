@@ -6,32 +6,46 @@ import dataclasses
 import math
 import time
 from collections.abc import Collection
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import __version__
 from ..config import Config
+from ..mechanics import wrench as mechanics
+from ..mechanics.static_model import age_in_ms
 from ..physics import zero as zeros
 from ..physics.dynamic import DynamicModel
 from ..skin.boards import BoardSurvey
 from ..skin.cycles import Cycles
 from ..skin.geometry import PRESSURE_TAXELS
-from ..wire.messages import CalibrationInUse, Event, Meta, ModelName, Models, Pressure, Raw, Wrench
-from .both_models import Estimate, side_by_side
-from .outfit import Outfit
-from .setup import FootSetup, load_setups
+from ..wire.messages import CalibrationInUse, Event, Message, Meta, ModelName, Models, Pressure, Raw, Wrench
+from .dynamic_foot import side_by_side
+from .foot_pipeline import FootPipeline
+from .foot_setup import FootSetup, load_setups
 
 _STANDS_OUT_COUNT = 12  # below what the least loaded tenth of the foot reads; at rest taxels differ by less
 
 
+class CycleMessages(NamedTuple):
+    """All messages of one cycle of one foot."""
+
+    raw: Raw
+    pressure: Pressure
+    wrench: Wrench
+    models: Models | None  # None: the calibration has no effects
+
+    def published(self) -> tuple[Message, ...]:
+        """Those there are, in the order in which they are published."""
+        return self[:3] if self.models is None else (self.models, *self[:3])
+
+
 class Foot:
-    """What the daemon holds for one foot: its setup in use, and how many cycles were published.
+    """What the daemon holds for one foot: the pipeline in use, and how many cycles were published.
 
     It stays the same object for as long as the daemon runs: whoever holds it reads with the setup of now.
-    `calibration` is the one in use: with the baselines of `zero`, where there is one. `models` is the last cycle of
-    `messages` by both models, None where the calibration has no effects.
+    `calibration` is the one in use: with the baselines of `zero`, where there is one.
     """
 
     def __init__(self, setup: FootSetup) -> None:
@@ -41,42 +55,41 @@ class Foot:
         self.seq = 0
         self.extrapolated = 0  # cycles in which a taxel read beyond what its curve was fitted to
         self.beyond = 0  # cycles of the dynamic model in which a taxel read beyond what its effects were identified to
-        self.models: Models | None = None
         self._asked: ModelName = setup.insole.model
         self.started_ns = time.time_ns()
-        outfit = Outfit.of(setup)
-        self._watch, self._dynamic = outfit.watch, outfit.dynamic
-        self._put_on(outfit)
+        pipeline = FootPipeline.of(setup)
+        self._watch, self._dynamic = pipeline.watch, pipeline.dynamic
+        self._install(pipeline)
 
-    def use(self, outfit: Outfit) -> None:
-        """Read with `outfit`, made to follow the setup in use, from the next cycle on.
+    def replace_pipeline(self, pipeline: FootPipeline) -> None:
+        """Read with `pipeline`, made to follow the setup in use, from the next cycle on.
 
-        Numbers of cycles and rates of boards go on, and what is known of faults unless taxels lie elsewhere now. What
-        the dynamic model remembers goes on unless layout, calibration or zero are other ones: then it begins anew.
-        Whoever publishes says so in `meta` and `calibration`.
+        Sequence numbers, rates and fault state continue; the fault state is reset if taxels lie elsewhere now. The
+        state of the dynamic model continues unless layout, calibration or zero changed. Whoever publishes announces
+        it in `meta` and `calibration`.
         """
-        setup, before = outfit.setup, self.setup
-        assert outfit.before is before, "it was made to follow another setup"
+        setup, before = pipeline.setup, self.setup
+        assert pipeline.before is before, "it was made to follow another setup"
         if setup.insole.model != before.insole.model:
             self._asked = setup.insole.model
-        if outfit.dynamic is not None and self._dynamic is not None and not outfit.differences:
-            outfit.dynamic.go_on(self._dynamic)
-        self._dynamic = outfit.dynamic
-        if outfit.moved:
-            self._watch = outfit.watch
+        if pipeline.dynamic is not None and self._dynamic is not None and not pipeline.differences:
+            pipeline.dynamic.go_on(self._dynamic)
+        self._dynamic = pipeline.dynamic
+        if pipeline.moved:
+            self._watch = pipeline.watch
         elif setup.zero is not before.zero:
             self._watch.zeroed()
-        self._put_on(outfit)
+        self._install(pipeline)
 
-    def _put_on(self, outfit: Outfit) -> None:
-        """What remembers nothing."""
-        setup = self.setup = outfit.setup
+    def _install(self, pipeline: FootPipeline) -> None:
+        """Replace what has no state of its own."""
+        setup = self.setup = pipeline.setup
         self.config, self.insole, self.layout = setup.config, setup.insole, setup.layout
-        self.calibration, self.zero, self.zero_source = outfit.calibration, setup.zero, setup.zero_source
+        self.calibration, self.zero, self.zero_source = pipeline.calibration, setup.zero, setup.zero_source
         self.stale_after_ns = round(setup.config.publish.stale_after_ms * 1e6)
-        self.validity, self._curve, self._wrench = outfit.validity, outfit.curve, outfit.wrench
-        self._lowest_count = self.calibration.lowest_count
-        self._none = np.zeros(self.calibration.usable.shape, np.bool_)
+        self.validity, self._curve, self._wrench = pipeline.validity, pipeline.curve, pipeline.wrench
+        self._static = pipeline.static
+        self._nowhere = np.zeros(self.calibration.usable.shape, np.uint8)
 
     @property
     def model(self) -> ModelName:
@@ -87,63 +100,74 @@ class Foot:
         """Publish by `model` from the next cycle on; without effects both are the static one."""
         self._asked = model
 
-    def watch(self, cycles: Cycles, at: int) -> list[Event]:
-        """Look for faults in cycle `at`: to be called with every cycle, once its messages are out.
+    def messages(self, cycles: Cycles, at: int) -> CycleMessages:
+        """The messages of cycle `at`, which follows all that were taken in before; each call is one cycle published."""
+        self._watch.take(cycles, at)
+        counts, status, age_ns = cycles.counts[at], cycles.status[at], cycles.age_ns[at]
+        static = self._static(counts, status, age_ns, self._watch.masked)
+        self.extrapolated += static.extrapolated
+        load = None if self._dynamic is None else self._dynamic(cycles, at, static)
+        t_ns, repeated = int(cycles.t_ns[at]), bool(cycles.repeated[at])
+        seq, published_ns = self.seq, time.time_ns()
+        self.seq += 1
+        valid, missing = static.valid.view(np.uint8), cycles.missing[at].view(np.uint8)
+        raw = Raw(
+            foot=self.name,
+            seq=seq,
+            started_ns=self.started_ns,
+            t_ns=t_ns,
+            t_published_ns=published_ns,
+            n_triangles=self.n_triangles,
+            counts=counts,
+            status=status,
+            triangle_t_ns=cycles.triangle_t_ns[at],
+            age_ms=static.age_ms,
+            missing=missing,
+            valid=valid,
+            late=bool(cycles.late[at]),
+            repeated=repeated,
+        )
+        models = None
+        if load is not None:
+            models = side_by_side(raw, self.model, static, load)
+        if load is None or models is None or self.model == "static":
+            used_ns, pressure_pa, sums, age_ms = t_ns, static.pressure_pa_f4, static.wrench, static.age_ms
+            beyond, beyond_fraction = self._nowhere, 0.0
+        else:
+            used_ns, pressure_pa, sums, age_ms = load.t_ns, models.dynamic_pressure_pa, load.wrench, load.age_ms
+            beyond, beyond_fraction, valid = models.beyond, _share(load.beyond, load.valid), models.dynamic_valid
+            self.beyond += bool(np.count_nonzero(beyond))
+        pressure = Pressure(
+            foot=self.name,
+            seq=seq,
+            started_ns=self.started_ns,
+            t_ns=used_ns,
+            t_published_ns=published_ns,
+            n_triangles=self.n_triangles,
+            pressure_pa=pressure_pa,
+            valid=valid,
+            age_ms=age_ms,
+            missing=missing,
+            repeated=repeated,
+            model=self.model,
+            beyond=beyond,
+        )
+        return CycleMessages(raw, pressure, _wrench_message(pressure, sums, beyond_fraction), models)
 
-        What is found enters no later cycle; loose triangles do not even enter this one.
-        """
+    def skip(self, cycles: Cycles, at: int) -> None:
+        """Take in cycle `at`, which is not published, for its faults."""
+        self._watch.take(cycles, at)
+
+    def fault_events(self) -> list[Event]:
+        """What has begun or healed in the cycles taken in; some of the latest may still be told by a later call."""
         return [
             Event(self.name, change.t_ns, change.event, change.text, [change.board], change.triangle, change.taxel)
-            for change in self._watch.update(cycles, at)
+            for change in self._watch.changes()
         ]
 
     def faults(self) -> list[dict[str, Any]]:
         """What is wrong now, the longest first; as in health."""
         return [dataclasses.asdict(fault) for fault in self._watch.faults]
-
-    def messages(self, cycles: Cycles, at: int) -> tuple[Raw, Pressure, Wrench]:
-        """The messages of cycle `at`; each call is one cycle published."""
-        self._watch.screen(cycles, at)
-        counts, status, age_ns = cycles.counts[at], cycles.status[at], cycles.age_ns[at]
-        valid = self.validity(counts, status, age_ns) & self._curve.usable & ~self._watch.masked
-        if self._lowest_count is not None and np.count_nonzero((counts < self._lowest_count) & valid):
-            self.extrapolated += 1
-        pressure_pa, variance_pa2 = self._curve.pressure_pa(counts), self._curve.variance_pa2(counts)
-        t_ns, repeated = int(cycles.t_ns[at]), bool(cycles.repeated[at])
-        static = Estimate(t_ns, age_ns, pressure_pa, valid, self._none, self._wrench(pressure_pa, valid, variance_pa2))
-        used, dynamic = static, None
-        if self._dynamic is not None:
-            dynamic = self._dynamic(cycles, at, pressure_pa, valid, variance_pa2)
-            if self.model == "dynamic":
-                used = dynamic
-                self.beyond += bool(np.count_nonzero(dynamic.beyond))
-        age_ms, missing = _age_ms(age_ns), cycles.missing[at].view(np.uint8)
-        wrench, own_valid, own_age_ms = used.wrench, used.valid.view(np.uint8), age_ms
-        if used is not static:
-            own_age_ms = _age_ms(used.age_ns)
-        seq, published_ns = self.seq, time.time_ns()
-        self.seq += 1
-        self.models = None
-        if dynamic is not None:
-            head = (self.name, seq, self.started_ns, published_ns, self.n_triangles)
-            self.models = side_by_side(head, self.model, static, dynamic, repeated)
-        own = (self.name, seq, self.started_ns, used.t_ns, published_ns, self.n_triangles)
-        return (
-            Raw(
-                self.name, seq, self.started_ns, t_ns, published_ns, self.n_triangles, counts, status,
-                cycles.triangle_t_ns[at], age_ms, missing, valid.view(np.uint8), bool(cycles.late[at]), repeated,
-            ),
-            Pressure(
-                *own, used.pressure_pa.astype(np.float32), own_valid, own_age_ms, missing, repeated,
-                self.model, used.beyond.view(np.uint8),
-            ),
-            Wrench(
-                *own, wrench.f_z_n, wrench.m_x_nm, wrench.m_y_nm, wrench.cop_x_m, wrench.cop_y_m,
-                wrench.f_z_std_n, wrench.m_x_std_nm, wrench.m_y_std_nm, wrench.contact_area_m2,
-                wrench.valid_fraction, own_valid, own_age_ms, missing, repeated,
-                self.model, _share(used.beyond, used.valid),
-            ),
-        )  # fmt: skip
 
     def load(self, cycles: Cycles, at: int, without: Collection[int] = ()) -> tuple[float | None, float]:
         """What presses on the foot in cycle `at`, boards `without` left out: (f_z, share of taxels that stand out).
@@ -195,7 +219,7 @@ class Foot:
             zero=zeros.document(self.zero, self.layout) if self.zero is not None else None,
             model=self.model,
             effects=[] if dynamic is None else _effects(dynamic),
-            late_ms=np.zeros(self.n_triangles, np.float32) if dynamic is None else _age_ms(dynamic.late_ns),
+            late_ms=np.zeros(self.n_triangles, np.float32) if dynamic is None else age_in_ms(dynamic.late_ns),
             activation_threshold_count=contact.activation_threshold_count,
             min_force_n=contact.min_force_n,
             min_pressure_pa=contact.min_pressure_pa,
@@ -244,9 +268,29 @@ def _share(beyond: NDArray[np.bool_], valid: NDArray[np.bool_]) -> float:
     return n / int(np.count_nonzero(valid)) if n else 0.0
 
 
-def _age_ms(age_ns: NDArray[np.int64]) -> NDArray[np.float32]:
-    age_ms = (age_ns * 1e-6).astype(np.float32)
-    never = age_ns < 0
-    if np.count_nonzero(never):
-        age_ms[never] = np.nan
-    return age_ms
+def _wrench_message(pressure: Pressure, sums: mechanics.Wrench, beyond_fraction: float) -> Wrench:
+    """The wrench of the same cycle as `pressure`."""
+    return Wrench(
+        foot=pressure.foot,
+        seq=pressure.seq,
+        started_ns=pressure.started_ns,
+        t_ns=pressure.t_ns,
+        t_published_ns=pressure.t_published_ns,
+        n_triangles=pressure.n_triangles,
+        f_z_n=sums.f_z_n,
+        m_x_nm=sums.m_x_nm,
+        m_y_nm=sums.m_y_nm,
+        cop_x_m=sums.cop_x_m,
+        cop_y_m=sums.cop_y_m,
+        f_z_std_n=sums.f_z_std_n,
+        m_x_std_nm=sums.m_x_std_nm,
+        m_y_std_nm=sums.m_y_std_nm,
+        contact_area_m2=sums.contact_area_m2,
+        valid_fraction=sums.valid_fraction,
+        valid=pressure.valid,
+        age_ms=pressure.age_ms,
+        missing=pressure.missing,
+        repeated=pressure.repeated,
+        model=pressure.model,
+        beyond_fraction=beyond_fraction,
+    )

@@ -19,7 +19,7 @@ _LOADED_SHARE = 0.05  # of the taxels
 
 
 @dataclass(frozen=True, slots=True)
-class Load:
+class FootLoad:
     """What pressed on a foot while it was looked at."""
 
     force_n: float | None  # the most there was for 0.2 s; None: nothing valid was seen
@@ -58,10 +58,10 @@ class LoadRecord:
         while now_ns - self._seen[0][0] > LOOK_NS:
             self._seen.popleft()
 
-    def load(self) -> Load:
+    def load(self) -> FootLoad:
         """The most there was."""
         forces_n = [force_n for _, force_n, _ in self._seen if force_n is not None]
         together = min(_TOGETHER, len(forces_n))
         most_n = float(np.convolve(forces_n, np.ones(together) / together, "valid").max()) if forces_n else None
         low_share = max((share for *_, share in self._seen), default=0.0)
-        return Load(most_n, low_share, self._foot.config.contact.min_force_n)
+        return FootLoad(most_n, low_share, self._foot.config.contact.min_force_n)

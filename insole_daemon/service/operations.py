@@ -27,6 +27,8 @@ from ..skin.cycles import Cycles
 from ..wire.keys import key
 from ..wire.requests import REPLY_SCHEMA, REQUEST_SCHEMA, encoding, pack, unpack
 
+_HELD_UP_NS = 100_000_000  # as long as the loop may wait for frames
+
 
 @dataclass(frozen=True, slots=True)
 class Step:
@@ -35,6 +37,25 @@ class Step:
     now_mono_ns: int  # on the clock of the source of frames
     closed: list[Cycles]  # of this foot, in order
     frames: FrameBatch  # of all buses, other traffic included
+    attended_ns: int  # what waits are measured by, see AttendedClock
+
+
+class AttendedClock:
+    """Time less what the loop was held up for: of a pause between two turns, at most _HELD_UP_NS count.
+
+    A host that stops for a second has not given boards a second to answer, and what they sent in it may come late.
+    """
+
+    def __init__(self) -> None:
+        self._before_ns: int | None = None
+        self._held_up_ns = 0
+
+    def turn(self, now_mono_ns: int) -> int:
+        """The attended time at a turn of the loop."""
+        if self._before_ns is not None:
+            self._held_up_ns += max(0, now_mono_ns - self._before_ns - _HELD_UP_NS)
+        self._before_ns = now_mono_ns
+        return now_mono_ns - self._held_up_ns
 
 
 Operation = Generator[None, Step, dict[str, Any]]
@@ -43,8 +64,8 @@ Handler = Callable[[dict[str, Any]], Operation]  # from the request's map
 
 def pause(step: Step, wait_ns: int) -> Generator[None, Step, Step]:
     """Let at least `wait_ns` pass; the step in which they have."""
-    until_ns = step.now_mono_ns + wait_ns
-    while step.now_mono_ns < until_ns:
+    until_ns = step.attended_ns + wait_ns
+    while step.attended_ns < until_ns:
         step = yield
     return step
 

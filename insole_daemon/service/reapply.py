@@ -19,7 +19,7 @@ from ..errors import InsoleError
 from ..skin import commands
 from ..skin.confirmation import Seen
 from .boards import BoardOperations
-from .load import Load, LoadRecord
+from .load import FootLoad, LoadRecord
 from .operations import Operation, Step, pause
 
 _EVERY_NS = 1_000_000_000
@@ -120,7 +120,7 @@ class _Keeper:
             boards.occupied = None
         return step
 
-    def _again(self, step: Step, forgot: set[int], load: Load) -> Generator[None, Step, Step]:
+    def _again(self, step: Step, forgot: set[int], load: FootLoad) -> Generator[None, Step, Step]:
         """Configure them again, unless the foot is loaded; after some attempts without effect, no more."""
         boards = self._boards
         if load.loaded:

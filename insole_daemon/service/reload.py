@@ -17,8 +17,8 @@ import numpy as np
 from .. import config as configs
 from ..config import Config
 from ..errors import InsoleError
-from .outfit import Outfit
-from .setup import FootSetup, load_setups
+from .foot_pipeline import FootPipeline
+from .foot_setup import FootSetup, load_setups
 
 _CHANGES_RUNNING = frozenset({"extensions", "contact", "publish", "insoles"})  # these as far as said below
 _PUBLISH_CHANGES_RUNNING = frozenset({"extensions", "stale_after_ms"})
@@ -26,10 +26,10 @@ _PUBLISH_CHANGES_RUNNING = frozenset({"extensions", "stale_after_ms"})
 
 @dataclass(frozen=True, slots=True)
 class Reloaded:
-    """What came of one reload: outfits with what changed, or the reason why all stays as it is."""
+    """What came of one reload: pipelines with what changed, or the reason why all stays as it is."""
 
     before: tuple[FootSetup, ...]  # the ones that ran when it began
-    outfits: tuple[Outfit, ...] = ()  # what takes their places; empty: nothing is taken over
+    pipelines: tuple[FootPipeline, ...] = ()  # what takes their places; empty: nothing is taken over
     changed: tuple[str, ...] = ()
     needs_restart: tuple[str, ...] = ()  # what changed in the file and cannot change in a running daemon
     refused: str | None = None  # every problem, one a line
@@ -112,9 +112,11 @@ def merge(running: Sequence[FootSetup], asked: Config, asked_setups: Sequence[Fo
         publish=replace(before.publish, stale_after_ms=asked.publish.stale_after_ms),
         insoles=tuple(setup.insole for setup in chosen),
     )
-    outfits = tuple(Outfit.of(replace(new, config=config), old) for old, new in zip(running, chosen, strict=True))
-    changed = dict.fromkeys(what for outfit in outfits for what in _changes(outfit))
-    return Reloaded(tuple(running), outfits, tuple(changed), tuple(needs_restart))
+    pipelines = tuple(
+        FootPipeline.of(replace(new, config=config), old) for old, new in zip(running, chosen, strict=True)
+    )
+    changed = dict.fromkeys(what for pipeline in pipelines for what in _changes(pipeline))
+    return Reloaded(tuple(running), pipelines, tuple(changed), tuple(needs_restart))
 
 
 def _other_keys(before: Config, asked: Config) -> list[str]:
@@ -137,9 +139,9 @@ def _why_not(old: FootSetup, new: FootSetup) -> str | None:
     return None
 
 
-def _changes(outfit: Outfit) -> list[str]:
-    old, new = outfit.before, outfit.setup
-    changes = [f"{what} of the {old.insole.foot} foot" for what in outfit.differences]
+def _changes(pipeline: FootPipeline) -> list[str]:
+    old, new = pipeline.before, pipeline.setup
+    changes = [f"{what} of the {old.insole.foot} foot" for what in pipeline.differences]
     if old.insole.model != new.insole.model:
         changes.append(f"model of the {old.insole.foot} foot")
     changes += _differences("contact.", old.config.contact, new.config.contact, frozenset({"extensions"}))

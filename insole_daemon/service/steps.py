@@ -10,7 +10,7 @@ from ..wire.messages import Event, Pressure, Wrench
 from .foot import Foot
 
 
-class Steps:
+class StepEvents:
     """Watches both feet of the wearer for steps."""
 
     def __init__(self, feet: Sequence[Foot]) -> None:

@@ -10,10 +10,10 @@ from ..errors import InsoleError
 from ..wire.messages import Event, ModelName
 from .foot import Foot
 from .operations import Operation
-from .zeroing import Voice
+from .zeroing import LatchingPublisher
 
 
-def model_handler(foot: Foot, voice: Voice) -> Callable[[dict[str, Any]], Operation]:
+def model_handler(foot: Foot, publisher: LatchingPublisher) -> Callable[[dict[str, Any]], Operation]:
     """What requests for `model` begin: `do` is `tell`, `static` or `dynamic`; InsoleError for anything else."""
 
     def handle(request: dict[str, Any]) -> Operation:
@@ -21,12 +21,12 @@ def model_handler(foot: Foot, voice: Voice) -> Callable[[dict[str, Any]], Operat
         known = ("tell", *get_args(ModelName))
         if do not in known or len(request) > 1:
             raise InsoleError(f"model: expected `do`, one of {', '.join(known)}, and nothing else, found {request}")
-        return _switch(foot, voice, str(do))
+        return _switch(foot, publisher, str(do))
 
     return handle
 
 
-def _switch(foot: Foot, voice: Voice, do: str) -> Operation:
+def _switch(foot: Foot, publisher: LatchingPublisher, do: str) -> Operation:
     yield
     meta = foot.meta()
     if do == "dynamic" and not meta.effects:
@@ -34,8 +34,8 @@ def _switch(foot: Foot, voice: Voice, do: str) -> Operation:
     if do != "tell" and do != foot.model:
         foot.switch("static" if do == "static" else "dynamic")
         meta = foot.meta()
-        voice.stand("meta", meta)
-        voice.publish(Event(foot.name, time.time_ns(), "model_switched", f"{foot.model} from now on", []))
+        publisher.publish_latched("meta", meta)
+        publisher.publish(Event(foot.name, time.time_ns(), "model_switched", f"{foot.model} from now on", []))
     return {
         "foot": foot.name,
         "model": meta.model,

@@ -11,20 +11,20 @@ from typing import Any, Protocol
 from ..errors import InsoleError
 from ..physics import zero as zeros
 from ..physics.zero import Zero
-from ..physics.zeroing import Outcome, Zeroing
+from ..physics.zeroing import Zeroing, ZeroOutcome
 from ..skin.cycles import Cycles
 from ..untrusted import quoted
 from ..wire.messages import CalibrationInUse, Event, Meta
 from .foot import Foot
-from .outfit import Outfit
-from .setup import FootSetup
+from .foot_pipeline import FootPipeline
+from .foot_setup import FootSetup
 from .state import zero_path
 
 SECONDS = 3.0
 SECONDS_LEAST, SECONDS_MOST = 0.5, 60.0
 
 
-class Step(Protocol):
+class ZeroingStep(Protocol):
     """What an operation looks at in one turn of the loop."""
 
     @property
@@ -38,23 +38,23 @@ class Step(Protocol):
         ...
 
 
-class Voice(Protocol):
-    """What of a FootPublisher is needed to tell."""
+class LatchingPublisher(Protocol):
+    """What an operation needs of a FootPublisher."""
 
     def publish(self, message: Event) -> None:
         """Put an event."""
 
-    def stand(self, what: str, message: Meta | CalibrationInUse) -> None:
-        """Replace a message for late joiners."""
+    def publish_latched(self, what: str, message: Meta | CalibrationInUse) -> None:
+        """Publish a message and keep it for late joiners."""
 
 
 def zero(
     foot: Foot,
-    voice: Voice,
+    publisher: LatchingPublisher,
     seconds: float = SECONDS,
     force: bool = False,
     clock_ns: Callable[[], int] = time.time_ns,
-) -> Generator[None, Step, dict[str, Any]]:
+) -> Generator[None, ZeroingStep, dict[str, Any]]:
     """Gather for `seconds`, then store and use the zero; the reply says `ok`, or why not and which taxels.
 
     On a refusal nothing is stored and nothing changes. Keys of the reply: see `_reply`.
@@ -69,19 +69,19 @@ def zero(
     outcome = zeroing.outcome(clock_ns(), force)
     reply = _reply(foot, outcome)
     if outcome.zero is None:
-        voice.publish(Event(foot.name, clock_ns(), "zero_refused", "; ".join(outcome.refusals), []))
+        publisher.publish(Event(foot.name, clock_ns(), "zero_refused", "; ".join(outcome.refusals), []))
         return reply
     path = zero_path(foot.config.rig, foot.name)
     try:
-        outfit = yield from _stored(foot, outcome.zero, path)
+        pipeline = yield from _stored(foot, outcome.zero, path)
     except OSError as error:
         why = f"{path}: cannot be written: {error.strerror or error}; the zero is not in use either"
-        voice.publish(Event(foot.name, clock_ns(), "zero_refused", why, []))
+        publisher.publish(Event(foot.name, clock_ns(), "zero_refused", why, []))
         return reply | {"ok": False, "refusals": [*reply["refusals"], why]}
-    foot.use(outfit)
-    voice.stand("meta", foot.meta())
-    voice.stand("calibration", foot.calibration_in_use())
-    voice.publish(
+    foot.replace_pipeline(pipeline)
+    publisher.publish_latched("meta", foot.meta())
+    publisher.publish_latched("calibration", foot.calibration_in_use())
+    publisher.publish(
         Event(
             foot.name,
             clock_ns(),
@@ -100,10 +100,12 @@ def zero(
     return reply | {"stored": str(path), "note": note}
 
 
-def zero_handler(foot: Foot, voice: Voice) -> Callable[[dict[str, Any]], Generator[None, Step, dict[str, Any]]]:
+def zero_handler(
+    foot: Foot, publisher: LatchingPublisher
+) -> Callable[[dict[str, Any]], Generator[None, ZeroingStep, dict[str, Any]]]:
     """What requests for `zero` begin: `seconds` and `force` are optional; raises InsoleError for anything else."""
 
-    def handle(request: dict[str, Any]) -> Generator[None, Step, dict[str, Any]]:
+    def handle(request: dict[str, Any]) -> Generator[None, ZeroingStep, dict[str, Any]]:
         seconds, force = request.get("seconds", SECONDS), request.get("force", False)
         unknown = request.keys() - {"seconds", "force"}
         if unknown:
@@ -113,12 +115,12 @@ def zero_handler(foot: Foot, voice: Voice) -> Callable[[dict[str, Any]], Generat
             raise InsoleError(f"zero: seconds: expected {SECONDS_LEAST:g} to {SECONDS_MOST:g}, found {quoted(seconds)}")
         if not isinstance(force, bool):
             raise InsoleError(f"zero: force: expected true or false, found {quoted(force)}")
-        return zero(foot, voice, float(seconds), force)
+        return zero(foot, publisher, float(seconds), force)
 
     return handle
 
 
-def _reply(foot: Foot, outcome: Outcome) -> dict[str, Any]:
+def _reply(foot: Foot, outcome: ZeroOutcome) -> dict[str, Any]:
     """What travels back; taxels as [board, triangle, taxel]."""
     n_taxels = int((outcome.zero.baseline_count >= 0).sum()) if outcome.zero is not None else 0
     return {
@@ -137,7 +139,7 @@ def _reply(foot: Foot, outcome: Outcome) -> dict[str, Any]:
     }
 
 
-def _stored(foot: Foot, zero: Zero, path: Path) -> Generator[None, Step, Outfit]:
+def _stored(foot: Foot, zero: Zero, path: Path) -> Generator[None, ZeroingStep, FootPipeline]:
     """Write the zero; what the foot is to be read with then. Raises OSError where it cannot be written."""
     while True:
         storing = _Storing(path, zero, foot.setup)
@@ -145,9 +147,9 @@ def _stored(foot: Foot, zero: Zero, path: Path) -> Generator[None, Step, Outfit]
             yield
         if storing.error is not None:
             raise storing.error
-        assert storing.outfit is not None
-        if storing.outfit.before is foot.setup:  # else a reload came in between, and is not to be undone
-            return storing.outfit
+        assert storing.pipeline is not None
+        if storing.pipeline.before is foot.setup:  # else a reload came in between, and is not to be undone
+            return storing.pipeline
 
 
 class _Storing:
@@ -155,7 +157,7 @@ class _Storing:
 
     def __init__(self, path: Path, zero: Zero, setup: FootSetup) -> None:
         self.error: Exception | None = None
-        self.outfit: Outfit | None = None
+        self.pipeline: FootPipeline | None = None
         self._job = path, zero, setup
         self._thread = threading.Thread(target=self._store, name="zero", daemon=True)
         self._thread.start()
@@ -163,9 +165,9 @@ class _Storing:
     def _store(self) -> None:
         path, zero, setup = self._job
         try:
-            outfit = Outfit.of(setup.with_zero(zero, str(path)), setup)
+            pipeline = FootPipeline.of(setup.with_zero(zero, str(path)), setup)
             zeros.save(path, zero, setup.layout)
-            self.outfit = outfit
+            self.pipeline = pipeline
         except Exception as error:  # who asked is told
             self.error = error
 

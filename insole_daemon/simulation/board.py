@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ..physics.digitiser import OPEN_LINE, digitise, low_bytes
 from ..skin.identifiers import CLASS_LEGACY_SKIN, CLASS_SKIN, ERROR_NO_ACK, skin_id
-from .faults import Event, Fault, events_of
+from .faults import BoardEvent, InjectedFault, events_of
 from .generation import MTB4, Generation
 from .halves import halves
 from .reference_insole import reference_insole
@@ -47,7 +47,7 @@ class _Settings:
     cls: int
 
 
-class Board:
+class EmulatedBoard:
     """State of one board, from power-up on."""
 
     def __init__(
@@ -63,7 +63,7 @@ class Board:
         streaming: bool = True,
         generation: Generation = MTB4,
         compensated: bool = False,
-        faults: Sequence[Fault] = (),
+        faults: Sequence[InjectedFault] = (),
         status_bits: bool = True,
         cdc_hz: float | None = None,
         temperature_c: Temperature | None = None,
@@ -88,7 +88,7 @@ class Board:
         self._compensated = compensated
         self._status_bits = status_bits
         self._faults = tuple(faults)
-        self._events: list[tuple[int, Event | None]] = []  # None: an MTB3 that was powered up is ready
+        self._events: list[tuple[int, BoardEvent | None]] = []  # None: an MTB3 that was powered up is ready
         self._t_power_ns = 0
         self._errors = 0
         self._calibrating = 0  # ticks left of it
@@ -183,7 +183,7 @@ class Board:
         self._events = [each for each in self._events if each[1] is not None]
         self.deaf = True
 
-    def _boot(self, fault: Fault, t_ns: int, pressure_pa: NDArray[np.float64]) -> None:
+    def _boot(self, fault: InjectedFault, t_ns: int, pressure_pa: NDArray[np.float64]) -> None:
         self.deaf = False
         if fault.comes_back == "silent":
             self._get_ready(t_ns)

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..skin.identifiers import CLASS_MANAGEMENT
-from .board import Board
+from .board import EmulatedBoard
 
 CLASS_COMMAND = 2
 BOARD_CONFIG = 0x4D
@@ -48,7 +48,7 @@ _COMPENSATES, _NO_COMPENSATION = 0x08, 2
 
 
 def obey(
-    board: Board, can_id: int, payload: bytes, t_ns: int, pressure_pa: NDArray[np.float64]
+    board: EmulatedBoard, can_id: int, payload: bytes, t_ns: int, pressure_pa: NDArray[np.float64]
 ) -> tuple[int, bytes] | None:
     """Let `board` act on a frame received at `t_ns` under `pressure_pa` (n_triangles, 12).
 
@@ -76,7 +76,7 @@ def obey(
     return None
 
 
-def _heat(board: Board, code: int, argument: int, t_ns: int) -> None:
+def _heat(board: EmulatedBoard, code: int, argument: int, t_ns: int) -> None:
     if not board.generation.thermometer:
         return
     if code == THERMOMETER_CONFIG:
@@ -85,7 +85,7 @@ def _heat(board: Board, code: int, argument: int, t_ns: int) -> None:
         board.thermometer.start(argument, t_ns)
 
 
-def _set(board: Board, code: int, arguments: bytes, t_ns: int, pressure_pa: NDArray[np.float64]) -> None:
+def _set(board: EmulatedBoard, code: int, arguments: bytes, t_ns: int, pressure_pa: NDArray[np.float64]) -> None:
     """The skin commands: none is acknowledged, and the first one makes an MTB4 take its baseline."""
     if not board.zeroed and not board.generation.calibrates_in_ticks:
         board.zero(pressure_pa, t_ns)
@@ -117,7 +117,7 @@ def _set(board: Board, code: int, arguments: bytes, t_ns: int, pressure_pa: NDAr
         board.calibrate(t_ns, pressure_pa)
 
 
-def _set_up_legacy(board: Board, arguments: bytes, t_ns: int, pressure_pa: NDArray[np.float64]) -> None:
+def _set_up_legacy(board: EmulatedBoard, arguments: bytes, t_ns: int, pressure_pa: NDArray[np.float64]) -> None:
     """4C: an MTB4 takes its defaults whatever the arguments, an MTB3 the period out of them."""
     if board.generation.legacy_stream:
         if arguments[0] != _TWELVE_OF_8_BITS:

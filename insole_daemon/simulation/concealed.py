@@ -17,15 +17,15 @@ from ..errors import SimulationError
 from ..physics.draws import Drawn, Draws
 from ..physics.effect import Effect, Where, effect
 from ..skin.layout import Layout
-from .conditions import Conditions, Course, Cycles
+from .conditions import ChamberCycles, Conditions, TemperatureCourse
 from .trial import Trial
 
 NOTHING = "nothing"  # a null: the diagnosis has to find nothing
 TOP_PA = 300e3
 # Two speeds, five times apart, a hold and a rest to recover in, and minor loops: what tells memories apart.
-CYCLES = Cycles(max_pressure_pa=TOP_PA, speeds_pa_s=(30e3, 150e3), cycles=2, hold_s=20.0)
+CYCLES = ChamberCycles(max_pressure_pa=TOP_PA, speeds_pa_s=(30e3, 150e3), cycles=2, hold_s=20.0)
 # Up and down again: one that only rises could as well be a drift.
-WARMTH = Course(t_s=(0.0, 45.0, 100.0), temperature_c=(24.0, 31.0, 25.0))
+WARMTH = TemperatureCourse(t_s=(0.0, 45.0, 100.0), temperature_c=(24.0, 31.0, 25.0))
 _WEAKEST, _STRONGEST = 0.8, 1.25  # of what stands below
 
 # By word: strength → parameters, and whether it befalls one board (else the whole insole).

@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 from ..documents import Section, at_least, read, spell, within, wrong
 from ..errors import SimulationError
 from ..physics.portable import between
-from .faults import Fault
+from .faults import InjectedFault
 from .generation import GenerationName
 
 FORMAT = "insole-trial/1"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Cycles(Section):
+class ChamberCycles(Section):
     """What a chamber does: `cycles` at each speed, a hold at the top and one without load, then the minor loops."""
 
     max_pressure_pa: Annotated[float, within(1e3, 1e6)] | None = None
@@ -36,7 +36,7 @@ class Cycles(Section):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Course(Section):
+class TemperatureCourse(Section):
     """A temperature in time: linear between its points, constant before and after."""
 
     t_s: Annotated[tuple[float, ...], at_least(1)]
@@ -55,7 +55,7 @@ class Course(Section):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Instrument(Section):
+class InstrumentConditions(Section):
     """The force shoe, or the gauge of a chamber. Noise is a σ, drift the σ of what has drifted after ten minutes."""
 
     rate_hz: Annotated[float, within(1.0, 10_000.0)] | None = None
@@ -77,11 +77,11 @@ class Conditions(Section):
     length_s: Annotated[float, within(10.0, 36_000.0)] | None = None
     mass_kg: Annotated[float, within(20.0, 200.0)] | None = None
     cadence_per_min: Annotated[float, within(40.0, 160.0)] | None = None
-    chamber: Cycles | None = None
-    temperature: Course | None = None
-    reference: Instrument = field(default_factory=Instrument)
+    chamber: ChamberCycles | None = None
+    temperature: TemperatureCourse | None = None
+    reference: InstrumentConditions = field(default_factory=InstrumentConditions)
     generation: GenerationName | None = None
-    faults: tuple[Fault, ...] = ()
+    faults: tuple[InjectedFault, ...] = ()
 
 
 def load(path: str | PathLike[str]) -> Conditions:
@@ -89,7 +89,7 @@ def load(path: str | PathLike[str]) -> Conditions:
     return read(path, Conditions, FORMAT)
 
 
-def check(conditions: Conditions) -> None:
+def check_conditions(conditions: Conditions) -> None:
     """Raise SimulationError where a struct made by hand has what no file may have: with the key and the range."""
     for key, message in wrong(conditions):
         raise SimulationError(f"conditions: {spell(key)}: {message}")

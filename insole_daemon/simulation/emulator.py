@@ -12,12 +12,12 @@ from ..bus.frames import FrameBatch
 from ..config import Config
 from ..physics.sampling import Jitter, Losses
 from ..skin.layout import Layout
-from .board import Board
-from .faults import Fault, check_there
+from .board import EmulatedBoard
+from .faults import InjectedFault, check_there
 from .generation import GENERATIONS, GenerationName
 from .load import Load
 from .reception import Reception
-from .run import Mounted, Run
+from .run import BoardRun, Mounted
 from .sensors import Temperature
 
 # Of frames made at once when played: also the time until a command takes effect. Longer is less work, so it is short
@@ -41,7 +41,7 @@ class Emulator:
         streaming: bool = True,
         left_out: Collection[int] = (),
         generation: GenerationName | Mapping[int, GenerationName] | None = None,
-        faults: Sequence[Fault] = (),
+        faults: Sequence[InjectedFault] = (),
         status_bits: bool = True,
         cdc_hz: float | Mapping[int, float] | None = None,
         temperature_c: Temperature | None = None,
@@ -62,7 +62,7 @@ class Emulator:
         sampling.CDC_HZ, of all boards or by address; None: a reading is as old as its tick. `temperature_c`: of all
         the insoles, seconds since power-up (n,) to °C (n,); None is 25 °C.
         `luck`: another noise on the same sensors. `alike`: each sensor is the nominal line, since `load` is what they
-        feel (`sensed.Sensed`). `shifts`: by board and triangle, digitisers that have another one than is configured.
+        feel (`sensed.SensedLoad`). `shifts`: by board and triangle, digitisers with another shift than configured.
         `jitter`, `loss`: by address, the values of these effects on a board's frames.
         """
         check_there(faults, config, layouts)
@@ -83,9 +83,9 @@ class Emulator:
         self._left_out = frozenset(left_out)
         self.playing_since_ns: int | None = None  # CLOCK_REALTIME: the load's t = 0 in what is played
 
-    def run(self, t_start_ns: int) -> Run:
+    def run(self, t_start_ns: int) -> BoardRun:
         """The boards, powered up at `t_start_ns`; every run begins anew from the seed."""
-        return Run(self._boards(), self._load, t_start_ns)
+        return BoardRun(self._boards(), self._load, t_start_ns)
 
     def frames(self, t_start_ns: int, seconds: float) -> FrameBatch:
         """All frames that begin within `seconds` of `t_start_ns`, stamped with the moment they end."""
@@ -146,7 +146,7 @@ class Emulator:
                 if board.address in self._left_out:
                     continue
                 place = {t: row for (address, t), row in layout.rows.items() if address == board.address}
-                emulated = Board(
+                emulated = EmulatedBoard(
                     board.address,
                     sorted(place),
                     period_ms=board.period_ms,

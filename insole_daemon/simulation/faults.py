@@ -52,7 +52,7 @@ STUCK_PA = 100e3  # where no other level is chosen
 
 
 @dataclass(frozen=True, slots=True)
-class Fault(Section):
+class InjectedFault(Section):
     """One fault of one board; the module's table says what each kind does, and with which parameters.
 
     SimulationError: there is no such fault.
@@ -101,39 +101,41 @@ class Fault(Section):
 
 
 @dataclass(frozen=True, slots=True)
-class Event:
+class BoardEvent:
     """A moment at which a board changes by itself."""
 
     t_s: float
     what: Literal["rezero", "cut", "mend", "lose power", "boot", "take address", "own address"]
-    fault: Fault
+    fault: InjectedFault
 
 
-def events_of(address: int, faults: Iterable[Fault]) -> list[Event]:
+def events_of(address: int, faults: Iterable[InjectedFault]) -> list[BoardEvent]:
     """What `faults` do to the state of the board configured as `address`, in order of time."""
     events = []
     for fault in faults:
         if fault.kind == "address_clash" and fault.other == address:
-            events.append(Event(fault.t_s, "take address", fault))
+            events.append(BoardEvent(fault.t_s, "take address", fault))
             if fault.until_s is not None:
-                events.append(Event(fault.until_s, "own address", fault))
+                events.append(BoardEvent(fault.until_s, "own address", fault))
         if fault.board != address:
             continue
         if fault.kind == "rezero":
-            events.append(Event(fault.t_s, "rezero", fault))
+            events.append(BoardEvent(fault.t_s, "rezero", fault))
         elif fault.kind == "silent":
-            events.append(Event(fault.t_s, "cut", fault))
+            events.append(BoardEvent(fault.t_s, "cut", fault))
             if fault.until_s is not None:
-                events.append(Event(fault.until_s, "mend", fault))
+                events.append(BoardEvent(fault.until_s, "mend", fault))
         elif fault.kind == "reset":
-            events.append(Event(fault.t_s, "lose power", fault))
+            events.append(BoardEvent(fault.t_s, "lose power", fault))
             events.append(
-                Event(fault.t_s + reference_insole().boot_s if fault.until_s is None else fault.until_s, "boot", fault)
+                BoardEvent(
+                    fault.t_s + reference_insole().boot_s if fault.until_s is None else fault.until_s, "boot", fault
+                )
             )
     return sorted(events, key=lambda event: event.t_s)
 
 
-def check_there(faults: Iterable[Fault], config: Config, layouts: Iterable[Layout]) -> None:
+def check_there(faults: Iterable[InjectedFault], config: Config, layouts: Iterable[Layout]) -> None:
     """Raise SimulationError where a fault is of a board or of a triangle that is not there."""
     boards = sorted(board.address for insole in config.insoles for board in insole.boards)
     there = {(triangle.board, triangle.triangle) for layout in layouts for triangle in layout.triangles}

@@ -18,7 +18,7 @@ from ..physics.draws import Draws
 from ..recording.reference import TIME
 from ..recording.writer import ReferenceContents
 from ..skin.layout import Foot
-from .conditions import Instrument
+from .conditions import InstrumentConditions
 from .reference_insole import reference_insole
 from .scenarios import ReferencedLoad
 from .sensors import Temperature
@@ -29,7 +29,7 @@ _DIGITS = {"fz_n": 3, "mx_nm": 4, "my_nm": 4, "pressure_pa": 1, "temperature_c":
 Clock = Callable[[NDArray[np.float64]], NDArray[np.float64]]  # (n,) s since the start of the CAN's → of the reference's
 
 
-def clock(draws: Draws, chosen: Instrument) -> Clock:
+def draw_clock(draws: Draws, chosen: InstrumentConditions) -> Clock:
     """A clock with a constant offset and rate error: the `chosen` ones, else drawn."""
     made = reference_insole()
     offset_s = _or(chosen.offset_s, made.reference_offset_s * float(draws.normal(1)[0]))
@@ -37,7 +37,7 @@ def clock(draws: Draws, chosen: Instrument) -> Clock:
     return lambda t_s: offset_s + (1.0 + 1e-6 * rate_ppm) * t_s
 
 
-def readings(
+def simulate_readings(
     foot: Foot,
     load: ReferencedLoad,
     seconds: float,
@@ -45,7 +45,7 @@ def readings(
     clock: Clock,
     temperature_c: Temperature,
     draws: Draws,
-    chosen: Instrument,
+    chosen: InstrumentConditions,
 ) -> ReferenceContents:
     """What the instrument of `foot` says from the start on for `seconds`; `start_s`: of the CAN, since the epoch.
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..bus.frames import FrameBatch
 from ..skin.identifiers import CLASS_MANAGEMENT
 from ..skin.layout import Foot
-from .board import Board
+from .board import EmulatedBoard
 from .bus_time import BusTime, Offer
 from .commands import CLASS_COMMAND, obey
 from .load import Load
@@ -22,12 +22,12 @@ from .reference_insole import reference_insole
 class Mounted:
     """A board, and where in its foot's layout its triangles stand (n_triangles,), ascending by triangle."""
 
-    board: Board
+    board: EmulatedBoard
     foot: Foot
     rows: NDArray[np.intp]
 
 
-class Run:
+class BoardRun:
     """One life of the boards on one bus."""
 
     def __init__(self, mounted: Sequence[Mounted], load: Load, t_start_ns: int) -> None:
@@ -109,7 +109,7 @@ class Run:
         return (t_ns - self._t_start_ns).astype(np.float64) * 1e-9
 
 
-def _stream(board: Board, ticks_ns: NDArray[np.int64], data: NDArray[np.uint8]) -> list[Offer]:
+def _stream(board: EmulatedBoard, ticks_ns: NDArray[np.int64], data: NDArray[np.uint8]) -> list[Offer]:
     """An MTB4 offers all halves of a tick at once, an MTB3 one after another as it works them out."""
     can_ids = board.can_ids
     dlc = np.full(len(can_ids), 8, np.uint8)

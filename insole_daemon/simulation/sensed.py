@@ -32,7 +32,7 @@ _KEPT = 96 * _AT_ONCE  # moments, 30 s: whoever asks for what was earlier has it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Insole:
+class SimulatedInsole:
     """A simulated insole: its boards, where its taxels lie, its true static curves, and what else it does to a load."""
 
     layout: Layout
@@ -79,18 +79,20 @@ class Insole:
         return found
 
 
-class Sensed:
+class SensedLoad:
     """A Load as boards whose sensors are all alike need it, to read what the sensors of `insoles` read.
 
     Such a sensor is a line: its pressure is the mean activation times the nominal Pa per count.
     """
 
-    def __init__(self, load: Load, insoles: Sequence[Insole], temperature_c: Temperature | None = None) -> None:
+    def __init__(
+        self, load: Load, insoles: Sequence[SimulatedInsole], temperature_c: Temperature | None = None
+    ) -> None:
         """`load` gives the pressure where the taxels really lie; `temperature_c` of all insoles, as for a board."""
         self._load = load
         self._temperature_c = temperature_c
         self._pa_per_count = reference_insole().pa_per_count
-        self._insoles: Mapping[Foot, Insole] = {insole.layout.foot: insole for insole in insoles}
+        self._insoles: Mapping[Foot, SimulatedInsole] = {insole.layout.foot: insole for insole in insoles}
         self._chains = {foot: insole.chain for foot, insole in self._insoles.items()}
         self._felt: dict[Foot, _Felt] = {}
 

@@ -25,7 +25,7 @@ from ..physics.digitiser import GAINS_TYPE_0, OPEN_LINE
 from ..physics.draws import Drawn, Draws
 from ..physics.sampling import phases_s, sequence, taken_s
 from ..skin.geometry import PRESSURE_TAXELS
-from .faults import LINE_KINDS, STUCK_PA, TAXEL_KINDS, Fault
+from .faults import LINE_KINDS, STUCK_PA, TAXEL_KINDS, InjectedFault
 from .reference_insole import reference_insole
 
 Temperature = Callable[[NDArray[np.float64]], NDArray[np.float64]]  # (n,) s since power-up → (n,) °C
@@ -40,7 +40,7 @@ class Sensors:
         triangles: Iterable[int],
         shift: int,
         seed: int,
-        faults: Sequence[Fault] = (),
+        faults: Sequence[InjectedFault] = (),
         cdc_hz: float | None = None,
         temperature_c: Temperature | None = None,
         luck: int = 0,
@@ -142,7 +142,7 @@ class Sensors:
 
     def _break_taxels(
         self,
-        fault: Fault,
+        fault: InjectedFault,
         code: NDArray[np.float64],
         load: NDArray[np.float64],
         slots: NDArray[np.intp],
@@ -164,7 +164,7 @@ class Sensors:
 
     def _break_lines(
         self,
-        fault: Fault,
+        fault: InjectedFault,
         luck: Draws,
         words: NDArray[np.int64],
         pressure_pa: NDArray[np.float64],
@@ -202,7 +202,7 @@ class Sensors:
         return result
 
 
-def _where(fault: Fault, slots: NDArray[np.intp], t_s: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _where(fault: InjectedFault, slots: NDArray[np.intp], t_s: NDArray[np.float64]) -> NDArray[np.bool_]:
     """(n_ticks, n_slots, 12) which readings `fault` strikes."""
     triangles = np.ones(len(slots), bool) if fault.triangle is None else slots == fault.triangle
     taxels = PRESSURE_TAXELS if fault.taxel is None else np.arange(12) == fault.taxel

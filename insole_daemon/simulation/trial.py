@@ -20,13 +20,13 @@ from ..recording.writer import ReferenceContents, write
 from ..skin.bus_load import Stream, bus_load, check_fits
 from ..skin.layout import Layout
 from . import instruments
-from .conditions import Conditions, check
+from .conditions import Conditions, check_conditions
 from .effects_file import Effects
 from .emulator import Emulator
 from .foot import Places
 from .reference_insole import reference_insole
 from .scenarios import check_used, length_s, scenario
-from .sensed import Insole, Sensed
+from .sensed import SensedLoad, SimulatedInsole
 
 START_NS = 1_760_000_000_000_000_000  # of every recording: a trial has no date of its own
 ENDLESS_S = 60.0  # of a scenario without an end, that is written
@@ -53,7 +53,7 @@ class Trial:
         """
         self.scenario = scenario(name)
         self.conditions = conditions or Conditions()
-        check(self.conditions)
+        check_conditions(self.conditions)
         check_used(name, self.conditions)
         self._name, self._seed = name, seed
         self._config = replace(
@@ -63,7 +63,7 @@ class Trial:
         made = reference_insole()
         boards = {insole.foot: insole.boards for insole in config.insoles}
         self.insoles = [
-            Insole(
+            SimulatedInsole(
                 layout,
                 boards[layout.foot],
                 made.calibration(layout, boards[layout.foot], seed),
@@ -79,7 +79,7 @@ class Trial:
         self.emulator = Emulator(
             self._config,
             layouts,
-            Sensed(self.load, self.insoles, self.temperature_c),
+            SensedLoad(self.load, self.insoles, self.temperature_c),
             seed=seed,
             luck=self._luck,
             alike=True,
@@ -146,11 +146,11 @@ class Trial:
             source=f"insole simulate {self._name} --seed {self._seed}",
         )
 
-    def _reference(self, insole: Insole, seconds: float) -> ReferenceContents:
+    def _reference(self, insole: SimulatedInsole, seconds: float) -> ReferenceContents:
         foot = insole.layout.foot
         chosen = self.conditions.reference
-        drawn = instruments.clock(Draws(self._seed, Drawn.CLOCK), chosen)
-        return instruments.readings(
+        drawn = instruments.draw_clock(Draws(self._seed, Drawn.CLOCK), chosen)
+        return instruments.simulate_readings(
             foot,
             self.load,
             seconds,
@@ -162,7 +162,7 @@ class Trial:
         )
 
 
-def _tells_the_clock(insole: Insole) -> bool:
+def _tells_the_clock(insole: SimulatedInsole) -> bool:
     return any(effect.law.word == "clock" for effect in insole.effects)
 
 

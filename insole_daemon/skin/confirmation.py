@@ -24,6 +24,7 @@ PERIOD_TOLERANCE_MS = 1.0
 # the floor in the digitiser adds up to half a count.
 REST_TOLERANCE_COUNT = 3.0
 
+_SPAN = 5  # intervals; with more of them, few lost readings would lengthen most spans
 _BYTES_A, _BYTES_B = slice(1, 8), slice(1, 6)  # counts of taxels 0 to 6 and 7 to 11
 
 
@@ -35,7 +36,7 @@ class Seen:
     legacy: bool  # some of it in class 3: an MTB3 that was never configured in the new style
     triangles: tuple[int, ...]
     open_triangles: tuple[int, ...]  # those that report a data line without a sensor
-    period_ms: float | None  # median over its halves; None: too few
+    period_ms: float | None  # median over its halves and the spans between their readings; None: too few
     rest_count: float | None  # median over its pressure taxels, open triangles left out; None: there is none
 
     def differences(self, board: Board, triangles: Collection[int]) -> list[str]:
@@ -106,20 +107,30 @@ def _seen(address: int, frames: FrameBatch) -> Seen:
         frames.data[there & ~is_b, _BYTES_A][:, PRESSURE_TAXELS[:7]].ravel(),
         frames.data[there & is_b, _BYTES_B][:, PRESSURE_TAXELS[7:]].ravel(),
     ])  # fmt: skip
-    intervals = [
-        np.diff(frames.t_mono_ns[(triangle == each) & (is_b == half)])
+    periods = [
+        _periods_ns(frames.t_mono_ns[(triangle == each) & (is_b == half)])
         for each in np.unique(triangle)
         for half in (False, True)
     ]
-    interval_ns = np.concatenate(intervals) if intervals else np.empty(0, np.int64)
+    period_ns = np.concatenate(periods) if periods else np.empty(0)
     return Seen(
         address,
         bool((frames.can_id >> np.uint32(8) == CLASS_LEGACY_SKIN).any()),
         tuple(np.unique(triangle).tolist()),
         open_triangles,
-        float(np.median(interval_ns)) * 1e-6 if len(interval_ns) else None,
+        float(np.median(period_ns)) * 1e-6 if len(period_ns) else None,
         float(np.median(counts)) if len(counts) else None,
     )
+
+
+def _periods_ns(t_mono_ns: NDArray[np.int64]) -> NDArray[np.float64]:
+    """What one half that arrived at these times (n,) says of its period; nothing where n < 2.
+
+    Each value is the mean of several intervals: a host or an adapter that is often held up hands on in bursts what
+    came in its rhythm, and of such a stream most single intervals may be too short.
+    """
+    span = min(_SPAN, max(1, len(t_mono_ns) // 6))
+    return (t_mono_ns[span:] - t_mono_ns[:-span]) / span
 
 
 def _list(triangles: Collection[int]) -> str:

@@ -26,6 +26,8 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from ..compiled import kernel
+
 PATIENCE = 3  # cycles a half may miss before it is no longer waited for
 
 TWICE_NS = 500_000  # four frames; boards read a half once a millisecond at the most
@@ -36,7 +38,13 @@ S = TypeVar("S", np.int16, np.int64, np.uint64)
 
 _NEVER = -(1 << 62)  # receive time of a half that has never arrived
 _WINDOW_CYCLES = 4  # frames of this many cycles are searched for the end of one
+_FRAME_BY_FRAME_CYCLES = 3  # up to so many cycles' frames the kernel takes one by one; of more, numpy takes blocks
 _BLOCK_CYCLES, _BLOCK_CYCLES_MOST = 4, 256  # this many whole cycles are taken in at once, or all there are
+
+
+_FLAG = np.array([False]), np.array([True])
+for _each in _FLAG:
+    _each.setflags(write=False)  # cycles share them
 
 
 def _row(n: int, length: int) -> NDArray[np.int64]:
@@ -133,12 +141,13 @@ class CycleAssembler:
         self._t_mono_ns = np.full(n_slots, _NEVER)
         self._seen = np.zeros(n_slots, np.bool_)  # since the last close
         addresses, of_triangles = np.unique(boards, return_inverse=True)
-        self._board = np.repeat(of_triangles, 2)  # of every slot
+        self._board = np.repeat(of_triangles, 2).astype(np.int64)  # of every slot
         self._newest_slot = np.full(len(addresses), -1, np.int16)  # which half of each board came last
         self._expected = np.ones(n_slots, np.bool_)
         self._misses = np.zeros(n_slots, np.int64)  # late closings missed since the half last came in time
         self._returning = np.zeros(n_slots, np.bool_)  # came in time while not expected
         self._outstanding = n_slots  # expected and not seen
+        self._waiting = True  # whether any half is expected in the open cycle
         self._held: list[_Held] = []  # fed and not looked at: fewer than outstanding, all in time
         self._n_held = 0
         self._complete_ns: int | None = None  # when the last cycle closed, if it was complete
@@ -148,6 +157,11 @@ class CycleAssembler:
         self._block_pause = 0  # cycles to take the careful way before blocks are tried again
         self._block_failures = 0
         self._due_ns: int | None = None  # when the open cycle is closed by time; None before the first frame
+        self._compiled = None if kernel is None else kernel.assembly(
+            (self._seen, self._expected, self._returning, self._misses, self.arrivals, self.changes, self._bytes,
+             self._t_ns, self._t_mono_ns, self._newest_slot, self._board),
+            first_slot, self._limit_ns, TWICE_NS,
+        )  # fmt: skip
 
     @property
     def expected(self) -> NDArray[np.bool_]:
@@ -181,6 +195,8 @@ class CycleAssembler:
         t_mono_ns: NDArray[np.int64],
     ) -> list[Cycles]:
         """Take in n frames, slots (n,), data (n, 8), those of other feet among them; the cycles they closed."""
+        if self._compiled is not None and len(slots) <= _FRAME_BY_FRAME_CYCLES * len(self._seen):
+            return self._feed_compiled(slots, data, t_ns, t_mono_ns)
         own = slots - np.int16(self._first_slot)
         mine = own.view(np.uint16) < len(self._seen)
         n_mine = int(np.count_nonzero(mine))
@@ -212,6 +228,34 @@ class CycleAssembler:
                 closed.append(self._close(int(t_mono_ns[at - 1]), late=False))
             elif taken < available:
                 self._skip_gap(int(t_mono_ns[at]))
+                closed.append(self._close_by_time())
+        return closed
+
+    def _feed_compiled(
+        self,
+        slots: NDArray[np.int16],
+        data: NDArray[np.uint8],
+        t_ns: NDArray[np.int64],
+        t_mono_ns: NDArray[np.int64],
+    ) -> list[Cycles]:
+        """As `feed`, a frame at a time."""
+        if self._n_held:
+            self.settle()
+        closed: list[Cycles] = []
+        row, n = 0, len(slots)
+        while row < n:
+            row, self._due_ns, self._outstanding, newest_t_ns, fresh, superseded = kernel.feed(
+                self._compiled, slots, data, t_ns, t_mono_ns, row, self._due_ns, self._outstanding, self._waiting
+            )
+            self.superseded += superseded
+            if newest_t_ns is not None:
+                self._newest_t_ns = newest_t_ns
+            if fresh:
+                self._fresh = True
+            if self._waiting and not self._outstanding:
+                closed.append(self._close(int(t_mono_ns[row - 1]), late=False))
+            elif row < n:
+                self._skip_gap(int(t_mono_ns[row]))
                 closed.append(self._close_by_time())
         return closed
 
@@ -310,6 +354,35 @@ class CycleAssembler:
         return cycle
 
     def _close(self, t_close_ns: int, late: bool) -> Cycles:
+        complete = not late and self._outstanding == 0
+        cycle = self._closed(t_close_ns, late) if self._compiled is None else self._closed_compiled(t_close_ns, late)
+        self._fresh = False
+        self._begin_cycle(t_close_ns, complete)
+        return cycle
+
+    def _closed_compiled(self, t_close_ns: int, late: bool) -> Cycles:
+        """As `_closed`."""
+        n = self.n_triangles
+        cycle = Cycles(
+            t_mono_ns=np.array([t_close_ns]),
+            t_ns=np.array([self._newest_t_ns]),
+            counts=np.empty((1, n, 12), np.uint8),
+            status=np.empty((1, n), np.uint16),
+            triangle_t_ns=np.empty((1, n), np.int64),
+            age_ns=np.empty((1, n), np.int64),
+            arrivals=np.empty((1, n), np.int64),
+            missing=np.empty((1, n), np.bool_),
+            late=_FLAG[late],
+            repeated=_FLAG[not self._fresh],
+        )
+        kernel.close(
+            self._compiled, t_close_ns, cycle.counts, cycle.status, cycle.triangle_t_ns, cycle.age_ns, cycle.arrivals,
+            cycle.missing,
+        )  # fmt: skip
+        return cycle
+
+    def _closed(self, t_close_ns: int, late: bool) -> Cycles:
+        """The cycle as it stands; what is seen begins anew."""
         t_a, t_b = self._t_mono_ns[::2], self._t_mono_ns[1::2]
         t_older = np.minimum(t_a, t_b)
         halves = self._bytes.view(np.uint8).reshape(1, -1, 16)
@@ -329,8 +402,6 @@ class CycleAssembler:
         self._expected |= self._returning
         self._returning[:] = False
         self._seen[:] = False
-        self._fresh = False
-        self._begin_cycle(t_close_ns, complete=not late and self._outstanding == 0)
         return cycle
 
     def _begin_cycle(self, t_close_ns: int, complete: bool) -> None:
@@ -338,7 +409,8 @@ class CycleAssembler:
         self._promised_ns = 2 * t_close_ns - self._complete_ns if rhythm else None  # type: ignore[operator]
         self._complete_ns = t_close_ns if complete else None
         self._outstanding = int(np.count_nonzero(self._expected))
-        self._due_ns = t_close_ns + (self._limit_ns if self._outstanding else self._period_ns)
+        self._waiting = self._outstanding > 0
+        self._due_ns = t_close_ns + (self._limit_ns if self._waiting else self._period_ns)
 
     def _feed_block(
         self,
@@ -389,8 +461,8 @@ class CycleAssembler:
             self._misses[expected & (intervals <= self._limit_ns).any(axis=0)] = 0
         self.changes += np.add.reduce(table != _before(self._bytes, table), axis=0)
         arrivals = self.arrivals + np.arange(1, n + 1)[:, None] * expected
-        self.arrivals = arrivals[-1].copy()
-        self._bytes, self._t_ns, self._t_mono_ns = table[-1].copy(), stamp[-1].copy(), stamp_mono[-1].copy()
+        self.arrivals[:] = arrivals[-1]
+        self._bytes[:], self._t_ns[:], self._t_mono_ns[:] = table[-1], stamp[-1], stamp_mono[-1]
         newest = slots[used - size : used]
         self._newest_slot[self._board[newest]] = newest
         t_newest = t_ns[:used].reshape(n, size)[:, -1]

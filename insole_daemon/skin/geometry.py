@@ -36,7 +36,7 @@ CELL_SIDE_MM = NEIGHBOUR_MM * 3**0.5  # 33.46
 CELL_HEIGHT_MM = NEIGHBOUR_MM * 1.5  # 28.98
 
 
-def place(
+def place_points(
     points_mm: NDArray[np.float64], centres_mm: ArrayLike, rotation_deg: ArrayLike, mirrored: ArrayLike
 ) -> NDArray[np.float64]:
     """Points of the triangle's own frame, for every triangle placed in a foot's frame.
@@ -56,4 +56,4 @@ def place(
 
 def taxel_positions(centres_mm: ArrayLike, rotation_deg: ArrayLike, mirrored: ArrayLike) -> NDArray[np.float64]:
     """Of all taxels, thermal pads included: (n_triangles, 12, 2) in metres; arguments as in `place`."""
-    return place(TAXELS_MM, centres_mm, rotation_deg, mirrored)
+    return place_points(TAXELS_MM, centres_mm, rotation_deg, mirrored)

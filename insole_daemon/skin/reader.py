@@ -39,13 +39,13 @@ class SkinReader:
 
     def outstanding(self) -> int | None:
         """Halves still to come before a cycle of some foot is complete; None: no foot waits for any."""
-        return min(filter(None, (assembler.outstanding for assembler in self.assemblers)), default=None)
+        return min([n for assembler in self.assemblers if (n := assembler.outstanding)], default=None)
 
     def promised_ns(self) -> int | None:
         """When the next cycle of some foot will be complete; None where none is waited for, or one has no rhythm."""
         return min(self._promises_ns(), default=None)
 
-    def best_look_ns(self, from_ns: int) -> int:
+    def best_poll_ns(self, from_ns: int) -> int:
         """When to look within a period of `from_ns`, to find the newest cycles of all feet as young as can be.
 
         It is `from_ns` itself where none is waited for, or one has no rhythm.
@@ -62,5 +62,5 @@ class SkinReader:
 
     def due_ns(self) -> int | None:
         """When the next cycle is closed by time; None before the first frame."""
-        dues = (assembler.due_ns for assembler in self.assemblers)
-        return min((due for due in dues if due is not None), default=None)
+        dues = [assembler.due_ns for assembler in self.assemblers]
+        return min([due for due in dues if due is not None], default=None)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bus.frames import ERROR, EXTENDED, FD, REMOTE, FrameBatch
+from ..compiled import kernel
 from .identifiers import (
     CLASS_LEGACY_SKIN,
     CLASS_MANAGEMENT,
@@ -65,6 +66,10 @@ class Streams:
 
     def slots(self, batch: FrameBatch) -> NDArray[np.int16]:
         """(n,) slot of every frame, negative where it carries no half; the latter are counted in `refused`."""
+        if kernel is not None:
+            found = np.empty(len(batch), np.int16)
+            if not kernel.slots(self._slot, _TAG_CODE, batch.can_id, batch.dlc, batch.flags, batch.data, found):
+                return found
         odd = batch.dlc != 8
         odd |= batch.flags != 0
         n_odd = np.count_nonzero(odd)

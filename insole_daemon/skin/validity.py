@@ -27,18 +27,23 @@ class Validity:
     def __init__(self, layout: Layout, boards: Mapping[int, Board], stale_after_ns: int) -> None:
         no_load = np.array([boards[t.board].no_load for t in layout.triangles])[:, None]
         shift = np.array([boards[t.board].shift for t in layout.triangles])[:, None]
-        self._stale_after_ns = stale_after_ns
+        self.stale_after_ns = stale_after_ns
         self._rests_at_255 = no_load == 255
         self._n_readings = np.where(self._rests_at_255, np.uint8(255), np.uint8(254))  # from 1 up that are believed
         self._flags_work = shift < _FLAGS_BROKEN_FROM_SHIFT
         self._pressure_taxel = np.ones(12, np.bool_)
         self._pressure_taxel[list(THERMAL_PADS)] = False
 
+    def of_triangles(self) -> tuple[NDArray[np.uint8], ...]:
+        """What the kernel asks of each triangle, each (n_triangles,): believed readings, rests at 255, flags work."""
+        parts = (self._n_readings, self._rests_at_255, self._flags_work)
+        return tuple(part.ravel().astype(np.uint8) for part in parts)
+
     def __call__(
         self, counts: NDArray[np.uint8], status: NDArray[np.uint16], age_ns: NDArray[np.int64]
     ) -> NDArray[np.bool_]:
         """(…, n_triangles, 12) bool from counts (…, n_triangles, 12), status and age_ns (…, n_triangles)."""
-        believed = age_ns.view(np.uint64) <= self._stale_after_ns  # never received is -1, the oldest of all
+        believed = age_ns.view(np.uint64) <= self.stale_after_ns  # never received is -1, the oldest of all
         valid: NDArray[np.bool_] = counts - np.uint8(1) < self._n_readings
         if np.count_nonzero(status):
             believed &= status & 0xF == 0

@@ -10,7 +10,7 @@ from ..errors import InsoleError
 from ..untrusted import parse_json, quoted
 from ..wire.client import Client
 from .hub import Hub
-from .recording import Recording
+from .recording import PageRecorder
 
 _FEET = ("left", "right")
 _TEXT_LENGTH = 200
@@ -20,7 +20,7 @@ _ZERO_S = 3.0
 class Actions:
     """Does what a viewer's message asks for, and says what came of it."""
 
-    def __init__(self, client: Client, hub: Hub, recording: Recording) -> None:
+    def __init__(self, client: Client, hub: Hub, recording: PageRecorder) -> None:
         self._client, self._hub, self._recording = client, hub, recording
 
     async def reply(self, text: str) -> dict[str, Any]:

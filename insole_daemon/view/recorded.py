@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from statistics import fmean, pstdev
+from collections.abc import Mapping, Sequence
+from datetime import datetime
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import __version__
+from ..config import Foot
 from ..mechanics.gait import GaitEvent
+from ..mechanics.gait.steps import Steps
+from ..mechanics.gait.symmetry import symmetry
 from ..recording.derived import events
 from ..recording.loading import FootRecording, Recording
-from ..recording.steps import steps
-from ..report.insole_map import value_map
+from ..recording.quality import quality
+from ..recording.steps import gait_events
+from ..report.insole_map import outlines_mm, value_map
 from ..report.page import facts, figure, page, paragraph, row, section, table
-from ..report.plot import Axis, Plot, axis
+from ..report.plot import WHOLE_WIDTH, WIDTH, Axis, Plot, axis
+from ..skin.quality import Quality
 
 _Array = NDArray[np.float64]
 _COLOURS = {"left": 0, "right": 1}  # of the live page, too
@@ -23,28 +29,34 @@ _CLOSE_S = 5.0
 _MOST_EVENTS = 100
 _KPA = 1e-3
 _FIGURES: dict[str, tuple[str, float, int]] = {  # of a step: what it is called, its factor and digits
-    "stance_s": ("stance, s", 1.0, 2),
-    "swing_s": ("swing, s", 1.0, 2),
-    "stride_s": ("stride, s", 1.0, 2),
+    "stance_s": ("stance, s", 1.0, 3),
+    "swing_s": ("swing, s", 1.0, 3),
+    "stride_s": ("stride, s", 1.0, 3),
     "cadence_per_min": ("cadence, steps/min", 1.0, 0),
-    "double_support_s": ("double support, s", 1.0, 2),
-    "stance_symmetry_percent": ("symmetry of stance, %", 1.0, 1),
+    "double_support_s": ("double support, s", 1.0, 3),
     "peak_force_n": ("peak force, N", 1.0, 0),
-    **{
-        f"{region}_{what}": (f"{region}, {words}", _KPA, 0)
-        for region in ("heel", "midfoot", "forefoot", "toes")
-        for what, words in (("peak_pa", "peak kPa"), ("integral_pa_s", "integral kPa s"))
-    },
+    "impulse_n_s": ("impulse, N·s", 1.0, 1),
+    "loading_rate_n_s": ("loading rate, N/s", 1.0, 0),
+    "cop_path_m": ("path of the CoP, mm", 1e3, 1),
+    "cop_width_m": ("width of the CoP, mm", 1e3, 1),
+    "contact_area_m2": ("contact area, cm²", 1e4, 1),
 }
+_OF_REGIONS = {
+    "peak_pa": ("peak kPa", _KPA, 0),
+    "integral_pa_s": ("integral kPa s", _KPA, 1),
+    "area_m2": ("area cm²", 1e4, 1),
+}
+_SYMMETRIES = ("stance_s", "peak_force_n", "impulse_n_s")
 
 
 def recorded_page(recording: Recording) -> str:
     """HTML of one file, which loads nothing from anywhere."""
-    told = steps(recording.feet)
+    told = gait_events(recording.feet)
     feet = [foot for foot in recording.feet if len(foot)]
     known = [foot for foot in feet if foot.wrench is not None]
     start_ns = min((int(foot.t_ns[0]) for foot in feet), default=0)
-    parts = [_facts(feet, told)]
+    found = quality(recording)
+    parts = [_facts(feet, told, found), *(paragraph(f"{foot}: {each.sentence}") for foot, each in found.items())]
     said = [*recording.warnings, *(f"Not measured: {each}" for each in recording.invented)]
     if said:
         parts.append(section("Before you believe a number", *map(paragraph, said)))
@@ -52,12 +64,29 @@ def recorded_page(recording: Recording) -> str:
         parts += [_maps(known), _courses(known, told, start_ns), _centres(known)]
     else:
         parts.append(section("Pressure", paragraph("No foot has a calibration: there are counts and no pressure.")))
-    if told:
-        parts.append(_gait(told))
+    if told and len(recording.steps):
+        parts.append(_gait(recording.steps))
     if feet:
         parts.append(_health(feet, start_ns))
+    parts.append(_footer(recording, feet))
     lead = f"{recording.kind}, {recording.can_origin}"
     return page(f"Recording {recording.folder.resolve().name}", lead, parts)
+
+
+def _footer(recording: Recording, feet: Sequence[FootRecording]) -> str:
+    """What the report was made with, and of which insole."""
+    words = [f"insole-daemon {__version__}", f"recording {recording.folder.resolve().name}"]
+    if feet:
+        began = datetime.fromtimestamp(min(int(foot.t_ns[0]) for foot in feet) * 1e-9).astimezone()
+        words.append(began.strftime("recorded %Y-%m-%d %H:%M:%S %z"))
+    for foot in feet:
+        boards = ", ".join(str(board.address) for board in foot.boards)
+        calibration = "no calibration" if foot.calibration is None else "a calibration of this insole"
+        if foot.calibration is not None and foot.calibration.builtin:
+            calibration = "the built-in calibration"
+        zero = "" if foot.zero is None else " with a zero"
+        words.append(f"{foot.foot}: boards {boards}, {calibration}{zero}")
+    return paragraph("; ".join(words))
 
 
 def _seconds(foot: FootRecording, start_ns: int) -> _Array:
@@ -65,12 +94,11 @@ def _seconds(foot: FootRecording, start_ns: int) -> _Array:
     return np.asarray((foot.t_ns - start_ns) * 1e-9, np.float64)
 
 
-def _facts(feet: Sequence[FootRecording], told: Sequence[GaitEvent]) -> str:
+def _facts(feet: Sequence[FootRecording], told: Sequence[GaitEvent], found: Mapping[Foot, Quality]) -> str:
     seconds = max((float(foot.t_ns[-1] - foot.t_ns[0]) * 1e-9 for foot in feet), default=0.0)
     said = [(f"{seconds:.1f} s", "recorded")]
     for foot in feet:
-        said.append((f"{len(foot)}", f"cycles of the {foot.foot} foot"))
-        said.append((f"{int(foot.late.sum())}", f"late, {foot.foot}"))
+        said.append((found[foot.foot].verdict, f"{found[foot.foot].percent} % of the cycles, {foot.foot} foot"))
         if foot.wrench is not None and np.isfinite(foot.wrench.f_z_n).any():
             said.append((f"{np.nanmax(foot.wrench.f_z_n):.0f} N", f"most on the {foot.foot} foot"))
     said.append((f"{sum(event.kind == 'initial_contact' for event in told)}", "steps"))
@@ -78,31 +106,43 @@ def _facts(feet: Sequence[FootRecording], told: Sequence[GaitEvent]) -> str:
 
 
 def _maps(feet: Sequence[FootRecording]) -> str:
-    """The highest pressure of every taxel, and its mean."""
-    return section("Pressure", *(row(*(_map(foot, words) for foot in feet)) for words in ("highest", "mean")))
+    """The highest pressure of every taxel, and its mean; both feet on one scale from 0."""
+    rows = []
+    for words in ("highest", "mean"):
+        values = [_values_kpa(foot, words) for foot in feet]
+        known = np.concatenate([each[np.isfinite(each)] for each in values])
+        highest = float(np.percentile(known, 98)) if len(known) else 1.0
+        rows.append(row(*(_map(foot, each, words, highest) for foot, each in zip(feet, values, strict=True))))
+    return section("Pressure", *rows)
 
 
-def _map(foot: FootRecording, words: str) -> str:
+def _values_kpa(foot: FootRecording, words: str) -> _Array:
+    """(n_triangles, 12) the highest or the mean pressure of every taxel; NaN: never valid."""
     assert foot.pressure_pa is not None
     seen = foot.valid.any(axis=0)
     pressed = np.where(foot.valid, foot.pressure_pa, np.nan)[:, seen]
     values = np.full(seen.shape, np.nan)
     values[seen] = (np.nanmax if words == "highest" else np.nanmean)(pressed, axis=0) * _KPA
+    return values
+
+
+def _map(foot: FootRecording, values: _Array, words: str, highest: float) -> str:
     title = f"{words} pressure of every taxel, {foot.foot} foot"
-    return figure(value_map(foot.layout, values.ravel(), "kPa", title), f"{title}; empty: never valid")
+    drawn = value_map(foot.layout, values.ravel(), "kPa", title, from_zero=True, highest=highest)
+    return figure(drawn, f"{title}; empty: never valid")
 
 
 def _courses(feet: Sequence[FootRecording], told: Sequence[GaitEvent], start_ns: int) -> str:
     """f_z and the moments, of all of it and of a few seconds that have steps in them."""
     last_s = max(float(foot.t_ns[-1] - start_ns) * 1e-9 for foot in feet)
-    drawn = [_course(feet, "f_z_n", "f_z, N", start_ns, 0.0, last_s)]
+    drawn = [_course(feet, "f_z_n", "f_z, N", start_ns, 0.0, last_s, WHOLE_WIDTH)]
     begin_s, end_s = 0.0, last_s
     if last_s > 2 * _CLOSE_S:
         contacts_s = [(event.t_ns - start_ns) * 1e-9 for event in told if event.kind == "initial_contact"]
         middle_s = contacts_s[len(contacts_s) // 2] if contacts_s else last_s / 2
         begin_s = max(0.0, min(middle_s - _CLOSE_S / 2, last_s - _CLOSE_S))
         end_s = begin_s + _CLOSE_S
-        drawn.append(_course(feet, "f_z_n", "f_z, N", start_ns, begin_s, end_s))
+        drawn.append(_course(feet, "f_z_n", "f_z, N", start_ns, begin_s, end_s, WHOLE_WIDTH))
     moments = [("m_x_nm", "m_x, N·m"), ("m_y_nm", "m_y, N·m")]
     drawn.append(row(*(_course(feet, *each, start_ns, begin_s, end_s) for each in moments)))
     unmatched = any(foot.reference is not None and _reference(foot, "f_z_n") is None for foot in feet)
@@ -110,7 +150,15 @@ def _courses(feet: Sequence[FootRecording], told: Sequence[GaitEvent], start_ns:
     return section("Forces and moments", *drawn, paragraph(note) if unmatched else "")
 
 
-def _course(feet: Sequence[FootRecording], name: str, label: str, start_ns: int, begin_s: float, end_s: float) -> str:
+def _course(
+    feet: Sequence[FootRecording],
+    name: str,
+    label: str,
+    start_ns: int,
+    begin_s: float,
+    end_s: float,
+    width: float = WIDTH,
+) -> str:
     """One quantity of every foot, and its reference, if that is on the same clock."""
     lines: list[tuple[_Array, _Array, int, str]] = []
     for foot in feet:
@@ -121,7 +169,9 @@ def _course(feet: Sequence[FootRecording], name: str, label: str, start_ns: int,
         lines.append((_seconds(foot, start_ns), getattr(foot.wrench, name), _COLOURS[foot.foot], foot.foot))
     inside = [(x >= begin_s) & (x <= end_s) for x, _, _, _ in lines]
     plot = Plot(
-        Axis("s", begin_s, end_s), axis(label, *(y[keep] for (_, y, _, _), keep in zip(lines, inside, strict=True)))
+        Axis("s", begin_s, end_s),
+        axis(label, *(y[keep] for (_, y, _, _), keep in zip(lines, inside, strict=True))),
+        width,
     )
     for (x, y, colour, words), keep in zip(lines, inside, strict=True):
         plot.line(x[keep], y[keep], colour, words)
@@ -139,43 +189,63 @@ def _reference(foot: FootRecording, name: str) -> tuple[_Array, _Array] | None:
 
 
 def _centres(feet: Sequence[FootRecording]) -> str:
-    """Where the centre of pressure went, toes up."""
+    """Where the centre of pressure went on the triangles, toes up."""
     drawn = []
     for foot in feet:
         assert foot.wrench is not None
         x_mm, y_mm = 1e3 * foot.wrench.cop_x_m, 1e3 * foot.wrench.cop_y_m
         if not np.isfinite(x_mm).any():
             continue
-        plot = Plot(axis("to the wearer's right, mm", -y_mm), axis("forward, mm", x_mm), height=560)
+        outlines = outlines_mm(foot.layout)
+        forward_mm, right_mm = outlines[..., 0], -outlines[..., 1]
+        plot = Plot.to_scale(axis("to the wearer's right, mm", right_mm), axis("forward, mm", forward_mm), height=620)
+        for triangle in outlines:
+            plot.outline(-triangle[:, 1], triangle[:, 0])
         plot.line(-y_mm, x_mm, _COLOURS[foot.foot], faint=True)
         title = f"centre of pressure, {foot.foot} foot"
         drawn.append(figure(plot.svg(title), title))
     return section("Centre of pressure", row(*drawn)) if drawn else ""
 
 
-def _gait(told: Sequence[GaitEvent]) -> str:
-    """Mean and standard deviation of every figure over the steps in which it is known."""
+def _gait(steps: Steps) -> str:
+    """Mean and standard deviation of every figure over the steady steps, and the symmetry of some."""
+    figures = dict(_FIGURES)
+    for name in steps.columns:
+        for ending, (words, factor, digits) in _OF_REGIONS.items():
+            if name.endswith(f"_{ending}"):
+                region = name.removesuffix(f"_{ending}").replace("_", " ")
+                figures[name] = (f"{region}, {words}", factor, digits)
     rows = []
-    for name, (words, factor, digits) in _FIGURES.items():
+    for name, (words, factor, digits) in figures.items():
         cells = [words]
         for foot in _COLOURS:
-            known = [
-                value * factor
-                for event in told
-                if event.foot == foot and (value := event.figures.get(name)) is not None
-            ]
-            cells.append(f"{fmean(known):.{digits}f} ± {pstdev(known):.{digits}f} ({len(known)})" if known else "–")
+            values = steps.of(foot).steady[name]
+            known = values[np.isfinite(values)] * factor
+            spread = f" ± {known.std(ddof=1):.{digits}f}" if len(known) > 1 else ""
+            cells.append(f"{known.mean():.{digits}f}{spread} ({len(known)})" if len(known) else "–")
         rows.append(cells)
-    heading = ("mean ± standard deviation (steps)", *_COLOURS)
-    about = "Steps are told from f_z alone; a region is a part of the length of the sensed area."
-    return section("Gait", paragraph(about), table(heading, rows))
+    labels, counts = np.unique(steps["label"], return_counts=True)
+    kinds = ", ".join(f"{count} {label}" for label, count in zip(labels, counts, strict=True))
+    said = [
+        f"Of the steady steps alone; all stances: {kinds}.",
+        *(f"{remark[0].upper()}{remark[1:]}." for remark in steps.remarks),
+    ]
+    indices = []
+    for name in _SYMMETRIES:
+        index = symmetry(steps, name)
+        if np.isfinite(index.low):
+            indices.append((_FIGURES[name][0], f"{index.value:+.1f} %", f"{index.low:+.1f} to {index.high:+.1f} %"))
+    parts = [*map(paragraph, said), table(("mean ± standard deviation (steps)", *_COLOURS), rows)]
+    if indices:
+        parts.append(table(("symmetry, left less right of their mean", "index", "95 % interval"), indices))
+    return section("Gait", *parts)
 
 
 def _health(feet: Sequence[FootRecording], start_ns: int) -> str:
     """How much of the insole was valid, and what happened to the boards."""
     shares = [foot.valid.sum(axis=(1, 2)) / (10 * len(foot.layout)) * 100.0 for foot in feet]
     last_s = max(float(foot.t_ns[-1] - start_ns) * 1e-9 for foot in feet)
-    plot = Plot(Axis("s", 0.0, last_s), Axis("valid taxels, %", 0.0, 104.0), height=180)
+    plot = Plot(Axis("s", 0.0, last_s), Axis("valid taxels, %", 0.0, 104.0), WHOLE_WIDTH, 180)
     for foot, share in zip(feet, shares, strict=True):
         plot.line(_seconds(foot, start_ns), share, _COLOURS[foot.foot], foot.foot)
     happened = sorted((t_ns, foot.foot, event["text"]) for foot in feet for t_ns, event in events(foot))

@@ -10,13 +10,13 @@ from pathlib import Path
 
 from ..errors import InsoleError
 from ..recording.live import LiveRecorder
-from ..recording.of_daemon import insole_of
+from ..recording.of_daemon import insole_in_use
 from ..recording.recorder import Progress, Session
 from ..wire.client import Client, Subscription
 from ..wire.messages import Raw
 
 
-class Recording:
+class PageRecorder:
     """At most one at a time; each begins a folder named by the time, in `folder`.
 
     `tell` is called with a line on how it goes, from a thread of its own: once a second, and when it is over.
@@ -38,7 +38,7 @@ class Recording:
             if self.running:
                 raise InsoleError("a recording is being made: end it first")
             out = self._folder / datetime.now().strftime("%Y%m%d-%H%M%S")
-            recorder = LiveRecorder(out, "free", [insole_of(self._client, foot) for foot in feet], 0, None)
+            recorder = LiveRecorder(out, "free", [insole_in_use(self._client, foot) for foot in feet], 0, None)
             self._running = _Running(recorder, self._client.raws(), self._tell, out)
             return str(out)
 
@@ -81,6 +81,7 @@ class _Running:
             progress = session.from_daemon(self._raws)
             self.recorder.close()
             self._count(progress)
+            self.said += f"; insole report {self._out}"
         except InsoleError as error:
             self.said = f"the recording has ended: {error}"
         finally:
@@ -89,8 +90,7 @@ class _Running:
         self._tell(self.said)
 
     def _count(self, progress: Progress) -> None:
-        self.said = (
-            f"{self._out}: {progress.seconds:.0f} s, {progress.cycles} cycles, "
-            f"{progress.lost} lost, {progress.bytes / 1e6:.1f} MB"
+        self.said = f"{self._out}: {progress.seconds:.0f} s, {progress.bytes / 1e6:.1f} MB" + "".join(
+            f"; {foot} {quality.sentence}" for foot, quality in progress.quality.items()
         )
         self._tell(self.said)

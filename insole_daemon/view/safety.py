@@ -27,7 +27,7 @@ class Safety:
     @classmethod
     def of(cls, host: str, port: int) -> Safety:
         """Of a server that listens on `host`: with a new token, unless only this computer reaches it."""
-        return cls(port, None if is_loopback(host) else secrets.token_urlsafe(24))
+        return cls(port, None if is_loopback_host(host) else secrets.token_urlsafe(24))
 
     @property
     def cookie(self) -> str:
@@ -37,7 +37,7 @@ class Safety:
     def allows(self, request: web.Request) -> bool:
         """Whether it comes by a name of this server, with the token where there is one."""
         if self.token is None:
-            return is_loopback(urlsplit(f"//{request.host}").hostname or "")
+            return is_loopback_host(urlsplit(f"//{request.host}").hostname or "")
         given = request.cookies.get(self.cookie) or request.query.get("token") or ""
         return hmac.compare_digest(given.encode(), self.token.encode())
 
@@ -46,7 +46,7 @@ class Safety:
         return request.headers.get("Origin") == f"{request.scheme}://{request.host}"
 
 
-def is_loopback(host: str) -> bool:
+def is_loopback_host(host: str) -> bool:
     """Whether `host` is a name or an address of this computer that others cannot reach."""
     if host == "localhost":
         return True

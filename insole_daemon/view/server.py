@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import errno
 import json
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
@@ -18,7 +19,7 @@ from ..wire.client import Client
 from .actions import Actions
 from .beside import Others
 from .hub import Hub
-from .recording import Recording
+from .recording import PageRecorder
 from .safety import COOKIE_DAYS, Safety, headers
 from .viewer import Viewer
 
@@ -69,7 +70,7 @@ def application(client: Client, rig: str, others: Others, safety: Safety, record
             with contextlib.suppress(RuntimeError):  # the server has ended
                 loop.call_soon_threadsafe(actions.tell_recording, text)
 
-        recording = Recording(client, recordings, tell)
+        recording = PageRecorder(client, recordings, tell)
         actions = Actions(client, hub, recording)
         app[_HUB], app[_ACTIONS] = hub, actions
         hub.stand("hello", {"version": __version__, "rig": rig})
@@ -143,9 +144,11 @@ async def serve(app: web.Application, host: str, port: int, ready: Callable[[], 
         try:
             await site.start()
         except OSError as error:
+            remedy = "name an address of this computer with --listen"
+            if error.errno == errno.EADDRINUSE:
+                remedy = f"take another port, such as --port {port + 1 if port < 65535 else 8080}"
             raise WireError(
-                f"cannot serve the page on {host} port {port}: {error.strerror or error}; "
-                "take another one with --port, or another address with --listen"
+                f"cannot serve the page on {host} port {port}: {error.strerror or error}; {remedy}"
             ) from error
         ready()
         stopped = asyncio.create_task(stop.wait())

@@ -31,7 +31,7 @@ from ..errors import WireError
 from .keys import ROOT, key
 from .messages import BY_KEY, CalibrationInUse, Event, Health, Message, Meta, Models, Pressure, Raw, Wrench
 from .requests import REPLY_SCHEMA, REQUEST_SCHEMA, encoding, pack, unpack
-from .session import open_session
+from .session import full_endpoint, open_session
 
 M = TypeVar("M", bound=Message)
 S = TypeVar("S", bound="Subscription[Any]")
@@ -187,11 +187,12 @@ class Payloads(Subscription[Any]):
 class Client:
     """A connection to the daemons behind one endpoint; `rig` narrows it to one wearer.
 
+    `endpoint` may leave out tcp/ and the port.
     It is open inside `with` or `async with`. `config_file`: Zenoh's own configuration, with this client's certificate.
     """
 
     def __init__(self, endpoint: str = DEFAULT_ENDPOINT, rig: str = "*", config_file: Path | None = None) -> None:
-        self.endpoint, self.rig, self._config_file = endpoint, rig, config_file
+        self.endpoint, self.rig, self._config_file = full_endpoint(endpoint), rig, config_file
         self._opened: zenoh.Session | None = None
         self._subscriptions: list[Subscription[Any]] = []
 

@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
+from operator import attrgetter
 from types import UnionType
 from typing import Annotated, Any, ClassVar, Literal, Self, Union, get_args, get_origin, get_type_hints
 
@@ -16,6 +18,7 @@ import msgpack
 import numpy as np
 from numpy.typing import NDArray
 
+from ..compiled import kernel
 from ..errors import WireError
 from ..untrusted import is_plain, quoted
 
@@ -47,6 +50,12 @@ class Message:
 
     def encode(self) -> bytes:
         """The payload of this message."""
+        if kernel is not None:
+            layout = _flat_layout(type(self))
+            if layout is not None:
+                heads, values = layout
+                packed: bytes = kernel.pack(heads, values(self))
+                return packed
         payload: bytes = msgpack.packb({name: _to_wire(getattr(self, name)) for name in wire_fields(type(self))})
         return payload
 
@@ -189,13 +198,14 @@ class Models(Message):
 class Health(Message):
     """Once a second: what runs and what is wrong."""
 
-    SCHEMA = "insole.health/3"
+    SCHEMA = "insole.health/4"
     foot: Foot
     t_ns: int
     uptime_s: float
     state: Literal["ok", "degraded", "no data"]
     cycles: dict[str, int]  # published, late, repeated, skipped, superseded and missed halves, extrapolated, beyond
     publish_rate_hz: float  # over the last second
+    quality: dict[str, Any]  # of the last 10 s: cycles expected, received, skipped, repeated, late, share, verdict
     latency_ms: dict[str, float | None]  # newest half → put, over the last second: p50, p99, max
     boards: list[dict[str, Any]]
     faults: list[dict[str, Any]]  # that are there now: kind, board, triangle, taxel, since
@@ -291,6 +301,26 @@ def wire_fields(cls: type[Message]) -> dict[str, Any]:
             if not f.metadata.get("local")
         }
     return _FIELDS[cls]
+
+
+_FLAT: dict[type[Message], tuple[tuple[bytes, ...], attrgetter[tuple[Any, ...]]] | None] = {}
+
+
+def _flat_layout(cls: type[Message]) -> tuple[tuple[bytes, ...], attrgetter[tuple[Any, ...]]] | None:
+    """The bytes before each value and the values, as the kernel packs them; None where one is a map or a list."""
+    if cls not in _FLAT:
+        fields = wire_fields(cls)
+        heads = [msgpack.packb(name) for name in fields]
+        heads[0] = msgpack.Packer().pack_map_header(len(fields)) + heads[0]
+        flat = not any(get_origin(hint) in (dict, list) for hint in _plain_hints(fields.values()))
+        _FLAT[cls] = (tuple(heads), attrgetter(*fields)) if flat else None
+    return _FLAT[cls]
+
+
+def _plain_hints(hints: Iterable[Any]) -> Iterator[Any]:
+    """The annotations, each option of a union on its own."""
+    for hint in hints:
+        yield from get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
 
 
 def _to_wire(value: Any) -> Any:

@@ -42,21 +42,27 @@ class FootPublisher:
             )
             for what, message in (("health", Health), ("event", Event))
         }
-        self._standing: dict[type[Message], tuple[Any, ...]] = {}
+        self._latched: dict[type[Message], tuple[Any, ...]] = {}
         self._payloads: dict[type[Message], bytes] = {}
 
-    def publish(self, message: Message) -> None:
-        """Put a cycle message, a health or an event on its key."""
-        self._publishers[type(message)].put(message.encode())
+    def publish(self, *messages: Message) -> None:
+        """Put cycle messages, a health or an event on their keys.
 
-    def stand(self, what: str, message: Meta | CalibrationInUse) -> None:
-        """Publish what late joiners must get: cached for advanced subscribers, answered to `get`.
+        All are encoded before the first is put: what is put at once leaves in one packet, and Zenoh's thread, which
+        sends it, wakes once.
+        """
+        payloads = [message.encode() for message in messages]
+        for message, payload in zip(messages, payloads, strict=True):
+            self._publishers[type(message)].put(payload)
 
-        The next one takes its place; whoever asks in between gets one of the two.
+    def publish_latched(self, what: str, message: Meta | CalibrationInUse) -> None:
+        """Publish a message and keep it for late joiners: cached for advanced subscribers, returned to `get`.
+
+        The next call replaces it; a request in between gets one of the two.
         """
         kind, payload = type(message), message.encode()
         self._payloads[kind] = payload
-        if kind not in self._standing:
+        if kind not in self._latched:
             own_key, encoding = key(self._rig, self._foot, what), _encoding(kind)
             publisher = zenoh.ext.declare_advanced_publisher(
                 self._session,
@@ -70,16 +76,16 @@ class FootPublisher:
                 lambda query: query.reply(own_key, self._payloads[kind], encoding=encoding),
                 complete=True,
             )
-            self._standing[kind] = (publisher, queryable)
-        self._standing[kind][0].put(payload)
+            self._latched[kind] = (publisher, queryable)
+        self._latched[kind][0].put(payload)
 
     def close(self) -> None:
         """Take everything back; the liveliness token first, so that nobody waits for a daemon that ends."""
         self._token.undeclare()
-        for entities in self._standing.values():
+        for entities in self._latched.values():
             for entity in entities:
                 entity.undeclare()
-        self._standing.clear()
+        self._latched.clear()
         for publisher in self._publishers.values():
             publisher.undeclare()
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import zenoh
 
+from ..config import DEFAULT_PORT
 from ..documents import YAML_BYTES
 from ..errors import WireError
 from ..files import read_at_most
@@ -42,6 +43,21 @@ _TLS_FILES = (
 )
 
 
+def full_endpoint(text: str) -> str:
+    """Return `text` as an endpoint of Zenoh, with tcp/ and the default port where it has none.
+
+    Raises WireError where it is no endpoint: neither protocol/address nor host:port nor host.
+    """
+    if re.fullmatch(r"[a-z][a-z0-9_-]*/\S+", text):
+        return text
+    host = re.fullmatch(r"([\w.-]+|\[[0-9a-fA-F:.]+\])(:\d{1,5})?", text)
+    if host is None:
+        error = WireError(f"expected an endpoint such as tcp/127.0.0.1:{DEFAULT_PORT}, found {text!r}")
+        error.exit_status = 2
+        raise error
+    return f"tcp/{host[1]}{host[2] or f':{DEFAULT_PORT}'}"
+
+
 def open_session(
     mode: str,
     listen: Sequence[str] = (),
@@ -59,11 +75,11 @@ def open_session(
     """
     config = zenoh.Config() if config_file is None else load_config(config_file)
     ours = {"mode": mode, "listen/endpoints": list(listen), "connect/endpoints": list(connect)}
-    for path, value in (ours | _FIXED).items():
-        config.insert_json5(path, json.dumps(value))
-    if not rules:
-        config.insert_json5("access_control/enabled", "false")
     try:
+        for path, value in (ours | _FIXED).items():
+            config.insert_json5(path, json.dumps(value))
+        if not rules:
+            config.insert_json5("access_control/enabled", "false")
         return zenoh.open(config)
     except zenoh.ZError as error:
         raise WireError(_explain(mode, listen, connect, _words(error), if_taken)) from error

@@ -12,6 +12,7 @@ import time
 import numpy as np
 import pytest
 
+from insole_daemon.bus import batched_socket as module
 from insole_daemon.bus import link
 from insole_daemon.bus.batched_socket import BatchedSocket
 from insole_daemon.bus.frames import ERROR, EXTENDED, REMOTE
@@ -19,6 +20,10 @@ from insole_daemon.bus.recovering import RecoveringSource
 from insole_daemon.bus.socketcan import SocketCanSource
 from insole_daemon.bus.source import BusCounters, collect
 from insole_daemon.config import Bus
+
+from ..implementations import numpy_and_compiled
+
+implementation = numpy_and_compiled(module)
 
 
 def frame(can_id: int, data: bytes = b"", dlc: int | None = None) -> bytes:

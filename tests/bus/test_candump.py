@@ -235,7 +235,7 @@ def read_slowly(text: bytes) -> list[tuple[int, str, int, int, bytes, int]] | in
         if not line.strip() or candump_line.dropped_frames(line) is not None:
             continue
         try:
-            frame = candump_line.parse(line)
+            frame = candump_line.parse_line(line)
         except candump_line.BadLine:
             return number
         found.append((frame.t_ns, frame.name, frame.can_id, frame.dlc, frame.data, frame.flags))

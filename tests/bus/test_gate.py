@@ -18,7 +18,7 @@ from insole_daemon.bus.rules import check_may_leave, never_a_command, refusal
 from insole_daemon.bus.sink import PythonCanSink, SocketCanSink
 from insole_daemon.config import Bus, Config
 from insole_daemon.errors import BusError
-from insole_daemon.service.setup import load_layout
+from insole_daemon.service.foot_setup import load_layout
 from insole_daemon.simulation.emulator import Emulator
 from insole_daemon.simulation.foot import Walk
 

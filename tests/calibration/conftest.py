@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from insole_daemon.simulation.conditions import Cycles
+from insole_daemon.simulation.conditions import ChamberCycles
 
 sys.path.insert(0, str(Path(__file__).parent))  # the helpers of this folder are modules beside the tests
 
@@ -20,7 +20,7 @@ from small_insole import made
 @pytest.fixture(scope="session")
 def chamber(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two cycles to 90 kPa and a hold."""
-    cycles = Cycles(speeds_pa_s=(6e3,), cycles=2, hold_s=5.0, minor=())
+    cycles = ChamberCycles(speeds_pa_s=(6e3,), cycles=2, hold_s=5.0, minor=())
     return made(tmp_path_factory.mktemp("trials") / "vacuum", "vacuum", chamber=cycles)
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from insole_daemon.config import Config
-from insole_daemon.simulation.conditions import Conditions, Instrument
+from insole_daemon.simulation.conditions import Conditions, InstrumentConditions
 from insole_daemon.simulation.trial import Trial
 from insole_daemon.skin import layout as layouts
 
@@ -18,7 +18,7 @@ SEED = 4
 
 
 OFFSET_S, RATE = 0.4, 1e-3  # of the reference's clock, planted
-_CLOCK = Instrument(offset_s=OFFSET_S, rate_ppm=RATE * 1e6)
+_CLOCK = InstrumentConditions(offset_s=OFFSET_S, rate_ppm=RATE * 1e6)
 
 
 def made(folder: Path, name: str, seconds: float | None = None, **conditions: Any) -> Path:

@@ -16,8 +16,8 @@ from insole_daemon.calibration.calibrating import calibrate
 from insole_daemon.calibration.trials import trials
 from insole_daemon.cli import app
 from insole_daemon.errors import CalibrationError
-from insole_daemon.simulation.conditions import Cycles
-from insole_daemon.simulation.faults import Fault
+from insole_daemon.simulation.conditions import ChamberCycles
+from insole_daemon.simulation.faults import InjectedFault
 
 Row = dict[str, str]
 
@@ -119,8 +119,8 @@ def test_recordings_of_other_settings(
 
 
 def test_a_taxel_that_is_constant_throughout(tmp_path: Path) -> None:
-    dead = Fault("dead", 0.0, None, LAYOUT.triangles[0].board, LAYOUT.triangles[0].triangle, 1)
-    cycles = Cycles(speeds_pa_s=(6e3,), cycles=2, hold_s=5.0, minor=())
+    dead = InjectedFault("dead", 0.0, None, LAYOUT.triangles[0].board, LAYOUT.triangles[0].triangle, 1)
+    cycles = ChamberCycles(speeds_pa_s=(6e3,), cycles=2, hold_s=5.0, minor=())
     folder = made(tmp_path / "vacuum", "vacuum", chamber=cycles, faults=(dead,))
     found = calibrate([insole_daemon.load(folder)], "left")
     assert list(found.left_out) == [1]
@@ -130,8 +130,10 @@ def test_a_taxel_that_is_constant_throughout(tmp_path: Path) -> None:
 
 
 def test_a_taxel_that_gets_stuck_is_used_until_then(tmp_path: Path) -> None:
-    cycles = Cycles(speeds_pa_s=(6e3,), cycles=3, hold_s=5.0, minor=())
-    stuck = Fault("stuck", 70.0, None, LAYOUT.triangles[0].board, LAYOUT.triangles[0].triangle, 1, level_pa=60e3)
+    cycles = ChamberCycles(speeds_pa_s=(6e3,), cycles=3, hold_s=5.0, minor=())
+    stuck = InjectedFault(
+        "stuck", 70.0, None, LAYOUT.triangles[0].board, LAYOUT.triangles[0].triangle, 1, level_pa=60e3
+    )
     folder = made(tmp_path / "vacuum", "vacuum", chamber=cycles, faults=(stuck,))
     found = calibrate([insole_daemon.load(folder)], "left")
     verdict = found.verdicts[1]
@@ -142,8 +144,8 @@ def test_a_taxel_that_gets_stuck_is_used_until_then(tmp_path: Path) -> None:
 
 
 def test_a_triangle_that_comes_loose(tmp_path: Path) -> None:
-    cycles = Cycles(speeds_pa_s=(6e3,), cycles=3, hold_s=5.0, minor=())
-    loose = Fault("loose", 70.0, None, LAYOUT.triangles[2].board, LAYOUT.triangles[2].triangle)
+    cycles = ChamberCycles(speeds_pa_s=(6e3,), cycles=3, hold_s=5.0, minor=())
+    loose = InjectedFault("loose", 70.0, None, LAYOUT.triangles[2].board, LAYOUT.triangles[2].triangle)
     folder = made(tmp_path / "vacuum", "vacuum", chamber=cycles, faults=(loose,))
     found = calibrate([insole_daemon.load(folder)], "left")
     slots = [24 + taxel for taxel in (0, 1, 2, 3, 4, 5, 7, 8, 9, 11)]
@@ -153,7 +155,7 @@ def test_a_triangle_that_comes_loose(tmp_path: Path) -> None:
 
 
 def test_one_ramp_only(tmp_path: Path) -> None:
-    cycles = Cycles(speeds_pa_s=(3e3,), cycles=1, hold_s=5.0, minor=())
+    cycles = ChamberCycles(speeds_pa_s=(3e3,), cycles=1, hold_s=5.0, minor=())
     said = refusal(made(tmp_path / "ramp", "vacuum", 30.0, chamber=cycles))
     assert "ramp: expected the pressure to go up and down at least once, found one ramp" in said
 
@@ -198,7 +200,7 @@ def test_an_interrupted_calibration_leaves_the_file_that_was_there(
     def interrupted(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("insole_daemon.calibration.fused.fit", interrupted)
+    monkeypatch.setattr("insole_daemon.calibration.fused.fit_fused", interrupted)
     CliRunner().invoke(app, ["calibrate", str(chamber), "--out", str(out)])
     assert out.read_text() == "before"
     assert [path.name for path in tmp_path.iterdir()] == ["calibration.json"]

@@ -2,46 +2,40 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from benchmarks.published_data import calibration
+
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT.parent / "shared" / "data" / "belli2023"
 
-pytestmark = pytest.mark.skipif(not FOLDER.exists(), reason=f"the published data are not in {FOLDER}")
+pytestmark = [
+    pytest.mark.long,
+    pytest.mark.skipif(not FOLDER.exists(), reason=f"the whole published files are not in {FOLDER}"),
+]
 
 
-@pytest.fixture(scope="module")
-def bench():
-    """The benchmark's module, with every eighth of its taxels."""
-    sys.path.insert(0, str(ROOT / "benchmarks"))
-    import calibration_belli2023
-
-    yield calibration_belli2023
-    sys.path.remove(str(ROOT / "benchmarks"))
-
-
-def test_ours_beats_the_published_model_where_both_were_trained_and_the_file_can_be_written(bench, tmp_path):
-    trial = bench.read(FOLDER / bench.CALIBRATION)
-    all_of = bench.healthy(trial)
+def test_ours_beats_the_published_model_where_both_were_trained_and_the_file_can_be_written(tmp_path):
+    trial = calibration.read(FOLDER / calibration.CALIBRATION)
+    all_of = calibration.healthy(trial)
     assert 150 < len(all_of.taxels) < 250
     found = replace(all_of, taxels=all_of.taxels[::8])
-    clock = bench.fitted_clock(trial, all_of)
+    clock = calibration.fitted_clock(trial, all_of)
     # Told from the steps of the chamber one by one: −1.3 s at the beginning, +1.4 s after 460 s; smoothing is 0.2 s.
     assert clock.offset_s == pytest.approx(-1.5, abs=0.2)
     assert clock.rate == pytest.approx(0.0062, abs=0.0006)
-    trained = bench.by_clock(trial, found, clock)
-    published_pa, known = bench.published(FOLDER, found)
-    models = bench.models(trained, trial, found, 0.1, 1e-2, published_pa)
+    trained = calibration.by_clock(trial, found, clock)
+    published_pa, known = calibration.published(FOLDER, found)
+    models = calibration.models(trained, trial, found, 0.1, 1e-2, published_pa)
     rmse = {}
     for name, (estimate, zeroed) in models.items():
-        rmse[name] = np.median(bench.scored(estimate(trained), trained, zeroed).rmse_pa[known])
+        rmse[name] = np.median(calibration.scored(estimate(trained), trained, zeroed).rmse_pa[known])
     assert rmse["retrained"] == pytest.approx(rmse["published"], rel=0.1)  # the same model, trained by our own code
     assert rmse["ours, zeroed"] < 0.7 * rmse["plain cubic, zeroed"]
     assert rmse["ours, zeroed"] < 0.7 * rmse["published"]
-    bench.write_calibration(tmp_path / "calibration.json", models["ours, zeroed"][0].calibration, trial.layout)
+    calibration.write_calibration(tmp_path / "calibration.json", models["ours, zeroed"][0].calibration, trial.layout)
     assert (tmp_path / "calibration.json").stat().st_size > 1000

@@ -68,7 +68,7 @@ def test_uncertainty_says_how_far_off_a_curve_is(fused: Calibrated, chamber: Pat
 
 def test_the_file_is_one_that_the_daemon_reads(fused: Calibrated, tmp_path: Path) -> None:
     path = tmp_path / "calibration.json"
-    document.write(fused, path)
+    document.save_calibration(fused, path)
     read = calibrations.load(path, fused.layout)
     assert read.usable.sum() == len(fused.slots)
     assert read.covariance_pa2 is not None

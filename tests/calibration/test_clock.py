@@ -9,11 +9,11 @@ from insole_daemon.calibration import clock
 from insole_daemon.errors import CalibrationError
 from insole_daemon.physics.chain import Chain
 from insole_daemon.physics.effect import effect
-from insole_daemon.simulation.conditions import Cycles
+from insole_daemon.simulation.conditions import ChamberCycles
 from insole_daemon.simulation.scenarios.chamber import programme
 from insole_daemon.skin import layout as layouts
 
-TURNS = programme(300_000.0, (10_000.0, 40_000.0), Cycles(cycles=1, hold_s=40.0))
+TURNS = programme(300_000.0, (10_000.0, 40_000.0), ChamberCycles(cycles=1, hold_s=40.0))
 T_S = np.arange(0.0, TURNS[-1, 0], 0.02)
 PA_PER_COUNT, TAXELS = 7000.0, 40
 MEMORY = (
@@ -56,7 +56,7 @@ def powers(x):
 )
 @pytest.mark.parametrize("memory", [(), MEMORY], ids=["static", "memory"])
 def test_planted_offset_and_rate_are_found(offset_s, rate, hz, memory):
-    found = clock.fit(T_S, powers(activation(*memory)), *gauge(offset_s, rate, hz))
+    found = clock.fit_clock(T_S, powers(activation(*memory)), *gauge(offset_s, rate, hz))
     assert found.offset_s == pytest.approx(offset_s, abs=0.1)
     assert found.rate == pytest.approx(rate, abs=0.001)
     assert found.explained > 0.9
@@ -64,9 +64,16 @@ def test_planted_offset_and_rate_are_found(offset_s, rate, hz, memory):
     np.testing.assert_allclose(found.reference_s(T_S), offset_s + (1 + rate) * T_S, atol=0.25)
 
 
+def test_a_rate_that_is_held_stays_0():
+    found = clock.fit_clock(T_S, powers(activation()), *gauge(1.37, 0.0004), most_rate=0.0)
+    assert (found.rate, found.rate_std) == (0.0, 0.0)
+    middle_s = T_S[-1] / 2
+    assert found.offset_s == pytest.approx(1.37 + 0.0004 * middle_s, abs=0.02)
+
+
 def test_a_reference_without_times_is_found_against_its_rows():
     true_s = np.arange(0.7, T_S[-1], 0.0201)  # begins later, and is slower by 0.5 %
-    found = clock.fit(T_S, powers(activation()), clock.row_times_s(T_S, len(true_s)), level_pa(true_s))
+    found = clock.fit_clock(T_S, powers(activation()), clock.row_times_s(T_S, len(true_s)), level_pa(true_s))
     assert found.offset_s == pytest.approx(-0.7 * 0.02 / 0.0201, abs=0.1)
     assert found.rate == pytest.approx(0.02 / 0.0201 - 1, abs=0.0005)
 
@@ -83,7 +90,9 @@ def test_steps_that_repeat_are_told_apart_by_where_they_begin_and_end():
     reference_s = np.arange(0.0, 62.0, 0.01)
     draw = np.random.default_rng(3)
     reference = wrench((reference_s - 2.4) / 1.0002) + draw.normal(0.0, [5.0, 0.2, 0.0], (len(reference_s), 3))
-    found = clock.fit(t_s, wrench(t_s) + draw.normal(0.0, [10.0, 0.4, 0.0], (len(t_s), 3)), reference_s, reference)
+    found = clock.fit_clock(
+        t_s, wrench(t_s) + draw.normal(0.0, [10.0, 0.4, 0.0], (len(t_s), 3)), reference_s, reference
+    )
     assert found.offset_s == pytest.approx(2.4, abs=0.02)
     assert found.rate == pytest.approx(2e-4, abs=2e-4)
 
@@ -91,18 +100,18 @@ def test_steps_that_repeat_are_told_apart_by_where_they_begin_and_end():
 def test_a_reference_that_rests_is_refused():
     reference_s, shown = gauge(0.0, 0.0)
     with pytest.raises(CalibrationError, match=r"says the same in all of its \d+ readings.*switched on"):
-        clock.fit(T_S, powers(activation()), reference_s, np.zeros_like(shown))
+        clock.fit_clock(T_S, powers(activation()), reference_s, np.zeros_like(shown))
 
 
 def test_a_reference_of_another_trial_is_refused():
     reference_s, _ = gauge(0.0, 0.0)
     other = np.random.default_rng(5).normal(size=len(reference_s)).cumsum()
     with pytest.raises(CalibrationError, match="does not follow the taxels: at best .* of the same trial"):
-        clock.fit(T_S, powers(activation()), reference_s, other)
+        clock.fit_clock(T_S, powers(activation()), reference_s, other)
 
 
 def test_a_reference_that_stops_early_is_refused():
     reference_s, shown = gauge(0.0, 0.0)
     short = len(shown) // 3
     with pytest.raises(CalibrationError, match=r"covers 3\d% of the time of the taxels, expected at least 50%"):
-        clock.fit(T_S, powers(activation()), reference_s[:short], shown[:short])
+        clock.fit_clock(T_S, powers(activation()), reference_s[:short], shown[:short])

@@ -15,7 +15,7 @@ def test_rows_before_a_jump_of_the_pressure_are_dropped():
 
 
 def test_smoothing_begins_with_the_first_row():
-    assert follow_up.smoothed(np.array([10.0, 20.0, 20.0]), 0.1) == pytest.approx([10.0, 11.0, 11.9])
+    assert follow_up.smooth_causally(np.array([10.0, 20.0, 20.0]), 0.1) == pytest.approx([10.0, 11.0, 11.9])
 
 
 def test_an_estimate_is_the_sum_that_the_model_says():
@@ -32,7 +32,7 @@ def test_an_estimate_is_the_sum_that_the_model_says():
                 past = counts[max(n - h, 0), taxel]
                 for k in range(1, 5):
                     expected[n, taxel] += coefficients[taxel, 4 + 4 * (h - 1) + k - 1] * past**k
-    np.testing.assert_allclose(follow_up.estimate(counts, coefficients), expected, rtol=1e-9)
+    np.testing.assert_allclose(follow_up.estimate_pressure(counts, coefficients), expected, rtol=1e-9)
 
 
 def test_training_recovers_a_load_that_its_counts_determine():
@@ -41,6 +41,6 @@ def test_training_recovers_a_load_that_its_counts_determine():
     counts = (240.0 - 1.3e-4 * load_pa - 1e-10 * load_pa**2)[:, None]
     coefficients = follow_up.train(counts, load_pa)
     rows = counts[follow_up.EVERY - 1 :: follow_up.EVERY]
-    left = follow_up.estimate(rows, coefficients)[:, 0] - load_pa[follow_up.EVERY - 1 :: follow_up.EVERY]
+    left = follow_up.estimate_pressure(rows, coefficients)[:, 0] - load_pa[follow_up.EVERY - 1 :: follow_up.EVERY]
     assert coefficients.shape == (1, 164)
     assert np.sqrt((left**2).mean()) < 500.0

@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from insole_daemon.calibration.fused import GAIN_SPREAD, _chosen, common_curve, fit
-from insole_daemon.calibration.problem import FOLDS, Problem, Weights
+from insole_daemon.calibration.fused import GAIN_SPREAD, _chosen, common_curve, fit_fused
+from insole_daemon.calibration.problem import FOLDS, FusedProblem, Weights
 from insole_daemon.calibration.statistics import ChamberSums
 
 M, N, SCALE = 30, 2000, 20.0
 EXPONENTS = (1, 2, 3)
 
 
-def chamber(unit: float = 1.0, noise: float = 500.0) -> tuple[Problem, np.ndarray]:
+def chamber(unit: float = 1.0, noise: float = 500.0) -> tuple[FusedProblem, np.ndarray]:
     """A chamber whose taxels share a curve that stiffens, each with a gain; pressures in `unit` Pa."""
     draw = np.random.default_rng(5)
     gain = draw.lognormal(0, 0.2, M)
@@ -24,12 +24,12 @@ def chamber(unit: float = 1.0, noise: float = 500.0) -> tuple[Problem, np.ndarra
     parts = [slice(i * N // FOLDS, (i + 1) * N // FOLDS) for i in range(FOLDS)]
     valid = np.ones((N, M), bool)
     sums = tuple(ChamberSums.of(x[p], valid[p], shown[p], EXPONENTS) for p in parts)
-    return Problem(EXPONENTS, SCALE, np.ones((3, M)), (), sums), gain
+    return FusedProblem(EXPONENTS, SCALE, np.ones((3, M)), (), sums), gain
 
 
 def test_the_unit_of_the_pressure_changes_nothing() -> None:
     alike = Weights(np.ones(3), np.ones(M))
-    in_pa, in_kpa = (fit(chamber(unit)[0], alike, 1.5 * SCALE) for unit in (1.0, 1e3))
+    in_pa, in_kpa = (fit_fused(chamber(unit)[0], alike, 1.5 * SCALE) for unit in (1.0, 1e3))
     assert in_pa.penalty == in_kpa.penalty
     assert np.allclose(in_pa.coefficients_pa, in_kpa.coefficients_pa * 1e3, rtol=1e-5)
 

@@ -15,11 +15,11 @@ from insole_daemon.physics.calibration import Calibration
 from insole_daemon.physics.chain import Chain
 from insole_daemon.physics.effect import effect
 from insole_daemon.recording.copies import write_calibration
-from insole_daemon.simulation.conditions import Cycles
+from insole_daemon.simulation.conditions import ChamberCycles
 from insole_daemon.simulation.scenarios.chamber import programme
 from insole_daemon.skin import layout as layouts
 
-TURNS = programme(300_000.0, (8_000.0, 40_000.0), Cycles(cycles=1, hold_s=40.0))
+TURNS = programme(300_000.0, (8_000.0, 40_000.0), ChamberCycles(cycles=1, hold_s=40.0))
 T_S = np.arange(0.0, TURNS[-1, 0], 0.1)
 LOAD_PA = np.interp(T_S, TURNS[:, 0], TURNS[:, 1])
 LAYOUT = layouts.builtin("left", (5, 6, 7))
@@ -42,7 +42,7 @@ def counts(*effects, noise=0.0, seed=0):
 
 def found(read, stiffness=1e-6):
     held = memory.states(T_S, LOAD_PA, MEMORIES, LAYOUT)
-    return memory.fit(BASELINE - read, LOAD_PA, held, MEMORIES, stiffness)
+    return memory.fit_memory(BASELINE - read, LOAD_PA, held, MEMORIES, stiffness)
 
 
 @pytest.mark.parametrize("spikes", [False, True])
@@ -53,7 +53,7 @@ def test_planted_shares_are_found_and_undone(spikes):
     curves = found(read)
     np.testing.assert_allclose(curves.w, 0.08, atol=0.02)
     np.testing.assert_allclose(curves.a, 0.1, atol=0.02)
-    made = memory.calibration(curves, SLOTS, BASELINE, LAYOUT, {})
+    made = memory.memory_calibration(curves, SLOTS, BASELINE, LAYOUT, {})
     clean = counts(effect("hysteresis", r_pa=[20_000.0], w=[0.08]), effect("creep", a=[0.1], tau_s=[20.0]))
     whole = np.full((len(T_S), len(LAYOUT) * 12), np.nan)
     whole[:, SLOTS] = clean
@@ -89,7 +89,7 @@ def test_held_out_memory_beats_none():
     read = counts(effect("hysteresis", r_pa=[20_000.0], w=[0.15]), noise=0.5)
     fold = np.arange(len(T_S)) * 5 // len(T_S)
     with_memory, without = (
-        memory.held_out(BASELINE - read, LOAD_PA, memory.states(T_S, LOAD_PA, m, LAYOUT), m, 1e-4, fold)
+        memory.cv_rmse_pa(BASELINE - read, LOAD_PA, memory.states(T_S, LOAD_PA, m, LAYOUT), m, 1e-4, fold)
         for m in (MEMORIES, Memories())
     )
     assert with_memory.shape == (len(SLOTS),)
@@ -98,7 +98,7 @@ def test_held_out_memory_beats_none():
 
 def test_the_file_gives_the_same_pressures_again(tmp_path):
     read = counts(effect("hysteresis", r_pa=[20_000.0], w=[0.1]), noise=0.3)
-    made = memory.calibration(found(read), SLOTS, BASELINE, LAYOUT, {"source": "a test"})
+    made = memory.memory_calibration(found(read), SLOTS, BASELINE, LAYOUT, {"source": "a test"})
     path = tmp_path / "calibration.json"
     write_calibration(path, made, LAYOUT)
     said = json.loads(path.read_text())

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from insole_daemon.calibration.problem import Penalty, Problem, Weights
+from insole_daemon.calibration.problem import FusedProblem, Penalty, Weights
 from insole_daemon.calibration.statistics import ChamberSums, Drift, ShoeSums, powers
 
 M, EXPONENTS = 6, (1, 2, 3)
@@ -26,9 +26,9 @@ def designs() -> list[np.ndarray]:
     return [phi * np.tile(arm, 3) for arm in ARMS]
 
 
-def whole() -> Problem:
+def whole() -> FusedProblem:
     parts = [slice(0, 200), slice(200, 500)]
-    return Problem(
+    return FusedProblem(
         EXPONENTS, 40.0, ARMS,
         tuple(ShoeSums.of(X[p], WRENCH[p], EXPONENTS) for p in parts),
         tuple(ChamberSums.of(X[p], VALID[p], PRESSURE[p], EXPONENTS) for p in parts),

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 import insole_daemon
 from insole_daemon.calibration import validation
 from insole_daemon.calibration.validation import ChamberResult, ShoeResult, validate
-from insole_daemon.calibration.validation_report import html
+from insole_daemon.calibration.validation_report import validation_page
 from insole_daemon.cli import app
 from insole_daemon.errors import CalibrationError
 from insole_daemon.physics.calibration import Calibration
@@ -109,8 +109,8 @@ def test_effects_are_judged_beside_the_curves_alone(true: Calibration, tasks: di
     assert isinstance(static.outcome, ShoeResult)
     assert isinstance(dynamic.outcome, ShoeResult)
     assert dynamic.outcome.f_z.rmse > 2 * static.outcome.f_z.rmse, "the walk was without"
-    page = html([static, dynamic], late, "late.json")
+    page = validation_page([static, dynamic], late, "late.json")
     assert "A heel strike, before and after" in page
-    assert html([alone], true, "true.json").count("heel strike") == 0
-    entries = validation.document([static, dynamic], "late.json")["recordings"]
+    assert validation_page([alone], true, "true.json").count("heel strike") == 0
+    entries = validation.validation_document([static, dynamic], "late.json")["recordings"]
     assert [(each["name"], each["model"]) for each in entries] == [("t4", "static"), ("t4", "dynamic")]

@@ -10,8 +10,8 @@ from insole_daemon.calibration.samples import aligned, samples
 from insole_daemon.calibration.trials import trials
 from insole_daemon.calibration.verdict import HEALTHY, Verdict, of_triangle, verdicts
 from insole_daemon.physics.effect import Where, effect
-from insole_daemon.simulation.conditions import Conditions, Cycles
-from insole_daemon.simulation.faults import Fault
+from insole_daemon.simulation.conditions import ChamberCycles, Conditions
+from insole_daemon.simulation.faults import InjectedFault
 from insole_daemon.simulation.trial import Trial
 
 BOARD, TRIANGLE = LAYOUT.triangles[0].board, LAYOUT.triangles[0].triangle
@@ -21,11 +21,11 @@ BOARD, TRIANGLE = LAYOUT.triangles[0].board, LAYOUT.triangles[0].triangle
 def found(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Verdict]:
     """Taxel 1 is noisy, 2 saturates from 50 kPa on, 3 answers with a fifth; all of one triangle."""
     faults = (
-        Fault("noisy", 0.0, None, BOARD, TRIANGLE, 1, factor=8.0),
-        Fault("saturated", 0.0, None, BOARD, TRIANGLE, 2, level_pa=50e3),
+        InjectedFault("noisy", 0.0, None, BOARD, TRIANGLE, 1, factor=8.0),
+        InjectedFault("saturated", 0.0, None, BOARD, TRIANGLE, 2, level_pa=50e3),
     )
     numb = effect("gain", Where("taxel", ((BOARD, TRIANGLE, 3),)), gain=0.2)
-    cycles = Cycles(speeds_pa_s=(6e3,), cycles=2, hold_s=5.0, minor=())
+    cycles = ChamberCycles(speeds_pa_s=(6e3,), cycles=2, hold_s=5.0, minor=())
     conditions = Conditions(chamber=cycles, faults=faults)
     trial = Trial("vacuum", CONFIG, [LAYOUT], seed=SEED, conditions=conditions, effects={"left": [numb]})
     recording = insole_daemon.load(trial.write(tmp_path_factory.mktemp("faulty") / "bag"))

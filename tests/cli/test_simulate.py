@@ -11,7 +11,7 @@ import pytest
 import insole_daemon
 from insole_daemon.cli import simulate as verb
 from insole_daemon.config import Bus, Config
-from insole_daemon.service.setup import load_layout
+from insole_daemon.service.foot_setup import load_layout
 from insole_daemon.simulation.scenarios import SCENARIOS
 from insole_daemon.simulation.trial import Trial
 

@@ -17,6 +17,7 @@ from insole_daemon.bus.socketcan import cannot_open
 from insole_daemon.cli.status import _screen
 from insole_daemon.config import Config
 from insole_daemon.service.foot import load_feet
+from insole_daemon.skin.quality import Quality
 from insole_daemon.wire.messages import Health
 from insole_daemon.wire.publisher import FootPublisher
 from insole_daemon.wire.session import open_session
@@ -37,7 +38,8 @@ def health(state: str = "streaming", uptime_s: float = 3.0, interface: dict[str,
     counted = {"frames": 9, "overflows": 0, "error_frames": {}, "clock_steps": 0, "interfaces": {"can0": interface}}
     return Health(
         foot="left", t_ns=1, uptime_s=uptime_s, state="ok", cycles={"published": 3}, publish_rate_hz=50.0,
-        latency_ms={"p50": None}, boards=[{"address": a} | board for a in (5, 6, 7)], faults=[], bus=counted | bus,
+        quality=Quality(500, 500, 0, 0, 0).document(), latency_ms={"p50": None},
+        boards=[{"address": a} | board for a in (5, 6, 7)], faults=[], bus=counted | bus,
         refused={"other": 0}, asked={},
     )  # fmt: skip
 
@@ -81,7 +83,7 @@ def two_rigs(endpoint):
         session = opened.enter_context(open_session("peer", [endpoint]))
         feet = {rig: opened.enter_context(FootPublisher(session, rig, "left")) for rig in ("a", "b")}
         for rig, foot in feet.items():
-            foot.stand("meta", replace(META, rig=rig, version=f"of {rig}"))
+            foot.publish_latched("meta", replace(META, rig=rig, version=f"of {rig}"))
 
         def publish():
             while not stop.wait(0.1):
@@ -100,7 +102,7 @@ def two_rigs(endpoint):
 def test_each_rig_has_its_own_health_and_meta(two_rigs):
     done = insole("status", "--connect", two_rigs)
     assert done.returncode == 0, done.stderr
-    assert re.findall(r"^(\w left): ok, .* up (\d+) s\n  daemon +(.*)$", done.stdout, re.MULTILINE) == [
+    assert re.findall(r"^(\w left): ok, .* up (\d+) s, version (.*)$", done.stdout, re.MULTILINE) == [
         ("a left", "11", "of a"),
         ("b left", "22", "of b"),
     ]

@@ -15,7 +15,7 @@ from insole_daemon.wire.messages import Event, Health
 from insole_daemon.wire.session import open_session
 
 INSOLE = Path(sys.executable).with_name("insole")
-ODD = Health("left", 1, 1.0, "ok", {}, 50.0, {}, [], [], {"frames": b"\xff"}, {}, {})
+ODD = Health("left", 1, 1.0, "ok", {}, 50.0, {}, {}, [], [], {"frames": b"\xff"}, {}, {})
 
 
 @pytest.mark.parametrize("key", ["insole/**", "insole/*/left/event"])

@@ -78,7 +78,7 @@ def test_a_reference_that_never_moves(tmp_path):
     folder = write(tmp_path / "flat", seconds=40.0)
     rows = [f"{1_750_000_000 + 0.5 * i},0.0" for i in range(80)]
     (folder / "reference.csv").write_text("\n".join(["time_s,pressure_pa", *rows]) + "\n")
-    assert "expected a load that rises and falls" in refused(4, folder, out=tmp_path / "out")
+    assert "expected one that rises and falls" in refused(4, folder, out=tmp_path / "out")
 
 
 def test_two_insoles(tmp_path):

@@ -16,8 +16,12 @@ FILES = Path(__file__).parents[3] / "shared" / "data" / "belli2023"
 FILE = FILES / "left_insole" / f"{NAME}.mat"
 RIGHT = "experiment_2September_allTaxels_dynamic_pink_good"  # most triangles say one number for ever
 
+pytestmark = [
+    pytest.mark.long,
+    pytest.mark.skipif(not FILES.is_dir(), reason=f"the whole published files are not in {FILES}"),
+]
 
-@pytest.mark.skipif(not FILE.exists(), reason="no public recordings beside the repository")
+
 def test_the_published_recording_is_diagnosed(tmp_path):
     recording = insole_daemon.load(import_matlab(FILE, tmp_path / NAME, "left", None))
     diagnosis = diagnose([recording], None, 1.0, lambda text: None)
@@ -30,16 +34,18 @@ def test_the_published_recording_is_diagnosed(tmp_path):
     assert (began, ended) == (pytest.approx(29.8, abs=1.0), pytest.approx(121.5, abs=1.0))
     ((lost, _),) = by_place["open_triangle", ((6, 6),)].when_s
     assert lost == pytest.approx(43.5, abs=1.0)
-    # Against pairing row by row. With the loud board in the mean the clock ran 3.6 % fast.
+    # Against pairing row by row; edge by edge the taxels are 0.4 s late all along. With the loud board in the mean the
+    # clock ran 3.6 % fast, and with any rate 0.9 % fast or 0.7 % slow, as noise chose.
     ((offset_s, rate),) = diagnosis.clocks.tolist()
-    assert offset_s == pytest.approx(-0.15, abs=0.5)
-    assert rate == pytest.approx(-0.003, abs=0.005)
+    assert offset_s == pytest.approx(-0.4, abs=0.25)
+    assert rate == pytest.approx(0.0, abs=0.002)
     # One rise and one fall: any memory could be written as drift, so that is not asked for.
     assert "drift" in {each["effect"] for each in diagnosis.not_identifiable}
-    assert diagnosis.heldout["before"] > 1.5 * diagnosis.heldout["floor"]
+    # More than noise is left. Readings that repeat a conversion say nothing of noise: with them the floor was 1.5 times
+    # lower.
+    assert diagnosis.heldout["before"] > 1.1 * diagnosis.heldout["floor"]
 
 
-@pytest.mark.skipif(not FILE.exists(), reason="no public recordings beside the repository")
 def test_what_is_left_of_an_insole_most_of_which_is_not_there_is_looked_at(tmp_path):
     recording = insole_daemon.load(
         import_matlab(FILES / "right_insole" / f"{RIGHT}.mat", tmp_path / RIGHT, "right", None)

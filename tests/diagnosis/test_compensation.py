@@ -15,7 +15,7 @@ from insole_daemon.diagnosis.compensation import of_walk
 from insole_daemon.physics import effects_document
 from insole_daemon.physics.effect import effect
 from insole_daemon.physics.effects.lag import LATE_S
-from insole_daemon.simulation.conditions import Conditions, Instrument
+from insole_daemon.simulation.conditions import Conditions, InstrumentConditions
 from insole_daemon.simulation.trial import Trial
 from insole_daemon.skin.layout import builtin
 
@@ -32,7 +32,7 @@ EFFECTS = (
 def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Twelve seconds of walking, the shoe on the frames' clock."""
     folder = tmp_path_factory.mktemp("walks") / "walk"
-    exact = Instrument(offset_s=0.0, rate_ppm=0.0, force_noise_n=0.0, force_drift_n=0.0)
+    exact = InstrumentConditions(offset_s=0.0, rate_ppm=0.0, force_noise_n=0.0, force_drift_n=0.0)
     conditions = Conditions(length_s=12.0, reference=exact)
     Trial("t4", Config(), [LAYOUT], effects={"left": EFFECTS}, conditions=conditions, seed=5).write(folder)
     return folder

@@ -18,7 +18,7 @@ from insole_daemon.diagnosis.mapping import PLACE
 from insole_daemon.errors import DiagnosisError
 from insole_daemon.physics.effect import Where, effect
 from insole_daemon.recording.loading import load
-from insole_daemon.service.setup import load_layout
+from insole_daemon.service.foot_setup import load_layout
 from insole_daemon.simulation.conditions import Conditions
 from insole_daemon.simulation.trial import Trial
 

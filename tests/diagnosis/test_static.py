@@ -22,7 +22,7 @@ def words(tmp_path: Path, stretch: float, creeps: bool) -> list[str]:
     loads = np.linspace(0.0, 300e3, 60)
     far = np.repeat(stretch * loads[:, None], len(chamber.SLOTS), axis=1)
     fitted = CurveInverse(bent.reshape(-1, 8)[chamber.SLOTS])(far).T
-    found = compare(chamber.SLOTS, loads, fitted, calibration, np.full(len(chamber.SLOTS), 240.0), creeps)
+    found = compare(chamber.SLOTS, loads, fitted, calibration, creeps, 0.3)
     return [each.word for each in changes(found, 0.3, chamber.LAYOUT, (3,))]
 
 

@@ -68,7 +68,9 @@ def test_what_both_show_is_one_finding_and_what_only_the_walk_can_is_beside_it(t
     model = tmp_path / "out" / "model.json"
     assert [each["effect"] for each in json.loads(model.read_text())["effects"]] == ["viscoelasticity", "delay"]
     assert off_n(model, folders[1]) < 0.4 * off_n(folders[1] / "calibration.json", folders[1])
-    assert "The chamber by itself" in (tmp_path / "out" / "report.html").read_text()
+    report = (tmp_path / "out" / "report.html").read_text()
+    assert "held out: bag" in report
+    assert "held out: walk" in report
 
 
 def test_a_walk_that_does_not_have_what_the_chamber_shows_is_named_and_its_model_has_it_not(tmp_path):

@@ -99,7 +99,7 @@ def test_unknown_lost_and_repeated(daemon, endpoint, lsl):
         return dataclasses.replace(wrench, seq=seq, lost=0, **times, **fields)
 
     with open_session("peer", [endpoint]) as session, FootPublisher(session, "made", "left") as publisher:
-        publisher.stand("meta", dataclasses.replace(meta, rig="made"))
+        publisher.publish_latched("meta", dataclasses.replace(meta, rig="made"))
         with (
             python(EXAMPLES / "lsl_outlet.py", "left", endpoint, **lsl),
             python("-c", INLET, "insole/made/left/wrench", **lsl) as inlet,

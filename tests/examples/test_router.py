@@ -41,7 +41,7 @@ def test_every_wearer_is_seen_and_told_from_the_others(router, endpoint):
             session = opened.enter_context(open_session("client", connect=[endpoint]))
             for foot in (left, right):
                 publisher = opened.enter_context(FootPublisher(session, rig, foot.name))
-                publisher.stand("meta", foot.meta())
+                publisher.publish_latched("meta", foot.meta())
         until = time.monotonic() + 10
         while len(insole.feet()) < 4 and time.monotonic() < until:
             time.sleep(0.1)

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.faultmatrix import numbers
+from benchmarks.faults.matrix import numbers
 from insole_daemon.bus.frames import FrameBatch
 from insole_daemon.config import Config
-from insole_daemon.service.setup import load_layout
+from insole_daemon.service.foot_setup import load_layout
 from insole_daemon.simulation.emulator import Emulator
 from insole_daemon.simulation.load import Unloaded
 from insole_daemon.skin.cycles import Cycles

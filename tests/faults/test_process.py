@@ -11,7 +11,7 @@ import numpy as np
 
 import insole_daemon
 from insole_daemon.config import Config
-from insole_daemon.service.setup import load_layout
+from insole_daemon.service.foot_setup import load_layout
 from insole_daemon.skin.geometry import PRESSURE_TAXELS
 
 

@@ -1,16 +1,17 @@
 """Minutes of a small insole through the daemon, faults at random: every frame is in a cycle or counted, by reason.
 
-The parts are those of `benchmarks/soak.py`, which runs both feet for a day: time is injected, and only `recvmmsg` and
-the publishers are replaced.
+The parts are those of `benchmarks/endurance/soak.py`, which runs both feet for a day: time is injected, and only
+`recvmmsg` and the publishers are replaced.
 """
 
 from __future__ import annotations
 
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
+from benchmarks.endurance.soak_bus import Clock, accounts
+from benchmarks.endurance.soak_faults import Day, FaultyBus
 from insole_daemon import config as configs
 from insole_daemon.bus import link
 from insole_daemon.bus.sink import can_frames
@@ -21,7 +22,6 @@ from insole_daemon.simulation.foot import Walk
 from insole_daemon.wire.messages import Health, Wrench
 from insole_daemon.wire.session import open_session
 
-BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 SECONDS = 240
 LAYOUT = """\
 format: insole-layout/1
@@ -44,10 +44,6 @@ insoles:
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_every_frame_of_minutes_with_faults_at_random_is_used_or_refused_and_counted(monkeypatch, tmp_path, seed):
-    monkeypatch.syspath_prepend(BENCHMARKS)
-    from soak_bus import Clock, accounts
-    from soak_faults import Day, FaultyBus
-
     (tmp_path / "layout.yaml").write_text(LAYOUT)
     config_file = tmp_path / "config.yaml"
     config_file.write_text(CONFIG)
@@ -69,15 +65,16 @@ def test_every_frame_of_minutes_with_faults_at_random_is_used_or_refused_and_cou
         def __init__(self, *_) -> None:
             pass
 
-        def publish(self, message) -> None:
-            if isinstance(message, Wrench):
-                numbers.append(message.seq)
-            elif isinstance(message, Health):
-                healths.append(message)
-                if clock.monotonic_ns() >= end_ns:
-                    daemon.stop()
+        def publish(self, *messages) -> None:
+            for message in messages:
+                if isinstance(message, Wrench):
+                    numbers.append(message.seq)
+                elif isinstance(message, Health):
+                    healths.append(message)
+                    if clock.monotonic_ns() >= end_ns:
+                        daemon.stop()
 
-        def stand(self, *_) -> None:
+        def publish_latched(self, *_) -> None:
             pass
 
         def close(self) -> None:

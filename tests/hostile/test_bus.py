@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from insole_daemon.bus.frames import ERROR, EXTENDED, FD, REMOTE, FrameBatch
 from insole_daemon.config import Config
 from insole_daemon.service.foot import load_feet
-from insole_daemon.service.steps import Steps
+from insole_daemon.service.steps import StepEvents
 from insole_daemon.skin.identifiers import CLASS_LEGACY_SKIN, CLASS_SECOND_HALF, CLASS_SKIN, TAG_A, TAG_B, skin_id
 from insole_daemon.skin.reader import SkinReader
 
@@ -67,7 +67,7 @@ def layouts():
 @given(st.integers(0, 2**32))
 def test_whatever_is_on_the_bus_is_accounted_for_and_what_comes_of_it_is_taken(layouts, seed):
     random, feet = Random(seed), load_feet(Config())
-    skin, steps = SkinReader(layouts, 20 * MS, 5 * MS), Steps(feet)
+    skin, steps = SkinReader(layouts, 20 * MS, 5 * MS), StepEvents(feet)
     frames = list(traffic(random, [each for layout in layouts for each in layout.triangles]))
     at, now_ns, step_ns = 0, 0, 0
     while at < len(frames):
@@ -91,7 +91,7 @@ def test_whatever_is_on_the_bus_is_accounted_for_and_what_comes_of_it_is_taken(l
 def everything(foot, steps, cycles):
     """All that the daemon publishes of these cycles."""
     for row in range(len(cycles)):
-        raw, pressure, wrench = foot.messages(cycles, row)
-        yield from (raw, pressure, wrench)
-        yield from steps.take(foot, int(cycles.t_mono_ns[row]), pressure, wrench)
-        yield from foot.watch(cycles, row)
+        messages = foot.messages(cycles, row)
+        yield from messages.published()
+        yield from steps.take(foot, int(cycles.t_mono_ns[row]), messages.pressure, messages.wrench)
+        yield from foot.fault_events()

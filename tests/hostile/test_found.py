@@ -16,8 +16,8 @@ import pytest
 import scipy.io
 import zstandard
 
-from benchmarks.fuzz import seeds
-from benchmarks.fuzz.targets import TARGETS
+from benchmarks.decode.fuzz import seeds
+from benchmarks.decode.fuzz.targets import TARGETS
 from insole_daemon.bus.candump_file import LogFile
 from insole_daemon.errors import InsoleError, WireError
 from insole_daemon.recording.import_mcap import import_mcap

@@ -1,6 +1,6 @@
 """Whatever comes from outside is read or refused in the project's own words: no crash, no hang, no flood of memory.
 
-The targets are those of the coverage-guided fuzzing (`python -m benchmarks.fuzz.run`), here with drawn inputs.
+The targets are those of the coverage-guided fuzzing (`python -m benchmarks.decode.fuzz.run`), here with drawn inputs.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import pytest
 import yaml
 from hypothesis import HealthCheck, given, settings
 
-from benchmarks.fuzz.targets import TARGETS
+from benchmarks.decode.fuzz.targets import TARGETS
 from insole_daemon.errors import InsoleError
 from tests.hostile.damage import bent, damaged
 

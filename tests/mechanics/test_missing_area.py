@@ -68,3 +68,13 @@ def test_even_pressure_is_missed_by_no_more_than_is_stated() -> None:
         assert whole.f_z_n - wrench.f_z_n == pytest.approx(wrench.f_z_std_n)
         assert abs(whole.m_x_nm - wrench.m_x_nm) <= wrench.m_x_std_nm * (1 + 1e-9)
         assert abs(whole.m_y_nm - wrench.m_y_nm) <= wrench.m_y_std_nm * (1 + 1e-9)
+
+
+def test_what_is_kept_of_a_cycle_serves_only_cycles_with_the_same_taxels_missing() -> None:
+    rng = np.random.default_rng(1)
+    some, others = VALID.copy(), VALID.copy()
+    some[3], others[11] = False, False
+    for valid in (some, some, others, some, others):
+        pressure = np.where(VALID, rng.uniform(0, 3e5, VALID.shape), np.nan)
+        fresh = WrenchEstimator(LAYOUT, 20.0, 20_000.0)
+        assert ESTIMATE(pressure, valid, None) == fresh(pressure, valid, None)

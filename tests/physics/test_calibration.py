@@ -17,7 +17,7 @@ from insole_daemon.skin import layout as layouts
 from insole_daemon.skin.geometry import PRESSURE_TAXELS
 from insole_daemon.skin.layout import Layout, builtin
 
-EXAMPLES = Path(__file__).parents[3] / "shared" / "examples"
+EXAMPLES = Path(__file__).parents[1] / "data" / "examples"
 LAYOUT = builtin("left", (5, 6, 7))
 BOARD, TRIANGLE = LAYOUT.triangles[1].board, LAYOUT.triangles[1].triangle
 
@@ -262,7 +262,6 @@ def test_280_taxels_are_read_as_fast_as_a_hundred_times_their_json(write: Write)
     assert min(cpu_s(lambda: load(path, LAYOUT)) for _ in range(9)) < 100 * of_json_s  # measured: 23
 
 
-@pytest.mark.skipif(not EXAMPLES.is_dir(), reason="no example recordings beside the repository")
 @pytest.mark.parametrize("kind", ["chamber", "shoe"])
 def test_examples(kind: str) -> None:
     layout = layouts.load(EXAMPLES / kind / "layout.yaml")

@@ -52,9 +52,9 @@ def test_the_numbers_are_these_on_every_machine():
 
 
 def test_nothing_draws_elsewhere():
-    """Only `cases`, of random faults for tests, is handed a generator."""
+    """Only `random_faults`, for tests, is handed a generator."""
     for path, text in CODE.items():
-        if path.name not in ("draws.py", "cases.py"):
+        if path.name not in ("draws.py", "random_faults.py"):
             assert not re.search(r"np\.random|import random|default_rng", text), path.name
 
 

@@ -8,7 +8,7 @@ import pytest
 from insole_daemon.config import Config
 from insole_daemon.physics import calibration as calibrations
 from insole_daemon.physics import zero as zeros
-from insole_daemon.physics.zeroing import MIN_READINGS, Outcome, Zeroing
+from insole_daemon.physics.zeroing import MIN_READINGS, Zeroing, ZeroOutcome
 from insole_daemon.simulation.emulator import Emulator
 from insole_daemon.simulation.foot import Stand, Walk
 from insole_daemon.simulation.load import Unloaded
@@ -30,7 +30,7 @@ def cycles(load, seconds: float = 3.0, **emulator) -> Cycles:
     return Cycles.concatenate(reader.feed(frames)[0], len(LEFT))
 
 
-def taken(found: Cycles, force: bool = False, calibration=DEFAULT) -> Outcome:
+def taken(found: Cycles, force: bool = False, calibration=DEFAULT) -> ZeroOutcome:
     zeroing = Zeroing(LEFT, calibration, Validity(LEFT, BOARDS, 200_000_000))
     for at in range(0, len(found), 7):  # as in the loop: a few at a time
         zeroing.add(Cycles(*(getattr(found, name)[at : at + 7] for name in Cycles.__slots__)))

@@ -25,7 +25,7 @@ from insole_daemon.service import daemon as daemon_module
 from insole_daemon.service import foot as foot_module
 from insole_daemon.service.daemon import Daemon
 from insole_daemon.service.foot import Foot, load_feet
-from insole_daemon.service.setup import load_setups
+from insole_daemon.service.foot_setup import load_setups
 from insole_daemon.skin.reader import SkinReader
 from insole_daemon.wire.messages import Message, Models, Pressure, Raw, Wrench
 from insole_daemon.wire.session import open_session
@@ -98,10 +98,11 @@ def at_once(name: str, effects: tuple[Effect, ...] = ()) -> Published:
             for foot, closed, messages in zip(feet, closed_by_foot, published, strict=True):
                 for cycles in closed:
                     for at in range(len(cycles)):
-                        messages.append(foot.messages(cycles, at))
-                        if foot.models is not None:
-                            models[foot.name].append(foot.models)
-                        foot.watch(cycles, at)
+                        *cycle, both = foot.messages(cycles, at)
+                        messages.append(tuple(cycle))
+                        if both is not None:
+                            models[foot.name].append(both)
+                        foot.fault_events()
     return Published(published, skin, models=list(models.values()))
 
 
@@ -160,12 +161,12 @@ def live(
         def __init__(self, session: object, rig: str, foot: str) -> None:
             self.messages = published[foot]
 
-        def publish(self, message: Message) -> None:
-            self.messages.append(message)
-            if isinstance(message, Raw):
+        def publish(self, *messages: Message) -> None:
+            self.messages += messages
+            if any(isinstance(message, Raw) for message in messages):
                 bus.sleep(cycle_costs_ns * 1e-9)
 
-        def stand(self, what: str, message: Message) -> None:
+        def publish_latched(self, what: str, message: Message) -> None:
             self.messages.append(message)
 
         def close(self) -> None:

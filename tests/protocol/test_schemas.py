@@ -20,7 +20,7 @@ from insole_daemon.bus.source import BusCounters, InterfaceState, State
 from insole_daemon.config import Board
 from insole_daemon.physics.effect import Where, effect
 from insole_daemon.service.foot import Foot
-from insole_daemon.service.setup import load_setups
+from insole_daemon.service.foot_setup import load_setups
 from insole_daemon.skin.boards import BoardReport, BoardState
 from insole_daemon.skin.faults import HEALED, Fault
 from insole_daemon.skin.faults import KINDS as FAULT_KINDS

@@ -1,4 +1,4 @@
-"""A small trial to write, and the real recordings beside the project, where they are."""
+"""A small trial to write, and where recordings of others are."""
 
 from __future__ import annotations
 
@@ -14,19 +14,13 @@ from insole_daemon.physics.calibration import Calibration
 from insole_daemon.physics.zero import Zero
 from insole_daemon.recording.copies import InsoleContents
 from insole_daemon.recording.writer import ReferenceContents, write
-from insole_daemon.service.setup import load_layout
+from insole_daemon.service.foot_setup import load_layout
 from insole_daemon.simulation.emulator import Emulator
 from insole_daemon.simulation.foot import Walk
 
 START_NS = 1_760_000_000_000_000_000
-SHARED = Path(__file__).parents[3] / "shared"
-
-
-def beside(path: str) -> Path:
-    """A file or folder of ../shared; the test is skipped where it is not there."""
-    if not (SHARED / path).exists():
-        pytest.skip(f"needs {path} of the folder shared/ beside the project, which is not there")
-    return SHARED / path
+DATA = Path(__file__).parents[1] / "data"  # excerpts: tests/data/README.md
+PUBLISHED = Path(__file__).parents[3] / "shared" / "data" / "belli2023"  # the whole files, where they are
 
 
 @pytest.fixture(scope="session")

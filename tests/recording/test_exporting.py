@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import jsonschema
 import numpy as np
@@ -14,10 +16,10 @@ import scipy.io
 from mcap.reader import make_reader
 
 import insole_daemon
-from insole_daemon.errors import InsoleError
+from insole_daemon.errors import FileError, InsoleError
 from insole_daemon.recording.counts import CountsTable
 from insole_daemon.recording.export_mcap import export_mcap
-from insole_daemon.recording.export_tables import export_csv, export_matlab, export_npz
+from insole_daemon.recording.export_tables import export_csv, export_matlab, export_npz, export_wrenches
 from insole_daemon.recording.importing import import_recording
 from insole_daemon.recording.lab import need
 from insole_daemon.recording.writer import ReferenceContents, write
@@ -68,6 +70,8 @@ def test_mcap_is_what_foxglove_and_plotjuggler_open(trial, tmp_path):
         reader = make_reader(file, validate_crcs=True)
         before = 0
         for schema, channel, message in reader.iter_messages():
+            if schema.name.startswith("foxglove."):
+                continue  # tests/recording/test_round_trips.py
             assert schema.encoding == "jsonschema"
             assert channel.message_encoding == "json"
             assert message.log_time >= before
@@ -81,7 +85,7 @@ def test_mcap_is_what_foxglove_and_plotjuggler_open(trial, tmp_path):
             found.setdefault(channel.topic, []).append((message.log_time, said))
         attached = {each.name: each for each in reader.iter_attachments()}
         said = {each.name: each.metadata for each in reader.iter_metadata()}
-    assert set(found) == {f"/insole/left/{what}" for what in ("wrench", "health", "event", "reference")}
+    assert set(found) == {f"/insole/left/{what}" for what in ("wrench", "health", "event", "step", "reference")}
     wrench = found["/insole/left/wrench"]
     assert [t for t, _ in wrench] == foot.t_ns.tolist()
     np.testing.assert_array_equal([w["f_z_n"] for _, w in wrench], foot.wrench.f_z_n)
@@ -159,6 +163,34 @@ def test_csv_gives_the_same_counts_back(trial, tmp_path):
     assert reference[8].split(",")[1] == ""
 
 
+def test_one_csv_file_has_the_forces_of_each_cycle(trial, tmp_path):
+    loaded = insole_daemon.load(trial)
+    export_wrenches(loaded, tmp_path / "forces.csv")
+    foot = loaded["left"]
+    table = np.genfromtxt(tmp_path / "forces.csv", delimiter=",", names=True, dtype=None, encoding="utf-8")
+    assert set(table["foot"].tolist()) == {"left"}
+    np.testing.assert_allclose(table["time_s"], foot.t_ns * 1e-9, atol=1e-6)
+    for name in ("f_z_n", "cop_x_m", "valid_fraction"):
+        np.testing.assert_allclose(table[name], getattr(foot.wrench, name), rtol=1e-8)
+
+
+def test_forces_of_both_feet_stand_in_the_order_of_time(trial, tmp_path):
+    left = insole_daemon.load(trial)["left"]
+    right = replace(left, foot="right", t_ns=left.t_ns + 7_000_000)
+    export_wrenches(SimpleNamespace(feet=(left, right)), tmp_path / "forces.csv")
+    rows = [line.split(",") for line in (tmp_path / "forces.csv").read_text().splitlines()[1:]]
+    assert [row[1] for row in rows[:4]] == ["left", "right", "left", "right"]
+    assert [float(row[0]) for row in rows] == sorted(float(row[0]) for row in rows)
+
+
+def test_forces_without_a_calibration_are_refused_with_what_to_do(trial, tmp_path):
+    loaded = insole_daemon.load(trial)
+    without = SimpleNamespace(feet=(replace(loaded["left"], wrench=None),), folder=trial)
+    with pytest.raises(FileError, match="no foot has a calibration.*--to csv"):
+        export_wrenches(without, tmp_path / "forces.csv")
+    assert not (tmp_path / "forces.csv").exists()
+
+
 def test_npz_and_matlab_hold_everything(trial, tmp_path):
     loaded = insole_daemon.load(trial)
     foot = loaded["left"]
@@ -203,5 +235,5 @@ def test_the_verbs(trial, tmp_path):
 
 
 def test_a_package_of_the_extra_that_is_missing_is_named():
-    with pytest.raises(InsoleError, match=r"reading nothing needs the package nowhere.*insole-daemon\[lab\]"):
+    with pytest.raises(InsoleError, match=r"reading nothing needs the package nowhere.*lab"):
         need("insole_nowhere", "nowhere", "reading nothing")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from insole_daemon.errors import DocumentError, InsoleError
-from insole_daemon.recording.force_shoe import COLUMNS, Shoe, load
+from insole_daemon.recording.force_shoe import COLUMNS, ShoeSensors, load
 from insole_daemon.recording.instrument import Instrument
 
 SHOE = """format: insole-shoe/1
@@ -19,13 +19,13 @@ rear: {x_mm: 35, y_mm: 4, z_mm: -25, reports: ground_on_foot}
 
 
 @pytest.fixture
-def shoe(tmp_path) -> Shoe:
+def shoe(tmp_path) -> ShoeSensors:
     path = tmp_path / "shoe.yaml"
     path.write_text(SHOE)
     return load(path)
 
 
-def readings(shoe: Shoe, at_m: np.ndarray, force_n: np.ndarray, share: float) -> dict[str, np.ndarray]:
+def readings(shoe: ShoeSensors, at_m: np.ndarray, force_n: np.ndarray, share: float) -> dict[str, np.ndarray]:
     """What both sensors report of a ground force at a point, of which the front one bears a share."""
     found = {}
     for name, part in (("front", share), ("rear", 1 - share)):

@@ -20,7 +20,7 @@ from insole_daemon.cli.record import insoles_of
 from insole_daemon.recording.coverage import Protocol, coverage
 from insole_daemon.recording.guide import Guide
 from insole_daemon.recording.instrument import Instrument
-from insole_daemon.simulation.conditions import Cycles
+from insole_daemon.simulation.conditions import ChamberCycles
 from insole_daemon.simulation.foot import Walk
 from insole_daemon.simulation.scenarios.chamber import Chamber, programme
 from insole_daemon.skin import layout as layouts
@@ -44,7 +44,7 @@ def done(items):
 
 
 def test_the_simulated_chamber_covers_all_of_the_protocol():
-    turns = programme(300e3, (5e3, 50e3), Cycles(cycles=2, hold_s=62.0))
+    turns = programme(300e3, (5e3, 50e3), ChamberCycles(cycles=2, hold_s=62.0))
     items = coverage(*played(turns, noise=300.0), CHAMBER)
     assert done(items) == ["rest", "slow", "fast", "hold", "recovery", "minor loops"]
     assert next(item.seen for item in items if item.name == "minor loops") == "2"

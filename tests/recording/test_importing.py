@@ -17,7 +17,7 @@ from insole_daemon.recording.importing import import_recording
 from insole_daemon.recording.writer import write
 from insole_daemon.skin.geometry import PRESSURE_TAXELS
 
-from .conftest import beside
+from .conftest import DATA, PUBLISHED
 
 T_S = 1000 + np.arange(40) * 0.0204
 
@@ -102,6 +102,20 @@ def test_what_cannot_be_told(tmp_path):
 @pytest.mark.parametrize(
     ("name", "foot", "cycles", "readings"),
     [
+        ("left_insole/calibration_dataset", "left", 1000, 1000),
+        ("left_insole/experiment_Inf_15September_dynamic_1", "left", 1500, 1500),
+        ("right_insole/experiment_3September_allTaxels_dynamic_pink_2_just4Testing", "right", 3000, 3000),
+    ],
+)
+def test_excerpts_of_the_published_files_are_imported(tmp_path, name, foot, cycles, readings):
+    imported_as_published(DATA / "belli2023" / f"{name}.mat", tmp_path, foot, cycles, readings)
+
+
+@pytest.mark.long
+@pytest.mark.skipif(not PUBLISHED.is_dir(), reason=f"the whole published files are not in {PUBLISHED}")
+@pytest.mark.parametrize(
+    ("name", "foot", "cycles", "readings"),
+    [
         ("left_insole/calibration_dataset", "left", 25435, 25339),
         ("left_insole/validation_dataset_1", "left", 14542, 14658),
         ("left_insole/experiment_Inf_15September_dynamic_1", "left", 6922, 6714),
@@ -109,8 +123,11 @@ def test_what_cannot_be_told(tmp_path):
         ("right_insole/experiment_3September_allTaxels_dynamic_pink_2_just4Testing", "right", 17887, 17793),
     ],
 )
-def test_the_published_files(tmp_path, name, foot, cycles, readings):
-    source = beside(f"data/belli2023/{name}.mat")
+def test_the_whole_published_files_are_imported(tmp_path, name, foot, cycles, readings):
+    imported_as_published(PUBLISHED / f"{name}.mat", tmp_path, foot, cycles, readings)
+
+
+def imported_as_published(source, tmp_path, foot, cycles, readings):
     recording = insole_daemon.load(import_recording(source, tmp_path / "out", foot, None, None))
     own = recording[foot]
     assert (len(own), len(own.reference)) == (cycles, readings)

@@ -7,6 +7,7 @@ import errno
 import itertools
 import json
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -18,8 +19,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 import insole_daemon
+from benchmarks.lib.quota import Group
 from insole_daemon import config as configs
 from insole_daemon.bus.candump import read
 from insole_daemon.bus.frames import FrameBatch
@@ -29,7 +32,7 @@ from insole_daemon.recording.copies import layout_of_meta
 from insole_daemon.recording.force_shoe import COLUMNS
 from insole_daemon.recording.live import LiveRecorder
 from insole_daemon.recording.recorder import Session
-from insole_daemon.service.setup import load_layout
+from insole_daemon.service.foot_setup import load_layout
 from insole_daemon.skin import layout as layouts
 from insole_daemon.wire.session import open_session
 
@@ -189,7 +192,7 @@ def test_over_the_network_the_same_cycles_are_written(daemon, tmp_path):
             thread.join()
         published = {raw.seq: raw for raw in (next(raws) for _ in range(200))}
     assert process.returncode == 0, errors
-    assert "0 lost" in errors
+    assert re.search(r"left: good: \d+ of \d+ cycles \(\d+\.\d %\)", errors)
     with np.load(out / "counts.npz") as archive:
         seqs, counts = archive["left_seq"], archive["left_counts"]
     assert np.diff(seqs).tolist() == [1] * (len(seqs) - 1)
@@ -207,11 +210,52 @@ def test_over_the_network_the_same_cycles_are_written(daemon, tmp_path):
     assert left.reference["fz_n"].tolist() == [700.0] * len(left.reference)
     assert left.reference["mx_nm"][0] == pytest.approx(-0.005 * 300)
     assert left.reference["my_nm"][0] == pytest.approx(-0.19 * 300 - 0.035 * 400)
-    assert left.pressure_pa is None, "the daemon's built-in default is no calibration"
+    assert left.calibration.builtin, "the daemon's built-in default, labelled as what it is"
+    assert left.pressure_pa is not None
+    assert left.wrench is not None
     assert any("built-in approximation" in line for line in trial.invented)
+    assert any("built-in line" in line for line in trial.invented)
     layout = configs.Config().insoles[0]
     assert [board.address for board in left.boards] == list(layout.addresses)
     np.testing.assert_allclose(left.layout.xy_m, load_layout(layout).xy_m, atol=2e-6)
+
+
+def cpu_share(pid):
+    """Of one CPU, that the process takes in two seconds."""
+
+    def cpu_s():
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+    before_s, began_s = cpu_s(), time.monotonic()
+    time.sleep(2.0)
+    return (cpu_s() - before_s) / (time.monotonic() - began_s)
+
+
+def test_a_starved_daemon_is_recorded_as_not_usable_with_the_true_share(daemon, tmp_path):
+    out = tmp_path / "starved"
+    with daemon.boards(), insole_daemon.connect(daemon.endpoint) as insole, Group(daemon.process.pid) as group:
+        raws = insole.raws("left")
+        next(raws)
+        group.limit(cpu_share(daemon.process.pid) / 3, 100)
+        time.sleep(2.0)  # what had been received before is published
+        done = subprocess.run(
+            [INSOLE, "record", out, "--remote", "--connect", daemon.endpoint, "--foot", "left", "--seconds", "8"],
+            capture_output=True, text=True, timeout=60,
+        )  # fmt: skip
+        group.limit(1.0, 100)
+        raws.close()
+    assert done.returncode == 0, done.stderr
+    quality = yaml.safe_load((out / "recording.yaml").read_text())["extensions"]["quality"]["left"]
+    trial = insole_daemon.load(out)
+    left = trial["left"]
+    span_s = (left.t_ns[-1] - left.t_ns[0]) * 1e-9
+    true_share = np.count_nonzero(~left.repeated) / (span_s * 50)
+    assert true_share < 0.8, "it was starved"
+    assert quality["verdict"] == "not usable"
+    assert quality["share"] == pytest.approx(true_share, abs=0.05)
+    assert "left: not usable" in done.stderr
+    assert "0 lost" not in done.stderr
 
 
 def test_a_killed_remote_recorder_leaves_what_numpy_reads(daemon, tmp_path):
@@ -256,6 +300,8 @@ class Frames:
         self._frames, self.exhausted = frames, False
 
     def wait(self, timeout_s: float) -> None: ...
+    def clock_ns(self) -> int:
+        return int(self._frames.t_mono_ns[-1]) if len(self._frames) else 0
 
     def receive(self) -> int:
         return len(self._frames)

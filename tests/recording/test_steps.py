@@ -9,8 +9,8 @@ import pytest
 
 import insole_daemon
 from insole_daemon.config import Config
-from insole_daemon.recording.steps import steps
-from insole_daemon.service.setup import load_layout
+from insole_daemon.recording.steps import gait_events
+from insole_daemon.service.foot_setup import load_layout
 from insole_daemon.simulation.trial import START_NS, Trial
 
 CONFIG = Config()
@@ -26,7 +26,7 @@ def walk(tmp_path_factory):
 
 def test_steps_are_found_when_they_were(walk):
     trial, recording = walk
-    told = steps(recording.feet)
+    told = gait_events(recording.feet)
     t_s = np.arange(BEGIN_S, END_S, 0.001)
     there, errors_s = 0, []
     for foot in ("left", "right"):
@@ -46,4 +46,4 @@ def test_steps_are_found_when_they_were(walk):
 def test_a_foot_without_calibration_has_none(walk):
     _, recording = walk
     blind = [replace(foot, wrench=None, pressure_pa=None, calibration=None) for foot in recording.feet]
-    assert steps(blind) == []
+    assert gait_events(blind) == []

@@ -40,6 +40,23 @@ def test_a_line_lies_where_its_axes_say() -> None:
     assert "a &amp; b" in svg
 
 
+def test_a_shape_to_scale_keeps_its_angles() -> None:
+    plot = Plot.to_scale(Axis("x", -20.0, 40.0), Axis("y", 0.0, 300.0), height=620)
+    plot.outline(np.array([0.0, 10.0, 0.0]), np.array([0.0, 10.0, 20.0]))
+    drawn = points(paths(plot.svg("triangle"))[0].rstrip("Z"))
+    sides = np.linalg.norm(np.diff(drawn, axis=0, append=drawn[:1]), axis=1)
+    np.testing.assert_allclose(sides / sides[0], [1.0, 1.0, 2**0.5], rtol=0.01)
+
+
+@pytest.mark.parametrize("width", [320, 1012])
+def test_letters_have_one_size_whatever_the_page_is_wide(width: int) -> None:
+    svg = ElementTree.fromstring(Plot(Axis("x", 0, 1), Axis("y", 0, 1), width).svg("plot"))
+    assert svg.attrib["viewBox"].split()[2] == svg.attrib["width"] == str(width)
+    drawn = ElementTree.fromstring(value_map(LAYOUT, np.zeros(len(LAYOUT) * 12), "kPa", "map"))
+    assert drawn.attrib["viewBox"].split()[2:] == [drawn.attrib["width"], drawn.attrib["height"]]
+    assert "svg { width" not in page.page("title", "lead", [])
+
+
 def test_a_line_is_interrupted_where_nothing_is_known() -> None:
     plot = Plot(Axis("x", 0, 4), Axis("y", 0, 4))
     plot.line(np.arange(5.0), np.array([0, 1, np.nan, 3, 4.0]))

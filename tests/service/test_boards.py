@@ -118,9 +118,42 @@ def lost(sent_ns, published_ns):
     return sum(abs(published_ns - each).min() > 10_000_000 for each in rhythm.tolist()), len(rhythm)
 
 
+class Lateness:
+    """How long the processor was with others or busy, by a thread that only sleeps."""
+
+    def __init__(self):
+        self._late_ns = []  # when it woke, and how much too late
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._sleep)
+
+    def __enter__(self):
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_):
+        self._ended.set()
+        self._thread.join()
+
+    def between(self, from_ns, to_ns):
+        """ns of that time."""
+        return sum(late_ns for woke_ns, late_ns in list(self._late_ns) if from_ns < woke_ns < to_ns)
+
+    def _sleep(self):
+        while not self._ended.is_set():
+            due_ns = time.time_ns() + 5_000_000
+            time.sleep(0.005)
+            self._late_ns.append((time.time_ns(), time.time_ns() - due_ns))
+
+
 def told(events, *kinds):
     """The next event of one of these kinds."""
     return next(event for event in events if event.kind in kinds)
+
+
+def confirm(insole):
+    """Configure the left foot's boards; their streams must confirm it."""
+    reply = insole.request("left", "boards", do="configure")
+    assert reply["confirmed"], reply
 
 
 def test_from_silence_to_50_hz(endpoint):
@@ -363,7 +396,7 @@ def test_a_board_that_was_reset_is_configured_again(endpoint):
     with rig.running() as insole:
         rig.power(streaming=False, only=(5, 7))
         cut = rig.power(streaming=False, only=(6,))
-        assert insole.request("left", "boards", do="configure")["confirmed"]
+        confirm(insole)
         events = insole.events()
         cut()
         rig.power(streaming=False, only=(6,))
@@ -380,7 +413,7 @@ def test_a_board_that_sends_but_not_what_it_was_told_is_told_again(endpoint):
     with rig.running() as insole:
         rig.power(streaming=False, only=(5, 7))
         cut = rig.power(streaming=False, only=(6,))
-        assert insole.request("left", "boards", do="configure")["confirmed"]
+        confirm(insole)
         events = insole.events()
         cut()
         rig.power(only=(6,), period_ms=50)
@@ -392,12 +425,15 @@ def test_a_board_that_sends_but_not_what_it_was_told_is_told_again(endpoint):
 
 
 def test_a_board_that_restarts_is_back_within_a_second_and_costs_the_others_nothing(endpoint):
-    """One of five restarts has to be in time: boards, daemon and subscriber share this process and its processor."""
+    """One of five restarts has to be in time: boards, daemon and subscriber share this process and its processor.
+
+    What the processor was away for is taken off.
+    """
     rig, attempts = Rig(endpoint), []
-    with rig.running() as insole:
+    with Lateness() as lateness, rig.running() as insole:
         rig.power(streaming=False, only=(5, 7))
         cut = rig.power(streaming=False, only=(6,))
-        assert insole.request("left", "boards", do="configure")["confirmed"]
+        confirm(insole)
         row = rig.row
         for _ in range(5):
             events, raws = insole.events(), insole.raws("left")
@@ -416,14 +452,16 @@ def test_a_board_that_restarts_is_back_within_a_second_and_costs_the_others_noth
             assert sum(raw.lost for raw in seen) == 0
             n = len({raw.triangle_t_ns[row[6]] for raw in seen if raw.t_ns >= back_ns})
             of_others = [lost(rig.sent_ns[each], [raw.triangle_t_ns[row[each]] for raw in seen]) for each in (5, 7)]
-            attempts.append((confirmed.text, (back_ns - up_ns) * 1e-9, n, of_others))
+            late_ns, late_after_ns = lateness.between(up_ns, back_ns), lateness.between(back_ns, seen[-1].t_ns)
+            attempts.append((confirmed.text, (back_ns - up_ns) * 1e-9, late_ns * 1e-9, n, of_others))
             # While board 6 is waited for, three times 5 ms, a board of another phase may send once more than is
             # published.
             nothing_lost = all(n_lost <= 2 and n_sent > 30 for n_lost, n_sent in of_others)
-            in_time = back_ns - up_ns < 1_000_000_000 and 47 < n < 53
+            in_time = back_ns - up_ns - late_ns < 1_000_000_000 and 47 - late_after_ns / 20_000_000 < n < 53
             if confirmed.kind == "boards_configured" and in_time and nothing_lost:
                 return
-    raise AssertionError(f"s until it was back, readings in the second after, lost by others of how many: {attempts}")
+    meaning = "text, s until it was back, s of them late, readings in the second after, lost by others of how many"
+    raise AssertionError(f"{meaning}: {attempts}")
 
 
 def test_a_reset_board_waits_while_the_foot_is_loaded(endpoint):
@@ -451,14 +489,15 @@ def test_a_reset_board_waits_while_the_foot_is_loaded(endpoint):
         assert {payload[0] for _, payload in rig.seen} == {0x1C}, "it was asked for its version, and nothing else"
         StandUp.weight = 0.0
         assert told(events, "boards_reset").boards == [6]
-        assert told(events, "boards_configured", "boards_not_confirmed").kind == "boards_configured"
+        confirmed = told(events, "boards_configured", "boards_not_confirmed")
+        assert confirmed.kind == "boards_configured", confirmed.text
 
 
 def test_boards_that_were_stopped_stay_silent(endpoint):
     rig = Rig(endpoint)
     with rig.running() as insole:
         rig.power(streaming=False)
-        assert insole.request("left", "boards", do="configure")["confirmed"]
+        confirm(insole)
         assert insole.request("left", "boards", do="stop")["confirmed"]
         del rig.seen[:]
         time.sleep(3)

@@ -12,7 +12,6 @@ import pytest
 import insole_daemon
 from insole_daemon.errors import WireError
 from insole_daemon.wire.session import open_session
-from tests.conftest import one_of_five
 
 
 def test_sigterm_ends_it_cleanly_within_a_second(daemon):
@@ -44,60 +43,36 @@ def test_service_manager_is_told(daemon, tmp_path):
     manager.close()
 
 
-def test_boards_told_50_ms_repeat_at_50_hz_and_subscribers_see_it(daemon):
+# Rates and ages are asserted with injected time (tests/skin/test_cycles.py, test_boards.py) and measured by
+# `python -m benchmarks run live.full_load --soak 600`: of a busy machine a test could only say that it was busy.
+
+
+def test_cycles_of_boards_at_50_ms_are_repeated_and_none_is_lost(daemon):
     with daemon.boards(period_ms=50, seed=1), insole_daemon.connect(daemon.endpoint) as insole:
         wrenches, healths = insole.wrenches("left"), insole.healths("left")
         # Once all have come twice nobody waits for them any more.
         next(w for w in wrenches if w.repeated and w.valid[:, 0].any())
-
-        def measure():
-            got = list(itertools.islice(wrenches, 150))
-            health = next(h for h in healths if h.t_ns > got[-1].t_published_ns)
-            assert not any(w.lost for w in got)
-            rates_hz = [board["rate_hz"] for board in health.boards]
-            return {
-                "valid": np.mean([w.valid[:, 0].any() for w in got]),  # boards that get no CPU are silent
-                "published_ms": np.median(np.diff([w.t_published_ns for w in got])) * 1e-6,
-                "repeated": np.mean([w.repeated for w in got]),
-                "oldest_ms": max(float(w.age_ms.max()) for w in got),
-                "slowest_hz": min(rates_hz),
-                "fastest_hz": max(rates_hz),
-                "publish_hz": health.publish_rate_hz,
-            }
-
-        one_of_five(
-            measure,
-            valid=(0.999, 1.001),
-            published_ms=(19, 21),
-            repeated=(0.1, 0.7),  # three boards, whose phases leave 32 ms free
-            oldest_ms=(35, 75),
-            slowest_hz=(19, 21),
-            fastest_hz=(19, 21),
-            publish_hz=(49, 51),
-        )
+        got = list(itertools.islice(wrenches, 150))
+        health = next(h for h in healths if h.t_ns > got[-1].t_published_ns)
+    assert not any(w.lost for w in got)
+    assert {w.repeated for w in got} == {False, True}
+    assert {board["address"] for board in health.boards if board["rate_hz"] > 0} == {5, 6, 7}
 
 
-def test_a_missing_board_is_marked_and_does_not_slow_the_others(daemon):
+def test_a_missing_board_is_marked_and_the_others_are_published(daemon):
     with daemon.boards(left_out=(6,)), insole_daemon.connect(daemon.endpoint) as insole:
         missing = np.array([t["board"] == 6 for t in insole.meta("left").triangles])
         healths = insole.healths("left")
         next(healths)
         wrenches = insole.wrenches("left")
-
-        def measure():
-            got = list(itertools.islice(wrenches, 100))
-            for w in got:
-                assert not w.lost
-                assert not w.valid[missing].any()
-                assert np.isnan(w.age_ms[missing]).all()
-                assert w.valid_fraction < 1
-            return {
-                "valid": np.mean([w.valid[~missing].any() for w in got]),
-                "rate_hz": 99e9 / (got[-1].t_ns - got[0].t_ns),
-            }
-
-        one_of_five(measure, valid=(0.999, 1.001), rate_hz=(49, 51))
-        health = next(healths)
+        next(w for w in wrenches if w.valid[~missing, 0].all())
+        for w in itertools.islice(wrenches, 100):
+            assert not w.lost
+            assert not w.valid[missing].any()
+            assert np.isnan(w.age_ms[missing]).all()
+            assert w.valid_fraction < 1
+        # Boards that get no CPU for a while are silent, and stream again.
+        health = next(h for h in healths if [b["state"] for b in h.boards].count("streaming") == 2)
     assert health.state == "degraded"
     assert {b["address"]: b["state"] for b in health.boards} == {5: "streaming", 6: "never seen", 7: "streaming"}
 

@@ -19,7 +19,7 @@ from insole_daemon.config import Bus, Config, Zenoh, load
 from insole_daemon.physics import zero as zeros
 from insole_daemon.physics.zero import Zero
 from insole_daemon.service.doctor import boards, can, examine, files, host, network
-from insole_daemon.service.setup import load_layout
+from insole_daemon.service.foot_setup import load_layout
 from insole_daemon.wire.session import open_session
 from tests.conftest import free_port
 
@@ -45,7 +45,7 @@ def has_can():
 
 
 def test_the_kernel_is_asked_itself():
-    finding = only(can.kernel())
+    finding = only(can.check_kernel())
     if has_can():
         assert finding.level == "ok"
     else:
@@ -62,14 +62,14 @@ def test_how_a_kernel_gets_can(tmp_path):
 
 
 def test_an_interface_that_is_not_there_and_one_that_is_no_can():
-    assert "no such interface" in only(can.interface(Bus("socketcan", "nocan7"), False)).text
-    assert "no CAN interface" in only(can.interface(Bus("socketcan", "lo"), False)).text
+    assert "no such interface" in only(can.check_interface(Bus("socketcan", "nocan7"), False)).text
+    assert "no CAN interface" in only(can.check_interface(Bus("socketcan", "lo"), False)).text
 
 
 def test_drivers_of_python_can():
-    assert "no driver" in only(can.interface(Bus("pcann", "x"), False), "problem").text
-    assert "within one process" in only(can.interface(Bus("virtual", "x"), False), "warning").text
-    assert only(can.interface(Bus("slcan", "/dev/ttyACM0"), False)).level in ("ok", "problem")  # needs pyserial
+    assert "no driver" in only(can.check_interface(Bus("pcann", "x"), False), "problem").text
+    assert "within one process" in only(can.check_interface(Bus("virtual", "x"), False), "warning").text
+    assert only(can.check_interface(Bus("slcan", "/dev/ttyACM0"), False)).level in ("ok", "problem")  # needs pyserial
 
 
 def link(bit_rate_hz=1_000_000, state="ERROR-ACTIVE", flags=("NOARP", "UP", "LOWER_UP", "ECHO"), **data):
@@ -94,7 +94,8 @@ def link(bit_rate_hz=1_000_000, state="ERROR-ACTIVE", flags=("NOARP", "UP", "LOW
 )
 def test_state_and_bit_rate(said, level, words, remedy):
     worst = sorted(
-        can.judge("can0", said, configure=True), key=lambda each: ["problem", "warning", "ok"].index(each.level)
+        can.judge_interface("can0", said, configure=True),
+        key=lambda each: ["problem", "warning", "ok"].index(each.level),
     )
     assert worst[0].level == level
     assert words in worst[0].text
@@ -104,11 +105,11 @@ def test_state_and_bit_rate(said, level, words, remedy):
 def test_a_bit_rate_of_a_controller_with_fixed_rates():
     data = {"state": "ERROR-ACTIVE", "restart_ms": 100, "bittiming_bitrate": 1_000_000}
     said = {"flags": ["UP"], "linkinfo": {"info_kind": "can", "info_data": data}}
-    assert only(can.judge("can0", said, configure=False)).level == "ok"
+    assert only(can.judge_interface("can0", said, configure=False)).level == "ok"
 
 
 def test_listening_only_is_right_for_a_daemon_that_sends_nothing():
-    assert only(can.judge("can0", link(ctrlmode=["LISTEN-ONLY"]), configure=False)).level == "ok"
+    assert only(can.judge_interface("can0", link(ctrlmode=["LISTEN-ONLY"]), configure=False)).level == "ok"
 
 
 # --- the host
@@ -117,14 +118,14 @@ def test_listening_only_is_right_for_a_daemon_that_sends_nothing():
 def test_the_receive_buffer_limit(tmp_path):
     limit = tmp_path / "rmem_max"
     limit.write_text("212992\n")
-    finding = only(host.receive_buffer(limit), "warning")
+    finding = only(host.check_receive_buffer(limit), "warning")
     assert "212992" in finding.text
     assert "net.core.rmem_max=8388608" in finding.remedy
     limit.write_text("8388608\n")
-    assert only(host.receive_buffer(limit)).level == "ok"
+    assert only(host.check_receive_buffer(limit)).level == "ok"
     limit.unlink()
-    assert only(host.receive_buffer(limit)).level == "warning"
-    assert len(list(host.receive_buffer())) == 1
+    assert only(host.check_receive_buffer(limit)).level == "warning"
+    assert len(list(host.check_receive_buffer())) == 1
 
 
 def test_the_clock(monkeypatch):
@@ -139,10 +140,10 @@ def test_the_clock(monkeypatch):
 
 def test_where_zeros_are_kept(tmp_path, monkeypatch):
     monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path / "not" / "yet"))
-    assert only(host.state_folder()).level == "ok"
+    assert only(host.check_state_folder()).level == "ok"
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path / "file" / "below"))
-    assert only(host.state_folder()).level == "problem"
+    assert only(host.check_state_folder()).level == "problem"
 
 
 # --- the files
@@ -151,7 +152,7 @@ def test_where_zeros_are_kept(tmp_path, monkeypatch):
 def test_every_error_of_a_configuration_is_a_problem(tmp_path):
     config = tmp_path / "config.yaml"
     config.write_text("format: insole-config/1\nrigg: x\npublish:\n  slack_s: 0.005\nzenoh: {mode: client}\n")
-    settings, found = files.configuration(config)
+    settings, found = files.check_configuration(config)
     assert settings is None
     assert [finding.level for finding in found] == ["problem"] * 3
     assert f"edit {config}, line 2: rigg" in found[0].remedy
@@ -160,7 +161,7 @@ def test_every_error_of_a_configuration_is_a_problem(tmp_path):
 
 def test_what_is_built_in_is_a_warning():
     (left, _) = Config().insoles
-    assert [finding.level for finding in files.foot(left, "rig", None)] == ["warning"] * 3
+    assert [finding.level for finding in files.check_foot(left, "rig", None)] == ["warning"] * 3
 
 
 def calibrated(tmp_path, foot="left"):
@@ -185,7 +186,7 @@ def test_ages_of_calibration_and_zero(tmp_path):
 
     def found(age_s):
         zeros.save(insole.zero, Zero("left", time.time_ns() - round(age_s * 1e9), count, count * 0), layout)
-        return list(files.foot(insole, "rig", None))
+        return list(files.check_foot(insole, "rig", None))
 
     _, calibration, zero = found(600)
     assert (calibration.level, zero.level) == ("ok", "ok")
@@ -199,7 +200,7 @@ def test_ages_of_calibration_and_zero(tmp_path):
 def test_files_of_the_other_foot_are_problems(tmp_path):
     insole, _ = calibrated(tmp_path, foot="right")
     insole.zero.write_text("{}")
-    found = [finding for finding in files.foot(insole, "rig", None) if finding.level == "problem"]
+    found = [finding for finding in files.check_foot(insole, "rig", None) if finding.level == "problem"]
     assert "expected the calibration of the left foot" in found[0].text
     assert any(finding.subject == "left zero" for finding in found)
 
@@ -212,7 +213,7 @@ def config_with(**zenoh):
 
 
 def test_a_free_endpoint(endpoint):
-    assert network.daemon(config_with(listen=(endpoint,))) == (None, [network.ok(endpoint, "free")])
+    assert network.check_daemon(config_with(listen=(endpoint,))) == (None, [network.ok(endpoint, "free")])
 
 
 def test_an_endpoint_of_another_program():
@@ -224,7 +225,7 @@ def test_an_endpoint_of_another_program():
 
         threading.Thread(target=hang_up, daemon=True).start()
         endpoint = f"tcp/127.0.0.1:{server.getsockname()[1]}"
-        reached, found = network.daemon(config_with(listen=(endpoint,)))
+        reached, found = network.check_daemon(config_with(listen=(endpoint,)))
         server.close()
     assert reached is None
     assert "does not let us in" in only(found, "problem").text
@@ -232,29 +233,29 @@ def test_an_endpoint_of_another_program():
 
 def test_an_endpoint_of_another_zenoh_node_and_one_that_is_not_ours(endpoint):
     with open_session("router", [endpoint]):
-        assert "no insole daemon" in only(network.daemon(config_with(listen=(endpoint,)))[1], "problem").text
-    assert "cannot be listened on" in only(network.daemon(config_with(listen=("tcp/192.0.2.1:7447",)))[1]).text
+        assert "no insole daemon" in only(network.check_daemon(config_with(listen=(endpoint,)))[1], "problem").text
+    assert "cannot be listened on" in only(network.check_daemon(config_with(listen=("tcp/192.0.2.1:7447",)))[1]).text
 
 
 def test_the_router_of_a_client_and_of_a_peer(endpoint):
     dead = f"tcp/127.0.0.1:{free_port()}"
     with open_session("router", [endpoint]):
-        assert only(network.connects(config_with(mode="router", connect=(endpoint,)))).level == "ok"
-        assert "mode: router" in only(network.connects(config_with(connect=(endpoint,))), "warning").remedy
-    assert only(network.connects(config_with(mode="router", connect=(dead,)))).level == "warning"
-    assert only(network.connects(config_with(mode="client", connect=(dead,)))).level == "problem"
+        assert only(network.check_connects(config_with(mode="router", connect=(endpoint,)))).level == "ok"
+        assert "mode: router" in only(network.check_connects(config_with(connect=(endpoint,))), "warning").remedy
+    assert only(network.check_connects(config_with(mode="router", connect=(dead,)))).level == "warning"
+    assert only(network.check_connects(config_with(mode="client", connect=(dead,)))).level == "problem"
 
 
 def test_an_open_listener_and_an_open_key(tmp_path):
-    assert only(network.exposure(config_with(listen=("tcp/0.0.0.0:7447",)))).level == "warning"
+    assert only(network.check_exposure(config_with(listen=("tcp/0.0.0.0:7447",)))).level == "warning"
     file = tmp_path / "zenoh.json5"
     file.write_text("{ transport: { link: { tls: { listen_private_key: 'daemon.key' } } } }")
-    assert only(network.exposure(config_with(config_file=file))).level == "problem", "there is no such key"
+    assert only(network.check_exposure(config_with(config_file=file))).level == "problem", "there is no such key"
     (tmp_path / "daemon.key").write_text("")
     (tmp_path / "daemon.key").chmod(0o644)
-    assert "chmod 600" in only(network.exposure(config_with(config_file=file)), "warning").remedy
+    assert "chmod 600" in only(network.check_exposure(config_with(config_file=file)), "warning").remedy
     (tmp_path / "daemon.key").chmod(0o600)
-    assert only(network.exposure(config_with(config_file=file))).level == "ok"
+    assert only(network.check_exposure(config_with(config_file=file))).level == "ok"
 
 
 # --- the daemon that runs
@@ -281,7 +282,7 @@ def board(**said):
     ],
 )
 def test_boards(said, level, words):
-    first = next(boards.judge(said, "left", configure=True))
+    first = next(boards.judge_board(said, "left", configure=True))
     assert first.level == level
     assert words in first.text
     assert level == "ok" or first.remedy
@@ -322,9 +323,12 @@ def test_a_daemon_with_another_calibration_and_another_rig(daemon, tmp_path):
     insole.calibration.write_text(json.dumps(file))
     settings = load(daemon.config_file)
     with boards.Running(settings, daemon.endpoint, None) as running:
-        _, other, _, zero = files.foot(replace(insole, zero=None), "test", running.meta("left"))
+        _, other, _, zero = files.check_foot(replace(insole, zero=None), "test", running.meta("left"))
     assert "the daemon that runs applies another one: built-in" in other.text
     assert zero.level == "warning"
-    reached, found = network.daemon(replace(settings, rig="another"))
+    reached, found = network.check_daemon(replace(settings, rig="another"))
     assert reached is None
     assert "the daemon of rig test listens there" in only(found, "problem").text
+    with boards.Running(replace(settings, rig="another"), reached, None) as running:
+        (alone,) = running.findings()
+    assert alone.text.startswith("none of rig another runs"), "the line on the endpoint has named one of another rig"

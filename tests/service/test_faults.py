@@ -7,7 +7,7 @@ import numpy as np
 from insole_daemon.config import Config
 from insole_daemon.service.foot import Foot, load_feet
 from insole_daemon.simulation.emulator import Emulator
-from insole_daemon.simulation.faults import Fault
+from insole_daemon.simulation.faults import InjectedFault
 from insole_daemon.simulation.foot import Stand
 from insole_daemon.skin.cycles import Cycles
 from insole_daemon.skin.reader import SkinReader
@@ -16,7 +16,7 @@ from insole_daemon.wire.messages import Event
 START_NS = 1_700_000_000_000_000_000
 
 
-def stand(faults: list[Fault], seconds: float = 2.0) -> tuple[Foot, Cycles]:
+def stand(faults: list[InjectedFault], seconds: float = 2.0) -> tuple[Foot, Cycles]:
     foot = load_feet(Config())[0]
     emulator = Emulator(
         Config(), [foot.layout], Stand([foot.layout]), faults=faults, generation="mtb4", status_bits=False
@@ -27,12 +27,12 @@ def stand(faults: list[Fault], seconds: float = 2.0) -> tuple[Foot, Cycles]:
 
 def test_a_loose_triangle_never_enters_pressure_and_wrench() -> None:
     triangle = load_feet(Config())[0].layout.triangles[11]
-    fault = Fault("loose", 1.0, None, triangle.board, triangle.triangle, chance=0.5)
+    fault = InjectedFault("loose", 1.0, None, triangle.board, triangle.triangle, chance=0.5)
     foot, cycles = stand([fault])
     told: list[Event] = []
     for at in range(len(cycles)):
-        raw, pressure, wrench = foot.messages(cycles, at)
-        told += foot.watch(cycles, at)
+        raw, pressure, wrench, _ = foot.messages(cycles, at)
+        told += foot.fault_events()
         assert (raw.valid == pressure.valid).all()
         assert (raw.valid == wrench.valid).all()
         rails = bool(((cycles.counts[at, 11] == 0) | (cycles.counts[at, 11] == 255)).all())
@@ -54,12 +54,12 @@ def test_a_loose_triangle_never_enters_pressure_and_wrench() -> None:
 
 def test_what_presses_is_asked_without_loose_triangles() -> None:
     triangle = load_feet(Config())[0].layout.triangles[11]
-    foot, cycles = stand([Fault("loose", 1.0, None, triangle.board, triangle.triangle)])
+    foot, cycles = stand([InjectedFault("loose", 1.0, None, triangle.board, triangle.triangle)])
     before, after = 40, len(cycles) - 1
     f_z_before, _ = foot.load(cycles, before)
     for at in range(len(cycles)):
         foot.messages(cycles, at)
-        foot.watch(cycles, at)
+        foot.fault_events()
     f_z_after, _ = foot.load(cycles, after)
     assert f_z_before is not None
     assert f_z_after is not None

@@ -9,11 +9,12 @@ from itertools import islice
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 import insole_daemon
 from insole_daemon import config as configs
 from insole_daemon.physics.effect import effect
-from insole_daemon.service.setup import load_layout
+from insole_daemon.service.foot_setup import load_layout
 from insole_daemon.simulation.foot import Walk
 from insole_daemon.simulation.trial import Trial
 
@@ -31,6 +32,8 @@ zenoh:
 SOFT = effect("viscoelasticity", a=0.5, tau_s=0.3)
 
 
+@pytest.mark.timeout(300)
+@pytest.mark.xfail(reason="open: with half of the answer late, the regression's model is not yet checked live")
 def test_what_a_walk_shows_is_undone_on_another_walk_while_it_lasts(daemon, tmp_path):
     daemon.end()
     daemon.config_file.write_text(CONFIG.format(endpoint=daemon.endpoint))

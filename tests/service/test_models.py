@@ -14,9 +14,9 @@ from insole_daemon.physics.chain import Chain
 from insole_daemon.physics.effect import Effect, effect
 from insole_daemon.physics.zero import Zero
 from insole_daemon.service.foot import Foot
+from insole_daemon.service.foot_pipeline import FootPipeline
+from insole_daemon.service.foot_setup import FootSetup, load_setups
 from insole_daemon.service.operations import Step
-from insole_daemon.service.outfit import Outfit
-from insole_daemon.service.setup import FootSetup, load_setups
 from insole_daemon.service.switching import model_handler
 from insole_daemon.skin.cycles import Cycles
 from insole_daemon.skin.layout import builtin
@@ -60,8 +60,8 @@ def force_n(foot: Foot, first: int, last: int) -> list[float]:
 
 def test_without_effects_there_is_one_model() -> None:
     foot = Foot(STATIC)
-    _, pressure, wrench = foot.messages(cycles(COUNTS), 20)
-    assert (foot.model, foot.models, pressure.model, wrench.model) == ("static", None, "static", "static")
+    _, pressure, wrench, models = foot.messages(cycles(COUNTS), 20)
+    assert (foot.model, models, pressure.model, wrench.model) == ("static", None, "static", "static")
     assert foot.meta().effects == []
     assert foot.meta().late_ms.tolist() == [0.0] * len(LAYOUT)
 
@@ -70,9 +70,8 @@ def test_what_is_published_is_the_load_at_its_own_time_and_both_are_said() -> No
     foot, plain = Foot(SETUP), Foot(STATIC)
     closed = cycles(COUNTS)
     for at in range(N):
-        raw, pressure, wrench = foot.messages(closed, at)
+        raw, pressure, wrench, both = foot.messages(closed, at)
         static = plain.messages(closed, at)[2]
-        both = foot.models
         assert both is not None
         assert (pressure.model, wrench.model, both.model) == ("dynamic",) * 3
         assert wrench.t_ns == pressure.t_ns == both.dynamic_t_ns == raw.t_ns - 30_000_000
@@ -90,11 +89,11 @@ def test_what_it_remembers_survives_a_reload_of_anything_else_and_not_of_what_it
     before = [force_n(foot, 0, 20) for foot in (kept, again, zeroed)]
     assert before[0] == before[1] == before[2]
     config = replace(SETUP.config, contact=Contact(min_force_n=35))
-    kept.use(Outfit.of(replace(SETUP, config=config, calibration=replace(SETUP.calibration)), SETUP))
+    kept.replace_pipeline(FootPipeline.of(replace(SETUP, config=config, calibration=replace(SETUP.calibration)), SETUP))
     other = replace(SETUP.calibration, effects=(effect("viscoelasticity", a=0.3, tau_s=0.4), EFFECTS[1]))
-    again.use(Outfit.of(replace(SETUP, calibration=other), SETUP))
+    again.replace_pipeline(FootPipeline.of(replace(SETUP, calibration=other), SETUP))
     rest = np.where(SETUP.calibration.usable, SETUP.calibration.baseline_count, np.nan)
-    zeroed.use(Outfit.of(SETUP.with_zero(Zero("left", 1, rest, 0.0 * rest), "a test"), SETUP))
+    zeroed.replace_pipeline(FootPipeline.of(SETUP.with_zero(Zero("left", 1, rest, 0.0 * rest), "a test"), SETUP))
     whole = force_n(Foot(SETUP), 0, 21)[-1]
     static = force_n(Foot(STATIC), 20, 21)[0]
     assert force_n(kept, 20, 21)[0] == whole
@@ -119,10 +118,10 @@ def test_the_configuration_chooses_and_changes_the_choice_only_where_it_changes(
     foot = Foot(with_model("static"))
     assert foot.model == "static"
     foot.switch("dynamic")
-    foot.use(Outfit.of(with_model("static"), foot.setup))
+    foot.replace_pipeline(FootPipeline.of(with_model("static"), foot.setup))
     assert foot.model == "dynamic"
-    foot.use(Outfit.of(with_model("dynamic"), foot.setup))
-    foot.use(Outfit.of(with_model("static"), foot.setup))
+    foot.replace_pipeline(FootPipeline.of(with_model("dynamic"), foot.setup))
+    foot.replace_pipeline(FootPipeline.of(with_model("static"), foot.setup))
     assert foot.model == "static"
 
 
@@ -135,9 +134,10 @@ def test_beyond_what_was_identified_is_marked_and_counted() -> None:
     assert shares[-1] == 1.0
     assert foot.beyond == sum(share > 0 for share in shares)
     foot.switch("static")
-    assert foot.messages(cycles(COUNTS[-1:], N), 0)[2].beyond_fraction == 0.0
-    assert foot.models is not None
-    assert foot.models.beyond.any()
+    _, _, wrench, models = foot.messages(cycles(COUNTS[-1:], N), 0)
+    assert wrench.beyond_fraction == 0.0
+    assert models is not None
+    assert models.beyond.any()
 
 
 class Ear:
@@ -148,7 +148,7 @@ class Ear:
     def publish(self, message: Event) -> None:
         self.events.append(message)
 
-    def stand(self, what: str, message: Any) -> None:
+    def publish_latched(self, what: str, message: Any) -> None:
         assert what == "meta"
         self.standing.append(message)
 
@@ -157,7 +157,7 @@ def asked(foot: Foot, ear: Ear, request: dict[str, Any]) -> dict[str, Any]:
     operation = model_handler(foot, ear)(request)
     next(operation)
     with pytest.raises(StopIteration) as done:
-        operation.send(Step(0, [], None))  # type: ignore[arg-type]
+        operation.send(Step(0, [], None, 0))  # type: ignore[arg-type]
     reply: dict[str, Any] = done.value.value
     return reply
 
@@ -181,4 +181,4 @@ def test_there_is_nothing_to_switch_without_effects() -> None:
     operation = model_handler(Foot(STATIC), Ear())({"do": "dynamic"})
     next(operation)
     with pytest.raises(InsoleError, match="has no effects"):
-        operation.send(Step(0, [], None))  # type: ignore[arg-type]
+        operation.send(Step(0, [], None, 0))  # type: ignore[arg-type]

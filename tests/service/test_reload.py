@@ -19,7 +19,7 @@ import insole_daemon
 from insole_daemon import config as configs
 from insole_daemon.bus.recovering import RecoveringSource
 from insole_daemon.config import Bus
-from insole_daemon.errors import DocumentsError, InsoleError
+from insole_daemon.errors import DocumentsError, InsoleError, WireError
 from insole_daemon.mechanics.wrench import WrenchEstimator
 from insole_daemon.physics import zero as zeros
 from insole_daemon.physics.calibration import FORMAT
@@ -29,9 +29,9 @@ from insole_daemon.physics.zero import Zero
 from insole_daemon.service import reload
 from insole_daemon.service.daemon import Daemon
 from insole_daemon.service.foot import Foot, load_feet
-from insole_daemon.service.outfit import Outfit
+from insole_daemon.service.foot_pipeline import FootPipeline
+from insole_daemon.service.foot_setup import FootSetup, load_setups
 from insole_daemon.service.reload import Reloader, merge, read
-from insole_daemon.service.setup import FootSetup, load_setups
 from insole_daemon.service.state import zero_path
 from insole_daemon.simulation.foot import Stand
 from insole_daemon.skin.faults import FaultWatch
@@ -178,7 +178,7 @@ def test_boards_and_other_triangles_stay_until_a_restart(tmp_path):
     file.write_text(file.read_text().replace("address: 5,", "address: 5, shift: 2,"))
     reloaded = merge(running, *read(file))
     assert reloaded.needs_restart == ("insoles: left: boards",)
-    assert reloaded.outfits[0].setup.insole.boards[0].shift == config.insoles[0].boards[0].shift
+    assert reloaded.pipelines[0].setup.insole.boards[0].shift == config.insoles[0].boards[0].shift
     (tmp_path / "layout.yaml").write_text(
         "format: insole-layout/1\nfoot: left\ntaxel_area_mm2: 32.4\ntriangles:\n"
         "  - {board: 5, triangle: 0, patch: front, x_mm: 100, y_mm: 0, rotation_deg: 0, mirrored: false}\n"
@@ -188,7 +188,7 @@ def test_boards_and_other_triangles_stay_until_a_restart(tmp_path):
     file.write_text(text.replace("calibration: left.json", "layout: layout.yaml"))
     reloaded = merge(running, *read(file))
     assert reloaded.needs_restart == ("insoles: left: a layout of other triangles",)
-    assert reloaded.outfits[0].setup.layout is running[0].layout
+    assert reloaded.pipelines[0].setup.layout is running[0].layout
     file.write_text(text + "\nextensions: {}\n".lstrip("\n") + "# nothing new\n")
     reloaded = merge(running, *read(file))
     assert (reloaded.changed, reloaded.needs_restart) == ((), ())
@@ -219,17 +219,19 @@ def test_a_zero_is_read_again(tmp_path, monkeypatch, how):
     save_zero(path, running[0], 233)
     reloaded = merge(running, *read(file))
     assert reloaded.changed == ("zero of the left foot",)
-    foot.use(reloaded.outfits[0])
+    foot.replace_pipeline(reloaded.pipelines[0])
     assert np.nanmax(foot.calibration.baseline_count[foot.calibration.usable]) == 233
     assert foot.meta().zero_source == str(path)
     assert (foot.seq, foot.started_ns, foot.survey) == (7, started_ns, survey), "it goes on where it was"
-    assert merge([outfit.setup for outfit in reloaded.outfits], *read(file)).changed == ()
+    assert merge([pipeline.setup for pipeline in reloaded.pipelines], *read(file)).changed == ()
     path.unlink()
     if how == "named":
         with pytest.raises(InsoleError, match=r"zero\.json"):
             read(file)
     else:
-        assert merge([outfit.setup for outfit in reloaded.outfits], *read(file)).changed == ("zero of the left foot",)
+        assert merge([pipeline.setup for pipeline in reloaded.pipelines], *read(file)).changed == (
+            "zero of the left foot",
+        )
 
 
 def test_a_zero_that_is_taken_during_a_reload_is_not_undone(tmp_path, monkeypatch, endpoint):
@@ -247,7 +249,7 @@ def test_a_zero_that_is_taken_during_a_reload_is_not_undone(tmp_path, monkeypatc
         reads.append(path)
         if len(reads) == 1:
             save_zero(zero_path("test", "left"), feet[0].setup, 231)
-            feet[0].use(Outfit.of(load_setups(feet[0].config)[0], feet[0].setup))
+            feet[0].replace_pipeline(FootPipeline.of(load_setups(feet[0].config)[0], feet[0].setup))
         return found
 
     monkeypatch.setattr(reload, "read", read_and_zero)
@@ -293,7 +295,10 @@ def test_what_a_foot_is_read_with_is_made_beside_the_loop(tmp_path, monkeypatch,
         thread.start()
         with insole_daemon.connect(endpoint) as insole:
             events = insole.events("left")
-            insole.meta("left")  # it answers, and so it knows of the subscription
+            answers = False
+            while not answers:  # once it answers it knows of the subscription; until then it is starting
+                with contextlib.suppress(WireError):
+                    answers = insole.meta("left") is not None
             calibration.write_text(calibration.read_text().replace("0.02", "0.03"))
             daemon.reload()
             assert next_of(events, "reloaded", "reload_refused").text == "changed: calibration of the left foot"

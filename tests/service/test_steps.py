@@ -12,7 +12,7 @@ import numpy as np
 import insole_daemon
 from insole_daemon.config import Config
 from insole_daemon.service.foot import load_feet
-from insole_daemon.service.steps import Steps
+from insole_daemon.service.steps import StepEvents
 from insole_daemon.wire.messages import Event, Pressure, Wrench
 
 PROTOCOL = Path(__file__).parents[2] / "protocol"
@@ -65,7 +65,7 @@ def messages(foot, number, f_z_n, repeated=False):
 
 def test_repeats_and_unknown_forces_tell_nothing():
     (foot, _), found = load_feet(Config()), []
-    steps = Steps([foot])
+    steps = StepEvents([foot])
     for number, f_z_n in enumerate([0.0, math.inf, math.nan, 0.0, 0.0, 300.0, 500.0]):
         found += steps.take(foot, number * 20_000_000, *messages(foot, number, f_z_n, repeated=False))
         found += steps.take(foot, number * 20_000_000, *messages(foot, number, 700.0, repeated=True))

@@ -13,7 +13,7 @@ from insole_daemon.config import Config, Contact
 from insole_daemon.errors import InsoleError
 from insole_daemon.physics import zero as zeros
 from insole_daemon.service.foot import load_feet
-from insole_daemon.service.outfit import Outfit
+from insole_daemon.service.foot_pipeline import FootPipeline
 from insole_daemon.service.state import state_folder, zero_path
 from insole_daemon.service.zeroing import zero, zero_handler
 from insole_daemon.simulation.emulator import Emulator
@@ -40,7 +40,7 @@ class Ear:
     def publish(self, message) -> None:
         self.events.append(message.kind)
 
-    def stand(self, what, message) -> None:
+    def publish_latched(self, what, message) -> None:
         self.standing[what] = message
 
 
@@ -115,7 +115,9 @@ def test_a_reload_that_comes_in_while_it_is_stored_is_not_undone(monkeypatch):
         saved.append(path)
         if len(saved) == 1:
             contact = Contact(min_force_n=35)
-            foot.use(Outfit.of(replace(foot.setup, config=replace(foot.config, contact=contact)), foot.setup))
+            foot.replace_pipeline(
+                FootPipeline.of(replace(foot.setup, config=replace(foot.config, contact=contact)), foot.setup)
+            )
 
     monkeypatch.setattr(zeros, "save", save_and_reload)
     reply, _ = done(zero(foot, Ear(), 1.0), steps(feet, Preloaded([f.layout for f in feet])))
@@ -127,7 +129,7 @@ def test_a_reload_that_comes_in_while_it_is_stored_is_not_undone(monkeypatch):
 
 def test_what_goes_wrong_while_it_is_stored_changes_nothing_and_is_told(monkeypatch, state):
     feet = load_feet(Config())
-    monkeypatch.setattr(Outfit, "of", lambda *_: 1 / 0)
+    monkeypatch.setattr(FootPipeline, "of", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):  # the desk makes a reply of it
         done(zero(feet[0], Ear(), 1.0), steps(feet, Unloaded([f.layout for f in feet])))
     assert feet[0].zero is None

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from insole_daemon.physics.digitiser import digitise, low_bytes
-from insole_daemon.simulation.board import Board
+from insole_daemon.simulation.board import EmulatedBoard
 from insole_daemon.simulation.commands import obey
 from insole_daemon.simulation.halves import halves
 from insole_daemon.simulation.reference_insole import reference_insole
@@ -13,7 +13,7 @@ SECOND = 1_000_000_000
 
 
 def made(**settings):
-    return Board(5, TRIANGLES, **{"period_ms": 20, "shift": 3, "no_load": 240, **settings})
+    return EmulatedBoard(5, TRIANGLES, **{"period_ms": 20, "shift": 3, "no_load": 240, **settings})
 
 
 def counts_of(payloads):

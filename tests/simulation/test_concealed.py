@@ -7,7 +7,7 @@ import pytest
 import insole_daemon
 from insole_daemon.config import Config
 from insole_daemon.physics.draws import Drawn, Draws
-from insole_daemon.service.setup import load_layout
+from insole_daemon.service.foot_setup import load_layout
 from insole_daemon.simulation.concealed import NOTHING, choices, conceal, drawn
 
 CONFIG = Config()

@@ -12,8 +12,8 @@ import insole_daemon
 from insole_daemon.config import Config
 from insole_daemon.errors import DocumentError, SimulationError
 from insole_daemon.physics.effect import effect
-from insole_daemon.simulation.conditions import Conditions, Course, Cycles, Instrument, load
-from insole_daemon.simulation.faults import Fault
+from insole_daemon.simulation.conditions import ChamberCycles, Conditions, InstrumentConditions, TemperatureCourse, load
+from insole_daemon.simulation.faults import InjectedFault
 from insole_daemon.simulation.generation import MTB3
 from insole_daemon.simulation.scenarios import SCENARIOS
 from insole_daemon.simulation.trial import START_NS, Trial
@@ -50,7 +50,7 @@ def test_nothing_chosen_is_what_the_scenario_has(tmp_path):
 
 
 def test_the_chamber_does_what_was_asked_of_it():
-    asked = Cycles(max_pressure_pa=50e3, speeds_pa_s=(5e3, 25e3), cycles=1, hold_s=12.0, minor=(0.8, 0.5, 0.8))
+    asked = ChamberCycles(max_pressure_pa=50e3, speeds_pa_s=(5e3, 25e3), cycles=1, hold_s=12.0, minor=(0.8, 0.5, 0.8))
     one = trial("vacuum", chamber=asked)
     # 5 s of rest; 20 s and 4 s of cycles; up, hold, down, hold; 1.6 + 0.6 + 0.6 + 1.6 s of minor loops; 5 s of rest
     assert one.length_s() == pytest.approx(5 + 20 + 4 + 2 + 12 + 2 + 12 + 4.4 + 5)
@@ -60,7 +60,7 @@ def test_the_chamber_does_what_was_asked_of_it():
 
 
 def test_without_minor_loops_and_holds_there_are_none():
-    one = trial("plenum", chamber=Cycles(speeds_pa_s=(35e3,), cycles=2, hold_s=0.0, minor=()))
+    one = trial("plenum", chamber=ChamberCycles(speeds_pa_s=(35e3,), cycles=2, hold_s=0.0, minor=()))
     assert one.length_s() == pytest.approx(5 + 3 * 20 + 5)
 
 
@@ -76,7 +76,7 @@ def test_who_walks_how_fast_and_for_how_long():
 
 
 def test_the_insoles_have_the_temperature_that_was_chosen(tmp_path):
-    course = Course(t_s=(0.0, 4.0, 8.0), temperature_c=(20.0, 40.0, 40.0))
+    course = TemperatureCourse(t_s=(0.0, 4.0, 8.0), temperature_c=(20.0, 40.0, 40.0))
     foot = recorded(tmp_path, "vacuum", 8.0, temperature=course)
     assert np.interp(2.0, foot.reference.time_s - foot.reference.time_s[0], foot.reference["temperature_c"]) == (
         pytest.approx(30.0, abs=0.1)
@@ -86,7 +86,7 @@ def test_the_insoles_have_the_temperature_that_was_chosen(tmp_path):
 
 
 def test_the_instrument_has_the_clock_rate_and_noise_that_were_chosen(tmp_path):
-    chosen = Instrument(rate_hz=200.0, offset_s=-1.5, rate_ppm=400.0, force_noise_n=0.0, force_drift_n=0.0)
+    chosen = InstrumentConditions(rate_hz=200.0, offset_s=-1.5, rate_ppm=400.0, force_noise_n=0.0, force_drift_n=0.0)
     foot = recorded(tmp_path, "t1", 10.0, reference=chosen)
     time_s = foot.reference.time_s - START_NS * 1e-9
     assert time_s[0] == pytest.approx(-1.5, abs=1e-5)
@@ -96,7 +96,7 @@ def test_the_instrument_has_the_clock_rate_and_noise_that_were_chosen(tmp_path):
 
 
 def test_boards_and_faults():
-    broken = (Fault("silent", 2.0, 4.0, 6),)
+    broken = (InjectedFault("silent", 2.0, 4.0, 6),)
     one = trial("walk", generation="mtb3", faults=broken)
     assert all(each.board.generation is MTB3 for each in one.emulator.run(0)._mounted)
     frames = one.emulator.frames(0, 6.0)
@@ -122,7 +122,11 @@ def test_the_documented_example_is_read_and_names_every_key(tmp_path):
     path.write_text(text)
     shown = load(path)
     keys = yaml.safe_load(text)
-    for struct, there in ((Conditions, keys), (Cycles, keys["chamber"]), (Instrument, keys["reference"])):
+    for struct, there in (
+        (Conditions, keys),
+        (ChamberCycles, keys["chamber"]),
+        (InstrumentConditions, keys["reference"]),
+    ):
         assert {each.name for each in fields(struct)} - {"extensions"} == set(there) - {"format"}
     assert shown.faults[0].kind in DOCS.read_text()
 
@@ -167,17 +171,33 @@ def test_another_file_is_not_a_trial(tmp_path):
     ("name", "conditions", "said"),
     [
         ("t4", {"mass_kg": 5.0}, "conditions: mass_kg: expected a finite number from 20 to 200, found 5"),
-        ("vacuum", {"chamber": Cycles(minor=(2.0,))}, r"chamber.minor\[0\]: expected .* from 0 to 1, found 2"),
+        ("vacuum", {"chamber": ChamberCycles(minor=(2.0,))}, r"chamber.minor\[0\]: expected .* from 0 to 1, found 2"),
         ("t1", {"generation": "mtb5"}, "generation: expected one of mtb3, mtb4, found"),
         ("vacuum", {"mass_kg": 63.0}, "vacuum: mass_kg: it has no use for it, only for chamber"),
         ("t1", {"cadence_per_min": 100.0}, "t1: cadence_per_min: it has no use"),
-        ("t1", {"chamber": Cycles()}, "t1: chamber: it has no use for it, only for length_s, mass_kg"),
+        ("t1", {"chamber": ChamberCycles()}, "t1: chamber: it has no use for it, only for length_s, mass_kg"),
         ("walk", {"length_s": 60.0}, "walk: length_s: it has no use"),
-        ("t1", {"reference": Instrument(pressure_noise_pa=1.0)}, "reference.pressure_noise_pa: a shoe does not"),
-        ("plenum", {"reference": Instrument(force_noise_n=1.0)}, "reference.force_noise_n: a chamber does not"),
-        ("vacuum", {"chamber": Cycles(max_pressure_pa=2e5)}, "max_pressure_pa: .* from 1000 to 100000 Pa in a vacuum"),
-        ("t1", {"faults": (Fault("silent", 0.0, None, 11),)}, r"faults\[0\].board: .* boards \[5, 6, 7\], found 11"),
-        ("t1", {"faults": (Fault("loose", 0.0, None, 6, 2),)}, r"faults\[0\].triangle: .*of board 6.*found 2"),
+        (
+            "t1",
+            {"reference": InstrumentConditions(pressure_noise_pa=1.0)},
+            "reference.pressure_noise_pa: a shoe does not",
+        ),
+        (
+            "plenum",
+            {"reference": InstrumentConditions(force_noise_n=1.0)},
+            "reference.force_noise_n: a chamber does not",
+        ),
+        (
+            "vacuum",
+            {"chamber": ChamberCycles(max_pressure_pa=2e5)},
+            "max_pressure_pa: .* from 1000 to 100000 Pa in a vacuum",
+        ),
+        (
+            "t1",
+            {"faults": (InjectedFault("silent", 0.0, None, 11),)},
+            r"faults\[0\].board: .* boards \[5, 6, 7\], found 11",
+        ),
+        ("t1", {"faults": (InjectedFault("loose", 0.0, None, 6, 2),)}, r"faults\[0\].triangle: .*of board 6.*found 2"),
     ],
 )
 def test_conditions_that_are_refused(name, conditions, said):
@@ -187,12 +207,12 @@ def test_conditions_that_are_refused(name, conditions, said):
 
 def test_a_clock_is_told_once():
     effects = {"left": [effect("clock", offset_s=0.1, rate=0.0)]}
-    chosen = Conditions(reference=Instrument(offset_s=0.2))
+    chosen = Conditions(reference=InstrumentConditions(offset_s=0.2))
     with pytest.raises(SimulationError, match="either these or the effect clock, found both"):
         Trial("t1", ONE_FOOT, [LEFT], effects=effects, conditions=chosen)
 
 
 def test_every_scenario_takes_the_conditions_it_says_it_uses():
-    given = {"length_s": 30.0, "mass_kg": 80.0, "cadence_per_min": 90.0, "chamber": Cycles(cycles=1)}
+    given = {"length_s": 30.0, "mass_kg": 80.0, "cadence_per_min": 90.0, "chamber": ChamberCycles(cycles=1)}
     for name, one in SCENARIOS.items():
         Trial(name, ONE_FOOT, [LEFT], conditions=Conditions(**{key: given[key] for key in one.uses}))

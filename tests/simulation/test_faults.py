@@ -7,11 +7,11 @@ from insole_daemon import config
 from insole_daemon.bus.frames import FrameBatch
 from insole_daemon.errors import SimulationError
 from insole_daemon.physics.sampling import CDC_HZ
-from insole_daemon.simulation.cases import random_fault
 from insole_daemon.simulation.emulator import Emulator
-from insole_daemon.simulation.faults import KINDS, Fault
+from insole_daemon.simulation.faults import KINDS, InjectedFault
 from insole_daemon.simulation.foot import Stand, Walk
 from insole_daemon.simulation.load import Unloaded
+from insole_daemon.simulation.random_faults import random_fault
 from insole_daemon.simulation.reference_insole import reference_insole
 from insole_daemon.skin import layout
 
@@ -59,7 +59,7 @@ def seen(seconds=2.0, board=5, triangle=0, **given):
 
 @pytest.mark.parametrize("skin_type", [0, 1, 2, 8])
 def test_a_triangle_that_comes_loose_on_an_mtb4(skin_type):
-    t_s, counts, status = seen(faults=[Fault("loose", 1.0, 1.5, 5, 0)], skin_type=skin_type)
+    t_s, counts, status = seen(faults=[InjectedFault("loose", 1.0, 1.5, 5, 0)], skin_type=skin_type)
     loose = (t_s > 1 + ON_THE_BUS_S) & (t_s < 1.5)
     whole = (t_s < 1) | (t_s > 1.5 + ON_THE_BUS_S)
     expected = [255 if skin_type == 0 and taxel == 9 else 0 for taxel in ALL]
@@ -72,7 +72,7 @@ def test_a_triangle_that_comes_loose_on_an_mtb4(skin_type):
 @pytest.mark.parametrize("skin_type", [0, 1, 2])
 def test_a_triangle_that_comes_loose_on_an_mtb3(skin_type):
     for seed in range(3):
-        faults = [Fault("loose", 1.0, None, 5, 0)]
+        faults = [InjectedFault("loose", 1.0, None, 5, 0)]
         given = {"skin_type": skin_type, "generation": "mtb3", "seed": seed}
         run = emulator(faults=faults, **given).run(START_NS)
         baseline = run._mounted[0].board._baseline[0]
@@ -103,7 +103,7 @@ def test_open_since_before_zeroing_is_no_load(generation, skin_type):
 @pytest.mark.parametrize("skin_type", [0, 1, 2, 8])
 def test_a_dead_chip_until_the_firmware_zeroes_it_away(generation, skin_type):
     given = {"load": STAND, "skin_type": skin_type, "generation": generation}
-    t_s, counts, status = seen(faults=[Fault("dead_chip", 1.0, None, 5, 0)], seconds=3, **given)
+    t_s, counts, status = seen(faults=[InjectedFault("dead_chip", 1.0, None, 5, 0)], seconds=3, **given)
     dead = np.flatnonzero(status & 0xF == 1)[0] + np.arange((status & 0xF == 1).sum() + 10)
     assert 1 < t_s[dead[0]] < 1.05 + ON_THE_BUS_S
     first, after = dead[:5], dead[5:]  # five errors
@@ -116,12 +116,12 @@ def test_a_dead_chip_until_the_firmware_zeroes_it_away(generation, skin_type):
     ticks_missing = round((t_s[after[0]] - t_s[first[-1]]) / 0.05) - 1
     assert ticks_missing == (3 if generation == "mtb3" else 0)
     # And the whole board was zeroed under the load.
-    _, others, _ = seen(faults=[Fault("dead_chip", 1.0, None, 5, 0)], seconds=3, triangle=1, **given)
+    _, others, _ = seen(faults=[InjectedFault("dead_chip", 1.0, None, 5, 0)], seconds=3, triangle=1, **given)
     assert abs(others[after[0] :].mean(axis=0) - 240).max() < 6
 
 
 def test_without_status_bits_the_counts_are_all_there_is():
-    faults = [Fault("loose", 1.0, None, 5, 0)]
+    faults = [InjectedFault("loose", 1.0, None, 5, 0)]
     with_bits, without = (emulator(faults=faults, status_bits=b).frames(START_NS, 2) for b in (True, False))
     half_b = without.data[:, 0] == 0xC0
     assert not without.data[half_b, 6:].any()
@@ -133,8 +133,8 @@ def test_without_status_bits_the_counts_are_all_there_is():
 
 
 def test_loose_under_pressure_only():
-    _, _, status = seen(load=WALK, faults=[Fault("loose", 0.0, None, 5, 0, level_pa=20e3)], seconds=6)
-    _, healthy, _ = seen(load=WALK, faults=[Fault("loose", 99.0, None, 5, 0)], seconds=6)
+    _, _, status = seen(load=WALK, faults=[InjectedFault("loose", 0.0, None, 5, 0, level_pa=20e3)], seconds=6)
+    _, healthy, _ = seen(load=WALK, faults=[InjectedFault("loose", 99.0, None, 5, 0)], seconds=6)
     loose = status & 0xF == 2
     mean_pa = (240.4 - healthy[:, [0, 1, 2, 3, 4, 5, 7, 8, 9, 11]].mean(axis=1)) * 8000
     assert 0.05 < loose.mean() < 0.6
@@ -143,12 +143,12 @@ def test_loose_under_pressure_only():
 
 
 def test_loose_now_and_then():
-    status = seen(faults=[Fault("loose", 0.0, None, 5, 0, chance=0.1)], seconds=20)[2]
+    status = seen(faults=[InjectedFault("loose", 0.0, None, 5, 0, chance=0.1)], seconds=20)[2]
     assert (status & 0xF == 2).mean() == pytest.approx(0.1, abs=0.05)
 
 
 def test_dead_and_stuck_taxels_are_constant():
-    faults = [Fault("dead", 1.0, None, 5, 0, 4), Fault("stuck", 1.0, None, 5, 0, 8, level_pa=400e3)]
+    faults = [InjectedFault("dead", 1.0, None, 5, 0, 4), InjectedFault("stuck", 1.0, None, 5, 0, 8, level_pa=400e3)]
     t_s, counts, _ = seen(load=WALK, faults=faults, skin_type=2, seconds=5)
     bad = t_s > 1.01
     assert set(counts[bad, 4]) == {240}
@@ -160,11 +160,11 @@ def test_dead_and_stuck_taxels_are_constant():
 
 def test_saturated_always_or_beyond_a_load():
     faults = [
-        Fault("saturated", 1.0, None, 5, 0, 2),
-        Fault("saturated", 0.0, None, 5, 0, 3, level_pa=30e3),
+        InjectedFault("saturated", 1.0, None, 5, 0, 2),
+        InjectedFault("saturated", 0.0, None, 5, 0, 3, level_pa=30e3),
     ]
     t_s, counts, status = seen(load=WALK, faults=faults, seconds=6)
-    _, healthy, _ = seen(load=WALK, faults=[Fault("dead", 99.0, None, 5)], seconds=6)
+    _, healthy, _ = seen(load=WALK, faults=[InjectedFault("dead", 99.0, None, 5)], seconds=6)
     bad = t_s > 1.01
     assert (counts[bad, 2] == 0).all()
     assert (status[bad] >> 6 & 1).all()  # far out of range
@@ -175,7 +175,7 @@ def test_saturated_always_or_beyond_a_load():
 
 
 def test_noise_is_wider_by_its_factor():
-    t_s, counts, _ = seen(faults=[Fault("noisy", 5.0, None, 5, 0, 4, factor=10.0)], skin_type=2, seconds=15)
+    t_s, counts, _ = seen(faults=[InjectedFault("noisy", 5.0, None, 5, 0, 4, factor=10.0)], skin_type=2, seconds=15)
     others = np.delete(counts, [4, 6, 10], axis=1)
     assert others.std(axis=0).mean() == pytest.approx(1.04, abs=0.06), "a count, and the rounding to counts"
     assert counts[t_s < 5, 4].std() == pytest.approx(1.04, abs=0.3)
@@ -187,7 +187,7 @@ def test_noise_is_wider_by_its_factor():
 
 def test_rezero_takes_the_load_for_nothing():
     for generation, missing in (("mtb4", 0), ("mtb3", 3)):
-        faults = [Fault("rezero", 1.0, None, 5)]
+        faults = [InjectedFault("rezero", 1.0, None, 5)]
         t_s, counts, _ = seen(load=STAND, faults=faults, generation=generation, triangle=9, seconds=3)
         before, after = t_s < 1.0, t_s > 1.01
         assert abs(counts[after].mean(axis=0) - 240).max() < 6
@@ -196,13 +196,15 @@ def test_rezero_takes_the_load_for_nothing():
     pressed = STAND.pressure_pa("left", np.array([1.0]))[0]
     hardest = np.unravel_index(pressed.argmax(), pressed.shape)[0]
     board, triangle = (int(x) for x in LAYOUTS[0].identities[hardest])
-    t_s, counts, _ = seen(load=STAND, faults=[Fault("rezero", 1.0, None, board)], board=board, triangle=triangle)
+    t_s, counts, _ = seen(
+        load=STAND, faults=[InjectedFault("rezero", 1.0, None, board)], board=board, triangle=triangle
+    )
     assert counts[t_s < 1.0].mean() < 235
     assert counts[t_s > 1.06].mean() > 238
 
 
 def test_a_silent_board_is_deaf_and_comes_back_on_its_beat():
-    run = emulator(faults=[Fault("silent", 1.0, 2.0, 5)]).run(START_NS)
+    run = emulator(faults=[InjectedFault("silent", 1.0, 2.0, 5)]).run(START_NS)
     frames = [run.advance(START_NS + 1_500_000_000)]
     run.obey(commands((0x205, [0x07, 1]), (0x70F, [0xFF])))
     frames.append(run.advance(START_NS + 3 * SECOND))
@@ -218,7 +220,7 @@ def test_a_silent_board_is_deaf_and_comes_back_on_its_beat():
 @pytest.mark.parametrize("generation", ["mtb3", "mtb4"])
 def test_reset_comes_back_in_three_ways(generation):
     def after(comes_back):
-        fault = Fault("reset", 1.0, 1.5, 5, comes_back=comes_back)
+        fault = InjectedFault("reset", 1.0, 1.5, 5, comes_back=comes_back)
         batch = emulator(load=STAND, generation=generation, faults=[fault]).frames(START_NS, 3)
         t_s = triangle_of(batch)[0]
         assert not ((t_s > 1 + ON_THE_BUS_S) & (t_s < 1.5)).any()
@@ -234,7 +236,7 @@ def test_reset_comes_back_in_three_ways(generation):
 
 def test_a_reset_board_obeys_again():
     for generation in ("mtb3", "mtb4"):
-        run = emulator(generation=generation, faults=[Fault("reset", 1.0, None, 5)]).run(START_NS)
+        run = emulator(generation=generation, faults=[InjectedFault("reset", 1.0, None, 5)]).run(START_NS)
         run.advance(START_NS + 2 * SECOND)
         run.obey(commands((0x205, [0x07, 0])))
         _, counts, _ = triangle_of(run.advance(START_NS + 3 * SECOND))
@@ -242,13 +244,13 @@ def test_a_reset_board_obeys_again():
 
 
 def test_an_address_clash_doubles_one_board_and_hides_another():
-    batch = emulator(faults=[Fault("address_clash", 1.0, 2.0, 5, other=8)]).frames(START_NS, 3)
+    batch = emulator(faults=[InjectedFault("address_clash", 1.0, 2.0, 5, other=8)]).frames(START_NS, 3)
     clash = (batch.t_ns > START_NS + 1_010_000_000) & (batch.t_ns <= START_NS + 2 * SECOND)
     boards = batch.can_id >> 4 & 0xF
     assert not (boards[clash] == 8).any()
     assert (boards[~clash] == 8).any()
     assert (batch.can_id[clash] == 0x450).sum() == pytest.approx(80, abs=4)  # 2 boards · 20 Hz · A and B
-    run = emulator(faults=[Fault("address_clash", 0.0, None, 5, other=8)]).run(START_NS)
+    run = emulator(faults=[InjectedFault("address_clash", 0.0, None, 5, other=8)]).run(START_NS)
     run.advance(START_NS + SECOND)
     run.obey(commands((0x70F, [0xFF])))
     answers = run.advance(START_NS + 2 * SECOND)
@@ -318,14 +320,14 @@ def test_random_faults_stand_where_and_when_they_should(kind):
 )
 def test_what_is_no_fault_is_refused(given, message):
     with pytest.raises(SimulationError, match=message):
-        Fault(*given)
+        InjectedFault(*given)
 
 
 def test_a_fault_of_a_board_that_is_not_there_is_refused():
     with pytest.raises(SimulationError, match=r"faults\[0\]\.board: .*\[5, 6, 7, 8, 9, 10\], found 3"):
-        emulator(faults=[Fault("silent", 0.0, None, 3)])
+        emulator(faults=[InjectedFault("silent", 0.0, None, 3)])
     with pytest.raises(SimulationError, match=r"faults\[1\]\.triangle: .* of board 6, .*, found 2"):
-        emulator(faults=[Fault("silent", 0.0, None, 6), Fault("loose", 0.0, None, 6, 2)])
+        emulator(faults=[InjectedFault("silent", 0.0, None, 6), InjectedFault("loose", 0.0, None, 6, 2)])
 
 
 def test_a_board_alone_clashes_with_none():

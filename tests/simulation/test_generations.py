@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from insole_daemon.physics.digitiser import GAINS_TYPE_0, GAINS_TYPE_8, digitise, drift
-from insole_daemon.simulation.board import Board
+from insole_daemon.simulation.board import EmulatedBoard
 from insole_daemon.simulation.bus_time import STACK_FRAMES, BusTime, Offer
 from insole_daemon.simulation.commands import obey
 from insole_daemon.simulation.generation import MTB3, MTB4
@@ -18,7 +18,9 @@ MS = 1_000_000
 
 
 def made(generation, **settings):
-    board = Board(5, TRIANGLES, **{"period_ms": 20, "shift": 3, "no_load": 240, "generation": generation, **settings})
+    board = EmulatedBoard(
+        5, TRIANGLES, **{"period_ms": 20, "shift": 3, "no_load": 240, "generation": generation, **settings}
+    )
     board.power_up(0)
     return board
 

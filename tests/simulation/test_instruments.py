@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from insole_daemon.physics.draws import Drawn, Draws
-from insole_daemon.simulation.conditions import Conditions, Instrument
-from insole_daemon.simulation.instruments import clock, readings
+from insole_daemon.simulation.conditions import Conditions, InstrumentConditions
+from insole_daemon.simulation.instruments import draw_clock, simulate_readings
 from insole_daemon.simulation.reference_insole import reference_insole
 from insole_daemon.simulation.scenarios import scenario
 from insole_daemon.skin import layout as layouts
@@ -16,9 +16,9 @@ def warm(t_s):
     return np.full_like(t_s, 25.0)
 
 
-def of(name, seconds, seed=0, own=lambda t_s: t_s, chosen=Instrument()):
+def of(name, seconds, seed=0, own=lambda t_s: t_s, chosen=InstrumentConditions()):
     load = scenario(name).load(LAYOUTS, None, Conditions(), 0)
-    return readings("left", load, seconds, START_S, own, warm, Draws(seed, Drawn.CLOCK), chosen), load
+    return simulate_readings("left", load, seconds, START_S, own, warm, Draws(seed, Drawn.CLOCK), chosen), load
 
 
 def test_a_force_shoe_has_its_rate_its_clock_and_its_noise():
@@ -57,7 +57,7 @@ def test_a_gauge():
 def test_a_clock_of_its_own_is_drawn():
     rates, offsets = [], []
     for seed in range(200):
-        at = clock(Draws(seed, Drawn.CLOCK), Instrument())(np.array([0.0, 1e4]))
+        at = draw_clock(Draws(seed, Drawn.CLOCK), InstrumentConditions())(np.array([0.0, 1e4]))
         offsets.append(at[0])
         rates.append((at[1] - at[0]) / 1e4 - 1)
     assert np.std(offsets) == pytest.approx(reference_insole().reference_offset_s, rel=0.2)
@@ -65,12 +65,14 @@ def test_a_clock_of_its_own_is_drawn():
 
 
 def test_what_is_chosen_stands_before_the_reference_insole():
-    chosen = Instrument(rate_hz=250.0, force_noise_n=0.0, force_drift_n=0.0, moment_noise_nm=0.5, moment_drift_nm=0.0)
+    chosen = InstrumentConditions(
+        rate_hz=250.0, force_noise_n=0.0, force_drift_n=0.0, moment_noise_nm=0.5, moment_drift_nm=0.0
+    )
     contents, load = of("t1", 20.0, chosen=chosen)
     exact = load.reference("left", np.arange(5000) / 250.0)
     assert contents.columns["fz_n"] == pytest.approx(exact["fz_n"], abs=6e-4)
     assert np.std(contents.columns["mx_nm"] - exact["mx_nm"]) == pytest.approx(0.5, rel=0.05)
-    drifting, _ = of("t1", 20.0, chosen=Instrument(force_noise_n=0.0, force_drift_n=300.0))
+    drifting, _ = of("t1", 20.0, chosen=InstrumentConditions(force_noise_n=0.0, force_drift_n=300.0))
     assert np.std(drifting.columns["fz_n"] - load.reference("left", np.arange(2000) / 100.0)["fz_n"]) > 5
-    at = clock(Draws(0, Drawn.CLOCK), Instrument(offset_s=-0.25, rate_ppm=500.0))(np.array([0.0, 100.0]))
+    at = draw_clock(Draws(0, Drawn.CLOCK), InstrumentConditions(offset_s=-0.25, rate_ppm=500.0))(np.array([0.0, 100.0]))
     assert at == pytest.approx([-0.25, 99.8])

@@ -1,23 +1,15 @@
-"""The published phenomenon, in short: benchmarks/paper_phenomenon.py has the whole table."""
-
-import importlib.util
-import sys
-from pathlib import Path
+"""The published phenomenon, in short: benchmarks/physics/paper_phenomenon.py has the whole table."""
 
 import pytest
 
-pytestmark = pytest.mark.timeout(600)  # two whole calibrations: 40 s of CPU, more on a machine that is busy
+from benchmarks.physics.paper_phenomenon import experiment
 
-SCRIPT = Path(__file__).parents[2] / "benchmarks" / "paper_phenomenon.py"
+pytestmark = pytest.mark.timeout(600)  # two whole calibrations: 40 s of CPU, more on a machine that is busy
 
 
 @pytest.fixture(scope="module")
 def errors():
-    specification = importlib.util.spec_from_file_location("paper_phenomenon", SCRIPT)
-    module = importlib.util.module_from_spec(specification)
-    sys.modules["paper_phenomenon"] = module
-    specification.loader.exec_module(module)
-    return {physics: module.experiment(physics, ["t1", "t4"], 25.0) for physics in (False, True)}
+    return {physics: experiment(physics, ["t1", "t4"], 25.0) for physics in (False, True)}
 
 
 def test_with_physics_on_standing_stays_right_and_walking_does_not(errors):

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from insole_daemon.errors import SimulationError
-from insole_daemon.simulation.conditions import Conditions, Cycles
+from insole_daemon.simulation.conditions import ChamberCycles, Conditions
 from insole_daemon.simulation.scenarios import length_s, scenario
 from insole_daemon.simulation.scenarios.chamber import Chamber, programme
 from insole_daemon.skin import layout as layouts
@@ -106,7 +106,7 @@ def test_a_chamber_has_one_pressure_on_every_taxel(name, top_pa):
 
 
 def test_cycles_at_the_speeds_that_were_chosen_then_a_hold_and_minor_loops():
-    turns = programme(100e3, (5e3, 50e3), Cycles(cycles=2, hold_s=30.0))
+    turns = programme(100e3, (5e3, 50e3), ChamberCycles(cycles=2, hold_s=30.0))
     t_s, level = turns.T
     speeds = np.abs(np.diff(level) / np.diff(t_s))
     assert speeds[1:5] == pytest.approx(5e3)

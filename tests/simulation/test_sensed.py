@@ -6,7 +6,7 @@ from insole_daemon.errors import SimulationError
 from insole_daemon.physics.effect import Where, effect
 from insole_daemon.simulation.foot import Walk
 from insole_daemon.simulation.reference_insole import reference_insole
-from insole_daemon.simulation.sensed import GRID_S, Insole, Sensed
+from insole_daemon.simulation.sensed import GRID_S, SensedLoad, SimulatedInsole
 from insole_daemon.skin import layout as layouts
 
 LEFT = layouts.builtin("left", (5, 6, 7))
@@ -16,12 +16,12 @@ PHYSICS = (effect("creep", a=[0.05], tau_s=[0.7]), effect("hysteresis", r_pa=[30
 
 
 def insole(*effects):
-    return Insole(LEFT, BOARDS, reference_insole().calibration(LEFT, BOARDS, 0), effects)
+    return SimulatedInsole(LEFT, BOARDS, reference_insole().calibration(LEFT, BOARDS, 0), effects)
 
 
 def test_without_effects_it_is_the_static_curve():
     t_s = np.arange(0, 300) * GRID_S
-    felt = Sensed(WALK, [insole()]).pressure_pa("left", t_s)
+    felt = SensedLoad(WALK, [insole()]).pressure_pa("left", t_s)
     activation = felt / reference_insole().pa_per_count
     curve = insole().calibration.coefficients_pa
     back = sum(curve[..., k] * activation**k for k in range(4))
@@ -35,7 +35,7 @@ def test_it_is_what_the_chain_gives_on_its_grid_and_linear_between():
     made = insole(*PHYSICS)
     counts = made.chain.forward()(WALK.pressure_pa("left", t_s), t_s)
     expected = np.nan_to_num(made.calibration.baseline_count - counts) * reference_insole().pa_per_count
-    sensed = Sensed(WALK, [made])
+    sensed = SensedLoad(WALK, [made])
     assert sensed.pressure_pa("left", t_s) == pytest.approx(expected, rel=1e-9, abs=1e-6)
     between = sensed.pressure_pa("left", t_s[:-1] + GRID_S / 2)
     assert between == pytest.approx((expected[:-1] + expected[1:]) / 2, rel=1e-6, abs=1e-3)
@@ -43,7 +43,7 @@ def test_it_is_what_the_chain_gives_on_its_grid_and_linear_between():
 
 def test_answers_do_not_depend_on_who_asked_for_what_before():
     late, early = np.array([40.0, 2.5, 39.0]), np.array([0.3, 1.7])
-    one, other = Sensed(WALK, [insole(*PHYSICS)]), Sensed(WALK, [insole(*PHYSICS)])
+    one, other = SensedLoad(WALK, [insole(*PHYSICS)]), SensedLoad(WALK, [insole(*PHYSICS)])
     first = one.pressure_pa("left", late), one.pressure_pa("left", early)
     second = other.pressure_pa("left", early), other.pressure_pa("left", late)
     assert (first[0] == second[1]).all()
@@ -52,8 +52,8 @@ def test_answers_do_not_depend_on_who_asked_for_what_before():
 
 def test_a_long_question_is_many_short_ones():
     t_s = np.arange(0, 90.0, 0.5)
-    whole = Sensed(WALK, [insole(*PHYSICS)]).pressure_pa("left", t_s)
-    sensed = Sensed(WALK, [insole(*PHYSICS)])
+    whole = SensedLoad(WALK, [insole(*PHYSICS)]).pressure_pa("left", t_s)
+    sensed = SensedLoad(WALK, [insole(*PHYSICS)])
     assert (whole == np.concatenate([sensed.pressure_pa("left", t_s[i : i + 4]) for i in range(0, 180, 4)])).all()
     assert (whole[-1] == sensed.pressure_pa("left", t_s[-1:])[0]).all()
 

@@ -13,7 +13,7 @@ from insole_daemon import config
 from insole_daemon.errors import BusError, SimulationError
 from insole_daemon.physics.effect import effect
 from insole_daemon.simulation.conditions import Conditions
-from insole_daemon.simulation.faults import Fault
+from insole_daemon.simulation.faults import InjectedFault
 from insole_daemon.simulation.trial import START_NS, Trial
 from insole_daemon.skin import layout as layouts
 
@@ -81,7 +81,7 @@ def test_a_clock_effect_is_the_references(tmp_path):
 
 
 def test_faults_of_the_boards_are_in_the_recording(tmp_path):
-    broken = Conditions(faults=(Fault("loose", 0.0, None, 5, 0, level_pa=60e3),))
+    broken = Conditions(faults=(InjectedFault("loose", 0.0, None, 5, 0, level_pa=60e3),))
     foot = written(tmp_path, "vacuum", 35.0, conditions=broken)["left"]
     row = LEFT.rows[5, 0]
     opened = foot.status[:, row] & 0xF == 2

@@ -307,6 +307,25 @@ def test_the_period_is_the_median_over_halves(rows: list[Row], period_ms: float)
     assert seen(*rows).period_ms == pytest.approx(period_ms)
 
 
+def test_readings_handed_on_in_bursts_keep_their_period() -> None:
+    """The host looks every 50 ms, and stamps what has come as it reads it."""
+    held_up_ms = [-(-20 * tick // 50) * 50 + tick / 100 for tick in range(60)]
+    assert np.median(np.diff(held_up_ms)) < 20 * (1 - PERIOD_TOLERANCE)
+    assert seen(*(half_a(t_ms) for t_ms in held_up_ms)).differences(BOARD, [3]) == []
+
+
+def test_readings_handed_on_after_one_long_stop_keep_their_period() -> None:
+    held_up_ms = [1000 + tick / 10 if 500 <= 20 * tick < 1000 else 20 * tick for tick in range(60)]
+    assert seen(*(half_a(t_ms) for t_ms in held_up_ms)).differences(BOARD, [3]) == []
+
+
+def test_a_tenth_of_the_readings_lost_keeps_the_period() -> None:
+    random = np.random.default_rng(1)
+    came = random.random(60) > 0.1
+    assert not came.all()
+    assert seen(*(half_a(20 * tick) for tick in np.flatnonzero(came).tolist())).differences(BOARD, [3]) == []
+
+
 def test_an_open_triangle_keeps_the_period_too() -> None:
     assert seen(*(half_b(20 * tick, status=ERROR_NOT_CONNECTED) for tick in range(2))).period_ms == pytest.approx(20.0)
 

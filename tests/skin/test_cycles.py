@@ -12,9 +12,13 @@ from hypothesis import strategies as st
 from insole_daemon.skin import cycles as module
 from insole_daemon.skin.cycles import PATIENCE, TWICE_NS, CycleAssembler, Cycles
 
+from ..implementations import numpy_and_compiled
+
 MS = 1_000_000
 PERIOD, SLACK = 20 * MS, 5 * MS
 START = 1_000 * MS
+
+implementation = numpy_and_compiled(module)
 
 
 @dataclass

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from insole_daemon.errors import DocumentError
 from insole_daemon.skin import geometry
-from insole_daemon.skin.geometry import NEIGHBOUR_MM, PRESSURE_TAXELS, place
+from insole_daemon.skin.geometry import NEIGHBOUR_MM, PRESSURE_TAXELS, place_points
 from insole_daemon.skin.layout import OUTLINE_MM, Foot, Layout, builtin, load
 
-EXAMPLES = Path(__file__).parents[3] / "shared" / "examples"
+EXAMPLES = Path(__file__).parents[1] / "data" / "examples"
 HEAD = "format: insole-layout/1\nfoot: left\ntaxel_area_mm2: 32.4\ntriangles:\n"
 GOOD = (
     "  - {board: 5, triangle: 0, patch: front, x_mm: 200, y_mm: -10.5, rotation_deg: 180, mirrored: false}\n"
@@ -160,7 +160,6 @@ def test_everything_at_once(write: Write) -> None:
     ]
 
 
-@pytest.mark.skipif(not EXAMPLES.is_dir(), reason="no example recordings beside the repository")
 @pytest.mark.parametrize("kind", ["chamber", "shoe"])
 def test_examples(kind: str) -> None:
     layout = load(EXAMPLES / kind / "layout.yaml", foot="left", addresses=(5, 6, 7))
@@ -173,7 +172,7 @@ def test_examples(kind: str) -> None:
 def corners_m(layout: Layout, points_mm: NDArray[np.float64] = geometry.OUTLINE_MM) -> NDArray[np.float64]:
     """(n, k, 2) of every triangle."""
     t = layout.triangles
-    return place(points_mm, [(a.x_mm, a.y_mm) for a in t], [a.rotation_deg for a in t], [a.mirrored for a in t])
+    return place_points(points_mm, [(a.x_mm, a.y_mm) for a in t], [a.rotation_deg for a in t], [a.mirrored for a in t])
 
 
 def gap_m(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:

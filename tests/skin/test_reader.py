@@ -183,15 +183,15 @@ def test_the_best_look_is_when_the_foot_that_follows_the_other_is_complete(
     for at_ms in (0, 20):
         complete(reader, LEFT, at_ms * MS)
         complete(reader, RIGHT, (at_ms + right_ms) * MS)
-    assert reader.best_look_ns(START_NS + JITTER_NS + from_ms * MS) == START_NS + JITTER_NS + look_ms * MS
+    assert reader.best_poll_ns(START_NS + JITTER_NS + from_ms * MS) == START_NS + JITTER_NS + look_ms * MS
 
 
 def test_the_best_look_follows_the_foot_that_is_waited_for(reader: SkinReader) -> None:
-    assert reader.best_look_ns(START_NS) == START_NS, "nothing has come"
+    assert reader.best_poll_ns(START_NS) == START_NS, "nothing has come"
     give_up(reader, LEFT)
     complete(reader, RIGHT, 200 * MS)
-    assert reader.best_look_ns(START_NS + 300 * MS) == START_NS + 300 * MS, "it has no rhythm"
+    assert reader.best_poll_ns(START_NS + 300 * MS) == START_NS + 300 * MS, "it has no rhythm"
     complete(reader, RIGHT, 221 * MS)
-    assert reader.best_look_ns(START_NS + 300 * MS) == START_NS + 302 * MS + JITTER_NS
+    assert reader.best_poll_ns(START_NS + 300 * MS) == START_NS + 302 * MS + JITTER_NS
     reader.advance(START_NS + 1_000 * MS)
-    assert reader.best_look_ns(START_NS + 300 * MS) == START_NS + 300 * MS, "none is waited for"
+    assert reader.best_poll_ns(START_NS + 300 * MS) == START_NS + 300 * MS, "none is waited for"

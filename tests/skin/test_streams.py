@@ -8,8 +8,13 @@ import numpy as np
 import pytest
 
 from insole_daemon.bus.frames import ERROR, EXTENDED, FD, REMOTE, FrameBatch
+from insole_daemon.skin import streams as module
 from insole_daemon.skin.layout import builtin
 from insole_daemon.skin.streams import Streams
+
+from ..implementations import numpy_and_compiled
+
+implementation = numpy_and_compiled(module)
 
 LEFT, RIGHT = builtin("left", (5, 6, 7)), builtin("right", (8, 9, 10))
 TRIANGLES = [(t.board, t.triangle) for layout in (LEFT, RIGHT) for t in layout.triangles]

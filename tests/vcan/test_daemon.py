@@ -17,7 +17,7 @@ import pytest
 import insole_daemon
 from insole_daemon.bus.candump_writer import CandumpWriter
 from insole_daemon.config import Config
-from insole_daemon.service.setup import load_layout
+from insole_daemon.service.foot_setup import load_layout
 from insole_daemon.simulation.emulator import Emulator
 from insole_daemon.simulation.foot import Walk
 

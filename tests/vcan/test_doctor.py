@@ -15,7 +15,7 @@ from insole_daemon import config as configs
 from insole_daemon.bus.opening import open_bus
 from insole_daemon.config import Bus
 from insole_daemon.service.doctor import can
-from insole_daemon.service.setup import load_layout
+from insole_daemon.service.foot_setup import load_layout
 from insole_daemon.simulation.emulator import Emulator
 from insole_daemon.simulation.load import Unloaded
 
@@ -84,7 +84,7 @@ def test_from_silent_boards_to_none_with_a_problem(config: Path, endpoint: str, 
     assert "CAN and raw CAN sockets are there" in done.stdout
     assert f"{vcan}              is up (virtual, vcan)" in done.stdout
     assert "free" in done.stdout
-    assert "none runs" in done.stdout
+    assert "runs: boards, their versions and the bus cannot be looked at" in done.stdout
     with running(config):
         done = insole("doctor", "--config", config)
         assert done.returncode == 1
@@ -100,13 +100,13 @@ def test_from_silent_boards_to_none_with_a_problem(config: Path, endpoint: str, 
 def test_an_interface_that_is_down(vcan: str, monkeypatch: pytest.MonkeyPatch) -> None:
     subprocess.run(["ip", "link", "add", "dev", "vcan7", "type", "vcan"], check=True)
     try:
-        (finding,) = can.interface(Bus("socketcan", "vcan7"), True)
+        (finding,) = can.check_interface(Bus("socketcan", "vcan7"), True)
         assert (finding.level, finding.remedy) == ("problem", "sudo ip link set vcan7 up")
         subprocess.run(finding.remedy.removeprefix("sudo ").split(), check=True)
-        (finding,) = can.interface(Bus("socketcan", "vcan7"), True)
+        (finding,) = can.check_interface(Bus("socketcan", "vcan7"), True)
         assert finding.level == "ok"
         monkeypatch.setattr(can.shutil, "which", lambda *_, **__: None)  # a host without iproute2
-        (finding,) = can.interface(Bus("socketcan", "vcan7"), True)
+        (finding,) = can.check_interface(Bus("socketcan", "vcan7"), True)
         assert (finding.level, finding.remedy) == ("warning", "sudo apt install iproute2")
     finally:
         subprocess.run(["ip", "link", "delete", "vcan7"], check=True)

@@ -25,6 +25,7 @@ from pathlib import Path
 
 KERNEL = "linux.uml"
 MODULES = Path("/usr/lib/uml/modules")
+WHOLE_XSTATE = Path(__file__).with_name("whole_xstate.c")
 PACKAGES = "user-mode-linux kmod iproute2"
 # CAN, and what else tests need, in the order they need each other. A newer package may compress them (.ko.xz).
 MODULE_FILES = (
@@ -141,7 +142,7 @@ def run_kernel(init: Path, memory: str, timeout_s: float) -> tuple[bool, str]:
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
-        env={**os.environ, "TMPDIR": memory_folder(init.parent)},
+        env={**os.environ, "TMPDIR": memory_folder(init.parent), **preloaded(init.parent)},
         start_new_session=True,  # its processes are killed together
     )
     try:
@@ -150,6 +151,21 @@ def run_kernel(init: Path, memory: str, timeout_s: float) -> tuple[bool, str]:
         with contextlib.suppress(ProcessLookupError):
             os.killpg(kernel.pid, signal.SIGKILL)
         kernel.wait()
+
+
+def preloaded(folder: Path) -> dict[str, str]:
+    """The environment that User Mode Linux needs on this processor; what it preloads is built in `folder`."""
+    if " amx_tile" not in Path("/proc/cpuinfo").read_text():
+        return {}
+    library = folder / "whole_xstate.so"
+    command = ["gcc", "-shared", "-fPIC", "-O1", "-o", str(library), str(WHOLE_XSTATE)]
+    try:
+        subprocess.run(command, capture_output=True, text=True, check=True)
+    except FileNotFoundError as error:
+        raise UmlError("a processor with AMX needs a C compiler for User Mode Linux: apt install gcc") from error
+    except subprocess.CalledProcessError as error:
+        raise UmlError(f"{WHOLE_XSTATE.name} cannot be compiled:\n{error.stderr}") from error
+    return {"LD_PRELOAD": str(library)}
 
 
 def pass_on(kernel: subprocess.Popen[bytes], deadline: float) -> tuple[bool, str]:

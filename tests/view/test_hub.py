@@ -12,7 +12,7 @@ import pytest
 from insole_daemon.config import Config
 from insole_daemon.physics.effect import effect
 from insole_daemon.service.foot import Foot
-from insole_daemon.service.setup import load_setups
+from insole_daemon.service.foot_setup import load_setups
 from insole_daemon.skin.cycles import Cycles
 from insole_daemon.view.beside import Others
 from insole_daemon.view.hub import Hub
@@ -41,7 +41,7 @@ def test_who_comes_later_hears_the_last_state_and_events_but_not_every_step():
                 Event("left", number, "toe_off", "the left foot leaves the ground", [], figures={"stance_s": 0.7})
             )
         for uptime_s in (1.0, 2.0):
-            hub._take(Health("left", 1, uptime_s, "ok", {}, 50.0, {}, [], [], {}, {}, {}))
+            hub._take(Health("left", 1, uptime_s, "ok", {}, 50.0, {}, {}, [], [], {}, {}, {}))
         hub.stand("recording", {"running": False, "text": ""})
         return told(hub)
 
@@ -72,9 +72,9 @@ def test_the_model_that_is_not_in_use_is_drawn_beside_the_one_that_is():
         for at, model in enumerate(("dynamic", "static")):
             foot.switch(model)
             messages = foot.messages(cycles, at)
-            for message in (foot.models, *messages):
+            for message in messages.published():
                 hub._take(message)
-            forces.append((messages[2].f_z_n, foot.models.static_f_z_n, foot.models.dynamic_f_z_n))
+            forces.append((messages[2].f_z_n, messages.models.static_f_z_n, messages.models.dynamic_f_z_n))
             head = HEAD.unpack(viewer.take()[: HEAD.size])
             viewer.answered()
             forces[-1] += (head[6], head[16])

@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 import insole_daemon
-from insole_daemon.simulation.faults import Fault
+from insole_daemon.simulation.faults import InjectedFault
 from insole_daemon.skin.geometry import PRESSURE_TAXELS
 from insole_daemon.wire.client import Client
 from insole_daemon.wire.messages import Pressure, Wrench
@@ -96,6 +96,16 @@ def test_the_map_has_the_colours_of_a_known_load(browser, page, live_daemon):
         browser.click("#taxels")
 
 
+def test_the_scale_rises_to_the_peak_until_a_person_chooses_one(browser, page, live_daemon):
+    with live_daemon.boards():  # a walk: some 600 kPa
+        look(browser, page)
+        browser.until("return Number(document.querySelector('#range').value) > 300")
+        scale_to(browser, 100)
+        peak = "return Math.max(...Object.values(window.insole.maps).flatMap((map) => [...(map.used ?? [])]))"
+        browser.until(f"{peak} > 150")
+        assert browser.js("return document.querySelector('#range').value") == "100"
+
+
 def test_the_residual_is_what_is_measured_less_what_is_simulated(browser, page, live_daemon):
     with live_daemon.boards(load=Pressed), Client(live_daemon.endpoint) as insole:
         look(browser, page)
@@ -128,7 +138,7 @@ def put(session, message):
 
 
 def test_a_lost_board_is_hatched_and_named_and_comes_back(browser, page, live_daemon):
-    silent = Fault(kind="silent", t_s=5.0, until_s=14.0, board=5)
+    silent = InjectedFault(kind="silent", t_s=5.0, until_s=14.0, board=5)
     with live_daemon.boards(load=Pressed, faults=[silent]):
         look(browser, page)
         becomes(browser, "left", VIRIDIS[2 / 3], 205)
@@ -141,9 +151,9 @@ def test_a_lost_board_is_hatched_and_named_and_comes_back(browser, page, live_da
         assert all(np.abs(each - VIRIDIS[2 / 3]).max() > 40 for each in shown), "nothing of it looks like a pressure"
         assert all(np.abs(each - VIRIDIS[0.0]).max() > 40 for each in shown), "nor like none"
         assert "board 5" in text(browser, "#events")
-        browser.until("return document.querySelector('#state').textContent === 'degraded'")
+        browser.until("return document.querySelector('#state').textContent.startsWith('degraded')")
         becomes(browser, "right", VIRIDIS[2 / 3], 205)
-        browser.until("return document.querySelector('#state').textContent === 'all parts stream'")
+        browser.until("return document.querySelector('#state').textContent.startsWith('all boards stream')")
         becomes(browser, "left", VIRIDIS[2 / 3], 205)
 
 
@@ -158,7 +168,7 @@ def test_zero_is_taken_and_refused_in_words(browser, page, live_daemon):
 
     with live_daemon.boards(load=unloaded):
         look(browser, page)
-        browser.until("return document.querySelector('#state').textContent === 'all parts stream'")
+        browser.until("return document.querySelector('#state').textContent.startsWith('all boards stream')")
         assert re.search(r"left: zeroed 2\d\d taxels, .* right: zeroed 2\d\d taxels", zero())
     with live_daemon.boards(load=Pressed):
         look(browser, page)
@@ -245,7 +255,7 @@ def test_a_reload_and_a_restart_of_the_daemon_are_survived_without_a_click(brows
         live_daemon.end()
         browser.until("return document.querySelector('#state').textContent === 'no cycles come'")
         live_daemon.start()
-        browser.until("return document.querySelector('#state').textContent === 'all parts stream'")
+        browser.until("return document.querySelector('#state').textContent.startsWith('all boards stream')")
         before = browser.js("return window.insole.own.cycles")
         browser.until("return window.insole.own.cycles > arguments[0] + 50", before)
 
@@ -327,3 +337,20 @@ def test_a_phone_shows_all_of_it_without_scrolling_sideways(browser, page, live_
             assert browser.find("#map-left").location["y"] < 844 / 2, "the map is what is seen first"
     finally:
         browser.driver.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+
+
+def test_shortcuts_are_dead_behind_a_dialog_and_no_number_is_minus_zero(browser, page, live_daemon):
+    with live_daemon.boards(load=unloaded):
+        look(browser, page)
+        browser.click("#zero")
+        browser.until("return document.querySelector('#zeroing').open")
+        browser.js("document.dispatchEvent(new KeyboardEvent('keydown', {key: 'p', bubbles: true}))")
+        browser.js("document.body.dispatchEvent(new KeyboardEvent('keydown', {key: ' ', bubbles: true}))")
+        assert browser.js("return document.querySelector('#pause').getAttribute('aria-pressed')") == "false"
+        browser.js("document.querySelector('#zeroing').close('')")
+        browser.js("document.body.dispatchEvent(new KeyboardEvent('keydown', {key: ' ', bubbles: true}))")
+        assert browser.js("return document.querySelector('#pause').getAttribute('aria-pressed')") == "true"
+    said = browser.driver.execute_async_script(
+        "const done = arguments[0]; import('/panels.js').then(({number}) => done(number(-0.0004, 1, 1)))"
+    )
+    assert said == "0.0"

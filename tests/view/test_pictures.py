@@ -15,7 +15,7 @@ from PIL import Image
 
 from insole_daemon.cli.demo_page import tell_truth
 from insole_daemon.config import Config
-from insole_daemon.service.setup import load_layout
+from insole_daemon.service.foot_setup import load_layout
 from insole_daemon.simulation.foot import Walk
 from insole_daemon.wire.session import open_session
 

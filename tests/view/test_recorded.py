@@ -14,7 +14,7 @@ import yaml
 import insole_daemon
 from insole_daemon.config import Config
 from insole_daemon.report.colours import CATEGORIES, MAGNITUDES
-from insole_daemon.service.setup import load_layout
+from insole_daemon.service.foot_setup import load_layout
 from insole_daemon.simulation.trial import Trial
 from insole_daemon.view.recorded import recorded_page
 

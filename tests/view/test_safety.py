@@ -137,7 +137,7 @@ def test_what_the_page_never_sends_ends_the_connection(page, message):
 def test_a_port_that_is_taken_and_a_daemon_that_is_not_there_are_said(page, live_daemon):
     port = page.rpartition(":")[2].strip("/")
     for options, words in [
-        (["--port", port, "--connect", live_daemon.endpoint], "take another one with --port"),
+        (["--port", port, "--connect", live_daemon.endpoint], "take another port, such as --port"),
         (["--connect", live_daemon.endpoint, "--rig", "nobody"], "no insole daemon of rig nobody is behind it"),
         (["--connect", live_daemon.endpoint, "--reference", "middle=x"], "expected left=KEY or right=KEY"),
     ]:

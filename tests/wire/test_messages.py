@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from insole_daemon.config import Config
 from insole_daemon.errors import WireError
 from insole_daemon.physics.effect import effect
-from insole_daemon.service.foot import Foot, load_feet
-from insole_daemon.service.setup import load_setups
+from insole_daemon.service.foot import CycleMessages, Foot, load_feet
+from insole_daemon.service.foot_setup import load_setups
 from insole_daemon.skin.reader import SkinReader
 from insole_daemon.wire.messages import (
     BY_KEY,
@@ -26,7 +26,6 @@ from insole_daemon.wire.messages import (
     Message,
     Meta,
     Models,
-    Pressure,
     Raw,
     Wrench,
     wire_fields,
@@ -43,7 +42,7 @@ def with_effects() -> Foot:
     return Foot(replace(setup, calibration=replace(setup.calibration, effects=effects)))
 
 
-def cycle(counts: int = 200, foot: Foot = FOOT) -> tuple[Raw, Pressure, Wrench]:
+def cycle(counts: int = 200, foot: Foot = FOOT) -> CycleMessages:
     """The messages of a cycle that one half of all triangles but the last has closed late."""
     reader = SkinReader([FOOT.layout], period_ns=20_000_000, slack_ns=5_000_000)
     (assembler,) = reader.assemblers
@@ -57,19 +56,19 @@ def cycle(counts: int = 200, foot: Foot = FOOT) -> tuple[Raw, Pressure, Wrench]:
 
 
 def both_models() -> Models:
-    foot = with_effects()
-    cycle(foot=foot)
-    assert foot.models is not None
-    return foot.models
+    models = cycle(foot=with_effects()).models
+    assert models is not None
+    return models
 
 
 HEALTH = Health(
     foot="left", t_ns=1, uptime_s=2.5, state="degraded", cycles={"published": 3}, publish_rate_hz=50.0,
-    latency_ms={"p50": None}, boards=[{"address": 5}], faults=[], bus={"frames": 1}, refused={"other": 0},
+    quality={"share": 1.0}, latency_ms={"p50": None}, boards=[{"address": 5}], faults=[], bus={"frames": 1},
+    refused={"other": 0},
     asked={"requests_done": 0},
 )  # fmt: skip
 EVENT = Event("right", 1, "board_silent", "board 8: streaming → silent", [8])
-MESSAGES: list[Message] = [*cycle(), both_models(), HEALTH, EVENT, FOOT.meta(), FOOT.calibration_in_use()]
+MESSAGES: list[Message] = [*cycle().published(), both_models(), HEALTH, EVENT, FOOT.meta(), FOOT.calibration_in_use()]
 every_message = pytest.mark.parametrize("message", MESSAGES, ids=lambda message: type(message).__name__)
 
 
@@ -79,7 +78,7 @@ def encoding(message: Message | type[Message]) -> str:
 
 def test_every_kind_is_here() -> None:
     assert {type(message) for message in MESSAGES} == set(BY_KEY.values())
-    versions = dict.fromkeys(BY_KEY, 1) | {"event": 2, "health": 3, "pressure": 2, "wrench": 2, "meta": 2}
+    versions = dict.fromkeys(BY_KEY, 1) | {"event": 2, "health": 4, "pressure": 2, "wrench": 2, "meta": 2}
     assert {cls.SCHEMA for cls in BY_KEY.values()} == {f"insole.{what}/{number}" for what, number in versions.items()}
 
 
@@ -100,14 +99,14 @@ def test_round_trip(message: Message) -> None:
 
 
 def test_what_is_unknown_is_nil_on_the_wire_and_none_here() -> None:
-    _, _, wrench = cycle(0)
+    _, _, wrench, _ = cycle(0)
     assert np.isnan(wrench.f_z_std_n)
     assert msgpack.unpackb(wrench.encode())["f_z_std_n"] is None
     assert Wrench.decode(wrench.encode()).f_z_std_n is None
 
 
 def test_arrays_travel_as_little_endian_bytes() -> None:
-    raw, _, _ = cycle()
+    raw, *_ = cycle()
     found = msgpack.unpackb(raw.encode())
     assert found["counts"] == bytes(raw.counts.ravel().tolist())
     assert found["triangle_t_ns"][:8] == int(raw.triangle_t_ns[0]).to_bytes(8, "little")
@@ -116,7 +115,7 @@ def test_arrays_travel_as_little_endian_bytes() -> None:
 
 
 def test_lost_stays_at_home() -> None:
-    raw, _, _ = cycle()
+    raw, *_ = cycle()
     assert "lost" not in msgpack.unpackb(replace(raw, lost=3).encode())
     assert Raw.decode(replace(raw, lost=3).encode()).lost == 0
 

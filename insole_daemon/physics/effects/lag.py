@@ -3,7 +3,7 @@
 Live it is undone as it was left_s = √(τ · LATE_S) ago, at most τ: what is left is that delay, stamped away as one.
 Value and slope of q at that moment, P = q + τ·dq/dt, are those of the parabola that fits the last READINGS best
 (Savitzky & Golay, Anal. Chem. 36 (1964) 1627). The slope at the newest reading is several times less certain than one
-cycle before it; later still costs more than it tells (benchmarks/compensation.py).
+cycle before it; later still costs more than it tells (benchmarks/physics/compensation.py).
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ from ...errors import WireError
 from ...wire.client import Client
 from ...wire.messages import CalibrationInUse, Health, Meta
 from .files import RESTART
-from .finding import Finding, ok, problem, warning
+from .finding import CheckResult, ok, problem, warning
 
 _HEALTH_WITHIN_S = 3.0  # it comes once a second
 _OLDEST_MTB = (2, 10, 16)  # the first that knows the commands 4D and 50, by the boards' own host
@@ -50,13 +50,13 @@ class Running:
         """What the daemon works with for `foot`."""
         return self._known.get(foot)
 
-    def findings(self) -> Iterator[Finding]:
+    def findings(self) -> Iterator[CheckResult]:
         """All that only a daemon that runs can tell."""
         if self._client is None:
             run = "insole run" + (f" --config {self._config_file}" if self._config_file else "")
             yield warning(
                 "daemon",
-                "none runs: boards, their versions and the bus cannot be looked at",
+                f"none of rig {self._settings.rig} runs: boards, their versions and the bus cannot be looked at",
                 f"{run}   # or: sudo systemctl start insole-daemon",
             )
             return
@@ -76,7 +76,7 @@ class Running:
             for findings in pool.map(self._boards, self._known):
                 yield from findings
 
-    def _bus(self, client: Client) -> Iterator[Finding]:
+    def _bus(self, client: Client) -> Iterator[CheckResult]:
         """What is counted on the buses since the daemon's start."""
         healths = client.healths()
         end = threading.Timer(_HEALTH_WITHIN_S, healths.close)
@@ -101,7 +101,7 @@ class Running:
         if not (bus["overflows"] or bus["error_frames"]):
             yield ok("bus", f"{bus['frames']} frames, none lost")
 
-    def _boards(self, foot: str) -> list[Finding]:
+    def _boards(self, foot: str) -> list[CheckResult]:
         """The boards of one foot, asked by the daemon what they are."""
         assert self._client is not None
         try:
@@ -109,7 +109,7 @@ class Running:
         except WireError as error:
             return [problem(f"{foot} boards", str(error), RESTART)]
         configure = self._settings.boards.configure
-        found = [finding for board in reply["boards"] for finding in judge(board, foot, configure)]
+        found = [finding for board in reply["boards"] for finding in judge_board(board, foot, configure)]
         found += [
             warning(
                 f"board {stranger['address']}",
@@ -121,7 +121,7 @@ class Running:
         return found
 
 
-def judge(board: dict[str, Any], foot: str, configure: bool) -> Iterator[Finding]:
+def judge_board(board: dict[str, Any], foot: str, configure: bool) -> Iterator[CheckResult]:
     """One board, as a reply to `boards` says it."""
     name, told = f"board {board['address']}", f"insole boards configure --foot {foot}"
     if not configure:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from ...config import Bus
-from .finding import Finding, ok, problem, warning
+from .finding import CheckResult, ok, problem, warning
 
 BIT_RATE_HZ = 1_000_000
 _TYPE_CAN = "280"  # ARPHRD_CAN of linux/if_arp.h
@@ -21,7 +21,7 @@ _FLAG_UP = 1  # IFF_UP
 _NETS = Path("/sys/class/net")
 
 
-def kernel() -> Iterator[Finding]:
+def check_kernel() -> Iterator[CheckResult]:
     """Whether raw CAN sockets can be had at all."""
     try:
         socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
@@ -48,7 +48,7 @@ def module_remedy(release: str, modules: Path = Path("/lib/modules")) -> str:
     return f"sudo apt install linux-modules-extra-{release} && sudo modprobe can-raw   # or a kernel with CONFIG_CAN"
 
 
-def interface(bus: Bus, configure: bool) -> Iterator[Finding]:
+def check_interface(bus: Bus, configure: bool) -> Iterator[CheckResult]:
     """One bus of the configuration; `configure`: boards are sent to on it."""
     if bus.driver != "socketcan":
         yield from _driver(bus)
@@ -65,7 +65,7 @@ def interface(bus: Bus, configure: bool) -> Iterator[Finding]:
         yield problem(bus.channel, "is no CAN interface", "ip -brief link show type can   # lists those there are")
         return
     link = _link(bus.channel)
-    yield from judge(bus.channel, link if link is not None else _from_sysfs(folder), configure)
+    yield from judge_interface(bus.channel, link if link is not None else _from_sysfs(folder), configure)
     yield from _permission(bus.channel)
 
 
@@ -89,7 +89,7 @@ def _from_sysfs(folder: Path) -> dict[str, Any]:
     return {"flags": ["UP"] if up else []}
 
 
-def judge(name: str, link: dict[str, Any], configure: bool) -> Iterator[Finding]:
+def judge_interface(name: str, link: dict[str, Any], configure: bool) -> Iterator[CheckResult]:
     """What `link`, as `ip -json -details link show` says it, means for the insole."""
     info = link.get("linkinfo", {})
     data = info.get("info_data", {})
@@ -138,7 +138,7 @@ def judge(name: str, link: dict[str, Any], configure: bool) -> Iterator[Finding]
         yield ok(name, f"is up at {bit_rate_hz} bit/s")
 
 
-def _permission(name: str) -> Iterator[Finding]:
+def _permission(name: str) -> Iterator[CheckResult]:
     """Whether this user may read it; the kernel asks for no privilege, but a sandbox may."""
     try:
         with socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW) as sock:
@@ -150,7 +150,7 @@ def _permission(name: str) -> Iterator[Finding]:
             yield problem(name, f"cannot be opened: {error.strerror}", f"ip -details link show {name}")
 
 
-def _forbidden(subject: str) -> Finding:
+def _forbidden(subject: str) -> CheckResult:
     return problem(
         subject,
         "this user may not open a raw CAN socket, which needs no privilege: a sandbox forbids it",
@@ -158,7 +158,7 @@ def _forbidden(subject: str) -> Finding:
     )
 
 
-def _driver(bus: Bus) -> Iterator[Finding]:
+def _driver(bus: Bus) -> Iterator[CheckResult]:
     """A driver of python-can; the adapter is not opened, for that takes it away from a daemon that runs."""
     import importlib
 

@@ -15,16 +15,16 @@ from ...physics import calibration as calibrations
 from ...physics import zero as zeros
 from ...skin.layout import Layout
 from ...wire.messages import CalibrationInUse, Meta
-from ..setup import load_layout
+from ..foot_setup import load_layout
 from ..state import zero_path
-from .finding import Finding, ok, problem, warning
+from .finding import CheckResult, ok, problem, warning
 
 # Between sessions the public recordings of this insole moved by up to 5 counts, some 40 kPa (see physics.zeroing).
 _OLD_ZERO_S = 86_400
 RESTART = "sudo systemctl restart insole-daemon   # or end 'insole run' and start it again"
 
 
-def configuration(path: Path | None) -> tuple[Config | None, list[Finding]]:
+def check_configuration(path: Path | None) -> tuple[Config | None, list[CheckResult]]:
     """The configuration, None where it is refused, and what there is to say about it."""
     if path is None:
         return Config(), [warning("config", "none named: the built-in one is looked at", "insole doctor --config FILE")]
@@ -34,7 +34,7 @@ def configuration(path: Path | None) -> tuple[Config | None, list[Finding]]:
         return None, _refused("config", error)
 
 
-def foot(insole: Insole, rig: str, in_use: tuple[Meta, CalibrationInUse] | None) -> Iterator[Finding]:
+def check_foot(insole: Insole, rig: str, in_use: tuple[Meta, CalibrationInUse] | None) -> Iterator[CheckResult]:
     """The files of one foot; `in_use` is what the daemon that runs says of them."""
     name = f"{insole.foot} layout"
     try:
@@ -54,7 +54,7 @@ def foot(insole: Insole, rig: str, in_use: tuple[Meta, CalibrationInUse] | None)
     yield from _zero(insole, rig, layout, in_use)
 
 
-def _calibration(insole: Insole, layout: Layout, in_use: tuple[Meta, CalibrationInUse] | None) -> Iterator[Finding]:
+def _calibration(insole: Insole, layout: Layout, in_use: tuple[Meta, CalibrationInUse] | None) -> Iterator[CheckResult]:
     name = f"{insole.foot} calibration"
     try:
         if insole.calibration is None:
@@ -79,7 +79,9 @@ def _calibration(insole: Insole, layout: Layout, in_use: tuple[Meta, Calibration
         yield ok(name, f"{insole.calibration}, {int(calibration.usable.sum())} taxels, written {age}")
 
 
-def _zero(insole: Insole, rig: str, layout: Layout, in_use: tuple[Meta, CalibrationInUse] | None) -> Iterator[Finding]:
+def _zero(
+    insole: Insole, rig: str, layout: Layout, in_use: tuple[Meta, CalibrationInUse] | None
+) -> Iterator[CheckResult]:
     name, take = f"{insole.foot} zero", f"insole zero --foot {insole.foot}"
     if in_use is not None:  # it may be another user's, whose files are not ours to see
         meta = in_use[0]
@@ -105,7 +107,7 @@ def _zero(insole: Insole, rig: str, layout: Layout, in_use: tuple[Meta, Calibrat
         yield ok(name, f"{source}, taken {_age(age_s)}")
 
 
-def _refused(subject: str, error: InsoleError) -> list[Finding]:
+def _refused(subject: str, error: InsoleError) -> list[CheckResult]:
     """A finding for everything that is wrong with a file."""
     if not isinstance(error, DocumentError):
         return [problem(subject, str(error), "correct the configuration")]

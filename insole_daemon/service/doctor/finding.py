@@ -7,7 +7,7 @@ from typing import Literal
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class CheckResult:
     """One thing that was looked at; `remedy` is a command or a line of a configuration."""
 
     level: Literal["ok", "warning", "problem"]  # problem: it does not work so; warning: it works, and a person may mind
@@ -16,16 +16,16 @@ class Finding:
     remedy: str = ""
 
 
-def ok(subject: str, text: str) -> Finding:
+def ok(subject: str, text: str) -> CheckResult:
     """As it should be."""
-    return Finding("ok", subject, text)
+    return CheckResult("ok", subject, text)
 
 
-def warning(subject: str, text: str, remedy: str = "") -> Finding:
+def warning(subject: str, text: str, remedy: str = "") -> CheckResult:
     """It works, and a person may mind."""
-    return Finding("warning", subject, text, remedy)
+    return CheckResult("warning", subject, text, remedy)
 
 
-def problem(subject: str, text: str, remedy: str) -> Finding:
+def problem(subject: str, text: str, remedy: str) -> CheckResult:
     """It does not work so."""
-    return Finding("problem", subject, text, remedy)
+    return CheckResult("problem", subject, text, remedy)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from ...bus.batched_socket import RECEIVE_BUFFER_BYTES
 from ..state import state_folder as folder_of_state
-from .finding import Finding, ok, problem, warning
+from .finding import CheckResult, ok, problem, warning
 
 _RMEM_MAX = Path("/proc/sys/net/core/rmem_max")
 _RAISE = (
@@ -22,7 +22,7 @@ _UNSYNCHRONISED = 0x40  # STA_UNSYNC of linux/timex.h
 _NO_SOONER_THAN_S = 1_750_000_000  # 2025: a host without a battery begins in 1970, or when its disk was last written
 
 
-def receive_buffer(limit: Path = _RMEM_MAX) -> Iterator[Finding]:
+def check_receive_buffer(limit: Path = _RMEM_MAX) -> Iterator[CheckResult]:
     """How many bytes of frames the kernel may keep while the daemon does not read."""
     try:
         most = int(limit.read_text())
@@ -40,7 +40,7 @@ def receive_buffer(limit: Path = _RMEM_MAX) -> Iterator[Finding]:
         )
 
 
-def state_folder() -> Iterator[Finding]:
+def check_state_folder() -> Iterator[CheckResult]:
     """Whether a zero could be stored by this user."""
     folder = folder_of_state()
     there = next(each for each in (folder, *folder.parents) if os.path.lexists(each))
@@ -60,7 +60,7 @@ class ClockWatch:
     def __init__(self) -> None:
         self._offset_ns = _offset_ns()
 
-    def findings(self) -> Iterator[Finding]:
+    def findings(self) -> Iterator[CheckResult]:
         """Whether the wall clock is right, and goes evenly."""
         step_ns = _offset_ns() - self._offset_ns
         if time.time() < _NO_SOONER_THAN_S:

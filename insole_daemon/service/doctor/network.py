@@ -12,14 +12,14 @@ from ...errors import WireError
 from ...wire.client import Client
 from ...wire.exposure import ENCRYPTED, REMEDY, exposures, split
 from ...wire.session import load_config, tls_files
-from .finding import Finding, ok, problem, warning
+from .finding import CheckResult, ok, problem, warning
 
 _STREAMS = ("tcp", "tls", "ws")
 _KNOCK_S = 2.0
 _ANY_HOST = {"0.0.0.0": "127.0.0.1", "::": "::1"}  # listened on → where this host reaches it
 
 
-def daemon(settings: Config) -> tuple[str | None, list[Finding]]:
+def check_daemon(settings: Config) -> tuple[str | None, list[CheckResult]]:
     """The endpoint on which the daemon of this configuration answers, None if it does not run; and what was found."""
     zenoh, reached, found = settings.zenoh, None, []
     unanswered = []
@@ -43,7 +43,7 @@ def daemon(settings: Config) -> tuple[str | None, list[Finding]]:
     return reached, found
 
 
-def connects(settings: Config) -> Iterator[Finding]:
+def check_connects(settings: Config) -> Iterator[CheckResult]:
     """Whether those answer whom the daemon is to connect to."""
     if settings.zenoh.mode == "peer" and settings.zenoh.connect and settings.zenoh.listen:
         # seen with Zenoh 1.10.2: one liveliness query in sixty stays without answer, which a router's never does
@@ -67,7 +67,7 @@ def connects(settings: Config) -> Iterator[Finding]:
             )
 
 
-def exposure(settings: Config) -> Iterator[Finding]:
+def check_exposure(settings: Config) -> Iterator[CheckResult]:
     """Who else can reach the daemon, and whether its certificates can be used."""
     file = settings.zenoh.config_file
     try:
@@ -104,7 +104,7 @@ def _feet(endpoint: str, zenoh: Zenoh) -> list[tuple[str, str]] | None:
         return None
 
 
-def _port(endpoint: str, reached: str | None) -> Finding:
+def _port(endpoint: str, reached: str | None) -> CheckResult:
     """Whether a daemon could listen on `endpoint`, which answers nobody."""
     protocol, host, port = split(endpoint)
     if not port.isdigit():

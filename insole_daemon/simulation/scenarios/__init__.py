@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 
 from ...errors import SimulationError
 from ...skin.layout import Foot, Layout
-from ..conditions import Conditions, Cycles
+from ..conditions import ChamberCycles, Conditions
 from ..foot import Places, Stand, Walk
 from ..load import Load
 from .chamber import Chamber, programme
 from .standing import Balance, Moves, Still
-from .walking import Steps
+from .walking import WalkingTask
 
 MASS_KG = 63.0  # of the person of Sorrentino et al. 2020 whose trials calibrated
 CADENCE_PER_MIN = 110.0
@@ -58,7 +58,7 @@ def _chamber(about: str, top_pa: float, highest_pa: float, speeds_pa_s: Sequence
     """To `top_pa`, unless another pressure is chosen: up to `highest_pa`."""
 
     def turns(conditions: Conditions) -> NDArray[np.float64]:
-        chosen = conditions.chamber or Cycles()
+        chosen = conditions.chamber or ChamberCycles()
         chosen_pa = chosen.max_pressure_pa or top_pa
         if chosen_pa > highest_pa:
             raise SimulationError(
@@ -94,7 +94,7 @@ def _walking(about: str, cadence_per_min: float, seconds: float) -> Scenario:
         kind="shoe",
         uses=("length_s", "mass_kg", "cadence_per_min"),
         length_s=lambda conditions: conditions.length_s or seconds,
-        load=lambda layouts, places, conditions, seed: Steps(
+        load=lambda layouts, places, conditions, seed: WalkingTask(
             layouts,
             conditions.mass_kg or MASS_KG,
             conditions.cadence_per_min or cadence_per_min,

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from ...physics.portable import between
 from ...skin.geometry import PRESSURE_TAXELS
 from ...skin.layout import Foot, Layout
-from ..conditions import Cycles
+from ..conditions import ChamberCycles
 
 REST_S = 5.0  # before and after all
 
 
-def programme(top_pa: float, speeds_pa_s: Sequence[float], of: Cycles) -> NDArray[np.float64]:
+def programme(top_pa: float, speeds_pa_s: Sequence[float], of: ChamberCycles) -> NDArray[np.float64]:
     """(n, 2) turning points (s, Pa): cycles to `top_pa` at each speed, then a hold and minor loops at the last."""
     pressures = [point for _ in speeds_pa_s for _ in range(of.cycles) for point in (top_pa, 0.0)]
     speeds = [speed for speed in speeds_pa_s for _ in range(2 * of.cycles)]

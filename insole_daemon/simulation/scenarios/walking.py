@@ -12,7 +12,7 @@ from ..foot import Places, Walk
 from .standing import on_the_ground
 
 
-class Steps(Walk):
+class WalkingTask(Walk):
     """Walk, with the feet in the air at first and at last."""
 
     def __init__(

@@ -23,6 +23,7 @@ WINDOW_PERIODS, WINDOW_NS = 8, 400_000_000  # in which halves are counted
 CLASH_RATE, SINGLE_RATE = 1.4, 1.2  # times the nominal rate; one period of jitter in eight makes 1.13
 SINGLE_NS = 1_000_000_000  # so long a clash must be over
 CROWDED_NS = 400_000_000  # after more came at once than one board sends: until a clash is found or ruled out
+HANDED_ON_NS = 100_000_000  # in which a host that was held up hands on what came meanwhile
 PAUSE_PERIODS = 2.5  # without anything: an MTB3 that takes its baseline pauses for three
 LATE_PERIODS = 0.5  # that a half may come late, and the next one in time
 
@@ -48,6 +49,8 @@ class BoardStreams:
         self._returned_ns = [0] * n
         self._crowded_ns = [-(1 << 62)] * n
         self._clash_ns = [0] * n
+        self._pause_ns = [0] * n  # without anything, until
+        self._pause_end_ns = [-(1 << 62)] * n
         self._history: deque[tuple[int, NDArray[np.int64]]] = deque()
 
     def update(self, t_mono_ns: int, arrivals: NDArray[np.int64]) -> bool:
@@ -74,6 +77,9 @@ class BoardStreams:
         self._last_ns[board] = t_mono_ns
         if gap_ns > PAUSE_PERIODS * period_ns:
             self.paused[board] = True
+            recent = t_mono_ns - self._pause_end_ns[board] < self._window_ns
+            self._pause_ns[board] = gap_ns + (self._pause_ns[board] if recent else 0)
+            self._pause_end_ns[board] = t_mono_ns
         if self.seen[board] and halves > 2 * (gap_ns / period_ns + LATE_PERIODS):
             self._crowded_ns[board] = t_mono_ns
             self._any_crowded = True
@@ -95,11 +101,18 @@ class BoardStreams:
         self.silent[board], self.reset[board] = True, False
         return True
 
+    def _held_up_ns(self, t_mono_ns: int) -> NDArray[np.int64]:
+        """(n_boards,) pauses that ended lately: what came in one, a host that was held up hands on at its end."""
+        return np.array([
+            pause_ns if t_mono_ns - end_ns < self._window_ns + HANDED_ON_NS else 0
+            for pause_ns, end_ns in zip(self._pause_ns, self._pause_end_ns, strict=True)
+        ])  # fmt: skip
+
     def _count(self, t_mono_ns: int) -> bool:
         """Rates over the window; normal is two halves of a triangle a period."""
         since_ns, before = self._history[0]
         # A short first window counts as a whole one, or a burst would tell.
-        elapsed_ns = max(t_mono_ns - since_ns, self._window_ns)
+        elapsed_ns = max(t_mono_ns - since_ns, self._window_ns) + self._held_up_ns(t_mono_ns)
         rate = self._places.most_of_board(self._arrivals - before) * self._places.period_ns / (2 * elapsed_ns)
         for board in np.flatnonzero(rate >= SINGLE_RATE).tolist():
             self._clash_ns[board] = t_mono_ns

@@ -27,6 +27,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from ...compiled import kernel
 from .places import Places
 from .rest import Rest
 
@@ -39,6 +40,10 @@ SHARP = 5.0  # times the highest of them above it, under load: beyond what a cov
 EVIDENCE_COUNT = 8.0  # nine times the noise
 ONE_LOOK_COUNT = 3.0  # the most that one look says: a single wrong frame makes no fault
 SATURATED_NS, UNSATURATED_NS = 35_000_000, 3_000_000_000  # longer than a stride: at a low shift each step saturates
+
+_LIMITS = np.array(
+    [LOADED_COUNT, SHARE, IDLE_COUNT, CONTRAST_COUNT, SHARP, ONE_LOOK_COUNT, EVIDENCE_COUNT], np.float32
+)  # as the kernel takes them
 
 
 class TaxelState(IntEnum):
@@ -89,6 +94,15 @@ class TaxelFaults:
 
     def _compare(self, live: NDArray[np.bool_]) -> None:
         """Each taxel with those of its neighbours that are well; two of the four will do."""
+        if kernel is not None and not self._any_faulty:
+            most_dead, most_stuck = kernel.compare(
+                self._rest.activation, self._neighbours, live, self.state, self._for_dead, self._for_stuck, _LIMITS
+            )
+            if most_dead >= EVIDENCE_COUNT:
+                self._become((self._for_dead >= EVIDENCE_COUNT) & (self.state < _DEAD), _DEAD)
+            if most_stuck >= EVIDENCE_COUNT:
+                self._become((self._for_stuck >= EVIDENCE_COUNT) & (self.state < _STUCK), _STUCK)
+            return
         activation = self._rest.activation
         around = activation[self._neighbours]
         well = live & (self.state == _OK)

@@ -25,6 +25,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ...compiled import kernel
 from ..geometry import THERMAL_PADS
 from .places import Places
 from .rest import TOP_MARGIN
@@ -57,7 +58,18 @@ class LooseTriangles:
 
     def must_update(self, counts: NDArray[np.uint8]) -> bool:
         """Whether counts (n_triangles, 12) may change anything: a pad on a rail, or a loose triangle that may heal."""
+        if kernel is not None:
+            return self._any or bool(kernel.pads_on_rail(counts))
         return self._any or bool((counts[:, _PADS] + np.uint8(1) < 2).any())
+
+    def may_come_loose(self, counts: NDArray[np.uint8]) -> bool:
+        """Whether a triangle that is not loose may be so by counts (n_triangles, 12): `update` says whether it is."""
+        if kernel is not None:
+            return bool(kernel.may_be_loose(counts, self._top_is_rail, self.loose))
+        pads = counts[:, _PADS]
+        odd = ((pads == 0) | ((pads == 255) & self._top_is_rail)).any(axis=1)
+        odd |= (counts[:, 9] == 0) & ~self._top_is_rail[:, 0]
+        return bool((odd & ~self.loose).any())
 
     def update(self, counts: NDArray[np.uint8], fresh: NDArray[np.bool_], t_mono_ns: int) -> bool:
         """Take in counts (n_triangles, 12); whether `loose` changed.

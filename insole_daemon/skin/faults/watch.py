@@ -18,7 +18,7 @@ from .rest import Rest
 from .rezero import Rezeroed
 from .taxels import TaxelFaults, TaxelState
 from .triangles import LooseTriangles
-from .words import describe
+from .words import describe_fault
 
 Kind = Literal[
     "board_silent", "board_reset", "board_address_clash", "board_rezeroed",
@@ -111,6 +111,10 @@ class FaultWatch:
         self._rezeroed.forget()
         self._believe()
         self._untold = True
+
+    def may_come_loose(self, counts: NDArray[np.uint8]) -> bool:
+        """Whether a triangle may be loose by counts (n_triangles, 12) that was not so far: `screen` says whether."""
+        return self._loose.may_come_loose(counts)
 
     def screen(self, cycles: Cycles, at: int) -> None:
         """Mask the triangles that are loose in cycle `at`: before anybody reads it."""
@@ -219,4 +223,4 @@ class FaultWatch:
         else:
             since_ns = self._active.pop(key, None)
             lasted_s = None if since_ns is None else (t_ns - since_ns) * 1e-9
-        return Change(*key, began, t_ns, describe(self._places.layout, *key, began, lasted_s))
+        return Change(*key, began, t_ns, describe_fault(self._places.layout, *key, began, lasted_s))

@@ -40,7 +40,7 @@ _HEALED = {
 }
 
 
-def describe(
+def describe_fault(
     layout: Layout,
     kind: str,
     board: int,

@@ -8,7 +8,7 @@ import { FEET, QUANTITIES, decode } from "./packets.js";
 import { Panels, number } from "./panels.js";
 import { Plot, SECONDS } from "./plots.js";
 import { Room } from "./room.js";
-import { drawScale, highest } from "./scale.js";
+import { drawScale, highest, peakOf } from "./scale.js";
 import { Weight } from "./weight.js";
 
 const $ = (id) => document.getElementById(id);
@@ -18,6 +18,8 @@ const COUNTED_MS = 1000, SAID_MS = 100;
 const history = new History(), weight = new Weight($("mass"), $("weight")), panels = new Panels($);
 const metas = {}, marks = [];
 let colours = theme(), changed = true, lastCycle = 0, connected = false, automatic = 0;
+let picked = false, beyond = 0; // the scale, by the person; pictures with a peak beyond it
+const MOST_BEYOND = 25;
 
 function draw() {
   changed = true;
@@ -27,8 +29,8 @@ const maps = { left: new FootMap($("map-left"), draw), right: new FootMap($("map
 const plots = {
   force: new Plot($("plot-force"), "f_z of each foot, N", [0, 100], draw),
   sum: new Plot($("plot-sum"), "f_z of both, body weights", [0, 1.2], draw),
-  mx: new Plot($("plot-mx"), "m_x, N·m", [-5, 5], draw),
-  my: new Plot($("plot-my"), "m_y, N·m", [-50, 0], draw),
+  mx: new Plot($("plot-mx"), "m_x, N·m (above 0: the load is left of the midline)", [-5, 5], draw),
+  my: new Plot($("plot-my"), "m_y, N·m (the lower, the farther forward)", [-50, 0], draw),
 };
 const scaleRoom = new Room($("scale"), draw);
 
@@ -81,16 +83,25 @@ function chooseQuantity() {
   const options = [["auto", "automatic"], ...quantity.fixed.map((each) => [each, `to ${each}`])];
   $("range").replaceChildren(...options.map(([value, text]) => new Option(text, value)));
   $("range").value = quantity.start;
+  picked = false;
+  beyond = 0;
   $("scale-unit").textContent = quantity.unit;
   automatic = 0;
   changed = true;
 }
 
 function scale() {
-  const chosen = $("range").value;
-  if (chosen !== "auto") return new Scale(Number(chosen), quantity.signed);
+  const most = Math.max(...FEET.map((foot) => highest(maps[foot].used ?? [])));
+  if (!picked && most > Number($("range").value)) {
+    const peak = Math.max(...FEET.map((foot) => peakOf(maps[foot].used ?? [])));
+    if (peak > Number($("range").value) && ++beyond > MOST_BEYOND) {
+      $("range").value = quantity.fixed.find((each) => each >= peak) ?? quantity.fixed.at(-1);
+      beyond = 0;
+    }
+  }
+  if ($("range").value !== "auto") return new Scale(Number($("range").value), quantity.signed);
   // It rises at once and falls slowly, so that colours can be compared from step to step.
-  automatic = Math.max(automatic * 0.995, quantity.least, ...FEET.map((foot) => highest(maps[foot].used ?? [])));
+  automatic = Math.max(automatic * 0.995, quantity.least, most);
   return new Scale(automatic, quantity.signed);
 }
 
@@ -131,7 +142,7 @@ const KEYS = {
   z: () => $("zero").click(),
   r: () => $("record").click(),
   t: () => $("taxels").click(),
-  a: () => { $("range").value = $("range").value === "auto" ? quantity.start : "auto"; changed = true; },
+  a: () => { picked = true; $("range").value = $("range").value === "auto" ? quantity.start : "auto"; changed = true; },
   1: () => document.querySelectorAll("[name=quantity]")[0].click(),
   2: () => document.querySelectorAll("[name=quantity]")[1].click(),
   3: () => document.querySelectorAll("[name=quantity]")[2].click(),
@@ -140,7 +151,8 @@ const KEYS = {
 };
 
 addEventListener("keydown", (event) => {
-  const own = event.target.closest("input:not([type=radio]):not([type=checkbox]), select, dialog[open]");
+  if (document.querySelector("dialog[open]")) return;
+  const own = event.target.closest("input:not([type=radio]):not([type=checkbox]), select");
   const pressed = event.key === " " && event.target.closest("button, label, input");
   if (own || pressed || event.ctrlKey || event.metaKey || event.altKey || !KEYS[event.key]) return;
   if (event.key.startsWith("Arrow") && event.target.type === "radio") return;
@@ -149,6 +161,7 @@ addEventListener("keydown", (event) => {
 });
 for (const each of document.querySelectorAll("[name=quantity]")) each.addEventListener("change", chooseQuantity);
 for (const id of ["taxels", "range"]) $(id).addEventListener("change", draw);
+$("range").addEventListener("change", () => { picked = true; });
 $("pause").addEventListener("click", () => pause());
 $("scrub").addEventListener("input", () => look(Number($("scrub").value)));
 $("zero").addEventListener("click", () => $("zeroing").showModal());

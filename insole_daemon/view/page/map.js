@@ -161,7 +161,7 @@ export class FootMap {
       ink.strokeStyle = colours.soft;
       ink.stroke(this.path(this.hulls[row]));
       const middle = [0, 1].map((axis) => this.hulls[row].reduce((sum, place) => sum + place[axis], 0) / this.hulls[row].length);
-      ink.lineWidth = 0.9 * perMm;
+      ink.lineWidth = Math.max(3, 0.9 * perMm);
       ink.strokeStyle = colours.card;
       ink.fillStyle = colours.ink;
       ink.strokeText(`${board}.${triangle}`, ...this.at(middle));

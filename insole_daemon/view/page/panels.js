@@ -97,19 +97,23 @@ export class Panels {
   }
 
   state(connected, idle) {
-    const states = Object.values(this.health).map(({ state }) => state);
+    const all = Object.values(this.health), states = all.map(({ state }) => state);
     const worst = ["no data", "degraded", "ok"].find((state) => states.includes(state)) ?? "waiting";
+    const poorest = all.map(({ quality }) => quality).sort((a, b) => a.share - b.share)[0];
+    // Whoever lost cycles within the last 10 s is not green, whatever the boards do.
+    const lost = poorest && (poorest.skipped || poorest.verdict !== "good");
     const [state, text] = !connected ? ["lost", "the server is gone; trying again"]
       : idle ? ["lost", "no cycles come"]
-      : [worst, worst === "ok" ? "all parts stream" : worst === "waiting" ? "waiting for a daemon" : worst];
+      : [worst === "ok" && lost ? "degraded" : worst, worst === "ok" ? "all boards stream" : worst === "waiting" ? "waiting for a daemon" : worst];
     this.$("state").dataset.state = state;
-    this.$("state").textContent = text;
+    this.$("state").textContent = connected && !idle && lost ? `${text}; ${poorest.verdict}, ${percent(poorest.share)} of the cycles` : text;
   }
 
   boards() {
     this.$("boards").replaceChildren(...FEET.filter((foot) => this.health[foot]).map((foot) => {
       const health = this.health[foot], group = element("div", "", { className: "foot" });
       group.append(element("h3", `${foot} ${health.publish_rate_hz.toFixed(1)} Hz`));
+      group.append(quality(health.quality));
       const list = document.createElement("ul");
       list.className = "chips";
       list.append(...health.boards.map((board) => {
@@ -117,7 +121,6 @@ export class Panels {
         const wrong = board.state !== "streaming" || faults.length;
         const chip = element("li", "", { className: wrong ? "wrong" : "well" });
         chip.append(element("b", `board ${board.address}`), ` ${board.state === "streaming" ? `${board.rate_hz.toFixed(0)} Hz, ${age(board.age_ms)}` : board.state}`);
-        if (board.missed) chip.append(`, ${board.missed} halves missed`);
         if (faults.length) chip.append(element("em", ` ${tally(faults)}`));
         return chip;
       }));
@@ -163,7 +166,21 @@ function element(name, text, properties = {}) {
 }
 
 export function number(value, factor, digits) {
-  return value === null ? "–" : (value * factor).toFixed(digits).replace("-", "−");
+  if (value === null) return "–";
+  const rounded = Number((value * factor).toFixed(digits)) || 0; // −0 is 0
+  return rounded.toFixed(digits).replace("-", "−");
+}
+
+// The verdict on the last 10 s, with its share and its reasons.
+function quality({ verdict, share, skipped, repeated, late }) {
+  const reasons = [[skipped, "skipped"], [repeated, "repeated"], [late, "late"]].filter(([n]) => n).map(([n, what]) => `${n} ${what}`);
+  const line = element("p", `${verdict}: ${percent(share)} of the cycles of the last 10 s${reasons.length ? `, ${reasons.join(", ")}` : ""}`, { className: "quality" });
+  line.dataset.verdict = verdict;
+  return line;
+}
+
+function percent(share) {
+  return `${(Math.floor(share * 1000) / 10).toFixed(1)} %`;
 }
 
 function age(ms) {

@@ -4,7 +4,7 @@ import { Room } from "./room.js";
 
 export const SECONDS = 10;
 
-const LEFT = 46, RIGHT = 10, TOP = 18, BOTTOM = 6;
+const LEFT = 46, RIGHT = 10, TOP = 18, BOTTOM = 18, TICK_S = 2;
 
 export class Plot {
   // title with unit; range: the least span of the axis [low, high].
@@ -25,6 +25,7 @@ export class Plot {
     const x = (t) => right + (t - now) / (1000 * SECONDS) * (right - LEFT);
     const y = (value) => bottom - (value - low) / (high - low) * (bottom - TOP);
     this.grid(low, high, step, y, right, colours);
+    this.seconds(x, now, bottom, colours);
     ink.save();
     ink.beginPath();
     ink.rect(LEFT, TOP - 4, right - LEFT, bottom - TOP + 8);
@@ -69,13 +70,28 @@ export class Plot {
       ink.lineTo(right, Math.round(y(value)) + 0.5);
       ink.stroke();
       ink.fillStyle = colours.soft;
-      ink.fillText(String(Number(value.toPrecision(3))).replace("-", "−"), LEFT - 6, y(value));
+      const rounded = Math.abs(value) < step / 2 ? 0 : Number(value.toPrecision(3));
+      ink.fillText(String(rounded).replace("-", "−"), LEFT - 6, y(value));
     }
     ink.textAlign = "left";
     ink.textBaseline = "alphabetic";
     ink.fillStyle = colours.ink;
     ink.font = "600 12px system-ui, sans-serif";
-    ink.fillText(this.title, LEFT, 11);
+    const fits = LEFT + ink.measureText(this.title).width <= this.room.width;
+    ink.fillText(fits ? this.title : this.title.split(" (")[0], LEFT, 11);
+  }
+
+  // The time axis: seconds before what is shown.
+  seconds(x, now, bottom, colours) {
+    const { ink } = this;
+    ink.font = "11px system-ui, sans-serif";
+    ink.textBaseline = "alphabetic";
+    ink.fillStyle = colours.soft;
+    for (let ago = 0; ago <= SECONDS; ago += TICK_S) {
+      ink.textAlign = ago === 0 ? "right" : ago === SECONDS ? "left" : "center";
+      ink.fillText(ago ? `−${ago}` : "0 s", x(now - 1000 * ago), bottom + 14);
+    }
+    ink.textAlign = "left";
   }
 
   line({ cycles, value, colour, dash }, x, y) {

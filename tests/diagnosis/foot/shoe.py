@@ -78,7 +78,9 @@ def write(
     read = (straight if sensors is None else sensors.read(felt)) + rng.normal(0.0, 0.8, felt.shape)
     counts = np.clip(np.rint(read), 0, 255).astype(np.uint8).reshape(len(cycle_s), -1, 12)
     folder.mkdir(parents=True)
-    table = CountsTable(np.rint((BEGAN_S + cycle_s) * 1e9).astype(np.int64), counts, *[None] * 7)
+    # Ages say that readings were taken when their rows were written: without them a reading may be a row old.
+    age_ms = np.full(counts.shape[:2], 1e-3, np.float32)
+    table = CountsTable(np.rint((BEGAN_S + cycle_s) * 1e9).astype(np.int64), counts, age_ms=age_ms)
     counts_file.write(folder / "counts.npz", {"left": table})
     own = np.isin(np.arange(p.shape[1]), SLOTS)
     xy = LAYOUT.xy_m.reshape(-1, 2)

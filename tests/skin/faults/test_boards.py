@@ -14,6 +14,7 @@ from insole_daemon.config import Board
 from insole_daemon.skin.faults.boards import (
     CLASH_RATE,
     CROWDED_NS,
+    HANDED_ON_NS,
     LATE_PERIODS,
     PAUSE_PERIODS,
     SILENT_NS,
@@ -355,6 +356,29 @@ def test_what_was_held_up_and_came_at_once_is_no_clash(board: int) -> None:
     assert not foot.close(held_up * PERIOD_NS, {a: 2 * held_up + 2 * (a == board) for a in ADDRESSES.tolist()})
     assert foot.crowded == [board]
     assert foot.wrong == {}
+
+
+@every_board
+@pytest.mark.parametrize("pause_cycles", [5, 25, 100])
+def test_what_a_pause_held_up_and_came_in_some_cycles_is_no_clash(board: int, pause_cycles: int) -> None:
+    """A host that was held up: one board's readings come after the others'."""
+    foot = streaming()
+    foot.stream(pause_cycles, but(board))
+    foot.stream(2, but(board, 2 + pause_cycles))
+    for _ in range(2 * WINDOW_CYCLES):
+        foot.close(PERIOD_NS, ALL)
+        assert "clash" not in foot.wrong
+
+
+@every_board
+def test_a_clash_after_a_pause_is_found_a_window_later(board: int) -> None:
+    foot = streaming()
+    foot.stream(25, but(board))
+    found = (WINDOW_NS + HANDED_ON_NS) // PERIOD_NS
+    foot.stream(found, but(board, 4))
+    assert "clash" not in foot.wrong
+    foot.close(PERIOD_NS, but(board, 4))
+    assert foot.wrong["clash"] == [board]
 
 
 @pytest.mark.parametrize(("board", "period_ms"), [(9, 80), (5, 20), (7, 40)])

@@ -8,7 +8,9 @@ from math import ceil
 import numpy as np
 import pytest
 
+from insole_daemon.compiled import kernel
 from insole_daemon.config import Board
+from insole_daemon.skin.faults import taxels
 from insole_daemon.skin.faults.places import Places
 from insole_daemon.skin.faults.rest import ENOUGH_LEARNED, TOP_MARGIN, Rest
 from insole_daemon.skin.faults.taxels import (
@@ -25,6 +27,10 @@ from insole_daemon.skin.faults.taxels import (
     TaxelState,
 )
 from insole_daemon.skin.layout import Triangle, of
+
+from ...implementations import numpy_and_compiled
+
+implementation = numpy_and_compiled(taxels)
 
 DEAD, STUCK, SATURATED = TaxelState.DEAD, TaxelState.STUCK, TaxelState.SATURATED
 
@@ -554,3 +560,24 @@ def test_one_that_healed_is_found_again_no_sooner_than_the_first_time(fault: Cou
     assert foot.look({}, after_ns=UNSATURATED_NS)
     assert foot.states == {}
     assert foot.looks(10, weakly) == changes_at(looks_for(2.4), 10)
+
+
+# ---- the kernel
+
+
+@pytest.mark.skipif(kernel is None, reason="this installation has no compiled kernel: tests/test_compiled.py")
+@pytest.mark.parametrize("seed", range(20))
+def test_the_kernel_finds_the_same_evidence_to_the_bit(seed, monkeypatch):
+    rng = np.random.default_rng(seed)
+    by_numpy, by_kernel = Foot(), Foot()
+    for _ in range(60):
+        activation = {taxel: float(rng.normal(0, 1) + LOAD * (rng.random() < 0.6)) for taxel in PLACES}
+        missing = [taxel for taxel in PLACES if rng.random() < 0.02] if rng.random() < 0.5 else []
+        said = []
+        for foot, implementation in ((by_numpy, None), (by_kernel, kernel)):
+            with monkeypatch.context() as patch:
+                patch.setattr(taxels, "kernel", implementation)
+                said.append((foot.look(activation, missing), foot.states))
+        assert said[0] == said[1]
+        assert by_kernel.found._for_dead.tobytes() == by_numpy.found._for_dead.tobytes()
+        assert by_kernel.found._for_stuck.tobytes() == by_numpy.found._for_stuck.tobytes()

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from insole_daemon.config import Board
+from insole_daemon.skin.faults import triangles
 from insole_daemon.skin.faults.places import Places
 from insole_daemon.skin.faults.rest import TOP_MARGIN
 from insole_daemon.skin.faults.triangles import (
@@ -21,6 +22,10 @@ from insole_daemon.skin.faults.triangles import (
 )
 from insole_daemon.skin.geometry import THERMAL_PADS
 from insole_daemon.skin.layout import Triangle, builtin, of
+
+from ...implementations import numpy_and_compiled
+
+implementation = numpy_and_compiled(triangles)
 
 LAYOUT = builtin("left", (5, 6, 7))
 N = len(LAYOUT)

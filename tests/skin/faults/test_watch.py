@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from insole_daemon.config import Config
-from insole_daemon.service.setup import load_layout
+from insole_daemon.service.foot_setup import load_layout
 from insole_daemon.simulation.emulator import Emulator
-from insole_daemon.simulation.faults import Fault
+from insole_daemon.simulation.faults import InjectedFault
 from insole_daemon.simulation.foot import Stand, Walk
 from insole_daemon.skin.cycles import Cycles
 from insole_daemon.skin.faults import HEALED, KINDS, Change, FaultWatch
@@ -65,7 +65,7 @@ class Watched:
 
 
 def cycles_of(
-    faults: list[Fault], seconds: float, load: StepsOn, generation: str = "mtb4", period_ms: int = 20
+    faults: list[InjectedFault], seconds: float, load: StepsOn, generation: str = "mtb4", period_ms: int = 20
 ) -> Cycles:
     config = replace(
         CONFIG,
@@ -110,7 +110,7 @@ def test_healthy_boards_give_no_event(generation: str, load: StepsOn, period_ms:
 
 @generations
 def test_loose_triangle(generation: str) -> None:
-    fault = Fault("loose", 3.0, 4.0, HEEL.board, HEEL.triangle)
+    fault = InjectedFault("loose", 3.0, 4.0, HEEL.board, HEEL.triangle)
     found = watch(cycles_of([fault], 8, WALKS, generation))
     where = (HEEL.board, HEEL.triangle, None)
     assert found.told() == [("triangle_loose", *where), ("triangle_loose_over", *where)]
@@ -126,7 +126,7 @@ def test_loose_triangle(generation: str) -> None:
 
 @generations
 def test_one_contact_in_twenty_is_masked_throughout(generation: str) -> None:
-    fault = Fault("loose", 3.0, 8.0, HEEL.board, HEEL.triangle, chance=0.1)
+    fault = InjectedFault("loose", 3.0, 8.0, HEEL.board, HEEL.triangle, chance=0.1)
     found = watch(cycles_of([fault], 9, WALKS, generation))
     assert found.told() == [("triangle_loose", HEEL.board, HEEL.triangle, None)]
 
@@ -151,7 +151,7 @@ def test_a_full_load_is_not_loose() -> None:
 @pytest.mark.parametrize("kind", ["dead", "stuck"])
 def test_dead_and_stuck_taxels(generation: str, kind: str) -> None:
     level_pa = 200e3 if kind == "stuck" else None
-    fault = Fault(kind, 3.0, 6.0, HEEL.board, HEEL.triangle, 3, level_pa=level_pa)  # type: ignore[arg-type]
+    fault = InjectedFault(kind, 3.0, 6.0, HEEL.board, HEEL.triangle, 3, level_pa=level_pa)  # type: ignore[arg-type]
     found = watch(cycles_of([fault], 9, WALKS, generation))
     where = (HEEL.board, HEEL.triangle, 3)
     assert found.told() == [(f"taxel_{kind}", *where), (f"taxel_{kind}_over", *where)]
@@ -163,13 +163,13 @@ def test_dead_and_stuck_taxels(generation: str, kind: str) -> None:
 
 
 def test_a_taxel_that_stands_out_is_stuck_also_in_standing() -> None:
-    fault = Fault("stuck", 3.0, None, HEEL.board, HEEL.triangle, 3, level_pa=1.4e6)
+    fault = InjectedFault("stuck", 3.0, None, HEEL.board, HEEL.triangle, 3, level_pa=1.4e6)
     assert watch(cycles_of([fault], 5, STANDS)).told() == [("taxel_stuck", HEEL.board, HEEL.triangle, 3)]
 
 
 @generations
 def test_saturated_taxel(generation: str) -> None:
-    fault = Fault("saturated", 3.0, 4.0, HEEL.board, HEEL.triangle, 3)
+    fault = InjectedFault("saturated", 3.0, 4.0, HEEL.board, HEEL.triangle, 3)
     found = watch(cycles_of([fault], 8, WALKS, generation))
     where = (HEEL.board, HEEL.triangle, 3)
     assert found.told() == [("taxel_saturated", *where), ("taxel_saturated_over", *where)]
@@ -180,7 +180,7 @@ def test_saturated_taxel(generation: str) -> None:
 @pytest.mark.parametrize("load", [StepsOn(Walk(LAYOUTS, seed=3), off_s=6.0), StepsOn(Stand(LAYOUTS), off_s=6.0)])
 def test_board_zeroed_under_load_until_it_is_zeroed_without(generation: str, load: StepsOn) -> None:
     heel_strike_s = 3 * Walk(LAYOUTS).stride_s + 0.06  # both loads press on the heel then
-    faults = [Fault("rezero", heel_strike_s, None, HEEL.board), Fault("rezero", 7.0, None, HEEL.board)]
+    faults = [InjectedFault("rezero", heel_strike_s, None, HEEL.board), InjectedFault("rezero", 7.0, None, HEEL.board)]
     found = watch(cycles_of(faults, 9, load, generation))
     told = [event for event in found.told() if event[0].startswith("board")]
     assert told == [("board_rezeroed", HEEL.board, None, None), ("board_rezeroed_over", HEEL.board, None, None)]
@@ -203,14 +203,14 @@ def test_a_board_whose_rest_drifts_while_somebody_walks_was_not_zeroed(board: in
 
 @generations
 def test_zeroed_without_load_is_no_fault(generation: str) -> None:
-    faults = [Fault("rezero", 3.0, None, address) for address in (5, 6, 7)]
+    faults = [InjectedFault("rezero", 3.0, None, address) for address in (5, 6, 7)]
     found = watch(cycles_of(faults, 12, StepsOn(Walk(LAYOUTS, seed=3), at_s=4.0), generation))
     assert not [event for event in found.told() if event[0].startswith("board")]
     assert found.watch.faults == []
 
 
 def test_a_new_zero_by_a_person_ends_it() -> None:
-    faults = [Fault("rezero", 3.5, None, HEEL.board)]
+    faults = [InjectedFault("rezero", 3.5, None, HEEL.board)]
     found = watch(cycles_of(faults, 7, StepsOn(Stand(LAYOUTS), off_s=5.0)))
     assert found.watch.masked.any()
     found.watch.zeroed()
@@ -219,7 +219,7 @@ def test_a_new_zero_by_a_person_ends_it() -> None:
 
 @generations
 def test_silent_board_comes_back(generation: str) -> None:
-    found = watch(cycles_of([Fault("silent", 3.0, 4.0, 6)], 7, WALKS, generation))
+    found = watch(cycles_of([InjectedFault("silent", 3.0, 4.0, 6)], 7, WALKS, generation))
     assert found.told() == [
         ("board_silent", 6, None, None), ("board_streaming", 6, None, None),
         ("board_reset", 6, None, None), ("board_reset_over", 6, None, None),
@@ -234,7 +234,7 @@ def test_silent_board_comes_back(generation: str) -> None:
 @generations
 def test_board_that_loses_power(generation: str) -> None:
     for comes_back in ("silent", "configured"):
-        fault = Fault("reset", 3.0, 3.5, 6, comes_back=comes_back)  # type: ignore[arg-type]
+        fault = InjectedFault("reset", 3.0, 3.5, 6, comes_back=comes_back)  # type: ignore[arg-type]
         kinds = [event for event, *_ in watch(cycles_of([fault], 5, WALKS, generation)).told()]
         assert kinds[0] == "board_silent"
         assert ("board_reset" in kinds) == (comes_back == "configured")
@@ -243,7 +243,7 @@ def test_board_that_loses_power(generation: str) -> None:
 @generations
 @pytest.mark.parametrize("period_ms", [20, 50])
 def test_two_boards_on_one_address(generation: str, period_ms: int) -> None:
-    fault = Fault("address_clash", 3.0, 5.0, HEEL.board, other=9)
+    fault = InjectedFault("address_clash", 3.0, 5.0, HEEL.board, other=9)
     found = watch(cycles_of([fault], 8, WALKS, generation, period_ms), period_ms)
     where = (HEEL.board, None, None)
     assert found.told() == [("board_address_clash", *where), ("board_address_clash_over", *where)]
@@ -259,12 +259,12 @@ def test_a_period_that_all_boards_do_not_keep_is_no_clash() -> None:
 
 
 def test_every_board_never_heard_is_silent() -> None:
-    cycles = cycles_of([Fault("silent", 0.0, None, 6)], 2, WALKS)
+    cycles = cycles_of([InjectedFault("silent", 0.0, None, 6)], 2, WALKS)
     assert [(f.kind, f.board) for f in watch(cycles).watch.faults] == [("board_silent", 6)]
 
 
 def test_faults_are_those_told_and_not_yet_over() -> None:
-    faults = [Fault("silent", 3.0, 4.0, 6), Fault("loose", 3.2, None, HEEL.board, HEEL.triangle)]
+    faults = [InjectedFault("silent", 3.0, 4.0, 6), InjectedFault("loose", 3.2, None, HEEL.board, HEEL.triangle)]
     watching = FaultWatch(LAYOUT, BOARDS)
     cycles = cycles_of(faults, 7, WALKS)
     there: dict[tuple[object, ...], int] = {}
@@ -281,19 +281,25 @@ def test_faults_are_those_told_and_not_yet_over() -> None:
 
 
 def test_texts_say_who_and_what_it_costs() -> None:
-    fault = Fault("loose", 3.0, 4.0, HEEL.board, HEEL.triangle)
+    fault = InjectedFault("loose", 3.0, 4.0, HEEL.board, HEEL.triangle)
     began, over = [c.text for t_s, c in watch(cycles_of([fault], 8, WALKS)).changes if t_s > 0.5]
     assert f"board {HEEL.board} triangle {HEEL.triangle} came loose" in began
     assert "10 taxels are left out, 3.6 % of the area" in began
     assert over.startswith(f"board {HEEL.board} triangle {HEEL.triangle} is connected again, after 4.")
-    silent, _, reset, _ = [c.text for t_s, c in watch(cycles_of([Fault("silent", 3.0, 4.0, 6)], 7, WALKS)).changes[3:]]
+    silent, _, reset, _ = [
+        c.text for t_s, c in watch(cycles_of([InjectedFault("silent", 3.0, 4.0, 6)], 7, WALKS)).changes[3:]
+    ]
     assert "board 6 sends nothing: its 50 taxels are left out, 17.9 % of the area" in silent
     assert "its readings are believed, nothing is left out" in reset
     assert set(HEALED) == set(KINDS)
 
 
 FAULTY = cycles_of(
-    [Fault("loose", 1.4, 1.7, 5, 9), Fault("silent", 1.2, 1.6, 6), Fault("stuck", 1.2, None, 7, 2, 3, level_pa=4e5)],
+    [
+        InjectedFault("loose", 1.4, 1.7, 5, 9),
+        InjectedFault("silent", 1.2, 1.6, 6),
+        InjectedFault("stuck", 1.2, None, 7, 2, 3, level_pa=4e5),
+    ],
     3,
     STANDS,
 )

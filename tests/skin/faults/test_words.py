@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from insole_daemon.skin.faults.words import describe
+from insole_daemon.skin.faults.words import describe_fault
 from insole_daemon.skin.layout import builtin
 
 LAYOUT = builtin("left", (5, 6, 7))  # 28 triangles of ten taxels
@@ -70,12 +70,12 @@ LAYOUT = builtin("left", (5, 6, 7))  # 28 triangles of ten taxels
     ],
 )
 def test_a_fault_that_began(kind, place, sentence):
-    assert describe(LAYOUT, kind, *place, began=True, lasted_s=None) == sentence
+    assert describe_fault(LAYOUT, kind, *place, began=True, lasted_s=None) == sentence
 
 
 def test_a_board_that_is_silent_costs_its_share_of_the_area():
     taxels = 10 * sum(triangle.board == 6 for triangle in LAYOUT.triangles)
-    found = describe(LAYOUT, "board_silent", 6, None, None, began=True, lasted_s=None)
+    found = describe_fault(LAYOUT, "board_silent", 6, None, None, began=True, lasted_s=None)
     assert found == (
         f"board 6 sends nothing: its {taxels} taxels are left out, {100 * taxels / 280:.1f} % of the area; "
         "look at its power and its CAN connector"
@@ -96,9 +96,9 @@ def test_a_board_that_is_silent_costs_its_share_of_the_area():
     ],
 )
 def test_a_fault_that_healed(kind, place, sentence):
-    assert describe(LAYOUT, kind, *place, began=False, lasted_s=3.26) == f"{sentence}, after 3.3 s"
-    assert describe(LAYOUT, kind, *place, began=False, lasted_s=0.0) == f"{sentence}, after 0.0 s"
+    assert describe_fault(LAYOUT, kind, *place, began=False, lasted_s=3.26) == f"{sentence}, after 3.3 s"
+    assert describe_fault(LAYOUT, kind, *place, began=False, lasted_s=0.0) == f"{sentence}, after 0.0 s"
 
 
 def test_a_board_that_is_first_heard():
-    assert describe(LAYOUT, "board_silent", 6, None, None, began=False, lasted_s=None) == "board 6 sends"
+    assert describe_fault(LAYOUT, "board_silent", 6, None, None, began=False, lasted_s=None) == "board 6 sends"

@@ -1,0 +1,143 @@
+"""Is every part of the diagnosis needed? The blind benchmark with one part of it taken out at a time.
+
+    python -m benchmarks.diagnosis.ablations --seed N --cases 24 --out OUT
+    python -m benchmarks.diagnosis.ablations --seed N --cases 120 --kinds triple --only whole greedy --out OUT
+
+Generator and scorer are the blind benchmark's own programs (`benchmarks/diagnosis/blind`), run as they are: the seal
+is printed first, every run is logged. Only what answers is patched, here and nowhere in the package:
+
+- greedy: a larger set has to hold the best smaller one, as forward selection and sparse regression have it;
+- no decoys: what is best is named without copies of it that are no physics;
+- no clock: the reference's clock is what the edges say, and is not fitted with the physics;
+- training data: sets are judged on the blocks that they were fitted to.
+
+`--kinds`: only cases of these kinds are answered, those that a part is there for: what greedy selection cannot do shows
+in triples, where the best single effect is none of the three. What kind a case is only this program is told.
+
+Takes about an hour, and needs --seed and --out.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+from collections.abc import Callable, Collection
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from insole_daemon.cli import app
+from insole_daemon.diagnosis import agreement, decoys, diagnosing, fit, naming
+from insole_daemon.diagnosis.fit import Evidence, Fitted
+from insole_daemon.diagnosis.naming import Tried
+
+
+def greedy() -> None:
+    def cheapest(judged: Collection[Tried]) -> Tried:
+        best = next(each for each in judged if not each.words)
+        for size in range(1, max(len(each.words) for each in judged) + 1):
+            larger = [each for each in judged if len(each.words) == size and set(best.words) <= set(each.words)]
+            challenger = min(larger, key=lambda each: each.left_heldout, default=best)
+            if naming.worth(best, challenger):
+                best = challenger
+        return best
+
+    naming.cheapest = decoys.cheapest = cheapest
+
+
+def no_decoys() -> None:
+    diagnosing.challenged = lambda named: named
+
+
+def no_clock() -> None:
+    fit.clock_room = lambda seen: (1e-9, 1e-9)
+
+
+def training_data() -> None:
+    def fitted_to(tried: Fitted, evidence: Evidence, load_pa: np.ndarray) -> tuple[float, np.ndarray]:
+        return tried.mean_square(), np.tile(tried.theta, (naming.N_FOLDS, 1))
+
+    naming.heldout = decoys.heldout = agreement.heldout = fitted_to
+
+
+_BLIND = "benchmarks.diagnosis.blind"
+ABLATIONS: dict[str, Callable[[], None]] = {
+    "whole": lambda: None,
+    "greedy": greedy,
+    "no decoys": no_decoys,
+    "no clock": no_clock,
+    "training data": training_data,
+}
+
+
+def run(*command: str) -> str:
+    done = subprocess.run([sys.executable, "-m", *command], stdout=subprocess.PIPE, text=True, check=True)
+    return done.stdout.strip()
+
+
+def score(out: Path, name: str, seal: str) -> dict[str, Any]:
+    """The blind benchmark's tables with one part taken out."""
+    answers = out / name.replace(" ", "-")
+    tool = [sys.executable, "-m", "benchmarks.diagnosis.ablations", "--as", name, "{recording}", "{simulation}"]
+    run(_BLIND, "run", "--cases", f"{out}/cases", "--answers", str(answers), "--", *tool, "--out", "{out}")
+    run(_BLIND, "score", "--sealed", f"{out}/sealed", "--answers", str(answers), "--seal", seal,
+        "--json", f"{answers}.json")  # fmt: skip
+    found: dict[str, Any] = json.loads(Path(f"{answers}.json").read_text())
+    return found
+
+
+def row(found: dict[str, Any]) -> list[str]:
+    answered = [each for each in found["cases"] if each["answered"]]
+    right = {"single": "points", "pair": "exact", "triple": "exact", "null": "false_alarm",
+             "unknown": "points", "undecidable": "points"}  # fmt: skip
+    shown = []
+    for kind, key in right.items():
+        values = [float(each[key]) for each in answered if each["kind"] == kind]
+        shown.append(f"{sum(values):g} of {len(values)}" if values else "–")
+    named = [(r["wanted"], {words[0] for words in r["named"]}) for r in answered]
+    shown.append(str(sum(len(words - set(wanted) - {"unknown"}) for wanted, words in named)))
+    cpu = [r["run"]["cpu_seconds"] for r in answered]
+    return [*shown, f"{np.median(cpu):.0f}"]
+
+
+def leave_out(out: Path, kinds: Collection[str]) -> None:
+    """Puts cases of other kinds aside."""
+    truth = json.loads((out / "sealed/truth.json").read_text())["cases"]
+    (out / "aside").mkdir()
+    for name, case in truth.items():
+        if case["kind"] not in kinds:
+            (out / "cases" / name).rename(out / "aside" / name)
+
+
+def main() -> None:
+    ask = argparse.ArgumentParser(prog="python -m benchmarks.diagnosis.ablations", description=__doc__)
+    ask.add_argument("--seed", type=int, required=True, help="from outside, a fresh one")
+    ask.add_argument("--cases", type=int, default=24)
+    ask.add_argument("--kinds", nargs="+", metavar="KIND", help="of cases that are answered; all unless said")
+    ask.add_argument("--only", nargs="+", choices=ABLATIONS, default=list(ABLATIONS), metavar="PART")
+    ask.add_argument("--out", type=Path, required=True)
+    said = ask.parse_args()
+    said.out.mkdir(parents=True)
+    seal = run(
+        _BLIND, "make", "--seed", str(said.seed), "--suite", "chamber", "--cases", str(said.cases),
+        "--out", f"{said.out}/cases", "--sealed", f"{said.out}/sealed",
+    )  # fmt: skip
+    print(f"seal {seal}, seed {said.seed}, {said.cases} cases\n", flush=True)
+    if said.kinds:
+        leave_out(said.out, said.kinds)
+    head = ["what answers", "single", "pair exact", "triple exact", "nulls alarmed", "outside: unknown",
+            "undecidable: said so", "names of what is not there", "CPU, median s"]  # fmt: skip
+    print("| " + " | ".join(head) + " |\n|" + "---|" * len(head), flush=True)
+    for name in said.only:
+        print("| " + " | ".join([name, *row(score(said.out, name, seal))]) + " |", flush=True)
+
+
+if __name__ == "__main__":
+    if sys.argv[1:2] == ["--as"]:
+        ABLATIONS[sys.argv[2]]()
+        app(["diagnose", *sys.argv[3:]])
+    else:
+        main()

@@ -1,0 +1,97 @@
+"""How often findings on walks are right, by their margin: fits the logistic regression behind `confidence`.
+
+Takes some 10 s a case.
+
+    python -m benchmarks.diagnosis.blind make --suite walk --seed N --cases 60 --out cases --sealed sealed
+    python -m benchmarks.diagnosis.confidence cases sealed
+
+The seed may serve nothing else. Prints the coefficients for `insole_daemon/diagnosis/select/confidence.py`, and how
+often findings were right, by what they are given.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from insole_daemon.diagnosis.finding import Finding
+from insole_daemon.diagnosis.observations.wrench import observe_wrench
+from insole_daemon.diagnosis.pipeline import diagnose_one, static_model
+from insole_daemon.diagnosis.select.confidence import features
+from insole_daemon.errors import InsoleError
+from insole_daemon.recording.loading import load
+
+PRIOR_STD = 3.0  # of a coefficient
+GROUPS = (0.0, 0.5, 0.8, 0.95, 1.0)
+
+
+def main() -> None:
+    """Diagnose the walks of a set, judge the findings, and fit."""
+    ask = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    ask.add_argument("cases", type=Path)
+    ask.add_argument("sealed", type=Path)
+    asked = ask.parse_args()
+    truth = json.loads((asked.sealed / "truth.json").read_text())["cases"]
+    rows: list[tuple[float, float, float]] = []
+    right: list[bool] = []
+    for name, case in sorted(truth.items()):
+        if case["recording"] != "walk" or case["against"] != "reference":
+            continue
+        accepted = {word for each in case["effects"] for word in each["accept"]}
+        for finding in _findings(asked.cases / name / "recording"):
+            if finding.margin is not None and (finding.effect not in case["tolerated"] or finding.effect in accepted):
+                rows.append(features(finding.margin, bool(finding.alternatives)))
+                right.append(finding.effect in accepted or bool(accepted & set(finding.alternatives)))
+        sys.stderr.write(f"\r{len(rows)} findings")
+    x, y = np.array(rows), np.array(right, float)
+    found = fit(x, y)
+    probability = 1.0 / (1.0 + np.exp(-x @ found))
+    print(f"COEFFICIENTS = ({', '.join(f'{c:.2f}' for c in found)})  # {len(y)} findings, {int(y.sum())} right")
+    base_rate = np.full_like(y, y.mean())
+    print(f"log score {_log_score(probability, y):.3f}, of the base rate {_log_score(base_rate, y):.3f}")
+    for low, high in pairwise(GROUPS):
+        group = (probability >= low) & (probability < high)
+        if group.any():
+            said, was = probability[group].mean(), y[group].mean()
+            print(f"{low:.2f} to {high:.2f}: said {said:.2f}, right {was:.2f} of {group.sum()}")
+
+
+def fit(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(k,) coefficients of the logistic regression of y (n,), 0 or 1, on x (n, k), with a normal prior."""
+
+    def loss(c: NDArray[np.float64]) -> float:
+        z = x @ c
+        return float(np.sum(np.logaddexp(0.0, z) - y * z) + 0.5 * np.sum((c / PRIOR_STD) ** 2))
+
+    return np.asarray(minimize(loss, np.zeros(x.shape[1])).x)
+
+
+def _findings(folder: Path) -> tuple[Finding, ...]:
+    recording = load(folder)
+    foot = recording.feet[0]
+    try:
+        return diagnose_one(
+            observe_wrench(recording, foot, static_model(recording, foot, None)), foot, _silent
+        ).findings
+    except InsoleError:
+        return ()
+
+
+def _silent(text: str) -> None:
+    pass
+
+
+def _log_score(probability: NDArray[np.float64], y: NDArray[np.float64]) -> float:
+    p = np.clip(probability, 1e-3, 1 - 1e-3)
+    return float(-np.mean(y * np.log(p) + (1 - y) * np.log(1 - p)))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,344 @@
+"""Chamber recordings with physics concealed in them: what the thresholds of `insole diagnose` were developed on.
+
+    python -m benchmarks.diagnosis.training OUT --seed 1 --cases 40
+
+Not the blind benchmark (`benchmarks/diagnosis/blind`, which the thresholds have never seen): the same person
+wrote this and the tool. Its families differ from the tool's where the field knows others: Bouc–Wen where the tool has
+plays, a Preisach density, a fractional power law where it has a spectrum of exponentials. Each case is a folder;
+`truth.json` beside them says what is in it.
+
+Takes about a minute, and needs OUT.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from insole_daemon.recording import counts as counts_file
+from insole_daemon.recording.counts import CountsTable
+from insole_daemon.recording.document import dump
+from insole_daemon.recording.reference import text
+from insole_daemon.skin import layout as layouts
+from insole_daemon.skin.geometry import PRESSURE_TAXELS
+
+Array = NDArray[np.float64]
+DT = 0.005
+LAYOUT = layouts.builtin("left", (5, 6, 7))
+BASE_S = 1_750_000_000.0
+
+
+def load(rng: np.random.Generator, seconds: float, top: float, speeds: int, holds: bool) -> Array:
+    """(N,) Pa on DT: cycles between rest and changing tops, minor loops, holds."""
+    p, level = [0.0] * int(3 / DT), 0.0
+    rates = top / np.array([3.0, 12.0])[:speeds] * rng.uniform(0.8, 1.2)
+    while len(p) * DT < seconds:
+        rate = rng.choice(rates)
+        minor = rng.random() < 0.35
+        goal = level * rng.uniform(0.4, 0.9) if minor and level > 0.3 * top else rng.uniform(0.5, 1.0) * top
+        if level > 0.45 * top and not minor:
+            goal = 0.0 if rng.random() < 0.7 else rng.uniform(0.0, 0.3) * top
+        n = max(int(abs(goal - level) / rate / DT), 1)
+        p += list(np.linspace(level, goal, n))
+        level = goal
+        if holds and rng.random() < 0.4:
+            p += [level] * int(rng.uniform(4, 25) / DT)
+    p = np.array(p[: int(seconds / DT)])
+    kernel = np.ones(9) / 9
+    return np.convolve(np.pad(p, 4, mode="edge"), kernel, mode="valid")
+
+
+def bouc_wen(p: Array, a: float, width: float) -> Array:
+    h, out = 0.0, np.empty_like(p)
+    for i, dp in enumerate(np.diff(p, prepend=p[:1])):
+        h += dp * (1 - abs(h / width) * (0.6 * np.sign(dp * h) + 0.4))
+        out[i] = p[i] - a * h
+    return out
+
+
+def preisach(p: Array, a: float, top: float, rng: np.random.Generator) -> Array:
+    """Relays with a bell of widths, drawn."""
+    n = 1500
+    centre, half = rng.uniform(0, top, n), np.abs(rng.normal(0, 0.12 * top, n))
+    state, out = np.zeros(n), np.empty_like(p)
+    for i, x in enumerate(p):
+        state[x >= centre + half] = 1
+        state[x <= centre - half] = 0
+        out[i] = state.mean()
+    return (1 - a) * p + a * top * out
+
+
+def power_law(p: Array, share: float, exponent: float, horizon: float) -> Array:
+    """Boltzmann's superposition with J(t) = share · (t/horizon)^n, by convolution."""
+    t = np.arange(len(p)) * DT
+    j = share * (np.maximum(t, DT / 2) / horizon) ** exponent
+    dp = np.diff(p, prepend=0.0)
+    n = 2 * len(p)
+    grown = np.fft.irfft(np.fft.rfft(dp, n) * np.fft.rfft(j, n), n)[: len(p)]
+    return p + grown
+
+
+def solid(p: Array, a: float, tau: float) -> Array:
+    z, out, k = p[0], np.empty_like(p), np.exp(-DT / tau)
+    for i, x in enumerate(p):
+        z = x + (z - x) * k
+        out[i] = (1 - a) * x + a * z
+    return out
+
+
+def lagged(p: Array, tau: float) -> Array:
+    return solid(p, 1.0, tau)
+
+
+def relay(p: Array, up: float, down: float, step: float) -> Array:
+    on, out = False, np.empty_like(p)
+    for i, x in enumerate(p):
+        on = x >= up or (on and x > down)
+        out[i] = x + step * on
+    return out
+
+
+def multiplicative(p: Array, share: float, tau: float) -> Array:
+    """Outside the library: the gain tires with the load's own history."""
+    tired = np.cumsum(np.maximum(np.diff(p, prepend=p[:1]), 0))
+    return p * (1 + share * np.sin(tired / p.max() / tau))
+
+
+def fatigue(p: Array, share: float) -> Array:
+    """Outside the library: rate stiffening, q depends on the speed without memory."""
+    rate = np.gradient(p, DT)
+    return p * (1 + share * np.tanh(np.abs(rate) / (0.1 * p.max())))
+
+
+def case(rng: np.random.Generator, out: Path, words: list[str], k: float, kind: dict) -> dict:
+    seconds, top = kind["seconds"], kind["top"]
+    p = load(rng, seconds, top, kind["speeds"], kind["holds"])
+    t = np.arange(len(p)) * DT
+    n_taxels = len(LAYOUT) * 12
+    temperature = 25 + 6 * np.sin(2 * np.pi * t / seconds * rng.uniform(0.6, 1.4) + rng.uniform(0, 6)) * kind["warm"]
+    # The true curve: activation = s·P/(1 + P/c), a few percent beside the one that is believed.
+    s = rng.normal(18e-5, 2e-5, n_taxels)
+    bend = rng.normal(900e3, 80e3, n_taxels)
+    curve = lambda q: s * q / (1 + q / bend)  # noqa: E731
+    noise = rng.uniform(0.9, 1.3, n_taxels)
+    slots = np.flatnonzero(np.tile(PRESSURE_TAXELS, len(LAYOUT)))
+    cycle = np.sort(np.arange(0.1, seconds - 0.1, 0.02) + rng.normal(0, 2e-4, int(np.ceil((seconds - 0.2) / 0.02))))[:]
+    place = kind["place"](rng)
+    truth: list[dict] = []
+
+    def sampled(q: Array) -> Array:
+        return np.interp(cycle, t, q)
+
+    def reach(make) -> float:
+        """Amplitude of `make(amplitude)` so that what a free cubic leaves is k × the noise, at the middle taxel."""
+        low, high = 0.0, kind.get("most", 0.5)
+        basis = np.vander(sampled(p) / top, 6)
+        for _ in range(12):
+            middle = (low + high) / 2
+            y = np.median(s) * sampled(make(middle)) / (1 + sampled(make(middle)) / 900e3)
+            rest = y - basis @ np.linalg.lstsq(basis, y, rcond=None)[0]
+            low, high = (middle, high) if np.std(rest) < k * 1.12 else (low, middle)
+        return middle
+
+    q, timed, count_terms = p, p, np.zeros((len(cycle), 1))
+    order = ["hysteresis", "snap", "viscoelasticity", "creep", "lag", "delay", "multiplicative", "fatigue"]
+    for word in sorted(words, key=lambda w: order.index(w) if w in order else 99):
+        if word == "hysteresis":
+            if rng.random() < 0.5:
+                width = rng.uniform(0.08, 0.3) * top
+                make = lambda a, x=p, w=width: bouc_wen(x, a, w)  # noqa: E731
+            else:
+                seed = int(rng.integers(1 << 30))
+                make = lambda a, x=p, z=seed: preisach(x, a, top, np.random.default_rng(z))  # noqa: E731
+        elif word == "snap":
+            up = rng.uniform(0.15, 0.5) * top
+            down = up * rng.uniform(0.3, 0.7)
+            make = lambda a, u=up, d=down: relay(p, u, d, a * top)  # noqa: E731
+        elif word == "viscoelasticity":
+            tau = np.exp(rng.uniform(np.log(0.2), np.log(3.0)))
+            make = lambda a, z=tau: solid(p, a, z)  # noqa: E731
+        elif word == "creep":
+            n = rng.uniform(0.1, 0.4)
+            make = lambda a, z=n: power_law(p, a, z, seconds)  # noqa: E731
+        elif word == "lag":
+            make = lambda a: lagged(p, max(a, 1e-3))  # noqa: E731
+        elif word == "delay":
+            make = lambda a: np.interp(t - a, t, p)  # noqa: E731
+        elif word == "multiplicative":
+            tau = rng.uniform(0.3, 1.0)
+            make = lambda a, z=tau: multiplicative(p, a, z)  # noqa: E731
+        elif word == "fatigue":
+            make = lambda a: fatigue(p, a)  # noqa: E731
+        elif word == "rezero":
+            board = LAYOUT.identities[:, 0] == rng.choice([5, 6, 7])
+            jump = (cycle > seconds * rng.uniform(0.2, 0.7))[:, None] * np.repeat(board, 12)
+            count_terms = count_terms + 2.0 * k * rng.choice([-1, 1]) * jump
+            truth.append({"effect": word})
+            continue
+        elif word == "temperature":
+            warm = sampled(temperature) - temperature.mean()
+            u = sampled(p) / p.max()
+            share = rng.uniform(0, 1)
+            shape = share * warm / warm.std() + (1 - share) * warm * u / np.std(warm * u)
+            count_terms = count_terms + k * 1.12 * shape[:, None]
+            truth.append({"effect": word})
+            continue
+        elif word == "drift":
+            knots = seconds * (np.arange(3) + rng.uniform(0.3, 0.9, 3)) / 3.2
+            wander = np.interp(cycle, np.r_[0, knots, seconds], np.r_[0, rng.normal(0, 1, 4)])
+            count_terms = count_terms + k * 1.12 * (wander / wander.std())[:, None]
+            truth.append({"effect": word})
+            continue
+        amplitude = reach(make)
+        if word in ("lag", "delay"):  # of the electronics: the same for all taxels
+            timed = timed + make(amplitude) - p
+        else:
+            q = q + make(amplitude) - p
+        truth.append({"effect": word, "amplitude": amplitude})
+    load_columns = np.where(place, sampled(q)[:, None], sampled(p)[:, None])
+    scatter = rng.normal(1, 0.1, n_taxels)
+    load_columns = sampled(p)[:, None] + scatter * (load_columns - sampled(p)[:, None])
+    load_columns += sampled(timed - p)[:, None] * place
+    activation = curve(load_columns) + count_terms * place
+    raw = activation + rng.normal(0, 1, activation.shape) * noise
+    rest = rng.normal(240.5, 1.2, n_taxels)
+    counts = np.clip(np.floor(rest - raw + rng.random(n_taxels)), 0, 255).astype(np.uint8)
+    out.mkdir(parents=True)
+    table = CountsTable(
+        np.rint((BASE_S + cycle) * 1e9).astype(np.int64), counts.reshape(-1, len(LAYOUT), 12), *[None] * 7
+    )
+    counts_file.write(out / "counts.npz", {"left": table})
+    ref_t = np.arange(0.0, seconds, 0.01)
+    ref_p = np.interp(ref_t, t, p) + rng.normal(0, kind["reference_noise"], ref_t.size)
+    own = kind["clock"] == "own"
+    offset, rate = (rng.uniform(-2, 2), rng.uniform(-5e-5, 5e-5)) if own else (BASE_S, 0.0)
+    (out / "reference.csv").write_text(
+        text(
+            {
+                "time_s": np.round(offset + (1 + rate) * ref_t + (5.0 if own else 0.0), 6),
+                "pressure_pa": np.round(ref_p, 1),
+                "temperature_c": np.round(np.interp(ref_t, t, temperature), 2),
+            }
+        )
+    )
+    layouts.write(out / "layout.yaml", LAYOUT)
+    grid = np.linspace(0, top, 60)
+    taxels = []
+    identities = LAYOUT.identities.tolist()
+    for slot in slots:
+        a = s[slot] * grid / (1 + grid / bend[slot]) * rng.normal(1, 0.02)
+        design = np.stack([a, a**2, a**3], axis=1)
+        c = np.linalg.lstsq(design, grid, rcond=None)[0]
+        taxels.append(
+            {
+                "board": identities[slot // 12][0],
+                "triangle": identities[slot // 12][1],
+                "taxel": int(slot % 12),
+                "baseline_count": float(rest[slot] + rng.normal(0, 0.3)),
+                "coefficients_pa": [0.0, *c.tolist()],
+            }
+        )
+    (out / "calibration.json").write_text(
+        json.dumps(
+            {"format": "insole-calibration/1", "foot": "left", "taxels": taxels, "effects": [], "provenance": {}}
+        )
+    )
+    (out / "recording.yaml").write_text(
+        dump(
+            {
+                "kind": "chamber",
+                "counts": "counts.npz",
+                "can_origin": "simulated",
+                "insoles": [
+                    {
+                        "foot": "left",
+                        "layout": "layout.yaml",
+                        "calibration": "calibration.json",
+                        "boards": [
+                            {
+                                "address": a,
+                                "interface": "can0",
+                                "period_ms": 20,
+                                "shift": 3,
+                                "no_load": 240,
+                                "skin_type": 0,
+                            }
+                            for a in (5, 6, 7)
+                        ],
+                    }
+                ],
+                "reference": [{"foot": "left", "file": "reference.csv", "clock": kind["clock"]}],
+            }
+        )
+    )
+    return {
+        "words": words,
+        "k": k,
+        "truth": truth,
+        "taxels": int(place[slots].sum()),
+        "place": np.flatnonzero(place).tolist(),
+        **{n: kind[n] for n in ("speeds", "holds", "clock", "top", "seconds")},
+    }
+
+
+def everywhere(rng: np.random.Generator) -> NDArray[np.bool_]:
+    return np.ones(len(LAYOUT) * 12, bool)
+
+
+def somewhere(rng: np.random.Generator) -> NDArray[np.bool_]:
+    found = np.zeros((len(LAYOUT), 12), bool)
+    boards = LAYOUT.identities[:, 0]
+    what = rng.integers(3)
+    if what == 0:
+        found[boards == rng.choice([5, 6, 7])] = True
+    elif what == 1:
+        found[rng.choice(len(LAYOUT), rng.integers(1, 3), replace=False)] = True
+    else:
+        found.ravel()[
+            rng.choice(np.flatnonzero(np.tile(PRESSURE_TAXELS, len(LAYOUT))), rng.integers(1, 5), replace=False)
+        ] = True
+    return found.ravel()
+
+
+KNOWN = ["hysteresis", "snap", "viscoelasticity", "creep", "lag", "delay", "temperature", "drift", "rezero"]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--cases", type=int, default=40)
+    parser.add_argument("--k", type=float, nargs="*", default=[0.5, 1.0, 3.0])
+    arguments = parser.parse_args()
+    truths = {}
+    for i in range(arguments.cases):
+        rng = np.random.default_rng([arguments.seed, i])
+        words = [list(x) for x in ([], *[[w] for w in KNOWN], ["multiplicative"], ["fatigue"])]
+        if i % 3 == 2:
+            chosen = list(rng.choice(KNOWN, 2, replace=False))
+        elif i % 9 == 4:
+            chosen = list(rng.choice(KNOWN, 3, replace=False))
+        else:
+            chosen = words[(i // 3 * 2 + i % 3) % len(words)]
+        kind = {
+            "seconds": float(rng.uniform(100, 180)),
+            "top": float(rng.choice([90e3, 330e3, 330e3])),
+            "speeds": 2,
+            "holds": True,
+            "warm": True,
+            "clock": "can" if {"lag", "delay"} & set(chosen) else str(rng.choice(["own", "can"])),
+            "reference_noise": 300.0,
+            "place": somewhere if len(chosen) == 1 and rng.random() < 0.3 else everywhere,
+        }
+        truths[f"case-{i:03}"] = case(
+            rng, arguments.out / f"case-{i:03}", chosen, float(rng.choice(arguments.k)) if chosen else 0.0, kind
+        )
+        (arguments.out / "truth.json").write_text(json.dumps(truths, indent=1))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,1 +1,0 @@
-"""Hostile input: one small target a parser, and what drives them all (`python -m benchmarks.fuzz.run`)."""

@@ -1,0 +1,48 @@
+"""The daemon itself, unchanged, with a clock behind its `put`."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+
+from benchmarks.lib import measured, traffic
+from insole_daemon.bus import link
+from insole_daemon.bus.recovering import RecoveringSource
+from insole_daemon.bus.socketcan import SocketCanSource
+from insole_daemon.config import Bus
+from insole_daemon.service.daemon import Daemon
+from insole_daemon.wire.messages import Message, Wrench
+from insole_daemon.wire.publisher import FootPublisher
+from insole_daemon.wire.session import open_session
+
+
+def main() -> None:
+    options = measured.options(
+        __doc__, lambda parser: parser.add_argument("--buses", type=int, default=1, help="how many, each as --bus")
+    )
+    opened = [measured.open_bus(options.bus) for _ in range(options.extra["buses"])]
+    for sock, _ in opened:
+        sock.setblocking(False)
+    sources = {f"can{number}": SocketCanSource(sock, f"can{number}") for number, (sock, _) in enumerate(opened)}
+    link.open_bus = lambda bus: sources[bus.channel]
+    source = RecoveringSource([Bus("opened", name) for name in sources])
+    recorder = measured.Recorder(options)
+    publish = FootPublisher.publish
+
+    def timed(self: FootPublisher, *messages: Message) -> None:
+        publish(self, *messages)
+        last = messages[-1]
+        if type(last) is Wrench and not last.repeated:  # a repeat answers to no frame
+            recorder.cycle(last.foot, last.t_ns)
+
+    FootPublisher.publish = timed  # type: ignore[method-assign]
+    with open_session("peer", [options.endpoint]) as session:
+        daemon = Daemon(source, traffic.feet(), session)
+        measured.on_end(daemon.stop)
+        daemon.run(lambda: measured.ready([feed for _, feed in opened], options.endpoint))
+    counters = asdict(source.counters)
+    source.close()
+    recorder.report(counters["frames"], dropped=counters["overflows"])
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,141 @@
+"""Steps found in simulated walking, against the load that made them, and none found in standing.
+
+    python -m benchmarks.physics.gait
+
+Truth is the force of the simulated person: contact is when it leaves 0, toe-off when it is 0 again; steps that hardly
+press because the person is being let down to the ground or lifted off it count as well. Standing is what lies between
+those two: who is let down or lifted does touch and leave the ground. Everything between load and steps is there:
+boards,
+bus, digitiser, noise, the daemon's reader, a true static calibration; `ordinary` adds viscoelasticity, hysteresis, a
+late bus and the converters' 27 Hz hold, which no static calibration knows of.
+
+Takes about 10 minutes.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+import insole_daemon
+from benchmarks.physics.paper_phenomenon import ordinary
+from insole_daemon.config import Config
+from insole_daemon.mechanics.gait import Gait, GaitEvent
+from insole_daemon.recording.loading import Recording
+from insole_daemon.recording.steps import gait_events
+from insole_daemon.service.foot_setup import load_layout
+from insole_daemon.simulation.conditions import Conditions
+from insole_daemon.simulation.foot import Person
+from insole_daemon.simulation.scenarios.standing import ALOFT_S, STEP_S
+from insole_daemon.simulation.trial import START_NS, Trial
+
+WALKING, STANDING = ("t4", "t5", "t6"), ("stand", "t1", "t2", "t3")
+MASSES_KG = (45.0, 63.0, 95.0)
+NEAR_S = 0.15  # an event farther from the truth is another one
+_TRUE_EVERY_S = 0.001
+_CONFIG = Config()
+_LAYOUTS = [load_layout(insole) for insole in _CONFIG.insoles]
+
+
+@dataclass(frozen=True, slots=True)
+class Score:
+    """Of one recording."""
+
+    there: int
+    found: int
+    wrong: int  # found, and not there
+    error_ms: list[float]
+    delay_ms: list[float]  # from the truth until the cycle that told
+
+
+def truth(load: Person, seconds: float) -> dict[tuple[str, str], np.ndarray]:
+    """(n,) s of every contact and toe-off, by foot and kind."""
+    t_s = np.arange(0, seconds, _TRUE_EVERY_S)
+    found = {}
+    for layout in _LAYOUTS:
+        pressed = np.diff((load.force_n(layout.foot, t_s) > 0).astype(np.int8))
+        for kind, change in (("initial_contact", 1), ("toe_off", -1)):
+            found[layout.foot, kind] = t_s[1:][pressed == change]
+    return found
+
+
+def score(events: list[GaitEvent], there: dict[tuple[str, str], np.ndarray]) -> Score:
+    """Each true event takes the nearest found one, once."""
+    hits, wrong, error_ms, delay_ms = 0, 0, [], []
+    for (foot, kind), times in there.items():
+        own = [each for each in events if (each.foot, each.kind) == (foot, kind)]
+        at_s = np.array([(each.t_ns - START_NS) * 1e-9 for each in own])
+        left = set(range(len(own)))
+        for true_s in times.tolist():
+            near = min(left, key=lambda i: abs(at_s[i] - true_s), default=None)
+            if near is not None and abs(at_s[near] - true_s) <= NEAR_S:
+                left.remove(near)
+                hits += 1
+                error_ms.append((at_s[near] - true_s) * 1e3)
+                delay_ms.append((at_s[near] - true_s + own[near].noticed_after_s) * 1e3)
+        wrong += len(left)
+    return Score(sum(map(len, there.values())), hits, wrong, error_ms, delay_ms)
+
+
+def trials(names: tuple[str, ...], physics: bool) -> Iterator[tuple[str, Trial, Recording]]:
+    """Each name with each mass, another insole and another walk each time."""
+    effects = {layout.foot: ordinary() for layout in _LAYOUTS} if physics else {}
+    for seed, (name, mass_kg) in enumerate((name, mass_kg) for name in names for mass_kg in MASSES_KG):
+        conditions = Conditions(mass_kg=mass_kg)
+        trial = Trial(name, _CONFIG, _LAYOUTS, effects=effects, conditions=conditions, seed=seed)
+        with tempfile.TemporaryDirectory() as folder:
+            yield name, trial, insole_daemon.load(trial.write(Path(folder) / name))
+
+
+def main() -> None:
+    for physics in (False, True):
+        scores = []
+        for _, trial, recording in trials(WALKING, physics):
+            assert isinstance(trial.load, Person)
+            seconds = (int(recording.feet[0].t_ns[-1]) - START_NS) * 1e-9
+            scores.append(score(gait_events(recording.feet), truth(trial.load, seconds)))
+        error_ms = np.array([each for one in scores for each in one.error_ms])
+        delay_ms = np.array([each for one in scores for each in one.delay_ms])
+        there, found = sum(one.there for one in scores), sum(one.found for one in scores)
+        print(
+            f"walking, {'ordinary physics' if physics else 'noise only'}: {found} of {there} found "
+            f"({found / there:.2%}), {sum(one.wrong for one in scores)} that are not there; timing error "
+            f"median {np.median(np.abs(error_ms)):.1f} ms, 95 % {np.percentile(np.abs(error_ms), 95):.1f} ms, mean "
+            f"{error_ms.mean():+.1f} ms; told after median {np.median(delay_ms):.1f} ms, "
+            f"95 % {np.percentile(delay_ms, 95):.1f} ms",
+            flush=True,
+        )
+        wrong, minutes = 0, 0.0
+        for name, _, recording in trials(STANDING, physics):
+            first_ns, last_ns = (int(recording.feet[0].t_ns[at]) for at in (0, -1))
+            aloft_ns = 0 if name == "stand" else round((ALOFT_S + STEP_S) * 1e9)
+            wrong += sum(
+                first_ns + aloft_ns <= event.t_ns <= last_ns - aloft_ns for event in gait_events(recording.feet)
+            )
+            minutes += (last_ns - first_ns - 2 * aloft_ns) / 60e9
+        print(f"standing {minutes:.0f} minutes: {wrong} events", flush=True)
+    cost()
+
+
+def cost() -> None:
+    """CPU time of a cycle, walking: what the live path pays."""
+    for _, _, recording in trials(("t4",), False):
+        rows = [(foot, at) for at in range(500, 1500) for foot in recording.feet]
+        gait = Gait(_LAYOUTS)
+        began = time.process_time()
+        for foot, at in rows:
+            assert foot.wrench is not None
+            assert foot.pressure_pa is not None
+            t_ns = int(foot.t_ns[at])
+            gait.update(foot.foot, t_ns, t_ns, float(foot.wrench.f_z_n[at]), foot.pressure_pa[at], foot.valid[at])
+        print(f"CPU of a cycle and foot: {(time.process_time() - began) / len(rows) * 1e6:.1f} µs")
+        return
+
+
+if __name__ == "__main__":
+    main()

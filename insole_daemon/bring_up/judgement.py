@@ -1,0 +1,251 @@
+"""What an observation means: findings, each with its remedy, and the lines of config.yaml that would agree."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+
+from ..config import Board, Config
+from ..service.doctor.finding import CheckResult, ok, problem, warning
+from ..skin.layout import Layout
+from ..skin.mapping import Found
+from .observation import BoardFacts, Observation
+
+_PERIOD_RATIO = 1.25  # a board keeps its period to some 100 ppm; a bus that is nearly full delays a frame by a few ms
+_REST_COUNT = 8.0  # unloaded, the median taxel of a board is this near to its no-load
+_FLAGGED_SHARE = 0.2
+_MOST_IDENTIFIERS = 6
+_WIRING = "power off: 120 Ω between CAN_H and CAN_L at both ends of the bus (60 Ω in all), both wires, the ground"
+
+
+def judge_observation(observation: Observation, config: Config, layouts: Sequence[Layout]) -> Iterator[CheckResult]:
+    """Judge what was heard on the buses of `config`."""
+    heard = observation.boards()
+    yield from _bus(observation, heard)
+    clashing = {fault.board for fault in observation.faults if fault.kind == "board_address_clash"}
+    for insole, layout in zip(config.insoles, layouts, strict=True):
+        for board in insole.boards:
+            facts = heard.get(board.address)
+            if facts is None:
+                yield problem(
+                    _name(board.address),
+                    f"of the {insole.foot} foot: not one frame from it",
+                    f"is it powered and connected? Then start it: in config.yaml boards: {{configure: true}}, "
+                    f"'insole run', and 'insole boards start --foot {insole.foot}'",
+                )
+            elif board.address in clashing:
+                yield problem(
+                    _name(board.address),
+                    "two boards send under this address: their readings cannot be told apart",
+                    "unplug one of the two and give the other a free address with the maker's tool",
+                )
+            else:
+                yield from _board(board, facts, layout, insole.foot)
+    configured = {board.address for insole in config.insoles for board in insole.boards}
+    for address in sorted(heard.keys() - configured):
+        yield problem(
+            _name(address),
+            f"sends {len(heard[address].triangles)} triangles, and config.yaml does not have it",
+            f"under boards of its foot: {config_line(heard[address], None)}   # or unplug it",
+        )
+    yield from _faults(observation, clashing)
+
+
+def _bus(observation: Observation, heard: Mapping[int, BoardFacts]) -> Iterator[CheckResult]:
+    frames = observation.frames()
+    errors = sum(observation.error_frames.values())
+    kinds = ", ".join(f"{count} {kind.replace('_', ' ')}" for kind, count in observation.error_frames.items())
+    data = len(frames) - errors
+    if errors and not data:
+        yield problem(
+            "bus",
+            f"error frames ({kinds}) and not one frame that can be read: the bit rate is wrong, or the wiring",
+            "sudo ip link set can0 down && sudo ip link set can0 up type can bitrate 1000000   # that of the boards",
+        )
+    elif errors:
+        yield problem("bus", f"error frames: {kinds}: a terminator is missing, or a wire is bad", _WIRING)
+    elif not data:
+        yield problem(
+            "bus",
+            "nothing was sent: no frame and no error frame",
+            "are the boards powered, and is this the interface they are on? 'insole doctor' looks at the interface",
+        )
+    others = observation.other_senders()
+    if others:
+        most = sorted(others, key=lambda each: -others[each])[:_MOST_IDENTIFIERS]
+        words = ", ".join(f"0x{each:03X} ({others[each]})" for each in most)
+        more = f" and {len(others) - len(most)} more" if len(others) > len(most) else ""
+        yield warning(
+            "bus",
+            f"another sender: frames that no tactile board sends, by identifier (frames): {words}{more}",
+            "give the insole a bus of its own: another sender takes its time, and may command its boards",
+        )
+    if data and not errors and not others and heard:
+        yield ok("bus", f"{data} frames, no error frame, no other sender")
+
+
+def _board(board: Board, facts: BoardFacts, layout: Layout, foot: str) -> Iterator[CheckResult]:
+    name, line = _name(board.address), f"config.yaml: {config_line(facts, board)}"
+    configure = f"insole boards configure --foot {foot}   # or {line}"
+    wrong = False
+    if not _near(facts.period_ms, board.period_ms):
+        wrong = True
+        yield problem(
+            name, f"sends every {facts.period_ms:.0f} ms, the configuration says {board.period_ms} ms", configure
+        )
+    if facts.out_of_range_share > _FLAGGED_SHARE:
+        wrong = True
+        yield problem(
+            name,
+            f"flags {facts.out_of_range_share:.0%} of its taxels as out of range although they are not: an MTB3 at "
+            "shift 7, whose 16-bit arithmetic overflows",
+            f"in config.yaml shift: 3 for this board, and boards: {{configure: true}}; then "
+            f"insole boards configure --foot {foot}",
+        )
+    if math.isfinite(facts.rest_count) and abs(facts.rest_count - board.no_load) > _REST_COUNT:
+        wrong = True
+        yield problem(
+            name,
+            f"rests at {facts.rest_count:.0f} counts, the configuration says no_load: {board.no_load}; "
+            "or it is pressed, or was started under load",
+            configure,
+        )
+    expected = {each.triangle for each in layout.triangles if each.board == board.address}
+    missing, further = sorted(expected - set(facts.triangles)), sorted(set(facts.triangles) - expected)
+    if missing:
+        wrong = True
+        yield problem(
+            name,
+            f"triangles {_list(missing)} of the layout are never sent",
+            f"insole boards configure --foot {foot}   # enables them; or take them out of the layout",
+        )
+    if further:
+        yield warning(
+            name,
+            f"sends triangles {_list(further)}, which are not in the layout",
+            "'insole map' finds where they lie; what the layout does not have is not used",
+        )
+    for triangles, words in (
+        (facts.open_triangles, "not connected"),
+        (facts.no_ack_triangles, "a chip does not answer"),
+    ):
+        used = sorted(set(triangles) & expected)
+        if used:
+            wrong = True
+            yield problem(name, f"triangle {_list(used)}: {words}", "check the flat cable of that triangle")
+    if facts.legacy:
+        yield warning(name, "sends in the old class 3: an MTB3 that was never configured", configure)
+    if not wrong:
+        yield ok(name, describe_board(facts))
+
+
+def _faults(observation: Observation, clashing: set[int]) -> Iterator[CheckResult]:
+    """What the daemon's own watch has found beside what the boards say themselves."""
+    told = {(address, each) for address, facts in observation.boards().items() for each in facts.open_triangles}
+    for fault in observation.faults:
+        if fault.board in clashing or fault.kind == "board_silent" or (fault.board, fault.triangle) in told:
+            continue
+        where = "" if fault.triangle is None else f" triangle {fault.triangle}"
+        where += "" if fault.taxel is None else f" taxel {fault.taxel}"
+        words = fault.kind.partition("_")[2].replace("_", " ")
+        remedy = {
+            "triangle_loose": "check the flat cable of that triangle",
+            "board_reset": "check the power of that board",
+            "board_rezeroed": "lift the foot and take a zero: insole zero",
+        }.get(fault.kind, "the daemon leaves it out; nothing to do unless there are many")
+        yield warning(f"{_name(fault.board)}{where}", words, remedy)
+
+
+def placement(layout: Layout, found: Sequence[Found]) -> Iterator[CheckResult]:
+    """Judge where the boards of one foot answered against `layout`, which the configuration uses."""
+    boards: dict[str, set[int]] = {}
+    expected: dict[str, set[int]] = {}
+    moved = []
+    for each in found:
+        if each.position.foot != layout.foot:
+            continue
+        own = layout.triangles[each.position.row]
+        expected.setdefault(own.patch, set()).add(own.board)
+        if each.identity is not None:
+            boards.setdefault(own.patch, set()).add(each.identity[0])
+            if each.identity != (own.board, own.triangle):
+                moved.append(each)
+    for patch, answered in boards.items():
+        if not answered & expected[patch]:
+            yield problem(
+                f"{layout.foot} foot",
+                f"patches are swapped: at the {patch} patch board {_list(sorted(answered))} answers, "
+                f"the layout has board {_list(sorted(expected[patch]))} there",
+                f"plug the patches as the layout says, or use the one written here: layout: {layout.foot}-layout.yaml",
+            )
+            return
+    if moved:
+        yield warning(
+            f"{layout.foot} foot",
+            f"{len(moved)} triangles lie elsewhere than the layout says",
+            f"in config.yaml, under the {layout.foot} foot: layout: {layout.foot}-layout.yaml   # written here",
+        )
+    elif boards:
+        yield ok(f"{layout.foot} foot", "every triangle that answered lies where the layout says")
+
+
+def force(foot: str, f_z_n: float, std_n: float, body_mass_kg: float, builtin: bool) -> CheckResult:
+    """Judge the force measured while a person stands on `foot` alone; `std_n` is the calibration's uncertainty."""
+    weight_n = 9.81 * body_mass_kg
+    measured = f"{f_z_n:.0f} N on the {foot} foot, the body weighs {weight_n:.0f} N"
+    if builtin or not math.isfinite(std_n):
+        return warning(
+            f"{foot} force",
+            f"{measured}; the calibration states no uncertainty, so nothing follows from the difference",
+            "insole calibrate   # makes a calibration of this insole, with its uncertainty",
+        )
+    limit_n = 3 * std_n + 0.05 * weight_n  # nobody stands still to a few percent
+    if abs(f_z_n - weight_n) <= limit_n:
+        return ok(f"{foot} force", f"{measured}: within ± {limit_n:.0f} N")
+    return problem(
+        f"{foot} force",
+        f"{measured}: further off than ± {limit_n:.0f} N, three times the calibration's uncertainty and 5 %",
+        "is it the calibration of this insole, and was the zero taken without load? insole zero, then again",
+    )
+
+
+def config_line(facts: BoardFacts, board: Board | None) -> str:
+    """Return the line of config.yaml that agrees with what the board sends; what frames do not tell stays."""
+    period_ms = round(facts.period_ms) if math.isfinite(facts.period_ms) else 20
+    no_load = round(facts.rest_count) if math.isfinite(facts.rest_count) else 240
+    interface, shift = ("can0", 3) if board is None else (board.interface, board.shift)
+    if board is not None:
+        period_ms = board.period_ms if _near(facts.period_ms, board.period_ms) else period_ms
+        no_load = board.no_load if abs(no_load - board.no_load) <= _REST_COUNT else no_load
+    return (
+        f"- {{address: {facts.address}, interface: {interface}, period_ms: {period_ms}, shift: {shift}, "
+        f"no_load: {no_load}}}"
+    )
+
+
+def describe_board(facts: BoardFacts) -> str:
+    """Everything that the frames of a board tell, in one sentence."""
+    order = (
+        "halves in ascending order (an MTB4, or an MTB3 whose queue stays short)"
+        if facts.is_ordered
+        else "halves out of order (an MTB3)"
+    )
+    pads = (
+        "" if facts.pads_count is None else f", thermal pads at {facts.pads_count[0]:.0f} and {facts.pads_count[1]:.0f}"
+    )
+    return (
+        f"{len(facts.triangles)} triangles every {facts.period_ms:.1f} ms, new values at {facts.new_values_hz:.1f} Hz, "
+        f"rests at {facts.rest_count:.0f}, {order}{pads}"
+    )
+
+
+def _near(measured_ms: float, said_ms: float) -> bool:
+    return math.isfinite(measured_ms) and 1 / _PERIOD_RATIO < measured_ms / said_ms < _PERIOD_RATIO
+
+
+def _name(address: int) -> str:
+    return f"board {address}"
+
+
+def _list(numbers: Sequence[int]) -> str:
+    return ", ".join(map(str, numbers))

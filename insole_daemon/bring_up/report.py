@@ -1,0 +1,58 @@
+"""The report of a bring-up: one text file that a person can read and send."""
+
+from __future__ import annotations
+
+import platform
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from .. import __version__
+from ..service.doctor.finding import CheckResult
+
+STEPS = ("bus", "boards", "mapping", "zero", "recording", "force")
+
+
+@dataclass(slots=True)
+class Report:
+    """What each step has found; a step that was not done says why."""
+
+    configuration: str  # the text of config.yaml, or that it is the built-in one
+    findings: dict[str, list[CheckResult]] = field(default_factory=dict)
+    notes: dict[str, str] = field(default_factory=dict)
+
+    def add(self, step: str, findings: Sequence[CheckResult], note: str = "") -> None:
+        """Record what `step` has found."""
+        self.findings[step] = [*self.findings.get(step, []), *findings]
+        if note:
+            self.notes[step] = note
+
+    @property
+    def problems(self) -> list[CheckResult]:
+        """Everything that does not work so."""
+        return [each for found in self.findings.values() for each in found if each.level == "problem"]
+
+    def text(self) -> str:
+        """The whole report, Markdown."""
+        n = len(self.problems)
+        where = f"insole-daemon {__version__}, Python {platform.python_version()}, {platform.platform()}"
+        lines = [
+            "# Bring-up of an insole",
+            "",
+            f"{time.strftime('%Y-%m-%d %H:%M:%S %z')}, {where}",
+            "",
+            f"**{n} problem{'s' * (n != 1)}.**" + (" What to change:" if n else ""),
+            "",
+        ]
+        lines += [f"1. {each.subject}: {each.text}\n   {each.remedy}" for each in self.problems]
+        for step in STEPS:
+            lines += ["", f"## {step.capitalize()}", ""]
+            if step in self.notes:
+                lines.append(self.notes[step])
+            elif step not in self.findings:
+                lines.append("Not done.")
+            for each in self.findings.get(step, []):
+                lines.append(
+                    f"- {each.level}: {each.subject}: {each.text}" + (f" → {each.remedy}" if each.remedy else "")
+                )
+        return "\n".join([*lines, "", "## Configuration", "", "```yaml", self.configuration.rstrip(), "```", ""])

@@ -1,0 +1,174 @@
+"""`insole bring-up`: through the first hour with real boards, into one report."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from .doctor import finding_lines
+from .options import ConfigFile, Which, name_next, on_end, write_whole
+
+if TYPE_CHECKING:
+    from ..bring_up.report import Report
+    from ..bus.recovering import RecoveringSource
+    from ..config import Config
+    from ..recording.recorder import Progress
+    from ..service.doctor import CheckResult
+    from ..service.foot_setup import FootSetup
+
+_LISTEN_S = 10.0
+
+
+def bring_up(
+    config: ConfigFile = None,
+    foot: Annotated[Which, typer.Option("--foot", help="Which insole is there.")] = Which.both,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Folder of the report; left out: bring-up- and the time.")
+    ] = None,
+    mass_kg: Annotated[float | None, typer.Option("--mass", min=10, max=300, help="Body mass in kg.")] = None,
+    seconds: Annotated[float, typer.Option("--seconds", min=1, help="How long is recorded.")] = 60.0,
+) -> None:
+    """Go through the first hour with real boards, step by step, and write a report that can be sent.
+
+    Listens only: no board is configured, and no frame is sent. Each step is asked for first; without a terminal, only
+    what needs no person is done. Exit status 1: there is a problem, with its remedy.
+    """
+    from .. import config as configs
+    from ..bring_up.report import Report
+    from ..bus.recovering import RecoveringSource
+    from ..errors import InsoleError
+    from ..recording.writer import refuse_existing
+    from ..service.foot_setup import load_setups
+
+    settings = configs.load(config)
+    setups = [setup for setup in load_setups(settings) if foot in (Which.both, setup.insole.foot)]
+    if not setups:
+        raise InsoleError(f"the configuration has no {foot.value} foot: correct --foot, or the configuration")
+    folder = out or Path(time.strftime("bring-up-%Y%m%d-%H%M%S"))
+    refuse_existing(folder)
+    report = Report(config.read_text() if config is not None else "# the built-in configuration")
+    stop = threading.Event()
+    on_end(stop.set)
+    _step(report, "bus", list(_interfaces(settings)))
+    with contextlib.closing(RecoveringSource(settings.buses)) as source:
+        _all_steps(report, source, settings, setups, folder, mass_kg, seconds, stop)
+    file = folder / "report.md"
+    write_whole(file, report.text())
+    print(
+        f"insole: {len(report.problems)} problems; the report is {file}: send it to us with the folder", file=sys.stderr
+    )
+    name_next("insole run" + (f" --config {config}" if config else ""))
+    if report.problems:
+        raise typer.Exit(1)
+
+
+def _interfaces(settings: Config) -> Iterator[CheckResult]:
+    from ..service.doctor import can
+
+    if any(bus.driver == "socketcan" for bus in settings.buses):
+        yield from can.check_kernel()
+    for bus in settings.buses:
+        if bus.driver == "socketcan":
+            yield from can.check_interface(bus, settings.boards.configure)
+
+
+def _all_steps(
+    report: Report,
+    source: RecoveringSource,
+    settings: Config,
+    setups: Sequence[FootSetup],
+    folder: Path,
+    mass_kg: float | None,
+    seconds: float,
+    stop: threading.Event,
+) -> None:
+    """Every step in order; where no board sends, only the first."""
+    import dataclasses
+
+    from ..bring_up import judgement, steps
+
+    _say(f"listening for {_LISTEN_S:g} s: take the insoles off, nothing presses on them")
+    observation = steps.listen(source, setups, _LISTEN_S, stop)
+    chosen = dataclasses.replace(settings, insoles=tuple(setup.insole for setup in setups))
+    _step(report, "boards", list(judgement.judge_observation(observation, chosen, [setup.layout for setup in setups])))
+    if not observation.boards():
+        report.notes["recording"] = "Not done: no board sends."
+        return
+    if _asked("press every triangle in turn, which finds out where it lies"):
+        _step(report, "mapping", _mapped(source, setups, folder, stop))
+    if not stop.is_set() and _asked("take the zero: lift both feet, and keep still"):
+        observation = steps.listen(source, setups, steps.ZERO_S, stop)
+        setups, found = steps.take_zero(observation, setups)
+        _step(report, "zero", found)
+    if not stop.is_set():
+        _say(f"recording {seconds:g} s into {folder / 'recording'}: walk about, if you like")
+        found = steps.record_trial(source, setups, folder / "recording", seconds, stop, _tell)
+        _step(report, "recording", found)
+    for at, setup in enumerate(setups):
+        if not stop.is_set() and _asked(f"stand on the {setup.insole.foot} foot alone, for {steps.FORCE_S:g} s"):
+            mass_kg = mass_kg or _mass()
+            if mass_kg is not None:
+                observation = steps.listen(source, setups, steps.FORCE_S, stop)
+                _step(report, "force", [steps.stand_on_one_foot(observation, setups, at, mass_kg)])
+
+
+def _mapped(
+    source: RecoveringSource, setups: Sequence[FootSetup], folder: Path, stop: threading.Event
+) -> list[CheckResult]:
+    """The mapping wizard, and what it found against the layouts in use."""
+    from ..bring_up.judgement import placement
+    from ..service.doctor.finding import problem
+    from ..skin.mapping import Mapping, positions
+    from ..skin.mapping_result import summary
+    from ..skin.touch import Touch
+    from .map import watch_presses, write_layouts
+
+    owners = {board.address: setup.insole.foot for setup in setups for board in setup.insole.boards}
+    layouts = [setup.layout for setup in setups]
+    asked = [position for layout in layouts for position in positions(layout)]
+    touch, mapping = Touch(), Mapping(asked, owners)
+    watch_presses(source, touch, mapping, asked, stop)
+    found = mapping.found()
+    findings = [each for layout in layouts for each in placement(layout, found)]
+    findings += [problem("mapping", line, "insole map   # repeats it alone") for line in summary(found, owners, [], [])]
+    if mapping.done:
+        write_layouts(folder, layouts, found, owners, touch)
+    return findings
+
+
+def _tell(progress: Progress) -> None:
+    if sys.stderr.isatty():
+        print(f"\r  {progress.seconds:.0f} s\033[K", end="", file=sys.stderr, flush=True)
+
+
+def _step(report: Report, name: str, found: Sequence[CheckResult]) -> None:
+    """Record what a step found, and show it."""
+    report.add(name, found)
+    for finding in found:
+        sys.stdout.write(finding_lines(finding))
+    sys.stdout.flush()
+
+
+def _asked(what: str) -> bool:
+    """Whether the person wants the next step; no where nobody can answer."""
+    if not sys.stdin.isatty():
+        return False
+    return input(f"Next: {what}. Do it? [Y/n] ").strip().lower() in ("", "y", "yes")
+
+
+def _mass() -> float | None:
+    try:
+        return float(input("Body mass in kg: ").replace(",", "."))
+    except ValueError:
+        return None
+
+
+def _say(text: str) -> None:
+    print(f"insole: {text}", file=sys.stderr, flush=True)

@@ -1,0 +1,56 @@
+"""`insole study`: many recordings of many people, analysed in parallel into one table and one page."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from ..study.tasks import TaskResult
+
+RESULTS = "results"
+
+
+def study(
+    folder: Annotated[Path, typer.Argument(help="Folder with a study.yaml; results are written into it.")],
+    scheduler: Annotated[
+        str | None, typer.Option("--scheduler", help="Dask scheduler that exists, tcp:// or tls://; it sees FOLDER.")
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option("--workers", min=1, help="Local processes; left out: one a core.")
+    ] = None,
+    tls_ca: Annotated[Path | None, typer.Option("--tls-ca", help="Certificate authority of the scheduler.")] = None,
+    tls_cert: Annotated[Path | None, typer.Option("--tls-cert", help="Certificate of this client.")] = None,
+    tls_key: Annotated[Path | None, typer.Option("--tls-key", help="Its key.")] = None,
+) -> None:
+    """Analyse every recording of a study, and collect them into table.csv, steps.csv, Parquet and study.html.
+
+    What is done is not done again, unless a recording changed. Exit status: 0 everything is there, 1 something is
+    missing, and the table says what and why.
+    """
+    from ..files import write_text
+    from ..study.collecting import collect_rows, write_tables
+    from ..study.document import load_study
+    from ..study.page import study_page
+    from ..study.scheduling import cluster, run_tasks
+
+    given = load_study(folder)
+    tls = (tls_ca, tls_cert, tls_key) if tls_ca and tls_cert and tls_key else None
+
+    def told(number: int, found: list[TaskResult]) -> None:
+        problems = "; ".join(f"{each.task}: {each.problem}" for each in found if each.file is None)
+        print(f"insole: {given.recordings[number].folder}: {problems or 'done'}", file=sys.stderr, flush=True)
+
+    with cluster(scheduler, workers or os.cpu_count() or 1, tls) as client:
+        found = run_tasks(client, folder, given, folder / RESULTS, told)
+    rows, every = collect_rows(given, folder / RESULTS, found)
+    write_tables(given, rows, every, folder)
+    write_text(folder / "study.html", study_page(folder.resolve().name, given, rows, every))
+    missing = sum(bool(each["missing"]) for each in rows)
+    print(f"{folder / 'table.csv'}: {len(rows)} recordings, {missing} with something missing")
+    if missing:
+        raise typer.Exit(1)

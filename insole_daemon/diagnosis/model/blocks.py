@@ -1,0 +1,422 @@
+"""The regression of a recording whose load is known on every taxel: a block for each triangle.
+
+Triangles share the parameters of a term, and nothing else but what is wrong with the reference; so all inner products
+are sums over triangles, and a term at any set of triangles costs no more than one at the whole insole. What a
+calibration may be off by is each triangle's own, and is projected out of its block:
+
+    minimise Σ_t |y_t − X_t·θ − S_t·s − B_t·b_t|² + Σ (b/σ)² + Σ (s/σ)²   over θ, b and s projected out
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...physics.effect import Where
+from ...physics.law import SCOPES, Array
+from ..observations.chamber import ChamberObservation
+from ..terms import TERMS
+from ..terms.term import Setting, Term, TermColumns
+from .design import CURVE_KNOTS
+from .load import LoadEstimate
+from .regression import PlacedTerm, Timing, with_companions
+
+GAIN_STD = 0.003  # of a triangle's calibration
+BASELINE_STD_COUNT = 0.05  # of a triangle's
+REZERO_STD_COUNT = 2.0  # of a shift that a few readings tell
+CURVE_STD_COUNT = 0.04  # what the polynomials of a calibration miss
+ZERO_STD_PA = 100.0  # of the reference
+OWN_OFFSET_STD_S, OWN_RATE_STD = 1.0, 0.1
+WITHIN_PRIORS = ("gain", "baseline", "stiffening")
+AT_REST = {"baseline": 5.0}  # counts that a memory with a share of 1 leaves of an unloaded reading
+LEAST_SIZE = 0.15  # of a reading's noise, RMS over the taxels it is at: less is no effect worth a name
+
+
+@dataclass(frozen=True, eq=False)
+class Atoms:
+    """K columns of terms in T blocks of N rows, and their inner products once the calibration's error is taken out."""
+
+    x: NDArray[np.float32]  # (T, N, K) weighted
+    gram: Array  # (T, K, K)
+    raw: Array  # (T, K, K) without projection
+    shared: Array  # (T, K, s) with the columns of the reference
+    product: Array  # (T, K) of the echo of noise
+    square: Array  # (T, K)
+
+
+@dataclass(frozen=True, eq=False)
+class Nuisance:
+    """Columns that are in every model, with their priors."""
+
+    own: Array  # (T, N, b) weighted, each triangle's
+    own_std: Array
+    shared_names: tuple[str, ...]
+    shared: Array  # (T, N, s) weighted, of the reference
+    shared_std: Array
+
+    @cached_property
+    def inverse(self) -> Array:
+        """(T, b, b) of the own columns' inner products with their priors."""
+        return np.linalg.inv(np.matmul(self.own.transpose(0, 2, 1), self.own) + np.diag(self.own_std**-2.0))
+
+    @cached_property
+    def own_rows(self) -> NDArray[np.float32]:
+        """(T, b, N)"""
+        return np.ascontiguousarray(self.own.transpose(0, 2, 1).astype(np.float32))
+
+    @cached_property
+    def shared_left(self) -> Array:
+        """(T, N, s) of the reference's columns, what own columns leave."""
+        with_own = np.matmul(self.own.transpose(0, 2, 1), self.shared)
+        return np.asarray(self.shared - np.matmul(self.own, np.matmul(self.inverse, with_own)))
+
+    @cached_property
+    def shared_inverse(self) -> Array:
+        """(s, s) of the reference's columns' inner products with their priors, own columns projected out."""
+        own = np.matmul(self.shared.transpose(0, 2, 1), self.shared_left).sum(axis=0)
+        return np.asarray(np.linalg.inv(own + np.diag(self.shared_std**-2.0)))
+
+    def left_of(self, y: Array) -> Array:
+        """(T, N) of `y`, what own columns leave."""
+        with_own = np.matmul(self.own.transpose(0, 2, 1), y[..., None])
+        return np.asarray(y - np.matmul(self.own, np.matmul(self.inverse, with_own))[..., 0])
+
+
+@dataclass(frozen=True, eq=False)
+class BlockDesign:
+    """Candidates of one recording, and their inner products with all nuisances projected out."""
+
+    load: LoadEstimate
+    weights: Array  # (N, T)
+    nuisance: Nuisance
+    atoms: Atoms
+    candidates: tuple[PlacedTerm, ...]
+    atom: NDArray[np.intp]  # (p,) of each column of the candidates
+    mask: NDArray[np.bool_]  # (p, T) triangles it is at
+    y: Array  # (T, N) weighted residual of the static model
+    timing: Timing = Timing()  # noqa: RUF009 (frozen)
+
+    @property
+    def seen(self) -> ChamberObservation:
+        """Its rows."""
+        assert isinstance(self.load.observation, ChamberObservation)
+        return self.load.observation
+
+    @cached_property
+    def n_rows(self) -> int:
+        """Rows with a weight, of most triangles."""
+        return int(np.median(np.count_nonzero(self.weights, axis=0)))
+
+    def is_seen(self, candidate: PlacedTerm) -> bool:
+        """Whether more than half of it is in the residual of the static model."""
+        at = self.mask[candidate.columns[0]]
+        column = self.atoms.x[at][:, :, self.atom[candidate.columns[0]]]
+        return bool(np.sum(column * self.y[at]) > 0.5 * np.sum(column**2))
+
+    @cached_property
+    def least(self) -> Array:
+        """(c,) squared sum, in variances of the noise, of the smallest effect worth a name, of each candidate."""
+        taxels = self.seen.usable.sum(axis=1).astype(float)
+        at = self.mask[[each.columns[0] for each in self.candidates]]
+        return np.asarray(LEAST_SIZE**2 * self.n_rows * (at @ taxels))
+
+    @cached_property
+    def _with_shared(self) -> Array:
+        """(p, s) inner products with the reference's columns."""
+        return np.asarray(np.einsum("pt,tps->ps", self.mask.astype(float), self.atoms.shared[:, self.atom]))
+
+    @cached_property
+    def _left(self) -> Array:
+        """(T, N) of y, what own columns leave."""
+        return self.nuisance.left_of(self.y)
+
+    @cached_property
+    def _y_with_shared(self) -> Array:
+        """(s,) inner products of y with the reference's columns."""
+        return np.asarray(np.einsum("tns,tn->s", self.nuisance.shared, self._left))
+
+    @cached_property
+    def gram(self) -> Array:
+        """(p, p)"""
+        found = self._summed(self.atoms.gram)
+        c = self._with_shared
+        found -= c @ self.nuisance.shared_inverse @ c.T
+        square = np.einsum("pt,tp->p", self.mask.astype(float), self.atoms.square[:, self.atom])
+        own = np.diag(found) - np.minimum(square, 0.9 * np.diag(found))
+        np.fill_diagonal(found, own)
+        return found
+
+    @cached_property
+    def raw_gram(self) -> Array:
+        """(p, p) without projection: how large an effect is, whatever else could explain it."""
+        return self._summed(self.atoms.raw)
+
+    @cached_property
+    def left_of_atoms(self) -> Array:
+        """(T, K) inner products of the atoms with what own columns leave of y."""
+        left = self._left.astype(np.float32)[:, None]
+        return np.asarray(np.matmul(left, self.atoms.x)[:, 0].astype(float) - self.atoms.product)
+
+    @cached_property
+    def cross(self) -> Array:
+        """(p,)"""
+        found = np.einsum("pt,tp->p", self.mask.astype(float), self.left_of_atoms[:, self.atom])
+        return np.asarray(found - self._with_shared @ self.nuisance.shared_inverse @ self._y_with_shared)
+
+    @cached_property
+    def total(self) -> float:
+        """Squared residual of the static model."""
+        with_y = self._y_with_shared
+        return float(np.sum(self.y * self._left)) - float(with_y @ self.nuisance.shared_inverse @ with_y)
+
+    def size(self, candidate: PlacedTerm, shares: Array) -> float:
+        """Squared sum of an effect in variances of the noise, whatever else could explain it."""
+        return float(shares @ self.raw_gram[np.ix_(candidate.columns, candidate.columns)] @ shares)
+
+    def overlap(self, candidate: PlacedTerm, other: PlacedTerm, shares: Array) -> float:
+        """Squared sum of `other` in the triangles of `candidate`; of what nuisances leave, unless they could be it."""
+        both = self.mask[candidate.columns[0]] & self.mask[other.columns[0]]
+        own = self._products_of(other, self.is_within_priors(candidate))[both]
+        return float(np.einsum("k,tkl,l->", shares, own, shares))
+
+    @cached_property
+    def _products(self) -> dict[tuple[int, int, bool], Array]:
+        return {}
+
+    def _products_of(self, candidate: PlacedTerm, raw: bool) -> Array:
+        """(T, k, k) of a candidate's atoms, gathered once."""
+        atoms = self.atom[candidate.columns]
+        key = int(atoms[0]), len(atoms), raw
+        if key not in self._products:
+            every = self.atoms.raw if raw else self.atoms.gram
+            self._products[key] = every[:, atoms][:, :, atoms]
+        return self._products[key]
+
+    def is_within_priors(self, candidate: PlacedTerm) -> bool:
+        """Static terms: each triangle's calibration may be off by what they are, but for its prior."""
+        return candidate.word in WITHIN_PRIORS
+
+    def retimed(self, timing: Timing) -> BlockDesign:
+        """Against the reference after `timing`."""
+        return replace(self, y=residual(self.seen, self.weights, timing), timing=timing)
+
+    def subset(self, chosen: Sequence[int]) -> BlockDesign:
+        """With the columns of `chosen` candidates and their companions alone."""
+        picked = [self.candidates[k] for k in chosen]
+        every = [np.concatenate([each.columns, each.companions]) for each in picked]
+        columns = np.unique(np.concatenate([*every, np.empty(0, np.intp)]))
+        place = {int(old): new for new, old in enumerate(columns)}
+
+        def renumbered(old: NDArray[np.intp]) -> NDArray[np.intp]:
+            return np.array([place[int(k)] for k in old], np.intp)
+
+        candidates = tuple(
+            replace(each, columns=renumbered(each.columns), companions=renumbered(each.companions)) for each in picked
+        )
+        used, atom = np.unique(self.atom[columns], return_inverse=True)
+        return replace(
+            self, candidates=candidates, atom=atom, mask=self.mask[columns], atoms=_picked(self.atoms, used)
+        )  # fmt: skip
+
+    def exchanged(self, i: int, setting: Setting) -> BlockDesign:
+        """With another setting of candidate `i`."""
+        candidate = self.candidates[i]
+        assert candidate.term.column is not None
+        block = candidate.term.column(self.load, setting)
+        fresh = make_atoms([block], self.weights, self.nuisance, joined=self.atoms)
+        k = self.atoms.x.shape[2]
+        atom = self.atom.copy()
+        atom[candidate.columns] = k + np.arange(len(candidate.columns))
+        candidates = tuple(replace(c, settings=block.settings) if j == i else c for j, c in enumerate(self.candidates))
+        used, atom = np.unique(atom, return_inverse=True)
+        return replace(self, candidates=candidates, atom=atom, atoms=_picked(fresh, used))
+
+    def with_settings(self, found: Sequence[tuple[int, Setting]]) -> BlockDesign:
+        """With candidates like those of number `k` with other settings."""
+        if not found:
+            return self
+        blocks, candidates, atom, mask = [], list(self.candidates), [self.atom], [self.mask]
+        first, number = self.atoms.x.shape[2], len(self.atom)
+        for k, setting in found:
+            like = self.candidates[k]
+            assert like.term.column is not None
+            blocks.append(like.term.column(self.load, setting))
+            ids = np.arange(len(like.columns))
+            candidates.append(replace(like, columns=number + ids, settings=(setting,) * len(ids)))
+            atom.append(first + ids)
+            mask.append(self.mask[like.columns])
+            first, number = first + len(ids), number + len(ids)
+        return replace(
+            self, candidates=tuple(candidates), atom=np.concatenate(atom), mask=np.concatenate(mask),
+            atoms=make_atoms(blocks, self.weights, self.nuisance, joined=self.atoms),
+        )  # fmt: skip
+
+    def extended(self, at: Sequence[tuple[int, NDArray[np.bool_]]]) -> BlockDesign:
+        """With candidates like those of number `k` at other sets of triangles (T,)."""
+        plain = {c.word: k for k, c in reversed(list(enumerate(self.candidates))) if c.where.scope == "insole"}
+        wanted = {(k, rows.tobytes()): rows for k, rows in at}
+        for k, rows in at:
+            wanted |= {(plain[word], rows.tobytes()): rows for word in self.candidates[k].term.absorbs if word in plain}
+        candidates, atom, mask = list(self.candidates), [self.atom], [self.mask]
+        number = len(self.atom)
+        for (k, _), rows in wanted.items():
+            like = self.candidates[k]
+            ids = number + np.arange(len(like.columns))
+            number += len(ids)
+            atom.append(self.atom[like.columns])
+            mask.append(np.broadcast_to(rows, (len(ids), len(rows))))
+            searched = math.comb(len(rows), int(rows.sum()))
+            candidates.append(replace(like, where=place_of(rows, self.seen), columns=ids, n_places=searched))
+        return replace(
+            self, candidates=with_companions(candidates, AT_REST), atom=np.concatenate(atom), mask=np.concatenate(mask)
+        )
+
+    def _summed(self, by_triangle: Array) -> Array:
+        found = np.zeros((len(self.atom), len(self.atom)))
+        for t, block in enumerate(by_triangle):
+            here = np.flatnonzero(self.mask[:, t])
+            found[np.ix_(here, here)] += block[np.ix_(self.atom[here], self.atom[here])]
+        return found
+
+
+def residual(seen: ChamberObservation, weights: Array, timing: Timing) -> Array:
+    """(T, N) weighted: the reference's pressure less that of the static curves."""
+    said = seen.reference.at(seen.reference_s - timing.delay_s, timing.lag_s)
+    return np.ascontiguousarray(((said - seen.wrench) * weights).T)
+
+
+def block_design(load: LoadEstimate, weights: Array, words: frozenset[str] | None = None) -> BlockDesign:
+    """The regression of one recording, with candidates at the insole, every board and every triangle.
+
+    `weights` (N, T): one over the standard deviation of a row; 0: unknown.
+    """
+    seen = load.observation
+    assert isinstance(seen, ChamberObservation)
+    nuisance = _nuisance(load, weights)
+    terms = [each for each in TERMS if (words is None or each.word in words) and each.needs(load) is None]
+    blocks = [(term, block) for term in terms for block in term.columns(load)]
+    atoms = make_atoms([block for _, block in blocks], weights, nuisance)
+    placed, atom, mask = _placed(blocks, seen)
+    candidates = with_companions(placed, AT_REST)
+    return BlockDesign(
+        load, weights, nuisance, atoms, candidates, atom, mask, residual(seen, weights, Timing())
+    )  # fmt: skip
+
+
+def _nuisance(load: LoadEstimate, weights: Array) -> Nuisance:
+    seen = load.observation
+    n, n_triangles = weights.shape
+    slope = load.wrench_of(load.slope_pa)[..., 0]
+    gain = load.wrench_of(-load.slope_pa * load.gained_count)[..., 0]
+    highest = max(float(np.quantile(seen.activation_count[:, seen.usable], 0.999)), 1.0)
+    knots = np.linspace(0.0, highest, CURVE_KNOTS)
+    hats = [
+        load.wrench_of(load.slope_pa * np.interp(load.activation_count, knots, hat))[..., 0]
+        for hat in np.eye(CURVE_KNOTS)
+    ]
+    parts, stds = [gain, slope, *hats], [GAIN_STD, BASELINE_STD_COUNT, *[CURVE_STD_COUNT] * CURVE_KNOTS]
+    if seen.rezeroed is not None:
+        parts, stds = [*parts, slope * seen.rezeroed], [*stds, REZERO_STD_COUNT]
+    own = np.stack(parts, axis=-1) * weights[..., None]
+    edge = seen.reference.slope(seen.reference_s)  # (N, 1)
+    names, columns, shared_std = ["zero"], [np.ones((n, 1))], [ZERO_STD_PA]
+    if seen.offset_is_free:
+        names += ["offset_s", "rate"]
+        columns += [-edge, -edge * (seen.t_s - seen.t_s.mean())[:, None]]
+        shared_std += [OWN_OFFSET_STD_S, OWN_RATE_STD]
+    shared = np.stack([np.broadcast_to(each, (n, n_triangles)) * weights for each in columns], axis=-1)
+    return Nuisance(
+        np.ascontiguousarray(own.transpose(1, 0, 2)), np.array(stds), tuple(names),
+        np.ascontiguousarray(shared.transpose(1, 0, 2)), np.array(shared_std),
+    )  # fmt: skip
+
+
+def make_atoms(blocks: Sequence[TermColumns], weights: Array, nuisance: Nuisance, joined: Atoms | None = None) -> Atoms:
+    """Columns of `blocks`, beside those of `joined`."""
+    n, n_triangles = weights.shape
+    parts: list[NDArray[np.float32]] = []
+    products: list[Array] = []
+    squares: list[Array] = []
+    for block in blocks:
+        if block.by_triangle is not None:
+            values = block.by_triangle[:, :, 0]
+        else:
+            assert block.whole is not None
+            values = np.broadcast_to(block.whole, (n, n_triangles, block.whole.shape[-1]))
+        parts.append((values * weights[..., None]).astype(np.float32).transpose(1, 0, 2))
+        for i, found in enumerate((products, squares)):
+            if block.echo is None:
+                found.append(np.zeros((n_triangles, values.shape[-1])))
+                continue
+            echo = block.echo[i][:, :, 0] if block.by_triangle is not None else block.echo[i]
+            found.append(np.einsum("ntk,nt->tk", np.broadcast_to(echo, values.shape), weights**2))
+    x = np.concatenate([*([] if joined is None else [joined.x]), *parts], axis=2)
+    raw = np.matmul(x.transpose(0, 2, 1), x).astype(float)
+    own = np.matmul(nuisance.own_rows, x).astype(float)
+    gram = raw - np.matmul(np.matmul(own.transpose(0, 2, 1), nuisance.inverse), own)
+    shared = np.matmul(x.transpose(0, 2, 1), nuisance.shared_left.astype(np.float32)).astype(float)
+    product, square = np.concatenate(products, axis=1), np.concatenate(squares, axis=1)
+    if joined is not None:
+        product = np.concatenate([joined.product, product], axis=1)
+        square = np.concatenate([joined.square, square], axis=1)
+    return Atoms(x, gram, raw, shared, product, square)
+
+
+def _picked(atoms: Atoms, used: NDArray[np.intp]) -> Atoms:
+    return Atoms(
+        np.ascontiguousarray(atoms.x[:, :, used]), atoms.gram[:, used][:, :, used], atoms.raw[:, used][:, :, used],
+        atoms.shared[:, used], atoms.product[:, used], atoms.square[:, used],
+    )  # fmt: skip
+
+
+def _placed(
+    blocks: Sequence[tuple[Term, TermColumns]], seen: ChamberObservation
+) -> tuple[list[PlacedTerm], NDArray[np.intp], NDArray[np.bool_]]:
+    """Candidates with the atom and the triangles of each of their columns."""
+    candidates: list[PlacedTerm] = []
+    atom: list[int] = []
+    mask: list[NDArray[np.bool_]] = []
+    first = 0
+    for term, block in blocks:
+        k = len(block.settings)
+        groups = [list(range(k))] if block.joint else [[j] for j in range(k)]
+        for where, rows, n_places in _places(term, block, seen):
+            for group in groups:
+                ids = len(atom) + np.arange(len(group))
+                atom += [first + j for j in group]
+                mask += [rows] * len(group)
+                settings = tuple(block.settings[j] for j in group)
+                candidates.append(PlacedTerm(term, where, settings, ids, n_places, np.empty(0, np.intp)))
+        first += k
+    return candidates, np.array(atom, np.intp), np.array(mask)
+
+
+def _places(term: Term, block: TermColumns, seen: ChamberObservation) -> Iterator[tuple[Where, NDArray[np.bool_], int]]:
+    identities = [tuple(identity) for identity in seen.layout.identities.tolist()]
+    works = seen.usable.any(axis=1)
+    scopes = ("insole",) if block.whole is not None else (*term.chamber_scopes, *term.scopes)
+    for scope in scopes:
+        depth = SCOPES.index(scope)
+        parts = sorted({identity[:depth] for identity in identities})
+        for part in parts:
+            rows = np.array([identity[:depth] == part for identity in identities]) & works
+            if rows.any():
+                yield (Where(scope, (part,)) if depth else Where()), rows, len(parts)
+
+
+def place_of(rows: NDArray[np.bool_], seen: ChamberObservation) -> Where:
+    """The coarsest place that is the triangles `rows` (T,)."""
+    works = seen.usable.any(axis=1)
+    if np.array_equal(rows & works, works):
+        return Where()
+    identities = seen.layout.identities
+    boards = np.unique(identities[rows, 0])
+    of_boards = np.isin(identities[:, 0], boards) & works
+    if np.array_equal(rows & works, of_boards):
+        return Where("board", tuple((int(board),) for board in boards))
+    return Where("triangle", tuple((int(b), int(t)) for b, t in identities[rows].tolist()))

@@ -1,0 +1,127 @@
+"""The load on every taxel, as its own noisy counts tell it.
+
+Memory of turning points follows noise: columns of such terms need counts with less of it. Readings of a foot have few
+independent courses, so singular vectors that do not stand out of white noise are left out
+(edge of the noise's singular values: Marchenko & Pastur, Math. USSR-Sb. 1 (1967) 457).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ...physics.law import Array
+from ..observations.wrench import WrenchObservation
+
+EDGE = 1.05  # times the largest singular value that white noise has
+
+
+@dataclass(frozen=True, eq=False)
+class LoadEstimate:
+    """Arrays (N, T, 12) over rows, triangles and taxels."""
+
+    observation: WrenchObservation
+    is_known = False
+
+    @cached_property
+    def activation_count(self) -> Array:
+        """Baseline − count with noise reduced."""
+        seen = self.observation
+        usable = seen.usable.ravel()
+        noise = np.maximum(seen.noise_count.ravel()[usable], 0.1)
+        raw = seen.activation_count.reshape(len(seen.t_s), -1)
+        scaled = raw[:, usable] / noise
+        values, vectors = np.linalg.eigh(scaled.T @ scaled)
+        edge = EDGE * (np.sqrt(scaled.shape[0]) + np.sqrt(scaled.shape[1]))
+        kept = vectors[:, values > edge**2]
+        found = np.zeros_like(raw)
+        found[:, usable] = (scaled @ kept) @ kept.T * noise
+        return found.reshape(seen.activation_count.shape)
+
+    @property
+    def gained_count(self) -> Array:
+        """(N, T, 12) activation that a gain multiplies."""
+        return self.activation_count
+
+    @cached_property
+    def read_pa(self) -> Array:
+        """By the static curves, from counts with noise reduced."""
+        return self.static_pa(self.activation_count)
+
+    @cached_property
+    def pressure_pa(self) -> Array:
+        """The load: where it is not known, what the readings say."""
+        return self.read_pa
+
+    def static_pa(self, activation_count: Array) -> Array:
+        """(N, T, 12) by the static curves, of activations."""
+        return np.asarray(
+            np.polynomial.polynomial.polyval(activation_count, self.observation.coefficients, tensor=False)
+        )
+
+    def shifted_pa(self, shift_count: float) -> Array:
+        """(N, T, 12) Pa by which the pressure of a count more differs, on the average over `shift_count`."""
+        if abs(shift_count) < 0.1:
+            return self.slope_pa
+        return (self.static_pa(self.activation_count + shift_count) - self.read_pa) / shift_count
+
+    @property
+    def courses_pa(self) -> Array:
+        """(N, t, k) loads of all taxels, those that are the same once; they broadcast to (N, T, 12)."""
+        return self.pressure_pa
+
+    @cached_property
+    def by_triangle(self) -> Array:
+        """(N, T, 3) wrench of each triangle by the load."""
+        return self.wrench_of(self.pressure_pa)
+
+    @cached_property
+    def read_by_triangle(self) -> Array:
+        """(N, T, 3) wrench of each triangle by readings, with noise reduced."""
+        return self.wrench_of(self.read_pa)
+
+    @cached_property
+    def slope_pa(self) -> Array:
+        """Pa a count, no flatter than a share of its mean."""
+        return self.observation.slope_at(self.activation_count)
+
+    @property
+    def step_s(self) -> float:
+        """Between two rows."""
+        return self.observation.step_s
+
+    def wrench_of(self, pressure_pa: Array) -> Array:
+        """(N, T, 3) of pressures (N, T, 12)."""
+        return self.observation.wrench_of(pressure_pa)
+
+
+class KnownLoad(LoadEstimate):
+    """Where a reference tells the load of every taxel: what acts on it is computed from it, not from readings."""
+
+    is_known = True
+
+    @cached_property
+    def pressure_pa(self) -> Array:
+        """(N, T, 12) of the reference."""
+        seen = self.observation
+        said = seen.reference.smooth_at(seen.reference_s)
+        return np.where(seen.usable, said[:, :, None], 0.0)
+
+    @property
+    def courses_pa(self) -> Array:
+        """(N, 1, 1): the load of all taxels."""
+        seen = self.observation
+        return seen.reference.smooth_at(seen.reference_s)[:, :, None]
+
+    @property
+    def gained_count(self) -> Array:
+        """(N, T, 12) activation that the load makes."""
+        return self.observation.expected_count
+
+    @cached_property
+    def slope_pa(self) -> Array:
+        """(N, T, 12) Pa a count between what is read and what should be: their mean, as a shift moves pressures."""
+        seen = self.observation
+        return 0.5 * (seen.slope_at(self.activation_count) + seen.slope_at(seen.expected_count))

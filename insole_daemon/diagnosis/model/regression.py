@@ -1,0 +1,108 @@
+"""What the search needs of the regression of a recording, whatever is known of its load."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol, Self, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...physics.effect import Where
+from ...physics.law import Array
+from ..terms.term import ABSORBED, Setting, Term
+from .load import LoadEstimate
+
+NOTHING: Mapping[str, float] = {}
+
+
+@dataclass(frozen=True, slots=True)
+class Timing:
+    """Seconds by which readings come late, and the time constant of the lag before that."""
+
+    delay_s: float = 0.0
+    lag_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlacedTerm:
+    """One term at one place with one setting (or several joint ones)."""
+
+    term: Term
+    where: Where
+    settings: tuple[Setting, ...]
+    columns: NDArray[np.intp]  # in the design
+    n_places: int  # how many places of this scope were searched
+    companions: NDArray[np.intp]  # columns of the static part that a calibration may have absorbed
+    is_recalibration: bool = False  # nuisances hold the same within their priors
+    companion_words: tuple[str, ...] = ()
+    companion_std: tuple[float, ...] = ()  # of their shares, for a share of 1 of the term
+
+    @property
+    def word(self) -> str:
+        """Of its term."""
+        return self.term.word
+
+
+class Regression(Protocol):
+    """Candidates and their inner products, nuisances projected out: y the static model's residual, p columns."""
+
+    @property
+    def load(self) -> LoadEstimate:
+        """What the columns were made of."""
+
+    @property
+    def candidates(self) -> tuple[PlacedTerm, ...]:
+        """The c candidates."""
+
+    @property
+    def gram(self) -> Array:
+        """(p, p) inner products of the columns."""
+
+    @property
+    def cross(self) -> Array:
+        """(p,) inner products with y."""
+
+    @property
+    def total(self) -> float:
+        """Squared sum of y."""
+
+    @property
+    def n_rows(self) -> int:
+        """Rows with a weight, of one channel."""
+
+    @property
+    def least(self) -> Array:
+        """(c,) squared sum, in variances of the noise, of the smallest effect worth a name, of each candidate."""
+
+    def retimed(self, timing: Timing) -> Self:
+        """Against the reference after `timing`."""
+
+    def subset(self, chosen: Sequence[int]) -> Self:
+        """With the columns of `chosen` candidates and their companions alone."""
+
+    def exchanged(self, i: int, setting: Setting) -> Self:
+        """With another setting of candidate `i`."""
+
+
+def with_companions(every: Sequence[PlacedTerm], rest: Mapping[str, float] = NOTHING) -> tuple[PlacedTerm, ...]:
+    """Terms that a calibration may have absorbed a static part of get the static columns of their place.
+
+    `rest`: what memories have beside what `Term.absorbs` says.
+    """
+    static: dict[tuple[Where, str], int] = {}
+    for each in every:
+        static.setdefault((each.where, each.word), int(each.columns[0]))
+    found = []
+    for each in every:
+        absorbs = {**rest, **each.term.absorbs} if each.term.absorbs is ABSORBED else each.term.absorbs
+        beside = {word: std for word, std in absorbs.items() if (each.where, word) in static}
+        columns = np.array([static[each.where, word] for word in beside], np.intp)
+        found.append(
+            replace(each, companions=columns, companion_words=tuple(beside), companion_std=tuple(beside.values()))
+        )
+    return tuple(found)
+
+
+D = TypeVar("D", bound=Regression)

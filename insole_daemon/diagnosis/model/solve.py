@@ -1,0 +1,110 @@
+"""Shares of a set of candidates: a small least squares problem with signs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+from ...physics.law import Array
+from .regression import PlacedTerm, Regression
+
+LEAST_EIGENVALUE = 1e-4  # of columns scaled to 1: what is less is not determined
+RIDGE = 1e-6  # of a column's own square: what is not determined stays near 0
+FIRST_SHARE = 0.06  # of a term, for the prior of the static part it may have left, before its shares are known
+MOST_ABSORBED = 2.0  # standard deviations: the mean curve of a memory is no larger than the memory
+
+
+def solve_shares(design: Regression, chosen: Sequence[PlacedTerm]) -> tuple[tuple[Array, ...], float]:
+    """Shares of `chosen` within their signs, and the squared residual they take away.
+
+    The static part that a calibration may have absorbed of a term is fitted beside it, within a prior as wide as
+    the term's own shares make it, and never larger than these.
+    """
+    if not chosen:
+        return (), 0.0
+    shares: list[Array] = [np.empty(0)] * len(chosen)
+    cross, gain = design.cross, 0.0
+    whole = [i for i, each in enumerate(chosen) if each.term.share == "whole"]
+    fixed = np.concatenate([chosen[i].columns for i in whole] or [np.empty(0, np.intp)])
+    if len(fixed):
+        gain += float(2 * cross[fixed].sum() - design.gram[np.ix_(fixed, fixed)].sum())
+        cross = cross - design.gram[:, fixed].sum(axis=1)
+        for i in whole:
+            shares[i] = np.ones(len(chosen[i].columns))
+    rest = [i for i in range(len(chosen)) if i not in whole]
+    if rest:
+        own_columns = np.concatenate([chosen[i].columns for i in rest])
+        beside = [chosen[i].companions for i in rest if len(chosen[i].companions)]
+        extra = np.setdiff1d(np.concatenate(beside), own_columns) if beside else np.empty(0, np.intp)
+        columns = np.concatenate([own_columns, extra])
+        positive = np.concatenate([np.full(len(chosen[i].columns), chosen[i].term.share == "positive") for i in rest])
+        positive = np.concatenate([positive, np.zeros(len(extra), bool)])
+        plain = design.gram[np.ix_(columns, columns)]
+        plain = plain + np.diag(RIDGE * np.diag(plain) + 1e-12)
+        strengths = [FIRST_SHARE * (1.0 if not each.term.plausible else each.term.plausible / 0.1) for each in chosen]
+        k = len(own_columns)
+        for _ in range(3 if len(extra) else 1):
+            std = absorbed_std(chosen, strengths, extra)
+            own = plain + np.diag(np.concatenate([np.zeros(k), std**-2.0]))
+            found = bounded(own, cross[columns], positive)
+            _hand_out(found, chosen, rest, shares)
+            for i in rest:
+                strengths[i] = float(np.abs(shares[i]).sum())
+        most = MOST_ABSORBED * absorbed_std(chosen, strengths, extra)
+        if np.any(np.abs(found[k:]) > most):
+            absorbed = np.clip(found[k:], -most, most)
+            left = cross[own_columns] - own[:k, k:] @ absorbed
+            found = np.concatenate([bounded(own[:k, :k], left, positive[:k]), absorbed])
+            _hand_out(found, chosen, rest, shares)
+        gain += float(2 * found @ cross[columns] - found @ own @ found)
+    return tuple(shares), gain
+
+
+def _hand_out(found: Array, chosen: Sequence[PlacedTerm], rest: Sequence[int], shares: list[Array]) -> None:
+    """Put the shares of the candidates `rest` of `chosen`, one after the other in `found`, into `shares`."""
+    at = 0
+    for i in rest:
+        shares[i] = found[at : at + len(chosen[i].columns)]
+        at += len(chosen[i].columns)
+
+
+def is_possible(chosen: Sequence[PlacedTerm], shares: Sequence[Array], load_is_known: bool) -> bool:
+    """Whether all shares are within what the terms' laws make sense for."""
+    return all(
+        float(np.abs(own).max()) <= each.term.limit and (load_is_known or each.term.is_possible(each.settings, own))
+        for own, each in zip(shares, chosen, strict=True)
+    )
+
+
+def absorbed_std(chosen: Sequence[PlacedTerm], strengths: Sequence[float], columns: NDArray[np.intp]) -> Array:
+    """(k,) prior standard deviations of static parts that terms of these `strengths` (sums of shares) have left."""
+    square = np.full(len(columns), 1e-8)
+    for each, strength in zip(chosen, strengths, strict=True):
+        for column, std in zip(each.companions.tolist(), each.companion_std, strict=True):
+            square[columns == column] += (std * strength) ** 2
+    return np.asarray(np.sqrt(square))
+
+
+def bounded(gram: Array, cross: Array, positive: NDArray[np.bool_]) -> Array:
+    """θ that minimises θᵀ·gram·θ − 2·crossᵀθ with θ ≥ 0 where `positive`."""
+    scale = np.sqrt(np.diag(gram))
+    gram, cross = gram / scale[:, None] / scale, cross / scale
+    free = ~positive
+    found = np.empty(len(cross))
+    inner, r = gram[np.ix_(positive, positive)], cross[positive]
+    if free.any():
+        through = np.linalg.solve(
+            gram[np.ix_(free, free)], np.column_stack([gram[np.ix_(free, positive)], cross[free]])
+        )
+        inner = inner - gram[np.ix_(positive, free)] @ through[:, :-1]
+        r = r - gram[np.ix_(positive, free)] @ through[:, -1]
+    if positive.any():
+        values, vectors = np.linalg.eigh(inner)
+        root = np.sqrt(np.maximum(values, LEAST_EIGENVALUE))
+        found[positive] = nnls(root[:, None] * vectors.T, (vectors.T @ r) / root)[0]
+    if free.any():
+        found[free] = through[:, -1] - through[:, :-1] @ found[positive]
+    return found / scale

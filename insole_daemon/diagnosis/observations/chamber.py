@@ -1,0 +1,190 @@
+"""A recording whose load is known on every taxel: pressures by triangle and the reference pressure, on one time grid.
+
+Where the load is the same everywhere, a triangle's taxels say the same thing ten times over; their mean, weighted by
+what each knows, is what the regression sees. The reference stands for the load of every triangle.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.signal import savgol_filter
+from scipy.stats import trim_mean
+
+from ...errors import CalibrationError, DiagnosisError
+from ...physics.calibration import Calibration
+from ...physics.law import Array
+from ...recording.loading import FootRecording, Recording
+from ...recording.reference import Reference
+from ...skin.geometry import PRESSURE_TAXELS
+from .alignment import fit_own_clock
+from .readings import read_triangles
+from .wrench import (
+    FASTEST_S,
+    FINE_S,
+    JITTER_S,
+    LEAST_ROWS,
+    SLOWEST_S,
+    TEMPERATURE,
+    ReferenceWrench,
+    WrenchObservation,
+    noise_of_triangle,
+    row_times,
+)  # fmt: skip
+
+LEAST_RISE_PA = 1e4  # by which the pressure varies
+SMOOTH_S, SMOOTH_ROWS, DEGREE = 0.06, 3, 3  # half the window of the reference
+NOISE_KEPT = 2.25  # of a cubic fit over many rows, times their number (Savitzky & Golay)
+N_TABLE = 400  # of the curves, to be read backwards
+LEAST_TOLD = 0.3  # of the readings' time, that the reference covers
+
+
+@dataclass(frozen=True, eq=False)
+class ChamberObservation(WrenchObservation):
+    """One foot of one recording in a chamber or a bag: channels are the T triangles' mean pressures, Pa.
+
+    `rate_std`: of the clock's rate, where it is the reference's own.
+    """
+
+    rate_std: float = 0.0
+    is_uniform = True
+
+    @cached_property
+    def arms(self) -> Array:
+        """(T, 12, 1) weights of the taxels in their triangle's mean, by what a reading of each says; they sum to 1."""
+        slope = np.mean(self.slope_pa, axis=0)
+        known = np.where(self.usable, 1.0 / np.maximum(slope * np.maximum(self.noise_count, 0.1), 1e-9) ** 2, 0.0)
+        return np.asarray((known / np.maximum(known.sum(axis=1, keepdims=True), 1e-300))[..., None])
+
+    @cached_property
+    def expected_count(self) -> Array:
+        """(N, T, 12) activation by the static curves under the load of the reference."""
+        return self.activation_at(np.broadcast_to(self.reference.at(self.reference_s), self.missing.shape))
+
+    def activation_at(self, pressure_pa: Array) -> Array:
+        """(N, T, 12) by the static curves under pressures (N, T); below what they say of no load, straight on."""
+        lowest = min(float(self.activation_count.min()), 0.0) - 5.0
+        grid = np.linspace(lowest, float(self.activation_count.max()) + 5.0, N_TABLE)
+        above = np.maximum(grid, 0.0)[:, None, None]
+        pressure = np.polynomial.polynomial.polyval(
+            np.broadcast_to(above, (N_TABLE, *self.usable.shape)), self.coefficients, tensor=False
+        )
+        slope = np.maximum(self.coefficients[1], 1.0)
+        pressure = np.maximum.accumulate(pressure + slope * np.minimum(grid, 0.0)[:, None, None], axis=0)
+        found = np.zeros(self.activation_count.shape)
+        for t, k in np.argwhere(self.usable).tolist():
+            found[:, t, k] = np.interp(pressure_pa[:, t], pressure[:, t, k], grid)
+        return found
+
+    @cached_property
+    def counting_variance(self) -> Array:
+        """(N, T, 1) variance of each triangle's mean pressure by the noise of its readings."""
+        found = self._squared((self.slope_at(self.expected_count) * self.noise_count) ** 2)
+        return found if self.loudness is None else found * self.loudness[..., None] ** 2
+
+    @property
+    def wrench(self) -> Array:
+        """(N, T) mean pressure of each triangle by the static curves."""
+        return np.asarray(self.by_triangle[..., 0])
+
+    @cached_property
+    def weight_variance(self) -> Array:
+        """(N, T) variance of a row that counting noise, stamps, the reference and gaps make, Pa²."""
+        counted = self.counting_variance[..., 0]
+        slope = self.reference.slope(self.reference_s)
+        found = counted + self.reference.noise**2 + (JITTER_S * slope) ** 2
+        found = np.where(self.missing | ~self.usable.any(axis=1), np.inf, found)
+        found[self.clipped | self.saturated] = np.inf
+        found[~self.reference.is_known(self.reference_s)] = np.inf
+        return np.asarray(found)
+
+
+def observe_chamber(
+    recording: Recording, foot: FootRecording, calibration: Calibration, reference: Reference
+) -> ChamberObservation:
+    """What is looked at of `foot` under a load that `reference` tells, with `pressure_pa` for all taxels.
+
+    DiagnosisError where the reference tells nothing of it.
+    """
+    readings = read_triangles(recording, foot)
+    periods = np.array([each.period_s for each in readings])
+    there = np.isfinite(periods)
+    if not there.any():
+        raise DiagnosisError(f"{recording.folder}: no triangle of the {foot.foot} foot has sent a reading")
+    step_s = float(np.clip(np.median(periods[there]), FASTEST_S, SLOWEST_S))
+    first = max(each.t_s[0] for each in readings if len(each.t_s) and each.t_s[0] < 5.0)
+    last = float(np.median([each.t_s[-1] for each in readings if len(each.t_s)]))
+    grid_s = np.arange(first, last, step_s)
+    counts = np.stack([each.at(grid_s) for each in readings], axis=1)
+    usable = there[:, None] & calibration.usable & PRESSURE_TAXELS & np.isfinite(counts).all(axis=0)
+    activation = np.where(usable, calibration.baseline_count - counts, 0.0)
+    missing = np.stack([each.in_gap(grid_s) for each in readings], axis=1)
+    noise = np.stack([noise_of_triangle(each) for each in readings])
+    load = _reference(recording, foot, reference)
+    declared = foot.t_ns[0] * 1e-9 - load.start_s if load.has_times and load.clock == "can" else None
+    found = ChamberObservation(
+        recording.folder.name, foot.layout, calibration, grid_s, periods, activation, usable, missing,
+        np.where(usable, noise, 0.0), load, declared or 0.0, 0.0, declared, declared is None, declared is None, None,
+        tuple(readings),
+    )  # fmt: skip
+    if declared is None:
+        found = _aligned(recording, found)
+    told = float(load.is_known(found.reference_s).mean())
+    if told < LEAST_TOLD:
+        raise DiagnosisError(
+            f"{recording.folder}: the reference covers {told:.0%} of the readings, expected at least "
+            f"{LEAST_TOLD:.0%}: is it of the same trial, and did it run all the time?"
+        )
+    if TEMPERATURE in reference.columns:
+        values = reference[TEMPERATURE]
+        known = np.isfinite(values)
+        if known.any():
+            times_s = row_times(foot, reference.time_s, len(values)) - load.start_s
+            found = replace(found, temperature_c=np.interp(found.reference_s, times_s[known], values[known]))
+    return found
+
+
+def _reference(recording: Recording, foot: FootRecording, reference: Reference) -> ReferenceWrench:
+    """The pressure on a fine grid, (M, 1)."""
+    pressure = reference["pressure_pa"]
+    time_s = row_times(foot, reference.time_s, len(pressure))
+    good = np.isfinite(pressure) & (np.diff(time_s, prepend=-np.inf) > 0)
+    rises = float(np.ptp(pressure[good])) if good.any() else 0.0
+    if good.sum() < LEAST_ROWS or not rises > LEAST_RISE_PA:
+        raise DiagnosisError(
+            f"{recording.folder}: the pressure of the reference stays within {rises / 1e3:.1f} kPa, expected one that "
+            f"rises and falls by more than {LEAST_RISE_PA / 1e3:.0f} kPa: was the chamber recorded?"
+        )
+    t, p = time_s[good] - time_s[good][0], pressure[good][:, None]
+    grid_s = np.arange(0.0, t[-1], FINE_S)
+    after = np.searchsorted(t, grid_s, side="right").clip(1, len(t) - 1)
+    row_s = float(np.median(np.diff(t)))
+    rows = 2 * max(round(SMOOTH_S / row_s), SMOOTH_ROWS) + 1
+    known = t[after] - t[after - 1] < max(0.25, 3.0 * row_s)
+    noise = np.median(np.abs(np.diff(p, n=3, axis=0)), axis=0) / np.sqrt(20.0) / 0.6745
+    # Cubics: a mean would be a memory itself, symmetric in time.
+    window = 2 * round(rows * row_s / FINE_S / 2) + 1
+    fine = savgol_filter(CubicSpline(t, p)(grid_s), window, DEGREE, axis=0)
+    noise = noise * np.sqrt(NOISE_KEPT / rows)
+    return ReferenceWrench(
+        float(time_s[good][0]), fine, known, noise, reference.clock,
+        reference.time_s is not None, row_s,
+    )  # fmt: skip
+
+
+def _aligned(recording: Recording, found: ChamberObservation) -> ChamberObservation:
+    """The clock by which the edges agree, with what memory and warmth do to readings fitted beside it."""
+    usable = found.usable
+    # The middle half of the taxels: one that leaps or a board that steps bends edges by seconds.
+    mean = trim_mean(found.activation_count[:, usable], 0.25, axis=1)
+    at_s = np.arange(0, len(found.reference.fine), 2, dtype=np.float64) * FINE_S
+    try:
+        fitted = fit_own_clock(
+            found.t_s, mean, at_s, found.reference.fine[::2, 0], memory=found.reference.has_times
+        )  # fmt: skip
+    except CalibrationError as error:
+        raise DiagnosisError(f"{recording.folder}: {error}") from error
+    return replace(found.with_clock(fitted.offset_s, fitted.rate), rate_std=fitted.rate_std)

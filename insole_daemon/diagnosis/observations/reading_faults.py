@@ -1,0 +1,222 @@
+"""Faults that readings show by themselves: lost contact, dead taxels, lost or repeated frames, bursts of noise, spikes.
+
+What a fault spoils is not deleted: its triangle is stood in for by others, and its rows weigh less.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d, median_filter, percentile_filter
+
+from ...physics.effect import Where
+from ...physics.law import Array
+from ...recording.loading import FootRecording
+from ..audit import audit
+from ..finding import Finding
+from ..places import said
+from .rezeros import with_rezeros
+from .wrench import FINE_S, WrenchObservation
+
+TAKEN = ("open_triangle", "dead_taxels")  # of the audit of readings
+MOST_GOOD = 0.5  # of the readings of a triangle that is open
+MOST_LOST = 0.003  # of a triangle's readings: what a bus loses without a fault
+LEAST_REPEATED = 0.005  # share of repeats that frames lost on the way make
+BURST_TIMES, CALM_QUANTILE = 2.0, 0.25  # a window's noise against the triangle's usual one; rows in the air
+LEAST_COUNT = 0.3  # of noise: rounding alone
+WINDOW_S, LEAST_BURST_S, MOST_BURST = 1.5, 2.9, 0.75
+SPIKE_SIGMAS, LEAST_SPIKES = 9.0, 4
+NEAR_S = 0.1  # readings and reference may be apart by as much
+MOST_SILENT = 0.5  # of a window's readings, that are cut off
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ReadingFaults:
+    """What was found, and the observation with it taken into account."""
+
+    observation: WrenchObservation
+    substituted: NDArray[np.bool_]  # (T,) triangles with taxels that others stand in for
+    findings: tuple[Finding, ...]
+    spikes: NDArray[np.bool_]  # (N,) rows in which the reference leaps
+
+
+def reading_faults(foot: FootRecording, seen: WrenchObservation) -> ReadingFaults:
+    """Faults of the readings of `foot`, as `seen` on its grid."""
+    audited = audit(foot, seen.name, steps=True)
+    findings = [each for each in audited.findings if each.effect in TAKEN and not _did_not_come(each, seen)]
+    seen, rezeroed = with_rezeros(foot, seen)
+    boards = {each.where.ids[0][0] for each in rezeroed}
+    # A board that was zeroed under load reads as if nothing were connected until there is more.
+    findings = [each for each in findings if each.effect != "open_triangle" or each.where.ids[0][0] not in boards]
+    broken = np.zeros_like(seen.usable)
+    for each in findings:
+        broken.reshape(-1)[each.where.slots(seen.layout)] = True
+    broken &= seen.usable
+    working = seen.usable & ~broken
+    substituted = np.asarray(broken.any(axis=1))
+    seen = _substitute(seen, working, substituted) if substituted.any() else seen
+    findings += rezeroed
+    findings += _lost(foot, seen, substituted)
+    loudness, bursts = _bursts(seen)
+    seen = replace(seen, loudness=loudness)
+    findings += bursts
+    spikes, spiked = _spikes(seen)
+    findings += spiked
+    return ReadingFaults(seen, substituted, tuple(findings), spikes)
+
+
+def _did_not_come(each: Finding, seen: WrenchObservation) -> bool:
+    """Whether a triangle said to be open has only lost readings: those that came meanwhile are good."""
+    if each.effect != "open_triangle" or not each.when_s:
+        return False
+    identities = [tuple(identity) for identity in seen.layout.identities.tolist()]
+    good: list[float] = []
+    for row in (identities.index(identity[:2]) for identity in each.where.ids):
+        own = seen.readings[row]
+        during = np.any([(own.t_s >= a) & (own.t_s <= b) for a, b in each.when_s], axis=0)
+        good += own.valid[during][:, seen.usable[row]].mean(axis=1).tolist()
+    return not good or float(np.mean(good)) > MOST_GOOD
+
+
+def _substitute(
+    seen: WrenchObservation, working: NDArray[np.bool_], substituted: NDArray[np.bool_]
+) -> WrenchObservation:
+    """`seen` with the mean of working taxels nearby in the place of those that do not work."""
+    activation = seen.activation_count.copy()
+    centres = seen.layout.xy_m.mean(axis=1)
+    for row in np.flatnonzero(substituted):
+        near = np.argsort(np.linalg.norm(centres - centres[row], axis=1))
+        donors = [j for j in near if working[j].any()]
+        donors = [row] if working[row].sum() >= 3 else [j for j in donors if j != row][:3]
+        mean = np.mean([activation[:, j][:, working[j]].mean(axis=1) for j in donors], axis=0)
+        activation[:, row][:, seen.usable[row] & ~working[row]] = mean[:, None]
+    return replace(seen, activation_count=activation)
+
+
+def _finding(
+    seen: WrenchObservation, effect: str, where: Where, when: Sequence[tuple[float, float]], text: str
+) -> Finding:
+    return Finding(
+        effect=effect, foot=seen.layout.foot, where=where, sentence=f"{said(where)}: {text}.",
+        recordings=(seen.name,), when_s=tuple(when),
+    )  # fmt: skip
+
+
+def _lost(foot: FootRecording, seen: WrenchObservation, substituted: NDArray[np.bool_]) -> list[Finding]:
+    """Triangles whose readings did not come, or came again."""
+    rows, shares = [], []
+    times: list[tuple[float, float]] = []
+    for row, each in enumerate(seen.readings):
+        if len(each.t_s) < 50 or substituted[row]:
+            continue
+        steps = np.diff(each.t_s)
+        missing = np.maximum(np.rint(steps / each.period_s) - 1, 0)
+        share = float(missing.sum() / (len(steps) + missing.sum()))
+        repeats = each.held_fraction if each.held_fraction > LEAST_REPEATED and not each.is_converter_slow else 0.0
+        if max(share, repeats) > MOST_LOST:
+            rows.append(row)
+            shares.append(max(share, repeats))
+            if not times:
+                times = [(float(each.t_s[k]), float(each.t_s[k + 1])) for k in np.flatnonzero(missing)]
+    if not rows:
+        return []
+    where = _triangles(seen, rows)
+    spread = len(times) > 40 or sum(b - a for a, b in times) > 0.5 * float(np.ptp(seen.t_s))
+    text = f"{np.mean(shares):.1%} of the readings did not come, or came again unchanged"
+    return [_finding(seen, "frame_loss", where, () if spread else _joined(times), text)]
+
+
+def _triangles(seen: WrenchObservation, rows: Sequence[int]) -> Where:
+    """The coarsest place that is these triangles."""
+    identities = [tuple(identity) for identity in seen.layout.identities.tolist()]
+    if len(rows) >= 0.9 * len(identities):
+        return Where()
+    boards = sorted({identities[row][0] for row in rows})
+    of_boards = [row for row, identity in enumerate(identities) if identity[0] in boards]
+    if len(rows) >= 0.9 * len(of_boards):
+        return Where("board", tuple((board,) for board in boards))
+    return Where("triangle", tuple(identities[row] for row in rows))
+
+
+def _bursts(seen: WrenchObservation) -> tuple[Array, list[Finding]]:
+    """(N, T) how many times as large as usual the noise of a triangle's readings is, and what is said of it."""
+    loudness = np.ones(seen.missing.shape)
+    size = max(round(WINDOW_S / seen.step_s), 8)
+    n = len(seen.t_s) // size
+    if n < 8:
+        return loudness, []
+    third = np.zeros_like(seen.activation_count)
+    third[1:-2] = np.diff(seen.activation_count, n=3, axis=0) / np.sqrt(20.0)
+    taxels = np.maximum(seen.usable.sum(axis=1), 1)
+    course = np.sqrt(np.sum(third**2 * seen.usable, axis=2) / taxels)
+    # A low quantile over a window: an edge of the load is a few rows, a burst is all of them.
+    level = np.quantile(course[: n * size].reshape(n, size, -1), CALM_QUANTILE, axis=1)
+    # Readings that are cut off do not scatter: what then scatters as usual would pass for a burst.
+    silent = (seen.clipped | seen.missing)[: n * size].reshape(n, size, -1).mean(axis=1) > MOST_SILENT
+    heard = np.where(silent, np.nan, level)
+    usual = np.where(silent.all(axis=0), np.inf, np.maximum(_median(heard), LEAST_COUNT))
+    level = np.where(silent, 0.0, level)
+    loud = level > BURST_TIMES * usual
+    loud &= median_filter(loud.astype(np.uint8), (3, 1), mode="nearest") > 0
+    share = loud.mean(axis=0)
+    bursting = (share * n * size * seen.step_s >= LEAST_BURST_S) & (share < MOST_BURST)
+    loud &= bursting
+    ratio = np.where(loud, level / usual, 1.0)
+    loudness[: n * size] = np.repeat(ratio, size, axis=0)
+    # A burst begins and ends within a window.
+    loudness = maximum_filter1d(loudness, 2 * (size // 2) + 1, axis=0)
+    if not bursting.any():
+        return loudness, []
+    edges = np.flatnonzero(np.diff(loud.any(axis=1).astype(int), prepend=0, append=0)).reshape(-1, 2)
+    when = [(float(seen.t_s[a * size]), float(seen.t_s[min(b * size, len(seen.t_s) - 1)])) for a, b in edges]
+    text = f"readings scatter {np.median(ratio[loud]):.1f} times as much as usual for a while"
+    where = _triangles(seen, np.flatnonzero(bursting).tolist())
+    return loudness, [_finding(seen, "noise_burst", where, when, text)]
+
+
+def _median(values: Array) -> Array:
+    """(m,) of the columns of (n, m), NaN left out; 0: there is nothing else."""
+    there = np.isfinite(values)
+    return np.array([np.median(own[yes]) if yes.any() else 0.0 for own, yes in zip(values.T, there.T, strict=True)])
+
+
+def _spikes(seen: WrenchObservation) -> tuple[NDArray[np.bool_], list[Finding]]:
+    """(N,) rows in which the reference leaps and the insole does not, and what is said of them.
+
+    A leap is a row or three of the reference that its own neighbours do not foretell, far more than they are off by
+    themselves; a heel that strikes is known to the insole, too.
+    """
+    width = max(round(3 * seen.reference.row_s / FINE_S), 1) * 2 + 1
+    fine = seen.reference.fine
+    leaps = np.abs(fine - median_filter(fine, (width, 1), mode="nearest"))
+    usual = percentile_filter(leaps, 90, (4 * width + round(0.5 / FINE_S) | 1, 1))
+    leaping = (leaps > SPIKE_SIGMAS * seen.reference.noise) & (leaps > 4.0 * usual)
+    # What strikes the insole, too, about the same time is a heel, whatever the clock, a delay or a lag make of it.
+    rows = max(round(NEAR_S / seen.step_s), 2)
+    struck = np.ptp(sliding_window_view(np.pad(seen.wrench, ((rows, rows), (0, 0)), "edge"), 2 * rows + 1, 0), axis=-1)
+    of_row = np.clip(np.rint(seen.reference_s / FINE_S), 0, len(fine) - 1).astype(np.intp)
+    steps = max(round(seen.step_s / FINE_S), 1)
+    size = maximum_filter1d(np.where(leaping, leaps, 0.0), steps, axis=0)[of_row]
+    left = np.abs(seen.reference.at(seen.reference_s) - seen.wrench)
+    alone = np.sort(np.stack([np.roll(left, k, axis=0) for k in (-3, -2, 2, 3)]), axis=0)[2]
+    spikes = np.any((size > struck) & (size > 2.0 * alone), axis=1)
+    starts = int((np.diff(spikes.astype(int), prepend=0) == 1).sum())
+    if starts < LEAST_SPIKES:
+        return np.zeros(len(spikes), bool), []
+    when = [(float(t), float(t + seen.step_s)) for t in seen.t_s[spikes]]
+    text = f"the reference leaps for a moment, {starts} times"
+    return spikes, [_finding(seen, "reference_fault", Where(), _joined(when)[:40], text)]
+
+
+def _joined(times: Sequence[tuple[float, float]], apart_s: float = 1.0) -> list[tuple[float, float]]:
+    found: list[tuple[float, float]] = []
+    for a, b in times:
+        if found and a - found[-1][1] < apart_s:
+            found[-1] = (found[-1][0], b)
+        else:
+            found.append((a, b))
+    return found

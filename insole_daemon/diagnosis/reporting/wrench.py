@@ -1,0 +1,101 @@
+"""The page of a diagnosis from walks: what was found and what to do first, then figures for a reviewer."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...report import page
+from ...report.plot import Plot, axis
+from ..pipeline import WalkResult, WrenchDiagnosis
+from . import first_page, numbers
+
+CHANNELS = ["f_z", "m_x", "m_y"]
+SHOWN_S = 6.0  # of the trace: so that a heel strike can be seen
+
+
+def html(diagnosis: WrenchDiagnosis) -> str:
+    """One file, complete in itself."""
+    foot = diagnosis.results[0].seen.layout.foot
+    lead = f"{first_page.verdict(diagnosis)} Recorded in {', '.join(diagnosis.recordings)}."
+    return page.page(f"Diagnosis of the {foot} insole against a force reference", lead, parts(diagnosis))
+
+
+def parts(diagnosis: WrenchDiagnosis) -> list[str]:
+    """Its sections."""
+    return [
+        _facts(diagnosis),
+        page.section("What was found", first_page.findings(diagnosis)),
+        *(
+            page.section(f"Before and after, on rows that were held out: {each.seen.name}", _trace(each))
+            for each in diagnosis.results
+        ),
+        page.section("What these recordings cannot tell", numbers.limits(diagnosis)),
+        page.section("What each term explains alone", _singles(diagnosis.results[0])),
+        page.section("Parameters", numbers.parameters(diagnosis)),
+        page.section("Noise and what is left", _noise(diagnosis)),
+    ]
+
+
+def _facts(diagnosis: WrenchDiagnosis) -> str:
+    heldout = diagnosis.heldout
+    what, unit = ("a reading", "counts") if heldout["unit"] == "count" else ("the force", heldout["unit"])
+    moments = [
+        (f"{heldout[name]['before']:.2f} → {heldout[name]['after']:.2f} N·m", f"of the moment {name}")
+        for name in ("m_x", "m_y")
+        if name in heldout
+    ]
+    return page.facts(
+        (f"{heldout['before']:.1f} {unit}", f"error of {what} before"),
+        (f"{heldout['after']:.1f} {unit}", "error after"),
+        (f"{heldout['floor']:.1f} {unit}", "noise: no model gets below"),
+        *moments,
+    )
+
+
+def _trace(result: WalkResult) -> str:
+    """The force and its error where the findings change most, over a few seconds."""
+    seen, found = result.seen, result.figures
+    size = max(round(SHOWN_S / seen.step_s), 10)
+    gained = np.cumsum(np.where(found.known, found.course_before[:, 0] ** 2 - found.course_after[:, 0] ** 2, 0.0))
+    start = int(np.argmax(gained[size:] - gained[:-size])) if len(gained) > size else 0
+    rows = slice(start, start + size)
+    t_s, force = seen.t_s[rows], seen.reference.at(seen.reference_s)[rows, 0]
+    before, after = found.course_before[rows, 0], found.course_after[rows, 0]
+    time = axis("time, s", t_s)
+    if seen.is_uniform:
+        force, load_name, error_name = force * 1e-3, "pressure, kPa", "error, counts"
+    else:
+        load_name, error_name = "force, N", "error, N"
+    load = Plot(time, axis(load_name, force), height=150)
+    load.line(t_s, force, 2)
+    left = Plot(time, axis(error_name, before, after), height=220)
+    left.line(t_s, before, 1, "the model as handed in")
+    if result.refined.shares:
+        left.line(t_s, after, 0, "with what was found")
+    return page.figure(
+        load.svg("load over time") + left.svg("error before and after"),
+        f"The load by the reference and the model's error on held-out rows: the {t_s[-1] - t_s[0]:.0f} s in which the "
+        "findings change most.",
+    )
+
+
+def _singles(result: WalkResult) -> str:
+    if not result.candidates:
+        return page.paragraph("No term explains more than noise does.")
+    rows = [(word.replace("_", " "), f"{gain:.2f}", f"{score:.2f}") for word, gain, score in result.candidates]
+    text = "Squared error a row that a term takes away by itself, in variances of the noise, and less its price."
+    return page.paragraph(text) + page.table(("term", "takes away", "after its price"), rows)
+
+
+def _noise(diagnosis: WrenchDiagnosis) -> str:
+    rows = []
+    for each in diagnosis.results:
+        names = [f"{b}.{t}" for b, t in each.seen.layout.identities.tolist()] if each.seen.is_uniform else CHANNELS
+        noise, excess = each.figures.left.noise, each.figures.left.excess
+        for name, level, slow in zip(names, noise.tolist(), excess.tolist(), strict=True):
+            rows.append((each.seen.name, name, f"{np.sqrt(level):.2f}", f"{np.sqrt(slow):.2f}"))
+    text = (
+        "What is left, in units of the noise expected from counts, stamps and the reference: its fast part, which is "
+        "noise, and its slow part, which is not."
+    )
+    return page.paragraph(text) + page.table(("recording", "channel", "fast", "slow"), rows)

@@ -1,0 +1,52 @@
+"""How much a memory moves readings beyond what a static curve could say."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...physics.law import Array
+from ..finding import Quantity
+from ..model.blocks import BlockDesign
+from ..model.design import Design
+from ..model.regression import PlacedTerm
+
+STD = 0.08  # of its value: materials of other families (benchmarks/diagnosis/families.py)
+MOST_GONE = 0.9  # of what most triangles say: others have no part
+LEAST_ROWS = 50
+DEGREE = 3  # of the static curve
+INNER = (0.002, 0.998)  # quantiles that stand for the ends: single rows are noise
+
+
+def amplitude_fraction(design: Design | BlockDesign, candidate: PlacedTerm, shares: Array) -> Quantity:
+    """Half the peak-to-peak of what `candidate` contributes and no static curve could, over the span of the reading.
+
+    Of the mean reading at its place in counts where the load is known, else of f_z in N.
+    """
+    moved, reading = _courses(design, candidate, shares)
+    if len(reading) < LEAST_ROWS:
+        return Quantity(0.0, 1.0, "1")
+    x = (reading - reading.mean()) / max(float(reading.std()), 1e-12)
+    static = np.stack([x**k for k in range(DEGREE + 1)], axis=1)
+    left = moved - static @ np.linalg.lstsq(static, moved, rcond=None)[0]
+    low, high = np.quantile(left, INNER)
+    least, most = np.quantile(reading, INNER)
+    value = 0.5 * float(high - low) / max(float(most - least), 1e-12)
+    return Quantity(value, STD * value, "1")
+
+
+def _courses(design: Design | BlockDesign, candidate: PlacedTerm, shares: Array) -> tuple[Array, Array]:
+    """(n,) what the effect contributes, and the reading."""
+    seen = design.load.observation
+    if not isinstance(design, BlockDesign):
+        known = design.weights[:, 0] > 0
+        columns = design.raw[:, candidate.columns].reshape(len(design.weights), 3, -1)[:, 0]
+        return (columns @ shares)[known] / design.weights[known, 0], seen.wrench[known, 0]
+    there = np.mean(design.weights > 0, axis=0)
+    at = design.mask[candidate.columns[0]] & (there > MOST_GONE * there.max())
+    known = np.asarray((design.weights[:, at] > 0).all(axis=1))
+    columns = design.atoms.x[at][:, :, design.atom[candidate.columns]]  # (t, N, k)
+    moved_pa = (columns @ shares).T[known] / design.weights[known][:, at]
+    slope = design.load.slope_pa[:, at][known]
+    usable = seen.usable[at]
+    counts = np.mean(moved_pa[..., None] / np.maximum(slope, 1e-9), axis=(1, 2), where=usable)
+    return counts, np.mean(seen.activation_count[:, at][known], axis=(1, 2), where=usable)

@@ -1,0 +1,124 @@
+"""Errors of all taxels in counts before and after, on blocks of rows that no share was fitted to."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...physics.law import Array
+from ..model.blocks import BlockDesign, residual
+from ..model.refine import Refined
+from ..model.regression import Timing
+from ..model.solve import absorbed_std
+from .residual_tests import lack_of_fit
+from .wrench_figures import FOLD_S, N_FOLDS, Figures
+
+ALIGNING = ("offset_s", "rate")
+
+
+def count_figures(refined: Refined[BlockDesign], order: Sequence[int]) -> Figures:
+    """Of a refined set whose candidates enter in `order`: RMS over usable taxels and known rows, counts.
+
+    `before` has the model as handed in, after the alignment that a clock of its own allows.
+    """
+    design = refined.design
+    seen, nuisance = design.seen, design.nuisance
+    n = len(design.weights)
+    known = design.weights > 0
+    x, fixed, prior, own_columns = _columns(refined)
+    aligning = np.array([name in ALIGNING for name in nuisance.shared_names])
+    as_read = residual(seen, design.weights, Timing())
+    # A clock of its own is aligned, whatever is found.
+    aligned = residual(seen, design.weights, Timing(design.timing.delay_s if seen.offset_is_free else 0.0))
+    y = design.y - np.matmul(x[:, :, fixed], np.ones((int(fixed.sum()), 1)))[..., 0]
+    x, prior = x[:, :, ~fixed], prior[~fixed]
+    fold = (np.arange(n) * seen.step_s // FOLD_S).astype(int) % N_FOLDS
+    left = np.empty_like(y)
+    every: Array = np.empty(0)
+    shared: Array = np.empty(0)
+    for k in range(N_FOLDS + 1):
+        held = fold == k if k < N_FOLDS else np.zeros(n, bool)
+        theta, shift, own = _fit(x[:, ~held], y[:, ~held], prior, design, ~held)
+        if k < N_FOLDS:
+            # Recalibration within its prior is a nuisance: it is no part of the model that is handed out.
+            left[:, held] = (y - x @ theta - nuisance.shared[:, :, aligning] @ shift[aligning])[:, held]
+        else:
+            every, shared = theta, shift
+            settled = y - x @ theta - nuisance.shared @ shift - np.matmul(nuisance.own, own[..., None])[..., 0]
+    _, unmoved, _ = _fit(x[:, :, :0], aligned, prior[:0], design, np.ones(n, bool))
+    before = aligned - nuisance.shared[:, :, aligning] @ unmoved[aligning]
+    squares = [_square(design, as_read, each) for each in (before, left)]
+    gains, previous = [], _square(design, as_read, design.y - nuisance.shared[:, :, aligning] @ unmoved[aligning])
+    timing_gain = max(squares[0] - previous, 0.0)
+    raw = design.atoms.x[:, :, design.atom].astype(float) * design.mask.T[:, None, :]
+    for m in range(1, len(order) + 1):
+        part = np.concatenate([design.candidates[i].columns for i in order[:m]])
+        shares = np.concatenate([refined.shares[i] for i in order[:m]])
+        rest = design.y - raw[:, :, part] @ shares
+        _, shift, _ = _fit(x[:, :, :0], rest, prior[:0], design, np.ones(n, bool))
+        square = _square(design, as_read, rest - nuisance.shared[:, :, aligning] @ shift[aligning])
+        gains.append(max(previous - square, 0.0))
+        previous = min(previous, square)
+    noise = np.sqrt(np.mean(seen.noise_count[seen.usable] ** 2))
+    rms = np.sqrt(np.array(squares))
+    slope = np.mean(seen.slope_pa, axis=(0, 2), where=np.broadcast_to(seen.usable, seen.slope_pa.shape))
+    counts = [
+        np.mean(each.T / np.where(known, design.weights, np.inf) / np.maximum(slope, 1e-9), axis=1, keepdims=True)
+        for each in (before, left)
+    ]
+    beside = {
+        int(k): float(share) for k, share in zip(own_columns, every[len(every) - len(own_columns) :], strict=True)
+    }
+    return Figures(
+        rms[:1], rms[1:], np.minimum(noise, rms[1:]), counts[0], counts[1], np.asarray(known.any(axis=1)),
+        lack_of_fit(settled.T, seen.step_s), tuple(gains), timing_gain, shared, beside,
+    )  # fmt: skip
+
+
+def _columns(
+    refined: Refined[BlockDesign],
+) -> tuple[Array, NDArray[np.bool_], Array, NDArray[np.intp]]:
+    """(T, N, k) of what is at work, which of it has no share, priors, and the companions' columns in the design."""
+    design = refined.design
+    raw = design.atoms.x[:, :, design.atom].astype(float) * design.mask.T[:, None, :]
+    own = np.concatenate([each.columns for each in design.candidates] or [np.empty(0, np.intp)]).astype(np.intp)
+    beside = np.setdiff1d(np.arange(raw.shape[2]), own)
+    theta = np.concatenate([*refined.shares, np.empty(0)])
+    strengths = [float(np.abs(each).sum()) for each in refined.shares]
+    whole = np.concatenate(
+        [np.full(len(c.columns), c.term.share == "whole") for c in design.candidates] or [np.empty(0, bool)]
+    )[theta != 0]
+    active = np.concatenate([own[theta != 0], beside]).astype(np.intp)
+    fixed = np.concatenate([whole, np.zeros(len(beside), bool)])
+    prior = np.concatenate([np.full(len(whole), np.inf), absorbed_std(design.candidates, strengths, beside)])
+    return raw[:, :, active], fixed, prior, beside
+
+
+def _fit(x: Array, y: Array, prior: Array, design: BlockDesign, rows: NDArray[np.bool_]) -> tuple[Array, Array, Array]:
+    """Shares (k,), of the reference's columns (s,) and of each triangle's own (T, b), on `rows`."""
+    own, shared = design.nuisance.own[:, rows], design.nuisance.shared[:, rows]
+    inverse = np.linalg.inv(np.matmul(own.transpose(0, 2, 1), own) + np.diag(design.nuisance.own_std**-2.0))
+    both = np.concatenate([x, shared], axis=2)
+    with_own = np.matmul(own.transpose(0, 2, 1), both)
+    own_y = np.matmul(own.transpose(0, 2, 1), y[..., None])
+    through = np.matmul(with_own.transpose(0, 2, 1), inverse)
+    gram = np.sum(np.matmul(both.transpose(0, 2, 1), both) - np.matmul(through, with_own), axis=0)
+    right = np.sum(np.matmul(both.transpose(0, 2, 1), y[..., None]) - np.matmul(through, own_y), axis=0)
+    gram = gram + np.diag(np.concatenate([prior, design.nuisance.shared_std]) ** -2.0)
+    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    found = np.linalg.solve(gram / scale[:, None] / scale + 1e-12 * np.eye(len(gram)), right[:, 0] / scale) / scale
+    per_triangle = (inverse @ (own_y - with_own @ found[:, None]))[..., 0]
+    return found[: x.shape[2]], found[x.shape[2] :], per_triangle
+
+
+def _square(design: BlockDesign, as_read: Array, left: Array) -> float:
+    """Mean square over taxels and rows, counts²: each taxel keeps what makes it differ from its triangle."""
+    seen = design.seen
+    known = design.weights > 0
+    size = np.where(known, 1.0 / np.maximum(design.weights, 1e-300), 0.0)
+    moved = (as_read - left).T * size  # Pa, that the model says otherwise
+    off = seen.activation_at(seen.reference.at(seen.reference_s) - moved) - seen.activation_count
+    there = known[..., None] & seen.usable
+    return float(np.mean(np.square(off), where=there))

@@ -1,0 +1,124 @@
+"""Errors of the wrench before and after, on blocks of rows that no share was fitted to."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...physics.law import Array
+from ..model.design import SUBSTITUTED_STD, Design
+from ..model.refine import Refined
+from ..model.regression import Timing
+from ..model.solve import absorbed_std
+from .residual_tests import LackOfFit, lack_of_fit
+
+FOLD_S = 4.0
+N_FOLDS = 5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Figures:
+    """RMS errors (3,) of f_z (N), m_x and m_y (N·m), and the courses behind them."""
+
+    before: Array
+    after: Array
+    floor: Array
+    course_before: Array  # (N, 3) N and N·m
+    course_after: Array
+    known: NDArray[np.bool_]  # (N,) rows of which the reference is known
+    left: LackOfFit  # of what is left on held-out rows
+    gains: tuple[float, ...]  # mean square of f_z that each candidate takes away as they enter in order, N²
+    timing_gain: float  # the same of delay and lag of the whole insole, which come first
+    base_shares: Array  # of the base terms, with the whole set
+    companion_shares: dict[int, float]  # by column of the refined design
+
+
+def figures(
+    design: Design,
+    refined: Refined[Design],
+    order: Sequence[int],
+    timing: Timing,
+    nuisances: Sequence[int] = (),
+    uncertain_s: float = 0.0,
+) -> Figures:
+    """Of a refined set whose candidates enter in `order`.
+
+    `before` has the model as handed in, after the alignment that the clocks allow: an offset, the candidates
+    `nuisances`, and `uncertain_s` of the delay.
+    """
+    seen, base = design.load.observation, design.base
+    weights = design.weights
+    n, known = len(seen.t_s), weights[:, 0] > 0
+    size = np.where(weights > 0, 1.0 / np.maximum(weights, 1e-300), 0.0)
+    # A clock of its own is aligned, whatever is found.
+    aligned_s = seen.reference_s - (timing.delay_s if seen.offset_is_free else uncertain_s)
+    as_read = ((seen.reference.at(aligned_s) - seen.wrench) * weights).ravel()
+    late = seen.reference.at(seen.reference_s - timing.delay_s, timing.lag_s)
+    y = ((late - seen.wrench) * weights).ravel()
+    aligning = np.array([name in ("offset_s", "rate") or name.startswith("time_") for name in base.names])
+    substituted = base.prior_std == SUBSTITUTED_STD
+    raw = refined.design.raw.astype(np.float64)
+    own = np.concatenate([each.columns for each in refined.design.candidates] or [np.empty(0, np.intp)])
+    beside = np.setdiff1d(np.arange(raw.shape[1]), own)
+    theta = np.concatenate([*refined.shares, np.empty(0)])
+    strengths = [float(np.abs(each).sum()) for each in refined.shares]
+    active = own[theta != 0]
+    whole = np.concatenate(
+        [np.full(len(c.columns), c.term.share == "whole") for c in refined.design.candidates] or [np.empty(0, bool)]
+    )[theta != 0]
+    fixed = raw[:, active[whole]].sum(axis=1)
+    free = np.concatenate([active[~whole], beside]).astype(np.intp)
+    columns = np.concatenate([base.matrix, raw[:, free]], axis=1)
+    absorbed = absorbed_std(refined.design.candidates, strengths, beside)
+    prior = np.concatenate([base.prior_std, np.full(int((~whole).sum()), np.inf), absorbed])
+    kept = np.concatenate([aligning | substituted, np.ones(columns.shape[1] - len(base.names), bool)])
+    fold = np.repeat((np.arange(n) * seen.step_s // FOLD_S).astype(int) % N_FOLDS, 3)
+    after = np.empty_like(y)
+    for k in range(N_FOLDS):
+        held = fold == k
+        shares = ridge(columns[~held], prior, (y - fixed)[~held])
+        # Recalibration within its prior is a nuisance: it is no part of the model that is handed out.
+        after[held] = (y - fixed - columns[:, kept] @ shares[kept])[held]
+    every = ridge(columns, prior, y - fixed)
+    for i in nuisances:
+        as_read = as_read - raw[:, refined.design.candidates[i].columns] @ refined.shares[i]
+    before = as_read - base.matrix[:, aligning] @ ridge(base.matrix[:, aligning], base.prior_std[aligning], as_read)
+    b = len(base.names)
+    moved = y - base.matrix[:, aligning] @ ridge(base.matrix[:, aligning], base.prior_std[aligning], y)
+    started, previous = (float(np.mean((each.reshape(n, 3) * size)[known, 0] ** 2)) for each in (before, moved))
+    timing_gain, gains = max(started - previous, 0.0), []
+    for m in range(1, len(order) + 1):
+        part = np.concatenate([refined.design.candidates[i].columns for i in order[:m]])
+        shares = np.concatenate([refined.shares[i] for i in order[:m]])
+        left = y - raw[:, part] @ shares
+        shift = ridge(base.matrix, base.prior_std, left)
+        left = left - base.matrix[:, aligning | substituted] @ shift[aligning | substituted]
+        square = float(np.mean((left.reshape(n, 3) * size)[known, 0] ** 2))
+        gains.append(max(previous - square, 0.0))
+        previous = min(previous, square)
+    whole_fit = (y - fixed - columns @ every).reshape(n, 3)
+    left_over = lack_of_fit(whole_fit[known], seen.step_s)
+    courses = [each.reshape(n, 3) * size for each in (before, after)]
+    rms = [np.sqrt(np.mean(course[known] ** 2, axis=0)) for course in courses]
+    # The floor has the noise, and what a calibration may be off by within its prior; not what is left and is no noise.
+    settled = (y - fixed - columns[:, kept] @ every[kept]).reshape(n, 3) * size
+    unexplained = np.minimum(left_over.excess / np.maximum(np.mean(whole_fit[known] ** 2, axis=0), 1e-12), 0.95)
+    floor = np.sqrt(np.mean(settled[known] ** 2, axis=0) * (1.0 - unexplained))
+    return Figures(
+        rms[0], rms[1], np.minimum(floor, rms[1]), courses[0], courses[1], known, left_over, tuple(gains), timing_gain,
+        every[:b],
+        dict(zip(beside.tolist(), every[len(every) - len(beside) :].tolist(), strict=True)),
+    )  # fmt: skip
+
+
+def ridge(columns: Array, prior_std: Array, y: Array) -> Array:
+    """(k,) shares that minimise |y − X·θ|² + Σ (θ/σ)²."""
+    if not columns.shape[1]:
+        return np.empty(0)
+    gram = columns.T @ columns + np.diag(prior_std**-2.0)
+    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    inner = gram / scale[:, None] / scale + 1e-12 * np.eye(len(gram))
+    return np.asarray(np.linalg.solve(inner, columns.T @ y / scale) / scale)

@@ -1,0 +1,38 @@
+"""`baseline`: counts shifted by a constant. P ≈ q + g′(a)·shift."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ...physics.law import Array
+from ..model.load import LoadEstimate
+from .term import Setting, Term, TermColumns
+
+
+def _column(load: LoadEstimate, setting: Setting) -> TermColumns:
+    """One column: the wrench of (g(a + shift) − g(a))/shift."""
+    own = load.wrench_of(load.shifted_pa(setting["shift_count"]))[..., None]
+    return TermColumns((setting,), by_triangle=own, is_recalibration=True)
+
+
+def _columns(load: LoadEstimate) -> list[TermColumns]:
+    """One column: the wrench of g′(a)."""
+    return [_column(load, {"shift_count": 0.0})]
+
+
+def _parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:
+    """The shift in counts."""
+    return {"shift_count": float(shares[0])}
+
+
+TERM = Term(
+    word="baseline",
+    scopes=("insole", "board", "triangle"),
+    share="free",
+    columns=_columns,
+    parameters=_parameters,
+    plausible=0.5,
+    limit=60,
+    linear_at="shift_count",
+    column=_column,
+)

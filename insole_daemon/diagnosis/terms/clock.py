@@ -1,0 +1,66 @@
+"""`clock`: the reference's clock is not what it is said to be. t_reference = offset + (1 + rate)·t_can."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...physics.law import Array
+from ..model.load import LoadEstimate
+from .term import Setting, Term, TermColumns
+
+RATES = (-3e-3, -1e-3, -3e-4, 3e-4, 1e-3, 3e-3)
+EARLY_S = (0.005, 0.015, 0.04)
+
+
+def _column(load: LoadEstimate, setting: Setting) -> TermColumns:
+    """Joint columns of a rate: what the reference says, less what it would say at times that run away from the middle.
+
+    Beside it, where the offset is declared, what it would say 10 ms later: a rate that was wrong from the beginning is
+    off in the middle, too. Readings that come early have no rate, but say that the declared offset is wrong.
+    """
+    seen = load.observation
+    now = seen.reference.smooth_at(seen.reference_s)
+    away_s = (seen.t_s - seen.t_s.mean()) * setting["rate"] + setting["early_s"]
+    found = [now - seen.reference.smooth_at(seen.reference_s + away_s)]
+    shifts_s = [-away_s]
+    if setting["rate"] and not seen.offset_is_free:
+        found.append(now - seen.reference.smooth_at(seen.reference_s + 0.01))
+        shifts_s.append(np.full_like(away_s, -0.01))
+    if seen.is_uniform:  # whose reference is smooth
+        return TermColumns((setting,) * len(found), whole=np.stack(found, axis=-1), joint=True)
+    variance = np.broadcast_to(seen.reference.noise**2, now.shape)
+    echoes = [seen.reference.echo(shift_s) for shift_s in shifts_s]
+    products, squares = (np.stack([variance * each[i][:, None] for each in echoes], axis=-1) for i in (0, 1))
+    return TermColumns((setting,) * len(found), whole=np.stack(found, axis=-1), joint=True, echo=(products, squares))
+
+
+def _columns(load: LoadEstimate) -> list[TermColumns]:
+    """For each rate and, where the clock is declared to be that of the CAN frames, for readings too early."""
+    if load.observation.rate_is_free:
+        return []
+    found = [_column(load, {"rate": rate, "early_s": 0.0}) for rate in RATES]
+    if not load.observation.offset_is_free:
+        found += [_column(load, {"rate": 0.0, "early_s": early_s}) for early_s in EARLY_S]
+    return found
+
+
+def _parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:
+    """Rate, and the offset in the middle of the recording beside that of the alignment."""
+    offset_s = settings[0]["early_s"] * shares[0] + (0.01 * shares[1] if len(shares) > 1 else 0.0)
+    return {"offset_s": float(offset_s), "rate": float(settings[0]["rate"] * shares[0])}
+
+
+TERM = Term(
+    word="clock",
+    scopes=("insole",),
+    share="free",
+    columns=_columns,
+    parameters=_parameters,
+    plausible=1.0,
+    limit=30.0,
+    misfit=0.0005,
+    refine=("rate",),
+    column=_column,
+)

@@ -1,0 +1,80 @@
+"""`creep`: shares of the answer that come late on many time scales. q = (1 − Σ a_k)·P + Σ a_k·z_k.
+
+Undone on readings it is again such a sum, whose shares and time constants follow from the poles of the inverse.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...physics.law import Array
+from ..model.load import LoadEstimate
+from ..operators import low_pass
+from .term import ABSORBED, Setting, Term, TermColumns
+
+RATIO = 4.0  # between time constants
+FASTEST_S = 0.5
+
+
+def _columns(load: LoadEstimate) -> list[TermColumns]:
+    """Joint columns: q − z′ for time constants from half a second to twice the recording."""
+    seen = load.observation
+    own = load.by_triangle
+    duration_s = float(np.ptp(seen.t_s))
+    taus_s = FASTEST_S * RATIO ** np.arange(np.ceil(np.log(2.0 * duration_s / FASTEST_S) / np.log(RATIO)) + 1)
+    late = np.stack([own - low_pass(own, seen.step_s, tau_s) for tau_s in taus_s], axis=-1)
+    return [TermColumns(tuple({"tau_s": float(tau_s)} for tau_s in taus_s), by_triangle=late, joint=True)]
+
+
+def _parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:
+    """a_k and τ_k of the forward law."""
+    b = np.maximum(np.asarray(shares, float), 0.0)
+    tau = np.array([setting["tau_s"] for setting in settings])
+    kept = b > 1e-3 * max(float(b.max()), 1e-9)
+    return dict(zip(("a", "tau_s"), forward(b[kept], tau[kept]), strict=True))
+
+
+def forward(b: Array, tau_s: Array) -> tuple[list[float], list[float]]:
+    """a_k and τ_k with 1/(1 + Σ b_k·τ′_k·s/(1 + τ′_k·s)) = 1 − Σ a_k + Σ a_k/(1 + τ_k·s).
+
+    The poles of the left side lie between those of the sum; the residues give the shares.
+    """
+    numerator = np.array([1.0])
+    for tau in tau_s:
+        numerator = np.polymul(numerator, [tau, 1.0])
+    whole = numerator.copy()
+    for k, tau in enumerate(tau_s):
+        rest = np.array([1.0])
+        for j, other in enumerate(tau_s):
+            if j != k:
+                rest = np.polymul(rest, [other, 1.0])
+        whole = np.polyadd(whole, b[k] * tau * np.polymul(rest, [1.0, 0.0]))
+    poles = np.sort(np.real(np.roots(whole)))
+    slope = np.polyder(whole)
+    a = np.array([np.polyval(numerator, pole) / np.polyval(slope, pole) / -pole for pole in poles])
+    found = np.clip(a, 0.0, None)
+    return found.tolist(), (-1.0 / poles).tolist()
+
+
+def _known_parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:
+    """a_k and τ_k of the law, whose columns these are."""
+    a = np.maximum(np.asarray(shares, float), 0.0)
+    kept = a > 1e-3 * max(float(a.max()), 1e-9)
+    return {"a": a[kept].tolist(), "tau_s": [s["tau_s"] for s, yes in zip(settings, kept, strict=True) if yes]}
+
+
+TERM = Term(
+    word="creep",
+    scopes=("insole", "board", "triangle"),
+    share="positive",
+    columns=_columns,
+    parameters=_parameters,
+    known_parameters=_known_parameters,
+    plausible=0.1,
+    limit=0.95,
+    absorbs=ABSORBED,
+    yields_to=("viscoelasticity",),
+    misfit=0.05,
+)

@@ -1,0 +1,62 @@
+"""`reference_fault`: the reference is off, steps or wanders, whatever the insole bears.
+
+Spikes are found apart, in its rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...physics.law import Array
+from ..model.load import LoadEstimate
+from .term import Setting, Term, TermColumns, moments_s
+
+
+def _column(load: LoadEstimate, setting: Setting) -> TermColumns:
+    """Joint columns: a step of 1 in each channel of the reference (N and N·m, or Pa)."""
+    channels = len(load.observation.reference.noise)
+    since = (load.observation.t_s >= setting["t_s"]).astype(float)
+    return TermColumns((setting,) * channels, whole=since[:, None, None] * np.eye(channels), joint=True)
+
+
+def _columns(load: LoadEstimate) -> list[TermColumns]:
+    """Columns of steps at every moment, of a reference that wanders, and, where readings tell the load, a constant.
+
+    Where the load is known, a reference that wanders begins anywhere.
+    """
+    t_s, channels = load.observation.t_s, len(load.observation.reference.noise)
+    steps = [_column(load, {"t_s": float(at)}) for at in moments_s(load)]
+    x = (t_s - t_s.mean()) / (np.ptp(t_s) / 2)
+    powers = np.stack([np.ones_like(x), x, 1.5 * x**2 - 0.5, 2.5 * x**3 - 1.5 * x], axis=-1)
+    if not load.is_known:
+        powers = powers[:, 1:]
+    wander = (powers[:, None, :, None] * np.eye(channels)[None, :, None, :]).reshape(len(t_s), channels, -1)
+    found = [*steps, TermColumns(({"t_s": np.nan},) * wander.shape[-1], whole=wander, joint=True)]
+    if load.is_known:
+        return found
+    constant = np.broadcast_to(np.eye(channels), (len(t_s), channels, channels))
+    return [TermColumns(({"always": 1.0},) * channels, whole=constant, joint=True, is_recalibration=True), *found]
+
+
+def _parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:
+    """When it stepped, and by how much; nothing where it wandered."""
+    if "always" in settings[0]:
+        return {"offset": [float(share) for share in shares]}
+    if np.isnan(settings[0]["t_s"]):
+        return {}
+    return {"t_s": float(settings[0]["t_s"]), "step": [float(share) for share in shares]}
+
+
+TERM = Term(
+    word="reference_fault",
+    scopes=("insole",),
+    share="free",
+    columns=_columns,
+    parameters=_parameters,
+    yields_to=("drift",),
+    misfit=0.015,
+    refine=("t_s",),
+    column=_column,
+)

@@ -1,0 +1,78 @@
+"""`snap`: part of the insole snaps over with the load. q = P + A·R[P], R a relay: 1 from P ≥ up until P ≤ down.
+
+On readings the way back is seen at down + A, so P = q − A·R′[q] with R′ switching at up and down′ = down + A.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...physics.law import Array
+from ..model.load import LoadEstimate
+from ..operators import relay
+from .term import Setting, Term, TermColumns
+
+SCALE_PA = 1e3
+UPS = (0.15, 0.25, 0.45)  # of the range of pressures
+DOWNS = (0.4, 0.75)  # of the upper threshold
+KNOWN_UPS = tuple(0.1 * k for k in range(1, 10))  # of a load that is known
+KNOWN_DOWNS = (0.3, 0.5, 0.7, 0.85)
+
+
+def _column(load: LoadEstimate, setting: Setting) -> TermColumns:
+    """One column of two thresholds: the wrench of −1 kPa while the relay is on."""
+    pressure = load.courses_pa
+    on = relay(pressure.reshape(len(pressure), -1), setting["up_pa"], setting["down_pa"]).reshape(pressure.shape)
+    return TermColumns(
+        (setting,), by_triangle=load.wrench_of(np.broadcast_to(-SCALE_PA * on, load.pressure_pa.shape))[..., None]
+    )
+
+
+def _columns(load: LoadEstimate) -> list[TermColumns]:
+    """A column for each pair of thresholds."""
+    highest = float(np.quantile(load.pressure_pa.max(axis=0)[load.observation.usable], 0.9))
+    return [
+        _column(load, {"up_pa": up * highest, "down_pa": down * up * highest})
+        for up in (KNOWN_UPS if load.is_known else UPS)
+        for down in (KNOWN_DOWNS if load.is_known else DOWNS)
+    ]  # fmt: skip
+
+
+def _parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:
+    """Thresholds and step in Pa."""
+    step_pa = SCALE_PA * float(shares[0])
+    up_pa = float(settings[0]["up_pa"])
+    return {"up_pa": up_pa, "down_pa": min(float(settings[0]["down_pa"]) - step_pa, 0.99 * up_pa), "step_pa": step_pa}
+
+
+def _known_parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:
+    """Thresholds and step in Pa; the columns switch where the load does."""
+    return {
+        "up_pa": float(settings[0]["up_pa"]), "down_pa": float(settings[0]["down_pa"]),
+        "step_pa": SCALE_PA * float(shares[0]),
+    }  # fmt: skip
+
+
+def _is_possible(settings: Sequence[Setting], shares: Array) -> bool:
+    """Whether it snaps back before the load is gone."""
+    return SCALE_PA * float(shares[0]) < float(settings[0]["down_pa"])
+
+
+TERM = Term(
+    word="snap",
+    scopes=("board", "triangle"),
+    chamber_scopes=("insole",),
+    share="positive",
+    columns=_columns,
+    parameters=_parameters,
+    known_parameters=_known_parameters,
+    is_possible=_is_possible,
+    plausible=5,
+    limit=100,
+    absorbs={"gain": 0.005, "stiffening": 0.005},
+    misfit=0.05,
+    refine=("up_pa", "down_pa"),
+    column=_column,
+)

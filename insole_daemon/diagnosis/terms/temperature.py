@@ -1,0 +1,58 @@
+"""`temperature`: offset and gain that go with the temperature. a ← (1 + γ·(T − T0))·a − β·(T − T0).
+
+T0 is where the calibration is right. What the recording is warmer on the whole is an absorbed static component.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...physics.law import Array
+from ..model.load import LoadEstimate
+from .term import Setting, Term, TermColumns
+
+ABSORBED_K = 5.0  # between the temperature of the calibration and that of the recording
+LEAST_K = 0.5  # by which the temperature moves: less shows nothing
+
+
+def _columns(load: LoadEstimate) -> list[TermColumns]:
+    """Joint columns: a kelvin on the count, and one per cent of gain a kelvin, each varying and constant."""
+    if _needs(load) is not None:
+        return []
+    seen = load.observation
+    assert seen.temperature_c is not None
+    over = (seen.temperature_c - seen.temperature_c.mean())[:, None, None]
+    offset = load.wrench_of(load.slope_pa)
+    gain = load.wrench_of(-load.slope_pa * load.gained_count) * 0.01
+    found = np.stack([offset * over, gain * over], axis=-1)
+    return [TermColumns(({"part": 0.0}, {"part": 1.0}), by_triangle=found, joint=True)]
+
+
+def _needs(load: LoadEstimate) -> str | None:
+    """Why a recording cannot show it."""
+    if load.observation.temperature_c is None:
+        return "the reference has no temperature_c"
+    if float(np.ptp(load.observation.temperature_c)) < LEAST_K:
+        return f"the temperature moves by less than {LEAST_K} K"
+    return None
+
+
+def _parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:
+    """β in counts a kelvin, γ a kelvin."""
+    return {"count_per_k": float(shares[0]), "gain_per_k": 0.01 * float(shares[1])}
+
+
+TERM = Term(
+    word="temperature",
+    scopes=("insole", "board", "triangle"),
+    share="free",
+    columns=_columns,
+    parameters=_parameters,
+    plausible=0.05,
+    limit=8.0,  # counts a kelvin, per cent of gain a kelvin
+    needs=_needs,
+    absorbs={"baseline": ABSORBED_K, "gain": ABSORBED_K * 0.01},
+    misfit=0.01,
+)

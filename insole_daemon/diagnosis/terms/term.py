@@ -1,0 +1,91 @@
+"""What a term is: an effect as columns of a regression on the wrench."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from ...physics.law import Array, Scope
+from ..model.load import LoadEstimate
+
+Setting = Mapping[str, float]  # non-linear parameters by name
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TermColumns:
+    """k columns of one term: what it changes of the wrench, as load − what the static curves say, for a share of 1.
+
+    `by_triangle` (N, T, 3, k) where the term can be at work on a part of the insole, else `whole` (N, 3, k). With
+    `joint`, all columns enter together; otherwise each is a candidate of its own.
+    """
+
+    settings: tuple[Setting, ...]
+    by_triangle: Array | None = None
+    whole: Array | None = None
+    joint: bool = False
+    # Noise of the rows comes back in some columns, and averaging it would pass for an effect: its mean product with
+    # the residual's noise, and its mean square, shaped as the columns.
+    echo: tuple[Array, Array] | None = None
+    places: tuple[tuple[tuple[int, ...], ...], ...] | None = None  # of each column, where the column says it itself
+    # The base terms hold the same within their priors: a recalibration. Judged by its whole size, not by what is left
+    # of it once the base has absorbed its part.
+    is_recalibration: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Term:
+    """An effect in the regression.
+
+    `share`: "positive" (shares are at least 0), "free", or "whole" (the effect is there as it is, or not at all).
+    `misfit`: mean square share of the effect that its columns may fail to describe, because real materials follow the
+    law only approximately.
+    """
+
+    word: str
+    scopes: tuple[Scope, ...]
+    share: Literal["positive", "free", "whole"]
+    columns: Callable[[LoadEstimate], Sequence[TermColumns]]
+    # Of the law, from settings and shares (k,); of columns computed from readings, and from a load that is known.
+    parameters: Callable[[Sequence[Setting], Array], dict[str, object]]
+    known_parameters: Callable[[Sequence[Setting], Array], dict[str, object]] | None = None
+    # A calibration made with it at work contains a static part of it: words of that part, and the standard deviation
+    # of each one's share, for a share of 1.
+    absorbs: Mapping[str, float] = field(default_factory=dict)
+    limit: float = np.inf  # of a share's size: beyond it the law makes no sense
+    misfit: float = 0.002
+    yields_to: tuple[str, ...] = ()  # terms that are likelier by themselves, where they explain nearly as much
+    refine: tuple[str, ...] = ()  # settings that are refined once the term is selected
+    linear_at: str = ""  # the setting that says at which share the columns are taken, where they are not linear
+    column: Callable[[LoadEstimate, Setting], TermColumns] | None = None  # of one setting, to refine it
+    chamber_scopes: tuple[Scope, ...] = ()  # further ones where the load is the same on all taxels
+    plausible: float = 0.0  # a typical share, as literature and data sheets have it; 0: not asked
+    is_possible: Callable[[Sequence[Setting], Array], bool] = lambda settings, shares: True  # beyond `limit`
+    record_instead: str = "the insole in a chamber, where the load is known on every taxel"
+    needs: Callable[[LoadEstimate], str | None] = lambda load: None  # why a recording cannot show it
+
+    def parameters_of(self, load_is_known: bool) -> Callable[[Sequence[Setting], Array], dict[str, object]]:
+        """The law's parameters from settings and shares (k,)."""
+        return self.known_parameters if load_is_known and self.known_parameters is not None else self.parameters
+
+
+EVERY_S, KNOWN_EVERY_S = 3.0, 5.0  # between moments
+EDGE_S = 3.0  # an event at the very beginning or end shows too little
+ABSORBED = {"gain": 0.5, "stiffening": 0.5}  # by a memory whose shares are shares of the answer
+
+
+def geometric(low: float, high: float, number: int) -> list[float]:
+    """`number` values from `low` to `high` in equal ratios."""
+    found: list[float] = np.geomspace(low, high, number).tolist()
+    return found
+
+
+def moments_s(load: LoadEstimate) -> list[float]:
+    """At which an event is looked for; where the load is known, the best of them is sharpened (`select.events`)."""
+    t_s = load.observation.t_s
+    found: list[float] = np.arange(
+        t_s[0] + EDGE_S, t_s[-1] - EDGE_S, KNOWN_EVERY_S if load.is_known else EVERY_S
+    ).tolist()
+    return found

@@ -1,0 +1,60 @@
+"""`viscoelasticity`: a share of the answer comes late. q = (1 − a)·P + a·z, τ·dz/dt = P − z.
+
+Undone on readings: P = q + b·(q − z′), τ′·dz′/dt = q − z′, with a = b/(1 + b) and τ = τ′·(1 + b).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...physics.law import Array
+from ..model.load import LoadEstimate
+from ..operators import low_pass
+from .term import ABSORBED, Setting, Term, TermColumns, geometric
+
+TAUS_S = geometric(0.04, 4.0, 6)
+
+
+def _columns(load: LoadEstimate) -> list[TermColumns]:
+    """Two joint columns, q − z′ for neighbouring time constants: between them lies the one that is there."""
+    own = load.by_triangle
+    late = [own - low_pass(own, load.step_s, tau_s) for tau_s in TAUS_S]
+    return [
+        TermColumns(
+            ({"tau_s": TAUS_S[k]}, {"tau_s": TAUS_S[k + 1]}), by_triangle=np.stack(late[k : k + 2], axis=-1), joint=True
+        )
+        for k in range(len(TAUS_S) - 1)
+    ]
+
+
+def _parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:
+    """a and τ of the forward law; the two shares together, at their mean time constant."""
+    b = np.maximum(np.asarray(shares, float), 0.0)
+    taus_s = np.array([setting["tau_s"] for setting in settings])
+    total = float(b.sum())
+    tau_s = float(np.exp(np.sum(b * np.log(taus_s)) / total)) if total > 0 else float(taus_s[0])
+    return {"a": total / (1.0 + total), "tau_s": tau_s * (1.0 + total)}
+
+
+def _known_parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:
+    """a and τ of the law, whose columns these are: the two shares together, at their mean time constant."""
+    a = np.maximum(np.asarray(shares, float), 0.0)
+    total = max(float(a.sum()), 1e-9)
+    tau_s = float(np.exp(np.sum(a * np.log([setting["tau_s"] for setting in settings])) / total))
+    return {"a": total, "tau_s": tau_s}
+
+
+TERM = Term(
+    word="viscoelasticity",
+    scopes=("insole", "board", "triangle"),
+    share="positive",
+    columns=_columns,
+    parameters=_parameters,
+    known_parameters=_known_parameters,
+    plausible=0.1,
+    limit=2.0,
+    absorbs=ABSORBED,
+    misfit=0.02,
+)

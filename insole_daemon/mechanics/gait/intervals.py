@@ -1,0 +1,77 @@
+"""Means of steps with intervals that hold although steps in a row resemble each other.
+
+Stride times and forces are correlated from step to step (Hausdorff et al. 1995, J. Appl. Physiol. 78:349), so that
+SD / √n is too small. The variance of the mean is estimated from the ν lowest frequencies of the series instead
+(equal-weighted cosines; Lazarus, Lewis, Stock & Watson 2018, J. Bus. Econ. Stat. 36:541):
+
+    Λ_j = √(2/n) · Σ_i r_i · cos(π j (i − 1/2) / n),   Ω = (1/ν) Σ_j Λ_j²,   var(mean) = Ω / n,   ν = 0.4 · n^(2/3)
+
+and the interval uses Student's t with ν degrees of freedom, which is exact for independent normal steps. ν is at least
+4: with fewer, the interval would be wide for want of degrees of freedom alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InsoleError
+
+FEWEST = 3  # values that an interval is made of
+_LEAST_DOF = 4
+LEVEL = 0.95
+NORMAL_QUANTILE = 1.959964  # of LEVEL, two-sided
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Interval:
+    """An estimate and its 95 % interval; NaN: not known."""
+
+    value: float
+    low: float
+    high: float
+    n: int  # values, or pairs, it is made of
+
+    def __str__(self) -> str:
+        """Value and interval to four digits."""
+        return f"{self.value:.4g} [{self.low:.4g}, {self.high:.4g}] (n = {self.n})"
+
+    def __contains__(self, value: float) -> bool:
+        """Whether `value` lies in the interval."""
+        return self.low <= value <= self.high
+
+
+def mean_variance(residuals: Array) -> tuple[float, float]:
+    """Variance of the mean of a series in order of time, and its degrees of freedom; `residuals` (n,) are about 0."""
+    n = len(residuals)
+    dof = int(min(max(round(0.4 * n ** (2 / 3)), _LEAST_DOF), n - 1))
+    angle = np.pi * np.arange(1, dof + 1)[:, None] * (np.arange(n) + 0.5) / n
+    weights = np.sqrt(2 / n) * (np.cos(angle) @ residuals)
+    return float(np.mean(weights**2) / n), float(dof)
+
+
+def t_quantile(dof: float) -> float:
+    """Half width of the two-sided 95 % interval, in standard errors."""
+    try:
+        from scipy.special import stdtrit
+    except ImportError as error:
+        raise InsoleError(
+            "intervals need the package scipy, which is not installed: pip install 'insole-daemon[lab]'"
+        ) from error
+    return float(stdtrit(dof, 0.5 + LEVEL / 2))
+
+
+def mean_interval(values: Array, systematic_std: float = 0.0) -> Interval:
+    """Mean of values (n,) in order of time, NaN left out; `systematic_std` is that of an error all of them share."""
+    known = values[np.isfinite(values)]
+    if len(known) < FEWEST:
+        mean = float(known.mean()) if len(known) else np.nan
+        return Interval(mean, np.nan, np.nan, len(known))
+    mean = float(known.mean())
+    variance, dof = mean_variance(known - mean)
+    half = np.hypot(t_quantile(dof) * np.sqrt(variance), NORMAL_QUANTILE * systematic_std)
+    return Interval(mean, mean - float(half), mean + float(half), len(known))

@@ -1,0 +1,109 @@
+"""The dynamic model of one foot, cycle by cycle, and its results beside those of the static curves."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..config import Board, Config
+from ..mechanics.static_model import StaticEstimate, age_in_ms
+from ..mechanics.wrench import Wrench, WrenchEstimator
+from ..physics.calibration import Calibration
+from ..physics.dynamic import DynamicModel
+from ..skin.cycles import Cycles
+from ..skin.layout import Layout
+from ..wire.messages import ModelName, Models, Raw
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DynamicEstimate:
+    """What one cycle is by the dynamic model."""
+
+    t_ns: int  # of the load
+    age_ms: NDArray[np.float32]  # (n_triangles,) before t_ns; NaN: never received
+    pressure_pa: NDArray[np.float64]  # (n_triangles, 12)
+    valid: NDArray[np.bool_]
+    beyond: NDArray[np.bool_]  # more than the effects were identified to
+    wrench: Wrench
+
+
+class DynamicFoot:
+    """The dynamic model of one foot and its memory."""
+
+    def __init__(
+        self, config: Config, layout: Layout, calibration: Calibration, boards: Sequence[Board], zeroed: bool
+    ) -> None:
+        self._began_ns = time.time_ns()
+        self._origin: tuple[int, float] | None = None  # monotonic time of the first cycle, and its second
+        self._threshold_count = config.contact.activation_threshold_count
+        self.model = DynamicModel(layout, calibration, boards, self._began_ns, zeroed=zeroed)
+        self.model.mask(self._threshold_count)
+        own = dataclasses.replace(layout, xy_m=self.model.xy_m)
+        self._wrench = WrenchEstimator(own, config.contact.min_force_n, config.contact.min_pressure_pa)
+        self._common_ns = int(self.model.late_ns.min())  # what all triangles are late by; the rest is their age
+
+    def go_on(self, before: DynamicFoot) -> None:
+        """With what `before` remembers, which is of the same layout and calibration."""
+        self.model, self._began_ns, self._origin = before.model, before._began_ns, before._origin
+        self.model.mask(self._threshold_count)
+
+    def __call__(self, cycles: Cycles, at: int, static: StaticEstimate) -> DynamicEstimate:
+        """Cycle `at`, which comes after all those before, and what it is by the static curves."""
+        t_mono_ns, t_ns, age_ns = int(cycles.t_mono_ns[at]), int(cycles.t_ns[at]), cycles.age_ns[at]
+        if self._origin is None:
+            self._origin = t_mono_ns, (t_ns - self._began_ns) * 1e-9
+        first_ns, second = self._origin
+        undone = self.model(
+            static.pressure_pa[None],
+            cycles.counts[at][None],
+            static.valid[None],
+            np.array([second + (t_mono_ns - first_ns) * 1e-9]),
+        )
+        pressure_pa, own = undone.pressure_pa[0], undone.valid[0]
+        variance_pa2 = static.variance_pa2
+        if variance_pa2 is not None:
+            variance_pa2 = self.model.at_places(variance_pa2[None])[0]
+        return DynamicEstimate(
+            t_ns - self._common_ns,
+            age_in_ms(np.where(age_ns < 0, age_ns, age_ns + (self.model.late_ns - self._common_ns))),
+            pressure_pa,
+            own,
+            undone.beyond[0],
+            self._wrench(pressure_pa, own, variance_pa2),
+        )
+
+
+def side_by_side(raw: Raw, model: ModelName, static: StaticEstimate, dynamic: DynamicEstimate) -> Models:
+    """The message with both estimates of the cycle of `raw`; `model` is the one in pressure and wrench."""
+    a, b = static.wrench, dynamic.wrench
+    return Models(
+        foot=raw.foot,
+        seq=raw.seq,
+        started_ns=raw.started_ns,
+        t_published_ns=raw.t_published_ns,
+        n_triangles=raw.n_triangles,
+        model=model,
+        static_t_ns=raw.t_ns,
+        static_f_z_n=a.f_z_n,
+        static_m_x_nm=a.m_x_nm,
+        static_m_y_nm=a.m_y_nm,
+        static_cop_x_m=a.cop_x_m,
+        static_cop_y_m=a.cop_y_m,
+        static_pressure_pa=static.pressure_pa_f4,
+        static_valid=static.valid.view(np.uint8),
+        dynamic_t_ns=dynamic.t_ns,
+        dynamic_f_z_n=b.f_z_n,
+        dynamic_m_x_nm=b.m_x_nm,
+        dynamic_m_y_nm=b.m_y_nm,
+        dynamic_cop_x_m=b.cop_x_m,
+        dynamic_cop_y_m=b.cop_y_m,
+        dynamic_pressure_pa=dynamic.pressure_pa.astype(np.float32),
+        dynamic_valid=dynamic.valid.view(np.uint8),
+        beyond=dynamic.beyond.view(np.uint8),
+        repeated=raw.repeated,
+    )

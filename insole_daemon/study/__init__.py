@@ -1,0 +1,1 @@
+"""A study: many recordings of many people, analysed by workers and collected into one table and one page."""

@@ -1,0 +1,122 @@
+"""The results of all recordings as one table, and all their steps as another: the same bytes from any workers."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import InsoleError
+from ..files import unfinished, write_text
+from ..mechanics.gait.intervals import mean_interval
+from ..mechanics.gait.steps import Steps
+from ..mechanics.gait.symmetry import symmetry
+from ..recording.lab import need
+from .document import Study
+from .scheduling import results_of
+from .tasks import TaskResult
+
+FIGURES = ("stance_s", "swing_s", "stride_s", "double_support_s", "cadence_per_min", "peak_force_n", "impulse_n_s",
+           "loading_rate_n_s", "cop_path_m", "cop_width_m", "contact_area_m2")  # fmt: skip
+SYMMETRIES = ("stance_s", "peak_force_n", "impulse_n_s")
+
+
+def load_steps(file: Path) -> Steps:
+    """The steps that a worker wrote."""
+    with np.load(file, allow_pickle=False) as archive:
+        columns = {name.removeprefix("column_"): archive[name] for name in archive.files if name.startswith("column_")}
+        curves = {name.removeprefix("curve_"): archive[name] for name in archive.files if name.startswith("curve_")}
+        remarks = str(archive["remarks"])
+        return Steps(columns, curves, int(archive["start_ns"]), tuple(remarks.splitlines()))
+
+
+def collect_rows(
+    study: Study, results: Path, found: Sequence[Sequence[TaskResult]]
+) -> tuple[list[dict[str, Any]], list[Steps | None]]:
+    """A row a recording, and its steps where there are some."""
+    rows, every = [], []
+    for number, (recording, outcome) in enumerate(zip(study.recordings, found, strict=True)):
+        place = results_of(results, number, recording.folder)
+        files = {each.task: place / each.file for each in outcome if each.file is not None}
+        problems = [f"{each.task}: {each.problem}" for each in outcome if each.file is None]
+        row: dict[str, Any] = {
+            "recording": str(recording.folder),
+            "person": recording.person,
+            "session": recording.session,
+            "condition": recording.condition,
+            "missing": "; ".join(problems),
+        }
+        steps = load_steps(files["steps"]) if "steps" in files else None
+        if steps is not None:
+            row |= _gait(steps)
+        if "validation" in files:
+            row |= _validation(json.loads(files["validation"].read_text()))
+        if "diagnosis" in files:
+            row |= _diagnosis(json.loads(files["diagnosis"].read_text()))
+        rows.append(row)
+        every.append(steps)
+    return rows, every
+
+
+def _gait(steps: Steps) -> dict[str, Any]:
+    row: dict[str, Any] = {"stances": len(steps), "remarks": "; ".join(steps.remarks)}
+    for foot in ("left", "right"):
+        own = steps.of(foot).steady
+        row[f"{foot}_steady_steps"] = len(own)
+        for name in FIGURES:
+            interval = mean_interval(own[name], float(np.nan_to_num(own.std(name)).mean()) if len(own) else 0.0)
+            known = own[name][np.isfinite(own[name])]
+            row |= {
+                f"{foot}_{name}": interval.value,
+                f"{foot}_{name}_sd": float(known.std(ddof=1)) if len(known) > 1 else np.nan,
+                f"{foot}_{name}_low": interval.low,
+                f"{foot}_{name}_high": interval.high,
+            }
+    for name in SYMMETRIES:
+        index = symmetry(steps, name)
+        row |= {
+            f"symmetry_{name}_percent": index.value,
+            f"symmetry_{name}_low": index.low,
+            f"symmetry_{name}_high": index.high,
+        }
+    return row
+
+
+def _validation(documents: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    return {
+        f"validation_{document['foot']}": json.dumps(document["recordings"], sort_keys=True, ensure_ascii=False)
+        for document in documents
+    }
+
+
+def _diagnosis(documents: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    row = {}
+    for document in documents:
+        row[f"diagnosis_{document['foot']}"] = document["verdict"]
+        row[f"findings_{document['foot']}"] = " ".join(finding["effect"] for finding in document["findings"])
+    return row
+
+
+def write_tables(study: Study, rows: Sequence[Mapping[str, Any]], every: Sequence[Steps | None], out: Path) -> None:
+    """Write table.csv and table.parquet, a row a recording, and steps.csv and steps.parquet, a row a stance."""
+    pandas = need("pandas", "pandas", "a study")
+    frames = []
+    for recording, steps in zip(study.recordings, every, strict=True):
+        if steps is not None:
+            frame = steps.to_dataframe()
+            about = (("recording", str(recording.folder)), ("person", recording.person),
+                     ("session", recording.session), ("condition", recording.condition))  # fmt: skip
+            for at, (name, value) in enumerate(about):
+                frame.insert(at, name, value)
+            frames.append(frame)
+    tables = {"table": pandas.DataFrame(rows), "steps": pandas.concat(frames) if frames else pandas.DataFrame()}
+    for name, frame in tables.items():
+        try:
+            write_text(out / f"{name}.csv", frame.to_csv(index=False, float_format="%.9g", lineterminator="\n"))
+            with unfinished(out / f"{name}.parquet") as beside:
+                frame.to_parquet(beside, index=False, engine="pyarrow")
+        except OSError as error:
+            raise InsoleError(f"{out / name}: cannot be written: {error.strerror or error}") from error

@@ -1,0 +1,53 @@
+"""study.yaml: which recordings a study has, of whom, and what is done with each (`insole-study/1`)."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Literal, get_args
+
+from ..documents import Reading, Section, at_least, read
+
+FORMAT = "insole-study/1"
+FILE = "study.yaml"
+
+Task = Literal["report", "steps", "validation", "diagnosis"]
+TASKS: tuple[Task, ...] = get_args(Task)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StudyRecording(Section):
+    """One line of the study."""
+
+    folder: Path  # as in the file, from the study's folder
+    person: str
+    session: str
+    condition: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Study(Section):
+    """All of study.yaml."""
+
+    recordings: Annotated[tuple[StudyRecording, ...], at_least(1)]
+    tasks: Annotated[tuple[Task, ...], at_least(1)] = ("report", "steps")
+    calibrations: tuple[Path, ...] = ()  # that validation judges, one a foot
+
+
+def load_study(folder: Path) -> Study:
+    """The study in `folder`; DocumentError lists all that is wrong with its study.yaml."""
+    study = read(folder / FILE, Study, FORMAT, _check)
+    relative = tuple(replace(each, folder=Path(os.path.relpath(each.folder, folder))) for each in study.recordings)
+    return replace(study, recordings=relative)
+
+
+def _check(reading: Reading) -> None:
+    named = Counter(str(recording.folder) for _, recording in reading.of(StudyRecording))
+    for name, count in named.items():
+        if count > 1:
+            reading.problem(("recordings",), f"expected each recording once, found {name} {count} times")
+    tasks = reading.document.get("tasks")
+    if isinstance(tasks, list) and "validation" in tasks and not reading.document.get("calibrations"):
+        reading.problem(("calibrations",), "missing key: validation judges calibrations: list them, or leave it out")

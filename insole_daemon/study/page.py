@@ -1,0 +1,113 @@
+"""The study as one HTML page: every recording, what is missing and why, and sessions compared."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+
+from ..mechanics.gait.comparison import (
+    CurveTest,
+    compare_curves,
+    compare_paired_curves,
+    difference_of_sessions,
+    paired_difference,
+)
+from ..mechanics.gait.figures import PERCENT
+from ..mechanics.gait.intervals import FEWEST, Interval
+from ..mechanics.gait.steps import Steps, mean_curve
+from ..report.page import facts, figure, page, paragraph, row, section, table
+from ..report.plot import Axis, Plot, axis
+from .document import Study
+
+_FIGURES = {
+    "stance_s": ("stance, s", 1.0, 3),
+    "double_support_s": ("double support, s", 1.0, 3),
+    "cadence_per_min": ("cadence, steps/min", 1.0, 1),
+    "peak_force_n": ("peak force, N", 1.0, 0),
+    "impulse_n_s": ("impulse, N·s", 1.0, 1),
+    "cop_path_m": ("path of the CoP, mm", 1e3, 1),
+}
+
+
+def study_page(name: str, study: Study, rows: Sequence[Mapping[str, Any]], every: Sequence[Steps | None]) -> str:
+    """HTML of one file, which loads nothing from anywhere."""
+    missing = [each for each in rows if each["missing"]]
+    persons = {recording.person for recording in study.recordings}
+    steady = sum(len(steps.steady) for steps in every if steps is not None)
+    parts = [
+        facts((str(len(rows)), "recordings"), (str(len(persons)), "persons"), (str(steady), "steady steps"),
+              (str(len(missing)), "recordings with something missing")),
+        _recordings(rows, every),
+    ]  # fmt: skip
+    if missing:
+        parts.append(
+            section(
+                "Missing",
+                table(("recording", "what and why"), [(e["recording"], e["missing"]) for e in missing], (0, 1)),
+            )
+        )
+    sessions = list(dict.fromkeys(recording.session for recording in study.recordings))
+    parts += [_comparison(study, every, *pair) for pair in combinations(sessions, 2)]
+    return page(f"Study {name}", "Means are of steady steps, ± is a standard deviation over steps", parts)
+
+
+def _recordings(rows: Sequence[Mapping[str, Any]], every: Sequence[Steps | None]) -> str:
+    lines = []
+    for each, steps in zip(rows, every, strict=True):
+        cells = [each["person"], each["session"], each["condition"], each["recording"]]
+        for foot in ("left", "right"):
+            own = steps.of(foot).steady if steps is not None else None
+            cells.append(str(len(own)) if own is not None else "–")
+            for name in ("stance_s", "peak_force_n"):
+                _, factor, digits = _FIGURES[name]
+                known = own[name][np.isfinite(own[name])] * factor if own is not None else np.empty(0)
+                spread = f" ± {known.std(ddof=1):.{digits}f}" if len(known) > 1 else ""
+                cells.append(f"{known.mean():.{digits}f}{spread}" if len(known) else "–")
+        lines.append(cells)
+    figures = [f"{foot}: {what}" for foot in ("left", "right") for what in ("steady", "stance, s", "peak, N")]
+    return section("Recordings", table(("person", "session", "condition", "recording", *figures), lines, (0, 1, 2, 3)))
+
+
+def _comparison(study: Study, every: Sequence[Steps | None], first: str, second: str) -> str:
+    """Two sessions: of persons where FEWEST have both, else of each person alone."""
+    sessions: dict[tuple[str, str], Steps] = {}
+    for recording, steps in zip(study.recordings, every, strict=True):
+        if steps is not None:  # of several recordings of one session, the first
+            sessions.setdefault((recording.person, recording.session), steps)
+    persons = [
+        p for p in dict.fromkeys(r.person for r in study.recordings) if {(p, first), (p, second)} <= sessions.keys()
+    ]
+    parts = []
+    for foot in ("left", "right"):
+        pairs = [(sessions[p, first].of(foot), sessions[p, second].of(foot)) for p in persons]
+        pairs = [pair for pair in pairs if min(len(each.steady) for each in pair) >= FEWEST]
+        if not pairs:
+            parts.append(paragraph(f"{foot}: nobody has {FEWEST} steady steps in both sessions"))
+        elif len(pairs) >= FEWEST:
+            differences = {name: paired_difference(pairs, name) for name in _FIGURES}
+            parts.append(_compared(f"{foot}, {len(pairs)} persons", differences, compare_paired_curves(pairs), pairs))
+        else:
+            for person, pair in zip(persons, pairs, strict=False):
+                differences = {name: difference_of_sessions(*pair, name) for name in _FIGURES}
+                parts.append(_compared(f"{foot}, {person}", differences, compare_curves(*pair), [pair]))
+    return section(f"{second} less {first}", *parts)
+
+
+def _compared(
+    title: str, differences: Mapping[str, Interval], test: CurveTest, pairs: Sequence[tuple[Steps, Steps]]
+) -> str:
+    lines = []
+    for name, interval in differences.items():
+        words, factor, digits = _FIGURES[name]
+        value, low, high = (f"{each * factor:+.{digits}f}" for each in (interval.value, interval.low, interval.high))
+        lines.append((words, value, f"{low} to {high}"))
+    spans = ", ".join(f"{low:.0f} to {high:.0f} %" for low, high in test.spans_percent) or "nowhere"
+    means = [np.mean([mean_curve(pair[at].steady.curves["f_z_n"])[0] for pair in pairs], axis=0) for at in (0, 1)]
+    plot = Plot(Axis("% of stance", 0.0, 100.0), axis("f_z, N", *means), height=260)
+    for at, (curve, words) in enumerate(zip(means, ("first session", "second session"), strict=True)):
+        plot.line(PERCENT, np.asarray(curve, np.float64), at, words)
+    said = f"f_z over stance, {title}: differs {spans} (p = {test.p_whole:.4f}, {test.n_permutations} permutations)"
+    return row(figure(plot.svg(said), said)) + table(("figure", "difference", "95 % interval"), lines)

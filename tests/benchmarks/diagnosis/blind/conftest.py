@@ -1,0 +1,21 @@
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from benchmarks.diagnosis.blind.generate import generate
+
+
+@dataclass(frozen=True)
+class Made:
+    cases: Path
+    sealed: Path
+    seal: str
+
+
+@pytest.fixture(scope="session")
+def made(tmp_path_factory) -> Made:
+    """The first three of the short suite: a null, a viscoelasticity, swapped triangles beside a simulation."""
+    folder = tmp_path_factory.mktemp("blind")
+    seal = generate(seed=11, suite="bench", n=3, out=folder / "cases", sealed=folder / "sealed", jobs=1)
+    return Made(folder / "cases", folder / "sealed", seal)

@@ -1,0 +1,160 @@
+"""Make, run and score one after the other, with stand-ins for the tool."""
+
+import json
+import sys
+
+import numpy as np
+import pytest
+
+from benchmarks.diagnosis.blind import run as runner
+from benchmarks.diagnosis.blind import seal
+from benchmarks.diagnosis.blind.run import command_for, run
+from benchmarks.diagnosis.blind.score import markdown, score
+from benchmarks.diagnosis.blind.tables import bars
+from benchmarks.diagnosis.blind.untouched import compare_force
+
+N = 3
+PERFECT = """
+import json, pathlib, sys
+truth, recording, out = map(pathlib.Path, sys.argv[1:4])
+case = json.loads(truth.read_text())["cases"][recording.parent.name]
+findings = [
+    {"effect": e["effect"], "alternatives": [], "where": e["where"], "confidence": 1.0,
+     "parameters": {k: {"value": v, "std": [abs(x) * 0.01 for x in v]} for k, v in e["parameters"].items()},
+     "amplitude_fraction": e["amplitude_fraction"]}
+    for e in case["effects"]
+]
+answer = {"format": "insole-diagnosis/1", "verdict": "explained" if findings else "no mismatch", "findings": findings}
+(out / "diagnosis.json").write_text(json.dumps(answer))
+(out / "model.json").write_text("{}")
+"""
+
+
+def predictor(name, off=0.0):
+    def predict(model, recording, simulation):
+        with np.load(recording.parent / "scoring.npz") as scoring:
+            out = np.zeros((len(scoring["untouched"]), 28, 12))
+            out[scoring["untouched"]] = scoring[name] + off
+        return {"left": out, "right": out}
+
+    return predict
+
+
+def measured(found):
+    return {b.what: b for b in bars(found["cases"])}
+
+
+def test_a_perfect_answer_scores_full_marks(made, tmp_path):
+    (tmp_path / "tool.py").write_text(PERFECT)
+    template = [sys.executable, str(tmp_path / "tool.py"), str(made.sealed / "truth.json"), "{recording}", "{out}"]
+    log = run(template, made.cases, tmp_path / "answers", jobs=2, limit_s=60)
+    assert [entry["status"] for entry in log] == [0] * N
+    assert all(entry["peak_mb"] > 1 and entry["seconds"] > 0 for entry in log)
+    found = score(made.sealed, tmp_path / "answers", made.seal, predictor("oracle"))
+    by = measured(found)
+    assert by["nulls, false alarms"].measured.startswith("0 % (0 of 1")
+    assert by["single ≥ 3 × floor and faults: named first"].measured.startswith("100 % (1 of 1")
+    assert by["paired simulation: named first"].measured.startswith("100 % (1 of 1")
+    assert by["… swap or map right"].reached is True
+    assert by["place, F1 per taxel, chamber"].reached is True
+    assert by["parameters: median error"].reached is True
+    assert by["untouched data made worse by > 2 %"].reached is True
+    assert "| single ≥ 3 × floor and faults: named first | ≥ 95 % | 100 % (1 of 1" in markdown(found)
+    json.dumps(found)
+    worse = measured(score(made.sealed, tmp_path / "answers", made.seal, predictor("handed_out", 5.0)))
+    assert worse["untouched data made worse by > 2 %"].measured.startswith("100 % (3 of 3")
+    assert worse["recovered share of the oracle's gain, median"].reached is False
+
+
+def test_a_run_that_fails_is_logged_and_scored_as_wrong(made, tmp_path):
+    log = run([sys.executable, "-c", "1 / 0"], made.cases, tmp_path / "answers", jobs=1, limit_s=60)
+    assert [(entry["status"], entry["traceback"]) for entry in log] == [(1, True)] * N
+    by = measured(score(made.sealed, tmp_path / "answers", made.seal))
+    assert by["nulls, false alarms"].measured.startswith("100 % (1 of 1")
+    assert by["single ≥ 3 × floor and faults: named first"].measured.startswith("0 % (0 of 1")
+    assert by["tracebacks, crashes and time-outs"].measured.startswith(f"100 % ({N} of {N}")
+
+
+def test_an_answer_that_cannot_be_read_is_none(made, tmp_path):
+    answers = tmp_path / "answers"
+    run([sys.executable, "-c", ""], made.cases, answers, jobs=1, limit_s=60)
+    first, second, third = sorted(p.name for p in made.cases.iterdir() if p.is_dir())
+    (answers / first / "diagnosis.json").write_text("{")
+    (answers / second / "diagnosis.json").write_text('{"format": "insole-diagnosis/1", "findings": [{}]}')
+    found = score(made.sealed, answers, made.seal)
+    assert not any(row["answered"] for row in found["cases"])
+    said = {row["case"]: row["unreadable"] for row in found["cases"]}
+    assert "JSONDecodeError" in said[first]
+    assert "KeyError: 'effect'" in said[second]
+    assert "FileNotFoundError" in said[third]
+
+
+def test_a_run_that_never_ends_is_stopped(made, tmp_path):
+    log = run([sys.executable, "-c", "import time; time.sleep(600)"], made.cases, tmp_path / "a", jobs=4, limit_s=0.5)
+    assert {entry["ended"] for entry in log} == {"stopped at the time limit"}
+
+
+def test_an_interrupted_run_goes_on_where_it_stopped(made, tmp_path, monkeypatch):
+    answers, command = tmp_path / "answers", [sys.executable, "-c", "print(1)"]
+    one, ran = runner.run_case, []
+
+    def stop_at_the_third(template, case, *more):
+        if len(ran) == 2:
+            raise KeyboardInterrupt
+        ran.append(case.name)
+        return one(template, case, *more)
+
+    monkeypatch.setattr(runner, "run_case", stop_at_the_third)
+    with pytest.raises(KeyboardInterrupt):
+        run(command, made.cases, answers, jobs=1, limit_s=60)
+    header = json.loads((answers / "run.json").read_text())
+    assert header["set"] == {"seed": 11, "suite": "bench", "cases": N, "seal": made.seal}
+    assert header["commit"]
+    with (answers / "log.jsonl").open("a") as log:
+        log.write('{"case": "cut o')
+    monkeypatch.setattr(runner, "run_case", one)
+    assert len(score(made.sealed, answers, made.seal)["cases"]) == 2
+    assert [e["case"] for e in run(command, made.cases, answers, jobs=1, limit_s=60)][:2] == ran
+    assert len(runner.read_log(answers)) == N
+    with pytest.raises(SystemExit, match="was begun with command"):
+        run([*command, "other"], made.cases, answers, jobs=1, limit_s=60)
+
+
+def test_the_simulation_is_named_where_there_is_one(tmp_path):
+    (tmp_path / "case" / "recording").mkdir(parents=True)
+    template = ["tool", "{recording}", "{simulation}", "--out", "{out}"]
+    case, out = tmp_path / "case", tmp_path / "out"
+    assert command_for(template, case, out) == ["tool", str(case / "recording"), "--out", str(out)]
+    (case / "simulation").mkdir()
+    assert command_for(template, case, out)[2:4] == ["--simulation", str(case / "simulation")]
+
+
+def test_a_truth_changed_afterwards_is_refused(made, tmp_path):
+    with pytest.raises(seal.BrokenSealError, match="expected the truth sealed as"):
+        seal.open_(made.sealed, "0" * 64)
+    kept = tmp_path / "sealed"
+    (kept / "case-1").mkdir(parents=True)
+    (kept / "case-1" / "file").write_text("one")
+    printed = seal.close(kept, {"case-1": {"kept_back": seal.digests(kept / "case-1")}}, {})
+    assert seal.open_(kept, printed)["cases"]
+    (kept / "case-1" / "file").write_text("two")
+    with pytest.raises(seal.BrokenSealError, match="is not what was sealed"):
+        seal.open_(kept, printed)
+
+
+def test_force_is_compared_at_the_times_it_is_said_for(tmp_path):
+    t_s = 1.6e9 + np.arange(500) * 0.02
+    force = 300 + 300 * np.sin(np.arange(500) * 0.1)
+    noise = np.random.default_rng(4).standard_normal((2, 500))
+    np.savez(
+        tmp_path / "scoring.npz", t_s=t_s, fz_n=force, static_fz_n=force + 30 * noise[0], oracle_fz_n=force + noise[1]
+    )
+
+    def between_the_rows(model, recording):
+        return {"left": (t_s[:-1] + 0.01, (force[:-1] + force[1:]) / 2 + 2.0)}
+
+    found = compare_force(tmp_path, "left", tmp_path / "model.json", between_the_rows)
+    assert found["model"] == pytest.approx(2.0, abs=0.05)
+    assert found["recovered"] == pytest.approx((30 - 2) / (30 - 1), abs=0.03)
+    late = compare_force(tmp_path, "left", tmp_path / "model.json", lambda m, r: {"left": (t_s[:100], force[:100])})
+    assert "expected a finite f_z" in late["failure"]

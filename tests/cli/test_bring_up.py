@@ -1,0 +1,140 @@
+"""`insole bring-up` against emulated boards and a person who does as asked, on a clock of their own."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+
+import pytest
+import typer
+
+from insole_daemon.bus import recovering
+from insole_daemon.cli import bring_up as verb
+from insole_daemon.cli import map as mapping
+from insole_daemon.config import Config
+from insole_daemon.recording import recorder  # before the source is replaced: it asks for the type of the real one
+from insole_daemon.simulation.emulator import Emulator
+from insole_daemon.skin import layout as layouts
+
+from .test_map import TEMPLATES, Finger, Source
+
+CONFIG = Config()
+RECORDED_S = 4.0  # instead of a minute
+STAND_PA = 75e3  # on every taxel of one foot: some 700 N
+
+
+class Person(Finger):
+    """Presses one triangle after the other, and stands on the foot that is asked for."""
+
+    def __init__(self, truth) -> None:
+        super().__init__(truth)
+        self.stands_on = ""
+
+    def pressure_pa(self, foot, t_s):
+        pressure = super().pressure_pa(foot, t_s)
+        if foot == self.stands_on:
+            pressure = pressure + STAND_PA
+            pressure[..., [6, 10]] = 0
+        return pressure
+
+
+@pytest.fixture
+def set_up(monkeypatch, tmp_path):
+    """Call it with the layouts as the insoles are really wired, and how the boards are; runs bring-up to its end."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(truth=TEMPLATES, played=CONFIG, generation="mtb4", **boards) -> tuple[int, str]:
+        person = Person(truth)
+        source = Source(Emulator(played, truth, person, generation=generation, **boards).run(0))
+        places = {}
+        for layout in truth:
+            for row, t in enumerate(layout.triangles):
+                number = 1 + sum(other.patch == t.patch for other in layout.triangles[:row])
+                places[layout.foot, t.patch, number] = row
+
+        def listen(text: str) -> None:
+            found = re.search(r"press the middle of (\w+) foot, (\w+) patch, position (\d+)", text)
+            if found:
+                row = places[found[1], found[2], int(found[3])]
+                person.press = (found[1], row, source.clock_ns() * 1e-9 + 0.3)
+
+        def asked(what: str) -> bool:
+            stands = re.search(r"stand on the (\w+) foot", what)
+            person.stands_on = stands[1] if stands else ""
+            return True
+
+        monkeypatch.setattr(mapping, "_say", listen)
+        monkeypatch.setattr(verb, "_asked", asked)
+        monkeypatch.setattr(verb, "_interfaces", lambda settings: [])  # no kernel has the interface of this bus
+        monkeypatch.setattr(verb, "on_end", lambda stop: None)
+        monkeypatch.setattr("time.sleep", source.wait)
+        monkeypatch.setattr("time.monotonic", lambda: source.clock_ns() * 1e-9)
+        monkeypatch.setattr("time.monotonic_ns", source.clock_ns)
+        assert recorder.RecoveringSource
+        monkeypatch.setattr(recovering, "RecoveringSource", lambda buses: source)
+        monkeypatch.setattr(run, "took_s", lambda: source.clock_ns() * 1e-9, raising=False)
+        status = 0
+        try:
+            verb.bring_up(None, verb.Which.both, tmp_path / "out", 70.0, RECORDED_S)
+        except typer.Exit as end:
+            status = end.exit_code
+        return status, (tmp_path / "out" / "report.md").read_text()
+
+    return run
+
+
+def rewired(foot_boards: dict[str, dict[int, int]]) -> list[layouts.Layout]:
+    """The built-in layouts with other boards at their patches."""
+    return [
+        layouts.assigned(
+            layout,
+            tuple(
+                dataclasses.replace(t, board=foot_boards[layout.foot].get(t.board, t.board)) for t in layout.triangles
+            ),
+        )
+        for layout in TEMPLATES
+    ]  # fmt: skip
+
+
+def test_a_right_set_up_passes_every_step_within_5_minutes_and_leaves_a_report(set_up, tmp_path):
+    status, report = set_up()
+    assert status == 0, report
+    assert set_up.took_s() + 60 - RECORDED_S < 300, "with a person who presses 0.3 s after being asked, for 0.8 s"
+    assert "**0 problems.**" in report
+    for step in ("Boards", "Mapping", "Zero", "Recording", "Force"):
+        section = report.partition(f"## {step}\n")[2].partition("\n## ")[0]
+        assert "- ok" in section or "- warning" in section, f"{step}: {section}"
+        assert "Not done" not in section
+    assert re.search(r"left recording: good: \d+ of \d+ cycles", report)
+    assert "the body weighs 687 N" in report
+    assert "thermal pads at" in report
+    assert (tmp_path / "out" / "recording" / "recording.yaml").exists()
+    assert (tmp_path / "out" / "left-layout.yaml").exists()
+
+
+def test_swapped_patches_are_named(set_up):
+    status, report = set_up(rewired({"left": {5: 7, 7: 5}, "right": {}}))
+    assert status == 1
+    assert re.search(r"problem: left foot: patches are swapped: at the \w+ patch board \d answers", report)
+    assert "layout: left-layout.yaml" in report
+
+
+def test_left_and_right_exchanged_are_named(set_up):
+    exchanged = {"left": {5: 8, 6: 9, 7: 10}, "right": {8: 5, 9: 6, 10: 7}}
+    left, right = CONFIG.insoles
+    wired = (dataclasses.replace(left, boards=right.boards), dataclasses.replace(right, boards=left.boards))
+    status, report = set_up(rewired(exchanged), dataclasses.replace(CONFIG, insoles=wired))
+    assert status == 1
+    assert "swapped: board 8 lies in the left foot, the configuration gives it to the right foot" in report
+    assert "plug the insoles the other way round" in report
+
+
+def test_boards_that_do_not_start_end_the_session_after_the_first_step(set_up):
+    status, report = set_up(streaming=False)
+    assert status == 1
+    assert "nothing was sent" in report
+    assert "Not done: no board sends." in report
+
+
+def test_without_a_terminal_nobody_is_asked():
+    assert not verb._asked("stand on one leg")

@@ -1,0 +1,314 @@
+"""Every verb with every bad input: one message that names what is wrong, an exit status, and nothing half-written."""
+
+from __future__ import annotations
+
+import os
+import re
+import resource
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from insole_daemon import cli
+from insole_daemon.config import Config
+from insole_daemon.service.foot_setup import load_layout
+from insole_daemon.simulation.trial import Trial
+from insole_daemon.skin import layout as layouts
+
+INSOLE = Path(sys.executable).with_name("insole")
+USAGE, REFUSED, NO_NETWORK, DEFECT = 2, 4, 3, 70
+
+
+@pytest.fixture(scope="module")
+def given(tmp_path_factory) -> Path:
+    """Good recordings of the left foot, and one bad thing of every kind."""
+    folder = tmp_path_factory.mktemp("given")
+    left = Config().insoles[0]
+    config = Config(insoles=(left,))
+    layout = load_layout(left)
+    Trial("plenum", config, [layout], seed=1).write(folder / "chamber", 12.0)
+    Trial("t1", config, [layout], seed=2).write(folder / "walk", 4.0)
+    right = Config().insoles[1]
+    Trial("t1", Config(insoles=(right,)), [load_layout(right)], seed=3).write(folder / "right-walk", 3.0)
+    (folder / "folder").mkdir()
+    (folder / "bytes").write_bytes(bytes(range(256)))
+    (folder / "text.yaml").write_text("format: something-else/9\n")
+    (folder / "text.json").write_text('{"format": "something-else/9"}')
+    (folder / "left.yaml").write_text(
+        "format: insole-config/1\nbuses: ['virtual:fails']\ninsoles:\n  - foot: left\n    boards:\n"
+        + "".join(f"      - {{address: {address}, interface: fails}}\n" for address in (5, 6, 7))
+    )
+    layouts.write(folder / "left-layout.yaml", layout, "")
+    return folder
+
+
+def insole(monkeypatch, capsys, *arguments: object) -> tuple[int, str]:
+    """(exit status, stderr) of the command, in this process."""
+    monkeypatch.setattr(sys, "argv", ["insole", *map(str, arguments)])
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        cli.main()
+    except SystemExit as end:
+        return int(end.code or 0), capsys.readouterr().err
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+    raise AssertionError("the command did not end with a status")
+
+
+# Arguments with {bad} where the bad thing stands, relative to the folder `given`; the statuses and words expected.
+CONFIG = {
+    "run": ("run", "--config", "{bad}"),
+    "simulate": ("simulate", "--out", "new", "--config", "{bad}"),
+    "record": ("record", "new", "--config", "{bad}"),
+    "map": ("map", "--out", "new", "--config", "{bad}"),
+    "import log": ("import", "walk/can.log", "new", "--config", "{bad}"),
+}
+RECORDING = {
+    "report": ("report", "{bad}"),
+    "export": ("export", "{bad}", "new.npz"),
+    "calibrate": ("calibrate", "{bad}", "--out", "new.json"),
+    "validate": ("validate", "{bad}", "--calibration", "chamber/calibration.json"),
+    "diagnose": ("diagnose", "{bad}", "--out", "new"),
+}
+OTHER_FILES = {
+    "replay": ("replay", "{bad}", "--bus", "virtual:fails"),
+    "import": ("import", "{bad}", "new", "--foot", "left"),
+    "simulate --effects": ("simulate", "--out", "new", "--effects", "{bad}"),
+    "simulate --trial": ("simulate", "--out", "new", "--trial", "{bad}"),
+    "validate --calibration": ("validate", "walk", "--calibration", "{bad}"),
+    "diagnose --calibration": ("diagnose", "chamber", "--out", "new", "--calibration", "{bad}"),
+    "diagnose --simulation": ("diagnose", "chamber", "--out", "new", "--simulation", "{bad}"),
+    "map --template": ("map", "--out", "new", "--config", "left.yaml", "--foot", "left", "--template", "{bad}"),
+    "record --shoe": ("record", "new", "--config", "left.yaml", "--foot", "left", "--kind", "shoe",
+                      "--reference", "-", "--shoe", "{bad}"),
+    "import --layout": ("import", "bytes", "new", "--layout", "{bad}"),
+}  # fmt: skip
+CLIENTS = {verb: (verb, "--zenoh-config", "{bad}") for verb in ("watch", "status", "boards", "zero", "model", "view")}
+ALL_FILES = {**CONFIG, **RECORDING, **OTHER_FILES, **CLIENTS}
+BAD = {"missing file": "nothing-here", "folder": "folder", "wrong format": "bytes"}
+
+
+@pytest.mark.parametrize("bad", BAD)
+@pytest.mark.parametrize("verb", ALL_FILES)
+def test_a_file_that_is_none_is_refused_in_one_message(verb, bad, given, monkeypatch, capsys):
+    monkeypatch.chdir(given)
+    status, said = insole(monkeypatch, capsys, *(word.format(bad=BAD[bad]) for word in ALL_FILES[verb]))
+    assert status == REFUSED, said
+    assert BAD[bad] in said
+    assert len(said.strip().splitlines()) <= 6
+    assert "Traceback" not in said
+    assert not list(given.glob("*new*")), "nothing half-written"
+
+
+@pytest.mark.parametrize("bad", ["nothing-here", "folder", "bytes"])
+def test_doctor_reports_a_configuration_that_is_none_as_a_problem(bad, given, monkeypatch, capsys):
+    monkeypatch.chdir(given)
+    status, said = insole(monkeypatch, capsys, "doctor", "--config", bad)
+    assert status == 1
+    assert "Traceback" not in said
+
+
+WRONG_FOOT = {
+    "record": ("record", "new", "--config", "left.yaml", "--foot", "right"),
+    "map": ("map", "--out", "new", "--config", "left.yaml", "--foot", "right"),
+    "calibrate": ("calibrate", "chamber", "--out", "new.json", "--foot", "right"),
+    "validate": ("validate", "walk", "--calibration", "right-walk/calibration.json"),
+    "diagnose": ("diagnose", "chamber", "--out", "new", "--foot", "right"),
+    "import": ("import", "bytes", "new", "--foot", "right", "--layout", "left-layout.yaml"),
+}
+
+
+@pytest.mark.parametrize("verb", WRONG_FOOT)
+def test_the_wrong_foot_is_said(verb, given, monkeypatch, capsys):
+    monkeypatch.chdir(given)
+    status, said = insole(monkeypatch, capsys, *WRONG_FOOT[verb])
+    assert status in (USAGE, NO_NETWORK, REFUSED), said
+    assert "right" in said
+    assert "Traceback" not in said
+    assert not list(given.glob("*new*"))
+
+
+EXISTING = {
+    "report": ("report", "walk", "--out", "taken.html"),
+    "calibrate": ("calibrate", "chamber", "--out", "taken.json"),
+    "calibrate --report": ("calibrate", "chamber", "--out", "new.json", "--report", "taken.html"),
+    "validate": ("validate", "walk", "--calibration", "walk/calibration.json", "--json", "taken.json"),
+    "export": ("export", "walk", "taken.npz"),
+    "record": ("record", "taken", "--config", "left.yaml", "--foot", "left"),
+    "simulate": ("simulate", "t1", "--out", "taken"),
+    "import": ("import", "walk/can.log", "taken", "--config", "left.yaml"),
+    "map": ("map", "--out", "taken", "--config", "left.yaml", "--foot", "left"),
+}
+
+
+@pytest.mark.parametrize("verb", EXISTING)
+def test_what_is_there_already_is_not_overwritten(verb, given, monkeypatch, capsys):
+    monkeypatch.chdir(given)
+    (given / "taken").mkdir(exist_ok=True)
+    files = ["taken.html", "taken.json", "taken.npz", "taken/file", "taken/left-layout.yaml"]
+    for name in files:
+        (given / name).write_text("mine")
+    status, said = insole(monkeypatch, capsys, *EXISTING[verb])
+    assert status == REFUSED, said
+    assert "taken" in said
+    assert "already there" in said
+    assert [(given / name).read_text() for name in files] == ["mine"] * len(files)
+    for name in files:
+        (given / name).unlink()
+
+
+def test_force_replaces_what_is_there(given, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(given)
+    out = tmp_path / "taken.html"
+    out.write_text("mine")
+    status, said = insole(monkeypatch, capsys, "report", "walk", "--out", out, "--force")
+    assert status == 0, said
+    assert out.read_text().startswith("<!doctype html>")
+
+
+FULL_DISK = {
+    "report": ("report", "walk", "--out", "new.html"),
+    "export npz": ("export", "walk", "new.npz"),
+    "export csv": ("export", "walk", "new", "--to", "csv"),
+    "export forces": ("export", "walk", "new.csv"),
+    "export mat": ("export", "walk", "new.mat"),
+    "export mcap": ("export", "walk", "new.mcap"),
+    "simulate": ("simulate", "t1", "--out", "new", "--seconds", "3"),
+    "import": ("import", "walk/can.log", "new", "--config", "left.yaml"),
+}
+
+
+@pytest.mark.parametrize("verb", FULL_DISK)
+def test_a_disk_without_room_is_said_and_leaves_nothing(verb, given):
+    def no_room() -> None:  # the kernel refuses every byte beyond these, as a full disk does
+        resource.setrlimit(resource.RLIMIT_FSIZE, (2048, 2048))
+
+    done = subprocess.run([INSOLE, *FULL_DISK[verb]], capture_output=True, text=True, cwd=given, preexec_fn=no_room)
+    assert done.returncode == REFUSED, done.stderr
+    assert "new" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert not list(given.glob("*new*"))
+
+
+def test_stdout_without_room_is_said(given):
+    with open("/dev/full", "w") as full:
+        done = subprocess.run([INSOLE, "--version"], stdout=full, stderr=subprocess.PIPE, text=True)
+    assert done.returncode == REFUSED
+    assert done.stderr.strip() == f"insole: {os.strerror(28)}"
+
+
+@pytest.mark.parametrize("verb", ["status", "watch", "boards", "zero", "model", "view", "record"])
+@pytest.mark.parametrize("prefix", ["tcp/", ""])
+def test_an_endpoint_may_leave_out_tcp(verb, prefix, monkeypatch, capsys, tmp_path, free_tcp_port):
+    out = [tmp_path / "new", "--remote"] if verb == "record" else []
+    endpoint = f"{prefix}127.0.0.1:{free_tcp_port}"
+    status, said = insole(monkeypatch, capsys, verb, *out, "--connect", endpoint)
+    assert status == NO_NETWORK
+    assert f"nobody answers on tcp/127.0.0.1:{free_tcp_port}" in said
+
+
+@pytest.mark.parametrize("endpoint", ["a b", "tcp/", "://", "host:port:7"])
+def test_an_endpoint_that_is_none_is_wrong_usage(endpoint, monkeypatch, capsys):
+    status, said = insole(monkeypatch, capsys, "status", "--connect", endpoint)
+    assert status == USAGE
+    assert "expected an endpoint such as tcp/127.0.0.1:7447" in said
+
+
+@pytest.fixture
+def free_tcp_port() -> int:
+    with socket.socket() as listening:
+        listening.bind(("127.0.0.1", 0))
+        return int(listening.getsockname()[1])
+
+
+@pytest.fixture
+def taken_port():
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+        yield listening.getsockname()[1]
+
+
+def test_a_taken_endpoint_names_an_option_that_exists(taken_port, monkeypatch, capsys):
+    status, said = insole(monkeypatch, capsys, "demo", "--listen", f"127.0.0.1:{taken_port}")
+    assert status == NO_NETWORK
+    assert "already in use" in said
+    assert "--listen" in said
+
+
+def test_a_taken_port_of_the_page_names_an_option_that_exists(taken_port, free_tcp_port, monkeypatch, capsys):
+    listen = f"127.0.0.1:{free_tcp_port}"
+    status, said = insole(monkeypatch, capsys, "demo", "--view", "--port", taken_port, "--listen", listen)
+    assert status == NO_NETWORK
+    assert f"--port {taken_port + 1}" in said
+
+
+def test_interrupted_is_one_word_and_status_130(given):
+    os.mkfifo(given / "endless.log")
+    process = subprocess.Popen(
+        [INSOLE, "import", "endless.log", "new", "--config", "left.yaml"], cwd=given, stderr=subprocess.PIPE, text=True
+    )
+    with open(given / "endless.log", "w"):  # once it reads
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=30)
+    assert process.returncode == 130, said
+    assert said.strip().splitlines()[-1] == "insole: interrupted"
+    assert "Traceback" not in said
+    assert not list(given.glob("*new*"))
+
+
+def test_a_defect_is_one_line_status_70_and_a_report(tmp_path):
+    code = (
+        "from insole_daemon import cli\n"
+        "@cli.app.command()\n"
+        "def broken(): {}['unexpected']\n"
+        "import sys; sys.argv[1:] = ['broken']\n"
+        "cli.main()"
+    )
+    environment = {**os.environ, "XDG_STATE_HOME": str(tmp_path)}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment)
+    assert done.returncode == DEFECT
+    assert len(done.stderr.splitlines()) == 1
+    written = re.search(r"the details are in (\S+),", done.stderr)
+    assert written is not None, done.stderr
+    report = Path(written[1]).read_text()
+    assert "KeyError: 'unexpected'" in report
+    assert "['broken']" in report
+
+
+@pytest.mark.parametrize(
+    ("package", "verb", "extra"),
+    [
+        ("scipy", ("calibrate", "chamber", "--out", "new.json"), "lab"),
+        ("scipy", ("export", "walk", "new.mat"), "lab"),
+        ("mcap", ("export", "walk", "new.mcap"), "lab"),
+        ("aiohttp", ("view",), "view"),
+    ],
+)
+def test_a_missing_extra_is_one_line_with_the_command(package, verb, extra, given):
+    code = (
+        "import sys; sys.modules[sys.argv.pop(1)] = None\n"  # as if it were not installed
+        "from insole_daemon import cli; cli.main()"
+    )
+    done = subprocess.run([sys.executable, "-c", code, package, *verb], capture_output=True, text=True, cwd=given)
+    assert done.returncode == NO_NETWORK, done.stderr
+    line = done.stderr.strip().splitlines()[-1]
+    assert f"needs the package {package}" in line or f"needs {package}" in line
+    assert f"install {extra}" in line or f"insole-daemon[{extra}]" in line
+
+
+def test_a_wide_table_is_whole_in_80_columns(given):
+    if shutil.which("script") is None:
+        pytest.fail("needs the program script, of util-linux")
+    command = f"stty columns 80; {INSOLE} validate walk --calibration walk/calibration.json"
+    done = subprocess.run(["script", "-qec", command, "/dev/null"], capture_output=True, text=True, cwd=given)
+    assert done.returncode == 0, done.stdout
+    printed = re.sub(r"\x1b\[[\d;]*m", "", done.stdout)
+    table = printed.partition("rmse:")[0]
+    assert max(map(len, table.splitlines())) <= 80
+    assert "…" not in printed
+    assert re.search(r"CoP_y RMSE mm +[\d.–]+", printed)

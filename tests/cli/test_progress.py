@@ -1,0 +1,40 @@
+"""What stands on a terminal while a command computes, and what goes to a file instead."""
+
+from __future__ import annotations
+
+import os
+import pty
+import re
+import subprocess
+import sys
+
+WORK = """
+import time
+from insole_daemon.cli.progress import show_work
+with show_work("fitting [left] foot") as say:
+    say("90 of [taxels] kept")
+    time.sleep(0.5)
+"""
+
+
+def test_a_terminal_shows_the_work_and_the_time_until_it_is_done() -> None:
+    terminal, end = pty.openpty()
+    done = subprocess.Popen([sys.executable, "-c", WORK], stderr=end, env=os.environ | {"TERM": "xterm"})
+    os.close(end)
+    shown = b""
+    try:
+        while part := os.read(terminal, 4096):
+            shown += part
+    except OSError:  # so a terminal ends whose program has
+        pass
+    os.close(terminal)
+    assert done.wait() == 0
+    text = re.sub(r"\x1b\[\d+m", "", shown.decode())
+    assert "insole: 90 of [taxels] kept" in text
+    assert "fitting [left] foot 0:00:00" in text
+    assert text.rindex("fitting") < text.rindex("\x1b[2K"), "the line is taken away at the end"
+
+
+def test_a_file_has_the_lines_alone() -> None:
+    done = subprocess.run([sys.executable, "-c", WORK], capture_output=True, text=True, check=True)
+    assert done.stderr == "insole: 90 of [taxels] kept\n"

@@ -1,0 +1,56 @@
+"""Faults of readings and of the reference, told without a model."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from insole_daemon.diagnosis.observations.reading_faults import reading_faults
+from insole_daemon.diagnosis.observations.wrench import observe_wrench
+from insole_daemon.recording.loading import load
+
+from ..foot.shoe import write
+
+
+def faults_of(walk: Path, counts=None):
+    recording = load(walk)
+    foot = recording.feet[0]
+    if counts is not None:
+        foot = replace(foot, counts=counts(foot.counts.copy()))
+    return reading_faults(foot, observe_wrench(recording, foot, foot.calibration))
+
+
+def test_a_burst_of_one_triangle_is_placed_and_its_rows_weigh_less(tmp_path):
+    def loud(counts):
+        noise = np.random.default_rng(3).normal(0.0, 6.0, counts[400:700, 2].shape)
+        counts[400:700, 2] = np.clip(counts[400:700, 2] + noise, 0, 255)
+        return counts
+
+    found = faults_of(write(tmp_path / "walk"), loud)
+    (burst,) = [each for each in found.findings if each.effect == "noise_burst"]
+    identity = tuple(found.observation.layout.identities[2].tolist())
+    assert burst.where.ids == (identity,)
+    ((begin, end),) = burst.when_s
+    assert begin == pytest.approx(8.0, abs=1.6)
+    assert end == pytest.approx(14.0, abs=1.6)
+    variance = found.observation.counting_variance[:, 2, 0]
+    loaded = found.observation.activation_count[:, 2].sum(axis=1) > 20
+    assert np.median(variance[450:650][loaded[450:650]]) > 4 * np.median(variance[800:][loaded[800:]])
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 0.06])
+def test_spikes_of_the_reference_are_found_and_a_heel_strike_that_comes_late_is_none(tmp_path, delay_s):
+    assert not faults_of(write(tmp_path / "calm", delay_s=delay_s)).spikes.any()
+    walk = write(tmp_path / "walk", delay_s=delay_s)
+    rows = (walk / "reference.csv").read_text().splitlines()
+    f_z = rows[0].split(",").index("fz_n")
+    for i in range(150, len(rows), 200):
+        cells = rows[i].split(",")
+        cells[f_z] = str(float(cells[f_z]) + 250.0)
+        rows[i] = ",".join(cells)
+    (walk / "reference.csv").write_text("\n".join(rows) + "\n")
+    found = faults_of(walk)
+    assert [each.effect for each in found.findings] == ["reference_fault"]

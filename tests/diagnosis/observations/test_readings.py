@@ -1,0 +1,38 @@
+"""Repeated readings: a slow converter is regular by itself, and frames that repeat are not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from insole_daemon.diagnosis.observations.readings import TriangleReadings, _without_held
+
+SENT_S = 0.02
+
+
+def held(number: np.ndarray) -> TriangleReadings:
+    """Readings sent every 20 ms, of which those with the same `number` (k,) are the same."""
+    rng = np.random.default_rng(1)
+    t_s = np.arange(len(number)) * SENT_S
+    load = 40.0 * np.sin(2.0 * t_s[np.searchsorted(number, number)])[:, None]
+    counts = np.rint(200.0 + load + rng.normal(0.0, 1.0, (number.max() + 1, 12))[number])
+    return TriangleReadings(t_s, counts, np.ones(counts.shape, bool), SENT_S)
+
+
+@pytest.mark.parametrize("conversion_s", [0.03, 0.037, 0.05])
+def test_conversions_of_a_slow_converter_get_regular_times(conversion_s):
+    number = np.floor(np.arange(3000) * SENT_S / conversion_s).astype(int)
+    found = _without_held(held(number))
+    assert found.is_converter_slow
+    assert found.period_s == pytest.approx(conversion_s, rel=0.02)
+    converted_s = np.round(found.t_s / conversion_s) * conversion_s
+    late_s = found.t_s - converted_s
+    assert np.std(late_s[60:-60]) < 0.002
+
+
+def test_frames_that_repeat_are_no_slow_converter():
+    repeats = np.random.default_rng(2).random(3000) < 0.3
+    found = _without_held(held(np.cumsum(~repeats)))
+    assert not found.is_converter_slow
+    assert found.held_fraction == pytest.approx(0.3, abs=0.03)
+    assert np.allclose(found.t_s / SENT_S, np.round(found.t_s / SENT_S))

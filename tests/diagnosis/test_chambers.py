@@ -1,0 +1,100 @@
+"""Effects put on chamber recordings by hand, and what is said of them by the engine that walks go through, too."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import insole_daemon
+from insole_daemon.diagnosis import by_load
+from insole_daemon.diagnosis.pipeline import WrenchDiagnosis
+
+from .chamber import BEGAN_S, LAYOUT, SLOTS, Array, relaxing, write
+
+
+def diagnose(*folders: Path) -> WrenchDiagnosis:
+    found = by_load.diagnose([insole_daemon.load(folder) for folder in folders], None, None, lambda text: None)
+    assert isinstance(found, WrenchDiagnosis)
+    return found
+
+
+def of_rows(*rows: int) -> np.ndarray:
+    """(72,) the taxels of these triangles of LAYOUT."""
+    return np.isin(np.arange(72) // 12, rows)
+
+
+def identities(*rows: int) -> set[tuple[int, ...]]:
+    return {tuple(LAYOUT.identities[row].tolist()) for row in rows}
+
+
+def test_nothing_is_found_where_nothing_is(tmp_path):
+    found = diagnose(write(tmp_path / "bag"))
+    assert [each.sentence for each in found.findings] == []
+    assert found.verdict == "no mismatch"
+
+
+def test_a_memory_of_three_triangles_is_placed_and_measured(tmp_path):
+    found = diagnose(write(tmp_path / "bag", relaxing(0.3, 0.8), of_rows(0, 2, 5)))
+    (finding,) = found.findings
+    assert finding.effect == "viscoelasticity"
+    assert set(finding.where.ids) == identities(0, 2, 5)
+    assert finding.parameters["a"].value == pytest.approx(0.3, rel=0.1)
+    assert finding.parameters["tau_s"].value == pytest.approx(0.8, rel=0.15)
+    assert found.verdict == "explained"
+
+
+def test_a_gain_of_a_board_is_named_beside_a_memory_of_all(tmp_path):
+    def weaker(t_s: Array, counts: Array) -> None:
+        own = of_rows(2, 3)
+        counts[:, own] = 240.5 - 0.85 * (240.5 - counts[:, own])
+
+    found = diagnose(write(tmp_path / "bag", relaxing(0.25, 1.5), touch=weaker))
+    by_word = {each.effect: each for each in found.findings}
+    assert set(by_word) == {"viscoelasticity", "gain"}, [each.sentence for each in found.findings]
+    assert by_word["gain"].where.ids == ((6,),)
+    assert by_word["gain"].parameters["gain"].value == pytest.approx(0.85, abs=0.03)
+    assert by_word["viscoelasticity"].where.scope == "insole"
+
+
+def test_a_board_that_is_zeroed_under_load_is_told_with_its_moment(tmp_path):
+    def zeroed(t_s: Array, counts: Array) -> None:
+        own = of_rows(4, 5)
+        at = int(np.argmax(t_s > 4.5))
+        counts[at:, own] += 240.0 - counts[at, own]
+
+    found = diagnose(write(tmp_path / "bag", touch=zeroed))
+    (finding,) = found.findings
+    assert finding.effect == "rezero"
+    assert finding.where.ids == ((7,),)
+    assert finding.parameters["t_s"].value == pytest.approx(4.5, abs=0.3)
+
+
+def test_before_is_the_error_of_the_calibration_on_the_readings(tmp_path):
+    folder = write(tmp_path / "bag", relaxing(0.3, 0.8))
+    foot = insole_daemon.load(folder).feet[0]
+    reference = foot.reference
+    assert foot.calibration is not None
+    assert reference is not None
+    assert reference.time_s is not None
+    load_pa = np.interp(foot.t_ns * 1e-9, reference.time_s, reference["pressure_pa"])
+    coefficients = foot.calibration.coefficients_pa.reshape(72, -1)
+    grid = np.linspace(-5.0, 80.0, 2000)
+    off = []
+    for slot in SLOTS.tolist():
+        curve = np.polynomial.polynomial.polyval(grid, coefficients[slot])
+        expected = np.interp(load_pa, np.maximum.accumulate(curve), grid)
+        off.append(
+            foot.calibration.baseline_count.ravel()[slot] - expected - foot.counts.reshape(len(foot), -1)[:, slot]
+        )
+    inside = (foot.t_ns * 1e-9 > BEGAN_S + 1) & (foot.t_ns * 1e-9 < BEGAN_S + 89)
+    before = float(np.sqrt(np.mean(np.square(np.array(off)[:, inside]))))
+    assert diagnose(folder).heldout["before"] == pytest.approx(before, rel=0.04)
+
+
+def test_two_recordings_of_which_one_lacks_an_effect_say_so(tmp_path):
+    folders = write(tmp_path / "with", relaxing(0.3, 0.8)), write(tmp_path / "without", seed=1)
+    (finding,) = diagnose(*folders).findings
+    assert finding.recordings == ("with",)
+    assert finding.contradicted_by == ("without",)

@@ -1,0 +1,46 @@
+"""Labels of planned walks, through insoles without a flaw but for noise."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from insole_daemon.mechanics.gait.labels import LABELS
+from insole_daemon.simulation.planned_walk import PlannedWalk, plan_walk
+
+from .walked import LAYOUTS, steps_of
+
+PLANS = {
+    "turns": ["stand 4", "walk 16", "turn left 5", "walk 16", "turn right 5", "walk 16", "stand 3"],
+    "stumble": ["stand 4", "walk 22", "stumble", "walk 22", "stand 3"],
+    "standing": ["stand 5", "walk 12", "stand 5", "walk 12", "stand 3"],
+    "one leg": ["lift left 5", "walk 16", "lift right 5", "walk 16", "stand 3"],
+}
+
+
+def labelled(kinds, seed):
+    """(planned label, found label) of every stance."""
+    plan = list(plan_walk(kinds, seed))
+    steps = steps_of(PlannedWalk(list(LAYOUTS.values()), plan, seed=seed), plan[-1].toe_off_s + 2.0, noise_pa=6000.0)
+    pairs = []
+    for stance in plan:
+        same = (steps["foot"] == stance.foot) & (np.abs(steps["contact_s"] - stance.contact_s) < 0.2)
+        pairs.append((stance.label, str(steps["label"][same][0]) if same.any() else "none"))
+    return pairs, len(steps)
+
+
+@pytest.mark.parametrize("name", PLANS)
+def test_labels_of_a_planned_walk_are_right(name):
+    pairs, found = zip(*(labelled(PLANS[name], seed) for seed in range(3)), strict=True)
+    every = [pair for each in pairs for pair in each]
+    assert sum(found) == len(every), "no stance that is not there"
+    assert np.mean([planned == said for planned, said in every]) >= 0.95, [p for p in every if p[0] != p[1]]
+    assert {said for _, said in every} <= set(LABELS)
+
+
+def test_what_is_no_steady_step_is_not_in_the_means():
+    plan = list(plan_walk(PLANS["turns"], 1))
+    steps = steps_of(PlannedWalk(list(LAYOUTS.values()), plan, seed=1), plan[-1].toe_off_s + 2.0)
+    planned = sum(stance.label == "steady" for stance in plan)
+    assert len(steps.steady) == pytest.approx(planned, abs=3)
+    assert len(steps.steady) < len(steps)

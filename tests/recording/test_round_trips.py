@@ -1,0 +1,182 @@
+"""Steps, pressure and forces in every exported form, read by libraries that are not ours."""
+
+from __future__ import annotations
+
+import platform
+import subprocess
+import sys
+from pathlib import Path
+
+import c3d
+import numpy as np
+import pandas as pd
+import pyarrow.parquet
+import pytest
+import scipy.io
+from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
+from google.protobuf.descriptor_pb2 import FileDescriptorSet
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+
+import insole_daemon
+from insole_daemon.config import Config
+from insole_daemon.errors import InsoleError
+from insole_daemon.recording.export_c3d import export_c3d
+from insole_daemon.recording.export_mcap import export_mcap
+from insole_daemon.recording.export_tables import export_csv, export_matlab, export_parquet
+from insole_daemon.service.foot_setup import load_layout
+from insole_daemon.simulation.trial import Trial
+from insole_daemon.skin.geometry import PRESSURE_TAXELS
+
+INSOLE = Path(sys.executable).with_name("insole")
+CONFIG = Config()
+
+
+@pytest.fixture(scope="module")
+def walk(tmp_path_factory):
+    layouts = [load_layout(insole) for insole in CONFIG.insoles]
+    folder = Trial("t5", CONFIG, layouts, seed=3).write(tmp_path_factory.mktemp("trial") / "walk", 12.0)
+    return insole_daemon.load(folder)
+
+
+def assert_steps(steps, frame: pd.DataFrame, rtol: float = 0.0) -> None:
+    assert list(frame.columns) == list(steps.columns)
+    for name, column in steps.columns.items():
+        if name in ("foot", "label"):
+            assert [str(each).strip() for each in frame[name]] == column.tolist()
+        else:
+            np.testing.assert_allclose(frame[name].to_numpy(float), column, rtol=rtol, err_msg=name)
+
+
+def test_csv_in_pandas(walk, tmp_path):
+    export_csv(walk, tmp_path / "tables")
+    assert_steps(walk.steps, pd.read_csv(tmp_path / "tables" / "steps.csv"), rtol=1e-8)
+    pressure = pd.read_csv(tmp_path / "tables" / "left-pressure.csv").to_numpy()[:, 1:]
+    left = walk["left"]
+    np.testing.assert_allclose(pressure, left.pressure_pa.reshape(len(left), -1), rtol=1e-6)
+
+
+def test_matlab_in_scipy(walk, tmp_path):
+    export_matlab(walk, tmp_path / "x.mat")
+    content = scipy.io.loadmat(tmp_path / "x.mat", squeeze_me=True, simplify_cells=True)
+    steps = content["steps"]
+    assert_steps(walk.steps, pd.DataFrame({name: steps[name] for name in walk.steps.columns}))
+    np.testing.assert_array_equal(steps["curve_f_z_n"], walk.steps.curves["f_z_n"])
+
+
+def test_parquet_in_pandas_and_pyarrow(walk, tmp_path):
+    export_parquet(walk, tmp_path / "tables")
+    assert_steps(walk.steps, pd.read_parquet(tmp_path / "tables" / "steps.parquet"))
+    table = pyarrow.parquet.read_table(tmp_path / "tables" / "left.parquet")
+    left = walk["left"]
+    pressure = table["pressure_pa"].combine_chunks().flatten().to_numpy().reshape(left.pressure_pa.shape)
+    np.testing.assert_array_equal(pressure, left.pressure_pa)
+    np.testing.assert_array_equal(table["f_z_n"].to_numpy(), left.wrench.f_z_n)
+    assert table.schema.metadata[b"foot"] == b"left"
+    reference = pd.read_parquet(tmp_path / "tables" / "left-reference.parquet")
+    np.testing.assert_array_equal(reference["fz_n"], left.reference["fz_n"])
+
+
+def test_mcap_in_the_protobuf_reader_of_mcap(walk, tmp_path):
+    export_mcap(walk, tmp_path / "x.mcap")
+    found: dict[str, list] = {}
+    with open(tmp_path / "x.mcap", "rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()], validate_crcs=True)
+        topics = ["/insole/left/pressure", "/insole/log", "/tf"]
+        for _, _, message, decoded in reader.iter_decoded_messages(topics=topics):
+            found.setdefault(decoded.DESCRIPTOR.full_name, []).append((message.log_time, decoded))
+    clouds, left = found["foxglove.PointCloud"], walk["left"]
+    assert [t for t, _ in clouds] == left.t_ns.tolist()
+    for row in (0, 300, len(left) - 1):
+        cloud = clouds[row][1]
+        assert [field.name for field in cloud.fields] == ["x", "y", "z", "pressure_pa"]
+        points = np.frombuffer(cloud.data, "<f4").reshape(-1, 4)
+        np.testing.assert_allclose(points[:, :2], left.layout.xy_m[:, PRESSURE_TAXELS].reshape(-1, 2), atol=1e-7)
+        expected = np.where(left.valid[row], left.pressure_pa[row], np.nan)[:, PRESSURE_TAXELS].ravel()
+        np.testing.assert_array_equal(points[:, 3], expected)
+        assert cloud.timestamp.ToNanoseconds() == left.t_ns[row]
+    assert len(found["foxglove.Log"]) == len(walk.steps)
+    assert {each.child_frame_id for each in found["foxglove.FrameTransforms"][0][1].transforms} >= {
+        clouds[0][1].frame_id
+    }
+
+
+@pytest.mark.parametrize("schema", [PointCloud, Log, FrameTransforms])
+def test_mcap_holds_the_schemas_as_foxglove_publishes_them(walk, tmp_path, schema):
+    """And no message has a field that the published schema does not know."""
+    export_mcap(walk, tmp_path / "x.mcap")
+    published = schema.DESCRIPTOR
+    with open(tmp_path / "x.mcap", "rb") as file:
+        messages = [each for each in make_reader(file).iter_messages() if each[0].name == published.full_name]
+    descriptors = FileDescriptorSet.FromString(messages[0][0].data)
+    (own,) = [each for each in descriptors.file if each.name == published.file.name]
+    assert own.SerializeToString() == published.file.serialized_pb
+    for _, _, message in messages:
+        parsed = schema.FromString(message.data)
+        assert parsed.SerializeToString(deterministic=True)
+        parsed.DiscardUnknownFields()
+        assert parsed == schema.FromString(message.data)
+
+
+def test_c3d_in_c3d(walk, tmp_path):
+    export_c3d(walk, tmp_path / "x.c3d")
+    with open(tmp_path / "x.c3d", "rb") as file:
+        reader = c3d.Reader(file)
+        assert reader.point_rate == 50.0
+        labels = [label.strip() for label in reader.analog_labels]
+        f_z = np.concatenate([analog[labels.index("L_Fz")] for _, _, analog in reader.read_frames()])
+    left = walk["left"]
+    t_ns = max(foot.t_ns[0] for foot in walk.feet) + np.arange(len(f_z)) * 20_000_000
+    expected = np.interp(t_ns - t_ns[0], left.t_ns - t_ns[0], left.wrench.f_z_n)
+    np.testing.assert_allclose(f_z, expected, rtol=1e-6, atol=1e-3)
+
+
+@pytest.mark.skipif(platform.machine() != "x86_64", reason="ezc3d has wheels for x86-64 alone; c3d reads it elsewhere")
+def test_c3d_in_ezc3d_gives_force_cop_and_events(walk, tmp_path):
+    import ezc3d
+
+    export_c3d(walk, tmp_path / "x.c3d")
+    content = ezc3d.c3d(str(tmp_path / "x.c3d"), extract_forceplat_data=True)
+    for number, foot in enumerate(("left", "right")):
+        plate = content["data"]["platform"][number]
+        points = content["data"]["points"][:3, number]
+        loaded = plate["force"][2] < -100.0
+        assert np.count_nonzero(loaded) > 100
+        assert -plate["force"][2].min() == pytest.approx(np.nanmax(walk[foot].wrench.f_z_n), rel=0.03)
+        cop = plate["center_of_pressure"][:, loaded]
+        # both are interpolated between cycles: the ratio of what is interpolated is not the interpolated ratio
+        assert np.nanmedian(np.abs(cop[:2] - points[:2, loaded])) < 0.5
+    events = content["parameters"]["EVENT"]
+    minutes, seconds = events["TIMES"]["value"]
+    strikes = [
+        60 * m + s
+        for m, s, word, side in zip(
+            minutes, seconds, events["LABELS"]["value"], events["CONTEXTS"]["value"], strict=True
+        )
+        if (word, side.strip()) == ("Foot Strike", "Left")
+    ]
+    contact_s = walk.steps.of("left")["contact_s"]
+    offset_s = (walk.steps.start_ns - int(content["parameters"]["INSOLE"]["START_NS"]["value"][0])) * 1e-9
+    np.testing.assert_allclose(strikes, contact_s[np.isfinite(contact_s)] + offset_s, atol=1e-4)
+
+
+def test_c3d_without_a_calibration_is_refused(walk, tmp_path):
+    from dataclasses import replace
+
+    blind = replace(
+        walk, feet=tuple(replace(foot, wrench=None, pressure_pa=None, calibration=None) for foot in walk.feet)
+    )
+    with pytest.raises(InsoleError, match="no foot has a calibration"):
+        export_c3d(blind, tmp_path / "x.c3d")
+    assert not list(tmp_path.iterdir())
+    export_csv(blind, tmp_path / "tables")
+    assert len(pd.read_csv(tmp_path / "tables" / "steps.csv")) == 0
+
+
+@pytest.mark.parametrize("name", ["x.c3d", "x.parquet"])
+def test_the_verb_writes_it(walk, tmp_path, name):
+    done = subprocess.run([INSOLE, "export", walk.folder, tmp_path / name], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / name).exists()

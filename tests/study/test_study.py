@@ -1,0 +1,152 @@
+"""A study on real Dask workers: resumed, killed, broken."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from insole_daemon.config import Config
+from insole_daemon.errors import DocumentError, InsoleError
+from insole_daemon.service.foot_setup import load_layout
+from insole_daemon.simulation.trial import Trial
+from insole_daemon.study.collecting import collect_rows, write_tables
+from insole_daemon.study.document import load_study
+from insole_daemon.study.page import study_page
+from insole_daemon.study.scheduling import cluster, run_tasks
+
+INSOLE = Path(sys.executable).with_name("insole")
+SECONDS = 8.0
+pytestmark = pytest.mark.timeout(300)
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    """Three persons, two sessions each, the last person without steps in the second."""
+    folder = tmp_path_factory.mktemp("recordings")
+    config = Config()
+    layouts = [load_layout(insole) for insole in config.insoles]
+    lines = []
+    for person in range(3):
+        for session, task in (("slow", "t4"), ("fast", "t5")):
+            name = f"p{person}-{session}"
+            still = (person, session) == (2, "fast")
+            Trial("t1" if still else task, config, layouts, seed=person).write(folder / name, SECONDS)
+            lines.append(f"  - {{folder: {name}, person: p{person}, session: {session}}}")
+    (folder / "study.yaml").write_text(
+        "format: insole-study/1\ntasks: [steps]\nrecordings:\n" + "\n".join(lines) + "\n"
+    )
+    return folder
+
+
+@pytest.fixture
+def folder(recorded, tmp_path):
+    return Path(shutil.copytree(recorded, tmp_path / "study"))
+
+
+def analysed(folder, client, told=lambda number, found: None):
+    """The bytes of the tables and the page."""
+    study = load_study(folder)
+    found = run_tasks(client, folder, study, folder / "results", told)
+    rows, every = collect_rows(study, folder / "results", found)
+    write_tables(study, rows, every, folder)
+    (folder / "study.html").write_text(study_page("x", study, rows, every))
+    names = ("table.csv", "table.parquet", "steps.csv", "steps.parquet", "study.html")
+    return {name: (folder / name).read_bytes() for name in names}, found
+
+
+def files_of(folder):
+    return {path: path.stat().st_mtime_ns for path in (folder / "results").rglob("*.npz")}
+
+
+def test_any_number_of_workers_gives_the_same_bytes_and_what_is_done_is_not_done_again(folder, tmp_path):
+    other = Path(shutil.copytree(folder, tmp_path / "other"))
+    with cluster(None, 1) as client:
+        one, _ = analysed(folder, client)
+    before = files_of(folder)
+    with cluster(None, 2) as client:
+        two, _ = analysed(other, client)
+        again, _ = analysed(folder, client)
+        assert files_of(folder) == before, "resumed: nothing is written anew"
+        with open(folder / "p0-slow" / "recording.yaml", "a") as file:
+            file.write("# changed\n")
+        analysed(folder, client)
+    assert one == two == again
+    changed = files_of(folder).keys() - before.keys()
+    assert [path.parent.name for path in changed] == ["0001-p0-slow"], "worked out anew, since its content changed"
+
+
+def test_a_worker_that_is_killed_loses_nothing_and_doubles_nothing(folder, tmp_path):
+    other = Path(shutil.copytree(folder, tmp_path / "other"))
+    with cluster(None, 2) as client:
+        undisturbed, _ = analysed(other, client)
+        pids = list(client.run(os.getpid).values())
+        killed = threading.Event()
+
+        def kill_one(number, found):
+            if not killed.is_set():
+                killed.set()
+                os.kill(pids[0], signal.SIGKILL)
+
+        disturbed, _ = analysed(folder, client, kill_one)
+    assert killed.is_set()
+    assert disturbed == undisturbed
+    table = pd.read_csv(folder / "table.csv")
+    assert sorted(table.recording) == sorted({*table.recording})
+
+
+def test_broken_recordings_are_named_and_the_rest_goes_on(folder):
+    (folder / "p0-slow" / "recording.yaml").write_text("format: insole-recording/9\n")
+    shutil.rmtree(folder / "p1-slow")
+    done = subprocess.run([INSOLE, "study", folder, "--workers", "2"], capture_output=True, text=True, check=False)
+    assert done.returncode == 1, done.stderr
+    assert "Traceback" not in done.stderr
+    table = pd.read_csv(folder / "table.csv").set_index("recording")
+    assert len(table) == 6
+    assert "insole-recording/9" in table.missing["p0-slow"]
+    assert "FileNotFoundError" in table.missing["p1-slow"]
+    assert table.left_steady_steps["p2-fast"] == 0
+    assert pd.isna(table.missing["p1-fast"])
+    assert table.left_steady_steps["p1-fast"] >= 3
+    page = (folder / "study.html").read_text()
+    assert "p1-slow" in page
+    assert "<script" not in page
+
+
+def test_sessions_are_compared(folder):
+    with cluster(None, 2) as client:
+        analysed(folder, client)
+    page = (folder / "study.html").read_text()
+    assert "fast less slow" in page
+    assert "left, p0" in page, "two persons have both sessions: each is compared alone"
+
+
+def test_a_study_that_cannot_be_is_refused(tmp_path):
+    (tmp_path / "study.yaml").write_text(
+        "format: insole-study/1\ntasks: [validation]\nrecordings:\n"
+        "  - {folder: a, person: p, session: s}\n  - {folder: a, person: p, session: s}\n"
+    )
+    with pytest.raises(DocumentError, match=r"(?s)validation judges calibrations.*each recording once"):
+        load_study(tmp_path)
+
+
+@pytest.mark.parametrize("address", ["tcp://10.0.0.5:8786", "tls://10.0.0.5:8786", "tcp://0.0.0.0:8786"])
+def test_a_scheduler_beyond_loopback_needs_tls(address):
+    with pytest.raises(InsoleError, match="Dask exchanges pickles"), cluster(address, 1):
+        pass
+
+
+def test_a_scheduler_that_exists_is_used(folder):
+    from distributed import LocalCluster
+
+    with LocalCluster(n_workers=1, threads_per_worker=1, host="127.0.0.1", dashboard_address="127.0.0.1:0") as existing:
+        command = [INSOLE, "study", folder, "--scheduler", existing.scheduler_address]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert "6 recordings" in done.stdout, done.stderr

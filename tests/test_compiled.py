@@ -1,0 +1,106 @@
+"""The compiled kernel: that it is there where it can be, and that nothing needs it."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import sysconfig
+from pathlib import Path
+
+import msgpack
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from insole_daemon.compiled import kernel
+
+HERE = Path(__file__).resolve().parent.parent
+HEADERS = Path(sysconfig.get_path("include")) / "Python.h"
+CAN_BE_BUILT = bool(shutil.which("cc")) and HEADERS.exists() and os.environ.get("INSOLE_KERNEL") != "0"
+
+
+def test_where_there_is_a_compiler_there_is_the_kernel():
+    assert (kernel is not None) or not CAN_BE_BUILT, (
+        "there is a compiler, and no kernel, or one of another source: 'python hatch_build.py' builds it"
+    )
+
+
+def test_without_the_kernel_the_package_computes_with_numpy():
+    code = "from insole_daemon.service.foot import load_feet; from insole_daemon.compiled import kernel; print(kernel)"
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        env={**os.environ, "INSOLE_KERNEL": "0"},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout == "None\n"
+
+
+def test_without_a_compiler_the_build_says_why_and_goes_on(tmp_path):
+    copy = tmp_path / "insole_daemon"
+    copy.mkdir()
+    shutil.copy(HERE / "hatch_build.py", tmp_path)
+    shutil.copy(HERE / "insole_daemon" / "kernel.c", copy)
+    done = subprocess.run(
+        [sys.executable, "hatch_build.py"], cwd=tmp_path, env={"PATH": str(tmp_path)}, capture_output=True, text=True,
+        check=False,
+    )  # fmt: skip
+    assert "there is no C compiler (cc)" in done.stderr
+    assert [file.name for file in copy.iterdir()] == ["kernel.c"]
+    done = subprocess.run(
+        [sys.executable, "hatch_build.py"], cwd=tmp_path, env={"CC": "/bin/false", "PATH": str(tmp_path)},
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert "failed" in done.stderr
+    assert [file.name for file in copy.iterdir()] == ["kernel.c"]
+
+
+@pytest.mark.skipif(kernel is None, reason="no kernel: the first test above fails where there should be one")
+@given(
+    st.lists(
+        st.one_of(
+            st.none(), st.booleans(), st.integers(-(2**63), 2**64 - 1), st.integers(-200, 300),
+            st.floats(allow_nan=False, allow_infinity=False), st.text(), st.binary(max_size=400),
+        ),
+        min_size=1, max_size=30,
+    )
+)  # fmt: skip
+def test_what_the_kernel_packs_is_what_msgpack_packs(values):
+    names = [f"value_{number}" for number in range(len(values))]
+    heads = [msgpack.packb(name) for name in names]
+    heads[0] = msgpack.Packer().pack_map_header(len(names)) + heads[0]
+    given_values = tuple(np.frombuffer(value, np.uint8) if isinstance(value, bytes) else value for value in values)
+    assert kernel.pack(tuple(heads), given_values) == msgpack.packb(dict(zip(names, values, strict=True)))
+
+
+@pytest.mark.skipif(kernel is None, reason="no kernel: the first test above fails where there should be one")
+def test_large_arrays_strided_ones_and_numbers_that_are_none_are_packed():
+    large, strided = np.arange(70_000, dtype=np.float32), np.arange(12, dtype=np.int64).reshape(3, 4)[:, ::2]
+    packed = kernel.pack((b"\x84\xa1a", b"\xa1b", b"\xa1c", b"\xa1d"), (large, strided, float("nan"), float("inf")))
+    expected = {"a": large.tobytes(), "b": strided.tobytes(), "c": None, "d": None}
+    assert packed == msgpack.packb(expected)
+
+
+@pytest.mark.skipif(kernel is None, reason="no kernel: the first test above fails where there should be one")
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: kernel.pack((b"a",), (1, 2)),
+        lambda: kernel.pack((b"\x81\xa1a",), (object(),)),
+        lambda: kernel.pack((b"\x81\xa1a",), (2**64,)),
+        lambda: kernel.slots(np.zeros(5, np.int16), *[np.zeros(1, np.uint8)] * 6),
+        lambda: kernel.may_be_loose(np.zeros((2, 12), np.uint8), np.zeros(3, np.bool_), np.zeros(2, np.bool_)),
+        lambda: kernel.feed(None, *[None] * 8),
+        lambda: kernel.read(None, *[None] * 8),
+        lambda: kernel.assembly((), 0, 0, 0),
+        lambda: kernel.reader((), 1, 1, 0.0, 0.0),
+        lambda: kernel.drain(*[np.zeros(0, np.uint8)] * 9),
+    ],
+)
+def test_arguments_that_do_not_fit_are_refused(call):
+    with pytest.raises((ValueError, TypeError, OverflowError, BufferError, AttributeError)):
+        call()
