@@ -6,10 +6,11 @@
 Generator and scorer are the blind benchmark's own programs (`benchmarks/diagnosis/blind`), run as they are: the seal
 is printed first, every run is logged. Only what answers is patched, here and nowhere in the package:
 
-- greedy: a larger set has to hold the best smaller one, as forward selection and sparse regression have it;
-- no decoys: what is best is named without copies of it that are no physics;
-- no clock: the reference's clock is what the edges say, and is not fitted with the physics;
-- training data: sets are judged on the blocks that they were fitted to.
+- greedy: sets grow one term at a time, and no term of a set is left out or exchanged again;
+- no groups: places are the insole, a board or one triangle;
+- exact laws: a law is taken to describe its material without any misfit;
+- exact calibration: gains, baselines and curves are what the calibration says;
+- no refinement: parameters are those of the coarse grid.
 
 `--kinds`: only cases of these kinds are answered, those that a part is there for: what greedy selection cannot do shows
 in triples, where the best single effect is none of the three. What kind a case is only this program is told.
@@ -30,46 +31,53 @@ from typing import Any
 import numpy as np
 
 from insole_daemon.cli import app
-from insole_daemon.diagnosis import agreement, decoys, diagnosing, fit, naming
-from insole_daemon.diagnosis.fit import Evidence, Fitted
-from insole_daemon.diagnosis.naming import Tried
+from insole_daemon.diagnosis import pipeline
+from insole_daemon.diagnosis.model import blocks, design, refine
+from insole_daemon.diagnosis.select.search import SubsetSearch
+from insole_daemon.diagnosis.terms import TERMS
+
+EXACT = 1e-9  # of a prior's standard deviation
+
+
+def put(there: Any, name: str, instead: Any) -> None:
+    """Replaces a part; AttributeError where the pipeline has no such part any more."""
+    getattr(there, name)
+    setattr(there, name, instead)
 
 
 def greedy() -> None:
-    def cheapest(judged: Collection[Tried]) -> Tried:
-        best = next(each for each in judged if not each.words)
-        for size in range(1, max(len(each.words) for each in judged) + 1):
-            larger = [each for each in judged if len(each.words) == size and set(best.words) <= set(each.words)]
-            challenger = min(larger, key=lambda each: each.left_heldout, default=best)
-            if naming.worth(best, challenger):
-                best = challenger
-        return best
-
-    naming.cheapest = decoys.cheapest = cheapest
+    put(SubsetSearch, "_polish", lambda self, start: start)
+    put(sys.modules[SubsetSearch.__module__], "BEAM", 1)
 
 
-def no_decoys() -> None:
-    diagnosing.challenged = lambda named: named
+def no_groups() -> None:
+    put(pipeline, "with_groups", lambda whole, best: whole)
 
 
-def no_clock() -> None:
-    fit.clock_room = lambda seen: (1e-9, 1e-9)
+def exact_laws() -> None:
+    for term in TERMS:
+        object.__setattr__(term, "misfit", 0.0 * term.misfit)
 
 
-def training_data() -> None:
-    def fitted_to(tried: Fitted, evidence: Evidence, load_pa: np.ndarray) -> tuple[float, np.ndarray]:
-        return tried.mean_square(), np.tile(tried.theta, (naming.N_FOLDS, 1))
+def exact_calibration() -> None:
+    for module in (blocks, design):
+        for name in ("GAIN_STD", "BASELINE_STD_COUNT", "CURVE_STD_COUNT"):
+            put(module, name, EXACT)
+    put(design, "CURVE_STD_AT_REST_COUNT", EXACT)
 
-    naming.heldout = decoys.heldout = agreement.heldout = fitted_to
+
+def no_refinement() -> None:
+    put(refine, "ROUNDS", 0)
 
 
 _BLIND = "benchmarks.diagnosis.blind"
 ABLATIONS: dict[str, Callable[[], None]] = {
     "whole": lambda: None,
     "greedy": greedy,
-    "no decoys": no_decoys,
-    "no clock": no_clock,
-    "training data": training_data,
+    "no groups": no_groups,
+    "exact laws": exact_laws,
+    "exact calibration": exact_calibration,
+    "no refinement": no_refinement,
 }
 
 
