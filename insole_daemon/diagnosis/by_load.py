@@ -24,8 +24,7 @@ def diagnose(
 ) -> Diagnosis | WrenchDiagnosis:
     """What differs, by the recordings' kinds, with the errors of the way it takes.
 
-    Where the insole is calibrated, `pipeline`; chambers without a calibration, and what has a simulation, go to
-    `diagnosing`.
+    Where the insole is calibrated or has a simulation, `pipeline`; chambers without a calibration go to `diagnosing`.
     """
     kinds = {each.kind for each in recordings}
     others = [each for each in recordings if each.kind not in ("chamber", "shoe")]
@@ -35,6 +34,8 @@ def diagnose(
             f"{others[0].kind}: leave it out"
         )
     feet = choose(recordings, asked, simulation)
-    if simulation is not None or (not pipeline.has_model(feet[0], calibration) and "shoe" not in kinds):
-        return diagnosing.diagnose(recordings, calibration, budget_s, progress, simulation, asked)
+    if simulation is not None:
+        return pipeline.diagnose(recordings, feet, calibration, progress, [simulation])
+    if not pipeline.has_model(feet[0], calibration) and "shoe" not in kinds:
+        return diagnosing.diagnose(recordings, calibration, budget_s, progress, asked)
     return pipeline.diagnose(recordings, feet, calibration, progress)

@@ -17,38 +17,29 @@ from ..physics.calibration import BEGAN, Calibration
 from ..physics.effect import Effect
 from ..physics.law import Array
 from ..recording.loading import FootRecording, Recording
-from . import beside, explained, handed_in, modelling, simulated
+from . import beside, explained, handed_in, modelling
 from . import jumps as jumping
 from .agreement import agreed
 from .audit import Audit, audit
 from .candidate import Candidate, Excitation
 from .candidates import candidates
 from .carried import carried
-from .continued import continued
 from .deciding import RECORD, TWINS, Decided, decide, shown
 from .decoys import challenged
 from .evidence import Taxels
 from .excitation import excitation
 from .explained import Insole
 from .feet import choose
-from .field import has_places
-from .fit import Hypothesis
 from .groups import Located, locate
 from .modelling import Curves
 from .observed import Observed
 from .observing import observe
 from .one_cause import of_one_cause
 from .outcome import Outcome, verdict_of
-from .reference_faults import Fault, without_drift, without_steps
+from .reference_faults import without_drift, without_steps
 from .rezeros import rezeroed
-from .simulated import Mapped
 from .static import LEAST as LEAST_STATIC
 
-HIDDEN_IN_PLACES = {
-    "crosstalk": ("a smooth load looks the same with a little of it", "an indenter one taxel wide"),
-    "preload": ("a constant load is a part of the static curve here", "the unloaded insole in the shoe and outside"),
-    "stiffening": ("most taxels bear too little to tell a curve", "a chamber, to the highest loads"),
-}
 INVISIBLE = {
     "crosstalk": ("under a uniform load every neighbour says the same", "an indenter one taxel wide, or walking"),
     "preload": ("a constant load is a part of the static curve here", "the unloaded insole in the shoe and outside"),
@@ -82,18 +73,16 @@ def diagnose(
     calibration: Calibration | None,
     budget_s: float | None,
     progress: Callable[[str], None],
-    simulation: Recording | None = None,
     asked: Foot | None = None,
 ) -> Diagnosis:
     """What differs between recordings and their model, where the load is known.
 
     `calibration`: the model that is asked about; without it that of the first recording, without both only memory
-    and faults are looked for. After `budget_s` no larger subsets are tried. `simulation` of the same
-    trial: its load stands for the reference; `asked`: the foot, where there are two. DiagnosisError where
-    the recordings do not belong together or cannot show anything.
+    and faults are looked for. After `budget_s` no larger subsets are tried. `asked`: the foot, where there are two.
+    DiagnosisError where the recordings do not belong together or cannot show anything.
     """
     deadline = math.inf if budget_s is None else time.monotonic() + budget_s
-    feet = choose(recordings, asked, simulation)
+    feet = choose(recordings, asked)
     layout = feet[0].layout
     model = calibration if calibration is not None else feet[0].calibration
     if model is not None and model.builtin:  # it is nobody's belief of this insole
@@ -102,16 +91,13 @@ def diagnose(
         words = ", ".join(each.law.word for each in model.effects)
         raise DiagnosisError(f"the model has effects already ({words}), expected a static one: diagnose against that")
     progress("auditing the readings")
-    walk = simulation is not None and has_places(simulation, feet[0])
-    audits = [audit(foot, each.folder.name, walk) for foot, each in zip(feet, recordings, strict=True)]
-    observed, spikes, mapped = _observe(recordings, feet, audits, simulation, model, progress)
+    audits = [audit(foot, each.folder.name) for foot, each in zip(feet, recordings, strict=True)]
+    observed, spikes = _observe(recordings, feet, audits)
     as_read = observed
     excited = excitation(observed)
     slots = observed[0].slots
     noise = np.sqrt(np.mean([each.noise_count**2 for each in observed], axis=0))
-    faults: list[Fault] = []
-    if simulation is None:
-        observed, faults = without_steps(observed, noise)
+    observed, faults = without_steps(observed, noise)
     taxels = Taxels(tuple(observed), slots, noise)
     found_jumps = rezeroed(taxels)
     every = candidates(excited)
@@ -123,12 +109,11 @@ def diagnose(
         looked_at, jumps = jumps, jumping.columns(observed, found_jumps)
         if not np.array_equal(looked_at, jumps):
             located = locate(taxels, admitted, jumps, deadline, progress)
-    if simulation is None:
-        observed, drifts = without_drift(observed, noise, located)
-        if drifts:
-            faults += drifts
-            taxels = replace(taxels, observed=tuple(observed))
-            located = locate(taxels, admitted, jumps, deadline, progress)
+    observed, drifts = without_drift(observed, noise, located)
+    if drifts:
+        faults += drifts
+        taxels = replace(taxels, observed=tuple(observed))
+        located = locate(taxels, admitted, jumps, deadline, progress)
     progress("asking every recording, and decoys")
     tested = tuple(challenged(agreed(each, admitted, deadline)) for each in located.named)
     located = replace(located, named=of_one_cause(tested, excited))
@@ -138,16 +123,9 @@ def diagnose(
     insole = Insole(feet[0].foot, layout, names, slots, noise, excited)
     parts = list(zip(located.named, decided, strict=True))
     curves = explained.curves(insole, located, parts)
-    sure = explained.curves(insole, located, parts, sure=True) if mapped is None else curves
+    sure = explained.curves(insole, located, parts, sure=True)
     before, after = explained.held_out(insole, located, parts)
-    if mapped is not None and model is not None:
-        curves, static = _continued(curves, model, located, parts, noise)
-        before, sure = before + static, curves
     findings, effects = explained.findings(insole, parts)
-    if mapped is not None:
-        placed, of_places = simulated.findings(insole, mapped)
-        findings, effects = placed + findings, of_places + effects
-        before += sum(each.explains for each in placed)
     findings += [finding for each in audits for finding in each.findings]
     findings += [
         finding for name, when in zip(names, spikes, strict=True) for finding in beside.of_spikes(insole, name, when)
@@ -164,14 +142,13 @@ def diagnose(
     if model is not None:
         bits = [board.shift for board in feet[0].boards if board.shift is not None]
         creeps = any("creep" in each.best.words for each in decided)
-        holds = handed_in.components(insole, located, parts) if mapped is None else []
+        holds = handed_in.components(insole, located, parts)
         recalibrated, held_count = beside.of_curves(insole, curves, model, bits, creeps, holds)
         findings += recalibrated
         told = {each.effect for each in recalibrated}
         if held_count > LEAST_STATIC * float(np.median(noise)):
             blurred = [_blurred(word, held_count) for word in ("gain", "baseline") if word not in told]
-        if mapped is None:
-            before = handed_in.mismatch(replace(taxels, observed=tuple(as_read)), located.null.theta, model)
+        before = handed_in.mismatch(replace(taxels, observed=tuple(as_read)), located.null.theta, model)
     findings.sort(key=lambda each: -each.explains)
     floor = float(np.mean(noise**2))
     rms = [round(float(np.sqrt(floor + square)), 4) for square in (before, after, 0.0)]
@@ -180,13 +157,13 @@ def diagnose(
     return Diagnosis(
         recordings=names,
         insole=insole,
-        against="model" if simulation is None else "simulation",
+        against="model",
         verdict=verdict_of(findings, heldout, MOST_NULL * rms[2]),
         heldout=heldout,
         clocks=clocks,
         findings=tuple(findings),
         rejected=_rejected(parts),
-        not_identifiable=(*_not_identifiable(every, excited, decided, _hidden(mapped)), *blurred),
+        not_identifiable=(*_not_identifiable(every, excited, decided), *blurred),
         model=modelling.document(insole.foot, layout, sure, effects, provenance),
         observed=tuple(observed),
         located=located,
@@ -197,54 +174,17 @@ def diagnose(
 
 
 def _observe(
-    recordings: Sequence[Recording],
-    feet: Sequence[FootRecording],
-    audits: Sequence[Audit],
-    simulation: Recording | None,
-    model: Calibration | None,
-    progress: Callable[[str], None],
-) -> tuple[list[Observed], list[tuple[tuple[float, float], ...]], Mapped | None]:
-    """What is looked at of each recording, the same taxels of all, when its reference had spikes, and, where the
-    load has places, who and where the taxels are.
-    """
+    recordings: Sequence[Recording], feet: Sequence[FootRecording], audits: Sequence[Audit]
+) -> tuple[list[Observed], list[tuple[tuple[float, float], ...]]]:
+    """What is looked at of each recording, the same taxels of all, and when its reference had spikes."""
     kept = np.all([each.kept for each in audits], axis=0)
     if not kept.any():
         raise DiagnosisError(f"{recordings[0].folder}: no taxel says anything that can be believed: see the audit")
-    if simulation is not None and has_places(simulation, feet[0]):
-        if len(recordings) > 1:
-            raise DiagnosisError(
-                f"{simulation.folder}: a simulated walk is one trial, found {len(recordings)} recordings beside it: "
-                "diagnose each with its own simulation"
-            )
-        walked, mapped = simulated.observe(recordings[0], feet[0], kept, audits[0].cycles, simulation, model, progress)
-        return [walked], [()], mapped
     seen = [
-        observe(recording, foot, kept, audited, simulation)
+        observe(recording, foot, kept, audited)
         for recording, foot, audited in zip(recordings, feet, audits, strict=True)
     ]
-    return [each for each, _ in seen], [spikes for _, spikes in seen], None
-
-
-def _continued(
-    curves: Sequence[Curves],
-    model: Calibration,
-    located: Located,
-    parts: explained.Explained,
-    noise: Array,
-) -> tuple[list[Curves], float]:
-    """Curves that are `model`'s with a gain and a shift, and how far off it is under these loads, counts²."""
-    load_pa = Hypothesis(located.taxels, ()).effective_pa(located.null.theta)
-    for named, each in parts:
-        hypothesis = Hypothesis(named.group.taxels, each.best.fitted.candidates)
-        load_pa[:, np.searchsorted(located.slots, named.group.slots)] = hypothesis.effective_pa(each.best.fitted.theta)
-    found, off = [], 0.0
-    for curve in curves:
-        own = np.searchsorted(located.slots, curve.slots)
-        activation = located.taxels.y[:, own] * noise[own]
-        whole, square = continued(curve, model, load_pa[:, own], activation, noise[own])
-        found.append(whole)
-        off += square * len(own) / len(located.slots)
-    return found, off
+    return [each for each, _ in seen], [spikes for _, spikes in seen]
 
 
 def _drifts(located: Located) -> bool:
@@ -293,20 +233,12 @@ def _blurred(word: str, held_count: float) -> dict[str, str]:
     }
 
 
-def _hidden(mapped: Mapped | None) -> Mapping[str, tuple[str, str]]:
-    """What a load of this kind cannot show, by word: why, and what would."""
-    if mapped is None:
-        return INVISIBLE
-    return {word: why for word, why in HIDDEN_IN_PLACES.items() if word not in mapped.left}
-
-
 def _not_identifiable(
     every: Mapping[str, Candidate],
     excited: Excitation,
     decided: Sequence[Decided],
-    hidden: Mapping[str, tuple[str, str]],
 ) -> tuple[dict[str, str], ...]:
-    found = [{"effect": word, "why": why, "record_instead": instead} for word, (why, instead) in hidden.items()]
+    found = [{"effect": word, "why": why, "record_instead": instead} for word, (why, instead) in INVISIBLE.items()]
     for word, each in every.items():
         why = each.needs(excited)
         if why is not None and word != "clock":  # an own clock is aligned, and told of beside the candidates

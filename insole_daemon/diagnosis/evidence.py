@@ -7,7 +7,6 @@ and scoring them is scoring every taxel. Components below the edge that noise al
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -51,15 +50,13 @@ class Group:
     """Some taxels of all recordings, as evidence."""
 
     slots: NDArray[np.intp]  # (m,)
-    evidence: Evidence  # r mixtures, or r of the taxels where each has a load of its own
+    evidence: Evidence  # r mixtures
     taxels: Evidence  # each of the m taxels, in units of its noise
     floor: float  # mean square of the evidence's noise
     floors: Array  # (m,) mean square of each taxel's noise, of a block
 
     def per_taxel(self, mean_square: float) -> float:
         """A mean square of the mixtures as one of the taxels."""
-        if self.evidence.observed[0].load.has_places:
-            return mean_square
         return float(mean_square * self.evidence.y.shape[1] / len(self.slots))
 
 
@@ -70,8 +67,6 @@ def gather(taxels: Taxels, jumps: Array) -> Group:
         column = np.searchsorted(each.slots, slots)
         found.append(-each.count[:, column] / taxels.noise_count)
     y = np.concatenate(found)
-    if observed[0].load.has_places:
-        return _asked(observed, slots, y, jumps)
     floors = np.mean([noise_of_blocks(part) ** 2 for part in found], axis=0)
     centred = y - y.mean(axis=0)
     left, size, _ = np.linalg.svd(centred, full_matrices=False)
@@ -83,16 +78,3 @@ def gather(taxels: Taxels, jumps: Array) -> Group:
     floor = float(np.mean([np.mean(noise_of_blocks(part) ** 2) for part in np.split(mixed, ends[:-1])]))
     evidence = Evidence(observed, mixed, jumps)
     return Group(slots, evidence, evidence.of(y), floor, floors)
-
-
-def _asked(observed: Sequence[Observed], slots: NDArray[np.intp], y: Array, jumps: Array) -> Group:
-    """Where each taxel has a load of its own: two of each triangle at the most, those that move most."""
-    columns = np.searchsorted(observed[0].slots, slots)
-    taxels = Evidence(tuple(each.of_taxels(columns) for each in observed), y, jumps)
-    floor = float(np.mean(np.concatenate([1.0 / np.diff(np.append(o.first, len(o.cycle_s))) for o in observed])))
-    moves = y.std(axis=0)
-    order = np.argsort(-moves, kind="stable")
-    triangle = slots[order] // N_TAXELS
-    rank = np.array([np.count_nonzero(triangle[:i] == own) for i, own in enumerate(triangle)])
-    chosen = np.sort(order[np.lexsort((np.arange(len(order)), rank > 1))][:ASKED])
-    return Group(slots, taxels.of_taxels(chosen), taxels, floor, np.full(len(slots), floor))

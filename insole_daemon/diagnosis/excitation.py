@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import DiagnosisError, UndecidableError
 from ..physics.law import Array
 from .candidate import Excitation
-from .observed import Load, Observed
+from .observed import Observed
 
 MOVES = 0.03  # of the span within a second: a ramp whose speed counts
 HELD = 0.03  # of the span, within which a load stays that is held
@@ -40,7 +40,7 @@ def excitation(observed: Sequence[Observed]) -> Excitation:
     temperature = np.concatenate(warm) if len(warm) == len(observed) else np.zeros(1)
     return Excitation(
         span_pa=max(float(np.ptp(each.load.pressure_pa, axis=0).max()) for each in observed),
-        two_speeds=_two_speeds(ramps) or any(_many_speeds(each.load) for each in observed),
+        two_speeds=_two_speeds(ramps),
         hold_s=max((seconds for seconds, share in holds if share > 0.2), default=0.0),
         seconds=max(float(each.cycle_s[-1] - each.cycle_s[0]) for each in observed),
         temperature_span_k=float(np.subtract(*np.quantile(temperature, [0.99, 0.01]))),
@@ -68,15 +68,6 @@ def require_cycles(
             "Record more, at two speeds, with holds"
         )
     return reversals, holds
-
-
-def _many_speeds(load: Load) -> bool:
-    """Whether taxels with loads of their own see clearly different speeds, as in every step."""
-    if not load.has_places:
-        return False
-    rate = np.abs(np.diff(load.pressure_pa, axis=0)) / np.maximum(np.ptp(load.pressure_pa, axis=0), 1.0) / load.step_s
-    fast, slow = np.quantile(rate[rate > MOVES], [0.9, 0.3]) if (rate > MOVES).any() else (0.0, 1.0)
-    return bool(fast > SPEEDS_APART * slow)
 
 
 def _reversals(load: Array, least: float) -> int:

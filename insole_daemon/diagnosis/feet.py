@@ -10,8 +10,6 @@ from ..config import Foot
 from ..errors import DiagnosisError
 from ..recording.loading import FootRecording, Recording
 
-MOST_APART_S = 20.0  # in length, of a recording and the simulation of its trial: they begin and end by hand
-
 
 def choose(
     recordings: Sequence[Recording], asked: Foot | None = None, simulation: Recording | None = None
@@ -21,9 +19,6 @@ def choose(
     With a `simulation` of the trial no reference is needed.
     """
     feet = [_foot(each, asked, simulation) for each in recordings]
-    for recording, foot in zip(recordings, feet, strict=True):
-        if simulation is not None:
-            _refuse_another_trial(recording, foot, simulation)
     first = feet[0].layout
     for recording, foot in zip(recordings, feet, strict=True):
         if foot.foot != feet[0].foot:
@@ -38,16 +33,6 @@ def choose(
                 "or one of the maps is wrong; diagnose them one by one"
             )
     return feet
-
-
-def _refuse_another_trial(recording: Recording, foot: FootRecording, simulation: Recording) -> None:
-    for other in simulation.feet:
-        lasts_s, simulated_s = (float(each.t_ns[-1] - each.t_ns[0]) * 1e-9 for each in (foot, other))
-        if other.foot == foot.foot and abs(lasts_s - simulated_s) > MOST_APART_S:
-            raise DiagnosisError(
-                f"{simulation.folder}: expected a simulation of the trial in {recording.folder}, which lasts "
-                f"{lasts_s:.0f} s, found one of {simulated_s:.0f} s: simulate the trial that was recorded"
-            )
 
 
 def _foot(recording: Recording, asked: Foot | None, simulation: Recording | None) -> FootRecording:

@@ -66,7 +66,7 @@ class Evidence:
 
     def of_taxels(self, columns: NDArray[np.intp]) -> Evidence:
         """The taxels `columns` of it alone."""
-        return replace(self, observed=tuple(each.of_taxels(columns) for each in self.observed), y=self.y[:, columns])
+        return replace(self, y=self.y[:, columns])
 
     @property
     def recording(self) -> NDArray[np.intp]:

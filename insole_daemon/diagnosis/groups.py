@@ -74,21 +74,16 @@ def locate(
     every = gather(taxels, jumps)
     null = Hypothesis(every.evidence, ()).fit()
     left = excess(every, null)
-    # Taxels with a mismatch of their own bend the clocks for all: these are asked of the calmer half. Where the load
-    # has places the calm ones are those without a load, and the clocks were asked of the insole as a whole.
+    # Taxels with a mismatch of their own bend the clocks for all: these are asked of the calmer half.
     calm = np.sort(np.argsort(left, kind="stable")[: max(len(slots) // 2, 1)])
-    has_places = taxels.observed[0].load.has_places
-    if not has_places:
-        half = gather(taxels.some(calm), jumps)
-        null = Hypothesis(every.evidence, ()).at(Hypothesis(half.evidence, ()).fit().theta)
-        left = excess(every, null)
+    half = gather(taxels.some(calm), jumps)
+    null = Hypothesis(every.evidence, ()).at(Hypothesis(half.evidence, ()).fit().theta)
+    left = excess(every, null)
     # What a few do not share with the many has to stand out among these too.
     lower = left[calm]
     middle = float(np.median(lower))
     usual = middle + APART_SIGMAS * 1.4826 * float(np.median(np.abs(lower - middle))) if middle < LEAST_EXCESS else 0.0
     affected = left > np.maximum(_chance(every), max(LEAST_EXCESS, usual))
-    if has_places and np.median(np.mean(null.residual**2, axis=0)) - every.floor > LEAST_EXCESS**2:
-        affected |= True  # what all share shows in those that move most, and drowns in each of the others
     progress(f"{int(affected.sum())} of {len(slots)} taxels differ from the static model")
     named: list[Named] = []
     if affected.any():

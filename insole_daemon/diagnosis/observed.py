@@ -7,7 +7,7 @@ affordable.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -20,8 +20,6 @@ from ..skin.layout import Layout
 BLOCK_S = 0.1
 MOST_ROWS = 3000  # longer recordings get longer blocks
 SLIVER = 1e-3  # of a row
-AT_ONCE = 0.1  # of a cycle, over which the load is averaged at a moment
-MOST_MOMENT_S = 0.05  # a heel strikes within it
 MOST_BLOCK_S = 0.3  # beyond it a ramp is no longer straight within a block
 
 
@@ -29,18 +27,13 @@ MOST_BLOCK_S = 0.3  # beyond it a ramp is no longer straight within a block
 class Load:
     """The load on a regular grid of the reference's own time.
 
-    `pressure_pa` (N, 1): the same on every taxel; (N, m): one for each.
+    `pressure_pa` (N, 1): the same on every taxel.
     """
 
     start_s: float  # of the first row
     step_s: float
     pressure_pa: Array
     clock: Clock
-
-    @property
-    def has_places(self) -> bool:
-        """Whether it differs from taxel to taxel."""
-        return bool(self.pressure_pa.shape[1] > 1)
 
     @property
     def t_s(self) -> Array:
@@ -82,12 +75,6 @@ class Observed:
     paired_by_row: bool  # the reference had no times: its rows were to go with the cycles
     began_s: float  # what an own clock of the reference said at its first row, which its times count from here
 
-    def of_taxels(self, columns: NDArray[np.intp]) -> Observed:
-        """With the load of the taxels `columns` alone, where it has places."""
-        if not self.load.has_places:
-            return self
-        return replace(self, load=replace(self.load, pressure_pa=self.load.pressure_pa[:, columns]))
-
     def reference_s(self, t_s: Array) -> Array:
         """What the reference's clock says when the taxels' says `t_s`, by the edges."""
         return self.offset_s + (1.0 + self.rate) * t_s
@@ -102,8 +89,6 @@ class Observed:
         """(2, n) between which moments each block lies: half a cycle before its first and after its last."""
         last = np.append(self.first[1:], len(self.cycle_s)) - 1
         half = float(np.median(np.diff(self.cycle_s))) / 2
-        if self.load.has_places and len(self.first) == len(self.cycle_s):
-            half *= AT_ONCE  # a block of one cycle is one moment, and a step takes little longer
         return np.stack([self.cycle_s[self.first] - half, self.cycle_s[last] + half])
 
     def blocks(self, of_cycles: Array) -> Array:
@@ -117,13 +102,6 @@ def block_means(of_cycles: Array, first: NDArray[np.intp]) -> Array:
     total = np.add.reduceat(of_cycles, first, axis=0)
     mean: Array = total / n.reshape(-1, *(1,) * (of_cycles.ndim - 1))
     return mean
-
-
-def moments(cycle_s: Array) -> NDArray[np.intp]:
-    """(n,) as `block_starts`, where a step has to be seen: every cycle, in long recordings a few together."""
-    length_s = min(float(cycle_s[-1] - cycle_s[0]) / MOST_ROWS, MOST_MOMENT_S)
-    together = max(round(length_s / float(np.median(np.diff(cycle_s)))), 1)
-    return np.arange(0, len(cycle_s), together)
 
 
 def block_starts(cycle_s: Array) -> NDArray[np.intp]:

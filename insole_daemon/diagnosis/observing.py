@@ -16,7 +16,6 @@ from ..recording.loading import FootRecording, Recording
 from ..recording.read_times import at_cycles
 from ..skin.geometry import N_TAXELS
 from .audit import Audit
-from .field import uniform_load
 from .floor import noise_of_readings
 from .jumps import despiked
 from .observations.alignment import fit_own_clock
@@ -36,12 +35,10 @@ def observe(
     foot: FootRecording,
     kept: NDArray[np.bool_],
     audited: Audit,
-    simulation: Recording | None = None,
 ) -> tuple[Observed, tuple[tuple[float, float], ...]]:
     """What a diagnosis looks at of `foot`, and when its reference had spikes, which are taken out.
 
-    `kept` (n_triangles, 12): the taxels that are asked; `audited`: which of their readings are believed;
-    `simulation`: of the same chamber trial, whose load stands for the reference.
+    `kept` (n_triangles, 12): the taxels that are asked; `audited`: which of their readings are believed.
     """
     slots = np.flatnonzero(kept.ravel())
     t_s = (foot.t_ns - foot.t_ns[0]) * 1e-9
@@ -56,11 +53,8 @@ def observe(
     behind_s = foot.behind_ns[used][:, slots // N_TAXELS] * 1e-9
     count = bridged(at_cycles(counts, believed, cycle_s, behind_s), believed, cycle_s)
     noise_count = noise_of_readings(counts.astype(float), believed)
-    if simulation is not None:
-        reference = uniform_load(simulation, foot)
-    elif foot.reference is not None and recording.kind == "chamber":
-        reference = foot.reference
-    else:
+    reference = foot.reference
+    if reference is None or recording.kind != "chamber":
         raise DiagnosisError(
             f"{recording.folder}: expected a chamber's pressure, found kind {recording.kind}: what was the load? "
             "Record it, or give a simulated recording of the trial with --simulation"

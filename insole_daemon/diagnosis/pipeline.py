@@ -19,29 +19,28 @@ from . import merging, outcome
 from .excitation import require_cycles
 from .export import wrench_model
 from .finding import Finding, Quantity, Verdict
-from .model.blocks import BlockDesign, block_design, place_of
-from .model.design import Design, design
-from .model.load import KnownLoad, LoadEstimate
+from .model.blocks import BlockDesign, LoadError, place_of
+from .model.design import Design
 from .model.refine import Refined, refine
 from .model.regression import Timing
 from .modelling import as_effect
 from .observations.chamber import ChamberObservation, observe_chamber
+from .observations.paired import PairedObservation, observe_paired
 from .observations.reading_faults import ReadingFaults, reading_faults
 from .observations.wrench import WrenchObservation, observe_wrench
 from .outcome import Outcome
+from .parameters import parameters_of
 from .places import said
+from .searching import Searched
+from .searching import search as search_terms
 from .select import confidence
-from .select.amplitude import amplitude_fraction
 from .select.count_figures import count_figures
-from .select.events import with_events
-from .select.groups import with_groups
 from .select.search import SubsetSearch
-from .select.timing_search import TimedSet, search_timings
+from .select.timing_search import TimedSet
 from .select.wrench_figures import Figures, figures
 from .terms import TERMS
 
 OF_THE_INSOLE = (*merging.LASTING, "delay")  # of several recordings
-LOOPS = ("viscoelasticity", "creep", "hysteresis")
 LEAST_STEPS = 3
 LEAST_DELAY_S = 0.003  # three standard deviations of a declared clock's offset
 LEAST_RATE = 1e-4
@@ -52,7 +51,6 @@ PER_TAXEL = 4.0  # a taxel's share of a triangle's excess that counts as much as
 UNKNOWN_SHARE, UNKNOWN_EXCESS = 0.4, 1.0  # of the mismatch that no set explains; in mean squares of the noise
 MOST_NULL = 1.12  # times the noise floor: what a recording without a mismatch may leave
 MOST_WORSE = np.array([1.02, 1.1, 1.1])  # times the error before, of f_z, m_x and m_y on held-out rows
-MISFIT_OF_VALUES = 0.05  # of a parameter: materials follow a law only approximately
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,6 +66,7 @@ class WalkResult:
     candidates: tuple[tuple[str, float, float], ...]  # best single sets: words, gain and score in units of the rows
     not_identifiable: tuple[dict[str, str], ...]
     is_unknown: bool
+    timing: Timing
 
     @property
     def seen(self) -> WrenchObservation:
@@ -88,33 +87,40 @@ def diagnose(
     feet: Sequence[FootRecording],
     calibration: Calibration | None,
     progress: Callable[[str], None],
+    simulations: Sequence[Recording] = (),
 ) -> WrenchDiagnosis:
-    """What differs between recordings with a force shoe or plate and the static model.
+    """What differs between recordings and the static model, under the load of their references.
 
-    `feet`: the one foot of each recording; the model is `calibration`, else the first recording's own. DiagnosisError
+    `feet`: the one foot of each recording; the model is `calibration`, else the first recording's own. `simulations`:
+    of their trials, one for each or one for all, whose load then stands for the references'. DiagnosisError
     where the recordings cannot show anything, UndecidableError where the foot is hardly loaded.
     """
     model = static_model(recordings[0], feet[0], calibration)
-    every = []
-    for recording, foot in zip(recordings, feet, strict=True):
+    every: list[WrenchObservation] = []
+    for i, (recording, foot) in enumerate(zip(recordings, feet, strict=True)):
         progress(f"reading {recording.folder.name}")
-        every.append(_observe(recording, foot, model))
-    _refuse_still([each for each in every if each.is_uniform])
+        if simulations:
+            every.append(observe_paired(recording, foot, model, simulations[i if len(simulations) > 1 else 0]))
+        else:
+            every.append(_observe(recording, foot, model))
+    _refuse_still([each for each in every if each.load_is_known])
     results = [diagnose_one(seen, foot, progress) for seen, foot in zip(every, feet, strict=True)]
     findings = merging.merge_findings(
         [
-            merging.Said(r.seen.name, r.seen.is_uniform, r.findings, frozenset(x["effect"] for x in r.not_identifiable))
+            merging.Said(
+                r.seen.name, r.seen.load_is_known, r.findings, frozenset(x["effect"] for x in r.not_identifiable)
+            )
             for r in results
         ]
     )
     names = tuple(each.folder.name for each in recordings)
     heldout = _heldout(results)
-    first = next((each for each in results if each.seen.is_uniform), results[0])
+    first = next((each for each in results if each.seen.load_is_known), results[0])
     effects = _effects(results, first, findings)
     provenance = {"made_by": f"insole diagnose {__version__}", "recordings": list(names), BEGAN: int(feet[0].t_ns[0])}
     return WrenchDiagnosis(
         recordings=names,
-        against="model",
+        against="simulation" if simulations else "model",
         verdict=_verdict(heldout, findings, results),
         heldout=heldout,
         clocks=np.array([_clock(each) for each in results]),
@@ -154,37 +160,6 @@ def _observe(recording: Recording, foot: FootRecording, model: Calibration) -> W
     return observe_chamber(recording, foot, model, foot.reference)
 
 
-def _design(seen: WrenchObservation, faults: ReadingFaults) -> Design | BlockDesign:
-    variance = np.where(faults.spikes[:, None], np.inf, seen.weight_variance)
-    weights = np.where(np.isfinite(variance), variance, np.inf) ** -0.5
-    if isinstance(seen, ChamberObservation):
-        weights[:, faults.substituted] = 0.0
-        return with_events(block_design(KnownLoad(seen), weights))
-    return design(LoadEstimate(seen), weights, faults.substituted)
-
-
-def _placed(first: TimedSet[Any]) -> TimedSet[Any]:
-    """Where the load is known on every taxel: any set of triangles can be a place, and terms are as exact as can be.
-
-    What a coarse grid of thresholds and moments misses of a strong effect would pass for further ones.
-    """
-    if not isinstance(first.search.design, BlockDesign):
-        return first
-    whole, barred = with_events(first.search.design, first.best.chosen), first.search.barred
-    search = SubsetSearch(with_groups(whole, first.best), barred)
-    best = max([*search.run()[:1], first.best], key=lambda each: each.score)
-    sharp = refine(search.design, best.chosen).design.candidates
-    found = [
-        (k, each.settings[0])
-        for k, each in zip(best.chosen, sharp, strict=True)
-        if each.settings is not search.design.candidates[k].settings
-    ]
-    if found:
-        search = SubsetSearch(search.design.with_settings(found), barred)
-        best = max([*search.run()[:1], best], key=lambda each: each.score)
-    return replace(first, search=search, best=search.fit(best.chosen))
-
-
 def _figures(
     whole: Design | BlockDesign,
     refined: Refined[Any],
@@ -205,7 +180,7 @@ def _with_faults(found: Figures, faults: ReadingFaults) -> Figures:
 
 
 def _heldout_of(seen: WrenchObservation, before: float, after: float) -> dict[str, Any]:
-    return {"heldout_count" if seen.is_uniform else "heldout_n": (before, after)}
+    return {"heldout_count" if seen.load_is_known else "heldout_n": (before, after)}
 
 
 def has_model(foot: FootRecording, calibration: Calibration | None) -> bool:
@@ -228,14 +203,40 @@ def static_model(recording: Recording, foot: FootRecording, calibration: Calibra
     return model
 
 
+def _placed(searched: Searched, seen: WrenchObservation, found: Figures) -> tuple[Figures, list[Finding], list[Effect]]:
+    """What is said of where the taxels are, as findings and effects; figures with the model as handed in before it."""
+    unplaced = searched.unplaced
+    if not searched.placed or unplaced is None:
+        return found, [], []
+    before = count_figures(refine(unplaced.search.design, ()), ()).before
+    gained = max(float(before[0] ** 2 - found.before[0] ** 2), 0.0) / len(searched.placed)
+    findings, effects = [], []
+    found = replace(found, before=before)
+    for each in searched.placed:
+        effect = _effect(each.word, each.where, each.parameters, seen)
+        if effect is not None:
+            effects.append(effect)
+        findings.append(
+            Finding(
+                effect=each.word, foot=seen.layout.foot, where=each.where, equation=laws()[each.word].equation,
+                recordings=(seen.name,), parameters=each.parameters, explains=gained, margin=each.margin,
+                confidence=confidence.confidence(each.margin, False),
+                sentence=_sentence(each.word, each.where, each.parameters, found, seen),
+                **_heldout_of(seen, float(np.sqrt(found.after[0] ** 2 + gained)), float(found.after[0])),
+            )
+        )  # fmt: skip
+    return found, findings, effects
+
+
 def diagnose_one(seen: WrenchObservation, foot: FootRecording, progress: Callable[[str], None]) -> WalkResult:
     """The stages for one recording: faults of readings, regression, search, refinement, figures, findings."""
     _refuse_unloaded(seen)
     faults = reading_faults(foot, seen)
     seen = faults.observation
     progress("comparing with every term of the library")
-    timed = search_timings(_design(seen, faults), seen.offset_is_free)
-    first = _placed(timed[0])
+    searched = search_terms(seen, faults, foot)
+    timed = searched.timed
+    first = timed[0]
     whole, search = first.search.design, first.search
     best = search.simplified(first.best, confidence.CLOSE)
     progress("measuring the error on blocks that were held out")
@@ -251,13 +252,13 @@ def diagnose_one(seen: WrenchObservation, foot: FootRecording, progress: Callabl
             break
         # What makes rows worse that it was not fitted to explains nothing.
         best = search.fit([k for i, k in enumerate(best.chosen) if i != order[-1]])
-    nuisances = [i for i in order if _is_nuisance(refined.design.candidates[i].word, _parameters(refined, i, foot))]
+    nuisances = [i for i in order if _is_nuisance(refined.design.candidates[i].word, parameters_of(refined, i, foot))]
     is_late = abs(first.timing.delay_s) >= LEAST_DELAY_S + seen.latest_s
     if nuisances or not is_late:
         uncertain_s = 0.0 if is_late else first.timing.delay_s
         found = _with_faults(_figures(whole, refined, order, first.timing, nuisances, uncertain_s), faults)
     is_unknown = _is_unknown(found, whole, refined)
-    findings, effects = [], []
+    found, findings, effects = _placed(searched, seen, found)
     if is_unknown:
         findings.append(_unknown(seen, found, whole))
     has_clock = any(each.word == "clock" for i, each in enumerate(refined.design.candidates) if i not in nuisances)
@@ -270,7 +271,7 @@ def diagnose_one(seen: WrenchObservation, foot: FootRecording, progress: Callabl
         candidate = refined.design.candidates[i]
         position = i
         gain = found.gains[rank]
-        parameters = _parameters(refined, i, foot)
+        parameters = parameters_of(refined, i, foot)
         if i in nuisances:
             continue
         if candidate.word == "clock":
@@ -298,7 +299,8 @@ def diagnose_one(seen: WrenchObservation, foot: FootRecording, progress: Callabl
     findings += faults.findings
     result = WalkResult(
         faults, whole, refined, found, (), tuple(effects), _singles(search),
-        tuple(_not_identifiable(whole, {each.effect for each in findings})), is_unknown,
+        tuple(_not_identifiable(whole, {each.effect for each in findings}, searched.error)), is_unknown,
+        first.timing,
     )  # fmt: skip
     return replace(result, findings=(*findings, *_own_clock(result)))
 
@@ -312,7 +314,7 @@ def _refuse_still(chambers: Sequence[WrenchObservation]) -> None:
 
 def _refuse_unloaded(seen: WrenchObservation) -> None:
     force = seen.reference.at(seen.reference_s)[:, 0]
-    if seen.is_uniform:
+    if seen.load_is_known:
         return
     low, high = 0.1 * float(force.max()), 0.3 * float(force.max())
     state = np.where(force > high, 1, np.where(force < low, 0, -1))
@@ -391,45 +393,6 @@ def _unknown(seen: WrenchObservation, found: Figures, whole: Design | BlockDesig
         sentence=f"{place[0].upper()}{place[1:]}: {text}.",
         **_heldout_of(seen, float(found.before[0]), float(found.after[0])),
     )  # fmt: skip
-
-
-def _parameters(refined: Refined[Any], i: int, foot: FootRecording) -> dict[str, Quantity]:
-    """The law's parameters of candidate `i` with standard deviations, from the regression's covariance."""
-    inner = refined.design
-    candidate = inner.candidates[i]
-    shares = refined.shares[i]
-    mapping = candidate.term.parameters_of(inner.load.observation.is_uniform)
-    values = mapping(candidate.settings, shares)
-    units = {p.name: p.unit for p in laws()[candidate.word].parameters} if candidate.word in laws() else {}
-    columns = candidate.columns
-    covariance = np.linalg.pinv(inner.gram + np.diag(1e-9 * np.diag(inner.gram) + 1e-12))
-    std = np.sqrt(np.maximum(np.diag(covariance)[columns], 0.0))
-    spread = {name: np.zeros_like(np.asarray(value, float)) for name, value in values.items()}
-    if candidate.term.share != "whole":
-        for k in range(len(shares)):
-            nudged = shares.copy()
-            nudged[k] += std[k]
-            for name, value in mapping(candidate.settings, nudged).items():
-                if np.size(np.asarray(value, float)) == np.size(np.asarray(values[name], float)):
-                    spread[name] = spread[name] + (np.asarray(value, float) - np.asarray(values[name], float)) ** 2
-    found = {}
-    for name, value in values.items():
-        size = np.asarray(value, float)
-        relative = 0.0 if candidate.word == "bit_shift" or name in ("t_s",) else MISFIT_OF_VALUES
-        scale = np.abs(size - 1.0) if name in ("gain", "scale") else np.abs(size)
-        found[name] = Quantity(value, np.sqrt(spread[name] + (relative * scale) ** 2), units.get(name, "1"))
-    if candidate.word in LOOPS:
-        found["amplitude_fraction"] = amplitude_fraction(inner, candidate, shares)
-    if candidate.word == "bit_shift":
-        known = {board.address: board.shift for board in foot.boards}
-        believed = known.get(candidate.where.ids[0][0]) if candidate.where.ids else next(iter(known.values()))
-        step = int(values["shift"])
-        found["shift"] = Quantity((believed or 0) + step, 0.0, "1")
-    if candidate.word == "temperature":
-        temperature = refined.design.load.observation.temperature_c
-        assert temperature is not None
-        found["t0_c"] = Quantity(float(temperature.mean()), 0.0, "°C")
-    return found
 
 
 def _timings(
@@ -512,8 +475,8 @@ def _sentence(word: str, where: Where, parameters: dict[str, Quantity], found: F
         f"{name} {np.round(np.asarray(q.value, float), 4).tolist()} {q.unit if q.unit != '1' else ''}".strip()
         for name, q in parameters.items() if name != "pair"
     )  # fmt: skip
-    what = "readings" if seen.is_uniform else "the force"
-    unit, digits = ("counts", 2) if seen.is_uniform else ("N", 1)
+    what = "readings" if seen.load_is_known else "the force"
+    unit, digits = ("counts", 2) if seen.load_is_known else ("N", 1)
     return (
         f"{said(where)}: {word.replace('_', ' ')}{f' ({numbers})' if numbers else ''}. With all findings the error of "
         f"{what} falls from {found.before[0]:.{digits}f} to {found.after[0]:.{digits}f} {unit} on rows that were held "
@@ -523,8 +486,8 @@ def _sentence(word: str, where: Where, parameters: dict[str, Quantity], found: F
 
 def _heldout(results: Sequence[WalkResult]) -> dict[str, Any]:
     """Of all taxels in counts where the load is known, and of the wrench, each over all its recordings."""
-    known = [each for each in results if each.seen.is_uniform]
-    walks = [each for each in results if not each.seen.is_uniform]
+    known = [each for each in results if each.seen.load_is_known]
+    walks = [each for each in results if not each.seen.load_is_known]
     moments = {"m_x": _pooled(walks, 1, "N·m"), "m_y": _pooled(walks, 2, "N·m")} if walks else {}
     if not known:
         return {**_pooled(walks, 0, "N"), **moments}
@@ -555,6 +518,9 @@ def _clock(result: WalkResult) -> tuple[float, float]:
     """Offset and rate of the reference's clock."""
     seen = result.seen
     offset_s, rate = seen.reference.start_s + seen.offset_s, seen.rate
+    if seen.offset_is_free:  # the rows' load may be moved already
+        moved_s = result.design.moved_s if isinstance(result.design, BlockDesign) else 0.0
+        offset_s -= result.timing.delay_s - moved_s
     names = _base_names(result.design)
     for name, share in zip(names, result.figures.base_shares.tolist(), strict=True):
         if name == "offset_s":
@@ -573,7 +539,7 @@ def _base_names(whole: Design | BlockDesign) -> tuple[str, ...]:
 def _own_clock(result: WalkResult) -> list[Finding]:
     """A clock of the reference's own that runs as no two quartzes do, or rows that do not go with the cycles."""
     seen = result.seen
-    if not isinstance(seen, ChamberObservation) or not seen.offset_is_free:
+    if not isinstance(seen, ChamberObservation) or isinstance(seen, PairedObservation) or not seen.offset_is_free:
         return []
     offset_s, rate = _clock(result)
     late_s = abs(rate) * float(seen.t_s[-1])
@@ -622,13 +588,15 @@ def _singles(search: SubsetSearch[Any]) -> tuple[tuple[str, float, float], ...]:
     return tuple((word, gain, score) for word, (gain, score) in ordered)
 
 
-def _not_identifiable(whole: Design | BlockDesign, found: set[str]) -> list[dict[str, str]]:
+def _not_identifiable(whole: Design | BlockDesign, found: set[str], error: LoadError) -> list[dict[str, str]]:
     """Terms whose share this recording does not determine: its standard deviation is over a third of the prior's."""
     rows = []
     for term in TERMS:
         if term.word in found:
             continue
         why = term.needs(whole.load)
+        if why is None and error.share and term.word in ("gain", "stiffening"):
+            why = f"the simulated load itself is off by about {error.share:.0%} and {1e3 * error.timing_s:.0f} ms"
         if why is None:
             own = [c for c in whole.candidates if c.word == term.word]
             if term.word == "delay" and whole.load.observation.offset_is_free:

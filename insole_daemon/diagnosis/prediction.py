@@ -17,10 +17,10 @@ from ..physics.law import Array
 from ..recording.loading import FootRecording, Recording, as_configured, load
 from ..skin.geometry import N_TAXELS, PRESSURE_TAXELS
 from .audit import Audit, audit
-from .field import has_places
+from .observations.paired import load_at as simulated_load
+from .observations.paired import observe_paired
 from .observed import Observed
 from .observing import observe
-from .simulated import loads
 
 _MOST_ALIGNED = 12  # times that the clock is moved by what the model leaves
 _ALIGNED_S = 5e-4  # by less it is not moved again
@@ -48,18 +48,18 @@ def counts(model: str | PathLike[str], recording: Recording, simulation: Recordi
         layout = foot.layout
         calibration = _completed(calibrations.load(model, layout), foot.calibration)
         chain = Chain(calibration.effects, layout, calibration, [as_configured(board) for board in foot.boards])
-        walk = simulation is not None and has_places(simulation, foot)
-        audited = audit(foot, recording.folder.name, walk)
+        audited = audit(foot, recording.folder.name, simulation is not None)
         t_s = np.maximum.accumulate((foot.t_ns - foot.t_ns[0]) * 1e-9)
         began = (foot.t_ns[0] - int(calibration.provenance.get(BEGAN, foot.t_ns[0]))) * 1e-9
         origin = began if abs(began) < _FAR_S else 0.0
         # Each triangle was read as long ago as it is old.
         read_s = t_s[:, None] - foot.behind_ns * 1e-9
         own_clock, warm = True, None
-        if simulation is not None and walk:
-            load_at = loads(recording, foot, audited, simulation, chain.xy_m)
+        if simulation is not None:
+            paired = observe_paired(recording, foot, foot.calibration or calibration, simulation)
+            load_at = simulated_load(paired, chain.xy_m)
         else:
-            seen, _ = observe(recording, foot, audited.kept, audited, simulation)
+            seen, _ = observe(recording, foot, audited.kept, audited)
             own_clock = seen.load.clock == "own"
             warm = None if seen.temperature_c is None else np.interp(t_s, seen.t_s, seen.temperature_c)
             load_at = partial(_everywhere, seen)

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from ...physics.effect import Where
 from ...physics.law import SCOPES, Array
 from ..observations.chamber import ChamberObservation
+from ..observations.paired import PairedObservation
 from ..terms import TERMS
 from ..terms.term import Setting, Term, TermColumns
 from .design import CURVE_KNOTS
@@ -28,10 +29,12 @@ from .regression import PlacedTerm, Timing, with_companions
 
 GAIN_STD = 0.003  # of a triangle's calibration
 BASELINE_STD_COUNT = 0.05  # of a triangle's
+ROUNDED_STD_COUNT = 0.3  # of a simulation without noise, whose counts round all one way
 REZERO_STD_COUNT = 2.0  # of a shift that a few readings tell
 CURVE_STD_COUNT = 0.04  # what the polynomials of a calibration miss
+UNEVEN_S, UNSTEADY_S = 8.0, 2.0  # over which a person's load and pace wander from a simulation's
 ZERO_STD_PA = 100.0  # of the reference
-OWN_OFFSET_STD_S, OWN_RATE_STD = 1.0, 0.1
+OWN_OFFSET_STD_S, OWN_RATE_STD = 1e-5, 2e-4  # the offset is searched for, the rate is that of edges
 WITHIN_PRIORS = ("gain", "baseline", "stiffening")
 AT_REST = {"baseline": 5.0}  # counts that a memory with a share of 1 leaves of an unloaded reading
 LEAST_SIZE = 0.15  # of a reading's noise, RMS over the taxels it is at: less is no effect worth a name
@@ -47,6 +50,17 @@ class Atoms:
     shared: Array  # (T, K, s) with the columns of the reference
     product: Array  # (T, K) of the echo of noise
     square: Array  # (T, K)
+
+
+@dataclass(frozen=True, slots=True)
+class LoadError:
+    """By how much a simulated load may differ from the person's, one standard deviation: in time, and as a share."""
+
+    timing_s: float = 0.0
+    share: float = 0.0
+
+
+NO_ERROR = LoadError()
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,6 +95,13 @@ class Nuisance:
         own = np.matmul(self.shared.transpose(0, 2, 1), self.shared_left).sum(axis=0)
         return np.asarray(np.linalg.inv(own + np.diag(self.shared_std**-2.0)))
 
+    @cached_property
+    def log_determinant(self) -> float:
+        """Of the rows' covariance with these columns in it, over that of their noise alone."""
+        own = -np.linalg.slogdet(self.inverse)[1].sum() + 2.0 * len(self.own) * np.log(self.own_std).sum()
+        shared = -np.linalg.slogdet(self.shared_inverse)[1] + 2.0 * np.log(self.shared_std).sum()
+        return float(own + shared)
+
     def left_of(self, y: Array) -> Array:
         """(T, N) of `y`, what own columns leave."""
         with_own = np.matmul(self.own.transpose(0, 2, 1), y[..., None])
@@ -100,12 +121,18 @@ class BlockDesign:
     mask: NDArray[np.bool_]  # (p, T) triangles it is at
     y: Array  # (T, N) weighted residual of the static model
     timing: Timing = Timing()  # noqa: RUF009 (frozen)
+    moved_s: float = 0.0  # of the timing's delay, that the rows' load is already taken earlier by
 
     @property
     def seen(self) -> ChamberObservation:
         """Its rows."""
         assert isinstance(self.load.observation, ChamberObservation)
         return self.load.observation
+
+    @cached_property
+    def unmoved(self) -> ChamberObservation:
+        """Its rows on the clock as it was aligned."""
+        return self.seen.with_clock(self.seen.offset_s + self.moved_s, self.seen.rate)
 
     @cached_property
     def n_rows(self) -> int:
@@ -203,7 +230,7 @@ class BlockDesign:
 
     def retimed(self, timing: Timing) -> BlockDesign:
         """Against the reference after `timing`."""
-        return replace(self, y=residual(self.seen, self.weights, timing), timing=timing)
+        return replace(self, y=residual(self, timing), timing=timing)
 
     def subset(self, chosen: Sequence[int]) -> BlockDesign:
         """With the columns of `chosen` candidates and their companions alone."""
@@ -284,32 +311,33 @@ class BlockDesign:
         return found
 
 
-def residual(seen: ChamberObservation, weights: Array, timing: Timing) -> Array:
-    """(T, N) weighted: the reference's pressure less that of the static curves."""
-    said = seen.reference.at(seen.reference_s - timing.delay_s, timing.lag_s)
-    return np.ascontiguousarray(((said - seen.wrench) * weights).T)
+def residual(design: BlockDesign, timing: Timing) -> Array:
+    """(T, N) weighted: the reference's pressure after `timing`, less that of the static curves."""
+    seen = design.seen
+    said = seen.reference.at(seen.reference_s - (timing.delay_s - design.moved_s), timing.lag_s)
+    return np.ascontiguousarray(((said - seen.wrench) * design.weights).T)
 
 
-def block_design(load: LoadEstimate, weights: Array, words: frozenset[str] | None = None) -> BlockDesign:
+def block_design(load: LoadEstimate, weights: Array, error: LoadError = NO_ERROR) -> BlockDesign:
     """The regression of one recording, with candidates at the insole, every board and every triangle.
 
     `weights` (N, T): one over the standard deviation of a row; 0: unknown.
     """
     seen = load.observation
     assert isinstance(seen, ChamberObservation)
-    nuisance = _nuisance(load, weights)
-    terms = [each for each in TERMS if (words is None or each.word in words) and each.needs(load) is None]
+    nuisance = _nuisance(load, weights, error)
+    terms = [each for each in TERMS if each.needs(load) is None]
     blocks = [(term, block) for term in terms for block in term.columns(load)]
     atoms = make_atoms([block for _, block in blocks], weights, nuisance)
     placed, atom, mask = _placed(blocks, seen)
     candidates = with_companions(placed, AT_REST)
-    return BlockDesign(
-        load, weights, nuisance, atoms, candidates, atom, mask, residual(seen, weights, Timing())
-    )  # fmt: skip
+    nothing = np.zeros((weights.shape[1], weights.shape[0]))
+    return BlockDesign(load, weights, nuisance, atoms, candidates, atom, mask, nothing).retimed(Timing())
 
 
-def _nuisance(load: LoadEstimate, weights: Array) -> Nuisance:
+def _nuisance(load: LoadEstimate, weights: Array, error: LoadError) -> Nuisance:
     seen = load.observation
+    assert isinstance(seen, ChamberObservation)
     n, n_triangles = weights.shape
     slope = load.wrench_of(load.slope_pa)[..., 0]
     gain = load.wrench_of(-load.slope_pa * load.gained_count)[..., 0]
@@ -319,21 +347,36 @@ def _nuisance(load: LoadEstimate, weights: Array) -> Nuisance:
         load.wrench_of(load.slope_pa * np.interp(load.activation_count, knots, hat))[..., 0]
         for hat in np.eye(CURVE_KNOTS)
     ]
-    parts, stds = [gain, slope, *hats], [GAIN_STD, BASELINE_STD_COUNT, *[CURVE_STD_COUNT] * CURVE_KNOTS]
+    rest_std = ROUNDED_STD_COUNT if isinstance(seen, PairedObservation) else BASELINE_STD_COUNT
+    parts, stds = [gain, slope, *hats], [GAIN_STD, rest_std, *[CURVE_STD_COUNT] * CURVE_KNOTS]
     if seen.rezeroed is not None:
         parts, stds = [*parts, slope * seen.rezeroed], [*stds, REZERO_STD_COUNT]
-    own = np.stack(parts, axis=-1) * weights[..., None]
     edge = seen.reference.slope(seen.reference_s)  # (N, 1)
     names, columns, shared_std = ["zero"], [np.ones((n, 1))], [ZERO_STD_PA]
     if seen.offset_is_free:
         names += ["offset_s", "rate"]
         columns += [-edge, -edge * (seen.t_s - seen.t_s.mean())[:, None]]
         shared_std += [OWN_OFFSET_STD_S, OWN_RATE_STD]
+    if error.share:
+        parts, stds = [*parts, gain, *_over_time(seen, gain, UNEVEN_S)], [*stds, error.share]
+        stds += [error.share] * (len(parts) - len(stds))
+    if error.timing_s:
+        late = _over_time(seen, -edge, UNSTEADY_S)
+        names += ["late"] * len(late)
+        columns += late
+        shared_std += [error.timing_s] * len(late)
+    own = np.stack(parts, axis=-1) * weights[..., None]
     shared = np.stack([np.broadcast_to(each, (n, n_triangles)) * weights for each in columns], axis=-1)
     return Nuisance(
         np.ascontiguousarray(own.transpose(1, 0, 2)), np.array(stds), tuple(names),
         np.ascontiguousarray(shared.transpose(1, 0, 2)), np.array(shared_std),
     )  # fmt: skip
+
+
+def _over_time(seen: ChamberObservation, column: Array, over_s: float) -> list[Array]:
+    """`column` times hats over time, `over_s` apart."""
+    knots_s = np.linspace(seen.t_s[0], seen.t_s[-1], max(round(float(np.ptp(seen.t_s)) / over_s), 1) + 1)
+    return [column * np.interp(seen.t_s, knots_s, hat)[:, None] for hat in np.eye(len(knots_s))]
 
 
 def make_atoms(blocks: Sequence[TermColumns], weights: Array, nuisance: Nuisance, joined: Atoms | None = None) -> Atoms:
@@ -387,6 +430,9 @@ def _placed(
         groups = [list(range(k))] if block.joint else [[j] for j in range(k)]
         for where, rows, n_places in _places(term, block, seen):
             for group in groups:
+                if block.places is not None:
+                    where, rows = _of_column(block, group[0], seen)
+                    n_places = block.n_searched
                 ids = len(atom) + np.arange(len(group))
                 atom += [first + j for j in group]
                 mask += [rows] * len(group)
@@ -397,6 +443,9 @@ def _placed(
 
 
 def _places(term: Term, block: TermColumns, seen: ChamberObservation) -> Iterator[tuple[Where, NDArray[np.bool_], int]]:
+    if block.places is not None:  # columns say it themselves
+        yield Where(), np.empty(0, np.bool_), block.n_searched
+        return
     identities = [tuple(identity) for identity in seen.layout.identities.tolist()]
     works = seen.usable.any(axis=1)
     scopes = ("insole",) if block.whole is not None else (*term.chamber_scopes, *term.scopes)
@@ -407,6 +456,13 @@ def _places(term: Term, block: TermColumns, seen: ChamberObservation) -> Iterato
             rows = np.array([identity[:depth] == part for identity in identities]) & works
             if rows.any():
                 yield (Where(scope, (part,)) if depth else Where()), rows, len(parts)
+
+
+def _of_column(block: TermColumns, k: int, seen: ChamberObservation) -> tuple[Where, NDArray[np.bool_]]:
+    """Where column `k` is, that says it itself."""
+    assert block.places is not None
+    identities = [tuple(identity) for identity in seen.layout.identities.tolist()]
+    return Where("triangle", block.places[k]), np.array([each in block.places[k] for each in identities])
 
 
 def place_of(rows: NDArray[np.bool_], seen: ChamberObservation) -> Where:

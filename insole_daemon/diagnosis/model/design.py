@@ -214,7 +214,7 @@ def place_terms(
                 groups = [list(every)] if block.joint else [[k] for k in every]
                 for group in groups:
                     place = where if block.places is None else Where("triangle", block.places[group[0]])
-                    places = n_places if block.places is None else len(block.places)
+                    places = n_places if block.places is None else block.n_searched or len(block.places)
                     if place.scope == "triangle" and lost & set(place.ids):
                         continue  # others stand in for what it would read
                     ids = np.arange(number, number + len(group))

@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from ...physics.law import Array
+from ..observations.chamber import ChamberObservation
 from ..observations.wrench import WrenchObservation
 
 EDGE = 1.05  # times the largest singular value that white noise has
@@ -106,14 +107,15 @@ class KnownLoad(LoadEstimate):
     def pressure_pa(self) -> Array:
         """(N, T, 12) of the reference."""
         seen = self.observation
-        said = seen.reference.smooth_at(seen.reference_s)
-        return np.where(seen.usable, said[:, :, None], 0.0)
+        assert isinstance(seen, ChamberObservation)
+        return np.where(seen.usable, seen.load_pa(seen.reference_s), 0.0)
 
     @property
     def courses_pa(self) -> Array:
-        """(N, 1, 1): the load of all taxels."""
+        """(N, 1, 1) where all taxels bear the same load, else (N, T, 12)."""
         seen = self.observation
-        return seen.reference.smooth_at(seen.reference_s)[:, :, None]
+        assert isinstance(seen, ChamberObservation)
+        return seen.load_pa(seen.reference_s)
 
     @property
     def gained_count(self) -> Array:
@@ -125,3 +127,11 @@ class KnownLoad(LoadEstimate):
         """(N, T, 12) Pa a count between what is read and what should be: their mean, as a shift moves pressures."""
         seen = self.observation
         return 0.5 * (seen.slope_at(self.activation_count) + seen.slope_at(seen.expected_count))
+
+
+class TaxelLoad(KnownLoad):
+    """The same, for columns of single taxels: what else sums up to a triangle's mean stays (N, T, 12)."""
+
+    def wrench_of(self, pressure_pa: Array) -> Array:
+        """(N, T, 12) of pressures (N, T, 12)."""
+        return np.where(self.observation.usable, pressure_pa, 0.0)

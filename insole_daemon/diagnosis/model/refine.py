@@ -56,8 +56,11 @@ def refine(design: D, chosen: tuple[int, ...]) -> Refined[D]:
         for i, candidate in enumerate(current.candidates):
             name, share = candidate.term.linear_at, float(shares[i][0])
             if name and abs(float(candidate.settings[0].get(name, 0.0)) - share) > 1e-3 * abs(share):
-                current = current.exchanged(i, {**candidate.settings[0], name: share})
-                shares, gain = solve_shares(current, current.candidates)
+                tried = current.exchanged(i, {**candidate.settings[0], name: share})
+                own_shares, own_gain = solve_shares(tried, tried.candidates)
+                # Where nuisances hold nearly all of it, what is left of a curved column may have the other sign.
+                if float(own_shares[i][0]) * share > 0:
+                    current, shares, gain = tried, own_shares, own_gain
         width /= 2.2
     return Refined(current, shares, gain)
 

@@ -31,7 +31,7 @@ def fit_own_clock(t_s: Array, reading: Array, reference_s: Array, load: Array, *
     features = np.stack([x**0, x, x**2, x**3], axis=1)
     if not memory:
         return _of_rows(t_s, features, reference_s, load)
-    features = np.concatenate([features, _memory(t_s, x), _slow(t_s, x)], axis=1)
+    features = np.concatenate([features, late_parts(t_s, x), _slow(t_s, x)], axis=1)
     usual = clocks.fit_clock(t_s, features, reference_s, load, most_rate=USUAL_RATE)
     if abs(usual.rate) < USUAL_RATE and usual.explained > SURE:
         return usual
@@ -53,7 +53,7 @@ def _of_rows(t_s: Array, features: Array, reference_s: Array, load: Array) -> Cl
     return free if 1.0 - free.explained < WITH_RATE * (1.0 - held.explained) else held
 
 
-def _memory(t_s: Array, x: Array) -> Array:
+def late_parts(t_s: Array, x: Array) -> Array:
     """(n, k) what a sensor with memory may say beside powers of the readings `x` (n,): a strong one bends edges."""
     above = (x - x.min())[:, None]
     loops = plays(above, np.array(PLAYS) * float(np.ptp(x)))[..., 0].T

@@ -19,19 +19,16 @@ from ...physics.calibration import Calibration
 from ...physics.law import Array
 from ...recording.loading import FootRecording, Recording
 from ...recording.reference import Reference
-from ...skin.geometry import PRESSURE_TAXELS
 from .alignment import fit_own_clock
-from .readings import read_triangles
 from .wrench import (
-    FASTEST_S,
     FINE_S,
     JITTER_S,
+    LEAST_LAG_S,
     LEAST_ROWS,
-    SLOWEST_S,
     TEMPERATURE,
     ReferenceWrench,
     WrenchObservation,
-    noise_of_triangle,
+    read_rows,
     row_times,
 )  # fmt: skip
 
@@ -39,6 +36,7 @@ LEAST_RISE_PA = 1e4  # by which the pressure varies
 SMOOTH_S, SMOOTH_ROWS, DEGREE = 0.06, 3, 3  # half the window of the reference
 NOISE_KEPT = 2.25  # of a cubic fit over many rows, times their number (Savitzky & Golay)
 N_TABLE = 400  # of the curves, to be read backwards
+BENT = 0.5  # of the time between two readings
 LEAST_TOLD = 0.3  # of the readings' time, that the reference covers
 
 
@@ -50,6 +48,7 @@ class ChamberObservation(WrenchObservation):
     """
 
     rate_std: float = 0.0
+    load_is_known = True
     is_uniform = True
 
     @cached_property
@@ -59,13 +58,23 @@ class ChamberObservation(WrenchObservation):
         known = np.where(self.usable, 1.0 / np.maximum(slope * np.maximum(self.noise_count, 0.1), 1e-9) ** 2, 0.0)
         return np.asarray((known / np.maximum(known.sum(axis=1, keepdims=True), 1e-300))[..., None])
 
+    @property
+    def least_lag_s(self) -> float:
+        """As of a wrench; on a clock of its own a lag only bends edges, and readings are too far apart to show that."""
+        period_s = float(np.median(self.period_s[np.isfinite(self.period_s)]))
+        return max(LEAST_LAG_S, BENT * period_s) if self.offset_is_free else LEAST_LAG_S
+
+    def load_pa(self, at_s: Array) -> Array:
+        """(n, 1, 1) pressure on every taxel at times (n,) of the reference's clock."""
+        return self.reference.smooth_at(at_s)[:, :, None]
+
     @cached_property
     def expected_count(self) -> Array:
         """(N, T, 12) activation by the static curves under the load of the reference."""
-        return self.activation_at(np.broadcast_to(self.reference.at(self.reference_s), self.missing.shape))
+        return self.activation_at(self.reference.at(self.reference_s)[:, :, None])
 
     def activation_at(self, pressure_pa: Array) -> Array:
-        """(N, T, 12) by the static curves under pressures (N, T); below what they say of no load, straight on."""
+        """(N, T, 12) by the static curves under pressures that broadcast to it; below no load, straight on."""
         lowest = min(float(self.activation_count.min()), 0.0) - 5.0
         grid = np.linspace(lowest, float(self.activation_count.max()) + 5.0, N_TABLE)
         above = np.maximum(grid, 0.0)[:, None, None]
@@ -75,9 +84,17 @@ class ChamberObservation(WrenchObservation):
         slope = np.maximum(self.coefficients[1], 1.0)
         pressure = np.maximum.accumulate(pressure + slope * np.minimum(grid, 0.0)[:, None, None], axis=0)
         found = np.zeros(self.activation_count.shape)
+        every = np.broadcast_to(pressure_pa, found.shape)
         for t, k in np.argwhere(self.usable).tolist():
-            found[:, t, k] = np.interp(pressure_pa[:, t], pressure[:, t, k], grid)
+            found[:, t, k] = np.interp(every[:, t, k], pressure[:, t, k], grid)
         return found
+
+    def load_less(self, moved_pa: Array, apart_pa: Array | float = 0.0) -> Array:
+        """(N, T, 12) load of every taxel at its rows, less what its triangle is moved by (N, T), and what it is itself.
+
+        `apart_pa` (N, T, 12): by which taxels are moved more than their triangle.
+        """
+        return np.asarray((self.reference.at(self.reference_s) - moved_pa)[:, :, None] - apart_pa)
 
     @cached_property
     def counting_variance(self) -> Array:
@@ -109,26 +126,13 @@ def observe_chamber(
 
     DiagnosisError where the reference tells nothing of it.
     """
-    readings = read_triangles(recording, foot)
-    periods = np.array([each.period_s for each in readings])
-    there = np.isfinite(periods)
-    if not there.any():
-        raise DiagnosisError(f"{recording.folder}: no triangle of the {foot.foot} foot has sent a reading")
-    step_s = float(np.clip(np.median(periods[there]), FASTEST_S, SLOWEST_S))
-    first = max(each.t_s[0] for each in readings if len(each.t_s) and each.t_s[0] < 5.0)
-    last = float(np.median([each.t_s[-1] for each in readings if len(each.t_s)]))
-    grid_s = np.arange(first, last, step_s)
-    counts = np.stack([each.at(grid_s) for each in readings], axis=1)
-    usable = there[:, None] & calibration.usable & PRESSURE_TAXELS & np.isfinite(counts).all(axis=0)
-    activation = np.where(usable, calibration.baseline_count - counts, 0.0)
-    missing = np.stack([each.in_gap(grid_s) for each in readings], axis=1)
-    noise = np.stack([noise_of_triangle(each) for each in readings])
+    rows = read_rows(recording, foot, calibration, np.median)
     load = _reference(recording, foot, reference)
     declared = foot.t_ns[0] * 1e-9 - load.start_s if load.has_times and load.clock == "can" else None
     found = ChamberObservation(
-        recording.folder.name, foot.layout, calibration, grid_s, periods, activation, usable, missing,
-        np.where(usable, noise, 0.0), load, declared or 0.0, 0.0, declared, declared is None, declared is None, None,
-        tuple(readings),
+        recording.folder.name, foot.layout, calibration, rows.t_s, rows.period_s, rows.activation_count, rows.usable,
+        rows.missing, rows.noise_count, load, declared or 0.0, 0.0, declared, declared is None, declared is None, None,
+        rows.readings,
     )  # fmt: skip
     if declared is None:
         found = _aligned(recording, found)

@@ -19,8 +19,9 @@ from ...recording.loading import FootRecording
 from ..audit import audit
 from ..finding import Finding
 from ..places import said
+from .paired import PairedObservation
 from .rezeros import with_rezeros
-from .wrench import FINE_S, WrenchObservation
+from .wrench import FINE_S, LARGEST, WrenchObservation
 
 TAKEN = ("open_triangle", "dead_taxels")  # of the audit of readings
 MOST_GOOD = 0.5  # of the readings of a triangle that is open
@@ -31,6 +32,7 @@ LEAST_COUNT = 0.3  # of noise: rounding alone
 WINDOW_S, LEAST_BURST_S, MOST_BURST = 1.5, 2.9, 0.75
 SPIKE_SIGMAS, LEAST_SPIKES = 9.0, 4
 NEAR_S = 0.1  # readings and reference may be apart by as much
+MOST_RESTING_COUNT = 30.0  # of activation that a shift of the baseline can hide
 MOST_SILENT = 0.5  # of a window's readings, that are cut off
 
 
@@ -48,6 +50,7 @@ def reading_faults(foot: FootRecording, seen: WrenchObservation) -> ReadingFault
     """Faults of the readings of `foot`, as `seen` on its grid."""
     audited = audit(foot, seen.name, steps=True)
     findings = [each for each in audited.findings if each.effect in TAKEN and not _did_not_come(each, seen)]
+    findings = [each for each in (_without_resting(each, seen) for each in findings) if each is not None]
     seen, rezeroed = with_rezeros(foot, seen)
     boards = {each.where.ids[0][0] for each in rezeroed}
     # A board that was zeroed under load reads as if nothing were connected until there is more.
@@ -67,6 +70,20 @@ def reading_faults(foot: FootRecording, seen: WrenchObservation) -> ReadingFault
     spikes, spiked = _spikes(seen)
     findings += spiked
     return ReadingFaults(seen, substituted, tuple(findings), spikes)
+
+
+def _without_resting(each: Finding, seen: WrenchObservation) -> Finding | None:
+    """Without taxels that stay at the unloaded end of their range where there is hardly a load: a shift does that."""
+    if each.effect != "dead_taxels" or not seen.load_is_known or each.where.scope != "taxel":
+        return each
+    slots = np.asarray(each.where.slots(seen.layout))
+    count = (seen.calibration.baseline_count - seen.activation_count).reshape(len(seen.t_s), -1)[:, slots]
+    most = np.quantile(seen.expected_count.reshape(len(seen.t_s), -1)[:, slots], 0.99, axis=0)
+    resting = (np.quantile(count, 0.01, axis=0) > LARGEST) & (most < MOST_RESTING_COUNT)
+    if not resting.any():
+        return each
+    kept = tuple(one for one, rests in zip(each.where.ids, resting.tolist(), strict=True) if not rests)
+    return replace(each, where=Where("taxel", kept)) if kept else None
 
 
 def _did_not_come(each: Finding, seen: WrenchObservation) -> bool:
@@ -190,6 +207,8 @@ def _spikes(seen: WrenchObservation) -> tuple[NDArray[np.bool_], list[Finding]]:
     A leap is a row or three of the reference that its own neighbours do not foretell, far more than they are off by
     themselves; a heel that strikes is known to the insole, too.
     """
+    if isinstance(seen, PairedObservation):
+        return np.zeros(len(seen.t_s), bool), []  # a simulation does not leap
     width = max(round(3 * seen.reference.row_s / FINE_S), 1) * 2 + 1
     fine = seen.reference.fine
     leaps = np.abs(fine - median_filter(fine, (width, 1), mode="nearest"))

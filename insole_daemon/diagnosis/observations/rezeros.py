@@ -21,13 +21,15 @@ NEAR_COUNT = 2.5  # of a taxel to where a rezero lands, beside three standard de
 MOST_OFF = 0.1  # of the taxels, that land elsewhere
 MOST_LOST = 0.3  # of what is read afterwards: the rest is the load's peaks alone
 LASTS_S = 3.0
+MISSING = (0.5, 1.6)  # times what the step took, that is missing on the median until the end
+LEAST_READ = 50  # rows that are not cut off, to ask that of
 STEP_S = 0.12  # that it takes at the most, each way
 
 
 def with_rezeros(foot: FootRecording, seen: WrenchObservation) -> tuple[WrenchObservation, list[Finding]]:
     """`seen` with what later readings miss added again, and what is said of it, where the load is known."""
     findings: list[Finding] = []
-    if not seen.is_uniform:
+    if not seen.load_is_known:
         return seen, findings
     boards = seen.layout.identities[:, 0]
     no_load = {board.address: board.no_load for board in foot.boards if board.no_load is not None}
@@ -77,12 +79,21 @@ def _step(
     rows = np.arange(width, len(activation) - width)
     loads = np.minimum(expected[rows - width], expected[rows + width]) > LEAST_COUNT
     steps = rows[loaded[rows - width] & landed[rows + width] & loads]
+    cut_off = seen.cut_off[:, own][:, usable].mean(axis=1) > MOST_OFF
     away = expected - (activation - rest).mean(axis=1)  # what readings miss
     for row in steps.tolist():
         if away[row + width] - away[row - width] < LEAST_COUNT:
             continue  # the load did it
-        # A pulse is over at once; what a rezero takes is missing from then on.
-        later = away[row + width : row + width + round(LASTS_S / seen.step_s)]
-        if np.median(later) > LEAST_COUNT > abs(float(np.median(away[: row - width]))):
+        # A pulse is over at once, readings that come late catch up; what a rezero takes is missing from then on.
+        taken = float(np.mean(activation[row - width] - activation[row + width]))
+        later, reads = away[row + width :], ~cut_off[row + width :]
+        soon = later[: round(LASTS_S / seen.step_s)]
+        if (
+            taken < LEAST_COUNT
+            or np.median(soon) < LEAST_COUNT
+            or abs(float(np.median(away[: row - width]))) > LEAST_COUNT
+        ):
+            continue
+        if reads.sum() < LEAST_READ or MISSING[0] * taken < np.median(later[reads]) < MISSING[1] * taken:
             return int(row) + width // 2
     return None

@@ -6,6 +6,7 @@ edge or a noisy taxel makes uncertain enters the variance of a row; no row is de
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Self
@@ -37,6 +38,7 @@ LEAST_CORRELATION = 0.7  # of the two forces once the clocks are aligned
 SLOWEST_S, FASTEST_S = 0.1, 0.02  # of the grid's step
 JITTER_S = 0.001  # of a stamp that the regular clock of a board does not explain
 UNRESOLVED = 0.25  # of the error at twice the period: what a cubic misses on edges that readings hardly resolve
+LEAST_LAG_S = 0.004
 CLEAR = 3.0  # standard deviations of noise
 LATE_S = 0.15  # readings that come late by no more are searched for as a delay or a lag
 NEAR_S = 0.05  # clocks that are off by no more are taken as declared
@@ -141,12 +143,18 @@ class WrenchObservation:
     readings: tuple[TriangleReadings, ...]
     loudness: Array | None = None  # (N, T) times that the noise of readings is larger than `noise_count`
     rezeroed: NDArray[np.bool_] | None = None  # (N, T) rows since a board took its baselines anew, already corrected
+    load_is_known = False  # on every taxel, and not only in sum
     is_uniform = False  # whether all taxels bear the same load
 
     @property
     def step_s(self) -> float:
         """Between two rows."""
         return float(self.t_s[1] - self.t_s[0])
+
+    @property
+    def least_lag_s(self) -> float:
+        """The shortest lag of the whole insole that can be told: less, and readings average the reference's noise."""
+        return LEAST_LAG_S
 
     @property
     def latest_s(self) -> float:
@@ -268,7 +276,7 @@ class WrenchObservation:
             course = self.by_triangle[:, own].sum(axis=1)
             slope = np.gradient(course, self.step_s, axis=0)
             period_s = float(np.median(self.period_s[own]))
-            error = np.abs(_foretold(course, self.step_s, period_s)) if np.isfinite(period_s) else np.zeros_like(course)
+            error = np.abs(foretold(course, self.step_s, period_s)) if np.isfinite(period_s) else np.zeros_like(course)
             error = np.maximum(error - CLEAR * np.sqrt(self.counting_variance[:, own].sum(axis=1)), 0.0)
             edges += (JITTER_S * slope) ** 2 + (UNRESOLVED * maximum_filter1d(error, 3, axis=0)) ** 2
         lost = np.einsum("nt,ntc->nc", self.missing, self.by_triangle**2) * 0.25
@@ -283,28 +291,15 @@ def observe_wrench(recording: Recording, foot: FootRecording, calibration: Calib
     reference = foot.reference
     if reference is None:
         raise DiagnosisError(f"{recording.folder}: expected the wrench of a force shoe or plate, found no reference")
-    readings = read_triangles(recording, foot)
-    periods = np.array([each.period_s for each in readings])
-    there = np.isfinite(periods)
-    if not there.any():
-        raise DiagnosisError(f"{recording.folder}: no triangle of the {foot.foot} foot has sent a reading")
-    step_s = float(np.clip(periods[there].max(), FASTEST_S, SLOWEST_S))
-    first = max(each.t_s[0] for each in readings if len(each.t_s) and each.t_s[0] < 5.0)
-    last = float(np.median([each.t_s[-1] for each in readings if len(each.t_s)]))
-    grid_s = np.arange(first, last, step_s)
-    counts = np.stack([each.at(grid_s) for each in readings], axis=1)
-    usable = there[:, None] & calibration.usable & PRESSURE_TAXELS & np.isfinite(counts).all(axis=0)
-    activation = np.where(usable, calibration.baseline_count - counts, 0.0)
-    missing = np.stack([each.in_gap(grid_s) for each in readings], axis=1)
-    noise = np.stack([noise_of_triangle(each) for each in readings])
+    rows = read_rows(recording, foot, calibration, np.max)
     wrench = _reference(recording, foot, reference)
     declared = None
     offset_s = 0.0
     if wrench.has_times and wrench.clock == "can":
         offset_s = declared = foot.t_ns[0] * 1e-9 - wrench.start_s
     found = WrenchObservation(
-        recording.folder.name, foot.layout, calibration, grid_s, periods, activation, usable, missing,
-        np.where(usable, noise, 0.0), wrench, offset_s, 0.0, declared, declared is None, False, None, tuple(readings),
+        recording.folder.name, foot.layout, calibration, rows.t_s, rows.period_s, rows.activation_count, rows.usable,
+        rows.missing, rows.noise_count, wrench, offset_s, 0.0, declared, declared is None, False, None, rows.readings,
     )  # fmt: skip
     found = _aligned(recording, found)
     if TEMPERATURE in reference.columns:
@@ -314,6 +309,40 @@ def observe_wrench(recording: Recording, foot: FootRecording, calibration: Calib
             times_s = row_times(foot, reference.time_s, len(values)) - wrench.start_s
             found = replace(found, temperature_c=np.interp(found.reference_s, times_s[known], values[known]))
     return found
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GridReadings:
+    """Readings of T triangles on a grid of N rows; arrays as `WrenchObservation` has them."""
+
+    t_s: Array
+    period_s: Array
+    activation_count: Array
+    usable: NDArray[np.bool_]
+    missing: NDArray[np.bool_]
+    noise_count: Array
+    readings: tuple[TriangleReadings, ...]
+
+
+def read_rows(
+    recording: Recording, foot: FootRecording, calibration: Calibration, period_of: Callable[[Array], np.floating]
+) -> GridReadings:
+    """Readings of `foot` at a step that is `period_of` the triangles' periods; DiagnosisError where it sent none."""
+    readings = read_triangles(recording, foot)
+    periods = np.array([each.period_s for each in readings])
+    there = np.isfinite(periods)
+    if not there.any():
+        raise DiagnosisError(f"{recording.folder}: no triangle of the {foot.foot} foot has sent a reading")
+    step_s = float(np.clip(period_of(periods[there]), FASTEST_S, SLOWEST_S))
+    first = max(each.t_s[0] for each in readings if len(each.t_s) and each.t_s[0] < 5.0)
+    last = float(np.median([each.t_s[-1] for each in readings if len(each.t_s)]))
+    grid_s = np.arange(first, last, step_s)
+    counts = np.stack([each.at(grid_s) for each in readings], axis=1)
+    usable = there[:, None] & calibration.usable & PRESSURE_TAXELS & np.isfinite(counts).all(axis=0)
+    activation = np.where(usable, calibration.baseline_count - counts, 0.0)
+    missing = np.stack([each.in_gap(grid_s) for each in readings], axis=1)
+    noise = np.where(usable, np.stack([noise_of_triangle(each) for each in readings]), 0.0)
+    return GridReadings(grid_s, periods, activation, usable, missing, noise, tuple(readings))
 
 
 def noise_of_triangle(readings: TriangleReadings) -> Array:
@@ -422,7 +451,7 @@ def _correlation(found: WrenchObservation) -> float:
     return float(np.corrcoef(found.reference.at(found.reference_s)[known, 0], found.wrench[known, 0])[0, 1])
 
 
-def _foretold(own: Array, step_s: float, period_s: float) -> Array:
+def foretold(own: Array, step_s: float, period_s: float) -> Array:
     """(N, 3) of a course known every `period_s`: how far a row is off what those one and three periods away foretell.
 
     Between two readings, which are half as far, a cubic is off by less: by how much, depends on how well the readings

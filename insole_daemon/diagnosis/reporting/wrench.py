@@ -62,7 +62,7 @@ def _trace(result: WalkResult) -> str:
     t_s, force = seen.t_s[rows], seen.reference.at(seen.reference_s)[rows, 0]
     before, after = found.course_before[rows, 0], found.course_after[rows, 0]
     time = axis("time, s", t_s)
-    if seen.is_uniform:
+    if seen.load_is_known:
         force, load_name, error_name = force * 1e-3, "pressure, kPa", "error, counts"
     else:
         load_name, error_name = "force, N", "error, N"
@@ -90,7 +90,7 @@ def _singles(result: WalkResult) -> str:
 def _noise(diagnosis: WrenchDiagnosis) -> str:
     rows = []
     for each in diagnosis.results:
-        names = [f"{b}.{t}" for b, t in each.seen.layout.identities.tolist()] if each.seen.is_uniform else CHANNELS
+        names = [f"{b}.{t}" for b, t in each.seen.layout.identities.tolist()] if each.seen.load_is_known else CHANNELS
         noise, excess = each.figures.left.noise, each.figures.left.excess
         for name, level, slow in zip(names, noise.tolist(), excess.tolist(), strict=True):
             rows.append((each.seen.name, name, f"{np.sqrt(level):.2f}", f"{np.sqrt(slow):.2f}"))

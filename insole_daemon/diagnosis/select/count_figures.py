@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ...physics.law import Array
 from ..model.blocks import BlockDesign, residual
+from ..model.load import TaxelLoad
 from ..model.refine import Refined
 from ..model.regression import Timing
 from ..model.solve import absorbed_std
@@ -29,9 +30,9 @@ def count_figures(refined: Refined[BlockDesign], order: Sequence[int]) -> Figure
     known = design.weights > 0
     x, fixed, prior, own_columns = _columns(refined)
     aligning = np.array([name in ALIGNING for name in nuisance.shared_names])
-    as_read = residual(seen, design.weights, Timing())
+    as_read = residual(design, Timing())
     # A clock of its own is aligned, whatever is found.
-    aligned = residual(seen, design.weights, Timing(design.timing.delay_s if seen.offset_is_free else 0.0))
+    aligned = residual(design, Timing(design.timing.delay_s if seen.offset_is_free else 0.0))
     y = design.y - np.matmul(x[:, :, fixed], np.ones((int(fixed.sum()), 1)))[..., 0]
     x, prior = x[:, :, ~fixed], prior[~fixed]
     fold = (np.arange(n) * seen.step_s // FOLD_S).astype(int) % N_FOLDS
@@ -49,7 +50,8 @@ def count_figures(refined: Refined[BlockDesign], order: Sequence[int]) -> Figure
             settled = y - x @ theta - nuisance.shared @ shift - np.matmul(nuisance.own, own[..., None])[..., 0]
     _, unmoved, _ = _fit(x[:, :, :0], aligned, prior[:0], design, np.ones(n, bool))
     before = aligned - nuisance.shared[:, :, aligning] @ unmoved[aligning]
-    squares = [_square(design, as_read, each) for each in (before, left)]
+    apart = [_apart_pa(refined, i) for i in order]
+    squares = [_square(design, as_read, before), _square(design, as_read, left, sum(apart))]
     gains, previous = [], _square(design, as_read, design.y - nuisance.shared[:, :, aligning] @ unmoved[aligning])
     timing_gain = max(squares[0] - previous, 0.0)
     raw = design.atoms.x[:, :, design.atom].astype(float) * design.mask.T[:, None, :]
@@ -58,7 +60,8 @@ def count_figures(refined: Refined[BlockDesign], order: Sequence[int]) -> Figure
         shares = np.concatenate([refined.shares[i] for i in order[:m]])
         rest = design.y - raw[:, :, part] @ shares
         _, shift, _ = _fit(x[:, :, :0], rest, prior[:0], design, np.ones(n, bool))
-        square = _square(design, as_read, rest - nuisance.shared[:, :, aligning] @ shift[aligning])
+        rest = rest - nuisance.shared[:, :, aligning] @ shift[aligning]
+        square = _square(design, as_read, rest, sum(apart[:m]))
         gains.append(max(previous - square, 0.0))
         previous = min(previous, square)
     noise = np.sqrt(np.mean(seen.noise_count[seen.usable] ** 2))
@@ -113,12 +116,31 @@ def _fit(x: Array, y: Array, prior: Array, design: BlockDesign, rows: NDArray[np
     return found[: x.shape[2]], found[x.shape[2] :], per_triangle
 
 
-def _square(design: BlockDesign, as_read: Array, left: Array) -> float:
+def _apart_pa(refined: Refined[BlockDesign], i: int) -> Array | float:
+    """(N, T, 12) by which candidate `i` moves taxels more than their triangle; 0 where all bear the same load."""
+    design, candidate = refined.design, refined.design.candidates[i]
+    if design.seen.is_uniform:
+        return 0.0
+    load, settings = TaxelLoad(design.seen), candidate.settings
+    blocks = (
+        candidate.term.columns(load) if candidate.term.column is None else [candidate.term.column(load, settings[0])]
+    )
+    for block in blocks:
+        at = [k for k, each in enumerate(block.settings) if each in settings]
+        if len(at) < len(settings) or block.by_triangle is None:
+            continue
+        moved = block.by_triangle[..., at] @ refined.shares[i] * design.mask[candidate.columns[0]][:, None]
+        mean = np.einsum("ntk,tkc->nt", moved, design.seen.arms)
+        return np.asarray(np.where(design.seen.usable, moved - mean[:, :, None], 0.0))
+    return 0.0
+
+
+def _square(design: BlockDesign, as_read: Array, left: Array, apart_pa: Array | float = 0.0) -> float:
     """Mean square over taxels and rows, counts²: each taxel keeps what makes it differ from its triangle."""
-    seen = design.seen
+    seen = design.unmoved
     known = design.weights > 0
     size = np.where(known, 1.0 / np.maximum(design.weights, 1e-300), 0.0)
     moved = (as_read - left).T * size  # Pa, that the model says otherwise
-    off = seen.activation_at(seen.reference.at(seen.reference_s) - moved) - seen.activation_count
+    off = seen.activation_at(seen.load_less(moved, apart_pa)) - seen.activation_count
     there = known[..., None] & seen.usable
     return float(np.mean(np.square(off), where=there))

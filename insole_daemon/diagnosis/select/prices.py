@@ -42,6 +42,9 @@ class Prices(Protocol):
     def of_timing(self, every: Sequence[PlacedTerm], shares: Sequence[Array]) -> float:
         """Of a delay or a lag of the whole insole beside the set `every`."""
 
+    def of_laws(self, every: Sequence[PlacedTerm], shares: Sequence[Array]) -> float:
+        """What the laws of the set `every` may fail to describe."""
+
     def loose(self, candidate: PlacedTerm, shares: Array) -> float:
         """What a likelier term in its place may explain less."""
 
@@ -124,6 +127,10 @@ class WrenchPrices:
         """That of a term without places."""
         return self.least_gain + ODDS
 
+    def of_laws(self, every: Sequence[PlacedTerm], shares: Sequence[Array]) -> float:
+        """Each one's misfit."""
+        return sum(self.loose(each, own) for each, own in zip(every, shares, strict=True))
+
     def loose(self, candidate: PlacedTerm, shares: Array) -> float:
         """Its misfit."""
         own = self.design.gram[np.ix_(candidate.columns, candidate.columns)]
@@ -190,8 +197,11 @@ class BlockPrices:
 
     def of_timing(self, every: Sequence[PlacedTerm], shares: Sequence[Array]) -> float:
         """That of a term of the whole insole, with what the set may fail to describe."""
-        misfit = sum(each.term.misfit * self.design.size(each, own) for each, own in zip(every, shares, strict=True))
-        return float(self.design.least.max()) + ODDS + misfit
+        return float(self.design.least.max()) + ODDS + self.of_laws(every, shares)
+
+    def of_laws(self, every: Sequence[PlacedTerm], shares: Sequence[Array]) -> float:
+        """What the laws of the set `every` may fail to describe."""
+        return sum(each.term.misfit * self.design.size(each, own) for each, own in zip(every, shares, strict=True))
 
     def loose(self, candidate: PlacedTerm, shares: Array) -> float:
         """Nothing: where the load is known, what a law misses is seen."""

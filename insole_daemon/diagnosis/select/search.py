@@ -219,13 +219,16 @@ class SubsetSearch(Generic[D]):
 
 
 def _is_a_model(chosen: Sequence[PlacedTerm]) -> bool:
-    """Whether no term stands twice at a place, and not all boards are late.
+    """Whether no term stands twice at a place, no bits are shifted by a part, and not all boards are late.
 
     Readings of all boards that come late are late on the whole insole: that is a timing of the reference.
     """
     late = [each for each in chosen if each.word in LATE and each.where.scope == "board"]
     if late and len({each.where for each in late}) == late[0].n_places:
         return False
+    exact = [each for each in chosen if each.word == "bit_shift"]
+    if any(_overlap(one.where, each.where) for one in exact for each in chosen if each.word == "gain"):
+        return False  # a shift by bits is a gain of a power of two, and no other
     return not any(
         one.word == other.word and _overlap(one.where, other.where)
         for i, one in enumerate(chosen)

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Generic
 
 import numpy as np
 
 from ..model.regression import D, Timing
-from ..model.timing import LEAST_LAG_S, fit_timing
+from ..model.timing import START_S, TOLERANCE_S, fit_timing
 from .search import FittedSet, SubsetSearch
 
 ROUNDS = 4
+UNMOVED_S = 0.008  # of a delay, that terms need not follow
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,33 +27,42 @@ class TimedSet(Generic[D]):
     left: float  # squared residual and prices
 
 
-def search_timings(design: D, is_free_clock: bool) -> list[TimedSet[D]]:
+def search_timings(make: Callable[[float], D], is_free_clock: bool) -> list[TimedSet[D]]:
     """Every hypothesis on the timing with its best set, best first.
 
-    On a clock whose offset is free a delay is no hypothesis: its time is fitted in all of them.
+    `make` gives the design of rows whose load is taken so many seconds earlier: terms that act on the load are late
+    with it. On a clock whose offset is free a delay is no hypothesis: its time is fitted in all of them.
     """
     hypotheses: list[tuple[str, ...]] = (
         [(), ("lag",)] if is_free_clock else [(), ("delay",), ("lag",), ("delay", "lag")]
     )
-    found = [_one(design, words, is_free_clock) for words in hypotheses]
+    first = make(0.0)
+    found = [_one(first, make, words, is_free_clock) for words in hypotheses]
     return sorted(found, key=lambda each: each.left)
 
 
-def _one(design: D, words: tuple[str, ...], is_free_clock: bool) -> TimedSet[D]:
+def _one(first: D, make: Callable[[float], D], words: tuple[str, ...], is_free_clock: bool) -> TimedSet[D]:
     free = ("delay" in words or is_free_clock, "lag" in words)
     # Readings that come early could undo a delay again.
     barred = frozenset({"clock"}) if "delay" in words else frozenset()
-    timing = fit_timing(design, (), Timing(), free, is_free_clock)
-    search = SubsetSearch(design.retimed(timing), barred)
-    best = search.run()[0]
-    for _ in range(ROUNDS - 1):
-        moved = fit_timing(design, best.chosen, timing, free, is_free_clock)
-        if moved == timing:
-            break
-        timing = moved
+    design, moved_s = first, 0.0
+    if is_free_clock:
+        # Edges have aligned it with memories beside them; without any, a loop would move it.
+        timing = Timing(0.0, START_S if "lag" in words else 0.0)
+    else:
+        timing = fit_timing(design, (), Timing(), free, is_free_clock)
+    for round_ in range(ROUNDS):
+        if abs(timing.delay_s - moved_s) > UNMOVED_S:
+            design, moved_s = make(timing.delay_s), timing.delay_s
         search = SubsetSearch(design.retimed(timing), barred)
         best = search.run()[0]
-    if "lag" in words and timing.lag_s < LEAST_LAG_S:  # it would only average the reference's noise
+        if not any(free) or round_ == ROUNDS - 1:
+            break
+        again = fit_timing(design, best.chosen, timing, free, is_free_clock)
+        if max(abs(again.delay_s - timing.delay_s), abs(again.lag_s - timing.lag_s)) < TOLERANCE_S:
+            break
+        timing = again
+    if "lag" in words and timing.lag_s < design.load.observation.least_lag_s:
         return TimedSet(words, timing, search, best, np.inf)
     every = [search.design.candidates[k] for k in best.chosen]
     price = len(words) * search.prices.of_timing(every, best.shares)

@@ -19,7 +19,7 @@ def _columns(load: LoadEstimate) -> list[TermColumns]:
     found = []
     for step in STEPS:
         pressure = np.polynomial.polynomial.polyval(seen.activation_count * 2.0**step, seen.coefficients, tensor=False)
-        found.append(TermColumns(({"step": float(step)},), seen.wrench_of(pressure - seen.pressure_pa)[..., None]))
+        found.append(TermColumns(({"step": float(step)},), load.wrench_of(pressure - seen.pressure_pa)[..., None]))
     return found
 
 

@@ -28,7 +28,7 @@ def _column(load: LoadEstimate, setting: Setting) -> TermColumns:
     if setting["rate"] and not seen.offset_is_free:
         found.append(now - seen.reference.smooth_at(seen.reference_s + 0.01))
         shifts_s.append(np.full_like(away_s, -0.01))
-    if seen.is_uniform:  # whose reference is smooth
+    if seen.load_is_known:  # whose reference is smooth
         return TermColumns((setting,) * len(found), whole=np.stack(found, axis=-1), joint=True)
     variance = np.broadcast_to(seen.reference.noise**2, now.shape)
     echoes = [seen.reference.echo(shift_s) for shift_s in shifts_s]

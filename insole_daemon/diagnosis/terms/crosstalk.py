@@ -11,6 +11,9 @@ from ...physics.law import Array
 from ..model.load import LoadEstimate
 from .term import Setting, Term, TermColumns
 
+MOST_K = 0.45  # of the law
+FURTHER = 5.0  # times the spread of the law
+
 
 def _columns(load: LoadEstimate) -> list[TermColumns]:
     """One column: the wrench of q − mean of the neighbours."""
@@ -20,12 +23,16 @@ def _columns(load: LoadEstimate) -> list[TermColumns]:
     pressure = load.pressure_pa.reshape(len(seen.t_s), -1)
     mean = pressure @ weight.T
     moved = np.where(near.any(axis=1), pressure - mean, 0.0)
-    return [TermColumns(({},), whole=seen.wrench_of(moved.reshape(load.pressure_pa.shape)).sum(axis=1)[..., None])]
+    own = load.wrench_of(moved.reshape(load.pressure_pa.shape))
+    if load.is_known:
+        # Between triangles less is seen of one step to the neighbours than of a cover that spreads further.
+        return [TermColumns(({"times": FURTHER},), by_triangle=FURTHER * own[..., None])]
+    return [TermColumns(({"times": 1.0},), whole=own.sum(axis=1)[..., None])]
 
 
 def _parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:
     """k."""
-    return {"k": float(shares[0])}
+    return {"k": min(float(shares[0]) * settings[0]["times"], MOST_K)}
 
 
 def _needs(load: LoadEstimate) -> str | None:
@@ -40,7 +47,7 @@ TERM = Term(
     columns=_columns,
     parameters=_parameters,
     plausible=0.15,
-    limit=0.45,
+    limit=MOST_K,
     misfit=0.03,
     record_instead="an indenter one taxel wide",
     needs=_needs,

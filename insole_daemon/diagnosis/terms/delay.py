@@ -17,11 +17,11 @@ def _column(load: LoadEstimate, setting: Setting) -> TermColumns:
     """One column: what each triangle will say `delay_s` later, less what it says."""
     seen = load.observation
     # Ten taxels and more that bear the same load leave next to no noise.
-    own = load.read_by_triangle if seen.is_uniform else seen.by_triangle
+    own = load.read_by_triangle if seen.load_is_known else seen.by_triangle
     later = seen.t_s + setting["delay_s"]
     position = np.clip((later - seen.t_s[0]) / seen.step_s, 1, len(seen.t_s) - 2.001)
     column = (cubic_at(own, position) - own)[..., None]
-    if seen.is_uniform:
+    if seen.load_is_known:
         return TermColumns((setting,), by_triangle=column)
     # The noise of a reading stands in the residual with −1; here with what the cubic takes of it, less 1.
     shift = setting["delay_s"] / seen.step_s

@@ -14,7 +14,7 @@ from .term import Setting, Term, TermColumns
 def _column(load: LoadEstimate, setting: Setting) -> TermColumns:
     """One column: τ·dq/dt of every triangle."""
     seen = load.observation
-    if seen.is_uniform:
+    if seen.load_is_known:
         slope = np.gradient(load.read_by_triangle, seen.step_s, axis=0)
         return TermColumns((setting,), by_triangle=(setting["tau_s"] * slope)[..., None])
     slope = np.gradient(seen.by_triangle, seen.step_s, axis=0)

@@ -3,19 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from ...physics.law import Array
 from ..model.load import LoadEstimate
+from ..observations.load_field import Move
+from ..observations.paired import PairedObservation
 from .term import Setting, Term, TermColumns
 
+# What is moved, the step a slope is taken over, and what a share of 1 is.
+MOVES = (("x_mm", 1.0, 1.0), ("y_mm", 1.0, 1.0), ("rotation_deg", 1.0, 1.0), ("log_scale", 0.02, 0.01))
 CENTRE = 3  # the taxel in the middle of a triangle
 
 
 def _columns(load: LoadEstimate) -> list[TermColumns]:
     """Four joint columns: 1 mm forward, 1 mm to the left, 1 degree counter-clockwise, 1 % larger."""
     seen = load.observation
+    if isinstance(seen, PairedObservation):
+        return [_of_field(seen, load)]
     xy = seen.layout.xy_m
     pivot = xy[:, CENTRE].mean(axis=0)
     dx, dy = np.moveaxis(xy - pivot, -1, 0)
@@ -32,6 +39,18 @@ def _columns(load: LoadEstimate) -> list[TermColumns]:
         m_x, m_y = np.einsum("ntk,tk->n", force, y), -np.einsum("ntk,tk->n", force, x)
         found.append(np.stack([np.zeros_like(m_x), m_x, m_y], axis=1))
     return [TermColumns(({},) * 4, whole=np.stack(found, axis=-1), joint=True)]
+
+
+def _of_field(seen: PairedObservation, load: LoadEstimate) -> TermColumns:
+    """Of loads with places: what taxels that lie elsewhere feel, at the slope between steps both ways."""
+    assert seen.field is not None
+    rows = np.arange(len(seen.layout))
+    found = []
+    for name, step, scale in MOVES:
+        ahead, behind = (seen.field.moved(Move(**{name: side * step}), rows) for side in (0.5, -0.5))
+        slope = replace(seen.field, shapes=(behind.shapes - ahead.shapes) * (scale / step))
+        found.append(load.wrench_of(slope.at(seen.reference_s)))
+    return TermColumns(({},) * 4, by_triangle=np.stack(found, axis=-1), joint=True)
 
 
 def _parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:

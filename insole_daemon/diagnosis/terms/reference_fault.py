@@ -11,6 +11,7 @@ import numpy as np
 
 from ...physics.law import Array
 from ..model.load import LoadEstimate
+from ..observations.paired import PairedObservation
 from .term import Setting, Term, TermColumns, moments_s
 
 
@@ -40,6 +41,11 @@ def _columns(load: LoadEstimate) -> list[TermColumns]:
     return [TermColumns(({"always": 1.0},) * channels, whole=constant, joint=True, is_recalibration=True), *found]
 
 
+def _needs(load: LoadEstimate) -> str | None:
+    """Why a recording cannot show it."""
+    return "a simulation stands for the reference" if isinstance(load.observation, PairedObservation) else None
+
+
 def _parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:
     """When it stepped, and by how much; nothing where it wandered."""
     if "always" in settings[0]:
@@ -57,6 +63,7 @@ TERM = Term(
     parameters=_parameters,
     yields_to=("drift",),
     misfit=0.015,
+    needs=_needs,
     refine=("t_s",),
     column=_column,
 )

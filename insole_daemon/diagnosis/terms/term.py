@@ -30,6 +30,7 @@ class TermColumns:
     # the residual's noise, and its mean square, shaped as the columns.
     echo: tuple[Array, Array] | None = None
     places: tuple[tuple[tuple[int, ...], ...], ...] | None = None  # of each column, where the column says it itself
+    n_searched: int = 0  # places, of which `places` are the likeliest; 0: all stand there
     # The base terms hold the same within their priors: a recalibration. Judged by its whole size, not by what is left
     # of it once the base has absorbed its part.
     is_recalibration: bool = False

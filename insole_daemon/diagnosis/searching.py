@@ -1,0 +1,174 @@
+"""From the rows of one recording to the set of terms that explains them best, with its timing and places."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..physics.effect import Where
+from ..physics.law import Array
+from ..recording.loading import FootRecording
+from .finding import Quantity
+from .model.blocks import NO_ERROR, BlockDesign, LoadError, block_design
+from .model.design import design
+from .model.load import KnownLoad, LoadEstimate
+from .model.refine import refine
+from .model.regression import Timing
+from .observations.chamber import ChamberObservation
+from .observations.load_field import Move
+from .observations.paired import PairedObservation, swapped_rows
+from .observations.reading_faults import ReadingFaults
+from .observations.wrench import WrenchObservation
+from .parameters import parameters_of
+from .select.events import with_events
+from .select.groups import with_groups
+from .select.search import SubsetSearch
+from .select.timing_search import TimedSet, search_timings
+
+# Of nothing, of a trial that was measured, of a model of the person, and of a model of any person.
+LOAD_ERRORS = (NO_ERROR, LoadError(0.005, 0.02), LoadError(0.015, 0.06), LoadError(0.05, 0.2))
+PLACED_ROUNDS = 3
+SWAPPED, ASKEW = "swapped_triangles", "map_transform"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Placed:
+    """What a simulated load is looked up by: triangles that report as each other, or how the insole lies."""
+
+    word: str
+    where: Where
+    parameters: dict[str, Quantity]
+    margin: float
+    price: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Searched:
+    """The hypotheses on the timing of one recording, best first, under the load of where the taxels are."""
+
+    timed: tuple[TimedSet[Any], ...]
+    placed: tuple[Placed, ...] = ()
+    error: LoadError = NO_ERROR  # of a simulated load
+    unplaced: TimedSet[Any] | None = None  # the best under the load of where they are believed to be
+
+    @property
+    def left(self) -> float:
+        """Squared residual and prices."""
+        first = self.timed[0]
+        return float(
+            first.left + first.search.design.nuisance.log_determinant + sum(each.price for each in self.placed)
+        )
+
+
+def search(seen: WrenchObservation, faults: ReadingFaults, foot: FootRecording) -> Searched:
+    """The best sets for what is `seen` of `foot`, its places sharpened where the load is known."""
+    found = _at_its_place(seen, faults, foot) if isinstance(seen, PairedObservation) else Searched(_timed(seen, faults))
+    first, *others = found.timed
+    return replace(found, timed=(_sharpened(first), *others))
+
+
+def _at_its_place(seen: PairedObservation, faults: ReadingFaults, foot: FootRecording) -> Searched:
+    """With the error of the simulated load that makes the rows likeliest, under the load of where the taxels are.
+
+    What acts on the load needs to know it: the search is made again once a triangle is somewhere else.
+    """
+    found = _with_error(seen, faults, _likeliest(seen, faults))
+    unplaced, move = found.timed[0], Move()
+    for _ in range(PLACED_ROUNDS):
+        first = found.timed[0]
+        refined = refine(first.search.design, first.best.chosen)
+        placed = {(each.word, each.where): each for each in found.placed}
+        for i, candidate in enumerate(refined.design.candidates):
+            if candidate.word not in (SWAPPED, ASKEW):
+                continue
+            parameters, key = parameters_of(refined, i, foot), (candidate.word, candidate.where)
+            k = first.best.chosen[i]
+            if candidate.word == ASKEW:
+                move = move.further(**{name: float(each.value) for name, each in parameters.items()})
+                parameters = {name: replace(each, value=move.parameters[name]) for name, each in parameters.items()}
+            before = placed.get(key)
+            placed[key] = Placed(
+                candidate.word, candidate.where, parameters,
+                first.search.margin(first.best, i) if before is None else before.margin,
+                first.search.prices.least_price(k, candidate, refined.design.candidates),
+            )  # fmt: skip
+        if len(placed) == len(found.placed) and not any(each.word == ASKEW for each in refined.design.candidates):
+            break
+        every = placed.values()
+        pairs = [swapped_rows(seen.layout.identities, each.where.ids) for each in every if each.word == SWAPPED]
+        moved = seen.replaced(move, pairs)
+        again = _with_error(moved, faults, _likeliest(moved, faults))
+        again = replace(again, placed=tuple(every), unplaced=unplaced)
+        if again.left > found.left:
+            break
+        found = again
+    return found
+
+
+def _likeliest(seen: PairedObservation, faults: ReadingFaults) -> LoadError:
+    """The error of the simulated load under which the rows are likeliest, each beside its best set.
+
+    The smallest that does as well but for what the laws of that set may fail to describe.
+    """
+    weights, left, least = _weights(seen, faults), [], []
+    for error in LOAD_ERRORS:
+        whole = block_design(KnownLoad(seen), weights, error)
+        among = SubsetSearch(whole)
+        best = among.run()[0]
+        every = [whole.candidates[k] for k in best.chosen]
+        left.append(whole.total - best.score + whole.nuisance.log_determinant)
+        least.append(left[-1] - among.prices.of_laws(every, best.shares))
+    return LOAD_ERRORS[next(i for i, each in enumerate(least) if each <= min(left))]
+
+
+def _weights(seen: ChamberObservation, faults: ReadingFaults) -> Array:
+    """(N, T) one over the standard deviation of a row; 0: unknown."""
+    variance = np.where(faults.spikes[:, None], np.inf, seen.weight_variance)
+    weights = np.asarray(np.where(np.isfinite(variance), variance, np.inf) ** -0.5)
+    weights[:, faults.substituted] = 0.0
+    return weights
+
+
+def _with_error(seen: PairedObservation, faults: ReadingFaults, error: LoadError) -> Searched:
+    return Searched(_timed(seen, faults, error), error=error)
+
+
+def _timed(seen: WrenchObservation, faults: ReadingFaults, error: LoadError = NO_ERROR) -> tuple[TimedSet[Any], ...]:
+    """Every hypothesis on the timing, best first, with a simulated load that may be off by `error`."""
+    if not isinstance(seen, ChamberObservation):
+        variance = np.where(faults.spikes[:, None], np.inf, seen.weight_variance)
+        weights = np.where(np.isfinite(variance), variance, np.inf) ** -0.5
+        whole = design(LoadEstimate(seen), weights, faults.substituted)
+        return tuple(search_timings(lambda delay_s: whole, seen.offset_is_free))
+    weights = _weights(seen, faults)
+
+    def earlier(delay_s: float) -> BlockDesign:
+        moved = seen.with_clock(seen.offset_s - delay_s, seen.rate)
+        whole = block_design(KnownLoad(moved), weights, error)
+        return with_events(replace(whole, moved_s=delay_s).retimed(Timing(delay_s)))
+
+    return tuple(search_timings(earlier, seen.offset_is_free))
+
+
+def _sharpened(first: TimedSet[Any]) -> TimedSet[Any]:
+    """Where the load is known on every taxel: any set of triangles can be a place, and terms are as exact as can be.
+
+    What a coarse grid of thresholds and moments misses of a strong effect would pass for further ones.
+    """
+    if not isinstance(first.search.design, BlockDesign):
+        return first
+    whole, barred = with_events(first.search.design, first.best.chosen), first.search.barred
+    among = SubsetSearch(with_groups(whole, first.best), barred)
+    best = max([*among.run()[:1], first.best], key=lambda each: each.score)
+    sharp = refine(among.design, best.chosen).design.candidates
+    sharper = [
+        (k, each.settings[0])
+        for k, each in zip(best.chosen, sharp, strict=True)
+        if each.settings is not among.design.candidates[k].settings
+    ]
+    if sharper:
+        among = SubsetSearch(among.design.with_settings(sharper), barred)
+        best = max([*among.run()[:1], best], key=lambda each: each.score)
+    return replace(first, search=among, best=among.fit(best.chosen))
