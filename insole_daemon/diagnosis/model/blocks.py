@@ -374,9 +374,10 @@ def _nuisance(load: LoadEstimate, weights: Array, error: LoadError) -> Nuisance:
 
 
 def _over_time(seen: ChamberObservation, column: Array, over_s: float) -> list[Array]:
-    """`column` times hats over time, `over_s` apart."""
+    """`column` times hats over time, `over_s` apart; none of them moves all times alike."""
     knots_s = np.linspace(seen.t_s[0], seen.t_s[-1], max(round(float(np.ptp(seen.t_s)) / over_s), 1) + 1)
-    return [column * np.interp(seen.t_s, knots_s, hat)[:, None] for hat in np.eye(len(knots_s))]
+    hats = [np.interp(seen.t_s, knots_s, hat) for hat in np.eye(len(knots_s))]
+    return [column * (hat - hat.mean())[:, None] for hat in hats]
 
 
 def make_atoms(blocks: Sequence[TermColumns], weights: Array, nuisance: Nuisance, joined: Atoms | None = None) -> Atoms:

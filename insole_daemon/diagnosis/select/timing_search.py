@@ -46,8 +46,8 @@ def _one(first: D, make: Callable[[float], D], words: tuple[str, ...], is_free_c
     # Readings that come early could undo a delay again.
     barred = frozenset({"clock"}) if "delay" in words else frozenset()
     design, moved_s = first, 0.0
-    if is_free_clock:
-        # Edges have aligned it with memories beside them; without any, a loop would move it.
+    if is_free_clock and design.load.observation.is_uniform:
+        # Edges have aligned it with memories beside them; without any, the loop of a slow load would move it.
         timing = Timing(0.0, START_S if "lag" in words else 0.0)
     else:
         timing = fit_timing(design, (), Timing(), free, is_free_clock)
