@@ -31,7 +31,7 @@ from typing import Any
 import numpy as np
 
 from insole_daemon.cli import app
-from insole_daemon.diagnosis import pipeline
+from insole_daemon.diagnosis import searching
 from insole_daemon.diagnosis.model import blocks, design, refine
 from insole_daemon.diagnosis.select.search import SubsetSearch
 from insole_daemon.diagnosis.terms import TERMS
@@ -51,7 +51,7 @@ def greedy() -> None:
 
 
 def no_groups() -> None:
-    put(pipeline, "with_groups", lambda whole, best: whole)
+    put(searching, "with_groups", lambda whole, best: whole)
 
 
 def exact_laws() -> None:
