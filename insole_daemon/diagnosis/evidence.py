@@ -19,7 +19,6 @@ from .floor import noise_of_blocks
 from .observed import Observed
 
 MOST_COMPONENTS = 10
-ASKED = 12  # taxels that speak for all where each has a load of its own: those that it moves most
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -199,14 +199,14 @@ def base_terms(load: LoadEstimate, weights: Array, substituted: NDArray[np.bool_
 
 
 def place_terms(
-    load: LoadEstimate, substituted: NDArray[np.bool_], words: frozenset[str] | None = None
+    load: LoadEstimate, substituted: NDArray[np.bool_]
 ) -> Iterator[tuple[PlacedTerm, Array, tuple[Array, Array] | None]]:
     """Every candidate with its columns (N, 3, k) and their echo of noise; the columns' numbers count up."""
     seen = load.observation
     lost = {tuple(identity) for identity in seen.layout.identities[substituted].tolist()}
     number = 0
     for term in TERMS:
-        if (words is not None and term.word not in words) or term.needs(load) is not None:
+        if term.needs(load) is not None:
             continue
         for block in term.columns(load):
             for where, column, n_places, echo in _placed(term, block, seen):
@@ -256,9 +256,7 @@ def _placed(
                 yield Where(scope, (part,)), column, len(parts), echo
 
 
-def design(
-    load: LoadEstimate, weights: Array, substituted: NDArray[np.bool_], words: frozenset[str] | None = None
-) -> Design:
+def design(load: LoadEstimate, weights: Array, substituted: NDArray[np.bool_]) -> Design:
     """The regression of one recording."""
     seen = load.observation
     base = base_terms(load, weights, substituted)
@@ -266,7 +264,7 @@ def design(
     parts: list[NDArray[np.float32]] = []
     product: list[Array] = []
     square: list[Array] = []
-    for candidate, columns, echo in place_terms(load, substituted, words):
+    for candidate, columns, echo in place_terms(load, substituted):
         every.append(candidate)
         parts.append(apply_weights(columns, weights).astype(np.float32))
         for i, found in enumerate((product, square)):
