@@ -24,7 +24,7 @@ from .model.design import Design
 from .model.refine import Refined, refine
 from .model.regression import Timing
 from .modelling import as_effect
-from .observations.chamber import ChamberObservation, observe_chamber
+from .observations.chamber import observe_chamber
 from .observations.paired import PairedObservation, observe_paired
 from .observations.reading_faults import ReadingFaults, reading_faults
 from .observations.wrench import WrenchObservation, observe_wrench
@@ -103,7 +103,7 @@ def diagnose(
             every.append(observe_paired(recording, foot, model, simulations[i if len(simulations) > 1 else 0]))
         else:
             every.append(_observe(recording, foot, model))
-    _refuse_still([each for each in every if each.load_is_known])
+    _refuse_still([each for each in every if each.is_uniform])
     results = [diagnose_one(seen, foot, progress) for seen, foot in zip(every, feet, strict=True)]
     findings = merging.merge_findings(
         [
@@ -539,7 +539,8 @@ def _base_names(whole: Design | BlockDesign) -> tuple[str, ...]:
 def _own_clock(result: WalkResult) -> list[Finding]:
     """A clock of the reference's own that runs as no two quartzes do, or rows that do not go with the cycles."""
     seen = result.seen
-    if not isinstance(seen, ChamberObservation) or isinstance(seen, PairedObservation) or not seen.offset_is_free:
+    is_named = any(each.effect == "clock" for each in result.findings)
+    if isinstance(seen, PairedObservation) or not seen.offset_is_free or is_named:
         return []
     offset_s, rate = _clock(result)
     late_s = abs(rate) * float(seen.t_s[-1])

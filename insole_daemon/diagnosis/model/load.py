@@ -58,9 +58,7 @@ class LoadEstimate:
 
     def static_pa(self, activation_count: Array) -> Array:
         """(N, T, 12) by the static curves, of activations."""
-        return np.asarray(
-            np.polynomial.polynomial.polyval(activation_count, self.observation.coefficients, tensor=False)
-        )
+        return self.observation.static_pa(activation_count)
 
     def shifted_pa(self, shift_count: float) -> Array:
         """(N, T, 12) Pa by which the pressure of a count more differs, on the average over `shift_count`."""

@@ -42,12 +42,8 @@ LEAST_TOLD = 0.3  # of the readings' time, that the reference covers
 
 @dataclass(frozen=True, eq=False)
 class ChamberObservation(WrenchObservation):
-    """One foot of one recording in a chamber or a bag: channels are the T triangles' mean pressures, Pa.
+    """One foot of one recording in a chamber or a bag: channels are the T triangles' mean pressures, Pa."""
 
-    `rate_std`: of the clock's rate, where it is the reference's own.
-    """
-
-    rate_std: float = 0.0
     load_is_known = True
     is_uniform = True
 
@@ -77,12 +73,8 @@ class ChamberObservation(WrenchObservation):
         """(N, T, 12) by the static curves under pressures that broadcast to it; below no load, straight on."""
         lowest = min(float(self.activation_count.min()), 0.0) - 5.0
         grid = np.linspace(lowest, float(self.activation_count.max()) + 5.0, N_TABLE)
-        above = np.maximum(grid, 0.0)[:, None, None]
-        pressure = np.polynomial.polynomial.polyval(
-            np.broadcast_to(above, (N_TABLE, *self.usable.shape)), self.coefficients, tensor=False
-        )
-        slope = np.maximum(self.coefficients[1], 1.0)
-        pressure = np.maximum.accumulate(pressure + slope * np.minimum(grid, 0.0)[:, None, None], axis=0)
+        shape = (N_TABLE, *self.usable.shape)
+        pressure = np.maximum.accumulate(self.static_pa(np.broadcast_to(grid[:, None, None], shape)), axis=0)
         found = np.zeros(self.activation_count.shape)
         every = np.broadcast_to(pressure_pa, found.shape)
         for t, k in np.argwhere(self.usable).tolist():

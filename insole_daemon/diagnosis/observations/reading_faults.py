@@ -19,6 +19,7 @@ from ...recording.loading import FootRecording
 from ..audit import audit
 from ..finding import Finding
 from ..places import said
+from .hidden_faults import pick_up, stuck_bit, together
 from .paired import PairedObservation
 from .rezeros import with_rezeros
 from .wrench import FINE_S, LARGEST, WrenchObservation
@@ -58,18 +59,46 @@ def reading_faults(foot: FootRecording, seen: WrenchObservation) -> ReadingFault
     broken = np.zeros_like(seen.usable)
     for each in findings:
         broken.reshape(-1)[each.where.slots(seen.layout)] = True
+    stuck = _stuck(seen)
+    for each in stuck:
+        broken.reshape(-1)[each.where.slots(seen.layout)] = True
     broken &= seen.usable
+    findings += stuck
     working = seen.usable & ~broken
     substituted = np.asarray(broken.any(axis=1))
     seen = _substitute(seen, working, substituted) if substituted.any() else seen
     findings += rezeroed
     findings += _lost(foot, seen, substituted)
     loudness, bursts = _bursts(seen)
-    seen = replace(seen, loudness=loudness)
     findings += bursts
+    swings, swinging = _pick_up(seen)
+    findings += swinging
+    seen = replace(seen, loudness=np.maximum(loudness, swings))
     spikes, spiked = _spikes(seen)
     findings += spiked
     return ReadingFaults(seen, substituted, tuple(findings), spikes)
+
+
+def _stuck(seen: WrenchObservation) -> list[Finding]:
+    """Triangles in whose counts a bit never changes."""
+    bits = [stuck_bit(own, usable) for own, usable in zip(seen.readings, seen.usable, strict=True)]
+    found = []
+    for bit in sorted({bit for bit in bits if bit is not None}):
+        rows = [row for row, own in enumerate(bits) if own == bit]
+        text = f"bit {bit} of the counts never changes, although they pass both of its values: look at the digitiser"
+        found.append(_finding(seen, "unknown", _triangles(seen, rows), (), text))
+    return found
+
+
+def _pick_up(seen: WrenchObservation) -> tuple[Array, list[Finding]]:
+    """(T,) how many times as loud triangles are whose taxels swing at once, and what is said of them."""
+    shares = np.array([together(own, usable) for own, usable in zip(seen.readings, seen.usable, strict=True)])
+    swings = pick_up(shares)
+    if not swings.any():
+        return np.ones(len(shares)), []
+    text = "all taxels swing at once, faster than the load: pick-up of the mains or of a motor, folded by the sampling"
+    where = _triangles(seen, np.flatnonzero(swings).tolist())
+    return np.where(swings, np.sqrt(np.where(swings, shares, 1.0)), 1.0), [_finding(seen, "unknown", where, (), text)]
 
 
 def _without_resting(each: Finding, seen: WrenchObservation) -> Finding | None:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline, interp1d
 from scipy.ndimage import median_filter, uniform_filter1d
 
 from ...bus.candump import CandumpReader
@@ -28,6 +29,10 @@ WAIT_JITTER = 0.35  # median, of a period of the board: how long conversions of 
 LEAST_SLOWER = 1.1  # periods of the board: what repeats at the board's own pace are frames, not conversions
 HELD_ODDS = 3.0  # identical readings this many times more frequent than chance: the converter repeats old values
 HELD_LEAST = 0.02
+FROZEN_ODDS = 1e-6  # of a stretch of identical readings in a whole recording, by chance
+FROZEN_LEAST = 8  # readings of such a stretch
+SAME_LEVEL_COUNT = 2.0  # readings that differ by no more on the average are as likely to stay the same
+MOVES_COUNT = 3.0  # by which half of all triangles move meanwhile
 
 Raw: TypeAlias = tuple[Array, NDArray[np.uint8], NDArray[np.uint16]]  # times (k,), counts (k, 12), status words (k,)
 
@@ -45,7 +50,10 @@ class TriangleReadings:
     latest_s: float = 0.0  # by which all may have been taken earlier, where a host's rows are all that was kept
 
     def at(self, grid_s: Array) -> Array:
-        """Counts (N, 12) at the times `grid_s` (N,), by a cubic through the valid readings of a taxel; NaN: none."""
+        """Counts (N, 12) at the times `grid_s` (N,), by a cubic through the valid readings of a taxel; NaN: none.
+
+        Through a pause goes a straight line.
+        """
         found = np.full((len(grid_s), N_TAXELS), np.nan)
         if len(self.t_s) < LEAST_READINGS:
             return found
@@ -53,6 +61,10 @@ class TriangleReadings:
         whole = self.valid.all(axis=0)
         if whole.any():
             found[:, whole] = CubicSpline(self.t_s, self.counts[:, whole])(at_s)
+            paused = self.in_gap(grid_s)
+            if paused.any():
+                straight = interp1d(self.t_s, self.counts[:, whole], axis=0)(at_s[paused])
+                found[np.ix_(paused, whole)] = straight
         for taxel in np.flatnonzero(~whole):
             good = self.valid[:, taxel]
             if good.sum() >= LEAST_READINGS:
@@ -67,14 +79,14 @@ class TriangleReadings:
         works = self.valid.mean(axis=0) > WORKS
         return np.asarray(works & ~(self.valid[after] & self.valid[after - 1]))
 
-    def in_gap(self, grid_s: Array) -> NDArray[np.bool_]:
-        """Which of the times `grid_s` (N,) lie in a pause without readings."""
+    def in_gap(self, grid_s: Array, least_s: float = 0.0) -> NDArray[np.bool_]:
+        """Which of the times `grid_s` (N,) lie in a pause without readings, of at least `least_s`."""
         if len(self.t_s) < LEAST_READINGS:
             return np.ones(len(grid_s), bool)
         after = np.searchsorted(self.t_s, grid_s).clip(1, len(self.t_s) - 1)
         pause_s = self.t_s[after] - self.t_s[after - 1]
         outside = (grid_s < self.t_s[0] - self.period_s) | (grid_s > self.t_s[-1] + self.period_s)
-        return np.asarray((pause_s > GAP_PERIODS * self.period_s) | outside)
+        return np.asarray((pause_s > max(GAP_PERIODS * self.period_s, least_s)) | outside)
 
 
 def read_triangles(recording: Recording, foot: FootRecording) -> list[TriangleReadings]:
@@ -100,9 +112,8 @@ def read_triangles(recording: Recording, foot: FootRecording) -> list[TriangleRe
         period_s = float(np.median(np.diff(t_s)))
         regular_s, jitter_s = _regular(t_s, period_s)
         times_s = regular_s if jitter_s < MOST_JITTER * period_s else t_s
-        every = _without_held(TriangleReadings(times_s, own.astype(np.float64), valid[:k, row], period_s))
-        found.append(replace(every, latest_s=row_s))
-    return found
+        found.append(TriangleReadings(times_s, own.astype(np.float64), valid[:k, row], period_s, latest_s=row_s))
+    return [_without_held(each) for each in _without_frozen(found)]
 
 
 def _from_frames(recording: Recording, foot: FootRecording) -> list[Raw]:
@@ -173,6 +184,50 @@ def _regular(t_s: Array, period_s: float) -> tuple[Array, float]:
     return regular, jitter_s if bool(np.all(np.diff(regular) > 0)) else np.inf
 
 
+def _without_frozen(every: Sequence[TriangleReadings]) -> list[TriangleReadings]:
+    """Readings without stretches in which all of a triangle stays the same while the rest of the insole moves.
+
+    A triangle in the air may stay the same for long, too: how often it does so at the same level elsewhere is its
+    chance.
+    """
+    level = [each.counts[:, PRESSURE_TAXELS].mean(axis=1) for each in every]
+    found = []
+    for row, own in enumerate(every):
+        if len(own.t_s) < LEAST_READINGS:
+            found.append(own)
+            continue
+        kept = np.ones(len(own.t_s), bool)
+        same = np.concatenate([[False], np.all(np.diff(own.counts[:, PRESSURE_TAXELS], axis=0) == 0, axis=1)])
+        for a, b in np.flatnonzero(np.diff(same, prepend=False, append=False)).reshape(-1, 2).tolist():
+            if b - a < FROZEN_LEAST:
+                continue
+            alike = np.abs(level[row] - level[row][a]) < SAME_LEVEL_COUNT
+            alike[a:b] = False
+            chance = (np.count_nonzero(same[alike]) + 1) / (np.count_nonzero(alike) + 2)
+            if len(same) * chance ** (b - a) < FROZEN_ODDS and _moves(every, level, row, own.t_s[a], own.t_s[b - 1]):
+                kept[a:b] = False
+        if kept.all() or kept.sum() < LEAST_READINGS:
+            found.append(own)
+            continue
+        found.append(
+            replace(
+                own, t_s=own.t_s[kept], counts=own.counts[kept], valid=own.valid[kept],
+                held_fraction=float(np.mean(~kept)),
+            )
+        )  # fmt: skip
+    return found
+
+
+def _moves(every: Sequence[TriangleReadings], level: Sequence[Array], row: int, from_s: float, to_s: float) -> bool:
+    """Whether half of the triangles other than `row` move between two moments."""
+    spans = [
+        float(np.ptp(course[during]))
+        for other, (each, course) in enumerate(zip(every, level, strict=True))
+        if other != row and (during := (each.t_s >= from_s) & (each.t_s <= to_s)).any()
+    ]
+    return bool(spans) and float(np.median(spans)) > MOVES_COUNT
+
+
 def _without_held(readings: TriangleReadings) -> TriangleReadings:
     """Readings without those that repeat the conversion before them, at the times of the conversions.
 
@@ -209,7 +264,7 @@ def _without_held(readings: TriangleReadings) -> TriangleReadings:
     regular_s, jitter_s = _regular(t_s, period_s)
     found = replace(
         readings, t_s=t_s, counts=readings.counts[kept], valid=readings.valid[kept],
-        held_fraction=float(together.mean()),
+        held_fraction=readings.held_fraction + float(together.mean()),
     )  # fmt: skip
     step_s = float(np.median(np.diff(regular_s)))
     if jitter_s > WAIT_JITTER * readings.period_s or step_s < LEAST_SLOWER * readings.period_s:

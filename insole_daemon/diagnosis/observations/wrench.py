@@ -44,6 +44,8 @@ LATE_S = 0.15  # readings that come late by no more are searched for as a delay 
 NEAR_S = 0.05  # clocks that are off by no more are taken as declared
 SMALLEST, LARGEST = 0.6, 254.4  # of the counts that are not cut off
 MOST_CLIPPED = 0.2  # of a triangle's taxels
+LONG_PAUSE_S = 0.15  # of readings, longer than a straight line can stand for a step
+INDEPENDENT = 4.0  # rows that make one, of what the static model leaves
 BELOW_RANGE = 0.25  # share of the mean slope: a curve is taken to be no flatter
 
 
@@ -143,6 +145,7 @@ class WrenchObservation:
     readings: tuple[TriangleReadings, ...]
     loudness: Array | None = None  # (N, T) times that the noise of readings is larger than `noise_count`
     rezeroed: NDArray[np.bool_] | None = None  # (N, T) rows since a board took its baselines anew, already corrected
+    rate_std: float = 0.0  # of the clock's rate, where it is the reference's own
     load_is_known = False  # on every taxel, and not only in sum
     is_uniform = False  # whether all taxels bear the same load
 
@@ -200,7 +203,14 @@ class WrenchObservation:
     @cached_property
     def pressure_pa(self) -> Array:
         """(N, T, 12) by the static curves."""
-        return np.asarray(np.polynomial.polynomial.polyval(self.activation_count, self.coefficients, tensor=False))
+        return self.static_pa(self.activation_count)
+
+    def static_pa(self, activation_count: Array) -> Array:
+        """(N, T, 12) Pa by the static curves; below no load, where nothing was calibrated, straight on."""
+        at_rest = self.slope_at(np.zeros((1, *self.usable.shape)))
+        above = np.maximum(activation_count, 0.0)
+        found = np.polynomial.polynomial.polyval(above, self.coefficients, tensor=False)
+        return np.asarray(found + at_rest * np.minimum(activation_count, 0.0))
 
     @cached_property
     def slope_pa(self) -> Array:
@@ -210,7 +220,7 @@ class WrenchObservation:
     def slope_at(self, activation_count: Array) -> Array:
         """(N, T, 12) Pa a count at an activation, no flatter than a share of the taxel's mean."""
         steep = self.coefficients[1:] * np.arange(1, len(self.coefficients))[:, None, None]
-        found = np.polynomial.polynomial.polyval(activation_count, steep, tensor=False)
+        found = np.polynomial.polynomial.polyval(np.maximum(activation_count, 0.0), steep, tensor=False)
         least = BELOW_RANGE * np.mean(found, axis=0)
         return np.asarray(np.maximum(found, np.maximum(least, 0.0)))
 
@@ -280,6 +290,9 @@ class WrenchObservation:
             error = np.maximum(error - CLEAR * np.sqrt(self.counting_variance[:, own].sum(axis=1)), 0.0)
             edges += (JITTER_S * slope) ** 2 + (UNRESOLVED * maximum_filter1d(error, 3, axis=0)) ** 2
         lost = np.einsum("nt,ntc->nc", self.missing, self.by_triangle**2) * 0.25
+        # What a step has done meanwhile nobody knows, and it is the same of all triangles of a board.
+        paused = np.stack([each.in_gap(self.t_s, LONG_PAUSE_S) for each in self.readings], axis=1)
+        lost += (paused.astype(np.float64) @ np.sqrt(np.mean(self.by_triangle**2, axis=0))) ** 2
         found = counted + self.reference.noise**2 + edges + lost
         unknown = ~self.reference.is_known(self.reference_s)
         found[unknown] = np.inf
@@ -437,8 +450,10 @@ def _refined_clock(found: WrenchObservation, rate_is_free: bool) -> WrenchObserv
         shares = np.linalg.lstsq(x * robust[:, None], y * robust, rcond=None)[0]
         # reference(t + shift) ≈ reference(t) + slope·shift should be the insole's.
         rate = -float(shares[2]) if rate_is_free else 0.0
+        rest = float(np.mean(((y - x @ shares) * robust) ** 2))
+        rate_std = float(np.sqrt(INDEPENDENT * rest * np.linalg.inv(x.T @ x)[2, 2])) if rate_is_free else 0.0
         shift_s = -float(shares[1]) - rate * float(found.t_s.mean())
-        found = found.with_clock(found.offset_s + shift_s, found.rate + rate)
+        found = replace(found.with_clock(found.offset_s + shift_s, found.rate + rate), rate_std=rate_std)
         if abs(shares[1]) < 1e-5 and abs(rate) * float(np.ptp(found.t_s)) < 1e-5:
             break
     return found

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from ...physics.law import Array
 from ..model.load import LoadEstimate
 from .term import Setting, Term, TermColumns
@@ -18,7 +16,7 @@ def _columns(load: LoadEstimate) -> list[TermColumns]:
     seen = load.observation
     found = []
     for step in STEPS:
-        pressure = np.polynomial.polynomial.polyval(seen.activation_count * 2.0**step, seen.coefficients, tensor=False)
+        pressure = seen.static_pa(seen.activation_count * 2.0**step)
         found.append(TermColumns(({"step": float(step)},), load.wrench_of(pressure - seen.pressure_pa)[..., None]))
     return found
 
