@@ -19,7 +19,7 @@ from . import merging, outcome
 from .excitation import require_cycles
 from .export import wrench_model
 from .finding import Finding, Quantity, Verdict
-from .model.blocks import BlockDesign, LoadError, place_of
+from .model.blocks import RECALIBRATIONS, BlockDesign, Priors, place_of
 from .model.design import Design
 from .model.refine import Refined, refine
 from .model.regression import Timing
@@ -127,7 +127,7 @@ def diagnose(
         findings=findings,
         rejected=_rejected(first),
         not_identifiable=_never_told(results),
-        model=wrench_model.document(first.seen, effects, _absorbed(first), provenance),
+        model=wrench_model.document(first.seen, effects, _absorbed(first), provenance, first.figures.recalibrated),
         results=tuple(results),
         effects=effects,
     )
@@ -299,7 +299,7 @@ def diagnose_one(seen: WrenchObservation, foot: FootRecording, progress: Callabl
     findings += faults.findings
     result = WalkResult(
         faults, whole, refined, found, (), tuple(effects), _singles(search),
-        tuple(_not_identifiable(whole, {each.effect for each in findings}, searched.error)), is_unknown,
+        tuple(_not_identifiable(whole, {each.effect for each in findings}, searched.priors)), is_unknown,
         first.timing,
     )  # fmt: skip
     return replace(result, findings=(*findings, *_own_clock(result)))
@@ -589,15 +589,17 @@ def _singles(search: SubsetSearch[Any]) -> tuple[tuple[str, float, float], ...]:
     return tuple((word, gain, score) for word, (gain, score) in ordered)
 
 
-def _not_identifiable(whole: Design | BlockDesign, found: set[str], error: LoadError) -> list[dict[str, str]]:
+def _not_identifiable(whole: Design | BlockDesign, found: set[str], priors: Priors) -> list[dict[str, str]]:
     """Terms whose share this recording does not determine: its standard deviation is over a third of the prior's."""
     rows = []
     for term in TERMS:
-        if term.word in found:
+        if term.word in found or term.is_internal:
             continue
         why = term.needs(whole.load)
-        if why is None and error.share and term.word in ("gain", "stiffening"):
-            why = f"the simulated load itself is off by about {error.share:.0%} and {1e3 * error.timing_s:.0f} ms"
+        if why is None and priors.share and term.word in ("gain", "stiffening"):
+            why = f"the simulated load itself is off by about {priors.share:.0%} and {1e3 * priors.timing_s:.0f} ms"
+        if why is None and priors.has_loose_curves and term.word in RECALIBRATIONS:
+            why = "the calibration was made with the memory at work, and its curves contain a part of it"
         if why is None:
             own = [c for c in whole.candidates if c.word == term.word]
             if term.word == "delay" and whole.load.observation.offset_is_free:

@@ -11,7 +11,7 @@ from ..physics.effect import Where
 from ..physics.law import Array
 from ..recording.loading import FootRecording
 from .finding import Quantity
-from .model.blocks import NO_ERROR, BlockDesign, LoadError, block_design
+from .model.blocks import USUAL, BlockDesign, Priors, block_design
 from .model.design import design
 from .model.load import KnownLoad, LoadEstimate
 from .model.refine import refine
@@ -28,7 +28,10 @@ from .select.search import SubsetSearch
 from .select.timing_search import TimedSet, search_timings
 
 # Of nothing, of a trial that was measured, of a model of the person, and of a model of any person.
-LOAD_ERRORS = (NO_ERROR, LoadError(0.005, 0.02), LoadError(0.015, 0.06), LoadError(0.05, 0.2))
+LOAD_ERRORS = (USUAL, Priors(0.005, 0.02), Priors(0.015, 0.06), Priors(0.05, 0.2))
+LOOSE = 5.0  # counts that a curve may be off by which a memory was calibrated into
+WELL = 1.15  # times the noise: what leaves no more is explained
+CLEARER = 0.6  # of what usual curves leave beyond the noise, that loose ones may
 PLACED_ROUNDS = 3
 SWAPPED, ASKEW = "swapped_triangles", "map_transform"
 
@@ -50,7 +53,7 @@ class Searched:
 
     timed: tuple[TimedSet[Any], ...]
     placed: tuple[Placed, ...] = ()
-    error: LoadError = NO_ERROR  # of a simulated load
+    priors: Priors = USUAL  # of a simulated load
     unplaced: TimedSet[Any] | None = None  # the best under the load of where they are believed to be
 
     @property
@@ -61,10 +64,27 @@ class Searched:
             first.left + first.search.design.nuisance.log_determinant + sum(each.price for each in self.placed)
         )
 
+    @property
+    def unexplained(self) -> float:
+        """Squared residual, and what the freedom of nuisances costs."""
+        first = self.timed[0]
+        return float(first.search.design.total - first.best.gain + first.search.design.nuisance.log_determinant)
+
+    @property
+    def has_memory(self) -> bool:
+        """Whether the best set has one."""
+        first = self.timed[0]
+        return any(first.search.design.candidates[k].term.is_memory for k in first.best.chosen)
+
 
 def search(seen: WrenchObservation, faults: ReadingFaults, foot: FootRecording) -> Searched:
     """The best sets for what is `seen` of `foot`, its places sharpened where the load is known."""
-    found = _at_its_place(seen, faults, foot) if isinstance(seen, PairedObservation) else Searched(_timed(seen, faults))
+    if isinstance(seen, PairedObservation):
+        found = _at_its_place(seen, faults, foot)
+    elif isinstance(seen, ChamberObservation):
+        found = _with_curves(seen, faults)
+    else:
+        found = Searched(_timed(seen, faults))
     first, *others = found.timed
     return replace(found, timed=(_sharpened(first), *others))
 
@@ -107,20 +127,32 @@ def _at_its_place(seen: PairedObservation, faults: ReadingFaults, foot: FootReco
     return found
 
 
-def _likeliest(seen: PairedObservation, faults: ReadingFaults) -> LoadError:
+def _likeliest(seen: PairedObservation, faults: ReadingFaults) -> Priors:
     """The error of the simulated load under which the rows are likeliest, each beside its best set.
 
     The smallest that does as well but for what the laws of that set may fail to describe.
     """
     weights, left, least = _weights(seen, faults), [], []
-    for error in LOAD_ERRORS:
-        whole = block_design(KnownLoad(seen), weights, error)
+    for priors in LOAD_ERRORS:
+        whole = block_design(KnownLoad(seen), weights, priors)
         among = SubsetSearch(whole)
         best = among.run()[0]
         every = [whole.candidates[k] for k in best.chosen]
         left.append(whole.total - best.score + whole.nuisance.log_determinant)
         least.append(left[-1] - among.prices.of_laws(every, best.shares))
     return LOAD_ERRORS[next(i for i, each in enumerate(least) if each <= min(left))]
+
+
+def _with_curves(seen: ChamberObservation, faults: ReadingFaults) -> Searched:
+    """With curves as good as a calibration is, or, where a memory then leaves clearly less, with loose ones."""
+    found = Searched(_timed(seen, faults))
+    noise = float(np.count_nonzero(_weights(seen, faults)))
+    if not found.has_memory or found.unexplained < WELL * noise:
+        return found
+    priors = Priors(curve_count=LOOSE)
+    loose = Searched(_timed(seen, faults, priors), priors=priors)
+    clearer = loose.unexplained - noise < CLEARER * (found.unexplained - noise)
+    return loose if loose.has_memory and clearer else found
 
 
 def _weights(seen: ChamberObservation, faults: ReadingFaults) -> Array:
@@ -131,12 +163,12 @@ def _weights(seen: ChamberObservation, faults: ReadingFaults) -> Array:
     return weights
 
 
-def _with_error(seen: PairedObservation, faults: ReadingFaults, error: LoadError) -> Searched:
-    return Searched(_timed(seen, faults, error), error=error)
+def _with_error(seen: PairedObservation, faults: ReadingFaults, priors: Priors) -> Searched:
+    return Searched(_timed(seen, faults, priors), priors=priors)
 
 
-def _timed(seen: WrenchObservation, faults: ReadingFaults, error: LoadError = NO_ERROR) -> tuple[TimedSet[Any], ...]:
-    """Every hypothesis on the timing, best first, with a simulated load that may be off by `error`."""
+def _timed(seen: WrenchObservation, faults: ReadingFaults, priors: Priors = USUAL) -> tuple[TimedSet[Any], ...]:
+    """Every hypothesis on the timing, best first, with a simulated load that may be off by `priors`."""
     if not isinstance(seen, ChamberObservation):
         variance = np.where(faults.spikes[:, None], np.inf, seen.weight_variance)
         weights = np.where(np.isfinite(variance), variance, np.inf) ** -0.5
@@ -146,7 +178,7 @@ def _timed(seen: WrenchObservation, faults: ReadingFaults, error: LoadError = NO
 
     def earlier(delay_s: float) -> BlockDesign:
         moved = seen.with_clock(seen.offset_s - delay_s, seen.rate)
-        whole = block_design(KnownLoad(moved), weights, error)
+        whole = block_design(KnownLoad(moved), weights, priors)
         return with_events(replace(whole, moved_s=delay_s).retimed(Timing(delay_s)))
 
     return tuple(search_timings(earlier, seen.offset_is_free))

@@ -12,6 +12,7 @@ from ...physics import effects_document
 from ...physics.effect import Effect, Where
 from ...physics.law import Array
 from ...skin.geometry import N_TAXELS
+from ..model.curves import CurveShares
 from ..observations.wrench import WrenchObservation
 from ..terms.stiffening import SCALE_PA
 
@@ -26,9 +27,13 @@ class Absorbed:
 
 
 def document(
-    seen: WrenchObservation, effects: Sequence[Effect], absorbed: Sequence[Absorbed], provenance: Mapping[str, Any]
+    seen: WrenchObservation,
+    effects: Sequence[Effect],
+    absorbed: Sequence[Absorbed],
+    provenance: Mapping[str, Any],
+    recalibrated: CurveShares | None = None,
 ) -> dict[str, Any]:
-    """An `insole-calibration/1`."""
+    """An `insole-calibration/1`; `recalibrated`: what curves are off by that were fitted with a memory at work."""
     layout, calibration = seen.layout, seen.calibration
     places = [(each, set(each.where.slots(layout).tolist())) for each in absorbed]
     taxels = []
@@ -39,6 +44,8 @@ def document(
         for each, slots in places:
             if slot in slots:
                 curve = _changed(curve, each)
+        if recalibrated is not None:
+            curve = recalibrated.changed(curve, row, taxel)
         taxels.append(
             {"board": board, "triangle": triangle, "taxel": taxel,
              "baseline_count": round(float(calibration.baseline_count[row, taxel]), 4),

@@ -23,7 +23,7 @@ from ..observations.chamber import ChamberObservation
 from ..observations.paired import PairedObservation
 from ..terms import TERMS
 from ..terms.term import Setting, Term, TermColumns
-from .design import CURVE_KNOTS
+from .curves import curve_splines
 from .load import LoadEstimate
 from .regression import PlacedTerm, Timing, with_companions
 
@@ -35,7 +35,7 @@ CURVE_STD_COUNT = 0.04  # what the polynomials of a calibration miss
 UNEVEN_S, UNSTEADY_S = 8.0, 2.0  # over which a person's load and pace wander from a simulation's
 ZERO_STD_PA = 100.0  # of the reference
 OWN_OFFSET_STD_S, OWN_RATE_STD = 1e-5, 2e-4  # the offset is searched for, the rate is that of edges
-WITHIN_PRIORS = ("gain", "baseline", "stiffening")
+RECALIBRATIONS = ("gain", "baseline", "stiffening")
 AT_REST = {"baseline": 5.0}  # counts that a memory with a share of 1 leaves of an unloaded reading
 LEAST_SIZE = 0.15  # of a reading's noise, RMS over the taxels it is at: less is no effect worth a name
 
@@ -53,14 +53,24 @@ class Atoms:
 
 
 @dataclass(frozen=True, slots=True)
-class LoadError:
-    """By how much a simulated load may differ from the person's, one standard deviation: in time, and as a share."""
+class Priors:
+    """One standard deviation of what is not of the sensor, or was there when it was calibrated.
+
+    A simulated load may differ from the person's in time, and by a share. Curves may be off by counts: those of a
+    calibration that a memory was in contain its mean curve.
+    """
 
     timing_s: float = 0.0
     share: float = 0.0
+    curve_count: float = CURVE_STD_COUNT
+
+    @property
+    def has_loose_curves(self) -> bool:
+        """Whether a recalibration could be anything, and none can be told."""
+        return self.curve_count > CURVE_STD_COUNT
 
 
-NO_ERROR = LoadError()
+USUAL = Priors()
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,6 +130,7 @@ class BlockDesign:
     atom: NDArray[np.intp]  # (p,) of each column of the candidates
     mask: NDArray[np.bool_]  # (p, T) triangles it is at
     y: Array  # (T, N) weighted residual of the static model
+    priors: Priors
     timing: Timing = Timing()  # noqa: RUF009 (frozen)
     moved_s: float = 0.0  # of the timing's delay, that the rows' load is already taken earlier by
 
@@ -202,8 +213,9 @@ class BlockDesign:
         return float(np.sum(self.y * self._left)) - float(with_y @ self.nuisance.shared_inverse @ with_y)
 
     def size(self, candidate: PlacedTerm, shares: Array) -> float:
-        """Squared sum of an effect in variances of the noise, whatever else could explain it."""
-        return float(shares @ self.raw_gram[np.ix_(candidate.columns, candidate.columns)] @ shares)
+        """Squared sum of an effect in variances of the noise, whatever else could explain it, but for loose curves."""
+        gram = self.gram if self.priors.has_loose_curves else self.raw_gram
+        return float(shares @ gram[np.ix_(candidate.columns, candidate.columns)] @ shares)
 
     def overlap(self, candidate: PlacedTerm, other: PlacedTerm, shares: Array) -> float:
         """Squared sum of `other` in the triangles of `candidate`; of what nuisances leave, unless they could be it."""
@@ -226,7 +238,7 @@ class BlockDesign:
 
     def is_within_priors(self, candidate: PlacedTerm) -> bool:
         """Static terms: each triangle's calibration may be off by what they are, but for its prior."""
-        return candidate.word in WITHIN_PRIORS
+        return candidate.word in RECALIBRATIONS
 
     def retimed(self, timing: Timing) -> BlockDesign:
         """Against the reference after `timing`."""
@@ -318,37 +330,36 @@ def residual(design: BlockDesign, timing: Timing) -> Array:
     return np.ascontiguousarray(((said - seen.wrench) * design.weights).T)
 
 
-def block_design(load: LoadEstimate, weights: Array, error: LoadError = NO_ERROR) -> BlockDesign:
+def block_design(load: LoadEstimate, weights: Array, priors: Priors = USUAL) -> BlockDesign:
     """The regression of one recording, with candidates at the insole, every board and every triangle.
 
     `weights` (N, T): one over the standard deviation of a row; 0: unknown.
     """
     seen = load.observation
     assert isinstance(seen, ChamberObservation)
-    nuisance = _nuisance(load, weights, error)
-    terms = [each for each in TERMS if each.needs(load) is None]
+    nuisance = _nuisance(load, weights, priors)
+    untold = RECALIBRATIONS if priors.has_loose_curves else ()
+    terms = [each for each in TERMS if each.needs(load) is None and each.word not in untold]
     blocks = [(term, block) for term in terms for block in term.columns(load)]
     atoms = make_atoms([block for _, block in blocks], weights, nuisance)
     placed, atom, mask = _placed(blocks, seen)
     candidates = with_companions(placed, AT_REST)
     nothing = np.zeros((weights.shape[1], weights.shape[0]))
-    return BlockDesign(load, weights, nuisance, atoms, candidates, atom, mask, nothing).retimed(Timing())
+    return BlockDesign(load, weights, nuisance, atoms, candidates, atom, mask, nothing, priors).retimed(Timing())
 
 
-def _nuisance(load: LoadEstimate, weights: Array, error: LoadError) -> Nuisance:
+def _nuisance(load: LoadEstimate, weights: Array, priors: Priors) -> Nuisance:
     seen = load.observation
     assert isinstance(seen, ChamberObservation)
     n, n_triangles = weights.shape
-    slope = load.wrench_of(load.slope_pa)[..., 0]
-    gain = load.wrench_of(-load.slope_pa * load.gained_count)[..., 0]
-    highest = max(float(np.quantile(seen.activation_count[:, seen.usable], 0.999)), 1.0)
-    knots = np.linspace(0.0, highest, CURVE_KNOTS)
-    hats = [
-        load.wrench_of(load.slope_pa * np.interp(load.activation_count, knots, hat))[..., 0]
-        for hat in np.eye(CURVE_KNOTS)
-    ]
+    # All of them are functions of what is read: with one of the load, loose curves could say that nothing is read.
+    slope_pa = seen.slope_pa
+    slope = load.wrench_of(slope_pa)[..., 0]
+    gain = load.wrench_of(-slope_pa * load.activation_count)[..., 0]
+    splines = curve_splines(load.activation_count, seen.usable)
+    curves = [load.wrench_of(slope_pa * each)[..., 0] for each in splines.at(load.activation_count)]
     rest_std = ROUNDED_STD_COUNT if isinstance(seen, PairedObservation) else BASELINE_STD_COUNT
-    parts, stds = [gain, slope, *hats], [GAIN_STD, rest_std, *[CURVE_STD_COUNT] * CURVE_KNOTS]
+    parts, stds = [gain, slope, *curves], [GAIN_STD, rest_std, *[priors.curve_count] * len(curves)]
     if seen.rezeroed is not None:
         parts, stds = [*parts, slope * seen.rezeroed], [*stds, REZERO_STD_COUNT]
     edge = seen.reference.slope(seen.reference_s)  # (N, 1)
@@ -357,14 +368,14 @@ def _nuisance(load: LoadEstimate, weights: Array, error: LoadError) -> Nuisance:
         names += ["offset_s", "rate"]
         columns += [-edge, -edge * (seen.t_s - seen.t_s.mean())[:, None]]
         shared_std += [OWN_OFFSET_STD_S, OWN_RATE_STD]
-    if error.share:
-        parts, stds = [*parts, gain, *_over_time(seen, gain, UNEVEN_S)], [*stds, error.share]
-        stds += [error.share] * (len(parts) - len(stds))
-    if error.timing_s:
+    if priors.share:
+        parts, stds = [*parts, gain, *_over_time(seen, gain, UNEVEN_S)], [*stds, priors.share]
+        stds += [priors.share] * (len(parts) - len(stds))
+    if priors.timing_s:
         late = _over_time(seen, -edge, UNSTEADY_S)
         names += ["late"] * len(late)
         columns += late
-        shared_std += [error.timing_s] * len(late)
+        shared_std += [priors.timing_s] * len(late)
     own = np.stack(parts, axis=-1) * weights[..., None]
     shared = np.stack([np.broadcast_to(each, (n, n_triangles)) * weights for each in columns], axis=-1)
     return Nuisance(

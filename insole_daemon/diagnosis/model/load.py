@@ -64,7 +64,16 @@ class LoadEstimate:
         """(N, T, 12) Pa by which the pressure of a count more differs, on the average over `shift_count`."""
         if abs(shift_count) < 0.1:
             return self.slope_pa
-        return (self.static_pa(self.activation_count + shift_count) - self.read_pa) / shift_count
+        if shift_count not in self._shifted:  # one at a time: the moment of an event is searched for under it
+            self._shifted.clear()
+            self._shifted[shift_count] = (
+                self.static_pa(self.activation_count + shift_count) - self.read_pa
+            ) / shift_count
+        return self._shifted[shift_count]
+
+    @cached_property
+    def _shifted(self) -> dict[float, Array]:
+        return {}
 
     @property
     def courses_pa(self) -> Array:

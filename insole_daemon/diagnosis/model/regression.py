@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ...physics.effect import Where
 from ...physics.law import Array
-from ..terms.term import ABSORBED, Setting, Term
+from ..terms.term import Setting, Term
 from .load import LoadEstimate
 
 NOTHING: Mapping[str, float] = {}
@@ -91,17 +91,21 @@ def with_companions(every: Sequence[PlacedTerm], rest: Mapping[str, float] = NOT
 
     `rest`: what memories have beside what `Term.absorbs` says.
     """
-    static: dict[tuple[Where, str], int] = {}
+    static: dict[tuple[Where, str], list[int]] = {}
     for each in every:
-        static.setdefault((each.where, each.word), int(each.columns[0]))
+        static.setdefault((each.where, each.word), each.columns.tolist())
     found = []
     for each in every:
-        absorbs = {**rest, **each.term.absorbs} if each.term.absorbs is ABSORBED else each.term.absorbs
-        beside = {word: std for word, std in absorbs.items() if (each.where, word) in static}
-        columns = np.array([static[each.where, word] for word in beside], np.intp)
+        absorbs = {**rest, **each.term.absorbs} if each.term.is_memory else each.term.absorbs
+        beside = [
+            (column, word, std)
+            for word, std in absorbs.items()
+            for column in static.get((each.where, word), ())
+        ]  # fmt: skip
+        columns, words, stds = zip(*beside, strict=True) if beside else ((), (), ())
         found.append(
-            replace(each, companions=columns, companion_words=tuple(beside), companion_std=tuple(beside.values()))
-        )
+            replace(each, companions=np.array(columns, np.intp), companion_words=words, companion_std=stds)
+        )  # fmt: skip
     return tuple(found)
 
 

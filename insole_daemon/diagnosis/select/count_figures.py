@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ...physics.law import Array
 from ..model.blocks import BlockDesign, residual
+from ..model.curves import CurveShares, CurveSplines, curve_splines, fit_curves
 from ..model.load import TaxelLoad
 from ..model.refine import Refined
 from ..model.regression import Timing
@@ -44,15 +45,25 @@ def count_figures(refined: Refined[BlockDesign], order: Sequence[int]) -> Figure
         theta, shift, own = _fit(x[:, ~held], y[:, ~held], prior, design, ~held)
         if k < N_FOLDS:
             # Recalibration within its prior is a nuisance: it is no part of the model that is handed out.
-            left[:, held] = (y - x @ theta - nuisance.shared[:, :, aligning] @ shift[aligning])[:, held]
+            rest = y - x @ theta - nuisance.shared[:, :, aligning] @ shift[aligning]
+            left[:, held] = rest[:, held]
         else:
             every, shared = theta, shift
             settled = y - x @ theta - nuisance.shared @ shift - np.matmul(nuisance.own, own[..., None])[..., 0]
     _, unmoved, _ = _fit(x[:, :, :0], aligned, prior[:0], design, np.ones(n, bool))
     before = aligned - nuisance.shared[:, :, aligning] @ unmoved[aligning]
     apart = [_apart_pa(refined, i) for i in order]
-    squares = [_square(design, as_read, before), _square(design, as_read, left, sum(apart))]
-    gains, previous = [], _square(design, as_read, design.y - nuisance.shared[:, :, aligning] @ unmoved[aligning])
+    off = _off(design, as_read, left, sum(apart))
+    recalibrated = None
+    if design.priors.has_loose_curves:
+        splines = curve_splines(seen.activation_count, seen.usable)
+        off, recalibrated = (
+            _recalibrated(design, off, splines, fold),
+            CurveShares(splines, _curves(design, off, splines, known)),
+        )
+    squares = [_square(design, _off(design, as_read, before)), _square(design, off)]
+    gains: list[float] = []
+    previous = _square(design, _off(design, as_read, design.y - nuisance.shared[:, :, aligning] @ unmoved[aligning]))
     timing_gain = max(squares[0] - previous, 0.0)
     raw = design.atoms.x[:, :, design.atom].astype(float) * design.mask.T[:, None, :]
     for m in range(1, len(order) + 1):
@@ -61,7 +72,10 @@ def count_figures(refined: Refined[BlockDesign], order: Sequence[int]) -> Figure
         rest = design.y - raw[:, :, part] @ shares
         _, shift, _ = _fit(x[:, :, :0], rest, prior[:0], design, np.ones(n, bool))
         rest = rest - nuisance.shared[:, :, aligning] @ shift[aligning]
-        square = _square(design, as_read, rest, sum(apart[:m]))
+        off = _off(design, as_read, rest, sum(apart[:m]))
+        if recalibrated is not None:
+            off = _recalibrated(design, off, recalibrated.splines)
+        square = _square(design, off)
         gains.append(max(previous - square, 0.0))
         previous = min(previous, square)
     noise = np.sqrt(np.mean(seen.noise_count[seen.usable] ** 2))
@@ -77,6 +91,7 @@ def count_figures(refined: Refined[BlockDesign], order: Sequence[int]) -> Figure
     return Figures(
         rms[:1], rms[1:], np.minimum(noise, rms[1:]), counts[0], counts[1], np.asarray(known.any(axis=1)),
         lack_of_fit(settled.T, seen.step_s), tuple(gains), timing_gain, shared, beside,
+        recalibrated,
     )  # fmt: skip
 
 
@@ -135,12 +150,32 @@ def _apart_pa(refined: Refined[BlockDesign], i: int) -> Array | float:
     return 0.0
 
 
-def _square(design: BlockDesign, as_read: Array, left: Array, apart_pa: Array | float = 0.0) -> float:
-    """Mean square over taxels and rows, counts²: each taxel keeps what makes it differ from its triangle."""
+def _off(design: BlockDesign, as_read: Array, left: Array, apart_pa: Array | float = 0.0) -> Array:
+    """(N, T, 12) counts that the model is off by: each taxel keeps what makes it differ from its triangle."""
     seen = design.unmoved
-    known = design.weights > 0
-    size = np.where(known, 1.0 / np.maximum(design.weights, 1e-300), 0.0)
+    size = np.where(design.weights > 0, 1.0 / np.maximum(design.weights, 1e-300), 0.0)
     moved = (as_read - left).T * size  # Pa, that the model says otherwise
-    off = seen.activation_at(seen.load_less(moved, apart_pa)) - seen.activation_count
-    there = known[..., None] & seen.usable
-    return float(np.mean(np.square(off), where=there))
+    return np.asarray(seen.activation_at(seen.load_less(moved, apart_pa)) - seen.activation_count)
+
+
+def _curves(design: BlockDesign, off: Array, splines: CurveSplines, known: NDArray[np.bool_]) -> Array:
+    seen = design.seen
+    return fit_curves(off, seen.activation_count, known, splines, design.priors.curve_count, seen.noise_count)
+
+
+def _recalibrated(
+    design: BlockDesign, off: Array, splines: CurveSplines, fold: NDArray[np.intp] | None = None
+) -> Array:
+    """`off`, less what each taxel's own curve is off by, fitted to the other folds of rows."""
+    known, found = design.weights > 0, off.copy()
+    columns = np.stack(splines.at(design.seen.activation_count), axis=-1)
+    for k in range(N_FOLDS) if fold is not None else (-1,):
+        held = fold == k if fold is not None else np.ones(len(off), bool)
+        fitted_to = known & ~held[:, None] if fold is not None else known
+        found[held] -= np.einsum("ntik,tik->nti", columns[held], _curves(design, off, splines, fitted_to))
+    return found
+
+
+def _square(design: BlockDesign, off: Array) -> float:
+    """Mean square of `off` over taxels and rows, counts²."""
+    return float(np.mean(np.square(off), where=(design.weights > 0)[..., None] & design.seen.usable))

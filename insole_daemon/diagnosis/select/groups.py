@@ -38,7 +38,7 @@ def _groups(design: BlockDesign, rest: FittedSet, words: frozenset[str]) -> list
     taxels = design.seen.usable.sum(axis=1)
     found = []
     for k, candidate in enumerate(design.candidates):
-        if candidate.where.scope != "insole" or "triangle" not in candidate.term.scopes:
+        if candidate.where.scope != "insole" or "triangle" not in candidate.term.scopes or candidate.term.is_internal:
             continue
         if words and candidate.word not in words:
             continue

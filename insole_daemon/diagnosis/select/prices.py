@@ -109,7 +109,7 @@ class WrenchPrices:
         for i, own in enumerate(every):
             weighted = shares[i] @ effect[own.columns] * np.concatenate(shares)
             products[i] = np.add.reduceat(weighted, starts[:-1])
-        misfits = np.array([each.term.misfit for each in every])
+        misfits = np.array([each.term.misfit_of(False) for each in every])
         words = np.array([each.word for each in every])
         price = 0.0
         for i, candidate in enumerate(every):
@@ -134,7 +134,7 @@ class WrenchPrices:
     def loose(self, candidate: PlacedTerm, shares: Array) -> float:
         """Its misfit."""
         own = self.design.gram[np.ix_(candidate.columns, candidate.columns)]
-        return candidate.term.misfit * float(shares @ own @ shares)
+        return candidate.term.misfit_of(False) * float(shares @ own @ shares)
 
 
 class BlockPrices:
@@ -192,7 +192,7 @@ class BlockPrices:
                     for each, own in zip(every, shares, strict=True)
                     if each.word == one.word
                 )
-                price += one.term.misfit * whole
+                price += one.term.misfit_of(True) * whole
         return price
 
     def of_timing(self, every: Sequence[PlacedTerm], shares: Sequence[Array]) -> float:
@@ -201,7 +201,9 @@ class BlockPrices:
 
     def of_laws(self, every: Sequence[PlacedTerm], shares: Sequence[Array]) -> float:
         """What the laws of the set `every` may fail to describe."""
-        return sum(each.term.misfit * self.design.size(each, own) for each, own in zip(every, shares, strict=True))
+        return sum(
+            each.term.misfit_of(True) * self.design.size(each, own) for each, own in zip(every, shares, strict=True)
+        )
 
     def loose(self, candidate: PlacedTerm, shares: Array) -> float:
         """Nothing: where the load is known, what a law misses is seen."""
@@ -210,7 +212,7 @@ class BlockPrices:
     def _misfit(self, every: Sequence[PlacedTerm], shares: Sequence[Array], i: int) -> float:
         """What the others of a set may fail to describe where number `i` is at work, squared."""
         return sum(
-            other.term.misfit * self.design.overlap(every[i], other, own)
+            other.term.misfit_of(True) * self.design.overlap(every[i], other, own)
             for j, (other, own) in enumerate(zip(every, shares, strict=True))
             if j != i
         )

@@ -201,7 +201,12 @@ class SubsetSearch(Generic[D]):
         for k in order:
             word = design.candidates[k].word
             seen[word] = seen.get(word, 0) + 1
-            if seen[word] <= 6 and gains[k] > 0 and word not in self.barred:
+            if (
+                seen[word] <= 6
+                and gains[k] > 0
+                and word not in self.barred
+                and not design.candidates[k].term.is_internal
+            ):
                 short.append(k)
         return short[:SHORTLIST]
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...physics.law import Array
+from ..model.curves import CurveShares
 from ..model.design import SUBSTITUTED_STD, Design
 from ..model.refine import Refined
 from ..model.regression import Timing
@@ -34,6 +35,7 @@ class Figures:
     timing_gain: float  # the same of delay and lag of the whole insole, which come first
     base_shares: Array  # of the base terms, with the whole set
     companion_shares: dict[int, float]  # by column of the refined design
+    recalibrated: CurveShares | None = None  # what curves are off by that contain the mean curve of a memory
 
 
 def figures(

@@ -10,6 +10,7 @@ from . import (
     crosstalk,
     delay,
     drift,
+    earlier_load,
     gain,
     hysteresis,
     lag,
@@ -45,4 +46,5 @@ TERMS: tuple[Term, ...] = (
     delay.TERM,
     clock.TERM,
     reference_fault.TERM,
+    earlier_load.TERM,
 )

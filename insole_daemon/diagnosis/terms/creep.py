@@ -16,14 +16,17 @@ from .term import ABSORBED, Setting, Term, TermColumns
 
 RATIO = 4.0  # between time constants
 FASTEST_S = 0.5
+EARLIER = 100.0  # kPa, of a load before the recording
 
 
 def _columns(load: LoadEstimate) -> list[TermColumns]:
-    """Joint columns: q − z′ for time constants from half a second to twice the recording."""
+    """Joint columns: q − z′ for time constants from half a second to the length of the recording."""
     seen = load.observation
     own = load.by_triangle
-    duration_s = float(np.ptp(seen.t_s))
-    taus_s = FASTEST_S * RATIO ** np.arange(np.ceil(np.log(2.0 * duration_s / FASTEST_S) / np.log(RATIO)) + 1)
+    # Of a load that is known, what is slower than the recording would stand for the load itself.
+    longest_s = float(np.ptp(seen.t_s)) * (1.0 if load.is_known else 2.0)
+    number = np.log(max(longest_s, FASTEST_S * RATIO) / FASTEST_S) / np.log(RATIO)
+    taus_s = FASTEST_S * RATIO ** np.arange((np.floor(number) if load.is_known else np.ceil(number)) + 1)
     late = np.stack([own - low_pass(own, seen.step_s, tau_s) for tau_s in taus_s], axis=-1)
     return [TermColumns(tuple({"tau_s": float(tau_s)} for tau_s in taus_s), by_triangle=late, joint=True)]
 
@@ -74,7 +77,8 @@ TERM = Term(
     known_parameters=_known_parameters,
     plausible=0.1,
     limit=0.95,
-    absorbs=ABSORBED,
+    absorbs={**ABSORBED, "earlier_load": EARLIER},
     yields_to=("viscoelasticity",),
     misfit=0.05,
+    known_misfit=0.01,
 )

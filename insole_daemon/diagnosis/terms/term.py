@@ -57,6 +57,8 @@ class Term:
     absorbs: Mapping[str, float] = field(default_factory=dict)
     limit: float = np.inf  # of a share's size: beyond it the law makes no sense
     misfit: float = 0.002
+    known_misfit: float | None = None  # where the load is known, and columns are made of it and not of readings
+    is_internal: bool = False  # beside others only, and never named
     yields_to: tuple[str, ...] = ()  # terms that are likelier by themselves, where they explain nearly as much
     refine: tuple[str, ...] = ()  # settings that are refined once the term is selected
     linear_at: str = ""  # the setting that says at which share the columns are taken, where they are not linear
@@ -66,6 +68,15 @@ class Term:
     is_possible: Callable[[Sequence[Setting], Array], bool] = lambda settings, shares: True  # beyond `limit`
     record_instead: str = "the insole in a chamber, where the load is known on every taxel"
     needs: Callable[[LoadEstimate], str | None] = lambda load: None  # why a recording cannot show it
+
+    @property
+    def is_memory(self) -> bool:
+        """Whether a calibration made with it at work contains its mean curve."""
+        return self.absorbs.keys() >= ABSORBED.keys()
+
+    def misfit_of(self, load_is_known: bool) -> float:
+        """What its columns may fail to describe of it."""
+        return self.known_misfit if load_is_known and self.known_misfit is not None else self.misfit
 
     def parameters_of(self, load_is_known: bool) -> Callable[[Sequence[Setting], Array], dict[str, object]]:
         """The law's parameters from settings and shares (k,)."""
