@@ -19,6 +19,7 @@ from . import merging, outcome
 from .excitation import require_cycles
 from .export import wrench_model
 from .finding import Finding, Quantity, Verdict
+from .gathering import gather
 from .model.blocks import RECALIBRATIONS, BlockDesign, Priors, place_of
 from .model.design import Design
 from .model.refine import Refined, refine
@@ -48,7 +49,9 @@ MOST_RATE = 1e-4  # of a clock of the reference's own: more is a finding (format
 LEAST_LATE_S = 0.05  # that it makes by the end, at the least
 LEAST_ROWS_OFF_S = 0.1  # of a reference whose rows were to go with the cycles
 PER_TAXEL = 4.0  # a taxel's share of a triangle's excess that counts as much as a channel's of a wrench
-UNKNOWN_SHARE, UNKNOWN_EXCESS = 0.4, 1.0  # of the mismatch that no set explains; in mean squares of the noise
+UNKNOWN_EXCESS = 1.0  # mean squares of the noise that are left
+UNKNOWN_SHARE = 0.08  # of what a set explains, that it may leave: no law is met exactly
+STRONGER = 4.0  # times what is left without a name, that an effect beside it explains
 MOST_NULL = 1.12  # times the noise floor: what a recording without a mismatch may leave
 MOST_WORSE = np.array([1.02, 1.1, 1.1])  # times the error before, of f_z, m_x and m_y on held-out rows
 
@@ -252,19 +255,34 @@ def diagnose_one(seen: WrenchObservation, foot: FootRecording, progress: Callabl
             break
         # What makes rows worse that it was not fitted to explains nothing.
         best = search.fit([k for i, k in enumerate(best.chosen) if i != order[-1]])
+    is_unknown = _is_unknown(found, whole, refined, first.timing)
+    if is_unknown:
+        # What explains hardly more than is left without a name may be a part of that.
+        least = STRONGER * _unexplained(found, whole)
+        strong = [k for i, k in enumerate(best.chosen) if refined.gain - refined.gain_without(i) > least]
+        if len(strong) < len(best.chosen):
+            best = search.fit(strong)
+            refined = refine(whole, best.chosen)
+            order = sorted(range(len(best.chosen)), key=lambda i: -_energy(refined, i))
+            found = _with_faults(_figures(whole, refined, order, first.timing), faults)
     nuisances = [i for i in order if _is_nuisance(refined.design.candidates[i].word, parameters_of(refined, i, foot))]
     is_late = abs(first.timing.delay_s) >= LEAST_DELAY_S + seen.latest_s
     if nuisances or not is_late:
         uncertain_s = 0.0 if is_late else first.timing.delay_s
         found = _with_faults(_figures(whole, refined, order, first.timing, nuisances, uncertain_s), faults)
-    is_unknown = _is_unknown(found, whole, refined)
     found, findings, effects = _placed(searched, seen, found)
+    if findings and not found.after[0] < found.before[0]:
+        findings, effects, is_unknown = [], [], True  # what makes held-out rows worse explains nothing
+    if not (findings or order or first.words or faults.findings):
+        is_unknown |= bool(
+            found.before[0] > MOST_NULL * found.floor[0] and _excess(found, whole).max() > UNKNOWN_EXCESS
+        )
     if is_unknown:
         findings.append(_unknown(seen, found, whole))
     has_clock = any(each.word == "clock" for i, each in enumerate(refined.design.candidates) if i not in nuisances)
     # Beside a wrong clock a delay is a part of that clock's offset.
     named = tuple(word for word in first.words if word != "delay" or (is_late and not has_clock))
-    if not is_unknown:
+    if not is_unknown or _timing_energy(whole, first.timing) > STRONGER * _unexplained(found, whole):
         findings += _timings(seen, timed, named, found, float(whole.least.max()))
     effects += _timing_effects(first, named)
     for rank, i in enumerate(order):
@@ -280,8 +298,6 @@ def diagnose_one(seen: WrenchObservation, foot: FootRecording, progress: Callabl
         effect = _effect(candidate.word, candidate.where, parameters, seen)
         if effect is not None:
             effects.append(effect)
-        if is_unknown:
-            continue
         alternatives = search.alternatives(best, position, confidence.SAME)
         margin = search.margin(best, position)
         sure = confidence.confidence(margin, bool(alternatives))
@@ -295,6 +311,7 @@ def diagnose_one(seen: WrenchObservation, foot: FootRecording, progress: Callabl
                 **_heldout_of(seen, float(np.sqrt(found.after[0] ** 2 + gain)), float(found.after[0])),
             )
         )  # fmt: skip
+    findings = list(gather(findings, seen))
     effects.sort(key=lambda each: np.inf if each.law.order is None else each.law.order)  # the order of the signal path
     findings += faults.findings
     result = WalkResult(
@@ -359,14 +376,21 @@ def _energy(refined: Refined[Any], i: int) -> float:
     return float(share @ refined.design.gram[np.ix_(columns, columns)] @ share)
 
 
-def _is_unknown(found: Figures, whole: Design | BlockDesign, refined: Refined[Any]) -> bool:
+def _is_unknown(found: Figures, whole: Design | BlockDesign, refined: Refined[Any], timing: Timing) -> bool:
     """Whether a mismatch is left that no set of terms explains."""
-    excess = _excess(found, whole)
-    noise = 3 * whole.n_rows * float(found.left.noise.mean())
-    if isinstance(whole, BlockDesign):
-        noise = float(np.count_nonzero(whole.weights)) * float(np.median(found.left.noise))
-    explained = refined.gain / max(whole.total - noise, 1e-9)
-    return bool(excess.max() > UNKNOWN_EXCESS and explained < 1.0 - UNKNOWN_SHARE)
+    explained = refined.gain + _timing_energy(whole, timing)
+    return bool(_excess(found, whole).max() > UNKNOWN_EXCESS and _unexplained(found, whole) > UNKNOWN_SHARE * explained)
+
+
+def _unexplained(found: Figures, whole: Design | BlockDesign) -> float:
+    """Squared residual beyond the noise, in its variances."""
+    return float(whole.n_rows * found.left.excess.sum())
+
+
+def _timing_energy(whole: Design | BlockDesign, timing: Timing) -> float:
+    """Squared residual that a delay and a lag of the whole insole take away; a clock's free offset is neither."""
+    aligned = Timing(timing.delay_s if whole.load.observation.offset_is_free else 0.0)
+    return float(whole.retimed(aligned).total - whole.total)
 
 
 def _excess(found: Figures, whole: Design | BlockDesign) -> Array:

@@ -71,6 +71,13 @@ class Searched:
         return float(first.search.design.total - first.best.gain + first.search.design.nuisance.log_determinant)
 
     @property
+    def of_laws(self) -> float:
+        """What the laws of the best set may fail to describe."""
+        first = self.timed[0]
+        every = [first.search.design.candidates[k] for k in first.best.chosen]
+        return first.search.prices.of_laws(every, first.best.shares)
+
+    @property
     def has_memory(self) -> bool:
         """Whether the best set has one."""
         first = self.timed[0]
@@ -152,7 +159,9 @@ def _with_curves(seen: ChamberObservation, faults: ReadingFaults) -> Searched:
     priors = Priors(curve_count=LOOSE)
     loose = Searched(_timed(seen, faults, priors), priors=priors)
     clearer = loose.unexplained - noise < CLEARER * (found.unexplained - noise)
-    return loose if loose.has_memory and clearer else found
+    # What a law fails to describe anyway is no reason to give up every recalibration.
+    is_wanted = found.unexplained - noise > loose.of_laws
+    return loose if loose.has_memory and clearer and is_wanted else found
 
 
 def _weights(seen: ChamberObservation, faults: ReadingFaults) -> Array:

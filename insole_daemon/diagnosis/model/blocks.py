@@ -21,6 +21,7 @@ from ...physics.effect import Where
 from ...physics.law import SCOPES, Array
 from ..observations.chamber import ChamberObservation
 from ..observations.paired import PairedObservation
+from ..observations.wrench import WrenchObservation
 from ..terms import TERMS
 from ..terms.term import Setting, Term, TermColumns
 from .curves import curve_splines
@@ -477,7 +478,7 @@ def _of_column(block: TermColumns, k: int, seen: ChamberObservation) -> tuple[Wh
     return Where("triangle", block.places[k]), np.array([each in block.places[k] for each in identities])
 
 
-def place_of(rows: NDArray[np.bool_], seen: ChamberObservation) -> Where:
+def place_of(rows: NDArray[np.bool_], seen: WrenchObservation) -> Where:
     """The coarsest place that is the triangles `rows` (T,)."""
     works = seen.usable.any(axis=1)
     if np.array_equal(rows & works, works):

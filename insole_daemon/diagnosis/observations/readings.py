@@ -31,6 +31,7 @@ HELD_ODDS = 3.0  # identical readings this many times more frequent than chance:
 HELD_LEAST = 0.02
 FROZEN_ODDS = 1e-6  # of a stretch of identical readings in a whole recording, by chance
 FROZEN_LEAST = 8  # readings of such a stretch
+FROZEN_ROOM = 0.5  # of the taxels, that are valid and not at the end of their range
 SAME_LEVEL_COUNT = 2.0  # readings that differ by no more on the average are as likely to stay the same
 MOVES_COUNT = 3.0  # by which half of all triangles move meanwhile
 
@@ -199,8 +200,9 @@ def _without_frozen(every: Sequence[TriangleReadings]) -> list[TriangleReadings]
         kept = np.ones(len(own.t_s), bool)
         same = np.concatenate([[False], np.all(np.diff(own.counts[:, PRESSURE_TAXELS], axis=0) == 0, axis=1)])
         for a, b in np.flatnonzero(np.diff(same, prepend=False, append=False)).reshape(-1, 2).tolist():
-            if b - a < FROZEN_LEAST:
-                continue
+            room = own.valid[a] & (own.counts[a] > 0) & (own.counts[a] < MOST_COUNT)
+            if b - a < FROZEN_LEAST or np.mean(room[PRESSURE_TAXELS]) < FROZEN_ROOM:
+                continue  # an open contact reads the ends of the range
             alike = np.abs(level[row] - level[row][a]) < SAME_LEVEL_COUNT
             alike[a:b] = False
             chance = (np.count_nonzero(same[alike]) + 1) / (np.count_nonzero(alike) + 2)

@@ -80,5 +80,5 @@ TERM = Term(
     absorbs={**ABSORBED, "earlier_load": EARLIER},
     yields_to=("viscoelasticity",),
     misfit=0.05,
-    known_misfit=0.01,
+    known_misfit=0.02,
 )

@@ -72,7 +72,7 @@ class Term:
     @property
     def is_memory(self) -> bool:
         """Whether a calibration made with it at work contains its mean curve."""
-        return self.absorbs.keys() >= ABSORBED.keys()
+        return all(self.absorbs.get(word) == std for word, std in ABSORBED.items())
 
     def misfit_of(self, load_is_known: bool) -> float:
         """What its columns may fail to describe of it."""

@@ -57,5 +57,5 @@ TERM = Term(
     limit=2.0,
     absorbs=ABSORBED,
     misfit=0.02,
-    known_misfit=0.005,
+    known_misfit=0.01,
 )
