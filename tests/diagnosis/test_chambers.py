@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -43,6 +44,30 @@ def test_a_memory_of_three_triangles_is_placed_and_measured(tmp_path):
     assert finding.parameters["a"].value == pytest.approx(0.3, rel=0.1)
     assert finding.parameters["tau_s"].value == pytest.approx(0.8, rel=0.15)
     assert found.verdict == "explained"
+
+
+def test_a_calibration_that_contains_a_strong_memory_hides_no_memory(tmp_path):
+    """Its curves are those that go through the middle of what the memory did: no gain, no baseline is named."""
+    folder = write(tmp_path / "bag", relaxing(0.45, 3.0))
+    foot = insole_daemon.load(folder).feet[0]
+    reference = foot.reference
+    assert foot.calibration is not None
+    assert reference is not None
+    assert reference.time_s is not None
+    pressure = np.interp(foot.t_ns * 1e-9, reference.time_s, reference["pressure_pa"])
+    document = json.loads((folder / "calibration.json").read_text())
+    rows = {tuple(identity): row for row, identity in enumerate(foot.layout.identities.tolist())}
+    for each in document["taxels"]:
+        read = foot.counts[:, rows[each["board"], each["triangle"]], each["taxel"]].astype(float)
+        activation = each["baseline_count"] - read
+        each["coefficients_pa"] = np.polynomial.polynomial.polyfit(activation, pressure, 3).tolist()
+    (folder / "calibration.json").write_text(json.dumps(document))
+    found = diagnose(folder)
+    (finding,) = found.findings
+    assert finding.effect == "viscoelasticity"
+    assert finding.where.scope == "insole"
+    assert finding.parameters["a"].value == pytest.approx(0.45, rel=0.15)
+    assert found.heldout["after"] < 0.7 * found.heldout["before"]
 
 
 def test_a_gain_of_a_board_is_named_beside_a_memory_of_all(tmp_path):

@@ -353,10 +353,11 @@ def _nuisance(load: LoadEstimate, weights: Array, priors: Priors) -> Nuisance:
     seen = load.observation
     assert isinstance(seen, ChamberObservation)
     n, n_triangles = weights.shape
-    # All of them are functions of what is read: with one of the load, loose curves could say that nothing is read.
-    slope_pa = seen.slope_pa
+    # Beside a gain of the load, loose curves could say that nothing is read: they are functions of readings alone.
+    is_loose = priors.has_loose_curves
+    slope_pa = seen.slope_pa if is_loose else load.slope_pa
     slope = load.wrench_of(slope_pa)[..., 0]
-    gain = load.wrench_of(-slope_pa * load.activation_count)[..., 0]
+    gain = load.wrench_of(-slope_pa * (load.activation_count if is_loose else load.gained_count))[..., 0]
     splines = curve_splines(load.activation_count, seen.usable)
     curves = [load.wrench_of(slope_pa * each)[..., 0] for each in splines.at(load.activation_count)]
     rest_std = ROUNDED_STD_COUNT if isinstance(seen, PairedObservation) else BASELINE_STD_COUNT

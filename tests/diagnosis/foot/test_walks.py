@@ -78,6 +78,20 @@ def test_nothing_is_found_where_nothing_is(tmp_path, clock):
     assert not found["findings"]
 
 
+def test_a_shoe_whose_clock_runs_away_is_reported_with_its_rate(tmp_path):
+    walk = write(tmp_path / "walk", clock="own", seconds=40.0)
+    rows = (walk / "reference.csv").read_text().splitlines()
+    at = rows[0].split(",").index("time_s")
+    for i, row in enumerate(rows[1:], 1):
+        cells = row.split(",")
+        cells[at] = repr(float(cells[at]) * 1.004)
+        rows[i] = ",".join(cells)
+    (walk / "reference.csv").write_text("\n".join(rows) + "\n")
+    (finding,) = diagnose_any(walk, tmp_path / "out")["findings"]
+    assert finding["effect"] == "clock"
+    assert finding["parameters"]["rate"]["value"] == pytest.approx(0.004, abs=2e-4)
+
+
 def test_what_one_part_of_the_insole_does_is_placed_there(tmp_path):
     where = np.repeat(LAYOUT.identities[:, 0] == 7, 12)
     found = diagnose(write(tmp_path / "walk", solid, where), tmp_path / "out")

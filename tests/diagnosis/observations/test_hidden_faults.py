@@ -1,0 +1,63 @@
+"""Faults without a word of their own: a bit that never changes, and pick-up that all taxels of a triangle have."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from insole_daemon.diagnosis.observations.hidden_faults import pick_up, stuck_bit, together
+from insole_daemon.diagnosis.observations.readings import TriangleReadings, _without_frozen
+from insole_daemon.skin.geometry import PRESSURE_TAXELS
+
+USABLE = np.broadcast_to(PRESSURE_TAXELS, 12)
+
+
+def walking(seed: int = 1, n: int = 3000) -> TriangleReadings:
+    """Readings every 20 ms of taxels that are pressed once a second, 60 counts deep, with noise of 1 count."""
+    rng = np.random.default_rng(seed)
+    t_s = np.arange(n) * 0.02
+    pressed = np.maximum(np.sin(2 * np.pi * t_s), 0.0)[:, None] * rng.normal(60.0, 6.0, 12)
+    counts = np.rint(230.0 + rng.normal(0.0, 3.0, 12) - pressed + rng.normal(0.0, 1.0, (n, 12)))
+    return TriangleReadings(t_s, counts, np.ones(counts.shape, bool), 0.02)
+
+
+@pytest.mark.parametrize("bit", [0, 2, 3])
+@pytest.mark.parametrize("value", [0, 1])
+def test_a_stuck_bit_is_found(bit, value):
+    own = walking()
+    counts = own.counts.astype(int)
+    stuck = counts | 1 << bit if value else counts & ~(1 << bit)
+    spoiled = TriangleReadings(own.t_s, stuck.astype(float), own.valid, own.period_s)
+    assert stuck_bit(spoiled, USABLE) == bit
+    assert stuck_bit(own, USABLE) is None
+
+
+def test_pick_up_of_one_triangle_is_told_from_a_walk():
+    every = [walking(seed) for seed in range(6)]
+    hum = 3.0 * np.sin(2 * np.pi * 13.0 * every[2].t_s)[:, None]
+    own = every[2]
+    every[2] = TriangleReadings(own.t_s, np.rint(own.counts + hum), own.valid, own.period_s)
+    shares = np.array([together(each, USABLE) for each in every])
+    assert pick_up(shares).tolist() == [False, False, True, False, False, False]
+    assert not pick_up(np.delete(shares, 2)).any()
+
+
+def test_a_conversion_that_is_repeated_while_the_rest_moves_is_no_reading():
+    every = [walking(seed) for seed in range(4)]
+    counts = every[1].counts.copy()
+    counts[1000:1060] = counts[999]
+    own = every[1]
+    every[1] = TriangleReadings(own.t_s, counts, own.valid, own.period_s)
+    found = _without_frozen(every)
+    assert len(found[1].t_s) == 2940
+    assert found[1].held_fraction == pytest.approx(0.02)
+    assert [each.held_fraction for k, each in enumerate(found) if k != 1] == [0.0] * 3
+
+
+def test_an_open_contact_at_the_end_of_the_range_stays_what_it_reads():
+    every = [walking(seed) for seed in range(4)]
+    counts = every[1].counts.copy()
+    counts[1000:1060] = 0.0
+    own = every[1]
+    every[1] = TriangleReadings(own.t_s, counts, own.valid, own.period_s)
+    assert all(len(each.t_s) == 3000 for each in _without_frozen(every))
