@@ -28,7 +28,7 @@ STRENGTHS: dict[str, Callable[[Finding], float]] = {
 MOST_APART = 2.5  # times as strong
 
 
-def gather(findings: Sequence[Finding], seen: WrenchObservation) -> tuple[Finding, ...]:
+def join_places(findings: Sequence[Finding], seen: WrenchObservation) -> tuple[Finding, ...]:
     """Each word once for all places where it is about as strong; what is left over as it was."""
     found: list[Finding] = []
     for each in sorted(findings, key=lambda each: -each.explains):

@@ -19,7 +19,7 @@ from . import merging, outcome
 from .excitation import require_cycles
 from .export import wrench_model
 from .finding import Finding, Quantity, Verdict
-from .gathering import gather
+from .gathering import join_places
 from .model.blocks import RECALIBRATIONS, BlockDesign, Priors, place_of
 from .model.design import Design
 from .model.refine import Refined, refine
@@ -311,7 +311,7 @@ def diagnose_one(seen: WrenchObservation, foot: FootRecording, progress: Callabl
                 **_heldout_of(seen, float(np.sqrt(found.after[0] ** 2 + gain)), float(found.after[0])),
             )
         )  # fmt: skip
-    findings = list(gather(findings, seen))
+    findings = list(join_places(findings, seen))
     effects.sort(key=lambda each: np.inf if each.law.order is None else each.law.order)  # the order of the signal path
     findings += faults.findings
     result = WalkResult(
@@ -588,6 +588,8 @@ def _absorbed(result: WalkResult) -> list[wrench_model.Absorbed]:
     inner, found = result.refined.design, {}
     for candidate in inner.candidates:
         for word, column in zip(candidate.companion_words, candidate.companions.tolist(), strict=True):
+            if word not in RECALIBRATIONS:
+                continue  # what an earlier load has left is no part of a curve
             share = result.figures.companion_shares.get(column, 0.0)
             found[column] = wrench_model.Absorbed(word, candidate.where, share)
     return list(found.values())
