@@ -260,6 +260,8 @@ def diagnose_one(seen: WrenchObservation, foot: FootRecording, progress: Callabl
         # What explains hardly more than is left without a name may be a part of that.
         least = STRONGER * _unexplained(found, whole)
         strong = [k for i, k in enumerate(best.chosen) if refined.gain - refined.gain_without(i) > least]
+        if isinstance(whole, BlockDesign) and _explains_little(found):
+            strong = []
         if len(strong) < len(best.chosen):
             best = search.fit(strong)
             refined = refine(whole, best.chosen)
@@ -378,8 +380,16 @@ def _energy(refined: Refined[Any], i: int) -> float:
 
 def _is_unknown(found: Figures, whole: Design | BlockDesign, refined: Refined[Any], timing: Timing) -> bool:
     """Whether a mismatch is left that no set of terms explains."""
+    if isinstance(whole, BlockDesign) and refined.shares and _explains_little(found):
+        return True
     explained = refined.gain + _timing_energy(whole, timing)
     return bool(_excess(found, whole).max() > UNKNOWN_EXCESS and _unexplained(found, whole) > UNKNOWN_SHARE * explained)
+
+
+def _explains_little(found: Figures) -> bool:
+    """Whether so little is better on held-out rows that the verdict is `unexplained`."""
+    before, after, floor = (float(each[0]) for each in (found.before, found.after, found.floor))
+    return before**2 - after**2 < outcome.LEAST_EXPLAINED * (before**2 - floor**2)
 
 
 def _unexplained(found: Figures, whole: Design | BlockDesign) -> float:
