@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
 import resource
@@ -252,9 +253,16 @@ def test_interrupted_is_one_word_and_status_130(given):
     process = subprocess.Popen(
         [INSOLE, "import", "endless.log", "new", "--config", "left.yaml"], cwd=given, stderr=subprocess.PIPE, text=True
     )
-    with open(given / "endless.log", "w"):  # once it reads
-        process.send_signal(signal.SIGINT)
-        _, said = process.communicate(timeout=30)
+    try:
+        with open(given / "endless.log", "wb", buffering=0) as log:  # once it reads
+            process.send_signal(signal.SIGINT)
+            # A signal just before a read is only seen after it: the log goes on.
+            with contextlib.suppress(BrokenPipeError):
+                log.write(b"\n")
+            _, said = process.communicate(timeout=30)
+    finally:
+        process.kill()
+        process.wait()
     assert process.returncode == 130, said
     assert said.strip().splitlines()[-1] == "insole: interrupted"
     assert "Traceback" not in said
