@@ -15,6 +15,8 @@ from .import_matlab import import_matlab
 from .import_mcap import import_mcap
 from .import_yarp import import_yarp
 
+HEAD_BYTES = 64  # by which formats are told apart
+
 
 def import_recording(
     source: Path, out: Path, foot: Foot | None, layout: Layout | None, insoles: Sequence[InsoleContents] | None
@@ -43,8 +45,12 @@ def _head(source: Path) -> bytes:
     if source.is_dir():
         return b""
     try:
-        with open(source, "rb") as file:
-            return file.read(64)
+        # Without a buffer, whose loop of reads no signal ends once it has begun: a pipe may give little at a time.
+        with open(source, "rb", buffering=0) as file:
+            head = b""
+            while len(head) < HEAD_BYTES and (more := file.read(HEAD_BYTES - len(head))):
+                head += more
+            return head
     except OSError as error:
         raise FileError(f"{source}: cannot be read: {error.strerror or error}") from error
 
