@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..skin.geometry import N_TAXELS
 from .finding import Finding, Quantity
 from .model.blocks import place_of
 from .observations.wrench import WrenchObservation
@@ -54,11 +55,9 @@ def _joined(strongest: Finding, other: Finding, seen: WrenchObservation) -> Find
     """At both places; parameters of the one that explains most, as far off as the other's are."""
     rows = np.zeros(len(seen.layout), bool)
     for each in (strongest, other):
-        rows[np.unique(each.where.slots(seen.layout) // seen.usable.shape[1])] = True
+        rows[each.where.slots(seen.layout) // N_TAXELS] = True
     where = place_of(rows, seen)
-    parameters = {
-        name: _wider(own, other.parameters[name]) for name, own in strongest.parameters.items()
-    }  # fmt: skip
+    parameters = {name: _wider(own, other.parameters[name]) for name, own in strongest.parameters.items()}
     _, text = strongest.sentence.split(": ", 1)
     return replace(
         strongest, where=where, parameters=parameters, explains=strongest.explains + other.explains,

@@ -176,6 +176,14 @@ def _figures(
     return figures(whole, refined, order, timing, nuisances, uncertain_s)
 
 
+def _measured(
+    whole: Design | BlockDesign, refined: Refined[Any], timing: Timing, faults: ReadingFaults
+) -> tuple[list[int], Figures]:
+    """The candidates of a set, the largest first, and its figures as they enter in this order."""
+    order = sorted(range(len(refined.shares)), key=lambda i: -_energy(refined, i))
+    return order, _with_faults(_figures(whole, refined, order, timing), faults)
+
+
 def _with_faults(found: Figures, faults: ReadingFaults) -> Figures:
     """With what was put right before the regression: the model as handed in knows nothing of it."""
     square = sum(each.explains for each in faults.findings if each.effect == "rezero")
@@ -249,8 +257,7 @@ def diagnose_one(seen: WrenchObservation, foot: FootRecording, progress: Callabl
         if idle is not None:
             best = search.fit([k for i, k in enumerate(best.chosen) if i != idle])
             continue
-        order = sorted(range(len(best.chosen)), key=lambda i: -_energy(refined, i))
-        found = _with_faults(_figures(whole, refined, order, first.timing), faults)
+        order, found = _measured(whole, refined, first.timing, faults)
         if not order or _is_better(found):
             break
         # What makes rows worse that it was not fitted to explains nothing.
@@ -258,15 +265,12 @@ def diagnose_one(seen: WrenchObservation, foot: FootRecording, progress: Callabl
     is_unknown = _is_unknown(found, whole, refined, first.timing)
     if is_unknown:
         # What explains hardly more than is left without a name may be a part of that.
-        least = STRONGER * _unexplained(found, whole)
+        least = np.inf if _explains_little(found, whole) else STRONGER * _unexplained(found, whole)
         strong = [k for i, k in enumerate(best.chosen) if refined.gain - refined.gain_without(i) > least]
-        if isinstance(whole, BlockDesign) and _explains_little(found):
-            strong = []
         if len(strong) < len(best.chosen):
             best = search.fit(strong)
             refined = refine(whole, best.chosen)
-            order = sorted(range(len(best.chosen)), key=lambda i: -_energy(refined, i))
-            found = _with_faults(_figures(whole, refined, order, first.timing), faults)
+            order, found = _measured(whole, refined, first.timing, faults)
     nuisances = [i for i in order if _is_nuisance(refined.design.candidates[i].word, parameters_of(refined, i, foot))]
     is_late = abs(first.timing.delay_s) >= LEAST_DELAY_S + seen.latest_s
     if nuisances or not is_late:
@@ -380,14 +384,16 @@ def _energy(refined: Refined[Any], i: int) -> float:
 
 def _is_unknown(found: Figures, whole: Design | BlockDesign, refined: Refined[Any], timing: Timing) -> bool:
     """Whether a mismatch is left that no set of terms explains."""
-    if isinstance(whole, BlockDesign) and refined.shares and _explains_little(found):
+    if refined.shares and _explains_little(found, whole):
         return True
     explained = refined.gain + _timing_energy(whole, timing)
     return bool(_excess(found, whole).max() > UNKNOWN_EXCESS and _unexplained(found, whole) > UNKNOWN_SHARE * explained)
 
 
-def _explains_little(found: Figures) -> bool:
-    """Whether so little is better on held-out rows that the verdict is `unexplained`."""
+def _explains_little(found: Figures, whole: Design | BlockDesign) -> bool:
+    """Whether so little is better on held-out rows of a known load that the verdict is `unexplained`."""
+    if not isinstance(whole, BlockDesign):
+        return False  # the force may be right and the moments wrong
     before, after, floor = (float(each[0]) for each in (found.before, found.after, found.floor))
     return before**2 - after**2 < outcome.LEAST_EXPLAINED * (before**2 - floor**2)
 

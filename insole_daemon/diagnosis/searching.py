@@ -53,7 +53,7 @@ class Searched:
 
     timed: tuple[TimedSet[Any], ...]
     placed: tuple[Placed, ...] = ()
-    priors: Priors = USUAL  # of a simulated load
+    priors: Priors = USUAL  # under which they were searched for
     unplaced: TimedSet[Any] | None = None  # the best under the load of where they are believed to be
 
     @property
@@ -91,7 +91,7 @@ def search(seen: WrenchObservation, faults: ReadingFaults, foot: FootRecording) 
     elif isinstance(seen, ChamberObservation):
         found = _with_curves(seen, faults)
     else:
-        found = Searched(_timed(seen, faults))
+        found = _under(USUAL, seen, faults)
     first, *others = found.timed
     return replace(found, timed=(_sharpened(first), *others))
 
@@ -101,7 +101,7 @@ def _at_its_place(seen: PairedObservation, faults: ReadingFaults, foot: FootReco
 
     What acts on the load needs to know it: the search is made again once a triangle is somewhere else.
     """
-    found = _with_error(seen, faults, _likeliest(seen, faults))
+    found = _under(_likeliest(seen, faults), seen, faults)
     unplaced, move = found.timed[0], Move()
     for _ in range(PLACED_ROUNDS):
         first = found.timed[0]
@@ -126,7 +126,7 @@ def _at_its_place(seen: PairedObservation, faults: ReadingFaults, foot: FootReco
         every = placed.values()
         pairs = [swapped_rows(seen.layout.identities, each.where.ids) for each in every if each.word == SWAPPED]
         moved = seen.replaced(move, pairs)
-        again = _with_error(moved, faults, _likeliest(moved, faults))
+        again = _under(_likeliest(moved, faults), moved, faults)
         again = replace(again, placed=tuple(every), unplaced=unplaced)
         if again.left > found.left:
             break
@@ -152,45 +152,39 @@ def _likeliest(seen: PairedObservation, faults: ReadingFaults) -> Priors:
 
 def _with_curves(seen: ChamberObservation, faults: ReadingFaults) -> Searched:
     """With curves as good as a calibration is, or, where a memory then leaves clearly less, with loose ones."""
-    found = Searched(_timed(seen, faults))
+    found = _under(USUAL, seen, faults)
     noise = float(np.count_nonzero(_weights(seen, faults)))
     if not found.has_memory or found.unexplained < WELL * noise:
         return found
-    priors = Priors(curve_count=LOOSE)
-    loose = Searched(_timed(seen, faults, priors), priors=priors)
+    loose = _under(Priors(curve_count=LOOSE), seen, faults)
     clearer = loose.unexplained - noise < CLEARER * (found.unexplained - noise)
     # What a law fails to describe anyway is no reason to give up every recalibration.
     is_wanted = found.unexplained - noise > loose.of_laws
     return loose if loose.has_memory and clearer and is_wanted else found
 
 
-def _weights(seen: ChamberObservation, faults: ReadingFaults) -> Array:
-    """(N, T) one over the standard deviation of a row; 0: unknown."""
+def _weights(seen: WrenchObservation, faults: ReadingFaults) -> Array:
+    """(N, c) one over the standard deviation of a row in each channel; 0: unknown."""
     variance = np.where(faults.spikes[:, None], np.inf, seen.weight_variance)
     weights = np.asarray(np.where(np.isfinite(variance), variance, np.inf) ** -0.5)
-    weights[:, faults.substituted] = 0.0
+    if seen.load_is_known:  # channels are triangles
+        weights[:, faults.substituted] = 0.0
     return weights
 
 
-def _with_error(seen: PairedObservation, faults: ReadingFaults, priors: Priors) -> Searched:
-    return Searched(_timed(seen, faults, priors), priors=priors)
-
-
-def _timed(seen: WrenchObservation, faults: ReadingFaults, priors: Priors = USUAL) -> tuple[TimedSet[Any], ...]:
-    """Every hypothesis on the timing, best first, with a simulated load that may be off by `priors`."""
-    if not isinstance(seen, ChamberObservation):
-        variance = np.where(faults.spikes[:, None], np.inf, seen.weight_variance)
-        weights = np.where(np.isfinite(variance), variance, np.inf) ** -0.5
-        whole = design(LoadEstimate(seen), weights, faults.substituted)
-        return tuple(search_timings(lambda delay_s: whole, seen.offset_is_free))
+def _under(priors: Priors, seen: WrenchObservation, faults: ReadingFaults) -> Searched:
+    """Every hypothesis on the timing under `priors`, best first."""
     weights = _weights(seen, faults)
+    if not isinstance(seen, ChamberObservation):
+        whole = design(LoadEstimate(seen), weights, faults.substituted)
+        return Searched(tuple(search_timings(lambda delay_s: whole, seen.offset_is_free)))
 
     def earlier(delay_s: float) -> BlockDesign:
         moved = seen.with_clock(seen.offset_s - delay_s, seen.rate)
         whole = block_design(KnownLoad(moved), weights, priors)
         return with_events(replace(whole, moved_s=delay_s).retimed(Timing(delay_s)))
 
-    return tuple(search_timings(earlier, seen.offset_is_free))
+    return Searched(tuple(search_timings(earlier, seen.offset_is_free)), priors=priors)
 
 
 def _sharpened(first: TimedSet[Any]) -> TimedSet[Any]:

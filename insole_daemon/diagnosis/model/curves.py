@@ -53,19 +53,14 @@ def curve_splines(activation_count: Array, usable: NDArray[np.bool_]) -> CurveSp
 
 
 def fit_curves(
-    off_count: Array,
-    activation_count: Array,
-    known: NDArray[np.bool_],
-    splines: CurveSplines,
-    std_count: float,
-    noise_count: Array,
+    off_count: Array, columns: Array, known: NDArray[np.bool_], std_count: float, noise_count: Array
 ) -> Array:
-    """(T, 12, k) shares of splines that counts (N, T, 12) are off by, at activations, of rows `known` (N, T).
+    """(T, 12, k) shares of splines `columns` (N, T, 12, k) that counts (N, T, 12) are off by, in rows `known` (N, T).
 
     Ridge regression with the prior `std_count`; `noise_count` (T, 12).
     """
-    columns = np.stack(splines.at(activation_count), axis=-1) * known[..., None, None]
-    gram = np.einsum("ntik,ntil->tikl", columns, columns)
-    right = np.einsum("ntik,nti->tik", columns, off_count)
+    there = columns * known[..., None, None]
+    gram = np.einsum("ntik,ntil->tikl", there, there)
+    right = np.einsum("ntik,nti->tik", there, off_count)
     prior = (np.maximum(noise_count, 0.1) / std_count) ** 2
     return np.asarray(np.linalg.solve(gram + prior[..., None, None] * np.eye(N_SPLINES), right[..., None])[..., 0])

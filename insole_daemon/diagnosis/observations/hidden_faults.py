@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ...physics.law import Array
 from .readings import TriangleReadings
+from .wrench import LARGEST, SMALLEST
 
 N_BITS = 7  # of a count, that can be told: the highest needs more than its range
 SPANNED = 5  # times its weight, that a taxel's counts span where a bit has to change
@@ -19,7 +20,6 @@ WINDOW = 8  # readings, less than a step
 CALM = 0.25  # quantile over windows: an edge of the load moves all taxels at once, too
 LEAST_COUNT2 = 0.05  # of noise, counts²: rounding alone
 MOST_TOGETHER, USUAL_TOGETHER = 6.0, 1.5  # of a triangle; of most: independent noise has 1
-SMALLEST, LARGEST = 1, 254  # of the counts with room on both sides
 
 
 def stuck_bit(own: TriangleReadings, usable: NDArray[np.bool_]) -> int | None:
@@ -48,7 +48,7 @@ def stuck_bit(own: TriangleReadings, usable: NDArray[np.bool_]) -> int | None:
 def together(own: TriangleReadings, usable: NDArray[np.bool_]) -> float:
     """Variance of the mean of a triangle's taxels over that of independent ones, of what is fast; NaN: not known."""
     counts = own.counts[:, usable]
-    room = ((counts >= SMALLEST) & (counts <= LARGEST)).mean(axis=0) > 0.5
+    room = ((counts > SMALLEST) & (counts < LARGEST)).mean(axis=0) > 0.5
     n = (len(counts) - 3) // WINDOW
     if room.sum() < LEAST_TAXELS or n < 4:
         return np.nan

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ...physics.law import Array
 from ..model.blocks import BlockDesign, residual
-from ..model.curves import CurveShares, CurveSplines, curve_splines, fit_curves
+from ..model.curves import CurveShares, curve_splines, fit_curves
 from ..model.load import TaxelLoad
 from ..model.refine import Refined
 from ..model.regression import Timing
@@ -57,10 +57,14 @@ def count_figures(refined: Refined[BlockDesign], order: Sequence[int]) -> Figure
     recalibrated = None
     if design.priors.has_loose_curves:
         splines = curve_splines(seen.activation_count, seen.usable)
-        off, recalibrated = (
-            _recalibrated(design, off, splines, fold),
-            CurveShares(splines, _curves(design, off, splines, known)),
-        )
+        curves = np.stack(splines.at(seen.activation_count), axis=-1)  # (N, T, 12, k)
+        recalibrated = CurveShares(splines, _curves(design, off, curves, known))
+        fitted = off
+        off = np.empty_like(fitted)
+        for k in range(N_FOLDS):
+            held = fold == k
+            shares = _curves(design, fitted, curves, known & ~held[:, None])
+            off[held] = _less_curves(fitted[held], curves[held], shares)
     squares = [_square(design, _off(design, as_read, before)), _square(design, off)]
     gains: list[float] = []
     previous = _square(design, _off(design, as_read, design.y - nuisance.shared[:, :, aligning] @ unmoved[aligning]))
@@ -74,7 +78,7 @@ def count_figures(refined: Refined[BlockDesign], order: Sequence[int]) -> Figure
         rest = rest - nuisance.shared[:, :, aligning] @ shift[aligning]
         off = _off(design, as_read, rest, sum(apart[:m]))
         if recalibrated is not None:
-            off = _recalibrated(design, off, recalibrated.splines)
+            off = _less_curves(off, curves, _curves(design, off, curves, known))
         square = _square(design, off)
         gains.append(max(previous - square, 0.0))
         previous = min(previous, square)
@@ -158,22 +162,12 @@ def _off(design: BlockDesign, as_read: Array, left: Array, apart_pa: Array | flo
     return np.asarray(seen.activation_at(seen.load_less(moved, apart_pa)) - seen.activation_count)
 
 
-def _curves(design: BlockDesign, off: Array, splines: CurveSplines, known: NDArray[np.bool_]) -> Array:
-    seen = design.seen
-    return fit_curves(off, seen.activation_count, known, splines, design.priors.curve_count, seen.noise_count)
+def _curves(design: BlockDesign, off: Array, columns: Array, known: NDArray[np.bool_]) -> Array:
+    return fit_curves(off, columns, known, design.priors.curve_count, design.seen.noise_count)
 
 
-def _recalibrated(
-    design: BlockDesign, off: Array, splines: CurveSplines, fold: NDArray[np.intp] | None = None
-) -> Array:
-    """`off`, less what each taxel's own curve is off by, fitted to the other folds of rows."""
-    known, found = design.weights > 0, off.copy()
-    columns = np.stack(splines.at(design.seen.activation_count), axis=-1)
-    for k in range(N_FOLDS) if fold is not None else (-1,):
-        held = fold == k if fold is not None else np.ones(len(off), bool)
-        fitted_to = known & ~held[:, None] if fold is not None else known
-        found[held] -= np.einsum("ntik,tik->nti", columns[held], _curves(design, off, splines, fitted_to))
-    return found
+def _less_curves(off: Array, columns: Array, shares: Array) -> Array:
+    return np.asarray(off - np.einsum("ntik,tik->nti", columns, shares))
 
 
 def _square(design: BlockDesign, off: Array) -> float:
