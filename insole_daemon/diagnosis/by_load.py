@@ -36,6 +36,6 @@ def diagnose(
     feet = choose(recordings, asked, simulation)
     if simulation is not None:
         return pipeline.diagnose(recordings, feet, calibration, progress, [simulation])
-    if not pipeline.has_model(feet[0], calibration) and "shoe" not in kinds:
+    if False:
         return diagnosing.diagnose(recordings, calibration, budget_s, progress, asked)
     return pipeline.diagnose(recordings, feet, calibration, progress)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .. import __version__
 from ..errors import DiagnosisError, EffectError, UndecidableError
@@ -26,6 +27,7 @@ from .model.refine import Refined, refine
 from .model.regression import Timing
 from .modelling import as_effect
 from .observations.chamber import observe_chamber
+from .observations.own_curves import observe_uncalibrated
 from .observations.paired import PairedObservation, observe_paired
 from .observations.reading_faults import ReadingFaults, reading_faults
 from .observations.wrench import WrenchObservation, observe_wrench
@@ -48,6 +50,7 @@ LEAST_RATE = 1e-4
 MOST_RATE = 1e-4  # of a clock of the reference's own: more is a finding (formats.md)
 LEAST_LATE_S = 0.05  # that it makes by the end, at the least
 LEAST_ROWS_OFF_S = 0.1  # of a reference whose rows were to go with the cycles
+NEVER_TELL = ("dead_taxels", "open_triangle")  # where they are there all the time
 PER_TAXEL = 4.0  # a taxel's share of a triangle's excess that counts as much as a channel's of a wrench
 UNKNOWN_EXCESS = 1.0  # mean squares of the noise that are left
 UNKNOWN_SHARE = 0.08  # of what a set explains, that it may leave: no law is met exactly
@@ -98,14 +101,7 @@ def diagnose(
     of their trials, one for each or one for all, whose load then stands for the references'. DiagnosisError
     where the recordings cannot show anything, UndecidableError where the foot is hardly loaded.
     """
-    model = static_model(recordings[0], feet[0], calibration)
-    every: list[WrenchObservation] = []
-    for i, (recording, foot) in enumerate(zip(recordings, feet, strict=True)):
-        progress(f"reading {recording.folder.name}")
-        if simulations:
-            every.append(observe_paired(recording, foot, model, simulations[i if len(simulations) > 1 else 0]))
-        else:
-            every.append(_observe(recording, foot, model))
+    every = _observed(recordings, feet, calibration, progress, simulations)
     _refuse_still([each for each in every if each.is_uniform])
     results = [diagnose_one(seen, foot, progress) for seen, foot in zip(every, feet, strict=True)]
     findings = merging.merge_findings(
@@ -130,10 +126,34 @@ def diagnose(
         findings=findings,
         rejected=_rejected(first),
         not_identifiable=_never_told(results),
-        model=wrench_model.document(first.seen, effects, _absorbed(first), provenance, first.figures.recalibrated),
+        model=wrench_model.document(
+            first.seen, effects, _absorbed(first), provenance, first.figures.recalibrated, _broken(first)
+        ),
         results=tuple(results),
         effects=effects,
     )
+
+
+def _observed(
+    recordings: Sequence[Recording],
+    feet: Sequence[FootRecording],
+    calibration: Calibration | None,
+    progress: Callable[[str], None],
+    simulations: Sequence[Recording],
+) -> list[WrenchObservation]:
+    """Every recording by the static model; of an insole without one in a chamber, by the curves that fit it best."""
+    is_chamber = not simulations and all(each.kind == "chamber" for each in recordings)
+    if is_chamber and not has_model(feet[0], calibration):
+        return list(observe_uncalibrated(recordings, feet, progress))
+    model = static_model(recordings[0], feet[0], calibration)
+    every: list[WrenchObservation] = []
+    for i, (recording, foot) in enumerate(zip(recordings, feet, strict=True)):
+        progress(f"reading {recording.folder.name}")
+        if simulations:
+            every.append(observe_paired(recording, foot, model, simulations[i if len(simulations) > 1 else 0]))
+        else:
+            every.append(_observe(recording, foot, model))
+    return every
 
 
 def _effects(results: Sequence[WalkResult], first: WalkResult, findings: Sequence[Finding]) -> tuple[Effect, ...]:
@@ -158,9 +178,7 @@ def _never_told(results: Sequence[WalkResult]) -> tuple[dict[str, str], ...]:
 def _observe(recording: Recording, foot: FootRecording, model: Calibration) -> WrenchObservation:
     if recording.kind == "shoe":
         return observe_wrench(recording, foot, model)
-    if foot.reference is None:
-        raise DiagnosisError(f"{recording.folder}: expected the pressure of a {recording.kind}, found no reference")
-    return observe_chamber(recording, foot, model, foot.reference)
+    return observe_chamber(recording, foot, model)
 
 
 def _figures(
@@ -609,6 +627,15 @@ def _absorbed(result: WalkResult) -> list[wrench_model.Absorbed]:
             share = result.figures.companion_shares.get(column, 0.0)
             found[column] = wrench_model.Absorbed(word, candidate.where, share)
     return list(found.values())
+
+
+def _broken(result: WalkResult) -> NDArray[np.bool_]:
+    """(T, 12) taxels that never tell the load."""
+    found = np.zeros(result.seen.usable.shape, bool)
+    for each in result.findings:
+        if each.effect in NEVER_TELL and not each.when_s:
+            found.reshape(-1)[each.where.slots(result.seen.layout)] = True
+    return found
 
 
 def _rejected(result: WalkResult) -> tuple[dict[str, str], ...]:

@@ -30,6 +30,7 @@ from .select.timing_search import TimedSet, search_timings
 # Of nothing, of a trial that was measured, of a model of the person, and of a model of any person.
 LOAD_ERRORS = (USUAL, Priors(0.005, 0.02), Priors(0.015, 0.06), Priors(0.05, 0.2))
 LOOSE = 5.0  # counts that a curve may be off by which a memory was calibrated into
+OWN = 0.3  # the same of curves that were fitted to the recordings themselves
 WELL = 1.15  # times the noise: what leaves no more is explained
 CLEARER = 0.6  # of what usual curves leave beyond the noise, that loose ones may
 PLACED_ROUNDS = 3
@@ -152,6 +153,8 @@ def _likeliest(seen: PairedObservation, faults: ReadingFaults) -> Priors:
 
 def _with_curves(seen: ChamberObservation, faults: ReadingFaults) -> Searched:
     """With curves as good as a calibration is, or, where a memory then leaves clearly less, with loose ones."""
+    if seen.has_own_curves:
+        return _under(Priors(curve_count=OWN), seen, faults)
     found = _under(USUAL, seen, faults)
     noise = float(np.count_nonzero(_weights(seen, faults)))
     if not found.has_memory or found.unexplained < WELL * noise:

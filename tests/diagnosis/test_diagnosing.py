@@ -8,7 +8,8 @@ from typer.testing import CliRunner
 
 import insole_daemon
 from insole_daemon.cli import app
-from insole_daemon.diagnosis.diagnosing import Diagnosis, diagnose
+from insole_daemon.diagnosis.by_load import diagnose
+from insole_daemon.diagnosis.pipeline import WrenchDiagnosis as Diagnosis
 from insole_daemon.diagnosis.prediction import counts
 from insole_daemon.errors import DiagnosisError, UndecidableError
 from insole_daemon.physics.effect import Where

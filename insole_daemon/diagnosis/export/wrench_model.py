@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...physics import effects_document
 from ...physics.effect import Effect, Where
@@ -31,13 +32,17 @@ def document(
     effects: Sequence[Effect],
     absorbed: Sequence[Absorbed],
     provenance: Mapping[str, Any],
-    recalibrated: CurveShares | None = None,
+    recalibrated: CurveShares | None,
+    broken: NDArray[np.bool_],
 ) -> dict[str, Any]:
-    """An `insole-calibration/1`; `recalibrated`: what curves are off by that were fitted with a memory at work."""
+    """An `insole-calibration/1`; `recalibrated`: what curves are off by that were fitted with a memory at work.
+
+    Taxels that are `broken` (T, 12) are not listed: nothing they read is a pressure.
+    """
     layout, calibration = seen.layout, seen.calibration
     places = [(each, set(each.where.slots(layout).tolist())) for each in absorbed]
     taxels = []
-    for slot in np.flatnonzero(calibration.usable.ravel()).tolist():
+    for slot in np.flatnonzero((calibration.usable & ~broken).ravel()).tolist():
         row, taxel = divmod(slot, N_TAXELS)
         board, triangle = layout.identities[row].tolist()
         curve = calibration.coefficients_pa[row, taxel]

@@ -14,6 +14,7 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import savgol_filter
 from scipy.stats import trim_mean
 
+from ...calibration.clock import Clock
 from ...errors import CalibrationError, DiagnosisError
 from ...physics.calibration import Calibration
 from ...physics.law import Array
@@ -37,6 +38,8 @@ SMOOTH_S, SMOOTH_ROWS, DEGREE = 0.06, 3, 3  # half the window of the reference
 NOISE_KEPT = 2.25  # of a cubic fit over many rows, times their number (Savitzky & Golay)
 N_TABLE = 400  # of the curves, to be read backwards
 BENT = 0.5  # of the time between two readings
+LEAST_ANSWER = 0.2  # of the span of the liveliest taxels: less, and a taxel tells little of the load
+CLEARER = 0.85  # of what the edges of all taxels leave unexplained, that those of one board may leave
 LEAST_TOLD = 0.3  # of the readings' time, that the reference covers
 
 
@@ -111,13 +114,14 @@ class ChamberObservation(WrenchObservation):
         return np.asarray(found)
 
 
-def observe_chamber(
-    recording: Recording, foot: FootRecording, calibration: Calibration, reference: Reference
-) -> ChamberObservation:
-    """What is looked at of `foot` under a load that `reference` tells, with `pressure_pa` for all taxels.
+def observe_chamber(recording: Recording, foot: FootRecording, calibration: Calibration) -> ChamberObservation:
+    """What is looked at of `foot` under the pressure that its reference tells for all taxels.
 
     DiagnosisError where the reference tells nothing of it.
     """
+    reference = foot.reference
+    if reference is None:
+        raise DiagnosisError(f"{recording.folder}: expected the pressure of a {recording.kind}, found no reference")
     rows = read_rows(recording, foot, calibration, np.median)
     load = _reference(recording, foot, reference)
     declared = foot.t_ns[0] * 1e-9 - load.start_s if load.has_times and load.clock == "can" else None
@@ -172,15 +176,30 @@ def _reference(recording: Recording, foot: FootRecording, reference: Reference) 
 
 
 def _aligned(recording: Recording, found: ChamberObservation) -> ChamberObservation:
-    """The clock by which the edges agree, with what memory and warmth do to readings fitted beside it."""
-    usable = found.usable
-    # The middle half of the taxels: one that leaps or a board that steps bends edges by seconds.
-    mean = trim_mean(found.activation_count[:, usable], 0.25, axis=1)
+    """The clock by which the edges agree, with what memory and warmth do to readings fitted beside it.
+
+    Of the taxels that answer the load, all together or those of one board: where a board steps or is late by itself,
+    the others say when it was.
+    """
+    span = np.subtract(*np.quantile(found.activation_count, [0.99, 0.01], axis=0))
+    answers = found.usable & (span > LEAST_ANSWER * np.quantile(span[found.usable], 0.95))
+    if not answers.any() or not span[answers].min() > 0:
+        raise DiagnosisError(f"{recording.folder}: no taxel answers the pressure: was the insole in the chamber?")
+    boards = found.layout.identities[:, 0]
+    groups = [answers, *(answers & (boards == board)[:, None] for board in np.unique(boards[answers.any(axis=1)]))]
     at_s = np.arange(0, len(found.reference.fine), 2, dtype=np.float64) * FINE_S
-    try:
-        fitted = fit_own_clock(
-            found.t_s, mean, at_s, found.reference.fine[::2, 0], memory=found.reference.has_times
-        )  # fmt: skip
-    except CalibrationError as error:
-        raise DiagnosisError(f"{recording.folder}: {error}") from error
+    every: list[Clock] = []
+    for group in groups if len(groups) > 2 else groups[:1]:
+        # The middle half of the taxels: one that leaps bends edges by seconds.
+        mean = trim_mean(found.activation_count[:, group], 0.25, axis=1)
+        try:
+            every.append(
+                fit_own_clock(found.t_s, mean, at_s, found.reference.fine[::2, 0], memory=found.reference.has_times)
+            )
+        except CalibrationError as error:
+            why = error
+    if not every:
+        raise DiagnosisError(f"{recording.folder}: {why}") from why
+    best = max(every[1:], key=lambda each: each.explained, default=every[0])
+    fitted = best if 1.0 - best.explained < CLEARER * (1.0 - every[0].explained) else every[0]
     return replace(found.with_clock(fitted.offset_s, fitted.rate), rate_std=fitted.rate_std)

@@ -19,6 +19,7 @@ from ...recording.loading import FootRecording
 from ..audit import audit
 from ..finding import Finding
 from ..places import said
+from .chamber import SMOOTH_S
 from .hidden_faults import pick_up, stuck_bit, together
 from .paired import PairedObservation
 from .rezeros import with_rezeros
@@ -29,9 +30,11 @@ MOST_GOOD = 0.5  # of the readings of a triangle that is open
 MOST_LOST = 0.003  # of a triangle's readings: what a bus loses without a fault
 LEAST_REPEATED = 0.005  # share of repeats that frames lost on the way make
 BURST_TIMES, CALM_QUANTILE = 2.0, 0.25  # a window's noise against the triangle's usual one; rows in the air
+USUAL_QUANTILE = 0.3  # of the windows: what scatters for more than half of the time does not do so usually
 LEAST_COUNT = 0.3  # of noise: rounding alone
 WINDOW_S, LEAST_BURST_S, MOST_BURST = 1.5, 2.9, 0.75
-SPIKE_SIGMAS, LEAST_SPIKES = 9.0, 4
+SPIKE_SIGMAS, LEAST_SPIKES, LEAST_KNOWN = 9.0, 4, 2  # of a load that nobody's heel makes
+LEAP_ROWS = 3  # of the reference, that it is away for at the most
 NEAR_S = 0.1  # readings and reference may be apart by as much
 MOST_RESTING_COUNT = 30.0  # of activation that a shift of the baseline can hide
 MOST_SILENT = 0.5  # of a window's readings, that are cut off
@@ -49,7 +52,7 @@ class ReadingFaults:
 
 def reading_faults(foot: FootRecording, seen: WrenchObservation) -> ReadingFaults:
     """Faults of the readings of `foot`, as `seen` on its grid."""
-    audited = audit(foot, seen.name, steps=True)
+    audited = audit(foot, seen.name, steps=not seen.is_uniform)
     findings = [each for each in audited.findings if each.effect in TAKEN and not _did_not_come(each, seen)]
     findings = [each for each in (_without_resting(each, seen) for each in findings) if each is not None]
     seen, rezeroed = with_rezeros(foot, seen)
@@ -124,7 +127,7 @@ def _did_not_come(each: Finding, seen: WrenchObservation) -> bool:
     for row in (identities.index(identity[:2]) for identity in each.where.ids):
         own = seen.readings[row]
         during = np.any([(own.t_s >= a) & (own.t_s <= b) for a, b in each.when_s], axis=0)
-        good += own.valid[during][:, seen.usable[row]].mean(axis=1).tolist()
+        good += own.valid[during][:, seen.usable[row]].ravel().tolist()
     return not good or float(np.mean(good)) > MOST_GOOD
 
 
@@ -204,7 +207,7 @@ def _bursts(seen: WrenchObservation) -> tuple[Array, list[Finding]]:
     # Readings that are cut off do not scatter: what then scatters as usual would pass for a burst.
     silent = (seen.clipped | seen.missing)[: n * size].reshape(n, size, -1).mean(axis=1) > MOST_SILENT
     heard = np.where(silent, np.nan, level)
-    usual = np.where(silent.all(axis=0), np.inf, np.maximum(_median(heard), LEAST_COUNT))
+    usual = np.where(silent.all(axis=0), np.inf, np.maximum(_usual(heard), LEAST_COUNT))
     level = np.where(silent, 0.0, level)
     loud = level > BURST_TIMES * usual
     loud &= median_filter(loud.astype(np.uint8), (3, 1), mode="nearest") > 0
@@ -224,21 +227,28 @@ def _bursts(seen: WrenchObservation) -> tuple[Array, list[Finding]]:
     return loudness, [_finding(seen, "noise_burst", where, when, text)]
 
 
-def _median(values: Array) -> Array:
-    """(m,) of the columns of (n, m), NaN left out; 0: there is nothing else."""
+def _usual(values: Array) -> Array:
+    """(m,) low level of the columns of (n, m), NaN left out; 0: there is nothing else."""
     there = np.isfinite(values)
-    return np.array([np.median(own[yes]) if yes.any() else 0.0 for own, yes in zip(values.T, there.T, strict=True)])
+    return np.array(
+        [
+            np.quantile(own[yes], USUAL_QUANTILE) if yes.any() else 0.0
+            for own, yes in zip(values.T, there.T, strict=True)
+        ]
+    )
 
 
 def _spikes(seen: WrenchObservation) -> tuple[NDArray[np.bool_], list[Finding]]:
     """(N,) rows in which the reference leaps and the insole does not, and what is said of them.
 
-    A leap is a row or three of the reference that its own neighbours do not foretell, far more than they are off by
+    A leap is a few rows of the reference that its own neighbours do not foretell, far more than they are off by
     themselves; a heel that strikes is known to the insole, too.
     """
     if isinstance(seen, PairedObservation):
         return np.zeros(len(seen.t_s), bool), []  # a simulation does not leap
-    width = max(round(3 * seen.reference.row_s / FINE_S), 1) * 2 + 1
+    # The course of a known load is smoothed, and a leap in it is wider.
+    lasts_s = LEAP_ROWS * seen.reference.row_s + (2.0 * SMOOTH_S if seen.load_is_known else 0.0)
+    width = max(round(lasts_s / FINE_S), 1) * 2 + 1
     fine = seen.reference.fine
     leaps = np.abs(fine - median_filter(fine, (width, 1), mode="nearest"))
     usual = percentile_filter(leaps, 90, (4 * width + round(0.5 / FINE_S) | 1, 1))
@@ -253,7 +263,7 @@ def _spikes(seen: WrenchObservation) -> tuple[NDArray[np.bool_], list[Finding]]:
     alone = np.sort(np.stack([np.roll(left, k, axis=0) for k in (-3, -2, 2, 3)]), axis=0)[2]
     spikes = np.any((size > struck) & (size > 2.0 * alone), axis=1)
     starts = int((np.diff(spikes.astype(int), prepend=0) == 1).sum())
-    if starts < LEAST_SPIKES:
+    if starts < (LEAST_KNOWN if seen.load_is_known else LEAST_SPIKES):
         return np.zeros(len(spikes), bool), []
     when = [(float(t), float(t + seen.step_s)) for t in seen.t_s[spikes]]
     text = f"the reference leaps for a moment, {starts} times"

@@ -146,6 +146,7 @@ class WrenchObservation:
     loudness: Array | None = None  # (N, T) times that the noise of readings is larger than `noise_count`
     rezeroed: NDArray[np.bool_] | None = None  # (N, T) rows since a board took its baselines anew, already corrected
     rate_std: float = 0.0  # of the clock's rate, where it is the reference's own
+    has_own_curves: bool = False  # those that fit the rows best: no calibration was handed in
     load_is_known = False  # on every taxel, and not only in sum
     is_uniform = False  # whether all taxels bear the same load
 
@@ -206,11 +207,14 @@ class WrenchObservation:
         return self.static_pa(self.activation_count)
 
     def static_pa(self, activation_count: Array) -> Array:
-        """(N, T, 12) Pa by the static curves; below no load, where nothing was calibrated, straight on."""
-        at_rest = self.slope_at(np.zeros((1, *self.usable.shape)))
-        above = np.maximum(activation_count, 0.0)
-        found = np.polynomial.polynomial.polyval(above, self.coefficients, tensor=False)
-        return np.asarray(found + at_rest * np.minimum(activation_count, 0.0))
+        """(N, T, 12) Pa by the static curves; outside what was calibrated straight on."""
+        inside = self._inside(activation_count)
+        found = np.polynomial.polynomial.polyval(inside, self.coefficients, tensor=False)
+        found += self.slope_at(np.zeros((1, *self.usable.shape))) * np.minimum(activation_count, 0.0)
+        if self.calibration.highest_count is not None:
+            ends = np.where(np.isfinite(self._highest_count), self._highest_count, 0.0)[None]
+            found += self.slope_at(ends) * np.maximum(activation_count - self._highest_count, 0.0)
+        return np.asarray(found)
 
     @cached_property
     def slope_pa(self) -> Array:
@@ -220,9 +224,19 @@ class WrenchObservation:
     def slope_at(self, activation_count: Array) -> Array:
         """(N, T, 12) Pa a count at an activation, no flatter than a share of the taxel's mean."""
         steep = self.coefficients[1:] * np.arange(1, len(self.coefficients))[:, None, None]
-        found = np.polynomial.polynomial.polyval(np.maximum(activation_count, 0.0), steep, tensor=False)
+        found = np.polynomial.polynomial.polyval(self._inside(activation_count), steep, tensor=False)
         least = BELOW_RANGE * np.mean(found, axis=0)
         return np.asarray(np.maximum(found, np.maximum(least, 0.0)))
+
+    @property
+    def _highest_count(self) -> Array:
+        """(T, 12) activation up to which the curves were fitted."""
+        highest = np.inf if self.calibration.highest_count is None else self.calibration.highest_count
+        return np.asarray(np.where(self.usable, highest, np.inf))
+
+    def _inside(self, activation_count: Array) -> Array:
+        """The nearest activation that was calibrated."""
+        return np.asarray(np.clip(activation_count, 0.0, self._highest_count))
 
     @cached_property
     def by_triangle(self) -> Array:

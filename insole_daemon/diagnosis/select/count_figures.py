@@ -59,13 +59,12 @@ def count_figures(refined: Refined[BlockDesign], order: Sequence[int]) -> Figure
         splines = curve_splines(seen.activation_count, seen.usable)
         curves = np.stack(splines.at(seen.activation_count), axis=-1)  # (N, T, 12, k)
         recalibrated = CurveShares(splines, _curves(design, off, curves, known))
-        fitted = off
-        off = np.empty_like(fitted)
-        for k in range(N_FOLDS):
-            held = fold == k
-            shares = _curves(design, fitted, curves, known & ~held[:, None])
-            off[held] = _less_curves(fitted[held], curves[held], shares)
-    squares = [_square(design, _off(design, as_read, before)), _square(design, off)]
+        off = _heldout_less_curves(design, off, curves, fold)
+    static = _off(design, as_read, before)
+    if seen.has_own_curves:  # nothing was handed in: it is compared with the static curves that fit best
+        splines = curve_splines(seen.expected_count, seen.usable)
+        static = _heldout_less_curves(design, static, np.stack(splines.at(seen.expected_count), axis=-1), fold)
+    squares = [_square(design, static), _square(design, off)]
     gains: list[float] = []
     previous = _square(design, _off(design, as_read, design.y - nuisance.shared[:, :, aligning] @ unmoved[aligning]))
     timing_gain = max(squares[0] - previous, 0.0)
@@ -84,7 +83,7 @@ def count_figures(refined: Refined[BlockDesign], order: Sequence[int]) -> Figure
         previous = min(previous, square)
     noise = np.sqrt(np.mean(seen.noise_count[seen.usable] ** 2))
     rms = np.sqrt(np.array(squares))
-    slope = np.mean(seen.slope_pa, axis=(0, 2), where=np.broadcast_to(seen.usable, seen.slope_pa.shape))
+    slope = np.sum(seen.slope_pa * seen.usable, axis=(0, 2)) / (len(seen.t_s) * np.maximum(seen.usable.sum(axis=1), 1))
     counts = [
         np.mean(each.T / np.where(known, design.weights, np.inf) / np.maximum(slope, 1e-9), axis=1, keepdims=True)
         for each in (before, left)
@@ -164,6 +163,16 @@ def _off(design: BlockDesign, as_read: Array, left: Array, apart_pa: Array | flo
 
 def _curves(design: BlockDesign, off: Array, columns: Array, known: NDArray[np.bool_]) -> Array:
     return fit_curves(off, columns, known, design.priors.curve_count, design.seen.noise_count)
+
+
+def _heldout_less_curves(design: BlockDesign, off: Array, columns: Array, fold: NDArray[np.intp]) -> Array:
+    """`off` less what each taxel's own curve is off by, fitted to the other folds of rows."""
+    known, found = design.weights > 0, np.empty_like(off)
+    for k in range(N_FOLDS):
+        held = fold == k
+        shares = _curves(design, off, columns, known & ~held[:, None])
+        found[held] = _less_curves(off[held], columns[held], shares)
+    return found
 
 
 def _less_curves(off: Array, columns: Array, shares: Array) -> Array:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from ...physics.law import Array
 from ..model.load import LoadEstimate
-from .term import Setting, Term, TermColumns
+from .term import Setting, Term, TermColumns, needs_calibration
 
 
 def _column(load: LoadEstimate, setting: Setting) -> TermColumns:
@@ -35,4 +35,5 @@ TERM = Term(
     limit=60,
     linear_at="shift_count",
     column=_column,
+    needs=needs_calibration,
 )

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from ...physics.law import Array
 from ..model.load import LoadEstimate
-from .term import Setting, Term, TermColumns
+from .term import Setting, Term, TermColumns, needs_calibration
 
 STEPS = (-2, -1, 1, 2)  # the real shift less the believed one
 
@@ -32,4 +32,5 @@ TERM = Term(
     share="whole",
     columns=_columns,
     parameters=_parameters,
+    needs=needs_calibration,
 )

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from ...physics.law import Array
 from ..model.load import LoadEstimate
-from .term import Setting, Term, TermColumns
+from .term import Setting, Term, TermColumns, needs_calibration
 
 
 def _column(load: LoadEstimate, setting: Setting) -> TermColumns:
@@ -41,4 +41,5 @@ TERM = Term(
     limit=0.9,
     linear_at="more",
     column=_column,
+    needs=needs_calibration,
 )

@@ -11,7 +11,7 @@ import numpy as np
 
 from ...physics.law import Array
 from ..model.load import LoadEstimate
-from .term import Setting, Term, TermColumns
+from .term import Setting, Term, TermColumns, needs_calibration
 
 SCALE_PA = 1e5
 LEAST_LEFT = 0.2  # of the span: readings that nearly do not grow any more tell no load
@@ -50,4 +50,5 @@ TERM = Term(
     refine=("knee_pa",),
     linear_at="share",
     column=_column,
+    needs=needs_calibration,
 )

@@ -101,3 +101,10 @@ def moments_s(load: LoadEstimate) -> list[float]:
         t_s[0] + EDGE_S, t_s[-1] - EDGE_S, KNOWN_EVERY_S if load.is_known else EVERY_S
     ).tolist()
     return found
+
+
+def needs_calibration(load: LoadEstimate) -> str | None:
+    """Why nothing of a static curve can be told where the curves are fitted to the recordings themselves."""
+    if not load.observation.has_own_curves:
+        return None
+    return "no calibration was handed in: the curves are those that fit these recordings best"
