@@ -3,7 +3,7 @@
     python -m benchmarks.diagnosis.families [--draws 4]
 
 Trials of the tests' own kind: a snap of nine domains whose thresholds spread, a power law of creep, a Bouc–Wen loop, a
-relaxation over a spectrum of times. `modelling.FAMILY` is what comes out here, as a standard deviation.
+relaxation over a spectrum of times. `select.amplitude.STD` is what comes out here, as a standard deviation.
 
 Takes about 20 minutes.
 """
@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import insole_daemon
-from insole_daemon.diagnosis.diagnosing import diagnose
 from insole_daemon.diagnosis.operators import low_pass, relay
+from insole_daemon.diagnosis.pipeline import diagnose
 from tests.diagnosis.chamber import LAYOUT, bouc_wen, write
 
 Array = NDArray[np.float64]
@@ -88,7 +88,7 @@ def main() -> None:
             strength = rng.normal(1.0, 0.1, len(LAYOUT) * 12)
             with tempfile.TemporaryDirectory() as folder:
                 recording = insole_daemon.load(write(Path(folder) / "trial", watched, strength, seed=draw))
-                diagnosis = diagnose([recording], None, None, lambda text: None)
+                diagnosis = diagnose([recording], None, lambda text: None)
             if word != "snap":
                 true = {**true, "amplitude_fraction": fraction(*seen[0])}
             found = [each for each in diagnosis.findings if each.effect == word]

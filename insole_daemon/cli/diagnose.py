@@ -31,11 +31,12 @@ def diagnose(
         Path | None, typer.Option("--calibration", help="The static model that is asked about, if not the recording's.")
     ] = None,
     simulation: Annotated[
-        Path | None,
-        typer.Option("--simulation", help="A simulated recording of the same trial: its load stands for a reference."),
-    ] = None,
-    budget: Annotated[
-        float | None, typer.Option("--budget", min=1.0, help="Seconds after which no larger sets are tried.")
+        list[Path] | None,
+        typer.Option(
+            "--simulation",
+            help="A simulated recording of the same trial: its load stands for a reference. One for all recordings, "
+            "or again for each, in their order.",
+        ),
     ] = None,
     foot: Annotated[OneFoot | None, typer.Option("--foot", help="Needed where the recordings have both.")] = None,
 ) -> None:
@@ -44,21 +45,20 @@ def diagnose(
     Exit status: 0 no mismatch or explained, 1 partly explained or unexplained, 2 wrong usage, 3 not decidable from
     this data, 4 a recording was refused.
     """
-    raise typer.Exit(EXIT[diagnosed(recordings, out, calibration, budget, simulation, foot).verdict])
+    raise typer.Exit(EXIT[diagnosed(recordings, out, calibration, simulation or (), foot).verdict])
 
 
 def diagnosed(
     recordings: Sequence[Path],
     out: Path,
     calibration: Path | None = None,
-    budget: float | None = None,
-    simulation: Path | None = None,
+    simulations: Sequence[Path] = (),
     foot: OneFoot | None = None,
 ) -> Outcome:
     """What the command does, up to its exit status."""
     from ..diagnosis import writing
-    from ..diagnosis.by_load import diagnose
     from ..diagnosis.feet import choose
+    from ..diagnosis.pipeline import diagnose
     from ..physics import calibration as calibrations
     from ..recording.loading import load
 
@@ -66,12 +66,16 @@ def diagnosed(
     loaded = [load(folder) for folder in recordings]
     for line in (line for each in loaded for line in each.warnings):
         print(f"insole: {line}", file=sys.stderr)
-    load_of = None if simulation is None else load(simulation)
+    simulated = [load(folder) for folder in simulations]
     asked: Foot | None = None if foot is None else "left" if foot is OneFoot.left else "right"
-    model = None if calibration is None else calibrations.load(calibration, choose(loaded, asked, load_of)[0].layout)
+    model = (
+        None
+        if calibration is None
+        else calibrations.load(calibration, choose(loaded, asked, bool(simulated))[0].layout)
+    )
 
     with show_work("diagnosing") as say:
-        found = diagnose(loaded, model, budget, say, load_of, asked)
+        found = diagnose(loaded, model, say, simulated, asked)
         writing.write(found, out)
     _print(found, out)
     return found

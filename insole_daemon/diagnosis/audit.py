@@ -1,4 +1,4 @@
-"""What is wrong with the readings themselves, before any physics: masked from the fit, and reported.
+"""Taxels and triangles without a contact: told from the readings themselves, before any physics.
 
 Everything is told from the counts and the cycles' own flags. The mean of the insole's readings stands for the load
 here: the reference's clock is not known yet.
@@ -19,34 +19,28 @@ from scipy.ndimage import uniform_filter1d
 from ..physics.effect import Where
 from ..physics.law import Array
 from ..recording.loading import FootRecording
-from ..recording.read_times import arrived, median_interval_ns
+from ..recording.read_times import arrived
 from ..skin.geometry import N_TAXELS, PRESSURE_TAXELS
 from . import contact
+from .contact import intervals, joined
 from .finding import Finding
-from .lost import lost
-from .loudness import bursts, intervals, joined, loud_boards, louder
 from .places import said, where
 
 TALKS = 0.25  # as often as the liveliest taxels do: one that changes more seldom tells little of the load
 MOST_DEAD = 0.3  # of its cycles without a reading that can be believed: the taxel is called dead
 LEAST_BELIEVED = 0.5  # of its cycles in which it works and is within its range: less, and it is left out
-LEAST_TAXELS = 0.5  # of the taxels that are believed: less, and a cycle is left out
 RAIL_READINGS, RAIL_CYCLES, MOST_ON_RAILS = 2, 15, 0.2  # at an end, of how many cycles, of how many taxels
-LOUDER = 1.5  # times the scatter under little load: noise goes with the load
 ALWAYS = 0.95  # of the time: from beginning to end
 MOST_LEAPING = 0.5  # of the taxels: as many loose contacts there are not
-MOST_LOST = 0.003  # of all cycles: fewer are what a bus loses
-LEAST_APART = 1.5  # times as long between its readings: the board sets the pace of the others
 FROZEN = 0.9  # of its readings repeat the one before: the triangle is not there, whatever it says
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Audit:
-    """Which readings are fit to be explained, and what was found out about the others."""
+    """Which readings have a contact behind them, and what was found out about the others."""
 
     kept: NDArray[np.bool_]  # (n_triangles, 12)
     believed: NDArray[np.bool_]  # (n, n_triangles, 12) readings
-    cycles: NDArray[np.bool_]  # (n,) that say enough: where steps are walked, something new of every triangle
     findings: tuple[Finding, ...]
 
 
@@ -84,36 +78,15 @@ class _Readings:
 
 
 def audit(foot: FootRecording, name: str, steps: bool = False) -> Audit:
-    """The readings of one foot in recording `name`; `steps`: it is walked on.
-
-    A heel strike is as short as noise: then bursts and noisy boards are not looked for, and leaps that stay are none.
-    """
+    """The readings of one foot in recording `name`; `steps`: it is walked on, and leaps that stay are none."""
     seen = _readings(foot, name)
     gone, opened, findings = _without_contact(seen)
-    loud = np.zeros_like(gone)
-    if not steps:
-        loud, noisy = _loud(seen, gone)
-        findings += noisy
-    restless = [] if steps else _louder(seen, seen.asked[~(gone | loud)[seen.asked]])
-    findings += restless
-    if not restless:  # else what leaps is noise, and a hold no burst
-        gone |= ~loud & _leaping(seen, steps)
+    gone |= _leaping(seen, steps)
     findings += _alone(seen, gone, opened)
     unfit = gone.copy()
     unfit[seen.asked] |= (seen.valid & ~seen.dead)[~seen.railed][:, seen.asked].mean(axis=0) < LEAST_BELIEVED
-    kept = ~(unfit | loud).reshape(foot.valid.shape[1:]) & _asked(foot)
-    of_kept, believed = kept.ravel(), seen.believed
-    if not (steps or restless):
-        burst, noisy = _bursts(seen, np.flatnonzero(of_kept))
-        believed &= ~burst
-        findings += noisy
-    fresh, missing = _lost(seen, unfit)
-    findings += missing
-    if of_kept.any():
-        enough = believed[:, of_kept][:, _slowest(foot, np.flatnonzero(of_kept))].mean(axis=1) >= LEAST_TAXELS
-        fresh = fresh & enough if steps else enough
-    cycles = fresh & ~_on_rails(seen.counts[:, of_kept])
-    return Audit(kept, believed.reshape(foot.valid.shape), cycles, tuple(findings))
+    kept = ~unfit.reshape(foot.valid.shape[1:]) & _asked(foot)
+    return Audit(kept, seen.believed.reshape(foot.valid.shape), tuple(findings))
 
 
 def _readings(foot: FootRecording, name: str) -> _Readings:
@@ -154,18 +127,6 @@ def _without_contact(seen: _Readings) -> tuple[NDArray[np.bool_], list[int], lis
     return gone, opened, findings
 
 
-def _loud(seen: _Readings, gone: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], list[Finding]]:
-    """(s,) taxels of boards that are noisy for long, and what is told of these."""
-    loud, findings = np.zeros_like(gone), []
-    working = seen.asked[~gone[seen.asked]]
-    boards = seen.foot.layout.identities[:, 0][working // N_TAXELS]
-    text = "is far noisier in some stretches than in others, too long to leave them out: the board is left out"
-    for own, when in loud_boards(seen.counts[:, working], seen.believed[:, working], boards, seen.t_s):
-        loud[working[own]] = True
-        findings.append(seen.finding("noise_burst", working[own], when, text))
-    return loud, findings
-
-
 def _leaping(seen: _Readings, steps: bool) -> NDArray[np.bool_]:
     """(s,) taxels with a loose contact."""
     found = np.zeros(seen.counts.shape[1], bool)
@@ -184,50 +145,6 @@ def _alone(seen: _Readings, gone: NDArray[np.bool_], opened: Sequence[int]) -> l
     always = seen.dead[:, lone].mean() > ALWAYS
     text = "say the same number while the load moves, leap, or say none that can be believed"
     return [seen.finding("dead_taxels", lone, () if always else when, text)]
-
-
-def _bursts(seen: _Readings, quiet: NDArray[np.intp]) -> tuple[NDArray[np.bool_], list[Finding]]:
-    """(n, s) readings of the slots `quiet` that are far noisier than usual for a while, and what is told of these."""
-    burst = np.zeros(seen.counts.shape, bool)
-    noisy, cycles, when = bursts(seen.counts[:, quiet], seen.believed[:, quiet], seen.t_s)
-    if not when:
-        return burst, []
-    found = seen.finding("noise_burst", quiet[noisy], when, "far noisier than usual for a while")
-    burst[np.ix_(cycles, found.where.slots(seen.foot.layout))] = True  # the calmest of a board too
-    return burst, [found]
-
-
-def _louder(seen: _Readings, quiet: NDArray[np.intp]) -> list[Finding]:
-    """What is told where noise goes with the load: of the slots `quiet`."""
-    times = louder(seen.counts[:, quiet], seen.believed[:, quiet], seen.t_s, seen.mean)
-    if not times > LOUDER:
-        return []
-    text = f"readings scatter {times:.1f} times as much under much load as under little, which no known effect does"
-    return [seen.finding("unknown", quiet, (), text)]
-
-
-def _lost(seen: _Readings, unfit: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], list[Finding]]:
-    """(n,) cycles that bring something new of every triangle, and what is told of the others; (s,) `unfit` taxels."""
-    # What a triangle without a taxel to believe lacks is no cycle's loss: one that is not there says the same for ever.
-    there = (~unfit.reshape(seen.foot.valid.shape[1:]) & _asked(seen.foot)).any(axis=1)
-    gone = lost(seen.foot) & there
-    fresh = np.asarray(~gone.any(axis=1))
-    if (~fresh).mean() <= MOST_LOST:
-        return fresh, []
-    rows = np.flatnonzero(gone.mean(axis=0) > min(MOST_LOST, gone.mean(axis=0).max() / 2))
-    slots = (rows[:, None] * N_TAXELS + np.flatnonzero(PRESSURE_TAXELS)).ravel()
-    when = joined(intervals(~fresh, seen.t_s), 1.0)
-    spread = sum(b - a for a, b in when) > 0.5 * seen.t_s[-1] or len(when) > 40
-    text = f"{gone[:, rows].mean():.1%} of the readings did not come, or came again unchanged"
-    return fresh, [seen.finding("frame_loss", slots, () if spread else when, text)]
-
-
-def _slowest(foot: FootRecording, slots: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Which of `slots` are read least often: all, unless boards differ so much that others are read in between."""
-    every = [median_interval_ns(foot.read_ns[new, row]) for row, new in enumerate(foot.is_new.T)]
-    interval_ns = np.nan_to_num(every)[slots // N_TAXELS]
-    slow = interval_ns * LEAST_APART > interval_ns.max()
-    return np.flatnonzero(slow)
 
 
 def _asked(foot: FootRecording) -> NDArray[np.bool_]:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ..physics.law import Array
-from .observed import stretches
+
+Times = tuple[tuple[float, float], ...]
 
 SAME_S = 4.0  # a working taxel does not say one number for so long while the load moves
 MOVED = 0.15  # of the insole's range: the load moved
@@ -75,3 +78,25 @@ def opened(open_now: NDArray[np.bool_], t_s: Array) -> list[int]:
         row for row in range(together.shape[1])
         if any(t_s[b] - t_s[a] >= OPEN_S for a, b in stretches(together[:, row]))
     ]  # fmt: skip
+
+
+def stretches(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """First and last row of every run of set `flags` (n,)."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
+    return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def intervals(flags: NDArray[np.bool_], t_s: Array) -> Times:
+    """From when to when `flags` (n,) are set."""
+    return tuple((float(t_s[a]), float(t_s[b])) for a, b in stretches(flags))
+
+
+def joined(when: Sequence[tuple[float, float]], gap_s: float) -> Times:
+    """Intervals closer than `gap_s` as one."""
+    found: list[tuple[float, float]] = []
+    for a, b in when:
+        if found and a - found[-1][1] < gap_s:
+            found[-1] = (found[-1][0], b)
+        else:
+            found.append((a, b))
+    return tuple(found)

@@ -11,14 +11,12 @@ from ..errors import DiagnosisError
 from ..recording.loading import FootRecording, Recording
 
 
-def choose(
-    recordings: Sequence[Recording], asked: Foot | None = None, simulation: Recording | None = None
-) -> list[FootRecording]:
+def choose(recordings: Sequence[Recording], asked: Foot | None = None, simulated: bool = False) -> list[FootRecording]:
     """The foot of every recording whose load is known, `asked` or the only one; DiagnosisError where none is.
 
-    With a `simulation` of the trial no reference is needed.
+    Where the load is `simulated`, no reference is needed.
     """
-    feet = [_foot(each, asked, simulation) for each in recordings]
+    feet = [_foot(each, asked, simulated) for each in recordings]
     first = feet[0].layout
     for recording, foot in zip(recordings, feet, strict=True):
         if foot.foot != feet[0].foot:
@@ -35,11 +33,11 @@ def choose(
     return feet
 
 
-def _foot(recording: Recording, asked: Foot | None, simulation: Recording | None) -> FootRecording:
+def _foot(recording: Recording, asked: Foot | None, simulated: bool) -> FootRecording:
     there = [foot for foot in recording.feet if asked in (None, foot.foot)]
     if not there:
         raise DiagnosisError(f"{recording.folder}: expected the {asked} foot, found only the other one")
-    known = [foot for foot in there if simulation is not None or foot.reference is not None]
+    known = [foot for foot in there if simulated or foot.reference is not None]
     if not known:
         raise DiagnosisError(
             f"{recording.folder}: expected a reference (kind chamber or shoe), found none: what was the load? Record "

@@ -75,19 +75,6 @@ def verdict(
     return "partly explained" if before**2 - after**2 >= LEAST_EXPLAINED * mismatch else "unexplained"
 
 
-def verdict_of(findings: Sequence[Finding], heldout: Mapping[str, Any], null_before: float) -> Verdict:
-    """The verdict on these findings and figures; the others as in `verdict`."""
-    return verdict(
-        heldout["before"],
-        heldout["after"],
-        heldout["floor"],
-        null_before,
-        findings=len(findings),
-        unknown=sum(each.effect == "unknown" for each in findings),
-        undecided=any(each.alternatives for each in findings),
-    )
-
-
 def shares(gains: Sequence[float], before: float, after: float) -> tuple[tuple[float, ...], float]:
     """Of before² − after², what each finding explains, and what is left for clocks and priors; together they are 1.
 

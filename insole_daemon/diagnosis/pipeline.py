@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import __version__
+from ..config import Foot
 from ..errors import DiagnosisError, EffectError, UndecidableError
 from ..physics.calibration import BEGAN, Calibration
 from ..physics.effect import Effect, Where
@@ -19,13 +20,14 @@ from ..recording.loading import FootRecording, Recording
 from . import merging, outcome
 from .excitation import require_cycles
 from .export import wrench_model
+from .export.as_effect import as_effect
+from .feet import choose
 from .finding import Finding, Quantity, Verdict
 from .gathering import join_places
 from .model.blocks import RECALIBRATIONS, BlockDesign, Priors, place_of
 from .model.design import Design
 from .model.refine import Refined, refine
 from .model.regression import Timing
-from .modelling import as_effect
 from .observations.chamber import observe_chamber
 from .observations.own_curves import observe_uncalibrated
 from .observations.paired import PairedObservation, observe_paired
@@ -36,7 +38,7 @@ from .parameters import parameters_of
 from .places import said
 from .searching import Searched
 from .searching import search as search_terms
-from .select import confidence
+from .select import confidence, left_over
 from .select.count_figures import count_figures
 from .select.search import SubsetSearch
 from .select.timing_search import TimedSet
@@ -90,17 +92,20 @@ class WrenchDiagnosis(Outcome):
 
 def diagnose(
     recordings: Sequence[Recording],
-    feet: Sequence[FootRecording],
     calibration: Calibration | None,
     progress: Callable[[str], None],
     simulations: Sequence[Recording] = (),
+    asked: Foot | None = None,
 ) -> WrenchDiagnosis:
     """What differs between recordings and the static model, under the load of their references.
 
-    `feet`: the one foot of each recording; the model is `calibration`, else the first recording's own. `simulations`:
-    of their trials, one for each or one for all, whose load then stands for the references'. DiagnosisError
-    where the recordings cannot show anything, UndecidableError where the foot is hardly loaded.
+    The model is `calibration`, else the first recording's own, else the curves that fit chambers best. `simulations`:
+    of their trials, one for each or one for all, whose load then stands for the references'. `asked`: the foot, where
+    there are two. DiagnosisError where the recordings do not belong together or cannot show anything, UndecidableError
+    where the insole is loaded too seldom.
     """
+    _refuse_mixture(recordings, simulations)
+    feet = choose(recordings, asked, bool(simulations))
     every = _observed(recordings, feet, calibration, progress, simulations)
     _refuse_still([each for each in every if each.is_uniform])
     results = [diagnose_one(seen, foot, progress) for seen, foot in zip(every, feet, strict=True)]
@@ -132,6 +137,20 @@ def diagnose(
         results=tuple(results),
         effects=effects,
     )
+
+
+def _refuse_mixture(recordings: Sequence[Recording], simulations: Sequence[Recording]) -> None:
+    if len(simulations) not in (0, 1, len(recordings)):
+        raise DiagnosisError(
+            f"{len(simulations)} simulations for {len(recordings)} recordings, expected one for each, in the same "
+            "order, or one for all"
+        )
+    others = [each for each in recordings if each.kind not in ("chamber", "shoe")]
+    if others and not simulations and len({each.kind for each in recordings}) > 1:
+        raise DiagnosisError(
+            f"{others[0].folder}: expected a chamber or a force shoe as in the other recordings, found kind "
+            f"{others[0].kind}: leave it out"
+        )
 
 
 def _observed(
@@ -437,6 +456,7 @@ def _excess(found: Figures, whole: Design | BlockDesign) -> Array:
 
 
 def _unknown(seen: WrenchObservation, found: Figures, whole: Design | BlockDesign) -> Finding:
+    channel = 0
     if isinstance(whole, BlockDesign):
         excess = _excess(found, whole)
         where = place_of(excess > 0.3 * float(excess.max()), whole.seen)
@@ -445,10 +465,18 @@ def _unknown(seen: WrenchObservation, found: Figures, whole: Design | BlockDesig
         channel = int(np.argmax(_excess(found, whole)))
         name = ("the force", "the moment m_x", "the moment m_y")[channel]
         where, text = Where(), f"{name} differs from the model by more than noise; no known effect explains it"
+    load = seen.reference.at(seen.reference_s)
+    load = load.mean(axis=1) if seen.load_is_known else load[:, 0]
+    left = np.where(found.known, found.course_after[:, channel], 0.0)
+    regime, equation = left_over.regime_and_equation(load, left, seen.step_s, seen.load_is_known)
+    if regime:
+        (low, high), phase = list(regime.values())
+        of, unit = (1e-3, "kPa") if seen.load_is_known else (1.0, "N")
+        text += f"; most of it is there while {phase} between {low * of:.0f} and {high * of:.0f} {unit}"
     place = said(where)
     return Finding(
         effect="unknown", foot=seen.layout.foot, where=where, recordings=(seen.name,), confidence=0.8, explains=0.0,
-        sentence=f"{place[0].upper()}{place[1:]}: {text}.",
+        regime=regime, equation=equation, sentence=f"{place[0].upper()}{place[1:]}: {text}.",
         **_heldout_of(seen, float(found.before[0]), float(found.after[0])),
     )  # fmt: skip
 

@@ -17,10 +17,9 @@ from ..physics.law import Array
 from ..recording.loading import FootRecording, Recording, as_configured, load
 from ..skin.geometry import N_TAXELS, PRESSURE_TAXELS
 from .audit import Audit, audit
+from .observations.chamber import ChamberObservation, observe_chamber
 from .observations.paired import load_at as simulated_load
 from .observations.paired import observe_paired
-from .observed import Observed
-from .observing import observe
 
 _MOST_ALIGNED = 12  # times that the clock is moved by what the model leaves
 _ALIGNED_S = 5e-4  # by less it is not moved again
@@ -59,8 +58,8 @@ def counts(model: str | PathLike[str], recording: Recording, simulation: Recordi
             paired = observe_paired(recording, foot, foot.calibration or calibration, simulation)
             load_at = simulated_load(paired, chain.xy_m)
         else:
-            seen, _ = observe(recording, foot, audited.kept, audited)
-            own_clock = seen.load.clock == "own"
+            seen = observe_chamber(recording, foot, foot.calibration or calibration)
+            own_clock = seen.declared_offset_s is None
             warm = None if seen.temperature_c is None else np.interp(t_s, seen.t_s, seen.temperature_c)
             load_at = partial(_everywhere, seen)
         late_s = np.zeros(len(t_s))
@@ -103,9 +102,10 @@ def _usual(foot: FootRecording) -> Array:
     return np.asarray(np.median(foot.counts, axis=0), np.float64)
 
 
-def _everywhere(seen: Observed, read_s: Array) -> Array:
+def _everywhere(seen: ChamberObservation, read_s: Array) -> Array:
     """(n, n_triangles, 12) Pa of a load that is the same on all taxels."""
-    pressure = np.interp(seen.reference_s(read_s), seen.load.t_s, seen.load.pressure_pa[:, 0])
+    reference_s = seen.offset_s + (1.0 + seen.rate) * read_s.ravel()
+    pressure = seen.reference.at(reference_s)[:, 0].reshape(read_s.shape)
     return np.repeat(pressure[..., None], N_TAXELS, axis=2)
 
 

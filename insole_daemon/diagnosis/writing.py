@@ -9,9 +9,8 @@ from typing import Any
 
 from ..errors import FileError
 from ..files import write_text
-from .diagnosing import Diagnosis
 from .pipeline import WrenchDiagnosis
-from .reporting import report, wrench
+from .reporting import wrench
 
 FILES = ("model.json", "report.html", "diagnosis.json")  # the last one says that all are there
 
@@ -25,9 +24,11 @@ def refuse_taken(out: Path) -> None:
         raise FileError(f"{out}: there is a diagnosis already ({', '.join(there)}): name another folder")
 
 
-def write(diagnosis: Diagnosis | WrenchDiagnosis, out: Path) -> None:
+def write(diagnosis: WrenchDiagnosis, out: Path) -> None:
     """Write FILES into `out`; FileError where that fails, and then none of them stays."""
-    contents = dict(zip(FILES, (_json(diagnosis.model), _html(diagnosis), _json(diagnosis.document())), strict=True))
+    contents = dict(
+        zip(FILES, (_json(diagnosis.model), wrench.html(diagnosis), _json(diagnosis.document())), strict=True)
+    )
     try:
         for name in FILES:
             write_text(out / name, contents[name])
@@ -36,10 +37,6 @@ def write(diagnosis: Diagnosis | WrenchDiagnosis, out: Path) -> None:
             with contextlib.suppress(OSError):
                 (out / name).unlink(missing_ok=True)
         raise FileError(f"{out}: cannot be written: {error.strerror or error}") from error
-
-
-def _html(diagnosis: Diagnosis | WrenchDiagnosis) -> str:
-    return wrench.html(diagnosis) if isinstance(diagnosis, WrenchDiagnosis) else report.html(diagnosis)
 
 
 def _json(content: Any) -> str:

@@ -9,16 +9,14 @@ import numpy as np
 import pytest
 
 import insole_daemon
-from insole_daemon.diagnosis import by_load
+from insole_daemon.diagnosis import pipeline
 from insole_daemon.diagnosis.pipeline import WrenchDiagnosis
 
 from .chamber import BEGAN_S, LAYOUT, SLOTS, Array, relaxing, write
 
 
 def diagnose(*folders: Path) -> WrenchDiagnosis:
-    found = by_load.diagnose([insole_daemon.load(folder) for folder in folders], None, None, lambda text: None)
-    assert isinstance(found, WrenchDiagnosis)
-    return found
+    return pipeline.diagnose([insole_daemon.load(folder) for folder in folders], None, lambda text: None)
 
 
 def of_rows(*rows: int) -> np.ndarray:

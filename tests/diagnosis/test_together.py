@@ -18,7 +18,6 @@ from .chamber import Array, Sensors, relaxing
 from .foot import shoe
 
 SEED = 1
-QUICK = ("--budget", "1")  # no larger sets than single effects
 SENSORS = Sensors.drawn(np.random.default_rng(SEED))  # as `chamber.write` draws them
 
 
@@ -34,8 +33,8 @@ def solid(p: Array) -> Array:
     return 0.7 * p + 0.3 * shoe.late(p, 0.8)
 
 
-def diagnose(out: Path, *folders: Path, options: tuple[str, ...] = ()) -> dict:
-    done = CliRunner().invoke(app, ["diagnose", *map(str, folders), "--out", str(out), *options])
+def diagnose(out: Path, *folders: Path) -> dict:
+    done = CliRunner().invoke(app, ["diagnose", *map(str, folders), "--out", str(out)])
     assert done.exit_code == 0, (done.output, done.exception)
     return json.loads((out / "diagnosis.json").read_text())
 
@@ -74,7 +73,7 @@ def test_what_both_show_is_one_finding_and_what_only_the_walk_can_is_beside_it(t
 
 
 def test_a_walk_that_does_not_have_what_the_chamber_shows_is_named_and_its_model_has_it_not(tmp_path):
-    found = diagnose(tmp_path / "out", bag(tmp_path, relaxing(0.3, 0.8)), walk(tmp_path), options=QUICK)
+    found = diagnose(tmp_path / "out", bag(tmp_path, relaxing(0.3, 0.8)), walk(tmp_path))
     (finding,) = found["findings"]
     assert finding["effect"] == "viscoelasticity"
     assert finding["recordings"] == ["bag"]
@@ -83,7 +82,7 @@ def test_a_walk_that_does_not_have_what_the_chamber_shows_is_named_and_its_model
 
 
 def test_a_chamber_that_would_show_what_only_the_walk_has_is_named(tmp_path):
-    found = diagnose(tmp_path / "out", walk(tmp_path, solid), bag(tmp_path), options=QUICK)
+    found = diagnose(tmp_path / "out", walk(tmp_path, solid), bag(tmp_path))
     (finding,) = found["findings"]
     assert finding["effect"] == "viscoelasticity"
     assert finding["recordings"] == ["walk"]

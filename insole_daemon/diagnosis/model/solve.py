@@ -74,7 +74,7 @@ def _hand_out(found: Array, chosen: Sequence[PlacedTerm], rest: Sequence[int], s
 def is_possible(chosen: Sequence[PlacedTerm], shares: Sequence[Array], load_is_known: bool) -> bool:
     """Whether all shares are within what the terms' laws make sense for."""
     return all(
-        float(np.abs(own).max()) <= each.term.limit and (load_is_known or each.term.is_possible(each.settings, own))
+        float(np.abs(own).max()) <= each.term.limit and each.term.is_possible(each.settings, own, load_is_known)
         for own, each in zip(shares, chosen, strict=True)
     )
 

@@ -17,6 +17,7 @@ from ...physics.effect import Where
 from ...physics.law import Array
 from ...recording.loading import FootRecording
 from ..audit import audit
+from ..contact import joined
 from ..finding import Finding
 from ..places import said
 from .chamber import SMOOTH_S
@@ -37,6 +38,7 @@ SPIKE_SIGMAS, LEAST_SPIKES, LEAST_KNOWN = 9.0, 4, 2  # of a load that nobody's h
 LEAP_ROWS = 3  # of the reference, that it is away for at the most
 NEAR_S = 0.1  # readings and reference may be apart by as much
 MOST_RESTING_COUNT = 30.0  # of activation that a shift of the baseline can hide
+APART_S = 1.0  # of two times that are told as one
 MOST_SILENT = 0.5  # of a window's readings, that are cut off
 
 
@@ -176,7 +178,7 @@ def _lost(foot: FootRecording, seen: WrenchObservation, substituted: NDArray[np.
     where = _triangles(seen, rows)
     spread = len(times) > 40 or sum(b - a for a, b in times) > 0.5 * float(np.ptp(seen.t_s))
     text = f"{np.mean(shares):.1%} of the readings did not come, or came again unchanged"
-    return [_finding(seen, "frame_loss", where, () if spread else _joined(times), text)]
+    return [_finding(seen, "frame_loss", where, () if spread else joined(times, APART_S), text)]
 
 
 def _triangles(seen: WrenchObservation, rows: Sequence[int]) -> Where:
@@ -267,14 +269,4 @@ def _spikes(seen: WrenchObservation) -> tuple[NDArray[np.bool_], list[Finding]]:
         return np.zeros(len(spikes), bool), []
     when = [(float(t), float(t + seen.step_s)) for t in seen.t_s[spikes]]
     text = f"the reference leaps for a moment, {starts} times"
-    return spikes, [_finding(seen, "reference_fault", Where(), _joined(when)[:40], text)]
-
-
-def _joined(times: Sequence[tuple[float, float]], apart_s: float = 1.0) -> list[tuple[float, float]]:
-    found: list[tuple[float, float]] = []
-    for a, b in times:
-        if found and a - found[-1][1] < apart_s:
-            found[-1] = (found[-1][0], b)
-        else:
-            found.append((a, b))
-    return found
+    return spikes, [_finding(seen, "reference_fault", Where(), joined(when, APART_S)[:40], text)]

@@ -35,6 +35,7 @@ SMOOTH_S = 0.012  # standard deviation of the kernel that takes single rows' noi
 LEAST_ROWS = 100  # of the reference
 LEAST_FORCE_N = 50.0  # by which the reference's force varies
 LEAST_CORRELATION = 0.7  # of the two forces once the clocks are aligned
+CORRELATED_S, LEAST_MOVE = 8.0, 0.3  # of stretches, and of the force's range that they cover
 SLOWEST_S, FASTEST_S = 0.1, 0.02  # of the grid's step
 JITTER_S = 0.001  # of a stamp that the regular clock of a board does not explain
 UNRESOLVED = 0.25  # of the error at twice the period: what a cubic misses on edges that readings hardly resolve
@@ -474,10 +475,19 @@ def _refined_clock(found: WrenchObservation, rate_is_free: bool) -> WrenchObserv
 
 
 def _correlation(found: WrenchObservation) -> float:
+    """Of the two forces: the median over stretches in which the foot is loaded and lifted, one of which may be loud."""
     known = found.reference.is_known(found.reference_s)
     if known.mean() < 0.3:
         return -1.0
-    return float(np.corrcoef(found.reference.at(found.reference_s)[known, 0], found.wrench[known, 0])[0, 1])
+    said, read = found.reference.at(found.reference_s)[:, 0], found.wrench[:, 0]
+    size = max(round(CORRELATED_S / found.step_s), LEAST_ROWS)
+    moves = LEAST_MOVE * float(np.ptp(said[known]))
+    every = []
+    for start in range(0, len(said), size):
+        rows = np.flatnonzero(known[start : start + size]) + start
+        if len(rows) > size // 2 and np.ptp(said[rows]) > moves and np.ptp(read[rows]) > 0:
+            every.append(float(np.corrcoef(said[rows], read[rows])[0, 1]))
+    return float(np.median(every)) if every else float(np.corrcoef(said[known], read[known])[0, 1])
 
 
 def foretold(own: Array, step_s: float, period_s: float) -> Array:

@@ -15,6 +15,7 @@ MEANINGS: Mapping[str, str] = {
     "drift": "the reading wanders slowly in time, whatever the load and the temperature",
     "rezero": "a board took a new zero in the middle of the recording",
     "gain": "it answers more or less than it was calibrated for, by one factor",
+    "preload": "the strap or the shoe presses on it all the time, and the reference does not feel that",
     "baseline": "without load it rests at another count than when it was calibrated",
     "bit_shift": "the board divides its readings by another power of two than it was told",
     "stiffening": "beyond some load it answers ever less, as a sole does that is compressed through",

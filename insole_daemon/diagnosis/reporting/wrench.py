@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from ...report import page
+from ...report.insole_map import word_map
 from ...report.plot import Plot, axis
+from ...skin.geometry import PRESSURE_TAXELS
 from ..pipeline import WalkResult, WrenchDiagnosis
 from . import first_page, numbers
 
@@ -25,6 +27,7 @@ def parts(diagnosis: WrenchDiagnosis) -> list[str]:
     return [
         _facts(diagnosis),
         page.section("What was found", first_page.findings(diagnosis)),
+        *([page.section("Where", _places(diagnosis))] if diagnosis.findings else []),
         *(
             page.section(f"Before and after, on rows that were held out: {each.seen.name}", _trace(each))
             for each in diagnosis.results
@@ -34,6 +37,27 @@ def parts(diagnosis: WrenchDiagnosis) -> list[str]:
         page.section("Parameters", numbers.parameters(diagnosis)),
         page.section("Noise and what is left", _noise(diagnosis)),
     ]
+
+
+def _places(diagnosis: WrenchDiagnosis) -> str:
+    """What was found at which taxel, toes up."""
+    layout = diagnosis.results[0].seen.layout
+    words: dict[int, list[str]] = {}
+    everywhere = []
+    for each in diagnosis.findings:
+        if each.where.scope == "insole":
+            everywhere.append(each.effect.replace("_", " "))
+            continue
+        for slot in each.where.slots(layout).tolist():
+            words.setdefault(slot, []).append(each.effect.replace("_", " "))
+    text = "What was found at single places. Toes are up, the wearer's left is left."
+    if everywhere:
+        text += f" Everywhere: {', '.join(dict.fromkeys(everywhere))}."
+    if not words:
+        return page.paragraph(f"Everywhere: {', '.join(dict.fromkeys(everywhere))}.")
+    taxels = np.flatnonzero(np.tile(PRESSURE_TAXELS, len(layout))).tolist()
+    shown = {slot: " + ".join(dict.fromkeys(words.get(slot, ["nothing"]))) for slot in taxels}
+    return page.figure(word_map(layout, shown, "nothing", "what was found where"), text)
 
 
 def _facts(diagnosis: WrenchDiagnosis) -> str:

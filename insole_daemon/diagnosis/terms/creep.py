@@ -16,6 +16,8 @@ from .term import ABSORBED, Setting, Term, TermColumns
 
 RATIO = 4.0  # between time constants
 FASTEST_S = 0.5
+SLOW_S = 5.0  # a viscoelasticity of foams and skins is complete after a few seconds
+LEAST_SLOW = 0.1  # of the shares, that take longer
 EARLIER = 100.0  # kPa, of a load before the recording
 
 
@@ -68,6 +70,12 @@ def _known_parameters(settings: Sequence[Setting], shares: Array) -> dict[str, o
     return {"a": a[kept].tolist(), "tau_s": [s["tau_s"] for s, yes in zip(settings, kept, strict=True) if yes]}
 
 
+def _is_possible(settings: Sequence[Setting], shares: Array, load_is_known: bool) -> bool:
+    """Whether it goes on for longer than a viscoelasticity does; readings tell that less well than a load."""
+    slow = np.array([setting["tau_s"] for setting in settings]) > SLOW_S
+    return not load_is_known or bool(shares[slow].sum() > LEAST_SLOW * shares.sum())
+
+
 TERM = Term(
     word="creep",
     scopes=("insole", "board", "triangle"),
@@ -79,6 +87,7 @@ TERM = Term(
     limit=0.95,
     absorbs={**ABSORBED, "earlier_load": EARLIER},
     yields_to=("viscoelasticity",),
+    is_possible=_is_possible,
     misfit=0.05,
     known_misfit=0.02,
 )

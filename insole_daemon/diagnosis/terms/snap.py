@@ -55,9 +55,9 @@ def _known_parameters(settings: Sequence[Setting], shares: Array) -> dict[str, o
     }  # fmt: skip
 
 
-def _is_possible(settings: Sequence[Setting], shares: Array) -> bool:
-    """Whether it snaps back before the load is gone."""
-    return SCALE_PA * float(shares[0]) < float(settings[0]["down_pa"])
+def _is_possible(settings: Sequence[Setting], shares: Array, load_is_known: bool) -> bool:
+    """Whether it snaps back before the load is gone; where that is known, the columns say so."""
+    return load_is_known or SCALE_PA * float(shares[0]) < float(settings[0]["down_pa"])
 
 
 TERM = Term(

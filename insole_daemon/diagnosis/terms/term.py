@@ -65,7 +65,8 @@ class Term:
     column: Callable[[LoadEstimate, Setting], TermColumns] | None = None  # of one setting, to refine it
     chamber_scopes: tuple[Scope, ...] = ()  # further ones where the load is the same on all taxels
     plausible: float = 0.0  # a typical share, as literature and data sheets have it; 0: not asked
-    is_possible: Callable[[Sequence[Setting], Array], bool] = lambda settings, shares: True  # beyond `limit`
+    # Whether the law makes sense with settings and shares (k,), of a load that is known or not, beyond `limit`.
+    is_possible: Callable[[Sequence[Setting], Array, bool], bool] = lambda settings, shares, load_is_known: True
     record_instead: str = "the insole in a chamber, where the load is known on every taxel"
     needs: Callable[[LoadEstimate], str | None] = lambda load: None  # why a recording cannot show it
 

@@ -18,14 +18,18 @@ TAUS_S = geometric(0.04, 4.0, 6)
 
 
 def _columns(load: LoadEstimate) -> list[TermColumns]:
-    """Two joint columns, q − z′ for neighbouring time constants: between them lies the one that is there."""
+    """Joint columns, q − z′ for neighbouring time constants: between them lies the one that is there.
+
+    Where the load is known, also for all of them: a material may have two, and none is as the law has it.
+    """
     own = load.by_triangle
     late = [own - low_pass(own, load.step_s, tau_s) for tau_s in TAUS_S]
+    spans = [(k, k + 2) for k in range(len(TAUS_S) - 1)] + [(0, len(TAUS_S))] * load.is_known
     return [
         TermColumns(
-            ({"tau_s": TAUS_S[k]}, {"tau_s": TAUS_S[k + 1]}), by_triangle=np.stack(late[k : k + 2], axis=-1), joint=True
+            tuple({"tau_s": tau_s} for tau_s in TAUS_S[a:b]), by_triangle=np.stack(late[a:b], axis=-1), joint=True
         )
-        for k in range(len(TAUS_S) - 1)
+        for a, b in spans
     ]
 
 
@@ -39,7 +43,7 @@ def _parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]
 
 
 def _known_parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:
-    """a and τ of the law, whose columns these are: the two shares together, at their mean time constant."""
+    """a and τ of the law, whose columns these are: all shares together, at their mean time constant."""
     a = np.maximum(np.asarray(shares, float), 0.0)
     total = max(float(a.sum()), 1e-9)
     tau_s = float(np.exp(np.sum(a * np.log([setting["tau_s"] for setting in settings])) / total))

@@ -143,7 +143,7 @@ def test_walks_that_contradict_each_other_are_named_and_most_of_them_have_the_mo
         write(tmp_path / name, effect, seed=seed, seconds=16.0, sensors=sensors)
         for seed, (name, effect) in enumerate((("one", lambda p: p), ("two", solid), ("three", solid)), 1)
     )
-    found = diagnose(one, tmp_path / "out", str(two), str(three), "--budget", "1")
+    found = diagnose(one, tmp_path / "out", str(two), str(three))
     (finding,) = found["findings"]
     assert finding["effect"] == "viscoelasticity"
     assert finding["recordings"] == ["two", "three"]

@@ -1,0 +1,65 @@
+"""What `insole diagnose` says of the published chamber recordings of Belli et al. 2023: nobody planted anything there.
+
+    python -m benchmarks.diagnosis.published_chambers [--folder ../shared/data/belli2023]
+
+Every file by itself, imported and diagnosed without a calibration: the curves that fit it best stand for one. Errors
+are those of blocks of rows that neither curves nor effects were fitted to; the static model's curves are the best
+polynomials and splines of the load for every taxel. Printed of each file: verdict, errors, what is named where, the
+thresholds of boards that switch with the load, seconds; then how far thresholds are apart across files, and how many
+files have a memory named of those in which all that is named leaves a fifth less than static curves.
+
+Takes about 10 minutes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+import time
+from pathlib import Path
+
+import insole_daemon
+from benchmarks.published_data.belli2023 import FOLDER
+from insole_daemon.diagnosis.pipeline import diagnose
+from insole_daemon.recording.import_matlab import import_matlab
+
+MEMORY = {"viscoelasticity", "creep", "hysteresis", "lag"}
+CLEAR = 0.8  # times the error of static curves
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--folder", type=Path, default=FOLDER)
+    folder = parser.parse_args().folder
+    thresholds: dict[tuple[object, ...], list[tuple[float, float]]] = {}
+    clear = named = 0
+    for path in sorted(folder.glob("*_insole/*.mat")):
+        with tempfile.TemporaryDirectory() as into:
+            foot = path.parent.name.split("_")[0]
+            recording = insole_daemon.load(import_matlab(path, Path(into) / path.stem, foot, None))
+            began = time.monotonic()
+            found = diagnose([recording], None, lambda text: None)
+        errors = {name: found.heldout[name] for name in ("before", "after", "floor")}
+        print(f"{path.stem}: {found.verdict}, {errors}, {time.monotonic() - began:.0f} s")
+        for each in found.findings:
+            print(f"  {each.effect} at {each.where.scope} {each.where.ids if len(each.where.ids) < 6 else '…'}")
+            if each.effect == "snap":
+                up, down = (float(each.parameters[name].value) for name in ("up_pa", "down_pa"))
+                print(f"    up {up / 1e3:.1f} kPa, down {down / 1e3:.1f} kPa")
+                thresholds.setdefault((foot, *each.where.ids), []).append((up, down))
+        if found.heldout["after"] < CLEAR * found.heldout["before"]:
+            clear += 1
+            named += bool(MEMORY & {each.effect for each in found.findings})
+    for where, every in thresholds.items():
+        for k, name in enumerate(("up", "down")):
+            values = [each[k] for each in every]
+            middle = sum(values) / len(values)
+            apart = max(abs(value / middle - 1.0) for value in values)
+            print(
+                f"{where}: {name} in {len(values)} files, at most {apart:.0%} off their mean of {middle / 1e3:.1f} kPa"
+            )
+    print(f"memory named in {named} of {clear} files that became a fifth better")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,68 @@
+"""Chambers without a calibration: the curves that fit the recording best stand for one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import insole_daemon
+from insole_daemon.diagnosis.observations.own_curves import turned_round
+from insole_daemon.diagnosis.pipeline import WrenchDiagnosis, diagnose
+
+from .chamber import LAYOUT, Array, load, relaxing, write
+
+
+def without_calibration(folder: Path) -> WrenchDiagnosis:
+    document = folder / "recording.yaml"
+    document.write_text("\n".join(row for row in document.read_text().splitlines() if "calibration:" not in row) + "\n")
+    (folder / "calibration.json").unlink()
+    return diagnose([insole_daemon.load(folder)], None, lambda text: None)
+
+
+def test_nothing_is_found_where_nothing_is_and_no_static_word_can_be_told(tmp_path: Path) -> None:
+    found = without_calibration(write(tmp_path / "null"))
+    assert (found.verdict, found.findings) == ("no mismatch", ())
+    assert found.heldout["before"] == pytest.approx(1.08, rel=0.03)  # the noise and its rounding
+    untold = {each["effect"]: each["why"] for each in found.not_identifiable}
+    for word in ("gain", "baseline", "stiffening", "bit_shift"):
+        assert "no calibration" in untold[word]
+
+
+def test_a_memory_is_named_measured_and_its_model_tells_the_load(tmp_path: Path) -> None:
+    found = without_calibration(write(tmp_path / "solid", relaxing(0.3, 0.8)))
+    (finding,) = found.findings
+    assert (finding.effect, finding.where.scope) == ("viscoelasticity", "insole")
+    assert finding.parameters["a"].value == pytest.approx(0.3, rel=0.15)
+    assert finding.parameters["tau_s"].value == pytest.approx(0.8, rel=0.2)
+    assert found.verdict == "explained"
+    # The best static curve is what it is compared with, and the memory's mean is in that.
+    assert 1.4 < found.heldout["before"] < 2.0
+
+
+def test_a_board_that_switches_with_the_load_is_a_snap_with_its_thresholds(tmp_path: Path) -> None:
+    """As a board of the published insoles does: all its taxels read twenty counts more from one load to another."""
+    t_s, pressure = load()
+    on, is_on = np.zeros(len(t_s)), False
+    for k, value in enumerate(pressure.tolist()):
+        is_on = value >= 60e3 or (is_on and value > 35e3)
+        on[k] = is_on
+
+    def switching(cycle_s: Array, counts: Array) -> None:
+        board = np.repeat(LAYOUT.identities[:, 0] == 6, 12)
+        counts[:, board] -= 20.0 * (np.interp(cycle_s, t_s, on) > 0.5)[:, None]
+
+    (finding,) = without_calibration(write(tmp_path / "switches", touch=switching)).findings
+    assert (finding.effect, finding.where.ids) == ("snap", ((6,),))
+    assert finding.parameters["up_pa"].value == pytest.approx(60e3, rel=0.1)
+    assert finding.parameters["down_pa"].value == pytest.approx(35e3, rel=0.15)
+
+
+def test_a_curve_turned_round_rises_and_says_the_load_again() -> None:
+    loads = np.linspace(0.0, 3e5, 200)
+    activation = 60.0 * loads / (loads + 4e5)
+    back = turned_round(activation, loads)
+    assert np.abs(np.polynomial.polynomial.polyval(activation, back) - loads).max() < 1.5e3
+    beyond = np.polynomial.polynomial.polyval(np.linspace(-2.0, 1.05 * activation[-1], 400), back)
+    assert (np.diff(beyond) > 0).all()
