@@ -11,12 +11,22 @@ import pytest
 import insole_daemon
 from insole_daemon.diagnosis import pipeline
 from insole_daemon.diagnosis.pipeline import WrenchDiagnosis
+from insole_daemon.recording.loading import FootRecording
 
 from .chamber import BEGAN_S, LAYOUT, SLOTS, Array, relaxing, write
 
 
 def diagnose(*folders: Path) -> WrenchDiagnosis:
     return pipeline.diagnose([insole_daemon.load(folder) for folder in folders], None, lambda text: None)
+
+
+def loaded(folder: Path) -> tuple[FootRecording, Array]:
+    """The foot in `folder`, and (n,) the reference's pressure at its cycles, Pa."""
+    foot = insole_daemon.load(folder).feet[0]
+    reference = foot.reference
+    assert reference is not None
+    assert reference.time_s is not None
+    return foot, np.interp(foot.t_ns * 1e-9, reference.time_s, reference["pressure_pa"])
 
 
 def of_rows(*rows: int) -> np.ndarray:
@@ -47,12 +57,7 @@ def test_a_memory_of_three_triangles_is_placed_and_measured(tmp_path):
 def test_a_calibration_that_contains_a_strong_memory_hides_no_memory(tmp_path):
     """Its curves are those that go through the middle of what the memory did: no gain, no baseline is named."""
     folder = write(tmp_path / "bag", relaxing(0.45, 3.0))
-    foot = insole_daemon.load(folder).feet[0]
-    reference = foot.reference
-    assert foot.calibration is not None
-    assert reference is not None
-    assert reference.time_s is not None
-    pressure = np.interp(foot.t_ns * 1e-9, reference.time_s, reference["pressure_pa"])
+    foot, pressure = loaded(folder)
     document = json.loads((folder / "calibration.json").read_text())
     rows = {tuple(identity): row for row, identity in enumerate(foot.layout.identities.tolist())}
     for each in document["taxels"]:
@@ -96,12 +101,8 @@ def test_a_board_that_is_zeroed_under_load_is_told_with_its_moment(tmp_path):
 
 def test_before_is_the_error_of_the_calibration_on_the_readings(tmp_path):
     folder = write(tmp_path / "bag", relaxing(0.3, 0.8))
-    foot = insole_daemon.load(folder).feet[0]
-    reference = foot.reference
+    foot, load_pa = loaded(folder)
     assert foot.calibration is not None
-    assert reference is not None
-    assert reference.time_s is not None
-    load_pa = np.interp(foot.t_ns * 1e-9, reference.time_s, reference["pressure_pa"])
     coefficients = foot.calibration.coefficients_pa.reshape(72, -1)
     grid = np.linspace(-5.0, 80.0, 2000)
     off = []

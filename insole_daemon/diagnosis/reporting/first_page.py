@@ -19,7 +19,7 @@ _VERDICTS = {
 }
 
 
-def verdict(diagnosis: Outcome) -> str:
+def verdict_sentence(diagnosis: Outcome) -> str:
     """One sentence."""
     return _VERDICTS[diagnosis.verdict]
 

@@ -18,7 +18,7 @@ SHOWN_S = 6.0  # of the trace: so that a heel strike can be seen
 def html(diagnosis: WrenchDiagnosis) -> str:
     """One file, complete in itself."""
     foot = diagnosis.results[0].seen.layout.foot
-    lead = f"{first_page.verdict(diagnosis)} Recorded in {', '.join(diagnosis.recordings)}."
+    lead = f"{first_page.verdict_sentence(diagnosis)} Recorded in {', '.join(diagnosis.recordings)}."
     return page.page(f"Diagnosis of the {foot} insole against a force reference", lead, parts(diagnosis))
 
 
