@@ -53,9 +53,11 @@ MOST_RATE = 1e-4  # of a clock of the reference's own: more is a finding (format
 LEAST_LATE_S = 0.05  # that it makes by the end, at the least
 LEAST_ROWS_OFF_S = 0.1  # of a reference whose rows were to go with the cycles
 NEVER_TELL = ("dead_taxels", "open_triangle")  # where they are there all the time
+LEAST_GAINED = 0.001  # of what a set explains, that each of it does
 PER_TAXEL = 4.0  # a taxel's share of a triangle's excess that counts as much as a channel's of a wrench
 UNKNOWN_EXCESS = 1.0  # mean squares of the noise that are left
 UNKNOWN_SHARE = 0.08  # of what a set explains, that it may leave: no law is met exactly
+UNKNOWN_OF_MEMORY = 0.12  # the same with a memory, where the load is known: materials follow their laws less nearly
 STRONGER = 4.0  # times what is left without a name, that an effect beside it explains
 MOST_NULL = 1.12  # times the noise floor: what a recording without a mismatch may leave
 MOST_WORSE = np.array([1.02, 1.1, 1.1])  # times the error before, of f_z, m_x and m_y on held-out rows
@@ -223,7 +225,7 @@ def _measured(
 
 def _with_faults(found: Figures, faults: ReadingFaults) -> Figures:
     """With what was put right before the regression: the model as handed in knows nothing of it."""
-    square = sum(each.explains for each in faults.findings if each.effect == "rezero")
+    square = sum(each.explains for each in faults.findings)
     return replace(found, before=np.sqrt(found.before**2 + square)) if square else found
 
 
@@ -295,10 +297,11 @@ def diagnose_one(seen: WrenchObservation, foot: FootRecording, progress: Callabl
             best = search.fit([k for i, k in enumerate(best.chosen) if i != idle])
             continue
         order, found = _measured(whole, refined, first.timing, faults)
-        if not order or _is_better(found):
+        # What makes rows worse that it was not fitted to explains nothing, and neither does what changes no reading.
+        needless = order[-1:] if order and not _is_better(found) else _needless(found, refined, order)
+        if not needless:
             break
-        # What makes rows worse that it was not fitted to explains nothing.
-        best = search.fit([k for i, k in enumerate(best.chosen) if i != order[-1]])
+        best = search.fit([k for i, k in enumerate(best.chosen) if i != needless[-1]])
     is_unknown = _is_unknown(found, whole, refined, first.timing)
     if is_unknown:
         # What explains hardly more than is left without a name may be a part of that.
@@ -395,6 +398,15 @@ def _is_better(found: Figures) -> bool:
     return bool(whole and np.all(found.after <= MOST_WORSE[: len(found.after)] * found.before))
 
 
+def _needless(found: Figures, refined: Refined[Any], order: Sequence[int]) -> list[int]:
+    """Candidates of `order` that make no reading's error smaller, where its load is known; a clock only aligns."""
+    if not isinstance(refined.design, BlockDesign):
+        return []
+    least = LEAST_GAINED * sum(found.gains)
+    words = [each.word for each in refined.design.candidates]
+    return [i for i, gain in zip(order, found.gains, strict=True) if gain <= least and words[i] != "clock"]
+
+
 def _idle(search: SubsetSearch[Any], chosen: Sequence[int], refined: Refined[Any]) -> int | None:
     """A candidate that explains less than its price now that the others are refined; None where all are worth it.
 
@@ -424,7 +436,9 @@ def _is_unknown(found: Figures, whole: Design | BlockDesign, refined: Refined[An
     if refined.shares and _explains_little(found, whole):
         return True
     explained = refined.gain + _timing_energy(whole, timing)
-    return bool(_excess(found, whole).max() > UNKNOWN_EXCESS and _unexplained(found, whole) > UNKNOWN_SHARE * explained)
+    has_memory = any(each.term.is_memory for each in refined.design.candidates)
+    share = UNKNOWN_OF_MEMORY if has_memory and isinstance(whole, BlockDesign) else UNKNOWN_SHARE
+    return bool(_excess(found, whole).max() > UNKNOWN_EXCESS and _unexplained(found, whole) > share * explained)
 
 
 def _explains_little(found: Figures, whole: Design | BlockDesign) -> bool:

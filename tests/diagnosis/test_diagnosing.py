@@ -236,3 +236,22 @@ def test_two_recordings_of_one_insole_share_the_physics(tmp_path):
     diagnosis = found(first, second)
     assert words(diagnosis) == ["viscoelasticity"]
     assert len(diagnosis.document()["alignment"]) == 2
+
+
+def test_single_taxels_are_told_with_what_is_wrong_of_each_and_nobody_elses(tmp_path):
+    """Beside a memory of the whole insole, which all taxels share."""
+
+    def touch(t_s, counts):
+        counts[:, [3, 28]] = 240.5 - 0.8 * (240.5 - counts[:, [3, 28]])
+        counts[:, 49] += 4.0
+
+    diagnosis = found(write(tmp_path / "taxels", relaxing(0.3, 0.8), touch=touch))
+    by_word = {each.effect: each for each in diagnosis.findings}
+    assert set(by_word) == {"gain", "baseline", "viscoelasticity"}
+    taxels = {slot: (*LAYOUT.identities[slot // 12].tolist(), slot % 12) for slot in (3, 28, 49)}
+    assert set(by_word["gain"].where.ids) == {taxels[3], taxels[28]}
+    assert by_word["gain"].parameters["gain"].value == pytest.approx(0.8, abs=0.04)
+    assert by_word["baseline"].where.ids == (taxels[49],)
+    assert by_word["baseline"].parameters["shift_count"].value == pytest.approx(4.0, abs=0.4)
+    assert by_word["viscoelasticity"].where == Where()
+    assert diagnosis.verdict == "explained"

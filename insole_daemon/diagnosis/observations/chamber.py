@@ -10,7 +10,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
+from scipy.ndimage import median_filter, percentile_filter
 from scipy.signal import savgol_filter
 from scipy.stats import trim_mean
 
@@ -20,6 +22,7 @@ from ...physics.calibration import Calibration
 from ...physics.law import Array
 from ...recording.loading import FootRecording, Recording
 from ...recording.reference import Reference
+from ..contact import stretches
 from .alignment import fit_own_clock
 from .wrench import (
     FINE_S,
@@ -38,6 +41,7 @@ SMOOTH_S, SMOOTH_ROWS, DEGREE = 0.06, 3, 3  # half the window of the reference
 NOISE_KEPT = 2.25  # of a cubic fit over many rows, times their number (Savitzky & Golay)
 N_TABLE = 400  # of the curves, to be read backwards
 BENT = 0.5  # of the time between two readings
+LEAP_S, LEAP_SHARE, LEAP_SIGMAS = 0.05, 0.02, 20.0  # of the range; of what rows are off their neighbours
 LEAST_ANSWER = 0.2  # of the span of the liveliest taxels: less, and a taxel tells little of the load
 CLEARER = 0.85  # of what the edges of all taxels leave unexplained, that those of one board may leave
 LEAST_TOLD = 0.3  # of the readings' time, that the reference covers
@@ -158,6 +162,12 @@ def _reference(recording: Recording, foot: FootRecording, reference: Reference) 
             f"{recording.folder}: the pressure of the reference stays within {rises / 1e3:.1f} kPa, expected one that "
             f"rises and falls by more than {LEAST_RISE_PA / 1e3:.0f} kPa: was the chamber recorded?"
         )
+    leaping = np.zeros(len(good), bool)
+    leaping[good] = _leaps(time_s[good], pressure[good])
+    leaps_s = tuple(
+        (float(time_s[a] - time_s[good][0]), float(time_s[b] - time_s[good][0])) for a, b in stretches(leaping)
+    )
+    good &= ~leaping
     t, p = time_s[good] - time_s[good][0], pressure[good][:, None]
     grid_s = np.arange(0.0, t[-1], FINE_S)
     after = np.searchsorted(t, grid_s, side="right").clip(1, len(t) - 1)
@@ -171,8 +181,18 @@ def _reference(recording: Recording, foot: FootRecording, reference: Reference) 
     noise = noise * np.sqrt(NOISE_KEPT / rows)
     return ReferenceWrench(
         float(time_s[good][0]), fine, known, noise, reference.clock,
-        reference.time_s is not None, row_s,
+        reference.time_s is not None, row_s, leaps_s,
     )  # fmt: skip
+
+
+def _leaps(time_s: Array, pressure_pa: Array) -> NDArray[np.bool_]:
+    """(n,) rows away from those before and after for less than any pressure could be, LEAP_S."""
+    row_s = float(np.median(np.diff(time_s)))
+    width = 2 * max(round(LEAP_S / row_s), 1) + 1
+    away = np.abs(pressure_pa - median_filter(pressure_pa, width, mode="nearest"))
+    usual = percentile_filter(away, 90, 8 * width + 1)
+    least = max(LEAP_SHARE * float(np.ptp(pressure_pa)), LEAP_SIGMAS * 1.4826 * float(np.median(away)))
+    return np.asarray((away > least) & (away > 4.0 * usual))
 
 
 def _aligned(recording: Recording, found: ChamberObservation) -> ChamberObservation:

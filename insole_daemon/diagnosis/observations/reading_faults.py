@@ -20,10 +20,10 @@ from ..audit import audit
 from ..contact import joined
 from ..finding import Finding
 from ..places import said
-from .chamber import SMOOTH_S
 from .hidden_faults import pick_up, stuck_bit, together
 from .paired import PairedObservation
 from .rezeros import with_rezeros
+from .taxel_faults import with_taxels
 from .wrench import FINE_S, LARGEST, WrenchObservation
 
 TAKEN = ("open_triangle", "dead_taxels")  # of the audit of readings
@@ -34,7 +34,7 @@ BURST_TIMES, CALM_QUANTILE = 2.0, 0.25  # a window's noise against the triangle'
 USUAL_QUANTILE = 0.3  # of the windows: what scatters for more than half of the time does not do so usually
 LEAST_COUNT = 0.3  # of noise: rounding alone
 WINDOW_S, LEAST_BURST_S, MOST_BURST = 1.5, 2.9, 0.75
-SPIKE_SIGMAS, LEAST_SPIKES, LEAST_KNOWN = 9.0, 4, 2  # of a load that nobody's heel makes
+SPIKE_SIGMAS, LEAST_SPIKES, LEAST_LEAPS = 9.0, 4, 3  # leaps: that no pressure could have
 LEAP_ROWS = 3  # of the reference, that it is away for at the most
 NEAR_S = 0.1  # readings and reference may be apart by as much
 MOST_RESTING_COUNT = 30.0  # of activation that a shift of the baseline can hide
@@ -73,6 +73,8 @@ def reading_faults(foot: FootRecording, seen: WrenchObservation) -> ReadingFault
     substituted = np.asarray(broken.any(axis=1))
     seen = _substitute(seen, working, substituted) if substituted.any() else seen
     findings += rezeroed
+    seen, odd = with_taxels(seen, working)
+    findings += odd
     findings += _lost(foot, seen, substituted)
     loudness, bursts = _bursts(seen)
     findings += bursts
@@ -240,6 +242,15 @@ def _usual(values: Array) -> Array:
     )
 
 
+def _leapt(seen: WrenchObservation) -> list[Finding]:
+    """What is said of a reference whose leaps have been left out."""
+    when = [tuple((each - seen.offset_s) / (1.0 + seen.rate) for each in leap) for leap in seen.reference.leaps_s]
+    if len(when) < LEAST_LEAPS:
+        return []
+    text = f"the reference leaps for a moment, {len(when)} times"
+    return [_finding(seen, "reference_fault", Where(), joined([(a, b) for a, b in when], APART_S)[:40], text)]
+
+
 def _spikes(seen: WrenchObservation) -> tuple[NDArray[np.bool_], list[Finding]]:
     """(N,) rows in which the reference leaps and the insole does not, and what is said of them.
 
@@ -248,9 +259,9 @@ def _spikes(seen: WrenchObservation) -> tuple[NDArray[np.bool_], list[Finding]]:
     """
     if isinstance(seen, PairedObservation):
         return np.zeros(len(seen.t_s), bool), []  # a simulation does not leap
-    # The course of a known load is smoothed, and a leap in it is wider.
-    lasts_s = LEAP_ROWS * seen.reference.row_s + (2.0 * SMOOTH_S if seen.load_is_known else 0.0)
-    width = max(round(lasts_s / FINE_S), 1) * 2 + 1
+    if seen.load_is_known:
+        return np.zeros(len(seen.t_s), bool), _leapt(seen)
+    width = max(round(LEAP_ROWS * seen.reference.row_s / FINE_S), 1) * 2 + 1
     fine = seen.reference.fine
     leaps = np.abs(fine - median_filter(fine, (width, 1), mode="nearest"))
     usual = percentile_filter(leaps, 90, (4 * width + round(0.5 / FINE_S) | 1, 1))
@@ -265,7 +276,7 @@ def _spikes(seen: WrenchObservation) -> tuple[NDArray[np.bool_], list[Finding]]:
     alone = np.sort(np.stack([np.roll(left, k, axis=0) for k in (-3, -2, 2, 3)]), axis=0)[2]
     spikes = np.any((size > struck) & (size > 2.0 * alone), axis=1)
     starts = int((np.diff(spikes.astype(int), prepend=0) == 1).sum())
-    if starts < (LEAST_KNOWN if seen.load_is_known else LEAST_SPIKES):
+    if starts < LEAST_SPIKES:
         return np.zeros(len(spikes), bool), []
     when = [(float(t), float(t + seen.step_s)) for t in seen.t_s[spikes]]
     text = f"the reference leaps for a moment, {starts} times"

@@ -61,6 +61,7 @@ class ReferenceWrench:
     clock: Clock
     has_times: bool
     row_s: float  # between two rows
+    leaps_s: tuple[tuple[float, float], ...] = ()  # from its first row on, when it was away for a moment: left out
 
     def at(self, t_s: Array, lag_s: float = 0.0) -> Array:
         """(n, 3) at times `t_s` of its clock, after a first-order lag."""

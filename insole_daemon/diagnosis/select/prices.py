@@ -19,6 +19,9 @@ from ..model.regression import PlacedTerm, Regression
 LEAST_EVIDENCE = 40.0  # that a recalibration beyond its priors has to explain
 EARLY = 4.0  # least gains more: that readings come before their load is the last thing to believe
 WITHIN_PRIORS = 4.0  # times the misfit of others: a share of it that nuisances can take makes no evidence
+MISSED_OF_MEMORY = (
+    0.1  # of a memory, that another family's law leaves, squared: plays of Dahl's, sums of activated creep
+)
 ODDS = 8.0  # that the choice among the terms costs
 
 
@@ -210,9 +213,17 @@ class BlockPrices:
         return 0.0
 
     def _misfit(self, every: Sequence[PlacedTerm], shares: Sequence[Array], i: int) -> float:
-        """What the others of a set may fail to describe where number `i` is at work, squared."""
+        """What the others of a set may fail to describe where number `i` is at work, squared.
+
+        A second memory at the same place is the likeliest to describe what the law of the first one misses.
+        """
         return sum(
-            other.term.misfit_of(True) * self.design.overlap(every[i], other, own)
+            (
+                max(other.term.misfit_of(True), MISSED_OF_MEMORY)
+                if every[i].term.is_memory and other.term.is_memory
+                else other.term.misfit_of(True)
+            )
+            * self.design.overlap(every[i], other, own)
             for j, (other, own) in enumerate(zip(every, shares, strict=True))
             if j != i
         )

@@ -50,6 +50,11 @@ def _known_parameters(settings: Sequence[Setting], shares: Array) -> dict[str, o
     return {"a": total, "tau_s": tau_s}
 
 
+def _is_possible(settings: Sequence[Setting], shares: Array, load_is_known: bool) -> bool:
+    """Whether no more than the whole answer is late."""
+    return not load_is_known or float(np.sum(shares)) <= 1.0
+
+
 TERM = Term(
     word="viscoelasticity",
     scopes=("insole", "board", "triangle"),
@@ -60,6 +65,7 @@ TERM = Term(
     plausible=0.1,
     limit=2.0,
     absorbs=ABSORBED,
+    is_possible=_is_possible,
     misfit=0.02,
     known_misfit=0.01,
 )
