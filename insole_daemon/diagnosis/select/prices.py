@@ -22,6 +22,7 @@ WITHIN_PRIORS = 4.0  # times the misfit of others: a share of it that nuisances 
 MISSED_OF_MEMORY = (
     0.1  # of a memory, that another family's law leaves, squared: plays of Dahl's, sums of activated creep
 )
+ANY_COURSE = 0.01  # of a drift, that an effect with a cause may leave of it and still be it
 ODDS = 8.0  # that the choice among the terms costs
 
 
@@ -209,8 +210,8 @@ class BlockPrices:
         )
 
     def loose(self, candidate: PlacedTerm, shares: Array) -> float:
-        """Nothing: where the load is known, what a law misses is seen."""
-        return 0.0
+        """Nothing: where the load is known, what a law misses is seen. But a drift can have any course."""
+        return ANY_COURSE * self.design.size(candidate, shares) if candidate.word == "drift" else 0.0
 
     def _misfit(self, every: Sequence[PlacedTerm], shares: Sequence[Array], i: int) -> float:
         """What the others of a set may fail to describe where number `i` is at work, squared.

@@ -44,4 +44,5 @@ TERM = Term(
     plausible=0.3,
     limit=40,
     misfit=0.015,
+    yields_to=("temperature",),
 )
