@@ -40,7 +40,7 @@ from .searching import Searched
 from .searching import search as search_terms
 from .select import confidence, left_over
 from .select.count_figures import count_figures
-from .select.search import SubsetSearch
+from .select.search import FittedSet, SubsetSearch
 from .select.timing_search import TimedSet
 from .select.wrench_figures import Figures, figures
 from .terms import TERMS
@@ -53,7 +53,8 @@ MOST_RATE = 1e-4  # of a clock of the reference's own: more is a finding (format
 LEAST_LATE_S = 0.05  # that it makes by the end, at the least
 LEAST_ROWS_OFF_S = 0.1  # of a reference whose rows were to go with the cycles
 NEVER_TELL = ("dead_taxels", "open_triangle")  # where they are there all the time
-LEAST_GAINED = 0.001  # of what a set explains, that each of it does
+LEAST_GAINED = 0.001  # of what a set explains, that each of it does where it enters
+LEAST_NEEDED = 0.05  # of it, that is lost where one that does not is left out: less, and it is not needed
 PER_TAXEL = 4.0  # a taxel's share of a triangle's excess that counts as much as a channel's of a wrench
 UNKNOWN_EXCESS = 1.0  # mean squares of the noise that are left
 UNKNOWN_SHARE = 0.08  # of what a set explains, that it may leave: no law is met exactly
@@ -229,6 +230,12 @@ def _with_faults(found: Figures, faults: ReadingFaults) -> Figures:
     return replace(found, before=np.sqrt(found.before**2 + square)) if square else found
 
 
+def _is_next_to_nothing(each: Finding, found: Figures) -> bool:
+    """Whether single taxels take away so little that a material which differs from taxel to taxel does as much."""
+    whole = float(found.before[0] ** 2 - found.after[0] ** 2)
+    return each.where.scope == "taxel" and bool(each.parameters) and each.explains < LEAST_GAINED * whole
+
+
 def _heldout_of(seen: WrenchObservation, before: float, after: float) -> dict[str, Any]:
     return {"heldout_count" if seen.load_is_known else "heldout_n": (before, after)}
 
@@ -297,11 +304,14 @@ def diagnose_one(seen: WrenchObservation, foot: FootRecording, progress: Callabl
             best = search.fit([k for i, k in enumerate(best.chosen) if i != idle])
             continue
         order, found = _measured(whole, refined, first.timing, faults)
-        # What makes rows worse that it was not fitted to explains nothing, and neither does what changes no reading.
-        needless = order[-1:] if order and not _is_better(found) else _needless(found, refined, order)
-        if not needless:
+        if order and not _is_better(found):
+            # What makes rows worse that it was not fitted to explains nothing.
+            best = search.fit([k for i, k in enumerate(best.chosen) if i != order[-1]])
+            continue
+        lighter = _lighter(search, best, order, found, lambda each: _measured(whole, each, first.timing, faults)[1])
+        if lighter is None:
             break
-        best = search.fit([k for i, k in enumerate(best.chosen) if i != needless[-1]])
+        best = lighter
     is_unknown = _is_unknown(found, whole, refined, first.timing)
     if is_unknown:
         # What explains hardly more than is left without a name may be a part of that.
@@ -359,7 +369,7 @@ def diagnose_one(seen: WrenchObservation, foot: FootRecording, progress: Callabl
         )  # fmt: skip
     findings = list(join_places(findings, seen))
     effects.sort(key=lambda each: np.inf if each.law.order is None else each.law.order)  # the order of the signal path
-    findings += faults.findings
+    findings += [each for each in faults.findings if not _is_next_to_nothing(each, found)]
     result = WalkResult(
         faults, whole, refined, found, (), tuple(effects), _singles(search),
         tuple(_not_identifiable(whole, {each.effect for each in findings}, searched.priors)), is_unknown,
@@ -398,13 +408,31 @@ def _is_better(found: Figures) -> bool:
     return bool(whole and np.all(found.after <= MOST_WORSE[: len(found.after)] * found.before))
 
 
-def _needless(found: Figures, refined: Refined[Any], order: Sequence[int]) -> list[int]:
-    """Candidates of `order` that make no reading's error smaller, where its load is known; a clock only aligns."""
-    if not isinstance(refined.design, BlockDesign):
-        return []
-    least = LEAST_GAINED * sum(found.gains)
-    words = [each.word for each in refined.design.candidates]
-    return [i for i, gain in zip(order, found.gains, strict=True) if gain <= least and words[i] != "clock"]
+def _lighter(
+    search: SubsetSearch[Any],
+    best: FittedSet,
+    order: Sequence[int],
+    found: Figures,
+    measured: Callable[[Refined[Any]], Figures],
+) -> FittedSet | None:
+    """`best` without a candidate that makes no reading's error smaller, where its load is known; None: all do.
+
+    Neither when it enters after stronger ones, nor when all others are there. A clock only aligns.
+    """
+    whole = search.design
+    if not isinstance(whole, BlockDesign):
+        return None
+    before, after = float(found.before[0]) ** 2, float(found.after[0]) ** 2
+    for i, gain in reversed(list(zip(order, found.gains, strict=True))):
+        if gain > LEAST_GAINED * sum(found.gains) or whole.candidates[best.chosen[i]].word == "clock":
+            continue
+        rest = [k for j, k in enumerate(best.chosen) if j != i]
+        others = search.singles() if len(rest) == 1 else []
+        without = max([search.fit(rest), *others], key=lambda each: each.score)
+        left = float(measured(refine(whole, without.chosen)).after[0]) ** 2
+        if best.chosen[i] not in without.chosen and left - after < LEAST_NEEDED * (before - after):
+            return without
+    return None
 
 
 def _idle(search: SubsetSearch[Any], chosen: Sequence[int], refined: Refined[Any]) -> int | None:

@@ -22,7 +22,7 @@ from .wrench import WrenchObservation
 
 LEAST_TAXELS = 6  # of a triangle, that a median is taken of
 MOST_ODD = 0.35  # of them, that may be off: with half of them nobody knows which half
-LEAST_SIZE = 0.4  # of a reading's noise: what a correction moves its readings by, RMS
+LEAST_SIZE = 0.6  # of a reading's noise: what a correction moves its readings by, RMS
 CLEAR = 8.0  # times what most taxels are off by (median absolute deviation as a standard deviation)
 LEAST_SHARE = 0.6  # of what is off beyond noise, that one static word explains
 LEAST_ROWS = 200

@@ -17,6 +17,7 @@ from ..model.solve import absorbed_std
 from .residual_tests import lack_of_fit
 from .wrench_figures import FOLD_S, N_FOLDS, Figures
 
+REFITTED_COUNT = 5.0  # standard deviation of what a memory leaves in the curve of a taxel
 ALIGNING = ("offset_s", "rate")
 
 
@@ -55,9 +56,13 @@ def count_figures(refined: Refined[BlockDesign], order: Sequence[int]) -> Figure
     apart = [_apart_pa(refined, i) for i in order]
     off = _off(design, as_read, left, sum(apart))
     recalibrated = None
-    if design.priors.has_loose_curves:
-        splines = curve_splines(seen.activation_count, seen.usable)
-        curves = np.stack(splines.at(seen.activation_count), axis=-1)  # (N, T, 12, k)
+    is_loose = design.priors.has_loose_curves
+    if is_loose or any(each.term.is_memory for each in design.candidates):
+        # The calibration may have been made with the memory at work.
+        # Curves that were fitted to the load stay functions of the load: of readings, one could have a gap for a snap.
+        of_count = seen.expected_count if seen.has_own_curves else seen.activation_count
+        splines = curve_splines(of_count, seen.usable)
+        curves = np.stack(splines.at(of_count), axis=-1)  # (N, T, 12, k)
         recalibrated = CurveShares(splines, _curves(design, off, curves, known))
         off = _heldout_less_curves(design, off, curves, fold)
     static = _off(design, as_read, before)
@@ -76,7 +81,7 @@ def count_figures(refined: Refined[BlockDesign], order: Sequence[int]) -> Figure
         _, shift, _ = _fit(x[:, :, :0], rest, prior[:0], design, np.ones(n, bool))
         rest = rest - nuisance.shared[:, :, aligning] @ shift[aligning]
         off = _off(design, as_read, rest, sum(apart[:m]))
-        if recalibrated is not None:
+        if recalibrated is not None and is_loose:
             off = _less_curves(off, curves, _curves(design, off, curves, known))
         square = _square(design, off)
         gains.append(max(previous - square, 0.0))
@@ -162,7 +167,7 @@ def _off(design: BlockDesign, as_read: Array, left: Array, apart_pa: Array | flo
 
 
 def _curves(design: BlockDesign, off: Array, columns: Array, known: NDArray[np.bool_]) -> Array:
-    return fit_curves(off, columns, known, design.priors.curve_count, design.seen.noise_count)
+    return fit_curves(off, columns, known, max(design.priors.curve_count, REFITTED_COUNT), design.seen.noise_count)
 
 
 def _heldout_less_curves(design: BlockDesign, off: Array, columns: Array, fold: NDArray[np.intp]) -> Array:
