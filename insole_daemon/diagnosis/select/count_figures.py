@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ...physics.law import Array
 from ..model.blocks import BlockDesign, residual
-from ..model.curves import CurveShares, curve_splines, fit_curves
+from ..model.curves import CurveShares, CurveSplines, curve_splines, fit_curves
 from ..model.load import TaxelLoad
 from ..model.refine import Refined
 from ..model.regression import Timing
@@ -59,16 +59,12 @@ def count_figures(refined: Refined[BlockDesign], order: Sequence[int]) -> Figure
     is_loose = design.priors.has_loose_curves
     if is_loose or any(each.term.is_memory for each in design.candidates):
         # The calibration may have been made with the memory at work.
-        # Curves that were fitted to the load stay functions of the load: of readings, one could have a gap for a snap.
-        of_count = seen.expected_count if seen.has_own_curves else seen.activation_count
-        splines = curve_splines(of_count, seen.usable)
-        curves = np.stack(splines.at(of_count), axis=-1)  # (N, T, 12, k)
-        recalibrated = CurveShares(splines, _curves(design, off, curves, known))
-        off = _heldout_less_curves(design, off, curves, fold)
+        splines = curve_splines(seen.expected_count, seen.usable)
+        recalibrated = CurveShares(splines, _curves(design, off, _columns_at(design, off, splines), known))
+        off = _heldout_less_curves(design, off, splines, fold)
     static = _off(design, as_read, before)
     if seen.has_own_curves:  # nothing was handed in: it is compared with the static curves that fit best
-        splines = curve_splines(seen.expected_count, seen.usable)
-        static = _heldout_less_curves(design, static, np.stack(splines.at(seen.expected_count), axis=-1), fold)
+        static = _heldout_less_curves(design, static, curve_splines(seen.expected_count, seen.usable), fold)
     squares = [_square(design, static), _square(design, off)]
     gains: list[float] = []
     previous = _square(design, _off(design, as_read, design.y - nuisance.shared[:, :, aligning] @ unmoved[aligning]))
@@ -82,7 +78,8 @@ def count_figures(refined: Refined[BlockDesign], order: Sequence[int]) -> Figure
         rest = rest - nuisance.shared[:, :, aligning] @ shift[aligning]
         off = _off(design, as_read, rest, sum(apart[:m]))
         if recalibrated is not None and is_loose:
-            off = _less_curves(off, curves, _curves(design, off, curves, known))
+            columns = _columns_at(design, off, recalibrated.splines)
+            off = _less_curves(off, columns, _curves(design, off, columns, known))
         square = _square(design, off)
         gains.append(max(previous - square, 0.0))
         previous = min(previous, square)
@@ -170,9 +167,14 @@ def _curves(design: BlockDesign, off: Array, columns: Array, known: NDArray[np.b
     return fit_curves(off, columns, known, max(design.priors.curve_count, REFITTED_COUNT), design.seen.noise_count)
 
 
-def _heldout_less_curves(design: BlockDesign, off: Array, columns: Array, fold: NDArray[np.intp]) -> Array:
+def _columns_at(design: BlockDesign, off: Array, splines: CurveSplines) -> Array:
+    """(N, T, 12, k) splines at what the model says is read: at readings, a curve would follow their noise."""
+    return np.stack(splines.at(off + design.seen.activation_count), axis=-1)
+
+
+def _heldout_less_curves(design: BlockDesign, off: Array, splines: CurveSplines, fold: NDArray[np.intp]) -> Array:
     """`off` less what each taxel's own curve is off by, fitted to the other folds of rows."""
-    known, found = design.weights > 0, np.empty_like(off)
+    known, found, columns = design.weights > 0, np.empty_like(off), _columns_at(design, off, splines)
     for k in range(N_FOLDS):
         held = fold == k
         shares = _curves(design, off, columns, known & ~held[:, None])
