@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -38,6 +39,10 @@ def diagnose(
             "or again for each, in their order.",
         ),
     ] = None,
+    verify: Annotated[
+        Path | None,
+        typer.Option("--verify", help="A recording that has no part in it, to tell the errors before and after on."),
+    ] = None,
     foot: Annotated[OneFoot | None, typer.Option("--foot", help="Needed where the recordings have both.")] = None,
 ) -> None:
     """Say where recordings differ from their model, which physics was left out, and model it.
@@ -45,7 +50,7 @@ def diagnose(
     Exit status: 0 no mismatch or explained, 1 partly explained or unexplained, 2 wrong usage, 3 not decidable from
     this data, 4 a recording was refused.
     """
-    raise typer.Exit(EXIT[diagnosed(recordings, out, calibration, simulation or (), foot).verdict])
+    raise typer.Exit(EXIT[diagnosed(recordings, out, calibration, simulation or (), verify, foot).verdict])
 
 
 def diagnosed(
@@ -53,12 +58,14 @@ def diagnosed(
     out: Path,
     calibration: Path | None = None,
     simulations: Sequence[Path] = (),
+    verify: Path | None = None,
     foot: OneFoot | None = None,
 ) -> Outcome:
     """What the command does, up to its exit status."""
-    from ..diagnosis import writing
+    from ..diagnosis import verifying, writing
     from ..diagnosis.feet import choose
     from ..diagnosis.pipeline import diagnose
+    from ..files import write_text
     from ..physics import calibration as calibrations
     from ..recording.loading import load
 
@@ -67,6 +74,9 @@ def diagnosed(
     for line in (line for each in loaded for line in each.warnings):
         print(f"insole: {line}", file=sys.stderr)
     simulated = [load(folder) for folder in simulations]
+    new = None if verify is None else load(verify)
+    if new is not None:
+        verifying.refuse_known(new, loaded)
     asked: Foot | None = None if foot is None else "left" if foot is OneFoot.left else "right"
     model = (
         None
@@ -77,7 +87,14 @@ def diagnosed(
     with show_work("diagnosing") as say:
         found = diagnose(loaded, model, say, simulated, asked)
         writing.write(found, out)
+        if new is not None:
+            say("verifying the model")
+            verified = verifying.verify(found.static(), out / "model.json", new, found.results[0].seen.layout.foot)
+            write_text(out / verifying.FILE, json.dumps(verified.document(), indent=1) + "\n")
     _print(found, out)
+    if new is not None:
+        unit = "counts" if verified.unit == "count" else verified.unit
+        print(f"verified on {verified.recording}: {verified.before:.2f} → {verified.after:.2f} {unit}")
     return found
 
 

@@ -92,6 +92,12 @@ class WrenchDiagnosis(Outcome):
     results: tuple[WalkResult, ...]
     effects: tuple[Effect, ...]
 
+    def static(self) -> dict[str, Any]:
+        """The static model that was asked about, as `insole-calibration/1`."""
+        seen = self.results[0].seen
+        nothing = np.zeros(seen.usable.shape, bool)
+        return wrench_model.document(seen, (), (), {"made_by": f"insole diagnose {__version__}"}, None, nothing)
+
 
 def diagnose(
     recordings: Sequence[Recording],

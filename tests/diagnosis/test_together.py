@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 
 from insole_daemon.cli import app
 from insole_daemon.diagnosis.compensation import of_walk
+from insole_daemon.errors import DiagnosisError
 from insole_daemon.recording.loading import load
 
 from . import chamber
@@ -94,3 +95,24 @@ def test_nothing_is_found_where_nothing_is(tmp_path):
     found = diagnose(tmp_path / "out", bag(tmp_path), stands, walk(tmp_path))
     assert [each["sentence"] for each in found["findings"]] == []
     assert found["verdict"] == "no mismatch"
+
+
+def test_the_model_of_one_recording_is_verified_on_others(tmp_path):
+    first = bag(tmp_path, relaxing(0.3, 0.8))
+    for new, unit in ((walk(tmp_path, solid), "N"), (bag(tmp_path / "new", relaxing(0.3, 0.8)), "count")):
+        if unit == "count":
+            new = new.rename(tmp_path / "another")
+        out = tmp_path / f"out-{unit}"
+        done = CliRunner().invoke(app, ["diagnose", str(first), "--out", str(out), "--verify", str(new)])
+        assert done.exit_code == 0, (done.output, done.exception)
+        said = json.loads((out / "verification.json").read_text())
+        assert (said["recording"], said["unit"]) == (new.name, unit)
+        assert said["after"] < 0.7 * said["before"]
+        assert f"verified on {new.name}: {said['before']:.2f} → {said['after']:.2f}" in done.output
+
+
+def test_a_recording_that_the_model_is_made_of_verifies_nothing(tmp_path):
+    only = bag(tmp_path, relaxing(0.3, 0.8))
+    done = CliRunner().invoke(app, ["diagnose", str(only), "--out", str(tmp_path / "out"), "--verify", str(only)])
+    assert isinstance(done.exception, DiagnosisError)
+    assert "verify on another recording" in str(done.exception)
