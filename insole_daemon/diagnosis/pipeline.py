@@ -17,7 +17,7 @@ from ..physics.effect import Effect, Where
 from ..physics.effects import laws
 from ..physics.law import Array
 from ..recording.loading import FootRecording, Recording
-from . import merging, outcome
+from . import merging, outcome, sentences
 from .excitation import require_cycles
 from .export import wrench_model
 from .export.as_effect import as_effect
@@ -284,7 +284,7 @@ def _placed(searched: Searched, seen: WrenchObservation, found: Figures) -> tupl
                 effect=each.word, foot=seen.layout.foot, where=each.where, equation=laws()[each.word].equation,
                 recordings=(seen.name,), parameters=each.parameters, explains=gained, margin=each.margin,
                 confidence=confidence.confidence(each.margin, False),
-                sentence=_sentence(each.word, each.where, each.parameters, found, seen),
+                sentence=sentences.of_effect(each.word, each.where, each.parameters),
                 **_heldout_of(seen, float(np.sqrt(found.after[0] ** 2 + gained)), float(found.after[0])),
             )
         )  # fmt: skip
@@ -368,8 +368,8 @@ def diagnose_one(seen: WrenchObservation, foot: FootRecording, progress: Callabl
                 effect=candidate.word, alternatives=tuple(word for word, _ in alternatives[:1]), foot=seen.layout.foot,
                 where=candidate.where, equation=laws()[candidate.word].equation if candidate.word in laws() else "",
                 recordings=(seen.name,), parameters=parameters, explains=gain, confidence=sure, margin=margin,
-                sentence=_constant_of_reference(parameters["offset"].value) if "offset" in parameters
-                else _sentence(candidate.word, candidate.where, parameters, found, seen),
+                sentence=sentences.of_constant(parameters["offset"].value) if "offset" in parameters
+                else sentences.of_effect(candidate.word, candidate.where, parameters),
                 **_heldout_of(seen, float(np.sqrt(found.after[0] ** 2 + gain)), float(found.after[0])),
             )
         )  # fmt: skip
@@ -552,7 +552,7 @@ def _timings(
                 equation=laws()[word].equation, recordings=(seen.name,), parameters=parameters,
                 explains=found.timing_gain / len(first.words),
                 confidence=confidence.confidence(margin, other is not None), margin=margin,
-                sentence=_sentence(word, Where(), parameters, found, seen),
+                sentence=sentences.of_effect(word, Where(), parameters),
                 **_heldout_of(seen, float(np.sqrt(found.after[0] ** 2 + found.timing_gain)), float(found.after[0])),
             )
         )  # fmt: skip
@@ -566,13 +566,6 @@ def _timing_effects(first: TimedSet[Any], named: Sequence[str]) -> list[Effect]:
     if "delay" in named and first.timing.delay_s > 0:
         effects.append(as_effect("delay", Where(), {"delay_s": Quantity(first.timing.delay_s, 0.0, "s")}))
     return effects
-
-
-def _constant_of_reference(offset: Sequence[float]) -> str:
-    return (
-        f"The reference reads {offset[0]:+.1f} N, {offset[1]:+.2f} and {offset[2]:+.2f} N·m at all times, loaded or "
-        "not: zero it, or take the baseline of the insole anew."
-    )
 
 
 def _is_nuisance(word: str, parameters: dict[str, Quantity]) -> bool:
@@ -602,20 +595,6 @@ def _effect(word: str, where: Where, parameters: dict[str, Quantity], seen: Wren
         return None
     highest = float(np.ceil(seen.pressure_pa.max()))
     return replace(found, valid_range={"pressure_pa": (0.0, highest)}) if found.law.domain == "pressure" else found
-
-
-def _sentence(word: str, where: Where, parameters: dict[str, Quantity], found: Figures, seen: WrenchObservation) -> str:
-    numbers = ", ".join(
-        f"{name} {np.round(np.asarray(q.value, float), 4).tolist()} {q.unit if q.unit != '1' else ''}".strip()
-        for name, q in parameters.items() if name != "pair"
-    )  # fmt: skip
-    what = "readings" if seen.load_is_known else "the force"
-    unit, digits = ("counts", 2) if seen.load_is_known else ("N", 1)
-    return (
-        f"{said(where)}: {word.replace('_', ' ')}{f' ({numbers})' if numbers else ''}. With all findings the error of "
-        f"{what} falls from {found.before[0]:.{digits}f} to {found.after[0]:.{digits}f} {unit} on rows that were held "
-        "out."
-    )
 
 
 def _heldout(results: Sequence[WalkResult]) -> dict[str, Any]:
@@ -753,9 +732,10 @@ def _not_identifiable(whole: Design | BlockDesign, found: set[str], priors: Prio
                 k = own[0].columns[0]
                 std = 1.0 / np.sqrt(max(float(whole.gram[k, k]), 1e-300))
                 if std > term.plausible / 3.0:
-                    why = "the wrench hardly depends on it here, or other terms do the same"
+                    what = "readings depend" if whole.load.is_known else "the wrench depends"
+                    why = f"{what} little on it here, or on other terms in the same way"
             elif not own:
                 why = "the recording is too short, or has nothing to show it by"
         if why is not None:
-            rows.append({"effect": term.word, "why": why, "record_instead": term.record_instead})
+            rows.append({"effect": term.word, "why": why, "record_instead": term.shown_by(whole.load)})
     return rows

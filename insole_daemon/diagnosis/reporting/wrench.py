@@ -1,4 +1,4 @@
-"""The page of a diagnosis from walks: what was found and what to do first, then figures for a reviewer."""
+"""The page of a diagnosis: what was found and what to do first, then figures for a reviewer."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from ..pipeline import WalkResult, WrenchDiagnosis
 from . import first_page, numbers
 
 CHANNELS = ["f_z", "m_x", "m_y"]
+NO_PLACE_OF_PHYSICS = ("frame_loss", "noise_burst", "reference_fault", "clock")  # they stand in the text
 SHOWN_S = 6.0  # of the trace: so that a heel strike can be seen
 
 
@@ -19,7 +20,9 @@ def html(diagnosis: WrenchDiagnosis) -> str:
     """One file, complete in itself."""
     foot = diagnosis.results[0].seen.layout.foot
     lead = f"{first_page.verdict_sentence(diagnosis)} Recorded in {', '.join(diagnosis.recordings)}."
-    return page.page(f"Diagnosis of the {foot} insole against a force reference", lead, parts(diagnosis))
+    known = {each.seen.load_is_known for each in diagnosis.results}
+    what = "a simulation" if diagnosis.against == "simulation" else "a known pressure" if known == {True} else "a force"
+    return page.page(f"Diagnosis of the {foot} insole against {what}", lead, parts(diagnosis))
 
 
 def parts(diagnosis: WrenchDiagnosis) -> list[str]:
@@ -45,18 +48,20 @@ def _places(diagnosis: WrenchDiagnosis) -> str:
     words: dict[int, list[str]] = {}
     everywhere = []
     for each in diagnosis.findings:
+        if each.effect in NO_PLACE_OF_PHYSICS:
+            continue
         if each.where.scope == "insole":
             everywhere.append(each.effect.replace("_", " "))
             continue
         for slot in each.where.slots(layout).tolist():
             words.setdefault(slot, []).append(each.effect.replace("_", " "))
-    text = "What was found at single places. Toes are up, the wearer's left is left."
+    text = "What explains most at single places. Toes are up, the wearer's left is left."
     if everywhere:
         text += f" Everywhere: {', '.join(dict.fromkeys(everywhere))}."
     if not words:
         return page.paragraph(f"Everywhere: {', '.join(dict.fromkeys(everywhere))}.")
     taxels = np.flatnonzero(np.tile(PRESSURE_TAXELS, len(layout))).tolist()
-    shown = {slot: " + ".join(dict.fromkeys(words.get(slot, ["nothing"]))) for slot in taxels}
+    shown = {slot: words.get(slot, ["nothing"])[0] for slot in taxels}
     return page.figure(word_map(layout, shown, "nothing", "what was found where"), text)
 
 

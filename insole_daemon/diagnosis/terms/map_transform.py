@@ -72,4 +72,5 @@ TERM = Term(
     parameters=_parameters,
     needs=_needs,
     limit=30.0,  # mm, degrees and per cent
+    record_instead="walking or standing with a force shoe",
 )

@@ -36,4 +36,5 @@ TERM = Term(
     plausible=5000.0,
     limit=100000.0,
     needs=_needs,
+    record_instead="walking or standing with a force shoe",
 )

@@ -84,4 +84,5 @@ TERM = Term(
     columns=_columns,
     parameters=_parameters,
     needs=_needs,
+    record_instead="walking or standing with a force shoe",
 )

@@ -53,6 +53,7 @@ TERM = Term(
     plausible=0.05,
     limit=8.0,  # counts a kelvin, per cent of gain a kelvin
     needs=_needs,
+    record_instead="an insole that warms up and cools down, with temperature_c in the reference",
     absorbs={"baseline": ABSORBED_K, "gain": ABSORBED_K * 0.01},
     misfit=0.01,
 )

@@ -67,13 +67,21 @@ class Term:
     plausible: float = 0.0  # a typical share, as literature and data sheets have it; 0: not asked
     # Whether the law makes sense with settings and shares (k,), of a load that is known or not, beyond `limit`.
     is_possible: Callable[[Sequence[Setting], Array, bool], bool] = lambda settings, shares, load_is_known: True
-    record_instead: str = "the insole in a chamber, where the load is known on every taxel"
+    record_instead: str = ""  # what shows it; empty: a load that is known on every taxel, at several speeds
     needs: Callable[[LoadEstimate], str | None] = lambda load: None  # why a recording cannot show it
 
     @property
     def is_memory(self) -> bool:
         """Whether a calibration made with it at work contains its mean curve."""
         return all(self.absorbs.get(word) == std for word, std in ABSORBED.items())
+
+    def shown_by(self, load: LoadEstimate) -> str:
+        """What to record where a recording under `load` does not show it."""
+        if needs_calibration(load) is not None and self.needs is needs_calibration:
+            return "a calibration of this insole (insole calibrate), and diagnose against that"
+        if self.record_instead:
+            return self.record_instead
+        return SPEEDS if load.is_known else f"the insole in a chamber, where the load is known on every taxel: {SPEEDS}"
 
     def misfit_of(self, load_is_known: bool) -> float:
         """What its columns may fail to describe of it."""
@@ -84,6 +92,7 @@ class Term:
         return self.known_parameters if load_is_known and self.known_parameters is not None else self.parameters
 
 
+SPEEDS = "cycles at two speeds, minor loops and holds of a minute, loaded and unloaded"
 EVERY_S, KNOWN_EVERY_S = 3.0, 5.0  # between moments
 EDGE_S = 3.0  # an event at the very beginning or end shows too little
 ABSORBED = {"gain": 0.5, "stiffening": 0.5}  # by a memory whose shares are shares of the answer

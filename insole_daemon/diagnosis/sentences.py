@@ -1,0 +1,55 @@
+"""Findings in one sentence each: where, what, and how much."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..physics.effect import Where
+from .finding import Quantity
+from .places import said
+
+IN_WORDS = {"1": "", "count": "counts", "count/K": "counts a kelvin", "1/K": "a kelvin"}
+SHOWN = 5  # of a list: more, and its range is told
+SUFFIXES = ("_pa", "_s", "_count", "_n", "_c", "_m")  # of a name, that the unit says
+
+
+def of_effect(word: str, where: Where, parameters: Mapping[str, Quantity]) -> str:
+    """What an effect is, with its parameters."""
+    told = {name: q for name, q in parameters.items() if name != "pair" and _is_told(name, q)}
+    numbers = ", ".join(_number(name, q) for name, q in told.items())
+    return f"{said(where)}: {word.replace('_', ' ')}{f' ({numbers})' if numbers else ''}."
+
+
+def of_constant(offset: Sequence[float]) -> str:
+    """What a reference reads at all times."""
+    return (
+        f"The reference reads {offset[0]:+.1f} N, {offset[1]:+.2f} and {offset[2]:+.2f} N·m at all times, loaded or "
+        "not: zero it, or take the baseline of the insole anew."
+    )
+
+
+def _is_told(name: str, quantity: Quantity) -> bool:
+    """Not the times of a course, whose range is told."""
+    return name != "t_s" or np.size(quantity.value) <= SHOWN
+
+
+def _number(name: str, quantity: Quantity) -> str:
+    values = np.asarray(quantity.value, float)
+    unit = IN_WORDS.get(quantity.unit, quantity.unit)
+    if quantity.unit == "Pa":
+        values, unit = values * 1e-3, "kPa"
+    suffix = next((each for each in SUFFIXES if name.endswith(each)), "")
+    called = "share of the range" if name == "amplitude_fraction" else name.removesuffix(suffix).replace("_", " ")
+    return f"{called} {_plain(values)} {unit}".strip()
+
+
+def _plain(values: Any) -> str:
+    if np.ndim(values) == 0:
+        return f"{float(values):.3g}"
+    flat = np.ravel(values)
+    if flat.size > SHOWN:
+        return f"from {flat.min():.3g} to {flat.max():.3g}"
+    return ", ".join(f"{float(value):.3g}" for value in flat)
