@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ..errors import DiagnosisError
 from ..physics.effect import Where
 from ..physics.law import Array
 from ..recording.loading import FootRecording
@@ -178,6 +179,11 @@ def _weights(seen: WrenchObservation, faults: ReadingFaults) -> Array:
 def _under(priors: Priors, seen: WrenchObservation, faults: ReadingFaults) -> Searched:
     """Every hypothesis on the timing under `priors`, best first."""
     weights = _weights(seen, faults)
+    if not weights.any():
+        raise DiagnosisError(
+            f"{seen.name}: no reading can be compared with the reference: each is missing, cut off, of a taxel that "
+            "does not work, or of a time that the reference did not record"
+        )
     if not isinstance(seen, ChamberObservation):
         whole = design(LoadEstimate(seen), weights, faults.substituted)
         return Searched(tuple(search_timings(lambda delay_s: whole, seen.offset_is_free)))

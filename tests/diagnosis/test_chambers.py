@@ -11,9 +11,10 @@ import pytest
 import insole_daemon
 from insole_daemon.diagnosis import pipeline
 from insole_daemon.diagnosis.pipeline import WrenchDiagnosis
+from insole_daemon.errors import DiagnosisError
 from insole_daemon.recording.loading import FootRecording
 
-from .chamber import BEGAN_S, LAYOUT, SLOTS, Array, relaxing, write
+from .chamber import BEGAN_S, LAYOUT, SLOTS, WHOLE, Array, relaxing, write
 
 
 def diagnose(*folders: Path) -> WrenchDiagnosis:
@@ -122,3 +123,21 @@ def test_two_recordings_of_which_one_lacks_an_effect_say_so(tmp_path):
     (finding,) = diagnose(*folders).findings
     assert finding.recordings == ("with",)
     assert finding.contradicted_by == ("without",)
+
+
+def test_an_insole_of_which_few_triangles_are_calibrated_is_looked_at_there(tmp_path):
+    def drift(t_s: Array, counts: Array) -> None:
+        counts += 6.0 * np.minimum(t_s / 60.0, 1.0)[:, None]
+
+    found = diagnose(write(tmp_path / "part", touch=drift, layout=WHOLE))  # of it, `write` calibrates six triangles
+    (finding,) = found.findings
+    assert finding.effect == "drift"
+    assert found.verdict == "explained"
+
+
+def test_a_recording_of_which_no_reading_can_be_used_is_refused(tmp_path):
+    def silent(t_s: Array, counts: Array) -> None:
+        counts[:] = 240.0
+
+    with pytest.raises(DiagnosisError, match="no taxel answers the pressure"):
+        diagnose(write(tmp_path / "silent", touch=silent))

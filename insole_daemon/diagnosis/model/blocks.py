@@ -148,8 +148,9 @@ class BlockDesign:
 
     @cached_property
     def n_rows(self) -> int:
-        """Rows with a weight, of most triangles."""
-        return int(np.median(np.count_nonzero(self.weights, axis=0)))
+        """Rows with a weight, of most triangles that have any."""
+        rows = np.count_nonzero(self.weights, axis=0)
+        return int(np.median(rows[rows > 0]))
 
     def is_seen(self, candidate: PlacedTerm) -> bool:
         """Whether more than half of it is in the residual of the static model."""

@@ -43,6 +43,7 @@ N_TABLE = 400  # of the curves, to be read backwards
 BENT = 0.5  # of the time between two readings
 LEAP_S, LEAP_SHARE, LEAP_SIGMAS = 0.05, 0.02, 20.0  # of the range; of what rows are off their neighbours
 LEAST_ANSWER = 0.2  # of the span of the liveliest taxels: less, and a taxel tells little of the load
+LEAST_SPAN_COUNT = 2.0  # of the taxel that answers most
 CLEARER = 0.85  # of what the edges of all taxels leave unexplained, that those of one board may leave
 LEAST_TOLD = 0.3  # of the readings' time, that the reference covers
 
@@ -134,6 +135,8 @@ def observe_chamber(recording: Recording, foot: FootRecording, calibration: Cali
         rows.missing, rows.noise_count, load, declared or 0.0, 0.0, declared, declared is None, declared is None, None,
         rows.readings,
     )  # fmt: skip
+    if not np.max(_span_count(found), where=found.usable, initial=0.0) > LEAST_SPAN_COUNT:
+        raise DiagnosisError(f"{recording.folder}: no taxel answers the pressure: was the insole in the chamber?")
     if declared is None:
         found = _aligned(recording, found)
     told = float(load.is_known(found.reference_s).mean())
@@ -195,16 +198,19 @@ def _leaps(time_s: Array, pressure_pa: Array) -> NDArray[np.bool_]:
     return np.asarray((away > least) & (away > 4.0 * usual))
 
 
+def _span_count(found: ChamberObservation) -> Array:
+    """(T, 12) of the readings."""
+    return np.asarray(np.subtract(*np.quantile(found.activation_count, [0.99, 0.01], axis=0)))
+
+
 def _aligned(recording: Recording, found: ChamberObservation) -> ChamberObservation:
     """The clock by which the edges agree, with what memory and warmth do to readings fitted beside it.
 
     Of the taxels that answer the load, all together or those of one board: where a board steps or is late by itself,
     the others say when it was.
     """
-    span = np.subtract(*np.quantile(found.activation_count, [0.99, 0.01], axis=0))
+    span = _span_count(found)
     answers = found.usable & (span > LEAST_ANSWER * np.quantile(span[found.usable], 0.95))
-    if not answers.any() or not span[answers].min() > 0:
-        raise DiagnosisError(f"{recording.folder}: no taxel answers the pressure: was the insole in the chamber?")
     boards = found.layout.identities[:, 0]
     groups = [answers, *(answers & (boards == board)[:, None] for board in np.unique(boards[answers.any(axis=1)]))]
     at_s = np.arange(0, len(found.reference.fine), 2, dtype=np.float64) * FINE_S
