@@ -74,6 +74,7 @@ def main() -> None:
                 publisher = opened.enter_context(FootPublisher(session, f"rig-{number + 1:02}", foot.name))
                 publisher.publish_latched("meta", foot.meta())
                 publisher.publish_latched("calibration", foot.calibration_in_use())
+                publisher.announce()
                 due.append((PERIOD_S * (number + at / 2) / options.rigs, publisher, cycles))
         due.sort(key=lambda each: each[0])
         print(json.dumps({message.kind.__name__: message.size for message in encoded[0][0]}), flush=True)

@@ -100,6 +100,8 @@ class Daemon:
     def run(self, ready: Callable[[], None] = lambda: None) -> None:
         """Publish until stopped; `ready` is called once everything is open."""
         self._publish_latched()
+        for publisher in self._publishers:
+            publisher.announce()
         for foot, assembler in zip(self._feet, self._skin.assemblers, strict=True):
             foot.survey(assembler, self._source.clock_ns(), foot.stale_after_ns)  # rates are counted from here
         self._follow_buses()

@@ -19,12 +19,13 @@ def _encoding(message: type[Message]) -> zenoh.Encoding:
 class FootPublisher:
     """Publishes one foot's messages, answers for `meta` and `calibration`, and holds the liveliness token.
 
+    Whoever sees the token may ask at once, so `announce` comes last, when there is an answer to everything.
     Cycle messages are dropped for a subscriber that does not read; nothing waits for it.
     """
 
     def __init__(self, session: zenoh.Session, rig: str, foot: str) -> None:
         self._session, self._rig, self._foot = session, rig, foot
-        self._token = session.liveliness().declare_token(key(rig, foot, "alive"))
+        self._token: zenoh.LivelinessToken | None = None
         self._publishers: dict[type[Message], zenoh.Publisher] = {
             message: session.declare_publisher(
                 key(rig, foot, what),
@@ -79,9 +80,14 @@ class FootPublisher:
             self._latched[kind] = (publisher, queryable)
         self._latched[kind][0].put(payload)
 
+    def announce(self) -> None:
+        """Declare the liveliness token: the foot is there, and answers."""
+        self._token = self._session.liveliness().declare_token(key(self._rig, self._foot, "alive"))
+
     def close(self) -> None:
         """Take everything back; the liveliness token first, so that nobody waits for a daemon that ends."""
-        self._token.undeclare()
+        if self._token is not None:
+            self._token.undeclare()
         for entities in self._latched.values():
             for entity in entities:
                 entity.undeclare()

@@ -84,6 +84,7 @@ def two_rigs(endpoint):
         feet = {rig: opened.enter_context(FootPublisher(session, rig, "left")) for rig in ("a", "b")}
         for rig, foot in feet.items():
             foot.publish_latched("meta", replace(META, rig=rig, version=f"of {rig}"))
+            foot.announce()
 
         def publish():
             while not stop.wait(0.1):

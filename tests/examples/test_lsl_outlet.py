@@ -100,6 +100,7 @@ def test_unknown_lost_and_repeated(daemon, endpoint, lsl):
 
     with open_session("peer", [endpoint]) as session, FootPublisher(session, "made", "left") as publisher:
         publisher.publish_latched("meta", dataclasses.replace(meta, rig="made"))
+        publisher.announce()
         with (
             python(EXAMPLES / "lsl_outlet.py", "left", endpoint, **lsl),
             python("-c", INLET, "insole/made/left/wrench", **lsl) as inlet,

@@ -42,6 +42,7 @@ def test_every_wearer_is_seen_and_told_from_the_others(router, endpoint):
             for foot in (left, right):
                 publisher = opened.enter_context(FootPublisher(session, rig, foot.name))
                 publisher.publish_latched("meta", foot.meta())
+                publisher.announce()
         until = time.monotonic() + 10
         while len(insole.feet()) < 4 and time.monotonic() < until:
             time.sleep(0.1)

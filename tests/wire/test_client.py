@@ -15,7 +15,9 @@ import zenoh
 import zenoh.ext
 
 import insole_daemon
+from insole_daemon.config import Config
 from insole_daemon.errors import WireError
+from insole_daemon.service.foot import load_feet
 from insole_daemon.wire.messages import BY_KEY, Meta, Wrench
 from insole_daemon.wire.publisher import FootPublisher
 from insole_daemon.wire.session import open_session
@@ -141,6 +143,22 @@ def test_gaps_are_told(endpoint):
         for seq, started_ns in ((5, 1), (6, 1), (9, 1), (10, 1), (2, 2), (40, 3), (42, 3)):
             publisher.publish(wrench(seq, started_ns))
         assert [w.lost for w in take(wrenches, 7)] == [0, 0, 2, 0, 0, 0, 1]
+
+
+def test_a_foot_is_seen_once_it_can_be_asked(endpoint):
+    (left,) = load_feet(Config(insoles=Config().insoles[:1]))
+    with (
+        open_session("peer", [endpoint]) as session,
+        FootPublisher(session, "asked", "left") as publisher,
+        insole_daemon.connect(endpoint) as insole,
+    ):
+        assert insole.feet() == []
+        publisher.publish_latched("meta", left.meta())
+        publisher.announce()
+        until = time.monotonic() + 10
+        while not insole.feet() and time.monotonic() < until:
+            pass
+        assert insole.meta("left").rig == left.config.rig
 
 
 def test_nobody_there_is_said_with_what_to_do():
