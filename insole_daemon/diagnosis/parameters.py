@@ -20,7 +20,7 @@ def parameters_of(refined: Refined[Any], i: int, foot: FootRecording) -> dict[st
     """The law's parameters of candidate `i` with standard deviations, from the regression's covariance."""
     inner = refined.design
     candidate = inner.candidates[i]
-    shares = refined.shares[i]
+    shares = refined.of_laws.shares[i]
     mapping = candidate.term.parameters_of(inner.load.observation.load_is_known)
     values = mapping(candidate.settings, shares)
     units = {p.name: p.unit for p in laws()[candidate.word].parameters} if candidate.word in laws() else {}
@@ -42,7 +42,7 @@ def parameters_of(refined: Refined[Any], i: int, foot: FootRecording) -> dict[st
         scale = np.abs(size - 1.0) if name in ("gain", "scale") else np.abs(size)
         found[name] = Quantity(value, np.sqrt(spread[name] + (relative * scale) ** 2), units.get(name, "1"))
     if candidate.word in LOOPS:
-        found["amplitude_fraction"] = amplitude_fraction(inner, candidate, shares)
+        found["amplitude_fraction"] = amplitude_fraction(refined, i)
     if candidate.word == "bit_shift":
         known = {board.address: board.shift for board in foot.boards}
         believed = known.get(candidate.where.ids[0][0]) if candidate.where.ids else next(iter(known.values()))

@@ -23,7 +23,7 @@ from .observations.paired import PairedObservation, swapped_rows
 from .observations.reading_faults import ReadingFaults
 from .observations.wrench import WrenchObservation
 from .parameters import parameters_of
-from .select.events import with_events
+from .select.events import Events, best_events, with_events
 from .select.groups import with_groups
 from .select.search import SubsetSearch
 from .select.timing_search import TimedSet, search_timings
@@ -78,6 +78,11 @@ class Searched:
         first = self.timed[0]
         every = [first.search.design.candidates[k] for k in first.best.chosen]
         return first.search.prices.of_laws(every, first.best.shares)
+
+    @property
+    def n_terms(self) -> int:
+        """Of the best set, with its timing."""
+        return len(self.timed[0].best.chosen) + len(self.timed[0].words)
 
     @property
     def has_memory(self) -> bool:
@@ -153,18 +158,21 @@ def _likeliest(seen: PairedObservation, faults: ReadingFaults) -> Priors:
 
 
 def _with_curves(seen: ChamberObservation, faults: ReadingFaults) -> Searched:
-    """With curves as good as a calibration is, or, where a memory then leaves clearly less, with loose ones."""
+    """With curves as good as a calibration is, or with loose ones.
+
+    Where a memory then leaves clearly less, or less with fewer terms.
+    """
     if seen.has_own_curves:
         return _under(Priors(curve_count=OWN), seen, faults)
     found = _under(USUAL, seen, faults)
     noise = float(np.count_nonzero(_weights(seen, faults)))
-    if not found.has_memory or found.unexplained < WELL * noise:
+    # What a law fails to describe anyway is no reason to give up every recalibration.
+    if not found.has_memory or found.unexplained < max(WELL * noise, noise + found.of_laws):
         return found
     loose = _under(Priors(curve_count=LOOSE), seen, faults)
     clearer = loose.unexplained - noise < CLEARER * (found.unexplained - noise)
-    # What a law fails to describe anyway is no reason to give up every recalibration.
-    is_wanted = found.unexplained - noise > loose.of_laws
-    return loose if loose.has_memory and clearer and is_wanted else found
+    simpler = loose.n_terms < found.n_terms and loose.unexplained < found.unexplained
+    return loose if loose.has_memory and (clearer or simpler) else found
 
 
 def _weights(seen: WrenchObservation, faults: ReadingFaults) -> Array:
@@ -186,14 +194,19 @@ def _under(priors: Priors, seen: WrenchObservation, faults: ReadingFaults) -> Se
         )
     if not isinstance(seen, ChamberObservation):
         whole = design(LoadEstimate(seen), weights, faults.substituted)
-        return Searched(tuple(search_timings(lambda delay_s: whole, seen.offset_is_free)))
+        return Searched(tuple(search_timings(lambda timing: whole, seen.offset_is_free)))
 
-    def earlier(delay_s: float) -> BlockDesign:
-        moved = seen.with_clock(seen.offset_s - delay_s, seen.rate)
-        whole = block_design(KnownLoad(moved), weights, priors)
-        return with_events(replace(whole, moved_s=delay_s).retimed(Timing(delay_s)))
+    events: Events | None = None  # of the first timing: later ones move them by less than they are long
 
-    return Searched(tuple(search_timings(earlier, seen.offset_is_free)), priors=priors)
+    def under(timing: Timing) -> BlockDesign:
+        nonlocal events
+        moved = replace(seen.with_clock(seen.offset_s - timing.delay_s, seen.rate), lag_s=timing.lag_s)
+        whole = replace(block_design(KnownLoad(moved), weights, priors), moved_s=timing.delay_s)
+        if events is None:
+            events = best_events(whole)
+        return with_events(whole, events)
+
+    return Searched(tuple(search_timings(under, seen.offset_is_free)), priors=priors)
 
 
 def _sharpened(first: TimedSet[Any]) -> TimedSet[Any]:
@@ -203,7 +216,8 @@ def _sharpened(first: TimedSet[Any]) -> TimedSet[Any]:
     """
     if not isinstance(first.search.design, BlockDesign):
         return first
-    whole, barred = with_events(first.search.design, first.best.chosen), first.search.barred
+    whole, barred = first.search.design, first.search.barred
+    whole = with_events(whole, best_events(whole, first.best.chosen))
     among = SubsetSearch(with_groups(whole, first.best), barred)
     best = max([*among.run()[:1], first.best], key=lambda each: each.score)
     sharp = refine(among.design, best.chosen).design.candidates

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -72,6 +73,40 @@ def test_a_calibration_that_contains_a_strong_memory_hides_no_memory(tmp_path):
     assert finding.where.scope == "insole"
     assert finding.parameters["a"].value == pytest.approx(0.45, rel=0.15)
     assert found.heldout["after"] < 0.7 * found.heldout["before"]
+
+
+def rubbing(up: float, down: float, widest_pa: float) -> Callable[[Array, Array], Array]:
+    """Dry friction after Dahl, of another stiffness going up than down, that grows with the load (1968)."""
+
+    def effect(t_s: Array, p: Array) -> Array:
+        force, found, n = 0.0, np.empty_like(p), 20
+        for i in range(len(p)):
+            before = p[max(i - 1, 0)]
+            step = (p[i] - before) / n
+            stiffness = up if step > 0 else down
+            for _ in range(n):
+                force += stiffness * step * (1.0 - force * np.sign(step) / widest_pa)
+            found[i] = p[i] - force * (0.5 + p[i] / p.max())
+        return found
+
+    return effect
+
+
+def test_loops_that_no_sum_of_plays_has_are_hysteresis_and_nothing_else(tmp_path):
+    found = diagnose(write(tmp_path / "bag", rubbing(1.2, 0.3, 60e3)))
+    assert [each.effect for each in found.findings] == ["hysteresis"]
+    before, after, floor = (found.heldout[name] ** 2 for name in ("before", "after", "floor"))
+    assert before - after > 0.8 * (before - floor)
+
+
+def test_a_lag_beside_a_memory_is_no_delay_of_boards(tmp_path):
+    def effect(t_s: Array, p: Array) -> Array:
+        return relaxing(1.0, 0.15)(t_s, rubbing(0.5, 0.5, 30e3)(t_s, p))
+
+    found = diagnose(write(tmp_path / "bag", effect))
+    assert {each.effect for each in found.findings} == {"hysteresis", "lag"}
+    (lag,) = (each for each in found.findings if each.effect == "lag")
+    assert lag.parameters["tau_s"].value == pytest.approx(0.15, rel=0.2)
 
 
 def test_a_gain_of_a_board_is_named_beside_a_memory_of_all(tmp_path):

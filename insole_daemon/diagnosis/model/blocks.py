@@ -27,6 +27,7 @@ from ..terms.term import Setting, Term, TermColumns
 from .curves import curve_splines
 from .load import LoadEstimate
 from .regression import PlacedTerm, Timing, with_companions
+from .solve import RIDGE
 
 GAIN_STD = 0.003  # of a triangle's calibration
 BASELINE_STD_COUNT = 0.05  # of a triangle's
@@ -37,7 +38,9 @@ UNEVEN_S, UNSTEADY_S = 8.0, 2.0  # over which a person's load and pace wander fr
 ZERO_STD_PA = 100.0  # of the reference
 OWN_OFFSET_STD_S, OWN_RATE_STD = 1e-5, 2e-4  # the offset is searched for, the rate is that of edges
 RECALIBRATIONS = ("gain", "baseline", "stiffening")
+MISFITS = frozenset(each.word for each in TERMS if each.is_misfit)
 AT_REST = {"baseline": 5.0}  # counts that a memory with a share of 1 leaves of an unloaded reading
+FEW = 60  # columns, whose products are summed at once
 LEAST_SIZE = 0.15  # of a reading's noise, RMS over the taxels it is at: less is no effect worth a name
 
 
@@ -143,8 +146,8 @@ class BlockDesign:
 
     @cached_property
     def unmoved(self) -> ChamberObservation:
-        """Its rows on the clock as it was aligned."""
-        return self.seen.with_clock(self.seen.offset_s + self.moved_s, self.seen.rate)
+        """Its rows on the clock as it was aligned, under the load as the reference says it."""
+        return replace(self.seen.with_clock(self.seen.offset_s + self.moved_s, self.seen.rate), lag_s=0.0)
 
     @cached_property
     def n_rows(self) -> int:
@@ -219,11 +222,29 @@ class BlockDesign:
         gram = self.gram if self.priors.has_loose_curves else self.raw_gram
         return float(shares @ gram[np.ix_(candidate.columns, candidate.columns)] @ shares)
 
+    def size_of_loop(self, candidate: PlacedTerm, shares: Array) -> float:
+        """Squared sum of what no recalibration within its priors or beside a memory could be."""
+        columns = candidate.columns
+        beside = zip(candidate.companions.tolist(), candidate.companion_words, strict=True)
+        static = np.array([k for k, word in beside if word in RECALIBRATIONS], np.intp)
+        found = float(shares @ self.gram[np.ix_(columns, columns)] @ shares)
+        if not len(static):
+            return found
+        both, own = self.gram[np.ix_(static, columns)] @ shares, self.gram[np.ix_(static, static)]
+        return found - float(both @ np.linalg.solve(own + np.diag(RIDGE * np.diag(own) + 1e-12), both))
+
     def overlap(self, candidate: PlacedTerm, other: PlacedTerm, shares: Array) -> float:
         """Squared sum of `other` in the triangles of `candidate`; of what nuisances leave, unless they could be it."""
         both = self.mask[candidate.columns[0]] & self.mask[other.columns[0]]
         own = self._products_of(other, self.is_within_priors(candidate))[both]
         return float(np.einsum("k,tkl,l->", shares, own, shares))
+
+    def overlap_of_both(self, one: PlacedTerm, other: PlacedTerm, shares: Array, other_shares: Array) -> float:
+        """Squared sum of two candidates together where both are, of what nuisances leave."""
+        both = self.mask[one.columns[0]] & self.mask[other.columns[0]]
+        atoms, every = self.atom[[*one.columns, *other.columns]], np.concatenate([shares, other_shares])
+        own = self.atoms.gram[both][:, atoms[:, None], atoms].sum(axis=0)
+        return float(every @ own @ every)
 
     @cached_property
     def _products(self) -> dict[tuple[int, int, bool], Array]:
@@ -244,7 +265,10 @@ class BlockDesign:
 
     def retimed(self, timing: Timing) -> BlockDesign:
         """Against the reference after `timing`."""
-        return replace(self, y=residual(self, timing), timing=timing)
+        found = replace(self, y=residual(self, timing), timing=timing)
+        # Inner products of columns are the same, and most of the time that this takes.
+        vars(found).update(gram=self.gram, _with_shared=self._with_shared, _products=self._products)
+        return found
 
     def subset(self, chosen: Sequence[int]) -> BlockDesign:
         """With the columns of `chosen` candidates and their companions alone."""
@@ -276,6 +300,10 @@ class BlockDesign:
         candidates = tuple(replace(c, settings=block.settings) if j == i else c for j, c in enumerate(self.candidates))
         used, atom = np.unique(atom, return_inverse=True)
         return replace(self, candidates=candidates, atom=atom, atoms=_picked(fresh, used))
+
+    def of_laws(self) -> BlockDesign:
+        """Without what the laws of its candidates leave out of real materials."""
+        return replace(self, candidates=tuple(each.without(MISFITS) for each in self.candidates))
 
     def with_settings(self, found: Sequence[tuple[int, Setting]]) -> BlockDesign:
         """With candidates like those of number `k` with other settings."""
@@ -319,6 +347,9 @@ class BlockDesign:
 
     def _summed(self, by_triangle: Array) -> Array:
         found = np.zeros((len(self.atom), len(self.atom)))
+        if len(self.atom) <= FEW:
+            own, at = by_triangle[:, self.atom[:, None], self.atom], self.mask.T.astype(float)
+            return np.asarray(np.sum(own * at[:, :, None] * at[:, None, :], axis=0))
         for t, block in enumerate(by_triangle):
             here = np.flatnonzero(self.mask[:, t])
             found[np.ix_(here, here)] += block[np.ix_(self.atom[here], self.atom[here])]
@@ -347,7 +378,8 @@ def block_design(load: LoadEstimate, weights: Array, priors: Priors = USUAL) -> 
     placed, atom, mask = _placed(blocks, seen)
     candidates = with_companions(placed, AT_REST)
     nothing = np.zeros((weights.shape[1], weights.shape[0]))
-    return BlockDesign(load, weights, nuisance, atoms, candidates, atom, mask, nothing, priors).retimed(Timing())
+    found = BlockDesign(load, weights, nuisance, atoms, candidates, atom, mask, nothing, priors)
+    return replace(found, y=residual(found, Timing()))
 
 
 def _nuisance(load: LoadEstimate, weights: Array, priors: Priors) -> Nuisance:

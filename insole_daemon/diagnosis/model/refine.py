@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Generic
 
 import numpy as np
@@ -24,6 +25,12 @@ class Refined(Generic[D]):
     design: D  # of the set's columns and their companions alone
     shares: tuple[Array, ...]
     gain: float
+
+    @cached_property
+    def of_laws(self) -> Refined[D]:
+        """The laws alone, as a model has them: shares without what they leave out beside them."""
+        alone = self.design.of_laws()
+        return Refined(alone, *solve_shares(alone, alone.candidates))
 
     def gain_without(self, i: int) -> float:
         """What the others take away without candidate `i`, their parameters kept."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol, Self, TypeVar
 
@@ -44,6 +44,14 @@ class PlacedTerm:
         """Of its term."""
         return self.term.word
 
+    def without(self, words: Collection[str]) -> PlacedTerm:
+        """Without companions of these `words`."""
+        kept = [i for i, word in enumerate(self.companion_words) if word not in words]
+        return replace(
+            self, companions=self.companions[kept], companion_words=tuple(self.companion_words[i] for i in kept),
+            companion_std=tuple(self.companion_std[i] for i in kept),
+        )  # fmt: skip
+
 
 class Regression(Protocol):
     """Candidates and their inner products, nuisances projected out: y the static model's residual, p columns."""
@@ -84,6 +92,9 @@ class Regression(Protocol):
 
     def exchanged(self, i: int, setting: Setting) -> Self:
         """With another setting of candidate `i`."""
+
+    def of_laws(self) -> Self:
+        """Without what the laws of its candidates leave out of real materials."""
 
 
 def with_companions(every: Sequence[PlacedTerm], rest: Mapping[str, float] = NOTHING) -> tuple[PlacedTerm, ...]:

@@ -14,6 +14,7 @@ from .regression import PlacedTerm, Regression
 LEAST_EIGENVALUE = 1e-4  # of columns scaled to 1: what is less is not determined
 RIDGE = 1e-6  # of a column's own square: what is not determined stays near 0
 FIRST_SHARE = 0.06  # of a term, for the prior of the static part it may have left, before its shares are known
+SETTLED = 0.05  # by which shares may still change
 MOST_ABSORBED = 2.0  # standard deviations: the mean curve of a memory is no larger than the memory
 
 
@@ -51,14 +52,20 @@ def solve_shares(design: Regression, chosen: Sequence[PlacedTerm]) -> tuple[tupl
             own = plain + np.diag(np.concatenate([np.zeros(k), std**-2.0]))
             found = bounded(own, cross[columns], positive)
             _hand_out(found, chosen, rest, shares)
+            before = [strengths[i] for i in rest]
             for i in rest:
                 strengths[i] = float(np.abs(shares[i]).sum())
+            if np.allclose(before, [strengths[i] for i in rest], rtol=SETTLED):
+                break
         most = MOST_ABSORBED * absorbed_std(chosen, strengths, extra)
-        if np.any(np.abs(found[k:]) > most):
-            absorbed = np.clip(found[k:], -most, most)
-            left = cross[own_columns] - own[:k, k:] @ absorbed
-            found = np.concatenate([bounded(own[:k, :k], left, positive[:k]), absorbed])
-            _hand_out(found, chosen, rest, shares)
+        held = np.zeros(len(found), bool)
+        most = np.concatenate([np.full(k, np.inf), most])
+        while np.any(over := ~held & (np.abs(found) > most)):
+            held |= over
+            found[held] = np.clip(found[held], -most[held], most[held])
+            left = cross[columns] - own[:, held] @ found[held]
+            found[~held] = bounded(own[np.ix_(~held, ~held)], left[~held], positive[~held])
+        _hand_out(found, chosen, rest, shares)
         gain += float(2 * found @ cross[columns] - found @ own @ found)
     return tuple(shares), gain
 
@@ -69,6 +76,19 @@ def _hand_out(found: Array, chosen: Sequence[PlacedTerm], rest: Sequence[int], s
     for i in rest:
         shares[i] = found[at : at + len(chosen[i].columns)]
         at += len(chosen[i].columns)
+
+
+def solve_companions(
+    design: Regression, chosen: Sequence[PlacedTerm], shares: Sequence[Array]
+) -> tuple[NDArray[np.intp], Array]:
+    """Columns of what is fitted beside `chosen`, whose shares are known, and its own (k,) shares."""
+    own = np.concatenate([each.columns for each in chosen])
+    beside = np.setdiff1d(np.concatenate([each.companions for each in chosen]), own).astype(np.intp)
+    std = absorbed_std(chosen, [float(np.abs(each).sum()) for each in shares], beside)
+    left = design.cross[beside] - design.gram[np.ix_(beside, own)] @ np.concatenate(shares)
+    gram = design.gram[np.ix_(beside, beside)]
+    found = np.linalg.solve(gram + np.diag(RIDGE * np.diag(gram) + std**-2.0), left) if len(beside) else left
+    return beside, np.clip(found, -MOST_ABSORBED * std, MOST_ABSORBED * std)
 
 
 def is_possible(chosen: Sequence[PlacedTerm], shares: Sequence[Array], load_is_known: bool) -> bool:

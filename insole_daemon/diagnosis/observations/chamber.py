@@ -50,7 +50,12 @@ LEAST_TOLD = 0.3  # of the readings' time, that the reference covers
 
 @dataclass(frozen=True, eq=False)
 class ChamberObservation(WrenchObservation):
-    """One foot of one recording in a chamber or a bag: channels are the T triangles' mean pressures, Pa."""
+    """One foot of one recording in a chamber or a bag: channels are the T triangles' mean pressures, Pa.
+
+    `lag_s`: of a first-order lag through which taxels see the load.
+    """
+
+    lag_s: float = 0.0
 
     load_is_known = True
     is_uniform = True
@@ -70,12 +75,12 @@ class ChamberObservation(WrenchObservation):
 
     def load_pa(self, at_s: Array) -> Array:
         """(n, 1, 1) pressure on every taxel at times (n,) of the reference's clock."""
-        return self.reference.smooth_at(at_s)[:, :, None]
+        return self.reference.smooth_at(at_s, self.lag_s)[:, :, None]
 
     @cached_property
     def expected_count(self) -> Array:
         """(N, T, 12) activation by the static curves under the load of the reference."""
-        return self.activation_at(self.reference.at(self.reference_s)[:, :, None])
+        return self.activation_at(self.reference.at(self.reference_s, self.lag_s)[:, :, None])
 
     def activation_at(self, pressure_pa: Array) -> Array:
         """(N, T, 12) by the static curves under pressures that broadcast to it; below no load, straight on."""

@@ -19,6 +19,7 @@ from ...errors import CalibrationError, DiagnosisError
 from ...physics.calibration import Calibration
 from ...physics.law import Array
 from ...recording.loading import FootRecording, Recording
+from ..operators import low_pass
 from .alignment import SHARPER, SURE, late_parts
 from .chamber import LEAST_TOLD, ChamberObservation
 from .load_field import LoadField, Move, load_field
@@ -60,9 +61,12 @@ class PairedObservation(ChamberObservation):
         return max(float(np.median(self.period_s[np.isfinite(self.period_s)])), self.field.period_s)
 
     def load_pa(self, at_s: Array) -> Array:
-        """(n, T, 12) pressure on the taxels at times (n,) of the simulation's clock."""
+        """(n, T, 12) pressure on the taxels at times (n,) of the simulation's clock, as far apart as rows are."""
         assert self.field is not None
-        return self.field.at(at_s)
+        found = self.field.at(at_s)
+        if not self.lag_s:
+            return found
+        return low_pass(found.reshape(len(found), -1), self.step_s, self.lag_s).reshape(found.shape)
 
     def load_less(self, moved_pa: Array, apart_pa: Array | float = 0.0) -> Array:
         """(N, T, 12) load of every taxel at its rows, less what its triangle is moved by (N, T), and what it is itself.

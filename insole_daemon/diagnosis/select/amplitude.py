@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from ...physics.law import Array
 from ..finding import Quantity
-from ..model.blocks import BlockDesign
-from ..model.design import Design
-from ..model.regression import PlacedTerm
+from ..model.blocks import RECALIBRATIONS, BlockDesign
+from ..model.refine import Refined
+from ..model.solve import solve_companions
 
 STD = 0.08  # of its value: materials of other families (benchmarks/diagnosis/families.py)
 MOST_GONE = 0.9  # of what most triangles say: others have no part
@@ -17,12 +19,13 @@ DEGREE = 3  # of the static curve
 INNER = (0.002, 0.998)  # quantiles that stand for the ends: single rows are noise
 
 
-def amplitude_fraction(design: Design | BlockDesign, candidate: PlacedTerm, shares: Array) -> Quantity:
-    """Half the peak-to-peak of what `candidate` contributes and no static curve could, over the span of the reading.
+def amplitude_fraction(refined: Refined[Any], i: int) -> Quantity:
+    """Half the peak-to-peak of what candidate `i` contributes and no static curve could, over the span of the reading.
 
-    Of the mean reading at its place in counts where the load is known, else of f_z in N.
+    With what a load before the recording has left in it and with what it has and its law has not. Of the mean reading
+    at its place in counts where the load is known, else of f_z in N.
     """
-    moved, reading = _courses(design, candidate, shares)
+    moved, reading = _courses(refined, i)
     if len(reading) < LEAST_ROWS:
         return Quantity(0.0, 1.0, "1")
     x = (reading - reading.mean()) / max(float(reading.std()), 1e-12)
@@ -34,8 +37,9 @@ def amplitude_fraction(design: Design | BlockDesign, candidate: PlacedTerm, shar
     return Quantity(value, STD * value, "1")
 
 
-def _courses(design: Design | BlockDesign, candidate: PlacedTerm, shares: Array) -> tuple[Array, Array]:
+def _courses(refined: Refined[Any], i: int) -> tuple[Array, Array]:
     """(n,) what the effect contributes, and the reading."""
+    design, candidate, shares = refined.design, refined.design.candidates[i], refined.shares[i]
     seen = design.load.observation
     if not isinstance(design, BlockDesign):
         known = design.weights[:, 0] > 0
@@ -44,8 +48,15 @@ def _courses(design: Design | BlockDesign, candidate: PlacedTerm, shares: Array)
     there = np.mean(design.weights > 0, axis=0)
     at = design.mask[candidate.columns[0]] & (there > MOST_GONE * there.max())
     known = np.asarray((design.weights[:, at] > 0).all(axis=1))
-    columns = design.atoms.x[at][:, :, design.atom[candidate.columns]]  # (t, N, k)
-    moved_pa = (columns @ shares).T[known] / design.weights[known][:, at]
+    beside, companion_shares = solve_companions(design, design.candidates, refined.shares)
+    internal = sorted(
+        column
+        for column, word in zip(candidate.companions.tolist(), candidate.companion_words, strict=True)
+        if word not in RECALIBRATIONS
+    )
+    columns = design.atoms.x[at][:, :, design.atom[[*candidate.columns, *internal]]]  # (t, N, k)
+    every = np.concatenate([shares, companion_shares[np.isin(beside, internal)]])
+    moved_pa = (columns @ every).T[known] / design.weights[known][:, at]
     slope = design.load.slope_pa[:, at][known]
     usable = seen.usable[at]
     counts = np.mean(moved_pa[..., None] / np.maximum(slope, 1e-9), axis=(1, 2), where=usable)

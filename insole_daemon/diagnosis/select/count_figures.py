@@ -24,36 +24,32 @@ ALIGNING = ("offset_s", "rate")
 def count_figures(refined: Refined[BlockDesign], order: Sequence[int]) -> Figures:
     """Of a refined set whose candidates enter in `order`: RMS over usable taxels and known rows, counts.
 
-    `before` has the model as handed in, after the alignment that a clock of its own allows.
+    `before` has the model as handed in, after the alignment that a clock of its own allows; `after` the laws alone.
     """
     design = refined.design
     seen, nuisance = design.seen, design.nuisance
     n = len(design.weights)
     known = design.weights > 0
-    x, fixed, prior, own_columns = _columns(refined)
+    law = refined.of_laws
+    x, fixed, prior, own_columns = _columns(law)
     aligning = np.array([name in ALIGNING for name in nuisance.shared_names])
     as_read = residual(design, Timing())
     # A clock of its own is aligned, whatever is found.
     aligned = residual(design, Timing(design.timing.delay_s if seen.offset_is_free else 0.0))
-    y = design.y - np.matmul(x[:, :, fixed], np.ones((int(fixed.sum()), 1)))[..., 0]
+    y = design.y - x[:, :, fixed].sum(axis=2)
     x, prior = x[:, :, ~fixed], prior[~fixed]
     fold = (np.arange(n) * seen.step_s // FOLD_S).astype(int) % N_FOLDS
     left = np.empty_like(y)
-    every: Array = np.empty(0)
-    shared: Array = np.empty(0)
-    for k in range(N_FOLDS + 1):
-        held = fold == k if k < N_FOLDS else np.zeros(n, bool)
-        theta, shift, own = _fit(x[:, ~held], y[:, ~held], prior, design, ~held)
-        if k < N_FOLDS:
-            # Recalibration within its prior is a nuisance: it is no part of the model that is handed out.
-            rest = y - x @ theta - nuisance.shared[:, :, aligning] @ shift[aligning]
-            left[:, held] = rest[:, held]
-        else:
-            every, shared = theta, shift
-            settled = y - x @ theta - nuisance.shared @ shift - np.matmul(nuisance.own, own[..., None])[..., 0]
+    for k in range(N_FOLDS):
+        held = fold == k
+        theta, shift, _ = _fit(x[:, ~held], y[:, ~held], prior, design, ~held)
+        # Recalibration within its prior is a nuisance: it is no part of the model that is handed out.
+        rest = y - x @ theta - nuisance.shared[:, :, aligning] @ shift[aligning]
+        left[:, held] = rest[:, held]
+    every, shared, _ = _fit(x, y, prior, design, np.ones(n, bool))
     _, unmoved, _ = _fit(x[:, :, :0], aligned, prior[:0], design, np.ones(n, bool))
     before = aligned - nuisance.shared[:, :, aligning] @ unmoved[aligning]
-    apart = [_apart_pa(refined, i) for i in order]
+    apart = [_apart_pa(law, i) for i in order]
     off = _off(design, as_read, left, sum(apart))
     recalibrated = None
     is_loose = design.priors.has_loose_curves
@@ -72,7 +68,7 @@ def count_figures(refined: Refined[BlockDesign], order: Sequence[int]) -> Figure
     raw = design.atoms.x[:, :, design.atom].astype(float) * design.mask.T[:, None, :]
     for m in range(1, len(order) + 1):
         part = np.concatenate([design.candidates[i].columns for i in order[:m]])
-        shares = np.concatenate([refined.shares[i] for i in order[:m]])
+        shares = np.concatenate([law.shares[i] for i in order[:m]])
         rest = design.y - raw[:, :, part] @ shares
         _, shift, _ = _fit(x[:, :, :0], rest, prior[:0], design, np.ones(n, bool))
         rest = rest - nuisance.shared[:, :, aligning] @ shift[aligning]
@@ -95,7 +91,7 @@ def count_figures(refined: Refined[BlockDesign], order: Sequence[int]) -> Figure
     }
     return Figures(
         rms[:1], rms[1:], np.minimum(noise, rms[1:]), counts[0], counts[1], np.asarray(known.any(axis=1)),
-        lack_of_fit(settled.T, seen.step_s), tuple(gains), timing_gain, shared, beside,
+        lack_of_fit(_settled(refined).T, seen.step_s), tuple(gains), timing_gain, shared, beside,
         recalibrated,
     )  # fmt: skip
 
@@ -117,6 +113,16 @@ def _columns(
     fixed = np.concatenate([whole, np.zeros(len(beside), bool)])
     prior = np.concatenate([np.full(len(whole), np.inf), absorbed_std(design.candidates, strengths, beside)])
     return raw[:, :, active], fixed, prior, beside
+
+
+def _settled(refined: Refined[BlockDesign]) -> Array:
+    """(T, N) of all rows, what laws, what they leave out and nuisances leave."""
+    design, nuisance = refined.design, refined.design.nuisance
+    x, fixed, prior, _ = _columns(refined)
+    y = design.y - x[:, :, fixed].sum(axis=2)
+    x, prior = x[:, :, ~fixed], prior[~fixed]
+    theta, shift, own = _fit(x, y, prior, design, np.ones(y.shape[1], bool))
+    return np.asarray(y - x @ theta - nuisance.shared @ shift - np.matmul(nuisance.own, own[..., None])[..., 0])
 
 
 def _fit(x: Array, y: Array, prior: Array, design: BlockDesign, rows: NDArray[np.bool_]) -> tuple[Array, Array, Array]:

@@ -22,7 +22,8 @@ WITHIN_PRIORS = 4.0  # times the misfit of others: a share of it that nuisances 
 MISSED_OF_MEMORY = (
     0.1  # of a memory, that another family's law leaves, squared: plays of Dahl's, sums of activated creep
 )
-ANY_COURSE = 0.01  # of a drift, that an effect with a cause may leave of it and still be it
+# Of it, that a likelier effect may leave and still be it: a drift can have any course, and creep is a wider family.
+WIDER = {"drift": 0.01, "creep": 0.002}
 ODDS = 8.0  # that the choice among the terms costs
 
 
@@ -206,28 +207,29 @@ class BlockPrices:
     def of_laws(self, every: Sequence[PlacedTerm], shares: Sequence[Array]) -> float:
         """What the laws of the set `every` may fail to describe."""
         return sum(
-            each.term.misfit_of(True) * self.design.size(each, own) for each, own in zip(every, shares, strict=True)
+            each.term.misfit_of(True) * self.design.size_of_loop(each, own)
+            for each, own in zip(every, shares, strict=True)
         )
 
     def loose(self, candidate: PlacedTerm, shares: Array) -> float:
-        """Nothing: where the load is known, what a law misses is seen. But a drift can have any course."""
-        return ANY_COURSE * self.design.size(candidate, shares) if candidate.word == "drift" else 0.0
+        """Next to nothing: where the load is known, what a law misses is seen."""
+        return WIDER.get(candidate.word, 0.0) * self.design.size_of_loop(candidate, shares)
 
     def _misfit(self, every: Sequence[PlacedTerm], shares: Sequence[Array], i: int) -> float:
         """What the others of a set may fail to describe where number `i` is at work, squared.
 
-        A second memory at the same place is the likeliest to describe what the law of the first one misses.
+        A memory beside another loop at the same place is the likeliest to describe what the law of one of them misses
+        of both: they share what it would have been alone.
         """
-        return sum(
-            (
-                max(other.term.misfit_of(True), MISSED_OF_MEMORY)
-                if every[i].term.is_memory and other.term.is_memory
-                else other.term.misfit_of(True)
-            )
-            * self.design.overlap(every[i], other, own)
-            for j, (other, own) in enumerate(zip(every, shares, strict=True))
-            if j != i
-        )
+        one, found = every[i], 0.0
+        for j, (other, own) in enumerate(zip(every, shares, strict=True)):
+            if j == i:
+                continue
+            found += other.term.misfit_of(True) * self.design.overlap(one, other, own)
+            if one.term.is_memory and other.term.is_loop:
+                part = MISSED_OF_MEMORY / (2.0 if other.term.is_memory else 1.0)
+                found += part * self.design.overlap_of_both(one, other, shares[i], own)
+        return found
 
     def _is_seen(self, k: int) -> bool:
         if k not in self._seen:

@@ -13,7 +13,7 @@ from ..model.timing import START_S, TOLERANCE_S, fit_timing
 from .search import FittedSet, SubsetSearch
 
 ROUNDS = 4
-UNMOVED_S = 0.008  # of a delay, that terms need not follow
+UNMOVED_S, UNLAGGED_S = 0.008, 0.03  # of a delay and of a lag, that terms need not follow
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,33 +27,33 @@ class TimedSet(Generic[D]):
     left: float  # squared residual and prices
 
 
-def search_timings(make: Callable[[float], D], is_free_clock: bool) -> list[TimedSet[D]]:
+def search_timings(make: Callable[[Timing], D], is_free_clock: bool) -> list[TimedSet[D]]:
     """Every hypothesis on the timing with its best set, best first.
 
-    `make` gives the design of rows whose load is taken so many seconds earlier: terms that act on the load are late
-    with it. On a clock whose offset is free a delay is no hypothesis: its time is fitted in all of them.
+    `make` gives the design of rows under the load of a timing: terms that act on it are late with it. On a clock whose
+    offset is free a delay is no hypothesis: its time is fitted in all of them.
     """
     hypotheses: list[tuple[str, ...]] = [(), ("lag",)] if is_free_clock else [(), ("delay",), ("lag",)]
-    first = make(0.0)
+    first = make(Timing())
     found = [_one(first, make, words, is_free_clock) for words in hypotheses]
     if not is_free_clock and min(each.left for each in found[1:]) < found[0].left:
         found.append(_one(first, make, ("delay", "lag"), is_free_clock))  # both are worth it where one of them is
     return sorted(found, key=lambda each: each.left)
 
 
-def _one(first: D, make: Callable[[float], D], words: tuple[str, ...], is_free_clock: bool) -> TimedSet[D]:
+def _one(first: D, make: Callable[[Timing], D], words: tuple[str, ...], is_free_clock: bool) -> TimedSet[D]:
     free = ("delay" in words or is_free_clock, "lag" in words)
     # Readings that come early could undo a delay again.
     barred = frozenset({"clock"}) if "delay" in words else frozenset()
-    design, moved_s = first, 0.0
+    design, made_for = first, Timing()
     if is_free_clock and design.load.observation.is_uniform:
         # Edges have aligned it with memories beside them; without any, the loop of a slow load would move it.
         timing = Timing(0.0, START_S if "lag" in words else 0.0)
     else:
         timing = fit_timing(design, (), Timing(), free, is_free_clock)
     for round_ in range(ROUNDS):
-        if abs(timing.delay_s - moved_s) > UNMOVED_S:
-            design, moved_s = make(timing.delay_s), timing.delay_s
+        if abs(timing.delay_s - made_for.delay_s) > UNMOVED_S or abs(timing.lag_s - made_for.lag_s) > UNLAGGED_S:
+            design, made_for = make(timing), timing
         search = SubsetSearch(design.retimed(timing), barred)
         best = search.run()[0]
         if not any(free) or round_ == ROUNDS - 1:

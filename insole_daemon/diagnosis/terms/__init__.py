@@ -22,6 +22,7 @@ from . import (
     stiffening,
     swapped_triangles,
     temperature,
+    uneven,
     viscoelasticity,
 )
 from .term import Term
@@ -47,4 +48,6 @@ TERMS: tuple[Term, ...] = (
     clock.TERM,
     reference_fault.TERM,
     earlier_load.TERM,
+    uneven.LOOPS,
+    uneven.CREEP,
 )

@@ -18,6 +18,7 @@ RATIO = 4.0  # between time constants
 FASTEST_S = 0.5
 SLOW_S = 5.0  # a viscoelasticity of foams and skins is complete after a few seconds
 LEAST_SLOW = 0.1  # of the shares, that take longer
+UNEVEN = 0.5
 EARLIER = 100.0  # kPa, of a load before the recording
 
 
@@ -84,8 +85,8 @@ TERM = Term(
     parameters=_parameters,
     known_parameters=_known_parameters,
     plausible=0.1,
-    limit=0.95,
-    absorbs={**ABSORBED, "earlier_load": EARLIER},
+    limit=1.0,
+    absorbs={**ABSORBED, "earlier_load": EARLIER, "uneven_creep": UNEVEN},
     yields_to=("viscoelasticity",),
     is_possible=_is_possible,
     misfit=0.05,

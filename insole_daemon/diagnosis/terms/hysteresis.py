@@ -8,8 +8,10 @@ import numpy as np
 
 from ...physics.law import Array
 from ..model.load import LoadEstimate
+from .plays import play
 from .term import ABSORBED, Setting, Term, TermColumns, geometric
 
+UNEVEN = 0.5
 WIDEST = 0.4  # of the range of the load
 RADII_PA = geometric(3e3, 192e3, 7)
 
@@ -21,17 +23,8 @@ def _columns(load: LoadEstimate) -> list[TermColumns]:
     if load.is_known:  # a play of half the range does not come back: that is a step in time, and no loop
         radii_pa = [r for r in RADII_PA if r < WIDEST * float(np.ptp(pressure))]
     shape = load.pressure_pa.shape
-    found = [load.wrench_of(np.broadcast_to(pressure - _play(pressure, radius_pa), shape)) for radius_pa in radii_pa]
+    found = [load.wrench_of(np.broadcast_to(pressure - play(pressure, radius_pa), shape)) for radius_pa in radii_pa]
     return [TermColumns(tuple({"r_pa": r} for r in radii_pa), by_triangle=np.stack(found, axis=-1), joint=True)]
-
-
-def _play(x: Array, radius_pa: float) -> Array:
-    """(N, ...) y_n = max(x_n − r, min(x_n + r, y_(n−1))), y = 0 before the first row."""
-    found = np.empty_like(x)
-    last = np.zeros(x.shape[1:])
-    for row, low, high in zip(found, x - radius_pa, x + radius_pa, strict=True):
-        last = np.maximum(np.minimum(last, high, out=row), low, out=row)
-    return found
 
 
 def _parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:
@@ -63,6 +56,6 @@ TERM = Term(
     known_parameters=_known_parameters,
     plausible=0.1,
     limit=4.0,
-    absorbs=ABSORBED,
+    absorbs={**ABSORBED, "uneven_loops": UNEVEN},
     misfit=0.03,
 )

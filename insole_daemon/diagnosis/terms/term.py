@@ -59,6 +59,7 @@ class Term:
     misfit: float = 0.002
     known_misfit: float | None = None  # where the load is known, and columns are made of it and not of readings
     is_internal: bool = False  # beside others only, and never named
+    is_misfit: bool = False  # what a law leaves out of real materials: in no model
     yields_to: tuple[str, ...] = ()  # terms that are likelier by themselves, where they explain nearly as much
     refine: tuple[str, ...] = ()  # settings that are refined once the term is selected
     linear_at: str = ""  # the setting that says at which share the columns are taken, where they are not linear
@@ -74,6 +75,11 @@ class Term:
     def is_memory(self) -> bool:
         """Whether a calibration made with it at work contains its mean curve."""
         return all(self.absorbs.get(word) == std for word, std in ABSORBED.items())
+
+    @property
+    def is_loop(self) -> bool:
+        """Whether readings depend on the load before: memories, and taxels that snap."""
+        return self.is_memory or self.word == "snap"
 
     def shown_by(self, load: LoadEstimate) -> str:
         """What to record where a recording under `load` does not show it."""

@@ -1,0 +1,76 @@
+"""What real memories have that the laws have not: more of it at low loads than at high, or of another width.
+
+The same operators, on the load cut at thirds of its range. Plays of these span the loops of Preisach whose thresholds
+lie in one third each (Mayergoyz, Mathematical models of hysteresis, 1991); late parts of these, materials that creep
+faster the more they bear. Beside a memory, as large as a share of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from ...physics.law import Array
+from ..model.load import LoadEstimate
+from ..operators import low_pass
+from .plays import play
+from .term import Setting, Term, TermColumns
+
+PARTS = 3  # of the range
+RADII = (0.02, 0.06, 0.15)  # of the range
+TAUS_S = (1.0, 8.0, 60.0)
+
+
+def _plays(load: LoadEstimate) -> list[TermColumns]:
+    """Joint columns: cut load − its play, for each part and radius."""
+    top = float(load.courses_pa.max())
+    cuts = _cut(load)
+    settings = [{"part": float(k), "r_pa": radius * top} for k in range(PARTS) for radius in RADII]
+    return _joint(load, settings, [cut - play(cut, radius * top) for cut in cuts for radius in RADII])
+
+
+def _late(load: LoadEstimate) -> list[TermColumns]:
+    """Joint columns: difference of the load's parts − what follows it late, for each time constant."""
+    settings = [{"part": float(k), "tau_s": tau_s} for k in range(PARTS - 1) for tau_s in TAUS_S]
+    cuts, late = _cut(load), []
+    for part in (cuts[0] - cuts[1], cuts[-1] - cuts[1]):
+        flat = part.reshape(len(part), -1)
+        late += [part - low_pass(flat, load.step_s, tau_s).reshape(part.shape) for tau_s in TAUS_S]
+    return _joint(load, settings, late)
+
+
+def _cut(load: LoadEstimate) -> list[Array]:
+    """The load of each part of the range."""
+    pressure = load.courses_pa
+    edges = np.linspace(0.0, float(pressure.max()), PARTS + 1)
+    return [np.clip(pressure, low, high) - low for low, high in pairwise(edges)]
+
+
+def _joint(load: LoadEstimate, settings: Sequence[Setting], columns: Sequence[Array]) -> list[TermColumns]:
+    shape = load.pressure_pa.shape
+    found = [load.wrench_of(np.broadcast_to(each, shape)) for each in columns]
+    return [TermColumns(tuple(settings), by_triangle=np.stack(found, axis=-1), joint=True)]
+
+
+def _needs(load: LoadEstimate) -> str | None:
+    """Why a recording cannot show it."""
+    return None if load.is_known else "the load of single taxels is not known"
+
+
+def _term(word: str, columns: Callable[[LoadEstimate], list[TermColumns]]) -> Term:
+    return Term(
+        word=word,
+        scopes=("insole", "board", "triangle"),
+        share="free",
+        columns=columns,
+        parameters=lambda settings, shares: {},  # it is what the law leaves out
+        needs=_needs,
+        is_internal=True,
+        is_misfit=True,
+    )
+
+
+LOOPS = _term("uneven_loops", _plays)
+CREEP = _term("uneven_creep", _late)
