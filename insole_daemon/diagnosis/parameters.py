@@ -17,9 +17,14 @@ MISFIT_OF_VALUES = 0.05  # of a parameter: materials follow a law only approxima
 
 
 def parameters_of(refined: Refined[Any], i: int, foot: FootRecording) -> dict[str, Quantity]:
-    """The law's parameters of candidate `i` with standard deviations, from the regression's covariance."""
+    """The law's parameters of candidate `i` with standard deviations, from the regression's covariance.
+
+    None of a temperature that only the thermal pads tell: nobody knows how many kelvins their counts are.
+    """
     inner = refined.design
     candidate = inner.candidates[i]
+    if candidate.word == "temperature" and inner.load.observation.warmth_is_of_pads:
+        return {}
     shares = refined.of_laws.shares[i]
     mapping = candidate.term.parameters_of(inner.load.observation.load_is_known)
     values = mapping(candidate.settings, shares)

@@ -32,6 +32,7 @@ from .observations.chamber import observe_chamber
 from .observations.own_curves import observe_uncalibrated
 from .observations.paired import PairedObservation, observe_paired
 from .observations.reading_faults import ReadingFaults, reading_faults
+from .observations.warmth import with_warmth
 from .observations.wrench import WrenchObservation, observe_wrench
 from .outcome import Outcome
 from .parameters import parameters_of
@@ -172,7 +173,7 @@ def _observed(
     """Every recording by the static model; of an insole without one in a chamber, by the curves that fit it best."""
     is_chamber = not simulations and all(each.kind == "chamber" for each in recordings)
     if is_chamber and not has_model(feet[0], calibration):
-        return list(observe_uncalibrated(recordings, feet, progress))
+        return [with_warmth(each) for each in observe_uncalibrated(recordings, feet, progress)]
     model = static_model(recordings[0], feet[0], calibration)
     every: list[WrenchObservation] = []
     for i, (recording, foot) in enumerate(zip(recordings, feet, strict=True)):
@@ -181,7 +182,7 @@ def _observed(
             every.append(observe_paired(recording, foot, model, simulations[i if len(simulations) > 1 else 0]))
         else:
             every.append(_observe(recording, foot, model))
-    return every
+    return [with_warmth(each) for each in every]
 
 
 def _effects(results: Sequence[WalkResult], first: WalkResult, findings: Sequence[Finding]) -> tuple[Effect, ...]:
@@ -584,6 +585,8 @@ def _effect(word: str, where: Where, parameters: dict[str, Quantity], seen: Wren
         return None
     named = {each.name for each in laws()[word].parameters}
     own = {name: quantity for name, quantity in parameters.items() if name in named}
+    if not parameters and named:
+        return None
     if word == "swapped_triangles":
         own["pair"] = Quantity([list(identity) for identity in where.ids], np.zeros((2, 2)), "1")
         where = Where()

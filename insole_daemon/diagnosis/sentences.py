@@ -18,6 +18,11 @@ SUFFIXES = ("_pa", "_s", "_count", "_n", "_c", "_m")  # of a name, that the unit
 
 def of_effect(word: str, where: Where, parameters: Mapping[str, Quantity]) -> str:
     """What an effect is, with its parameters."""
+    if word == "temperature" and not parameters:
+        return (
+            f"{said(where)}: temperature, by the thermal pads. Record temperature_c in the reference to have it in "
+            "kelvins and in the model."
+        )
     told = {name: q for name, q in parameters.items() if name != "pair" and _is_told(name, q)}
     numbers = ", ".join(_number(name, q) for name, q in told.items())
     return f"{said(where)}: {word.replace('_', ' ')}{f' ({numbers})' if numbers else ''}."

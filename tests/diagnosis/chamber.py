@@ -89,12 +89,12 @@ def write(
     clock: str = "can",
     seconds: float = 90.0,
     seed: int = 1,
-    temperature: Callable[[Array], Array] = lambda t_s: np.full_like(t_s, 25.0),
+    temperature: Callable[[Array], Array] | None = lambda t_s: np.full_like(t_s, 25.0),
     layout: Layout = LAYOUT,
 ) -> Path:
     """A recording whose taxels feel `effect(t, load)`; `touch` changes the counts in place.
 
-    `where` (6·12,): which of them, or by how much each.
+    `where` (6·12,): which of them, or by how much each. `temperature`: None, and no thermometer is recorded.
     """
     rng = np.random.default_rng(seed)
     t_s, p = load(seconds)
@@ -112,7 +112,9 @@ def write(
     counts_file.write(folder / "counts.npz", {"left": table})
     said = reference(t_s, p.copy()) + rng.normal(0.0, 100.0, p.shape)
     began = BEGAN_S if clock == "can" else 3.0
-    columns = {"time_s": began + t_s, "pressure_pa": said, "temperature_c": temperature(t_s)}
+    columns = {"time_s": began + t_s, "pressure_pa": said}
+    if temperature is not None:
+        columns["temperature_c"] = temperature(t_s)
     (folder / "reference.csv").write_text(text(columns))
     layouts.write(folder / "layout.yaml", layout)
     (folder / "calibration.json").write_text(json.dumps(sensors.model(layout)))

@@ -122,6 +122,22 @@ def test_a_gain_of_a_board_is_named_beside_a_memory_of_all(tmp_path):
     assert by_word["viscoelasticity"].where.scope == "insole"
 
 
+@pytest.mark.parametrize("count_per_pad_count", [0.0, 0.8])
+def test_where_no_thermometer_was_recorded_the_thermal_pads_tell_how_warm_it_is(tmp_path, count_per_pad_count):
+    pads = np.setdiff1d(np.arange(72), SLOTS)
+
+    def warm(t_s: Array, counts: Array) -> None:
+        course = 4.0 * np.sin(t_s / 14.0)
+        counts[:, pads] = 230.0 - course[:, None] + np.random.default_rng(5).normal(0.0, 1.0, (len(t_s), len(pads)))
+        counts[:, SLOTS] += count_per_pad_count * course[:, None]
+
+    found = diagnose(write(tmp_path / "bag", touch=warm, temperature=None))
+    assert [each.effect for each in found.findings] == (["temperature"] if count_per_pad_count else [])
+    for each in found.findings:
+        assert each.parameters == {}
+        assert "thermal pads" in each.sentence
+
+
 def test_a_board_that_is_zeroed_under_load_is_told_with_its_moment(tmp_path):
     def zeroed(t_s: Array, counts: Array) -> None:
         own = of_rows(4, 5)

@@ -77,6 +77,9 @@ def test_every_frame_of_minutes_with_faults_at_random_is_used_or_refused_and_cou
         def publish_latched(self, *_) -> None:
             pass
 
+        def announce(self) -> None:
+            pass
+
         def close(self) -> None:
             pass
 

@@ -169,6 +169,9 @@ def live(
         def publish_latched(self, what: str, message: Message) -> None:
             self.messages.append(message)
 
+        def announce(self) -> None:
+            pass
+
         def close(self) -> None:
             pass
 

@@ -143,11 +143,12 @@ class WrenchObservation:
     declared_offset_s: float | None  # where the clock is declared to be the CAN clock, else None
     offset_is_free: bool  # nothing is known of the clock's offset, or what was declared is wrong
     rate_is_free: bool  # the clock's rate is far from 1
-    temperature_c: Array | None  # (N,)
+    temperature_c: Array | None  # (N,); counts of the thermal pads where no thermometer was recorded
     readings: tuple[TriangleReadings, ...]
     loudness: Array | None = None  # (N, T) times that the noise of readings is larger than `noise_count`
     rezeroed: NDArray[np.bool_] | None = None  # (N, T) rows since a board took its baselines anew, already corrected
     rate_std: float = 0.0  # of the clock's rate, where it is the reference's own
+    warmth_is_of_pads: bool = False
     has_own_curves: bool = False  # those that fit the rows best: no calibration was handed in
     load_is_known = False  # on every taxel, and not only in sum
     is_uniform = False  # whether all taxels bear the same load

@@ -114,10 +114,16 @@ class SubsetSearch(Generic[D]):
             own_shares = current.shares[current.chosen.index(k)]
             loss = share * self.prices.least(k) + self.prices.loose(candidate, own_shares)
             least = max(current.score - loss, self.fit(rest).score)
-            near = [each for each in (self.fit([*rest, j]) for j in others) if each.score > least]
+            near = [each for each in (self.fit([*self._beside(rest, j), j]) for j in others) if each.score > least]
             if near:
                 current = max(near, key=lambda each: each.score)
         return current
+
+    def _beside(self, chosen: Sequence[int], k: int) -> list[int]:
+        """Of `chosen` what can stand beside candidate `k`: its own word at a part of its place is a part of it."""
+        own = self.design.candidates[k]
+        every = [(j, self.design.candidates[j]) for j in chosen]
+        return [j for j, each in every if each.word != own.word or not _overlap(each.where, own.where)]
 
     def margin(self, best: FittedSet, position: int) -> float:
         """How much worse the best set without this candidate's word is, with anything else in its place or nothing.

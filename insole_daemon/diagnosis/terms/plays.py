@@ -7,7 +7,7 @@ import numpy as np
 from ...physics.law import Array
 
 
-def play(x: Array, radius_pa: float) -> Array:
+def play_operator(x: Array, radius_pa: float) -> Array:
     """(N, ...) y_n = max(x_n − r, min(x_n + r, y_(n−1))), y = 0 before the first row."""
     found = np.empty_like(x)
     last = np.zeros(x.shape[1:])

@@ -14,11 +14,11 @@ from ..model.load import LoadEstimate
 from .term import Setting, Term, TermColumns
 
 ABSORBED_K = 5.0  # between the temperature of the calibration and that of the recording
-LEAST_K = 0.5  # by which the temperature moves: less shows nothing
+LEAST_K, LEAST_COUNT = 0.5, 1.0  # by which the temperature, or the pads, move: less shows nothing
 
 
 def _columns(load: LoadEstimate) -> list[TermColumns]:
-    """Joint columns: a kelvin on the count, and one per cent of gain a kelvin, each varying and constant."""
+    """Joint columns: a kelvin (or a count of the pads) on the count, and one per cent of gain a kelvin."""
     if _needs(load) is not None:
         return []
     seen = load.observation
@@ -33,8 +33,11 @@ def _columns(load: LoadEstimate) -> list[TermColumns]:
 def _needs(load: LoadEstimate) -> str | None:
     """Why a recording cannot show it."""
     if load.observation.temperature_c is None:
-        return "the reference has no temperature_c"
-    if float(np.ptp(load.observation.temperature_c)) < LEAST_K:
+        return "the reference has no temperature_c, and the thermal pads do not agree on one"
+    moves = float(np.ptp(load.observation.temperature_c))
+    if load.observation.warmth_is_of_pads:
+        return None if moves >= LEAST_COUNT else f"the thermal pads move by less than {LEAST_COUNT:g} count"
+    if moves < LEAST_K:
         return f"the temperature moves by less than {LEAST_K} K"
     return None
 

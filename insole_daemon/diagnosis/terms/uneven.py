@@ -15,7 +15,7 @@ import numpy as np
 from ...physics.law import Array
 from ..model.load import LoadEstimate
 from ..operators import low_pass
-from .plays import play
+from .plays import play_operator
 from .term import Setting, Term, TermColumns
 
 PARTS = 3  # of the range
@@ -28,7 +28,7 @@ def _plays(load: LoadEstimate) -> list[TermColumns]:
     top = float(load.courses_pa.max())
     cuts = _cut(load)
     settings = [{"part": float(k), "r_pa": radius * top} for k in range(PARTS) for radius in RADII]
-    return _joint(load, settings, [cut - play(cut, radius * top) for cut in cuts for radius in RADII])
+    return _joint(load, settings, [cut - play_operator(cut, radius * top) for cut in cuts for radius in RADII])
 
 
 def _late(load: LoadEstimate) -> list[TermColumns]:
