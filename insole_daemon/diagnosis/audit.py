@@ -130,9 +130,10 @@ def _without_contact(seen: _Readings) -> tuple[NDArray[np.bool_], list[int], lis
 def _leaping(seen: _Readings, steps: bool) -> NDArray[np.bool_]:
     """(s,) taxels with a loose contact."""
     found = np.zeros(seen.counts.shape[1], bool)
-    leaping = contact.loose(seen.counts[:, seen.asked], seen.valid[:, seen.asked], seen.mean, seen.t_s, steps)
+    asked = seen.asked
+    leaping = contact.loose(seen.counts[:, asked], seen.valid[:, asked], seen.mean, seen.t_s, asked // N_TAXELS, steps)
     if leaping.mean() < MOST_LEAPING:  # else it is how this insole answers, and no contact
-        found[seen.asked] = leaping
+        found[asked] = leaping
     return found
 
 

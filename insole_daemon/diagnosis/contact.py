@@ -17,6 +17,7 @@ OPEN_S = 0.3  # how long a triangle is silent before it is called open
 OPEN_TAXELS = 8  # of a triangle's ten that fail together: the triangle has lost contact
 # Further than the other taxels from one cycle to the next, and how often: a loose contact.
 LEAP_COUNT, LEAPS = 45.0, 2
+ALONE = 4.0  # times the change of a triangle's other taxels: they have no part in it
 MOVES_S, MOVES = 0.2, 0.02  # before and after a leap, by what part of the insole's range the load moves
 
 
@@ -50,12 +51,15 @@ def _beyond(count: Array, mean: Array) -> NDArray[np.bool_]:
     return found
 
 
-def loose(counts: Array, valid: NDArray[np.bool_], mean: Array, t_s: Array, steps: bool) -> NDArray[np.bool_]:
+def loose(
+    counts: Array, valid: NDArray[np.bool_], mean: Array, t_s: Array, triangle: NDArray[np.intp], steps: bool
+) -> NDArray[np.bool_]:
     """(m,) taxels that leapt alone from one cycle to the next, several times, and half of the time not with the load.
 
     What snaps leaps as well, but down in counts while it is loaded, and up while it is unloaded. Where a heel strikes,
     some taxels leap and the others do not; but then they bear that load for a while: of `steps` only what leaps back at
-    once counts.
+    once counts. Where readings are seldom a blow lasts no longer than one of them, but the taxels around feel it: what
+    leaps counts only if it leaps much further than those of its `triangle` (m,) do.
     """
     change = np.diff(counts, axis=0)
     change -= np.median(change, axis=1, keepdims=True)
@@ -63,6 +67,9 @@ def loose(counts: Array, valid: NDArray[np.bool_], mean: Array, t_s: Array, step
     if steps:
         leaps[1:] &= leaps[:-1] & (change[1:] * change[:-1] < 0)
         leaps[0] = False
+        for row in np.unique(triangle):
+            own = triangle == row
+            leaps[:, own] &= np.abs(change[:, own]) > ALONE * np.median(np.abs(change[:, own]), axis=1, keepdims=True)
     side = max(round(MOVES_S / float(np.median(np.diff(t_s)))), 1)
     rows = np.arange(len(change))
     went = mean[np.minimum(rows + 1 + side, len(mean) - 1)] - mean[np.maximum(rows - side, 0)]

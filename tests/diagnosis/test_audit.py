@@ -5,11 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from insole_daemon.diagnosis.audit import audit
 from insole_daemon.recording.loading import load
 
 from . import chamber
+from .chamber import Array
 
 
 def test_readings_in_which_nothing_is_wrong(tmp_path: Path) -> None:
@@ -85,3 +87,14 @@ def test_an_open_triangle_is_believed_while_it_has_contact(tmp_path: Path) -> No
     assert audited.kept.sum() == len(chamber.SLOTS)
     out = ~audited.believed[:, 1, 0]
     assert 0.06 < out.mean() < 0.1
+
+
+@pytest.mark.parametrize(("others", "kept"), [(30.0, True), (0.0, False)])
+def test_a_blow_that_the_taxels_around_feel_is_no_loose_contact(tmp_path: Path, others: float, kept: bool) -> None:
+    def touch(t_s: Array, counts: Array) -> None:
+        for row in range(400, 1600, 200):
+            counts[row, 12:24] -= others
+            counts[row, 15] -= 70.0 - others
+
+    foot = load(chamber.write(tmp_path / "blows", touch=touch, seconds=40.0)).feet[0]
+    assert audit(foot, "blows", steps=True).kept[1, 3] == kept
