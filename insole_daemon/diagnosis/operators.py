@@ -13,8 +13,6 @@ from scipy.signal import lfilter
 from ..physics.first_order import steps
 from ..physics.law import Array
 
-EDGE = 1.03  # times that of white noise
-
 
 def low_pass(x: Array, step_s: float, tau_s: float) -> Array:
     """(N, m) z with τ·dz/dt = x − z, at rest at x[0] before; exact for x linear between rows (`first_order`)."""
@@ -48,13 +46,3 @@ def relay(x: Array, up_pa: float, down_pa: float) -> Array:
     np.maximum.accumulate(row, axis=0, out=row)
     on: Array = (np.take_along_axis(event, row, axis=0) > 0).astype(float)
     return on
-
-
-def standing_out(x: Array) -> Array:
-    """(m, r) orthonormal shapes of the courses in `x` (n, m) that stand out of white noise of size 1.
-
-    The edge is that of the singular values of noise alone, √n + √m (Marchenko & Pastur 1967).
-    """
-    size2, shapes = np.linalg.eigh(x.T @ x)
-    edge = EDGE * (np.sqrt(x.shape[0]) + np.sqrt(x.shape[1]))
-    return np.asarray(shapes[:, size2 > edge**2])

@@ -19,7 +19,7 @@ MISFIT_OF_VALUES = 0.05  # of a parameter: materials follow a law only approxima
 def parameters_of(refined: Refined[Any], i: int, foot: FootRecording) -> dict[str, Quantity]:
     """The law's parameters of candidate `i` with standard deviations, from the regression's covariance.
 
-    None of a temperature that only the thermal pads tell: nobody knows how many kelvins their counts are.
+    Empty for a temperature known only from the thermal pads: how many counts a kelvin moves them is not known.
     """
     inner = refined.design
     candidate = inner.candidates[i]

@@ -585,8 +585,6 @@ def _effect(word: str, where: Where, parameters: dict[str, Quantity], seen: Wren
         return None
     named = {each.name for each in laws()[word].parameters}
     own = {name: quantity for name, quantity in parameters.items() if name in named}
-    if word == "temperature" and not own:
-        return None  # told by the pads, in no kelvins
     if word == "swapped_triangles":
         own["pair"] = Quantity([list(identity) for identity in where.ids], np.zeros((2, 2)), "1")
         where = Where()

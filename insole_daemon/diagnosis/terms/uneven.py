@@ -14,8 +14,7 @@ import numpy as np
 
 from ...physics.law import Array
 from ..model.load import LoadEstimate
-from ..operators import low_pass
-from .plays import play_operator
+from ..operators import low_pass, plays
 from .term import Setting, Term, TermColumns
 
 PARTS = 3  # of the range
@@ -28,7 +27,9 @@ def _plays(load: LoadEstimate) -> list[TermColumns]:
     top = float(load.courses_pa.max())
     cuts = _cut(load)
     settings = [{"part": float(k), "r_pa": radius * top} for k in range(PARTS) for radius in RADII]
-    return _joint(load, settings, [cut - play_operator(cut, radius * top) for cut in cuts for radius in RADII])
+    flat = [cut.reshape(len(cut), -1) for cut in cuts]
+    loops = [-plays(each, np.array([radius * top]))[0].reshape(cuts[0].shape) for each in flat for radius in RADII]
+    return _joint(load, settings, loops)
 
 
 def _late(load: LoadEstimate) -> list[TermColumns]:
