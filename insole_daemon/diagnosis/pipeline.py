@@ -223,12 +223,10 @@ def _figures(
     return figures(whole, refined, order, timing, nuisances, uncertain_s)
 
 
-def _measured(
-    whole: Design | BlockDesign, refined: Refined[Any], timing: Timing, faults: ReadingFaults
-) -> tuple[list[int], Figures]:
+def _measured(whole: Design | BlockDesign, refined: Refined[Any], timing: Timing) -> tuple[list[int], Figures]:
     """The candidates of a set, the largest first, and its figures as they enter in this order."""
     order = sorted(range(len(refined.shares)), key=lambda i: -_energy(refined, i))
-    return order, _with_faults(_figures(whole, refined, order, timing), faults)
+    return order, _figures(whole, refined, order, timing)
 
 
 def _with_faults(found: Figures, faults: ReadingFaults) -> Figures:
@@ -310,12 +308,12 @@ def diagnose_one(seen: WrenchObservation, foot: FootRecording, progress: Callabl
         if idle is not None:
             best = search.fit([k for i, k in enumerate(best.chosen) if i != idle])
             continue
-        order, found = _measured(whole, refined, first.timing, faults)
+        order, found = _measured(whole, refined, first.timing)
         if order and not _is_better(found):
             # What makes rows worse that it was not fitted to explains nothing.
             best = search.fit([k for i, k in enumerate(best.chosen) if i != order[-1]])
             continue
-        lighter = _lighter(search, best, order, found, lambda each: _measured(whole, each, first.timing, faults)[1])
+        lighter = _lighter(search, best, order, found, lambda each: _measured(whole, each, first.timing)[1])
         if lighter is None:
             break
         best = lighter
@@ -327,13 +325,14 @@ def diagnose_one(seen: WrenchObservation, foot: FootRecording, progress: Callabl
         if len(strong) < len(best.chosen):
             best = search.fit(strong)
             refined = refine(whole, best.chosen)
-            order, found = _measured(whole, refined, first.timing, faults)
+            order, found = _measured(whole, refined, first.timing)
     nuisances = [i for i in order if _is_nuisance(refined.design.candidates[i].word, parameters_of(refined, i, foot))]
     is_late = abs(first.timing.delay_s) >= LEAST_DELAY_S + seen.latest_s
     if nuisances or not is_late:
         uncertain_s = 0.0 if is_late else first.timing.delay_s
-        found = _with_faults(_figures(whole, refined, order, first.timing, nuisances, uncertain_s), faults)
+        found = _figures(whole, refined, order, first.timing, nuisances, uncertain_s)
     found, findings, effects = _placed(searched, seen, found)
+    found = _with_faults(found, faults)
     if findings and not found.after[0] < found.before[0]:
         findings, effects, is_unknown = [], [], True  # what makes held-out rows worse explains nothing
     if not (findings or order or first.words or faults.findings):

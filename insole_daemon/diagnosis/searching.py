@@ -33,6 +33,7 @@ LOAD_ERRORS = (USUAL, Priors(0.005, 0.02), Priors(0.015, 0.06), Priors(0.05, 0.2
 LOOSE = 5.0  # counts that a curve may be off by which a memory was calibrated into
 OWN = 0.3  # the same of curves that were fitted to the recordings themselves
 WELL = 1.15  # times the noise: what leaves no more is explained
+FAR_CLEARER = 0.25
 CLEARER = 0.6  # of what usual curves leave beyond the noise, that loose ones may
 PLACED_ROUNDS = 3
 SWAPPED, ASKEW = "swapped_triangles", "map_transform"
@@ -167,12 +168,14 @@ def _with_curves(seen: ChamberObservation, faults: ReadingFaults) -> Searched:
         return _under(Priors(curve_count=OWN), seen, faults)
     found = _under(USUAL, seen, faults)
     noise = float(np.count_nonzero(_weights(seen, faults)))
-    # What a law fails to describe anyway is no reason to give up every recalibration.
-    if not found.has_memory or found.unexplained < max(WELL * noise, noise + found.of_laws):
+    if not found.has_memory or found.unexplained < WELL * noise:
         return found
     loose = _under(Priors(curve_count=LOOSE), seen, faults)
     clearer = loose.unexplained - noise < CLEARER * (found.unexplained - noise)
     simpler = loose.n_terms < found.n_terms and loose.unexplained < found.unexplained
+    # What a law fails to describe anyway is no reason to give up every recalibration, but for one that fits far worse.
+    if found.unexplained < noise + found.of_laws:
+        clearer, simpler = False, simpler and loose.unexplained - noise < FAR_CLEARER * (found.unexplained - noise)
     return loose if loose.has_memory and (clearer or simpler) else found
 
 

@@ -226,7 +226,9 @@ def place_terms(
                     settings = tuple(block.settings[k] for k in group)
                     own = None if echo is None else (echo[0][..., group], echo[1][..., group])
                     none = np.empty(0, np.intp)
-                    candidate = PlacedTerm(term, place, settings, ids, places, none, block.is_recalibration)
+                    candidate = PlacedTerm(
+                        term, place, settings, ids, places, none, block.is_recalibration, block.is_of_load
+                    )
                     yield candidate, column[..., group], own
 
 
@@ -247,6 +249,8 @@ def _placed(
     assert block.by_triangle is not None
     identities = [tuple(identity) for identity in seen.layout.identities.tolist()]
     for scope in term.scopes:
+        if scope == "insole" and block.is_of_parts:
+            continue
         if scope == "insole":
             column, echo = of(slice(None))
             yield Where(), column, 1, echo

@@ -11,6 +11,7 @@ import numpy as np
 
 from ...physics.effect import Where
 from ...physics.effects import laws
+from ...physics.law import Array
 from ...recording.loading import FootRecording
 from ..finding import Finding, Quantity
 from ..places import said
@@ -24,43 +25,64 @@ LASTS_S = 3.0
 MISSING = (0.5, 1.6)  # times what the step took, that is missing on the median until the end
 LEAST_READ = 50  # rows that are not cut off, to ask that of
 STEP_S = 0.12  # that it takes at the most, each way
+STEPS_S, LEAST_STEPS = 2.0, 3  # in which a foot is lifted once, and as many before and after
+ENOUGH_S = 20.0  # of a walk, to leave out the rest
+CLEAR = 1.5  # times what the lowest readings of stretches differ by, before and after
 
 
 def with_rezeros(foot: FootRecording, seen: WrenchObservation) -> tuple[WrenchObservation, list[Finding]]:
-    """`seen` with what later readings miss added again, and what is said of it, where the load is known."""
+    """`seen` with what later readings miss added again, and what is said of it.
+
+    On a walk the foot rolls on while the board says nothing, and what is missing is known roughly: later rows are left
+    out where enough are left.
+    """
     findings: list[Finding] = []
-    if not seen.load_is_known:
-        return seen, findings
     boards = seen.layout.identities[:, 0]
     no_load = {board.address: board.no_load for board in foot.boards if board.no_load is not None}
+    width = max(round(STEP_S / seen.step_s), 2)
     for board, lands in sorted(no_load.items()):
         own = boards == board
-        width = max(round(STEP_S / seen.step_s), 2)
-        at = _step(seen, own, float(lands), width)
+        at = _step(seen, own, float(lands), width) if seen.load_is_known else _step_of_walk(seen, own, width)
         if at is None:
             continue
         shift = seen.activation_count[at - width, own] - seen.activation_count[at + width, own]
         shift = np.where(seen.usable[own], shift, 0.0)
-        activation, missing = seen.activation_count.copy(), seen.missing.copy()
-        lost = seen.cut_off[at:, own].any(axis=2)
-        missing[at:, own] |= lost | (lost.mean() > MOST_LOST)
-        missing[at - width : at + width, own] = True
-        activation[at:, own] += shift
-        rezeroed = np.zeros(missing.shape, bool) if seen.rezeroed is None else seen.rezeroed.copy()
-        rezeroed[at:, own] = True
-        seen = replace(seen, activation_count=activation, missing=missing, rezeroed=rezeroed)
-        size, t_s = float(shift[seen.usable[own]].mean()), float(seen.t_s[at])
+        size, t_s, n = float(shift[seen.usable[own]].mean()), float(seen.t_s[at]), len(seen.t_s)
+        right = _put_right(seen, own, at, width, shift)
+        if seen.load_is_known:
+            explains = size**2 * float(np.mean(own)) * (1.0 - at / n)
+        else:
+            explains = float(np.mean((right.wrench[:, 0] - seen.wrench[:, 0]) ** 2))
         findings.append(
             Finding(
                 effect="rezero", foot=seen.layout.foot, where=Where("board", ((int(board),),)),
                 recordings=(seen.name,), when_s=((t_s, float(seen.t_s[-1])),), equation=laws()["rezero"].equation,
                 parameters={"t_s": Quantity(t_s, seen.step_s, "s"), "shift_count": Quantity(size, 0.3, "count")},
-                explains=size**2 * float(np.mean(own)) * float(np.mean(seen.t_s > t_s)),
+                explains=explains,
                 sentence=f"{said(Where('board', ((int(board),),)))} took its baselines anew at {t_s:.1f} s under load: "
                 f"{size:+.1f} counts are missing since.",
             )
         )  # fmt: skip
+        is_enough = not seen.load_is_known and seen.t_s[at - width] - seen.t_s[0] > ENOUGH_S
+        seen = seen.until(at - width) if is_enough else right
     return seen, findings
+
+
+def _put_right(
+    seen: WrenchObservation, own: np.ndarray[tuple[int], np.dtype[np.bool_]], at: int, width: int, shift: Array
+) -> WrenchObservation:
+    """With the counts `shift` (k, 12) added to the triangles `own` from row `at` on."""
+    activation, missing = seen.activation_count.copy(), seen.missing.copy()
+    cut_off = seen.cut_off[at:, own]
+    lost = cut_off.any(axis=2)
+    missing[at:, own] |= lost | (seen.load_is_known and lost.mean() > MOST_LOST)
+    missing[at - width : at + width, own] = True
+    later = activation[at:, own] + shift
+    # Less than was taken presses there; on a walk mostly nothing, for the foot has rolled off it.
+    activation[at:, own] = later if seen.load_is_known else np.where(cut_off, 0.0, later)
+    rezeroed = np.zeros(missing.shape, bool) if seen.rezeroed is None else seen.rezeroed.copy()
+    rezeroed[at:, own] = True
+    return replace(seen, activation_count=activation, missing=missing, rezeroed=rezeroed)
 
 
 def _step(
@@ -97,3 +119,29 @@ def _step(
         if reads.sum() < LEAST_READ or MISSING[0] * taken < np.median(later[reads]) < MISSING[1] * taken:
             return int(row) + width // 2
     return None
+
+
+def _step_of_walk(seen: WrenchObservation, own: np.ndarray[tuple[int], np.dtype[np.bool_]], width: int) -> int | None:
+    """As `_step` where the load is not known: what is taken on the ground is missing in the air from then on.
+
+    By readings alone, for the reference's clock is told by them. Where it lands nobody sees: the foot rolls on while
+    the board says nothing.
+    """
+    usable = seen.usable[own]
+    if not usable.any():
+        return None
+    level = seen.activation_count[:, own][:, usable].mean(axis=1)
+    long = round(STEPS_S / seen.step_s)
+    lowest = _lowest(level, long)
+    for k in range(LEAST_STEPS, len(lowest) - LEAST_STEPS):
+        before, after = lowest[:k], lowest[k:]
+        taken = float(np.median(before) - np.median(after))
+        if taken > max(LEAST_COUNT, CLEAR * float(np.ptp(before)), CLEAR * float(np.ptp(after))):
+            rows = np.arange((k - 1) * long, (k + 1) * long)
+            return int(rows[np.argmax(level[rows] - level[rows + 2 * width])]) + width
+    return None
+
+
+def _lowest(level: Array, rows: int) -> Array:
+    """Of each stretch of so many rows."""
+    return np.asarray(level[: len(level) // rows * rows].reshape(-1, rows).min(axis=1))

@@ -264,6 +264,11 @@ class WrenchObservation:
         """The same rows, with the reference read on another clock."""
         return replace(self, offset_s=offset_s, rate=rate)
 
+    def until(self, row: int) -> Self:
+        """Without that row and later ones."""
+        by_row = ("t_s", "activation_count", "missing", "temperature_c", "loudness", "rezeroed")
+        return replace(self, **{name: own[:row] for name in by_row if (own := getattr(self, name)) is not None})
+
     @cached_property
     def counting_variance(self) -> Array:
         """(N, T, 3) variance of each triangle's wrench by the noise of its readings."""
@@ -331,7 +336,7 @@ def observe_wrench(recording: Recording, foot: FootRecording, calibration: Calib
         recording.folder.name, foot.layout, calibration, rows.t_s, rows.period_s, rows.activation_count, rows.usable,
         rows.missing, rows.noise_count, wrench, offset_s, 0.0, declared, declared is None, False, None, rows.readings,
     )  # fmt: skip
-    found = _aligned(recording, found)
+    found = aligned(found)
     if TEMPERATURE in reference.columns:
         values = reference[TEMPERATURE]
         known = np.isfinite(values)
@@ -413,7 +418,7 @@ def _reference(recording: Recording, foot: FootRecording, reference: object) -> 
     )  # fmt: skip
 
 
-def _aligned(recording: Recording, found: WrenchObservation) -> WrenchObservation:
+def aligned(found: WrenchObservation) -> WrenchObservation:
     """The clock by which the edges agree.
 
     A declared CAN clock, and a rate of 1, are kept as long as they are near: what is then left is for the terms
@@ -429,7 +434,7 @@ def _aligned(recording: Recording, found: WrenchObservation) -> WrenchObservatio
                 most_offset_s=most_s + (abs(found.offset_s) if found.declared_offset_s is not None else 0.0),
             )  # fmt: skip
         except CalibrationError as error:
-            raise DiagnosisError(f"{recording.folder}: {error}") from error
+            raise DiagnosisError(f"{found.name}: {error}") from error
         moved = found.with_clock(fitted.offset_s, fitted.rate)
         agrees = _correlation(moved)
         if agrees > LEAST_CORRELATION:
@@ -443,7 +448,7 @@ def _aligned(recording: Recording, found: WrenchObservation) -> WrenchObservatio
         if declared is not None and _correlation(found) > LEAST_CORRELATION:
             return found
         raise DiagnosisError(
-            f"{recording.folder}: the force of the reference does not grow with what the {found.layout.foot} insole "
+            f"{found.name}: the force of the reference does not grow with what the {found.layout.foot} insole "
             f"reads (correlation {agrees:.2f}): is it that of the other foot?"
         )
     if near:

@@ -11,8 +11,7 @@ import numpy as np
 
 from ...physics.law import Array
 from ..model.load import LoadEstimate
-from ..operators import low_pass
-from .term import ABSORBED, Setting, Term, TermColumns
+from .term import ABSORBED, Setting, Term, TermColumns, late_parts
 
 RATIO = 4.0  # between time constants
 FASTEST_S = 0.5
@@ -25,13 +24,16 @@ EARLIER = 100.0  # kPa, of a load before the recording
 def _columns(load: LoadEstimate) -> list[TermColumns]:
     """Joint columns: q − z′ for time constants from half a second to the length of the recording."""
     seen = load.observation
-    own = load.by_triangle
     # Of a load that is known, what is slower than the recording would stand for the load itself.
     longest_s = float(np.ptp(seen.t_s)) * (1.0 if load.is_known else 2.0)
     number = np.log(max(longest_s, FASTEST_S * RATIO) / FASTEST_S) / np.log(RATIO)
     taus_s = FASTEST_S * RATIO ** np.arange((np.floor(number) if load.is_known else np.ceil(number)) + 1)
-    late = np.stack([own - low_pass(own, seen.step_s, tau_s) for tau_s in taus_s], axis=-1)
-    return [TermColumns(tuple({"tau_s": float(tau_s)} for tau_s in taus_s), by_triangle=late, joint=True)]
+    parts, whole = late_parts(load, taus_s.tolist())
+    settings = tuple({"tau_s": float(tau_s)} for tau_s in taus_s)
+    found = [TermColumns(settings, by_triangle=parts, joint=True, is_of_parts=whole is not None)]
+    if whole is not None:
+        found.append(TermColumns(settings, whole=whole, joint=True, is_of_load=True))
+    return found
 
 
 def _parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:

@@ -14,6 +14,9 @@ from ..model.load import LoadEstimate
 from ..observations.paired import PairedObservation
 from .term import Setting, Term, TermColumns, moments_s
 
+IN_AIR = 0.05  # of the force's range above its least: the foot is lifted
+NOTHING = 0.005  # of a channel's range
+
 
 def _column(load: LoadEstimate, setting: Setting) -> TermColumns:
     """Joint columns: a step of 1 in each channel of the reference (N and N·m, or Pa)."""
@@ -35,10 +38,18 @@ def _columns(load: LoadEstimate) -> list[TermColumns]:
         powers = powers[:, 1:]
     wander = (powers[:, None, :, None] * np.eye(channels)[None, :, None, :]).reshape(len(t_s), channels, -1)
     found = [*steps, TermColumns(({"t_s": np.nan},) * wander.shape[-1], whole=wander, joint=True)]
-    if load.is_known:
+    if load.is_known or _is_zero_in_air(load):
         return found
     constant = np.broadcast_to(np.eye(channels), (len(t_s), channels, channels))
     return [TermColumns(({"always": 1.0},) * channels, whole=constant, joint=True, is_recalibration=True), *found]
+
+
+def _is_zero_in_air(load: LoadEstimate) -> bool:
+    """Whether the reference says nothing while the foot is lifted: then no constant is wrong with it."""
+    said = load.observation.reference.at(load.observation.reference_s)
+    low, high = np.quantile(said, (0.01, 0.99), axis=0)
+    in_air = said[:, 0] < low[0] + IN_AIR * (high[0] - low[0])
+    return bool(np.all(np.abs(np.median(said[in_air], axis=0)) < NOTHING * (high - low)))
 
 
 def _needs(load: LoadEstimate) -> str | None:

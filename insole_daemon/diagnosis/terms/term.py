@@ -10,6 +10,7 @@ import numpy as np
 
 from ...physics.law import Array, Scope
 from ..model.load import LoadEstimate
+from ..operators import low_pass
 
 Setting = Mapping[str, float]  # non-linear parameters by name
 
@@ -34,6 +35,8 @@ class TermColumns:
     # The base terms hold the same within their priors: a recalibration. Judged by its whole size, not by what is left
     # of it once the base has absorbed its part.
     is_recalibration: bool = False
+    is_of_parts: bool = False  # not of the whole insole, of which other columns say more
+    is_of_load: bool = False  # made of the load, though it is not known on every taxel
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -102,6 +105,21 @@ SPEEDS = "cycles at two speeds, minor loops and holds of a minute, loaded and un
 EVERY_S, KNOWN_EVERY_S = 3.0, 5.0  # between moments
 EDGE_S = 3.0  # an event at the very beginning or end shows too little
 ABSORBED = {"gain": 0.5, "stiffening": 0.5}  # by a memory whose shares are shares of the answer
+
+
+def late_parts(load: LoadEstimate, taus_s: Sequence[float]) -> tuple[Array, Array | None]:
+    """What is late of the load with each time constant: (N, T, 3, k) of parts, and (N, 3, k) of the whole insole.
+
+    Of single triangles it is what readings say, undone by the inverse of the law. What the law makes of the wrench of
+    the whole insole is the same on its sum, and a reference knows that however much of it comes late.
+    """
+    own, seen = load.by_triangle, load.observation
+    parts = np.stack([own - low_pass(own, load.step_s, tau_s) for tau_s in taus_s], axis=-1)
+    if load.is_known:
+        return parts, None
+    said = seen.reference.smooth_at(seen.reference_s)
+    late = [said - seen.reference.smooth_at(seen.reference_s, tau_s) for tau_s in taus_s]
+    return parts, np.stack(late, axis=-1)
 
 
 def geometric(low: float, high: float, number: int) -> list[float]:

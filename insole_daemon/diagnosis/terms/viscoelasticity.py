@@ -11,8 +11,7 @@ import numpy as np
 
 from ...physics.law import Array
 from ..model.load import LoadEstimate
-from ..operators import low_pass
-from .term import ABSORBED, Setting, Term, TermColumns, geometric
+from .term import ABSORBED, Setting, Term, TermColumns, geometric, late_parts
 
 TAUS_S = geometric(0.04, 4.0, 6)
 
@@ -22,15 +21,15 @@ def _columns(load: LoadEstimate) -> list[TermColumns]:
 
     Where the load is known, also for all of them: a material may have two, and none is as the law has it.
     """
-    own = load.by_triangle
-    late = [own - low_pass(own, load.step_s, tau_s) for tau_s in TAUS_S]
+    parts, whole = late_parts(load, TAUS_S)
     spans = [(k, k + 2) for k in range(len(TAUS_S) - 1)] + [(0, len(TAUS_S))] * load.is_known
-    return [
-        TermColumns(
-            tuple({"tau_s": tau_s} for tau_s in TAUS_S[a:b]), by_triangle=np.stack(late[a:b], axis=-1), joint=True
-        )
-        for a, b in spans
-    ]
+    found = []
+    for a, b in spans:
+        settings = tuple({"tau_s": tau_s} for tau_s in TAUS_S[a:b])
+        found.append(TermColumns(settings, by_triangle=parts[..., a:b], joint=True, is_of_parts=whole is not None))
+        if whole is not None:
+            found.append(TermColumns(settings, whole=whole[..., a:b], joint=True, is_of_load=True))
+    return found
 
 
 def _parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:
