@@ -421,22 +421,26 @@ def _lighter(
     found: Figures,
     measured: Callable[[Refined[Any]], Figures],
 ) -> FittedSet | None:
-    """`best` without a candidate that makes no reading's error smaller, where its load is known; None: all do.
+    """`best` without a candidate that makes the error hardly smaller on rows that were held out; None: all do.
 
     Neither when it enters after stronger ones, nor when all others are there. A clock only aligns.
     """
     whole = search.design
-    if not isinstance(whole, BlockDesign):
-        return None
-    before, after = float(found.before[0]) ** 2, float(found.after[0]) ** 2
+    least_needed = LEAST_NEEDED if isinstance(whole, BlockDesign) else LEAST_GAINED
+    unit = np.maximum(found.floor, 1e-12)  # of each channel
+
+    def square(rms: Array) -> float:
+        return float(np.sum((rms / unit) ** 2))
+
+    before, after = square(found.before), square(found.after)
     for i, gain in reversed(list(zip(order, found.gains, strict=True))):
         if gain > LEAST_GAINED * sum(found.gains) or whole.candidates[best.chosen[i]].word == "clock":
             continue
         rest = [k for j, k in enumerate(best.chosen) if j != i]
         others = search.singles() if len(rest) == 1 else []
         without = max([search.fit(rest), *others], key=lambda each: each.score)
-        left = float(measured(refine(whole, without.chosen)).after[0]) ** 2
-        if best.chosen[i] not in without.chosen and left - after < LEAST_NEEDED * (before - after):
+        left = square(measured(refine(whole, without.chosen)).after)
+        if best.chosen[i] not in without.chosen and left - after < least_needed * (before - after):
             return without
     return None
 

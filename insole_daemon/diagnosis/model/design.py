@@ -249,8 +249,6 @@ def _placed(
     assert block.by_triangle is not None
     identities = [tuple(identity) for identity in seen.layout.identities.tolist()]
     for scope in term.scopes:
-        if scope == "insole" and block.is_of_parts:
-            continue
         if scope == "insole":
             column, echo = of(slice(None))
             yield Where(), column, 1, echo

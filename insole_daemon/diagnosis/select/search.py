@@ -128,8 +128,10 @@ class SubsetSearch(Generic[D]):
     def margin(self, best: FittedSet, position: int) -> float:
         """How much worse the best set without this candidate's word is, with anything else in its place or nothing.
 
-        In units of the least that the candidate has to gain.
+        In units of the least that the candidate has to gain; 0 of a set that makes no sense.
         """
+        if not np.isfinite(best.score):
+            return 0.0
         own = self.design.candidates[best.chosen[position]].word
         rest = [k for k in best.chosen if k != best.chosen[position]]
         others = [self.fit(rest).score]
@@ -240,6 +242,9 @@ def _is_a_model(chosen: Sequence[PlacedTerm]) -> bool:
     exact = [each for each in chosen if each.word == "bit_shift"]
     if any(_overlap(one.where, each.where) for one in exact for each in chosen if each.word == "gain"):
         return False  # a shift by bits is a gain of a power of two, and no other
+    memories = [each for each in chosen if each.term.is_memory and each.where.scope == "insole"]
+    if len({each.is_of_load for each in memories}) > 1:
+        return False  # what is made of the load differs from what is made of readings by the error itself
     return not any(
         one.word == other.word and _overlap(one.where, other.where)
         for i, one in enumerate(chosen)

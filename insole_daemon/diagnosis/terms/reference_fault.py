@@ -15,7 +15,7 @@ from ..observations.paired import PairedObservation
 from .term import Setting, Term, TermColumns, moments_s
 
 IN_AIR = 0.05  # of the force's range above its least: the foot is lifted
-NOTHING = 0.005  # of a channel's range
+NOTHING = 1.5  # times the noise of a row
 
 
 def _column(load: LoadEstimate, setting: Setting) -> TermColumns:
@@ -46,10 +46,11 @@ def _columns(load: LoadEstimate) -> list[TermColumns]:
 
 def _is_zero_in_air(load: LoadEstimate) -> bool:
     """Whether the reference says nothing while the foot is lifted: then no constant is wrong with it."""
-    said = load.observation.reference.at(load.observation.reference_s)
-    low, high = np.quantile(said, (0.01, 0.99), axis=0)
-    in_air = said[:, 0] < low[0] + IN_AIR * (high[0] - low[0])
-    return bool(np.all(np.abs(np.median(said[in_air], axis=0)) < NOTHING * (high - low)))
+    reference = load.observation.reference
+    said = reference.at(load.observation.reference_s)
+    low, high = np.quantile(said[:, 0], (0.01, 0.99))
+    in_air = said[:, 0] < low + IN_AIR * (high - low)
+    return bool(np.all(np.abs(np.median(said[in_air], axis=0)) < NOTHING * reference.noise))
 
 
 def _needs(load: LoadEstimate) -> str | None:

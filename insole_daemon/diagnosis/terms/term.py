@@ -35,7 +35,6 @@ class TermColumns:
     # The base terms hold the same within their priors: a recalibration. Judged by its whole size, not by what is left
     # of it once the base has absorbed its part.
     is_recalibration: bool = False
-    is_of_parts: bool = False  # not of the whole insole, of which other columns say more
     is_of_load: bool = False  # made of the load, though it is not known on every taxel
 
 
@@ -107,19 +106,21 @@ EDGE_S = 3.0  # an event at the very beginning or end shows too little
 ABSORBED = {"gain": 0.5, "stiffening": 0.5}  # by a memory whose shares are shares of the answer
 
 
-def late_parts(load: LoadEstimate, taus_s: Sequence[float]) -> tuple[Array, Array | None]:
-    """What is late of the load with each time constant: (N, T, 3, k) of parts, and (N, 3, k) of the whole insole.
+def parts_late(load: LoadEstimate, taus_s: Sequence[float]) -> Array:
+    """(N, T, 3, k) what is late of the load of each triangle, as a sensor's readings say it where it is not known."""
+    own = load.by_triangle
+    return np.stack([own - low_pass(own, load.step_s, tau_s) for tau_s in taus_s], axis=-1)
 
-    Of single triangles it is what readings say, undone by the inverse of the law. What the law makes of the wrench of
-    the whole insole is the same on its sum, and a reference knows that however much of it comes late.
+
+def whole_late(load: LoadEstimate, taus_s: Sequence[float]) -> Array:
+    """(N, 3, k) what is late of the wrench of the whole insole, by its reference.
+
+    A linear law that is the same everywhere makes of the sum what it makes of each part, so this is exact however much
+    comes late, where undoing the law on readings amplifies all they are wrong by.
     """
-    own, seen = load.by_triangle, load.observation
-    parts = np.stack([own - low_pass(own, load.step_s, tau_s) for tau_s in taus_s], axis=-1)
-    if load.is_known:
-        return parts, None
+    seen = load.observation
     said = seen.reference.smooth_at(seen.reference_s)
-    late = [said - seen.reference.smooth_at(seen.reference_s, tau_s) for tau_s in taus_s]
-    return parts, np.stack(late, axis=-1)
+    return np.stack([said - seen.reference.smooth_at(seen.reference_s, tau_s) for tau_s in taus_s], axis=-1)
 
 
 def geometric(low: float, high: float, number: int) -> list[float]:
