@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from insole_daemon.diagnosis.finding import Finding
-from insole_daemon.diagnosis.observations.wrench import observe_wrench
+from insole_daemon.diagnosis.observations.walk import observe_walk
 from insole_daemon.diagnosis.pipeline import diagnose_one, static_model
 from insole_daemon.diagnosis.select.confidence import features
 from insole_daemon.errors import InsoleError
@@ -77,9 +77,7 @@ def _findings(folder: Path) -> tuple[Finding, ...]:
     recording = load(folder)
     foot = recording.feet[0]
     try:
-        return diagnose_one(
-            observe_wrench(recording, foot, static_model(recording, foot, None)), foot, _silent
-        ).findings
+        return diagnose_one(observe_walk(recording, foot, static_model(recording, foot, None)), foot, _silent).findings
     except InsoleError:
         return ()
 

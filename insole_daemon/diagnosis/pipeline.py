@@ -32,8 +32,9 @@ from .observations.chamber import observe_chamber
 from .observations.own_curves import observe_uncalibrated
 from .observations.paired import PairedObservation, observe_paired
 from .observations.reading_faults import ReadingFaults, reading_faults
+from .observations.walk import observe_walk
 from .observations.warmth import with_warmth
-from .observations.wrench import WrenchObservation, observe_wrench
+from .observations.wrench import WrenchObservation
 from .outcome import Outcome
 from .parameters import parameters_of
 from .places import said
@@ -206,7 +207,7 @@ def _never_told(results: Sequence[WalkResult]) -> tuple[dict[str, str], ...]:
 
 def _observe(recording: Recording, foot: FootRecording, model: Calibration) -> WrenchObservation:
     if recording.kind == "shoe":
-        return observe_wrench(recording, foot, model)
+        return observe_walk(recording, foot, model)
     return observe_chamber(recording, foot, model)
 
 

@@ -19,7 +19,7 @@ from ..recording.loading import FootRecording, Recording
 from ..skin.geometry import PRESSURE_TAXELS
 from .compensation import of_walk
 from .feet import choose
-from .observations.wrench import observe_wrench
+from .observations.walk import observe_walk
 from .prediction import counts
 
 FORMAT = "insole-verification/1"
@@ -72,7 +72,7 @@ def _off_of_chamber(static: Path, model: Path, recording: Recording, foot: FootR
 
 def _off_of_walk(static: Path, model: Path, recording: Recording, foot: FootRecording) -> float:
     """By the clock on which the edges of the static model's force agree with the reference's."""
-    seen = observe_wrench(recording, foot, calibrations.load(static, foot.layout))
+    seen = observe_walk(recording, foot, calibrations.load(static, foot.layout))
     t_s, force = of_walk(model, recording.folder)[foot.foot]
     reference_s = seen.offset_s + (1.0 + seen.rate) * (t_s - foot.t_ns[0] * 1e-9)
     known = seen.reference.is_known(reference_s) & np.isfinite(force)

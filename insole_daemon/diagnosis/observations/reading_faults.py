@@ -24,7 +24,7 @@ from .hidden_faults import pick_up, stuck_bit, together
 from .paired import PairedObservation
 from .rezeros import with_rezeros
 from .taxel_faults import with_taxels
-from .wrench import FINE_S, LARGEST, WrenchObservation, aligned
+from .wrench import FINE_S, LARGEST, WrenchObservation
 
 TAKEN = ("open_triangle", "dead_taxels")  # of the audit of readings
 MOST_GOOD = 0.5  # of the readings of a triangle that is open
@@ -58,8 +58,6 @@ def reading_faults(foot: FootRecording, seen: WrenchObservation) -> ReadingFault
     findings = [each for each in audited.findings if each.effect in TAKEN and not _did_not_come(each, seen)]
     findings = [each for each in (_without_resting(each, seen) for each in findings) if each is not None]
     seen, rezeroed = with_rezeros(foot, seen)
-    if rezeroed and not seen.load_is_known:
-        seen = aligned(seen)
     boards = {each.where.ids[0][0] for each in rezeroed}
     # A board that was zeroed under load reads as if nothing were connected until there is more.
     findings = [each for each in findings if each.effect != "open_triangle" or each.where.ids[0][0] not in boards]

@@ -62,10 +62,11 @@ def write(
     force: float = 1.0,
     stands_s: float = 0.0,
     sensors: Sensors | None = None,
+    touch: Callable[[Array, Array], None] = lambda t_s, read: None,
 ) -> Path:
     """A recording whose taxels `where` (72,) feel `effect(load)` and are read `delay_s` late; it begins standing.
 
-    `sensors`: of the insole, else straight ones.
+    `sensors`: of the insole, else straight ones. `touch` changes what is read (n, 72) at times (n,) in place.
     """
     rng = np.random.default_rng(seed + 1000)
     t_s, p = load(seconds, seed)
@@ -76,6 +77,7 @@ def write(
     rest = rng.normal(240.0, 1.0, p.shape[1])
     straight = rest - felt / PA_PER_COUNT / rng.normal(1.0, 0.03, p.shape[1])
     read = (straight if sensors is None else sensors.read(felt)) + rng.normal(0.0, 0.8, felt.shape)
+    touch(cycle_s, read)
     counts = np.clip(np.rint(read), 0, 255).astype(np.uint8).reshape(len(cycle_s), -1, 12)
     folder.mkdir(parents=True)
     # Ages say that readings were taken when their rows were written: without them a reading may be a row old.

@@ -116,6 +116,45 @@ def test_a_constant_of_the_reference_is_reported(tmp_path):
     assert said_n == pytest.approx(5.0, abs=0.5)
 
 
+def test_straps_that_press_are_no_constant_of_a_reference_that_is_zero_in_the_air(tmp_path):
+    found = diagnose_any(write(tmp_path / "walk", lambda p: p + 5e3), tmp_path / "out")
+    (finding,) = found["findings"]
+    assert finding["effect"] == "preload"
+    assert finding["parameters"]["p0_pa"]["value"] == pytest.approx(5e3, rel=0.15)
+
+
+def test_a_creep_that_most_of_the_answer_comes_with_is_undone(tmp_path):
+    def creeping(p: Array) -> Array:
+        return 0.25 * p + 0.25 * (late(p, 0.7) + late(p, 6.0) + late(p, 30.0))
+
+    found = diagnose_any(write(tmp_path / "walk", creeping, seconds=60.0), tmp_path / "out")
+    (finding,) = found["findings"]
+    assert finding["effect"] == "creep"
+    assert finding["where"]["scope"] == "insole"
+    assert sum(finding["parameters"]["a"]["value"]) == pytest.approx(0.75, abs=0.08)
+    assert found["heldout"]["after"] < 0.05 * found["heldout"]["before"]
+
+
+def test_a_board_zeroed_under_the_foot_is_told_and_the_rest_is_judged_before_it(tmp_path):
+    own = np.repeat(LAYOUT.identities[:, 0] == 6, 12)
+
+    def anew(t_s: Array, read: Array) -> None:
+        at = 28.0 + np.argmax(240.0 - read[(t_s > 28.0) & (t_s < 31.0)][:, own].mean(axis=1)) * 0.02
+        said = read[np.argmin(np.abs(t_s - at))].copy()
+        read[np.ix_(t_s > at, own)] += 240.0 - said[own]
+        held = (t_s > at) & (t_s < at + 0.1)  # meanwhile it says nothing new
+        read[np.ix_(held, own)] = said[own]
+
+    walk = write(tmp_path / "walk", solid, seconds=45.0, touch=anew, clock="own")
+    found = diagnose_any(walk, tmp_path / "out")
+    by_word = {each["effect"]: each for each in found["findings"]}
+    assert set(by_word) == {"rezero", "viscoelasticity"}
+    assert by_word["rezero"]["where"] == {"scope": "board", "ids": [[6]]}
+    assert 27.9 < by_word["rezero"]["parameters"]["t_s"]["value"] < 31.2
+    assert by_word["viscoelasticity"]["parameters"]["a"]["value"] == pytest.approx(0.15, rel=0.25)
+    assert found["heldout"]["after"] < 0.1 * found["heldout"]["before"]
+
+
 def test_hysteresis_is_found_in_a_walk_that_begins_on_the_foot(tmp_path):
     walk = write(tmp_path / "walk", lambda p: p + 0.3 * plays(p, np.array([20e3]))[0], stands_s=1.0)
     found = diagnose(walk, tmp_path / "out")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from insole_daemon.diagnosis.observations.reading_faults import reading_faults
-from insole_daemon.diagnosis.observations.wrench import observe_wrench
+from insole_daemon.diagnosis.observations.walk import observe_walk
 from insole_daemon.recording.loading import load
 
 from ..foot.shoe import write
@@ -20,7 +20,7 @@ def faults_of(walk: Path, counts=None):
     foot = recording.feet[0]
     if counts is not None:
         foot = replace(foot, counts=counts(foot.counts.copy()))
-    return reading_faults(foot, observe_wrench(recording, foot, foot.calibration))
+    return reading_faults(foot, observe_walk(recording, foot, foot.calibration))
 
 
 def test_a_burst_of_one_triangle_is_placed_and_its_rows_weigh_less(tmp_path):
