@@ -722,7 +722,7 @@ def _not_identifiable(whole: Design | BlockDesign, found: set[str], priors: Prio
     """Terms whose share this recording does not determine: its standard deviation is over a third of the prior's."""
     rows = []
     for term in TERMS:
-        if term.word in found or term.is_internal:
+        if term.word in found or term.is_internal or term.is_of_load:
             continue
         why = term.needs(whole.load)
         if why is None and priors.share and term.word in ("gain", "stiffening"):

@@ -226,9 +226,7 @@ def place_terms(
                     settings = tuple(block.settings[k] for k in group)
                     own = None if echo is None else (echo[0][..., group], echo[1][..., group])
                     none = np.empty(0, np.intp)
-                    candidate = PlacedTerm(
-                        term, place, settings, ids, places, none, block.is_recalibration, block.is_of_load
-                    )
+                    candidate = PlacedTerm(term, place, settings, ids, places, none, block.is_recalibration)
                     yield candidate, column[..., group], own
 
 

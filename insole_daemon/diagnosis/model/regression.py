@@ -36,7 +36,6 @@ class PlacedTerm:
     n_places: int  # how many places of this scope were searched
     companions: NDArray[np.intp]  # columns of the static part that a calibration may have absorbed
     is_recalibration: bool = False  # nuisances hold the same within their priors
-    is_of_load: bool = False  # its columns are the law's, though the load is not known on every taxel
     companion_words: tuple[str, ...] = ()
     companion_std: tuple[float, ...] = ()  # of their shares, for a share of 1 of the term
 

@@ -95,7 +95,7 @@ def is_possible(chosen: Sequence[PlacedTerm], shares: Sequence[Array], load_is_k
     """Whether all shares are within what the terms' laws make sense for."""
     return all(
         float(np.abs(own).max()) <= each.term.limit
-        and each.term.is_possible(each.settings, own, load_is_known or each.is_of_load)
+        and each.term.is_possible(each.settings, own, load_is_known or each.term.is_of_load)
         for own, each in zip(shares, chosen, strict=True)
     )
 

@@ -18,6 +18,7 @@ from ..places import said
 from .wrench import WrenchObservation
 
 LEAST_COUNT = 5.0  # of load, on the average of a board: less is no step that could be told
+LEAST_STEP_COUNT = 2.0  # the same on a walk, of the lowest readings
 NEAR_COUNT = 2.5  # of a taxel to where a rezero lands, beside three standard deviations of its noise
 MOST_OFF = 0.1  # of the taxels, that land elsewhere
 MOST_LOST = 0.3  # of what is read afterwards: the rest is the load's peaks alone
@@ -27,7 +28,7 @@ LEAST_READ = 50  # rows that are not cut off, to ask that of
 STEP_S = 0.12  # that it takes at the most, each way
 STEPS_S, LEAST_STEPS = 2.0, 3  # in which a foot is lifted once, and as many before and after
 ENOUGH_S = 20.0  # of a walk, to leave out the rest
-CLEAR = 1.5  # times what the lowest readings of stretches differ by, before and after
+CLEAR = 1.5  # times what the lowest readings of stretches nearby differ by, before and after
 
 
 def with_rezeros(foot: FootRecording, seen: WrenchObservation) -> tuple[WrenchObservation, list[Finding]]:
@@ -134,9 +135,13 @@ def _step_of_walk(seen: WrenchObservation, own: np.ndarray[tuple[int], np.dtype[
     long = round(STEPS_S / seen.step_s)
     lowest = _lowest(level, long)
     for k in range(LEAST_STEPS, len(lowest) - LEAST_STEPS):
-        before, after = lowest[:k], lowest[k:]
-        taken = float(np.median(before) - np.median(after))
-        if taken > max(LEAST_COUNT, CLEAR * float(np.ptp(before)), CLEAR * float(np.ptp(after))):
+        before, after = lowest[k - LEAST_STEPS : k], lowest[k : k + LEAST_STEPS]
+        taken = float(before.min() - after.max())
+        if (
+            taken > max(LEAST_STEP_COUNT, CLEAR * float(np.ptp(before)), CLEAR * float(np.ptp(after)))
+            and lowest[:k].min() - after.max() > 0.5 * taken
+            and before.min() - lowest[k:].max() > 0.5 * taken
+        ):
             rows = np.arange((k - 1) * long, (k + 1) * long)
             return int(rows[np.argmax(level[rows] - level[rows + 2 * width])]) + width
     return None

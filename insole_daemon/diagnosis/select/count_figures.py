@@ -73,7 +73,7 @@ def count_figures(refined: Refined[BlockDesign], order: Sequence[int]) -> Figure
         _, shift, _ = _fit(x[:, :, :0], rest, prior[:0], design, np.ones(n, bool))
         rest = rest - nuisance.shared[:, :, aligning] @ shift[aligning]
         off = _off(design, as_read, rest, sum(apart[:m]))
-        if recalibrated is not None and (is_loose or any(design.candidates[i].term.is_memory for i in order[:m])):
+        if recalibrated is not None and is_loose:
             columns = _columns_at(design, off, recalibrated.splines)
             off = _less_curves(off, columns, _curves(design, off, columns, known))
         square = _square(design, off)

@@ -114,7 +114,7 @@ class WrenchPrices:
         for i, own in enumerate(every):
             weighted = shares[i] @ effect[own.columns] * np.concatenate(shares)
             products[i] = np.add.reduceat(weighted, starts[:-1])
-        misfits = np.array([each.term.misfit_of(each.is_of_load) for each in every])
+        misfits = np.array([each.term.misfit_of(each.term.is_of_load) for each in every])
         words = np.array([each.word for each in every])
         price = 0.0
         for i, candidate in enumerate(every):
@@ -139,7 +139,7 @@ class WrenchPrices:
     def loose(self, candidate: PlacedTerm, shares: Array) -> float:
         """Its misfit."""
         own = self.design.gram[np.ix_(candidate.columns, candidate.columns)]
-        return candidate.term.misfit_of(candidate.is_of_load) * float(shares @ own @ shares)
+        return candidate.term.misfit_of(candidate.term.is_of_load) * float(shares @ own @ shares)
 
 
 class BlockPrices:

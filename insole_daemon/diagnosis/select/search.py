@@ -22,6 +22,7 @@ from .prices import prices_of
 BEAM = 3
 TRIED = 12  # exchanges of a candidate
 SHORTLIST = 40  # candidates a step that are solved exactly, after a bound on what each can gain
+SCALES = ("gain", "stiffening", "bit_shift")
 LATE = ("delay", "lag")
 
 
@@ -242,8 +243,10 @@ def _is_a_model(chosen: Sequence[PlacedTerm]) -> bool:
     exact = [each for each in chosen if each.word == "bit_shift"]
     if any(_overlap(one.where, each.where) for one in exact for each in chosen if each.word == "gain"):
         return False  # a shift by bits is a gain of a power of two, and no other
-    memories = [each for each in chosen if each.term.is_memory and each.where.scope == "insole"]
-    if len({each.is_of_load for each in memories}) > 1:
+    of_insole = [each for each in chosen if each.where.scope == "insole"]
+    if any(each.term.is_of_load for each in of_insole) and any(
+        not each.term.is_of_load and (each.term.is_memory or each.word in SCALES) for each in of_insole
+    ):
         return False  # what is made of the load differs from what is made of readings by the error itself
     return not any(
         one.word == other.word and _overlap(one.where, other.where)

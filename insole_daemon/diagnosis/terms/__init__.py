@@ -7,6 +7,7 @@ from . import (
     bit_shift,
     clock,
     creep,
+    creep_by_reference,
     crosstalk,
     delay,
     drift,
@@ -36,6 +37,7 @@ TERMS: tuple[Term, ...] = (
     snap.TERM,
     viscoelasticity.TERM,
     creep.TERM,
+    creep_by_reference.TERM,
     lag.TERM,
     stiffening.TERM,
     gain.TERM,
@@ -48,6 +50,7 @@ TERMS: tuple[Term, ...] = (
     clock.TERM,
     reference_fault.TERM,
     earlier_load.TERM,
+    creep_by_reference.SHARE,
     uneven.LOOPS,
     uneven.CREEP,
 )

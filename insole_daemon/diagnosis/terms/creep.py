@@ -11,7 +11,8 @@ import numpy as np
 
 from ...physics.law import Array
 from ..model.load import LoadEstimate
-from .term import ABSORBED, Setting, Term, TermColumns, parts_late, whole_late
+from ..operators import low_pass
+from .term import ABSORBED, Setting, Term, TermColumns
 
 RATIO = 4.0  # between time constants
 FASTEST_S = 0.5
@@ -23,23 +24,14 @@ EARLIER = 100.0  # kPa, of a load before the recording
 
 def _columns(load: LoadEstimate) -> list[TermColumns]:
     """Joint columns: q − z′ for time constants from half a second to the length of the recording."""
-    seen_s = float(np.ptp(load.observation.t_s))
-    # Of the load itself, what is slower than the recording would stand for the load.
-    within_s = FASTEST_S * RATIO ** np.arange(np.floor(_steps(seen_s)) + 1)
-    taus_s = within_s if load.is_known else FASTEST_S * RATIO ** np.arange(np.ceil(_steps(2.0 * seen_s)) + 1)
-    parts = parts_late(load, taus_s.tolist())
-    found = [TermColumns(tuple({"tau_s": float(tau_s)} for tau_s in taus_s), by_triangle=parts, joint=True)]
-    if not load.is_known:
-        within_s = np.append(within_s, seen_s)
-        whole = whole_late(load, within_s.tolist())
-        settings = tuple({"tau_s": float(tau_s)} for tau_s in within_s)
-        found.append(TermColumns(settings, whole=whole, joint=True, is_of_load=True))
-    return found
-
-
-def _steps(longest_s: float) -> float:
-    """Of time constants from the fastest to the longest."""
-    return float(np.log(max(longest_s, FASTEST_S * RATIO) / FASTEST_S) / np.log(RATIO))
+    seen = load.observation
+    own = load.by_triangle
+    # Of a load that is known, what is slower than the recording would stand for the load itself.
+    longest_s = float(np.ptp(seen.t_s)) * (1.0 if load.is_known else 2.0)
+    number = np.log(max(longest_s, FASTEST_S * RATIO) / FASTEST_S) / np.log(RATIO)
+    taus_s = FASTEST_S * RATIO ** np.arange((np.floor(number) if load.is_known else np.ceil(number)) + 1)
+    late = np.stack([own - low_pass(own, seen.step_s, tau_s) for tau_s in taus_s], axis=-1)
+    return [TermColumns(tuple({"tau_s": float(tau_s)} for tau_s in taus_s), by_triangle=late, joint=True)]
 
 
 def _parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:

@@ -10,7 +10,6 @@ import numpy as np
 
 from ...physics.law import Array, Scope
 from ..model.load import LoadEstimate
-from ..operators import low_pass
 
 Setting = Mapping[str, float]  # non-linear parameters by name
 
@@ -35,7 +34,6 @@ class TermColumns:
     # The base terms hold the same within their priors: a recalibration. Judged by its whole size, not by what is left
     # of it once the base has absorbed its part.
     is_recalibration: bool = False
-    is_of_load: bool = False  # made of the load, though it is not known on every taxel
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -60,6 +58,7 @@ class Term:
     limit: float = np.inf  # of a share's size: beyond it the law makes no sense
     misfit: float = 0.002
     known_misfit: float | None = None  # where the load is known, and columns are made of it and not of readings
+    is_of_load: bool = False  # columns are the law's own, though the load of single taxels is not known
     is_internal: bool = False  # beside others only, and never named
     is_misfit: bool = False  # what a law leaves out of real materials: in no model
     yields_to: tuple[str, ...] = ()  # terms that are likelier by themselves, where they explain nearly as much
@@ -76,7 +75,7 @@ class Term:
     @property
     def is_memory(self) -> bool:
         """Whether a calibration made with it at work contains its mean curve."""
-        return all(self.absorbs.get(word) == std for word, std in ABSORBED.items())
+        return self.is_of_load or all(self.absorbs.get(word) == std for word, std in ABSORBED.items())
 
     @property
     def is_loop(self) -> bool:
@@ -104,23 +103,6 @@ SPEEDS = "cycles at two speeds, minor loops and holds of a minute, loaded and un
 EVERY_S, KNOWN_EVERY_S = 3.0, 5.0  # between moments
 EDGE_S = 3.0  # an event at the very beginning or end shows too little
 ABSORBED = {"gain": 0.5, "stiffening": 0.5}  # by a memory whose shares are shares of the answer
-
-
-def parts_late(load: LoadEstimate, taus_s: Sequence[float]) -> Array:
-    """(N, T, 3, k) what is late of the load of each triangle, as a sensor's readings say it where it is not known."""
-    own = load.by_triangle
-    return np.stack([own - low_pass(own, load.step_s, tau_s) for tau_s in taus_s], axis=-1)
-
-
-def whole_late(load: LoadEstimate, taus_s: Sequence[float]) -> Array:
-    """(N, 3, k) what is late of the wrench of the whole insole, by its reference.
-
-    A linear law that is the same everywhere makes of the sum what it makes of each part, so this is exact however much
-    comes late, where undoing the law on readings amplifies all they are wrong by.
-    """
-    seen = load.observation
-    said = seen.reference.smooth_at(seen.reference_s)
-    return np.stack([said - seen.reference.smooth_at(seen.reference_s, tau_s) for tau_s in taus_s], axis=-1)
 
 
 def geometric(low: float, high: float, number: int) -> list[float]:

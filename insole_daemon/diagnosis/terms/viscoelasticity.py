@@ -11,10 +11,10 @@ import numpy as np
 
 from ...physics.law import Array
 from ..model.load import LoadEstimate
-from .term import ABSORBED, Setting, Term, TermColumns, geometric, parts_late, whole_late
+from ..operators import low_pass
+from .term import ABSORBED, Setting, Term, TermColumns, geometric
 
 TAUS_S = geometric(0.04, 4.0, 6)
-MOST_LATE = 0.9  # of the answer
 
 
 def _columns(load: LoadEstimate) -> list[TermColumns]:
@@ -22,16 +22,15 @@ def _columns(load: LoadEstimate) -> list[TermColumns]:
 
     Where the load is known, also for all of them: a material may have two, and none is as the law has it.
     """
-    parts = parts_late(load, TAUS_S)
-    whole = None if load.is_known else whole_late(load, TAUS_S)
+    own = load.by_triangle
+    late = [own - low_pass(own, load.step_s, tau_s) for tau_s in TAUS_S]
     spans = [(k, k + 2) for k in range(len(TAUS_S) - 1)] + [(0, len(TAUS_S))] * load.is_known
-    found = []
-    for a, b in spans:
-        settings = tuple({"tau_s": tau_s} for tau_s in TAUS_S[a:b])
-        found.append(TermColumns(settings, by_triangle=parts[..., a:b], joint=True))
-        if whole is not None:
-            found.append(TermColumns(settings, whole=whole[..., a:b], joint=True, is_of_load=True))
-    return found
+    return [
+        TermColumns(
+            tuple({"tau_s": tau_s} for tau_s in TAUS_S[a:b]), by_triangle=np.stack(late[a:b], axis=-1), joint=True
+        )
+        for a, b in spans
+    ]
 
 
 def _parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:
@@ -52,8 +51,8 @@ def _known_parameters(settings: Sequence[Setting], shares: Array) -> dict[str, o
 
 
 def _is_possible(settings: Sequence[Setting], shares: Array, load_is_known: bool) -> bool:
-    """Whether some of the answer comes at once: else it is a lag."""
-    return not load_is_known or float(np.sum(shares)) <= MOST_LATE
+    """Whether no more than the whole answer is late."""
+    return not load_is_known or float(np.sum(shares)) <= 1.0
 
 
 TERM = Term(
