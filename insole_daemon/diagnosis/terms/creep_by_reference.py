@@ -8,16 +8,25 @@ beside it would stand for any error at all.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from ...physics.law import Array
 from ..model.load import LoadEstimate
 from . import creep
-from .term import Term, TermColumns
+from .term import Setting, Term, TermColumns
 
 CALIBRATED = "calibrated_creep"
+LEAST_SLOW = 0.3  # of the shares
 ABSORBED = 0.5  # of a share that creeps: what a calibration had of it
+
+
+def _is_possible(settings: Sequence[Setting], shares: Array, load_is_known: bool) -> bool:
+    """Whether a good part goes on for longer than a viscoelasticity does: a little may be a calibration's error."""
+    slow = np.array([setting["tau_s"] for setting in settings]) > creep.SLOW_S
+    return bool(shares[slow].sum() > LEAST_SLOW * shares.sum())
 
 
 def _columns(load: LoadEstimate) -> list[TermColumns]:
@@ -41,8 +50,13 @@ def _share(load: LoadEstimate) -> list[TermColumns]:
 
 
 TERM = replace(
-    creep.TERM, scopes=("insole",), columns=_columns, absorbs={CALIBRATED: ABSORBED}, is_of_load=True,
-)  # fmt: skip
+    creep.TERM,
+    scopes=("insole",),
+    columns=_columns,
+    absorbs={CALIBRATED: ABSORBED},
+    is_of_load=True,
+    is_possible=_is_possible,
+)
 SHARE = Term(
     word=CALIBRATED,
     scopes=("insole",),

@@ -132,7 +132,7 @@ def test_a_creep_that_most_of_the_answer_comes_with_is_undone(tmp_path):
     assert finding["effect"] == "creep"
     assert finding["where"]["scope"] == "insole"
     assert sum(finding["parameters"]["a"]["value"]) == pytest.approx(0.75, abs=0.08)
-    assert found["heldout"]["after"] < 0.05 * found["heldout"]["before"]
+    assert found["heldout"]["after"] < 0.08 * found["heldout"]["before"]
 
 
 def test_a_board_zeroed_under_the_foot_is_told_and_the_rest_is_judged_before_it(tmp_path):
