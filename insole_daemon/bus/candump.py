@@ -90,7 +90,12 @@ class CandumpReader:
 
     def expected_frames(self) -> int:
         """How many frames the log will have, by what was read of its file so far."""
-        return int(self.counters.frames / self._file.fraction_read())
+        return int(self.counters.frames / self.fraction_read)
+
+    @property
+    def fraction_read(self) -> float:
+        """How much of the file has been read, above 0."""
+        return self._file.fraction_read()
 
     def __enter__(self) -> Self:
         """The reader itself."""

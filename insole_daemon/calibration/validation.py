@@ -8,7 +8,7 @@ twice: by its curves alone, and with the effects undone, each at its own best cl
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -103,11 +103,20 @@ class Result:
         return self.trial.name if self.model is None else f"{self.trial.name}, {self.model}"
 
 
-def validate(recordings: Sequence[Recording], calibration: Calibration) -> tuple[list[Result], tuple[str, ...]]:
-    """Every recording judged, and a sentence for each oddity; CalibrationError where one cannot be."""
+def validate(
+    recordings: Sequence[Recording], calibration: Calibration, progress: Callable[[float], None] = lambda share: None
+) -> tuple[list[Result], tuple[str, ...]]:
+    """Every recording judged, and a sentence for each oddity; CalibrationError where one cannot be.
+
+    `progress` is told the share that is judged.
+    """
     found, remarks = trials(list(recordings), calibration.foot)
     models: tuple[ModelName | None, ...] = ("static", "dynamic") if calibration.effects else (None,)
-    return [_judged(trial, calibration, model) for trial in found for model in models], remarks
+    judged = []
+    for trial in found:
+        judged += [_judged(trial, calibration, model) for model in models]
+        progress(len(judged) / (len(found) * len(models)))
+    return judged, remarks
 
 
 def _judged(trial: CalibrationTrial, calibration: Calibration, model: ModelName | None) -> Result:

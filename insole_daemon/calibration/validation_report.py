@@ -34,7 +34,10 @@ def validation_page(results: Sequence[Result], calibration: Calibration, name: s
     parts.append(page.section("What the figures mean", page.definitions(DEFINITIONS)))
     beyond = max(each.extrapolated for each in results)
     lead = f"By {name}. At most {beyond:.0%} of a recording's cycles go beyond what a curve was fitted to."
-    return page.page(f"Validation of the {results[0].trial.foot.foot} insole", lead, parts)
+    foot = results[0].trial.foot.foot
+    boards = (each.board for each in results[0].trial.layout.triangles)
+    about = [page.insole_label(foot, boards), f"calibration {name}"]
+    return page.page(f"Validation of the {foot} insole", lead, parts, about)
 
 
 def _heel_strike(static: Result, dynamic: Result) -> str | None:

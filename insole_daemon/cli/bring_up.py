@@ -109,7 +109,9 @@ def _all_steps(
         _step(report, "zero", found)
     if not stop.is_set():
         _say(f"recording {seconds:g} s into {folder / 'recording'}: walk about, if you like")
-        found = steps.record_trial(source, setups, folder / "recording", seconds, stop, _tell)
+        found = steps.record_trial(
+            source, setups, folder / "recording", seconds, stop, lambda progress: _tell(progress, seconds)
+        )
         _step(report, "recording", found)
     for at, setup in enumerate(setups):
         if not stop.is_set() and _asked(f"stand on the {setup.insole.foot} foot alone, for {steps.FORCE_S:g} s"):
@@ -143,9 +145,9 @@ def _mapped(
     return findings
 
 
-def _tell(progress: Progress) -> None:
+def _tell(progress: Progress, seconds: float) -> None:
     if sys.stderr.isatty():
-        print(f"\r  {progress.seconds:.0f} s\033[K", end="", file=sys.stderr, flush=True)
+        print(f"\r  {max(0.0, seconds - progress.seconds):.0f} s left\033[K", end="", file=sys.stderr, flush=True)
 
 
 def _step(report: Report, name: str, found: Sequence[CheckResult]) -> None:

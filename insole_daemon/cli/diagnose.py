@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,12 +11,14 @@ import typer
 
 from .options import OneFoot
 from .progress import show_work
+from .recordings import load_recordings
 
 if TYPE_CHECKING:
     from ..config import Foot
     from ..diagnosis.outcome import Outcome
 
 EXIT = {"no mismatch": 0, "explained": 0, "partly explained": 1, "unexplained": 1, "not decidable": 3}
+_READ, _SEARCHED, _VERIFIED = (1,), (12, 4), (1,)  # how long each recording's stages take beside each other
 
 
 def diagnose(
@@ -67,14 +68,11 @@ def diagnosed(
     from ..diagnosis.pipeline import diagnose
     from ..files import write_text
     from ..physics import calibration as calibrations
-    from ..recording.loading import load
 
     writing.refuse_taken(out)
-    loaded = [load(folder) for folder in recordings]
-    for line in (line for each in loaded for line in each.warnings):
-        print(f"insole: {line}", file=sys.stderr)
-    simulated = [load(folder) for folder in simulations]
-    new = None if verify is None else load(verify)
+    loaded = load_recordings(recordings)
+    simulated = load_recordings(simulations)
+    new = None if verify is None else load_recordings([verify])[0]
     if new is not None:
         verifying.refuse_known(new, loaded)
     asked: Foot | None = None if foot is None else "left" if foot is OneFoot.left else "right"
@@ -84,11 +82,12 @@ def diagnosed(
         else calibrations.load(calibration, choose(loaded, asked, bool(simulated))[0].layout)
     )
 
-    with show_work("diagnosing") as say:
-        found = diagnose(loaded, model, say, simulated, asked)
+    stages = [*_READ * len(loaded), *_SEARCHED * len(loaded), *(_VERIFIED if new is not None else ())]
+    with show_work("diagnosing", stages) as work:
+        found = diagnose(loaded, model, work, simulated, asked)
         writing.write(found, out)
         if new is not None:
-            say("verifying the model")
+            work("verifying the model")
             verified = verifying.verify(found.static(), out / "model.json", new, found.results[0].seen.layout.foot)
             write_text(out / verifying.FILE, json.dumps(verified.document(), indent=1) + "\n")
     _print(found, out)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import sys
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from .progress import show_work
+from .recordings import load_recordings
 
 
 class Form(StrEnum):
@@ -34,7 +36,6 @@ def export(
     """Write a recording as CSV, npz, MATLAB, MCAP, Parquet or C3D; steps are part of it, but in npz."""
     from ..errors import FileError
     from ..recording import export_c3d, export_mcap, export_tables
-    from ..recording.loading import load
     from ..recording.quality import quality
     from ..recording.writer import refuse_existing
 
@@ -45,19 +46,19 @@ def export(
             f"expected an OUT that ends in .csv, .npz, .mat, .mcap, .parquet or .c3d, or --to, found {out}"
         )
     refuse_existing(out)
-    loaded = load(recording)
-    for line in loaded.warnings:
-        print(f"insole: {line}", file=sys.stderr)
-    write = {
-        Form.csv: export_tables.export_wrenches if suffix == "csv" else export_tables.export_csv,
-        Form.npz: export_tables.export_npz,
-        Form.mat: export_tables.export_matlab,
-        Form.mcap: export_mcap.export_mcap,
-        Form.parquet: export_tables.export_parquet,
-        Form.c3d: export_c3d.export_c3d,
-    }[form]
+    loaded = load_recordings([recording])[0]
     try:
-        with show_work(f"writing {out}"):
+        with show_work(f"writing {out}") as work:
+            write = {
+                Form.csv: export_tables.export_wrenches
+                if suffix == "csv"
+                else partial(export_tables.export_csv, progress=work.done),
+                Form.npz: export_tables.export_npz,
+                Form.mat: export_tables.export_matlab,
+                Form.mcap: partial(export_mcap.export_mcap, progress=work.done),
+                Form.parquet: export_tables.export_parquet,
+                Form.c3d: export_c3d.export_c3d,
+            }[form]
             write(loaded, out)
     except OSError as error:
         raise FileError(f"{out}: cannot be written: {error.strerror or error}") from error

@@ -1,23 +1,78 @@
-"""What a person sees on a terminal while a command computes: what it does, and for how long it has."""
+"""What a person sees on a terminal while a command computes: what it does, how much is done, and the time left."""
 
 from __future__ import annotations
 
 import contextlib
 import sys
-from collections.abc import Callable, Iterator
+import time
+from collections.abc import Callable, Iterator, Sequence
+from itertools import accumulate
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.progress import Task
+    from rich.text import Text
+
+
+class Work:
+    """How much of a command's work is done; calling it prints a line, with which a stage begins."""
+
+    def __init__(
+        self, write: Callable[[str], None], stages: Sequence[float], show: Callable[[float], None] = lambda share: None
+    ) -> None:
+        self._write, self._show = write, show
+        self._done_before = [0.0, *accumulate(each / sum(stages) for each in stages)]
+        self._lines = 0
+        self._began_s = time.monotonic()
+        self._ends_s: float | None = None  # by its pace so far
+
+    def __call__(self, line: str) -> None:
+        """Print `line` on stderr; the stages before it are done."""
+        self._write(f"insole: {line}")
+        self.done(self._done_before[min(self._lines, len(self._done_before) - 1)])
+        self._lines += 1
+
+    def done(self, share: float) -> None:
+        """Say how much is done: a share of 1."""
+        if 0 < share <= 1:
+            now_s = time.monotonic()
+            self._ends_s = now_s + (now_s - self._began_s) * (1 - share) / share
+            self._show(share)
+
+    def time_left(self) -> str:
+        """Return minutes and seconds in words for a terminal; nothing while they cannot be known."""
+        if self._ends_s is None:
+            return ""
+        left_s = max(1, round(self._ends_s - time.monotonic()))  # what takes longer than its stage is about to end
+        return f"{left_s // 60}:{left_s % 60:02d} left"
 
 
 @contextlib.contextmanager
-def show_work(what: str) -> Iterator[Callable[[str], None]]:
-    """Show `what` and the time since it began, on a terminal; gives what prints a line on stderr meanwhile."""
+def show_work(what: str, stages: Sequence[float] = ()) -> Iterator[Work]:
+    """Show `what`, the time since it began and the time left, on a terminal; gives the work to be told of.
+
+    `stages`: how long each takes beside the others, where each begins with a line.
+    """
     if not sys.stderr.isatty():
-        yield lambda line: print(f"insole: {line}", file=sys.stderr, flush=True)
+        yield Work(lambda line: print(line, file=sys.stderr, flush=True), stages)
         return
     from rich.console import Console
-    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn, TimeElapsedColumn
+    from rich.text import Text
 
     console = Console(stderr=True)
-    columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn())
-    with Progress(*columns, console=console, transient=True) as progress:
-        progress.add_task(what, total=None)
-        yield lambda line: console.print(f"insole: {line}", markup=False, highlight=False, soft_wrap=True)
+
+    class TimeLeft(ProgressColumn):
+        def render(self, task: Task) -> Text:
+            return Text(work.time_left())
+
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(20), TimeElapsedColumn(), TimeLeft())
+    progress = Progress(*columns, console=console, transient=True)
+    bar = progress.add_task(what, total=None)  # it pulses until a share is known
+    work = Work(
+        lambda line: console.print(line, markup=False, highlight=False, soft_wrap=True),
+        stages,
+        lambda share: progress.update(bar, completed=share, total=1.0),
+    )
+    with progress:
+        yield work

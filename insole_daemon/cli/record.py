@@ -105,7 +105,7 @@ def record(
         rotate_bytes = None if rotate_mb is None else round(rotate_mb * 1e6)
         recorder = LiveRecorder(out, kind.value, insoles, len(instruments), interfaces, rotate_bytes)
         opened.callback(recorder.close)
-        told = Telling(out)
+        told = Telling(out, seconds)
         guide = Guide(insoles, kind.value, protocol_of(kind)) if guided else None
         session = Session(recorder, stop, seconds, told, told.note, [each for each, _ in instruments], guide)
         _listen(session, instruments, client)
@@ -209,8 +209,8 @@ class Telling:
     it has grown, unless that is a terminal.
     """
 
-    def __init__(self, out: Path) -> None:
-        self._out = out
+    def __init__(self, out: Path, seconds: float | None) -> None:
+        self._out, self._seconds = out, seconds
         self._live = sys.stderr.isatty()
         self._calls = 0
         self._asked: dict[Foot, str] = {}
@@ -221,9 +221,9 @@ class Telling:
         self._calls += 1
         self._guide(progress)
         if self._live:
-            print(f"\r{_line(progress)}\033[K", end="", file=sys.stderr, flush=True)
+            print(f"\r{self._line(progress)}\033[K", end="", file=sys.stderr, flush=True)
         elif self._calls % _QUIET_S == 0:
-            print(f"insole: {_line(progress)}", file=sys.stderr, flush=True)
+            print(f"insole: {self._line(progress)}", file=sys.stderr, flush=True)
 
     def note(self, text: str) -> None:
         """What happened meanwhile."""
@@ -241,6 +241,11 @@ class Telling:
             print(f"insole: {foot}: missing: {'; '.join(missing) or 'nothing'}", file=sys.stderr)
         if not (progress.frames or progress.cycles):
             print("insole: nothing came: are the boards powered and started?", file=sys.stderr)
+
+    def _line(self, progress: Progress) -> str:
+        if self._seconds is None:
+            return _line(progress)
+        return f"{_line(progress)}, {max(0.0, self._seconds - progress.seconds):.0f} s left"
 
     def _guide(self, progress: Progress) -> None:
         for foot, items in progress.covered.items():

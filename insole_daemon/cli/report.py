@@ -10,6 +10,7 @@ import typer
 
 from .options import Force, name_next, refuse_existing_file, write_whole
 from .progress import show_work
+from .recordings import load_recordings
 
 _RECORDINGS = Path("recordings")  # where the page puts its own
 
@@ -26,7 +27,6 @@ def report(
     force: Force = False,
 ) -> None:
     """Draw a recording: pressure, forces, steps and health, as one HTML file that needs no internet."""
-    from ..recording.loading import load
     from ..view.recorded import recorded_page
 
     if out is not None and out.suffix.lower() not in (".html", ".htm"):
@@ -34,9 +34,7 @@ def report(
     refuse_existing_file(out, force)
     folder = recording or newest_recording()
     file = out or folder / "report.html"
-    loaded = load(folder)
-    for line in loaded.warnings:
-        print(f"insole: {line}", file=sys.stderr)
+    loaded = load_recordings([folder])[0]
     with show_work(f"drawing {folder}"):
         write_whole(file, recorded_page(loaded))
     print(f"insole: wrote {file}", file=sys.stderr)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from .options import ConfigFile, OptionalBusName, Seconds, name_next, on_end
+from .progress import show_work
 
 if TYPE_CHECKING:
     from ..config import Bus
@@ -71,7 +72,8 @@ def simulate(
     chosen = conditions.load(trial_file) if trial_file is not None else None
     trial = Trial(scenario.value, settings, layouts, effects=physics, conditions=chosen, seed=seed)
     if out is not None:
-        path = trial.write(out, seconds)
+        with show_work(f"simulating {scenario.value}") as work:
+            path = trial.write(out, seconds, work.done)
         print(f"insole: {scenario.value} ({trial.scenario.about}) written into {path}", file=sys.stderr)
         name_next(f"insole report {path}")
     elif bus is not None:

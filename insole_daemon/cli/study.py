@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 import os
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+from .progress import show_work
 
 if TYPE_CHECKING:
     from ..study.tasks import TaskResult
@@ -41,11 +43,14 @@ def study(
     given = load_study(folder)
     tls = (tls_ca, tls_cert, tls_key) if tls_ca and tls_cert and tls_key else None
 
-    def told(number: int, found: list[TaskResult]) -> None:
-        problems = "; ".join(f"{each.task}: {each.problem}" for each in found if each.file is None)
-        print(f"insole: {given.recordings[number].folder}: {problems or 'done'}", file=sys.stderr, flush=True)
+    numbers = itertools.count(1)
+    with cluster(scheduler, workers or os.cpu_count() or 1, tls) as client, show_work(f"analysing {folder}") as work:
 
-    with cluster(scheduler, workers or os.cpu_count() or 1, tls) as client:
+        def told(number: int, found: list[TaskResult]) -> None:
+            problems = "; ".join(f"{each.task}: {each.problem}" for each in found if each.file is None)
+            work(f"{given.recordings[number].folder}: {problems or 'done'}")
+            work.done(next(numbers) / len(given.recordings))
+
         found = run_tasks(client, folder, given, folder / RESULTS, told)
     rows, every = collect_rows(given, folder / RESULTS, found)
     write_tables(given, rows, every, folder)

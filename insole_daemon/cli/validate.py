@@ -12,6 +12,7 @@ import typer
 
 from .options import Force, name_next, refuse_existing_file, write_whole
 from .progress import show_work
+from .recordings import load_recordings
 from .tables import print_table
 
 if TYPE_CHECKING:
@@ -33,21 +34,18 @@ def validate(
     from ..documents import Reading
     from ..errors import CalibrationError
     from ..physics import calibration as calibrations
-    from ..recording.loading import load
 
     for file in (out, report):
         refuse_existing_file(file, force)
-    loaded = [load(folder) for folder in recordings]
-    for line in (line for each in loaded for line in each.warnings):
-        print(f"insole: {line}", file=sys.stderr)
+    loaded = load_recordings(recordings)
     said = Reading(calibration).document
     foot = said.get("foot") if isinstance(said, dict) else None
     layout = next((f.layout for each in loaded for f in each.feet if f.foot == foot), None)
     if foot in ("left", "right") and layout is None:
         raise CalibrationError(f"{calibration}: a calibration of the {foot} foot, which none of the recordings has")
     judged = calibrations.load(calibration, layout or loaded[0].feet[0].layout)
-    with show_work(f"judging {calibration.name}"):
-        results, remarks = validation.validate(loaded, judged)
+    with show_work(f"judging {calibration.name}") as work:
+        results, remarks = validation.validate(loaded, judged, work.done)
     for remark in remarks:
         print(f"insole: {remark}", file=sys.stderr)
     if out is not None:

@@ -6,7 +6,7 @@ Boards that send every 20 ms are read as the daemon does live.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -30,8 +30,13 @@ def new_reader(layouts: Sequence[Layout]) -> SkinReader:
     return SkinReader(layouts, round(1e9 / publish.rate_hz), round(publish.slack_ms * 1e6))
 
 
-def read_log(path: Path, layouts: Sequence[Layout]) -> tuple[list[Cycles], LogCounters, tuple[str, ...]]:
-    """The cycles of every layout, what the log holds, and a sentence for each oddity; LogError where it is none."""
+def read_log(
+    path: Path, layouts: Sequence[Layout], progress: Callable[[float], None] = lambda share: None
+) -> tuple[list[Cycles], LogCounters, tuple[str, ...]]:
+    """The cycles of every layout, what the log holds, and a sentence for each oddity; LogError where it is none.
+
+    `progress` is told the share that has been read.
+    """
     if path.exists() and not path.stat().st_size:  # its recorder was killed before the first frame
         return [Cycles.concatenate([], len(layout)) for layout in layouts], LogCounters(), (f"{path}: no frame in it",)
     streams, assemblers = Streams(layouts), _assemblers(path, layouts)
@@ -43,6 +48,7 @@ def read_log(path: Path, layouts: Sequence[Layout]) -> tuple[list[Cycles], LogCo
             for own, assembler in zip(closed, assemblers, strict=True):
                 own += assembler.feed(slots, batch.data, batch.t_ns, batch.t_mono_ns)
             end_ns = int(batch.t_mono_ns[-1])
+            progress(reader.fraction_read)
         counters, warnings = reader.counters, reader.warnings
     for own, assembler in zip(closed, assemblers, strict=True):  # what the log leaves open at its end
         own += assembler.advance(end_ns)

@@ -5,7 +5,7 @@
 | ANALOG         | Fx Fy Fz Mx My Mz of each foot, N and N·mm: what the foot does to the insole |
 | FORCE_PLATFORM | type 2, one plate a foot; x forward, y to the wearer's right, z down; the origin is the insole's |
 | POINT          | the CoP of each foot in the insole's frame, mm; invalid where there is none |
-| EVENT          | Foot Strike and Foot Off of every stance, with side and label |
+| EVENT          | Foot Strike and Foot Off of every stance, with side and label; the 256th and later in LABELS2 … |
 | INSOLE         | START_NS as text: epoch time of the first frame; RATE_HZ |
 
 Shear and the moment about z are not measured: their channels are 0. Frames are uniform in time, as C3D wants them; the
@@ -14,6 +14,7 @@ cycles are interpolated linearly. The plate stands still in the insole's frame, 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,8 @@ from .loading import FootRecording, Recording
 
 AXES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 _MOST_FRAMES = 65_535  # that the header can count
+_MOST_OF_PARAMETER = 255  # elements along an axis: their number is one byte
+_MOST_BLOCKS = 255  # of parameters, all together
 _MM = 1e3
 
 
@@ -55,6 +58,10 @@ def export_c3d(recording: Recording, out: Path) -> None:
     own = writer.add_group(_free_group(writer), "INSOLE", "of insole-daemon")
     _text(own, "START_NS", [str(int(t_ns[0]))])
     _array(own, "RATE_HZ", np.array([rate_hz], np.float32))
+    if writer.parameter_blocks() > _MOST_BLOCKS:
+        raise InsoleError(
+            f"{recording.folder}: C3D has no room for {len(recording.steps)} steps: export it as MCAP or Parquet"
+        )
     with unfinished(out) as beside, open(beside, "wb") as file:
         writer.write(file)
 
@@ -131,14 +138,16 @@ def _events(writer: Any, recording: Recording, start_ns: int) -> None:
     found.sort()
     group = writer.add_group(_free_group(writer), "EVENT", "contacts and toe-offs")
     _array(group, "USED", np.int16(len(found)))
-    _text(group, "LABELS", [word for _, word, _, _ in found])
-    _text(group, "CONTEXTS", [side for _, _, side, _ in found])
-    _text(group, "DESCRIPTIONS", [label for _, _, _, label in found])
-    minutes = [[at_s // 60, at_s % 60] for at_s, *_ in found]
-    _array(group, "TIMES", np.array(minutes, np.float32))
+    for start in range(0, len(found), _MOST_OF_PARAMETER):
+        number = str(1 + start // _MOST_OF_PARAMETER) if start else ""
+        at_s, words, sides, labels = zip(*found[start : start + _MOST_OF_PARAMETER], strict=True)
+        _text(group, f"LABELS{number}", words)
+        _text(group, f"CONTEXTS{number}", sides)
+        _text(group, f"DESCRIPTIONS{number}", labels)
+        _array(group, f"TIMES{number}", np.stack(np.divmod(at_s, 60.0), axis=1).astype(np.float32))
 
 
-def _text(group: Any, name: str, words: list[str]) -> None:
+def _text(group: Any, name: str, words: Sequence[str]) -> None:
     longest = max(map(len, words))
     group.add_str(name, "", "".join(word.ljust(longest) for word in words), longest, len(words))
 

@@ -22,7 +22,7 @@ from __future__ import annotations
 import heapq
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -67,11 +67,17 @@ _SCHEMAS = {
     "step": "insole.step",
 }
 
+_TOLD_MESSAGES = 1000  # between two words of the progress
+_PREPARED, _MESSAGES = 0.2, 0.6  # shares of the time in which messages are made and written; the rest is the log
+
 Messages = Iterator[tuple[int, dict[str, Any]]]
 
 
-def export_mcap(recording: Recording, out: Path) -> None:
-    """Write `out`, all or nothing; InsoleError where the package mcap is not installed, OSError where it fails."""
+def export_mcap(recording: Recording, out: Path, progress: Callable[[float], None] = lambda share: None) -> None:
+    """Write `out`, all or nothing; InsoleError where the package mcap is not installed, OSError where it fails.
+
+    `progress` is told the share that is written.
+    """
     writer_module = need("mcap.writer", "mcap", "exporting MCAP")
     with unfinished(out) as beside, open(beside, "wb") as file:
         writer = writer_module.Writer(file)
@@ -85,7 +91,10 @@ def export_mcap(recording: Recording, out: Path) -> None:
         streams: list[Iterator[tuple[int, int, bytes]]] = [iter(sorted(written, key=lambda each: each[0]))]
         if any(foot.wrench is not None for foot in recording.feet):
             streams += _foxglove(writer, recording, start_ns)
+        span_ns = max((int(foot.t_ns[-1]) for foot in recording.feet if len(foot)), default=1) - start_ns
         for sequence, (t_ns, channel, data) in enumerate(heapq.merge(*streams, key=lambda each: each[0])):
+            if sequence % _TOLD_MESSAGES == 0:
+                progress(_PREPARED + (_MESSAGES - _PREPARED) * min(1.0, (t_ns - start_ns) / max(span_ns, 1)))
             writer.add_message(channel, log_time=t_ns, publish_time=t_ns, data=data, sequence=sequence)
         for name, content in portable(recording).items():
             media = _MEDIA.get(Path(name).suffix, "application/octet-stream")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -22,13 +22,13 @@ from .reference import TIME
 from .writer import whole_folder
 
 
-def export_csv(recording: Recording, out: Path) -> None:
-    """Write the folder `out` with a table a foot and kind of value, all or nothing.
+def export_csv(recording: Recording, out: Path, progress: Callable[[float], None] = lambda share: None) -> None:
+    """Write the folder `out` with a table a foot and kind of value, all or nothing; `progress` is told the share.
 
     `left-counts.csv` is what `insole import` takes, together with `left-layout.yaml`.
     """
     with whole_folder(out) as folder:
-        for foot in recording.feet:
+        for number, foot in enumerate(recording.feet):
             identities = foot.layout.identities.tolist()
             taxels = [f"{board}_{triangle}_{taxel}" for board, triangle in identities for taxel in range(12)]
             times = _times(foot.t_ns)
@@ -40,6 +40,7 @@ def export_csv(recording: Recording, out: Path) -> None:
                 times,
                 foot.valid.reshape(len(foot), -1).astype(np.uint8).tolist(),
             )
+            progress((number + 0.4) / len(recording.feet))  # pressures take longest
             if foot.pressure_pa is not None and foot.wrench is not None:
                 pressure = foot.pressure_pa.reshape(len(foot), -1)
                 _write(
@@ -55,6 +56,7 @@ def export_csv(recording: Recording, out: Path) -> None:
                     columns = {TIME: foot.reference.time_s, **columns}
                 write_text(folder / f"{foot.foot}-reference.csv", references.text(columns))
             layouts.write(folder / f"{foot.foot}-layout.yaml", foot.layout)
+            progress((number + 1) / len(recording.feet))
         write_text(folder / "steps.csv", steps_text(recording.steps))
 
 

@@ -149,16 +149,20 @@ class _Parts:
     reference: Reference | None = None
 
 
-def load(folder: str | os.PathLike[str]) -> Recording:
-    """The recording in `folder`; RecordingError lists all that is wrong with its files, at once."""
-    return _Loading(Path(folder)).recording()
+def load(folder: str | os.PathLike[str], progress: Callable[[float], None] = lambda share: None) -> Recording:
+    """The recording in `folder`; RecordingError lists all that is wrong with its files, at once.
+
+    `progress` is told the share of the log that has been read.
+    """
+    return _Loading(Path(folder), progress).recording()
 
 
 class _Loading:
     """One folder while it is read: goes on after what is wrong, to say everything that is."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, progress: Callable[[float], None]) -> None:
         self._folder = folder
+        self._progress = progress
         self._errors: list[InsoleError] = []
         self._warnings: list[str] = []
         self._parts: list[_Parts] = []
@@ -225,7 +229,7 @@ class _Loading:
             self._judge_log(document.can)
             return []
         if document.can is not None:
-            log = self._tried(partial(read_log, document.can, [parts.layout for parts in self._parts]))
+            log = self._tried(partial(read_log, document.can, [parts.layout for parts in self._parts], self._progress))
             if log is None:
                 return []
             self._warnings += log[2]

@@ -8,6 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
+# Of a page on white; the page has others for the dark.
+LIGHT = {
+    "paper": "#ffffff", "ink": "#1c2430", "soft": "#5b6675", "rule": "#d8dde4", "quiet": "#b6bec9", "panel": "#f6f8fa",
+}  # fmt: skip
 CATEGORIES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")
 
 # viridis at 0, 1/8, …, 1

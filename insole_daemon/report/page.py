@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import time
+from collections.abc import Iterable, Sequence
 from html import escape
 
-_STYLE = """
-:root { --paper: #ffffff; --ink: #1c2430; --soft: #5b6675; --rule: #d8dde4; --quiet: #b6bec9; --panel: #f6f8fa; }
+from .. import __version__
+from ..extras import extra_of, install_command
+from . import figure_files
+from .colours import LIGHT
+
+_STYLE = (
+    f"""
+:root {{ {" ".join(f"--{name}: {colour};" for name, colour in LIGHT.items())} }}
+{figure_files.STYLE}"""
+    """
 @media (prefers-color-scheme: dark) {
   :root { --paper: #12161c; --ink: #e4e9f0; --soft: #9aa6b5; --rule: #2c3541; --quiet: #55606f; --panel: #1a2029;
     --c0: #5ab4ee; --c1: #ff8f4a; --c2: #2fcfa0; --c3: #e59ac4; --c4: #8fd0f5; --c5: #f5b942; }
@@ -16,6 +25,7 @@ main { max-width: 1080px; margin: 0 auto; padding: 24px 20px 64px; }
 h1 { font-size: 1.7em; margin: 0 0 .2em; } h2 { font-size: 1.2em; margin: 2em 0 .4em; }
 p { margin: .4em 0 .8em; max-width: 72ch; } .lead { color: var(--soft); }
 figure { margin: 0; padding: 12px; background: var(--panel); border: 1px solid var(--rule); border-radius: 8px; }
+section > figure + figure { margin-top: 16px; }
 figure { overflow-x: auto; } figcaption { color: var(--soft); font-size: .88em; margin-top: 6px; }
 .row { display: grid; gap: 16px; margin: 12px 0; }
 .row { grid-template-columns: repeat(auto-fit, minmax(min(100%, 506px), 1fr)); }
@@ -27,22 +37,37 @@ th, td { padding: 4px 10px 4px 0; text-align: right; border-bottom: 1px solid va
 th { color: var(--soft); font-weight: 600; white-space: normal; vertical-align: bottom; }
 th:first-child, td:first-child { text-align: left; }
 td.text, th.text { text-align: left; white-space: normal; }
-svg { display: block; font: 12px system-ui, sans-serif; fill: var(--ink); }
-.tick { font-size: 11px; fill: var(--soft); }
-.frame { fill: none; stroke: var(--quiet); } .grid { stroke: var(--rule); fill: none; }
+svg { display: block; } .files { margin: 4px 0 0; font-size: .8em; } a { color: var(--soft); }
+footer { margin-top: 3em; border-top: 1px solid var(--rule); color: var(--soft); font-size: .88em; }
+@media print { .files { display: none; } figure { break-inside: avoid; } }
 dt { font-weight: 600; } dd { margin: 0 0 .6em; color: var(--soft); max-width: 80ch; }
 """
+)
 
 
-def page(title: str, lead: str, parts: Sequence[str]) -> str:
-    """The whole file; `parts` are HTML."""
+def page(title: str, lead: str, parts: Sequence[str], about: Sequence[str] = ()) -> str:
+    """The whole file; `parts` are HTML. `about` says of which insole, recording and calibration, in the footer."""
     return (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         '<meta name="color-scheme" content="light dark">'
         f"<title>{escape(title)}</title><style>{_STYLE}</style></head>\n<body><main>"
-        f'<h1>{escape(title)}</h1><p class="lead">{escape(lead)}</p>\n' + "\n".join(parts) + "\n</main></body></html>\n"
+        f'<h1>{escape(title)}</h1><p class="lead">{escape(lead)}</p>\n'
+        + "\n".join(parts)
+        + f"\n{_footer(about)}</main></body></html>\n"
     )
+
+
+def _footer(about: Sequence[str]) -> str:
+    words = [f"insole-daemon {__version__}", f"written {time.strftime('%Y-%m-%d')}", *about]
+    extra = None if figure_files.has_pdf() else extra_of(figure_files.PDF_PACKAGE)
+    missing = "" if extra is None else paragraph(f"Figures are here as PDF, too, after: {install_command(extra)}")
+    return f"<footer>{paragraph('; '.join(words))}{missing}</footer>"
+
+
+def insole_label(foot: str, boards: Iterable[int]) -> str:
+    """Which insole, for the footer: its foot and the addresses of its boards."""
+    return f"{foot}: boards {', '.join(map(str, sorted(set(boards))))}"
 
 
 def section(heading: str, *parts: str) -> str:
@@ -56,8 +81,9 @@ def paragraph(text: str) -> str:
 
 
 def figure(svg: str, caption: str) -> str:
-    """A drawing with what it shows."""
-    return f"<figure>{svg}<figcaption>{escape(caption)}</figcaption></figure>"
+    """Drawings with what they show, and links to each as a file."""
+    files = figure_files.download_links(svg)
+    return f"<figure>{svg}<figcaption>{escape(caption)}</figcaption>{files}</figure>"
 
 
 def row(*figures: str) -> str:

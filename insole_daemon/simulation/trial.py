@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ..bus.frames import FrameBatch
 from ..config import Config
 from ..errors import SimulationError
 from ..physics.draws import Drawn, Draws
@@ -118,8 +119,15 @@ class Trial:
         """How long it is played if `seconds` are asked for; None: for ever. SimulationError: longer than its load."""
         return length_s(self._name, self.conditions, seconds, None)
 
-    def write(self, folder: str | PathLike[str], seconds: float | None = None) -> Path:
+    def write(
+        self,
+        folder: str | PathLike[str],
+        seconds: float | None = None,
+        progress: Callable[[float], None] = lambda share: None,
+    ) -> Path:
         """Write the trial as the recording `folder`, where it is; `seconds` None: all of it.
+
+        `progress` is told the share that has been played.
 
         SimulationError where it is longer than its load, FileError where the folder cannot be written.
         """
@@ -139,7 +147,7 @@ class Trial:
                 )
                 for insole in self.insoles
             ],
-            frames=self.emulator.batches(START_NS, whole_s),
+            frames=_told(self.emulator.batches(START_NS, whole_s), whole_s, progress),
             interfaces=(_INTERFACE,),
             reference=[self._reference(insole, whole_s) for insole in self.insoles],
             # Not the effects nor the faults: they are what a diagnosis has to find.
@@ -160,6 +168,13 @@ class Trial:
             Draws(self._seed, Drawn.INSTRUMENT, 0 if foot == "left" else 1, self._luck),
             chosen,
         )
+
+
+def _told(batches: Iterable[FrameBatch], seconds: float, progress: Callable[[float], None]) -> Iterator[FrameBatch]:
+    for batch in batches:
+        yield batch
+        if len(batch):
+            progress(min(1.0, float(batch.t_ns[-1] - START_NS) * 1e-9 / seconds))
 
 
 def _tells_the_clock(insole: SimulatedInsole) -> bool:

@@ -51,7 +51,8 @@ def study_page(name: str, study: Study, rows: Sequence[Mapping[str, Any]], every
         )
     sessions = list(dict.fromkeys(recording.session for recording in study.recordings))
     parts += [_comparison(study, every, *pair) for pair in combinations(sessions, 2)]
-    return page(f"Study {name}", "Means are of steady steps, ± is a standard deviation over steps", parts)
+    about = [f"calibrations {', '.join(map(str, study.calibrations))}"] if study.calibrations else []
+    return page(f"Study {name}", "Means are of steady steps, ± is a standard deviation over steps", parts, about)
 
 
 def _recordings(rows: Sequence[Mapping[str, Any]], every: Sequence[Steps | None]) -> str:

@@ -8,7 +8,6 @@ from datetime import datetime
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import __version__
 from ..config import Foot
 from ..mechanics.gait import GaitEvent
 from ..mechanics.gait.steps import Steps
@@ -18,7 +17,7 @@ from ..recording.loading import FootRecording, Recording
 from ..recording.quality import quality
 from ..recording.steps import gait_events
 from ..report.insole_map import outlines_mm, value_map
-from ..report.page import facts, figure, page, paragraph, row, section, table
+from ..report.page import facts, figure, insole_label, page, paragraph, row, section, table
 from ..report.plot import WHOLE_WIDTH, WIDTH, Axis, Plot, axis
 from ..skin.quality import Quality
 
@@ -68,25 +67,24 @@ def recorded_page(recording: Recording) -> str:
         parts.append(_gait(recording.steps))
     if feet:
         parts.append(_health(feet, start_ns))
-    parts.append(_footer(recording, feet))
     lead = f"{recording.kind}, {recording.can_origin}"
-    return page(f"Recording {recording.folder.resolve().name}", lead, parts)
+    return page(f"Recording {recording.folder.resolve().name}", lead, parts, _about(feet))
 
 
-def _footer(recording: Recording, feet: Sequence[FootRecording]) -> str:
-    """What the report was made with, and of which insole."""
-    words = [f"insole-daemon {__version__}", f"recording {recording.folder.resolve().name}"]
+def _about(feet: Sequence[FootRecording]) -> list[str]:
+    """When it was recorded, and of which insole."""
+    words = []
     if feet:
         began = datetime.fromtimestamp(min(int(foot.t_ns[0]) for foot in feet) * 1e-9).astimezone()
         words.append(began.strftime("recorded %Y-%m-%d %H:%M:%S %z"))
     for foot in feet:
-        boards = ", ".join(str(board.address) for board in foot.boards)
+        insole = insole_label(foot.foot, (board.address for board in foot.boards))
         calibration = "no calibration" if foot.calibration is None else "a calibration of this insole"
         if foot.calibration is not None and foot.calibration.builtin:
             calibration = "the built-in calibration"
         zero = "" if foot.zero is None else " with a zero"
-        words.append(f"{foot.foot}: boards {boards}, {calibration}{zero}")
-    return paragraph("; ".join(words))
+        words.append(f"{insole}, {calibration}{zero}")
+    return words
 
 
 def _seconds(foot: FootRecording, start_ns: int) -> _Array:

@@ -11,8 +11,10 @@ import sys
 WORK = """
 import time
 from insole_daemon.cli.progress import show_work
-with show_work("fitting [left] foot") as say:
-    say("90 of [taxels] kept")
+with show_work("fitting [left] foot", (1, 3)) as work:
+    work("90 of [taxels] kept")
+    time.sleep(0.5)
+    work("both fitted")  # a quarter of the work is done
     time.sleep(0.5)
 """
 
@@ -31,10 +33,11 @@ def test_a_terminal_shows_the_work_and_the_time_until_it_is_done() -> None:
     assert done.wait() == 0
     text = re.sub(r"\x1b\[\d+m", "", shown.decode())
     assert "insole: 90 of [taxels] kept" in text
-    assert "fitting [left] foot 0:00:00" in text
+    assert re.search(r"fitting \[left\] foot ━+ 0:00:00", text)
+    assert re.search(r"foot \S+ 0:00:0\d 0:0[12] left", text), "half a second was a quarter of it"
     assert text.rindex("fitting") < text.rindex("\x1b[2K"), "the line is taken away at the end"
 
 
 def test_a_file_has_the_lines_alone() -> None:
     done = subprocess.run([sys.executable, "-c", WORK], capture_output=True, text=True, check=True)
-    assert done.stderr == "insole: 90 of [taxels] kept\n"
+    assert done.stderr == "insole: 90 of [taxels] kept\ninsole: both fitted\n"

@@ -35,7 +35,7 @@ def main(out: str, config_file: str, port: str, rotate_bytes: str, guided: str =
     instrument = Instrument("left", "chamber")
     session = Session(recorder, stop, instruments=[instrument])
     if guided:
-        told = Telling(Path(out))
+        told = Telling(Path(out), None)
         session.tell, session.note = told, told.note
         session.guide = Guide(insoles, "chamber", SHORT)
     session.inbox.read(instrument, stamped(lines_of(0)))

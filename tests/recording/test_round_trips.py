@@ -162,6 +162,38 @@ def test_c3d_in_ezc3d_gives_force_cop_and_events(walk, tmp_path):
     np.testing.assert_allclose(strikes, contact_s[np.isfinite(contact_s)] + offset_s, atol=1e-4)
 
 
+class ManySteps(dict):
+    """Columns of as many steps as are asked for, half a second apart."""
+
+    def __init__(self, number: int, start_ns: int) -> None:
+        self.start_ns = start_ns
+        at_s = np.arange(number) * 0.5
+        foot, label = np.array(["left", "right"])[np.arange(number) % 2], np.full(number, "steady")
+        super().__init__(contact_s=at_s, toe_off_s=at_s + 0.3, foot=foot, label=label)
+
+
+@pytest.mark.skipif(platform.machine() != "x86_64", reason="ezc3d has wheels for x86-64 alone; c3d reads it elsewhere")
+def test_c3d_holds_the_events_of_a_long_walk(walk, tmp_path, monkeypatch):
+    import ezc3d
+
+    start_ns = int(max(foot.t_ns[0] for foot in walk.feet))
+    steps = ManySteps(1000, start_ns)
+    monkeypatch.setitem(walk.__dict__, "steps", steps)
+    export_c3d(walk, tmp_path / "x.c3d")
+    events = ezc3d.c3d(str(tmp_path / "x.c3d"))["parameters"]["EVENT"]
+    numbers = ["", *map(str, range(2, 9))]
+    minutes, seconds = np.concatenate([events[f"TIMES{number}"]["value"] for number in numbers], axis=1)
+    at_s = np.sort(np.concatenate([steps["contact_s"], steps["toe_off_s"]]))
+    assert events["USED"]["value"][0] == len(minutes) == 2000
+    assert sum(len(events[f"LABELS{number}"]["value"]) for number in numbers) == 2000
+    np.testing.assert_allclose(minutes * 60 + seconds, at_s, rtol=1e-6)
+
+    monkeypatch.setitem(walk.__dict__, "steps", ManySteps(5000, start_ns))
+    with pytest.raises(InsoleError, match="C3D has no room for"):
+        export_c3d(walk, tmp_path / "y.c3d")
+    assert not (tmp_path / "y.c3d").exists()
+
+
 def test_c3d_without_a_calibration_is_refused(walk, tmp_path):
     from dataclasses import replace
 

@@ -150,6 +150,6 @@ def test_a_page_is_one_file_and_says_no_more_than_it_is_given() -> None:
     assert "<title>A &lt;title&gt;</title>" in text
     assert "&lt;b&gt;" in text
     assert "prefers-color-scheme: dark" in text
-    outside = re.findall(r"""(?:src|href|url)\s*[=(]\s*["']?(?!#)[a-z]+:""", text)
+    outside = re.findall(r"""(?:src|href|url)\s*[=(]\s*["']?(?!#|data:)[a-z]+:""", text)
     assert not outside
     assert "<script" not in text

@@ -1,0 +1,26 @@
+"""The recordings that a verb is about, read while a person sees how far it is."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from .progress import show_work
+
+if TYPE_CHECKING:
+    from ..recording.loading import Recording
+
+
+def load_recordings(folders: Sequence[Path]) -> list[Recording]:
+    """Return the recordings in `folders`, their warnings printed; RecordingError lists what is wrong with one."""
+    from ..recording.loading import load
+
+    loaded = []
+    for folder in folders:
+        with show_work(f"reading {folder}") as work:
+            loaded.append(load(folder, work.done))
+    for warning in (warning for recording in loaded for warning in recording.warnings):
+        print(f"insole: {warning}", file=sys.stderr)
+    return loaded

@@ -1,0 +1,87 @@
+"""Every figure of a page can be had as SVG and PDF, out of the page itself."""
+
+from __future__ import annotations
+
+import base64
+import importlib.util
+import re
+import zlib
+from xml.etree import ElementTree
+
+import numpy as np
+
+from insole_daemon.report import figure_files, page
+from insole_daemon.report.insole_map import value_map, word_map
+from insole_daemon.report.plot import Axis, Plot
+from insole_daemon.skin.layout import builtin
+
+LAYOUT = builtin("left", (5, 6, 7))
+SVG = "{http://www.w3.org/2000/svg}"
+
+
+def drawing(name: str) -> str:
+    if name == "value map":
+        return value_map(LAYOUT, np.arange(len(LAYOUT) * 12.0), "kPa", name)
+    if name == "word map":
+        return word_map(LAYOUT, {0: "healthy", 1: "stuck"}, "healthy", name)
+    plot = Plot(Axis("time, s", 0, 1), Axis("f_z, N", 0, 600), 480, 200)
+    plot.line(np.array([0.0, 1.0]), np.array([0.0, 600.0]), 5, "σ − 10⁻²")
+    plot.band(np.array([0.0, 1.0]), np.zeros(2), np.ones(2), 1)
+    return plot.svg(name)
+
+
+def files(html: str) -> dict[str, bytes]:
+    found = re.findall(r'<a download="([^"]+)" href="data:[a-z/+]+;base64,([^"]+)"', html)
+    return {name: base64.b64decode(content, validate=True) for name, content in found}
+
+
+def test_each_of_two_drawings_in_a_figure_is_there_as_svg_and_pdf() -> None:
+    html = page.figure(drawing("load & time") + drawing("error, left foot"), "caption")
+    assert list(files(html)) == [
+        "load-time.svg", "load-time.pdf", "error-left-foot.svg", "error-left-foot.pdf",
+    ]  # fmt: skip
+
+
+def test_an_svg_alone_has_colours_and_letters_without_the_page() -> None:
+    for name in ("plot", "value map", "word map"):
+        alone = files(page.figure(drawing(name), ""))[f"{name.replace(' ', '-')}.svg"].decode()
+        root = ElementTree.fromstring(alone)
+        assert "var(" not in alone, "few programs know variables of CSS"
+        style = root.findtext(f"{SVG}style") or ""
+        for used in {part for each in root.iter() for part in each.attrib.get("class", "").split()} - {"map"}:
+            assert f".{used} {{" in style, f"{name}: nothing says how .{used} looks"
+
+
+def test_a_pdf_is_one_page_of_the_drawings_size_with_letters_as_text() -> None:
+    for name in ("plot", "value map", "word map"):
+        svg = figure_files.standalone(drawing(name))
+        pdf = figure_files.to_pdf(svg)
+        assert pdf.startswith(b"%PDF-")
+        assert len(re.findall(rb"/Type\s*/Page\b", pdf)) == 1
+        root = ElementTree.fromstring(svg).attrib
+        box = re.search(rb"/MediaBox\s*\[([\d. ]+)\]", pdf)
+        assert box is not None
+        _, _, width, height = map(float, box[1].split())
+        assert abs(width / height - float(root["width"]) / float(root["height"])) < 0.01
+        assert b"/Font" in pdf
+        streams = re.findall(rb"stream\r?\n(.*?)endstream", pdf, re.DOTALL)
+        drawn = b"".join(zlib.decompressobj().decompress(each) for each in streams if each[:1] == b"\x78")
+        assert b"Tf" in drawn, "text, not outlines of letters"
+        assert not re.search(rb"/Subtype\s*/Image", pdf), "no pixels"
+
+
+def test_without_the_package_a_page_has_svg_alone_and_says_what_is_missing(monkeypatch) -> None:
+    found = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == "typst" else found(name))
+    assert list(files(page.figure(drawing("plot"), ""))) == ["plot.svg"]
+    footer = page.page("title", "lead", []).partition("<footer>")[2]
+    assert re.search(r"PDF.*install lab|PDF.*insole-daemon\[lab\]", footer)
+
+
+def test_a_footer_has_version_date_insole_and_calibration() -> None:
+    about = [page.insole_label("left", (7, 5, 5, 6)), "calibration mine.json"]
+    footer = page.page("title", "lead", [], about).partition("<footer>")[2]
+    assert re.search(
+        r"insole-daemon [\d.]+\S*; written \d{4}-\d\d-\d\d; left: boards 5, 6, 7; calibration mine", footer
+    )
+    assert "PDF" not in footer
