@@ -243,16 +243,20 @@ def _is_a_model(chosen: Sequence[PlacedTerm]) -> bool:
     exact = [each for each in chosen if each.word == "bit_shift"]
     if any(_overlap(one.where, each.where) for one in exact for each in chosen if each.word == "gain"):
         return False  # a shift by bits is a gain of a power of two, and no other
-    of_insole = [each for each in chosen if each.where.scope == "insole"]
-    if any(each.term.is_of_load for each in of_insole) and any(
-        not each.term.is_of_load and (each.term.is_memory or each.word in SCALES) for each in of_insole
-    ):
+    if any(each.term.is_of_load for each in chosen) and any(_stands_for_load(each) for each in chosen):
         return False  # what is made of the load differs from what is made of readings by the error itself
     return not any(
         one.word == other.word and _overlap(one.where, other.where)
         for i, one in enumerate(chosen)
         for other in chosen[:i]
     )
+
+
+def _stands_for_load(each: PlacedTerm) -> bool:
+    """Whether it changes the readings of a good part of the insole as a whole."""
+    if each.word in SCALES:
+        return each.where.scope in ("insole", "board")
+    return each.term.is_memory and not each.term.is_of_load and each.where.scope == "insole"
 
 
 def _overlap(one: Where, other: Where) -> bool:
