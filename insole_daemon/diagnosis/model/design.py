@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from ...physics.effect import Where
 from ...physics.law import SCOPES, Array
+from ..observations.reading_faults import DONORS
 from ..observations.wrench import WrenchObservation
 from ..terms import TERMS
 from ..terms.term import Setting, Term, TermColumns
@@ -207,7 +208,7 @@ def place_terms(
 ) -> Iterator[tuple[PlacedTerm, Array, tuple[Array, Array] | None]]:
     """Every candidate with its columns (N, 3, k) and their echo of noise; the columns' numbers count up."""
     seen = load.observation
-    lost = {tuple(identity) for identity in seen.layout.identities[substituted].tolist()}
+    lost = _stood_in(seen, substituted)
     number = 0
     for term in TERMS:
         if term.needs(load) is not None:
@@ -220,7 +221,7 @@ def place_terms(
                     place = where if block.places is None else Where("triangle", block.places[group[0]])
                     places = n_places if block.places is None else block.n_searched or len(block.places)
                     if place.scope == "triangle" and lost & set(place.ids):
-                        continue  # others stand in for what it would read
+                        continue
                     ids = np.arange(number, number + len(group))
                     number += len(group)
                     settings = tuple(block.settings[k] for k in group)
@@ -228,6 +229,16 @@ def place_terms(
                     none = np.empty(0, np.intp)
                     candidate = PlacedTerm(term, place, settings, ids, places, none, block.is_recalibration)
                     yield candidate, column[..., group], own
+
+
+def _stood_in(seen: WrenchObservation, substituted: NDArray[np.bool_]) -> set[tuple[int, ...]]:
+    """Triangles that others stand in for, and those others: what is wrong there would be told of a neighbour."""
+    centres = seen.layout.xy_m.mean(axis=1)
+    rows = [
+        np.argsort(np.linalg.norm(centres - centres[row], axis=1))[: 1 + DONORS] for row in np.flatnonzero(substituted)
+    ]
+    near = np.unique(np.concatenate(rows)) if rows else np.empty(0, np.intp)
+    return {tuple(identity) for identity in seen.layout.identities[near].tolist()}
 
 
 def _placed(

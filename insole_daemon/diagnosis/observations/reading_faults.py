@@ -38,6 +38,7 @@ SPIKE_SIGMAS, LEAST_SPIKES, LEAST_LEAPS = 9.0, 4, 3  # leaps: that no pressure c
 LEAP_ROWS = 3  # of the reference, that it is away for at the most
 NEAR_S = 0.1  # readings and reference may be apart by as much
 MOST_RESTING_COUNT = 30.0  # of activation that a shift of the baseline can hide
+DONORS = 3  # triangles nearby, that stand in for one that hardly works
 APART_S = 1.0  # of two times that are told as one
 MOST_SILENT = 0.5  # of a window's readings, that are cut off
 
@@ -144,7 +145,7 @@ def _substitute(
     for row in np.flatnonzero(substituted):
         near = np.argsort(np.linalg.norm(centres - centres[row], axis=1))
         donors = [j for j in near if working[j].any()]
-        donors = [row] if working[row].sum() >= 3 else [j for j in donors if j != row][:3]
+        donors = [row] if working[row].sum() >= 3 else [j for j in donors if j != row][:DONORS]
         mean = np.mean([activation[:, j][:, working[j]].mean(axis=1) for j in donors], axis=0)
         activation[:, row][:, seen.usable[row] & ~working[row]] = mean[:, None]
     return replace(seen, activation_count=activation)
