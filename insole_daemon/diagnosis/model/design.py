@@ -234,10 +234,8 @@ def place_terms(
 def _stood_in(seen: WrenchObservation, substituted: NDArray[np.bool_]) -> set[tuple[int, ...]]:
     """Triangles that others stand in for, and those others: what is wrong there would be told of a neighbour."""
     centres = seen.layout.xy_m.mean(axis=1)
-    rows = [
-        np.argsort(np.linalg.norm(centres - centres[row], axis=1))[: 1 + DONORS] for row in np.flatnonzero(substituted)
-    ]
-    near = np.unique(np.concatenate(rows)) if rows else np.empty(0, np.intp)
+    apart = np.linalg.norm(centres[substituted][:, None] - centres, axis=-1)
+    near = np.argsort(apart, axis=1)[:, : 1 + DONORS].ravel()
     return {tuple(identity) for identity in seen.layout.identities[near].tolist()}
 
 

@@ -141,6 +141,9 @@ def _step_of_walk(seen: WrenchObservation, own: np.ndarray[tuple[int], np.dtype[
             taken > max(LEAST_STEP_COUNT, CLEAR * float(np.ptp(before)), CLEAR * float(np.ptp(after)))
             and lowest[:k].min() - after.max() > 0.5 * taken
             and before.min() - lowest[k:].max() > 0.5 * taken
+            # The foot was in the air before, and what it reads there later is below what no load reads.
+            and lowest[:k].min() < LEAST_COUNT
+            and after.max() < -LEAST_STEP_COUNT
         ):
             rows = np.arange((k - 1) * long, (k + 1) * long)
             return int(rows[np.argmax(level[rows] - level[rows + 2 * width])]) + width

@@ -78,6 +78,11 @@ def test_nothing_is_found_where_nothing_is(tmp_path, clock):
     assert not found["findings"]
 
 
+def test_a_walk_after_a_while_on_the_foot_is_no_board_zeroed(tmp_path):
+    found = diagnose(write(tmp_path / "walk", seconds=40.0, stands_s=9.0), tmp_path / "out")
+    assert not found["findings"]
+
+
 def test_a_shoe_whose_clock_runs_away_is_reported_with_its_rate(tmp_path):
     walk = write(tmp_path / "walk", clock="own", seconds=40.0)
     rows = (walk / "reference.csv").read_text().splitlines()
