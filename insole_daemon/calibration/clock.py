@@ -40,6 +40,7 @@ _SLOW_S = 8.0  # what changes over more than this is no edge
 _SLOPE_S = 0.2  # that slopes are taken over: the difference of two readings is mostly noise
 _FLAT = 0.01  # of the reference's variance, added to it: a stretch in which it rests fits everything
 _SMOOTHED_S = 0.5
+_CLEARER = 0.5  # of what one way leaves unexplained, that the other may
 _MOST_STEPS = 20  # Gauss–Newton: it ends by itself after three to six
 _SMALL_STEP_S = 1e-5
 _TUKEY = 4.685  # robust standard deviations beyond which a sample counts nothing: 95 % efficient if all are good
@@ -100,9 +101,10 @@ def fit_clock(
     given = given[:, moves]
     pair = _Pair(t_s, features, reference_s, given, has_rate=most_rate > 0)
     at = pair.search(most_offset_s, most_rate)
-    # Averaged streams lead there from further away, and sometimes past it.
-    near = [pair.refined(at, 0.0), pair.refined(pair.refined(at, _SMOOTHED_S), 0.0)]
-    found = max((pair.judged(each) for each in near), key=lambda each: each.explained)
+    # Averaged streams lead there from further away, and seldom past it.
+    found, near = pair.judged(pair.refined(pair.refined(at, _SMOOTHED_S), 0.0)), pair.judged(pair.refined(at, 0.0))
+    if 1.0 - near.explained < _CLEARER * (1.0 - found.explained):
+        found = near
     if not found.explained > _LEAST_EXPLAINED:
         raise CalibrationError(
             f"the reference does not follow the taxels: at best {max(found.explained, 0.0):.0%} of its edges are "

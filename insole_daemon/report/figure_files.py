@@ -17,6 +17,7 @@ svg { font-family: system-ui, "DejaVu Sans", "Liberation Sans", sans-serif; font
 """
 _LITERAL = LIGHT | {f"c{at}": colour for at, colour in enumerate(CATEGORIES)}
 _ONE_PAGE = b"""\
+#set document(date: none)
 #set page(width: auto, height: auto, margin: 0pt)
 #image(bytes(sys.inputs.drawing), format: "svg")
 """
@@ -49,7 +50,7 @@ def has_pdf() -> bool:
 
 
 def to_pdf(svg: str) -> bytes:
-    """Return a standalone SVG as a PDF of one page of its size, its letters as text."""
+    """Return a standalone SVG as a PDF of one page of its size, its letters as text: the same bytes at any time."""
     import typst
 
     document: bytes = typst.compile(_ONE_PAGE, sys_inputs={"drawing": svg})

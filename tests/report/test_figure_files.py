@@ -57,6 +57,7 @@ def test_a_pdf_is_one_page_of_the_drawings_size_with_letters_as_text() -> None:
         svg = figure_files.standalone(drawing(name))
         pdf = figure_files.to_pdf(svg)
         assert pdf.startswith(b"%PDF-")
+        assert b"/CreationDate" not in pdf, "a page of the same results has the same bytes at any time"
         assert len(re.findall(rb"/Type\s*/Page\b", pdf)) == 1
         root = ElementTree.fromstring(svg).attrib
         box = re.search(rb"/MediaBox\s*\[([\d. ]+)\]", pdf)
