@@ -23,7 +23,8 @@ from scipy.optimize import minimize
 
 from insole_daemon.diagnosis.finding import Finding
 from insole_daemon.diagnosis.observations.walk import observe_walk
-from insole_daemon.diagnosis.pipeline import diagnose_one, static_model
+from insole_daemon.diagnosis.observing import static_model
+from insole_daemon.diagnosis.one_recording import diagnose_one
 from insole_daemon.diagnosis.select.confidence import features
 from insole_daemon.errors import InsoleError
 from insole_daemon.recording.loading import load

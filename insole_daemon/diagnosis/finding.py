@@ -70,5 +70,10 @@ class Finding:
         return found
 
 
+def heldout_of(load_is_known: bool, before: float, after: float) -> dict[str, Any]:
+    """The field of a `Finding` that holds the errors before and after it, in the unit of its rows."""
+    return {"heldout_count" if load_is_known else "heldout_n": (before, after)}
+
+
 def _plain(value: Any) -> Any:
     return [_plain(x) for x in value] if np.ndim(value) else round(float(value), 9)

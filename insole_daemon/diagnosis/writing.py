@@ -9,8 +9,8 @@ from typing import Any
 
 from ..errors import FileError
 from ..files import write_text
-from .pipeline import WrenchDiagnosis
 from .reporting import wrench
+from .result import Diagnosis
 
 FILES = ("model.json", "report.html", "diagnosis.json")  # the last one says that all are there
 
@@ -24,7 +24,7 @@ def refuse_taken(out: Path) -> None:
         raise FileError(f"{out}: there is a diagnosis already ({', '.join(there)}): name another folder")
 
 
-def write(diagnosis: WrenchDiagnosis, out: Path) -> None:
+def write(diagnosis: Diagnosis, out: Path) -> None:
     """Write FILES into `out`; FileError where that fails, and then none of them stays."""
     contents = dict(
         zip(FILES, (_json(diagnosis.model), wrench.html(diagnosis), _json(diagnosis.document())), strict=True)

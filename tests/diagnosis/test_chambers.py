@@ -11,14 +11,14 @@ import pytest
 
 import insole_daemon
 from insole_daemon.diagnosis import pipeline
-from insole_daemon.diagnosis.pipeline import WrenchDiagnosis
+from insole_daemon.diagnosis.result import Diagnosis
 from insole_daemon.errors import DiagnosisError
 from insole_daemon.recording.loading import FootRecording
 
 from .chamber import BEGAN_S, LAYOUT, SLOTS, WHOLE, Array, relaxing, write
 
 
-def diagnose(*folders: Path) -> WrenchDiagnosis:
+def diagnose(*folders: Path) -> Diagnosis:
     return pipeline.diagnose([insole_daemon.load(folder) for folder in folders], None, lambda text: None)
 
 

@@ -8,19 +8,20 @@ from typer.testing import CliRunner
 
 import insole_daemon
 from insole_daemon.cli import app
-from insole_daemon.diagnosis.pipeline import WrenchDiagnosis, diagnose
+from insole_daemon.diagnosis.pipeline import diagnose
 from insole_daemon.diagnosis.prediction import counts
+from insole_daemon.diagnosis.result import Diagnosis
 from insole_daemon.errors import DiagnosisError, UndecidableError
 from insole_daemon.physics.effect import Where
 
 from .chamber import LAYOUT, NOISE_COUNT, SLOTS, bouc_wen, relaxing, write
 
 
-def found(*folders) -> WrenchDiagnosis:
+def found(*folders) -> Diagnosis:
     return diagnose([insole_daemon.load(folder) for folder in folders], None, lambda text: None)
 
 
-def words(diagnosis: WrenchDiagnosis) -> list[str]:
+def words(diagnosis: Diagnosis) -> list[str]:
     return [finding.effect for finding in diagnosis.findings]
 
 

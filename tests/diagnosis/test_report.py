@@ -9,9 +9,10 @@ import pytest
 
 import insole_daemon
 from insole_daemon.diagnosis import writing
-from insole_daemon.diagnosis.pipeline import WrenchDiagnosis, diagnose
+from insole_daemon.diagnosis.pipeline import diagnose
 from insole_daemon.diagnosis.reporting.meanings import FAULTS, MEANINGS
 from insole_daemon.diagnosis.reporting.wrench import html
+from insole_daemon.diagnosis.result import Diagnosis
 from insole_daemon.diagnosis.terms import TERMS
 from insole_daemon.errors import FileError
 from insole_daemon.physics.effects import laws
@@ -22,7 +23,7 @@ BOARD_6 = LAYOUT.identities[:, 0].repeat(12) == 6
 
 
 @pytest.fixture(scope="module")
-def diagnosed(tmp_path_factory) -> WrenchDiagnosis:
+def diagnosed(tmp_path_factory) -> Diagnosis:
     folder = write(tmp_path_factory.mktemp("solid") / "solid", relaxing(0.3, 0.8), BOARD_6, clock="own", seconds=60.0)
     return diagnose([insole_daemon.load(folder)], None, lambda text: None)
 

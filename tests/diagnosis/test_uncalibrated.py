@@ -9,12 +9,13 @@ import pytest
 
 import insole_daemon
 from insole_daemon.diagnosis.observations.own_curves import turned_round
-from insole_daemon.diagnosis.pipeline import WrenchDiagnosis, diagnose
+from insole_daemon.diagnosis.pipeline import diagnose
+from insole_daemon.diagnosis.result import Diagnosis
 
 from .chamber import LAYOUT, Array, load, relaxing, write
 
 
-def without_calibration(folder: Path) -> WrenchDiagnosis:
+def without_calibration(folder: Path) -> Diagnosis:
     document = folder / "recording.yaml"
     document.write_text("\n".join(row for row in document.read_text().splitlines() if "calibration:" not in row) + "\n")
     (folder / "calibration.json").unlink()

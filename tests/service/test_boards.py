@@ -58,6 +58,9 @@ class Rig:
             thread.start()
             try:
                 with insole_daemon.connect(zenoh.listen[0]) as insole:
+                    until = time.monotonic() + 10
+                    while not insole.feet() and time.monotonic() < until:
+                        time.sleep(0.01)  # it announces its feet once all can be asked
                     yield insole
             finally:
                 daemon.stop()

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
+from ...errors import EffectError
 from ...physics.effect import Effect, Where, effect
 from ...physics.effects import laws
 from ...physics.law import MOST_SHARED
 from ..finding import Quantity
+from ..observations.wrench import WrenchObservation
 
 
 def as_effect(word: str, place: Where, parameters: Mapping[str, Quantity]) -> Effect:
@@ -19,6 +22,25 @@ def as_effect(word: str, place: Where, parameters: Mapping[str, Quantity]) -> Ef
         if np.ndim(values.get(name, 0.0)):
             values[name] = values[name] * min(1.0, MOST_SHARED / max(float(np.sum(values[name])), 1e-9))
     return effect(word, place, **values)
+
+
+def effect_of(word: str, where: Where, parameters: Mapping[str, Quantity], seen: WrenchObservation) -> Effect | None:
+    """As a chain runs it; None where there is no law, or its values lie beyond what can be undone."""
+    if word not in laws():
+        return None
+    named = {each.name for each in laws()[word].parameters}
+    own = {name: quantity for name, quantity in parameters.items() if name in named}
+    if word == "swapped_triangles":
+        own["pair"] = Quantity([list(identity) for identity in where.ids], np.zeros((2, 2)), "1")
+        where = Where()
+    if word == "drift":
+        own["t_s"] = replace(own["t_s"], value=[float(t) for t in own["t_s"].value])
+    try:
+        found = as_effect(word, where, own)
+    except EffectError:
+        return None
+    highest = float(np.ceil(seen.pressure_pa.max()))
+    return replace(found, valid_range={"pressure_pa": (0.0, highest)}) if found.law.domain == "pressure" else found
 
 
 def _bounds(word: str, name: str) -> tuple[float, float]:

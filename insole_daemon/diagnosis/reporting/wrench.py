@@ -8,7 +8,7 @@ from ...report import page
 from ...report.insole_map import word_map
 from ...report.plot import Plot, axis
 from ...skin.geometry import PRESSURE_TAXELS
-from ..pipeline import WalkResult, WrenchDiagnosis
+from ..result import Diagnosis, RecordingResult
 from . import first_page, numbers
 
 CHANNELS = ["f_z", "m_x", "m_y"]
@@ -16,7 +16,7 @@ NO_PLACE_OF_PHYSICS = ("frame_loss", "noise_burst", "reference_fault", "clock") 
 SHOWN_S = 6.0  # of the trace: so that a heel strike can be seen
 
 
-def html(diagnosis: WrenchDiagnosis) -> str:
+def html(diagnosis: Diagnosis) -> str:
     """One file, complete in itself."""
     foot = diagnosis.results[0].seen.layout.foot
     lead = f"{first_page.verdict_sentence(diagnosis)} Recorded in {', '.join(diagnosis.recordings)}."
@@ -25,7 +25,7 @@ def html(diagnosis: WrenchDiagnosis) -> str:
     return page.page(f"Diagnosis of the {foot} insole against {what}", lead, parts(diagnosis))
 
 
-def parts(diagnosis: WrenchDiagnosis) -> list[str]:
+def parts(diagnosis: Diagnosis) -> list[str]:
     """Its sections."""
     return [
         _facts(diagnosis),
@@ -42,7 +42,7 @@ def parts(diagnosis: WrenchDiagnosis) -> list[str]:
     ]
 
 
-def _places(diagnosis: WrenchDiagnosis) -> str:
+def _places(diagnosis: Diagnosis) -> str:
     """What was found at which taxel, toes up."""
     layout = diagnosis.results[0].seen.layout
     words: dict[int, list[str]] = {}
@@ -65,7 +65,7 @@ def _places(diagnosis: WrenchDiagnosis) -> str:
     return page.figure(word_map(layout, shown, "nothing", "what was found where"), text)
 
 
-def _facts(diagnosis: WrenchDiagnosis) -> str:
+def _facts(diagnosis: Diagnosis) -> str:
     heldout = diagnosis.heldout
     what, unit = ("a reading", "counts") if heldout["unit"] == "count" else ("the force", heldout["unit"])
     moments = [
@@ -81,7 +81,7 @@ def _facts(diagnosis: WrenchDiagnosis) -> str:
     )
 
 
-def _trace(result: WalkResult) -> str:
+def _trace(result: RecordingResult) -> str:
     """The force and its error where the findings change most, over a few seconds."""
     seen, found = result.seen, result.figures
     size = max(round(SHOWN_S / seen.step_s), 10)
@@ -108,7 +108,7 @@ def _trace(result: WalkResult) -> str:
     )
 
 
-def _singles(result: WalkResult) -> str:
+def _singles(result: RecordingResult) -> str:
     if not result.candidates:
         return page.paragraph("No term explains more than noise does.")
     rows = [(word.replace("_", " "), f"{gain:.2f}", f"{score:.2f}") for word, gain, score in result.candidates]
@@ -116,7 +116,7 @@ def _singles(result: WalkResult) -> str:
     return page.paragraph(text) + page.table(("term", "takes away", "after its price"), rows)
 
 
-def _noise(diagnosis: WrenchDiagnosis) -> str:
+def _noise(diagnosis: Diagnosis) -> str:
     rows = []
     for each in diagnosis.results:
         names = [f"{b}.{t}" for b, t in each.seen.layout.identities.tolist()] if each.seen.load_is_known else CHANNELS

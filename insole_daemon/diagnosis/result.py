@@ -1,0 +1,56 @@
+"""What a diagnosis is told from: of each recording, and of all together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .. import __version__
+from ..physics.effect import Effect
+from .export import wrench_model
+from .finding import Finding
+from .model.blocks import BlockDesign
+from .model.design import Design
+from .model.refine import Refined
+from .model.regression import Timing
+from .observations.reading_faults import ReadingFaults
+from .observations.wrench import WrenchObservation
+from .outcome import Outcome
+from .select.wrench_figures import Figures
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecordingResult:
+    """What one recording came to."""
+
+    faults: ReadingFaults
+    design: Design | BlockDesign
+    refined: Refined[Any]
+    figures: Figures
+    findings: tuple[Finding, ...]
+    effects: tuple[Effect, ...]
+    candidates: tuple[tuple[str, float, float], ...]  # best single sets: words, gain and score in units of the rows
+    not_identifiable: tuple[dict[str, str], ...]
+    is_unknown: bool
+    timing: Timing
+
+    @property
+    def seen(self) -> WrenchObservation:
+        """Its rows."""
+        return self.design.load.observation
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Diagnosis(Outcome):
+    """What is said of recordings of one kind, and what it was told from."""
+
+    results: tuple[RecordingResult, ...]
+    effects: tuple[Effect, ...]
+
+    def static(self) -> dict[str, Any]:
+        """The static model that was asked about, as `insole-calibration/1`."""
+        seen = self.results[0].seen
+        nothing = np.zeros(seen.usable.shape, bool)
+        return wrench_model.document(seen, (), (), {"made_by": f"insole diagnose {__version__}"}, None, nothing)
