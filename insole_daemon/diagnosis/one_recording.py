@@ -12,7 +12,7 @@ from ..physics.effect import Effect, Where
 from ..physics.effects import laws
 from ..recording.loading import FootRecording
 from . import sentences
-from .export.as_effect import effect_of
+from .export.as_effect import effect_of, preloads
 from .finding import Finding, Quantity, heldout_of
 from .gathering import join_places
 from .model.blocks import RECALIBRATIONS, BlockDesign, Priors
@@ -89,8 +89,10 @@ def diagnose_one(seen: WrenchObservation, foot: FootRecording, progress: Callabl
             offset = parameters[i]["offset_s"]
             parameters[i]["offset_s"] = replace(offset, value=offset.value - timing.delay_s)
         where = refined.design.candidates[i].where
-        effect = effect_of(words[i], where, parameters[i], seen)
-        effects += [] if effect is None else [effect]
+        if words[i] == "preload" and seen.load_is_known:
+            effects += preloads(where, refined.of_laws.shares[i], seen)
+        elif (effect := effect_of(words[i], where, parameters[i], seen)) is not None:
+            effects.append(effect)
         findings.append(_finding(words[i], where, parameters[i], gain, seen, found, search, kept.best, i))
     findings = list(join_places(findings, seen))
     effects.sort(key=lambda each: np.inf if each.law.order is None else each.law.order)  # the order of the signal path

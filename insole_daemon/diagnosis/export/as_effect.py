@@ -10,9 +10,11 @@ import numpy as np
 from ...errors import EffectError
 from ...physics.effect import Effect, Where, effect
 from ...physics.effects import laws
-from ...physics.law import MOST_SHARED
+from ...physics.law import MOST_SHARED, Array
+from ...skin.geometry import N_TAXELS
 from ..finding import Quantity
 from ..observations.wrench import WrenchObservation
+from ..terms.preload import profile
 
 
 def as_effect(word: str, place: Where, parameters: Mapping[str, Quantity]) -> Effect:
@@ -41,6 +43,15 @@ def effect_of(word: str, where: Where, parameters: Mapping[str, Quantity], seen:
         return None
     highest = float(np.ceil(seen.pressure_pa.max()))
     return replace(found, valid_range={"pressure_pa": (0.0, highest)}) if found.law.domain == "pressure" else found
+
+
+def preloads(where: Where, shares: Array, seen: WrenchObservation) -> list[Effect]:
+    """One on every triangle at `where`: straps press more under them than elsewhere. `shares` of `terms.preload`."""
+    rows = np.unique(where.slots(seen.layout) // N_TAXELS)
+    p0_pa = profile(seen.layout, shares)
+    places = [(Where("triangle", (tuple(seen.layout.identities[row].tolist()),)), p0_pa[row]) for row in rows]
+    found = [effect_of("preload", place, {"p0_pa": Quantity(float(value), 0.0, "Pa")}, seen) for place, value in places]
+    return [each for each in found if each is not None]
 
 
 def _bounds(word: str, name: str) -> tuple[float, float]:

@@ -166,7 +166,8 @@ class BlockDesign:
         """(c,) squared sum, in variances of the noise, of the smallest effect worth a name, of each candidate."""
         taxels = self.seen.usable.sum(axis=1).astype(float)
         at = self.mask[[each.columns[0] for each in self.candidates]]
-        return np.asarray(LEAST_SIZE**2 * self.n_rows * (at @ taxels))
+        shown = np.array([each.in_means for each in self.candidates])
+        return np.asarray(LEAST_SIZE**2 * self.n_rows * (at @ taxels) * shown)
 
     @cached_property
     def _with_shared(self) -> Array:
@@ -261,7 +262,7 @@ class BlockDesign:
 
     def is_within_priors(self, candidate: PlacedTerm) -> bool:
         """Static terms: each triangle's calibration may be off by what they are, but for its prior."""
-        return candidate.word in RECALIBRATIONS
+        return candidate.word in (*RECALIBRATIONS, "preload")  # on a straight curve this is a baseline
 
     def retimed(self, timing: Timing) -> BlockDesign:
         """Against the reference after `timing`."""
@@ -484,7 +485,9 @@ def _placed(
                 atom += [first + j for j in group]
                 mask += [rows] * len(group)
                 settings = tuple(block.settings[j] for j in group)
-                candidates.append(PlacedTerm(term, where, settings, ids, n_places, np.empty(0, np.intp)))
+                candidates.append(PlacedTerm(
+                    term, where, settings, ids, n_places, np.empty(0, np.intp), in_means=block.in_means
+                ))  # fmt: skip
         first += k
     return candidates, np.array(atom, np.intp), np.array(mask)
 

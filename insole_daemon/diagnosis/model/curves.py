@@ -53,14 +53,14 @@ def curve_splines(activation_count: Array, usable: NDArray[np.bool_]) -> CurveSp
 
 
 def fit_curves(
-    off_count: Array, columns: Array, known: NDArray[np.bool_], std_count: float, noise_count: Array
+    off_count: Array, columns: Array, known: NDArray[np.bool_], std_count: Array, noise_count: Array
 ) -> Array:
     """(T, 12, k) shares of splines `columns` (N, T, 12, k) that counts (N, T, 12) are off by, in rows `known` (N, T).
 
-    Ridge regression with the prior `std_count`; `noise_count` (T, 12).
+    Ridge regression with the prior `std_count` (T,); `noise_count` (T, 12).
     """
     there = columns * known[..., None, None]
     gram = np.einsum("ntik,ntil->tikl", there, there)
     right = np.einsum("ntik,nti->tik", there, off_count)
-    prior = (np.maximum(noise_count, 0.1) / std_count) ** 2
+    prior = (np.maximum(noise_count, 0.1) / std_count[:, None]) ** 2
     return np.asarray(np.linalg.solve(gram + prior[..., None, None] * np.eye(N_SPLINES), right[..., None])[..., 0])

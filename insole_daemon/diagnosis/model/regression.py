@@ -36,6 +36,7 @@ class PlacedTerm:
     n_places: int  # how many places of this scope were searched
     companions: NDArray[np.intp]  # columns of the static part that a calibration may have absorbed
     is_recalibration: bool = False  # nuisances hold the same within their priors
+    in_means: float = 1.0  # of its mean square over taxels, that rows which are means of triangles show
     companion_words: tuple[str, ...] = ()
     companion_std: tuple[float, ...] = ()  # of their shares, for a share of 1 of the term
 

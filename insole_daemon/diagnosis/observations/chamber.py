@@ -104,8 +104,7 @@ class ChamberObservation(WrenchObservation):
     @cached_property
     def counting_variance(self) -> Array:
         """(N, T, 1) variance of each triangle's mean pressure by the noise of its readings."""
-        found = self._squared((self.slope_at(self.expected_count) * self.noise_count) ** 2)
-        return found if self.loudness is None else found * self.loudness[..., None] ** 2
+        return self.variance_of((self.slope_at(self.expected_count) * self.noise_count) ** 2)
 
     @property
     def wrench(self) -> Array:

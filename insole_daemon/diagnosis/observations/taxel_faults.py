@@ -18,6 +18,7 @@ from ...skin.geometry import N_TAXELS
 from ..finding import Finding, Quantity
 from ..places import said
 from .chamber import ChamberObservation
+from .spread import spread
 from .wrench import WrenchObservation
 
 LEAST_TAXELS = 6  # of a triangle, that a median is taken of
@@ -33,7 +34,7 @@ def with_taxels(seen: WrenchObservation, working: NDArray[np.bool_]) -> tuple[Wr
     if not isinstance(seen, ChamberObservation) or seen.has_own_curves:
         return seen, []
     off, known = _off_count(seen, working), np.isfinite(seen.weight_variance)
-    expected = seen.expected_count
+    expected, beside = seen.expected_count, _spread_count(seen)
     shape = seen.usable.shape
     gain, shift = np.full(shape, np.nan), np.full(shape, np.nan)
     for row, taxel in np.argwhere(working).tolist():
@@ -47,7 +48,8 @@ def with_taxels(seen: WrenchObservation, working: NDArray[np.bool_]) -> tuple[Wr
     odd &= odd.sum(axis=1, keepdims=True) <= MOST_ODD * working.sum(axis=1, keepdims=True)
     for row, taxel in np.argwhere(odd).tolist():
         rows = known[:, row] & np.isfinite(off[:, row, taxel])
-        told = _told(expected[rows, row, taxel], off[rows, row, taxel], float(seen.noise_count[row, taxel]))
+        noise_count = float(seen.noise_count[row, taxel])
+        told = _told(expected[rows, row, taxel], beside[rows, row, taxel], off[rows, row, taxel], noise_count)
         if told is None:
             continue
         word, value, square = told
@@ -70,6 +72,16 @@ def _off_count(seen: ChamberObservation, working: NDArray[np.bool_]) -> Array:
     return np.asarray(np.where(enough, above - middle, np.nan) / np.maximum(seen.slope_pa, 1e-9))
 
 
+def _spread_count(seen: ChamberObservation) -> Array:
+    """(N, T, 12, k) counts by which taxels would read more, other than their triangle, if load were spread so far."""
+    if seen.is_uniform:
+        return np.zeros((*seen.slope_pa.shape, 0))
+    load, *further = spread(seen, seen.load_pa(seen.reference_s))
+    more = [np.where(seen.usable, each - load, 0.0) for each in further]
+    apart = np.stack([each - np.median(each, axis=2, keepdims=True) for each in more], axis=-1)
+    return np.asarray(apart / np.maximum(seen.slope_pa, 1e-9)[..., None])
+
+
 def _static(expected: Array, off: Array) -> tuple[float, float]:
     """How much more than 1 the gain is, and the counts that are missing at rest."""
     design = np.stack([expected, -np.ones_like(expected)], axis=1)
@@ -87,14 +99,20 @@ def _odd(values: Array) -> NDArray[np.bool_]:
     return np.asarray(np.nan_to_num(away) > CLEAR * max(scale, 1e-9))
 
 
-def _told(expected: Array, off: Array, noise_count: float) -> tuple[str, float, float] | None:
-    """The one static word that explains what a taxel is off by, its value and mean square; None: none does."""
+def _told(expected: Array, beside: Array, off: Array, noise_count: float) -> tuple[str, float, float] | None:
+    """The one static word that explains what a taxel is off by, its value and mean square; None: none does.
+
+    Nor where load of its neighbours explains as much, `beside` (n, k): that a cover spreads, or another shoe.
+    """
     whole = float(np.mean(off**2))
     noise = float(np.mean(np.diff(off) ** 2) / 2.0)
     gain = float(expected @ off / max(float(expected @ expected), 1e-12))
     shift = -float(np.mean(off))
     squares = {"gain": gain**2 * float(np.mean(expected**2)), "baseline": shift**2}
     word = max(squares, key=lambda each: squares[each])
+    by_spread = (off @ beside) ** 2 / np.maximum(np.sum(beside**2, axis=0), 1e-12) / len(off)
+    if np.any(by_spread >= squares[word]):
+        return None
     if squares[word] < (LEAST_SIZE * noise_count) ** 2 or squares[word] < LEAST_SHARE * (whole - noise):
         return None
     return word, gain if word == "gain" else shift, squares[word]

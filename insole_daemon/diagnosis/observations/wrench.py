@@ -266,11 +266,12 @@ class WrenchObservation:
     @cached_property
     def counting_variance(self) -> Array:
         """(N, T, 3) variance of each triangle's wrench by the noise of its readings."""
-        found = self._squared((self.slope_pa * self.noise_count) ** 2)
-        return found if self.loudness is None else found * self.loudness[..., None] ** 2
+        return self.variance_of((self.slope_pa * self.noise_count) ** 2)
 
-    def _squared(self, variance_pa2: Array) -> Array:
-        return np.asarray(np.matmul(variance_pa2.transpose(1, 0, 2), self.arms**2).transpose(1, 0, 2))
+    def variance_of(self, variance_pa2: Array) -> Array:
+        """(N, T, 3) variance of each triangle's wrench by that of its taxels (N, T, 12), as they are usually."""
+        found = np.asarray(np.matmul(variance_pa2.transpose(1, 0, 2), self.arms**2).transpose(1, 0, 2))
+        return found if self.loudness is None else found * self.loudness[..., None] ** 2
 
     @cached_property
     def unresolved(self) -> dict[int, Array]:

@@ -17,7 +17,9 @@ from ..model.solve import absorbed_std
 from .residual_tests import lack_of_fit
 from .wrench_figures import FOLD_S, N_FOLDS, Figures
 
-REFITTED_COUNT = 5.0  # standard deviation of what a memory leaves in the curve of a taxel
+REFITTED_COUNT = 5.0  # standard deviation of what a memory leaves in the curve of a taxel, at the most
+LEAST_REFITTED_COUNT = 1e-3  # where no memory is: as good as nothing
+OUTER = 0.998  # quantile that stands for the largest
 ALIGNING = ("offset_s", "rate")
 
 
@@ -53,14 +55,17 @@ def count_figures(refined: Refined[BlockDesign], order: Sequence[int]) -> Figure
     off = _off(design, as_read, left, sum(apart))
     recalibrated = None
     is_loose = design.priors.has_loose_curves
+    every_curve = np.full(len(known.T), max(design.priors.curve_count, REFITTED_COUNT))
+    std_count = every_curve if is_loose else _absorbed_count(law)
     if is_loose or any(each.term.is_memory for each in design.candidates):
         # The calibration may have been made with the memory at work.
         splines = curve_splines(seen.expected_count, seen.usable)
-        recalibrated = CurveShares(splines, _curves(design, off, _columns_at(design, off, splines), known))
-        off = _heldout_less_curves(design, off, splines, fold)
+        recalibrated = CurveShares(splines, _curves(design, off, _columns_at(design, off, splines), known, std_count))
+        off = _heldout_less_curves(design, off, splines, fold, std_count)
     static = _off(design, as_read, before)
     if seen.has_own_curves:  # nothing was handed in: it is compared with the static curves that fit best
-        static = _heldout_less_curves(design, static, curve_splines(seen.expected_count, seen.usable), fold)
+        splines = curve_splines(seen.expected_count, seen.usable)
+        static = _heldout_less_curves(design, static, splines, fold, every_curve)
     squares = [_square(design, static), _square(design, off)]
     gains: list[float] = []
     previous = _square(design, _off(design, as_read, design.y - nuisance.shared[:, :, aligning] @ unmoved[aligning]))
@@ -75,7 +80,7 @@ def count_figures(refined: Refined[BlockDesign], order: Sequence[int]) -> Figure
         off = _off(design, as_read, rest, sum(apart[:m]))
         if recalibrated is not None and is_loose:
             columns = _columns_at(design, off, recalibrated.splines)
-            off = _less_curves(off, columns, _curves(design, off, columns, known))
+            off = _less_curves(off, columns, _curves(design, off, columns, known, std_count))
         square = _square(design, off)
         gains.append(max(previous - square, 0.0))
         previous = min(previous, square)
@@ -169,8 +174,22 @@ def _off(design: BlockDesign, as_read: Array, left: Array, apart_pa: Array | flo
     return np.asarray(seen.activation_at(seen.load_less(moved, apart_pa)) - seen.activation_count)
 
 
-def _curves(design: BlockDesign, off: Array, columns: Array, known: NDArray[np.bool_]) -> Array:
-    return fit_curves(off, columns, known, max(design.priors.curve_count, REFITTED_COUNT), design.seen.noise_count)
+def _absorbed_count(law: Refined[BlockDesign]) -> Array:
+    """(T,) counts that the curves of a calibration may contain of the memories: no more than these move readings."""
+    design, found = law.design, np.zeros(len(law.design.seen.layout))
+    usable = design.seen.usable
+    slope = np.sum(design.seen.slope_pa * usable, axis=2) / np.maximum(usable.sum(axis=1), 1)  # (N, T) Pa a count
+    for candidate, shares in zip(design.candidates, law.shares, strict=True):
+        if candidate.term.is_memory:
+            columns = design.atoms.x[:, :, design.atom[candidate.columns]] @ shares  # (T, N)
+            size = np.where(design.weights > 0, 1.0 / np.maximum(design.weights * slope, 1e-12), 0.0)
+            moved = np.abs(columns.T * size * design.mask[candidate.columns[0]])
+            found += np.quantile(moved, OUTER, axis=0)
+    return np.asarray(np.clip(found, LEAST_REFITTED_COUNT, REFITTED_COUNT))
+
+
+def _curves(design: BlockDesign, off: Array, columns: Array, known: NDArray[np.bool_], std_count: Array) -> Array:
+    return fit_curves(off, columns, known, std_count, design.seen.noise_count)
 
 
 def _columns_at(design: BlockDesign, off: Array, splines: CurveSplines) -> Array:
@@ -178,12 +197,14 @@ def _columns_at(design: BlockDesign, off: Array, splines: CurveSplines) -> Array
     return np.stack(splines.at(off + design.seen.activation_count), axis=-1)
 
 
-def _heldout_less_curves(design: BlockDesign, off: Array, splines: CurveSplines, fold: NDArray[np.intp]) -> Array:
+def _heldout_less_curves(
+    design: BlockDesign, off: Array, splines: CurveSplines, fold: NDArray[np.intp], std_count: Array
+) -> Array:
     """`off` less what each taxel's own curve is off by, fitted to the other folds of rows."""
     known, found, columns = design.weights > 0, np.empty_like(off), _columns_at(design, off, splines)
     for k in range(N_FOLDS):
         held = fold == k
-        shares = _curves(design, off, columns, known & ~held[:, None])
+        shares = _curves(design, off, columns, known & ~held[:, None], std_count)
         found[held] = _less_curves(off[held], columns[held], shares)
     return found
 

@@ -12,12 +12,16 @@ STEPS = (-2, -1, 1, 2)  # the real shift less the believed one
 
 
 def _columns(load: LoadEstimate) -> list[TermColumns]:
-    """A column for each step: the wrench of g(a·2^step) − g(a)."""
+    """A column for each step: the wrench of g(a·2^step) − g(a), with more or less of the readings' noise."""
     seen = load.observation
-    found = []
+    activation, noise = seen.activation_count, seen.noise_count
+    found, before = [], seen.slope_at(activation)
     for step in STEPS:
-        pressure = seen.static_pa(seen.activation_count * 2.0**step)
-        found.append(TermColumns(({"step": float(step)},), load.wrench_of(pressure - seen.pressure_pa)[..., None]))
+        times = 2.0**step
+        column = load.wrench_of(seen.static_pa(activation * times) - seen.pressure_pa)[..., None]
+        more = times * seen.slope_at(activation * times) - before
+        echo = -seen.variance_of(before * more * noise**2), seen.variance_of((more * noise) ** 2)
+        found.append(TermColumns(({"step": float(step)},), column, echo=(echo[0][..., None], echo[1][..., None])))
     return found
 
 

@@ -57,6 +57,7 @@ TERM = Term(
     known_parameters=_known_parameters,
     plausible=0.1,
     limit=4.0,
+    is_possible=lambda settings, shares, load_is_known: not load_is_known or float(np.sum(shares)) <= 1.0,
     absorbs={**ABSORBED, "uneven_loops": UNEVEN},
     misfit=0.03,
 )

@@ -11,7 +11,7 @@ from ...physics.law import Array
 from ..model.load import LoadEstimate
 from ..observations.load_field import Move
 from ..observations.paired import PairedObservation
-from .term import Setting, Term, TermColumns
+from .term import Setting, Term, TermColumns, in_means
 
 # What is moved, the step a slope is taken over, and what a share of 1 is.
 MOVES = (("x_mm", 1.0, 1.0), ("y_mm", 1.0, 1.0), ("rotation_deg", 1.0, 1.0), ("log_scale", 0.02, 0.01))
@@ -45,12 +45,15 @@ def _of_field(seen: PairedObservation, load: LoadEstimate) -> TermColumns:
     """Of loads with places: what taxels that lie elsewhere feel, at the slope between steps both ways."""
     assert seen.field is not None
     rows = np.arange(len(seen.layout))
-    found = []
+    found, moved_pa = [], np.zeros_like(load.pressure_pa)
     for name, step, scale in MOVES:
         ahead, behind = (seen.field.moved(Move(**{name: side * step}), rows) for side in (0.5, -0.5))
         slope = replace(seen.field, shapes=(behind.shapes - ahead.shapes) * (scale / step))
-        found.append(load.wrench_of(slope.at(seen.reference_s)))
-    return TermColumns(({},) * 4, by_triangle=np.stack(found, axis=-1), joint=True)
+        own_pa = slope.at(seen.reference_s)
+        moved_pa += own_pa
+        found.append(load.wrench_of(own_pa))
+    shown = in_means(load, moved_pa)
+    return TermColumns(({},) * 4, by_triangle=np.stack(found, axis=-1), joint=True, in_means=shown)
 
 
 def _parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:

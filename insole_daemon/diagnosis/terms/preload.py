@@ -1,4 +1,4 @@
-"""`preload`: straps press where the reference sees nothing. q = P + p0."""
+"""`preload`: straps press where the reference sees nothing, more under them than elsewhere. q = P + p0."""
 
 from __future__ import annotations
 
@@ -7,19 +7,34 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...physics.law import Array
+from ...skin.layout import Layout
 from ..model.load import LoadEstimate
 from .term import Setting, Term, TermColumns
 
+HATS = 5  # along the foot, between which the pressure of straps is straight
+
 
 def _columns(load: LoadEstimate) -> list[TermColumns]:
-    """One column: the wrench of −1 Pa everywhere."""
-    own = load.wrench_of(-np.ones_like(load.slope_pa))[..., None]
-    return [TermColumns(({},), by_triangle=own, is_recalibration=True)]
+    """The wrench of −1 Pa everywhere; where the load is known, of −1 Pa at places along the foot: joint hats."""
+    everywhere = -np.ones_like(load.slope_pa)
+    if not load.is_known:
+        return [TermColumns(({},), by_triangle=load.wrench_of(everywhere)[..., None], is_recalibration=True)]
+    hats = [profile(load.observation.layout, hat) for hat in np.eye(HATS)]
+    columns = np.stack([load.wrench_of(everywhere * hat[:, None]) for hat in hats], axis=-1)
+    settings = tuple({"mean": float(hat.mean())} for hat in hats)
+    return [TermColumns(settings, by_triangle=columns, joint=True, is_recalibration=True)]
+
+
+def profile(layout: Layout, shares: Array) -> Array:
+    """(T,) of every triangle, straight between the places along the foot that have `shares` (HATS,)."""
+    along = layout.xy_m[..., 0].mean(axis=1)
+    return np.asarray(np.interp(along, np.linspace(along.min(), along.max(), HATS), shares))
 
 
 def _parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:
-    """The pressure in Pa."""
-    return {"p0_pa": float(shares[0])}
+    """The pressure in Pa, on the mean."""
+    means = [setting.get("mean", 1.0) for setting in settings]
+    return {"p0_pa": float(np.dot(means, shares))}
 
 
 def _needs(load: LoadEstimate) -> str | None:
@@ -34,7 +49,7 @@ TERM = Term(
     columns=_columns,
     parameters=_parameters,
     plausible=5000.0,
-    limit=100000.0,
+    limit=200000.0,
     needs=_needs,
     record_instead="walking or standing with a force shoe",
 )

@@ -31,6 +31,7 @@ class TermColumns:
     echo: tuple[Array, Array] | None = None
     places: tuple[tuple[tuple[int, ...], ...], ...] | None = None  # of each column, where the column says it itself
     n_searched: int = 0  # places, of which `places` are the likeliest; 0: all stand there
+    in_means: float = 1.0  # of the mean square of what it moves taxels by, that means of triangles show
     # The base terms hold the same within their priors: a recalibration. Judged by its whole size, not by what is left
     # of it once the base has absorbed its part.
     is_recalibration: bool = False
@@ -97,6 +98,14 @@ class Term:
     def parameters_of(self, load_is_known: bool) -> Callable[[Sequence[Setting], Array], dict[str, object]]:
         """The law's parameters from settings and shares (k,)."""
         return self.known_parameters if load_is_known and self.known_parameters is not None else self.parameters
+
+
+def in_means(load: LoadEstimate, moved_pa: Array) -> float:
+    """Share of the mean square of `moved_pa` (N, T, 12) that means of triangles show."""
+    usable = load.observation.usable
+    means = load.wrench_of(moved_pa)[..., 0][..., None]
+    whole = float(np.sum(moved_pa**2 * usable))
+    return min(float(np.sum(means**2 * usable)) / whole, 1.0) if whole > 0 else 1.0
 
 
 SPEEDS = "cycles at two speeds, minor loops and holds of a minute, loaded and unloaded"
