@@ -26,7 +26,9 @@ from .parameters import parameters_of
 from .select.events import Events, best_events, with_events
 from .select.groups import with_groups
 from .select.search import SubsetSearch
+from .select.thresholds import best_thresholds
 from .select.timing_search import TimedSet, search_timings
+from .terms.term import Setting
 
 # Of nothing, of a trial that was measured, of a model of the person, and of a model of any person.
 LOAD_ERRORS = (USUAL, Priors(0.005, 0.02), Priors(0.015, 0.06), Priors(0.05, 0.2))
@@ -201,14 +203,15 @@ def _under(priors: Priors, seen: WrenchObservation, faults: ReadingFaults) -> Se
         return Searched(tuple(search_timings(lambda timing: whole, seen.offset_is_free)))
 
     events: Events | None = None  # of the first timing: later ones move them by less than they are long
+    thresholds: list[tuple[int, Setting]] = []
 
     def under(timing: Timing) -> BlockDesign:
-        nonlocal events
+        nonlocal events, thresholds
         moved = replace(seen.with_clock(seen.offset_s - timing.delay_s, seen.rate), lag_s=timing.lag_s)
         whole = replace(block_design(KnownLoad(moved), weights, priors), moved_s=timing.delay_s)
         if events is None:
-            events = best_events(whole)
-        return with_events(whole, events)
+            events, thresholds = best_events(whole), best_thresholds(whole)
+        return with_events(whole.with_settings(thresholds), events)
 
     return Searched(tuple(search_timings(under, seen.offset_is_free)), priors=priors)
 
