@@ -78,7 +78,7 @@ def diagnose_one(seen: WrenchObservation, foot: FootRecording, progress: Callabl
         findings.append(unknown(seen, found, whole))
     # Beside a wrong clock a delay is a part of that clock's offset.
     has_clock = any(word == "clock" for i, word in enumerate(words) if i not in nuisances)
-    named = tuple(word for word in first.words if word != "delay" or (is_late and not has_clock))
+    named = tuple(word for word in first.words if word == "lag" or (is_late and not has_clock))
     if not is_unknown or timing_energy(whole, timing) > STRONGER * squared_rest(found, whole):
         findings += timing_findings(seen, searched.timed, named, found, float(whole.least.max()))
     effects += timing_effects(first, named)

@@ -44,9 +44,11 @@ def timing_findings(
     """Delay and lag of the whole insole, those of them `named`; hypotheses that are as good are alternatives."""
     first = timed[0]
     findings, after = [], float(found.after[0])
-    values = {"delay": ("delay_s", first.timing.delay_s), "lag": ("tau_s", first.timing.lag_s)}
+    values = {
+        "delay": {"delay_s": first.timing.delay_s}, "lag": {"tau_s": first.timing.lag_s},
+        "clock": {"offset_s": -first.timing.delay_s},
+    }  # fmt: skip
     for word in named:
-        name, value = values[word]
         without = min((each.left for each in timed if word not in each.words), default=np.inf)
         margin = (without - first.left) / least_gain
         others = [
@@ -54,7 +56,9 @@ def timing_findings(
             if word not in each.words and each.left - first.left < confidence.SAME * least_gain
         ]  # fmt: skip
         other = next((w for each in others for w in each.words if w not in first.words), None)
-        parameters = {name: Quantity(value, 0.03 * value + 5e-4, "s")}
+        parameters = {name: Quantity(x, 0.03 * abs(x) + 5e-4, "s") for name, x in values[word].items()}
+        if word == "clock":
+            parameters["rate"] = Quantity(0.0, LEAST_RATE, "1")
         findings.append(
             Finding(
                 effect=word, alternatives=() if other is None else (other,), foot=seen.layout.foot, where=Where(),

@@ -20,8 +20,13 @@ START_S = 0.012
 TOLERANCE_S = 2e-4
 
 
-def fit_timing(design: D, chosen: Sequence[int], start: Timing, free: tuple[bool, bool], is_free_clock: bool) -> Timing:
-    """The timing that leaves the least with the candidates `chosen`; `free`: whether delay and lag are searched for."""
+def fit_timing(
+    design: D, chosen: Sequence[int], start: Timing, free: tuple[bool, bool], within_s: tuple[float, float]
+) -> Timing:
+    """The timing that leaves the least with the candidates `chosen`; `free`: whether delay and lag are searched for.
+
+    `within_s`: of the delay. Readings do not come early: that is a clock that is not what it is said to be.
+    """
     if not any(free):
         return start
     small = design.subset(chosen)
@@ -30,9 +35,7 @@ def fit_timing(design: D, chosen: Sequence[int], start: Timing, free: tuple[bool
         values = iter(np.abs(x) * 0.01 if not free[0] else np.concatenate([x[:1] * 0.01, np.abs(x[1:]) * 0.01]))
         delay_s = float(next(values)) if free[0] else start.delay_s
         lag_s = float(next(values)) if free[1] else start.lag_s
-        # Readings do not come early: a memory would else pass for a negative delay (and then `clock` says so).
-        earliest = -MOST_S if is_free_clock else 0.0
-        return Timing(float(np.clip(delay_s, earliest, MOST_S)), min(lag_s, MOST_S))
+        return Timing(float(np.clip(delay_s, *within_s)), min(lag_s, MOST_S))
 
     def left(x: Array) -> float:
         moved = small.retimed(timing(x))
@@ -40,7 +43,8 @@ def fit_timing(design: D, chosen: Sequence[int], start: Timing, free: tuple[bool
 
     first = [value for value, yes in zip((start.delay_s, start.lag_s), free, strict=True) if yes]
     # A clock that edges have aligned is near where it should be: no worse place is taken for a better one.
-    defaults = (0.0, START_S) if is_free_clock and free[0] else (START_S, START_S)
+    is_either = free[0] and within_s[0] < 0.0 < within_s[1]
+    defaults = (0.0, START_S) if is_either else (START_S, START_S)
     initial = np.array([value if value else default for value, default in zip(first, defaults, strict=False)]) / 0.01
     found = minimize(
         left, initial, method="Nelder-Mead",

@@ -9,7 +9,7 @@ from typing import Generic
 import numpy as np
 
 from ..model.regression import D, Timing
-from ..model.timing import START_S, TOLERANCE_S, fit_timing
+from ..model.timing import MOST_S, START_S, TOLERANCE_S, fit_timing
 from .search import FittedSet, SubsetSearch
 
 ROUNDS = 4
@@ -20,7 +20,7 @@ UNMOVED_S, UNLAGGED_S = 0.008, 0.03  # of a delay and of a lag, that terms need 
 class TimedSet(Generic[D]):
     """A set with its timing."""
 
-    words: tuple[str, ...]  # of the timing: "delay", "lag"
+    words: tuple[str, ...]  # of the timing: "delay", "lag", or "clock" where readings come early
     timing: Timing
     search: SubsetSearch[D]
     best: FittedSet
@@ -31,26 +31,44 @@ def search_timings(make: Callable[[Timing], D], is_free_clock: bool) -> list[Tim
     """Every hypothesis on the timing with its best set, best first.
 
     `make` gives the design of rows under the load of a timing: terms that act on it are late with it. On a clock whose
-    offset is free a delay is no hypothesis: its time is fitted in all of them.
+    offset is free a delay is no hypothesis: its time is fitted in all of them. Where readings seem to come early,
+    because a declared clock is wrong, terms are computed at the times that they have then.
     """
     hypotheses: list[tuple[str, ...]] = [(), ("lag",)] if is_free_clock else [(), ("delay",), ("lag",)]
     first = make(Timing())
     found = [_one(first, make, words, is_free_clock) for words in hypotheses]
     if not is_free_clock and min(each.left for each in found[1:]) < found[0].left:
         found.append(_one(first, make, ("delay", "lag"), is_free_clock))  # both are worth it where one of them is
+    early_s = _early_s(found[0])
+    if early_s > UNMOVED_S:
+        found.append(_one(first, make, ("clock",), is_free_clock, Timing(-early_s)))
     return sorted(found, key=lambda each: each.left)
 
 
-def _one(first: D, make: Callable[[Timing], D], words: tuple[str, ...], is_free_clock: bool) -> TimedSet[D]:
-    free = ("delay" in words or is_free_clock, "lag" in words)
+def _early_s(found: TimedSet[D]) -> float:
+    """By how much readings come early, as its best set has it; 0: it has no such clock."""
+    every = [found.search.design.candidates[k] for k in found.best.chosen]
+    early = (
+        float(each.settings[0]["early_s"] * own[0])
+        for each, own in zip(every, found.best.shares, strict=True)
+        if each.word == "clock"
+    )
+    return next(early, 0.0)
+
+
+def _one(
+    first: D, make: Callable[[Timing], D], words: tuple[str, ...], is_free_clock: bool, start: Timing = Timing()
+) -> TimedSet[D]:
+    free = ("delay" in words or "clock" in words or is_free_clock, "lag" in words)
+    within_s = (0.0 if "delay" in words else -MOST_S, 0.0 if "clock" in words else MOST_S)
     # Readings that come early could undo a delay again.
-    barred = frozenset({"clock"}) if "delay" in words else frozenset()
+    barred = frozenset({"clock"}) if "delay" in words or "clock" in words else frozenset()
     design, made_for = first, Timing()
     if is_free_clock and design.load.observation.is_uniform:
         # Edges have aligned it with memories beside them; without any, the loop of a slow load would move it.
         timing = Timing(0.0, START_S if "lag" in words else 0.0)
     else:
-        timing = fit_timing(design, (), Timing(), free, is_free_clock)
+        timing = fit_timing(design, (), start, free, within_s)
     for round_ in range(ROUNDS):
         if abs(timing.delay_s - made_for.delay_s) > UNMOVED_S or abs(timing.lag_s - made_for.lag_s) > UNLAGGED_S:
             design, made_for = make(timing), timing
@@ -58,7 +76,7 @@ def _one(first: D, make: Callable[[Timing], D], words: tuple[str, ...], is_free_
         best = search.run()[0]
         if not any(free) or round_ == ROUNDS - 1:
             break
-        again = fit_timing(design, best.chosen, timing, free, is_free_clock)
+        again = fit_timing(design, best.chosen, timing, free, within_s)
         if max(abs(again.delay_s - timing.delay_s), abs(again.lag_s - timing.lag_s)) < TOLERANCE_S:
             break
         timing = again
