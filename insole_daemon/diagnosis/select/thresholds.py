@@ -11,19 +11,23 @@ from ..terms.term import Setting
 UPPER = "up_pa"
 LEAST_SHARE = 0.05  # of the squared residual, that the strongest explains alone
 COMPARABLE = 0.1  # of the strongest, that another place's explains
+STARTS = 3  # of the grid at a place: between them a better one may lie behind a worse
 
 
 def best_thresholds(design: BlockDesign) -> list[tuple[int, Setting]]:
     """Numbers of candidates, one at each place where a snap explains much, and their best settings."""
-    best: dict[Where, tuple[float, int]] = {}
+    places: dict[Where, list[tuple[float, int]]] = {}
     for k, candidate in enumerate(design.candidates):
         if UPPER in candidate.term.refine:
             part = design.subset([k])
-            gain = solve_shares(part, part.candidates)[1]
-            if candidate.where not in best or gain > best[candidate.where][0]:
-                best[candidate.where] = (gain, k)
-    strongest = max((gain for gain, _ in best.values()), default=0.0)
+            places.setdefault(candidate.where, []).append((solve_shares(part, part.candidates)[1], k))
+    starts = [sorted(each, reverse=True)[:STARTS] for each in places.values()]
+    strongest = max((each[0][0] for each in starts), default=0.0)
     if strongest < LEAST_SHARE * design.total:
         return []
-    strong = [k for gain, k in best.values() if gain > COMPARABLE * strongest]
-    return [(k, refine(design, (k,)).design.candidates[0].settings[0]) for k in strong]
+    found = []
+    for each in starts:
+        if each[0][0] > COMPARABLE * strongest:
+            refined = max((refine(design, (k,)) for _, k in each), key=lambda one: one.gain)
+            found.append((each[0][1], refined.design.candidates[0].settings[0]))
+    return found
