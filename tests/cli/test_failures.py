@@ -38,6 +38,11 @@ def given(tmp_path_factory) -> Path:
     right = Config().insoles[1]
     Trial("t1", Config(insoles=(right,)), [load_layout(right)], seed=3).write(folder / "right-walk", 3.0)
     (folder / "folder").mkdir()
+    (folder / "study").mkdir()
+    (folder / "study" / "study.yaml").write_text(
+        "format: insole-study/1\nrecordings:\n"
+        "  - {folder: ../walk, person: p01, session: before, condition: barefoot}\n"
+    )
     (folder / "bytes").write_bytes(bytes(range(256)))
     (folder / "text.yaml").write_text("format: something-else/9\n")
     (folder / "text.json").write_text('{"format": "something-else/9"}')
@@ -304,6 +309,7 @@ def test_a_defect_is_one_line_status_70_and_a_report(tmp_path):
         ("scipy", ("export", "walk", "new.mat"), "lab"),
         ("mcap", ("export", "walk", "new.mcap"), "lab"),
         ("aiohttp", ("view",), "view"),
+        ("distributed", ("study", "study"), "study"),
     ],
 )
 def test_a_missing_extra_is_one_line_with_the_command(package, verb, extra, given):
