@@ -17,8 +17,9 @@ def hide_and_seek(word: str, seed: int | None) -> bool:
     from .. import config as configs
     from ..recording.writer import refuse_existing
     from ..service.foot_setup import load_layout
-    from ..simulation.concealed import NOTHING, conceal
+    from ..simulation.concealed import NOTHING, conceal, refuse_unknown
 
+    refuse_unknown(word)
     began = time.monotonic()
     drawn = secrets.randbelow(1_000_000) if seed is None else seed
     folder = Path(f"concealed-{drawn}")

@@ -75,6 +75,7 @@ CONFIG = {
     "record": ("record", "new", "--config", "{bad}"),
     "map": ("map", "--out", "new", "--config", "{bad}"),
     "import log": ("import", "walk/can.log", "new", "--config", "{bad}"),
+    "bring-up": ("bring-up", "--config", "{bad}"),
 }
 RECORDING = {
     "report": ("report", "{bad}"),
@@ -82,6 +83,7 @@ RECORDING = {
     "calibrate": ("calibrate", "{bad}", "--out", "new.json"),
     "validate": ("validate", "{bad}", "--calibration", "chamber/calibration.json"),
     "diagnose": ("diagnose", "{bad}", "--out", "new"),
+    "study": ("study", "{bad}"),
 }
 OTHER_FILES = {
     "replay": ("replay", "{bad}", "--bus", "virtual:fails"),
@@ -109,16 +111,25 @@ def test_a_file_that_is_none_is_refused_in_one_message(verb, bad, given, monkeyp
     assert status == REFUSED, said
     assert BAD[bad] in said
     assert len(said.strip().splitlines()) <= 6
-    assert "Traceback" not in said
+    for internal in ("Traceback", "Errno", "codec", "(file)", "(folder)"):
+        assert internal not in said
     assert not list(given.glob("*new*")), "nothing half-written"
 
 
 @pytest.mark.parametrize("bad", ["nothing-here", "folder", "bytes"])
 def test_doctor_reports_a_configuration_that_is_none_as_a_problem(bad, given, monkeypatch, capsys):
     monkeypatch.chdir(given)
-    status, said = insole(monkeypatch, capsys, "doctor", "--config", bad)
-    assert status == 1
-    assert "Traceback" not in said
+    monkeypatch.setattr(sys, "argv", ["insole", "doctor", "--config", bad])
+    with pytest.raises(SystemExit, match="1"):
+        cli.main()
+    assert f"→ correct {bad}, or name another file" in capsys.readouterr().out
+
+
+def test_an_effect_that_a_chamber_cannot_show_is_said_before_anything_is_recorded(given, monkeypatch, capsys):
+    monkeypatch.chdir(given)
+    status, said = insole(monkeypatch, capsys, "demo", "--hide", "crosstalk")
+    assert status == USAGE
+    assert said.startswith("insole: expected an effect that a chamber can show (hysteresis, ")
 
 
 WRONG_FOOT = {
