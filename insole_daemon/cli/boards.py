@@ -10,6 +10,7 @@ import typer
 
 from ..config import DEFAULT_ENDPOINT
 from .options import Connect, RigName, ZenohFile
+from .tables import fold
 
 _UNCONFIRMED = 1  # exit status
 
@@ -91,7 +92,7 @@ def _screen(foot: str, action: Action, reply: dict[str, Any]) -> str:
             f"  {bus['interface']}: {bus['frames_per_s']:.0f} frames/s as configured, "
             f"{bus['least']:.0%} to {bus['most']:.0%} of the bus"
         )
-    lines += [f"  {note}" for note in reply.get("notes", [])]
+    lines += [fold(f"  {note}", 4) for note in reply.get("notes", [])]
     return "\n".join(lines) + "\n"
 
 

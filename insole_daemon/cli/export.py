@@ -10,6 +10,7 @@ from typing import Annotated
 
 import typer
 
+from .options import name_next
 from .progress import show_work
 from .recordings import load_recordings
 
@@ -65,3 +66,4 @@ def export(
     for foot, found in quality(loaded).items():
         print(f"insole: {foot}: {found.sentence}", file=sys.stderr)
     print(f"{out}: {form.value}, {', '.join(f'{each.foot} {len(each)} cycles' for each in loaded.feet)}")
+    name_next(f"the same in Python: insole_daemon.load({str(recording)!r})")

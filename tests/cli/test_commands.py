@@ -88,6 +88,13 @@ def test_status_in_one_screen(demo):
     assert re.search(r"bus +demo up, \d+ frames", done.stdout)
 
 
+def test_status_fits_a_terminal_of_80_columns(demo):
+    command = f"stty columns 80; {INSOLE} status"
+    done = subprocess.run(["script", "-qec", command, "/dev/null"], capture_output=True, text=True, timeout=30)
+    assert done.returncode == 0, done.stdout
+    assert max(map(len, done.stdout.splitlines())) <= 80
+
+
 def test_watch_prints_json_lines_that_parse(demo):
     done = insole("watch", "insole/demo/right/pressure", "--json", "--count", 3)
     lines = [json.loads(line) for line in done.stdout.splitlines()]

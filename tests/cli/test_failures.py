@@ -335,14 +335,26 @@ def test_a_missing_extra_is_one_line_with_the_command(package, verb, extra, give
     assert f"install {extra}" in line or f"insole-daemon[{extra}]" in line
 
 
-def test_a_wide_table_is_whole_in_80_columns(given):
+def on_a_terminal(given: Path, *arguments: str) -> tuple[int, list[str]]:
+    """(exit status, lines) of the command on a terminal of 80 columns."""
     if shutil.which("script") is None:
         pytest.fail("needs the program script, of util-linux")
-    command = f"stty columns 80; {INSOLE} validate walk --calibration walk/calibration.json"
+    command = f"stty columns 80; {INSOLE} {' '.join(arguments)}"
     done = subprocess.run(["script", "-qec", command, "/dev/null"], capture_output=True, text=True, cwd=given)
-    assert done.returncode == 0, done.stdout
-    printed = re.sub(r"\x1b\[[\d;]*m", "", done.stdout)
-    table = printed.partition("rmse:")[0]
-    assert max(map(len, table.splitlines())) <= 80
+    return done.returncode, re.sub(r"\x1b\[[\d;]*m", "", done.stdout).splitlines()
+
+
+def test_a_wide_table_is_whole_in_80_columns(given):
+    status, lines = on_a_terminal(given, "validate", "walk", "--calibration", "walk/calibration.json")
+    printed = "\n".join(lines)
+    assert status == 0, printed
+    assert max(len(line) for line in lines if "insole: next" not in line) <= 80  # a command, to be copied
     assert "…" not in printed
     assert re.search(r"CoP_y RMSE mm +[\d.–]+", printed)
+
+
+def test_doctor_breaks_its_lines_between_words_in_80_columns(given):
+    _, lines = on_a_terminal(given, "doctor", "--config", "left.yaml")
+    findings = [line for line in lines if "→" not in line]  # remedies are commands, to be copied
+    assert max(map(len, findings)) <= 80
+    assert any(line.startswith(" " * 28) for line in findings), "what is longer goes on below its beginning"
