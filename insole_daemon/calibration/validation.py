@@ -50,7 +50,7 @@ DEFINITIONS = {
 }
 # Where the published figures, which these are compared with, are not plain.
 _OF_THE_PAPER = {
-    "accuracy": "the published tracking accuracies of force and moments fit this formula, which the paper does not print",
+    "accuracy": "the published accuracies of force and moments fit this formula, which the paper does not print",
     "steady": "the paper judges T1 and T2 'at steady state'",
     "cop": "the paper's accuracy of the CoP contradicts its RMSE: T3 has 28.97 mm in x beside an accuracy of 99.94 %, "
     "which would be errors below a tenth of a millimetre; here both are of the same errors, by the formulas above",
