@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from .options import name_next
+from .options import Force, name_next, refuse_existing_file
 from .progress import show_work
 from .recordings import load_recordings
 
@@ -33,6 +33,7 @@ def export(
         typer.Argument(help="File that is written: .csv has the forces alone. With --to csv and parquet the folder."),
     ],
     to: Annotated[Form | None, typer.Option(help="Without it, what the ending of OUT says.")] = None,
+    force: Force = False,
 ) -> None:
     """Write a recording as CSV, npz, MATLAB, MCAP, Parquet or C3D; steps are part of it, but in npz."""
     from ..errors import FileError
@@ -46,7 +47,10 @@ def export(
         raise typer.BadParameter(
             f"expected an OUT that ends in .csv, .npz, .mat, .mcap, .parquet or .c3d, or --to, found {out}"
         )
-    refuse_existing(out)
+    if form is Form.parquet or (form is Form.csv and suffix != "csv"):
+        refuse_existing(out)  # a folder
+    else:
+        refuse_existing_file(out, force)
     loaded = load_recordings([recording])[0]
     try:
         with show_work(f"writing {out}") as work:

@@ -181,13 +181,22 @@ def test_what_is_there_already_is_not_overwritten(verb, given, monkeypatch, caps
         (given / name).unlink()
 
 
-def test_force_replaces_what_is_there(given, tmp_path, monkeypatch, capsys):
+FORCED = {
+    "report": (("report", "walk", "--out", "{out}"), "taken.html", b"<!doctype html>"),
+    "export": (("export", "walk", "{out}"), "taken.csv", b"time_s,foot,f_z_n"),
+}
+
+
+@pytest.mark.parametrize("verb", FORCED)
+def test_force_replaces_what_is_there(verb, given, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(given)
-    out = tmp_path / "taken.html"
+    arguments, name, begins = FORCED[verb]
+    out = tmp_path / name
     out.write_text("mine")
-    status, said = insole(monkeypatch, capsys, "report", "walk", "--out", out, "--force")
+    status, said = insole(monkeypatch, capsys, *(word.format(out=out) for word in arguments), "--force")
     assert status == 0, said
-    assert out.read_text().startswith("<!doctype html>")
+    assert out.read_bytes().startswith(begins)
+    assert "insole: next: " in said
 
 
 FULL_DISK = {
