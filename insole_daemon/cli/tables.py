@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import sys
 import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -16,10 +15,15 @@ _GAP = 2  # spaces beside a column
 
 def fold(line: str, indent: int) -> str:
     """Return `line` broken between words where the terminal ends, indented from there on; whole without a terminal."""
-    if not sys.stdout.isatty():
+    width = terminal_width(0)
+    if not width:
         return line
-    width = shutil.get_terminal_size().columns
     return textwrap.fill(line, width, subsequent_indent=" " * indent, break_long_words=False, break_on_hyphens=False)
+
+
+def terminal_width(elsewhere: int) -> int:
+    """Return the columns of the terminal, or of COLUMNS; `elsewhere` where there is neither."""
+    return shutil.get_terminal_size((elsewhere, 24)).columns
 
 
 def print_table(console: Console, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:

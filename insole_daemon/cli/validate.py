@@ -13,7 +13,7 @@ import typer
 from .options import Force, name_next, refuse_existing_file, write_whole
 from .progress import show_work
 from .recordings import load_recordings
-from .tables import fold, print_table
+from .tables import fold, print_table, terminal_width
 
 if TYPE_CHECKING:
     from ..calibration.validation import Result
@@ -53,7 +53,7 @@ def validate(
         write_whole(out, json.dumps(said, indent=1, ensure_ascii=False) + "\n")
     if report is not None:
         write_whole(report, validation_page(results, judged, calibration.name))
-    console = Console(width=None if sys.stdout.isatty() else 200)
+    console = Console(width=terminal_width(200))
     for columns, rows, names in _tables(results):
         print_table(console, columns, rows)
         for name in names:

@@ -88,8 +88,9 @@ def test_status_in_one_screen(demo):
     assert re.search(r"bus +demo up, \d+ frames", done.stdout)
 
 
-def test_status_fits_a_terminal_of_80_columns(demo):
-    command = f"stty columns 80; {INSOLE} status"
+@pytest.mark.parametrize("verb", ["status", "boards", "model"])
+def test_it_fits_a_terminal_of_80_columns(verb, demo):
+    command = f"stty columns 80; {INSOLE} {verb}"
     done = subprocess.run(["script", "-qec", command, "/dev/null"], capture_output=True, text=True, timeout=30)
     assert done.returncode == 0, done.stdout
     assert max(map(len, done.stdout.splitlines())) <= 80
