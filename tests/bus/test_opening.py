@@ -24,7 +24,7 @@ from insole_daemon.errors import BusError
         (errno.EPERM, "RestrictAddressFamilies=AF_CAN"),
         (errno.EACCES, "RestrictAddressFamilies=AF_CAN"),
         (errno.ENODEV, "ip -brief link show type can"),
-        (errno.EAFNOSUPPORT, "modprobe can-raw"),
+        (errno.EAFNOSUPPORT, "modprobe can-raw.*; 'insole demo' needs none"),
         (errno.EMFILE, "Too many open files"),
     ],
 )
