@@ -58,6 +58,9 @@ class Rig:
             thread.start()
             try:
                 with insole_daemon.connect(zenoh.listen[0]) as insole:
+                    until = time.monotonic() + 10
+                    while not insole.feet() and time.monotonic() < until:  # the session is there before the daemon
+                        time.sleep(0.01)
                     yield insole
             finally:
                 daemon.stop()
