@@ -3,8 +3,8 @@
 import insole_daemon
 
 with insole_daemon.connect() as insole:
-    for wrench in insole.wrenches("left"):
-        print(wrench.f_z_n, wrench.cop_x_m)
+    for wrench in insole.wrenches():
+        print(wrench.foot, wrench.f_z_n, wrench.cop_x_m)
 
 trial = insole_daemon.load("walk-3")
 print(trial["left"].t_ns, trial["left"].counts, trial["left"].pressure_pa)

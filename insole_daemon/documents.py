@@ -22,7 +22,7 @@ from typing import Annotated, Any, Literal, NoReturn, TypeVar, Union, get_args, 
 import yaml
 
 from .errors import DocumentError, InsoleError, Problem
-from .files import read_at_most
+from .files import read_at_most, unreadable
 from .untrusted import quoted
 
 Key = tuple[str | int, ...]  # ("insoles", 0, "foot") is spelled insoles[0].foot
@@ -107,9 +107,9 @@ def wrong(struct: Section, key: Key = ()) -> Iterator[tuple[Key, str]]:
 
 
 def spell(key: Key) -> str:
-    """`key` as a person writes it: insoles[0].boards[2].address."""
+    """`key` as a person writes it: insoles[0].boards[2].address; nothing for the whole file."""
     text = "".join(f"[{part}]" if isinstance(part, int) else f".{part:.{_LONGEST_KEY}}" for part in key)
-    return text.removeprefix(".") or "(file)"
+    return text.removeprefix(".")
 
 
 class Reading:
@@ -149,7 +149,7 @@ class Reading:
             found.sort(key=lambda problem: problem.line or 0)
             if len(found) >= MOST_PROBLEMS:
                 more = f"more may be wrong: only {MOST_PROBLEMS} problems are told, put these right first"
-                found = [*found[:MOST_PROBLEMS], Problem(None, "(file)", more)]
+                found = [*found[:MOST_PROBLEMS], Problem(None, "", more)]
             raise DocumentError(str(self.path), found)
 
     def section(self, kind: Any, raw: Any, key: Key, also: tuple[str, ...] = ()) -> Any:
@@ -214,7 +214,7 @@ class Reading:
         try:
             text = read_at_most(self.path, most_bytes).decode("utf-8-sig")
         except OSError as error:
-            self.refuse((), f"cannot be read: {error.strerror or error}")
+            self.refuse((), unreadable(error))
         except UnicodeDecodeError as error:
             self.refuse((), f"expected a text file (UTF-8), found other bytes from byte {error.start} on")
         if "\0" in text:

@@ -35,11 +35,12 @@ class Problem:
     """One thing that is wrong in a document: where it stands, and what was expected and found there."""
 
     line: int | None  # 1-based; None where the document has no lines to speak of
-    key: str  # path of the key, as "insoles[0].boards[2].address"
+    key: str  # path of the key, as "insoles[0].boards[2].address"; empty: the whole file or folder
     message: str  # what was expected, what was found, what to do
 
     def __str__(self) -> str:
-        return f"line {self.line}: {self.key}: {self.message}" if self.line else f"{self.key}: {self.message}"
+        where = [f"line {self.line}"] * bool(self.line) + [self.key] * bool(self.key)
+        return ": ".join([*where, self.message])
 
 
 class DocumentError(InsoleError):

@@ -45,6 +45,19 @@ def read_at_most(path: Path, most_bytes: int) -> bytes:
     return content
 
 
+_WHY = {
+    errno.ENOENT: "there is no such file; check the path",
+    errno.ENOTDIR: "there is no such file; check the path",
+    errno.EISDIR: "it is a folder; name a file",
+    errno.EACCES: "this user may not; check its permissions",
+}
+
+
+def unreadable(error: OSError) -> str:
+    """Return why a file cannot be read, and what to do about it."""
+    return f"cannot be read: {_WHY.get(error.errno or 0) or error.strerror or error}"
+
+
 @contextlib.contextmanager
 def unfinished(path: Path) -> Iterator[Path]:
     """A path beside `path` to write a file to, which takes its place in the end, or leaves nothing behind."""

@@ -316,9 +316,9 @@ def test_no_text(write: Write, name: str, content: bytes, message: str) -> None:
 
 def test_no_file(tmp_path: Path) -> None:
     line, key, message = only(tmp_path / "missing.yaml")
-    assert (line, key) == (None, "(file)")
-    assert "cannot be read: No such file" in message
-    assert "cannot be read: Is a directory" in only(tmp_path)[2]
+    assert (line, key) == (None, "")
+    assert "cannot be read: there is no such file" in message
+    assert "cannot be read: it is a folder" in only(tmp_path)[2]
 
 
 @pytest.mark.parametrize(
@@ -355,7 +355,7 @@ def test_of_many_problems_some_are_told(write: Write, name: str, text: str) -> N
     assert len(found) <= MOST_PROBLEMS + 1
     assert sum(len(key) + len(message) for _, key, message in found) < 50_000
     if len(found) > MOST_PROBLEMS:
-        assert found[-1] == (None, "(file)", "more may be wrong: only 100 problems are told, put these right first")
+        assert found[-1] == (None, "", "more may be wrong: only 100 problems are told, put these right first")
 
 
 def test_byte_order_mark_is_read_over(write: Write) -> None:

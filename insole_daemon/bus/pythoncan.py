@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import select
 import threading
@@ -147,6 +148,8 @@ def open_adapter(driver: str, channel: str) -> Any:
     """The same as a `can.BusABC`, which nobody reads yet."""
     import can
 
+    # An adapter that cannot be opened warns that it was not shut down, at every try to open it again.
+    logging.getLogger("can.bus").setLevel(logging.ERROR)
     try:
         return can.Bus(interface=driver, channel=channel, bitrate=1_000_000)
     except (OSError, ValueError, ImportError, can.CanError) as error:

@@ -119,7 +119,10 @@ def cannot_open(channel: str, error: Exception) -> BusError:
     gone = number in (errno.ENODEV, errno.ENXIO)
     permanent = number in (errno.EAFNOSUPPORT, errno.EPERM, errno.EACCES) or len(channel) > _LONGEST_NAME
     if number == errno.EAFNOSUPPORT:
-        why = "this kernel has no CAN. Load it with 'sudo modprobe can-raw', or use a kernel built with CONFIG_CAN"
+        why = (
+            "this kernel has no CAN. Load it with 'sudo modprobe can-raw', or use a kernel built with CONFIG_CAN; "
+            "'insole demo' needs none"
+        )
     elif len(channel) > _LONGEST_NAME:
         why = f"the name of an interface has at most {_LONGEST_NAME} characters, this has {len(channel)}"
     elif gone:

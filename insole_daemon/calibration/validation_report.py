@@ -11,7 +11,7 @@ from ..physics.calibration import Calibration
 from ..report import page
 from ..report.insole_map import value_map
 from ..report.plot import Plot, axis
-from .validation import DEFINITIONS, ChamberResult, Result, ShoeResult
+from .validation import FULL_DEFINITIONS, ChamberResult, Result, ShoeResult
 from .validation_rows import CHAMBER_COLUMNS, SHOE_COLUMNS, chamber_rows, shoe_rows
 
 LOADED_N, UNLOADED_S, STEP_S = 20.0, 0.2, 0.8  # of the step that is shown larger
@@ -31,7 +31,7 @@ def validation_page(results: Sequence[Result], calibration: Calibration, name: s
     strikes = [drawn for static, dynamic in pairs if (drawn := _heel_strike(static, dynamic)) is not None]
     if strikes:
         parts.append(page.section("A heel strike, before and after", *strikes))
-    parts.append(page.section("What the figures mean", page.definitions(DEFINITIONS)))
+    parts.append(page.section("What the figures mean", page.definitions(FULL_DEFINITIONS)))
     beyond = max(each.extrapolated for each in results)
     lead = f"By {name}. At most {beyond:.0%} of a recording's cycles go beyond what a curve was fitted to."
     foot = results[0].trial.foot.foot

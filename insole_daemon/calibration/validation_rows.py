@@ -9,8 +9,8 @@ import numpy as np
 from .validation import ChamberResult, Result, ShoeResult, Tracking
 
 SHOE_COLUMNS = (
-    "recording", "highest kPa", "f_z RMSE N", "%", "steady N", "m_x RMSE N·m", "%", "m_y RMSE N·m", "%",
-    "CoP_x RMSE mm", "%", "CoP_y RMSE mm", "%", "clock s",
+    "recording", "highest kPa", "f_z RMSE N", "f_z %", "steady N", "m_x RMSE N·m", "m_x %", "m_y RMSE N·m", "m_y %",
+    "CoP_x RMSE mm", "CoP_x %", "CoP_y RMSE mm", "CoP_y %", "clock s",
 )  # fmt: skip
 CHAMBER_COLUMNS = (
     "recording", "highest kPa", "taxels", "good", "RMSE median kPa", "5 %", "95 %", "worst", "mean error kPa",

@@ -10,6 +10,7 @@ import typer
 
 from ..config import DEFAULT_ENDPOINT
 from .options import Connect, RigName, ZenohFile
+from .tables import fold
 
 _UNCONFIRMED = 1  # exit status
 
@@ -69,6 +70,8 @@ def boards(
 def _screen(foot: str, action: Action, reply: dict[str, Any]) -> str:
     rows = {Action.list: _listed, Action.temperature: _temperature}.get(action, _told)(reply["boards"])
     lines = [f"{foot}:", *_table(rows)]
+    if action is Action.list:
+        lines += [fold(line, 4) for line in _differences(reply["boards"])]
     if action is Action.configure:
         lines.append({
             "none": "  baseline taken without load",
@@ -91,12 +94,12 @@ def _screen(foot: str, action: Action, reply: dict[str, Any]) -> str:
             f"  {bus['interface']}: {bus['frames_per_s']:.0f} frames/s as configured, "
             f"{bus['least']:.0%} to {bus['most']:.0%} of the bus"
         )
-    lines += [f"  {note}" for note in reply.get("notes", [])]
+    lines += [fold(f"  {note}", 4) for note in reply.get("notes", [])]
     return "\n".join(lines) + "\n"
 
 
 def _listed(boards: list[dict[str, Any]]) -> list[list[str]]:
-    rows = [["board", "bus", "type", "firmware", "state", "sends", "new", "triangles", "count", "as configured"]]
+    rows = [["board", "bus", "type", "firmware", "state", "sends", "new", "triangles", "count"]]
     for board in boards:
         rows.append([
             str(board["address"]), board["interface"], _kind(board), board["firmware"] or "-", board["state"],
@@ -104,9 +107,14 @@ def _listed(boards: list[dict[str, Any]]) -> list[list[str]]:
             f"{len(board['triangles'])} of {len(board['expected_triangles'])}"
             + (f", {len(board['open_triangles'])} open" if board["open_triangles"] else ""),
             "-" if board["seen_count"] is None else f"{board['seen_count']:.0f}",
-            "; ".join(board["differences"]) or "yes",
         ])  # fmt: skip
     return rows
+
+
+def _differences(boards: list[dict[str, Any]]) -> list[str]:
+    differ = [board for board in boards if board["differences"]]
+    lines = [f"  board {board['address']}: {'; '.join(board['differences'])}" for board in differ]
+    return lines or ["  every board is as configured"]
 
 
 def _told(boards: list[dict[str, Any]]) -> list[list[str]]:

@@ -66,6 +66,8 @@ def calibrate(
     print(
         f"{out}: {which} foot, {len(calibrated.slots)} taxels, {len(calibrated.left_out)} left out, degree {fit.degree}"
     )
+    if report is not None:
+        print(f"insole: wrote {report}", file=sys.stderr)
     name_next(f"insole validate OTHER-RECORDINGS --calibration {out}")
 
 

@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 
 from .diagnose import diagnosed
+from .progress import show_work
 
 _PASSED_OVER = ("gain", "baseline")  # as the benchmark does: other effects bring them along, as warmth moves the rest
 
@@ -17,8 +18,9 @@ def hide_and_seek(word: str, seed: int | None) -> bool:
     from .. import config as configs
     from ..recording.writer import refuse_existing
     from ..service.foot_setup import load_layout
-    from ..simulation.concealed import NOTHING, conceal
+    from ..simulation.concealed import NOTHING, conceal, refuse_unknown
 
+    refuse_unknown(word)
     began = time.monotonic()
     drawn = secrets.randbelow(1_000_000) if seed is None else seed
     folder = Path(f"concealed-{drawn}")
@@ -27,7 +29,8 @@ def hide_and_seek(word: str, seed: int | None) -> bool:
     layout = load_layout(config.insoles[0])
     trial, out = folder / "trial", folder / "diagnosis"
     print(f"insole: recording a chamber trial into {trial}", file=sys.stderr, flush=True)
-    hidden = conceal(word, trial, config, layout, drawn)
+    with show_work("recording") as work:
+        hidden = conceal(word, trial, config, layout, drawn, work.done)
     print(f"insole: diagnosing it: insole diagnose {trial} --out {out}", file=sys.stderr, flush=True)
     words = [finding.effect for finding in diagnosed([trial], out).findings]
     named = next((each for each in words if each == word or each not in _PASSED_OVER), NOTHING)

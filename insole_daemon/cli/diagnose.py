@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .options import OneFoot
+from .options import OneFoot, name_next
 from .progress import show_work
 from .recordings import load_recordings
+from .tables import fold
 
 if TYPE_CHECKING:
     from ..config import Foot
@@ -94,6 +95,8 @@ def diagnosed(
     if new is not None:
         unit = "counts" if verified.unit == "count" else verified.unit
         print(f"verified on {verified.recording}: {verified.before:.2f} → {verified.after:.2f} {unit}")
+    if found.findings:
+        name_next(f"insole validate OTHER-RECORDINGS --calibration {out}/model.json")
     return found
 
 
@@ -104,9 +107,9 @@ def _print(found: Outcome, out: Path) -> None:
     every = {name for each in found.findings for name in each.recordings}
     for each in found.findings:
         only = "" if every <= set(each.recordings) else f" [{', '.join(each.recordings)}]"
-        print(f"  {each.effect}: {each.sentence}{only}")
+        print(fold(f"  {each.effect}: {each.sentence}{only}", 4))
     for known in found.not_identifiable:
-        print(f"  not to be told from this: {known['effect']}: {known['why']}; record {known['record_instead']}")
+        print(fold(f"  not identifiable: {known['effect']}: {known['why']}; record {known['record_instead']}", 4))
     print(f"{out}/report.html  {out}/diagnosis.json  {out}/model.json")
 
 

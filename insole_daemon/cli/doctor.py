@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from .options import ConfigFile
+from .tables import fold
 
 if TYPE_CHECKING:
     from ..service.doctor import CheckResult
@@ -36,7 +37,8 @@ def doctor(config: ConfigFile = None) -> None:
 
 def finding_lines(finding: CheckResult) -> str:
     """A finding and its remedy, as text."""
-    lines = f"{finding.level:<8} {finding.subject:<{_SUBJECT}} {finding.text}\n"
-    if finding.remedy:
-        lines += f"{'':<8} {'':<{_SUBJECT}} → {finding.remedy}\n"
+    indent = 8 + 1 + _SUBJECT + 1
+    lines = fold(f"{finding.level:<8} {finding.subject:<{_SUBJECT}} {finding.text}", indent) + "\n"
+    if finding.remedy:  # in one line, to be copied
+        lines += f"{'→ ':>{indent + 2}}{finding.remedy}\n"
     return lines

@@ -10,6 +10,7 @@ from typing import Annotated
 
 import typer
 
+from .options import Force, name_next, refuse_existing_file
 from .progress import show_work
 from .recordings import load_recordings
 
@@ -32,6 +33,7 @@ def export(
         typer.Argument(help="File that is written: .csv has the forces alone. With --to csv and parquet the folder."),
     ],
     to: Annotated[Form | None, typer.Option(help="Without it, what the ending of OUT says.")] = None,
+    force: Force = False,
 ) -> None:
     """Write a recording as CSV, npz, MATLAB, MCAP, Parquet or C3D; steps are part of it, but in npz."""
     from ..errors import FileError
@@ -45,7 +47,10 @@ def export(
         raise typer.BadParameter(
             f"expected an OUT that ends in .csv, .npz, .mat, .mcap, .parquet or .c3d, or --to, found {out}"
         )
-    refuse_existing(out)
+    if form is Form.parquet or (form is Form.csv and suffix != "csv"):
+        refuse_existing(out)  # a folder
+    else:
+        refuse_existing_file(out, force)
     loaded = load_recordings([recording])[0]
     try:
         with show_work(f"writing {out}") as work:
@@ -65,3 +70,4 @@ def export(
     for foot, found in quality(loaded).items():
         print(f"insole: {foot}: {found.sentence}", file=sys.stderr)
     print(f"{out}: {form.value}, {', '.join(f'{each.foot} {len(each)} cycles' for each in loaded.feet)}")
+    name_next(f"the same in Python: insole_daemon.load({str(recording)!r})")

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from .options import OneFoot, name_next
+from .progress import show_work
+from .recordings import load_recordings
 
 if TYPE_CHECKING:
     from ..config import Foot
@@ -37,7 +39,6 @@ def import_(
     """
     from .. import config as configs
     from ..recording.importing import import_recording
-    from ..recording.loading import load
     from ..skin import layout as layouts
     from .record import insoles_of
 
@@ -46,12 +47,11 @@ def import_(
     if own_layout is not None and side is None:
         side = own_layout.foot
     insoles = insoles_of(configs.load(config)) if config is not None else None
-    import_recording(source, out, side, own_layout, insoles)
-    recording = load(out)
+    with show_work(f"importing {source}"):
+        import_recording(source, out, side, own_layout, insoles)
+    recording = load_recordings([out])[0]
     for each in recording.feet:
         print(f"{each.foot}: {len(each)} cycles, {len(each.layout)} triangles, {recording.kind}, in {out}")
-    for line in recording.warnings:
-        print(f"insole: {line}", file=sys.stderr)
     for line in recording.invented:
         print(f"insole: invented: {line}", file=sys.stderr)
     name_next(f"insole report {out}")

@@ -9,6 +9,7 @@ import typer
 
 from ..config import DEFAULT_ENDPOINT
 from .options import Connect, RigName, Which, ZenohFile
+from .tables import fold
 
 
 class Model(StrEnum):
@@ -36,7 +37,7 @@ def model(
             raise WireError(f"no daemon behind {connect} has the foot that is meant ({foot.value})")
         for name in feet:
             reply = insole.request(name, "model", do="tell" if switch is None else switch.value)
-            print("\n".join(report(reply)), flush=True)
+            print("\n".join(fold(line, 4) for line in report(reply)), flush=True)
 
 
 def report(reply: dict[str, Any]) -> list[str]:

@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING
 
 from ..config import DEFAULT_ENDPOINT
 from .options import Connect, RigName, ZenohFile
+from .tables import fold
 
 if TYPE_CHECKING:
     from ..wire.messages import Health, Meta
 
 _HEALTH_WITHIN_S = 3.0  # health comes once a second
+_INDENT = 15  # of what stands beside the names
 
 
 def status(rig: RigName = "*", connect: Connect = DEFAULT_ENDPOINT, zenoh_config: ZenohFile = None) -> None:
@@ -51,20 +53,20 @@ def _screen(rig: str, foot: str, health: Health | None, meta: Meta) -> str:
         f"  calibration  {meta.calibration}",
         f"  zero         {meta.zero_source}",
         f"  quality      {Quality.of(health.quality).sentence}, in the last {WINDOW_S} s",
-        "  cycles       " + _counts(health.cycles),
+        "  cycles       " + _counts({what: count for what, count in health.cycles.items() if count}),
         "  latency      " + ", ".join(f"{k} {v:.2f} ms" for k, v in health.latency_ms.items() if v is not None),
     ]
     bus = health.bus
     states = "".join(f"{name} {interface['state']}, " for name, interface in bus["interfaces"].items())
     lines.append(f"  bus          {states}{bus['frames']} frames, {bus['overflows']} lost to a full receive queue")
     for board in health.boards:
-        age = "" if board["age_ms"] is None else f", newest {board['age_ms']:.0f} ms ago"
+        age = "" if board["age_ms"] is None else f", age {board['age_ms']:.0f} ms"
         lines.append(
             f"  board {board['address']:<2}     {board['state']}: sends {board['rate_hz']:.1f} Hz, "
-            f"new values {board['change_rate_hz']:.1f} Hz{age}, {board['missed']} halves missed"
+            f"new values {board['change_rate_hz']:.1f} Hz{age}, {board['missed']} missed"
         )
     lines += [f"  wrong        {what}" for what in _wrong(health, meta)]
-    return "\n".join(lines) + "\n"
+    return "\n".join(fold(line, _INDENT) for line in lines) + "\n"
 
 
 def _wrong(health: Health, meta: Meta) -> list[str]:

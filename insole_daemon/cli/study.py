@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from .options import name_next
 from .progress import show_work
 
 if TYPE_CHECKING:
@@ -57,5 +58,6 @@ def study(
     write_text(folder / "study.html", study_page(folder.resolve().name, given, rows, every))
     missing = sum(bool(each["missing"]) for each in rows)
     print(f"{folder / 'table.csv'}: {len(rows)} recordings, {missing} with something missing")
+    name_next(f"open {folder / 'study.html'}")
     if missing:
         raise typer.Exit(1)

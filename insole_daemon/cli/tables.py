@@ -1,7 +1,9 @@
-"""Tables that fit the terminal: one that is too wide is printed with its rows as columns, a few at a time."""
+"""Tables and text that fit the terminal: a table that is too wide is printed with its rows as columns."""
 
 from __future__ import annotations
 
+import shutil
+import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -9,6 +11,19 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 _GAP = 2  # spaces beside a column
+
+
+def fold(line: str, indent: int) -> str:
+    """Return `line` broken between words where the terminal ends, indented from there on; whole without a terminal."""
+    width = terminal_width(0)
+    if not width:
+        return line
+    return textwrap.fill(line, width, subsequent_indent=" " * indent, break_long_words=False, break_on_hyphens=False)
+
+
+def terminal_width(elsewhere: int) -> int:
+    """Return the columns of the terminal, or of COLUMNS; `elsewhere` where there is neither."""
+    return shutil.get_terminal_size((elsewhere, 24)).columns
 
 
 def print_table(console: Console, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:

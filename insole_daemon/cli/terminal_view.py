@@ -19,6 +19,7 @@ from ..wire.messages import Health, Message, Meta, Pressure, Wrench
 _PIXEL_MM = 5.6  # half a line of text; a taxel's row spacing is 5.66 mm, finer shows nothing more
 _REACH = 1.2  # a pixel shows the taxel that is nearest, if it is within so many pixels
 _OTHER_LINES = 12  # of the screen that are not map
+_PANEL = 39  # columns of a foot: both stand side by side in 80
 _FULL_SCALE_PA = 250_000.0  # a heel in walking
 # Perceptually uniform, readable with colour-blind vision: eight steps of "viridis" (matplotlib, CC0).
 _SCALE = ("#440154", "#46327e", "#365c8d", "#277f8e", "#1fa187", "#4ac16d", "#a0da39", "#fde725")
@@ -88,7 +89,7 @@ class FootView:
         if health is not None:
             boards = " ".join(f"{board['rate_hz']:.0f}" for board in health.boards)
             rows.append(Text(f"{health.publish_rate_hz:.1f} Hz, its boards {boards} Hz", style="dim"))
-        return Panel(Group(*rows, self._map()), title=self.meta.foot, width=42)
+        return Panel(Group(*rows, self._map()), title=self.meta.foot, width=_PANEL)
 
     def _map(self) -> Text:
         """Two pixels a character, one above the other; the CoP as a white cross."""
@@ -150,4 +151,4 @@ def _nearest_taxel(xy_mm: NDArray[np.float64], corner_mm: NDArray[np.float64], p
 
 
 def _number(value: float | None, unit: str, digits: int = 1, factor: float = 1.0) -> str:
-    return f"{value * factor:.{digits}f} {unit}" if value is not None else f"– {unit}"
+    return f"{value * factor:z.{digits}f} {unit}" if value is not None else f"– {unit}"

@@ -13,7 +13,7 @@ import typer
 from .options import Force, name_next, refuse_existing_file, write_whole
 from .progress import show_work
 from .recordings import load_recordings
-from .tables import print_table
+from .tables import fold, print_table, terminal_width
 
 if TYPE_CHECKING:
     from ..calibration.validation import Result
@@ -53,22 +53,27 @@ def validate(
         write_whole(out, json.dumps(said, indent=1, ensure_ascii=False) + "\n")
     if report is not None:
         write_whole(report, validation_page(results, judged, calibration.name))
-    console = Console(width=None if sys.stdout.isatty() else 160)
-    for columns, rows in _tables(results):
+    console = Console(width=terminal_width(200))
+    for columns, rows, names in _tables(results):
         print_table(console, columns, rows)
-    for name in ("rmse", "accuracy", "steady", "cop", "taxels", *(("model",) if judged.effects else ())):
-        print(f"{name}: {validation.DEFINITIONS[name]}", file=sys.stderr)
+        for name in names:
+            print(fold(f"{name}: {validation.DEFINITIONS[name]}", 2), file=sys.stderr)
+    if judged.effects:
+        print(fold(f"model: {validation.DEFINITIONS['model']}", 2), file=sys.stderr)
+    for file in (out, report):
+        if file is not None:
+            print(f"insole: wrote {file}", file=sys.stderr)
     name_next(f"in config.yaml, under the {judged.foot} foot: calibration: {calibration}; then insole run")
 
 
-def _tables(results: Sequence[Result]) -> Iterator[tuple[Sequence[str], Sequence[Sequence[str]]]]:
-    """Columns and rows of each table."""
+def _tables(results: Sequence[Result]) -> Iterator[tuple[Sequence[str], Sequence[Sequence[str]], Sequence[str]]]:
+    """Columns and rows of each table, and the names of what has to be defined below it."""
     from ..calibration.validation import ShoeResult
     from ..calibration.validation_rows import CHAMBER_COLUMNS, SHOE_COLUMNS, chamber_rows, shoe_rows
 
     shoe = [each for each in results if isinstance(each.outcome, ShoeResult)]
     chamber = [each for each in results if not isinstance(each.outcome, ShoeResult)]
     if shoe:
-        yield SHOE_COLUMNS, shoe_rows(shoe)
+        yield SHOE_COLUMNS, shoe_rows(shoe), ("rmse", "accuracy", "steady", "cop", "clock")
     if chamber:
-        yield CHAMBER_COLUMNS, chamber_rows(chamber)
+        yield CHAMBER_COLUMNS, chamber_rows(chamber), ("taxels", "clock")

@@ -11,6 +11,7 @@ import typer
 
 from ..config import DEFAULT_ENDPOINT
 from .options import Connect, RigName, Which, ZenohFile
+from .tables import fold
 
 _COUNTDOWN_S = 3
 _PRESSURE_TAXELS = 10  # of a triangle; the geometry would be imported with numpy
@@ -51,7 +52,7 @@ def zero(
             for job in as_completed(jobs):
                 reply = job.result()
                 refused |= not reply["ok"]
-                print("\n".join(report(reply)), flush=True)
+                print("\n".join(fold(line, 4) for line in report(reply)), flush=True)
     if refused:
         raise typer.Exit(1)
 

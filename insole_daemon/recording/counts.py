@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import DocumentError, Problem
-from ..files import unfinished
+from ..files import unfinished, unreadable
 from ..skin.geometry import N_TAXELS
 
 # Beside t_s and counts, what a daemon says of every cycle: name → type and axes; n is the cycle, k the triangle.
@@ -63,12 +63,10 @@ def read(path: Path, n_triangles: Mapping[str, int]) -> dict[str, CountsTable]:
             with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
                 named = {name: archive[name] for name in archive.files}
     except OSError as error:
-        raise DocumentError(
-            str(path), [Problem(None, "(file)", f"cannot be read: {error.strerror or error}")]
-        ) from error
+        raise DocumentError(str(path), [Problem(None, "", unreadable(error))]) from error
     except Exception as error:  # zip, zlib and numpy each have errors of their own
         what = f"expected arrays that numpy wrote (.npz), found something else: {error}"
-        raise DocumentError(str(path), [Problem(None, "(file)", what)]) from error
+        raise DocumentError(str(path), [Problem(None, "", what)]) from error
     problems: list[Problem] = []
     tables = {}
     for foot, k in n_triangles.items():

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import FileError
-from ..files import write_text
+from ..files import unreadable, write_text
 from . import reference as references
 from .lab import need
 from .reference import TIME
@@ -60,7 +60,7 @@ def read_force_plates(source: Path) -> list[ForcePlate]:
             units = reader.get("ANALOG:UNITS")
             words = [str(word).strip().lower() for word in np.ravel(units.string_array)] if units is not None else []
     except OSError as error:
-        raise FileError(f"{source}: cannot be read: {error.strerror or error}") from error
+        raise FileError(f"{source}: {unreadable(error)}") from error
     except Exception as error:  # it raises what its parser stumbles over
         what = f"{type(error).__name__}: {error}"
         raise FileError(

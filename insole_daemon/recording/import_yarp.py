@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ..config import Foot
 from ..errors import FileError
+from ..files import unreadable
 from ..skin.layout import Layout
 from .columns import both_feet, counts_of, insole_of, nanoseconds
 from .counts import CountsTable
@@ -52,8 +53,11 @@ def import_yarp(source: Path, out: Path, foot: Foot | None, layout: Layout | Non
 def _table(path: Path) -> NDArray[np.float64]:
     try:
         lines = path.read_text("utf-8").translate(_NO_BRACKETS).splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise FileError(f"{path}: expected the text that yarpdatadumper writes, found none: {error}") from error
+    except OSError as error:
+        raise FileError(f"{path}: expected what yarpdatadumper writes, and it {unreadable(error)}") from error
+    except UnicodeDecodeError as error:
+        what = f"found other bytes from byte {error.start} on"
+        raise FileError(f"{path}: expected the text that yarpdatadumper writes, {what}") from error
     rows = [line.split() for line in lines if line.strip()]
     width = len(rows[0]) if rows else 0
     if len(rows) > 1 and len(rows[-1]) < width:

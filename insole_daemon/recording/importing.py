@@ -7,6 +7,7 @@ from pathlib import Path
 
 from ..config import Foot
 from ..errors import FileError
+from ..files import unreadable
 from ..skin.layout import Layout
 from .copies import InsoleContents
 from .import_bench import import_bench
@@ -26,7 +27,7 @@ def import_recording(
     `foot` and `layout` are those of tables of counts, `insoles` of CAN logs.
     """
     if not source.exists():
-        raise FileError(f"{source}: is not there: expected a file to import")
+        raise FileError(f"{source}: is not there: expected a file to import; check the path")
     suffix, head = source.suffix.lower(), _head(source)
     if suffix == ".mcap":
         return import_mcap(source, out)
@@ -52,7 +53,7 @@ def _head(source: Path) -> bytes:
                 head += more
             return head
     except OSError as error:
-        raise FileError(f"{source}: cannot be read: {error.strerror or error}") from error
+        raise FileError(f"{source}: {unreadable(error)}") from error
 
 
 def _of(foot: Foot | None, source: Path) -> Foot:

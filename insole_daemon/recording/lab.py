@@ -1,4 +1,4 @@
-"""Packages that only this room needs, of the extra [lab]: imported when they are used."""
+"""Packages of an extra, imported where they are used."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import importlib
 from typing import Any
 
 from ..errors import InsoleError
-from ..extras import install_command
+from ..extras import extra_of, install_command
 
 
 def need(module: str, package: str, what: str) -> Any:
@@ -14,6 +14,7 @@ def need(module: str, package: str, what: str) -> Any:
     try:
         return importlib.import_module(module)
     except ImportError as error:
+        extra = extra_of(module) or "lab"  # None: the package runs without having been installed
         raise InsoleError(
-            f"{what} needs the package {package}, which is not installed: {install_command('lab')}"
+            f"{what} needs the package {package}, which is not installed: {install_command(extra)}"
         ) from error

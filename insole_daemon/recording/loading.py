@@ -190,7 +190,7 @@ class _Loading:
         )  # fmt: skip
 
     def _refuse(self, message: str) -> NoReturn:
-        raise RecordingError([DocumentError(str(self._folder), [Problem(None, "(folder)", message)])])
+        raise RecordingError([DocumentError(str(self._folder), [Problem(None, "", message)])])
 
     def _check(self, reading: Reading) -> None:
         """Beside what recording.yaml says itself, everything about the files it names, whatever else is wrong."""

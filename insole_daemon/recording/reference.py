@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from ..config import Foot
 from ..errors import DocumentError, Problem
+from ..files import unreadable
 from .document import REFERENCE_COLUMNS, Clock, Kind
 
 TIME = "time_s"
@@ -97,15 +98,13 @@ def _lines(path: Path) -> tuple[list[str], bool]:
     try:
         content = path.read_bytes().decode("utf-8-sig")
     except OSError as error:
-        raise DocumentError(
-            str(path), [Problem(None, "(file)", f"cannot be read: {error.strerror or error}")]
-        ) from error
+        raise DocumentError(str(path), [Problem(None, "", unreadable(error))]) from error
     except UnicodeDecodeError as error:
         what = f"expected text (UTF-8) with commas, found other bytes from byte {error.start} on"
-        raise DocumentError(str(path), [Problem(None, "(file)", what)]) from error
+        raise DocumentError(str(path), [Problem(None, "", what)]) from error
     lines = content.splitlines()
     if not lines:
-        raise DocumentError(str(path), [Problem(None, "(file)", "expected a header with columns, found an empty file")])
+        raise DocumentError(str(path), [Problem(None, "", "expected a header with columns, found an empty file")])
     return lines, content.endswith("\n")
 
 
@@ -170,9 +169,7 @@ def _check_times(path: Path, time_s: NDArray[np.float64]) -> None:
 
 def _shortened(problems: list[Problem]) -> list[Problem]:
     more = len(problems) - _MOST_PROBLEMS
-    return (
-        problems if more <= 0 else [*problems[:_MOST_PROBLEMS], Problem(None, "(file)", f"and {more} more like these")]
-    )
+    return problems if more <= 0 else [*problems[:_MOST_PROBLEMS], Problem(None, "", f"and {more} more like these")]
 
 
 def _is_number(cell: str) -> bool:

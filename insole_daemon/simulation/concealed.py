@@ -68,18 +68,32 @@ def choices() -> tuple[str, ...]:
     return (*_CONCEALED, NOTHING)
 
 
-def conceal(word: str, folder: str | PathLike[str], config: Config, layout: Layout, seed: int) -> Concealed:
+def conceal(
+    word: str,
+    folder: str | PathLike[str],
+    config: Config,
+    layout: Layout,
+    seed: int,
+    progress: Callable[[float], None] = lambda share: None,
+) -> Concealed:
     """Write the recording `folder` of the insole with `layout`; what is in it nobody can read there.
 
-    SimulationError where a chamber cannot show `word`.
+    `progress` is told the share that has been played. SimulationError where a chamber cannot show `word`.
     """
-    if word not in choices():
-        raise SimulationError(f"expected an effect that a chamber can show ({', '.join(choices())}), found {word!r}")
+    refuse_unknown(word)
     hidden = Concealed(word, None if word == NOTHING else drawn(word, layout, Draws(seed, Drawn.CONCEALED)))
     effects = {layout.foot: () if hidden.effect is None else (hidden.effect,)}
     conditions = Conditions(chamber=CYCLES, temperature=WARMTH)
-    Trial("plenum", config, [layout], effects=effects, conditions=conditions, seed=seed).write(folder)
+    Trial("plenum", config, [layout], effects=effects, conditions=conditions, seed=seed).write(
+        folder, progress=progress
+    )
     return hidden
+
+
+def refuse_unknown(word: str) -> None:
+    """Raise SimulationError where a chamber cannot show `word`."""
+    if word not in choices():
+        raise SimulationError(f"expected an effect that a chamber can show ({', '.join(choices())}), found {word!r}")
 
 
 def drawn(word: str, layout: Layout, draws: Draws) -> Effect:

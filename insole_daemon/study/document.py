@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Annotated, Literal, get_args
 
 from ..documents import Reading, Section, at_least, read
+from ..errors import FileError
 
 FORMAT = "insole-study/1"
 FILE = "study.yaml"
@@ -37,7 +38,11 @@ class Study(Section):
 
 
 def load_study(folder: Path) -> Study:
-    """The study in `folder`; DocumentError lists all that is wrong with its study.yaml."""
+    """The study in `folder`; FileError where there is none, DocumentError lists all that is wrong with it."""
+    if not (folder / FILE).is_file():
+        raise FileError(
+            f"{folder}: expected a folder with a {FILE}, which lists recordings; docs/study.md has an example"
+        )
     study = read(folder / FILE, Study, FORMAT, _check)
     relative = tuple(replace(each, folder=Path(os.path.relpath(each.folder, folder))) for each in study.recordings)
     return replace(study, recordings=relative)

@@ -54,12 +54,14 @@ def do_tasks(folder: str, results: str, tasks: Sequence[Task], judged: Sequence[
                 _DO[task](loaded[0], file, [Path(each) for each in judged])
             found.append(TaskResult(task, file.name, ""))
         except (InsoleError, OSError, ValueError, ArithmeticError, subprocess.SubprocessError) as error:
-            found.append(TaskResult(task, None, f"{type(error).__name__}: {error}".replace("\n", " ")))
+            found.append(TaskResult(task, None, _words(error).replace("\n", " ")))
     return found
 
 
 def content_key(folder: Path, task: Task, judged: Sequence[str]) -> str:
-    """Of everything that the result of `task` depends on."""
+    """Of everything that the result of `task` depends on; InsoleError where the recording is not there."""
+    if not folder.is_dir():
+        raise InsoleError(f"{folder}: there is no such folder; check its line in study.yaml")
     digest = hashlib.sha256(f"{__version__} {task}".encode())
     files = sorted(path for path in folder.iterdir() if path.is_file() and path.suffix in _OF_RECORDINGS)
     for path in [*files, *map(Path, judged if task == "validation" else ())]:
@@ -67,6 +69,14 @@ def content_key(folder: Path, task: Task, judged: Sequence[str]) -> str:
         digest.update(f"{path.name} {len(content)}\n".encode())
         digest.update(content)
     return digest.hexdigest()[:_KEY_DIGITS]
+
+
+def _words(error: Exception) -> str:
+    if isinstance(error, InsoleError):
+        return str(error)
+    if isinstance(error, OSError) and error.strerror:
+        return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+    return f"{type(error).__name__}: {error}"
 
 
 def _report(recording: Recording, file: Path, judged: Sequence[Path]) -> None:

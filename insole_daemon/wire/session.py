@@ -13,7 +13,7 @@ import zenoh
 from ..config import DEFAULT_PORT
 from ..documents import YAML_BYTES
 from ..errors import WireError
-from ..files import read_at_most
+from ..files import read_at_most, unreadable
 from .messages import MOST_BYTES
 
 _OURS = {"mode": "mode", "listen/endpoints": "listen", "connect/endpoints": "connect"}  # Zenoh's key → config.yaml's
@@ -93,8 +93,11 @@ def load_config(path: Path) -> zenoh.Config:
     try:
         config = zenoh.Config.from_json5(read_at_most(path, YAML_BYTES).decode())
     except OSError as error:
-        raise _refused(path, f"cannot be read: {error.strerror or error}") from error
-    except (UnicodeDecodeError, zenoh.ZError) as error:
+        raise _refused(path, unreadable(error)) from error
+    except UnicodeDecodeError as error:
+        what = f"expected a configuration of Zenoh (JSON5), found bytes that are no text from byte {error.start} on"
+        raise _refused(path, what) from error
+    except zenoh.ZError as error:
         raise _refused(path, f"expected a configuration of Zenoh (JSON5), found: {_words(error)}") from error
     default = zenoh.Config()
     for theirs, ours in _OURS.items():

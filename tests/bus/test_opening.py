@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import gc
 import os
 import socket
 
@@ -11,6 +12,7 @@ import pytest
 
 from insole_daemon.bus import socketcan
 from insole_daemon.bus.opening import open_as_boards, open_bus
+from insole_daemon.bus.pythoncan import open_adapter
 from insole_daemon.bus.recovering import RecoveringSource
 from insole_daemon.config import Bus
 from insole_daemon.errors import BusError
@@ -22,7 +24,7 @@ from insole_daemon.errors import BusError
         (errno.EPERM, "RestrictAddressFamilies=AF_CAN"),
         (errno.EACCES, "RestrictAddressFamilies=AF_CAN"),
         (errno.ENODEV, "ip -brief link show type can"),
-        (errno.EAFNOSUPPORT, "modprobe can-raw"),
+        (errno.EAFNOSUPPORT, "modprobe can-raw.*; 'insole demo' needs none"),
         (errno.EMFILE, "Too many open files"),
     ],
 )
@@ -90,3 +92,10 @@ def test_boards_listen_to_commands_alone(monkeypatch):
     assert ours.fileno() == -1
     theirs.close()
     assert [each["can_id"] for each in asked["can_filters"]] == [0x200, 0x700], "not the stream that they send"
+
+
+def test_an_adapter_that_cannot_be_opened_is_one_error_and_no_warning(caplog) -> None:
+    with pytest.raises(BusError, match="cannot be opened"):
+        open_adapter("udp_multicast", "192.0.2.1")  # no multicast group, which shows once the adapter's object is made
+    gc.collect()
+    assert not caplog.records

@@ -73,6 +73,21 @@ def test_a_force_that_is_not_known_is_no_number():
     assert "f_z – N" in view.line()
 
 
+def test_a_force_that_rounds_to_nothing_has_no_sign():
+    view = FootView(LEFT)
+    view.take(replace(WRENCH, f_z_n=-0.4, m_x_nm=-0.04))
+    assert "f_z 0 N  m_x 0.0 N·m" in view.line()
+
+
+def test_both_feet_stand_side_by_side_in_80_columns():
+    console = Console(file=io.StringIO(), width=80)
+    console.print(screen({"left": FootView(LEFT, 24), "right": FootView(RIGHT, 24)}, "a title"))
+    _, frames, *others = console.file.getvalue().splitlines()
+    assert "left" in frames
+    assert "right" in frames
+    assert len(others) <= 24
+
+
 def test_screen_has_the_left_foot_on_the_left():
     text, _ = drawn(screen({"right": FootView(RIGHT, 40), "left": FootView(LEFT, 40)}, "a title"))
     title, frames, *_, scale = text.splitlines()

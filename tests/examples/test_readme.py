@@ -15,7 +15,7 @@ def test_the_subscriber_of_the_readme(daemon, tmp_path):
     program.write_text(code.replace("insole_daemon.connect()", f'insole_daemon.connect("{daemon.endpoint}")'))
     with daemon.boards(), python(program) as lines:
         rows = [line.split() for line in lines.take(120)]
-    assert all(len(row) == 3 for row in rows), "no cycle was lost"
-    forces = [float(force) for force, _, _ in rows]
-    assert max(forces) > 300, "somebody walks"
-    assert any(cop != "None" and 0 < float(cop) < 0.3 for _, cop, _ in rows)
+    assert all(len(row) == 4 for row in rows), "no cycle was lost"
+    assert {foot for foot, *_ in rows} == {"left", "right"}
+    assert max(float(force) for _, force, _, _ in rows) > 300, "somebody walks"
+    assert any(cop != "None" and 0 < float(cop) < 0.3 for _, _, cop, _ in rows)

@@ -142,7 +142,7 @@ def test_everything_that_is_wrong_is_said_at_once(trial):
         ([("can: can.log", "can: gone.log")], "can: the file gone.log is not in the folder"),
         ([("can: can.log\n", "")], "expected one of can .* and counts .*, found neither"),
         ([("can: can.log", "can: can.log\ncounts: can.log")], "found both"),
-        ([("calibration: calibration.json", "calibration: gone.json")], "gone.json: .*cannot be read: No such file"),
+        ([("calibration: calibration.json", "calibration: gone.json")], "gone.json: .*there is no such file"),
         ([("kind: chamber", "kind: free")], "reference: expected none, since kind is free"),
         ([("simulated", "reencoded"), (INVENTED, "")], "invented: missing key: expected a list of what was invented"),
         ([("reference:\n- foot: left", "reference:\n- foot: right")], "reference of the right foot, but recorded is"),

@@ -16,8 +16,11 @@ LAYOUT = load_layout(CONFIG.insoles[0])
 
 @pytest.mark.parametrize("word", ["hysteresis", NOTHING])
 def test_the_folder_does_not_tell_what_is_concealed_in_it(tmp_path, word):
-    hidden = conceal(word, tmp_path / "trial", CONFIG, LAYOUT, 5)
+    shares: list[float] = []
+    hidden = conceal(word, tmp_path / "trial", CONFIG, LAYOUT, 5, shares.append)
     assert str(hidden).startswith(word)
+    assert shares == sorted(shares)
+    assert shares[-1] == pytest.approx(1, abs=0.01)
     for path in (tmp_path / "trial").iterdir():
         assert word.encode() not in path.read_bytes()
     recording = insole_daemon.load(tmp_path / "trial")

@@ -111,7 +111,9 @@ def test_broken_recordings_are_named_and_the_rest_goes_on(folder):
     table = pd.read_csv(folder / "table.csv").set_index("recording")
     assert len(table) == 6
     assert "insole-recording/9" in table.missing["p0-slow"]
-    assert "FileNotFoundError" in table.missing["p1-slow"]
+    assert "p1-slow: there is no such folder; check its line in study.yaml" in table.missing["p1-slow"]
+    assert "Error" not in " ".join(table.missing.dropna())
+    assert "insole: next: open" in done.stderr
     assert table.left_steady_steps["p2-fast"] == 0
     assert pd.isna(table.missing["p1-fast"])
     assert table.left_steady_steps["p1-fast"] >= 3

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InsoleError
+from ...extras import install_command
 
 FEWEST = 3  # values that an interval is made of
 _LEAST_DOF = 4
@@ -60,7 +61,7 @@ def t_quantile(dof: float) -> float:
         from scipy.special import stdtrit
     except ImportError as error:
         raise InsoleError(
-            "intervals need the package scipy, which is not installed: pip install 'insole-daemon[lab]'"
+            f"intervals need the package scipy, which is not installed: {install_command('lab')}"
         ) from error
     return float(stdtrit(dof, 0.5 + LEVEL / 2))
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ... import config as configs
 from ...config import Config, Insole
-from ...errors import DocumentError, InsoleError
+from ...errors import DocumentError, InsoleError, Problem
 from ...physics import calibration as calibrations
 from ...physics import zero as zeros
 from ...skin.layout import Layout
@@ -111,12 +111,13 @@ def _refused(subject: str, error: InsoleError) -> list[CheckResult]:
     """A finding for everything that is wrong with a file."""
     if not isinstance(error, DocumentError):
         return [problem(subject, str(error), "correct the configuration")]
-    return [
-        problem(
-            subject, each.message, f"edit {error.path}" + (f", line {each.line}" if each.line else "") + f": {each.key}"
-        )
-        for each in error.problems
-    ]
+    return [problem(subject, each.message, _edit(error.path, each)) for each in error.problems]
+
+
+def _edit(path: str, wrong: Problem) -> str:
+    if not wrong.key:
+        return f"correct {path}, or name another file"
+    return f"edit {path}" + (f", line {wrong.line}" if wrong.line else "") + f": {wrong.key}"
 
 
 def _age(age_s: float) -> str:
