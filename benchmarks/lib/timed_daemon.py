@@ -8,11 +8,11 @@ from benchmarks.lib import measured, traffic
 from insole_daemon.bus import link
 from insole_daemon.bus.recovering import RecoveringSource
 from insole_daemon.bus.socketcan import SocketCanSource
-from insole_daemon.config import Bus
+from insole_daemon.config import Bus, Zenoh
 from insole_daemon.service.daemon import Daemon
 from insole_daemon.wire.messages import Message, Wrench
 from insole_daemon.wire.publisher import FootPublisher
-from insole_daemon.wire.session import open_session
+from insole_daemon.wire.session import open_daemon_session
 
 
 def main() -> None:
@@ -35,7 +35,7 @@ def main() -> None:
             recorder.cycle(last.foot, last.t_ns)
 
     FootPublisher.publish = timed  # type: ignore[method-assign]
-    with open_session("peer", [options.endpoint]) as session:
+    with open_daemon_session(Zenoh(listen=(options.endpoint,))) as session:
         daemon = Daemon(source, traffic.feet(), session)
         measured.on_end(daemon.stop)
         daemon.run(lambda: measured.ready([feed for _, feed in opened], options.endpoint))
