@@ -70,7 +70,8 @@ class RecoveringSource:
 
     def drain(self) -> FrameBatch:
         """See FrameSource."""
-        return _merged([link.drain() for link in self._links])
+        batches = [link.drain() for link in self._links]
+        return batches[0] if len(batches) == 1 else _merged(batches)
 
     clock_ns = staticmethod(time.monotonic_ns)
 

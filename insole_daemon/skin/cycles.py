@@ -38,7 +38,7 @@ S = TypeVar("S", np.int16, np.int64, np.uint64)
 
 _NEVER = -(1 << 62)  # receive time of a half that has never arrived
 _WINDOW_CYCLES = 4  # frames of this many cycles are searched for the end of one
-_FRAME_BY_FRAME_CYCLES = 3  # up to so many cycles' frames the kernel takes one by one; of more, numpy takes blocks
+_FRAME_BY_FRAME_CYCLES = 12  # up to so many cycles' frames the kernel takes one by one; of more, numpy takes blocks
 _BLOCK_CYCLES, _BLOCK_CYCLES_MOST = 4, 256  # this many whole cycles are taken in at once, or all there are
 
 

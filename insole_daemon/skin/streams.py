@@ -89,9 +89,10 @@ class Streams:
         refused.other += int((even & (slots == _OTHER)).sum())
         refused.unknown_tag += int((slots == _UNKNOWN_TAG).sum())
         refused.unconfigured_triangle += int((slots == _UNCONFIGURED_TRIANGLE).sum())
-        for can_id in batch.can_id[slots == _UNCONFIGURED_BOARD].tolist():
-            address = can_id >> 4 & 0xF
-            refused.unconfigured_board[address] = refused.unconfigured_board.get(address, 0) + 1
+        addresses = batch.can_id[slots == _UNCONFIGURED_BOARD] >> np.uint32(4) & 0xF
+        for address, n in enumerate(np.bincount(addresses).tolist()):
+            if n:
+                refused.unconfigured_board[address] = refused.unconfigured_board.get(address, 0) + n
 
     def _count_odd(self, batch: FrameBatch) -> None:
         """Frames of another kind than a standard data frame of 8 bytes."""
