@@ -179,11 +179,12 @@ class Daemon:
                             publisher.publish(step)
                     if not newest:
                         self._tell_faults(foot, publisher)
-        for foot, publisher in zip(self._feet, self._publishers, strict=True):
-            self._tell_faults(foot, publisher)  # once the newest cycles of all feet are out
+        if any([foot.is_watch_due for foot in self._feet]):  # the second foot's finds the caches warm
+            for foot, publisher in zip(self._feet, self._publishers, strict=True):
+                self._tell_faults(foot, publisher, early=True)
 
-    def _tell_faults(self, foot: Foot, publisher: FootPublisher) -> None:
-        for event in foot.fault_events():
+    def _tell_faults(self, foot: Foot, publisher: FootPublisher, early: bool = False) -> None:
+        for event in foot.fault_events(early):
             publisher.publish(event)
 
     def _publish_latched(self) -> None:

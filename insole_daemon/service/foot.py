@@ -158,11 +158,16 @@ class Foot:
         """Take in cycle `at`, which is not published, for its faults."""
         self._watch.take(cycles, at)
 
-    def fault_events(self) -> list[Event]:
-        """What has begun or healed in the cycles taken in; some of the latest may still be told by a later call."""
+    @property
+    def is_watch_due(self) -> bool:
+        """Whether `fault_events` looks at the cycles taken in."""
+        return self._watch.is_due
+
+    def fault_events(self, early: bool = False) -> list[Event]:
+        """What has begun or healed in the cycles taken in; unless `early`, a later call may tell of the latest."""
         return [
             Event(self.name, change.t_ns, change.event, change.text, [change.board], change.triangle, change.taxel)
-            for change in self._watch.changes()
+            for change in self._watch.changes(early)
         ]
 
     def faults(self) -> list[dict[str, Any]]:
