@@ -166,7 +166,7 @@ def main() -> None:
                     frames += 1
                     if closed is not None:
                         index, cycles = closed
-                        publishers[index].publish(*feet[index].messages(cycles, 0).published())
+                        publishers[index].put(feet[index].values(cycles, 0).payloads())
                         newest_t_ns = int(cycles.t_ns[0])
                         recorder.cycle(feet[index].name, newest_t_ns)
                         rhythm.complete(index, newest_t_ns)

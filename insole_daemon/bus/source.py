@@ -101,8 +101,8 @@ def sleep_precisely() -> None:
 def collect(
     source: FrameSource, at_least: int, until_ns: int, promised_ns: int | None = None
 ) -> tuple[FrameBatch, int]:
-    """Frames of `source`, as soon as `at_least` are there and they were promised, or what there is at `until_ns`, on the
-    source's clock; and the time up to which every frame that had arrived is among them.
+    """Frames of `source`, as soon as `at_least` are there and the promised time has come, or what there is at
+    `until_ns`, on the source's clock; and the time up to which every frame that had arrived is among them.
 
     Waking up costs more than reading, so it is done as seldom as can be. Where they are promised for a moment (boards
     keep their rhythm), the process sleeps until _EARLY_NS before it and takes in what is there, which makes it warm;

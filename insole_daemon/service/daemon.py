@@ -171,15 +171,15 @@ class Daemon:
                         tally.skipped += 1
                         foot.skip(cycles, at)
                     else:
-                        messages = foot.messages(cycles, at)
-                        publisher.publish(*messages.published())
+                        values = foot.values(cycles, at)
+                        publisher.put(values.payloads())
                         tally.count(cycles, at)
-                        events = self._steps.take(foot, int(cycles.t_mono_ns[at]), messages.pressure, messages.wrench)
-                        for step in events:
+                        step = self._steps.take(foot, int(cycles.t_mono_ns[at]), values.load)
+                        if step is not None:
                             publisher.publish(step)
                     if not newest:
                         self._tell_faults(foot, publisher)
-        if any([foot.is_watch_due for foot in self._feet]):  # the second foot's finds the caches warm
+        if any(foot.is_watch_due for foot in self._feet):  # the second foot's finds the caches warm
             for foot, publisher in zip(self._feet, self._publishers, strict=True):
                 self._tell_faults(foot, publisher, early=True)
 
