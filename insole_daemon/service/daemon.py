@@ -117,10 +117,10 @@ class Daemon:
         try:
             while not self._stopping and not self._source.exhausted:
                 until_ns = self._source.clock_ns() + (_BUSY_NS if self._is_busy() else _IDLE_NS)
-                due_ns = self._skin.due_ns()
+                due_ns, outstanding, promised_ns = self._skin.expected()
                 if due_ns is not None:
                     until_ns = min(until_ns, due_ns)
-                at_least, promised_ns = self._skin.outstanding() or _ANY, self._skin.promised_ns()
+                at_least = outstanding or _ANY
                 if self._backlog.pause_ns:
                     self._rest()
                     at_least, promised_ns = 0, None  # what is there now
@@ -153,10 +153,9 @@ class Daemon:
 
     def _publish(self, closed_by_foot: list[list[Cycles]]) -> None:
         """Everything that is new; of repeats that piled up, or where it cannot keep up, only the newest."""
-        at_hand = [cycles for closed in closed_by_foot for cycles in closed]
-        if not at_hand:
+        if not any(closed_by_foot):
             return
-        self._backlog.look(at_hand, self._source.clock_ns())
+        self._backlog.look([cycles for closed in closed_by_foot for cycles in closed], self._source.clock_ns())
         began_ns = self._source.clock_ns()
         for foot, publisher, tally, closed in zip(
             self._feet, self._publishers, self._tallies, closed_by_foot, strict=True
