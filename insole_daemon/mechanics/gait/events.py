@@ -185,16 +185,18 @@ class FootGait:
         valid: NDArray[np.uint8] | NDArray[np.bool_],
     ) -> None:
         """Peak pressure and its integral, the customary one of the region's peak (Melai et al. 2011)."""
-        most = np.zeros(len(REGIONS))
         if kernel is not None and pressure_pa.dtype == np.float32:
-            n_usable = kernel.region_peaks(pressure_pa, valid, self._order, self._ends, most)
+            n_usable = kernel.press(
+                pressure_pa, valid, self._order, self._ends, seconds, self._peak_pa, self._integral_pa_s
+            )
         else:
+            most = np.zeros(len(REGIONS))
             usable = valid.ravel()[self._order]
             pressed = np.where(usable, pressure_pa.ravel()[self._order], 0.0)
             most[self._present] = np.maximum.reduceat(pressed, self._starts)
             n_usable = int(np.count_nonzero(usable))
-        np.maximum(self._peak_pa, most, out=self._peak_pa)
-        self._integral_pa_s += most * seconds
+            np.maximum(self._peak_pa, most, out=self._peak_pa)
+            self._integral_pa_s += most * seconds
         self._peak_force_n = max(self._peak_force_n, f_z_n)
         self._valid_fraction = min(self._valid_fraction, n_usable / len(self._order))
 
