@@ -3,7 +3,7 @@
     python -m benchmarks.live.start_up
 
 The median of five. The daemon is timed from the start of the process to its first `put`, without the command line's
-imports, which the time of `insole --help` holds: the sum is more than `insole run` needs. The bytecode of the package is
+imports, which the time of `insole --help` holds: the sum is more than `insole run` needs. The package's bytecode is
 written first, as installing a wheel does; where it may not be written, every start compiles the source anew.
 
 Takes about half a minute.
