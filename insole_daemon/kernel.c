@@ -7,7 +7,7 @@
    reader       the constants of a foot; read: counts into valid taxels, pressure and the sums of the wrench
    pads_on_rail, may_be_loose: whether a triangle may just have come loose
    compare      each taxel with its neighbours, for dead and stuck ones
-   region_peaks the highest pressure of each region of the sole
+   press        the highest pressure of each region of the sole, and its integral
 
    Every array is passed as a buffer, and its length is checked here. It is built by hatch_build.py where there is a
    compiler, and is never required: each caller has its numpy code beside it. */
@@ -22,7 +22,7 @@
 #include <string.h>
 #include <sys/socket.h>
 
-#define INTERFACE 2 /* another number for other functions or arguments; compiled.py has it too */
+#define INTERFACE 3 /* another number for other functions or arguments; compiled.py has it too */
 #define TAXELS 12
 #define MOST_TRIANGLES 224
 #define NEVER (-((int64_t)1 << 62))
@@ -740,24 +740,29 @@ end:
     return PyErr_Occurred() ? NULL : PyBool_FromLong(found);
 }
 
-/* region_peaks(pressure_pa, valid, order, ends, peaks): the highest pressure (float32) of each region, where invalid taxels
-   bear 0; taxels of a region stand one after the other in `order`, up to its end. Returns how many are valid. */
-static PyObject *region_peaks(PyObject *module, PyObject *const *arguments, Py_ssize_t n_arguments)
+/* press(pressure_pa, valid, order, ends, seconds, peaks, integrals): takes the highest pressure (float32) of each region,
+   where invalid taxels bear 0, into its peak and, for `seconds`, its integral; taxels of a region stand one after the other
+   in `order`, up to its end. Returns how many are valid. */
+static PyObject *press(PyObject *module, PyObject *const *arguments, Py_ssize_t n_arguments)
 {
-    Py_buffer views[5];
+    Py_buffer views[6];
     int n_views = 0;
     long n_valid = 0;
-    if (counted(n_arguments, 5) < 0)
+    if (counted(n_arguments, 7) < 0)
         return NULL;
-    for (; n_views < 5; n_views++)
-        if (contiguous(arguments[n_views], &views[n_views], -1, n_views == 4) < 0)
+    double seconds = PyFloat_AsDouble(arguments[4]);
+    if (PyErr_Occurred())
+        return NULL;
+    for (; n_views < 6; n_views++)
+        if (contiguous(arguments[n_views + (n_views >= 4)], &views[n_views], -1, n_views >= 4) < 0)
             goto end;
     Py_ssize_t n_taxels = views[1].len, n_order = views[2].len / 8, n_regions = views[3].len / 8, at = 0;
     const float *pressure = views[0].buf;
     const unsigned char *valid = views[1].buf;
     const int64_t *order = views[2].buf, *ends = views[3].buf;
-    double *peaks = views[4].buf;
-    if (views[0].len != 4 * n_taxels || views[4].len != 8 * n_regions || (n_regions && ends[n_regions - 1] != n_order)) {
+    double *peaks = views[4].buf, *integrals = views[5].buf;
+    if (views[0].len != 4 * n_taxels || views[4].len != 8 * n_regions || views[5].len != 8 * n_regions
+        || (n_regions && ends[n_regions - 1] != n_order)) {
         PyErr_SetString(PyExc_ValueError, "expected a pressure and a mark of each taxel, and a peak of each region");
         goto end;
     }
@@ -774,7 +779,9 @@ static PyObject *region_peaks(PyObject *module, PyObject *const *arguments, Py_s
             if (at == first || bears > peak)
                 peak = bears;
         }
-        peaks[region] = peak;
+        if (!(peaks[region] >= peak))
+            peaks[region] = peak;
+        integrals[region] += peak * seconds;
     }
 end:
     release(views, n_views);
@@ -861,7 +868,7 @@ static PyMethodDef methods[] = {
     {"pads_on_rail", (PyCFunction)(void (*)(void))pads_on_rail, METH_FASTCALL, NULL},
     {"may_be_loose", (PyCFunction)(void (*)(void))may_be_loose, METH_FASTCALL, NULL},
     {"compare", (PyCFunction)(void (*)(void))compare, METH_FASTCALL, NULL},
-    {"region_peaks", (PyCFunction)(void (*)(void))region_peaks, METH_FASTCALL, NULL},
+    {"press", (PyCFunction)(void (*)(void))press, METH_FASTCALL, NULL},
     {"read", (PyCFunction)(void (*)(void))read_cycle, METH_FASTCALL, NULL},
     {NULL, NULL, 0, NULL},
 };

@@ -26,6 +26,7 @@ import os
 import signal
 import tempfile
 import time
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
@@ -118,16 +119,17 @@ class Watch:
         self._hour = Hour()
         self._hour_ns, self._hour_real = self._start_ns + HOUR_NS, time.monotonic()
         self.start: Census | None = None
-        publish = FootPublisher.publish
+        put = FootPublisher.put
 
-        def timed(publisher: FootPublisher, message: Message) -> None:
-            publish(publisher, message)
-            if type(message) is Wrench:
-                self._cycle(message)
-            elif type(message) is Health:
-                self._second(message)
+        def timed(publisher: FootPublisher, payloads: Sequence[tuple[type[Message], bytes]]) -> None:
+            put(publisher, payloads)
+            for kind, payload in payloads:
+                if kind is Wrench:
+                    self._cycle(Wrench.decode(payload))
+                elif kind is Health:
+                    self._second(Health.decode(payload))
 
-        FootPublisher.publish = timed  # type: ignore[method-assign]
+        FootPublisher.put = timed  # type: ignore[method-assign]
 
     def _cycle(self, wrench: Wrench) -> None:
         self.published[wrench.foot] = self.published.get(wrench.foot, 0) + 1

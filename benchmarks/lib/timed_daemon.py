@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict
 
 from benchmarks.lib import measured, traffic
 from insole_daemon.bus import link
 from insole_daemon.bus.recovering import RecoveringSource
 from insole_daemon.bus.socketcan import SocketCanSource
-from insole_daemon.config import Bus
+from insole_daemon.config import Bus, Zenoh
 from insole_daemon.service.daemon import Daemon
+from insole_daemon.service.foot import CycleValues, Foot, PublishedLoad
+from insole_daemon.skin.cycles import Cycles
 from insole_daemon.wire.messages import Message, Wrench
 from insole_daemon.wire.publisher import FootPublisher
-from insole_daemon.wire.session import open_session
+from insole_daemon.wire.session import open_daemon_session
 
 
 def main() -> None:
@@ -26,16 +29,22 @@ def main() -> None:
     link.open_bus = lambda bus: sources[bus.channel]
     source = RecoveringSource([Bus("opened", name) for name in sources])
     recorder = measured.Recorder(options)
-    publish = FootPublisher.publish
+    values, put = Foot.values, FootPublisher.put
+    newest: dict[str, PublishedLoad] = {}
 
-    def timed(self: FootPublisher, *messages: Message) -> None:
-        publish(self, *messages)
-        last = messages[-1]
-        if type(last) is Wrench and not last.repeated:  # a repeat answers to no frame
-            recorder.cycle(last.foot, last.t_ns)
+    def remembered(self: Foot, cycles: Cycles, at: int) -> CycleValues:
+        found = values(self, cycles, at)
+        newest[self.name] = found.load
+        return found
 
-    FootPublisher.publish = timed  # type: ignore[method-assign]
-    with open_session("peer", [options.endpoint]) as session:
+    def timed(self: FootPublisher, payloads: Sequence[tuple[type[Message], bytes]]) -> None:
+        put(self, payloads)
+        if payloads[-1][0] is Wrench and not newest[self.foot].repeated:  # a repeat answers to no frame
+            recorder.cycle(self.foot, newest[self.foot].t_ns)
+
+    Foot.values = remembered  # type: ignore[method-assign]
+    FootPublisher.put = timed  # type: ignore[method-assign]
+    with open_daemon_session(Zenoh(listen=(options.endpoint,))) as session:
         daemon = Daemon(source, traffic.feet(), session)
         measured.on_end(daemon.stop)
         daemon.run(lambda: measured.ready([feed for _, feed in opened], options.endpoint))

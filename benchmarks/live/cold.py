@@ -48,8 +48,8 @@ def cycle(parts: Parts, reader: SkinReader, feet: list[Foot], batch: FrameBatch)
     for foot, of_foot in zip(feet, closed, strict=True):
         for cycles in of_foot:
             for at in range(len(cycles)):
-                messages = parts.time("messages", lambda: foot.messages(cycles, at).published())  # noqa: B023
-                parts.time("encode", lambda: [message.encode() for message in messages])  # noqa: B023
+                values = parts.time("values", lambda: foot.values(cycles, at))  # noqa: B023
+                parts.time("encode", values.payloads)
                 parts.time("watch", foot.fault_events)
 
 

@@ -21,10 +21,11 @@ import zenoh
 
 from benchmarks.lib import measured, traffic
 from benchmarks.live.rhythm import HALVES, Rhythm
+from insole_daemon.config import Zenoh
 from insole_daemon.service.foot import Foot
 from insole_daemon.skin.reader import SkinReader
 from insole_daemon.wire.keys import key
-from insole_daemon.wire.session import open_session
+from insole_daemon.wire.session import open_daemon_session
 
 _SO_TIMESTAMPNS, _SO_RCVBUFFORCE = 35, 33
 _LEFT_BELOW = 0x480  # identifiers of boards 5, 6, 7; those of the right foot's are above
@@ -94,7 +95,7 @@ def main() -> None:
     ended: list[bool] = []
     measured.on_end(lambda: ended.append(True))
     frames = 0
-    with open_session("peer", [options.endpoint]) as session:
+    with open_daemon_session(Zenoh(listen=(options.endpoint,))) as session:
         puts = [
             [
                 (

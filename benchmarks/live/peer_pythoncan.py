@@ -22,12 +22,13 @@ from can.message import Message as CanMessage
 from benchmarks.lib import measured, traffic
 from benchmarks.live.rhythm import HALVES, Rhythm
 from insole_daemon.bus.frames import FrameBatch
+from insole_daemon.config import Zenoh
 from insole_daemon.service.foot import Foot
 from insole_daemon.skin.cycles import Cycles
 from insole_daemon.skin.identifiers import TAG_A, TAG_B, skin_id
 from insole_daemon.skin.reader import SkinReader
 from insole_daemon.wire.publisher import FootPublisher
-from insole_daemon.wire.session import open_session
+from insole_daemon.wire.session import open_daemon_session
 
 _SO_TIMESTAMPNS = 35
 _N_TRIANGLES = HALVES // 2
@@ -154,7 +155,7 @@ def main() -> None:
     ended: list[bool] = []
     measured.on_end(lambda: ended.append(True))
     frames = 0
-    with open_session("peer", [options.endpoint]) as session:
+    with open_daemon_session(Zenoh(listen=(options.endpoint,))) as session:
         publishers = [FootPublisher(session, "bench", foot.name) for foot in feet]
         measured.ready([feed], options.endpoint)
         take = decoder.take
@@ -165,7 +166,7 @@ def main() -> None:
                     frames += 1
                     if closed is not None:
                         index, cycles = closed
-                        publishers[index].publish(*feet[index].messages(cycles, 0).published())
+                        publishers[index].put(feet[index].values(cycles, 0).payloads())
                         newest_t_ns = int(cycles.t_ns[0])
                         recorder.cycle(feet[index].name, newest_t_ns)
                         rhythm.complete(index, newest_t_ns)

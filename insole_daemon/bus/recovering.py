@@ -57,19 +57,26 @@ class RecoveringSource:
 
     def changes(self) -> list[InterfaceChange]:
         """What has changed since the last call, in order; the first tells of interfaces that are not up."""
-        found = [change for link in self._links for change in link.changes]
-        if found:
-            for link in self._links:
+        found: list[InterfaceChange] = []
+        for link in self._links:
+            if link.changes:
+                found += link.changes
                 link.changes.clear()
+        if found:
             found.sort(key=lambda change: change.t_ns)
         return found
 
     def receive(self) -> int:
         """See FrameSource; a bus that fails is left to its thread."""
-        return sum([link.receive() for link in self._links])
+        held = 0
+        for link in self._links:
+            held += link.receive()
+        return held
 
     def drain(self) -> FrameBatch:
         """See FrameSource."""
+        if len(self._links) == 1:
+            return self._links[0].drain()
         return _merged([link.drain() for link in self._links])
 
     clock_ns = staticmethod(time.monotonic_ns)

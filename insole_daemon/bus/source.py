@@ -101,26 +101,19 @@ def sleep_precisely() -> None:
 def collect(
     source: FrameSource, at_least: int, until_ns: int, promised_ns: int | None = None
 ) -> tuple[FrameBatch, int]:
-    """Frames of `source`, as soon as `at_least` are there, shortly before they are promised, or what there is at
+    """Frames of `source`, as soon as `at_least` are there and the promised time has come, or what there is at
     `until_ns`, on the source's clock; and the time up to which every frame that had arrived is among them.
 
     Waking up costs more than reading, so it is done as seldom as can be. Where they are promised for a moment (boards
-    keep their rhythm), the process sleeps until _EARLY_NS before it and returns with what is there: that work makes it
-    warm for the last ones, which it sleeps for once more when it is called again. A bus needs FRAME_TIME_NS for a
-    frame: while many are outstanding it sleeps for as long as they cannot all have arrived. Only for the last ones
-    does it ask to be woken by each frame.
+    keep their rhythm), the process sleeps until _EARLY_NS before it and takes in what is there, which makes it warm;
+    then it sleeps until that moment, when the last ones are there as well. A bus needs FRAME_TIME_NS for a frame: while
+    many are outstanding it sleeps for as long as they cannot all have arrived. Only for the last ones does it ask to be
+    woken by each frame.
     """
     if promised_ns is not None:
-        early_ns = min(promised_ns - _EARLY_NS, until_ns) - source.clock_ns()
-        if early_ns > 0:
-            time.sleep(early_ns * 1e-9)
-            looked_ns = source.clock_ns()
+        if _sleep_until(min(promised_ns - _EARLY_NS, until_ns), source):
             source.receive()
-            return source.drain(), looked_ns
-        # It has been woken early: for the frames that are left one wake-up is cheaper than one each.
-        pause_ns = min(promised_ns, until_ns) - source.clock_ns()
-        if pause_ns > 0:
-            time.sleep(pause_ns * 1e-9)
+        _sleep_until(min(promised_ns, until_ns), source)
     frame_time_ns = FRAME_TIME_NS // max(1, len(source.interfaces))
     while True:
         looked_ns = source.clock_ns()
@@ -133,3 +126,12 @@ def collect(
             time.sleep(min(left_ns, (outstanding - 1) * frame_time_ns) * 1e-9 + 1e-6)
         else:
             source.wait(left_ns * 1e-9 + 1e-6)
+
+
+def _sleep_until(wake_ns: int, source: FrameSource) -> bool:
+    """Sleep until `wake_ns` on the source's clock; whether that was still to come."""
+    pause_ns = wake_ns - source.clock_ns()
+    if pause_ns <= 0:
+        return False
+    time.sleep(pause_ns * 1e-9)
+    return True

@@ -20,7 +20,7 @@ def run(config: ConfigFile = None) -> None:
     from ..service.daemon import Daemon
     from ..service.foot import load_feet
     from ..wire.exposure import REMEDY, exposures
-    from ..wire.session import open_session
+    from ..wire.session import open_daemon_session
 
     settings = configs.load(config)
     feet = load_feet(settings)
@@ -28,10 +28,9 @@ def run(config: ConfigFile = None) -> None:
     logging.getLogger("insole_daemon").setLevel(logging.INFO)  # python-can tells of every socket at that level
     for exposure in exposures(settings.zenoh):
         print(f"insole: warning: {exposure} ({REMEDY})", file=sys.stderr, flush=True)
-    zenoh = settings.zenoh
     with (
         contextlib.closing(RecoveringSource(settings.buses)) as source,
-        open_session(zenoh.mode, zenoh.listen, zenoh.connect, zenoh.config_file) as session,
+        open_daemon_session(settings.zenoh) as session,
     ):
         daemon = Daemon(source, feet, session, config)
         on_end(daemon.stop)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +14,7 @@ from ..skin.validity import Validity
 from .wrench import Wrench, WrenchEstimator
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class StaticEstimate:
+class StaticEstimate(NamedTuple):
     """What one cycle is by the static curves; arrays (n_triangles, 12) but for the ages."""
 
     valid: NDArray[np.bool_]

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +25,7 @@ from ..skin.layout import Layout
 from .missing_area import MissingArea
 
 
-@dataclass(frozen=True, slots=True)
-class Wrench:
+class Wrench(NamedTuple):
     """What the ground does to one foot; NaN where it cannot be known."""
 
     f_z_n: float  # NaN: no taxel is valid

@@ -117,10 +117,10 @@ class Daemon:
         try:
             while not self._stopping and not self._source.exhausted:
                 until_ns = self._source.clock_ns() + (_BUSY_NS if self._is_busy() else _IDLE_NS)
-                due_ns = self._skin.due_ns()
+                due_ns, outstanding, promised_ns = self._skin.expected()
                 if due_ns is not None:
                     until_ns = min(until_ns, due_ns)
-                at_least, promised_ns = self._skin.outstanding() or _ANY, self._skin.promised_ns()
+                at_least = outstanding or _ANY
                 if self._backlog.pause_ns:
                     self._rest()
                     at_least, promised_ns = 0, None  # what is there now
@@ -153,10 +153,9 @@ class Daemon:
 
     def _publish(self, closed_by_foot: list[list[Cycles]]) -> None:
         """Everything that is new; of repeats that piled up, or where it cannot keep up, only the newest."""
-        at_hand = [cycles for closed in closed_by_foot for cycles in closed]
-        if not at_hand:
+        if not any(closed_by_foot):
             return
-        self._backlog.look(at_hand, self._source.clock_ns())
+        self._backlog.look([cycles for closed in closed_by_foot for cycles in closed], self._source.clock_ns())
         began_ns = self._source.clock_ns()
         for foot, publisher, tally, closed in zip(
             self._feet, self._publishers, self._tallies, closed_by_foot, strict=True
@@ -171,19 +170,20 @@ class Daemon:
                         tally.skipped += 1
                         foot.skip(cycles, at)
                     else:
-                        messages = foot.messages(cycles, at)
-                        publisher.publish(*messages.published())
+                        values = foot.values(cycles, at)
+                        publisher.put(values.payloads())
                         tally.count(cycles, at)
-                        events = self._steps.take(foot, int(cycles.t_mono_ns[at]), messages.pressure, messages.wrench)
-                        for step in events:
+                        step = self._steps.take(foot, int(cycles.t_mono_ns[at]), values.load)
+                        if step is not None:
                             publisher.publish(step)
                     if not newest:
                         self._tell_faults(foot, publisher)
-        for foot, publisher in zip(self._feet, self._publishers, strict=True):
-            self._tell_faults(foot, publisher)  # once the newest cycles of all feet are out
+        if any(foot.is_watch_due for foot in self._feet):  # the second foot's finds the caches warm
+            for foot, publisher in zip(self._feet, self._publishers, strict=True):
+                self._tell_faults(foot, publisher, early=True)
 
-    def _tell_faults(self, foot: Foot, publisher: FootPublisher) -> None:
-        for event in foot.fault_events():
+    def _tell_faults(self, foot: Foot, publisher: FootPublisher, early: bool = False) -> None:
+        for event in foot.fault_events(early):
             publisher.publish(event)
 
     def _publish_latched(self) -> None:

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from .. import __version__
 from ..config import Config
-from ..mechanics import wrench as mechanics
 from ..mechanics.static_model import age_in_ms
 from ..physics import zero as zeros
 from ..physics.dynamic import DynamicModel
@@ -39,6 +38,43 @@ class CycleMessages(NamedTuple):
     def published(self) -> tuple[Message, ...]:
         """Those there are, in the order in which they are published."""
         return self[:3] if self.models is None else (self.models, *self[:3])
+
+
+class PublishedLoad(NamedTuple):
+    """What presses on a foot in one cycle, by the model in use."""
+
+    t_ns: int  # CLOCK_REALTIME
+    f_z_n: float  # NaN: not known
+    pressure_pa: NDArray[np.float32]  # (n_triangles, 12)
+    valid: NDArray[np.uint8]  # (n_triangles, 12)
+    repeated: bool
+
+
+class CycleValues(NamedTuple):
+    """What the messages of one cycle say: the values of their fields, in order.
+
+    They are published without an object of each message: making those takes as long as computing what they say.
+    """
+
+    raw: tuple[Any, ...]
+    pressure: tuple[Any, ...]
+    wrench: tuple[Any, ...]
+    models: Models | None
+    load: PublishedLoad
+
+    def payloads(self) -> list[tuple[type[Message], bytes]]:
+        """Kind and payload of each message, in the order in which they are published."""
+        models: list[tuple[type[Message], bytes]] = [] if self.models is None else [(Models, self.models.encode())]
+        return [
+            *models,
+            (Raw, Raw.encode_values(self.raw)),
+            (Pressure, Pressure.encode_values(self.pressure)),
+            (Wrench, Wrench.encode_values(self.wrench)),
+        ]
+
+    def messages(self) -> CycleMessages:
+        """The same as messages."""
+        return CycleMessages(Raw(*self.raw), Pressure(*self.pressure), Wrench(*self.wrench), self.models)
 
 
 class Foot:
@@ -101,68 +137,54 @@ class Foot:
         self._asked = model
 
     def messages(self, cycles: Cycles, at: int) -> CycleMessages:
-        """The messages of cycle `at`, which follows all that were taken in before; each call is one cycle published."""
+        """The messages of cycle `at`; see `values`."""
+        return self.values(cycles, at).messages()
+
+    def values(self, cycles: Cycles, at: int) -> CycleValues:
+        """What the messages of cycle `at` say, which follows all taken in before; each call is one cycle published."""
         self._watch.take(cycles, at)
         counts, status, age_ns = cycles.counts[at], cycles.status[at], cycles.age_ns[at]
         static = self._static(counts, status, age_ns, self._watch.masked)
         self.extrapolated += static.extrapolated
         load = None if self._dynamic is None else self._dynamic(cycles, at, static)
         t_ns, repeated = int(cycles.t_ns[at]), bool(cycles.repeated[at])
-        seq, published_ns = self.seq, time.time_ns()
+        head = (self.name, self.seq, self.started_ns)
+        published_ns, n_triangles = time.time_ns(), self.n_triangles
         self.seq += 1
         valid, missing = static.valid.view(np.uint8), cycles.missing[at].view(np.uint8)
-        raw = Raw(
-            foot=self.name,
-            seq=seq,
-            started_ns=self.started_ns,
-            t_ns=t_ns,
-            t_published_ns=published_ns,
-            n_triangles=self.n_triangles,
-            counts=counts,
-            status=status,
-            triangle_t_ns=cycles.triangle_t_ns[at],
-            age_ms=static.age_ms,
-            missing=missing,
-            valid=valid,
-            late=bool(cycles.late[at]),
-            repeated=repeated,
-        )
+        raw = (
+            *head, t_ns, published_ns, n_triangles, counts, status, cycles.triangle_t_ns[at], static.age_ms, missing,
+            valid, bool(cycles.late[at]), repeated,
+        )  # fmt: skip
         models = None
         if load is not None:
-            models = side_by_side(raw, self.model, static, load)
+            models = side_by_side(Raw(*raw), self.model, static, load)
         if load is None or models is None or self.model == "static":
-            used_ns, pressure_pa, sums, age_ms = t_ns, static.pressure_pa_f4, static.wrench, static.age_ms
+            pressure_pa, sums, age_ms = static.pressure_pa_f4, static.wrench, static.age_ms
             beyond, beyond_fraction = self._nowhere, 0.0
         else:
-            used_ns, pressure_pa, sums, age_ms = load.t_ns, models.dynamic_pressure_pa, load.wrench, load.age_ms
+            t_ns, pressure_pa, sums, age_ms = load.t_ns, models.dynamic_pressure_pa, load.wrench, load.age_ms
             beyond, beyond_fraction, valid = models.beyond, _share(load.beyond, load.valid), models.dynamic_valid
             self.beyond += bool(np.count_nonzero(beyond))
-        pressure = Pressure(
-            foot=self.name,
-            seq=seq,
-            started_ns=self.started_ns,
-            t_ns=used_ns,
-            t_published_ns=published_ns,
-            n_triangles=self.n_triangles,
-            pressure_pa=pressure_pa,
-            valid=valid,
-            age_ms=age_ms,
-            missing=missing,
-            repeated=repeated,
-            model=self.model,
-            beyond=beyond,
-        )
-        return CycleMessages(raw, pressure, _wrench_message(pressure, sums, beyond_fraction), models)
+        of_load = (*head, t_ns, published_ns, n_triangles)
+        pressure = (*of_load, pressure_pa, valid, age_ms, missing, repeated, self.model, beyond)
+        wrench = (*of_load, *sums, valid, age_ms, missing, repeated, self.model, beyond_fraction)
+        return CycleValues(raw, pressure, wrench, models, PublishedLoad(t_ns, sums.f_z_n, pressure_pa, valid, repeated))
 
     def skip(self, cycles: Cycles, at: int) -> None:
         """Take in cycle `at`, which is not published, for its faults."""
         self._watch.take(cycles, at)
 
-    def fault_events(self) -> list[Event]:
-        """What has begun or healed in the cycles taken in; some of the latest may still be told by a later call."""
+    @property
+    def is_watch_due(self) -> bool:
+        """Whether `fault_events` looks at the cycles taken in."""
+        return self._watch.is_due
+
+    def fault_events(self, early: bool = False) -> list[Event]:
+        """What has begun or healed in the cycles taken in; unless `early`, a later call may tell of the latest."""
         return [
             Event(self.name, change.t_ns, change.event, change.text, [change.board], change.triangle, change.taxel)
-            for change in self._watch.changes()
+            for change in self._watch.changes(early)
         ]
 
     def faults(self) -> list[dict[str, Any]]:
@@ -266,31 +288,3 @@ def _share(beyond: NDArray[np.bool_], valid: NDArray[np.bool_]) -> float:
     """Of the valid taxels."""
     n = int(np.count_nonzero(beyond))
     return n / int(np.count_nonzero(valid)) if n else 0.0
-
-
-def _wrench_message(pressure: Pressure, sums: mechanics.Wrench, beyond_fraction: float) -> Wrench:
-    """The wrench of the same cycle as `pressure`."""
-    return Wrench(
-        foot=pressure.foot,
-        seq=pressure.seq,
-        started_ns=pressure.started_ns,
-        t_ns=pressure.t_ns,
-        t_published_ns=pressure.t_published_ns,
-        n_triangles=pressure.n_triangles,
-        f_z_n=sums.f_z_n,
-        m_x_nm=sums.m_x_nm,
-        m_y_nm=sums.m_y_nm,
-        cop_x_m=sums.cop_x_m,
-        cop_y_m=sums.cop_y_m,
-        f_z_std_n=sums.f_z_std_n,
-        m_x_std_nm=sums.m_x_std_nm,
-        m_y_std_nm=sums.m_y_std_nm,
-        contact_area_m2=sums.contact_area_m2,
-        valid_fraction=sums.valid_fraction,
-        valid=pressure.valid,
-        age_ms=pressure.age_ms,
-        missing=pressure.missing,
-        repeated=pressure.repeated,
-        model=pressure.model,
-        beyond_fraction=beyond_fraction,
-    )

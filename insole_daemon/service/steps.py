@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 from ..mechanics.gait import Gait, GaitEvent
-from ..wire.messages import Event, Pressure, Wrench
-from .foot import Foot
+from ..wire.messages import Event
+from .foot import Foot, PublishedLoad
 
 
 class StepEvents:
@@ -21,16 +21,17 @@ class StepEvents:
         self._layouts = [foot.layout for foot in self._feet]
         self._gait = Gait(self._layouts)
 
-    def take(self, foot: Foot, t_mono_ns: int, pressure: Pressure, wrench: Wrench) -> Iterator[Event]:
+    def take(self, foot: Foot, t_mono_ns: int, load: PublishedLoad) -> Event | None:
         """What one cycle of `foot`, closed at `t_mono_ns`, tells; a repeat tells nothing."""
-        if wrench.repeated:
-            return
+        if load.repeated:
+            return None
         if not any(foot.layout is layout for layout in self._layouts):  # a reload moved the taxels
             self._begin()
-        f_z_n = wrench.f_z_n if wrench.f_z_n is not None and math.isfinite(wrench.f_z_n) else None
-        event = self._gait.update(foot.name, t_mono_ns, wrench.t_ns, f_z_n, pressure.pressure_pa, pressure.valid)
-        if event is not None:
-            yield Event(event.foot, event.t_ns, event.kind, _text(event), [], figures=event.figures)
+        f_z_n = load.f_z_n if math.isfinite(load.f_z_n) else None
+        event = self._gait.update(foot.name, t_mono_ns, load.t_ns, f_z_n, load.pressure_pa, load.valid)
+        if event is None:
+            return None
+        return Event(event.foot, event.t_ns, event.kind, _text(event), [], figures=event.figures)
 
 
 def _text(event: GaitEvent) -> str:

@@ -38,7 +38,8 @@ S = TypeVar("S", np.int16, np.int64, np.uint64)
 
 _NEVER = -(1 << 62)  # receive time of a half that has never arrived
 _WINDOW_CYCLES = 4  # frames of this many cycles are searched for the end of one
-_FRAME_BY_FRAME_CYCLES = 3  # up to so many cycles' frames the kernel takes one by one; of more, numpy takes blocks
+_FRAME_BY_FRAME_CYCLES = 12  # up to so many cycles' frames the kernel takes one by one; of more, numpy takes blocks
+_INTERVALS = 8  # in the mean interval between cycles: a single one has the jitter of both its ends
 _BLOCK_CYCLES, _BLOCK_CYCLES_MOST = 4, 256  # this many whole cycles are taken in at once, or all there are
 
 
@@ -151,6 +152,7 @@ class CycleAssembler:
         self._held: list[_Held] = []  # fed and not looked at: fewer than outstanding, all in time
         self._n_held = 0
         self._complete_ns: int | None = None  # when the last cycle closed, if it was complete
+        self._interval_ns: int | None = None  # running mean between complete cycles, while they follow each other
         self._promised_ns: int | None = None
         self._newest_t_ns = 0
         self._fresh = False  # some half was seen since the last close
@@ -405,8 +407,13 @@ class CycleAssembler:
         return cycle
 
     def _begin_cycle(self, t_close_ns: int, complete: bool) -> None:
-        rhythm = complete and self._complete_ns is not None
-        self._promised_ns = 2 * t_close_ns - self._complete_ns if rhythm else None  # type: ignore[operator]
+        if not complete or self._complete_ns is None:
+            self._interval_ns = None
+        else:
+            interval_ns = t_close_ns - self._complete_ns
+            mean_ns = interval_ns if self._interval_ns is None else self._interval_ns
+            self._interval_ns = mean_ns + (interval_ns - mean_ns) // _INTERVALS
+        self._promised_ns = None if self._interval_ns is None else t_close_ns + self._interval_ns
         self._complete_ns = t_close_ns if complete else None
         self._outstanding = int(np.count_nonzero(self._expected))
         self._waiting = self._outstanding > 0

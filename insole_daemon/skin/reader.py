@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,6 +13,14 @@ from .layout import Layout
 from .streams import Streams
 
 JITTER_NS = 2_000_000  # by which a cycle may be complete later than promised
+
+
+class Expected(NamedTuple):
+    """What a SkinReader waits for."""
+
+    due_ns: int | None  # when the next cycle is closed by time; None before the first frame
+    outstanding: int | None  # halves until a cycle of some foot is complete; None: no foot waits for any
+    promised_ns: int | None  # when that will be; None where none is waited for, or one has no rhythm
 
 
 class SkinReader:
@@ -37,13 +46,23 @@ class SkinReader:
         """For every foot, the cycles that time alone closes, given that every earlier frame has been fed."""
         return [assembler.advance(now_mono_ns) for assembler in self.assemblers]
 
-    def outstanding(self) -> int | None:
-        """Halves still to come before a cycle of some foot is complete; None: no foot waits for any."""
-        return min([n for assembler in self.assemblers if (n := assembler.outstanding)], default=None)
-
-    def promised_ns(self) -> int | None:
-        """When the next cycle of some foot will be complete; None where none is waited for, or one has no rhythm."""
-        return min(self._promises_ns(), default=None)
+    def expected(self) -> Expected:
+        """What is waited for now."""
+        due_ns = outstanding = promised_ns = None
+        in_rhythm = True
+        for assembler in self.assemblers:
+            if assembler.due_ns is not None and (due_ns is None or assembler.due_ns < due_ns):
+                due_ns = assembler.due_ns
+            n, promise_ns = assembler.outstanding, assembler.promised_ns
+            if not n:
+                continue
+            if outstanding is None or n < outstanding:
+                outstanding = n
+            if promise_ns is None:
+                in_rhythm = False
+            elif promised_ns is None or promise_ns < promised_ns:
+                promised_ns = promise_ns
+        return Expected(due_ns, outstanding, promised_ns if in_rhythm else None)
 
     def best_poll_ns(self, from_ns: int) -> int:
         """When to look within a period of `from_ns`, to find the newest cycles of all feet as young as can be.
@@ -59,8 +78,3 @@ class SkinReader:
         waited_for = [each.promised_ns for each in self.assemblers if each.outstanding]
         promises = [promise for promise in waited_for if promise is not None]
         return promises if len(promises) == len(waited_for) else []
-
-    def due_ns(self) -> int | None:
-        """When the next cycle is closed by time; None before the first frame."""
-        dues = [assembler.due_ns for assembler in self.assemblers]
-        return min([due for due in dues if due is not None], default=None)

@@ -68,30 +68,34 @@ class Streams:
         """(n,) slot of every frame, negative where it carries no half; the latter are counted in `refused`."""
         if kernel is not None:
             found = np.empty(len(batch), np.int16)
-            if not kernel.slots(self._slot, _TAG_CODE, batch.can_id, batch.dlc, batch.flags, batch.data, found):
+            n_refused = kernel.slots(self._slot, _TAG_CODE, batch.can_id, batch.dlc, batch.flags, batch.data, found)
+            if n_refused > 0:
+                self._count(batch, found)
+            if n_refused >= 0:
                 return found
         odd = batch.dlc != 8
         odd |= batch.flags != 0
-        n_odd = np.count_nonzero(odd)
+        n_odd = int(np.count_nonzero(odd))
         can_id = batch.can_id & 0x7FF if n_odd else batch.can_id
         slots: NDArray[np.int16] = self._slot.take(can_id * np.uint32(3) + _TAG_CODE.take(batch.data[:, 0]))
         if n_odd:
             slots[odd] = _OTHER
+            self._count_odd(batch[odd])
         if np.count_nonzero(slots < 0):
-            self._count(batch, slots, odd)
+            self._count(batch, slots, n_odd)
         return slots
 
-    def _count(self, batch: FrameBatch, slots: NDArray[np.int16], odd: NDArray[np.bool_]) -> None:
+    def _count(self, batch: FrameBatch, slots: NDArray[np.int16], n_odd: int = 0) -> None:
+        """Frames that carry no half, of which `n_odd` are counted already."""
         refused = self.refused
-        if np.count_nonzero(odd):
-            self._count_odd(batch[odd])
-        even = ~odd
-        refused.other += int((even & (slots == _OTHER)).sum())
-        refused.unknown_tag += int((slots == _UNKNOWN_TAG).sum())
-        refused.unconfigured_triangle += int((slots == _UNCONFIGURED_TRIANGLE).sum())
-        for can_id in batch.can_id[slots == _UNCONFIGURED_BOARD].tolist():
-            address = can_id >> 4 & 0xF
-            refused.unconfigured_board[address] = refused.unconfigured_board.get(address, 0) + 1
+        n_by_reason = np.bincount(-slots[slots < 0], minlength=1 - _UNKNOWN_TAG)
+        refused.other += int(n_by_reason[-_OTHER]) - n_odd
+        refused.unknown_tag += int(n_by_reason[-_UNKNOWN_TAG])
+        refused.unconfigured_triangle += int(n_by_reason[-_UNCONFIGURED_TRIANGLE])
+        addresses = batch.can_id[slots == _UNCONFIGURED_BOARD] >> np.uint32(4) & 0xF
+        for address, n in enumerate(np.bincount(addresses).tolist()):
+            if n:
+                refused.unconfigured_board[address] = refused.unconfigured_board.get(address, 0) + n
 
     def _count_odd(self, batch: FrameBatch) -> None:
         """Frames of another kind than a standard data frame of 8 bytes."""

@@ -10,7 +10,6 @@ import dataclasses
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from operator import attrgetter
 from types import UnionType
 from typing import Annotated, Any, ClassVar, Literal, Self, Union, get_args, get_origin, get_type_hints
 
@@ -50,13 +49,18 @@ class Message:
 
     def encode(self) -> bytes:
         """The payload of this message."""
-        if kernel is not None:
-            layout = _flat_layout(type(self))
-            if layout is not None:
-                heads, values = layout
-                packed: bytes = kernel.pack(heads, values(self))
-                return packed
-        payload: bytes = msgpack.packb({name: _to_wire(getattr(self, name)) for name in wire_fields(type(self))})
+        return self.encode_values(tuple([getattr(self, name) for name in wire_fields(type(self))]))
+
+    @classmethod
+    def encode_values(cls, values: tuple[Any, ...]) -> bytes:
+        """The payload of the message with these values of the fields that travel, in their order."""
+        heads = _heads(cls)
+        if kernel is not None and heads is not None:
+            packed: bytes = kernel.pack(heads, values)
+            return packed
+        payload: bytes = msgpack.packb({
+            name: _to_wire(value) for name, value in zip(wire_fields(cls), values, strict=True)
+        })  # fmt: skip
         return payload
 
     @classmethod
@@ -303,18 +307,18 @@ def wire_fields(cls: type[Message]) -> dict[str, Any]:
     return _FIELDS[cls]
 
 
-_FLAT: dict[type[Message], tuple[tuple[bytes, ...], attrgetter[tuple[Any, ...]]] | None] = {}
+_HEADS: dict[type[Message], tuple[bytes, ...] | None] = {}
 
 
-def _flat_layout(cls: type[Message]) -> tuple[tuple[bytes, ...], attrgetter[tuple[Any, ...]]] | None:
-    """The bytes before each value and the values, as the kernel packs them; None where one is a map or a list."""
-    if cls not in _FLAT:
+def _heads(cls: type[Message]) -> tuple[bytes, ...] | None:
+    """The bytes before each value, as the kernel packs them; None where a value is a map or a list."""
+    if cls not in _HEADS:
         fields = wire_fields(cls)
         heads = [msgpack.packb(name) for name in fields]
         heads[0] = msgpack.Packer().pack_map_header(len(fields)) + heads[0]
         flat = not any(get_origin(hint) in (dict, list) for hint in _plain_hints(fields.values()))
-        _FLAT[cls] = (tuple(heads), attrgetter(*fields)) if flat else None
-    return _FLAT[cls]
+        _HEADS[cls] = tuple(heads) if flat else None
+    return _HEADS[cls]
 
 
 def _plain_hints(hints: Iterable[Any]) -> Iterator[Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from types import TracebackType
 from typing import Any, Self
 
@@ -24,7 +25,7 @@ class FootPublisher:
     """
 
     def __init__(self, session: zenoh.Session, rig: str, foot: str) -> None:
-        self._session, self._rig, self._foot = session, rig, foot
+        self._session, self._rig, self.foot = session, rig, foot
         self._token: zenoh.LivelinessToken | None = None
         self._publishers: dict[type[Message], zenoh.Publisher] = {
             message: session.declare_publisher(
@@ -47,14 +48,17 @@ class FootPublisher:
         self._payloads: dict[type[Message], bytes] = {}
 
     def publish(self, *messages: Message) -> None:
-        """Put cycle messages, a health or an event on their keys.
+        """Put cycle messages, a health or an event on their keys."""
+        self.put([(type(message), message.encode()) for message in messages])
 
-        All are encoded before the first is put: what is put at once leaves in one packet, and Zenoh's thread, which
-        sends it, wakes once.
+    def put(self, payloads: Sequence[tuple[type[Message], bytes]]) -> None:
+        """Put the payloads of messages on their keys.
+
+        All have been encoded before the first is put: what is put at once leaves in one packet, and Zenoh's thread,
+        which sends it, wakes once.
         """
-        payloads = [message.encode() for message in messages]
-        for message, payload in zip(messages, payloads, strict=True):
-            self._publishers[type(message)].put(payload)
+        for message, payload in payloads:
+            self._publishers[message].put(payload)
 
     def publish_latched(self, what: str, message: Meta | CalibrationInUse) -> None:
         """Publish a message and keep it for late joiners: cached for advanced subscribers, returned to `get`.
@@ -64,7 +68,7 @@ class FootPublisher:
         kind, payload = type(message), message.encode()
         self._payloads[kind] = payload
         if kind not in self._latched:
-            own_key, encoding = key(self._rig, self._foot, what), _encoding(kind)
+            own_key, encoding = key(self._rig, self.foot, what), _encoding(kind)
             publisher = zenoh.ext.declare_advanced_publisher(
                 self._session,
                 own_key,
@@ -82,7 +86,7 @@ class FootPublisher:
 
     def announce(self) -> None:
         """Declare the liveliness token: the foot is there, and answers."""
-        self._token = self._session.liveliness().declare_token(key(self._rig, self._foot, "alive"))
+        self._token = self._session.liveliness().declare_token(key(self._rig, self.foot, "alive"))
 
     def close(self) -> None:
         """Take everything back; the liveliness token first, so that nobody waits for a daemon that ends."""

@@ -10,11 +10,12 @@ from pathlib import Path
 
 import zenoh
 
-from ..config import DEFAULT_PORT
+from ..config import DEFAULT_PORT, Zenoh
 from ..documents import YAML_BYTES
 from ..errors import WireError
 from ..files import read_at_most, unreadable
 from .messages import MOST_BYTES
+from .scheduling import batch_threads
 
 _OURS = {"mode": "mode", "listen/endpoints": "listen", "connect/endpoints": "connect"}  # Zenoh's key → config.yaml's
 _FIXED = {
@@ -83,6 +84,12 @@ def open_session(
         return zenoh.open(config)
     except zenoh.ZError as error:
         raise WireError(_explain(mode, listen, connect, _words(error), if_taken)) from error
+
+
+def open_daemon_session(settings: Zenoh) -> zenoh.Session:
+    """Open the session of a daemon, as `open_session` does; its threads do not preempt the loop that publishes."""
+    with batch_threads():
+        return open_session(settings.mode, settings.listen, settings.connect, settings.config_file)
 
 
 def load_config(path: Path) -> zenoh.Config:

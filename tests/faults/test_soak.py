@@ -65,14 +65,14 @@ def test_every_frame_of_minutes_with_faults_at_random_is_used_or_refused_and_cou
         def __init__(self, *_) -> None:
             pass
 
-        def publish(self, *messages) -> None:
-            for message in messages:
-                if isinstance(message, Wrench):
-                    numbers.append(message.seq)
-                elif isinstance(message, Health):
-                    healths.append(message)
-                    if clock.monotonic_ns() >= end_ns:
-                        daemon.stop()
+        def put(self, payloads) -> None:
+            numbers.extend(Wrench.decode(payload).seq for message, payload in payloads if message is Wrench)
+
+        def publish(self, message) -> None:
+            if isinstance(message, Health):
+                healths.append(message)
+                if clock.monotonic_ns() >= end_ns:
+                    daemon.stop()
 
         def publish_latched(self, *_) -> None:
             pass

@@ -91,7 +91,8 @@ def test_whatever_is_on_the_bus_is_accounted_for_and_what_comes_of_it_is_taken(l
 def everything(foot, steps, cycles):
     """All that the daemon publishes of these cycles."""
     for row in range(len(cycles)):
-        messages = foot.messages(cycles, row)
-        yield from messages.published()
-        yield from steps.take(foot, int(cycles.t_mono_ns[row]), messages.pressure, messages.wrench)
+        values = foot.values(cycles, row)
+        yield from values.messages().published()
+        step = steps.take(foot, int(cycles.t_mono_ns[row]), values.load)
+        yield from [] if step is None else [step]
         yield from foot.fault_events()

@@ -73,14 +73,14 @@ def test_the_kernel_gives_what_numpy_gives_to_the_bit(seed, n_triangles, k, thre
             age_ns = rng.choice([-1, 0, STALE_NS, STALE_NS + 1, 2**60], n)
             masked[:] = rng.random((n, 12)) < 0.05
         compiled, numpy = model(counts, status, age_ns, masked), model._by_numpy(counts, status, age_ns, masked)
-        for name in numpy.__slots__:
+        for name in numpy._fields:
             a, b = getattr(compiled, name), getattr(numpy, name)
             if isinstance(b, np.ndarray):
                 assert a.dtype == b.dtype, name
                 assert a.tobytes() == b.tobytes(), name
             elif name == "wrench":
-                assert [float(getattr(a, each)).hex() for each in b.__slots__] == [
-                    float(getattr(b, each)).hex() for each in b.__slots__
+                assert [float(getattr(a, each)).hex() for each in b._fields] == [
+                    float(getattr(b, each)).hex() for each in b._fields
                 ]
             else:
                 assert (a is None) == (b is None), name

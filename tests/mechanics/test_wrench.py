@@ -30,7 +30,7 @@ def point(row: int, taxel: int, force_n: float = 100.0) -> NDArray[np.float64]:
 
 
 def nan_fields(wrench: Wrench) -> set[str]:
-    return {name for name in Wrench.__slots__ if np.isnan(getattr(wrench, name))}
+    return {name for name in Wrench._fields if np.isnan(getattr(wrench, name))}
 
 
 @pytest.mark.parametrize(("row", "taxel"), [(0, 0), (3, 9), (11, 5), (14, 3), (27, 11)])
@@ -98,7 +98,7 @@ def test_a_pull_is_no_contact() -> None:
 
 def test_nothing_valid_is_nothing_known() -> None:
     wrench = estimator()(point(0, 0), np.zeros_like(VALID), np.ones(VALID.shape))
-    assert nan_fields(wrench) == set(Wrench.__slots__) - {"contact_area_m2", "valid_fraction"}
+    assert nan_fields(wrench) == set(Wrench._fields) - {"contact_area_m2", "valid_fraction"}
     assert (wrench.contact_area_m2, wrench.valid_fraction) == (0.0, 0.0)
 
 
@@ -177,7 +177,7 @@ def test_a_series_is_its_wrenches_one_by_one() -> None:
         assert len(series) == 40
         for row in range(40):
             one = estimator()(pressure[row], valid[row], None if variance is None else variance[row])
-            for name in Wrench.__slots__:
+            for name in Wrench._fields:
                 expected = pytest.approx(getattr(one, name), rel=1e-12, nan_ok=True)
                 if row == 7 and name not in ("contact_area_m2", "valid_fraction"):
                     expected = pytest.approx(np.nan, nan_ok=True)
@@ -205,7 +205,7 @@ def test_a_series_is_what_its_cycles_are_at_every_limit() -> None:
             series = calculated.series(pressure, valid, variance)
             for at, (own, which) in enumerate(cases):
                 single = calculated(own, which, None if variance is None else variance[at])
-                for name in Wrench.__slots__:
+                for name in Wrench._fields:
                     expected = getattr(single, name)
                     assert getattr(series, name)[at] == pytest.approx(expected, rel=1e-12, nan_ok=True), (at, name)
     at_limit = estimator(0.0, limit_pa)(np.where(VALID, limit_pa, np.nan), VALID, None)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import SimpleNamespace
@@ -163,8 +164,10 @@ def live(
 
         def publish(self, *messages: Message) -> None:
             self.messages += messages
-            if any(isinstance(message, Raw) for message in messages):
-                bus.sleep(cycle_costs_ns * 1e-9)
+
+        def put(self, payloads: Sequence[tuple[type[Message], bytes]]) -> None:
+            self.messages += [message.decode(payload) for message, payload in payloads]
+            bus.sleep(cycle_costs_ns * 1e-9)
 
         def publish_latched(self, what: str, message: Message) -> None:
             self.messages.append(message)

@@ -14,7 +14,7 @@ from insole_daemon import config as configs
 from insole_daemon.bus.socketcan import SocketCanSource
 from insole_daemon.service.daemon import Daemon
 from insole_daemon.service.foot import load_feet
-from insole_daemon.wire.session import open_session
+from insole_daemon.wire.session import open_daemon_session
 
 
 def main(config_file: str, port: str) -> None:
@@ -22,8 +22,7 @@ def main(config_file: str, port: str) -> None:
     sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     sock.bind(("127.0.0.1", int(port)))
     source = SocketCanSource(sock, "can0")
-    zenoh = config.zenoh
-    with open_session(zenoh.mode, zenoh.listen, zenoh.connect, zenoh.config_file) as session:
+    with open_daemon_session(config.zenoh) as session:
         daemon = Daemon(source, load_feet(config), session, Path(config_file))
         signal.signal(signal.SIGTERM, lambda *_: daemon.stop())
         signal.signal(signal.SIGHUP, lambda *_: daemon.reload())

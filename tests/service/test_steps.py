@@ -11,9 +11,9 @@ import numpy as np
 
 import insole_daemon
 from insole_daemon.config import Config
-from insole_daemon.service.foot import load_feet
+from insole_daemon.service.foot import PublishedLoad, load_feet
 from insole_daemon.service.steps import StepEvents
-from insole_daemon.wire.messages import Event, Pressure, Wrench
+from insole_daemon.wire.messages import Event
 
 PROTOCOL = Path(__file__).parents[2] / "protocol"
 STEPS = ("initial_contact", "toe_off")
@@ -48,23 +48,10 @@ def test_a_subscriber_hears_every_step_once(daemon):
     assert abs(cadence - 110) < 15
 
 
-def messages(foot, number, f_z_n, repeated=False):
-    head = (foot.name, number, 1, number * 20_000_000, 0, foot.n_triangles)
-    valid = np.ones((foot.n_triangles, 12), np.uint8)
-    age_ms, missing = np.zeros(foot.n_triangles, np.float32), np.zeros(foot.n_triangles, np.uint8)
-    nothing = (None,) * 7
-    return (
-        Pressure(
-            *head,
-            np.full((foot.n_triangles, 12), 1e4, np.float32),
-            valid,
-            age_ms,
-            missing,
-            repeated,
-            "static",
-            0 * valid,
-        ),
-        Wrench(*head, f_z_n, *nothing, 0.0, 1.0, valid, age_ms, missing, repeated, "static", 0.0),
+def load(foot, number, f_z_n, repeated=False):
+    shape = (foot.n_triangles, 12)
+    return PublishedLoad(
+        number * 20_000_000, f_z_n, np.full(shape, 1e4, np.float32), np.ones(shape, np.uint8), repeated
     )
 
 
@@ -72,9 +59,9 @@ def test_repeats_and_unknown_forces_tell_nothing():
     (foot, _), found = load_feet(Config()), []
     steps = StepEvents([foot])
     for number, f_z_n in enumerate([0.0, math.inf, math.nan, 0.0, 0.0, 300.0, 500.0]):
-        found += steps.take(foot, number * 20_000_000, *messages(foot, number, f_z_n, repeated=False))
-        found += steps.take(foot, number * 20_000_000, *messages(foot, number, 700.0, repeated=True))
-    (event,) = found
+        found.append(steps.take(foot, number * 20_000_000, load(foot, number, f_z_n, repeated=False)))
+        found.append(steps.take(foot, number * 20_000_000, load(foot, number, 700.0, repeated=True)))
+    (event,) = filter(None, found)
     assert (event.kind, event.foot) == ("initial_contact", "left")
     assert 4 * 20_000_000 < event.t_ns < 5 * 20_000_000
     assert Event.decode(event.encode()).figures == event.figures

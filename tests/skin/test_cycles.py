@@ -392,3 +392,13 @@ def test_the_end_of_a_cycle_is_promised_while_the_boards_keep_their_rhythm():
         if assembler.feed(slots[at], data[at], t_ns[at], t_mono_ns[at]):
             promises.append(None if assembler.promised_ns is None else assembler.promised_ns - int(t_mono_ns[row]))
     assert promises == [None, PERIOD, PERIOD, PERIOD, None, None, PERIOD, PERIOD]
+
+
+def test_one_late_half_moves_the_promise_by_an_eighth_more_than_itself():
+    slots, data, t_ns, t_mono_ns = regular(2, 5)
+    t_mono_ns[4 * 4 + 3] += 400_000  # the last half of the fifth cycle
+    assembler = assembling(of_four(2))
+    for cycle in range(5):
+        at = slice(4 * cycle, 4 * cycle + 4)
+        assembler.feed(slots[at], data[at], t_ns[at], t_mono_ns[at])
+    assert assembler.promised_ns == int(t_mono_ns[-1]) + PERIOD + 50_000

@@ -106,7 +106,7 @@ def test_frames_of_nobody_close_nothing_and_are_counted(reader: SkinReader) -> N
     assert reader.feed(frames((0, (9, 0, TAG_A)), (0, (8, 5, TAG_A)))) == [[], []]
     assert reader.streams.refused.unconfigured_board == {9: 1}
     assert reader.streams.refused.unconfigured_triangle == 1
-    assert reader.due_ns() is None
+    assert reader.expected().due_ns is None
 
 
 def test_no_frames_close_nothing(reader: SkinReader) -> None:
@@ -114,8 +114,8 @@ def test_no_frames_close_nothing(reader: SkinReader) -> None:
 
 
 def test_nothing_is_due_or_promised_before_the_first_frame(reader: SkinReader) -> None:
-    assert reader.due_ns() is None
-    assert reader.promised_ns() is None
+    assert reader.expected().due_ns is None
+    assert reader.expected().promised_ns is None
     assert reader.advance(START_NS + 1_000 * LIMIT_NS) == [[], []]
 
 
@@ -123,54 +123,54 @@ def test_nothing_is_due_or_promised_before_the_first_frame(reader: SkinReader) -
 def test_time_closes_the_cycle_of_the_foot_that_is_due_first(reader: SkinReader, first: Layout) -> None:
     second = RIGHT if first is LEFT else LEFT
     reader.feed(frames((0, halves(first)[0])))
-    assert reader.due_ns() == START_NS + LIMIT_NS
+    assert reader.expected().due_ns == START_NS + LIMIT_NS
     reader.feed(frames((3 * MS, halves(second)[0])))
-    assert reader.due_ns() == START_NS + LIMIT_NS
+    assert reader.expected().due_ns == START_NS + LIMIT_NS
     assert reader.advance(START_NS + LIMIT_NS) == [[], []]
     closed = reader.advance(START_NS + LIMIT_NS + 1)
     assert [[len(each) for each in cycles] for cycles in closed] == ([[1], []] if first is LEFT else [[], [1]])
     (cycle,) = closed[0] + closed[1]
     assert cycle.late.all()
-    assert reader.due_ns() == START_NS + LIMIT_NS + 3 * MS
+    assert reader.expected().due_ns == START_NS + LIMIT_NS + 3 * MS
 
 
 def test_outstanding_are_the_halves_of_the_foot_that_lacks_least(reader: SkinReader) -> None:
-    found = [reader.outstanding()]
+    found = [reader.expected().outstanding]
     for half in halves(LEFT)[:-1]:
         reader.feed(frames((0, half)))
-        found.append(reader.outstanding())
+        found.append(reader.expected().outstanding)
     assert found == [2, 2, 2, 2, 2, 1], "six of the left foot and two of the right"
     reader.feed(frames((0, halves(LEFT)[-1])))
-    assert reader.outstanding() == 2
+    assert reader.expected().outstanding == 2
 
 
 def test_a_foot_that_waits_for_none_has_nothing_outstanding(reader: SkinReader) -> None:
     give_up(reader, RIGHT)
-    assert reader.outstanding() == 6
+    assert reader.expected().outstanding == 6
     give_up(reader, LEFT)
-    assert reader.outstanding() is None
+    assert reader.expected().outstanding is None
 
 
 def test_the_next_cycle_is_promised_by_the_rhythm_of_the_foot_that_comes_first(reader: SkinReader) -> None:
     complete(reader, LEFT, 0, 20 * MS)
-    assert reader.promised_ns() is None, "the right foot is waited for and has no rhythm"
+    assert reader.expected().promised_ns is None, "the right foot is waited for and has no rhythm"
     complete(reader, RIGHT, 23 * MS)
-    assert reader.promised_ns() is None
+    assert reader.expected().promised_ns is None
     complete(reader, LEFT, 40 * MS)
     complete(reader, RIGHT, 44 * MS)
-    assert reader.promised_ns() == START_NS + 60 * MS
+    assert reader.expected().promised_ns == START_NS + 60 * MS
     complete(reader, LEFT, 60 * MS)
-    assert reader.promised_ns() == START_NS + 65 * MS
+    assert reader.expected().promised_ns == START_NS + 65 * MS
 
 
 def test_a_foot_that_waits_for_none_promises_nothing(reader: SkinReader) -> None:
     give_up(reader, LEFT)
-    assert reader.promised_ns() is None
+    assert reader.expected().promised_ns is None
     complete(reader, RIGHT, 200 * MS, 221 * MS)
-    assert reader.promised_ns() == START_NS + 242 * MS
+    assert reader.expected().promised_ns == START_NS + 242 * MS
     reader.advance(START_NS + 1_000 * MS)
-    assert reader.outstanding() is None
-    assert reader.promised_ns() is None
+    assert reader.expected().outstanding is None
+    assert reader.expected().promised_ns is None
 
 
 @pytest.mark.parametrize(

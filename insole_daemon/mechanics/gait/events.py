@@ -119,15 +119,12 @@ class FootGait:
             self.loaded = f_z_n >= high_n
             return None
 
-        def crossed_ns(level_n: float) -> int:
-            part = (level_n - last_n) / (f_z_n - last_n)  # the level itself may have moved since
-            return last_ns + round((t_mono_ns - last_ns) * min(max(part, 0.0), 1.0))
-
+        segment = last_ns, last_n, t_mono_ns, f_z_n
         if not self.loaded and last_n < low_n <= f_z_n:
-            self._low_ns = crossed_ns(low_n)
+            self._low_ns = _crossed_ns(low_n, *segment)
             self._begin()
         if f_z_n < high_n <= last_n:
-            self._high_ns = crossed_ns(high_n)
+            self._high_ns = _crossed_ns(high_n, *segment)
         if f_z_n >= low_n:
             self._press((t_mono_ns - last_ns) * 1e-9, f_z_n, pressure_pa, valid)
         if not self.loaded and f_z_n >= high_n:
@@ -136,7 +133,7 @@ class FootGait:
                 return self._contact(t_mono_ns, t_ns)
         elif self.loaded and f_z_n < low_n:
             self.loaded = False
-            off_ns = crossed_ns(low_n) if last_n >= low_n else t_mono_ns
+            off_ns = _crossed_ns(low_n, *segment) if last_n >= low_n else t_mono_ns
             quick = off_ns - self._high_ns <= QUICK_S * 1e9
             self._high_ns = _LONG_AGO_NS
             if quick:
@@ -188,16 +185,18 @@ class FootGait:
         valid: NDArray[np.uint8] | NDArray[np.bool_],
     ) -> None:
         """Peak pressure and its integral, the customary one of the region's peak (Melai et al. 2011)."""
-        most = np.zeros(len(REGIONS))
         if kernel is not None and pressure_pa.dtype == np.float32:
-            n_usable = kernel.region_peaks(pressure_pa, valid, self._order, self._ends, most)
+            n_usable = kernel.press(
+                pressure_pa, valid, self._order, self._ends, seconds, self._peak_pa, self._integral_pa_s
+            )
         else:
+            most = np.zeros(len(REGIONS))
             usable = valid.ravel()[self._order]
             pressed = np.where(usable, pressure_pa.ravel()[self._order], 0.0)
             most[self._present] = np.maximum.reduceat(pressed, self._starts)
             n_usable = int(np.count_nonzero(usable))
-        np.maximum(self._peak_pa, most, out=self._peak_pa)
-        self._integral_pa_s += most * seconds
+            np.maximum(self._peak_pa, most, out=self._peak_pa)
+            self._integral_pa_s += most * seconds
         self._peak_force_n = max(self._peak_force_n, f_z_n)
         self._valid_fraction = min(self._valid_fraction, n_usable / len(self._order))
 
@@ -234,6 +233,12 @@ class Gait:
         stances = [self._feet[foot].stance_s if foot in self._feet else None for foot in ("left", "right")]
         left_s, right_s = stances
         return 200.0 * (left_s - right_s) / (left_s + right_s) if left_s and right_s else None
+
+
+def _crossed_ns(level_n: float, last_ns: int, last_n: float, now_ns: int, now_n: float) -> int:
+    """When the force was `level_n`, between the last cycle and this one."""
+    part = (level_n - last_n) / (now_n - last_n)  # the level itself may have moved since
+    return last_ns + round((now_ns - last_ns) * min(max(part, 0.0), 1.0))
 
 
 def _span_s(first_ns: int | None, last_ns: int) -> float | None:

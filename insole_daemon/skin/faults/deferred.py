@@ -1,8 +1,9 @@
 """The fault watch over several cycles at a time.
 
 Its code costs four times as much for the first cycle after a sleep as for the next ones, whose code and data are in
-the caches by then. So cycles are kept for GATHER_NS and watched together, once they are published. Only a triangle that
-may just have come loose cannot wait: it must not enter the pressure of this cycle.
+the caches by then. So cycles are kept for GATHER_NS and watched together, once they are published, and those of all
+feet as soon as one foot's are due. Only a triangle that may just have come loose cannot wait: it must not enter the
+pressure of this cycle.
 """
 
 from __future__ import annotations
@@ -43,9 +44,14 @@ class DeferredFaultWatch:
         if len(self._gathered) >= _MOST_GATHERED:
             self._work_off()
 
-    def changes(self) -> list[Change]:
-        """What began or healed since the last call, in the cycles worked off; works off those that are due."""
-        if self._gathered and (self._urgent or self._span_ns() >= GATHER_NS):
+    @property
+    def is_due(self) -> bool:
+        """Whether `changes` has something to tell or works off what was taken in."""
+        return bool(self._changes) or (bool(self._gathered) and (self._urgent or self._span_ns() >= GATHER_NS))
+
+    def changes(self, early: bool = False) -> list[Change]:
+        """What began or healed since the last call, in the cycles worked off: once they are due, or now if `early`."""
+        if early or self.is_due:
             self._work_off()
         changes, self._changes = self._changes, []
         return changes

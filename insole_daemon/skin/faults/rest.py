@@ -67,7 +67,7 @@ class Rest:
         np.subtract(self.level, counts, out=self.activation)
         np.equal(counts, 255, out=self.at_top)
         self.at_top &= self._top_is_rail
-        self.any_at_top = bool(self.at_top.any())
+        self.any_at_top = bool(np.count_nonzero(self.at_top))
         self.n_at_top = self._weights @ self.at_top if self.any_at_top else self._none
         lowest, highest = CLIP_COUNT
         self.total = self._weights @ np.minimum(np.maximum(self.activation, lowest), highest)

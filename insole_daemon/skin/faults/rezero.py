@@ -55,7 +55,7 @@ class Rezeroed:
         self._own = [np.flatnonzero(places.board == board) for board in range(n)]
         self.rezeroed = np.zeros(n, np.bool_)
         self.suspect = [False] * n  # below its rest levels: neither to be learned from nor to be judged by
-        self._activation = [np.zeros(len(own), np.float32) for own in self._own]  # at the last reading of each
+        self._activation = [np.zeros_like(rest.activation)] * n  # of all taxels, at the last reading of each board
         self._total = [0.0] * n
         self._total_before = [0.0] * n
         self._n_usable = [0.0] * n
@@ -83,7 +83,7 @@ class Rezeroed:
         mean, n_usable, pinned = rest.mean.tolist(), rest.n_usable.tolist(), rest.n_at_top.tolist()
         fresh, crowded, clash = fresh_boards.tolist(), streams.crowded.tolist(), streams.clash.tolist()
         all_before, all_now = sum(before), sum(total)
-        unloaded = bool(self.rezeroed.any()) and rest.unloaded()
+        unloaded = bool(np.count_nonzero(self.rezeroed)) and rest.unloaded()
         changed = False
         for board, own in enumerate(self._own):
             self.suspect[board] = mean[board] < -NEGATIVE_COUNT / 2 or pinned[board] >= PINNED
@@ -121,16 +121,17 @@ class Rezeroed:
                 self._jumped_ns[board] = self._negative_ns[board] = self._at_rest_ns[board] = _NEVER
         self._total = [now if new else old for now, old, new in zip(total, before, fresh, strict=True)]
         self._n_usable = n_usable
-        for board, own in enumerate(self._own):
-            if fresh[board]:
+        activation = rest.activation.copy()
+        for board, is_fresh in enumerate(fresh):
+            if is_fresh:
                 self._total_before[board] = before[board]
-                self._activation[board] = rest.activation[own]
+                self._activation[board] = activation
                 self._looked_ns[board] = t_mono_ns
         return changed
 
     def _at_rest_at_once(self, board: int, own: NDArray[np.intp]) -> bool:
         usable = self._rest.usable[own]
-        before, now = self._activation[board][usable], self._rest.activation[own][usable]
+        before, now = self._activation[board][own][usable], self._rest.activation[own][usable]
         loaded = before >= LOADED_COUNT
         if np.count_nonzero(loaded) < LOADED_TAXELS or np.abs(now).mean() > AT_REST_COUNT:
             return False

@@ -83,10 +83,10 @@ class TaxelFaults:
         """
         self._changed = False
         # Nearly always no count is at an end of its range, and none was.
-        if self._any_faulty or self._any_on_rail or self._rest.any_at_top or not counts.all():
+        if self._any_faulty or self._any_on_rail or self._rest.any_at_top or np.count_nonzero(counts) < len(counts):
             live = live & ~self._saturated(counts, live, t_mono_ns)
         live = live & self._rest.known
-        if live.any():
+        if np.count_nonzero(live):
             self._compare(live)
         if self._changed:
             self._any_faulty = bool(self.state.any())

@@ -90,7 +90,7 @@ class LooseTriangles:
         self._quiet += fresh
         self._quiet[changed] = 0
         self._deaf = self._noisy & (self._quiet >= DEAF_LOOKS)
-        if self._deaf.any():
+        if np.count_nonzero(self._deaf):
             others = self._quiet[self._noisy & ~self._deaf]
             self._deaf &= len(others) > 0 and bool(np.median(others) <= LIVELY_LOOKS)
             self._any |= bool(self._deaf.any())

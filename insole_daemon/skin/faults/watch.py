@@ -129,7 +129,7 @@ class FaultWatch:
             self._arrivals = arrivals
             self._fresh |= fresh
             found = odd and self._loose.update(counts, fresh, int(cycles.t_mono_ns[at]))
-            if found or not np.array_equal(there, self._there):
+            if found or np.count_nonzero(there != self._there):
                 self._there = there
                 self._believe()
             self._untold |= found
@@ -150,7 +150,7 @@ class FaultWatch:
         places, rest, streams = self._places, self._rest, self._streams
         other = (counts != self._counts).any(axis=1)
         fresh, self._counts = self._fresh, counts
-        self._fresh = np.zeros_like(fresh)
+        self._fresh = np.zeros(len(fresh), np.bool_)
         self._loose.listen(fresh, other)
         taken = counts.reshape(-1)[places.taxel].astype(np.float32)
         rest.update(taken)
@@ -162,12 +162,12 @@ class FaultWatch:
         changed = self._rezeroed.update(streams, fresh_boards, t_mono_ns)
         # After a pause a board may have a new baseline, by one noisy reading.
         new_baseline = streams.paused | (was_rezeroed & ~self._rezeroed.rezeroed)
-        if new_baseline.any():
+        if np.count_nonzero(new_baseline):
             rest.forget(new_baseline)
             streams.paused[:] = False
         # Of a board whose baseline is in doubt nothing is learned, and no taxel is judged by it.
         held = self._rezeroed.rezeroed | self._rezeroed.suspect | streams.crowded | streams.reset
-        if not held.any() and rest.unloaded():
+        if not np.count_nonzero(held) and rest.unloaded():
             rest.learn(self._believed[places.triangle], fresh_boards)
         live = (self._believed & other & ~held[places.board_of_triangle])[places.triangle]
         return self._taxels.update(taken, live, t_mono_ns) or changed

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from insole_daemon.mechanics.gait import events
 from insole_daemon.mechanics.gait.events import HIGH_N, LOW_N, FootGait, Gait
 from insole_daemon.mechanics.regions import REGIONS, regions
 from insole_daemon.simulation.conditions import Conditions
@@ -239,3 +240,22 @@ def test_any_forces_at_all_are_survived(seed):
             symmetry = event.figures.pop("stance_symmetry_percent", None)
             assert symmetry is None or abs(symmetry) < 200
             assert all(value is None or 0 <= value < math.inf for value in event.figures.values())
+
+
+@pytest.mark.skipif(events.kernel is None, reason="the compiled kernel was not built")
+def test_the_kernel_takes_the_peaks_and_integrals_that_numpy_takes(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(11)
+    compiled, numpy = FootGait(LEFT), FootGait(LEFT)
+    for _ in range(50):
+        pressure_pa = rng.normal(5e4, 5e4, VALID.shape).astype(np.float32)
+        valid = (VALID & (rng.random(VALID.shape) < 0.9)).astype(np.uint8)
+        seconds, f_z_n = float(rng.uniform(0.01, 0.03)), float(rng.uniform(100.0, 800.0))
+        compiled._press(seconds, f_z_n, pressure_pa, valid)
+        with monkeypatch.context() as patch:
+            patch.setattr(events, "kernel", None)
+            numpy._press(seconds, f_z_n, pressure_pa, valid)
+    assert compiled._peak_pa.tobytes() == numpy._peak_pa.tobytes()
+    assert compiled._integral_pa_s.tobytes() == numpy._integral_pa_s.tobytes()
+    assert compiled._valid_fraction == numpy._valid_fraction < 1
+    assert (numpy._peak_pa > 0).all()
+    assert (numpy._integral_pa_s > 0).all()

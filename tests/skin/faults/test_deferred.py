@@ -88,3 +88,27 @@ def test_a_zero_is_told_with_the_next_cycle_and_nothing_gathered_is_lost():
     assert deferred._gathered == []
     deferred.take(cycles, 1)
     assert len(deferred._gathered) == 1
+
+
+def test_cycles_that_are_not_due_are_worked_off_early_when_asked_to():
+    cycles = walked([])
+    deferred = DeferredFaultWatch(FaultWatch(LAYOUT, BOARDS))
+    deferred.take(cycles, 0)
+    assert not deferred.is_due
+    assert deferred.changes() == []
+    assert deferred.changes(early=True), "boards are heard for the first time"
+    assert deferred._gathered == []
+
+
+def test_cycles_are_due_after_gather_ns_and_what_is_found_is_due_until_it_is_told():
+    cycles = walked([])
+    deferred = DeferredFaultWatch(FaultWatch(LAYOUT, BOARDS))
+    due = []
+    for at in range(5):
+        deferred.take(cycles, at)
+        due.append(deferred.is_due)
+    assert due == [False, False, False, False, True]
+    deferred.zeroed()
+    assert deferred.is_due
+    assert deferred.changes()
+    assert not deferred.is_due
