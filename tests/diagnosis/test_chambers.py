@@ -192,3 +192,32 @@ def test_a_recording_of_which_no_reading_can_be_used_is_refused(tmp_path):
 
     with pytest.raises(DiagnosisError, match="no taxel answers the pressure"):
         diagnose(write(tmp_path / "silent", touch=silent))
+
+
+def test_strong_snaps_between_the_thresholds_of_a_grid_are_snaps_and_nothing_else(tmp_path):
+    def snapping(t_s: Array, p: Array) -> Array:
+        on, q = False, p.copy()
+        for k, value in enumerate(p.tolist()):
+            on = value >= 71e3 or (on and value > 39e3)
+            q[k] += 60e3 * on
+        return q
+
+    found = diagnose(write(tmp_path / "bag", snapping, of_rows(0, 2, 3)))
+    (finding,) = found.findings
+    assert finding.effect == "snap"
+    assert set(finding.where.ids) == identities(0, 2, 3)
+    values = {name: each.value for name, each in finding.parameters.items()}
+    assert (values["up_pa"], values["down_pa"]) == pytest.approx((71e3, 39e3), rel=0.05)
+    assert values["step_pa"] == pytest.approx(60e3, rel=0.1)
+
+
+def test_a_declared_clock_that_is_wrong_beside_a_loop(tmp_path):
+    """The loop is computed from the load: at the wrong times it would be another loop, and a creep beside it."""
+
+    def late(t_s: Array, p: Array) -> Array:
+        return np.interp(t_s - 0.23, t_s, p)
+
+    found = diagnose(write(tmp_path / "bag", rubbing(0.5, 0.5, 30e3), reference=late))
+    assert {each.effect for each in found.findings} == {"hysteresis", "clock"}
+    (clock,) = (each for each in found.findings if each.effect == "clock")
+    assert clock.parameters["offset_s"].value == pytest.approx(0.23, abs=0.02)

@@ -102,6 +102,26 @@ def test_what_all_taxels_share_is_named_for_the_whole_insole_and_is_no_map_that_
     assert found["parameters"]["tau_s"]["value"] == pytest.approx(0.4, rel=0.3)
 
 
+def test_straps_press_more_under_them_than_elsewhere(tmp_path, plain):
+    along = LAYOUT.xy_m[..., 0].mean(axis=1)
+    p0_pa = 15e3 + 25e3 * np.exp(-(((along - np.median(along)) / 0.06) ** 2))
+    places = [Where("triangle", (tuple(identity),)) for identity in LAYOUT.identities.tolist()]
+    straps = [effect("preload", place, p0_pa=value) for place, value in zip(places, p0_pa.tolist(), strict=True)]
+    (found,) = diagnosed(walk(tmp_path / "walk", *straps), plain, tmp_path / "out")
+    assert found["effect"] == "preload"
+    assert found["parameters"]["p0_pa"]["value"] == pytest.approx(p0_pa.mean(), rel=0.1)
+    model = json.loads((tmp_path / "out" / "model.json").read_text())["effects"]
+    told = {tuple(each["where"]["ids"][0]): each["parameters"]["p0_pa"]["value"] for each in model}
+    ours = [told[tuple(identity)] for identity in LAYOUT.identities.tolist()]
+    assert np.abs(np.array(ours) / p0_pa - 1.0).max() < 0.3
+
+
+def test_a_cover_that_spreads_load_further_than_to_the_next_taxels(tmp_path, plain):
+    spread = [effect("crosstalk", Where(), k=0.4)] * 4
+    (found,) = diagnosed(walk(tmp_path / "walk", *spread), plain, tmp_path / "out")
+    assert found["effect"] == "crosstalk"
+
+
 def test_a_simulation_that_covers_a_part_of_the_trial(tmp_path):
     part = walk(tmp_path / "simulation", take=0, seconds=20.0)
     assert diagnosed(walk(tmp_path / "walk"), part, tmp_path / "out") == []

@@ -43,8 +43,9 @@ def fit_timing(
 
     first = [value for value, yes in zip((start.delay_s, start.lag_s), free, strict=True) if yes]
     # A clock that edges have aligned is near where it should be: no worse place is taken for a better one.
-    is_either = free[0] and within_s[0] < 0.0 < within_s[1]
-    defaults = (0.0, START_S) if is_either else (START_S, START_S)
+    earliest_s, latest_s = within_s
+    guess_s = 0.0 if earliest_s < 0.0 < latest_s else START_S if latest_s > 0.0 else -START_S
+    defaults = (guess_s if free[0] else START_S, START_S)
     initial = np.array([value if value else default for value, default in zip(first, defaults, strict=False)]) / 0.01
     found = minimize(
         left, initial, method="Nelder-Mead",

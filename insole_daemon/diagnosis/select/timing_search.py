@@ -39,26 +39,14 @@ def search_timings(make: Callable[[Timing], D], is_free_clock: bool) -> list[Tim
     found = [_one(first, make, words, is_free_clock) for words in hypotheses]
     if not is_free_clock and min(each.left for each in found[1:]) < found[0].left:
         found.append(_one(first, make, ("delay", "lag"), is_free_clock))  # both are worth it where one of them is
-    early_s = _early_s(found[0])
-    if early_s > UNMOVED_S:
-        found.append(_one(first, make, ("clock",), is_free_clock, Timing(-early_s)))
+    if not is_free_clock:
+        early = fit_timing(first, (), Timing(), (True, False), (-MOST_S, 0.0))
+        if early.delay_s < -UNMOVED_S:
+            found.append(_one(first, make, ("clock",), is_free_clock))
     return sorted(found, key=lambda each: each.left)
 
 
-def _early_s(found: TimedSet[D]) -> float:
-    """By how much readings come early, as its best set has it; 0: it has no such clock."""
-    every = [found.search.design.candidates[k] for k in found.best.chosen]
-    early = (
-        float(each.settings[0]["early_s"] * own[0])
-        for each, own in zip(every, found.best.shares, strict=True)
-        if each.word == "clock"
-    )
-    return next(early, 0.0)
-
-
-def _one(
-    first: D, make: Callable[[Timing], D], words: tuple[str, ...], is_free_clock: bool, start: Timing = Timing()
-) -> TimedSet[D]:
+def _one(first: D, make: Callable[[Timing], D], words: tuple[str, ...], is_free_clock: bool) -> TimedSet[D]:
     free = ("delay" in words or "clock" in words or is_free_clock, "lag" in words)
     within_s = (0.0 if "delay" in words else -MOST_S, 0.0 if "clock" in words else MOST_S)
     # Readings that come early could undo a delay again.
@@ -68,7 +56,7 @@ def _one(
         # Edges have aligned it with memories beside them; without any, the loop of a slow load would move it.
         timing = Timing(0.0, START_S if "lag" in words else 0.0)
     else:
-        timing = fit_timing(design, (), start, free, within_s)
+        timing = fit_timing(design, (), Timing(), free, within_s)
     for round_ in range(ROUNDS):
         if abs(timing.delay_s - made_for.delay_s) > UNMOVED_S or abs(timing.lag_s - made_for.lag_s) > UNLAGGED_S:
             design, made_for = make(timing), timing
