@@ -17,7 +17,7 @@ def test_a_curve_that_is_off_is_fitted_and_written_as_a_polynomial():
     splines = curve_splines(activation, usable)
     read = off + rng.normal(0.0, 1.0, off.shape)
     columns = np.stack(splines.at(activation), axis=-1)
-    shares = fit_curves(read, columns, np.ones((4000, 1), bool), 5.0, np.ones((1, 12)))
+    shares = fit_curves(read, columns, np.ones((4000, 1), bool), np.full(1, 5.0), np.ones((1, 12)))
     changed = CurveShares(splines, shares).changed(curve, 0, 3)
     at = np.linspace(5.0, 85.0, 40)
     wanted = np.polynomial.polynomial.polyval(at + 6.0 - 0.1 * at + 0.0008 * at**2, curve)
