@@ -23,7 +23,7 @@ _STYLE = (
 body { margin: 0; background: var(--paper); color: var(--ink); font: 16px/1.5 system-ui, sans-serif; }
 main { max-width: 1080px; margin: 0 auto; padding: 24px 20px 64px; }
 h1 { font-size: 1.7em; margin: 0 0 .2em; } h2 { font-size: 1.2em; margin: 2em 0 .4em; }
-p { margin: .4em 0 .8em; max-width: 72ch; } .lead { color: var(--soft); }
+p, li { margin: .4em 0 .8em; max-width: 72ch; } .lead { color: var(--soft); }
 figure { margin: 0; padding: 12px; background: var(--panel); border: 1px solid var(--rule); border-radius: 8px; }
 section > figure + figure { margin-top: 16px; }
 figure { overflow-x: auto; } figcaption { color: var(--soft); font-size: .88em; margin-top: 6px; }
@@ -78,6 +78,11 @@ def section(heading: str, *parts: str) -> str:
 def paragraph(text: str) -> str:
     """Plain text."""
     return f"<p>{escape(text)}</p>"
+
+
+def items(texts: Iterable[str]) -> str:
+    """Plain texts, one below the other."""
+    return f"<ul>{''.join(f'<li>{escape(text)}</li>' for text in texts)}</ul>"
 
 
 def figure(svg: str, caption: str) -> str:

@@ -6,11 +6,14 @@ import re
 from xml.etree import ElementTree
 
 import pytest
+import typer
 
 import insole_daemon
+from insole_daemon.cli import app
 from insole_daemon.diagnosis import writing
 from insole_daemon.diagnosis.pipeline import diagnose
 from insole_daemon.diagnosis.reporting.meanings import FAULTS, MEANINGS
+from insole_daemon.diagnosis.reporting.what_now import REMEDIES
 from insole_daemon.diagnosis.reporting.wrench import html
 from insole_daemon.diagnosis.result import Diagnosis
 from insole_daemon.diagnosis.terms import TERMS
@@ -50,10 +53,26 @@ def test_what_the_file_says_stands_on_the_page(diagnosed):
         assert limit["record_instead"] in page
 
 
+def test_it_says_what_to_do_now_and_of_which_insole_it_is(diagnosed):
+    page = html(diagnosed)
+    assert "The model beside this page undoes viscoelasticity" in page
+    assert "insole validate OTHER-RECORDING --calibration model.json" in page
+    assert "left: boards 5, 6, 7; calibration" in page
+
+
+def test_every_remedy_is_of_a_word_and_a_command_that_exist():
+    assert REMEDIES.keys() <= MEANINGS.keys()
+    assert MEANINGS.keys() - REMEDIES.keys() <= {term.word for term in TERMS}  # physics is in the model
+    verbs = {match for each in REMEDIES.values() for match in re.findall(r": insole ([a-z]+)", each)}
+    assert "zero" in verbs
+    assert verbs <= set(typer.main.get_command(app).commands)
+
+
 def test_a_page_of_a_null_says_that_nothing_was_found(tmp_path):
     page = html(diagnose([insole_daemon.load(write(tmp_path / "null", seconds=40.0))], None, lambda text: None))
     assert "what is left is noise" in page
     assert "Nothing was found" in page
+    assert "What to do now" not in page
 
 
 def test_faults_of_a_kind_are_one_entry_with_every_place(tmp_path):

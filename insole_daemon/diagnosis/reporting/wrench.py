@@ -10,6 +10,7 @@ from ...report.plot import Plot, axis
 from ...skin.geometry import PRESSURE_TAXELS
 from ..result import Diagnosis, RecordingResult
 from . import first_page, numbers
+from .what_now import what_now
 
 CHANNELS = ["f_z", "m_x", "m_y"]
 NO_PLACE_OF_PHYSICS = ("frame_loss", "noise_burst", "reference_fault", "clock")  # they stand in the text
@@ -22,7 +23,17 @@ def html(diagnosis: Diagnosis) -> str:
     lead = f"{first_page.verdict_sentence(diagnosis)} Recorded in {', '.join(diagnosis.recordings)}."
     known = {each.seen.load_is_known for each in diagnosis.results}
     what = "a simulation" if diagnosis.against == "simulation" else "a known pressure" if known == {True} else "a force"
-    return page.page(f"Diagnosis of the {foot} insole against {what}", lead, parts(diagnosis))
+    return page.page(f"Diagnosis of the {foot} insole against {what}", lead, parts(diagnosis), _about(diagnosis))
+
+
+def _about(diagnosis: Diagnosis) -> list[str]:
+    """Of which insole, and by which calibration."""
+    seen = diagnosis.results[0].seen
+    insole = page.insole_label(seen.layout.foot, seen.layout.identities[:, 0].tolist())
+    if seen.has_own_curves:
+        return [insole, "no calibration: the curves that fit these recordings best"]
+    made_of = ", ".join(map(str, seen.calibration.provenance.get("recordings", ())))
+    return [insole, f"calibration made of {made_of}" if made_of else "calibration of unknown recordings"]
 
 
 def parts(diagnosis: Diagnosis) -> list[str]:
@@ -30,6 +41,7 @@ def parts(diagnosis: Diagnosis) -> list[str]:
     return [
         _facts(diagnosis),
         page.section("What was found", first_page.findings(diagnosis)),
+        *([page.section("What to do now", page.items(now))] if (now := what_now(diagnosis)) else []),
         *([page.section("Where", _places(diagnosis))] if diagnosis.findings else []),
         *(
             page.section(f"Before and after, on rows that were held out: {each.seen.name}", _trace(each))
