@@ -221,3 +221,19 @@ def test_a_declared_clock_that_is_wrong_beside_a_loop(tmp_path):
     assert {each.effect for each in found.findings} == {"hysteresis", "clock"}
     (clock,) = (each for each in found.findings if each.effect == "clock")
     assert clock.parameters["offset_s"].value == pytest.approx(0.23, abs=0.02)
+
+
+def test_a_pressure_that_turns_round_sharply_does_not_leap_and_one_that_leaps_does(tmp_path):
+    def zigzag(t_s: Array, p: Array) -> Array:
+        return 150e3 * np.abs((t_s / 0.9) % 2.0 - 1.0)  # 167 kPa/s up and down
+
+    def leaping(t_s: Array, p: Array) -> Array:
+        p[3000:3003] += 40e3
+        p[5000:5002] -= 40e3
+        p[7000:7003] += 40e3
+        return p
+
+    folder = write(tmp_path / "turns", zigzag, reference=zigzag)
+    assert [each.effect for each in diagnose(folder).findings] == []
+    (finding,) = diagnose(write(tmp_path / "leaps", reference=leaping)).findings
+    assert finding.effect == "reference_fault"

@@ -193,10 +193,18 @@ def _reference(recording: Recording, foot: FootRecording, reference: Reference) 
 
 
 def _leaps(time_s: Array, pressure_pa: Array) -> NDArray[np.bool_]:
-    """(n,) rows away from those before and after for less than any pressure could be, LEAP_S."""
+    """(n,) rows away from those before and after for less than any pressure could be, LEAP_S.
+
+    Where a pressure turns round, the straight lines of both sides lead to it.
+    """
     row_s = float(np.median(np.diff(time_s)))
-    width = 2 * max(round(LEAP_S / row_s), 1) + 1
-    away = np.abs(pressure_pa - median_filter(pressure_pa, width, mode="nearest"))
+    half = max(round(LEAP_S / row_s), 1)
+    width, row = 2 * half + 1, np.arange(len(pressure_pa))
+    foretold = [median_filter(pressure_pa, width, mode="nearest")]
+    for side in (-half, half):
+        near, far = (pressure_pa[np.clip(row + k * side, 0, len(row) - 1)] for k in (1, 2))
+        foretold.append(2.0 * near - far)
+    away = np.min(np.abs(pressure_pa - np.stack(foretold)), axis=0)
     usual = percentile_filter(away, 90, 8 * width + 1)
     least = max(LEAP_SHARE * float(np.ptp(pressure_pa)), LEAP_SIGMAS * 1.4826 * float(np.median(away)))
     return np.asarray((away > least) & (away > 4.0 * usual))
