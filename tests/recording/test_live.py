@@ -237,7 +237,7 @@ def test_a_starved_daemon_is_recorded_as_not_usable_with_the_true_share(daemon, 
     with daemon.boards(), insole_daemon.connect(daemon.endpoint) as insole, Group(daemon.process.pid) as group:
         raws = insole.raws("left")
         next(raws)
-        group.limit(cpu_share(daemon.process.pid) / 3, 100)
+        group.limit(cpu_share(daemon.process.pid) / 5, 100)
         time.sleep(2.0)  # what had been received before is published
         done = subprocess.run(
             [INSOLE, "record", out, "--remote", "--connect", daemon.endpoint, "--foot", "left", "--seconds", "8"],

@@ -215,8 +215,10 @@ def test_a_pause_stands_still_and_is_looked_through_with_the_keyboard(browser, p
         assert text(browser, "#pause") == "Go on"
         first = browser.js(shown)
         picture = "return window.insole.maps.left.canvas.toDataURL()"
+        newest = "return window.insole.history.live.left.at(-1).seq > arguments[0]"
+        browser.until(newest + " + 2", first)  # a frame that was asked for before the pause is painted
         before = browser.js(picture)
-        browser.until("return window.insole.history.live.left.at(-1).seq > arguments[0] + 10", first)
+        browser.until(newest + " + 10", first)
         assert browser.js(picture) == before
         for _ in range(5):
             browser.find("body").send_keys("\ue012")  # arrow left
