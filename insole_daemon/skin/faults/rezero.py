@@ -4,7 +4,8 @@ A board does that when it is configured, and by itself after five read errors; i
 count is off by the load of that moment. Two marks, from the counts:
 
 jump – from one look to the next all loaded taxels of a board that bore the same before come to stand at their rest
-    level, while the others go on bearing what they bore. Pauses (an MTB3 makes one of three periods) are looked over.
+    level, while the others go on bearing what they bore. Its own pauses (an MTB3 makes one of three periods) are looked
+    over; where the others paused too, the host or the bus was held up, and a heel may have risen meanwhile.
 negative – the mean of the board's taxels stands above their rest levels, or PINNED of them at 255: what was zeroed
     away is missing when the load goes. Not with a no-load of 255, which leaves no room above, nor where it stood nearly
     as high when it last was unloaded: a rest that drifts creeps there step by step.
@@ -35,6 +36,7 @@ OTHERS_TOTAL = 100.0  # counts over all taxels, 26 N at 8 kPa a count and 32.4 m
 OTHERS_SAME = 0.2  # the most their load may have changed meanwhile: in two cycles of walking a heel may rise
 OTHERS_NOISE, OWN_NOISE = 100.0, 75.0  # counts: three times the noise of a change, pad 6 makes it common to a triangle
 PAUSE_NS = 200_000_000  # the longest that is looked over
+HELD_UP_PERIODS = 3.0  # nothing from any other board for so long: a look is two periods after the last
 CONFIRM_NS = 60_000_000  # in which a jump turns out to be another board's frames, or a board that goes
 NEGATIVE_COUNT = 1.25  # mean; rebound after long standing is some per cent of 20 counts, the noise 0.3 at most
 CREEPS_COUNT = 0.6  # mean, from one step to the next
@@ -52,6 +54,7 @@ class Rezeroed:
     def __init__(self, places: Places, rest: Rest) -> None:
         n = len(places.addresses)
         self._rest = rest
+        self._held_up_ns = int(HELD_UP_PERIODS * int(places.period_ns.max()))
         self._own = [np.flatnonzero(places.board == board) for board in range(n)]
         self.rezeroed = np.zeros(n, np.bool_)
         self.suspect = [False] * n  # below its rest levels: neither to be learned from nor to be judged by
@@ -84,6 +87,7 @@ class Rezeroed:
         fresh, crowded, clash = fresh_boards.tolist(), streams.crowded.tolist(), streams.clash.tolist()
         all_before, all_now = sum(before), sum(total)
         unloaded = bool(np.count_nonzero(self.rezeroed)) and rest.unloaded()
+        others_went_on = self._others_went_on(t_mono_ns)
         changed = False
         for board, own in enumerate(self._own):
             self.suspect[board] = mean[board] < -NEGATIVE_COUNT / 2 or pinned[board] >= PINNED
@@ -112,6 +116,7 @@ class Rezeroed:
                 and total[board] < before[board] / 2
                 and others_now >= OTHERS_TOTAL
                 and abs(others_now - others_before) <= OTHERS_SAME * others_before + OTHERS_NOISE
+                and others_went_on[board]
                 and t_mono_ns - self._looked_ns[board] <= PAUSE_NS
                 and self._at_rest_at_once(board, own)
             ):
@@ -128,6 +133,11 @@ class Rezeroed:
                 self._activation[board] = activation
                 self._looked_ns[board] = t_mono_ns
         return changed
+
+    def _others_went_on(self, t_mono_ns: int) -> list[bool]:
+        """For each board, whether another was looked at lately."""
+        lately = [t_mono_ns - looked_ns <= self._held_up_ns for looked_ns in self._looked_ns]
+        return [sum(lately) > own for own in lately]
 
     def _at_rest_at_once(self, board: int, own: NDArray[np.intp]) -> bool:
         usable = self._rest.usable[own]

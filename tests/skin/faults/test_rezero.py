@@ -12,13 +12,22 @@ from insole_daemon.config import Board
 from insole_daemon.skin.faults.boards import BoardStreams
 from insole_daemon.skin.faults.places import Places
 from insole_daemon.skin.faults.rest import Rest
-from insole_daemon.skin.faults.rezero import CONFIRM_NS, HEALED_NS, MIN_TAXELS, NEGATIVE_NS, PAUSE_NS, Rezeroed
+from insole_daemon.skin.faults.rezero import (
+    CONFIRM_NS,
+    HEALED_NS,
+    HELD_UP_PERIODS,
+    MIN_TAXELS,
+    NEGATIVE_NS,
+    PAUSE_NS,
+    Rezeroed,
+)
 from insole_daemon.skin.layout import Triangle, of
 
 ADDRESSES = (7, 5, 6)  # in the order of the layout, and of all that is said of boards
 N_TAXELS = 40  # of each
 LOOK_NS = 20_000_000
 START_NS = 86_400_000_000_000
+HELD_UP_NS = round(HELD_UP_PERIODS * Board(address=1, interface="can0").period_ms * 1e6)
 STANDING = 8.0  # counts on every taxel
 NOBODY = dict.fromkeys(ADDRESSES, 0.0)
 
@@ -184,6 +193,14 @@ def test_without_load_on_the_others_a_board_that_jumps_was_left() -> None:
 def test_a_jump_over_a_pause_is_seen_if_that_is_short(pause_ns: int, found: bool) -> None:
     foot = Foot()
     foot.stand()
+    foot.look(after_ns=pause_ns - LOOK_NS, stale=[5])
+    assert foot.jumps({5: 0}) is found
+
+
+@pytest.mark.parametrize(("pause_ns", "found"), [(HELD_UP_NS, True), (HELD_UP_NS + 1, False)])
+def test_a_jump_over_a_pause_of_all_boards_may_be_the_gait(pause_ns: int, found: bool) -> None:
+    foot = Foot()
+    foot.stand()
     assert foot.jumps({5: 0}, after_ns=pause_ns) is found
 
 
@@ -193,7 +210,8 @@ def test_looks_at_half_of_a_board_are_part_of_the_pause(rest_ns: int, found: boo
     foot.stand()
     for _ in range(2):
         foot.look({5: taxels((20, STANDING))}, stale=[5])
-    assert foot.jumps({5: 0}, after_ns=rest_ns) is found
+    foot.look({5: taxels((20, STANDING))}, rest_ns - LOOK_NS, stale=[5])
+    assert foot.jumps({5: 0}) is found
 
 
 def test_nothing_is_concluded_until_the_board_is_heard_again() -> None:

@@ -334,3 +334,22 @@ def test_any_counts_at_all_are_survived(seed: int) -> None:
     loose = {(t.board, t.triangle) for t, m in zip(LAYOUT.triangles, found.watch.masked, strict=True) if m.all()}
     boards = {f.board for f in found.watch.faults if f.kind in ("board_rezeroed", "board_address_clash")}
     assert loose == wrong | {(t.board, t.triangle) for t in LAYOUT.triangles if t.board in boards}
+
+
+@pytest.mark.parametrize("seed", [7, 10])
+def test_a_walk_whose_frames_are_held_up_and_come_at_once_zeroes_no_board(seed: int) -> None:
+    """By these two a board was taken for re-zeroed: its heel had risen while nothing came from any board."""
+    frames = Emulator(CONFIG, LAYOUTS[:1], Walk(LAYOUTS[:1], seed=seed), seed=seed).frames(START_NS, 20)
+    rng = np.random.default_rng(seed)
+    received_ns, end_ns = frames.t_mono_ns.copy(), START_NS + 5_000_000_000
+    for _ in range(20):
+        begin_ns = end_ns + int(rng.uniform(0, 600e6))
+        end_ns = begin_ns + int(rng.uniform(60e6, 250e6))
+        held = (frames.t_mono_ns >= begin_ns) & (frames.t_mono_ns < end_ns)
+        received_ns[held] = end_ns + np.arange(held.sum()) * 20_000
+    received_ns = np.maximum.accumulate(received_ns)
+    (closed,) = SkinReader([LAYOUT], period_ns=20_000_000, slack_ns=5_000_000).feed(
+        replace(frames, t_ns=received_ns, t_mono_ns=received_ns)
+    )
+    found = watch(Cycles.concatenate(closed, len(LAYOUT)))
+    assert "board_rezeroed" not in {change.event for _, change in found.changes}
