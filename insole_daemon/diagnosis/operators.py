@@ -39,6 +39,20 @@ def plays(x: Array, radii_pa: Array) -> Array:
     return np.moveaxis(found, 1, 0)
 
 
+def frictions(x: Array, widths_pa: Array) -> Array:
+    """(k, N, m) what friction takes of x for each width s, none before the first row: dz = (1 − sgn(dx)·z/s)·dx.
+
+    P. R. Dahl 1968; exact for x monotonic between rows. A play takes the same of a long way, but all of a short one.
+    """
+    width = widths_pa[:, None]
+    found = np.empty((len(x), len(widths_pa), x.shape[1]))
+    last = np.zeros(found.shape[1:])
+    for row, way in zip(found, np.diff(x, axis=0, prepend=0.0)[:, None], strict=True):
+        end = np.copysign(width, way)
+        last = np.add(end, (last - end) * np.exp(-np.abs(way) / width), out=row)
+    return np.moveaxis(found, 1, 0)
+
+
 def relay(x: Array, up_pa: float, down_pa: float) -> Array:
     """(N, m) 1 from x ≥ up until x ≤ down, 0 before the first."""
     event = np.where(x >= up_pa, 1, np.where(x <= down_pa, -1, 0))

@@ -15,6 +15,7 @@ LEAST_EIGENVALUE = 1e-4  # of columns scaled to 1: what is less is not determine
 RIDGE = 1e-6  # of a column's own square: what is not determined stays near 0
 FIRST_SHARE = 0.06  # of a term, for the prior of the static part it may have left, before its shares are known
 SETTLED = 0.05  # by which shares may still change
+PULL, TOLERANCE = 100.0, 1e-3  # towards the bound on a sum, of a column's size; what is over it by less is at it
 MOST_ABSORBED = 2.0  # standard deviations: the mean curve of a memory is no larger than the memory
 
 
@@ -47,10 +48,11 @@ def solve_shares(design: Regression, chosen: Sequence[PlacedTerm]) -> tuple[tupl
         plain = plain + np.diag(RIDGE * np.diag(plain) + 1e-12)
         strengths = [FIRST_SHARE * (1.0 if not each.term.plausible else each.term.plausible / 0.1) for each in chosen]
         k = len(own_columns)
+        sums = _sums([chosen[i] for i in rest], design.load.is_known)
         for _ in range(3 if len(extra) else 1):
             std = absorbed_std(chosen, strengths, extra)
             own = plain + np.diag(np.concatenate([np.zeros(k), std**-2.0]))
-            found = bounded(own, cross[columns], positive)
+            found = bounded(own, cross[columns], positive, sums)
             _hand_out(found, chosen, rest, shares)
             before = [strengths[i] for i in rest]
             for i in rest:
@@ -64,10 +66,21 @@ def solve_shares(design: Regression, chosen: Sequence[PlacedTerm]) -> tuple[tupl
             held |= over
             found[held] = np.clip(found[held], -most[held], most[held])
             left = cross[columns] - own[:, held] @ found[held]
-            found[~held] = bounded(own[np.ix_(~held, ~held)], left[~held], positive[~held])
+            found[~held] = bounded(own[np.ix_(~held, ~held)], left[~held], positive[~held], sums)
         _hand_out(found, chosen, rest, shares)
         gain += float(2 * found @ cross[columns] - found @ own @ found)
     return tuple(shares), gain
+
+
+def _sums(chosen: Sequence[PlacedTerm], load_is_known: bool) -> list[tuple[slice, float]]:
+    """Where the shares of each of `chosen` stand whose sum has a bound, and the bound."""
+    found, at = [], 0
+    for each in chosen:
+        own = slice(at, at + len(each.columns))
+        at = own.stop
+        if np.isfinite(most := each.term.most(load_is_known)):
+            found.append((own, most))
+    return found
 
 
 def _hand_out(found: Array, chosen: Sequence[PlacedTerm], rest: Sequence[int], shares: list[Array]) -> None:
@@ -109,8 +122,11 @@ def absorbed_std(chosen: Sequence[PlacedTerm], strengths: Sequence[float], colum
     return np.asarray(np.sqrt(square))
 
 
-def bounded(gram: Array, cross: Array, positive: NDArray[np.bool_]) -> Array:
-    """θ that minimises θᵀ·gram·θ − 2·crossᵀθ with θ ≥ 0 where `positive`."""
+def bounded(gram: Array, cross: Array, positive: NDArray[np.bool_], sums: Sequence[tuple[slice, float]] = ()) -> Array:
+    """θ that minimises θᵀ·gram·θ − 2·crossᵀθ with θ ≥ 0 where `positive`, and sums of slices of θ up to a bound each.
+
+    A slice whose sum has a bound is of positive ones.
+    """
     scale = np.sqrt(np.diag(gram))
     gram, cross = gram / scale[:, None] / scale, cross / scale
     free = ~positive
@@ -125,7 +141,23 @@ def bounded(gram: Array, cross: Array, positive: NDArray[np.bool_]) -> Array:
     if positive.any():
         values, vectors = np.linalg.eigh(inner)
         root = np.sqrt(np.maximum(values, LEAST_EIGENVALUE))
-        found[positive] = nnls(root[:, None] * vectors.T, (vectors.T @ r) / root)[0]
+        rows, target = root[:, None] * vectors.T, (vectors.T @ r) / root
+        found[positive] = nnls(rows, target)[0]
+        held: set[int] = set()
+        while over := {k for k, (own, most) in enumerate(sums) if _sum(found, scale, own) > most * (1.0 + TOLERANCE)}:
+            if over <= held:
+                break
+            held |= over
+            for own, most in (sums[k] for k in over):
+                pull = np.zeros(len(cross))
+                pull[own] = 1.0 / scale[own]
+                size = PULL / float(np.linalg.norm(pull))
+                rows, target = np.vstack([rows, size * pull[positive]]), np.append(target, size * most)
+            found[positive] = nnls(rows, target)[0]
     if free.any():
         found[free] = through[:, -1] - through[:, :-1] @ found[positive]
     return found / scale
+
+
+def _sum(scaled: Array, scale: Array, own: slice) -> float:
+    return float(np.sum(scaled[own] / scale[own]))

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...physics.law import Array
+from ...physics.law import MOST_SHARED, Array
 from ..model.load import LoadEstimate
 from ..operators import low_pass
 from .term import ABSORBED, Setting, Term, TermColumns
@@ -86,6 +86,7 @@ TERM = Term(
     known_parameters=_known_parameters,
     plausible=0.1,
     limit=1.0,
+    known_most=MOST_SHARED,
     absorbs={**ABSORBED, "earlier_load": EARLIER, "uneven_creep": UNEVEN},
     yields_to=("viscoelasticity",),
     is_possible=_is_possible,

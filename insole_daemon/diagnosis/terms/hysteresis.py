@@ -6,13 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...physics.law import Array
+from ...physics.law import MOST_SHARED, Array
 from ..model.load import LoadEstimate
 from ..operators import plays
 from .term import ABSORBED, Setting, Term, TermColumns, geometric
 
 UNEVEN = 0.5
-MOST_W = 1.5  # together: with more than 1 a reversal would go on; what the law misses may make it a little more
 WIDEST = 0.4  # of the range of the load
 RADII_PA = geometric(3e3, 192e3, 7)
 
@@ -58,7 +57,7 @@ TERM = Term(
     known_parameters=_known_parameters,
     plausible=0.1,
     limit=4.0,
-    is_possible=lambda settings, shares, load_is_known: not load_is_known or float(np.sum(shares)) <= MOST_W,
+    known_most=MOST_SHARED,
     absorbs={**ABSORBED, "uneven_loops": UNEVEN},
     misfit=0.03,
 )

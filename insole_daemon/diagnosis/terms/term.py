@@ -57,6 +57,7 @@ class Term:
     # of each one's share, for a share of 1.
     absorbs: Mapping[str, float] = field(default_factory=dict)
     limit: float = np.inf  # of a share's size: beyond it the law makes no sense
+    known_most: float = np.inf  # of the sum of its shares where the load is known: they are the law's own
     misfit: float = 0.002
     known_misfit: float | None = None  # where the load is known, and columns are made of it and not of readings
     is_of_load: bool = False  # columns are the law's own, though the load of single taxels is not known
@@ -94,6 +95,10 @@ class Term:
     def misfit_of(self, load_is_known: bool) -> float:
         """What its columns may fail to describe of it."""
         return self.known_misfit if load_is_known and self.known_misfit is not None else self.misfit
+
+    def most(self, load_is_known: bool) -> float:
+        """Of the sum of its shares."""
+        return self.known_most if load_is_known or self.is_of_load else np.inf
 
     def parameters_of(self, load_is_known: bool) -> Callable[[Sequence[Setting], Array], dict[str, object]]:
         """The law's parameters from settings and shares (k,)."""

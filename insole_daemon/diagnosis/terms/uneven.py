@@ -14,12 +14,13 @@ import numpy as np
 
 from ...physics.law import Array
 from ..model.load import LoadEstimate
-from ..operators import low_pass, plays
+from ..operators import frictions, low_pass, plays
 from .term import Setting, Term, TermColumns
 
 PARTS = 3  # of the range
 RADII = (0.02, 0.06, 0.15)  # of the range
 TAUS_S = (1.0, 8.0, 60.0)
+WIDTHS = (0.03, 0.1, 0.3)  # of the range
 
 
 def _plays(load: LoadEstimate) -> list[TermColumns]:
@@ -29,6 +30,13 @@ def _plays(load: LoadEstimate) -> list[TermColumns]:
     settings = [{"part": float(k), "r_pa": radius * top} for k in range(PARTS) for radius in RADII]
     flat = [cut.reshape(len(cut), -1) for cut in cuts]
     loops = [-plays(each, np.array([radius * top]))[0].reshape(cuts[0].shape) for each in flat for radius in RADII]
+    if load.observation.is_uniform:  # of a simulated load courses are guesses, and turn round at other moments
+        widths_pa = top * np.array(WIDTHS)
+        settings += [{"width_pa": width} for width in [*widths_pa, *-widths_pa]]
+        whole = load.courses_pa.reshape(len(cuts[0]), -1)
+        way = np.cumsum(np.abs(np.diff(whole, axis=0, prepend=whole[:1])), axis=0)
+        earlier = [width * np.exp(-way / width) for width in widths_pa]
+        loops += [each.reshape(cuts[0].shape) for each in [*-frictions(whole, widths_pa), *earlier]]
     return _joint(load, settings, loops)
 
 

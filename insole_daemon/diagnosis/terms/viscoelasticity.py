@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...physics.law import Array
+from ...physics.law import MOST_SHARED, Array
 from ..model.load import LoadEstimate
 from ..operators import low_pass
 from .term import ABSORBED, Setting, Term, TermColumns, geometric
@@ -50,11 +50,6 @@ def _known_parameters(settings: Sequence[Setting], shares: Array) -> dict[str, o
     return {"a": total, "tau_s": tau_s}
 
 
-def _is_possible(settings: Sequence[Setting], shares: Array, load_is_known: bool) -> bool:
-    """Whether no more than the whole answer is late."""
-    return not load_is_known or float(np.sum(shares)) <= 1.0
-
-
 TERM = Term(
     word="viscoelasticity",
     scopes=("insole", "board", "triangle"),
@@ -64,8 +59,8 @@ TERM = Term(
     known_parameters=_known_parameters,
     plausible=0.1,
     limit=2.0,
+    known_most=MOST_SHARED,
     absorbs=ABSORBED,
-    is_possible=_is_possible,
     misfit=0.02,
     known_misfit=0.01,
 )

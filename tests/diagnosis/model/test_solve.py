@@ -1,4 +1,4 @@
-"""The static part that a calibration absorbed of a memory is no larger than the memory."""
+"""Shares within their bounds: of what a calibration absorbed of a memory, and of what can be undone."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ from insole_daemon.diagnosis.model.regression import PlacedTerm
 from insole_daemon.diagnosis.model.solve import solve_shares
 from insole_daemon.diagnosis.terms import viscoelasticity
 from insole_daemon.physics.effect import Where
+from insole_daemon.physics.law import MOST_SHARED
 
 
-def design(memory: float, gain: float) -> tuple[Any, PlacedTerm]:
+def design(memory: float, gain: float, load_is_known: bool = False) -> tuple[Any, PlacedTerm]:
     """Columns of a memory and of a gain, nearly orthogonal, in a residual with these shares of them."""
     x = np.random.default_rng(1).normal(size=(4000, 3))
     y = x @ np.array([memory, 0.0, gain])
@@ -22,7 +23,7 @@ def design(memory: float, gain: float) -> tuple[Any, PlacedTerm]:
         viscoelasticity.TERM, Where(), ({"tau_s": 0.1}, {"tau_s": 0.3}), np.array([0, 1]), 1, np.array([2]),
         companion_words=("gain",), companion_std=(viscoelasticity.TERM.absorbs["gain"],),
     )  # fmt: skip
-    return SimpleNamespace(gram=x.T @ x, cross=x.T @ y), candidate
+    return SimpleNamespace(gram=x.T @ x, cross=x.T @ y, load=SimpleNamespace(is_known=load_is_known)), candidate
 
 
 def test_a_gain_beside_no_memory_is_not_absorbed():
@@ -36,3 +37,11 @@ def test_a_gain_as_large_as_a_part_of_the_memory_is_absorbed():
     shares, explained = solve_shares(regression, [candidate])
     assert shares[0].sum() == pytest.approx(0.4, abs=0.02)
     assert explained > 0.95 * 4000 * (0.4**2 + 0.1**2)
+
+
+@pytest.mark.parametrize(("load_is_known", "expected"), [(True, MOST_SHARED), (False, 1.4)])
+def test_of_a_known_load_some_is_always_read_at_once(load_is_known, expected):
+    regression, candidate = design(1.4, 0.0, load_is_known)
+    shares, _ = solve_shares(regression, [candidate])
+    assert shares[0].sum() == pytest.approx(expected, rel=0.02)
+    assert (shares[0] >= 0).all()
