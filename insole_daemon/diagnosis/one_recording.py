@@ -52,7 +52,7 @@ def diagnose_one(seen: WrenchObservation, foot: FootRecording, progress: Callabl
     seen = faults.observation
     progress("comparing with every term of the library")
     searched = search_terms(seen, faults, foot)
-    first = searched.timed[0]
+    first = searched.first
     whole, search, timing = first.search.design, first.search, first.timing
     progress("measuring the error on blocks that were held out")
     kept = trimmed(search, search.simplified(first.best, confidence.CLOSE), timing)
@@ -70,6 +70,8 @@ def diagnose_one(seen: WrenchObservation, foot: FootRecording, progress: Callabl
         found = figures_of(refined, order, timing, nuisances, 0.0 if is_late else timing.delay_s)
     found, findings, effects = _placed(searched, seen, found)
     found = _with_faults(found, faults)
+    put_right = [each for each in faults.findings if each.effect == "bit_shift"]
+    effects += [e for e in (effect_of(f.effect, f.where, f.parameters, seen) for f in put_right) if e is not None]
     if findings and not found.after[0] < found.before[0]:
         findings, effects, is_unknown = [], [], True  # what makes held-out rows worse explains nothing
     if not (findings or order or first.words or faults.findings):
@@ -80,7 +82,7 @@ def diagnose_one(seen: WrenchObservation, foot: FootRecording, progress: Callabl
     has_clock = any(word == "clock" for i, word in enumerate(words) if i not in nuisances)
     named = tuple(word for word in first.words if word == "lag" or (is_late and not has_clock))
     if not is_unknown or timing_energy(whole, timing) > STRONGER * squared_rest(found, whole):
-        findings += timing_findings(seen, searched.timed, named, found, float(whole.least.max()))
+        findings += timing_findings(seen, first, searched.others, named, found, float(whole.least.max()))
     effects += timing_effects(first, named)
     for i, gain in zip(order, found.gains, strict=True):
         if i in nuisances:

@@ -23,11 +23,12 @@ from .observations.paired import PairedObservation, swapped_rows
 from .observations.reading_faults import ReadingFaults
 from .observations.wrench import WrenchObservation
 from .parameters import parameters_of
+from .select.count_figures import count_figures
 from .select.events import Events, best_events, with_events
 from .select.groups import with_groups
 from .select.search import SubsetSearch
 from .select.thresholds import best_thresholds
-from .select.timing_search import TimedSet, search_timings
+from .select.timing_search import Timed, TimedSet, search_timings
 from .terms.term import Setting
 
 # Of nothing, of a trial that was measured, of a model of the person, and of a model of any person.
@@ -37,6 +38,7 @@ OWN = 0.3  # the same of curves that were fitted to the recordings themselves
 WELL = 1.15  # times the noise: what leaves no more is explained
 FAR_CLEARER = 0.25  # the same where no more is left than the law of the memory may fail to describe
 CLEARER = 0.6  # of what usual curves leave beyond the noise, that loose ones may
+FEW = 2  # terms, that are rather believed than that curves are loose
 PLACED_ROUNDS = 3
 SWAPPED, ASKEW = "swapped_triangles", "map_transform"
 
@@ -54,9 +56,10 @@ class Placed:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Searched:
-    """The hypotheses on the timing of one recording, best first, under the load of where the taxels are."""
+    """The hypotheses on the timing of one recording, under the load of where the taxels are."""
 
-    timed: tuple[TimedSet[Any], ...]
+    first: TimedSet[Any]  # the best
+    others: tuple[Timed, ...]
     placed: tuple[Placed, ...] = ()
     priors: Priors = USUAL  # under which they were searched for
     unplaced: TimedSet[Any] | None = None  # the best under the load of where they are believed to be
@@ -64,7 +67,7 @@ class Searched:
     @property
     def left(self) -> float:
         """Squared residual and prices."""
-        first = self.timed[0]
+        first = self.first
         return float(
             first.left + first.search.design.nuisance.log_determinant + sum(each.price for each in self.placed)
         )
@@ -72,25 +75,25 @@ class Searched:
     @property
     def unexplained(self) -> float:
         """Squared residual, and what the freedom of nuisances costs."""
-        first = self.timed[0]
+        first = self.first
         return float(first.search.design.total - first.best.gain + first.search.design.nuisance.log_determinant)
 
     @property
     def of_laws(self) -> float:
         """What the laws of the best set may fail to describe."""
-        first = self.timed[0]
+        first = self.first
         every = [first.search.design.candidates[k] for k in first.best.chosen]
         return first.search.prices.of_laws(every, first.best.shares)
 
     @property
     def n_terms(self) -> int:
         """Of the best set, with its timing."""
-        return len(self.timed[0].best.chosen) + len(self.timed[0].words)
+        return len(self.first.best.chosen) + len(self.first.words)
 
     @property
     def has_memory(self) -> bool:
         """Whether the best set has one."""
-        first = self.timed[0]
+        first = self.first
         return any(first.search.design.candidates[k].term.is_memory for k in first.best.chosen)
 
 
@@ -102,8 +105,7 @@ def search(seen: WrenchObservation, faults: ReadingFaults, foot: FootRecording) 
         found = _with_curves(seen, faults)
     else:
         found = _under(USUAL, seen, faults)
-    first, *others = found.timed
-    return replace(found, timed=(_sharpened(first), *others))
+    return replace(found, first=_sharpened(found.first))
 
 
 def _at_its_place(seen: PairedObservation, faults: ReadingFaults, foot: FootRecording) -> Searched:
@@ -112,9 +114,9 @@ def _at_its_place(seen: PairedObservation, faults: ReadingFaults, foot: FootReco
     What acts on the load needs to know it: the search is made again once a triangle is somewhere else.
     """
     found = _under(_likeliest(seen, faults), seen, faults)
-    unplaced, move = found.timed[0], Move()
+    unplaced, move = found.first, Move()
     for _ in range(PLACED_ROUNDS):
-        first = found.timed[0]
+        first = found.first
         refined = refine(first.search.design, first.best.chosen)
         placed = {(each.word, each.where): each for each in found.placed}
         for i, candidate in enumerate(refined.design.candidates):
@@ -178,7 +180,19 @@ def _with_curves(seen: ChamberObservation, faults: ReadingFaults) -> Searched:
     # What a law fails to describe anyway is no reason to give up every recalibration, but for one that fits far worse.
     if found.unexplained < noise + found.of_laws:
         clearer, simpler = False, simpler and loose.unexplained - noise < FAR_CLEARER * (found.unexplained - noise)
-    return loose if loose.has_memory and (clearer or simpler) else found
+    if not (loose.has_memory and (clearer or simpler)):
+        return found
+    if found.n_terms > FEW:
+        return loose
+    # A memory of nearly all of the load says that nearly nothing is read at once, and leaves little load whatever is
+    # wrong: readings show it, and what a few terms explain is believed instead.
+    design, best = loose.first.search.design, loose.first.best
+    return loose if _after_count(design, best.chosen) < _after_count(design, ()) else found
+
+
+def _after_count(design: BlockDesign, chosen: tuple[int, ...]) -> float:
+    """Error of the readings that the laws of a set leave, on blocks that they were not fitted to."""
+    return float(count_figures(refine(design, chosen), ()).after[0])
 
 
 def _weights(seen: WrenchObservation, faults: ReadingFaults) -> Array:
@@ -200,7 +214,7 @@ def _under(priors: Priors, seen: WrenchObservation, faults: ReadingFaults) -> Se
         )
     if not isinstance(seen, ChamberObservation):
         whole = design(LoadEstimate(seen), weights, faults.substituted)
-        return Searched(tuple(search_timings(lambda timing: whole, seen.offset_is_free)))
+        return Searched(*search_timings(lambda timing: whole, seen.offset_is_free))
 
     events: Events | None = None  # of the first timing: later ones move them by less than they are long
     thresholds: list[tuple[int, Setting]] = []
@@ -213,7 +227,7 @@ def _under(priors: Priors, seen: WrenchObservation, faults: ReadingFaults) -> Se
             events, thresholds = best_events(whole), best_thresholds(whole)
         return with_events(whole.with_settings(thresholds), events)
 
-    return Searched(tuple(search_timings(under, seen.offset_is_free)), priors=priors)
+    return Searched(*search_timings(under, seen.offset_is_free), priors=priors)
 
 
 def _sharpened(first: TimedSet[Any]) -> TimedSet[Any]:

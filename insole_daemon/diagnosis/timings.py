@@ -18,7 +18,7 @@ from .observations.paired import PairedObservation
 from .observations.wrench import WrenchObservation
 from .result import RecordingResult
 from .select import confidence
-from .select.timing_search import TimedSet
+from .select.timing_search import Timed, TimedSet
 from .select.wrench_figures import Figures
 
 LEAST_DELAY_S = 0.003  # three standard deviations of a declared clock's offset
@@ -39,20 +39,24 @@ def is_nuisance(word: str, parameters: dict[str, Quantity]) -> bool:
 
 
 def timing_findings(
-    seen: WrenchObservation, timed: Sequence[TimedSet[Any]], named: Sequence[str], found: Figures, least_gain: float
+    seen: WrenchObservation,
+    first: TimedSet[Any],
+    further: Sequence[Timed],
+    named: Sequence[str],
+    found: Figures,
+    least_gain: float,
 ) -> list[Finding]:
-    """Delay and lag of the whole insole, those of them `named`; hypotheses that are as good are alternatives."""
-    first = timed[0]
+    """Delay and lag of the whole insole, those of them `named`; `further` hypotheses as good are alternatives."""
     findings, after = [], float(found.after[0])
     values = {
         "delay": {"delay_s": first.timing.delay_s}, "lag": {"tau_s": first.timing.lag_s},
         "clock": {"offset_s": -first.timing.delay_s},
     }  # fmt: skip
     for word in named:
-        without = min((each.left for each in timed if word not in each.words), default=np.inf)
+        without = min((each.left for each in further if word not in each.words), default=np.inf)
         margin = (without - first.left) / least_gain
         others = [
-            each for each in timed[1:]
+            each for each in further
             if word not in each.words and each.left - first.left < confidence.SAME * least_gain
         ]  # fmt: skip
         other = next((w for each in others for w in each.words if w not in first.words), None)

@@ -122,6 +122,33 @@ def test_a_gain_of_a_board_is_named_beside_a_memory_of_all(tmp_path):
     assert by_word["viscoelasticity"].where.scope == "insole"
 
 
+def test_a_digitiser_that_shifts_by_a_bit_more_is_told_beside_a_strong_loop(tmp_path):
+    def shifted(t_s: Array, counts: Array) -> None:
+        own = of_rows(2, 3)
+        counts[:, own] = 240.5 - 0.5 * (240.5 - counts[:, own])  # and the noise with it
+
+    found = diagnose(write(tmp_path / "bag", rubbing(1.2, 0.3, 60e3), touch=shifted))
+    by_word = {each.effect: each for each in found.findings}
+    assert set(by_word) == {"hysteresis", "bit_shift"}, [each.sentence for each in found.findings]
+    assert by_word["bit_shift"].where.ids == ((6,),)
+    assert by_word["bit_shift"].parameters["shift"].value == 4
+    assert by_word["bit_shift"].explains > 0.0
+    (own,) = found.results
+    assert "bit_shift" in {effect.law.word for effect in own.effects}
+
+
+def test_sensors_that_answer_half_as_much_shift_by_no_bit(tmp_path):
+    def weaker(t_s: Array, counts: Array) -> None:
+        own = of_rows(2, 3)
+        counts[:, own] += 0.5 * np.round(240.5 - counts[:, own].mean(axis=1, keepdims=True))  # the noise stays
+
+    found = diagnose(write(tmp_path / "bag", touch=weaker))
+    (finding,) = found.findings
+    assert finding.effect == "gain"
+    assert finding.where.ids == ((6,),)
+    assert finding.parameters["gain"].value == pytest.approx(0.5, abs=0.05)
+
+
 @pytest.mark.parametrize("count_per_pad_count", [0.0, 0.8])
 def test_where_no_thermometer_was_recorded_the_thermal_pads_tell_how_warm_it_is(tmp_path, count_per_pad_count):
     pads = np.setdiff1d(np.arange(72), SLOTS)

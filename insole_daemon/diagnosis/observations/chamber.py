@@ -56,6 +56,7 @@ class ChamberObservation(WrenchObservation):
     """
 
     lag_s: float = 0.0
+    told: frozenset[tuple[str, str]] = frozenset()  # words and scopes that readings have told or ruled out
 
     load_is_known = True
     is_uniform = True

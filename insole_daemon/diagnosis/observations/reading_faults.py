@@ -23,6 +23,7 @@ from ..places import said
 from .hidden_faults import pick_up, stuck_bit, together
 from .paired import PairedObservation
 from .rezeros import with_rezeros
+from .shifted_boards import with_shifts
 from .taxel_faults import with_taxels
 from .wrench import FINE_S, LARGEST, WrenchObservation
 
@@ -74,6 +75,8 @@ def reading_faults(foot: FootRecording, seen: WrenchObservation) -> ReadingFault
     substituted = np.asarray(broken.any(axis=1))
     seen = _substitute(seen, working, substituted) if substituted.any() else seen
     findings += rezeroed
+    seen, shifted = with_shifts(foot, seen, working)
+    findings += shifted
     seen, odd = with_taxels(seen, working)
     findings += odd
     findings += _lost(foot, seen, substituted)

@@ -17,33 +17,49 @@ UNMOVED_S, UNLAGGED_S = 0.008, 0.03  # of a delay and of a lag, that terms need 
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TimedSet(Generic[D]):
-    """A set with its timing."""
+class Timed:
+    """A hypothesis on the timing."""
 
-    words: tuple[str, ...]  # of the timing: "delay", "lag", or "clock" where readings come early
+    words: tuple[str, ...]  # "delay", "lag", or "clock" where readings come early
     timing: Timing
+    left: float  # squared residual and prices of its best set
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TimedSet(Timed, Generic[D]):
+    """The same with its best set."""
+
     search: SubsetSearch[D]
     best: FittedSet
-    left: float  # squared residual and prices
 
 
-def search_timings(make: Callable[[Timing], D], is_free_clock: bool) -> list[TimedSet[D]]:
-    """Every hypothesis on the timing with its best set, best first.
+def search_timings(make: Callable[[Timing], D], is_free_clock: bool) -> tuple[TimedSet[D], tuple[Timed, ...]]:
+    """The best hypothesis on the timing with its best set, and the others, best first.
 
     `make` gives the design of rows under the load of a timing: terms that act on it are late with it. On a clock whose
     offset is free a delay is no hypothesis: its time is fitted in all of them. Where readings seem to come early,
     because a declared clock is wrong, terms are computed at the times that they have then.
     """
-    hypotheses: list[tuple[str, ...]] = [(), ("lag",)] if is_free_clock else [(), ("delay",), ("lag",)]
+    hypotheses: list[tuple[str, ...]] = [("lag",)] if is_free_clock else [("delay",), ("lag",)]
     first = make(Timing())
-    found = [_one(first, make, words, is_free_clock) for words in hypotheses]
-    if not is_free_clock and min(each.left for each in found[1:]) < found[0].left:
-        found.append(_one(first, make, ("delay", "lag"), is_free_clock))  # both are worth it where one of them is
+    best = _one(first, make, (), is_free_clock)
+    others: list[Timed] = []
+
+    def add(words: tuple[str, ...]) -> None:
+        nonlocal best
+        one = _one(first, make, words, is_free_clock)
+        best, other = (one, best) if one.left < best.left else (best, one)
+        others.append(Timed(other.words, other.timing, other.left))  # designs are large
+
+    for words in hypotheses:
+        add(words)
     if not is_free_clock:
+        if best.words:
+            add(("delay", "lag"))  # both are worth it where one of them is
         early = fit_timing(first, (), Timing(), (True, False), (-MOST_S, 0.0))
         if early.delay_s < -UNMOVED_S:
-            found.append(_one(first, make, ("clock",), is_free_clock))
-    return sorted(found, key=lambda each: each.left)
+            add(("clock",))
+    return best, tuple(sorted(others, key=lambda each: each.left))
 
 
 def _one(first: D, make: Callable[[Timing], D], words: tuple[str, ...], is_free_clock: bool) -> TimedSet[D]:
@@ -69,7 +85,7 @@ def _one(first: D, make: Callable[[Timing], D], words: tuple[str, ...], is_free_
             break
         timing = again
     if "lag" in words and timing.lag_s < design.load.observation.least_lag_s:
-        return TimedSet(words, timing, search, best, np.inf)
+        return TimedSet(words, timing, np.inf, search, best)
     every = [search.design.candidates[k] for k in best.chosen]
     price = len(words) * search.prices.of_timing(every, best.shares)
-    return TimedSet(words, timing, search, best, search.design.total - best.score + price)
+    return TimedSet(words, timing, search.design.total - best.score + price, search, best)
