@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from ..config import Contact, Foot
 from ..documents import Section, at_least, read, within
 from ..errors import FileError
+from ..files import unreadable
 from ..mechanics.gait.figures import FootCourse
 from ..mechanics.gait.steps import Steps, find_steps
 from ..mechanics.region_map import RegionMap
@@ -174,8 +175,10 @@ def _read(source: Path, said: TableMapping) -> dict[str, Array]:
     wanted += said.pressure.columns if said.pressure is not None else ()
     try:
         lines = source.read_text(encoding="utf-8-sig").splitlines()[said.lines_before_names :]
-    except (OSError, UnicodeDecodeError) as error:
-        raise FileError(f"{source}: cannot be read as text: {error}") from error
+    except OSError as error:
+        raise FileError(f"{source}: {unreadable(error)}") from error
+    except UnicodeDecodeError as error:
+        raise FileError(f"{source}: expected text (UTF-8), found other bytes from byte {error.start} on") from error
     rows = list(csv.reader(lines, delimiter=said.separator))
     names = [name.strip() for name in rows[0]] if rows else []
     missing = [name for name in wanted if name not in names]
