@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .options import name_next
+from .options import name_next, write_whole
 from .progress import show_work
 
 if TYPE_CHECKING:
@@ -35,7 +35,6 @@ def study(
     What is done is not done again, unless a recording changed. Exit status: 0 everything is there, 1 something is
     missing, and the table says what and why.
     """
-    from ..files import write_text
     from ..study.collecting import collect_rows, write_tables
     from ..study.document import load_study
     from ..study.page import study_page
@@ -55,7 +54,7 @@ def study(
         found = run_tasks(client, folder, given, folder / RESULTS, told)
     rows, every = collect_rows(given, folder / RESULTS, found)
     write_tables(given, rows, every, folder)
-    write_text(folder / "study.html", study_page(folder.resolve().name, given, rows, every))
+    write_whole(folder / "study.html", study_page(folder.resolve().name, given, rows, every))
     missing = sum(bool(each["missing"]) for each in rows)
     print(f"{folder / 'table.csv'}: {len(rows)} recordings, {missing} with something missing")
     name_next(f"open {folder / 'study.html'}")

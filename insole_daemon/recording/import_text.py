@@ -164,7 +164,7 @@ def steps_of_table(source: Path, mapping: Path) -> Steps:
     regions = RegionMap((), np.full(valid.shape[1], -1, np.int8), ())
     course = FootCourse(
         table.foot, table.time_s, wrench, table.pressure_pa.astype(np.float32), valid, lambda rows: None, regions,
-        table.area_m2, Contact().min_pressure_pa,
+        table.area_m2, Contact().min_pressure_pa, source.name,
     )  # fmt: skip
     return find_steps([course], 0, [f"from {source.name}, which has only the {table.foot} foot"])
 
