@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .options import name_next, write_whole
+from .options import Scheduler, TlsCa, TlsCert, TlsKey, name_next, write_whole
 from .progress import show_work
 
 if TYPE_CHECKING:
@@ -20,15 +20,13 @@ RESULTS = "results"
 
 def study(
     folder: Annotated[Path, typer.Argument(help="Folder with a study.yaml; results are written into it.")],
-    scheduler: Annotated[
-        str | None, typer.Option("--scheduler", help="Dask scheduler that exists, tcp:// or tls://; it sees FOLDER.")
-    ] = None,
+    scheduler: Scheduler = None,
     workers: Annotated[
         int | None, typer.Option("--workers", min=1, help="Local processes; left out: one a core.")
     ] = None,
-    tls_ca: Annotated[Path | None, typer.Option("--tls-ca", help="Certificate authority of the scheduler.")] = None,
-    tls_cert: Annotated[Path | None, typer.Option("--tls-cert", help="Certificate of this client.")] = None,
-    tls_key: Annotated[Path | None, typer.Option("--tls-key", help="Its key.")] = None,
+    tls_ca: TlsCa = None,
+    tls_cert: TlsCert = None,
+    tls_key: TlsKey = None,
 ) -> None:
     """Analyse every recording of a study, and collect them into table.csv, steps.csv, Parquet and study.html.
 
