@@ -6,7 +6,8 @@ Takes 15 minutes with 40 recordings and 20 kills.
 
 Recordings are of 10 s, both feet; tasks are report and steps. Seconds are those of the work, without the start of the
 workers. The results of all runs must be the same bytes. Collecting is measured on the results of each recording taken
-1, 4 and 16 times.
+1, 4 and 16 times. Where other programs use the cores too, as many processes of pure arithmetic, before and after each
+run, tell what the machine had to offer.
 """
 
 from __future__ import annotations
@@ -35,9 +36,10 @@ from insole_daemon.study.collecting import collect_rows, write_tables
 from insole_daemon.study.document import load_study
 from insole_daemon.study.page import study_page
 from insole_daemon.study.scheduling import cluster, results_of, run_tasks
-from insole_daemon.study.tasks import TaskResult
+from insole_daemon.study.tasks import TaskResult, do_tasks
 
 SECONDS = 10.0
+SPUN_S = 3.0
 TABLES = ("table.csv", "table.parquet", "steps.csv", "steps.parquet")
 
 
@@ -93,17 +95,20 @@ def main() -> None:
         folder = Path(made)
         make(folder, recordings)
         print(f"{recordings} recordings of {SECONDS:g} s, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}")
-        alone_s = 0.0
+        alone_s = alone_offered = 0.0
         for workers in (1, 2, 4):
             with cluster(None, workers) as client:
-                client.run(_warm)
+                client.run(_warm, folder / "r00")
+                offered = spin(workers)
                 seconds, cpu_s, digest = analyse(folder, client)
+                offered = (offered + spin(workers)) / 2
                 peak_mb = max(client.run(_peak_mb).values())
-            alone_s = alone_s or seconds
+            alone_s, alone_offered = alone_s or seconds, alone_offered or offered
             digests.add(digest)
             print(
-                f"{workers} workers: {seconds:.1f} s, {alone_s / seconds:.2f} times one worker, "
-                f"{cpu_s / recordings:.2f} s of CPU a recording, {peak_mb:.0f} MB a worker at most",
+                f"{workers} workers: {seconds:.1f} s, {alone_s / seconds:.2f} times one worker, where arithmetic alone "
+                f"got {offered / alone_offered:.2f} times as much; {cpu_s / recordings:.2f} s of CPU a recording, "
+                f"{peak_mb:.0f} MB a worker at most",
                 flush=True,
             )
         for times in (1, 4, 16):
@@ -113,7 +118,7 @@ def main() -> None:
         dice = random.Random(23)
         for _ in range(kills):
             with cluster(None, 2) as client:
-                client.run(_warm)
+                client.run(_warm, folder / "r00")
                 pid = dice.choice(list(client.run(os.getpid).values()))
                 timer = threading.Timer(dice.uniform(0.0, 0.8 * alone_s / 2), os.kill, (pid, signal.SIGKILL))
                 timer.start()
@@ -122,11 +127,25 @@ def main() -> None:
         print(f"{kills} runs with a worker killed; different results over all runs: {len(digests)} (1 is right)")
 
 
-def _warm() -> None:
-    """Import what the tasks need: workers of a long study have done it."""
-    import insole_daemon.recording.steps
-    import insole_daemon.study.tasks
-    import insole_daemon.view.recorded  # noqa: F401
+def _warm(recording: Path) -> None:
+    """Analyse a recording, as workers of a long study have: imports and what is computed once are done then."""
+    with tempfile.TemporaryDirectory() as results:
+        do_tasks(str(recording), results, ("report", "steps"), ())
+
+
+def spin(processes: int) -> float:
+    """Rounds of arithmetic a second that this many processes get from the machine as it is now."""
+    with ProcessPoolExecutor(processes, get_context("spawn")) as pool:
+        list(pool.map(_rounds_a_second, [0.1] * processes))  # all of them have started
+        return sum(pool.map(_rounds_a_second, [SPUN_S] * processes))
+
+
+def _rounds_a_second(seconds: float) -> float:
+    rounds, end = 0, time.perf_counter() + seconds
+    while time.perf_counter() < end:
+        sum(range(1000))
+        rounds += 1
+    return rounds / seconds
 
 
 def _cpu_s() -> float:

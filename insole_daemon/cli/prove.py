@@ -55,10 +55,10 @@ def prove(
         raise FileError(f"{out}: is already there; name another folder, runs are never overwritten")
     given, sealed, answers, tables = (out / name for name in ("cases", "sealed", "answers", "tables.md"))
     drawn = secrets.randbelow(2**31) if seed is None else seed
-    out.mkdir(parents=True)
-    print(f"insole: {cases} cases of {suite.value}, seed {drawn}, into {out}", file=sys.stderr, flush=True)
     tls = (tls_ca, tls_cert, tls_key) if tls_ca and tls_cert and tls_key else None
     with _workers(scheduler, jobs, tls) as workers:
+        out.mkdir(parents=True)
+        print(f"insole: {cases} cases of {suite.value}, seed {drawn}, into {out}", file=sys.stderr, flush=True)
         seal = _run(
             "make", "--cases", cases, "--suite", suite.value, "--seed", drawn, "--out", given,
             "--sealed", sealed, *workers,

@@ -47,6 +47,7 @@ def test_runs_are_never_overwritten(tmp_path):
 def test_a_scheduler_beyond_loopback_needs_tls(tmp_path):
     done = RUNNER.invoke(app, ["prove", "--out", str(tmp_path / "proof"), "--scheduler", "tcp://10.0.0.5:8786"])
     assert "Dask exchanges pickles" in str(done.exception)
+    assert not (tmp_path / "proof").exists()
 
 
 def test_without_a_checkout_the_benchmark_of_the_wheel_runs(tmp_path, monkeypatch):
