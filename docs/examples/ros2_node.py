@@ -1,19 +1,24 @@
-"""Wrench and CoP of both feet as ROS 2 topics, where a ROS 2 environment is sourced: ros2_node.py [ENDPOINT]."""
+"""Wrench, CoP and pressure of both feet as ROS 2 topics; needs a sourced ROS 2: ros2_node.py [ENDPOINT]."""
 
 import contextlib
+import functools
 import itertools
 import math
 import sys
 import threading
 
+import numpy as np
 import rclpy
 from geometry_msgs.msg import PointStamped, WrenchStamped
 from rclpy.executors import ExternalShutdownException
+from sensor_msgs.msg import PointCloud2, PointField
 
 import insole_daemon
+from insole_daemon.skin.geometry import PRESSURE_TAXELS
 
 FEET = ("left", "right")
 NOT_MEASURED = math.nan  # shear, and the moment about z; RViz hides a wrench with NaN in it: for that, make it 0.0
+POINT_FIELDS = ("x", "y", "z", "pressure_pa")  # float32 each
 
 
 class InsoleNode:
@@ -23,17 +28,18 @@ class InsoleNode:
         # 10 and not best effort: subscribers that ask for reliable delivery, as most do, would not match.
         self.wrench = {foot: node.create_publisher(WrenchStamped, f"insole/{foot}/wrench", 10) for foot in FEET}
         self.cop = {foot: node.create_publisher(PointStamped, f"insole/{foot}/cop", 10) for foot in FEET}
+        self.pressure = {foot: node.create_publisher(PointCloud2, f"insole/{foot}/pressure", 10) for foot in FEET}
         self.log = node.get_logger()
 
-    def relay(self, wrenches):
-        """Publish until the connection is closed; should it break, the node ends too."""
+    def relay(self, cycles, publish):
+        """Publish each of `cycles`, a tuple, until the connection is closed; should it break, the node ends too."""
         try:
-            for wrench in itertools.takewhile(lambda _: rclpy.ok(), wrenches):
-                self.publish(wrench)
+            for cycle in itertools.takewhile(lambda _: rclpy.ok(), cycles):
+                publish(*cycle)
         finally:
             rclpy.try_shutdown()
 
-    def publish(self, wrench):
+    def publish_wrench(self, wrench):
         """Every cycle, and a repeat with the stamp of what it repeats. A force that is not known is NaN, not 0."""
         if wrench.lost:
             self.log.warning(f"{wrench.lost} cycles of the {wrench.foot} foot did not arrive")
@@ -48,18 +54,42 @@ class InsoleNode:
             message.point.x, message.point.y = float(wrench.cop_x_m), float(wrench.cop_y_m)
             self.cop[wrench.foot].publish(message)
 
+    def publish_pressure(self, pressure, xy_m):
+        """A point a pressure taxel, which lies at `xy_m` (n_triangles, 12, 2). A pressure that is not valid is NaN."""
+        points = np.zeros((pressure.n_triangles * int(PRESSURE_TAXELS.sum()), len(POINT_FIELDS)), "<f4")
+        points[:, :2] = xy_m[:, PRESSURE_TAXELS].reshape(-1, 2)
+        points[:, 3] = np.where(pressure.valid, pressure.pressure_pa, np.nan)[:, PRESSURE_TAXELS].ravel()
+        message = stamped(PointCloud2(), pressure)
+        message.height, message.width = 1, len(points)
+        for at, name in enumerate(POINT_FIELDS):
+            field = PointField()
+            field.name, field.offset, field.datatype, field.count = name, 4 * at, PointField.FLOAT32, 1
+            message.fields.append(field)
+        message.point_step, message.row_step = points.strides[0], points.nbytes
+        message.is_bigendian, message.is_dense = False, bool(np.isfinite(points).all())
+        message.data = points.tobytes()
+        self.pressure[pressure.foot].publish(message)
 
-def stamped(message, wrench):
-    """`message` with the time of its newest reading, in the frame of its foot."""
-    message.header.stamp.sec, message.header.stamp.nanosec = divmod(wrench.t_ns, 1_000_000_000)
-    message.header.frame_id = f"insole_{wrench.foot}"
+
+def stamped(message, cycle):
+    """`message` with the time of the newest reading of `cycle`, in the frame of its foot."""
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(cycle.t_ns, 1_000_000_000)
+    message.header.frame_id = f"insole_{cycle.foot}"
     return message
+
+
+def place_pressures(insole):
+    """Each pressure message with the places of its taxels; a daemon that was restarted may have another layout."""
+    meta = functools.cache(lambda foot, started_ns: insole.meta(foot))
+    return ((pressure, meta(pressure.foot, pressure.started_ns).xy_m) for pressure in insole.pressures())
 
 
 if __name__ == "__main__":
     rclpy.init()
     ros = rclpy.create_node("insole")
     with insole_daemon.connect(*sys.argv[1:]) as insole:
-        threading.Thread(target=InsoleNode(ros).relay, args=[insole.wrenches()]).start()
+        node = InsoleNode(ros)
+        threading.Thread(target=node.relay, args=[zip(insole.wrenches(), strict=True), node.publish_wrench]).start()
+        threading.Thread(target=node.relay, args=[place_pressures(insole), node.publish_pressure]).start()
         with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
             rclpy.spin(ros)

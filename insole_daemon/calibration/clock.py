@@ -160,13 +160,13 @@ class _Pair:
             if abs(step[0]) + abs(step[1]) * np.ptp(self._t_s) / 2 < _SMALL_STEP_S:
                 break
             if smoothed_s == 0.0:
-                weight = _tukey(left)
+                weight = tukey_weights(left)
         return at
 
     def judged(self, at: Array) -> Clock:
         """The clock `at`, with how well it is known and how much it explains."""
         left, _, _ = self._left(at, self._features, self._reference, np.ones(len(self._features)))
-        weight = _tukey(left)
+        weight = tukey_weights(left)
         left, slopes, edges = self._left(at, self._features, self._reference, weight)
         n = int(np.clip(np.ptp(self._t_s) / _BLOCK_S, *_BLOCKS))
         blocks = np.linspace(0, len(left), n + 1).astype(int)[:-1]
@@ -228,8 +228,8 @@ def _sliding(columns: Array, n: int) -> Array:
     return np.asarray(sums[n:] - sums[:-n])
 
 
-def _tukey(left: Array) -> Array:
-    """(n,) weights of samples with these residuals (n, c)."""
-    size = np.abs(left) / (1.4826 * np.median(np.abs(left), axis=0) * _TUKEY + np.finfo(float).tiny)
+def tukey_weights(left: Array, least_std: float = np.finfo(float).tiny) -> Array:
+    """(n,) weights of samples with these residuals (n, c), whose robust standard deviation is `least_std` or more."""
+    size = np.abs(left) / (np.maximum(1.4826 * np.median(np.abs(left), axis=0), least_std) * _TUKEY)
     weight: Array = (1.0 - np.minimum(size.max(axis=1), 1.0) ** 2) ** 2
     return weight

@@ -3,8 +3,8 @@
     t_other = offset_s + (1 + rate)·t_own
 
 Moments are paired first: of all offsets between two moments, the one that most moments agree with. Then offset and rate
-are fitted by least squares with Tukey's weights, so that a missed or a false trigger does not pull. Where there are no
-markers but forces on both sides, `fit_clock` aligns the forces; both give the same `Clock`.
+are fitted by least squares with the weights of `fit_clock`, so that a missed or a false trigger does not pull. Where
+there are no markers but forces on both sides, `fit_clock` aligns the forces, as in the diagnosis; both give a `Clock`.
 """
 
 from __future__ import annotations
@@ -12,12 +12,11 @@ from __future__ import annotations
 import numpy as np
 
 from ..errors import CalibrationError
-from .clock import Array, Clock
+from .clock import Array, Clock, tukey_weights
 
 MOST_RATE = 500e-6  # of two clocks of crystals
 NEAR_S = 0.05  # beyond what the rate explains: two moments farther apart are not the same
 FEWEST = 3  # pairs, of which offset and rate are two unknowns
-_TUKEY = 4.685  # robust standard deviations beyond which a pair counts nothing
 _MOST_STEPS = 30
 _LEAST_STD_S = 1e-6
 
@@ -38,8 +37,7 @@ def fit_marker_clock(own_s: Array, other_s: Array) -> Clock:
         root = np.sqrt(weight)
         solution = np.linalg.lstsq(design * root[:, None], difference * root, rcond=None)[0]
         left = difference - design @ solution
-        spread = max(1.4826 * float(np.median(np.abs(left))), _LEAST_STD_S)
-        weight = (1.0 - np.minimum(np.abs(left) / (_TUKEY * spread), 1.0) ** 2) ** 2
+        weight = tukey_weights(left[:, None], _LEAST_STD_S)
     freedom = max(float(weight.sum()) - 2.0, 1.0)
     covariance = np.linalg.inv(design.T @ (design * weight[:, None])) * float((weight * left**2).sum()) / freedom
     to_zero = np.array([1.0, -middle])

@@ -20,6 +20,7 @@ from . import (
     model,
     prove,
     record,
+    reference,
     replay,
     report,
     run,
@@ -44,8 +45,8 @@ app = typer.Typer(
 )
 for verb in (
     demo.demo, run.run, simulate.simulate, replay.replay, watch.watch, status.status, doctor.doctor, boards.boards,
-    zero.zero, model.model, view.view, record.record, report.report, export.export, calibrate.calibrate,
-    validate.validate, diagnose.diagnose, prove.prove, study.study,
+    zero.zero, model.model, view.view, record.record, reference.reference, report.report, export.export,
+    calibrate.calibrate, validate.validate, diagnose.diagnose, prove.prove, study.study,
 ):  # fmt: skip
     app.command()(verb)
 app.command("import")(import_.import_)

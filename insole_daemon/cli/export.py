@@ -37,7 +37,7 @@ def export(
 ) -> None:
     """Write a recording as CSV, npz, MATLAB, MCAP, Parquet or C3D; steps are part of it, but in npz."""
     from ..errors import FileError
-    from ..recording import export_c3d, export_mcap, export_tables
+    from ..recording import export_c3d, export_mcap, export_tables, foxglove
     from ..recording.quality import quality
     from ..recording.writer import refuse_existing
 
@@ -70,4 +70,6 @@ def export(
     for foot, found in quality(loaded).items():
         print(f"insole: {foot}: {found.sentence}", file=sys.stderr)
     print(f"{out}: {form.value}, {', '.join(f'{each.foot} {len(each)} cycles' for each in loaded.feet)}")
+    if form is Form.mcap:
+        print(f"insole: Foxglove: open {out}, then import the layout {foxglove.LAYOUT}", file=sys.stderr)
     name_next(f"the same in Python: insole_daemon.load({str(recording)!r})")

@@ -25,6 +25,13 @@ ZenohFile = Annotated[
 RigName = Annotated[str, typer.Option("--rig", help="Name of the rig, where one endpoint leads to several.")]
 Force = Annotated[bool, typer.Option("--force", help="Replace files that are already there.")]
 Seconds = Annotated[float | None, typer.Option("--seconds", min=0.1, help="End after this time.")]
+Scheduler = Annotated[
+    str | None,
+    typer.Option("--scheduler", help="Dask scheduler that exists, tcp:// or tls://; it sees the same files."),
+]
+TlsCa = Annotated[Path | None, typer.Option("--tls-ca", help="Certificate authority of the scheduler.")]
+TlsCert = Annotated[Path | None, typer.Option("--tls-cert", help="Certificate of this client.")]
+TlsKey = Annotated[Path | None, typer.Option("--tls-key", help="Its key.")]
 
 
 class Which(StrEnum):

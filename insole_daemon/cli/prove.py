@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
 import secrets
 import subprocess
 import sys
+from collections.abc import Iterator
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from .options import write_whole
+from .options import Scheduler, TlsCa, TlsCert, TlsKey, write_whole
 
 _TOOL = (sys.executable, "-c", "from insole_daemon.cli import main; main()", "diagnose", "{recording}", "{simulation}")
 _PREDICTOR = "insole_daemon.diagnosis.prediction:of_folder"
@@ -34,7 +37,11 @@ def prove(
     suite: Annotated[Suite, typer.Option("--suite", help="Which kinds of cases; bench is a short fixed list.")] = (
         Suite.all
     ),
-    jobs: Annotated[int, typer.Option("--jobs", min=1, help="How many at a time.")] = 1,
+    jobs: Annotated[int, typer.Option("--jobs", min=1, help="How many at a time, on local Dask workers.")] = 1,
+    scheduler: Scheduler = None,
+    tls_ca: TlsCa = None,
+    tls_cert: TlsCert = None,
+    tls_key: TlsKey = None,
 ) -> None:
     """Prove the diagnosis on cases in which physics is concealed: generate, seal, diagnose, score.
 
@@ -48,20 +55,43 @@ def prove(
         raise FileError(f"{out}: is already there; name another folder, runs are never overwritten")
     given, sealed, answers, tables = (out / name for name in ("cases", "sealed", "answers", "tables.md"))
     drawn = secrets.randbelow(2**31) if seed is None else seed
-    out.mkdir(parents=True)
-    print(f"insole: {cases} cases of {suite.value}, seed {drawn}, into {out}", file=sys.stderr, flush=True)
-    seal = _run(
-        "make", "--cases", cases, "--suite", suite.value, "--seed", drawn, "--out", given,
-        "--sealed", sealed, "--jobs", jobs,
-    ).strip()  # fmt: skip
-    print(f"Seal: {seal}", flush=True)
-    _run("run", "--cases", given, "--answers", answers, "--jobs", jobs, "--", *_TOOL, "--out", "{out}")
+    tls = (tls_ca, tls_cert, tls_key) if tls_ca and tls_cert and tls_key else None
+    with _workers(scheduler, jobs, tls) as workers:
+        out.mkdir(parents=True)
+        print(f"insole: {cases} cases of {suite.value}, seed {drawn}, into {out}", file=sys.stderr, flush=True)
+        seal = _run(
+            "make", "--cases", cases, "--suite", suite.value, "--seed", drawn, "--out", given,
+            "--sealed", sealed, *workers,
+        ).strip()  # fmt: skip
+        print(f"Seal: {seal}", flush=True)
+        _run("run", "--cases", given, "--answers", answers, *workers, "--", *_TOOL, "--out", "{out}")
     scored = _run(
         "score", "--sealed", sealed, "--answers", answers, "--seal", seal, "--predictor", _PREDICTOR,
         "--compensator", _COMPENSATOR, "--json", out / "score.json",
     )  # fmt: skip
     write_whole(tables, scored)
     print(scored, end="")
+
+
+@contextlib.contextmanager
+def _workers(scheduler: str | None, jobs: int, tls: tuple[Path, Path, Path] | None) -> Iterator[list[str]]:
+    """The option that names the workers to the benchmark's programs; none where one case is taken after the other."""
+    if scheduler is None and jobs == 1:
+        yield []
+        return
+    from ..study.scheduling import cluster
+
+    _, checkout = _benchmark()
+    if checkout is not None:
+        sys.path.insert(0, str(checkout))  # local workers inherit it
+    with cluster(scheduler, jobs, tls) as client:
+        if tls is not None:  # the programs are processes of their own, which Dask configures from here
+            names = ("CA_FILE", "CLIENT__CERT", "CLIENT__KEY")
+            os.environ |= {
+                f"DASK_DISTRIBUTED__COMM__TLS__{name}": str(path) for name, path in zip(names, tls, strict=True)
+            }
+            os.environ["DASK_DISTRIBUTED__COMM__REQUIRE_ENCRYPTION"] = "true"
+        yield ["--scheduler", client.scheduler.address]
 
 
 def _benchmark() -> tuple[str, Path | None]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .options import name_next
+from .options import Scheduler, TlsCa, TlsCert, TlsKey, name_next, write_whole
 from .progress import show_work
 
 if TYPE_CHECKING:
@@ -20,22 +20,19 @@ RESULTS = "results"
 
 def study(
     folder: Annotated[Path, typer.Argument(help="Folder with a study.yaml; results are written into it.")],
-    scheduler: Annotated[
-        str | None, typer.Option("--scheduler", help="Dask scheduler that exists, tcp:// or tls://; it sees FOLDER.")
-    ] = None,
+    scheduler: Scheduler = None,
     workers: Annotated[
         int | None, typer.Option("--workers", min=1, help="Local processes; left out: one a core.")
     ] = None,
-    tls_ca: Annotated[Path | None, typer.Option("--tls-ca", help="Certificate authority of the scheduler.")] = None,
-    tls_cert: Annotated[Path | None, typer.Option("--tls-cert", help="Certificate of this client.")] = None,
-    tls_key: Annotated[Path | None, typer.Option("--tls-key", help="Its key.")] = None,
+    tls_ca: TlsCa = None,
+    tls_cert: TlsCert = None,
+    tls_key: TlsKey = None,
 ) -> None:
     """Analyse every recording of a study, and collect them into table.csv, steps.csv, Parquet and study.html.
 
     What is done is not done again, unless a recording changed. Exit status: 0 everything is there, 1 something is
     missing, and the table says what and why.
     """
-    from ..files import write_text
     from ..study.collecting import collect_rows, write_tables
     from ..study.document import load_study
     from ..study.page import study_page
@@ -55,7 +52,7 @@ def study(
         found = run_tasks(client, folder, given, folder / RESULTS, told)
     rows, every = collect_rows(given, folder / RESULTS, found)
     write_tables(given, rows, every, folder)
-    write_text(folder / "study.html", study_page(folder.resolve().name, given, rows, every))
+    write_whole(folder / "study.html", study_page(folder.resolve().name, given, rows, every))
     missing = sum(bool(each["missing"]) for each in rows)
     print(f"{folder / 'table.csv'}: {len(rows)} recordings, {missing} with something missing")
     name_next(f"open {folder / 'study.html'}")

@@ -6,6 +6,7 @@ The schema in the file is the published descriptor itself, so whatever knows `fo
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from ..skin.geometry import PRESSURE_TAXELS
 from .lab import need
 from .loading import FootRecording
 
+LAYOUT = Path(__file__).with_name("foxglove-layout.json")  # panels for pressure, force, steps and their log
 ROOM = "insoles"  # the frame that both feet are drawn in
 APART_M = 0.12  # that the feet are drawn apart: nobody measured where they were
 _FLOAT32 = 7  # foxglove.PackedElementField.NumericType

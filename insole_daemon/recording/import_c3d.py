@@ -1,24 +1,27 @@
 """Force plates of a C3D file of motion capture, as the reference of a recording.
 
-Plates of type 2 (six channels) are read: f_z and the moments that the ground exerts on the foot, about the plate's
-origin, x as the plate's, z up. Where the insole lies on the plate is not in the file: moments are about the insole's
-origin only once `origin_m` says where that is, and the axes only if the insole points along the plate's x.
+Plates of type 2 (six channels) are read: f_z and the moments that the ground exerts on the foot, about the centre of
+the plate's surface, x as the plate's, z up. Where the insole lies on the plate, and where it points, is not in the
+file: `origin_m` and `heading_deg` say so.
 """
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import FileError
-from ..files import unreadable, write_text
-from . import reference as references
+from ..files import unreadable
 from .lab import need
 from .reference import TIME
 
+LEAST_FORCE_N = 20.0  # that a plate bears when somebody is on it
+SWING_S = 0.3  # a foot is in the air for longer before and after each contact
 _SIX_CHANNELS = 2  # C3D's type of a plate with Fx Fy Fz Mx My Mz
 _MM = 1e-3
 _TO_NM = {"n*m": 1.0, "nm": 1.0, "n.m": 1.0, "nmm": _MM, "n*mm": _MM, "n.mm": _MM, "": _MM}
@@ -32,33 +35,49 @@ class ForcePlate:
 
     time_s: Array  # (n,) since the first frame
     f_z_n: Array  # (n,)
-    m_x_nm: Array  # (n,) about the plate's origin
+    m_x_nm: Array  # (n,) about the centre of the plate's surface
     m_y_nm: Array
-    frame_of_moments: str  # in words
 
-    def columns(self, origin_m: tuple[float, float] = (0.0, 0.0)) -> dict[str, Array]:
-        """Columns of a reference.csv; `origin_m`: the insole's origin, x and y from the plate's."""
+    def columns(self, origin_m: tuple[float, float] = (0.0, 0.0), heading_deg: float = 0.0) -> dict[str, Array]:
+        """Columns of a reference.csv, in the frame of an insole on the plate.
+
+        `origin_m`: where the insole's origin lies from the plate's centre, along the plate's x and to the left of it;
+        `heading_deg`: where its toes point, counter-clockwise from the plate's x, seen from above.
+        """
         x_m, y_m = origin_m
+        along, across = np.cos(np.radians(heading_deg)), np.sin(np.radians(heading_deg))
+        m_x, m_y = self.m_x_nm - y_m * self.f_z_n, self.m_y_nm + x_m * self.f_z_n
         return {
             TIME: self.time_s,
             "fz_n": self.f_z_n,
-            "mx_nm": self.m_x_nm - y_m * self.f_z_n,
-            "my_nm": self.m_y_nm + x_m * self.f_z_n,
+            "mx_nm": along * m_x + across * m_y,
+            "my_nm": along * m_y - across * m_x,
         }
+
+    def contact_columns(self, origin_m: tuple[float, float], heading_deg: float) -> dict[str, Array]:
+        """The same of contacts and of the swing around each: at other times the foot may stand beside the plate."""
+        contact_s = self.time_s[self.f_z_n >= LEAST_FORCE_N]
+        after = np.searchsorted(contact_s, self.time_s)
+        padded_s = np.concatenate([[-np.inf], contact_s, [np.inf]])
+        near = np.minimum(self.time_s - padded_s[after], padded_s[after + 1] - self.time_s) <= SWING_S
+        return {name: column[near] for name, column in self.columns(origin_m, heading_deg).items()}
 
 
 def read_force_plates(source: Path) -> list[ForcePlate]:
     """The plates of the file `source`; FileError where it is no C3D file or has none of type 2."""
     c3d = need("c3d", "c3d", "importing C3D")
     try:
-        with open(source, "rb") as file:
+        with open(source, "rb") as file, warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # c3d's, of blocks that other writers add at the end
             reader = c3d.Reader(file)
-            analog = np.concatenate([values for _, _, values in reader.read_frames()], axis=1)
+            analog = np.concatenate([values for _, _, values in reader.read_frames()], axis=1).astype(np.float64)
             rate_hz = float(reader.analog_rate)
-            types = np.atleast_1d(reader.get("FORCE_PLATFORM:TYPE").int16_array).ravel()
-            channels = np.atleast_2d(reader.get("FORCE_PLATFORM:CHANNEL").int16_array).reshape(len(types), -1)
-            units = reader.get("ANALOG:UNITS")
-            words = [str(word).strip().lower() for word in np.ravel(units.string_array)] if units is not None else []
+            kinds = reader.get("FORCE_PLATFORM:TYPE")  # of one plate, some writers have no array
+            types = kinds.int16_array.ravel() if kinds.dimensions else np.array([kinds.int16_value])
+            channels = reader.get("FORCE_PLATFORM:CHANNEL").int16_array.reshape(len(types), -1)
+            origins = reader.get("FORCE_PLATFORM:ORIGIN").float_array.reshape(len(types), -1)
+            words = _words(reader.get("ANALOG:UNITS"))
+            to_m = 1.0 if _words(reader.get("POINT:UNITS"))[:1] == ["m"] else _MM
     except OSError as error:
         raise FileError(f"{source}: {unreadable(error)}") from error
     except Exception as error:  # it raises what its parser stumbles over
@@ -67,24 +86,25 @@ def read_force_plates(source: Path) -> list[ForcePlate]:
             f"{source}: expected a C3D file with force plates, found one that cannot be read: {what}"
         ) from error
     plates = []
-    for kind, own in zip(types.tolist(), channels, strict=True):
+    for kind, own, origin in zip(types.tolist(), channels, origins, strict=True):
         if kind != _SIX_CHANNELS:
             continue
         rows = own[:6].astype(int) - 1
         unit = words[rows[3]] if len(words) > rows[3] else ""
         if unit not in _TO_NM:
             raise FileError(f"{source}: ANALOG:UNITS: expected moments in Nmm or Nm, found {unit!r}")
-        # Channels are what the foot does to the plate, whose z points down.
-        plates.append(ForcePlate(
-            np.arange(analog.shape[1]) / rate_hz, analog[rows[2]].astype(np.float64),
-            -analog[rows[3]] * _TO_NM[unit], analog[rows[4]] * _TO_NM[unit], "x as the plate's, y against it, z up",
-        ))  # fmt: skip
+        # What the foot does to the plate, whose z points down. Its surface is above: files that say the opposite mean
+        # the way back.
+        f_x, f_y, f_z = analog[rows[:3]]
+        m_x, m_y = analog[rows[3:5]] * _TO_NM[unit]
+        x_m, y_m, z_m = origin * to_m * (-1.0 if origin[2] > 0 else 1.0)
+        to_centre_x, to_centre_y = y_m * f_z - z_m * f_y, z_m * f_x - x_m * f_z
+        plates.append(ForcePlate(np.arange(analog.shape[1]) / rate_hz, f_z, -(m_x - to_centre_x), m_y - to_centre_y))
     if not plates:
         found = ", ".join(map(str, types.tolist())) or "no plate"
         raise FileError(f"{source}: expected a force plate of type 2 (six channels), found types: {found}")
     return plates
 
 
-def write_reference(plate: ForcePlate, out: Path, origin_m: tuple[float, float] = (0.0, 0.0)) -> None:
-    """Write `out`, a reference.csv of kind shoe on a clock of its own: name it in recording.yaml."""
-    write_text(out, references.text(plate.columns(origin_m)))
+def _words(parameter: Any) -> list[str]:
+    return [str(word).strip().lower() for word in np.ravel(parameter.string_array)] if parameter is not None else []

@@ -1,4 +1,4 @@
-"""A text export of another sensor, by a mapping file that names its columns (`insole-table/1`): its steps beside ours.
+"""A text export of another sensor, by a mapping file that names its columns: its steps, or a reference for ours.
 
     format: insole-table/1
     foot: left
@@ -27,10 +27,12 @@ from numpy.typing import NDArray
 from ..config import Contact, Foot
 from ..documents import Section, at_least, read, within
 from ..errors import FileError
+from ..files import unreadable
 from ..mechanics.gait.figures import FootCourse
 from ..mechanics.gait.steps import Steps, find_steps
 from ..mechanics.region_map import RegionMap
 from ..mechanics.wrench import WrenchSeries
+from .reference import TIME
 
 FORMAT = "insole-table/1"
 _TO_SI = {
@@ -97,8 +99,23 @@ class TableMapping(Section):
     pressure: PressureColumns | None = None
 
 
-def steps_of_table(source: Path, mapping: Path) -> Steps:
-    """The steps in the text file `source`; FileError or DocumentError where it is not as `mapping` says."""
+@dataclass(frozen=True, slots=True, eq=False)
+class TextTable:
+    """n readings of another sensor of one foot, in SI units."""
+
+    foot: Foot
+    time_s: Array  # (n,) increasing
+    f_z_n: Array  # (n,)
+    m_x_nm: Array  # (n,) by the CoP; NaN where the file has none
+    m_y_nm: Array
+    cop_x_m: Array  # (n,) NaN: not known
+    cop_y_m: Array
+    pressure_pa: Array  # (n, sensors)
+    area_m2: float  # of a sensor; NaN without pressure
+
+
+def read_table(source: Path, mapping: Path) -> TextTable:
+    """The text file `source`; FileError or DocumentError where it is not as `mapping` says."""
     said = read(mapping, TableMapping, FORMAT)
     table = _read(source, said)
 
@@ -115,22 +132,41 @@ def steps_of_table(source: Path, mapping: Path) -> Steps:
     if said.pressure is not None:
         pressure = np.stack([table[name] for name in said.pressure.columns], axis=1) * _TO_SI[said.pressure.unit]
         area_m2 = said.pressure.area_mm2 * 1e-6
-    valid = np.isfinite(pressure)
     # Where nothing is borne, the CoP says nothing, and no moment is 0 all the same.
-    moments = [
+    m_x, minus_m_y = (
         np.where(np.isfinite(cop), cop, 0.0 if np.isfinite(cop).any() else np.nan) * f_z for cop in (cop_y, cop_x)
-    ]
-    touched = np.count_nonzero(pressure >= Contact().min_pressure_pa, axis=1) * area_m2
+    )
+    return TextTable(said.foot, t_s, f_z, m_x, -minus_m_y, cop_x, cop_y, pressure, area_m2)
+
+
+def reference_of_table(source: Path, mapping: Path) -> tuple[Foot, dict[str, Array]]:
+    """The foot and the columns of a reference.csv; FileError where the file has no CoP: moments need one."""
+    table = read_table(source, mapping)
+    columns = {TIME: table.time_s, "fz_n": table.f_z_n, "mx_nm": table.m_x_nm, "my_nm": table.m_y_nm}
+    if not np.isfinite(table.m_x_nm + table.m_y_nm).any():
+        raise FileError(
+            f"{source}: a reference needs moments, and they need the CoP: name cop_x and cop_y in {mapping}. "
+            "Without them, steps_of_table still gives its steps"
+        )
+    return table.foot, columns
+
+
+def steps_of_table(source: Path, mapping: Path) -> Steps:
+    """The steps in the text file `source`; FileError or DocumentError where it is not as `mapping` says."""
+    table = read_table(source, mapping)
+    nothing = np.full(len(table.time_s), np.nan)
+    valid = np.isfinite(table.pressure_pa)
+    touched = np.count_nonzero(table.pressure_pa >= Contact().min_pressure_pa, axis=1) * table.area_m2
     wrench = WrenchSeries(
-        f_z, moments[0], -moments[1], cop_x, cop_y, nothing, nothing, nothing, touched,
+        table.f_z_n, table.m_x_nm, table.m_y_nm, table.cop_x_m, table.cop_y_m, nothing, nothing, nothing, touched,
         valid.mean(axis=1) if valid.shape[1] else nothing,
     )  # fmt: skip
-    regions = RegionMap((), np.full(pressure.shape[1], -1, np.int8), ())
+    regions = RegionMap((), np.full(valid.shape[1], -1, np.int8), ())
     course = FootCourse(
-        said.foot, t_s, wrench, pressure.astype(np.float32), valid, lambda rows: None, regions, area_m2,
-        Contact().min_pressure_pa,
+        table.foot, table.time_s, wrench, table.pressure_pa.astype(np.float32), valid, lambda rows: None, regions,
+        table.area_m2, Contact().min_pressure_pa, source.name,
     )  # fmt: skip
-    return find_steps([course], 0, [f"from {source.name}, which has only the {said.foot} foot"])
+    return find_steps([course], 0, [f"from {source.name}, which has only the {table.foot} foot"])
 
 
 def _read(source: Path, said: TableMapping) -> dict[str, Array]:
@@ -139,8 +175,10 @@ def _read(source: Path, said: TableMapping) -> dict[str, Array]:
     wanted += said.pressure.columns if said.pressure is not None else ()
     try:
         lines = source.read_text(encoding="utf-8-sig").splitlines()[said.lines_before_names :]
-    except (OSError, UnicodeDecodeError) as error:
-        raise FileError(f"{source}: cannot be read as text: {error}") from error
+    except OSError as error:
+        raise FileError(f"{source}: {unreadable(error)}") from error
+    except UnicodeDecodeError as error:
+        raise FileError(f"{source}: expected text (UTF-8), found other bytes from byte {error.start} on") from error
     rows = list(csv.reader(lines, delimiter=said.separator))
     names = [name.strip() for name in rows[0]] if rows else []
     missing = [name for name in wanted if name not in names]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from functools import partial
 
@@ -38,6 +39,7 @@ def step_table(feet: Sequence[FootRecording], regions: tuple[RegionSpan, ...] | 
 
 
 def _course(foot: FootRecording, regions: tuple[RegionSpan, ...], start_ns: int) -> FootCourse:
+    assert foot.calibration is not None
     aligned = align(foot)
     return FootCourse(
         foot=foot.foot,
@@ -49,6 +51,7 @@ def _course(foot: FootRecording, regions: tuple[RegionSpan, ...], start_ns: int)
         regions=map_regions(regions, foot.layout),
         taxel_area_m2=foot.layout.taxel_area_m2,
         min_pressure_pa=Contact().min_pressure_pa,
+        calibration=hashlib.sha256(foot.calibration.coefficients_pa.tobytes()).hexdigest(),
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import re
 from base64 import b64encode
+from dataclasses import dataclass
 from html import escape, unescape
 
 from .colours import CATEGORIES, LIGHT
@@ -22,6 +23,16 @@ _ONE_PAGE = b"""\
 #image(bytes(sys.inputs.drawing), format: "svg")
 """
 PDF_PACKAGE = "typst"
+
+
+@dataclass(frozen=True, slots=True)
+class Drawing:
+    """A drawing that a notebook shows."""
+
+    svg: str
+
+    def _repr_svg_(self) -> str:
+        return standalone(self.svg)
 
 
 def download_links(drawings: str) -> str:

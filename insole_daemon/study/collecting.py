@@ -30,7 +30,8 @@ def load_steps(file: Path) -> Steps:
         columns = {name.removeprefix("column_"): archive[name] for name in archive.files if name.startswith("column_")}
         curves = {name.removeprefix("curve_"): archive[name] for name in archive.files if name.startswith("curve_")}
         remarks = str(archive["remarks"])
-        return Steps(columns, curves, int(archive["start_ns"]), tuple(remarks.splitlines()))
+        calibrations = json.loads(str(archive["calibrations"]))
+        return Steps(columns, curves, int(archive["start_ns"]), tuple(remarks.splitlines()), calibrations)
 
 
 def collect_rows(

@@ -82,6 +82,14 @@ def _comparison(study: Study, every: Sequence[Steps | None], first: str, second:
         p for p in dict.fromkeys(r.person for r in study.recordings) if {(p, first), (p, second)} <= sessions.keys()
     ]
     parts = []
+    mixed = [p for p in persons if sessions[p, first].calibrations != sessions[p, second].calibrations]
+    if mixed:
+        parts.append(
+            paragraph(
+                f"{', '.join(mixed)}: the sessions have different calibrations. Of a person alone, the uncertainty of "
+                "both is in the intervals; of several persons, their scatter has it"
+            )
+        )
     for foot in ("left", "right"):
         pairs = [(sessions[p, first].of(foot), sessions[p, second].of(foot)) for p in persons]
         pairs = [pair for pair in pairs if min(len(each.steady) for each in pair) >= FEWEST]

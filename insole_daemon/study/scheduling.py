@@ -58,7 +58,8 @@ def cluster(scheduler: str | None, workers: int, tls: tuple[Path, Path, Path] | 
     try:
         client = distributed.Client(scheduler, security=security, timeout=10)
     except (OSError, TimeoutError) as error:
-        raise InsoleError(f"{scheduler}: no Dask scheduler answers: start one with `dask scheduler`") from error
+        why = "" if tls is None else ", or it and this client do not trust each other's certificate: check --tls-ca"
+        raise InsoleError(f"{scheduler}: no Dask scheduler answers: start one with `dask scheduler`{why}") from error
     with client:
         yield client
 

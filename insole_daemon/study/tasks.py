@@ -92,6 +92,7 @@ def _steps(recording: Recording, file: Path, judged: Sequence[Path]) -> None:
     arrays = {f"column_{name}": column for name, column in steps.columns.items()}
     arrays |= {f"curve_{name}": curve for name, curve in steps.curves.items()}
     arrays |= {"start_ns": np.array(steps.start_ns), "remarks": np.array("\n".join(steps.remarks))}
+    arrays["calibrations"] = np.array(json.dumps(steps.calibrations))
     with unfinished(file) as beside, open(beside, "wb") as handle:
         np.savez(handle, **arrays)  # type: ignore[arg-type]
 

@@ -45,6 +45,9 @@ def given(tmp_path_factory) -> Path:
     )
     (folder / "bytes").write_bytes(bytes(range(256)))
     (folder / "text.yaml").write_text("format: something-else/9\n")
+    (folder / "mapping.yaml").write_text(
+        "format: insole-table/1\nfoot: left\ntime: {column: t, unit: s}\nforce: {column: F, unit: N}\n"
+    )
     (folder / "text.json").write_text('{"format": "something-else/9"}')
     (folder / "left.yaml").write_text(
         "format: insole-config/1\nbuses: ['virtual:fails']\ninsoles:\n  - foot: left\n    boards:\n"
@@ -84,6 +87,7 @@ RECORDING = {
     "validate": ("validate", "{bad}", "--calibration", "chamber/calibration.json"),
     "diagnose": ("diagnose", "{bad}", "--out", "new"),
     "study": ("study", "{bad}"),
+    "reference": ("reference", "{bad}", "bytes", "--foot", "left"),
 }
 OTHER_FILES = {
     "replay": ("replay", "{bad}", "--bus", "virtual:fails"),
@@ -96,6 +100,9 @@ OTHER_FILES = {
     "map --template": ("map", "--out", "new", "--config", "left.yaml", "--foot", "left", "--template", "{bad}"),
     "record --shoe": ("record", "new", "--config", "left.yaml", "--foot", "left", "--kind", "shoe",
                       "--reference", "-", "--shoe", "{bad}"),
+    "reference of C3D": ("reference", "walk", "{bad}", "--foot", "left"),
+    "reference of text": ("reference", "walk", "{bad}", "--mapping", "mapping.yaml"),
+    "reference --mapping": ("reference", "walk", "bytes", "--mapping", "{bad}"),
     "import --layout": ("import", "bytes", "new", "--layout", "{bad}"),
 }  # fmt: skip
 CLIENTS = {verb: (verb, "--zenoh-config", "{bad}") for verb in ("watch", "status", "boards", "zero", "model", "view")}

@@ -4,22 +4,28 @@ from __future__ import annotations
 
 import json
 import shutil
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
 
+import pytest
 from typer.testing import CliRunner
 
 from insole_daemon.cli import app, prove
 from insole_daemon.errors import FileError
 
 RUNNER = CliRunner()
+INSOLE = Path(sys.executable).with_name("insole")
 ROOT = Path(__file__).parents[2]
 
 
-def test_a_case_from_seal_to_table(tmp_path):
+@pytest.mark.timeout(300)
+def test_a_case_from_seal_to_table_on_dask_workers(tmp_path):
     out = tmp_path / "proof"
-    done = RUNNER.invoke(app, ["prove", "--cases", "1", "--suite", "bench", "--seed", "5", "--out", str(out)])
-    assert done.exit_code == 0, done.output
+    command = [INSOLE, "prove", "--cases", "1", "--suite", "bench", "--seed", "5", "--jobs", "2", "--out", out]
+    done = subprocess.run([*map(str, command)], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
     first, *rest = done.stdout.splitlines()
     assert first.startswith("Seal: ")
     assert len(first.removeprefix("Seal: ")) == 64
@@ -36,6 +42,12 @@ def test_runs_are_never_overwritten(tmp_path):
     done = RUNNER.invoke(app, ["prove", "--out", str(tmp_path)])
     assert isinstance(done.exception, FileError)
     assert "never overwritten" in str(done.exception)
+
+
+def test_a_scheduler_beyond_loopback_needs_tls(tmp_path):
+    done = RUNNER.invoke(app, ["prove", "--out", str(tmp_path / "proof"), "--scheduler", "tcp://10.0.0.5:8786"])
+    assert "Dask exchanges pickles" in str(done.exception)
+    assert not (tmp_path / "proof").exists()
 
 
 def test_without_a_checkout_the_benchmark_of_the_wheel_runs(tmp_path, monkeypatch):

@@ -2,27 +2,66 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import os
 import sys
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 from processes import ROOT
 
-NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
+NOTEBOOKS = ROOT / "docs" / "notebooks"
 
 
-def test_there_are_notebooks():
-    assert NOTEBOOKS
-
-
-@pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
-def test_a_notebook_runs_from_its_first_cell_to_its_last(notebook, tmp_path, monkeypatch):
+@pytest.fixture
+def run(tmp_path, monkeypatch):
+    """Runs a notebook from its first cell to its last: (its names, the drawings it shows)."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
-    names: dict[str, object] = {}
-    cells = [each for each in json.loads(notebook.read_text())["cells"] if each["cell_type"] == "code"]
-    for number, cell in enumerate(cells):
-        assert cell["outputs"] == [], "notebooks are kept without their output"
-        exec(compile("".join(cell["source"]), f"{notebook.name}, cell {number}", "exec"), names)  # noqa: S102
+
+    def run(notebook):
+        names, drawings = {}, []
+        document = json.loads((NOTEBOOKS / notebook).read_text())
+        cells = [each for each in document["cells"] if each["cell_type"] == "code"]
+        for number, cell in enumerate(cells):
+            assert cell["outputs"] == [], "notebooks are kept without their output"
+            *statements, last = ast.parse("".join(cell["source"])).body
+            where = f"{notebook}, cell {number}"
+            exec(compile(ast.Module(statements, []), where, "exec"), names)  # noqa: S102
+            if isinstance(last, ast.Expr):
+                shown = eval(compile(ast.Expression(last.value), where, "eval"), names)  # noqa: S307
+                if hasattr(shown, "_repr_svg_"):
+                    drawings.append(ElementTree.fromstring(shown._repr_svg_()))
+            else:
+                exec(compile(ast.Module([last], []), where, "exec"), names)  # noqa: S102
+        return names, drawings
+
+    return run
+
+
+def test_first_look(run):
+    names, drawings = run("first-look.ipynb")
+    assert len(names["table"]) > 20
+    assert abs(names["index"].value) < 10
+    assert len(drawings) == 2
+
+
+def test_calibrate_and_validate(run):
+    names, drawings = run("calibrate-and-validate.ipynb")
+    assert names["outcome"].f_z.accuracy > 90
+    assert len(drawings) == 2
+
+
+def test_find_missing_physics(run):
+    names, drawings = run("find-missing-physics.ipynb")
+    assert [finding.effect for finding in names["diagnosis"].findings] == ["viscoelasticity"]
+    assert names["verified"].after < names["verified"].before / 2
+    assert len(drawings) == 1
+
+
+def test_every_notebook_is_run_here():
+    assert {path.name for path in NOTEBOOKS.glob("*.ipynb")} == {
+        "first-look.ipynb", "calibrate-and-validate.ipynb", "find-missing-physics.ipynb"
+    }  # fmt: skip

@@ -2,23 +2,38 @@
 
 from __future__ import annotations
 
+import platform
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
+import yaml
 
 import insole_daemon
+from insole_daemon.calibration.validation import validate
 from insole_daemon.config import Config
 from insole_daemon.errors import FileError
-from insole_daemon.recording import reference as references
 from insole_daemon.recording.export_c3d import export_c3d
-from insole_daemon.recording.import_c3d import read_force_plates, write_reference
+from insole_daemon.recording.import_c3d import ForcePlate, read_force_plates
 from insole_daemon.service.foot_setup import load_layout
 from insole_daemon.simulation.trial import Trial
+
+INSOLE = Path(sys.executable).with_name("insole")
 
 
 @pytest.fixture(scope="module")
 def walk(tmp_path_factory):
     layouts = [load_layout(insole) for insole in Config().insoles]
     return insole_daemon.load(Trial("t5", Config(), layouts, seed=3).write(tmp_path_factory.mktemp("trial") / "w", 8.0))
+
+
+def heel_of(foot):
+    """Where the origin of an exported insole lies from the centre of its plate: x forward, y to the left."""
+    low, high = foot.layout.xy_m.min(axis=(0, 1)), foot.layout.xy_m.max(axis=(0, 1))
+    return tuple((-(low + high) / 2).tolist())
 
 
 def test_what_was_exported_comes_back_as_a_reference(walk, tmp_path):
@@ -28,22 +43,70 @@ def test_what_was_exported_comes_back_as_a_reference(walk, tmp_path):
     start_ns = max(int(foot.t_ns[0]) for foot in walk.feet)
     for foot, plate in zip(walk.feet, plates, strict=True):
         at_s = (foot.t_ns - start_ns) * 1e-9
-        for name in ("f_z_n", "m_x_nm", "m_y_nm"):
+        columns = plate.columns(heel_of(foot))
+        for name, column in (("f_z_n", "fz_n"), ("m_x_nm", "mx_nm"), ("m_y_nm", "my_nm")):
             expected = np.interp(plate.time_s, at_s, getattr(foot.wrench, name))
-            np.testing.assert_allclose(getattr(plate, name), expected, rtol=1e-5, atol=1e-3)
-    write_reference(plates[0], tmp_path / "reference.csv")
-    again, _ = references.read(tmp_path / "reference.csv", "shoe", "left", "own")
-    np.testing.assert_allclose(again["fz_n"], plates[0].f_z_n, rtol=1e-6, atol=1e-6)
+            np.testing.assert_allclose(columns[column], expected, rtol=1e-5, atol=1e-3)
 
 
 def test_moments_are_about_the_insoles_origin(walk, tmp_path):
     export_c3d(walk, tmp_path / "x.c3d")
     (plate, _) = read_force_plates(tmp_path / "x.c3d")
-    moved = plate.columns((0.1, 0.02))
     loaded = plate.f_z_n > 200
-    here = np.stack([-plate.m_y_nm, plate.m_x_nm])[:, loaded] / plate.f_z_n[loaded]
-    there = np.stack([-moved["my_nm"], moved["mx_nm"]])[:, loaded] / moved["fz_n"][loaded]
+    here, there = (cop_of(plate.columns(origin_m), loaded) for origin_m in ((0.0, 0.0), (0.1, 0.02)))
     np.testing.assert_allclose(here - there, np.array([[0.1], [0.02]]) * np.ones(loaded.sum()), atol=1e-9)
+
+
+def test_an_insole_that_points_to_the_left_of_the_plate_has_its_x_there(walk, tmp_path):
+    export_c3d(walk, tmp_path / "x.c3d")
+    (plate, _) = read_force_plates(tmp_path / "x.c3d")
+    loaded = plate.f_z_n > 200
+    x_m, y_m = cop_of(plate.columns(), loaded)
+    turned = cop_of(plate.columns(heading_deg=90.0), loaded)
+    np.testing.assert_allclose(turned, [y_m, -x_m], atol=1e-9)
+
+
+def test_a_foot_that_may_stand_beside_the_plate_has_no_reference():
+    time_s = np.arange(0, 10, 0.01)
+    force = np.where((time_s >= 4) & (time_s < 4.6), 700.0, 3.0)
+    columns = ForcePlate(time_s, force, 0 * force, 0 * force).contact_columns((0.0, 0.0), 0.0)
+    assert columns["time_s"][0] == pytest.approx(3.7)
+    assert columns["time_s"][-1] == pytest.approx(4.89)
+    assert np.count_nonzero(columns["fz_n"] > 20) == 60
+
+
+def cop_of(columns, rows):
+    return np.stack([-columns["my_nm"][rows], columns["mx_nm"][rows]]) / columns["fz_n"][rows]
+
+
+@pytest.mark.skipif(platform.machine() != "x86_64", reason="ezc3d has wheels for x86-64 alone; it needs one")
+@pytest.mark.parametrize("z_mm", [-45.0, 45.0], ids=["above the transducer", "with the sign that some files have"])
+def test_shear_and_the_depth_of_the_transducer_are_as_ezc3d_has_them(tmp_path, z_mm):
+    import ezc3d
+
+    random = np.random.default_rng(4)
+    forces = np.stack([random.uniform(-150, 150, 40), random.uniform(-80, 80, 40), random.uniform(300, 900, 40)])
+    moments = np.stack([random.uniform(-9e4, 9e4, 40), random.uniform(-9e4, 9e4, 40), random.uniform(-2e4, 2e4, 40)])
+    made = ezc3d.c3d()
+    made["parameters"]["POINT"]["RATE"]["value"] = [100.0]
+    made["parameters"]["POINT"]["LABELS"]["value"] = ["M"]
+    made["parameters"]["POINT"]["UNITS"]["value"] = ["mm"]
+    made["parameters"]["ANALOG"]["RATE"]["value"] = [1000.0]
+    made["parameters"]["ANALOG"]["LABELS"]["value"] = ["Fx", "Fy", "Fz", "Mx", "My", "Mz"]
+    made["parameters"]["ANALOG"]["UNITS"]["value"] = ["N", "N", "N", "Nmm", "Nmm", "Nmm"]
+    made["data"]["points"] = np.zeros((4, 1, 4))
+    made["data"]["analogs"] = np.concatenate([forces, moments])[None]
+    plates = made["parameters"]["FORCE_PLATFORM"]
+    plates["USED"]["value"], plates["TYPE"]["value"] = [1], [2]
+    plates["CHANNEL"]["value"] = np.arange(1, 7)[:, None]
+    plates["ORIGIN"]["value"] = np.array([[3.0], [-2.0], [z_mm]])
+    # a plate whose x is the laboratory's, and whose z points down
+    plates["CORNERS"]["value"] = np.array([[250, -250, 0], [-250, -250, 0], [-250, 250, 0], [250, 250, 0]]).T[..., None]
+    made.write(str(tmp_path / "x.c3d"))
+    (plate,) = read_force_plates(tmp_path / "x.c3d")
+    (theirs,) = ezc3d.c3d(str(tmp_path / "x.c3d"), extract_forceplat_data=True)["data"]["platform"]
+    np.testing.assert_allclose(plate.f_z_n, -theirs["force"][2], rtol=1e-6)
+    np.testing.assert_allclose(cop_of(plate.columns(), slice(None)), theirs["center_of_pressure"][:2] * 1e-3, atol=1e-6)
 
 
 @pytest.mark.parametrize("content", [b"", b"no C3D at all, but long enough to be read as one" * 40])
@@ -53,3 +116,71 @@ def test_what_is_no_c3d_is_refused(tmp_path, content):
         read_force_plates(tmp_path / "x.c3d")
     with pytest.raises(FileError, match="cannot be read"):
         read_force_plates(tmp_path / "none.c3d")
+
+
+@pytest.fixture
+def unknown_load(walk, tmp_path):
+    """The recording without its reference, and its own forces as the plates of a C3D file."""
+    export_c3d(walk, tmp_path / "x.c3d")
+    folder = shutil.copytree(walk.folder, tmp_path / "walk")
+    document = yaml.safe_load((folder / "recording.yaml").read_text())
+    del document["reference"]
+    document["extensions"] = {"note": "kept"}
+    (folder / "recording.yaml").write_text(yaml.safe_dump(document | {"kind": "free"}))
+    return folder
+
+
+def insole(*arguments):
+    return subprocess.run([INSOLE, *map(str, arguments)], capture_output=True, text=True, check=False)
+
+
+def test_the_command_makes_a_plate_the_reference_that_validate_uses(walk, unknown_load, tmp_path):
+    x_mm, y_mm = (1e3 * each for each in heel_of(walk["left"]))
+    done = insole("reference", unknown_load, tmp_path / "x.c3d", "--foot", "left", "--plate", 1,
+                  "--origin-mm", x_mm, y_mm)  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "Traceback" not in done.stderr
+    loaded = insole_daemon.load(unknown_load)
+    assert loaded.kind == "shoe"
+    assert loaded["right"].reference is None
+    assert "kept" in (unknown_load / "recording.yaml").read_text()
+    force = loaded["left"].reference["fz_n"]
+    assert force.max() == pytest.approx(walk["left"].wrench.f_z_n.max(), rel=0.03)
+    (result,), _ = validate([loaded], loaded["left"].calibration)
+    assert result.outcome.f_z.rmse < 0.05 * force.max()
+    assert result.outcome.cop_x.rmse < 0.003
+    again = insole("reference", unknown_load, tmp_path / "x.c3d", "--foot", "left", "--plate", 1)
+    assert again.returncode == 4
+    assert "has a reference already: say --force" in again.stderr
+
+
+def test_another_sensors_text_becomes_the_reference(walk, unknown_load, tmp_path):
+    left = walk["left"]
+    columns = ((left.t_ns - left.t_ns[0]) * 1e-9, left.wrench.f_z_n, left.wrench.cop_x_m, left.wrench.cop_y_m)
+    rows = [",".join("" if value != value else f"{value:.6f}" for value in row) for row in zip(*columns, strict=True)]
+    (tmp_path / "other.csv").write_text("\n".join(["t,F,X,Y", *rows]) + "\n")
+    mapping = "format: insole-table/1\nfoot: left\ntime: {column: t, unit: s}\nforce: {column: F, unit: N}\n"
+    (tmp_path / "force.yaml").write_text(mapping)
+    refused = insole("reference", unknown_load, tmp_path / "other.csv", "--mapping", tmp_path / "force.yaml")
+    assert refused.returncode == 4
+    assert "name cop_x and cop_y" in refused.stderr
+    both = mapping + "cop_x: {column: X, unit: m}\ncop_y: {column: Y, unit: m}\n"
+    (tmp_path / "cop.yaml").write_text(both)
+    done = insole("reference", unknown_load, tmp_path / "other.csv", "--mapping", tmp_path / "cop.yaml")
+    assert done.returncode == 0, done.stderr
+    (result,), _ = validate([insole_daemon.load(unknown_load)], left.calibration)
+    assert result.outcome.f_z.accuracy > 90
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "message"),
+    [
+        ((), 2, "expected --foot"),
+        (("--foot", "left"), 2, "has 2 plates: say which: --plate 1"),
+        (("--foot", "left", "--plate", 3), 2, "has 2 plates, found --plate 3"),
+    ],
+)
+def test_what_is_missing_for_a_reference_is_said(unknown_load, tmp_path, arguments, status, message):
+    done = insole("reference", unknown_load, tmp_path / "x.c3d", *arguments)
+    assert done.returncode == status
+    assert message in " ".join(done.stderr.split())

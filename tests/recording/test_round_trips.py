@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import platform
 import subprocess
 import sys
@@ -23,6 +24,7 @@ from mcap_protobuf.decoder import DecoderFactory
 import insole_daemon
 from insole_daemon.config import Config
 from insole_daemon.errors import InsoleError
+from insole_daemon.recording import foxglove
 from insole_daemon.recording.export_c3d import export_c3d
 from insole_daemon.recording.export_mcap import export_mcap
 from insole_daemon.recording.export_tables import export_csv, export_matlab, export_parquet
@@ -101,6 +103,29 @@ def test_mcap_in_the_protobuf_reader_of_mcap(walk, tmp_path):
     assert {each.child_frame_id for each in found["foxglove.FrameTransforms"][0][1].transforms} >= {
         clouds[0][1].frame_id
     }
+
+
+def test_every_topic_and_field_of_the_foxglove_layout_is_in_the_export(walk, tmp_path):
+    export_mcap(walk, tmp_path / "x.mcap")
+    layout = json.loads(foxglove.LAYOUT.read_text())
+    with open(tmp_path / "x.mcap", "rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        schemas = {channel.topic: schema for schema, channel, _ in reader.iter_messages()}
+        clouds = {channel.topic: cloud for _, channel, _, cloud in reader.iter_decoded_messages(
+            topics=[topic for topic in schemas if topic.endswith("/pressure")])}  # fmt: skip
+    panels = layout["configById"]
+    for topic, style in panels["3D!pressure"]["topics"].items():
+        assert style["colorField"] in [field.name for field in clouds[topic].fields]
+    for plot in ("Plot!force", "Plot!steps"):
+        for path in panels[plot]["paths"]:
+            topic, _, field = path["value"].partition(".")
+            assert field in json.loads(schemas[topic].data)["properties"]
+    assert schemas[panels["RosOut!steps"]["topicToRender"]].name == "foxglove.Log"
+
+    def names(node):
+        return {node} if isinstance(node, str) else names(node["first"]) | names(node["second"])
+
+    assert names(layout["layout"]) == panels.keys()
 
 
 @pytest.mark.parametrize("schema", [PointCloud, Log, FrameTransforms])

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import logging
 import os
+import resource
 import shutil
 import signal
 import subprocess
@@ -43,6 +45,25 @@ def recorded(tmp_path_factory):
     (folder / "study.yaml").write_text(
         "format: insole-study/1\ntasks: [steps]\nrecordings:\n" + "\n".join(lines) + "\n"
     )
+    return folder
+
+
+@pytest.fixture(scope="module")
+def certificates(tmp_path_factory):
+    """A lab's certificate authority and a certificate of it; and those of a stranger."""
+    if not shutil.which("openssl"):
+        assert not os.environ.get("CI"), "apt-get install openssl"
+        pytest.skip("needs openssl")
+    folder = tmp_path_factory.mktemp("certificates")
+    key = "-newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -days 9"
+    for who in ("lab", "stranger"):
+        commands = [f"openssl req -x509 {key} -subj /CN={who} -keyout {who}-ca.key -out {who}-ca.pem"]
+        commands.append(
+            f"openssl req -x509 {key} -subj /CN={who}-member -CA {who}-ca.pem -CAkey {who}-ca.key "
+            f"-addext basicConstraints=critical,CA:FALSE -keyout {who}.key -out {who}.pem"
+        )
+        for command in commands:
+            subprocess.run(command.split(), cwd=folder, check=True, capture_output=True)
     return folder
 
 
@@ -128,6 +149,16 @@ def test_sessions_are_compared(folder):
     page = (folder / "study.html").read_text()
     assert "fast less slow" in page
     assert "left, p0" in page, "two persons have both sessions: each is compared alone"
+    assert "p0, p1: the sessions have different calibrations" not in page
+
+
+def test_sessions_of_different_calibrations_are_said(folder):
+    path = folder / "p1-fast" / "left-calibration.json"
+    path.write_text(path.read_text().replace("[0.0, ", "[0.5, "))
+    with cluster(None, 2) as client:
+        analysed(folder, client)
+    page = (folder / "study.html").read_text()
+    assert "p1: the sessions have different calibrations" in page
 
 
 def test_a_study_that_cannot_be_is_refused(tmp_path):
@@ -143,6 +174,54 @@ def test_a_study_that_cannot_be_is_refused(tmp_path):
 def test_a_scheduler_beyond_loopback_needs_tls(address):
     with pytest.raises(InsoleError, match="Dask exchanges pickles"), cluster(address, 1):
         pass
+
+
+def test_a_scheduler_with_tls_lets_in_its_authoritys_certificates_and_nobody_else(folder, certificates):
+    from distributed import LocalCluster, Security
+
+    ca, certificate, key = (str(certificates / name) for name in ("lab-ca.pem", "lab.pem", "lab.key"))
+    security = Security(
+        tls_ca_file=ca, require_encryption=True, tls_scheduler_cert=certificate, tls_scheduler_key=key,
+        tls_worker_cert=certificate, tls_worker_key=key, tls_client_cert=certificate, tls_client_key=key,
+    )  # fmt: skip
+    with LocalCluster(
+        n_workers=1, threads_per_worker=1, host="127.0.0.1", dashboard_address="127.0.0.1:0", security=security,
+        silence_logs=logging.CRITICAL,
+    ) as existing:  # fmt: skip
+        assert existing.scheduler_address.startswith("tls://")
+
+        def study(who):
+            command = [INSOLE, "study", folder, "--scheduler", existing.scheduler_address]
+            command += ["--tls-ca", certificates / "lab-ca.pem"]
+            command += ["--tls-cert", certificates / f"{who}.pem", "--tls-key", certificates / f"{who}.key"]
+            return subprocess.run(command, capture_output=True, text=True, check=False)
+
+        done = study("lab")
+        assert "6 recordings" in done.stdout, done.stderr
+        shutil.rmtree(folder / "results")
+        refused = study("stranger")
+    assert refused.returncode == 3
+    assert "no Dask scheduler answers" in refused.stderr
+    assert "do not trust each other's certificate" in refused.stderr
+    assert "Traceback" not in refused.stderr
+    assert not (folder / "results").exists(), "nothing was done for a stranger"
+
+
+def test_a_full_disk_is_named_and_what_fits_is_kept(folder):
+    def smaller_files():
+        resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))
+
+    (folder / "study.yaml").write_text((folder / "study.yaml").read_text().replace("[steps]", "[steps, report]"))
+    command = [INSOLE, "study", folder, "--workers", "1"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, preexec_fn=smaller_files)
+    assert done.returncode == 1, done.stderr
+    assert "Traceback" not in done.stderr
+    table = pd.read_csv(folder / "table.csv").set_index("recording")
+    assert table.missing["p0-slow"] == "report: File too large"
+    assert table.left_steady_steps["p0-slow"] >= 3
+    assert not list((folder / "results").rglob(".*")), "nothing half-written stays"
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert pd.isna(pd.read_csv(folder / "table.csv").set_index("recording").missing["p0-slow"]), done.stderr
 
 
 def test_a_scheduler_that_exists_is_used(folder):

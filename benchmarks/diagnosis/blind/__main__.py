@@ -17,6 +17,8 @@ from .run import run
 from .score import markdown, score
 from .untouched import imported
 
+_SCHEDULER = "address of a Dask scheduler, whose workers see the same files; without it, one case after the other"
+
 
 def _parser() -> argparse.ArgumentParser:
     ask = argparse.ArgumentParser(prog=f"python -m {__package__}", description=__doc__)
@@ -27,11 +29,11 @@ def _parser() -> argparse.ArgumentParser:
     make.add_argument("--cases", type=int, required=True, help="how many")
     make.add_argument("--out", type=Path, required=True, help="folder for what the tool is given")
     make.add_argument("--sealed", type=Path, required=True, help="folder for the truth; keep it from the tool")
-    make.add_argument("--jobs", type=int, default=1)
+    make.add_argument("--scheduler", help=_SCHEDULER)
     tool = verbs.add_parser("run", help="run a tool on every case; goes on where it stopped")
     tool.add_argument("--cases", type=Path, required=True)
     tool.add_argument("--answers", type=Path, required=True)
-    tool.add_argument("--jobs", type=int, default=1)
+    tool.add_argument("--scheduler", help=_SCHEDULER)
     tool.add_argument("--limit", type=float, default=300.0, help="seconds that a run may take")
     tool.add_argument("command", nargs="+", help="after --: insole diagnose {recording} {simulation} --out {out}")
     judge = verbs.add_parser("score", help="compare answers with the truth; prints the table")
@@ -48,10 +50,10 @@ def main() -> None:
     """Do what the command line asks for."""
     said = _parser().parse_args()
     if said.verb == "make":
-        generate(said.seed, said.suite, said.cases, said.out, said.sealed, said.jobs)
+        generate(said.seed, said.suite, said.cases, said.out, said.sealed, said.scheduler)
         return
     if said.verb == "run":
-        run(said.command, said.cases, said.answers, said.jobs, said.limit)
+        run(said.command, said.cases, said.answers, said.limit, said.scheduler)
         return
     predict = imported(said.predictor) if said.predictor else None
     compensate = imported(said.compensator) if said.compensator else None

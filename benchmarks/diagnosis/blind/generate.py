@@ -16,6 +16,7 @@ from . import seal
 from .boards import fix_times
 from .case import draw_case
 from .plan import Spec, cases
+from .workers import dask_executor
 from .writing import truth, write_case, write_kept_back
 
 SET = "set.json"  # suite, seed and seal, beside the cases
@@ -38,8 +39,12 @@ def _one(seed: int, index: int, spec: Spec, given: Path, kept: Path) -> dict[str
     return {**truth(case), "handed_out": seal.digests(given), "kept_back": seal.digests(kept)}
 
 
-def generate(seed: int, suite: str, n: int, out: Path, sealed: Path, jobs: int) -> str:
-    """Writes `out`/<case>/recording and `sealed`; returns the seal. Nothing stands in `out` before the seal exists."""
+def generate(seed: int, suite: str, n: int, out: Path, sealed: Path, scheduler: str | None = None) -> str:
+    """Writes `out`/<case>/recording and `sealed`; returns the seal. Nothing stands in `out` before the seal exists.
+
+    Cases are made one after the other, or on the workers of the Dask scheduler.
+    """
+    out, sealed = out.resolve(), sealed.resolve()
     for folder in (out, sealed):
         if folder.exists():
             raise SystemExit(f"{folder}: expected a folder that does not exist yet; remove it or name another one")
@@ -51,9 +56,10 @@ def generate(seed: int, suite: str, n: int, out: Path, sealed: Path, jobs: int) 
         open_, kept = Path(a) / "cases", Path(b) / "sealed"
         open_.mkdir()
         kept.mkdir()
-        # A process a job, and no threads below it: they would only wait for each other.
+        # A process of its own, and no threads below it: they would only wait for each other. So are Dask's workers.
         os.environ["OPENBLAS_NUM_THREADS"] = "1"
-        with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
+        workers = ProcessPoolExecutor(1, get_context("spawn")) if scheduler is None else dask_executor(scheduler)
+        with workers as pool:
             waiting = [
                 pool.submit(_one, seed, k, spec, open_ / name, kept / name)
                 for k, (spec, name) in enumerate(zip(specs, called, strict=True))

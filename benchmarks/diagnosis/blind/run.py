@@ -13,9 +13,14 @@ from pathlib import Path
 from typing import Any
 
 from .generate import SET
+from .workers import dask_executor
 
 LOG = "log.jsonl"
 HEADER = "run.json"
+
+
+class CannotRunError(Exception):
+    """The tool is not there."""
 
 
 def command_for(template: list[str], case: Path, out: Path) -> list[str]:
@@ -38,7 +43,7 @@ def run_case(template: list[str], case: Path, answers: Path, limit_s: float) -> 
         try:
             child = subprocess.Popen(command, stdout=stdout, stderr=stderr, stdin=subprocess.DEVNULL)
         except OSError as problem:
-            raise SystemExit(f"{command[0]}: cannot be run: {problem}; name the tool's command after --") from None
+            raise CannotRunError(f"{command[0]}: cannot be run: {problem}; name the tool's command after --") from None
         status, used, ended = _wait(child, began + limit_s)
     stderr_text = (out / "stderr.txt").read_text(errors="replace")
     return {
@@ -111,14 +116,18 @@ def _begin(template: list[str], cases: Path, answers: Path) -> None:
     )
 
 
-def run(template: list[str], cases: Path, answers: Path, jobs: int, limit_s: float) -> list[dict[str, Any]]:
-    """Run what has not been run yet; returns the whole log."""
+def run(
+    template: list[str], cases: Path, answers: Path, limit_s: float, scheduler: str | None = None
+) -> list[dict[str, Any]]:
+    """Run what has not been run yet, on the workers of a Dask scheduler if one is named; returns the whole log."""
+    cases, answers = cases.resolve(), answers.resolve()
     _begin(template, cases, answers)
     log = read_log(answers)
     (answers / LOG).write_text("".join(json.dumps(entry) + "\n" for entry in log))
     ran = {entry["case"] for entry in log}
     left = [p for p in sorted(cases.iterdir()) if p.is_dir() and p.name not in ran]
-    with (answers / LOG).open("a") as file, ThreadPoolExecutor(jobs) as pool:
+    workers = ThreadPoolExecutor(1) if scheduler is None else dask_executor(scheduler)
+    with (answers / LOG).open("a") as file, workers as pool:
         waiting = [pool.submit(run_case, template, case, answers, limit_s) for case in left]
         try:
             for entry in _ended(waiting):
@@ -126,9 +135,11 @@ def run(template: list[str], cases: Path, answers: Path, jobs: int, limit_s: flo
                 file.write(json.dumps(entry) + "\n")
                 file.flush()
                 print(f"\r{len(log)} of {len(ran) + len(left)} runs", end="", file=sys.stderr, flush=True)
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
+        except CannotRunError as problem:
+            raise SystemExit(str(problem)) from None
+        finally:
+            for future in waiting:
+                future.cancel()
     print(file=sys.stderr)
     return log
 

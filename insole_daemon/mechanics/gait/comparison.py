@@ -51,10 +51,11 @@ class CurveTest:
         return tuple((float(PERCENT[first]), float(PERCENT[end - 1])) for first, end in edges.tolist())
 
 
-def difference_of_sessions(first: Steps, second: Steps, figure: str, *, same_calibration: bool = True) -> Interval:
+def difference_of_sessions(first: Steps, second: Steps, figure: str) -> Interval:
     """Mean of `figure` over the steady steps of `second` less that of `first`.
 
-    With the same calibration its error is the same in both, and cancels; else it widens the interval.
+    With the same calibration its error is the same in both, and cancels; with two, or another sensor, both errors
+    widen the interval.
     """
     means, variances, dofs, systematic = [], [], [], 0.0
     for steps in (first, second):
@@ -67,7 +68,7 @@ def difference_of_sessions(first: Steps, second: Steps, figure: str, *, same_cal
         means.append(float(values.mean()))
         variances.append(variance)
         dofs.append(dof)
-        if not same_calibration:
+        if first.calibrations != second.calibrations:
             systematic += float(np.nan_to_num(steady.std(figure)).mean()) ** 2
     total = sum(variances)
     dof = total**2 / sum(v**2 / d for v, d in zip(variances, dofs, strict=True)) if total > 0 else min(dofs)

@@ -21,6 +21,7 @@ from .swing_offset import swing_offset
 
 PERCENT: NDArray[np.float64] = np.linspace(0.0, 100.0, 101)  # of stance
 COP_FRACTION = 0.1  # of the peak force: where less is borne, the CoP is mostly noise
+COP_FIGURES = ("cop_path_m", "cop_path_std_m", "cop_width_m", "cop_width_std_m", "cop_mean_y_m", "cop_mean_y_std_m")
 OF_REGION = ("peak_pa", "peak_std_pa", "integral_pa_s", "integral_std_pa_s", "area_m2", "area_std_m2")
 RATE_FROM, RATE_TO = 0.2, 0.8  # of the first peak's force
 FIRST_PEAK_WITHIN = 0.5  # of stance
@@ -42,6 +43,7 @@ class FootCourse:
     regions: RegionMap
     taxel_area_m2: float
     min_pressure_pa: float  # a taxel is in contact from here
+    calibration: str  # which one made the pressure of the counts: the same text, the same errors
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,9 +77,10 @@ def stances(course: FootCourse) -> Stances:
 
 def _figure_names(regions: RegionMap) -> list[str]:
     """Every column but those of both feet, in the order of the table."""
-    names = ["peak_force_n", "peak_force_std_n", "impulse_n_s", "impulse_std_n_s", "loading_rate_n_s",
-             "loading_rate_std_n_s", "cop_path_m", "cop_path_std_m", "cop_width_m", "cop_width_std_m", "cop_mean_y_m",
-             "contact_area_m2", "contact_area_std_m2", "valid_fraction"]  # fmt: skip
+    names = [
+        *("peak_force_n", "peak_force_std_n", "impulse_n_s", "impulse_std_n_s", "loading_rate_n_s"),
+        *("loading_rate_std_n_s", *COP_FIGURES, "contact_area_m2", "contact_area_std_m2", "valid_fraction"),
+    ]
     for region in regions.names:
         names += [f"{region}_{figure}" for figure in OF_REGION]
     return names
@@ -147,7 +150,7 @@ def _cop_figures(cop: Array, cop_std: Array, force: Array) -> dict[str, float]:
     """Length, width and mean y of the CoP (2, 101), NaN where too little is borne; force (101,) weighs the mean."""
     known = np.flatnonzero(np.isfinite(cop).all(axis=0))
     if len(known) < 2:
-        return dict.fromkeys(("cop_path_m", "cop_path_std_m", "cop_width_m", "cop_width_std_m", "cop_mean_y_m"), np.nan)
+        return dict.fromkeys(COP_FIGURES, np.nan)
     (x, y), (x_std, y_std) = cop[:, known], cop_std[:, known]
     ends = [0, -1]
     widest, narrowest = int(y.argmax()), int(y.argmin())
@@ -157,6 +160,7 @@ def _cop_figures(cop: Array, cop_std: Array, force: Array) -> dict[str, float]:
         "cop_width_m": float(y[widest] - y[narrowest]),
         "cop_width_std_m": float(np.hypot(y_std[widest], y_std[narrowest])),
         "cop_mean_y_m": float(np.average(y, weights=force[known])),
+        "cop_mean_y_std_m": float(np.average(y_std, weights=force[known])),
     }
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -31,6 +31,7 @@ class Steps:
     curves: Mapping[str, Array]  # (n, 101) each, at 0, 1 … 100 % of stance: f_z_n, f_z_std_n, cop_x_m, cop_y_m
     start_ns: int  # epoch time of 0 s
     remarks: tuple[str, ...]  # what is missing, and why
+    calibrations: Mapping[str, str] = field(default_factory=dict)  # by foot: the same text, the same errors
 
     def __len__(self) -> int:
         """How many stances there are."""
@@ -68,11 +69,12 @@ class Steps:
     def select(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> Steps:
         """The stances of these rows, a mask (n,) or numbers."""
         columns = {name: column[rows] for name, column in self.columns.items()}
-        return Steps(columns, {name: curve[rows] for name, curve in self.curves.items()}, self.start_ns, self.remarks)
+        return replace(self, columns=columns, curves={name: curve[rows] for name, curve in self.curves.items()})
 
     def of(self, foot: str) -> Steps:
         """The stances of the "left" or the "right" foot."""
-        return self.select(self["foot"] == foot)
+        own = {each: calibration for each, calibration in self.calibrations.items() if each == foot}
+        return replace(self.select(self["foot"] == foot), calibrations=own)
 
     @property
     def steady(self) -> Steps:
@@ -133,7 +135,11 @@ def find_steps(courses: Sequence[FootCourse], start_ns: int, remarks: Sequence[s
     columns = {name: columns[name] for name in ("foot", "number", "label", *columns) if name in columns}
     hidden = {"first_s", "last_s"}
     return Steps(
-        {name: column for name, column in columns.items() if name not in hidden}, curves, start_ns, tuple(said)
+        {name: column for name, column in columns.items() if name not in hidden},
+        curves,
+        start_ns,
+        tuple(said),
+        {course.foot: course.calibration for course in courses},
     )
 
 
@@ -160,6 +166,7 @@ def _joined(each: Sequence[Stances]) -> tuple[dict[str, NDArray[Any]], dict[str,
             "stride_s": stride_s,
             "stride_std_s": stride_std_s,
             "cadence_per_min": 120.0 / stride_s,
+            "cadence_std_per_min": 120.0 / stride_s**2 * stride_std_s,
             **foot.columns,
         })  # fmt: skip
     if not parts:
@@ -194,7 +201,7 @@ def _begin_s(columns: Mapping[str, NDArray[Any]]) -> Array:
 def _with_both_feet(columns: dict[str, NDArray[Any]], *, both: bool) -> dict[str, NDArray[Any]]:
     """The columns, with double support and step time after the stride: NaN where there is one foot."""
     n = len(columns["foot"])
-    double_s, double_std_s, step_s = np.full(n, np.nan), np.full(n, np.nan), np.full(n, np.nan)
+    double_s, double_std_s, step_s, step_std_s = np.full((4, n), np.nan)
     if both and n:
         left = columns["foot"] == "left"
         for own, other in ((left, ~left), (~left, left)):
@@ -212,11 +219,18 @@ def _with_both_feet(columns: dict[str, NDArray[Any]], *, both: bool) -> dict[str
             since_s = contact_s[:, None] - columns["contact_s"][other][None]
             last_s = np.where(since_s > 0, since_s, np.inf).min(axis=1, initial=np.inf)
             step_s[own] = np.where(last_s <= LONGEST_STRIDE_S, last_s, np.nan)
+            last_std_s = np.where(since_s == last_s[:, None], columns["contact_std_s"][other], 0.0).sum(axis=1)
+            step_std_s[own] = np.hypot(columns["contact_std_s"][own], last_std_s) + 0.0 * step_s[own]
     ordered: dict[str, NDArray[Any]] = {}
     for name, column in columns.items():
         ordered[name] = column
-        if name == "cadence_per_min":
-            ordered |= {"step_s": step_s, "double_support_s": double_s, "double_support_std_s": double_std_s}
+        if name == "cadence_std_per_min":
+            ordered |= {
+                "step_s": step_s,
+                "step_std_s": step_std_s,
+                "double_support_s": double_s,
+                "double_support_std_s": double_std_s,
+            }
     return ordered
 
 

@@ -17,7 +17,7 @@ from insole_daemon.mechanics.gait.steps import Steps
 PERCENT = np.arange(101)
 
 
-def session(random, n=24, more_n=0.0, person_n=0.0):
+def session(random, n=24, more_n=0.0, person_n=0.0, calibration="first"):
     """n steady steps whose second peak is `more_n` higher."""
     bump = np.exp(-(((PERCENT - 75) / 6.0) ** 2))
     shape = 600 * np.sin(np.pi * PERCENT / 100) + person_n + more_n * bump
@@ -29,7 +29,7 @@ def session(random, n=24, more_n=0.0, person_n=0.0):
         "peak_force_n": curves.max(axis=1),
         "peak_force_std_n": np.full(n, 5.0),
     }
-    return Steps(columns, {"f_z_n": curves}, 0, ())
+    return Steps(columns, {"f_z_n": curves}, 0, (), {"left": calibration})
 
 
 def test_a_planted_difference_is_found_where_it_is():
@@ -52,7 +52,7 @@ def test_intervals_of_differences_hold():
     random = np.random.default_rng(2)
     inside = [0.0 in difference_of_sessions(session(random), session(random), "peak_force_n") for _ in range(400)]
     assert 0.92 <= np.mean(inside) <= 0.98
-    wide = difference_of_sessions(session(random), session(random), "peak_force_n", same_calibration=False)
+    wide = difference_of_sessions(session(random), session(random, calibration="second"), "peak_force_n")
     narrow = difference_of_sessions(session(random), session(random), "peak_force_n")
     assert wide.high - wide.low > narrow.high - narrow.low
 

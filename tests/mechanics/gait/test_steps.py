@@ -99,8 +99,12 @@ def test_an_offset_of_the_sensor_is_not_force(walk, steps):
 def test_the_uncertainty_of_the_wrench_is_carried_into_figures(walk, steps):
     assert np.isnan(steps.std("peak_force_n")).all(), "the calibration carries none"
     carried = steps_of(walk, SECONDS, std_pa=4000.0).steady
-    for name in ("peak_force_n", "impulse_n_s", "cop_path_m", "cop_width_m", "stance_s", "heel_peak_pa"):
-        assert (carried.std(name) > 0).all(), name
+    for name in carried.figure_names:
+        known = np.isfinite(carried[name])
+        assert known.any(), name
+        # Contact areas are sure where no taxel is near the pressure of contact, and a slope forgets a common offset.
+        least = 0.0 if name.endswith("area_m2") or name == "loading_rate_n_s" else 1e-9
+        assert name == "valid_fraction" or (carried.std(name)[known] >= least).all(), name
     assert carried.std("heel_peak_pa") == pytest.approx(4000.0)
 
 

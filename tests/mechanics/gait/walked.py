@@ -34,6 +34,7 @@ def course_of(person: Person, foot: str, seconds: float, *, noise_pa=0.0, offset
         regions=map_regions(load_regions(), layout),
         taxel_area_m2=layout.taxel_area_m2,
         min_pressure_pa=MIN_PRESSURE_PA,
+        calibration="one",
     )
 
 

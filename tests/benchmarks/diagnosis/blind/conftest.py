@@ -17,5 +17,5 @@ class Made:
 def made(tmp_path_factory) -> Made:
     """The first three of the short suite: a null, a viscoelasticity, swapped triangles beside a simulation."""
     folder = tmp_path_factory.mktemp("blind")
-    seal = generate(seed=11, suite="bench", n=3, out=folder / "cases", sealed=folder / "sealed", jobs=1)
+    seal = generate(seed=11, suite="bench", n=3, out=folder / "cases", sealed=folder / "sealed")
     return Made(folder / "cases", folder / "sealed", seal)

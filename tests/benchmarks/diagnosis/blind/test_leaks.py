@@ -40,7 +40,7 @@ def test_the_seed_decides_what_is_concealed(made):
 
 def test_cases_are_never_overwritten(made, tmp_path):
     with pytest.raises(SystemExit, match="does not exist yet"):
-        generate(seed=1, suite="bench", n=1, out=made.cases, sealed=tmp_path / "other", jobs=1)
+        generate(seed=1, suite="bench", n=1, out=made.cases, sealed=tmp_path / "other")
 
 
 def test_all_holds_every_kind_in_an_order_that_depends_on_the_seed():

@@ -5,9 +5,11 @@ import sys
 
 import numpy as np
 import pytest
+from distributed import LocalCluster
 
 from benchmarks.diagnosis.blind import run as runner
 from benchmarks.diagnosis.blind import seal
+from benchmarks.diagnosis.blind.generate import generate
 from benchmarks.diagnosis.blind.run import command_for, run
 from benchmarks.diagnosis.blind.score import markdown, score
 from benchmarks.diagnosis.blind.tables import bars
@@ -47,7 +49,7 @@ def measured(found):
 def test_a_perfect_answer_scores_full_marks(made, tmp_path):
     (tmp_path / "tool.py").write_text(PERFECT)
     template = [sys.executable, str(tmp_path / "tool.py"), str(made.sealed / "truth.json"), "{recording}", "{out}"]
-    log = run(template, made.cases, tmp_path / "answers", jobs=2, limit_s=60)
+    log = run(template, made.cases, tmp_path / "answers", limit_s=60)
     assert [entry["status"] for entry in log] == [0] * N
     assert all(entry["peak_mb"] > 1 and entry["seconds"] > 0 for entry in log)
     found = score(made.sealed, tmp_path / "answers", made.seal, predictor("oracle"))
@@ -67,7 +69,7 @@ def test_a_perfect_answer_scores_full_marks(made, tmp_path):
 
 
 def test_a_run_that_fails_is_logged_and_scored_as_wrong(made, tmp_path):
-    log = run([sys.executable, "-c", "1 / 0"], made.cases, tmp_path / "answers", jobs=1, limit_s=60)
+    log = run([sys.executable, "-c", "1 / 0"], made.cases, tmp_path / "answers", limit_s=60)
     assert [(entry["status"], entry["traceback"]) for entry in log] == [(1, True)] * N
     by = measured(score(made.sealed, tmp_path / "answers", made.seal))
     assert by["nulls, false alarms"].measured.startswith("100 % (1 of 1")
@@ -77,7 +79,7 @@ def test_a_run_that_fails_is_logged_and_scored_as_wrong(made, tmp_path):
 
 def test_an_answer_that_cannot_be_read_is_none(made, tmp_path):
     answers = tmp_path / "answers"
-    run([sys.executable, "-c", ""], made.cases, answers, jobs=1, limit_s=60)
+    run([sys.executable, "-c", ""], made.cases, answers, limit_s=60)
     first, second, third = sorted(p.name for p in made.cases.iterdir() if p.is_dir())
     (answers / first / "diagnosis.json").write_text("{")
     (answers / second / "diagnosis.json").write_text('{"format": "insole-diagnosis/1", "findings": [{}]}')
@@ -90,7 +92,7 @@ def test_an_answer_that_cannot_be_read_is_none(made, tmp_path):
 
 
 def test_a_run_that_never_ends_is_stopped(made, tmp_path):
-    log = run([sys.executable, "-c", "import time; time.sleep(600)"], made.cases, tmp_path / "a", jobs=4, limit_s=0.5)
+    log = run([sys.executable, "-c", "import time; time.sleep(600)"], made.cases, tmp_path / "a", limit_s=0.5)
     assert {entry["ended"] for entry in log} == {"stopped at the time limit"}
 
 
@@ -106,7 +108,7 @@ def test_an_interrupted_run_goes_on_where_it_stopped(made, tmp_path, monkeypatch
 
     monkeypatch.setattr(runner, "run_case", stop_at_the_third)
     with pytest.raises(KeyboardInterrupt):
-        run(command, made.cases, answers, jobs=1, limit_s=60)
+        run(command, made.cases, answers, limit_s=60)
     header = json.loads((answers / "run.json").read_text())
     assert header["set"] == {"seed": 11, "suite": "bench", "cases": N, "seal": made.seal}
     assert header["commit"]
@@ -114,10 +116,23 @@ def test_an_interrupted_run_goes_on_where_it_stopped(made, tmp_path, monkeypatch
         log.write('{"case": "cut o')
     monkeypatch.setattr(runner, "run_case", one)
     assert len(score(made.sealed, answers, made.seal)["cases"]) == 2
-    assert [e["case"] for e in run(command, made.cases, answers, jobs=1, limit_s=60)][:2] == ran
+    assert [e["case"] for e in run(command, made.cases, answers, limit_s=60)][:2] == ran
     assert len(runner.read_log(answers)) == N
     with pytest.raises(SystemExit, match="was begun with command"):
-        run([*command, "other"], made.cases, answers, jobs=1, limit_s=60)
+        run([*command, "other"], made.cases, answers, limit_s=60)
+
+
+def test_the_workers_of_a_dask_scheduler_make_the_same_cases_and_run_each_once(made, tmp_path):
+    with LocalCluster(n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address="127.0.0.1:0") as workers:
+        address = workers.scheduler_address
+        generate(11, "bench", N, tmp_path / "cases", tmp_path / "sealed", address)
+        truth, again = ((sealed / "truth.json").read_bytes() for sealed in (made.sealed, tmp_path / "sealed"))
+        assert truth == again, "with the SHA-256 of every file of every case"
+        log = run([sys.executable, "-c", "print(1)"], tmp_path / "cases", tmp_path / "answers", 60, address)
+        assert sorted(entry["case"] for entry in log) == sorted(p.name for p in made.cases.iterdir() if p.is_dir())
+        assert [entry["status"] for entry in log] == [0] * N
+        with pytest.raises(SystemExit, match="name the tool's command after --"):
+            run(["no-such-tool"], tmp_path / "cases", tmp_path / "other", 60, address)
 
 
 def test_the_simulation_is_named_where_there_is_one(tmp_path):

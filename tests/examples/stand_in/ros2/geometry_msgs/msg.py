@@ -5,10 +5,10 @@ class Message:
     """Fields have the types of their defaults, and there are no others; that goes for numbers, too: 1 is no float."""
 
     def __init_subclass__(cls, **fields):
-        cls.fields = getattr(cls, "fields", {}) | fields
+        cls.defaults = getattr(cls, "defaults", {}) | fields
 
     def __init__(self):
-        for name, default in self.fields.items():
+        for name, default in self.defaults.items():
             super().__setattr__(name, default() if isinstance(default, type) else default)
 
     def __setattr__(self, name, value):
@@ -20,8 +20,15 @@ class Message:
         super().__setattr__(name, value)
 
     def as_dict(self):
-        values = {name: getattr(self, name) for name in self.fields}
-        return {name: value.as_dict() if isinstance(value, Message) else value for name, value in values.items()}
+        values = {name: getattr(self, name) for name in self.defaults}
+        return {name: plain(value) for name, value in values.items()}
+
+
+def plain(value):
+    """`value` as JSON has it: bytes as numbers."""
+    if isinstance(value, list | bytes):
+        return [plain(each) for each in value]
+    return value.as_dict() if isinstance(value, Message) else value
 
 
 class Time(Message, sec=0, nanosec=0):

@@ -1,0 +1,17 @@
+"""The workers of a Dask scheduler, on which cases are made and run."""
+
+import contextlib
+from collections.abc import Iterator
+from concurrent.futures import Executor
+
+
+@contextlib.contextmanager
+def dask_executor(scheduler: str) -> Iterator[Executor]:
+    """Runs what is submitted on the workers of the scheduler at this address, which see the same files.
+
+    Certificates for TLS are those of Dask's own configuration.
+    """
+    from distributed import Client
+
+    with Client(scheduler) as client:
+        yield client.get_executor(pure=False)

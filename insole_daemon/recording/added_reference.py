@@ -1,0 +1,48 @@
+"""A reference that another instrument measured, added to a recording that was made without one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from ..config import Foot
+from ..errors import FileError
+from ..files import write_text
+from . import reference as references
+from .document import FILE, dump
+from .loading import Recording
+
+
+def add_reference(
+    recording: Recording, foot: Foot, columns: Mapping[str, NDArray[np.float64]], *, force: bool = False
+) -> Path:
+    """Write `columns` (time_s on a clock of its own, fz_n, mx_nm, my_nm) as the reference of `foot`; where it is.
+
+    recording.yaml names it, and its kind becomes shoe. FileError where the foot is not recorded, has a reference
+    already (unless `force`), or the recording is of a chamber or bench, whose references say something else.
+    """
+    own = next((each for each in recording.feet if each.foot == foot), None)
+    if own is None:
+        raise FileError(f"{recording.folder}: expected a recording of the {foot} foot, found only the other one")
+    if recording.kind not in ("free", "shoe"):
+        raise FileError(
+            f"{recording.folder}: expected a recording of kind free or shoe, found {recording.kind}: "
+            "forces are no reference for it"
+        )
+    if own.reference is not None and not force:
+        raise FileError(f"{recording.folder}: the {foot} foot has a reference already: say --force to replace it")
+    document = yaml.safe_load((recording.folder / FILE).read_text(encoding="utf-8"))
+    others = [each for each in document.get("reference", ()) if each["foot"] != foot]
+    file = recording.folder / f"{foot}-reference.csv"
+    entry = {"foot": foot, "file": file.name, "clock": "own"}
+    document |= {"kind": "shoe", "reference": [*others, entry]}
+    try:
+        write_text(file, references.text(columns))
+        write_text(recording.folder / FILE, dump(document))
+    except OSError as error:
+        raise FileError(f"{recording.folder}: cannot be written: {error.strerror or error}") from error
+    return file

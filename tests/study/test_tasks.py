@@ -1,0 +1,83 @@
+"""Every task of a study on real recordings: report, steps, validation and diagnosis, made once and found again."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from insole_daemon.config import Config
+from insole_daemon.service.foot_setup import load_layout
+from insole_daemon.simulation.conditions import ChamberCycles, Conditions
+from insole_daemon.simulation.effects_file import load as load_effects
+from insole_daemon.simulation.trial import Trial
+
+INSOLE = Path(sys.executable).with_name("insole")
+pytestmark = pytest.mark.timeout(300)
+
+EFFECTS = """format: insole-effects/1
+effects:
+  - effect: viscoelasticity
+    where: {scope: insole}
+    parameters: {a: {value: 0.2, unit: "1"}, tau_s: {value: 0.4, unit: s}}
+"""
+STUDY = """format: insole-study/1
+tasks: [report, steps, validation, diagnosis]
+calibrations: [walk/calibration.json]
+recordings:
+  - {folder: walk, person: p01, session: with physics}
+  - {folder: chamber, person: p01, session: chamber}
+"""
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    """A walk of the left foot, on an insole with concealed physics, and a chamber."""
+    folder = tmp_path_factory.mktemp("study")
+    left = Config().insoles[0]
+    config, layouts = Config(insoles=(left,)), [load_layout(left)]
+    (folder / "effects.yaml").write_text(EFFECTS)
+    effects = load_effects(folder / "effects.yaml", layouts)
+    Trial("t4", config, layouts, effects=effects, seed=7).write(folder / "walk", 20.0)
+    chamber = Conditions(chamber=ChamberCycles(speeds_pa_s=(6e3,), cycles=3, hold_s=5.0, minor=()))
+    Trial("vacuum", config, layouts, conditions=chamber, seed=7).write(folder / "chamber")
+    (folder / "study.yaml").write_text(STUDY)
+    return folder
+
+
+def run(folder):
+    done = subprocess.run([INSOLE, "study", folder, "--workers", "1"], capture_output=True, text=True, check=False)
+    assert "Traceback" not in done.stderr
+    files = {path: path.stat().st_mtime_ns for path in (folder / "results").rglob("*") if path.is_file()}
+    return pd.read_csv(folder / "table.csv").set_index("recording"), files
+
+
+def test_all_tasks_are_collected_and_only_the_judgement_of_a_changed_calibration_is_made_anew(study):
+    table, made = run(study)
+    walk, chamber = table.loc["walk"], table.loc["chamber"]
+    assert pd.isna(walk.missing)
+    assert walk.findings_left == "viscoelasticity"
+    assert walk.diagnosis_left == "explained"
+    (validated,) = json.loads(walk.validation_left)
+    assert 20 < validated["f_z"]["rmse_n"] < 120
+    assert walk.left_steady_steps >= 5
+    assert pd.isna(chamber.missing)
+    assert chamber.left_steady_steps == 0, "nobody walks in a chamber"
+    assert json.loads(chamber.validation_left)
+    tasks = sorted(f"{path.parent.name} {path.name.partition('-')[0]}" for path in made)
+    assert tasks == [
+        "0001-walk diagnosis", "0001-walk report", "0001-walk steps", "0001-walk validation",
+        "0002-chamber diagnosis", "0002-chamber report", "0002-chamber steps", "0002-chamber validation",
+    ]  # fmt: skip
+
+    calibration = study / "other.json"
+    calibration.write_text((study / "walk" / "calibration.json").read_text() + " ")
+    (study / "study.yaml").write_text(STUDY.replace("walk/calibration.json", "other.json"))
+    _, again = run(study)
+    assert made.items() <= again.items()
+    new = sorted(f"{path.parent.name} {path.name.partition('-')[0]}" for path in again.keys() - made.keys())
+    assert new == ["0001-walk validation", "0002-chamber validation"]
