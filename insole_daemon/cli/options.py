@@ -84,6 +84,15 @@ def write_whole(path: Path, text: str) -> None:
         raise FileError(f"{path}: cannot be written: {error.strerror or error}") from error
 
 
+def tls_of(ca: Path | None, cert: Path | None, key: Path | None) -> tuple[Path, Path, Path] | None:
+    """The three files of a TLS client; None where there are none. BadParameter where one is missing."""
+    if ca is None and cert is None and key is None:
+        return None
+    if ca is None or cert is None or key is None:
+        raise typer.BadParameter("TLS needs all three: --tls-ca, --tls-cert and --tls-key")
+    return ca, cert, key
+
+
 def name_next(command: str) -> None:
     """Say which command a person may want next."""
     print(f"insole: next: {command}", file=sys.stderr)

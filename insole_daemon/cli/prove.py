@@ -14,7 +14,7 @@ from typing import Annotated
 
 import typer
 
-from .options import Scheduler, TlsCa, TlsCert, TlsKey, write_whole
+from .options import Scheduler, TlsCa, TlsCert, TlsKey, tls_of, write_whole
 
 _TOOL = (sys.executable, "-c", "from insole_daemon.cli import main; main()", "diagnose", "{recording}", "{simulation}")
 _PREDICTOR = "insole_daemon.diagnosis.prediction:of_folder"
@@ -55,7 +55,7 @@ def prove(
         raise FileError(f"{out}: is already there; name another folder, runs are never overwritten")
     given, sealed, answers, tables = (out / name for name in ("cases", "sealed", "answers", "tables.md"))
     drawn = secrets.randbelow(2**31) if seed is None else seed
-    tls = (tls_ca, tls_cert, tls_key) if tls_ca and tls_cert and tls_key else None
+    tls = tls_of(tls_ca, tls_cert, tls_key)
     with _workers(scheduler, jobs, tls) as workers:
         out.mkdir(parents=True)
         print(f"insole: {cases} cases of {suite.value}, seed {drawn}, into {out}", file=sys.stderr, flush=True)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .options import Scheduler, TlsCa, TlsCert, TlsKey, name_next, write_whole
+from .options import Scheduler, TlsCa, TlsCert, TlsKey, name_next, tls_of, write_whole
 from .progress import show_work
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ def study(
     from ..study.scheduling import cluster, run_tasks
 
     given = load_study(folder)
-    tls = (tls_ca, tls_cert, tls_key) if tls_ca and tls_cert and tls_key else None
+    tls = tls_of(tls_ca, tls_cert, tls_key)
 
     numbers = itertools.count(1)
     with cluster(scheduler, workers or os.cpu_count() or 1, tls) as client, show_work(f"analysing {folder}") as work:

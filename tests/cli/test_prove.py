@@ -50,6 +50,17 @@ def test_a_scheduler_beyond_loopback_needs_tls(tmp_path):
     assert not (tmp_path / "proof").exists()
 
 
+@pytest.mark.parametrize("verb", [["prove", "--out"], ["study"]], ids=lambda verb: verb[0])
+def test_a_certificate_without_its_key_is_refused(tmp_path, verb):
+    walk = "{folder: walk, person: a, session: b, condition: c}"
+    (tmp_path / "study.yaml").write_text(f"format: insole-study/1\nrecordings: [{walk}]\n")
+    folder = tmp_path if verb == ["study"] else tmp_path / "proof"
+    done = RUNNER.invoke(app, [*verb, str(folder), "--scheduler", "tls://10.0.0.5:8786", "--tls-cert", "my.pem"])
+    assert done.exit_code == 2, done.output
+    assert "needs all three" in done.output
+    assert not (tmp_path / "proof").exists()
+
+
 def test_without_a_checkout_the_benchmark_of_the_wheel_runs(tmp_path, monkeypatch):
     shutil.copytree(ROOT / "benchmarks" / "diagnosis" / "blind", tmp_path / "insole_blind")
     monkeypatch.setattr(prove, "__file__", str(tmp_path / "insole_daemon" / "cli" / "prove.py"))
