@@ -38,7 +38,6 @@ OWN = 0.3  # the same of curves that were fitted to the recordings themselves
 WELL = 1.15  # times the noise: what leaves no more is explained
 FAR_CLEARER = 0.25  # the same where no more is left than the law of the memory may fail to describe
 CLEARER = 0.6  # of what usual curves leave beyond the noise, that loose ones may
-FEW = 2  # terms, that are rather believed than that curves are loose
 PLACED_ROUNDS = 3
 SWAPPED, ASKEW = "swapped_triangles", "map_transform"
 
@@ -182,10 +181,10 @@ def _with_curves(seen: ChamberObservation, faults: ReadingFaults) -> Searched:
         clearer, simpler = False, simpler and loose.unexplained - noise < FAR_CLEARER * (found.unexplained - noise)
     if not (loose.has_memory and (clearer or simpler)):
         return found
-    if found.n_terms > FEW:
+    if found.n_terms > 1:
         return loose
     # A memory of nearly all of the load says that nearly nothing is read at once, and leaves little load whatever is
-    # wrong: readings show it, and what a few terms explain is believed instead.
+    # wrong: readings show it, and the one term that explains most with usual curves is believed instead.
     design, best = loose.first.search.design, loose.first.best
     return loose if _after_count(design, best.chosen) < _after_count(design, ()) else found
 
