@@ -5,7 +5,8 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
-from collections.abc import Iterator
+import shutil
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 
@@ -71,3 +72,22 @@ def unfinished(path: Path) -> Iterator[Path]:
         with contextlib.suppress(OSError):
             beside.unlink(missing_ok=True)
         raise
+
+
+@contextlib.contextmanager
+def set_aside(paths: Iterable[Path]) -> Iterator[None]:
+    """Take files and folders away for the block: removed where it ends well, put back where it fails."""
+    aside = {path: path.absolute().with_name(f".{path.name}.{os.getpid()}.old") for path in paths if path.exists()}
+    for path, old in aside.items():
+        os.rename(path, old)
+    try:
+        yield
+    except BaseException:
+        for path, old in aside.items():
+            os.rename(old, path)
+        raise
+    for old in aside.values():
+        if old.is_dir():
+            shutil.rmtree(old)
+        else:
+            old.unlink()

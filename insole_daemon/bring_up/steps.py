@@ -29,14 +29,22 @@ _LOOK_NS = 50_000_000
 ZERO_S, FORCE_S = 3.0, 5.0
 
 
-def listen(source: FrameSource, setups: Sequence[FootSetup], seconds: float, stop: threading.Event) -> Observation:
-    """Observe the bus for `seconds`, or until `stop`."""
+def listen(
+    source: FrameSource,
+    setups: Sequence[FootSetup],
+    seconds: float,
+    stop: threading.Event,
+    tell: Callable[[float], None],
+) -> Observation:
+    """Observe the bus for `seconds`, or until `stop`; `tell` is told the share that is done."""
     boards = {board.address: board for setup in setups for board in setup.insole.boards}
     observation = Observation([setup.layout for setup in setups], boards)
-    end_ns = source.clock_ns() + round(seconds * 1e9)
+    begin_ns = source.clock_ns()
+    end_ns = begin_ns + round(seconds * 1e9)
     while source.clock_ns() < end_ns and not stop.is_set():
         batch, looked_ns = collect(source, 1 << 30, source.clock_ns() + _LOOK_NS)
         observation.feed(batch, looked_ns)
+        tell((looked_ns - begin_ns) / (end_ns - begin_ns))
     return observation
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,6 +55,11 @@ class CandumpSource:
     def exhausted(self) -> bool:
         """Whether the last frame has been received; it may not have been handed over yet."""
         return self._received == len(self._frames)
+
+    @property
+    def share(self) -> float:
+        """How much of the log has been received."""
+        return self._received / len(self._frames)
 
     def receive(self) -> int:
         """Take in the frames that are due; the number now held. The first call starts the replay."""
@@ -129,8 +135,15 @@ class Played:
         return f"{self.sent} frames sent" + (f"; left out: {', '.join(reasons)}" if reasons else "")
 
 
-def play(path: str | os.PathLike[str], sink: FrameSink, speed: float, stop: threading.Event, played: Played) -> None:
-    """Send the log to `sink` at its own timing, until `stop`; counted in `played`.
+def play(
+    path: str | os.PathLike[str],
+    sink: FrameSink,
+    speed: float,
+    stop: threading.Event,
+    played: Played,
+    progress: Callable[[float], None] = lambda share: None,
+) -> None:
+    """Send the log to `sink` at its own timing, until `stop`; counted in `played`, and `progress` is told the share.
 
     Only what no board can take for a command is sent: a log holds what the host said too, and a real board that hears
     it again takes its baseline anew or reboots into its bootloader.
@@ -146,3 +159,4 @@ def play(path: str | os.PathLike[str], sink: FrameSink, speed: float, stop: thre
             played.sent += int(np.count_nonzero(passes))
             played.commands += int(np.count_nonzero(standard & ~passes))
             played.others += int(np.count_nonzero(~standard))
+            progress(source.share)

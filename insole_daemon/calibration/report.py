@@ -49,7 +49,10 @@ def calibration_page(calibrated: Calibrated) -> str:
         f"From {', '.join(each.trial.name for each in calibrated.samples)}. Residuals are of smoothed samples in which "
         "the load changes slowly; how good the calibration is on others, insole validate says.",
         parts,
-        [page.insole_label(calibrated.foot, (each.board for each in calibrated.layout.triangles))],
+        [
+            page.insole_label(calibrated.foot, (each.board for each in calibrated.layout.triangles)),
+            f"calibration made of {', '.join(each.trial.name for each in calibrated.samples)}",
+        ],
     )
 
 

@@ -9,7 +9,8 @@ from typing import Annotated, Any
 import typer
 
 from ..config import DEFAULT_ENDPOINT
-from .options import Connect, RigName, ZenohFile
+from .options import Connect, RigName, ZenohFile, name_next
+from .progress import show_work
 from .tables import fold
 
 _UNCONFIRMED = 1  # exit status
@@ -30,6 +31,15 @@ class FootName(StrEnum):
 
     left = "left"
     right = "right"
+
+
+_NEXT = {
+    Action.list: "insole zero, with the feet off the ground",
+    Action.configure: "insole zero, with the feet off the ground",
+    Action.start: "insole status",
+    Action.stop: "insole boards start",
+    Action.temperature: "insole status",
+}
 
 
 def boards(
@@ -59,12 +69,15 @@ def boards(
         if not feet:
             raise WireError(f"no daemon behind {connect} has {'a foot' if foot is None else f'a {foot} foot'}")
         for each in feet:
-            reply = insole.request(each, "boards", do=str(action), **arguments)
+            with show_work(f"asking the {each} foot's boards"):
+                reply = insole.request(each, "boards", do=str(action), **arguments)
             sys.stdout.write(_screen(each, action, reply))
             sys.stdout.flush()
             confirmed &= bool(reply.get("confirmed", True))
     if not confirmed:
+        name_next("insole doctor")
         raise typer.Exit(_UNCONFIRMED)
+    name_next(_NEXT[action])
 
 
 def _screen(foot: str, action: Action, reply: dict[str, Any]) -> str:

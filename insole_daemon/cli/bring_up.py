@@ -14,8 +14,10 @@ import typer
 
 from .doctor import finding_lines
 from .options import ConfigFile, Which, name_next, on_end, write_whole
+from .progress import show_work
 
 if TYPE_CHECKING:
+    from ..bring_up.observation import Observation
     from ..bring_up.report import Report
     from ..bus.recovering import RecoveringSource
     from ..config import Config
@@ -61,12 +63,12 @@ def bring_up(
         _all_steps(report, source, settings, setups, folder, mass_kg, seconds, stop)
     file = folder / "report.md"
     write_whole(file, report.text())
-    print(
-        f"insole: {len(report.problems)} problems; the report is {file}: send it to us with the folder", file=sys.stderr
-    )
-    name_next("insole run" + (f" --config {config}" if config else ""))
+    n, with_config = len(report.problems), f" --config {config}" if config else ""
+    print(f"insole: {n} problem{'s' * (n != 1)}; the report is {file}: send it to us with the folder", file=sys.stderr)
     if report.problems:
+        name_next(f"what the report says under 'What to change'; then insole bring-up{with_config}")
         raise typer.Exit(1)
+    name_next(f"insole run{with_config}")
 
 
 def _interfaces(settings: Config) -> Iterator[CheckResult]:
@@ -95,7 +97,7 @@ def _all_steps(
     from ..bring_up import judgement, steps
 
     _say(f"listening for {_LISTEN_S:g} s: take the insoles off, nothing presses on them")
-    observation = steps.listen(source, setups, _LISTEN_S, stop)
+    observation = _listen(source, setups, _LISTEN_S, stop)
     chosen = dataclasses.replace(settings, insoles=tuple(setup.insole for setup in setups))
     _step(report, "boards", list(judgement.judge_observation(observation, chosen, [setup.layout for setup in setups])))
     if not observation.boards():
@@ -104,7 +106,7 @@ def _all_steps(
     if _asked("press every triangle in turn, which finds out where it lies"):
         _step(report, "mapping", _mapped(source, setups, folder, stop))
     if not stop.is_set() and _asked("take the zero: lift both feet, and keep still"):
-        observation = steps.listen(source, setups, steps.ZERO_S, stop)
+        observation = _listen(source, setups, steps.ZERO_S, stop)
         setups, found = steps.take_zero(observation, setups)
         _step(report, "zero", found)
     if not stop.is_set():
@@ -117,8 +119,17 @@ def _all_steps(
         if not stop.is_set() and _asked(f"stand on the {setup.insole.foot} foot alone, for {steps.FORCE_S:g} s"):
             mass_kg = mass_kg or _mass()
             if mass_kg is not None:
-                observation = steps.listen(source, setups, steps.FORCE_S, stop)
+                observation = _listen(source, setups, steps.FORCE_S, stop)
                 _step(report, "force", [steps.stand_on_one_foot(observation, setups, at, mass_kg)])
+
+
+def _listen(
+    source: RecoveringSource, setups: Sequence[FootSetup], seconds: float, stop: threading.Event
+) -> Observation:
+    from ..bring_up import steps
+
+    with show_work("listening") as work:
+        return steps.listen(source, setups, seconds, stop, work.done)
 
 
 def _mapped(

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..config import DEFAULT_ENDPOINT
-from .options import Seconds, on_end
+from .options import Seconds, name_next, on_end
 from .view import DEFAULT_PORT
 
 if TYPE_CHECKING:
@@ -188,3 +188,4 @@ def _show(insole: Client, messages: Messages, config: Config, seconds: float | N
                     print(view.line(), flush=True)
     for view in views.values():
         print(f"{view.meta.foot}: {view.received} cycles seen, {view.lost} lost", file=sys.stderr)
+    name_next("insole demo again, and in another terminal: insole record walk-1 --remote --seconds 20")

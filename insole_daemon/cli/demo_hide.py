@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 
 from .diagnose import diagnosed
+from .options import name_next
 from .progress import show_work
 
 _PASSED_OVER = ("gain", "baseline")  # as the benchmark does: other effects bring them along, as warmth moves the rest
@@ -36,4 +37,5 @@ def hide_and_seek(word: str, seed: int | None) -> bool:
     named = next((each for each in words if each == word or each not in _PASSED_OVER), NOTHING)
     print(f"What was concealed: {hidden} (seed {drawn}); named first: {named}")
     print(f"insole: {time.monotonic() - began:.0f} s from start to report", file=sys.stderr)
+    name_next(f"open {out / 'report.html'}")
     return named == word

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .options import OneFoot, name_next
+from .options import Force, OneFoot, name_next
 from .progress import show_work
 from .recordings import load_recordings
 from .tables import fold
@@ -26,9 +26,7 @@ def diagnose(
     recordings: Annotated[list[Path], typer.Argument(help="Folders of recordings of one insole, explained together.")],
     out: Annotated[
         Path,
-        typer.Option(
-            "--out", help="Folder for diagnosis.json, model.json and report.html; it may not hold a diagnosis yet."
-        ),
+        typer.Option("--out", help="Folder for diagnosis.json, model.json and report.html."),
     ],
     calibration: Annotated[
         Path | None, typer.Option("--calibration", help="The static model that is asked about, if not the recording's.")
@@ -46,13 +44,18 @@ def diagnose(
         typer.Option("--verify", help="A recording that has no part in it, to tell the errors before and after on."),
     ] = None,
     foot: Annotated[OneFoot | None, typer.Option("--foot", help="Needed where the recordings have both.")] = None,
+    force: Force = False,
 ) -> None:
     """Say where recordings differ from their model, which physics was left out, and model it.
 
     Exit status: 0 no mismatch or explained, 1 partly explained or unexplained, 2 wrong usage, 3 not decidable from
     this data, 4 a recording was refused.
     """
-    raise typer.Exit(EXIT[diagnosed(recordings, out, calibration, simulation or (), verify, foot).verdict])
+    found = diagnosed(recordings, out, calibration, simulation or (), verify, foot, force)
+    report = out / "report.html"
+    model = f"insole validate OTHER-RECORDINGS --calibration {out / 'model.json'}"
+    name_next(f"open {report}" + (f"; then {model}" if found.findings else ""))
+    raise typer.Exit(EXIT[found.verdict])
 
 
 def diagnosed(
@@ -62,15 +65,18 @@ def diagnosed(
     simulations: Sequence[Path] = (),
     verify: Path | None = None,
     foot: OneFoot | None = None,
+    force: bool = False,
 ) -> Outcome:
     """What the command does, up to its exit status."""
     from ..diagnosis import verifying, writing
     from ..diagnosis.feet import choose
     from ..diagnosis.pipeline import diagnose
-    from ..files import write_text
+    from ..files import set_aside, write_text
     from ..physics import calibration as calibrations
 
-    writing.refuse_taken(out)
+    if not force:
+        writing.refuse_taken(out)
+    earlier = [out / name for name in (*writing.FILES, verifying.FILE)]
     loaded = load_recordings(recordings)
     simulated = load_recordings(simulations)
     new = None if verify is None else load_recordings([verify])[0]
@@ -84,7 +90,7 @@ def diagnosed(
     )
 
     stages = [*_READ * len(loaded), *_SEARCHED * len(loaded), *(_VERIFIED if new is not None else ())]
-    with show_work("diagnosing", stages) as work:
+    with set_aside(earlier), show_work("diagnosing", stages) as work:
         found = diagnose(loaded, model, work, simulated, asked)
         writing.write(found, out)
         if new is not None:
@@ -95,8 +101,6 @@ def diagnosed(
     if new is not None:
         unit = "counts" if verified.unit == "count" else verified.unit
         print(f"verified on {verified.recording}: {verified.before:.2f} → {verified.after:.2f} {unit}")
-    if found.findings:
-        name_next(f"insole validate OTHER-RECORDINGS --calibration {out}/model.json")
     return found
 
 

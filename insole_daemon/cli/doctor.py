@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from .options import ConfigFile
+from .options import ConfigFile, name_next
 from .tables import fold
 
 if TYPE_CHECKING:
@@ -25,14 +25,19 @@ def doctor(config: ConfigFile = None) -> None:
     from ..service.doctor import examine
 
     levels: list[str] = []
+    runs = False
     for finding in examine(config):
         sys.stdout.write(finding_lines(finding))
         sys.stdout.flush()
         levels.append(finding.level)
+        runs |= finding.subject == "daemon" and finding.level == "ok"
     problems, warnings = levels.count("problem"), levels.count("warning")
     print(f"{problems} problem{'s' * (problems != 1)}, {warnings} warning{'s' * (warnings != 1)}")
+    sys.stdout.flush()
     if problems:
+        name_next("what the arrows say, from above; then insole doctor")
         raise typer.Exit(1)
+    name_next("insole status" if runs else f"insole run{f' --config {config}' if config else ''}")
 
 
 def finding_lines(finding: CheckResult) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from contextlib import AbstractContextManager, nullcontext
 from enum import StrEnum
 from functools import partial
 from pathlib import Path
@@ -10,9 +11,11 @@ from typing import Annotated
 
 import typer
 
-from .options import Force, name_next, refuse_existing_file
+from .options import Force, name_next, refuse_existing_file, replace_folder
 from .progress import show_work
 from .recordings import load_recordings
+
+_EXPORTED = (".csv", ".parquet", "-layout.yaml")  # endings of the files in a folder
 
 
 class Form(StrEnum):
@@ -39,7 +42,6 @@ def export(
     from ..errors import FileError
     from ..recording import export_c3d, export_mcap, export_tables, foxglove
     from ..recording.quality import quality
-    from ..recording.writer import refuse_existing
 
     suffix = out.suffix.lower().removeprefix(".")
     form = to or (Form(suffix) if suffix in list(Form) else None)
@@ -48,12 +50,13 @@ def export(
             f"expected an OUT that ends in .csv, .npz, .mat, .mcap, .parquet or .c3d, or --to, found {out}"
         )
     if form is Form.parquet or (form is Form.csv and suffix != "csv"):
-        refuse_existing(out)  # a folder
+        replaced: AbstractContextManager[None] = replace_folder(out, force, _is_export)
     else:
         refuse_existing_file(out, force)
+        replaced = nullcontext()
     loaded = load_recordings([recording])[0]
     try:
-        with show_work(f"writing {out}") as work:
+        with replaced, show_work(f"writing {out}") as work:
             write = {
                 Form.csv: export_tables.export_wrenches
                 if suffix == "csv"
@@ -73,3 +76,9 @@ def export(
     if form is Form.mcap:
         print(f"insole: Foxglove: open {out}, then import the layout {foxglove.LAYOUT}", file=sys.stderr)
     name_next(f"the same in Python: insole_daemon.load({str(recording)!r})")
+
+
+def _is_export(folder: Path) -> bool:
+    """Whether `folder` holds nothing but what an export writes."""
+    names = [file.name for file in folder.iterdir()]
+    return all(name.startswith(("left", "right", "steps.")) and name.endswith(_EXPORTED) for name in names)

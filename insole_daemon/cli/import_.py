@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .options import OneFoot, name_next
+from .options import Force, OneFoot, is_repeatable, name_next, replace_folder
 from .progress import show_work
 from .recordings import load_recordings
 
@@ -24,7 +24,7 @@ def import_(
             "TRC, CSV, MF4."
         ),
     ],
-    out: Annotated[Path, typer.Argument(help="Folder of the recording; it must not exist yet.")],
+    out: Annotated[Path, typer.Argument(help="Folder of the recording.")],
     foot: Annotated[OneFoot | None, typer.Option("--foot", help="Of a table of counts: whose it is.")] = None,
     layout: Annotated[
         Path | None, typer.Option(help="Of a table of counts: insole-layout/1, whose order is that of the columns.")
@@ -32,6 +32,7 @@ def import_(
     config: Annotated[
         Path | None, typer.Option("--config", help="Of a CAN log: the config.yaml it was recorded with.")
     ] = None,
+    force: Force = False,
 ) -> None:
     """Make a recording of a file that another program wrote.
 
@@ -47,8 +48,8 @@ def import_(
     if own_layout is not None and side is None:
         side = own_layout.foot
     insoles = insoles_of(configs.load(config)) if config is not None else None
-    with show_work(f"importing {source}"):
-        import_recording(source, out, side, own_layout, insoles)
+    with replace_folder(out, force, is_repeatable), show_work(f"importing {source.name}") as work:
+        import_recording(source, out, side, own_layout, insoles, work.done)
     recording = load_recordings([out])[0]
     for each in recording.feet:
         print(f"{each.foot}: {len(each)} cycles, {len(each.layout)} triangles, {recording.kind}, in {out}")

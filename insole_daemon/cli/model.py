@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from ..config import DEFAULT_ENDPOINT
-from .options import Connect, RigName, Which, ZenohFile
+from .options import Connect, RigName, Which, ZenohFile, name_next
 from .tables import fold
 
 
@@ -38,6 +38,7 @@ def model(
         for name in feet:
             reply = insole.request(name, "model", do="tell" if switch is None else switch.value)
             print("\n".join(fold(line, 4) for line in report(reply)), flush=True)
+    name_next("insole view --open" if switch is not None else "insole model static, or dynamic: switches")
 
 
 def report(reply: dict[str, Any]) -> list[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import sys
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -23,7 +24,7 @@ ZenohFile = Annotated[
     Path | None, typer.Option("--zenoh-config", help="Zenoh's own configuration, with the certificate to show.")
 ]
 RigName = Annotated[str, typer.Option("--rig", help="Name of the rig, where one endpoint leads to several.")]
-Force = Annotated[bool, typer.Option("--force", help="Replace files that are already there.")]
+Force = Annotated[bool, typer.Option("--force", help="Replace what this command wrote there before.")]
 Seconds = Annotated[float | None, typer.Option("--seconds", min=0.1, help="End after this time.")]
 Scheduler = Annotated[
     str | None,
@@ -73,6 +74,39 @@ def refuse_existing_file(path: Path | None, force: bool) -> None:
         raise FileError(f"{path}: is already there; choose another name, or replace it with --force")
 
 
+def replace_folder(path: Path, force: bool, is_own: Callable[[Path], bool]) -> AbstractContextManager[None]:
+    """Return a context in which the folder `path` is free to be written.
+
+    Raises FileError where something is there and `force` is not given, or where `is_own` denies that a command that can
+    be repeated has written it. What was there comes back where the block fails.
+    """
+    from ..errors import FileError
+    from ..files import set_aside
+
+    if path.exists() and (not path.is_dir() or any(path.iterdir())):
+        if not force:
+            raise FileError(f"{path}: is already there; choose another name, or replace it with --force")
+        if not path.is_dir() or not is_own(path):
+            raise FileError(
+                f"{path}: --force replaces only what this command wrote before, and this is something else; "
+                "choose another name"
+            )
+    return set_aside([path])
+
+
+def is_repeatable(folder: Path) -> bool:
+    """Whether `folder` is a recording that was made of something else, simulated or imported: nobody measured it."""
+    from ..documents import Reading
+    from ..errors import DocumentError
+    from ..recording.document import FILE
+
+    try:
+        document = Reading(folder / FILE).document
+    except DocumentError:
+        return False
+    return isinstance(document, dict) and "source" in (document.get("extensions") or {})
+
+
 def write_whole(path: Path, text: str) -> None:
     """Write a file, all or nothing; FileError where it cannot be written."""
     from ..errors import FileError
@@ -94,7 +128,7 @@ def tls_of(ca: Path | None, cert: Path | None, key: Path | None) -> tuple[Path, 
 
 
 def name_next(command: str) -> None:
-    """Say which command a person may want next."""
+    """Say which command a person may want next: at the end, or at the begin of what runs until it is ended."""
     print(f"insole: next: {command}", file=sys.stderr)
 
 

@@ -4,20 +4,25 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import secrets
 import subprocess
 import sys
-from collections.abc import Iterator
+import tempfile
+from collections.abc import Callable, Iterator
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from .options import Scheduler, TlsCa, TlsCert, TlsKey, tls_of, write_whole
+from .options import Scheduler, TlsCa, TlsCert, TlsKey, name_next, tls_of, write_whole
+from .progress import show_work
 
 _TOOL = (sys.executable, "-c", "from insole_daemon.cli import main; main()", "diagnose", "{recording}", "{simulation}")
 _PREDICTOR = "insole_daemon.diagnosis.prediction:of_folder"
+_DONE = re.compile(rb"\r(\d+) of (\d+) \w+")  # what the benchmark says of itself
+_STAGES = (0.15, 0.75, 0.1)  # how long making, diagnosing and scoring take beside each other
 _COMPENSATOR = "insole_daemon.diagnosis.compensation:of_walk"
 
 
@@ -56,21 +61,28 @@ def prove(
     given, sealed, answers, tables = (out / name for name in ("cases", "sealed", "answers", "tables.md"))
     drawn = secrets.randbelow(2**31) if seed is None else seed
     tls = tls_of(tls_ca, tls_cert, tls_key)
-    with _workers(scheduler, jobs, tls) as workers:
+    made, diagnosed, _ = _STAGES
+    with _workers(scheduler, jobs, tls) as workers, show_work("proving", _STAGES) as work:
         out.mkdir(parents=True)
-        print(f"insole: {cases} cases of {suite.value}, seed {drawn}, into {out}", file=sys.stderr, flush=True)
+        work(f"{cases} cases of {suite.value}, seed {drawn}, into {out}")
         seal = _run(
-            "make", "--cases", cases, "--suite", suite.value, "--seed", drawn, "--out", given,
-            "--sealed", sealed, *workers,
+            lambda share: work.done(made * share), "make", "--cases", cases, "--suite", suite.value, "--seed", drawn,
+            "--out", given, "--sealed", sealed, *workers,
         ).strip()  # fmt: skip
         print(f"Seal: {seal}", flush=True)
-        _run("run", "--cases", given, "--answers", answers, *workers, "--", *_TOOL, "--out", "{out}")
-    scored = _run(
-        "score", "--sealed", sealed, "--answers", answers, "--seal", seal, "--predictor", _PREDICTOR,
-        "--compensator", _COMPENSATOR, "--json", out / "score.json",
-    )  # fmt: skip
+        work("diagnosing them")
+        _run(
+            lambda share: work.done(made + diagnosed * share), "run", "--cases", given, "--answers", answers,
+            *workers, "--", *_TOOL, "--out", "{out}",
+        )  # fmt: skip
+        work("scoring the answers")
+        scored = _run(
+            work.done, "score", "--sealed", sealed, "--answers", answers, "--seal", seal, "--predictor", _PREDICTOR,
+            "--compensator", _COMPENSATOR, "--json", out / "score.json",
+        )  # fmt: skip
     write_whole(tables, scored)
-    print(scored, end="")
+    print(scored, end="", flush=True)
+    name_next(f"open {tables}; the report of each case is in {answers}")
 
 
 @contextlib.contextmanager
@@ -102,13 +114,27 @@ def _benchmark() -> tuple[str, Path | None]:
     return "insole_blind", None
 
 
-def _run(program: str, *arguments: object) -> str:
-    """Run one program of the benchmark, show its progress, return its stdout. InsoleError where it fails."""
+def _run(done: Callable[[float], None], program: str, *arguments: object) -> str:
+    """Run one program of the benchmark and return its stdout; `done` is told the share. InsoleError where it fails."""
     from ..errors import InsoleError
 
     package, root = _benchmark()
     command = [sys.executable, "-m", package, program, *map(str, arguments)]
-    done = subprocess.run(command, cwd=root, stdout=subprocess.PIPE, text=True)
-    if done.returncode:
-        raise InsoleError(f"{' '.join(command[1:4])} … ended with status {done.returncode}: see what it said above")
-    return done.stdout
+    with tempfile.TemporaryFile("w+") as printed:
+        with subprocess.Popen(command, cwd=root, stdout=printed, stderr=subprocess.PIPE) as process:
+            assert process.stderr is not None
+            _follow(process.stderr.fileno(), done)
+        if process.returncode:
+            raise InsoleError(
+                f"{' '.join(command[1:4])} … ended with status {process.returncode}: see what it said above"
+            )
+        printed.seek(0)
+        return printed.read()
+
+
+def _follow(said: int, done: Callable[[float], None]) -> None:
+    """Tell `done` of the progress in what a program writes into the pipe `said`; the rest goes to stderr."""
+    while text := os.read(said, 1 << 16):
+        for count, whole in _DONE.findall(text):
+            done(int(count) / int(whole))
+        sys.stderr.write(_DONE.sub(b"", text).lstrip(b"\n").decode(errors="replace"))

@@ -9,7 +9,8 @@ from typing import Annotated
 
 import typer
 
-from .options import BusName, on_end
+from .options import BusName, name_next, on_end
+from .progress import show_work
 
 
 def replay(
@@ -29,9 +30,10 @@ def replay(
     stop = threading.Event()
     on_end(stop.set)
     played = Played()
-    with open_sink(bus) as sink:
+    with open_sink(bus) as sink, show_work(f"sending {log.name}") as work:
         while not stop.is_set():
-            play(log, sink, speed, stop, played)
+            play(log, sink, speed, stop, played, work.done)
             if not loop:
                 break
     print(f"insole: {played.words}", file=sys.stderr)
+    name_next("insole status, while a daemon reads that bus")

@@ -7,7 +7,7 @@ import logging
 import signal
 import sys
 
-from .options import ConfigFile, on_end
+from .options import ConfigFile, name_next, on_end
 
 
 def run(config: ConfigFile = None) -> None:
@@ -36,4 +36,9 @@ def run(config: ConfigFile = None) -> None:
         on_end(daemon.stop)
         signal.signal(signal.SIGHUP, lambda *_: daemon.reload())
         where = ", ".join(map(str, settings.buses))
-        daemon.run(lambda: print(f"insole: reading {where}, rig {settings.rig}", file=sys.stderr, flush=True))
+
+        def ready() -> None:
+            print(f"insole: reading {where}, rig {settings.rig}", file=sys.stderr, flush=True)
+            name_next("insole status, or insole view --open, in another terminal")
+
+        daemon.run(ready)

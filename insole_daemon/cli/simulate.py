@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .options import ConfigFile, OptionalBusName, Seconds, name_next, on_end
+from .options import ConfigFile, Force, OptionalBusName, Seconds, is_repeatable, name_next, on_end, replace_folder
 from .progress import show_work
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ def simulate(
         ),
     ] = ScenarioName.walk,
     bus: OptionalBusName = None,
-    out: Annotated[Path | None, typer.Option("--out", help="Folder of the recording; it must not exist yet.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", help="Folder of the recording.")] = None,
     effects: Annotated[
         Path | None, typer.Option("--effects", help="insole-effects/1: physics of the sensors beyond a static curve.")
     ] = None,
@@ -57,6 +57,7 @@ def simulate(
     config: ConfigFile = None,
     seconds: Seconds = None,
     seed: Annotated[int, typer.Option(min=0, help="Of every random draw: same seed, same insole, same frames.")] = 0,
+    force: Force = False,
 ) -> None:
     """Simulate insoles: their boards live on a bus, where they obey commands, or a trial as a recording."""
     if (bus is None) == (out is None):
@@ -72,7 +73,7 @@ def simulate(
     chosen = conditions.load(trial_file) if trial_file is not None else None
     trial = Trial(scenario.value, settings, layouts, effects=physics, conditions=chosen, seed=seed)
     if out is not None:
-        with show_work(f"simulating {scenario.value}") as work:
+        with replace_folder(out, force, is_repeatable), show_work(f"simulating {scenario.value}") as work:
             path = trial.write(out, seconds, work.done)
         print(f"insole: {scenario.value} ({trial.scenario.about}) written into {path}", file=sys.stderr)
         name_next(f"insole report {path}")
@@ -95,6 +96,7 @@ def _play(trial: Trial, bus: Bus, seconds: float | None) -> None:
 
     try:
         print(f"insole: {trial.scenario.about}, on {bus}", file=sys.stderr, flush=True)
+        name_next("insole run, on the same bus, in another terminal")
         sent = trial.emulator.play(sink.send, stop, seconds, received)
     finally:
         source.close()

@@ -7,7 +7,7 @@ import threading
 from typing import TYPE_CHECKING
 
 from ..config import DEFAULT_ENDPOINT
-from .options import Connect, RigName, ZenohFile
+from .options import Connect, RigName, ZenohFile, name_next
 from .tables import fold
 
 if TYPE_CHECKING:
@@ -37,8 +37,13 @@ def status(rig: RigName = "*", connect: Connect = DEFAULT_ENDPOINT, zenoh_config
         end.start()
         found = {each: next(messages, None) for each, messages in healths.items()}
         end.cancel()
+        wrong = False
         for name, foot in feet:
-            sys.stdout.write(_screen(name, foot, found[name, foot], insole.meta(foot, name)))
+            health, meta = found[name, foot], insole.meta(foot, name)
+            sys.stdout.write(_screen(name, foot, health, meta))
+            wrong |= health is None or bool(_wrong(health, meta))
+        sys.stdout.flush()
+    name_next("insole doctor" if wrong else "insole record walk-1 --remote, or insole view --open")
 
 
 def _screen(rig: str, foot: str, health: Health | None, meta: Meta) -> str:

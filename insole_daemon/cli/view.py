@@ -12,7 +12,7 @@ from typing import Annotated
 import typer
 
 from ..config import DEFAULT_ENDPOINT
-from .options import Connect, RigName, ZenohFile
+from .options import Connect, RigName, ZenohFile, name_next
 
 DEFAULT_PORT = 8080
 
@@ -63,6 +63,7 @@ def view(
 
         def ready() -> None:
             print(f"insole: the page is on {address} ; Ctrl-C ends", file=sys.stderr, flush=True)
+            name_next("Record on the page, then: insole report")
             if open_:
                 webbrowser.open(address)
 

@@ -11,7 +11,8 @@ import typer
 
 from ..config import DEFAULT_ENDPOINT
 from ..wire.keys import ROOT
-from .options import Connect, ZenohFile, on_end
+from .options import Connect, ZenohFile, name_next, on_end
+from .tables import fold
 
 
 def watch(
@@ -32,13 +33,14 @@ def watch(
         messages = insole.messages(key)
         on_end(messages.close)
         for number, message in enumerate(messages, 1):
-            line = _json(message) if as_json else _text(message)
+            line = _json(message) if as_json else fold(_text(message), 4)
             sys.stdout.write(line + "\n")
             sys.stdout.flush()
             if number == count:
                 break
         if messages.refused:
             print(f"insole: {messages.refused} payloads were not what their key says", file=sys.stderr)
+    name_next("insole record walk-1 --remote")
 
 
 def _json(message: Any) -> str:

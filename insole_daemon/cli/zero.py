@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import sys
 import threading
-from concurrent.futures import ThreadPoolExecutor, as_completed
+import time
+from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import wait as wait_for
 from typing import Annotated, Any
 
 import typer
 
 from ..config import DEFAULT_ENDPOINT
-from .options import Connect, RigName, Which, ZenohFile
+from .options import Connect, RigName, Which, ZenohFile, name_next
+from .progress import show_work
 from .tables import fold
 
 _COUNTDOWN_S = 3
+_LOOK_S = 0.2
 _PRESSURE_TAXELS = 10  # of a triangle; the geometry would be imported with numpy
 _PARTS_SHOWN = 12
 
@@ -49,12 +53,18 @@ def zero(
         refused = False
         with ThreadPoolExecutor(len(feet)) as pool:
             jobs = [pool.submit(insole.request, name, "zero", seconds=seconds, force=force) for name in feet]
-            for job in as_completed(jobs):
+            with show_work("averaging") as work:
+                began_s = time.monotonic()
+                while wait_for(jobs, _LOOK_S).not_done:
+                    work.done(min((time.monotonic() - began_s) / seconds, 1.0))
+            for job in jobs:
                 reply = job.result()
                 refused |= not reply["ok"]
                 print("\n".join(fold(line, 4) for line in report(reply)), flush=True)
     if refused:
+        name_next("insole zero, with the foot in the air")
         raise typer.Exit(1)
+    name_next("insole record walk-1 --remote, or insole view --open")
 
 
 def report(reply: dict[str, Any]) -> list[str]:
@@ -96,4 +106,4 @@ def _names(taxels: list[list[int]]) -> str:
 
 
 def _say(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)
+    print(fold(text, 4), file=sys.stderr, flush=True)

@@ -21,7 +21,9 @@ def refuse_taken(out: Path) -> None:
         raise FileError(f"{out}: expected a folder, or nothing yet, found a file")
     there = [name for name in FILES if (out / name).exists()]
     if there:
-        raise FileError(f"{out}: there is a diagnosis already ({', '.join(there)}): name another folder")
+        raise FileError(
+            f"{out}: a diagnosis is already there ({', '.join(there)}); choose another name, or replace it with --force"
+        )
 
 
 def write(diagnosis: Diagnosis, out: Path) -> None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+import os
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -30,10 +31,12 @@ def import_candump(source: Path, out: Path, insoles: Sequence[InsoleContents] | 
     return write(out, kind="free", can_origin="recorded", insoles=chosen, log=source, source=source.name)
 
 
-def import_can(source: Path, out: Path, insoles: Sequence[InsoleContents] | None) -> Path:
+def import_can(
+    source: Path, out: Path, insoles: Sequence[InsoleContents] | None, progress: Callable[[float], None]
+) -> Path:
     """Write the recording `out` of a log that python-can reads; FileError where it cannot."""
     names: list[str] = []
-    batches = list(_batches(source, names))
+    batches = list(_batches(source, names, progress))
     if not batches:
         raise FileError(f"{source}: expected a CAN log, found no frame in it")
     chosen = list(insoles) if insoles is not None else unknown_insoles(source, _seen(batches))
@@ -69,7 +72,7 @@ def _seen(batches: Iterable[FrameBatch]) -> set[int]:
     return seen
 
 
-def _batches(source: Path, names: list[str]) -> Iterator[FrameBatch]:
+def _batches(source: Path, names: list[str], progress: Callable[[float], None]) -> Iterator[FrameBatch]:
     """The frames in portions; `names` fills up with the interfaces as they appear."""
     import can
 
@@ -81,6 +84,7 @@ def _batches(source: Path, names: list[str]) -> Iterator[FrameBatch]:
                 if len(rows) == _AT_ONCE:
                     yield _batch(source, rows, names)
                     rows = []
+                    progress(_share_read(reader))
             if rows:
                 yield _batch(source, rows, names)
     except FileError:
@@ -90,6 +94,15 @@ def _batches(source: Path, names: list[str]) -> Iterator[FrameBatch]:
             f"{source}: expected a log that python-can reads ({', '.join(SUFFIXES)}, candump), found that it cannot: "
             f"{type(error).__name__}: {error}"
         ) from error
+
+
+def _share_read(reader: Any) -> float:
+    """How much of its file a reader of python-can has read, by the position in it; 0 where it does not say."""
+    try:
+        descriptor = reader.file.fileno()
+        return os.lseek(descriptor, 0, os.SEEK_CUR) / os.fstat(descriptor).st_size
+    except (AttributeError, OSError):
+        return 0.0
 
 
 def _batch(source: Path, messages: Sequence[Any], names: list[str]) -> FrameBatch:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from ..config import Foot
@@ -20,11 +20,17 @@ HEAD_BYTES = 64  # by which formats are told apart
 
 
 def import_recording(
-    source: Path, out: Path, foot: Foot | None, layout: Layout | None, insoles: Sequence[InsoleContents] | None
+    source: Path,
+    out: Path,
+    foot: Foot | None,
+    layout: Layout | None,
+    insoles: Sequence[InsoleContents] | None,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> Path:
     """Write the recording `out` of whatever `source` is; FileError where it is nothing known.
 
-    `foot` and `layout` are those of tables of counts, `insoles` of CAN logs.
+    `foot` and `layout` are those of tables of counts, `insoles` of CAN logs. `progress` is told the share that is read
+    of a log that python-can reads: nothing else takes long.
     """
     if not source.exists():
         raise FileError(f"{source}: is not there: expected a file to import; check the path")
@@ -36,7 +42,7 @@ def import_recording(
     if suffix == ".mat":
         return import_matlab(source, out, _of(foot, source), layout)
     if suffix in SUFFIXES or (suffix == ".gz" and Path(source.stem).suffix.lower() in SUFFIXES):
-        return import_can(source, out, insoles)
+        return import_can(source, out, insoles, progress)
     if source.is_dir() or head[:1].isdigit():
         return import_yarp(source, out, foot, layout)
     return import_candump(source, out, insoles)

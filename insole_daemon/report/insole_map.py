@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ..skin import geometry
 from ..skin.layout import Layout
 from .colours import category, magnitude
+from .foot_outline import foot_outline_mm
 
 Array = NDArray[np.float64]
 
@@ -21,22 +22,15 @@ _STEPS = 24  # of the scale beside it
 _FEW = 24  # taxels of one word: more are an area, in which letters cover each other
 
 
-def value_map(
-    layout: Layout, values: Array, label: str, title: str, from_zero: bool = False, highest: float | None = None
-) -> str:
-    """SVG of values (n_triangles · 12,), NaN left empty; the scale runs over the middle 96 % of them, or from 0 on.
+def value_map(layout: Layout, values: Array, label: str, title: str, highest: float | None = None) -> str:
+    """SVG of values (n_triangles · 12,) ≥ 0, NaN left empty; the scale begins at 0 and ends above 98 % of them.
 
     `highest` is the upper end of the scale, where several maps share one.
     """
     known = values[np.isfinite(values)]
-    low, high = np.percentile(known, (2, 98)).tolist() if len(known) else (0.0, 1.0)
-    if from_zero:
-        low = 0.0
-    if highest is not None:
-        high = highest
-    if not high > low:
-        high = low + (abs(low) or 1.0)
-    colours = [magnitude((v - low) / (high - low)) if np.isfinite(v) else None for v in values.tolist()]
+    high = (float(np.percentile(known, 98)) if len(known) else 1.0) if highest is None else highest
+    high = high if high > 0 else 1.0
+    colours = [magnitude(v / high) if np.isfinite(v) else None for v in values.tolist()]
     marks, width, height = _taxels(layout, colours)
     top, tall = _EDGE + 14, height - 2 * _EDGE - 28
     steps = [
@@ -46,7 +40,7 @@ def value_map(
     ]
     ends = [
         f'<text x="{width + 18}" y="{y:.0f}" class="tick">{value:.3g}</text>'
-        for value, y in ((high, top + 5), ((low + high) / 2, top + tall / 2 + 4), (low, top + tall + 4))
+        for value, y in ((high, top + 5), (high / 2, top + tall / 2 + 4), (0.0, top + tall + 4))
     ]
     unit = f'<text x="{width}" y="{_EDGE + 4}">{escape(label)}</text>'
     return _svg(title, width + _BAR, height, [*marks, *steps, *ends, unit])
@@ -89,17 +83,17 @@ def _colour(at: int) -> str:
 def _taxels(
     layout: Layout, colours: list[str | None], letters: list[str] | None = None
 ) -> tuple[list[str], float, float]:
-    """Marks of triangles and taxels, and how wide and high they are."""
-    outlines = outlines_mm(layout)
-    low, high = outlines.min(axis=(0, 1)), outlines.max(axis=(0, 1))
+    """Marks of the foot, its triangles and taxels, and how wide and high they are."""
+    outlines, foot = outlines_mm(layout), foot_outline_mm(layout.xy_m.reshape(-1, 2) * 1e3)
+    low, high = foot.min(axis=0), foot.max(axis=0)
 
     def placed(xy_mm: Array) -> Array:
         """(…, 2) pixels: x forward is up, y to the wearer's left is left."""
         return np.stack([(high[1] - xy_mm[..., 1]), (high[0] - xy_mm[..., 0])], axis=-1) * _PER_MM + _EDGE
 
-    marks = []
+    marks = [f'<path d="M{_points(placed(foot))}Z" class="frame"><title>{layout.foot} foot</title></path>']
     for triangle, corners in zip(layout.triangles, placed(outlines), strict=True):
-        points = " ".join(f"{u:.1f},{v:.1f}" for u, v in corners)
+        points = _points(corners)
         name = f"board {triangle.board}, triangle {triangle.triangle}"
         marks.append(f'<polygon points="{points}" class="frame"><title>{name}</title></polygon>')
     pressure = np.tile(geometry.PRESSURE_TAXELS, len(layout))
@@ -113,6 +107,10 @@ def _taxels(
             marks.append(f'<text x="{u + 6:.1f}" y="{v + 3:.1f}" class="tick">{letters[slot]}</text>')
     width, height = ((high - low)[::-1] * _PER_MM + 2 * _EDGE).tolist()
     return marks, width, height
+
+
+def _points(corners: Array) -> str:
+    return " ".join(f"{u:.1f},{v:.1f}" for u, v in corners.tolist())
 
 
 def _svg(title: str, width: float, height: float, marks: list[str]) -> str:

@@ -16,6 +16,7 @@ from ..recording.derived import events
 from ..recording.loading import FootRecording, Recording
 from ..recording.quality import quality
 from ..recording.steps import gait_events
+from ..report.foot_outline import foot_outline_mm
 from ..report.insole_map import outlines_mm, value_map
 from ..report.page import facts, figure, insole_label, page, paragraph, row, section, table
 from ..report.plot import WHOLE_WIDTH, WIDTH, Axis, Plot, axis
@@ -126,7 +127,7 @@ def _values_kpa(foot: FootRecording, words: str) -> _Array:
 
 def _map(foot: FootRecording, values: _Array, words: str, highest: float) -> str:
     title = f"{words} pressure of every taxel, {foot.foot} foot"
-    drawn = value_map(foot.layout, values.ravel(), "kPa", title, from_zero=True, highest=highest)
+    drawn = value_map(foot.layout, values.ravel(), "kPa", title, highest)
     return figure(drawn, f"{title}; empty: never valid")
 
 
@@ -167,7 +168,7 @@ def _course(
         lines.append((_seconds(foot, start_ns), getattr(foot.wrench, name), _COLOURS[foot.foot], foot.foot))
     inside = [(x >= begin_s) & (x <= end_s) for x, _, _, _ in lines]
     plot = Plot(
-        Axis("s", begin_s, end_s),
+        Axis("time, s", begin_s, end_s),
         axis(label, *(y[keep] for (_, y, _, _), keep in zip(lines, inside, strict=True))),
         width,
     )
@@ -187,18 +188,19 @@ def _reference(foot: FootRecording, name: str) -> tuple[_Array, _Array] | None:
 
 
 def _centres(feet: Sequence[FootRecording]) -> str:
-    """Where the centre of pressure went on the triangles, toes up."""
+    """Where the centre of pressure went on the foot and its triangles, toes up."""
     drawn = []
     for foot in feet:
         assert foot.wrench is not None
         x_mm, y_mm = 1e3 * foot.wrench.cop_x_m, 1e3 * foot.wrench.cop_y_m
         if not np.isfinite(x_mm).any():
             continue
-        outlines = outlines_mm(foot.layout)
-        forward_mm, right_mm = outlines[..., 0], -outlines[..., 1]
-        plot = Plot.to_scale(axis("to the wearer's right, mm", right_mm), axis("forward, mm", forward_mm), height=620)
-        for triangle in outlines:
-            plot.outline(-triangle[:, 1], triangle[:, 0])
+        outline = foot_outline_mm(foot.layout.xy_m.reshape(-1, 2) * 1e3)
+        plot = Plot.to_scale(
+            axis("to the wearer's right, mm", -outline[:, 1]), axis("forward, mm", outline[:, 0]), height=620
+        )
+        for shape in (outline, *outlines_mm(foot.layout)):
+            plot.outline(-shape[:, 1], shape[:, 0])
         plot.line(-y_mm, x_mm, _COLOURS[foot.foot], faint=True)
         title = f"centre of pressure, {foot.foot} foot"
         drawn.append(figure(plot.svg(title), title))
@@ -243,7 +245,7 @@ def _health(feet: Sequence[FootRecording], start_ns: int) -> str:
     """How much of the insole was valid, and what happened to the boards."""
     shares = [foot.valid.sum(axis=(1, 2)) / (10 * len(foot.layout)) * 100.0 for foot in feet]
     last_s = max(float(foot.t_ns[-1] - start_ns) * 1e-9 for foot in feet)
-    plot = Plot(Axis("s", 0.0, last_s), Axis("valid taxels, %", 0.0, 104.0), WHOLE_WIDTH, 180)
+    plot = Plot(Axis("time, s", 0.0, last_s), Axis("valid taxels, %", 0.0, 104.0), WHOLE_WIDTH, 180)
     for foot, share in zip(feet, shares, strict=True):
         plot.line(_seconds(foot, start_ns), share, _COLOURS[foot.foot], foot.foot)
     happened = sorted((t_ns, foot.foot, event["text"]) for foot in feet for t_ns, event in events(foot))

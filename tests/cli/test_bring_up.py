@@ -20,6 +20,7 @@ from .test_map import TEMPLATES, Finger, Source
 
 CONFIG = Config()
 RECORDED_S = 4.0  # instead of a minute
+GENERATIONS = pytest.mark.parametrize("generation", ["mtb3", "mtb4"])
 STAND_PA = 75e3  # on every taxel of one foot: some 700 N
 
 
@@ -40,10 +41,15 @@ class Person(Finger):
 
 @pytest.fixture
 def set_up(monkeypatch, tmp_path):
-    """Call it with the layouts as the insoles are really wired, and how the boards are; runs bring-up to its end."""
+    """Call it with the layouts as the insoles are really wired, and how the boards are; runs bring-up to its end.
+
+    `steps` are words of the questions that the person says yes to.
+    """
     monkeypatch.chdir(tmp_path)
 
-    def run(truth=TEMPLATES, played=CONFIG, generation="mtb4", **boards) -> tuple[int, str]:
+    def run(
+        truth=TEMPLATES, played=CONFIG, generation="mtb4", config=None, steps="press|zero|stand", **boards
+    ) -> tuple[int, str]:
         person = Person(truth)
         source = Source(Emulator(played, truth, person, generation=generation, **boards).run(0))
         places = {}
@@ -61,7 +67,7 @@ def set_up(monkeypatch, tmp_path):
         def asked(what: str) -> bool:
             stands = re.search(r"stand on the (\w+) foot", what)
             person.stands_on = stands[1] if stands else ""
-            return True
+            return re.search(steps, what) is not None
 
         monkeypatch.setattr(mapping, "_say", listen)
         monkeypatch.setattr(verb, "_asked", asked)
@@ -75,12 +81,26 @@ def set_up(monkeypatch, tmp_path):
         monkeypatch.setattr(run, "took_s", lambda: source.clock_ns() * 1e-9, raising=False)
         status = 0
         try:
-            verb.bring_up(None, verb.Which.both, tmp_path / "out", 70.0, RECORDED_S)
+            verb.bring_up(config, verb.Which.both, tmp_path / "out", 70.0, RECORDED_S)
         except typer.Exit as end:
             status = end.exit_code
         return status, (tmp_path / "out" / "report.md").read_text()
 
     return run
+
+
+@pytest.fixture
+def few_triangles(tmp_path):
+    """A configuration whose layouts have three triangles of every patch: a person presses those alone."""
+    lines = ["format: insole-config/1", "buses: [socketcan:can0]", "insoles:"]
+    for insole, layout in zip(CONFIG.insoles, TEMPLATES, strict=True):
+        seen = {t.patch: [each for each in layout.triangles if each.patch == t.patch] for t in layout.triangles}
+        few = tuple(t for own in seen.values() for t in own[:3])
+        layouts.write(tmp_path / f"few-{insole.foot}.yaml", dataclasses.replace(layout, triangles=few), "")
+        lines += [f"  - foot: {insole.foot}", f"    layout: few-{insole.foot}.yaml", "    boards:"]
+        lines += [f"      - {{address: {board.address}, interface: can0}}" for board in insole.boards]
+    (tmp_path / "config.yaml").write_text("\n".join(lines) + "\n")
+    return tmp_path / "config.yaml"
 
 
 def rewired(foot_boards: dict[str, dict[int, int]]) -> list[layouts.Layout]:
@@ -112,25 +132,30 @@ def test_a_right_set_up_passes_every_step_within_5_minutes_and_leaves_a_report(s
     assert (tmp_path / "out" / "left-layout.yaml").exists()
 
 
-def test_swapped_patches_are_named(set_up):
-    status, report = set_up(rewired({"left": {5: 7, 7: 5}, "right": {}}))
+@GENERATIONS
+def test_swapped_patches_are_named(generation, set_up, few_triangles):
+    wired = rewired({"left": {5: 7, 7: 5}, "right": {}})
+    status, report = set_up(wired, generation=generation, config=few_triangles, steps="press")
     assert status == 1
     assert re.search(r"problem: left foot: patches are swapped: at the \w+ patch board \d answers", report)
     assert "layout: left-layout.yaml" in report
 
 
-def test_left_and_right_exchanged_are_named(set_up):
+@GENERATIONS
+def test_left_and_right_exchanged_are_named(generation, set_up, few_triangles):
     exchanged = {"left": {5: 8, 6: 9, 7: 10}, "right": {8: 5, 9: 6, 10: 7}}
     left, right = CONFIG.insoles
     wired = (dataclasses.replace(left, boards=right.boards), dataclasses.replace(right, boards=left.boards))
-    status, report = set_up(rewired(exchanged), dataclasses.replace(CONFIG, insoles=wired))
+    played = dataclasses.replace(CONFIG, insoles=wired)
+    status, report = set_up(rewired(exchanged), played, generation, few_triangles, steps="press")
     assert status == 1
     assert "swapped: board 8 lies in the left foot, the configuration gives it to the right foot" in report
     assert "plug the insoles the other way round" in report
 
 
-def test_boards_that_do_not_start_end_the_session_after_the_first_step(set_up):
-    status, report = set_up(streaming=False)
+@GENERATIONS
+def test_boards_that_do_not_start_end_the_session_after_the_first_step(generation, set_up):
+    status, report = set_up(generation=generation, streaming=False)
     assert status == 1
     assert "nothing was sent" in report
     assert "Not done: no board sends." in report

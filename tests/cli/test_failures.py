@@ -165,6 +165,8 @@ EXISTING = {
     "calibrate --report": ("calibrate", "chamber", "--out", "new.json", "--report", "taken.html"),
     "validate": ("validate", "walk", "--calibration", "walk/calibration.json", "--json", "taken.json"),
     "export": ("export", "walk", "taken.npz"),
+    "export folder": ("export", "walk", "taken", "--to", "csv"),
+    "diagnose": ("diagnose", "chamber", "--out", "taken-diagnosis"),
     "record": ("record", "taken", "--config", "left.yaml", "--foot", "left"),
     "simulate": ("simulate", "t1", "--out", "taken"),
     "import": ("import", "walk/can.log", "taken", "--config", "left.yaml"),
@@ -175,8 +177,11 @@ EXISTING = {
 @pytest.mark.parametrize("verb", EXISTING)
 def test_what_is_there_already_is_not_overwritten(verb, given, monkeypatch, capsys):
     monkeypatch.chdir(given)
-    (given / "taken").mkdir(exist_ok=True)
-    files = ["taken.html", "taken.json", "taken.npz", "taken/file", "taken/left-layout.yaml"]
+    for folder in ("taken", "taken-diagnosis"):
+        (given / folder).mkdir(exist_ok=True)
+    files = [
+        "taken.html", "taken.json", "taken.npz", "taken/file", "taken/left-layout.yaml", "taken-diagnosis/model.json",
+    ]  # fmt: skip
     for name in files:
         (given / name).write_text("mine")
     status, said = insole(monkeypatch, capsys, *EXISTING[verb])
@@ -192,6 +197,42 @@ FORCED = {
     "report": (("report", "walk", "--out", "{out}"), "taken.html", b"<!doctype html>"),
     "export": (("export", "walk", "{out}"), "taken.csv", b"time_s,foot,f_z_n"),
 }
+FOLDERS = {  # what is made a second time, and a file of it
+    "simulate": (("simulate", "stand", "--seconds", "0.5", "--out", "{out}"), "recording.yaml"),
+    "import": (("import", "walk/can.log", "{out}", "--config", "left.yaml"), "recording.yaml"),
+    "export": (("export", "walk", "{out}", "--to", "csv"), "steps.csv"),
+}
+
+
+@pytest.mark.parametrize("verb", FOLDERS)
+def test_force_replaces_a_folder_that_the_command_made_and_no_other(verb, given, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(given)
+    arguments, name = FOLDERS[verb]
+    made, others = tmp_path / "made", tmp_path / "others"
+    again = [word.format(out=made) for word in arguments]
+    assert insole(monkeypatch, capsys, *again)[0] == 0
+    before = (made / name).stat().st_ino
+    assert insole(monkeypatch, capsys, *again)[0] == REFUSED
+    assert insole(monkeypatch, capsys, *again, "--force")[0] == 0
+    assert (made / name).stat().st_ino != before
+    others.mkdir()
+    (others / "letter.txt").write_text("mine")
+    status, said = insole(monkeypatch, capsys, *(word.format(out=others) for word in arguments), "--force")
+    assert status == REFUSED
+    assert "replaces only what this command wrote" in said
+    assert (others / "letter.txt").read_text() == "mine"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["made", "others"]
+
+
+def test_what_force_takes_away_comes_back_where_the_new_one_fails(given, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(given)
+    out = tmp_path / "made"
+    assert insole(monkeypatch, capsys, "simulate", "stand", "--seconds", "0.5", "--out", out)[0] == 0
+    before = {path.name: path.read_bytes() for path in out.iterdir()}
+    status, _ = insole(monkeypatch, capsys, "import", "bytes", out, "--foot", "left", "--force")
+    assert status == REFUSED
+    assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+    assert [path.name for path in tmp_path.iterdir()] == ["made"]
 
 
 @pytest.mark.parametrize("verb", FORCED)

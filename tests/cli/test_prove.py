@@ -67,7 +67,7 @@ def test_without_a_checkout_the_benchmark_of_the_wheel_runs(tmp_path, monkeypatc
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     monkeypatch.chdir(tmp_path)
     assert prove._benchmark() == ("insole_blind", None)
-    assert "--sealed" in prove._run("make", "--help")
+    assert "--sealed" in prove._run(lambda share: None, "make", "--help")
 
 
 def test_the_wheel_is_built_with_the_benchmark():

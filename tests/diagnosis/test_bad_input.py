@@ -134,7 +134,7 @@ def test_a_folder_that_holds_a_diagnosis(tmp_path):
     out.mkdir()
     (out / "report.html").write_text("mine")
     done = CliRunner().invoke(app, ["diagnose", str(folder), "--out", str(out)])
-    assert "there is a diagnosis already (report.html)" in str(done.exception)
+    assert "a diagnosis is already there (report.html)" in str(done.exception)
     assert (out / "report.html").read_text() == "mine"
 
 

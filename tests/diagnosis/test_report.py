@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 import typer
 
@@ -58,6 +59,29 @@ def test_it_says_what_to_do_now_and_of_which_insole_it_is(diagnosed):
     assert "The model beside this page undoes viscoelasticity" in page
     assert "insole validate OTHER-RECORDING --calibration model.json" in page
     assert "left: boards 5, 6, 7; calibration" in page
+
+
+def test_errors_in_counts_stand_beside_kpa_and_n_by_the_calibration(diagnosed):
+    page = html(diagnosed)
+    (result,) = diagnosed.results
+    seen = result.seen
+    errors = re.findall(r"<b>([\d.]+) counts, ([\d.]+) kPa</b>", page)
+    assert [float(counts) for counts, _ in errors] == [
+        round(diagnosed.heldout[k], 1) for k in ("before", "after", "floor")
+    ]
+    # A taxel of these tests reads 1.6e-4 counts a pascal at first, and less the more it is loaded.
+    slopes_kpa = [
+        float(kpa) / diagnosed.heldout[k] for (_, kpa), k in zip(errors, ("before", "after", "floor"), strict=True)
+    ]
+    low, high = np.percentile(seen.slope_pa[:, seen.usable], (1, 99)) * 1e-3
+    assert 5.5 < low < high < 20.0
+    assert all(low < slope < high for slope in slopes_kpa)
+    before_n, after_n = map(float, re.findall(r"<b>([\d.]+) → ([\d.]+) N</b>", page)[0])
+    # The six triangles' taxels, of which two boards have no effect: a third of a reading's error, of the whole area.
+    area_m2 = seen.usable.sum() * seen.layout.taxel_area_m2
+    assert 0.1 < before_n / (float(errors[0][1]) * 1e3 * area_m2) < 1.0
+    assert after_n < before_n / 2
+    assert "error before and after in kPa" in page
 
 
 def test_every_remedy_is_of_a_word_and_a_command_that_exist():

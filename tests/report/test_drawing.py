@@ -10,6 +10,7 @@ import pytest
 
 from insole_daemon.report import page
 from insole_daemon.report.colours import magnitude
+from insole_daemon.report.foot_outline import foot_outline_mm
 from insole_daemon.report.insole_map import value_map, word_map
 from insole_daemon.report.plot import Axis, Plot, axis
 from insole_daemon.skin.layout import builtin
@@ -128,6 +129,30 @@ def test_a_map_shows_pressure_taxels_toes_up() -> None:
     heights = np.array([float(c.attrib["cy"]) for c in circles])
     x_m = LAYOUT.xy_m[:, [0, 1, 2, 3, 4, 5, 7, 8, 9, 11], 0].ravel()
     assert np.corrcoef(heights, x_m)[0, 1] < -0.999
+
+
+@pytest.mark.parametrize("foot", ["left", "right"])
+def test_the_outline_of_a_foot_is_around_its_taxels_and_is_one_line(foot) -> None:
+    layout = builtin(foot, (5, 6, 7))
+    xy_mm = layout.xy_m.reshape(-1, 2) * 1e3
+    line = foot_outline_mm(xy_mm)
+    steps = np.diff(line, axis=0, append=line[:1])
+    assert np.linalg.norm(steps, axis=1).max() < 5.0, "closed"
+    ahead = xy_mm[:, None] - line
+    turned = np.arctan2(ahead[..., 0], ahead[..., 1])
+    winding = np.sum((np.diff(turned, axis=1, append=turned[:, :1]) + np.pi) % (2 * np.pi) - np.pi, axis=1)
+    assert np.allclose(np.abs(winding), 2 * np.pi), "every taxel lies inside"
+    assert np.linalg.norm(ahead, axis=-1).min(axis=0).max() < 40.0, "near to them, also where patches leave gaps"
+    drawn = ElementTree.fromstring(value_map(layout, np.zeros(len(layout) * 12), "kPa", "map"))
+    assert len([p for p in drawn.iter(f"{SVG}path") if p.attrib.get("class") == "frame"]) == 1
+
+
+def test_maps_of_one_scale_begin_at_zero_and_end_alike() -> None:
+    maps = [value_map(LAYOUT, np.full(len(LAYOUT) * 12, value), "kPa", "map", 80.0) for value in (20.0, 80.0)]
+    scales = [[t.text for t in ElementTree.fromstring(svg).iter(f"{SVG}text")][:3] for svg in maps]
+    assert scales == [["80", "40", "0"]] * 2
+    fills = [next(ElementTree.fromstring(svg).iter(f"{SVG}circle")).attrib["fill"] for svg in maps]
+    assert fills == [magnitude(0.25), magnitude(1.0)]
 
 
 def test_a_map_of_words_counts_them() -> None:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from typing import Any
+
 import numpy as np
 
 from ...report import page
@@ -10,6 +13,7 @@ from ...report.plot import Plot, axis
 from ...skin.geometry import PRESSURE_TAXELS
 from ..result import Diagnosis, RecordingResult
 from . import first_page, numbers
+from .physical_units import course_pa, rms_force_n, rms_kpa
 from .what_now import what_now
 
 CHANNELS = ["f_z", "m_x", "m_y"]
@@ -79,18 +83,28 @@ def _places(diagnosis: Diagnosis) -> str:
 
 def _facts(diagnosis: Diagnosis) -> str:
     heldout = diagnosis.heldout
-    what, unit = ("a reading", "counts") if heldout["unit"] == "count" else ("the force", heldout["unit"])
-    moments = [
+    known = [each for each in diagnosis.results if each.seen.load_is_known]
+    shown = []
+    for of in (heldout, heldout["f_z"]) if "f_z" in heldout else (heldout,):
+        before, after, floor = (_error(of, name, known) for name in ("before", "after", "floor"))
+        what = "a reading" if of["unit"] == "count" else "the force"
+        shown += [(before, f"error of {what} before"), (after, "error after"), (floor, "noise: no model gets below")]
+    if known:
+        before_n, after_n = rms_force_n(known)
+        shown.append((f"{before_n:.1f} → {after_n:.1f} N", "of the force of all taxels under the known pressure"))
+    shown += [
         (f"{heldout[name]['before']:.2f} → {heldout[name]['after']:.2f} N·m", f"of the moment {name}")
         for name in ("m_x", "m_y")
         if name in heldout
     ]
-    return page.facts(
-        (f"{heldout['before']:.1f} {unit}", f"error of {what} before"),
-        (f"{heldout['after']:.1f} {unit}", "error after"),
-        (f"{heldout['floor']:.1f} {unit}", "noise: no model gets below"),
-        *moments,
-    )
+    return page.facts(*shown)
+
+
+def _error(of: Mapping[str, Any], name: str, known: Sequence[RecordingResult]) -> str:
+    """An error in its unit; counts with what they are in kPa by the curves in use."""
+    if of["unit"] != "count":
+        return f"{of[name]:.1f} {of['unit']}"
+    return f"{of[name]:.1f} counts, {rms_kpa(known, of[name]):.2f} kPa"
 
 
 def _trace(result: RecordingResult) -> str:
@@ -103,20 +117,26 @@ def _trace(result: RecordingResult) -> str:
     t_s, force = seen.t_s[rows], seen.reference.at(seen.reference_s)[rows, 0]
     before, after = found.course_before[rows, 0], found.course_after[rows, 0]
     time = axis("time, s", t_s)
+    errors = [("N", before, after)]
+    load_name = "force, N"
     if seen.load_is_known:
-        force, load_name, error_name = force * 1e-3, "pressure, kPa", "error, counts"
-    else:
-        load_name, error_name = "force, N", "error, N"
+        force, load_name = force * 1e-3, "pressure, kPa"
+        before_pa, after_pa = (course_pa(result, each)[rows] for each in (found.course_before, found.course_after))
+        errors = [("counts", before, after), ("kPa", before_pa * 1e-3, after_pa * 1e-3)]
     load = Plot(time, axis(load_name, force), height=150)
     load.line(t_s, force, 2)
-    left = Plot(time, axis(error_name, before, after), height=220)
-    left.line(t_s, before, 1, "the model as handed in")
-    if result.refined.shares:
-        left.line(t_s, after, 0, "with what was found")
+    drawn = [load.svg("load over time")]
+    for unit, was, became in errors:
+        left = Plot(time, axis(f"error, {unit}", was, became), height=220)
+        left.line(t_s, was, 1, "the model as handed in")
+        if result.refined.shares:
+            left.line(t_s, became, 0, "with what was found")
+        drawn.append(left.svg(f"error before and after in {unit}"))
+    of_curves = " A count is worth what the curves in use say where it was read." if seen.load_is_known else ""
     return page.figure(
-        load.svg("load over time") + left.svg("error before and after"),
+        "".join(drawn),
         f"The load by the reference and the model's error on held-out rows: the {t_s[-1] - t_s[0]:.0f} s in which the "
-        "findings change most.",
+        f"findings change most.{of_curves}",
     )
 
 
