@@ -33,7 +33,9 @@ def watch(
         messages = insole.messages(key)
         on_end(messages.close)
         for number, message in enumerate(messages, 1):
-            line = _json(message) if as_json else fold(_text(message), 4)
+            line = _json(message) if as_json else _text(message)
+            if sys.stdout.isatty() and not as_json:  # others read a message a line
+                line = fold(line, 4)
             sys.stdout.write(line + "\n")
             sys.stdout.flush()
             if number == count:
