@@ -341,6 +341,37 @@ def test_a_phone_shows_all_of_it_without_scrolling_sideways(browser, page, live_
         browser.driver.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
 
 
+@pytest.mark.parametrize(("width", "height"), [(768, 1024), (1024, 768)])
+def test_a_tablet_shows_the_map_large_and_wastes_no_room(width, height, browser, page, live_daemon):
+    metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": True}
+    browser.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
+    try:
+        with live_daemon.boards():
+            look(browser, page)
+            assert browser.js("return document.documentElement.scrollWidth") <= width
+            box = browser.js("return window.insole.maps.left.canvas.getBoundingClientRect().toJSON()")
+            assert box["height"] > 0.4 * height
+            assert box["bottom"] < height, "all of the map is seen at first"
+            empty = browser.js(
+                "const card = document.querySelector('#pressure').getBoundingClientRect();"
+                "return card.bottom - document.querySelector('.time').getBoundingClientRect().bottom"
+            )
+            assert empty < 120
+    finally:
+        browser.driver.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+
+
+def test_a_page_that_lost_cycles_is_not_green_whatever_the_boards_do(browser, page, live_daemon):
+    with live_daemon.boards():
+        look(browser, page)
+        browser.js(
+            "const {history} = window.insole, last = history.live.left.at(-1);"
+            "history.add({...last, seq: last.seq + 1001})"  # a thousand cycles between
+        )
+        browser.until("return document.querySelector('#state').textContent.includes('this page lost 1')")
+        assert browser.js("return document.querySelector('#state').dataset.state") == "degraded"
+
+
 def test_shortcuts_are_dead_behind_a_dialog_and_no_number_is_minus_zero(browser, page, live_daemon):
     with live_daemon.boards(load=unloaded):
         look(browser, page)

@@ -1,6 +1,6 @@
 // The cycles of the last minute, as they came; a pause keeps what there was while the rest goes on.
 
-const KEPT_MS = 60_000;
+const KEPT_MS = 60_000, LOSS_MS = 10_000;
 
 export class History {
   constructor() {
@@ -8,13 +8,24 @@ export class History {
     this.frozen = null;
     this.at = null; // ms, of a pause
     this.missing = 0;
+    this.losses = []; // [when in ms, how many cycles], of the last LOSS_MS
+  }
+
+  // Cycles that did not reach this page within the last LOSS_MS.
+  lost(now = performance.now()) {
+    this.losses = this.losses.filter(([when]) => now - when < LOSS_MS);
+    return this.losses.reduce((sum, [, cycles]) => sum + cycles, 0);
   }
 
   add(cycle) {
     const cycles = this.live[cycle.foot], last = cycles.at(-1);
     if (last) {
-      if (cycle.seq > last.seq) this.missing += cycle.seq - last.seq - 1;
-      else cycles.length = 0; // the daemon was started anew
+      const missing = cycle.seq - last.seq - 1;
+      if (missing > 0) {
+        this.missing += missing;
+        this.losses.push([performance.now(), missing]);
+      }
+      if (missing < 0) cycles.length = 0; // the daemon was started anew
     }
     cycles.push(cycle);
     const old = cycles.findIndex((each) => each.t > cycle.t - KEPT_MS);

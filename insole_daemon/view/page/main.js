@@ -29,8 +29,8 @@ const maps = { left: new FootMap($("map-left"), draw), right: new FootMap($("map
 const plots = {
   force: new Plot($("plot-force"), "f_z of each foot, N", [0, 100], draw),
   sum: new Plot($("plot-sum"), "f_z of both, body weights", [0, 1.2], draw),
-  mx: new Plot($("plot-mx"), "m_x, N·m (above 0: the load is left of the midline)", [-5, 5], draw),
-  my: new Plot($("plot-my"), "m_y, N·m (the lower, the farther forward)", [-50, 0], draw),
+  mx: new Plot($("plot-mx"), "m_x, N·m (above 0: load on the left)", [-5, 5], draw),
+  my: new Plot($("plot-my"), "m_y, N·m (lower: farther forward)", [-50, 0], draw),
 };
 const scaleRoom = new Room($("scale"), draw);
 
@@ -274,7 +274,7 @@ function drawPlots(names) {
 function count(now) {
   const seconds = (now - countedAt) / 1000, feet = FEET.filter((foot) => metas[foot]).length || 1;
   panels.rate((own.cycles - countedCycles) / seconds / feet, history);
-  panels.state(connected, now - lastCycle > IDLE_MS);
+  panels.state(connected, now - lastCycle > IDLE_MS, history.lost());
   panels.lines(history.live);
   countedAt = now;
   countedCycles = own.cycles;

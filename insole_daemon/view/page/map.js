@@ -99,6 +99,7 @@ export class FootMap {
     this.drawSaturated(cycle, disbelieved);
     this.drawFaults(disbelieved, colours);
     this.drawCentre(trail, cycle);
+    if (taxels) this.nameTriangles(colours); // above everything, to be read
   }
 
   // The sole, and what is not known of it: hatched, stale parts the other way round.
@@ -149,17 +150,21 @@ export class FootMap {
     });
   }
 
-  // Which triangle is which, as board.triangle.
   drawTriangles(colours) {
+    const { ink } = this;
+    ink.lineWidth = 1;
+    ink.strokeStyle = colours.soft;
+    for (const own of this.hulls) ink.stroke(this.path(own));
+  }
+
+  // Which triangle is which, as board.triangle.
+  nameTriangles(colours) {
     const { ink, perMm } = this;
     ink.font = `600 ${Math.max(9, 4 * perMm)}px system-ui, sans-serif`;
     ink.textAlign = "center";
     ink.textBaseline = "middle";
     ink.lineJoin = "round";
     this.triangles.forEach(({ board, triangle }, row) => {
-      ink.lineWidth = 1;
-      ink.strokeStyle = colours.soft;
-      ink.stroke(this.path(this.hulls[row]));
       const middle = [0, 1].map((axis) => this.hulls[row].reduce((sum, place) => sum + place[axis], 0) / this.hulls[row].length);
       ink.lineWidth = Math.max(3, 0.9 * perMm);
       ink.strokeStyle = colours.card;

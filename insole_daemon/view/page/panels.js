@@ -93,10 +93,10 @@ export class Panels {
     const ages = FEET.map((foot) => history.live[foot].at(-1)?.ageMs ?? NaN).filter((age) => age === age);
     this.$("rate").textContent = `${hz.toFixed(1)} Hz`;
     this.$("age").textContent = ages.length ? age(Math.max(...ages)) : "–";
-    this.$("missing").textContent = history.missing;
+    this.$("missing").textContent = history.lost();
   }
 
-  state(connected, idle) {
+  state(connected, idle, lostHere) {
     const all = Object.values(this.health), states = all.map(({ state }) => state);
     const worst = ["no data", "degraded", "ok"].find((state) => states.includes(state)) ?? "waiting";
     const poorest = all.map(({ quality }) => quality).sort((a, b) => a.share - b.share)[0];
@@ -104,9 +104,13 @@ export class Panels {
     const lost = poorest && (poorest.skipped || poorest.verdict !== "good");
     const [state, text] = !connected ? ["lost", "the server is gone; trying again"]
       : idle ? ["lost", "no cycles come"]
-      : [worst === "ok" && lost ? "degraded" : worst, worst === "ok" ? "all boards stream" : worst === "waiting" ? "waiting for a daemon" : worst];
+      : [worst === "ok" && (lost || lostHere) ? "degraded" : worst, worst === "ok" ? "all boards stream" : worst === "waiting" ? "waiting for a daemon" : worst];
     this.$("state").dataset.state = state;
-    this.$("state").textContent = connected && !idle && lost ? `${text}; ${poorest.verdict}, ${percent(poorest.share)} of the cycles` : text;
+    const losses = [
+      lost && `${poorest.verdict}, ${percent(poorest.share)} of the cycles`,
+      lostHere && `this page lost ${lostHere} cycles of the last 10 s`,
+    ].filter(Boolean);
+    this.$("state").textContent = connected && !idle ? [text, ...losses].join("; ") : text;
   }
 
   boards() {
