@@ -17,6 +17,8 @@ from .run import run
 from .score import markdown, score
 from .untouched import imported
 
+REFUSED, INTERRUPTED = 4, 130  # exit status
+
 
 def _parser() -> argparse.ArgumentParser:
     ask = argparse.ArgumentParser(prog=f"python -m {__package__}", description=__doc__)
@@ -65,4 +67,10 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except OSError as error:  # no room, no permission: the reason is enough
+        print(f"{error.filename or 'the output'}: {error.strerror or error}", file=sys.stderr)
+        sys.exit(REFUSED)
+    except KeyboardInterrupt:
+        sys.exit(INTERRUPTED)
