@@ -21,6 +21,7 @@ from .progress import show_work
 
 _TOOL = (sys.executable, "-c", "from insole_daemon.cli import main; main()", "diagnose", "{recording}", "{simulation}")
 _PREDICTOR = "insole_daemon.diagnosis.prediction:of_folder"
+_REFUSED = 4  # exit status of the benchmark's programs where a file cannot be written
 _DONE = re.compile(rb"\r(\d+) of (\d+) \w+")  # what the benchmark says of itself
 _STAGES = (0.15, 0.75, 0.1)  # how long making, diagnosing and scoring take beside each other
 _COMPENSATOR = "insole_daemon.diagnosis.compensation:of_walk"
@@ -62,7 +63,7 @@ def prove(
     drawn = secrets.randbelow(2**31) if seed is None else seed
     tls = tls_of(tls_ca, tls_cert, tls_key)
     made, diagnosed, _ = _STAGES
-    with _workers(scheduler, jobs, tls) as workers, show_work("proving", _STAGES) as work:
+    with _workers(scheduler, jobs, tls) as workers, _kept_unless_empty(out), show_work("proving", _STAGES) as work:
         out.mkdir(parents=True)
         work(f"{cases} cases of {suite.value}, seed {drawn}, into {out}")
         seal = _run(
@@ -106,6 +107,16 @@ def _workers(scheduler: str | None, jobs: int, tls: tuple[Path, Path, Path] | No
         yield ["--scheduler", client.scheduler.address]
 
 
+@contextlib.contextmanager
+def _kept_unless_empty(folder: Path) -> Iterator[None]:
+    """Remove `folder` at the end where nothing is in it, so that its name can be used again."""
+    try:
+        yield
+    finally:
+        with contextlib.suppress(OSError):
+            folder.rmdir()
+
+
 def _benchmark() -> tuple[str, Path | None]:
     """Name of the blind benchmark's package and the folder to run it from: a checkout's own, else the installed one."""
     root = Path(__file__).parents[2]
@@ -116,7 +127,7 @@ def _benchmark() -> tuple[str, Path | None]:
 
 def _run(done: Callable[[float], None], program: str, *arguments: object) -> str:
     """Run one program of the benchmark and return its stdout; `done` is told the share. InsoleError where it fails."""
-    from ..errors import InsoleError
+    from ..errors import FileError, InsoleError
 
     package, root = _benchmark()
     command = [sys.executable, "-m", package, program, *map(str, arguments)]
@@ -125,9 +136,8 @@ def _run(done: Callable[[float], None], program: str, *arguments: object) -> str
             assert process.stderr is not None
             _follow(process.stderr.fileno(), done)
         if process.returncode:
-            raise InsoleError(
-                f"{' '.join(command[1:4])} … ended with status {process.returncode}: see what it said above"
-            )
+            failed = FileError if process.returncode == _REFUSED else InsoleError
+            raise failed(f"insole prove: {program} ended with status {process.returncode}: the line above says why")
         printed.seek(0)
         return printed.read()
 

@@ -38,7 +38,8 @@ def zero(
     from ..errors import WireError
     from ..wire.client import Client
 
-    with Client(connect, rig, zenoh_config) as insole:
+    # the pool outside, so that Ctrl-C ends the session first, and with it the requests that the pool waits for
+    with ThreadPoolExecutor(2) as pool, Client(connect, rig, zenoh_config) as insole:
         there = [name for _, name in insole.feet()]
         feet = [name for name in ("left", "right") if name in there and foot in (Which.both, name)]
         if not feet:
@@ -51,16 +52,15 @@ def zero(
             threading.Event().wait(1.0)
         _say(f"  taking {seconds:g} s of readings …")
         refused = False
-        with ThreadPoolExecutor(len(feet)) as pool:
-            jobs = [pool.submit(insole.request, name, "zero", seconds=seconds, force=force) for name in feet]
-            with show_work("averaging") as work:
-                began_s = time.monotonic()
-                while wait_for(jobs, _LOOK_S).not_done:
-                    work.done(min((time.monotonic() - began_s) / seconds, 1.0))
-            for job in jobs:
-                reply = job.result()
-                refused |= not reply["ok"]
-                print("\n".join(fold(line, 4) for line in report(reply)), flush=True)
+        jobs = [pool.submit(insole.request, name, "zero", seconds=seconds, force=force) for name in feet]
+        with show_work("averaging") as work:
+            began_s = time.monotonic()
+            while wait_for(jobs, _LOOK_S).not_done:
+                work.done(min((time.monotonic() - began_s) / seconds, 1.0))
+        for job in jobs:
+            reply = job.result()
+            refused |= not reply["ok"]
+            print("\n".join(fold(line, 4) for line in report(reply)), flush=True)
     if refused:
         name_next("insole zero, with the foot in the air")
         raise typer.Exit(1)

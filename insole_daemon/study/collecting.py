@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..errors import InsoleError
+from ..errors import FileError
 from ..files import unfinished, write_text
 from ..mechanics.gait.intervals import mean_interval
 from ..mechanics.gait.steps import Steps
@@ -120,4 +121,5 @@ def write_tables(study: Study, rows: Sequence[Mapping[str, Any]], every: Sequenc
             with unfinished(out / f"{name}.parquet") as beside:
                 frame.to_parquet(beside, index=False, engine="pyarrow")
         except OSError as error:
-            raise InsoleError(f"{out / name}: cannot be written: {error.strerror or error}") from error
+            why = os.strerror(error.errno) if error.errno else error  # pyarrow has words of its own
+            raise FileError(f"{out / name}: cannot be written: {why}") from error

@@ -19,7 +19,7 @@ def test_what_was_concealed_is_found_and_then_said(tmp_path, monkeypatch):
     assert last.startswith("What was concealed: gain on board 7: gain 0.7745")
     assert last.endswith("(seed 7); named first: gain")
     assert "diagnosis.json" in before
-    assert "next: insole validate OTHER-RECORDINGS --calibration concealed-7/diagnosis/model.json" in done.stderr
+    assert "next: open concealed-7/diagnosis/report.html" in done.stderr
     assert (tmp_path / "concealed-7" / "diagnosis" / "model.json").exists()
 
 

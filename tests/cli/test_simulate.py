@@ -46,7 +46,7 @@ def test_a_recording_of_a_scenario(tmp_path):
     assert recording["left"].wrench.f_z_n.max() > 54 * 9.81 * 0.8
     again = insole("simulate", "t4", "--out", tmp_path / "t4")
     assert again.returncode == 4
-    assert "no recording is overwritten" in again.stderr
+    assert "is already there; choose another name, or replace it with --force" in again.stderr
 
 
 @pytest.mark.parametrize(

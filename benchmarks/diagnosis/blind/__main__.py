@@ -17,6 +17,7 @@ from .run import run
 from .score import markdown, score
 from .untouched import imported
 
+REFUSED, INTERRUPTED = 4, 130  # exit status
 _SCHEDULER = "address of a Dask scheduler, whose workers see the same files; without it, one case after the other"
 
 
@@ -67,4 +68,10 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except OSError as error:  # no room, no permission: the reason is enough
+        print(f"{error.filename or 'the output'}: {error.strerror or error}", file=sys.stderr)
+        sys.exit(REFUSED)
+    except KeyboardInterrupt:
+        sys.exit(INTERRUPTED)
