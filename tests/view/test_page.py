@@ -216,7 +216,8 @@ def test_a_pause_stands_still_and_is_looked_through_with_the_keyboard(browser, p
         first = browser.js(shown)
         picture = "return window.insole.maps.left.canvas.toDataURL()"
         newest = "return window.insole.history.live.left.at(-1).seq > arguments[0]"
-        browser.until(newest + " + 2", first)  # a frame that was asked for before the pause is painted
+        browser.js("requestAnimationFrame(() => requestAnimationFrame(() => { window.isPainted = true; }))")
+        browser.until("return window.isPainted")  # and with it a frame that was asked for before the pause
         before = browser.js(picture)
         browser.until(newest + " + 10", first)
         assert browser.js(picture) == before
