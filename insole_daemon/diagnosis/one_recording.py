@@ -159,8 +159,7 @@ def _placed(searched: Searched, seen: WrenchObservation, found: Figures) -> tupl
 
 def _with_faults(found: Figures, faults: ReadingFaults) -> Figures:
     """With what was put right before the regression: the model as handed in knows nothing of it."""
-    square = sum(each.explains for each in faults.findings)
-    return replace(found, before=np.sqrt(found.before**2 + square)) if square else found
+    return replace(found, before=np.sqrt(found.before**2 + faults.explained))
 
 
 def _is_next_to_nothing(each: Finding, found: Figures) -> bool:

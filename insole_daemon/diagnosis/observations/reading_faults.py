@@ -52,6 +52,7 @@ class ReadingFaults:
     substituted: NDArray[np.bool_]  # (T,) triangles with taxels that others stand in for
     findings: tuple[Finding, ...]
     spikes: NDArray[np.bool_]  # (N,) rows in which the reference leaps
+    explained: Array  # (1,) count² or (3,) N² and N²·m²: mean square error that was put right before the regression
 
 
 def reading_faults(foot: FootRecording, seen: WrenchObservation) -> ReadingFaults:
@@ -75,6 +76,7 @@ def reading_faults(foot: FootRecording, seen: WrenchObservation) -> ReadingFault
     substituted = np.asarray(broken.any(axis=1))
     seen = _substitute(seen, working, substituted) if substituted.any() else seen
     findings += rezeroed
+    as_believed = seen
     seen, shifted = with_shifts(foot, seen, working)
     findings += shifted
     seen, odd = with_taxels(seen, working)
@@ -87,7 +89,11 @@ def reading_faults(foot: FootRecording, seen: WrenchObservation) -> ReadingFault
     seen = replace(seen, loudness=np.maximum(loudness, swings))
     spikes, spiked = _spikes(seen)
     findings += spiked
-    return ReadingFaults(seen, substituted, tuple(findings), spikes)
+    explained = np.zeros(1 if seen.load_is_known else 3)
+    explained[0] = sum(each.explains for each in findings)
+    if shifted and not seen.load_is_known:
+        explained[1:] = np.maximum(as_believed.square_error - seen.square_error, 0.0)[1:]
+    return ReadingFaults(seen, substituted, tuple(findings), spikes, explained)
 
 
 def _stuck(seen: WrenchObservation) -> list[Finding]:

@@ -1,16 +1,19 @@
 """Boards whose digitiser shifts by another number of bits than believed, told from their readings.
 
-Under a load that is the same everywhere, boards differ by a factor alone, whatever memory or clock they go through. A
-power of two, with as much less or more noise, is a shift: no sensor is off by just that.
+Boards differ by a factor alone: under a load that is the same everywhere by what they read, on a walk by what each adds
+to the reference. A power of two, with as much less or more noise, is a shift: no sensor is off by just that.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...physics.digitiser import codes_of, count_of
 from ...physics.effect import Where
 from ...physics.effects import laws
 from ...physics.law import Array
@@ -18,6 +21,7 @@ from ...recording.loading import FootRecording
 from ..finding import Finding, Quantity
 from ..places import said
 from .chamber import ChamberObservation
+from .readings import TriangleReadings
 from .wrench import WrenchObservation
 
 LEAST_BOARDS = 3  # with two, nobody knows which is off
@@ -25,6 +29,12 @@ MOST_BITS = 2
 NEAR = 0.15  # of an octave: calibrations and curves that bend
 ALL_NEAR = 0.3  # of an octave, of all boards alike: a memory moves them, too
 LESS_NOISE = 0.8  # of the other boards', of a board whose readings are half as large; rounding keeps some
+LEAST_EXPLAINED = 0.5  # of the mean square error of a walk's wrench, which a board at half or twice its load makes
+UNLOADED = 0.02  # of the reference's range of f_z
+LEAST_UNLOADED = 50  # pairs of readings, of which noise can be told
+MOST_MOVED = 0.98  # quantile of differences between unloaded readings that is still noise
+
+Seen = TypeVar("Seen", bound=WrenchObservation)
 
 
 def with_shifts(
@@ -34,34 +44,72 @@ def with_shifts(
 
     Of the `working` taxels (T, 12).
     """
-    if not isinstance(seen, ChamberObservation) or not seen.is_uniform or seen.has_own_curves:
+    if seen.has_own_curves or len(np.unique(_boards(seen)[working.any(axis=1)])) < LEAST_BOARDS:
         return seen, []
-    boards = seen.layout.identities[:, 0]
+    if isinstance(seen, ChamberObservation):
+        return _of_chamber(foot, seen, working) if seen.is_uniform else (seen, [])
+    return (seen, []) if seen.load_is_known else _of_walk(foot, seen, working)
+
+
+def _of_chamber(
+    foot: FootRecording, seen: ChamberObservation, working: NDArray[np.bool_]
+) -> tuple[ChamberObservation, list[Finding]]:
+    boards = _boards(seen)
     known = working & ~seen.cut_off & np.isfinite(seen.weight_variance)[..., None]
     addresses = np.unique(boards[working.any(axis=1)]).tolist()
     factors = {each: _factor(seen, known & (boards == each)[:, None]) for each in addresses}
     noises = {each: float(np.median(seen.noise_count[working & (boards == each)[:, None]])) for each in addresses}
     findings: list[Finding] = []
-    if len(addresses) < LEAST_BOARDS:
-        return seen, []
     for board in addresses:
         others = [each for each in addresses if each != board]
-        octaves = np.log2(np.median([factors[each] for each in others]) / factors[board])
-        bits = int(np.clip(np.rint(octaves), -MOST_BITS, MOST_BITS))
-        noise = noises[board] / float(np.median([noises[each] for each in others]))
-        as_loud = noise < LESS_NOISE if bits > 0 else noise > 1.0 / LESS_NOISE
-        if bits == 0 or abs(octaves - bits) > NEAR or not as_loud:
+        octaves = float(np.log2(np.median([factors[each] for each in others]) / factors[board]))
+        bits = _whole(octaves)
+        if bits == 0 or abs(octaves - bits) > NEAR or not _is_as_loud(noises, board, bits):
             continue
         before = np.mean((seen.activation_count - seen.expected_count) ** 2, where=known)
-        seen = _as_shifted(seen, boards == board, bits)
+        seen = _as_shifted(foot, seen, board, bits)
         after = np.mean((seen.activation_count - seen.expected_count) ** 2, where=known)
-        believed = next(each.shift for each in foot.boards if each.address == board)
-        findings.append(_finding(seen, board, believed or 0, bits, max(float(before - after), 0.0)))
+        findings.append(_finding(foot, seen, board, bits, max(float(before - after), 0.0)))
     told = {("bit_shift", "board")}
     octaves = -float(np.log2(np.median([factors[each] for each in addresses])))
     if np.rint(octaves) == 0.0 or abs(octaves - np.rint(octaves)) > ALL_NEAR:
         told |= {("bit_shift", "insole")}
     return replace(seen, told=seen.told | told), findings
+
+
+def _of_walk(
+    foot: FootRecording, seen: WrenchObservation, working: NDArray[np.bool_]
+) -> tuple[WrenchObservation, list[Finding]]:
+    boards = _boards(seen)
+    addresses = np.unique(boards[working.any(axis=1)]).tolist()
+    noises = {each: _noise_unloaded(seen, working, boards == each) for each in addresses}
+    findings: list[Finding] = []
+    if not all(np.isfinite(list(noises.values()))):
+        return seen, []
+    for board in addresses:
+        bits = _whole(float(np.log2(_parts(seen)[board])))  # roughly: curves bend
+        if bits == 0 or not _is_as_loud(noises, board, bits):
+            continue
+        right = _as_shifted(foot, seen, board, bits)
+        before, after = float(seen.square_error[0]), float(right.square_error[0])
+        if after < (1.0 - LEAST_EXPLAINED) * before and abs(np.log2(_parts(right)[board])) < NEAR:
+            seen = right
+            findings.append(_finding(foot, seen, board, bits, before - after))
+    return seen, findings
+
+
+def _boards(seen: WrenchObservation) -> NDArray[np.int64]:
+    return np.asarray(seen.layout.identities[:, 0])
+
+
+def _whole(octaves: float) -> int:
+    return int(np.clip(np.rint(octaves), -MOST_BITS, MOST_BITS))
+
+
+def _is_as_loud(noises: Mapping[int, float], board: int, bits: int) -> bool:
+    """Whether the board's noise beside the others' is what a shift by so many bits makes of it."""
+    noise = noises[board] / float(np.median([own for each, own in noises.items() if each != board]))
+    return noise < LESS_NOISE if bits > 0 else noise > 1.0 / LESS_NOISE
 
 
 def _factor(seen: ChamberObservation, known: NDArray[np.bool_]) -> float:
@@ -70,8 +118,40 @@ def _factor(seen: ChamberObservation, known: NDArray[np.bool_]) -> float:
     return max(float(np.sum(expected * seen.activation_count) / max(float(np.sum(expected**2)), 1e-12)), 1e-6)
 
 
-def _as_shifted(seen: ChamberObservation, rows: NDArray[np.bool_], bits: int) -> ChamberObservation:
-    """With curves that take an activation 2^bits times as large."""
+def _parts(seen: WrenchObservation) -> dict[int, float]:
+    """By board, how many times what its static curves say it adds to the reference's wrench; least squares."""
+    boards = _boards(seen)
+    addresses = np.unique(boards).tolist()
+    weights = 1.0 / np.sqrt(seen.weight_variance)  # 0 where the reference is not known
+    columns = np.stack([seen.by_triangle[:, boards == each].sum(axis=1) for each in addresses], axis=-1)
+    said_by_reference = seen.reference.smooth_at(seen.reference_s)
+    columns = (columns * weights[..., None]).reshape(-1, len(addresses))
+    found, *_ = np.linalg.lstsq(columns, (said_by_reference * weights).reshape(-1), rcond=None)
+    return {each: max(float(part), 1e-6) for each, part in zip(addresses, found, strict=True)}
+
+
+def _noise_unloaded(seen: WrenchObservation, working: NDArray[np.bool_], rows: NDArray[np.bool_]) -> float:
+    """Noise in counts of the readings of some triangles while the foot is in the air; NaN: it hardly is."""
+    found = [_noise_of(seen, seen.readings[row], working[row]) for row in np.flatnonzero(rows)]
+    each = np.concatenate([own for own in found if own is not None] or [np.array([np.nan])])
+    return float(np.median(each))
+
+
+def _noise_of(seen: WrenchObservation, own: TriangleReadings, working: NDArray[np.bool_]) -> Array | None:
+    """(k,) of a triangle's working taxels, None where there are too few unloaded readings."""
+    f_z = seen.reference.smooth_at(seen.offset_s + (1.0 + seen.rate) * own.t_s)[:, 0]
+    is_unloaded = f_z < UNLOADED * float(np.nanmax(seen.reference.fine[:, 0], initial=0.0))
+    both = is_unloaded[1:] & is_unloaded[:-1]
+    if both.sum() < LEAST_UNLOADED or not working.any():
+        return None
+    moved = np.abs(np.diff(own.counts[:, working], axis=0)[both])
+    kept = moved <= np.quantile(moved, MOST_MOVED, axis=0)
+    return np.asarray(np.sqrt(np.mean(moved**2, axis=0, where=kept) / 2.0))
+
+
+def _as_shifted(foot: FootRecording, seen: Seen, board: int, bits: int) -> Seen:
+    """With the baselines and curves of a board that shifts by `bits` more than it says; it keeps its no-load value."""
+    rows = _boards(seen) == board
     calibration, times = seen.calibration, 2.0**bits
     powers = times ** np.arange(calibration.coefficients_pa.shape[-1])
     believed_pa: Array = calibration.coefficients_pa
@@ -79,10 +159,19 @@ def _as_shifted(seen: ChamberObservation, rows: NDArray[np.bool_], bits: int) ->
     highest = calibration.highest_count
     if highest is not None:
         highest = np.where(rows[:, None], highest / times, highest)
-    return replace(seen, calibration=replace(calibration, coefficients_pa=coefficients_pa, highest_count=highest))
+    baseline: Array = calibration.baseline_count
+    settings = next(each for each in foot.boards if each.address == board)
+    if settings.no_load is not None and settings.shift is not None:
+        real = np.array(max(settings.shift + bits, 0))
+        codes = codes_of(baseline, np.array(settings.no_load), np.array(settings.shift))
+        baseline = np.where(rows[:, None], count_of(codes, np.array(settings.no_load), real), baseline)
+    right = replace(calibration, coefficients_pa=coefficients_pa, highest_count=highest, baseline_count=baseline)
+    moved = np.where(seen.usable, baseline - calibration.baseline_count, 0.0)
+    return replace(seen, calibration=right, activation_count=seen.activation_count + moved)
 
 
-def _finding(seen: ChamberObservation, board: int, believed: int, bits: int, explains: float) -> Finding:
+def _finding(foot: FootRecording, seen: WrenchObservation, board: int, bits: int, explains: float) -> Finding:
+    believed = next(each.shift for each in foot.boards if each.address == board) or 0
     where = Where("board", ((board,),))
     times = f"{2.0**-bits:g} times as large"
     text = f"the digitiser shifts by {believed + bits} bits instead of {believed}: activation is {times}"

@@ -245,6 +245,12 @@ class WrenchObservation:
         """(N, 3) of the insole by the static curves."""
         return np.asarray(self.by_triangle.sum(axis=1))
 
+    @property
+    def square_error(self) -> Array:
+        """(3,) mean square of the wrench by the static curves less the reference, N² and N²·m²."""
+        known = self.reference.is_known(self.reference_s)
+        return np.asarray(np.mean((self.wrench - self.reference.smooth_at(self.reference_s))[known] ** 2, axis=0))
+
     def wrench_of(self, pressure_pa: Array) -> Array:
         """(N, T, 3) wrench of each triangle for pressures (N, T, 12)."""
         return np.asarray(np.matmul(pressure_pa.transpose(1, 0, 2), self.arms).transpose(1, 0, 2))

@@ -105,6 +105,8 @@ class SubsetSearch(Generic[D]):
         """
         current = best
         for k in best.chosen:
+            if k not in current.chosen:  # a likelier term at a larger place has taken it in
+                continue
             candidate = self.design.candidates[k]
             rest = [j for j in current.chosen if j != k]
             others = [
