@@ -36,7 +36,7 @@ def listen(
     stop: threading.Event,
     tell: Callable[[float], None],
 ) -> Observation:
-    """Observe the bus for `seconds`, or until `stop`; `tell` is told the share that is done."""
+    """Observe the bus for `seconds`, or until `stop`; `tell` is called with the elapsed share, 0 to 1."""
     boards = {board.address: board for setup in setups for board in setup.insole.boards}
     observation = Observation([setup.layout for setup in setups], boards)
     begin_ns = source.clock_ns()

@@ -143,7 +143,7 @@ def play(
     played: Played,
     progress: Callable[[float], None] = lambda share: None,
 ) -> None:
-    """Send the log to `sink` at its own timing, until `stop`; counted in `played`, and `progress` is told the share.
+    """Send the log to `sink` at its own timing, until `stop`; `played` counts, `progress` gets the share sent, 0 to 1.
 
     Only what no board can take for a command is sent: a log holds what the host said too, and a real board that hears
     it again takes its baseline anew or reboots into its bootloader.

@@ -95,7 +95,7 @@ def replace_folder(path: Path, force: bool, is_own: Callable[[Path], bool]) -> A
 
 
 def is_repeatable(folder: Path) -> bool:
-    """Whether `folder` is a recording that was made of something else, simulated or imported: nobody measured it."""
+    """Whether `folder` is a recording that `insole simulate` or `insole import` wrote, so that it can be made again."""
     from ..documents import Reading
     from ..errors import DocumentError
     from ..recording.document import FILE

@@ -22,7 +22,7 @@ from .progress import show_work
 _TOOL = (sys.executable, "-c", "from insole_daemon.cli import main; main()", "diagnose", "{recording}", "{simulation}")
 _PREDICTOR = "insole_daemon.diagnosis.prediction:of_folder"
 _REFUSED = 4  # exit status of the benchmark's programs where a file cannot be written
-_DONE = re.compile(rb"\r(\d+) of (\d+) \w+")  # what the benchmark says of itself
+_DONE = re.compile(rb"\r(\d+) of (\d+) \w+")  # progress lines of the benchmark's programs on stderr
 _STAGES = (0.15, 0.75, 0.1)  # how long making, diagnosing and scoring take beside each other
 _COMPENSATOR = "insole_daemon.diagnosis.compensation:of_walk"
 
