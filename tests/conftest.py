@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import os
 import socket
 import subprocess
@@ -26,6 +27,10 @@ from insole_daemon.skin.layout import Layout
 
 DAEMON = Path(__file__).parent / "service" / "daemon_process.py"
 LONG = Path(__file__).with_name("long.txt")
+WORKER = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
+PORTS = itertools.count(20_000 + 2_000 * WORKER)  # below those that the kernel gives to others, for each worker its own
+
+os.environ.pop("COLUMNS", None)  # pytest's workers have that of a terminal; programs under test have none
 
 
 @pytest.hookimpl(tryfirst=True)  # before pytest deselects by marker
@@ -38,9 +43,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def free_port(kind: socket.SocketKind = socket.SOCK_STREAM) -> int:
-    with socket.socket(socket.AF_INET, kind) as sock:
-        sock.bind(("127.0.0.1", 0))
-        return int(sock.getsockname()[1])
+    for port in PORTS:
+        with socket.socket(socket.AF_INET, kind) as sock, contextlib.suppress(OSError):  # in use by another program
+            sock.bind(("127.0.0.1", port))
+            return port
+    raise AssertionError("unreachable: PORTS has no end")
 
 
 @dataclass
