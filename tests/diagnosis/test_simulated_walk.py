@@ -116,6 +116,21 @@ def test_straps_press_more_under_them_than_elsewhere(tmp_path, plain):
     assert np.abs(np.array(ours) / p0_pa - 1.0).max() < 0.3
 
 
+def test_a_digitiser_that_shifts_by_a_bit_less(tmp_path, plain):
+    board = int(LAYOUT.identities[0, 0])
+    shifted = effect("bit_shift", Where("board", ((board,),)), shift=2)
+    (found,) = diagnosed(walk(tmp_path / "walk", shifted), plain, tmp_path / "out")
+    assert (found["effect"], found["where"]) == ("bit_shift", {"scope": "board", "ids": [[board]]})
+    assert found["parameters"]["shift"]["value"] == 2
+
+
+def test_a_board_that_answers_half_as_much_with_the_noise_of_the_others_is_no_shift(tmp_path, plain):
+    board = int(LAYOUT.identities[0, 0])
+    half = effect("gain", Where("board", ((board,),)), gain=0.5)
+    (found,) = diagnosed(walk(tmp_path / "walk", half), plain, tmp_path / "out")
+    assert (found["effect"], found["where"]) == ("gain", {"scope": "board", "ids": [[board]]})
+
+
 def test_a_cover_that_spreads_load_further_than_to_the_next_taxels(tmp_path, plain):
     spread = [effect("crosstalk", Where(), k=0.4)] * 4
     (found,) = diagnosed(walk(tmp_path / "walk", *spread), plain, tmp_path / "out")

@@ -1,7 +1,8 @@
 """Boards whose digitiser shifts by another number of bits than believed, told from their readings.
 
-Boards differ by a factor alone: under a load that is the same everywhere by what they read, on a walk by what each adds
-to the reference. A power of two, with as much less or more noise, is a shift: no sensor is off by just that.
+Boards differ by a factor alone: under a known load by what they read, on a walk by what each adds to the reference. A
+power of two, with as much less or more noise, is a shift: no sensor is off by just that. Noise is that of all readings
+where the load moves slowly, in a chamber, and else that of the readings without load.
 """
 
 from __future__ import annotations
@@ -21,7 +22,6 @@ from ...recording.loading import FootRecording
 from ..finding import Finding, Quantity
 from ..places import said
 from .chamber import ChamberObservation
-from .readings import TriangleReadings
 from .wrench import WrenchObservation
 
 LEAST_BOARDS = 3  # with two, nobody knows which is off
@@ -47,18 +47,18 @@ def with_shifts(
     if seen.has_own_curves or len(np.unique(_boards(seen)[working.any(axis=1)])) < LEAST_BOARDS:
         return seen, []
     if isinstance(seen, ChamberObservation):
-        return _of_chamber(foot, seen, working) if seen.is_uniform else (seen, [])
-    return (seen, []) if seen.load_is_known else _of_walk(foot, seen, working)
+        return _of_known_load(foot, seen, working)
+    return _of_walk(foot, seen, working)
 
 
-def _of_chamber(
+def _of_known_load(
     foot: FootRecording, seen: ChamberObservation, working: NDArray[np.bool_]
 ) -> tuple[ChamberObservation, list[Finding]]:
     boards = _boards(seen)
     known = working & ~seen.cut_off & np.isfinite(seen.weight_variance)[..., None]
     addresses = np.unique(boards[working.any(axis=1)]).tolist()
     factors = {each: _factor(seen, known & (boards == each)[:, None]) for each in addresses}
-    noises = {each: float(np.median(seen.noise_count[working & (boards == each)[:, None]])) for each in addresses}
+    noises = _noises(seen, working)
     findings: list[Finding] = []
     for board in addresses:
         others = [each for each in addresses if each != board]
@@ -70,7 +70,7 @@ def _of_chamber(
         seen = _as_shifted(foot, seen, board, bits)
         after = np.mean((seen.activation_count - seen.expected_count) ** 2, where=known)
         findings.append(_finding(foot, seen, board, bits, max(float(before - after), 0.0)))
-    told = {("bit_shift", "board")}
+    told = {("bit_shift", "board")} if np.isfinite(list(noises.values())).all() else set()
     octaves = -float(np.log2(np.median([factors[each] for each in addresses])))
     if np.rint(octaves) == 0.0 or abs(octaves - np.rint(octaves)) > ALL_NEAR:
         told |= {("bit_shift", "insole")}
@@ -82,10 +82,8 @@ def _of_walk(
 ) -> tuple[WrenchObservation, list[Finding]]:
     boards = _boards(seen)
     addresses = np.unique(boards[working.any(axis=1)]).tolist()
-    noises = {each: _noise_unloaded(seen, working, boards == each) for each in addresses}
+    noises = _noises(seen, working)
     findings: list[Finding] = []
-    if not all(np.isfinite(list(noises.values()))):
-        return seen, []
     for board in addresses:
         bits = _whole(float(np.log2(_parts(seen)[board])))  # roughly: curves bend
         if bits == 0 or not _is_as_loud(noises, board, bits):
@@ -108,7 +106,7 @@ def _whole(octaves: float) -> int:
 
 def _is_as_loud(noises: Mapping[int, float], board: int, bits: int) -> bool:
     """Whether the board's noise beside the others' is what a shift by so many bits makes of it."""
-    noise = noises[board] / float(np.median([own for each, own in noises.items() if each != board]))
+    noise = noises[board] / float(np.median([own for each, own in noises.items() if each != board]))  # NaN: not known
     return noise < LESS_NOISE if bits > 0 else noise > 1.0 / LESS_NOISE
 
 
@@ -130,20 +128,29 @@ def _parts(seen: WrenchObservation) -> dict[int, float]:
     return {each: max(float(part), 1e-6) for each, part in zip(addresses, found, strict=True)}
 
 
-def _noise_unloaded(seen: WrenchObservation, working: NDArray[np.bool_], rows: NDArray[np.bool_]) -> float:
-    """Noise in counts of the readings of some triangles while the foot is in the air; NaN: it hardly is."""
-    found = [_noise_of(seen, seen.readings[row], working[row]) for row in np.flatnonzero(rows)]
-    each = np.concatenate([own for own in found if own is not None] or [np.array([np.nan])])
-    return float(np.median(each))
+def _noises(seen: WrenchObservation, working: NDArray[np.bool_]) -> dict[int, float]:
+    """By board, the noise of its readings in counts; NaN: too few of them are without load."""
+    boards = _boards(seen)
+    addresses = np.unique(boards[working.any(axis=1)]).tolist()
+    if isinstance(seen, ChamberObservation) and seen.is_uniform:
+        return {each: float(np.median(seen.noise_count[working & (boards == each)[:, None]])) for each in addresses}
+    noises = {}
+    for each in addresses:
+        rows = np.flatnonzero(boards == each).tolist()
+        own = np.concatenate([_noise_unloaded(seen, row, working[row]) for row in rows])
+        noises[each] = float(np.median(own)) if len(own) else np.nan
+    return noises
 
 
-def _noise_of(seen: WrenchObservation, own: TriangleReadings, working: NDArray[np.bool_]) -> Array | None:
-    """(k,) of a triangle's working taxels, None where there are too few unloaded readings."""
-    f_z = seen.reference.smooth_at(seen.offset_s + (1.0 + seen.rate) * own.t_s)[:, 0]
-    is_unloaded = f_z < UNLOADED * float(np.nanmax(seen.reference.fine[:, 0], initial=0.0))
+def _noise_unloaded(seen: WrenchObservation, row: int, working: NDArray[np.bool_]) -> Array:
+    """(k,) noise in counts of a triangle's working taxels without load; none where too few readings are so."""
+    own = seen.readings[row]
+    column = row if seen.load_is_known else 0  # its own load, or the force on all
+    load = seen.reference.smooth_at(seen.offset_s + (1.0 + seen.rate) * own.t_s)[:, column]
+    is_unloaded = load < UNLOADED * float(np.nanmax(seen.reference.fine[:, column], initial=0.0))
     both = is_unloaded[1:] & is_unloaded[:-1]
-    if both.sum() < LEAST_UNLOADED or not working.any():
-        return None
+    if both.sum() < LEAST_UNLOADED:
+        return np.zeros(0)
     moved = np.abs(np.diff(own.counts[:, working], axis=0)[both])
     kept = moved <= np.quantile(moved, MOST_MOVED, axis=0)
     return np.asarray(np.sqrt(np.mean(moved**2, axis=0, where=kept) / 2.0))
