@@ -59,7 +59,7 @@ def main(arguments: list[str]) -> int:
         os.chdir(HERE)  # where pytest finds its settings
         # Threads of small matrices wait for each other on a busy machine, ten times as long as they work.
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-        # Some wait while others work; more processes than that need memory rather than cores.
+        # A process a core, four at most: each takes up to 0.6 GB.
         become(PYTHON, "-m", "pytest", "--numprocesses=auto", "--maxprocesses=4", "--dist=worksteal", *rest)
     if command == "install" and len(rest) <= 1:
         prepare(set(rest[0].split(",")) if rest else set())

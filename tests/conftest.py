@@ -28,9 +28,9 @@ from insole_daemon.skin.layout import Layout
 DAEMON = Path(__file__).parent / "service" / "daemon_process.py"
 LONG = Path(__file__).with_name("long.txt")
 WORKER = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
-PORTS = itertools.count(20_000 + 2_000 * WORKER)  # below those that the kernel gives to others, for each worker its own
+PORTS = itertools.count(20_000 + 2_000 * WORKER)  # a range of its own, below those the kernel assigns
 
-os.environ.pop("COLUMNS", None)  # pytest's workers have that of a terminal; programs under test have none
+os.environ.pop("COLUMNS", None)  # set for pytest-xdist's workers: output would be folded
 
 
 @pytest.hookimpl(tryfirst=True)  # before pytest deselects by marker
@@ -43,11 +43,16 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def free_port(kind: socket.SocketKind = socket.SOCK_STREAM) -> int:
-    for port in PORTS:
-        with socket.socket(socket.AF_INET, kind) as sock, contextlib.suppress(OSError):  # in use by another program
+    return next(port for port in PORTS if _is_free(port, kind))
+
+
+def _is_free(port: int, kind: socket.SocketKind) -> bool:
+    with socket.socket(socket.AF_INET, kind) as sock:
+        try:
             sock.bind(("127.0.0.1", port))
-            return port
-    raise AssertionError("unreachable: PORTS has no end")
+        except OSError:  # in use by another program
+            return False
+    return True
 
 
 @dataclass

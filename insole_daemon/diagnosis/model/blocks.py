@@ -500,7 +500,7 @@ def _places(term: Term, block: TermColumns, seen: ChamberObservation) -> Iterato
     works = seen.usable.any(axis=1)
     scopes = ("insole",) if block.whole is not None else (*term.chamber_scopes, *term.scopes)
     for scope in scopes:
-        if (term.word, scope) in seen.told:
+        if (term.word, scope) in seen.settled:
             continue
         depth = SCOPES.index(scope)
         parts = sorted({identity[:depth] for identity in identities})

@@ -56,7 +56,7 @@ class ChamberObservation(WrenchObservation):
     """
 
     lag_s: float = 0.0
-    told: frozenset[tuple[str, str]] = frozenset()  # words and scopes that readings have told or ruled out
+    settled: frozenset[tuple[str, str]] = frozenset()  # effects and scopes already found or ruled out: not searched
 
     load_is_known = True
     is_uniform = True

@@ -1,8 +1,8 @@
-"""Boards whose digitiser shifts by another number of bits than believed, told from their readings.
+"""Detects boards whose digitiser shifts by another number of bits than the recording says.
 
-Boards differ by a factor alone: under a known load by what they read, on a walk by what each adds to the reference. A
-power of two, with as much less or more noise, is a shift: no sensor is off by just that. Noise is that of all readings
-where the load moves slowly, in a chamber, and else that of the readings without load.
+Such a board's activation is off by a power of two, and its noise with it; a sensor's gain changes the activation alone.
+The factor is estimated under a known load from the readings, on a walk from the board's share of the reference wrench.
+Noise is that of all readings in a chamber, where the load changes slowly, and elsewhere that of unloaded readings.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from ...physics.digitiser import codes_of, count_of
 from ...physics.effect import Where
 from ...physics.effects import laws
 from ...physics.law import Array
+from ...recording.document import RecordedBoard
 from ...recording.loading import FootRecording
 from ..finding import Finding, Quantity
 from ..places import said
@@ -31,7 +32,7 @@ ALL_NEAR = 0.3  # of an octave, of all boards alike: a memory moves them, too
 LESS_NOISE = 0.8  # of the other boards', of a board whose readings are half as large; rounding keeps some
 LEAST_EXPLAINED = 0.5  # of the mean square error of a walk's wrench, which a board at half or twice its load makes
 UNLOADED = 0.02  # of the reference's range of f_z
-LEAST_UNLOADED = 50  # pairs of readings, of which noise can be told
+LEAST_UNLOADED = 50  # pairs of successive unloaded readings: fewer do not determine the noise
 MOST_MOVED = 0.98  # quantile of differences between unloaded readings that is still noise
 
 Seen = TypeVar("Seen", bound=WrenchObservation)
@@ -40,10 +41,7 @@ Seen = TypeVar("Seen", bound=WrenchObservation)
 def with_shifts(
     foot: FootRecording, seen: WrenchObservation, working: NDArray[np.bool_]
 ) -> tuple[WrenchObservation, list[Finding]]:
-    """`seen` with the curves of such boards as for their real shift, and what is said of them.
-
-    Of the `working` taxels (T, 12).
-    """
+    """Return `seen` with the curves of such boards corrected, and a finding for each; from `working` taxels (T, 12)."""
     if seen.has_own_curves or len(np.unique(_boards(seen)[working.any(axis=1)])) < LEAST_BOARDS:
         return seen, []
     if isinstance(seen, ChamberObservation):
@@ -54,15 +52,13 @@ def with_shifts(
 def _of_known_load(
     foot: FootRecording, seen: ChamberObservation, working: NDArray[np.bool_]
 ) -> tuple[ChamberObservation, list[Finding]]:
-    boards = _boards(seen)
     known = working & ~seen.cut_off & np.isfinite(seen.weight_variance)[..., None]
-    addresses = np.unique(boards[working.any(axis=1)]).tolist()
-    factors = {each: _factor(seen, known & (boards == each)[:, None]) for each in addresses}
     noises = _noises(seen, working)
+    factors = {board: _factor(seen, known & (_boards(seen) == board)[:, None]) for board in noises}
     findings: list[Finding] = []
-    for board in addresses:
-        others = [each for each in addresses if each != board]
-        octaves = float(np.log2(np.median([factors[each] for each in others]) / factors[board]))
+    for board, factor in factors.items():
+        others = [factors[other] for other in factors if other != board]
+        octaves = float(np.log2(np.median(others) / factor))
         bits = _whole(octaves)
         if bits == 0 or abs(octaves - bits) > NEAR or not _is_as_loud(noises, board, bits):
             continue
@@ -70,28 +66,27 @@ def _of_known_load(
         seen = _as_shifted(foot, seen, board, bits)
         after = np.mean((seen.activation_count - seen.expected_count) ** 2, where=known)
         findings.append(_finding(foot, seen, board, bits, max(float(before - after), 0.0)))
-    told = {("bit_shift", "board")} if np.isfinite(list(noises.values())).all() else set()
-    octaves = -float(np.log2(np.median([factors[each] for each in addresses])))
+    settled = {("bit_shift", "board")} if np.isfinite(list(noises.values())).all() else set()
+    octaves = -float(np.log2(np.median(list(factors.values()))))
     if np.rint(octaves) == 0.0 or abs(octaves - np.rint(octaves)) > ALL_NEAR:
-        told |= {("bit_shift", "insole")}
-    return replace(seen, told=seen.told | told), findings
+        settled |= {("bit_shift", "insole")}
+    return replace(seen, settled=seen.settled | settled), findings
 
 
 def _of_walk(
     foot: FootRecording, seen: WrenchObservation, working: NDArray[np.bool_]
 ) -> tuple[WrenchObservation, list[Finding]]:
-    boards = _boards(seen)
-    addresses = np.unique(boards[working.any(axis=1)]).tolist()
-    noises = _noises(seen, working)
+    noises, shares = _noises(seen, working), _shares(seen)
     findings: list[Finding] = []
-    for board in addresses:
-        bits = _whole(float(np.log2(_parts(seen)[board])))  # roughly: curves bend
+    for board in noises:
+        bits = _whole(float(np.log2(shares[board])))  # roughly: curves bend
         if bits == 0 or not _is_as_loud(noises, board, bits):
             continue
         right = _as_shifted(foot, seen, board, bits)
         before, after = float(seen.square_error[0]), float(right.square_error[0])
-        if after < (1.0 - LEAST_EXPLAINED) * before and abs(np.log2(_parts(right)[board])) < NEAR:
-            seen = right
+        shares_after = _shares(right)
+        if after < (1.0 - LEAST_EXPLAINED) * before and abs(np.log2(shares_after[board])) < NEAR:
+            seen, shares = right, shares_after
             findings.append(_finding(foot, seen, board, bits, before - after))
     return seen, findings
 
@@ -116,16 +111,16 @@ def _factor(seen: ChamberObservation, known: NDArray[np.bool_]) -> float:
     return max(float(np.sum(expected * seen.activation_count) / max(float(np.sum(expected**2)), 1e-12)), 1e-6)
 
 
-def _parts(seen: WrenchObservation) -> dict[int, float]:
-    """By board, how many times what its static curves say it adds to the reference's wrench; least squares."""
+def _shares(seen: WrenchObservation) -> dict[int, float]:
+    """By board, its share of the reference wrench over that by its static curves; least squares."""
     boards = _boards(seen)
     addresses = np.unique(boards).tolist()
     weights = 1.0 / np.sqrt(seen.weight_variance)  # 0 where the reference is not known
     columns = np.stack([seen.by_triangle[:, boards == each].sum(axis=1) for each in addresses], axis=-1)
-    said_by_reference = seen.reference.smooth_at(seen.reference_s)
+    reference = seen.reference.smooth_at(seen.reference_s)
     columns = (columns * weights[..., None]).reshape(-1, len(addresses))
-    found, *_ = np.linalg.lstsq(columns, (said_by_reference * weights).reshape(-1), rcond=None)
-    return {each: max(float(part), 1e-6) for each, part in zip(addresses, found, strict=True)}
+    shares, *_ = np.linalg.lstsq(columns, (reference * weights).reshape(-1), rcond=None)
+    return {board: max(float(share), 1e-6) for board, share in zip(addresses, shares, strict=True)}
 
 
 def _noises(seen: WrenchObservation, working: NDArray[np.bool_]) -> dict[int, float]:
@@ -167,7 +162,7 @@ def _as_shifted(foot: FootRecording, seen: Seen, board: int, bits: int) -> Seen:
     if highest is not None:
         highest = np.where(rows[:, None], highest / times, highest)
     baseline: Array = calibration.baseline_count
-    settings = next(each for each in foot.boards if each.address == board)
+    settings = _settings(foot, board)
     if settings.no_load is not None and settings.shift is not None:
         real = np.array(max(settings.shift + bits, 0))
         codes = codes_of(baseline, np.array(settings.no_load), np.array(settings.shift))
@@ -177,8 +172,12 @@ def _as_shifted(foot: FootRecording, seen: Seen, board: int, bits: int) -> Seen:
     return replace(seen, calibration=right, activation_count=seen.activation_count + moved)
 
 
+def _settings(foot: FootRecording, address: int) -> RecordedBoard:
+    return next(board for board in foot.boards if board.address == address)
+
+
 def _finding(foot: FootRecording, seen: WrenchObservation, board: int, bits: int, explains: float) -> Finding:
-    believed = next(each.shift for each in foot.boards if each.address == board) or 0
+    believed = _settings(foot, board).shift or 0
     where = Where("board", ((board,),))
     times = f"{2.0**-bits:g} times as large"
     text = f"the digitiser shifts by {believed + bits} bits instead of {believed}: activation is {times}"

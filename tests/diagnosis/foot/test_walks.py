@@ -167,14 +167,14 @@ def test_a_digitiser_that_shifts_by_one_bit_less_is_told_and_a_gain_of_two_is_no
         read[:, own] = np.clip(240.0 - 2.0 * (240.0 - read[:, own]), 0.0, 255.0)
 
     found = diagnose_any(write(tmp_path / "shifted", touch=shifted), tmp_path / "1")
-    (told,) = found["findings"]
-    assert (told["effect"], told["where"]) == ("bit_shift", {"scope": "board", "ids": [[6]]})
+    (finding,) = found["findings"]
+    assert (finding["effect"], finding["where"]) == ("bit_shift", {"scope": "board", "ids": [[6]]})
     assert found["heldout"]["after"] < 0.1 * found["heldout"]["before"]
     assert found["heldout"]["m_y"]["after"] < 0.1 * found["heldout"]["m_y"]["before"]
     twice = np.where(own, 2.0, 1.0)
     found = diagnose_any(write(tmp_path / "twice", lambda p: p * twice), tmp_path / "2")
-    (told,) = found["findings"]
-    assert (told["effect"], told["where"]) == ("gain", {"scope": "board", "ids": [[6]]})
+    (finding,) = found["findings"]
+    assert (finding["effect"], finding["where"]) == ("gain", {"scope": "board", "ids": [[6]]})
 
 
 def test_hysteresis_is_found_in_a_walk_that_begins_on_the_foot(tmp_path):
