@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import _thread
 import signal
 import sys
 from collections.abc import Callable
@@ -133,6 +134,10 @@ def name_next(command: str) -> None:
 
 
 def on_end(stop: Callable[[], object]) -> None:
-    """Call `stop` on SIGTERM and SIGINT."""
+    """Call `stop` on SIGTERM and SIGINT, in a thread of its own.
+
+    A handler runs in the main thread between any two of its steps: `stop` would wait for ever for a lock that the
+    interrupted step holds, or wake it just before it begins to wait.
+    """
     for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: stop())
+        signal.signal(number, lambda *_: _thread.start_new_thread(stop, ()))
