@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
 
 from ..physics.law import Array
 
@@ -18,6 +19,7 @@ OPEN_TAXELS = 8  # of a triangle's ten that fail together: the triangle has lost
 # Further than the other taxels from one cycle to the next, and how often: a loose contact.
 LEAP_COUNT, LEAPS = 45.0, 2
 ALONE = 4.0  # times the change of a triangle's other taxels: they have no part in it
+SCATTER, SCATTER_S = 8.0, 1.0  # times what its triangle's taxels change by at their loudest: no leap but noise
 MOVES_S, MOVES = 0.2, 0.02  # before and after a leap, by what part of the insole's range the load moves
 
 
@@ -64,13 +66,19 @@ def loose(
     change = np.diff(counts, axis=0)
     change -= np.median(change, axis=1, keepdims=True)
     leaps = (np.abs(change) > LEAP_COUNT) & valid[1:] & valid[:-1]
+    period_s = float(np.median(np.diff(t_s)))
+    for row in np.unique(triangle):
+        own = triangle == row
+        course = np.median(np.abs(change[:, own]), axis=1)
+        loudest = float(uniform_filter1d(course, max(round(SCATTER_S / period_s), 1)).max())
+        leaps[:, own] &= np.abs(change[:, own]) > SCATTER * loudest
     if steps:
         leaps[1:] &= leaps[:-1] & (change[1:] * change[:-1] < 0)
         leaps[0] = False
         for row in np.unique(triangle):
             own = triangle == row
             leaps[:, own] &= np.abs(change[:, own]) > ALONE * np.median(np.abs(change[:, own]), axis=1, keepdims=True)
-    side = max(round(MOVES_S / float(np.median(np.diff(t_s)))), 1)
+    side = max(round(MOVES_S / period_s), 1)
     rows = np.arange(len(change))
     went = mean[np.minimum(rows + 1 + side, len(mean) - 1)] - mean[np.maximum(rows - side, 0)]
     along = leaps & (change * went[:, None] < 0) & (np.abs(went) > MOVES)[:, None]

@@ -17,7 +17,7 @@ from .finding import Finding, Quantity, heldout_of
 from .gathering import join_places
 from .model.blocks import RECALIBRATIONS, BlockDesign, Priors
 from .model.design import Design
-from .model.refine import refine
+from .model.refine import Refined, refine
 from .observations.reading_faults import ReadingFaults, reading_faults
 from .observations.wrench import WrenchObservation
 from .observing import refuse_unloaded
@@ -28,9 +28,10 @@ from .searching import search as search_terms
 from .select import confidence
 from .select.count_figures import count_figures
 from .select.search import FittedSet, SubsetSearch
+from .select.static_part import static_part
 from .select.wrench_figures import Figures
 from .terms import TERMS
-from .timings import LEAST_DELAY_S, is_nuisance, own_clock, timing_effects, timing_findings
+from .timings import LEAST_DELAY_S, is_nuisance, off_by_clock, own_clock, timing_effects, timing_findings
 from .trimming import LEAST_GAINED, figures_of, stronger, trimmed
 from .unexplained import (
     MOST_NULL,
@@ -43,6 +44,8 @@ from .unexplained import (
     timing_energy,
     unknown,
 )
+
+STATIC_CONFIDENCE = 0.7  # of a static word beside a memory whose curves are loose
 
 
 def diagnose_one(seen: WrenchObservation, foot: FootRecording, progress: Callable[[str], None]) -> RecordingResult:
@@ -70,6 +73,7 @@ def diagnose_one(seen: WrenchObservation, foot: FootRecording, progress: Callabl
         found = figures_of(refined, order, timing, nuisances, 0.0 if is_late else timing.delay_s)
     found, findings, effects = _placed(searched, seen, found)
     found = _with_faults(found, faults)
+    found = replace(found, before=np.sqrt(found.before**2 + off_by_clock(seen)))
     put_right = [each for each in faults.findings if each.effect == "bit_shift"]
     effects += [e for e in (effect_of(f.effect, f.where, f.parameters, seen) for f in put_right) if e is not None]
     if findings and not found.after[0] < found.before[0]:
@@ -96,6 +100,8 @@ def diagnose_one(seen: WrenchObservation, foot: FootRecording, progress: Callabl
         elif (effect := effect_of(words[i], where, parameters[i], seen)) is not None:
             effects.append(effect)
         findings.append(_finding(words[i], where, parameters[i], gain, seen, found, search, kept.best, i))
+    if isinstance(whole, BlockDesign) and whole.priors.has_loose_curves and not is_unknown and order:
+        findings += _static(refined, seen, found)
     findings = list(join_places(findings, seen))
     effects.sort(key=lambda each: np.inf if each.law.order is None else each.law.order)  # the order of the signal path
     findings += [each for each in faults.findings if not _is_next_to_nothing(each, found)]
@@ -130,6 +136,25 @@ def _finding(
         explains=gain, confidence=confidence.confidence(margin, bool(alternatives)), margin=margin, sentence=said,
         **heldout_of(seen.load_is_known, float(np.sqrt(found.after[0] ** 2 + gain)), float(found.after[0])),
     )  # fmt: skip
+
+
+def _static(refined: Refined[BlockDesign], seen: WrenchObservation, found: Figures) -> list[Finding]:
+    """What is said of curves that are off by more than a memory: the model has these curves, and no effect for it."""
+    part = static_part(refined)
+    if part is None:
+        return []
+    units = {each.name: each.unit for each in laws()[part.word].parameters}
+    size = {name: value - 1.0 if name == "gain" else value for name, value in part.values.items()}
+    parameters = {name: Quantity(value, abs(size[name]) * part.std, units[name]) for name, value in part.values.items()}
+    sentence = sentences.of_effect(part.word, Where(), parameters)
+    return [
+        Finding(
+            effect=part.word, foot=seen.layout.foot, where=Where(), equation=laws()[part.word].equation,
+            recordings=(seen.name,), parameters=parameters, explains=part.square, confidence=STATIC_CONFIDENCE,
+            sentence=f"{sentence} The calibration contains a part of the memory, so its share is a guess.",
+            **heldout_of(True, float(np.sqrt(found.after[0] ** 2 + part.square)), float(found.after[0])),
+        )
+    ]  # fmt: skip
 
 
 def _placed(searched: Searched, seen: WrenchObservation, found: Figures) -> tuple[Figures, list[Finding], list[Effect]]:

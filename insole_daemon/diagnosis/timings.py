@@ -9,11 +9,13 @@ import numpy as np
 
 from ..physics.effect import Effect, Where
 from ..physics.effects import laws
+from ..physics.law import Array
 from . import sentences
 from .export.as_effect import as_effect
 from .finding import Finding, Quantity, heldout_of
 from .model.blocks import BlockDesign
 from .model.design import Design
+from .observations.chamber import ChamberObservation
 from .observations.paired import PairedObservation
 from .observations.wrench import WrenchObservation
 from .result import RecordingResult
@@ -87,9 +89,11 @@ def timing_effects(first: TimedSet[Any], named: Sequence[str]) -> list[Effect]:
 
 
 def clock_of(result: RecordingResult) -> tuple[float, float]:
-    """Offset and rate of the reference's clock."""
+    """Offset and rate of the reference's clock; against what was declared, where that was."""
     seen = result.seen
-    offset_s, rate = seen.reference.start_s + seen.offset_s, seen.rate
+    declared_s = seen.declared_offset_s
+    offset_s = seen.reference.start_s + seen.offset_s if declared_s is None else seen.offset_s - declared_s
+    rate = seen.rate
     if seen.offset_is_free:  # the rows' load may be moved already
         moved_s = result.design.moved_s if isinstance(result.design, BlockDesign) else 0.0
         offset_s -= result.timing.delay_s - moved_s
@@ -99,9 +103,28 @@ def clock_of(result: RecordingResult) -> tuple[float, float]:
             offset_s += share
         if name == "rate":
             rate, offset_s = rate + share, offset_s - share * float(seen.t_s.mean())
-    if seen.declared_offset_s is not None and not seen.offset_is_free:
+    if declared_s is not None and not seen.offset_is_free:
         return 0.0, 0.0
     return offset_s, rate
+
+
+def off_by_clock(seen: WrenchObservation) -> Array:
+    """(1,) counts² or (3,) N² and N²·m²: mean square error of the static curves that a wrong declared clock makes.
+
+    0 where no clock was declared, or the one that was is near.
+    """
+    declared_s = seen.declared_offset_s
+    if declared_s is None or not seen.offset_is_free:
+        return np.zeros(1 if seen.load_is_known else 3)
+    return np.maximum(_square(seen.with_clock(declared_s, 0.0)) - _square(seen), 0.0)
+
+
+def _square(seen: WrenchObservation) -> Array:
+    if not isinstance(seen, ChamberObservation):
+        return seen.square_error
+    known = seen.reference.is_known(seen.reference_s)[:, None, None] & seen.usable
+    off_count = seen.expected_count - seen.activation_count
+    return np.array([np.mean(np.square(off_count), where=known)])
 
 
 def _base_names(whole: Design | BlockDesign) -> tuple[str, ...]:
@@ -109,7 +132,9 @@ def _base_names(whole: Design | BlockDesign) -> tuple[str, ...]:
 
 
 def own_clock(result: RecordingResult) -> list[Finding]:
-    """A clock of the reference's own that runs as no two quartzes do, or rows that do not go with the cycles."""
+    """A clock of the reference's own that runs as no two quartzes do, rows that do not go with the cycles, or a clock
+    that is not the one of the CAN frames, as was declared.
+    """
     seen = result.seen
     is_named = any(each.effect == "clock" for each in result.findings)
     if isinstance(seen, PairedObservation) or not seen.offset_is_free or is_named:
@@ -118,14 +143,17 @@ def own_clock(result: RecordingResult) -> list[Finding]:
     late_s = abs(rate) * float(seen.t_s[-1])
     by_row = not seen.reference.has_times
     runs = abs(rate) > MOST_RATE + 3.0 * seen.rate_std and late_s > LEAST_LATE_S
-    if not (runs or (by_row and max(abs(offset_s), late_s) > LEAST_ROWS_OFF_S)):
+    is_stated = by_row or seen.declared_offset_s is not None
+    if not (runs or (is_stated and max(abs(offset_s), late_s) > LEAST_ROWS_OFF_S)):
         return []
     parameters = {"offset_s": Quantity(offset_s, 0.01, "s"), "rate": Quantity(rate, seen.rate_std, "1")}
+    pace = (
+        f"runs {abs(rate):.3%} {'fast' if rate > 0 else 'slow'} against the CAN frames' and" if runs else "is off: it"
+    )
     return [
         Finding(
             effect="clock", foot=seen.layout.foot, where=Where(), recordings=(seen.name,), parameters=parameters,
-            equation=laws()["clock"].equation, confidence=0.95, explains=0.0,
-            sentence=f"The reference's clock runs {abs(rate):.3%} {'fast' if rate > 0 else 'slow'} against the CAN "
-            f"frames' and says {offset_s:+.2f} s at the first of them.",
+            equation=laws()["clock"].equation, confidence=0.95, explains=float(off_by_clock(seen)[0]),
+            sentence=f"The reference's clock {pace} says {offset_s:+.2f} s at the first of the CAN frames.",
         )
     ]  # fmt: skip

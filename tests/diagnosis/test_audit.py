@@ -37,6 +37,17 @@ def test_noise_that_makes_all_leap_is_no_loose_contact(tmp_path: Path) -> None:
     assert audit(recording.feet[0], "rough").kept.sum() == len(chamber.SLOTS)
 
 
+def test_a_burst_of_noise_of_one_triangle_is_no_loose_contact(tmp_path: Path) -> None:
+    def loud(t_s: chamber.Array, counts: chamber.Array) -> None:
+        while_loud = (t_s > 20) & (t_s < 50)
+        counts[np.ix_(while_loud, range(10))] += np.random.default_rng(3).normal(0.0, 16.0, (while_loud.sum(), 10))
+
+    recording = load(chamber.write(tmp_path / "loud", touch=loud))
+    found = audit(recording.feet[0], "loud")
+    assert found.findings == ()
+    assert found.kept.sum() == len(chamber.SLOTS)
+
+
 def test_an_insole_most_of_which_is_not_there_is_one_finding(tmp_path: Path) -> None:
     def absent(t_s: chamber.Array, counts: chamber.Array) -> None:
         counts[:, 24:] = 240.0  # one number, as a host sends it for what is not connected

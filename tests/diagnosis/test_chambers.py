@@ -31,6 +31,18 @@ def loaded(folder: Path) -> tuple[FootRecording, Array]:
     return foot, np.interp(foot.t_ns * 1e-9, reference.time_s, reference["pressure_pa"])
 
 
+def calibrate(folder: Path, trial: Path) -> None:
+    """Give `folder` the curves that go through the middle of what is read in `trial`."""
+    foot, pressure = loaded(trial)
+    document = json.loads((folder / "calibration.json").read_text())
+    rows = {tuple(identity): row for row, identity in enumerate(foot.layout.identities.tolist())}
+    for each in document["taxels"]:
+        read = foot.counts[:, rows[each["board"], each["triangle"]], each["taxel"]].astype(float)
+        activation = each["baseline_count"] - read
+        each["coefficients_pa"] = np.polynomial.polynomial.polyfit(activation, pressure, 3).tolist()
+    (folder / "calibration.json").write_text(json.dumps(document))
+
+
 def of_rows(*rows: int) -> np.ndarray:
     """(72,) the taxels of these triangles of LAYOUT."""
     return np.isin(np.arange(72) // 12, rows)
@@ -59,14 +71,7 @@ def test_a_memory_of_three_triangles_is_placed_and_measured(tmp_path):
 def test_a_calibration_that_contains_a_strong_memory_hides_no_memory(tmp_path):
     """Its curves are those that go through the middle of what the memory did: no gain, no baseline is named."""
     folder = write(tmp_path / "bag", relaxing(0.45, 3.0))
-    foot, pressure = loaded(folder)
-    document = json.loads((folder / "calibration.json").read_text())
-    rows = {tuple(identity): row for row, identity in enumerate(foot.layout.identities.tolist())}
-    for each in document["taxels"]:
-        read = foot.counts[:, rows[each["board"], each["triangle"]], each["taxel"]].astype(float)
-        activation = each["baseline_count"] - read
-        each["coefficients_pa"] = np.polynomial.polynomial.polyfit(activation, pressure, 3).tolist()
-    (folder / "calibration.json").write_text(json.dumps(document))
+    calibrate(folder, folder)
     found = diagnose(folder)
     (finding,) = found.findings
     assert finding.effect == "viscoelasticity"
@@ -90,6 +95,26 @@ def rubbing(up: float, down: float, widest_pa: float) -> Callable[[Array, Array]
         return found
 
     return effect
+
+
+def knee(knee_pa: float, span_pa: float, before: Callable[[Array, Array], Array]) -> Callable[[Array, Array], Array]:
+    """Bottoming out after another effect."""
+
+    def effect(t_s: Array, p: Array) -> Array:
+        felt = before(t_s, p)
+        over = np.maximum(felt - knee_pa, 0.0)
+        return felt - over + over * span_pa / (span_pa + over)
+
+    return effect
+
+
+def test_a_stiffening_is_named_beside_a_memory_that_the_calibration_contains(tmp_path):
+    memory = relaxing(0.45, 3.0)
+    calibrate(folder := write(tmp_path / "bag", knee(120e3, 250e3, memory)), write(tmp_path / "before", memory))
+    found = diagnose(folder)
+    assert {each.effect for each in found.findings} == {"viscoelasticity", "stiffening"}
+    (stiffening,) = (each for each in found.findings if each.effect == "stiffening")
+    assert stiffening.parameters["knee_pa"].value == pytest.approx(120e3, abs=60e3)
 
 
 def test_loops_that_no_sum_of_plays_has_are_hysteresis_and_nothing_else(tmp_path):
@@ -248,6 +273,15 @@ def test_a_declared_clock_that_is_wrong_beside_a_loop(tmp_path):
     assert {each.effect for each in found.findings} == {"hysteresis", "clock"}
     (clock,) = (each for each in found.findings if each.effect == "clock")
     assert clock.parameters["offset_s"].value == pytest.approx(0.23, abs=0.02)
+
+
+def test_a_declared_clock_that_is_seconds_off_is_a_clock_and_nothing_else(tmp_path):
+    found = diagnose(write(tmp_path / "bag", reference=lambda t_s, p: np.interp(t_s - 3.0, t_s, p)))
+    (finding,) = found.findings
+    assert finding.effect == "clock"
+    assert finding.parameters["offset_s"].value == pytest.approx(3.0, abs=0.02)
+    assert found.verdict == "explained"
+    assert found.heldout["before"] > 5.0 * found.heldout["after"]
 
 
 def test_a_pressure_that_turns_round_sharply_does_not_leap_and_one_that_leaps_does(tmp_path):

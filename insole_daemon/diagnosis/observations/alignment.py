@@ -10,6 +10,7 @@ from ...errors import CalibrationError
 from ...physics.law import Array
 from ..operators import low_pass, plays
 
+FAR_S = 0.15  # that a declared clock is off by: more is no delay, and is found by the edges
 USUAL_RATE = 3e-4
 SURE = 0.995  # of the edges explained: there is nothing to look for
 SHARPER = 0.7  # of what is left unexplained, that another rate may leave at the most

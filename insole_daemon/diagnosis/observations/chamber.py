@@ -23,7 +23,7 @@ from ...physics.law import Array
 from ...recording.loading import FootRecording, Recording
 from ...recording.reference import Reference
 from ..contact import stretches
-from .alignment import fit_own_clock
+from .alignment import FAR_S, fit_own_clock
 from .wrench import (
     FINE_S,
     JITTER_S,
@@ -45,6 +45,7 @@ LEAP_S, LEAP_SHARE, LEAP_SIGMAS = 0.05, 0.02, 20.0  # of the range; of what rows
 LEAST_ANSWER = 0.2  # of the span of the liveliest taxels: less, and a taxel tells little of the load
 LEAST_SPAN_COUNT = 2.0  # of the taxel that answers most
 CLEARER = 0.85  # of what the edges of all taxels leave unexplained, that those of one board may leave
+LEAST_AGREEMENT = 0.8  # with the load on a declared clock: less, and the clock may be far off
 LEAST_TOLD = 0.3  # of the readings' time, that the reference covers
 
 
@@ -144,6 +145,10 @@ def observe_chamber(recording: Recording, foot: FootRecording, calibration: Cali
         raise DiagnosisError(f"{recording.folder}: no taxel answers the pressure: was the insole in the chamber?")
     if declared is None:
         found = _aligned(recording, found)
+    elif (agrees := _agreement(found)) < LEAST_AGREEMENT:
+        moved = _aligned(recording, found)
+        if abs(moved.offset_s - declared) > FAR_S and 1.0 - _agreement(moved) < CLEARER * (1.0 - agrees):
+            found = replace(moved, offset_is_free=True)
     told = float(load.is_known(found.reference_s).mean())
     if told < LEAST_TOLD:
         raise DiagnosisError(
@@ -214,6 +219,16 @@ def _leaps(time_s: Array, pressure_pa: Array) -> NDArray[np.bool_]:
 def _span_count(found: ChamberObservation) -> Array:
     """(T, 12) of the readings."""
     return np.asarray(np.subtract(*np.quantile(found.activation_count, [0.99, 0.01], axis=0)))
+
+
+def _agreement(found: ChamberObservation) -> float:
+    """Square of the correlation between a middle taxel's readings and the load, on the clock as it is."""
+    known = found.reference.is_known(found.reference_s)
+    if known.sum() < LEAST_ROWS:
+        return 0.0
+    said = found.reference.at(found.reference_s)[known, 0]
+    read = trim_mean(found.activation_count[:, found.usable], 0.25, axis=1)[known]
+    return float(np.corrcoef(said, read)[0, 1] ** 2)
 
 
 def _aligned(recording: Recording, found: ChamberObservation) -> ChamberObservation:

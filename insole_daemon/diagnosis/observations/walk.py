@@ -11,13 +11,13 @@ from ...calibration import clock as clocks
 from ...errors import CalibrationError, DiagnosisError
 from ...physics.calibration import Calibration
 from ...recording.loading import FootRecording, Recording
+from .alignment import FAR_S
 from .rezeros import with_rezeros
 from .wrench import CHANNELS, FINE_S, LEAST_ROWS, TEMPERATURE, ReferenceWrench, WrenchObservation, read_rows, row_times
 
 LEAST_FORCE_N = 50.0  # by which the reference's force varies
 LEAST_CORRELATION = 0.7  # of the two forces once the clocks are aligned
 CORRELATED_S, LEAST_MOVE = 8.0, 0.3  # of stretches, and of the force's range that they cover
-LATE_S = 0.15  # readings that come late by no more are searched for as a delay or a lag
 NEAR_S = 0.05  # clocks that are off by no more are taken as declared
 INDEPENDENT = 4.0  # rows that make one, of what the static model leaves
 
@@ -100,7 +100,7 @@ def _aligned(found: WrenchObservation) -> WrenchObservation:
     middle_s, half_s = float(found.t_s.mean()), float(np.ptp(found.t_s)) / 2
     near = abs(fitted.rate) * half_s < NEAR_S
     declared = found.declared_offset_s
-    if declared is not None and near and abs(fitted.offset_s - declared + fitted.rate * middle_s) < LATE_S:
+    if declared is not None and near and abs(fitted.offset_s - declared + fitted.rate * middle_s) < FAR_S:
         return found
     if agrees <= LEAST_CORRELATION:
         if declared is not None and _correlation(found) > LEAST_CORRELATION:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,8 @@ REFITTED_COUNT = 5.0  # standard deviation of what a memory leaves in the curve 
 LEAST_REFITTED_COUNT = 1e-3  # where no memory is: as good as nothing
 OUTER = 0.998  # quantile that stands for the largest
 ALIGNING = ("offset_s", "rate")
+EXPECTED = 1.0  # mean square of weighted rows: the reference's noise and the stamps' jitter are a slow part of it
+N_CLASSES, LEAST_READINGS = 24, 50  # of the load; in one, for a mean
 
 
 def count_figures(refined: Refined[BlockDesign], order: Sequence[int]) -> Figures:
@@ -84,7 +87,7 @@ def count_figures(refined: Refined[BlockDesign], order: Sequence[int]) -> Figure
         square = _square(design, off)
         gains.append(max(previous - square, 0.0))
         previous = min(previous, square)
-    noise = np.sqrt(np.mean(seen.noise_count[seen.usable] ** 2))
+    noise = _noise(design)
     rms = np.sqrt(np.array(squares))
     slope = np.sum(seen.slope_pa * seen.usable, axis=(0, 2)) / (len(seen.t_s) * np.maximum(seen.usable.sum(axis=1), 1))
     counts = [
@@ -96,8 +99,49 @@ def count_figures(refined: Refined[BlockDesign], order: Sequence[int]) -> Figure
     }
     return Figures(
         rms[:1], rms[1:], np.minimum(noise, rms[1:]), counts[0], counts[1], np.asarray(known.any(axis=1)),
-        lack_of_fit(_settled(refined).T, seen.step_s), tuple(gains), timing_gain, shared, beside,
+        lack_of_fit(_settled(refined).T, seen.step_s, EXPECTED), tuple(gains), timing_gain, shared, beside,
         recalibrated,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OffByLoad:
+    """What readings of all taxels are off by on average, in k classes of the load."""
+
+    rows: Array  # (k,) readings in each class
+    load_pa: Array  # (k,)
+    activation_count: Array  # (k,) that the static curves expect
+    after: Array  # (k,) counts that the laws of a set leave, with the curves as handed in
+    moved: Array  # (k,) counts that the memories of it move readings by
+    noise_count: float  # of a reading
+
+
+def off_by_load(refined: Refined[BlockDesign]) -> OffByLoad:
+    """Of a refined set, under a load that is known."""
+    design, law = refined.design, refined.of_laws
+    seen, as_read = design.unmoved, residual(design, Timing())
+    raw = law.design.atoms.x[:, :, law.design.atom].astype(float) * law.design.mask.T[:, None, :]
+    moved = np.zeros_like(design.y)
+    after = design.y
+    for candidate, shares in zip(law.design.candidates, law.shares, strict=True):
+        column = raw[:, :, candidate.columns] @ shares
+        after = after - column
+        moved = moved + column * candidate.term.is_memory
+    as_handed_in, of_memories, of_all = (_off(design, as_read, rest) for rest in (design.y, design.y - moved, after))
+    load = np.broadcast_to(seen.load_pa(seen.reference_s), of_all.shape)
+    known = np.broadcast_to((design.weights > 0)[..., None], of_all.shape) & seen.usable
+    edges = np.linspace(float(load[known].min()), float(load[known].max()), N_CLASSES + 1)
+    of = np.clip(np.digitize(load[known], edges) - 1, 0, N_CLASSES - 1)
+    rows = np.bincount(of, minlength=N_CLASSES).astype(float)
+    # Unloaded readings have a range of their own, which curves that tell a load by its reading do not describe.
+    kept = (rows > LEAST_READINGS) & (np.arange(N_CLASSES) > 0)
+
+    def mean(values: Array) -> Array:
+        return np.asarray(np.bincount(of, values[known], N_CLASSES)[kept] / rows[kept])
+
+    return OffByLoad(
+        rows[kept], mean(load), mean(seen.expected_count), mean(of_all), mean(of_memories - as_handed_in),
+        _noise(design),
     )  # fmt: skip
 
 
@@ -211,6 +255,15 @@ def _heldout_less_curves(
 
 def _less_curves(off: Array, columns: Array, shares: Array) -> Array:
     return np.asarray(off - np.einsum("ntik,tik->nti", columns, shares))
+
+
+def _noise(design: BlockDesign) -> float:
+    """RMS noise of the readings, bursts included, counts."""
+    seen = design.seen
+    noise = np.broadcast_to(seen.noise_count, seen.activation_count.shape)
+    if seen.loudness is not None:
+        noise = noise * seen.loudness[..., None]
+    return float(np.sqrt(_square(design, noise)))
 
 
 def _square(design: BlockDesign, off: Array) -> float:

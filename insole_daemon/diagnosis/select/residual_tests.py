@@ -21,11 +21,11 @@ class LackOfFit:
     excess: Array  # of its slow part, beyond what white noise has there
 
 
-def lack_of_fit(z: Array, step_s: float) -> LackOfFit:
+def lack_of_fit(z: Array, step_s: float, expected: float = 0.0) -> LackOfFit:
     """Of a weighted residual (N, c) in time order.
 
     The level of the noise comes from differences of neighbouring rows; the excess is the largest, over a few windows,
-    of what averages keep beyond that noise.
+    of what averages keep beyond that noise, and beyond what of the mean square that is `expected` is slow.
     """
     noise = np.mean(np.diff(z, axis=0) ** 2, axis=0) / 2.0
     excess = np.zeros(z.shape[1])
@@ -33,4 +33,4 @@ def lack_of_fit(z: Array, step_s: float) -> LackOfFit:
         size = max(round(window_s / step_s), 3)
         slow = uniform_filter1d(z, size, axis=0)
         excess = np.maximum(excess, np.mean(slow**2, axis=0) - 1.5 * noise / size)
-    return LackOfFit(noise, np.maximum(excess, 0.0))
+    return LackOfFit(noise, np.maximum(excess - np.maximum(expected - noise, 0.0), 0.0))
