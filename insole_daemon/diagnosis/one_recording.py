@@ -17,7 +17,7 @@ from .finding import Finding, Quantity, heldout_of
 from .gathering import join_places
 from .model.blocks import RECALIBRATIONS, BlockDesign, Priors
 from .model.design import Design
-from .model.refine import Refined, refine
+from .model.refine import refine
 from .observations.reading_faults import ReadingFaults, reading_faults
 from .observations.wrench import WrenchObservation
 from .observing import refuse_unloaded
@@ -28,8 +28,8 @@ from .searching import search as search_terms
 from .select import confidence
 from .select.count_figures import count_figures
 from .select.search import FittedSet, SubsetSearch
-from .select.static_part import static_part
 from .select.wrench_figures import Figures
+from .static_findings import static_findings
 from .terms import TERMS
 from .timings import LEAST_DELAY_S, is_nuisance, off_by_clock, own_clock, timing_effects, timing_findings
 from .trimming import LEAST_GAINED, figures_of, stronger, trimmed
@@ -44,8 +44,6 @@ from .unexplained import (
     timing_energy,
     unknown,
 )
-
-STATIC_CONFIDENCE = 0.7  # of a static word beside a memory whose curves are loose
 
 
 def diagnose_one(seen: WrenchObservation, foot: FootRecording, progress: Callable[[str], None]) -> RecordingResult:
@@ -101,7 +99,7 @@ def diagnose_one(seen: WrenchObservation, foot: FootRecording, progress: Callabl
             effects.append(effect)
         findings.append(_finding(words[i], where, parameters[i], gain, seen, found, search, kept.best, i))
     if isinstance(whole, BlockDesign) and whole.priors.has_loose_curves and not is_unknown and order:
-        findings += _static(refined, seen, found)
+        findings += static_findings(refined, found)
     findings = list(join_places(findings, seen))
     effects.sort(key=lambda each: np.inf if each.law.order is None else each.law.order)  # the order of the signal path
     findings += [each for each in faults.findings if not _is_next_to_nothing(each, found)]
@@ -136,25 +134,6 @@ def _finding(
         explains=gain, confidence=confidence.confidence(margin, bool(alternatives)), margin=margin, sentence=said,
         **heldout_of(seen.load_is_known, float(np.sqrt(found.after[0] ** 2 + gain)), float(found.after[0])),
     )  # fmt: skip
-
-
-def _static(refined: Refined[BlockDesign], seen: WrenchObservation, found: Figures) -> list[Finding]:
-    """What is said of curves that are off by more than a memory: the model has these curves, and no effect for it."""
-    part = static_part(refined)
-    if part is None:
-        return []
-    units = {each.name: each.unit for each in laws()[part.word].parameters}
-    size = {name: value - 1.0 if name == "gain" else value for name, value in part.values.items()}
-    parameters = {name: Quantity(value, abs(size[name]) * part.std, units[name]) for name, value in part.values.items()}
-    sentence = sentences.of_effect(part.word, Where(), parameters)
-    return [
-        Finding(
-            effect=part.word, foot=seen.layout.foot, where=Where(), equation=laws()[part.word].equation,
-            recordings=(seen.name,), parameters=parameters, explains=part.square, confidence=STATIC_CONFIDENCE,
-            sentence=f"{sentence} The calibration contains a part of the memory, so its share is a guess.",
-            **heldout_of(True, float(np.sqrt(found.after[0] ** 2 + part.square)), float(found.after[0])),
-        )
-    ]  # fmt: skip
 
 
 def _placed(searched: Searched, seen: WrenchObservation, found: Figures) -> tuple[Figures, list[Finding], list[Effect]]:
