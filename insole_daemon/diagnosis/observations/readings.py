@@ -131,7 +131,7 @@ def _from_frames(recording: Recording, foot: FootRecording) -> list[Raw]:
             t_ns.append(batch.t_ns[own])
     slot, payload = np.concatenate(slots), np.concatenate(data)
     t_s = (np.concatenate(t_ns) - foot.t_ns[0]) * 1e-9
-    order = np.argsort(slot, kind="stable")
+    order = np.lexsort((t_s, slot))  # a log that was put together may not be in time order
     starts = np.searchsorted(slot[order], np.arange(2 * len(foot.layout) + 1))
     found = []
     for row in range(len(foot.layout)):
