@@ -4,7 +4,7 @@
 
 Two simulated trials, a chamber and a walk, with one to three changes each: rows and frames that are lost, come twice,
 in another order, at other times or with other bytes, numbers that are none, other keys and values in the documents,
-files that are cut off, empty or gone. A run that was interrupted goes on where it was. Every defect keeps its recording.
+files that are cut off, empty or gone. An interrupted run goes on where it was. Every defect keeps its recording.
 
 Takes about an hour for 1 000 on one core.
 """

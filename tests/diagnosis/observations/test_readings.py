@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import random
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from insole_daemon.diagnosis.observations.readings import TriangleReadings, _without_held
+import insole_daemon
+from benchmarks.diagnosis.mutated_recordings import simulate
+from insole_daemon.diagnosis.observations.readings import TriangleReadings, _without_held, read_triangles
 
 SENT_S = 0.02
 
@@ -36,3 +41,21 @@ def test_frames_that_repeat_are_no_slow_converter():
     assert not found.is_converter_slow
     assert found.held_fraction == pytest.approx(0.3, abs=0.03)
     assert np.allclose(found.t_s / SENT_S, np.round(found.t_s / SENT_S))
+
+
+def test_frames_of_a_log_that_is_not_in_time_order_give_the_same_readings(tmp_path: Path) -> None:
+    folder = simulate(tmp_path)[1]
+    log = folder / "can.log"
+    lines = log.read_text().splitlines(keepends=True)
+
+    def readings() -> list[TriangleReadings]:
+        recording = insole_daemon.load(folder)
+        return read_triangles(recording, recording.feet[0])
+
+    in_order = readings()
+    middle = lines[100:-100]
+    random.Random(1).shuffle(middle)
+    log.write_text("".join([*lines[:100], *middle, *lines[-100:]]))
+    for one, other in zip(in_order, readings(), strict=True):
+        assert np.array_equal(one.t_s, other.t_s)
+        assert np.array_equal(one.counts, other.counts)

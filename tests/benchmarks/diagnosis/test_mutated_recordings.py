@@ -1,0 +1,36 @@
+"""Damaged recordings: the same seed does the same damage, and a diagnosis of each is an answer or a refusal."""
+
+from __future__ import annotations
+
+import random
+import shutil
+from pathlib import Path
+
+import pytest
+
+from benchmarks.diagnosis.mutated_recordings import diagnose, mutate, simulate
+
+SEED = 5
+
+
+@pytest.fixture(scope="module")
+def trials(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """A simulated chamber and a walk."""
+    return simulate(tmp_path_factory.mktemp("trials"))
+
+
+def test_a_seed_decides_what_is_damaged(tmp_path: Path, trials: list[Path]) -> None:
+    every = []
+    for name in ("one", "other"):
+        folder = tmp_path / name
+        shutil.copytree(trials[1], folder)
+        changes = mutate(folder, random.Random(SEED))
+        every.append((changes, {path.name: path.read_bytes() for path in folder.iterdir()}))
+    assert every[0] == every[1]
+    assert every[0][1] != {path.name: path.read_bytes() for path in trials[1].iterdir()}
+
+
+@pytest.mark.parametrize("number", range(6))
+def test_a_damaged_recording_is_answered_or_refused(trials: list[Path], number: int) -> None:
+    found = diagnose(number, trials, SEED)
+    assert not found.is_defect, (found.changes, found.said)
