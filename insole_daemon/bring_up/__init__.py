@@ -1,1 +1,1 @@
-"""The first hour with real boards: what the bus says, what differs from the configuration, and one report of it."""
+"""The first hour with real boards: observe the bus, compare it with the configuration, write one report."""

@@ -1,4 +1,4 @@
-"""What an observation means: findings, each with its remedy, and the lines of config.yaml that would agree."""
+"""Judgement of an observation: findings with their remedies, and lines of config.yaml that match the boards."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from ..config import Board, Config
 from ..service.doctor.finding import CheckResult, ok, problem, warning
 from ..skin.layout import Layout
-from ..skin.mapping import Found
+from ..skin.mapping import PositionResult
 from .observation import BoardFacts, Observation
 
 _PERIOD_RATIO = 1.25  # a board keeps its period to some 100 ppm; a bus that is nearly full delays a frame by a few ms
@@ -19,9 +19,9 @@ _WIRING = "power off: 120 Ω between CAN_H and CAN_L at both ends of the bus (60
 
 
 def judge_observation(observation: Observation, config: Config, layouts: Sequence[Layout]) -> Iterator[CheckResult]:
-    """Judge what was heard on the buses of `config`."""
+    """Compare the observed boards with `config`; yield findings."""
     heard = observation.boards()
-    yield from _bus(observation, heard)
+    yield from _judge_bus(observation, heard)
     clashing = {fault.board for fault in observation.faults if fault.kind == "board_address_clash"}
     for insole, layout in zip(config.insoles, layouts, strict=True):
         for board in insole.boards:
@@ -29,18 +29,18 @@ def judge_observation(observation: Observation, config: Config, layouts: Sequenc
             if facts is None:
                 yield problem(
                     _name(board.address),
-                    f"of the {insole.foot} foot: not one frame from it",
+                    f"of the {insole.foot} foot: no frame received",
                     f"is it powered and connected? Then start it: in config.yaml boards: {{configure: true}}, "
                     f"'insole run', and 'insole boards start --foot {insole.foot}'",
                 )
             elif board.address in clashing:
                 yield problem(
                     _name(board.address),
-                    "two boards send under this address: their readings cannot be told apart",
+                    "two boards send under this address: their readings cannot be distinguished",
                     "unplug one of the two and give the other a free address with the maker's tool",
                 )
             else:
-                yield from _board(board, facts, layout, insole.foot)
+                yield from _judge_board(board, facts, layout, insole.foot)
     configured = {board.address for insole in config.insoles for board in insole.boards}
     for address in sorted(heard.keys() - configured):
         yield problem(
@@ -48,10 +48,10 @@ def judge_observation(observation: Observation, config: Config, layouts: Sequenc
             f"sends {len(heard[address].triangles)} triangles, and config.yaml does not have it",
             f"under boards of its foot: {config_line(heard[address], None)}   # or unplug it",
         )
-    yield from _faults(observation, clashing)
+    yield from _judge_faults(observation, clashing)
 
 
-def _bus(observation: Observation, heard: Mapping[int, BoardFacts]) -> Iterator[CheckResult]:
+def _judge_bus(observation: Observation, heard: Mapping[int, BoardFacts]) -> Iterator[CheckResult]:
     frames = observation.frames()
     errors = sum(observation.error_frames.values())
     kinds = ", ".join(f"{count} {kind.replace('_', ' ')}" for kind, count in observation.error_frames.items())
@@ -67,28 +67,28 @@ def _bus(observation: Observation, heard: Mapping[int, BoardFacts]) -> Iterator[
     elif not data:
         yield problem(
             "bus",
-            "nothing was sent: no frame and no error frame",
-            "are the boards powered, and is this the interface they are on? 'insole doctor' looks at the interface",
+            "no frame and no error frame received",
+            "are the boards powered, and is this their interface? 'insole doctor' checks the interface",
         )
-    others = observation.other_senders()
-    if others:
-        most = sorted(others, key=lambda each: -others[each])[:_MOST_IDENTIFIERS]
-        words = ", ".join(f"0x{each:03X} ({others[each]})" for each in most)
-        more = f" and {len(others) - len(most)} more" if len(others) > len(most) else ""
+    other_frames = observation.other_senders()
+    if other_frames:
+        most = sorted(other_frames, key=lambda identifier: -other_frames[identifier])[:_MOST_IDENTIFIERS]
+        listed = ", ".join(f"0x{identifier:03X} ({other_frames[identifier]})" for identifier in most)
+        more = f" and {len(other_frames) - len(most)} more" if len(other_frames) > len(most) else ""
         yield warning(
             "bus",
-            f"another sender: frames that no tactile board sends, by identifier (frames): {words}{more}",
+            f"another sender: frames that no tactile board sends, by identifier (frames): {listed}{more}",
             "give the insole a bus of its own: another sender takes its time, and may command its boards",
         )
-    if data and not errors and not others and heard:
+    if data and not errors and not other_frames and heard:
         yield ok("bus", f"{data} frames, no error frame, no other sender")
 
 
-def _board(board: Board, facts: BoardFacts, layout: Layout, foot: str) -> Iterator[CheckResult]:
+def _judge_board(board: Board, facts: BoardFacts, layout: Layout, foot: str) -> Iterator[CheckResult]:
     name, line = _name(board.address), f"config.yaml: {config_line(facts, board)}"
     configure = f"insole boards configure --foot {foot}   # or {line}"
     wrong = False
-    if not _near(facts.period_ms, board.period_ms):
+    if not _is_near(facts.period_ms, board.period_ms):
         wrong = True
         yield problem(
             name, f"sends every {facts.period_ms:.0f} ms, the configuration says {board.period_ms} ms", configure
@@ -110,20 +110,20 @@ def _board(board: Board, facts: BoardFacts, layout: Layout, foot: str) -> Iterat
             "or it is pressed, or was started under load",
             configure,
         )
-    expected = {each.triangle for each in layout.triangles if each.board == board.address}
+    expected = {triangle.triangle for triangle in layout.triangles if triangle.board == board.address}
     missing, further = sorted(expected - set(facts.triangles)), sorted(set(facts.triangles) - expected)
     if missing:
         wrong = True
         yield problem(
             name,
-            f"triangles {_list(missing)} of the layout are never sent",
+            f"triangles {_format_numbers(missing)} of the layout are never sent",
             f"insole boards configure --foot {foot}   # enables them; or take them out of the layout",
         )
     if further:
         yield warning(
             name,
-            f"sends triangles {_list(further)}, which are not in the layout",
-            "'insole map' finds where they lie; what the layout does not have is not used",
+            f"sends triangles {_format_numbers(further)}, which are not in the layout",
+            "'insole map' finds where they lie; triangles that are not in the layout are not used",
         )
     for triangles, words in (
         (facts.open_triangles, "not connected"),
@@ -132,18 +132,20 @@ def _board(board: Board, facts: BoardFacts, layout: Layout, foot: str) -> Iterat
         used = sorted(set(triangles) & expected)
         if used:
             wrong = True
-            yield problem(name, f"triangle {_list(used)}: {words}", "check the flat cable of that triangle")
+            yield problem(name, f"triangle {_format_numbers(used)}: {words}", "check the flat cable of that triangle")
     if facts.legacy:
         yield warning(name, "sends in the old class 3: an MTB3 that was never configured", configure)
     if not wrong:
         yield ok(name, describe_board(facts))
 
 
-def _faults(observation: Observation, clashing: set[int]) -> Iterator[CheckResult]:
-    """What the daemon's own watch has found beside what the boards say themselves."""
-    told = {(address, each) for address, facts in observation.boards().items() for each in facts.open_triangles}
+def _judge_faults(observation: Observation, clashing: set[int]) -> Iterator[CheckResult]:
+    """Yield the faults that the daemon's fault watch detected, without those that the boards report themselves."""
+    reported_open = {
+        (address, triangle) for address, facts in observation.boards().items() for triangle in facts.open_triangles
+    }
     for fault in observation.faults:
-        if fault.board in clashing or fault.kind == "board_silent" or (fault.board, fault.triangle) in told:
+        if fault.board in clashing or fault.kind == "board_silent" or (fault.board, fault.triangle) in reported_open:
             continue
         where = "" if fault.triangle is None else f" triangle {fault.triangle}"
         where += "" if fault.taxel is None else f" taxel {fault.taxel}"
@@ -156,26 +158,26 @@ def _faults(observation: Observation, clashing: set[int]) -> Iterator[CheckResul
         yield warning(f"{_name(fault.board)}{where}", words, remedy)
 
 
-def placement(layout: Layout, found: Sequence[Found]) -> Iterator[CheckResult]:
-    """Judge where the boards of one foot answered against `layout`, which the configuration uses."""
+def judge_placement(layout: Layout, results: Sequence[PositionResult]) -> Iterator[CheckResult]:
+    """Compare the mapping results of one foot with `layout`, which the configuration uses."""
     boards: dict[str, set[int]] = {}
     expected: dict[str, set[int]] = {}
     moved = []
-    for each in found:
-        if each.position.foot != layout.foot:
+    for result in results:
+        if result.position.foot != layout.foot:
             continue
-        own = layout.triangles[each.position.row]
-        expected.setdefault(own.patch, set()).add(own.board)
-        if each.identity is not None:
-            boards.setdefault(own.patch, set()).add(each.identity[0])
-            if each.identity != (own.board, own.triangle):
-                moved.append(each)
-    for patch, answered in boards.items():
-        if not answered & expected[patch]:
+        expected_triangle = layout.triangles[result.position.row]
+        expected.setdefault(expected_triangle.patch, set()).add(expected_triangle.board)
+        if result.identity is not None:
+            boards.setdefault(expected_triangle.patch, set()).add(result.identity[0])
+            if result.identity != (expected_triangle.board, expected_triangle.triangle):
+                moved.append(result)
+    for patch, responding in boards.items():
+        if not responding & expected[patch]:
             yield problem(
                 f"{layout.foot} foot",
-                f"patches are swapped: at the {patch} patch board {_list(sorted(answered))} answers, "
-                f"the layout has board {_list(sorted(expected[patch]))} there",
+                f"patches are swapped: at the {patch} patch board {_format_numbers(sorted(responding))} answers, "
+                f"the layout has board {_format_numbers(sorted(expected[patch]))} there",
                 f"plug the patches as the layout says, or use the one written here: layout: {layout.foot}-layout.yaml",
             )
             return
@@ -189,17 +191,17 @@ def placement(layout: Layout, found: Sequence[Found]) -> Iterator[CheckResult]:
         yield ok(f"{layout.foot} foot", "every triangle that answered lies where the layout says")
 
 
-def force(foot: str, f_z_n: float, std_n: float, body_mass_kg: float, builtin: bool) -> CheckResult:
+def judge_force(foot: str, f_z_n: float, std_n: float, body_mass_kg: float, builtin: bool) -> CheckResult:
     """Judge the force measured while a person stands on `foot` alone; `std_n` is the calibration's uncertainty."""
     weight_n = 9.81 * body_mass_kg
     measured = f"{f_z_n:.0f} N on the {foot} foot, the body weighs {weight_n:.0f} N"
     if builtin or not math.isfinite(std_n):
         return warning(
             f"{foot} force",
-            f"{measured}; the calibration states no uncertainty, so nothing follows from the difference",
+            f"{measured}; the calibration states no uncertainty, so the difference cannot be judged",
             "insole calibrate   # makes a calibration of this insole, with its uncertainty",
         )
-    limit_n = 3 * std_n + 0.05 * weight_n  # nobody stands still to a few percent
+    limit_n = 3 * std_n + 0.05 * weight_n  # the force of a standing person varies by a few percent
     if abs(f_z_n - weight_n) <= limit_n:
         return ok(f"{foot} force", f"{measured}: within ± {limit_n:.0f} N")
     return problem(
@@ -210,12 +212,12 @@ def force(foot: str, f_z_n: float, std_n: float, body_mass_kg: float, builtin: b
 
 
 def config_line(facts: BoardFacts, board: Board | None) -> str:
-    """Return the line of config.yaml that agrees with what the board sends; what frames do not tell stays."""
+    """Return the line of config.yaml that matches the board's frames; settings that frames do not show stay."""
     period_ms = round(facts.period_ms) if math.isfinite(facts.period_ms) else 20
     no_load = round(facts.rest_count) if math.isfinite(facts.rest_count) else 240
     interface, shift = ("can0", 3) if board is None else (board.interface, board.shift)
     if board is not None:
-        period_ms = board.period_ms if _near(facts.period_ms, board.period_ms) else period_ms
+        period_ms = board.period_ms if _is_near(facts.period_ms, board.period_ms) else period_ms
         no_load = board.no_load if abs(no_load - board.no_load) <= _REST_COUNT else no_load
     return (
         f"- {{address: {facts.address}, interface: {interface}, period_ms: {period_ms}, shift: {shift}, "
@@ -224,7 +226,7 @@ def config_line(facts: BoardFacts, board: Board | None) -> str:
 
 
 def describe_board(facts: BoardFacts) -> str:
-    """Everything that the frames of a board tell, in one sentence."""
+    """Return the properties of a board's frames in one sentence."""
     order = (
         "halves in ascending order (an MTB4, or an MTB3 whose queue stays short)"
         if facts.is_ordered
@@ -239,13 +241,13 @@ def describe_board(facts: BoardFacts) -> str:
     )
 
 
-def _near(measured_ms: float, said_ms: float) -> bool:
-    return math.isfinite(measured_ms) and 1 / _PERIOD_RATIO < measured_ms / said_ms < _PERIOD_RATIO
+def _is_near(measured_ms: float, configured_ms: float) -> bool:
+    return math.isfinite(measured_ms) and 1 / _PERIOD_RATIO < measured_ms / configured_ms < _PERIOD_RATIO
 
 
 def _name(address: int) -> str:
     return f"board {address}"
 
 
-def _list(numbers: Sequence[int]) -> str:
+def _format_numbers(numbers: Sequence[int]) -> str:
     return ", ".join(map(str, numbers))

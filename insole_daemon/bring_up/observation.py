@@ -1,4 +1,4 @@
-"""What was heard on the bus for some seconds, board by board, whether the configuration knows the board or not."""
+"""Observation of a bus for some seconds: the properties of every board, configured or not."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ _CLAMPED = (0, 255)
 
 @dataclass(frozen=True, slots=True)
 class BoardFacts:
-    """One board that was heard."""
+    """The properties of one board, from its frames."""
 
     address: int
     is_ordered: bool  # halves come in ascending order: an MTB3 whose queue fills sends the newest first
     legacy: bool  # in the class of an MTB3 that was never configured in the new style
     triangles: tuple[int, ...]
     period_ms: float  # between two halves of one kind of one triangle, median
-    new_values_hz: float  # of its most active half: how often there was something new
+    new_values_hz: float  # of its most active half: how often its values change
     rest_count: float  # median of its pressure taxels
     pads_count: tuple[float, float] | None  # median of thermal pads 6 and 10; None: no triangle is connected
     open_triangles: tuple[int, ...]  # not connected by their own status, most of the time
@@ -49,7 +49,7 @@ class BoardFacts:
 
 
 class Observation:
-    """Collects frames; what they say is asked afterwards."""
+    """Collects frames and evaluates them afterwards."""
 
     def __init__(self, layouts: Sequence[Layout], boards: Mapping[int, Board]) -> None:
         """`boards`: the configured ones, by address."""
@@ -61,12 +61,12 @@ class Observation:
         self.error_frames: dict[str, int] = {}
 
     def feed(self, batch: FrameBatch, now_ns: int) -> None:
-        """Take in all frames that had arrived at `now_ns`, of the clock of the frames."""
+        """Add all frames received until `now_ns`, by the clock of the frames."""
         count_kinds(batch, self.error_frames)
         self._batches.append(batch)
         for closed in (self._reader.feed(batch), self._reader.advance(now_ns)):
-            for watch, kept, portions in zip(self._watches, self.cycles, closed, strict=True):
-                kept += portions
+            for watch, stored, portions in zip(self._watches, self.cycles, closed, strict=True):
+                stored += portions
                 for cycles in portions:
                     for at in range(len(cycles)):
                         watch.screen(cycles, at)
@@ -74,11 +74,11 @@ class Observation:
 
     @property
     def faults(self) -> list[Fault]:
-        """What the daemon would report as faults now."""
+        """The faults that the daemon would report now."""
         return [fault for watch in self._watches for fault in watch.faults]
 
     def frames(self) -> FrameBatch:
-        """All frames so far."""
+        """Return all frames so far."""
         self._batches = [FrameBatch.concatenate(self._batches)]
         return self._batches[0]
 
@@ -87,46 +87,46 @@ class Observation:
         frames = self.frames()
         halves = frames[_is_half(frames)]
         address = halves.can_id >> 4 & 0xF
-        return {int(each): _facts(int(each), halves[address == each]) for each in np.unique(address)}
+        return {int(board): _board_facts(int(board), halves[address == board]) for board in np.unique(address)}
 
     def other_senders(self) -> dict[int, int]:
-        """Return how many frames came by identifier that are no halves, and none of a board's own messages."""
+        """Return the number of frames by identifier that are neither halves nor other messages of a board."""
         frames = self.frames()
-        own = _is_half(frames) | (frames.flags & ERROR != 0)
-        own |= np.isin(frames.can_id >> 8, (CLASS_LEGACY_SKIN, CLASS_MANAGEMENT)) & (frames.flags == 0)
-        identifiers, counts = np.unique(frames.can_id[~own], return_counts=True)
+        is_from_boards = _is_half(frames) | (frames.flags & ERROR != 0)
+        is_from_boards |= np.isin(frames.can_id >> 8, (CLASS_LEGACY_SKIN, CLASS_MANAGEMENT)) & (frames.flags == 0)
+        identifiers, counts = np.unique(frames.can_id[~is_from_boards], return_counts=True)
         return dict(zip(identifiers.tolist(), counts.tolist(), strict=True))
 
 
 def _is_half(frames: FrameBatch) -> NDArray[np.bool_]:
-    """(n,) whether each frame is a half of a triangle."""
+    """Return whether each frame is a half of a triangle, (n,)."""
     is_half: NDArray[np.bool_] = np.isin(frames.can_id >> 8, (CLASS_SKIN, CLASS_LEGACY_SKIN))
     is_half &= (frames.flags == 0) & (frames.dlc == 8) & np.isin(frames.data[:, 0], (TAG_A, TAG_B))
     return is_half
 
 
-def _facts(address: int, halves: FrameBatch) -> BoardFacts:
-    """What the halves of one board say of it."""
+def _board_facts(address: int, halves: FrameBatch) -> BoardFacts:
+    """Return the properties of one board from its halves."""
     triangle = (halves.can_id & 0xF).astype(np.int64)
     is_b = halves.data[:, 0] == TAG_B
     slot = 2 * triangle + is_b
     spacing_ms, new_values_hz = [], 0.0
     seconds = max(float(halves.t_mono_ns[-1] - halves.t_mono_ns[0]) * 1e-9, 1e-3)
-    for each in np.unique(slot):
-        of_slot = slot == each
+    for index in np.unique(slot):
+        of_slot = slot == index
         times_ns, payload = halves.t_mono_ns[of_slot], halves.data[of_slot]
         spacing_ms += (np.diff(times_ns) * 1e-6).tolist()
         new_values_hz = max(new_values_hz, float((payload[1:] != payload[:-1]).any(axis=1).sum()) / seconds)
     counts, status = np.full((16, 12), np.nan), np.zeros((16, 3))
     flagged = taxels = 0
-    for each in np.unique(triangle):
-        a = halves.data[(triangle == each) & ~is_b][:, 1:8]
-        b = halves.data[(triangle == each) & is_b]
+    for index in np.unique(triangle):
+        a = halves.data[(triangle == index) & ~is_b][:, 1:8]
+        b = halves.data[(triangle == index) & is_b]
         if not len(a) or not len(b):
             continue
-        counts[each] = np.median(np.concatenate([a[: len(b)], b[: len(a), 1:6]], axis=1), axis=0)
+        counts[index] = np.median(np.concatenate([a[: len(b)], b[: len(a), 1:6]], axis=1), axis=0)
         words = b[:, 6].astype(np.int64) << 8 | b[:, 7]
-        status[each, :2] = [np.mean(words & 0xF == kind) for kind in (ERROR_NO_ACK, ERROR_NOT_CONNECTED)]
+        status[index, :2] = [np.mean(words & 0xF == kind) for kind in (ERROR_NO_ACK, ERROR_NOT_CONNECTED)]
         out_of_range = words[:, None] >> np.arange(11, 16) & 1  # of taxels 7 to 11, which b holds
         in_range = ~np.isin(b[:, 1:6], _CLAMPED)
         flagged += int((out_of_range.astype(bool) & in_range).sum())
@@ -151,6 +151,6 @@ def _facts(address: int, halves: FrameBatch) -> BoardFacts:
 
 
 def _is_ordered(slot: NDArray[np.int64]) -> bool:
-    """Whether the halves of a board come ascending, A before B; each tick begins with one step down."""
+    """Return whether the halves of a board are ascending, A before B; each reading begins with one step down."""
     descents = np.count_nonzero(np.diff(slot) < 0) / max(1, len(slot) - 1)
     return bool(descents <= 1 / len(np.unique(slot)) + _DISORDER_SHARE)

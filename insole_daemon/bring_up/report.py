@@ -15,25 +15,25 @@ STEPS = ("bus", "boards", "mapping", "zero", "recording", "force")
 
 @dataclass(slots=True)
 class Report:
-    """What each step has found; a step that was not done says why."""
+    """The findings of each step; a step that was not done has a note with the reason."""
 
     configuration: str  # the text of config.yaml, or that it is the built-in one
     findings: dict[str, list[CheckResult]] = field(default_factory=dict)
     notes: dict[str, str] = field(default_factory=dict)
 
     def add(self, step: str, findings: Sequence[CheckResult], note: str = "") -> None:
-        """Record what `step` has found."""
+        """Add the findings of `step`."""
         self.findings[step] = [*self.findings.get(step, []), *findings]
         if note:
             self.notes[step] = note
 
     @property
     def problems(self) -> list[CheckResult]:
-        """Everything that does not work so."""
-        return [each for found in self.findings.values() for each in found if each.level == "problem"]
+        """All findings that are problems."""
+        return [finding for findings in self.findings.values() for finding in findings if finding.level == "problem"]
 
     def text(self) -> str:
-        """The whole report, Markdown."""
+        """Return the whole report as Markdown."""
         n = len(self.problems)
         where = f"insole-daemon {__version__}, Python {platform.python_version()}, {platform.platform()}"
         lines = [
@@ -44,15 +44,16 @@ class Report:
             f"**{n} problem{'s' * (n != 1)}.**" + (" What to change:" if n else ""),
             "",
         ]
-        lines += [f"1. {each.subject}: {each.text}\n   {each.remedy}" for each in self.problems]
+        lines += [f"1. {finding.subject}: {finding.text}\n   {finding.remedy}" for finding in self.problems]
         for step in STEPS:
             lines += ["", f"## {step.capitalize()}", ""]
             if step in self.notes:
                 lines.append(self.notes[step])
             elif step not in self.findings:
                 lines.append("Not done.")
-            for each in self.findings.get(step, []):
+            for finding in self.findings.get(step, []):
                 lines.append(
-                    f"- {each.level}: {each.subject}: {each.text}" + (f" → {each.remedy}" if each.remedy else "")
+                    f"- {finding.level}: {finding.subject}: {finding.text}"
+                    + (f" → {finding.remedy}" if finding.remedy else "")
                 )
         return "\n".join([*lines, "", "## Configuration", "", "```yaml", self.configuration.rstrip(), "```", ""])

@@ -1,4 +1,4 @@
-"""The steps of a bring-up that need more than listening: the zero, a minute of recording, the force of one foot."""
+"""The steps of a bring-up that need a person: the zero, a minute of recording, the force of one foot."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from ..service.foot_setup import FootSetup
 from ..service.state import zero_path
 from ..skin.cycles import Cycles
 from ..skin.validity import Validity
-from .judgement import force
+from .judgement import judge_force
 from .observation import Observation
 
 _LOOK_NS = 50_000_000
@@ -34,27 +34,27 @@ def listen(
     setups: Sequence[FootSetup],
     seconds: float,
     stop: threading.Event,
-    tell: Callable[[float], None],
+    report_share: Callable[[float], None],
 ) -> Observation:
-    """Observe the bus for `seconds`, or until `stop`; `tell` is called with the elapsed share, 0 to 1."""
+    """Observe the bus for `seconds`, or until `stop`; call `report_share` with the elapsed share, 0 to 1."""
     boards = {board.address: board for setup in setups for board in setup.insole.boards}
     observation = Observation([setup.layout for setup in setups], boards)
     begin_ns = source.clock_ns()
     end_ns = begin_ns + round(seconds * 1e9)
     while source.clock_ns() < end_ns and not stop.is_set():
-        batch, looked_ns = collect(source, 1 << 30, source.clock_ns() + _LOOK_NS)
-        observation.feed(batch, looked_ns)
-        tell((looked_ns - begin_ns) / (end_ns - begin_ns))
+        batch, polled_ns = collect(source, 1 << 30, source.clock_ns() + _LOOK_NS)
+        observation.feed(batch, polled_ns)
+        report_share((polled_ns - begin_ns) / (end_ns - begin_ns))
     return observation
 
 
 def take_zero(observation: Observation, setups: Sequence[FootSetup]) -> tuple[list[FootSetup], list[CheckResult]]:
-    """Take the zero of every foot from what was observed without load, and store it for the daemon.
+    """Take the zero of every foot from an observation without load, and store it for the daemon.
 
-    Returns the setups with the zeros that were taken, and a finding a foot.
+    Returns the setups with the new zeros, and a finding for each foot.
     """
-    found: list[CheckResult] = []
-    after: list[FootSetup] = []
+    findings: list[CheckResult] = []
+    new_setups: list[FootSetup] = []
     for setup, cycles in zip(setups, observation.cycles, strict=True):
         zeroing = Zeroing(setup.layout, setup.zeroed_calibration, _validity(setup))
         for portion in cycles:
@@ -62,23 +62,25 @@ def take_zero(observation: Observation, setups: Sequence[FootSetup]) -> tuple[li
         outcome = zeroing.outcome(time.time_ns())
         subject = f"{setup.insole.foot} zero"
         if outcome.zero is None:
-            found.append(problem(subject, "; ".join(outcome.refusals), "lift the foot, keep it still, and try again"))
-            after.append(setup)
+            findings.append(
+                problem(subject, "; ".join(outcome.refusals), "lift the foot, keep it still, and try again")
+            )
+            new_setups.append(setup)
             continue
         path = zero_path(setup.config.rig, setup.insole.foot)
         try:
             zeros.save(path, outcome.zero, setup.layout)
         except OSError as error:
             raise InsoleError(f"{path}: cannot be written: {error.strerror or error}") from error
-        after.append(setup.with_zero(outcome.zero, str(path)))
-        found.append(
+        new_setups.append(setup.with_zero(outcome.zero, str(path)))
+        findings.append(
             ok(
                 subject,
                 f"moved by {outcome.shift_count or 0:+.2f} counts on average, noise {outcome.noise_count or 0:.2f} "
                 f"counts, stored in {path}",
             )
         )
-    return after, found
+    return new_setups, findings
 
 
 def record_trial(
@@ -87,9 +89,9 @@ def record_trial(
     out: Path,
     seconds: float,
     stop: threading.Event,
-    tell: Callable[[Progress], None],
+    report_progress: Callable[[Progress], None],
 ) -> list[CheckResult]:
-    """Record `seconds` into the folder `out`; the verdict on each foot."""
+    """Record `seconds` into the folder `out`; return the verdict on each foot."""
     insoles = [
         InsoleContents(
             setup.insole.foot,
@@ -102,20 +104,20 @@ def record_trial(
     ]
     recorder = LiveRecorder(out, "free", insoles, 0, source.interfaces)
     try:
-        progress = Session(recorder, stop, seconds, tell).from_bus(source)
+        progress = Session(recorder, stop, seconds, report_progress).from_bus(source)
     finally:
         recorder.close()
-    found = []
+    findings = []
     for foot, quality in progress.quality.items():
         subject = f"{foot} recording"
         if quality.verdict == "good":
-            found.append(ok(subject, quality.sentence))
+            findings.append(ok(subject, quality.sentence))
         else:
-            say = warning if quality.verdict == "usable" else problem
-            found.append(
-                say(subject, quality.sentence, "insole doctor   # CPU, receive buffer and bus; then insole status")
+            level = warning if quality.verdict == "usable" else problem
+            findings.append(
+                level(subject, quality.sentence, "insole doctor   # CPU, receive buffer and bus; then insole status")
             )
-    return found
+    return findings
 
 
 def stand_on_one_foot(
@@ -126,7 +128,7 @@ def stand_on_one_foot(
     cycles = Cycles.concatenate(observation.cycles[at], len(setup.layout))
     subject = f"{setup.insole.foot} force"
     if not len(cycles):
-        return problem(subject, "no cycle came while you stood on it", "insole doctor")
+        return problem(subject, "no cycle arrived while you stood on it", "insole doctor")
     valid = _validity(setup)(cycles.counts, cycles.status, cycles.age_ns)
     estimated = estimate(
         setup.layout, setup.zeroed_calibration, setup.insole.boards, cycles.t_ns, cycles.counts, valid,
@@ -134,9 +136,13 @@ def stand_on_one_foot(
     )  # fmt: skip
     wrench = estimated.wrench
     if not np.isfinite(wrench.f_z_n).any():
-        return problem(subject, "no taxel is valid", "insole status   # says which boards and triangles are left out")
+        return problem(
+            subject, "no taxel is valid", "insole status   # lists the boards and triangles that are left out"
+        )
     std_n = float(np.nanmean(wrench.f_z_std_n)) if np.isfinite(wrench.f_z_std_n).any() else float("nan")
-    return force(setup.insole.foot, float(np.nanmean(wrench.f_z_n)), std_n, body_mass_kg, setup.calibration.builtin)
+    return judge_force(
+        setup.insole.foot, float(np.nanmean(wrench.f_z_n)), std_n, body_mass_kg, setup.calibration.builtin
+    )
 
 
 def _validity(setup: FootSetup) -> Validity:

@@ -1,4 +1,4 @@
-"""`insole bring-up`: through the first hour with real boards, into one report."""
+"""`insole bring-up`: guide the first hour with real boards and write one report."""
 
 from __future__ import annotations
 
@@ -37,10 +37,10 @@ def bring_up(
     mass_kg: Annotated[float | None, typer.Option("--mass", min=10, max=300, help="Body mass in kg.")] = None,
     seconds: Annotated[float, typer.Option("--seconds", min=1, help="How long is recorded.")] = 60.0,
 ) -> None:
-    """Go through the first hour with real boards, step by step, and write a report that can be sent.
+    """Guide the first hour with real boards, step by step, and write a report that can be sent.
 
-    Listens only: no board is configured, and no frame is sent. Each step is asked for first; without a terminal, only
-    what needs no person is done. Exit status 1: there is a problem, with its remedy.
+    It only receives: it configures no board and sends no frame. It asks before each step; without a terminal it runs
+    only the steps that need no person. Exit status 1: there is a problem, with its remedy.
     """
     from .. import config as configs
     from ..bring_up.report import Report
@@ -58,7 +58,7 @@ def bring_up(
     report = Report(config.read_text() if config is not None else "# the built-in configuration")
     stop = threading.Event()
     on_end(stop.set)
-    _step(report, "bus", list(_interfaces(settings)))
+    _report_step(report, "bus", list(_check_interfaces(settings)))
     with contextlib.closing(RecoveringSource(settings.buses)) as source:
         _all_steps(report, source, settings, setups, folder, mass_kg, seconds, stop)
     file = folder / "report.md"
@@ -71,7 +71,7 @@ def bring_up(
     name_next(f"insole run{with_config}")
 
 
-def _interfaces(settings: Config) -> Iterator[CheckResult]:
+def _check_interfaces(settings: Config) -> Iterator[CheckResult]:
     from ..service.doctor import can
 
     if any(bus.driver == "socketcan" for bus in settings.buses):
@@ -91,36 +91,38 @@ def _all_steps(
     seconds: float,
     stop: threading.Event,
 ) -> None:
-    """Every step in order; where no board sends, only the first."""
+    """Run every step in order; if no board sends, only the first one."""
     import dataclasses
 
     from ..bring_up import judgement, steps
 
-    _say(f"listening for {_LISTEN_S:g} s: take the insoles off, nothing presses on them")
+    _print_progress(f"listening for {_LISTEN_S:g} s: take the insoles off, nothing presses on them")
     observation = _listen(source, setups, _LISTEN_S, stop)
     chosen = dataclasses.replace(settings, insoles=tuple(setup.insole for setup in setups))
-    _step(report, "boards", list(judgement.judge_observation(observation, chosen, [setup.layout for setup in setups])))
+    _report_step(
+        report, "boards", list(judgement.judge_observation(observation, chosen, [setup.layout for setup in setups]))
+    )
     if not observation.boards():
         report.notes["recording"] = "Not done: no board sends."
         return
-    if _asked("press every triangle in turn, which finds out where it lies"):
-        _step(report, "mapping", _mapped(source, setups, folder, stop))
-    if not stop.is_set() and _asked("take the zero: lift both feet, and keep still"):
+    if _confirm_step("press every triangle in turn, which finds out where it lies"):
+        _report_step(report, "mapping", _map_triangles(source, setups, folder, stop))
+    if not stop.is_set() and _confirm_step("take the zero: lift both feet, and keep still"):
         observation = _listen(source, setups, steps.ZERO_S, stop)
-        setups, found = steps.take_zero(observation, setups)
-        _step(report, "zero", found)
+        setups, findings = steps.take_zero(observation, setups)
+        _report_step(report, "zero", findings)
     if not stop.is_set():
-        _say(f"recording {seconds:g} s into {folder / 'recording'}: walk about, if you like")
-        found = steps.record_trial(
-            source, setups, folder / "recording", seconds, stop, lambda progress: _tell(progress, seconds)
+        _print_progress(f"recording {seconds:g} s into {folder / 'recording'}: walk about, if you like")
+        findings = steps.record_trial(
+            source, setups, folder / "recording", seconds, stop, lambda progress: _print_time_left(progress, seconds)
         )
-        _step(report, "recording", found)
+        _report_step(report, "recording", findings)
     for at, setup in enumerate(setups):
-        if not stop.is_set() and _asked(f"stand on the {setup.insole.foot} foot alone, for {steps.FORCE_S:g} s"):
-            mass_kg = mass_kg or _mass()
+        if not stop.is_set() and _confirm_step(f"stand on the {setup.insole.foot} foot alone, for {steps.FORCE_S:g} s"):
+            mass_kg = mass_kg or _ask_mass_kg()
             if mass_kg is not None:
                 observation = _listen(source, setups, steps.FORCE_S, stop)
-                _step(report, "force", [steps.stand_on_one_foot(observation, setups, at, mass_kg)])
+                _report_step(report, "force", [steps.stand_on_one_foot(observation, setups, at, mass_kg)])
 
 
 def _listen(
@@ -132,11 +134,11 @@ def _listen(
         return steps.listen(source, setups, seconds, stop, work.done)
 
 
-def _mapped(
+def _map_triangles(
     source: RecoveringSource, setups: Sequence[FootSetup], folder: Path, stop: threading.Event
 ) -> list[CheckResult]:
-    """The mapping wizard, and what it found against the layouts in use."""
-    from ..bring_up.judgement import placement
+    """Run the mapping wizard and return its differences from the layouts in use, as findings."""
+    from ..bring_up.judgement import judge_placement
     from ..service.doctor.finding import problem
     from ..skin.mapping import Mapping, positions
     from ..skin.mapping_result import summary
@@ -145,43 +147,45 @@ def _mapped(
 
     owners = {board.address: setup.insole.foot for setup in setups for board in setup.insole.boards}
     layouts = [setup.layout for setup in setups]
-    asked = [position for layout in layouts for position in positions(layout)]
-    touch, mapping = Touch(), Mapping(asked, owners)
-    watch_presses(source, touch, mapping, asked, stop)
-    found = mapping.found()
-    findings = [each for layout in layouts for each in placement(layout, found)]
-    findings += [problem("mapping", line, "insole map   # repeats it alone") for line in summary(found, owners, [], [])]
-    if mapping.done:
-        write_layouts(folder, layouts, found, owners, touch)
+    targets = [position for layout in layouts for position in positions(layout)]
+    touch, mapping = Touch(), Mapping(targets, owners)
+    watch_presses(source, touch, mapping, targets, stop)
+    placements = mapping.results()
+    findings = [finding for layout in layouts for finding in judge_placement(layout, placements)]
+    findings += [
+        problem("mapping", line, "insole map   # repeats it alone") for line in summary(placements, owners, [], [])
+    ]
+    if mapping.is_done:
+        write_layouts(folder, layouts, placements, owners, touch)
     return findings
 
 
-def _tell(progress: Progress, seconds: float) -> None:
+def _print_time_left(progress: Progress, seconds: float) -> None:
     if sys.stderr.isatty():
         print(f"\r  {max(0.0, seconds - progress.seconds):.0f} s left\033[K", end="", file=sys.stderr, flush=True)
 
 
-def _step(report: Report, name: str, found: Sequence[CheckResult]) -> None:
-    """Record what a step found, and show it."""
-    report.add(name, found)
-    for finding in found:
+def _report_step(report: Report, name: str, findings: Sequence[CheckResult]) -> None:
+    """Add the findings of a step to the report and print them."""
+    report.add(name, findings)
+    for finding in findings:
         sys.stdout.write(finding_lines(finding))
     sys.stdout.flush()
 
 
-def _asked(what: str) -> bool:
-    """Whether the person wants the next step; no where nobody can answer."""
+def _confirm_step(step: str) -> bool:
+    """Ask whether to run the next step; False without a terminal."""
     if not sys.stdin.isatty():
         return False
-    return input(f"Next: {what}. Do it? [Y/n] ").strip().lower() in ("", "y", "yes")
+    return input(f"Next: {step}. Do it? [Y/n] ").strip().lower() in ("", "y", "yes")
 
 
-def _mass() -> float | None:
+def _ask_mass_kg() -> float | None:
     try:
         return float(input("Body mass in kg: ").replace(",", "."))
     except ValueError:
         return None
 
 
-def _say(text: str) -> None:
+def _print_progress(text: str) -> None:
     print(f"insole: {text}", file=sys.stderr, flush=True)

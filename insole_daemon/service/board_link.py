@@ -15,7 +15,7 @@ from ..errors import BusError
 from ..skin import commands
 from ..skin.bus_load import BusLoad, Stream, bus_load
 from ..skin.commands import Command
-from ..skin.confirmation import Seen, StreamWatch
+from ..skin.confirmation import ObservedBoard, StreamWatch
 from ..skin.cycles import CycleAssembler
 from ..skin.identifiers import CLASS_LEGACY_SKIN, CLASS_MANAGEMENT, TYPE_THERMOMETER
 from .foot import Foot
@@ -133,7 +133,7 @@ class BoardLink:
 
     def watch(
         self, step: Step, addresses: Collection[int], watch_ns: int = WATCH_NS, periods: int = WATCH_PERIODS
-    ) -> Generator[None, Step, tuple[Step, dict[int, Seen]]]:
+    ) -> Generator[None, Step, tuple[Step, dict[int, ObservedBoard]]]:
         """What the boards send in the next `watch_ns` and `periods` of the slowest."""
         slowest_ms = max(self.boards[address].period_ms for address in addresses)
         until_ns = step.attended_ns + watch_ns + periods * slowest_ms * 1_000_000
@@ -141,7 +141,7 @@ class BoardLink:
         while step.attended_ns < until_ns:
             step = yield
             watch.feed(step.frames)
-        return step, watch.seen()
+        return step, watch.observed()
 
     def look(self, step: Step, without: Collection[int] = ()) -> Generator[None, Step, tuple[Step, FootLoad]]:
         """What presses on the foot, read from its boards, those in `without` left out."""

@@ -14,7 +14,7 @@ from ..skin import commands
 from ..skin.boards import BoardSurvey
 from ..skin.bus_load import BusLoad, check_fits
 from ..skin.commands import Identity
-from ..skin.confirmation import Seen
+from ..skin.confirmation import ObservedBoard
 from ..untrusted import quoted
 from .board_link import BoardLink
 from .load import FootLoad
@@ -136,7 +136,7 @@ class BoardOperations:
 
     def apply(
         self, step: Step, addresses: Collection[int], load_words: str
-    ) -> Generator[None, Step, tuple[Step, dict[int, Seen]]]:
+    ) -> Generator[None, Step, tuple[Step, dict[int, ObservedBoard]]]:
         """Configure and start, saying so before; what the boards send afterwards."""
         self.tell(
             "boards_configuring",
@@ -284,7 +284,7 @@ class BoardOperations:
             f"{self.link.foot.name} foot reads as no load on it from now on"
         )
 
-    def _verdicts(self, seen: dict[int, Seen], rest: bool) -> tuple[Sequence[dict[str, Any]], bool]:
+    def _verdicts(self, seen: dict[int, ObservedBoard], rest: bool) -> tuple[Sequence[dict[str, Any]], bool]:
         entries = []
         for address, what in seen.items():
             board = self.link.boards[address]
@@ -304,7 +304,7 @@ class BoardOperations:
         )
 
 
-def _entry(address: int, seen: Seen) -> dict[str, Any]:
+def _entry(address: int, seen: ObservedBoard) -> dict[str, Any]:
     """What a reply says of a board's stream."""
     return {
         "address": address,

@@ -17,7 +17,7 @@ import numpy as np
 
 from ..errors import InsoleError
 from ..skin import commands
-from ..skin.confirmation import Seen
+from ..skin.confirmation import ObservedBoard
 from .boards import BoardOperations
 from .load import FootLoad, LoadRecord
 from .operations import Operation, Step, pause
@@ -149,7 +149,7 @@ class _Keeper:
             self._tell_verdict(address, seen[address])
         return step
 
-    def _tell_verdict(self, address: int, seen: Seen) -> None:
+    def _tell_verdict(self, address: int, seen: ObservedBoard) -> None:
         boards, board = self._boards, self._link.boards[address]
         wrong = seen.differences(board, self._link.triangles[address]) + seen.rest_difference(board)
         if not wrong:

@@ -1,7 +1,7 @@
-"""How often each board really sends, and how often what it sends is new.
+"""Measured rates of each board: how often it sends, and how often its values change.
 
-A board repeats its last conversion when it is asked to send faster than its converters run (27 Hz), and a host that
-publishes faster than the boards send repeats theirs; both rates are measured, so that nobody takes one for another.
+A board repeats its last conversion if its period is shorter than that of its converters (27 Hz), and a host that
+publishes faster than the boards send repeats their readings. The two rates distinguish these cases.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ BoardState = Literal["never seen", "silent", "streaming"]
 
 @dataclass(frozen=True, slots=True)
 class BoardReport:
-    """One board between two surveys."""
+    """State and rates of one board between two surveys."""
 
     address: int
     state: BoardState
@@ -41,7 +41,7 @@ class BoardSurvey:
         self._surveyed_ns = _NEVER
 
     def __call__(self, assembler: CycleAssembler, now_mono_ns: int, stale_after_ns: int) -> list[BoardReport]:
-        """The boards since the last call, at `now_mono_ns`; rates are 0 at the first."""
+        """Return a report for each board since the last call, at `now_mono_ns`; the first call gives rates of 0."""
         assembler.settle()
         arrivals, changes = assembler.arrivals - self._arrivals, assembler.changes - self._changes
         self._arrivals, self._changes = assembler.arrivals.copy(), assembler.changes.copy()

@@ -1,4 +1,4 @@
-"""What is said to a board, and how its answers read. Settings are never acknowledged; only queries are answered.
+"""Commands to boards and their answers. Boards answer queries only; they never acknowledge settings.
 
     to               payload                                       effect or answer
     0x70F            FF                                            0x7A0: FF TYPE MAJ MIN [BUILD]
@@ -34,12 +34,12 @@ RAW_TEST_MODE = 7
 PERIODS_MS = range(1, 210)  # an MTB3 counts period · 312.5 in 16 bits: above 209 ms it wraps; 0 is not known
 CDC_OFFSET = 0x2200  # +34 steps of 0.32 pF: what every public configuration of triangles sets
 
-_PROTOCOL = (2, 0)  # the version that is asked for; what a board has stands in its answer
+_PROTOCOL = (2, 0)  # the version in the query; the answer has that of the board
 
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """One frame to one board, or to everyone."""
+    """One frame to one board, or to all boards."""
 
     can_id: int
     payload: bytes
@@ -47,7 +47,7 @@ class Command:
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """What a board says it is."""
+    """Type and versions that a board reports."""
 
     board_type: int
     firmware: tuple[int, ...]  # major, minor, build
@@ -56,22 +56,22 @@ class Identity:
 
     @property
     def name(self) -> str:
-        """Of the type of board."""
+        """Name of the type of board."""
         return BOARD_TYPES.get(self.board_type, f"type {self.board_type}")
 
 
 def discovery() -> Command:
-    """Ask every board what it is."""
+    """Return the command that asks every board for its identity."""
     return Command(CLASS_MANAGEMENT << 8 | EVERYONE, b"\xff")
 
 
 def version_query(address: int) -> Command:
-    """Ask a board for its firmware and protocol."""
+    """Return the command that asks a board for its firmware and protocol versions."""
     return _command(address, 0x1C, *_PROTOCOL)
 
 
 def board_configuration(address: int, skin_type: int, period_ms: int, no_load: int) -> Command:
-    """Temperature compensation, period and count without load; disables all triangles of the board."""
+    """Return the command that sets temperature compensation, period and no-load; it disables all triangles."""
     _check(address, "skin_type", skin_type, SKIN_TYPES)
     _check(address, "period_ms", period_ms, PERIODS_MS)
     _check(address, "no_load", no_load, range(1, 256))
@@ -81,7 +81,7 @@ def board_configuration(address: int, skin_type: int, period_ms: int, no_load: i
 def triangle_configuration(
     address: int, first: int, last: int, shift: int, enable: bool, cdc_offset: int = CDC_OFFSET
 ) -> Command:
-    """Enable or disable triangles `first` to `last`; the baseline of the whole board is taken anew."""
+    """Return the command that enables or disables triangles `first` to `last`; the whole board takes a new baseline."""
     _check(address, "last triangle", last, range(16))
     _check(address, "first triangle", first, range(last + 1))
     _check(address, "shift", shift, range(8))
@@ -91,29 +91,31 @@ def triangle_configuration(
 
 
 def transmit(address: int, on: bool) -> Command:
-    """Start or stop the stream (the wire has it the other way round: 0 starts)."""
+    """Return the command that starts or stops the stream (in the frame, 0 starts)."""
     return _command(address, 0x07, 0 if on else 1)
 
 
 def thermometer_configuration(address: int) -> Command:
-    """Choose the one thermometer of an MTB4."""
+    """Return the command that selects the one thermometer of an MTB4."""
     return _command(address, 0x39, 1)
 
 
 def thermometer_period(address: int, seconds: int) -> Command:
-    """Send the temperature every `seconds`; 0 stops it."""
+    """Return the command that makes a board send its temperature every `seconds`; 0 stops it."""
     _check(address, "seconds", seconds, range(256))
     return _command(address, 0x3A, seconds)
 
 
 def configuration(board: Board, triangles: Iterable[int]) -> tuple[list[Command], list[Command]]:
-    """What brings `board` to its settings with `triangles` enabled: all of it, and what is then to be repeated.
+    """Return all commands that configure `board` with `triangles` enabled, and those to repeat afterwards.
 
-    The repetition comes at least 100 ms later: an MTB4 takes its baseline without waiting for the first conversion
-    (37 ms) with the new settings, and so takes a wrong one (robotology/icub-firmware#671).
+    Repeat them at least 100 ms later: an MTB4 takes its baseline without waiting for the first conversion (37 ms) with
+    the new settings, so its first baseline is wrong (robotology/icub-firmware#671).
     """
     address = board.address
-    enabling = [triangle_configuration(address, first, last, board.shift, True) for first, last in runs(triangles)]
+    enabling = [
+        triangle_configuration(address, first, last, board.shift, True) for first, last in contiguous_ranges(triangles)
+    ]
     return [
         board_configuration(address, board.skin_type, board.period_ms, board.no_load),
         triangle_configuration(address, 0, 15, board.shift, False),
@@ -121,33 +123,33 @@ def configuration(board: Board, triangles: Iterable[int]) -> tuple[list[Command]
     ], enabling
 
 
-def runs(triangles: Iterable[int]) -> list[tuple[int, int]]:
-    """First and last of every run of neighbouring numbers."""
-    found: list[tuple[int, int]] = []
+def contiguous_ranges(triangles: Iterable[int]) -> list[tuple[int, int]]:
+    """Return the first and last number of each contiguous range of `triangles`."""
+    ranges: list[tuple[int, int]] = []
     for triangle in sorted(set(triangles)):
-        if found and triangle == found[-1][1] + 1:
-            found[-1] = found[-1][0], triangle
+        if ranges and triangle == ranges[-1][1] + 1:
+            ranges[-1] = ranges[-1][0], triangle
         else:
-            found.append((triangle, triangle))
-    return found
+            ranges.append((triangle, triangle))
+    return ranges
 
 
 def read_discovery(can_id: int, payload: bytes) -> tuple[int, Identity] | None:
-    """(address, what it is) of an answer to discovery; None where the frame is none."""
+    """Return (address, identity) of an answer to discovery, or None for any other frame."""
     if can_id & 0x70F != CLASS_MANAGEMENT << 8 or len(payload) not in (4, 5) or payload[0] != 0xFF:
         return None
     return can_id >> 4 & 0xF, Identity(payload[1], tuple(payload[2:]), bootloader=len(payload) == 4)
 
 
 def read_version(can_id: int, payload: bytes) -> tuple[int, Identity] | None:
-    """(address, what it is) of an answer to the version query; None where the frame is none."""
+    """Return (address, identity) of an answer to the version query, or None for any other frame."""
     if can_id & 0x70F != CLASS_COMMAND << 8 or len(payload) != 8 or payload[0] != 0x1C:
         return None
     return can_id >> 4 & 0xF, Identity(payload[1], tuple(payload[2:5]), (payload[5], payload[6]))
 
 
 def read_temperature(can_id: int, payload: bytes) -> tuple[int, float] | None:
-    """(address, °C) of a thermometer's frame; None where the frame is none."""
+    """Return (address, °C) of a thermometer's frame, or None for any other frame."""
     if can_id & 0x70F != CLASS_LEGACY_SKIN << 8 | TYPE_THERMOMETER or len(payload) != 5 or payload[0] != 1:
         return None
     return can_id >> 4 & 0xF, int.from_bytes(payload[1:3], "little", signed=True) / 10
@@ -159,7 +161,7 @@ def _command(address: int, *payload: int) -> Command:
     return Command(CLASS_COMMAND << 8 | address, bytes(payload))
 
 
-def _check(address: int, what: str, value: int, allowed: Container[int]) -> None:
+def _check(address: int, name: str, value: int, allowed: Container[int]) -> None:
     if value not in allowed:
         words = f"{allowed[0]} to {allowed[-1]}" if isinstance(allowed, range) and allowed else f"one of {allowed}"
-        raise BusError(f"board {address}: {what}: boards take {words}, found {value}: correct it in the configuration")
+        raise BusError(f"board {address}: {name}: boards take {words}, found {value}: correct it in the configuration")

@@ -5,17 +5,17 @@ A cycle closes
 - **late**, when an expected half is missing a `slack` after the cycle was due (one `period` after the previous);
 - as a **repeat**, one `period` after the previous, while no half at all is expected.
 
-A half is expected as long as it comes at least every `period + slack`. One that stays away for PATIENCE cycles
-(a silent board, a board told 50 ms) is no longer waited for: its last value is repeated with its true age. It is
-expected again from the first time it arrives twice within `period + slack`.
+A half is expected as long as it arrives at least every `period + slack`. A half that is missing for PATIENCE cycles
+(a silent board, a board configured with 50 ms) is no longer waited for: its last value is repeated with its true age.
+It is expected again from the first time it arrives twice within `period + slack`.
 
-A half that comes again within TWICE_NS, with no other half of its board in between, is the same one, sent once more by
-its controller because a node had missed it. It completes nothing: else, after the one that closes a cycle, all later
-cycles would close before that half comes. With others in between it is the next reading, however soon: an adapter or a
-host that was held up hands on at once what came one after the other.
+A half that arrives again within TWICE_NS, with no other half of its board in between, is a retransmission: its
+controller sent it once more because a node had missed it. It completes nothing; otherwise, after a retransmission of
+the half that closes a cycle, all later cycles would close before that half arrives. With other halves in between it is
+the next reading, however soon: an adapter or a host that was delayed delivers successive frames at once.
 
-All of it depends on the receive times of the frames alone, never on when or in what portions they are read:
-a replay gives the cycles that were live.
+The result depends on the receive times of the frames alone, never on when or in what portions they are read: a replay
+gives the same cycles as the live run.
 """
 
 from __future__ import annotations
@@ -38,28 +38,28 @@ S = TypeVar("S", np.int16, np.int64, np.uint64)
 
 _NEVER = -(1 << 62)  # receive time of a half that has never arrived
 _WINDOW_CYCLES = 4  # frames of this many cycles are searched for the end of one
-_FRAME_BY_FRAME_CYCLES = 12  # up to so many cycles' frames the kernel takes one by one; of more, numpy takes blocks
+_FRAME_BY_FRAME_CYCLES = 12  # frames of up to this many cycles go to the kernel one by one; more go to numpy in blocks
 _INTERVALS = 8  # in the mean interval between cycles: a single one has the jitter of both its ends
-_BLOCK_CYCLES, _BLOCK_CYCLES_MOST = 4, 256  # this many whole cycles are taken in at once, or all there are
+_BLOCK_CYCLES, _BLOCK_CYCLES_MOST = 4, 256  # fewest (unless there are fewer) and most complete cycles of a block
 
 
 _FLAG = np.array([False]), np.array([True])
-for _each in _FLAG:
-    _each.setflags(write=False)  # cycles share them
+for _array in _FLAG:
+    _array.setflags(write=False)  # cycles share them
 
 
 def _row(n: int, length: int) -> NDArray[np.int64]:
-    """(n, 1) where the rows of a table with so many columns begin."""
+    """Return the flat index (n, 1) at which each row of a table with `length` columns begins."""
     return (np.arange(n) * length)[:, None]
 
 
 def _before(stored: NDArray[S], rows: NDArray[S]) -> NDArray[S]:
-    """(n, …) what stood before each of the n rows: `stored` before the first."""
+    """Return the row before each of the n rows, (n, …); `stored` for the first."""
     return stored[None] if len(rows) == 1 else np.concatenate([stored[None], rows[:-1]])
 
 
 def _one_before(keys: NDArray[Any], values: NDArray[S], stored: NDArray[S]) -> NDArray[S]:
-    """(n,) the value of the one before each with the same key: `stored` of its key (k,) before the first."""
+    """Return the previous value with the same key for each of n values, (n,); `stored` (k,) for the first of a key."""
     before: NDArray[S] = stored[keys]
     order = np.argsort(keys, kind="stable")
     later = np.flatnonzero(keys[order[1:]] == keys[order[:-1]]) + 1
@@ -68,7 +68,7 @@ def _one_before(keys: NDArray[Any], values: NDArray[S], stored: NDArray[S]) -> N
 
 
 def _counts(halves: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """(n, n_triangles, 12) counts of halves (n, n_triangles, 16): seven behind the tag of A, five behind that of B."""
+    """Return counts (n, n_triangles, 12) of halves (n, n_triangles, 16): seven after the tag of A, five after B's."""
     counts = np.empty((*halves.shape[:2], 12), np.uint8)
     counts[:, :, :7] = halves[:, :, 1:8]
     counts[:, :, 7:] = halves[:, :, 9:14]
@@ -76,7 +76,7 @@ def _counts(halves: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def _status(halves: NDArray[np.uint8]) -> NDArray[np.uint16]:
-    """(n, n_triangles) status words of halves (n, n_triangles, 16): high byte first."""
+    """Return the status words (n, n_triangles) of halves (n, n_triangles, 16), which have the high byte first."""
     return halves[:, :, 14:].view(">u2")[:, :, 0].astype(np.uint16)
 
 
@@ -104,11 +104,11 @@ class Cycles:
         return len(self.t_ns)
 
     @classmethod
-    def concatenate(cls, parts: list[Cycles], n_triangles: int) -> Cycles:
-        """The parts one after another; `n_triangles` shapes the result where there is none."""
-        if len(parts) == 1:
-            return parts[0]
-        if not parts:
+    def concatenate(cls, pieces: list[Cycles], n_triangles: int) -> Cycles:
+        """Return the pieces one after another; `n_triangles` shapes the result if there are none."""
+        if len(pieces) == 1:
+            return pieces[0]
+        if not pieces:
             none = np.empty(0, np.int64)
             wide = np.empty((0, n_triangles), np.int64)
             flag = np.empty(0, np.bool_)
@@ -116,14 +116,14 @@ class Cycles:
                 none, none, np.empty((0, n_triangles, 12), np.uint8), wide.astype(np.uint16), wide, wide, wide,
                 wide.astype(np.bool_), flag, flag,
             )  # fmt: skip
-        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in cls.__slots__))
+        return cls(*(np.concatenate([getattr(piece, name) for piece in pieces]) for name in cls.__slots__))
 
 
 class CycleAssembler:
     """Closes the cycles of one foot.
 
     `boards` (n_triangles,) has the address of the board of each triangle, `period_ns` is the publish period, `slack_ns`
-    how long a missing half may delay a cycle. Of the slots of all feet, `first_slot` is the first of this one.
+    the longest delay of a cycle by a missing half. `first_slot` is the first slot of this foot among those of all feet.
     """
 
     def __init__(self, boards: NDArray[np.uint8], period_ns: int, slack_ns: int, first_slot: int = 0) -> None:
@@ -167,26 +167,26 @@ class CycleAssembler:
 
     @property
     def expected(self) -> NDArray[np.bool_]:
-        """(2 · n_triangles,) the halves that are waited for."""
+        """The halves that are waited for, (2 · n_triangles,) bool."""
         return self._expected
 
     @property
     def due_ns(self) -> int | None:
-        """Monotonic time at which the open cycle is closed whatever is missing; None before the first frame."""
+        """Monotonic time at which the open cycle closes even with halves missing; None before the first frame."""
         return self._due_ns
 
     @property
     def outstanding(self) -> int:
-        """At least so many frames must come before the open cycle is complete; 0: none is waited for, only time."""
+        """Least number of frames until the open cycle is complete; 0: it waits for time alone."""
         return self._outstanding - self._n_held
 
     @property
     def promised_ns(self) -> int | None:
-        """When the open cycle will be complete if the boards keep their rhythm; None while they have none."""
+        """Monotonic time at which the open cycle completes if the boards stay periodic; None while they are not."""
         return self._promised_ns
 
     def last_arrival_ns(self) -> NDArray[np.int64]:
-        """(2 · n_triangles,) monotonic receive time of the newest of every half; the smallest int64: never."""
+        """Return the monotonic receive time of every half's newest frame, (2 · n_triangles,); −2^62: never."""
         return self._t_mono_ns
 
     def feed(
@@ -196,19 +196,19 @@ class CycleAssembler:
         t_ns: NDArray[np.int64],
         t_mono_ns: NDArray[np.int64],
     ) -> list[Cycles]:
-        """Take in n frames, slots (n,), data (n, 8), those of other feet among them; the cycles they closed."""
+        """Add n frames, slots (n,), data (n, 8), including those of other feet; return the cycles that they close."""
         if self._compiled is not None and len(slots) <= _FRAME_BY_FRAME_CYCLES * len(self._seen):
             return self._feed_compiled(slots, data, t_ns, t_mono_ns)
-        own = slots - np.int16(self._first_slot)
-        mine = own.view(np.uint16) < len(self._seen)
-        n_mine = int(np.count_nonzero(mine))
-        if not n_mine:
+        foot_slots = slots - np.int16(self._first_slot)
+        is_own = foot_slots.view(np.uint16) < len(self._seen)
+        n_own = int(np.count_nonzero(is_own))
+        if not n_own:
             return []
         if self._due_ns is None:
-            self._due_ns = int(t_mono_ns[mine.argmax()]) + self._limit_ns
-        self._held.append((mine, own, data.view(np.uint64)[:, 0], t_ns, t_mono_ns))
-        self._n_held += n_mine
-        # Too few to complete the cycle: they are looked at together with those that do.
+            self._due_ns = int(t_mono_ns[is_own.argmax()]) + self._limit_ns
+        self._held.append((is_own, foot_slots, data.view(np.uint64)[:, 0], t_ns, t_mono_ns))
+        self._n_held += n_own
+        # Too few to complete the cycle: they are processed together with those that do.
         if self._n_held < self._outstanding and t_mono_ns[-1] <= self._due_ns:
             return []
         slots, payload, t_ns, t_mono_ns = self._take_held()
@@ -222,13 +222,13 @@ class CycleAssembler:
                 continue
             window = slice(at, at + _WINDOW_CYCLES * len(self._seen))
             available = len(slots[window])
-            taken = self._end_of_cycle(slots[window], t_mono_ns[window])
-            rows = slice(at, at + taken)
+            n_used = self._end_of_cycle(slots[window], t_mono_ns[window])
+            rows = slice(at, at + n_used)
             self._absorb(slots[rows], payload[rows], t_ns[rows], t_mono_ns[rows])
-            at += taken
+            at += n_used
             if self._expected.any() and not self._outstanding:
                 closed.append(self._close(int(t_mono_ns[at - 1]), late=False))
-            elif taken < available:
+            elif n_used < available:
                 self._skip_gap(int(t_mono_ns[at]))
                 closed.append(self._close_by_time())
         return closed
@@ -240,7 +240,7 @@ class CycleAssembler:
         t_ns: NDArray[np.int64],
         t_mono_ns: NDArray[np.int64],
     ) -> list[Cycles]:
-        """As `feed`, a frame at a time."""
+        """Do the same as `feed`, a frame at a time."""
         if self._n_held:
             self.settle()
         closed: list[Cycles] = []
@@ -262,7 +262,7 @@ class CycleAssembler:
         return closed
 
     def advance(self, now_mono_ns: int) -> list[Cycles]:
-        """Close what is due by time at `now_mono_ns`, given that every earlier frame has been fed."""
+        """Close the cycles that are due at `now_mono_ns` and return them; every earlier frame must have been fed."""
         if self._due_ns is None or now_mono_ns <= self._due_ns:
             return []
         self.settle()
@@ -273,32 +273,32 @@ class CycleAssembler:
         return closed
 
     def settle(self) -> None:
-        """Bring the counters up to the last frame fed, which changes no cycle."""
+        """Update the counters to the last frame fed; this changes no cycle."""
         if self._n_held:
             self._absorb(*self._take_held())
 
     def _take_held(self) -> _Frames:
         held = self._held
         self._held, self._n_held = [], 0
-        mine, slots, payload, t_ns, t_mono_ns = (
+        is_own, slots, payload, t_ns, t_mono_ns = (
             held[0] if len(held) == 1 else map(np.concatenate, zip(*held, strict=True))
         )
-        rows = mine.nonzero()[0]
+        rows = is_own.nonzero()[0]
         return slots[rows], payload[rows], t_ns[rows], t_mono_ns[rows]
 
     def _end_of_cycle(self, slots: NDArray[np.int16], t_mono_ns: NDArray[np.int64]) -> int:
-        """How many of these frames belong to the open cycle."""
+        """Return how many of these frames belong to the open cycle."""
         assert self._due_ns is not None
         in_time = int(np.searchsorted(t_mono_ns, self._due_ns, side="right"))
         first = np.full(len(self._seen), len(slots))
         since_ns = t_mono_ns - _one_before(slots, t_mono_ns, self._t_mono_ns)
-        rows = np.flatnonzero(~self._once_more(slots, since_ns))[::-1]
+        rows = np.flatnonzero(~self._is_retransmission(slots, since_ns))[::-1]
         first[slots[rows]] = rows  # the earliest arrival is written last
         needed = first[self._expected & ~self._seen]
         return min(int(needed.max()) + 1, in_time) if needed.size else in_time
 
-    def _once_more(self, slots: NDArray[np.int16], since_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """(n,) which of these halves are the same one again; `since_ns` each came before."""
+    def _is_retransmission(self, slots: NDArray[np.int16], since_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Return which of these halves are retransmissions, (n,); `since_ns` is the time since the half before."""
         soon = since_ns < TWICE_NS
         if np.count_nonzero(soon):
             soon &= _one_before(self._board[slots], slots, self._newest_slot) == slots
@@ -311,19 +311,19 @@ class CycleAssembler:
         t_ns: NDArray[np.int64],
         t_mono_ns: NDArray[np.int64],
     ) -> None:
-        """Take frames into the open cycle; the last arrival of a half stands."""
+        """Add frames to the open cycle; the last arrival of a half replaces earlier ones."""
         n = len(slots)
         if not n:
             return
         self._newest_t_ns = int(t_ns[-1])
         n_slots = len(self._seen)
         since_ns = t_mono_ns - _one_before(slots, t_mono_ns, self._t_mono_ns)
-        new = ~self._once_more(slots, since_ns)
-        seen_before = int(np.count_nonzero(self._seen))
+        new = ~self._is_retransmission(slots, since_ns)
+        n_seen_before = int(np.count_nonzero(self._seen))
         self._seen[slots[new]] = True
-        seen = int(np.count_nonzero(self._seen))
-        self._fresh = seen > 0
-        self.superseded += n - (seen - seen_before)
+        n_seen = int(np.count_nonzero(self._seen))
+        self._fresh = n_seen > 0
+        self.superseded += n - (n_seen - n_seen_before)
         self._outstanding = int(np.count_nonzero(self._expected & ~self._seen))
         in_time = slots[new & (since_ns <= self._limit_ns)]
         self._misses[in_time] = 0
@@ -336,7 +336,7 @@ class CycleAssembler:
         self._newest_slot[self._board[slots]] = slots
 
     def _skip_gap(self, t_mono_ns: int) -> None:
-        """Nothing until `t_mono_ns`: beyond GAP_NS the repeats in between would say nothing new."""
+        """Skip the repeats of a silence until `t_mono_ns` if it is longer than GAP_NS."""
         assert self._due_ns is not None
         if t_mono_ns - self._due_ns > GAP_NS and not self._fresh:
             periods = (t_mono_ns - self._due_ns) // self._period_ns
@@ -344,7 +344,7 @@ class CycleAssembler:
             self._due_ns += periods * self._period_ns
 
     def _close_by_time(self) -> Cycles:
-        """Close the open cycle at its due time; halves that stay away are given up after PATIENCE cycles."""
+        """Close the open cycle at its due time; stop expecting halves that are missing for PATIENCE cycles."""
         assert self._due_ns is not None
         late = bool(self._expected.any())
         absent = self._expected & ~self._seen
@@ -363,7 +363,7 @@ class CycleAssembler:
         return cycle
 
     def _closed_compiled(self, t_close_ns: int, late: bool) -> Cycles:
-        """As `_closed`."""
+        """Do the same as `_closed` with the kernel."""
         n = self.n_triangles
         cycle = Cycles(
             t_mono_ns=np.array([t_close_ns]),
@@ -384,7 +384,7 @@ class CycleAssembler:
         return cycle
 
     def _closed(self, t_close_ns: int, late: bool) -> Cycles:
-        """The cycle as it stands; what is seen begins anew."""
+        """Return the present cycle and mark all halves as not seen."""
         t_a, t_b = self._t_mono_ns[::2], self._t_mono_ns[1::2]
         t_older = np.minimum(t_a, t_b)
         halves = self._bytes.view(np.uint8).reshape(1, -1, 16)
@@ -426,9 +426,9 @@ class CycleAssembler:
         t_ns: NDArray[np.int64],
         t_mono_ns: NDArray[np.int64],
     ) -> Cycles | None:
-        """The leading cycles that are complete and in time, all at once; None where there are none, or too few of many.
+        """Return the leading cycles that are complete and in time, or None if there are none or too few.
 
-        Gives what the careful way gives, at a fraction of the cost: a cycle on the live path and long logs alike.
+        The result is that of frame-by-frame processing, at a fraction of the time, live and for long logs.
         """
         expected = self._expected
         size, n_slots = int(np.count_nonzero(expected)), len(expected)
@@ -447,9 +447,9 @@ class CycleAssembler:
         since_ns[1:] -= t_close[:-1]
         since_ns[0] -= self._due_ns - self._limit_ns
         intervals = stamp_mono - _before(self._t_mono_ns, stamp_mono)
-        in_time, whole = since_ns <= self._limit_ns, ((stamp_mono != _NEVER) & (intervals >= TWICE_NS)) == expected
-        if np.count_nonzero(in_time) < n or np.count_nonzero(whole) < n * n_slots:
-            n_good = int((in_time & whole.all(axis=1)).argmin())
+        in_time, complete = since_ns <= self._limit_ns, ((stamp_mono != _NEVER) & (intervals >= TWICE_NS)) == expected
+        if np.count_nonzero(in_time) < n or np.count_nonzero(complete) < n * n_slots:
+            n_good = int((in_time & complete.all(axis=1)).argmin())
             if n_good < min(n, _BLOCK_CYCLES):
                 self._block_failures = min(self._block_failures + 1, 6)
                 self._block_pause = 1 << self._block_failures

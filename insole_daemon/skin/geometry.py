@@ -1,4 +1,4 @@
-"""Where the 12 taxels of a triangle lie, and where they come to lie when it is placed in a foot's frame.
+"""Positions of the 12 taxels of a triangle, in its own frame and in a foot's frame.
 
 The triangle's own frame has its origin at the centre, which is taxel 3, and its tip towards +y.
 Sources: Triangle_10pad.h of iCubSkinGui (positions in mils, lines 35-63), agreeing to 0.01 mm with the CAD
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 N_TAXELS = 12
-THERMAL_PADS = (6, 10)  # they are for temperature; pressure is not read from them
+THERMAL_PADS = (6, 10)  # they measure temperature, not pressure
 
 PRESSURE_TAXELS: NDArray[np.bool_] = np.ones(N_TAXELS, bool)  # (12,) False at the thermal pads
 PRESSURE_TAXELS[list(THERMAL_PADS)] = False
@@ -30,7 +30,7 @@ TAXELS_MM.setflags(write=False)
 OUTLINE_MM: NDArray[np.float64] = np.array([(-13.970, -8.255), (13.970, -8.255), (0.000, 16.002)])  # (3, 2)
 OUTLINE_MM.setflags(write=False)
 
-# Flat triangles lie on a tiling by equilateral cells; so far apart are the centres of neighbours.
+# Flat triangles lie on a tiling by equilateral cells; this is the distance between the centres of neighbours.
 NEIGHBOUR_MM = 19.32
 CELL_SIDE_MM = NEIGHBOUR_MM * 3**0.5  # 33.46
 CELL_HEIGHT_MM = NEIGHBOUR_MM * 1.5  # 28.98
@@ -39,7 +39,7 @@ CELL_HEIGHT_MM = NEIGHBOUR_MM * 1.5  # 28.98
 def place_points(
     points_mm: NDArray[np.float64], centres_mm: ArrayLike, rotation_deg: ArrayLike, mirrored: ArrayLike
 ) -> NDArray[np.float64]:
-    """Points of the triangle's own frame, for every triangle placed in a foot's frame.
+    """Transform points of the triangle's own frame into the foot's frame, for every triangle.
 
     points_mm (k, 2); centres_mm (n, 2); rotation_deg (n,) counter-clockwise seen from above (+z);
     mirrored (n,) bool: x flipped in the triangle's own frame, before it is rotated.
@@ -55,5 +55,5 @@ def place_points(
 
 
 def taxel_positions(centres_mm: ArrayLike, rotation_deg: ArrayLike, mirrored: ArrayLike) -> NDArray[np.float64]:
-    """Of all taxels, thermal pads included: (n_triangles, 12, 2) in metres; arguments as in `place`."""
+    """Return the positions of all taxels and thermal pads, (n_triangles, 12, 2) in m; see `place_points`."""
     return place_points(TAXELS_MM, centres_mm, rotation_deg, mirrored)

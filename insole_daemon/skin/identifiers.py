@@ -3,7 +3,7 @@
     id    10 9 8   7 6 5 4   3 2 1 0
           class    source    type / destination
 
-A triangle's data travel in two frames with the same identifier, told apart by payload byte 0:
+A triangle's data are in two frames with the same identifier, distinguished by payload byte 0:
 
     byte     0     1    2    3    4    5    6            7
     half A   0x40  t0   t1   t2   t3   t4   t5           t6 (thermal pad)
@@ -30,5 +30,5 @@ ERROR_NOT_CONNECTED = 2  # all twelve raw words are 0xFFFF
 
 
 def skin_id(board: int, triangle: int, cls: int = CLASS_SKIN) -> int:
-    """Identifier of the halves of (board, triangle)."""
+    """Return the identifier of the halves of (board, triangle)."""
     return cls << 8 | board << 4 | triangle

@@ -1,6 +1,6 @@
-"""Where every taxel of an insole lies: `insole-layout/1`, or the built-in approximation of a size 42.
+"""Positions of the taxels of an insole: `insole-layout/1`, or the built-in approximation of a size 42.
 
-The layout of the real insole is not public: the file is what counts, `builtin` what there is without one.
+The layout of the real insole is not public. `load` reads it from a file; `builtin` is the approximation without one.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class Layout:
     """The triangles of one foot, in the order all arrays follow (n_triangles of them, 12 slots each)."""
 
     foot: Foot
-    taxel_area_m2: float  # what one taxel's pressure stands for
+    taxel_area_m2: float  # area of one taxel's pressure
     area_meaning: str | None
     triangles: tuple[Triangle, ...]
     xy_m: NDArray[np.float64]  # (n_triangles, 12, 2) thermal pads included
@@ -54,12 +54,12 @@ class Layout:
     extensions: Mapping[str, Any] = field(default_factory=dict, repr=False)
 
     def __len__(self) -> int:
-        """How many triangles there are."""
+        """Number of triangles."""
         return len(self.triangles)
 
     @property
     def identities(self) -> NDArray[np.uint8]:
-        """(n_triangles, 2): the board and the triangle of every row."""
+        """Board and triangle number of every row, (n_triangles, 2)."""
         return np.array([(t.board, t.triangle) for t in self.triangles], np.uint8).reshape(-1, 2)
 
     @property
@@ -77,18 +77,18 @@ class _File(Section):
 
 
 def load(path: str | PathLike[str], foot: Foot | None = None, addresses: Collection[int] | None = None) -> Layout:
-    """The layout in file `path`; DocumentError lists all that is wrong with it.
+    """Return the layout in file `path`; DocumentError lists all its problems.
 
-    It must be for `foot`, and on boards out of `addresses`, if these are given.
+    If given, `foot` must be that of the layout, and `addresses` must contain all its boards.
     """
     file = read(path, _File, FORMAT, _check(foot, addresses))
     return _layout(file.foot, file.taxel_area_mm2, file.area_meaning, file.triangles, extensions=file.extensions)
 
 
 def write(path: str | PathLike[str], layout: Layout, remark: str = "") -> None:
-    """Write `layout` as a file that `load` reads, all or nothing; `remark` becomes a comment on its top.
+    """Write `layout` as a file that `load` reads, all or nothing; `remark` becomes a comment at its top.
 
-    Raises OSError where it cannot be written, and then leaves nothing behind.
+    Raises OSError if it cannot be written; no partial file remains.
     """
     lines = [f"# {line}".rstrip() for line in remark.splitlines()]
     lines += [f"format: {FORMAT}", f"foot: {layout.foot}", f"taxel_area_mm2: {layout.taxel_area_m2 * 1e6:.6g}"]
@@ -105,7 +105,7 @@ def write(path: str | PathLike[str], layout: Layout, remark: str = "") -> None:
 
 
 def assigned(template: Layout, triangles: tuple[Triangle, ...]) -> Layout:
-    """The layout of `triangles` with everything else as in `template`."""
+    """Return the layout of `triangles` with everything else as in `template`."""
     area_mm2 = template.taxel_area_m2 * 1e6
     return _layout(template.foot, area_mm2, template.area_meaning, triangles)
 
@@ -113,7 +113,7 @@ def assigned(template: Layout, triangles: tuple[Triangle, ...]) -> Layout:
 def of(
     foot: Foot, taxel_area_m2: float, area_meaning: str | None, triangles: tuple[Triangle, ...], builtin: bool = False
 ) -> Layout:
-    """The layout of `triangles`; `builtin`: it is known to be the approximation."""
+    """Return the layout of `triangles`; `builtin` marks it as the approximation."""
     return _layout(foot, taxel_area_m2 * 1e6, area_meaning, triangles, builtin=builtin)
 
 
@@ -129,9 +129,9 @@ def _layout(foot: Foot, area_mm2: float, meaning: str | None, triangles: tuple[T
 
 def _check(foot: Foot | None, addresses: Collection[int] | None) -> Callable[[Reading], None]:
     def check(reading: Reading) -> None:
-        found = reading.document.get("foot")
-        if foot is not None and found in ("left", "right") and found != foot:
-            reading.problem(("foot",), f"expected the layout of the {foot} foot, found that of the {found} foot")
+        file_foot = reading.document.get("foot")
+        if foot is not None and file_foot in ("left", "right") and file_foot != foot:
+            reading.problem(("foot",), f"expected the layout of the {foot} foot, found that of the {file_foot} foot")
         triangles = reading.of(Triangle)
         first: dict[tuple[int, int], Key] = {}
         strangers: set[int] = set()
@@ -139,13 +139,13 @@ def _check(foot: Foot | None, addresses: Collection[int] | None) -> Callable[[Re
             identity = (t.board, t.triangle)
             if identity in first:
                 where = spell(first[identity])
-                reading.problem(key, f"triangle {t.triangle} of board {t.board} stands twice, first in {where}")
+                reading.problem(key, f"triangle {t.triangle} of board {t.board} is listed twice, first in {where}")
             first.setdefault(identity, key)
             if addresses is not None and t.board not in addresses and t.board not in strangers:
-                strangers.add(t.board)  # once a board is enough
-                known = ", ".join(map(str, sorted(addresses)))
+                strangers.add(t.board)  # report each board once
+                configured = ", ".join(map(str, sorted(addresses)))
                 reading.problem(
-                    (*key, "board"), f"board {t.board} is not one of this insole's boards, which are: {known}"
+                    (*key, "board"), f"board {t.board} is not one of this insole's boards, which are: {configured}"
                 )
         span_mm = np.ptp([(t.x_mm, t.y_mm) for _, t in triangles], axis=0).max() if triangles else 0.0
         if len(first) > 1 and span_mm < MIN_SPAN_MM:
@@ -165,27 +165,27 @@ def _check(foot: Foot | None, addresses: Collection[int] | None) -> Callable[[Re
 class _Patch:
     """Triangles on one tiling by equilateral cells.
 
-    Along a row, columns are half a cell apart, and cells point up where row + column is even, else down.
+    Columns of a row are half a cell apart. Cells point up if row + column is even, else down.
     """
 
     name: str
-    origin_mm: tuple[float, float]  # where the bases of row 0 lie, in the middle of column 0
+    origin_mm: tuple[float, float]  # base of row 0, in the middle of column 0
     turn_deg: float  # of the tiling: 0 has rows along x and cells that point to +y and -y
     cells: tuple[tuple[int, int], ...]  # (row, column)
     triangles: tuple[int, ...]  # as sparse as on the real insole: 12 + 5 + 11 of 3 × 16
 
     def placed(self) -> list[tuple[float, float, float]]:
-        """(x_mm, y_mm, rotation_deg) of every cell's centre."""
+        """Return (x_mm, y_mm, rotation_deg) of every cell's centre."""
         turn = np.deg2rad(self.turn_deg)
-        found = []
+        centres = []
         for row, column in self.cells:
             up = (row + column) % 2 == 0
             u = column * geometry.CELL_SIDE_MM / 2
             v = (row + (1 / 3 if up else 2 / 3)) * geometry.CELL_HEIGHT_MM
             x = self.origin_mm[0] + u * np.cos(turn) - v * np.sin(turn)
             y = self.origin_mm[1] + u * np.sin(turn) + v * np.cos(turn)
-            found.append((round(float(x), 3), round(float(y), 3), self.turn_deg + (0.0 if up else 180.0)))
-        return found
+            centres.append((round(float(x), 3), round(float(y), 3), self.turn_deg + (0.0 if up else 180.0)))
+        return centres
 
 
 # Of the left foot. Cells were chosen so that the printed triangles stay inside OUTLINE_MM: two rows under the
@@ -217,11 +217,11 @@ OUTLINE_MM.setflags(write=False)
 
 
 def builtin(foot: Foot, addresses: tuple[int, int, int]) -> Layout:
-    """A documented approximation of an insole of size 42: 28 triangles, `addresses` = (front, middle, rear).
+    """Return the approximation of an insole of size 42: 28 triangles, `addresses` = (front, middle, rear).
 
-    The right foot is the mirror image of the left as far as triangles go; but these are not `mirrored`, since
-    real ones have the same handedness on both feet. A rotation r becomes 180° − r: the triangle then covers
-    the mirror image of its outline, and the places of its pressure taxels too, in another order.
+    The outlines of the right foot's triangles are mirror images of the left foot's. The triangles themselves are not
+    `mirrored`, because real ones have the same handedness on both feet. A rotation r becomes 180° − r: the triangle
+    then covers the mirror image of its outline and of its pressure taxels' places, in another order.
     """
     triangles = []
     for patch, board in zip(_PATCHES, addresses, strict=True):

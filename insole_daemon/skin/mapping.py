@@ -1,12 +1,12 @@
-"""Which board and triangle lies where: somebody presses position after position, this watches who answers.
+"""The mapping procedure: a person presses position after position, and the responding triangle is identified.
 
-A state machine over time: it is told what every triangle reads (skin.touch), and says what the person is to do.
-It knows the positions of a template and nothing of which triangle is where.
+A state machine over time. Its inputs are the readings of every triangle (skin.touch), its outputs prompts for the
+person. It knows the positions of a template, but not which triangle is where.
 
-    rest      all untouched: what every triangle reads then is its level
-    press     waits for some triangle to fall well below its level, and to stay there for a moment
-    lift      waits until it is back; then the whole press is judged
-    … the next position; where nothing answered, or what had answered elsewhere, it is asked once more at the end
+    rest      all untouched: the mean reading of every triangle is its level
+    press     waits until some triangle falls well below its level and stays there for a moment
+    lift      waits until it returns; then the whole press is judged
+    … the next position; a position without a response, or with that of another position, comes once more at the end
 """
 
 from __future__ import annotations
@@ -23,24 +23,24 @@ from numpy.typing import NDArray
 from .layout import Foot, Layout
 from .touch import N_NUMBERS
 
-# Of the mean over a triangle's ten taxels. A finger of 15 mm that presses with 40 N takes 10 counts from the
-# triangle under it and 1 to 2 from the next (8 kPa a count); the mean's noise is 0.3.
+# For the mean over a triangle's ten taxels. A finger of 15 mm that presses with 40 N lowers the triangle under it by 10
+# counts and the next by 1 to 2 (8 kPa a count); the mean's noise is 0.3.
 PRESSED_COUNT = 2.0
-NOISE_FACTOR = 6.0  # a triangle that is noisy at rest must fall by so many of its standard deviations
-MARGIN = 2.0  # the one pressed falls by at least so many times what the second does
+NOISE_FACTOR = 6.0  # a triangle that is noisy at rest must fall by this many of its standard deviations
+MARGIN = 2.0  # the pressed triangle falls by at least this multiple of the second one's fall
 RELEASED_SHARE = 0.3  # of the deepest fall
 REST_S, HOLD_S, QUIET_S = 1.5, 0.3, 0.3
-WAIT_S = 15.0  # for a press; then the position counts as one that does not answer. For a lift, until it is said again
-MAX_UNCLEAR = 3  # times a position is asked again at once because two answered
+WAIT_S = 15.0  # for a press; then the position counts as missing. For a lift, until the prompt is repeated
+MAX_UNCLEAR = 3  # times a position is prompted again at once because two triangles responded
 
 Identity = tuple[int, int]  # board, triangle
-What = Literal["rest", "press", "lift", "again", "answered", "missing", "done"]
+PromptKind = Literal["rest", "press", "lift", "again", "answered", "missing", "done"]
 State = Literal["answered", "missing", "unclear", "doubled"]
 
 
 @dataclass(frozen=True, slots=True)
 class Position:
-    """One place of the template that is to be pressed."""
+    """One position of the template to press."""
 
     foot: Foot
     row: int  # in the template's layout
@@ -50,52 +50,52 @@ class Position:
     y_mm: float
 
     def __str__(self) -> str:
-        """As it is said to a person."""
+        """Name of the position for a person."""
         return f"{self.foot} foot, {self.patch} patch, position {self.number}"
 
 
 def positions(layout: Layout) -> list[Position]:
-    """The positions of a template, in its order."""
-    found: list[Position] = []
+    """Return the positions of a template, in its order."""
+    result: list[Position] = []
     for row, t in enumerate(layout.triangles):
-        number = 1 + sum(other.patch == t.patch for other in layout.triangles[:row])
-        found.append(Position(layout.foot, row, t.patch, number, t.x_mm, t.y_mm))
-    return found
+        number = 1 + sum(earlier.patch == t.patch for earlier in layout.triangles[:row])
+        result.append(Position(layout.foot, row, t.patch, number, t.x_mm, t.y_mm))
+    return result
 
 
 @dataclass(frozen=True, slots=True)
-class Say:
-    """Something the person should hear; `text` is complete."""
+class MappingPrompt:
+    """A message to the person; `text` is complete."""
 
-    what: What
+    kind: PromptKind
     text: str
     position: Position | None = None
     identity: Identity | None = None
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
-    """What is known of a position at the end."""
+class PositionResult:
+    """The result of a position at the end."""
 
     position: Position
     state: State
-    identity: Identity | None  # who answered; None: nobody, or not one alone
-    rivals: tuple[Position, ...] = ()  # doubled: where else the same triangle answered
+    identity: Identity | None  # the responding triangle; None: none, or not a single one
+    rivals: tuple[Position, ...] = ()  # doubled: the other positions at which the same triangle responded
 
 
 class Mapping:
-    """Asks for the positions in turn; `update` it with what the triangles read, until `done`."""
+    """Prompts for the positions in turn; call `update` with the readings of the triangles until `is_done`."""
 
-    def __init__(self, asked: Sequence[Position], owners: Map[int, Foot], wait_s: float = WAIT_S) -> None:
-        """`owners`: the foot that each configured board is said to belong to."""
-        self._asked = list(asked)
-        self._queue = deque(asked)
+    def __init__(self, targets: Sequence[Position], owners: Map[int, Foot], wait_s: float = WAIT_S) -> None:
+        """`owners`: the configured foot of each board."""
+        self._targets = list(targets)
+        self._queue = deque(targets)
         self._again: list[Position] = []  # the second time round
         self._owners = dict(owners)
         self._wait_ns = round(wait_s * 1e9)
         self._answers: dict[Position, Identity | None] = {}
         self._unclear: dict[Position, int] = {}
-        self._what: What = "rest"
+        self._state: PromptKind = "rest"
         self._since_ns: int | None = None
         self._rest = _Mean()
         self._level: NDArray[np.float64] = np.empty(0)
@@ -106,47 +106,47 @@ class Mapping:
         self._quiet_since_ns: int | None = None
 
     @property
-    def done(self) -> bool:
-        """Whether every position has been asked."""
-        return self._what == "done"
+    def is_done(self) -> bool:
+        """Whether every position has been prompted for."""
+        return self._state == "done"
 
     @property
     def position(self) -> Position | None:
-        """The one that is to be pressed, or is pressed, now."""
-        return self._queue[0] if self._queue and self._what in ("press", "lift") else None
+        """The position to press, or being pressed, now."""
+        return self._queue[0] if self._queue and self._state in ("press", "lift") else None
 
-    def update(self, now_ns: int, level_count: NDArray[np.float64]) -> list[Say]:
-        """Look at `level_count` (16, 16) by [board, triangle], NaN where nothing is known; what there is to say."""
+    def update(self, now_ns: int, level_count: NDArray[np.float64]) -> list[MappingPrompt]:
+        """Process `level_count` (16, 16) by [board, triangle], NaN where unknown, and return prompts for the person."""
         level = level_count.ravel()
         if self._since_ns is None:
             self._since_ns = now_ns
-            return [Say("rest", "touch nothing: taking what every triangle reads without load")]
-        step = {"rest": self._at_rest, "press": self._await_press, "lift": self._await_lift}.get(self._what)
+            return [MappingPrompt("rest", "touch nothing: taking what every triangle reads without load")]
+        step = {"rest": self._at_rest, "press": self._await_press, "lift": self._await_lift}.get(self._state)
         return step(now_ns, level) if step is not None else []
 
-    def found(self) -> list[Found]:
-        """What is known of every position, in the order asked."""
+    def results(self) -> list[PositionResult]:
+        """Return the result of every position, in the order of the targets."""
         where: dict[Identity, list[Position]] = {}
-        for position in self._asked:
+        for position in self._targets:
             identity = self._answers.get(position)
             if identity is not None:
                 where.setdefault(identity, []).append(position)
-        found = []
-        for position in self._asked:
+        results = []
+        for position in self._targets:
             identity = self._answers.get(position)
             if identity is None:
                 state: State = "unclear" if self._unclear.get(position, 0) >= MAX_UNCLEAR else "missing"
-                found.append(Found(position, state, None))
+                results.append(PositionResult(position, state, None))
             elif len(where[identity]) > 1:
-                rivals = tuple(other for other in where[identity] if other is not position)
-                found.append(Found(position, "doubled", identity, rivals))
+                rivals = tuple(candidate for candidate in where[identity] if candidate is not position)
+                results.append(PositionResult(position, "doubled", identity, rivals))
             else:
-                found.append(Found(position, "answered", identity))
-        return found
+                results.append(PositionResult(position, "answered", identity))
+        return results
 
     # ---- the three states
 
-    def _at_rest(self, now_ns: int, level: NDArray[np.float64]) -> list[Say]:
+    def _at_rest(self, now_ns: int, level: NDArray[np.float64]) -> list[MappingPrompt]:
         assert self._since_ns is not None
         self._rest.add(level)
         if now_ns - self._since_ns < REST_S * 1e9:
@@ -155,7 +155,7 @@ class Mapping:
         self._bar = np.maximum(PRESSED_COUNT, NOISE_FACTOR * self._rest.std())
         return self._next(now_ns)
 
-    def _await_press(self, now_ns: int, level: NDArray[np.float64]) -> list[Say]:
+    def _await_press(self, now_ns: int, level: NDArray[np.float64]) -> list[MappingPrompt]:
         assert self._since_ns is not None
         fall = self._fall(level)
         if not (fall > self._bar).any():
@@ -167,11 +167,11 @@ class Mapping:
         self._gather(fall)
         if now_ns - self._pressed_since_ns < HOLD_S * 1e9:
             return []
-        self._what, self._since_ns, self._quiet_since_ns = "lift", now_ns, None
+        self._state, self._since_ns, self._quiet_since_ns = "lift", now_ns, None
         winner = int(self._fall_sum.argmax())
-        return [Say("lift", f"{_name(winner)} answers: lift", self._queue[0], _identity(winner))]
+        return [MappingPrompt("lift", f"{_name(winner)} answers: lift", self._queue[0], _identity(winner))]
 
-    def _await_lift(self, now_ns: int, level: NDArray[np.float64]) -> list[Say]:
+    def _await_lift(self, now_ns: int, level: NDArray[np.float64]) -> list[MappingPrompt]:
         assert self._since_ns is not None
         fall = self._fall(level)
         self._gather(fall)
@@ -183,7 +183,7 @@ class Mapping:
                 return []
             self._since_ns, still = now_ns, int(fall.argmax())
             text = f"{_name(still)} still reads as if it were pressed: lift, and take away what lies on the insole"
-            return [Say("lift", text, self._queue[0], _identity(still))]
+            return [MappingPrompt("lift", text, self._queue[0], _identity(still))]
         if self._quiet_since_ns is None:
             self._quiet_since_ns, self._rest = now_ns, _Mean()
         self._rest.add(level)
@@ -193,9 +193,9 @@ class Mapping:
         self._level = np.where(np.isnan(rest), self._level, rest)
         return self._judge(now_ns)
 
-    # ---- what a press meant
+    # ---- judging a press
 
-    def _judge(self, now_ns: int) -> list[Say]:
+    def _judge(self, now_ns: int) -> list[MappingPrompt]:
         position = self._queue[0]
         order = np.argsort(self._fall_sum)
         first, second = int(order[-1]), int(order[-2])
@@ -206,7 +206,7 @@ class Mapping:
             text = (
                 f"{_name(first)} and {_name(second)} answer together: press the middle of {position}, with a fingertip"
             )
-            return [Say("again", text, position), *self._prompt(now_ns)]
+            return [MappingPrompt("again", text, position), *self._prompt(now_ns)]
         identity = _identity(first)
         self._unclear.pop(position, None)
         text = f"{position}: {_name(first)}"
@@ -222,37 +222,39 @@ class Mapping:
             self._ask_again(position)
         return self._settle(now_ns, identity, text)
 
-    def _missing(self, now_ns: int) -> list[Say]:
+    def _missing(self, now_ns: int) -> list[MappingPrompt]:
         position = self._queue[0]
         self._unclear.pop(position, None)
         self._ask_again(position)
         return self._settle(now_ns, None, f"{position}: nothing answers", "missing")
 
-    def _settle(self, now_ns: int, identity: Identity | None, text: str, what: What = "answered") -> list[Say]:
+    def _settle(
+        self, now_ns: int, identity: Identity | None, text: str, kind: PromptKind = "answered"
+    ) -> list[MappingPrompt]:
         position = self._queue.popleft()
         self._answers[position] = identity
-        return [Say(what, text, position, identity), *self._next(now_ns)]
+        return [MappingPrompt(kind, text, position, identity), *self._next(now_ns)]
 
     def _ask_again(self, position: Position) -> None:
-        """Once more at the end: a person slips, a wrong cable answers the same again."""
+        """Append the position to the queue once: a slip is corrected, a wrong cable gives the same response."""
         if position not in self._again:
             self._again.append(position)
             self._queue.append(position)
 
-    def _next(self, now_ns: int) -> list[Say]:
+    def _next(self, now_ns: int) -> list[MappingPrompt]:
         if not self._queue:
-            self._what = "done"
-            return [Say("done", "all positions have been asked")]
+            self._state = "done"
+            return [MappingPrompt("done", "all positions have been asked")]
         return self._prompt(now_ns)
 
-    def _prompt(self, now_ns: int) -> list[Say]:
+    def _prompt(self, now_ns: int) -> list[MappingPrompt]:
         position = self._queue[0]
-        self._what, self._since_ns, self._pressed_since_ns = "press", now_ns, None
+        self._state, self._since_ns, self._pressed_since_ns = "press", now_ns, None
         again = " once more" if position in self._answers else ""
-        return [Say("press", f"press the middle of {position}{again}, then lift", position)]
+        return [MappingPrompt("press", f"press the middle of {position}{again}, then lift", position)]
 
     def _fall(self, level: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(256,) counts below the level at rest; 0 where either is unknown."""
+        """Return the fall of each triangle below its level at rest, (256,) counts; 0 where either is unknown."""
         return np.nan_to_num(self._level - level)
 
     def _gather(self, fall: NDArray[np.float64]) -> None:
@@ -261,7 +263,7 @@ class Mapping:
 
 
 class _Mean:
-    """Mean and standard deviation of what was added, by triangle; NaN for what was unknown most of the time."""
+    """Mean and standard deviation of levels by triangle; NaN for a triangle that was unknown most of the time."""
 
     def __init__(self) -> None:
         self._values: list[NDArray[np.float64]] = []

@@ -13,8 +13,8 @@ from ..config import Board, Publish
 Verdict = Literal["good", "usable", "not usable"]
 
 GOOD_SHARE, USABLE_SHARE = 0.99, 0.95
-WINDOW_S = 10  # of live data: what the verdict in health is about
-_EDGE_CYCLES = 1  # one cycle may lie across the edge of a stretch of time, and is missing from no one
+WINDOW_S = 10  # of live data: the period of the verdict in health
+_EDGE_CYCLES = 1  # one cycle may cross the edge of a stretch of time; it does not count as missing
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,12 +33,12 @@ class Quality:
         expected = round(span_ns / period_ns)
         if abs(expected - received - repeated) <= _EDGE_CYCLES:
             expected = received + repeated
-        expected = max(expected, received)  # a frame that is held up makes two cycles of one
+        expected = max(expected, received)  # a delayed frame splits one cycle into two
         return cls(expected, received, max(0, expected - received - repeated), repeated, late)
 
     @classmethod
     def of(cls, document: Mapping[str, Any]) -> Quality:
-        """Return the quality that `document` says, the inverse of `document()`; KeyError, TypeError or ValueError."""
+        """Return the quality in `document`, the inverse of `document()`; raises KeyError, TypeError or ValueError."""
         return cls(*(int(document[name]) for name in cls.__slots__))
 
     @property
@@ -57,7 +57,7 @@ class Quality:
         if not self.expected:
             return f"{self.verdict}: no cycle"
         counts = {"skipped": self.skipped, "repeated": self.repeated, "late": self.late}
-        reasons = "".join(f", {count} {what}" for what, count in counts.items() if count)
+        reasons = "".join(f", {count} {name}" for name, count in counts.items() if count)
         return f"{self.verdict}: {self.received} of {self.expected} cycles ({self.percent} %){reasons}"
 
     @property
@@ -85,7 +85,7 @@ class QualityWindow:
         self._past: deque[tuple[int, int, int, int]] = deque(maxlen=WINDOW_S + 1)
 
     def count(self, late: bool, repeated: bool) -> None:
-        """One cycle is published."""
+        """Count one published cycle."""
         if not self._past:
             self._past.append((time.monotonic_ns(), 0, 0, 0))
         if repeated:

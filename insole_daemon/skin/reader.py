@@ -1,4 +1,4 @@
-"""Frames of all buses into the cycles of every foot."""
+"""The reader that turns frames of all buses into the cycles of every foot."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from .cycles import CycleAssembler, Cycles
 from .layout import Layout
 from .streams import Streams
 
-JITTER_NS = 2_000_000  # by which a cycle may be complete later than promised
+JITTER_NS = 2_000_000  # largest usual delay of a cycle after its promised time
 
 
 class Expected(NamedTuple):
-    """What a SkinReader waits for."""
+    """The next events that a SkinReader waits for."""
 
     due_ns: int | None  # when the next cycle is closed by time; None before the first frame
     outstanding: int | None  # halves until a cycle of some foot is complete; None: no foot waits for any
@@ -36,18 +36,18 @@ class SkinReader:
         ]
 
     def feed(self, batch: FrameBatch) -> list[list[Cycles]]:
-        """Take in frames; for every foot, the cycles they closed."""
+        """Add frames; return the cycles that they close, for every foot."""
         if not len(batch):
             return [[] for _ in self.assemblers]
         slots = self.streams.slots(batch)
-        return [each.feed(slots, batch.data, batch.t_ns, batch.t_mono_ns) for each in self.assemblers]
+        return [assembler.feed(slots, batch.data, batch.t_ns, batch.t_mono_ns) for assembler in self.assemblers]
 
     def advance(self, now_mono_ns: int) -> list[list[Cycles]]:
-        """For every foot, the cycles that time alone closes, given that every earlier frame has been fed."""
+        """Return the cycles that time alone closes, for every foot; every earlier frame must have been fed."""
         return [assembler.advance(now_mono_ns) for assembler in self.assemblers]
 
     def expected(self) -> Expected:
-        """What is waited for now."""
+        """Return the next events of all feet."""
         due_ns = outstanding = promised_ns = None
         in_rhythm = True
         for assembler in self.assemblers:
@@ -65,16 +65,20 @@ class SkinReader:
         return Expected(due_ns, outstanding, promised_ns if in_rhythm else None)
 
     def best_poll_ns(self, from_ns: int) -> int:
-        """When to look within a period of `from_ns`, to find the newest cycles of all feet as young as can be.
+        """Return the best time to poll within a period of `from_ns`: the newest cycles of all feet are then youngest.
 
-        It is `from_ns` itself where none is waited for, or one has no rhythm.
+        It is `from_ns` itself if no foot is waited for, or if one is not periodic.
         """
-        complete = [promise + JITTER_NS for promise in self._promises_ns()]
-        looks = [from_ns + (each - from_ns) % self._period_ns for each in complete]
-        return min(looks, key=lambda look: sum((look - each) % self._period_ns for each in complete), default=from_ns)
+        complete_times_ns = [promise + JITTER_NS for promise in self._promises_ns()]
+        poll_times_ns = [from_ns + (complete_ns - from_ns) % self._period_ns for complete_ns in complete_times_ns]
+        return min(
+            poll_times_ns,
+            key=lambda poll_ns: sum((poll_ns - complete_ns) % self._period_ns for complete_ns in complete_times_ns),
+            default=from_ns,
+        )
 
     def _promises_ns(self) -> list[int]:
-        """Of the feet that are waited for; none where one of them has no rhythm."""
-        waited_for = [each.promised_ns for each in self.assemblers if each.outstanding]
+        """Return the promised times of the feet that are waited for; empty if one of them is not periodic."""
+        waited_for = [assembler.promised_ns for assembler in self.assemblers if assembler.outstanding]
         promises = [promise for promise in waited_for if promise is not None]
         return promises if len(promises) == len(waited_for) else []

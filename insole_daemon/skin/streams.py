@@ -1,4 +1,4 @@
-"""Which half of which triangle a frame is, and what becomes of all other traffic."""
+"""Assignment of frames to the halves of triangles, and counts of all other traffic."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ _TAG_CODE[TAG_A], _TAG_CODE[TAG_B] = 1, 2
 class Refused:
     """Frames that carried no half of a configured triangle, by reason."""
 
-    other: int = 0  # other classes, other nodes: passed over
+    other: int = 0  # other classes, other nodes: ignored
     remote: int = 0
     extended: int = 0
     fd: int = 0
     error: int = 0  # error frames; the bus counts their kinds
-    bad_dlc: int = 0  # a skin frame that has not 8 bytes
+    bad_dlc: int = 0  # a skin frame without 8 bytes
     unknown_tag: int = 0  # a skin frame whose first byte is neither 0x40 nor 0xC0
     unconfigured_triangle: int = 0
     unconfigured_board: dict[int, int] = field(default_factory=dict)  # by address
@@ -65,14 +65,16 @@ class Streams:
             self._slot[skin_id(triangle.board, triangle.triangle, CLASS_SECOND_HALF), 2] = 2 * place + 1
 
     def slots(self, batch: FrameBatch) -> NDArray[np.int16]:
-        """(n,) slot of every frame, negative where it carries no half; the latter are counted in `refused`."""
+        """Return the slot of every frame, (n,), negative for frames without a half; `refused` counts the latter."""
         if kernel is not None:
-            found = np.empty(len(batch), np.int16)
-            n_refused = kernel.slots(self._slot, _TAG_CODE, batch.can_id, batch.dlc, batch.flags, batch.data, found)
+            compiled_slots = np.empty(len(batch), np.int16)
+            n_refused = kernel.slots(
+                self._slot, _TAG_CODE, batch.can_id, batch.dlc, batch.flags, batch.data, compiled_slots
+            )
             if n_refused > 0:
-                self._count(batch, found)
+                self._count(batch, compiled_slots)
             if n_refused >= 0:
-                return found
+                return compiled_slots
         odd = batch.dlc != 8
         odd |= batch.flags != 0
         n_odd = int(np.count_nonzero(odd))
@@ -86,7 +88,7 @@ class Streams:
         return slots
 
     def _count(self, batch: FrameBatch, slots: NDArray[np.int16], n_odd: int = 0) -> None:
-        """Frames that carry no half, of which `n_odd` are counted already."""
+        """Count the frames without a half by reason; `n_odd` of them are counted already."""
         refused = self.refused
         n_by_reason = np.bincount(-slots[slots < 0], minlength=1 - _UNKNOWN_TAG)
         refused.other += int(n_by_reason[-_OTHER]) - n_odd
@@ -98,7 +100,7 @@ class Streams:
                 refused.unconfigured_board[address] = refused.unconfigured_board.get(address, 0) + n
 
     def _count_odd(self, batch: FrameBatch) -> None:
-        """Frames of another kind than a standard data frame of 8 bytes."""
+        """Count the frames that are not standard data frames of 8 bytes, by reason."""
         refused = self.refused
         flags = batch.flags
         refused.error += int((flags & ERROR != 0).sum())

@@ -1,4 +1,4 @@
-"""Which readings of a cycle may be believed, from the protocol alone."""
+"""Validity of the readings of a cycle, from the protocol alone."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ _FLAGS_BROKEN_FROM_SHIFT = 7  # an MTB3 overflows its 16-bit arithmetic there, a
 class Validity:
     """Marks the readings of one foot that carry no pressure.
 
-    Invalid are: thermal pads; a triangle that never came, is older than `stale_after_ns` or reports an error
-    (open or dead); a taxel flagged out of range; one clamped at 0 (saturated: the load is at least that, how much
-    is not known) or at 255 (below the range; with a no-load of 255 that is the value at rest, and valid, and
-    the flag is set there at zero load and says nothing).
+    Invalid are: thermal pads; a triangle that never arrived, is older than `stale_after_ns` or reports an error
+    (open or dead); a taxel flagged out of range; a taxel clamped at 0 (saturated: only a lower bound of the load is
+    known) or at 255 (below the range). With a no-load of 255, the count 255 is the unloaded value and valid; the flag
+    is then set without load and is ignored.
     """
 
     def __init__(self, layout: Layout, boards: Mapping[int, Board], stale_after_ns: int) -> None:
@@ -35,14 +35,14 @@ class Validity:
         self._pressure_taxel[list(THERMAL_PADS)] = False
 
     def of_triangles(self) -> tuple[NDArray[np.uint8], ...]:
-        """What the kernel asks of each triangle, each (n_triangles,): believed readings, rests at 255, flags work."""
-        parts = (self._n_readings, self._rests_at_255, self._flags_work)
-        return tuple(part.ravel().astype(np.uint8) for part in parts)
+        """Return the settings for the kernel, each (n_triangles,): number of valid counts, rests at 255, flags work."""
+        settings = (self._n_readings, self._rests_at_255, self._flags_work)
+        return tuple(setting.ravel().astype(np.uint8) for setting in settings)
 
     def __call__(
         self, counts: NDArray[np.uint8], status: NDArray[np.uint16], age_ns: NDArray[np.int64]
     ) -> NDArray[np.bool_]:
-        """(…, n_triangles, 12) bool from counts (…, n_triangles, 12), status and age_ns (…, n_triangles)."""
+        """Return validity (…, n_triangles, 12) from counts (…, n_triangles, 12), status and age_ns (…, n_triangles)."""
         believed = age_ns.view(np.uint64) <= self.stale_after_ns  # never received is -1, the oldest of all
         valid: NDArray[np.bool_] = counts - np.uint8(1) < self._n_readings
         if np.count_nonzero(status):

@@ -8,7 +8,7 @@ import itertools
 import numpy as np
 import pytest
 
-from insole_daemon.bring_up.judgement import force, judge_observation
+from insole_daemon.bring_up.judgement import judge_force, judge_observation
 from insole_daemon.bring_up.observation import Observation
 from insole_daemon.bus.frames import ERROR, FrameBatch
 from insole_daemon.config import Config
@@ -148,7 +148,7 @@ def test_a_loose_triangle(generation):
 
 
 @GENERATIONS
-def test_another_sender(generation):
+def test_frames_of_another_sender_are_reported(generation):
     n = 200
     t_ns = np.linspace(0.1e9, SECONDS * 1e9, n).astype(np.int64)
     other = FrameBatch(
@@ -176,7 +176,7 @@ def test_a_board_that_the_configuration_does_not_have(generation):
 def test_boards_that_do_not_start(generation):
     found = problems(said_of(emulated(generation, left_out=(8, 9, 10))))
     assert [finding.subject for finding in found] == ["board 8", "board 9", "board 10"]
-    assert all("not one frame" in finding.text for finding in found)
+    assert all("no frame received" in finding.text for finding in found)
     assert "insole boards start --foot right" in found[0].remedy
 
 
@@ -184,7 +184,7 @@ def test_a_bus_on_which_nothing_is_sent():
     observation = Observation(LAYOUTS, {board.address: board for insole in CONFIG.insoles for board in insole.boards})
     observation.feed(FrameBatch.empty(), 0)
     found = problems(list(judge_observation(observation, CONFIG, LAYOUTS)))
-    assert "nothing was sent" in found[0].text
+    assert "no frame and no error frame received" in found[0].text
     assert len(found) == 7
 
 
@@ -199,6 +199,6 @@ def test_a_bus_on_which_nothing_is_sent():
     ],
 )
 def test_the_force_of_one_foot(f_z_n, std_n, builtin, level):
-    finding = force("left", f_z_n, std_n, 70.0, builtin)
+    finding = judge_force("left", f_z_n, std_n, 70.0, builtin)
     assert finding.level == level
     assert "687 N" in finding.text

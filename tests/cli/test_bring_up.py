@@ -69,9 +69,9 @@ def set_up(monkeypatch, tmp_path):
             person.stands_on = stands[1] if stands else ""
             return re.search(steps, what) is not None
 
-        monkeypatch.setattr(mapping, "_say", listen)
-        monkeypatch.setattr(verb, "_asked", asked)
-        monkeypatch.setattr(verb, "_interfaces", lambda settings: [])  # no kernel has the interface of this bus
+        monkeypatch.setattr(mapping, "_print_line", listen)
+        monkeypatch.setattr(verb, "_confirm_step", asked)
+        monkeypatch.setattr(verb, "_check_interfaces", lambda settings: [])  # no kernel has the interface of this bus
         monkeypatch.setattr(verb, "on_end", lambda stop: None)
         monkeypatch.setattr("time.sleep", source.wait)
         monkeypatch.setattr("time.monotonic", lambda: source.clock_ns() * 1e-9)
@@ -161,5 +161,5 @@ def test_boards_that_do_not_start_end_the_session_after_the_first_step(generatio
     assert "Not done: no board sends." in report
 
 
-def test_without_a_terminal_nobody_is_asked():
-    assert not verb._asked("stand on one leg")
+def test_without_a_terminal_bring_up_asks_nothing():
+    assert not verb._confirm_step("stand on one leg")

@@ -104,7 +104,7 @@ def person(monkeypatch, capsys):
             finger.press = (foot, places[foot, patch, number], source.clock_ns() * 1e-9 + 0.3)
         print(text)
 
-    monkeypatch.setattr(verb, "_say", listen)
+    monkeypatch.setattr(verb, "_print_line", listen)
     monkeypatch.setattr("time.sleep", source.wait)
     monkeypatch.setattr(verb, "on_end", lambda stop: None)
     monkeypatch.setattr(recovering, "RecoveringSource", lambda buses: source)
@@ -134,7 +134,7 @@ def test_one_foot_with_the_layout_of_a_file_as_template(person, tmp_path):
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["right-layout.yaml"]
 
 
-def test_a_silent_bus_is_said_and_nothing_is_written(monkeypatch, tmp_path):
+def test_a_silent_bus_is_reported_and_nothing_is_written(monkeypatch, tmp_path):
     run = Emulator(Config(), TEMPLATES, Unloaded(TEMPLATES), streaming=False).run(0)
     source = Source(run)
     monkeypatch.setattr("time.sleep", source.wait)
@@ -145,8 +145,8 @@ def test_a_silent_bus_is_said_and_nothing_is_written(monkeypatch, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-def test_who_presses_nothing_is_told_and_gets_no_file(person, monkeypatch, tmp_path):
-    monkeypatch.setattr(verb, "_say", lambda text: None)
+def test_without_a_press_the_command_reports_it_and_writes_no_file(person, monkeypatch, tmp_path):
+    monkeypatch.setattr(verb, "_print_line", lambda text: None)
     with pytest.raises(typer.Exit) as end:
         verb.map_(tmp_path / "out", verb.Which.left, None, None, 1.0)
     assert end.value.exit_code == 1

@@ -23,7 +23,7 @@ def test_both_insoles_fit_at_50_hz_with_the_triangles_they_have():
     check_fits(found)
 
 
-def test_what_cannot_fit_is_refused_with_numbers_and_remedy():
+def test_a_load_above_the_limit_is_refused_with_numbers_and_remedy():
     with pytest.raises(BusError) as refused:
         check_fits(load(16, 20))
     text = str(refused.value)

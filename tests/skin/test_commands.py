@@ -43,9 +43,9 @@ def test_the_thermometers_commands():
     assert commands.discovery() == commands.Command(0x70F, b"\xff")
 
 
-def test_runs():
-    assert commands.runs([]) == []
-    assert commands.runs([3, 1, 2, 2, 7]) == [(1, 3), (7, 7)]
+def test_triangles_become_contiguous_ranges():
+    assert commands.contiguous_ranges([]) == []
+    assert commands.contiguous_ranges([3, 1, 2, 2, 7]) == [(1, 3), (7, 7)]
 
 
 def test_everything_encoded_passes_the_gate():
@@ -90,7 +90,7 @@ def test_arguments_out_of_range(make, words):
         make()
 
 
-def test_answers():
+def test_answers_of_boards_are_parsed():
     mtb4 = bytes.fromhex("FF 0B 01 19 00")
     address, identity = commands.read_discovery(0x750, mtb4)
     assert (address, identity.name, identity.firmware, identity.bootloader) == (5, "MTB4", (1, 25, 0), False)
@@ -121,5 +121,5 @@ def test_answers():
         (commands.read_temperature, 0x35E, "01 01 01 00"),
     ],
 )
-def test_what_is_no_answer(read, can_id, payload):
+def test_other_frames_are_not_parsed_as_answers(read, can_id, payload):
     assert read(can_id, bytes.fromhex(payload)) is None

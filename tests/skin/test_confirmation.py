@@ -15,7 +15,7 @@ from insole_daemon.skin.confirmation import (
     PERIOD_TOLERANCE,
     PERIOD_TOLERANCE_MS,
     REST_TOLERANCE_COUNT,
-    Seen,
+    ObservedBoard,
     StreamWatch,
 )
 from insole_daemon.skin.geometry import N_TAXELS, PRESSURE_TAXELS, THERMAL_PADS
@@ -32,8 +32,8 @@ from insole_daemon.skin.identifiers import (
 )
 
 BOARD = Board(address=5, interface="can0", period_ms=20, no_load=240)
-GOOD = Seen(5, legacy=False, triangles=(0, 3, 12), open_triangles=(), period_ms=20.0, rest_count=240.0)
-SILENT = Seen(5, legacy=False, triangles=(), open_triangles=(), period_ms=None, rest_count=None)
+GOOD = ObservedBoard(5, legacy=False, triangles=(0, 3, 12), open_triangles=(), period_ms=20.0, rest_count=240.0)
+SILENT = ObservedBoard(5, legacy=False, triangles=(), open_triangles=(), period_ms=None, rest_count=None)
 OUT_OF_RANGE = 0xFFF0  # the flags of all taxels in the status word
 
 Row = tuple[float, int, bytes, int]  # ms, identifier, payload, flags
@@ -69,17 +69,17 @@ def of_counts(counts: Sequence[int], status: int = 0) -> list[Row]:
     ]
 
 
-def seen(*rows: Row, address: int = 5) -> Seen:
+def seen(*rows: Row, address: int = 5) -> ObservedBoard:
     watch = StreamWatch([address])
     watch.feed(frames(rows))
-    return watch.seen()[address]
+    return watch.observed()[address]
 
 
-def test_a_board_that_does_what_it_was_told_differs_in_nothing() -> None:
+def test_a_board_as_configured_has_no_differences() -> None:
     assert GOOD.differences(BOARD, [12, 0, 3]) == []
 
 
-def test_a_board_that_sends_nothing_is_told_nothing_else() -> None:
+def test_a_silent_board_has_one_difference() -> None:
     assert SILENT.differences(BOARD, [0, 3]) == ["sends nothing"]
 
 
@@ -156,7 +156,7 @@ def test_only_raw_words_have_no_rest(skin_type: int) -> None:
     assert bool(found) == (skin_type != RAW_TEST_MODE)
 
 
-def test_nothing_stands_against_a_rest_that_was_not_seen() -> None:
+def test_an_unobserved_rest_count_gives_no_difference() -> None:
     assert SILENT.rest_difference(BOARD) == []
 
 
@@ -165,7 +165,7 @@ def test_a_board_that_was_not_heard_sends_nothing(fed: list[list[Row]]) -> None:
     watch = StreamWatch([6, 5])
     for rows in fed:
         watch.feed(frames(rows))
-    assert watch.seen() == {5: SILENT, 6: replace(SILENT, address=6)}
+    assert watch.observed() == {5: SILENT, 6: replace(SILENT, address=6)}
 
 
 def test_each_board_is_seen_by_itself() -> None:
@@ -175,9 +175,9 @@ def test_each_board_is_seen_by_itself() -> None:
         half_b(3, 7, 2, 200, status=ERROR_NOT_CONNECTED), half_a(21, 5, 4, 240), half_a(30, 6, 9, 100),
         half_a(50, 7, 15, 210, CLASS_LEGACY_SKIN),
     ]))  # fmt: skip
-    assert watch.seen() == {
-        7: Seen(7, True, (2, 15), (2,), 50.0, 205.0),
-        5: Seen(5, False, (4,), (), 20.0, 240.0),
+    assert watch.observed() == {
+        7: ObservedBoard(7, True, (2, 15), (2,), 50.0, 205.0),
+        5: ObservedBoard(5, False, (4,), (), 20.0, 240.0),
     }
 
 
@@ -188,7 +188,7 @@ def test_it_does_not_matter_in_what_portions_frames_arrive(portion: int) -> None
     for first in range(0, len(rows), portion):
         watch.feed(frames(rows[first : first + portion]))
         watch.feed(frames([]))
-    assert watch.seen()[5] == seen(*rows) == Seen(5, False, (1, 2), (), 20.0, 240.0)
+    assert watch.observed()[5] == seen(*rows) == ObservedBoard(5, False, (1, 2), (), 20.0, 240.0)
 
 
 @pytest.mark.parametrize(
@@ -205,7 +205,7 @@ def test_it_does_not_matter_in_what_portions_frames_arrive(portion: int) -> None
         (0, skin_id(5, 14, CLASS_LEGACY_SKIN), bytes.fromhex("0112001200"), 0),
     ],
 )
-def test_what_is_no_half_is_not_seen(row: Row) -> None:
+def test_a_frame_that_is_not_a_half_is_ignored(row: Row) -> None:
     assert seen(row) == SILENT
 
 

@@ -234,7 +234,7 @@ def test_a_complete_cycle_closes_with_its_last_half():
     np.testing.assert_array_equal(cycles.age_ns[0], (np.array([5, 3, 1]) * 120_000))
 
 
-def test_of_the_slots_of_all_feet_each_takes_its_own():
+def test_an_assembler_uses_only_the_slots_of_its_foot():
     left, right = regular(2, 10), regular(3, 10, start=START + 7 * MS)
     both = [np.concatenate(pair) for pair in zip(left, (right[0] + 4, *right[1:]), strict=True)]
     both[0] = np.append(both[0], [-1, 10]).astype(np.int16)  # no half, and one of a third foot

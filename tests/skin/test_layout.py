@@ -78,7 +78,7 @@ def test_mirrored_flips_x(write: Write) -> None:
 def test_a_triangle_twice(write: Write) -> None:
     line, key, message = only(write(HEAD + GOOD + triangle() + triangle(x_mm=90)))
     assert (line, key) == (8, "triangles[3]")
-    assert message == "triangle 3 of board 7 stands twice, first in triangles[2]"
+    assert message == "triangle 3 of board 7 is listed twice, first in triangles[2]"
 
 
 def test_the_same_number_on_another_board_is_another_triangle(write: Write) -> None:

@@ -91,21 +91,21 @@ def mapped(truth, finger=None, slip=None, seed=0, wait_s=2.0, reaction_s=0.3, as
     wanted = [position for template in asked for position in positions(template)]
     mapping = Mapping(wanted, OWNERS, wait_s)
     said, times = [], {}
-    while not mapping.done:
+    while not mapping.is_done:
         assert run.now_ns < 1000e9, f"stuck at {mapping.position}"
         touch.feed(run.advance(run.now_ns + CHUNK_NS))
-        for say in mapping.update(run.now_ns, touch.level_count(run.now_ns)):
-            said.append(say)
-            if say.what == "press":
-                times[say.position] = times.get(say.position, 0) + 1
-                where = slip(say.position, times[say.position]) if slip else [say.position]
+        for prompt in mapping.update(run.now_ns, touch.level_count(run.now_ns)):
+            said.append(prompt)
+            if prompt.kind == "press":
+                times[prompt.position] = times.get(prompt.position, 0) + 1
+                where = slip(prompt.position, times[prompt.position]) if slip else [prompt.position]
                 for position in where:
                     now_s = run.now_ns * 1e-9 + reaction_s
                     xy_m = np.array([position.x_mm, position.y_mm]) * 1e-3
                     finger.presses.append((now_s, now_s + 0.9, position.foot, xy_m))
     streaming = [tuple(map(int, i)) for i in np.argwhere(touch.seen())]
     faulty = [tuple(map(int, i)) for i in np.argwhere(touch.faulty())]
-    found = mapping.found()
+    found = mapping.results()
     return found, said, summary(found, OWNERS, streaming, faulty), times, run.now_ns * 1e-9
 
 
@@ -167,7 +167,11 @@ def test_boards_that_are_swapped_between_the_feet_are_named():
         "swapped: board 6 lies in the right foot",
         "swapped: board 9 lies in the left foot",
     ]
-    assert any("gives to the right foot" in say.text for say in said if say.position and say.position.foot == "left")
+    assert any(
+        "gives to the right foot" in prompt.text
+        for prompt in said
+        if prompt.position and prompt.position.foot == "left"
+    )
 
 
 def test_a_slip_of_the_person_is_made_good_at_the_end():
@@ -191,11 +195,11 @@ def test_two_pressed_at_once_are_asked_again():
 
     found, said, _, times, _ = mapped(truth, slip=clumsy, asked=TEMPLATES[:1])
     assert right(found, truth) == 28
-    assert [say.position.row for say in said if say.what == "again"] == [2]
+    assert [prompt.position.row for prompt in said if prompt.kind == "again"] == [2]
     assert max(times.values()) == 2
 
 
-def test_who_presses_nothing_gets_nothing():
+def test_positions_without_a_press_are_missing():
     truth = assignment(8)
     found, _, _, _, _ = mapped(truth, slip=lambda position, time: [], wait_s=0.2, asked=TEMPLATES[:1])
     assert {each.state for each in found} == {"missing"}

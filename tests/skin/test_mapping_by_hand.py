@@ -20,11 +20,11 @@ from insole_daemon.skin.mapping import (
     RELEASED_SHARE,
     REST_S,
     WAIT_S,
-    Found,
     Identity,
     Mapping,
+    MappingPrompt,
     Position,
-    Say,
+    PositionResult,
     positions,
 )
 
@@ -58,41 +58,41 @@ class Person:
         self.mapping = Mapping(asked, OWNERS, wait_s)
         self.now_ns = 7_000_000_000_000
 
-    def shows(self, falls: Map[Identity, float] | None = None, after_ns: int = STEP_NS) -> list[Say]:
+    def shows(self, falls: Map[Identity, float] | None = None, after_ns: int = STEP_NS) -> list[MappingPrompt]:
         self.now_ns += after_ns
         return self.mapping.update(self.now_ns, reads(falls or {}))
 
-    def waits(self, for_ns: int, falls: Map[Identity, float] | None = None) -> list[Say]:
+    def waits(self, for_ns: int, falls: Map[Identity, float] | None = None) -> list[MappingPrompt]:
         """Shows it at once, and on and on until it has stood for so long."""
-        return [say for _ in range(for_ns // STEP_NS + 1) for say in self.shows(falls)]
+        return [prompt for _ in range(for_ns // STEP_NS + 1) for prompt in self.shows(falls)]
 
-    def presses(self, falls: Map[Identity, float]) -> list[Say]:
+    def presses(self, falls: Map[Identity, float]) -> list[MappingPrompt]:
         return self.waits(HOLD_NS, falls)
 
-    def lifts(self) -> list[Say]:
+    def lifts(self) -> list[MappingPrompt]:
         return self.waits(QUIET_NS)
 
-    def answers(self, *falls: Map[Identity, float]) -> list[Say]:
+    def answers(self, *falls: Map[Identity, float]) -> list[MappingPrompt]:
         """Press upon press."""
-        return [say for fall in falls for say in (*self.presses(fall), *self.lifts())]
+        return [prompt for fall in falls for prompt in (*self.presses(fall), *self.lifts())]
 
-    def stays_away(self) -> list[Say]:
+    def stays_away(self) -> list[MappingPrompt]:
         return [*self.shows(after_ns=WAIT_NS), *self.shows(after_ns=1)]
 
 
 def ready(asked: Sequence[Position] = ASKED, *, noise: Map[Identity, float] | None = None) -> Person:
     """A person who is to press the first position; at rest some triangles had such a standard deviation."""
     person = Person(asked)
-    assert [say.what for say in person.shows()] == ["rest"]
+    assert [prompt.kind for prompt in person.shows()] == ["rest"]
     for at in range(N_AT_REST):
         sign = 1 if at % 2 else -1
         said = person.shows({identity: sign * std for identity, std in (noise or {}).items()})
-    assert [say.what for say in said] == ["press"]
+    assert [prompt.kind for prompt in said] == ["press"]
     return person
 
 
-def what(said: Sequence[Say]) -> list[str]:
-    return [say.what for say in said]
+def what(said: Sequence[MappingPrompt]) -> list[str]:
+    return [prompt.kind for prompt in said]
 
 
 # ---- positions
@@ -116,20 +116,20 @@ def test_positions_are_numbered_within_their_patch_in_the_order_of_the_template(
 # ---- a whole round
 
 
-def test_what_is_said_from_the_first_to_the_last() -> None:
+def test_a_mapping_gives_the_expected_prompts_from_first_to_last() -> None:
     person = Person([FIRST, THIRD])
     said = [*person.waits(REST_NS), *person.answers({A: DEEP}, {B: DEEP})]
     assert said == [
-        Say("rest", "touch nothing: taking what every triangle reads without load"),
-        Say("press", "press the middle of left foot, front patch, position 1, then lift", FIRST),
-        Say("lift", "board 5 triangle 12 answers: lift", FIRST, A),
-        Say("answered", "left foot, front patch, position 1: board 5 triangle 12", FIRST, A),
-        Say("press", "press the middle of right foot, rear patch, position 1, then lift", THIRD),
-        Say("lift", "board 9 triangle 3 answers: lift", THIRD, B),
-        Say("answered", "right foot, rear patch, position 1: board 9 triangle 3", THIRD, B),
-        Say("done", "all positions have been asked"),
+        MappingPrompt("rest", "touch nothing: taking what every triangle reads without load"),
+        MappingPrompt("press", "press the middle of left foot, front patch, position 1, then lift", FIRST),
+        MappingPrompt("lift", "board 5 triangle 12 answers: lift", FIRST, A),
+        MappingPrompt("answered", "left foot, front patch, position 1: board 5 triangle 12", FIRST, A),
+        MappingPrompt("press", "press the middle of right foot, rear patch, position 1, then lift", THIRD),
+        MappingPrompt("lift", "board 9 triangle 3 answers: lift", THIRD, B),
+        MappingPrompt("answered", "right foot, rear patch, position 1: board 9 triangle 3", THIRD, B),
+        MappingPrompt("done", "all positions have been asked"),
     ]
-    assert person.mapping.found() == [Found(FIRST, "answered", A), Found(THIRD, "answered", B)]
+    assert person.mapping.results() == [PositionResult(FIRST, "answered", A), PositionResult(THIRD, "answered", B)]
 
 
 def test_the_position_is_known_while_it_is_to_be_pressed_and_while_it_is() -> None:
@@ -142,25 +142,25 @@ def test_the_position_is_known_while_it_is_to_be_pressed_and_while_it_is() -> No
     assert person.mapping.position is FIRST
     person.lifts()
     assert person.mapping.position is THIRD
-    assert not person.mapping.done
+    assert not person.mapping.is_done
     person.answers({B: DEEP})
     assert person.mapping.position is None
-    assert person.mapping.done
+    assert person.mapping.is_done
 
 
-def test_who_is_done_says_no_more() -> None:
+def test_a_finished_mapping_prompts_no_more() -> None:
     person = ready([FIRST])
     person.answers({A: DEEP})
     assert person.answers({B: DEEP}) == []
     assert person.stays_away() == []
-    assert person.mapping.found() == [Found(FIRST, "answered", A)]
+    assert person.mapping.results() == [PositionResult(FIRST, "answered", A)]
 
 
 def test_nothing_asked_is_done_after_the_rest() -> None:
     person = Person([])
     assert what(person.waits(REST_NS)) == ["rest", "done"]
-    assert person.mapping.done
-    assert person.mapping.found() == []
+    assert person.mapping.is_done
+    assert person.mapping.results() == []
 
 
 # ---- rest
@@ -226,7 +226,7 @@ def test_the_bar_is_the_least_count_or_so_many_standard_deviations(std: float, b
 
 def test_the_noise_of_one_triangle_does_not_raise_the_bar_of_another() -> None:
     said = ready(noise={A: 2.0}).presses({B: PRESSED_COUNT + FEW})
-    assert [(say.what, say.identity) for say in said] == [("lift", B)]
+    assert [(prompt.kind, prompt.identity) for prompt in said] == [("lift", B)]
 
 
 def test_a_triangle_that_rises_is_not_pressed() -> None:
@@ -254,19 +254,19 @@ def test_a_press_that_is_let_go_of_begins_anew() -> None:
     assert what(person.shows({A: DEEP}, 1)) == ["lift"]
 
 
-def test_of_a_touch_that_was_let_go_of_nothing_counts() -> None:
+def test_a_released_touch_does_not_count() -> None:
     person = ready()
     for _ in range(3):
         person.shows({A: DEEP})
     person.shows()
     assert what(said := person.answers({B: PRESSED_COUNT + FEW})) == ["lift", "answered", "press"]
-    assert [say.identity for say in said[:2]] == [B, B]
+    assert [prompt.identity for prompt in said[:2]] == [B, B]
 
 
-def test_who_fell_most_over_the_whole_press_answers() -> None:
+def test_the_triangle_with_the_largest_fall_over_the_press_responds() -> None:
     person = ready()
     person.waits(HOLD_NS - STEP_NS, {A: DEEP})
-    assert [say.identity for say in person.shows({A: DEEP, B: DEEP + 5})] == [A]
+    assert [prompt.identity for prompt in person.shows({A: DEEP, B: DEEP + 5})] == [A]
 
 
 # ---- lift
@@ -281,7 +281,7 @@ def test_who_fell_most_over_the_whole_press_answers() -> None:
     ],
     ids=["a share of the deepest fall", "half the bar of a light press", "half the bar of a noisy triangle"],
 )
-def test_lifted_is_who_has_come_back_to(std: float, fall: float, back: float) -> None:
+def test_a_triangle_counts_as_lifted_when_it_has_returned_to(std: float, fall: float, back: float) -> None:
     person = ready(noise={A: std})
     person.presses({A: fall})
     assert person.waits(QUIET_NS, {A: back + FEW}) == []
@@ -321,7 +321,7 @@ def test_a_triangle_that_falls_silent_under_the_finger_counts_as_lifted() -> Non
     person = ready()
     person.presses({A: DEEP})
     said = person.waits(QUIET_NS, {A: np.nan})
-    assert [(say.what, say.identity) for say in said] == [("answered", A), ("press", None)]
+    assert [(prompt.kind, prompt.identity) for prompt in said] == [("answered", A), ("press", None)]
 
 
 def test_it_is_judged_when_all_has_been_quiet_for_its_time() -> None:
@@ -370,10 +370,10 @@ def test_a_triangle_that_was_silent_at_rest_can_answer_from_the_next_lift_on() -
     assert what(person.presses({B: PRESSED_COUNT + FEW})) == ["lift"]
 
 
-def test_who_waits_too_long_for_the_lift_says_so_again_and_again() -> None:
+def test_an_overdue_lift_repeats_the_prompt() -> None:
     person = ready()
     person.presses({A: DEEP})
-    still = Say(
+    still = MappingPrompt(
         "lift", "board 9 triangle 3 still reads as if it were pressed: lift, and take away what lies on the insole",
         FIRST, B,
     )  # fmt: skip
@@ -388,29 +388,29 @@ def test_who_waits_too_long_for_the_lift_says_so_again_and_again() -> None:
 
 def test_the_margin_is_enough() -> None:
     said = ready().answers({A: DEEP, B: DEEP / MARGIN})
-    assert [(say.what, say.identity) for say in said] == [("lift", A), ("answered", A), ("press", None)]
+    assert [(prompt.kind, prompt.identity) for prompt in said] == [("lift", A), ("answered", A), ("press", None)]
 
 
 def test_a_rise_takes_nothing_from_what_fell() -> None:
     person = ready()
     person.presses({A: DEEP, B: DEEP / MARGIN})
     person.shows({A: -10 * DEEP})
-    assert [say.identity for say in person.lifts()] == [A, None]
+    assert [prompt.identity for prompt in person.lifts()] == [A, None]
 
 
 def test_two_that_answer_together_are_asked_for_again_at_once() -> None:
     person = ready()
     falls = {B: DEEP, A: DEEP / MARGIN + FEW, C: DEEP / MARGIN}
     assert person.answers(falls)[1:] == [
-        Say(
+        MappingPrompt(
             "again",
             "board 9 triangle 3 and board 5 triangle 12 answer together: "
             "press the middle of left foot, front patch, position 1, with a fingertip",
             FIRST,
         ),
-        Say("press", "press the middle of left foot, front patch, position 1, then lift", FIRST),
+        MappingPrompt("press", "press the middle of left foot, front patch, position 1, then lift", FIRST),
     ]
-    assert person.answers({C: DEEP})[1] == Say(
+    assert person.answers({C: DEEP})[1] == MappingPrompt(
         "answered", "left foot, front patch, position 1: board 5 triangle 0", FIRST, C
     )
 
@@ -421,10 +421,12 @@ def test_two_that_answer_every_time_leave_the_position_in_doubt() -> None:
     assert what(person.answers(*[both] * (MAX_UNCLEAR - 1))) == ["lift", "again", "press"] * (MAX_UNCLEAR - 1)
     said = person.answers(both)
     assert what(said) == ["lift", "answered", "press"]
-    assert said[1] == Say("answered", "left foot, front patch, position 1: two answer every time, left in doubt", FIRST)
+    assert said[1] == MappingPrompt(
+        "answered", "left foot, front patch, position 1: two answer every time, left in doubt", FIRST
+    )
     assert said[2].position is THIRD
     person.answers({B: DEEP})
-    assert person.mapping.found() == [Found(FIRST, "unclear", None), Found(THIRD, "answered", B)]
+    assert person.mapping.results() == [PositionResult(FIRST, "unclear", None), PositionResult(THIRD, "answered", B)]
 
 
 def test_a_clear_answer_makes_good_what_was_unclear() -> None:
@@ -441,8 +443,8 @@ def test_unclear_now_and_then_is_missing_when_nothing_answers_in_the_end() -> No
     person.answers(*[{A: DEEP, B: DEEP}] * (MAX_UNCLEAR - 1))
     person.stays_away()
     person.stays_away()
-    assert person.mapping.done
-    assert person.mapping.found() == [Found(FIRST, "missing", None)]
+    assert person.mapping.is_done
+    assert person.mapping.results() == [PositionResult(FIRST, "missing", None)]
 
 
 def test_unclear_before_nothing_answered_does_not_count_afterwards() -> None:
@@ -469,8 +471,8 @@ def test_a_board_of_elsewhere_is_remarked_on_and_taken(position: Position, ident
     person = ready([position])
     board, triangle = identity
     text = f"{position}: board {board} triangle {triangle}{remark}"
-    assert person.answers({identity: DEEP})[1] == Say("answered", text, position, identity)
-    assert person.mapping.found() == [Found(position, "answered", identity)]
+    assert person.answers({identity: DEEP})[1] == MappingPrompt("answered", text, position, identity)
+    assert person.mapping.results() == [PositionResult(position, "answered", identity)]
 
 
 # ---- once more at the end
@@ -480,24 +482,24 @@ def test_two_positions_with_the_same_answer_are_both_asked_once_more_at_the_end(
     person = ready()
     person.answers({A: DEEP})
     assert person.answers({A: DEEP})[1:] == [
-        Say(
+        MappingPrompt(
             "answered",
             "left foot, front patch, position 2: board 5 triangle 12 "
             "– it answered at left foot, front patch, position 1 too",
             SECOND,
             A,
         ),
-        Say("press", "press the middle of right foot, rear patch, position 1, then lift", THIRD),
+        MappingPrompt("press", "press the middle of right foot, rear patch, position 1, then lift", THIRD),
     ]
-    assert person.answers({B: DEEP})[-1] == Say(
+    assert person.answers({B: DEEP})[-1] == MappingPrompt(
         "press", "press the middle of left foot, front patch, position 1 once more, then lift", FIRST
     )
     assert person.answers({C: DEEP})[-1].position is SECOND
     assert person.answers({A: DEEP})[1:] == [
-        Say("answered", "left foot, front patch, position 2: board 5 triangle 12", SECOND, A),
-        Say("done", "all positions have been asked"),
+        MappingPrompt("answered", "left foot, front patch, position 2: board 5 triangle 12", SECOND, A),
+        MappingPrompt("done", "all positions have been asked"),
     ]
-    assert [(each.state, each.identity) for each in person.mapping.found()] == [
+    assert [(each.state, each.identity) for each in person.mapping.results()] == [
         ("answered", C), ("answered", A), ("answered", B),
     ]  # fmt: skip
 
@@ -506,9 +508,10 @@ def test_two_positions_with_the_same_answer_are_both_asked_once_more_at_the_end(
 def test_the_same_answer_time_and_again_is_doubled_and_not_asked_a_third_time(asked: Sequence[Position]) -> None:
     person = ready(asked)
     person.answers(*[{A: DEEP}] * (2 * len(asked)))
-    assert person.mapping.done
-    assert person.mapping.found() == [
-        Found(position, "doubled", A, tuple(other for other in asked if other is not position)) for position in asked
+    assert person.mapping.is_done
+    assert person.mapping.results() == [
+        PositionResult(position, "doubled", A, tuple(other for other in asked if other is not position))
+        for position in asked
     ]
 
 
@@ -521,27 +524,27 @@ def test_a_board_of_elsewhere_and_a_second_answer_are_both_told_of() -> None:
     )
 
 
-def test_of_two_that_were_doubled_the_other_stays_answered_when_one_is_missing_then() -> None:
+def test_of_two_doubled_positions_one_stays_answered_if_the_other_becomes_missing() -> None:
     person = ready([FIRST, SECOND])
     person.answers({A: DEEP}, {A: DEEP})
     person.stays_away()
     person.answers({A: DEEP})
-    assert person.mapping.done
-    assert person.mapping.found() == [Found(FIRST, "missing", None), Found(SECOND, "answered", A)]
+    assert person.mapping.is_done
+    assert person.mapping.results() == [PositionResult(FIRST, "missing", None), PositionResult(SECOND, "answered", A)]
 
 
 def test_nothing_answers_when_the_wait_is_over() -> None:
     person = ready([FIRST, THIRD])
     assert person.shows(after_ns=WAIT_NS) == []
     assert person.shows(after_ns=1) == [
-        Say("missing", "left foot, front patch, position 1: nothing answers", FIRST),
-        Say("press", "press the middle of right foot, rear patch, position 1, then lift", THIRD),
+        MappingPrompt("missing", "left foot, front patch, position 1: nothing answers", FIRST),
+        MappingPrompt("press", "press the middle of right foot, rear patch, position 1, then lift", THIRD),
     ]
-    assert person.answers({B: DEEP})[-1] == Say(
+    assert person.answers({B: DEEP})[-1] == MappingPrompt(
         "press", "press the middle of left foot, front patch, position 1 once more, then lift", FIRST
     )
     assert what(person.stays_away()) == ["missing", "done"], "no third time"
-    assert person.mapping.found() == [Found(FIRST, "missing", None), Found(THIRD, "answered", B)]
+    assert person.mapping.results() == [PositionResult(FIRST, "missing", None), PositionResult(THIRD, "answered", B)]
 
 
 def test_the_wait_is_as_long_as_is_asked_for() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from insole_daemon.skin.layout import Foot, Triangle, of
-from insole_daemon.skin.mapping import Found, Identity, Position, positions
+from insole_daemon.skin.mapping import Identity, Position, PositionResult, positions
 from insole_daemon.skin.mapping_result import layout_of, summary
 
 TEMPLATE = of(
@@ -26,12 +26,15 @@ RIGHT = [Position("right", row, "rear", row + 1, 30.0 * row, 0.0) for row in ran
 OWNERS: dict[int, Foot] = {5: "left", 6: "left", 9: "right"}
 
 
-def answered(position: Position, board: int, triangle: int = 0) -> Found:
-    return Found(position, "answered", (board, triangle))
+def answered(position: Position, board: int, triangle: int = 0) -> PositionResult:
+    return PositionResult(position, "answered", (board, triangle))
 
 
 def lines(
-    *found: Found, streaming: Sequence[Identity] = (), faulty: Sequence[Identity] = (), owners: dict[int, Foot] = OWNERS
+    *found: PositionResult,
+    streaming: Sequence[Identity] = (),
+    faulty: Sequence[Identity] = (),
+    owners: dict[int, Foot] = OWNERS,
 ) -> list[str]:
     return summary(found, owners, streaming, faulty)
 
@@ -39,7 +42,7 @@ def lines(
 # ---- the layout
 
 
-def test_who_answered_lies_where_the_template_has_the_position_as_the_template_has_it() -> None:
+def test_the_layout_has_the_responding_triangle_at_the_position_of_the_template() -> None:
     found = [answered(LEFT[2], 6, 11), answered(LEFT[0], 9, 3), answered(LEFT[1], 5, 15)]
     layout = layout_of(TEMPLATE, found)
     assert layout is not None
@@ -56,10 +59,10 @@ def test_who_answered_lies_where_the_template_has_the_position_as_the_template_h
 def test_a_layout_is_of_one_foot_and_without_the_positions_in_doubt() -> None:
     found = [
         answered(RIGHT[0], 9, 3),
-        Found(LEFT[0], "doubled", (5, 1), (LEFT[2],)),
+        PositionResult(LEFT[0], "doubled", (5, 1), (LEFT[2],)),
         answered(LEFT[1], 5, 15),
-        Found(LEFT[2], "doubled", (5, 1), (LEFT[0],)),
-        Found(RIGHT[1], "missing", None),
+        PositionResult(LEFT[2], "doubled", (5, 1), (LEFT[0],)),
+        PositionResult(RIGHT[1], "missing", None),
     ]
     layout = layout_of(TEMPLATE, found)
     assert layout is not None
@@ -71,25 +74,30 @@ def test_a_layout_is_of_one_foot_and_without_the_positions_in_doubt() -> None:
     [
         [],
         [answered(RIGHT[0], 9)],
-        [Found(LEFT[0], "missing", None), Found(LEFT[1], "unclear", None)],
-        [Found(LEFT[0], "doubled", (5, 1), (LEFT[1],)), Found(LEFT[1], "doubled", (5, 1), (LEFT[0],))],
+        [PositionResult(LEFT[0], "missing", None), PositionResult(LEFT[1], "unclear", None)],
+        [
+            PositionResult(LEFT[0], "doubled", (5, 1), (LEFT[1],)),
+            PositionResult(LEFT[1], "doubled", (5, 1), (LEFT[0],)),
+        ],
     ],
 )
-def test_without_a_position_that_answered_there_is_no_layout(found: list[Found]) -> None:
+def test_without_a_position_that_answered_there_is_no_layout(found: list[PositionResult]) -> None:
     assert layout_of(TEMPLATE, found) is None
 
 
 # ---- the sentences
 
 
-def test_where_all_is_well_nothing_is_said() -> None:
+def test_a_complete_mapping_gives_no_sentence() -> None:
     found = [answered(LEFT[0], 5), answered(LEFT[1], 6), answered(RIGHT[0], 9)]
     assert lines(*found, streaming=[(5, 0), (6, 0), (9, 0)]) == []
     assert lines() == []
 
 
 def test_missing_and_in_doubt_are_told_in_the_order_asked() -> None:
-    assert lines(Found(LEFT[1], "unclear", None), answered(LEFT[0], 5), Found(LEFT[2], "missing", None)) == [
+    assert lines(
+        PositionResult(LEFT[1], "unclear", None), answered(LEFT[0], 5), PositionResult(LEFT[2], "missing", None)
+    ) == [
         "in doubt: left foot, front patch, position 2: two answered every time",
         "missing: left foot, rear patch, position 1: nothing answered; is its triangle enabled, and connected?",
     ]
@@ -97,11 +105,11 @@ def test_missing_and_in_doubt_are_told_in_the_order_asked() -> None:
 
 def test_every_doubled_triangle_is_told_once_with_all_places_where_it_answered() -> None:
     found = [
-        Found(LEFT[0], "doubled", (5, 1), (LEFT[2], LEFT[1])),
-        Found(RIGHT[0], "doubled", (9, 7), (RIGHT[1],)),
-        Found(LEFT[1], "doubled", (5, 1), (LEFT[0], LEFT[2])),
-        Found(LEFT[2], "doubled", (5, 1), (LEFT[0], LEFT[1])),
-        Found(RIGHT[1], "doubled", (9, 7), (RIGHT[0],)),
+        PositionResult(LEFT[0], "doubled", (5, 1), (LEFT[2], LEFT[1])),
+        PositionResult(RIGHT[0], "doubled", (9, 7), (RIGHT[1],)),
+        PositionResult(LEFT[1], "doubled", (5, 1), (LEFT[0], LEFT[2])),
+        PositionResult(LEFT[2], "doubled", (5, 1), (LEFT[0], LEFT[1])),
+        PositionResult(RIGHT[1], "doubled", (9, 7), (RIGHT[0],)),
     ]
     advice = "left out there; look for two triangles with one address"
     assert lines(*found) == [
@@ -127,7 +135,10 @@ def test_a_board_that_lies_in_both_feet_is_swapped_in_part() -> None:
 
 
 def test_a_doubled_answer_tells_too_in_which_foot_a_board_lies() -> None:
-    found = [Found(LEFT[0], "doubled", (9, 1), (LEFT[1],)), Found(LEFT[1], "doubled", (9, 1), (LEFT[0],))]
+    found = [
+        PositionResult(LEFT[0], "doubled", (9, 1), (LEFT[1],)),
+        PositionResult(LEFT[1], "doubled", (9, 1), (LEFT[0],)),
+    ]
     assert [line.split(",")[0] for line in lines(*found)][1:] == ["swapped: board 9 lies in the left foot"]
 
 
@@ -146,7 +157,11 @@ def test_what_reports_itself_open_or_dead_is_told_by_board_and_triangle() -> Non
 
 
 def test_what_streams_and_was_found_nowhere_is_told_unless_it_is_faulty() -> None:
-    found = [answered(LEFT[0], 5, 1), Found(LEFT[1], "doubled", (6, 2), (LEFT[2],)), Found(RIGHT[0], "missing", None)]
+    found = [
+        answered(LEFT[0], 5, 1),
+        PositionResult(LEFT[1], "doubled", (6, 2), (LEFT[2],)),
+        PositionResult(RIGHT[0], "missing", None),
+    ]
     streaming = [(9, 4), (5, 1), (6, 2), (5, 9), (6, 3)]
     assert lines(*found, streaming=streaming, faulty=[(6, 3)])[2:] == [
         "open or dead by their own report: board 6 triangle 3",
@@ -157,9 +172,9 @@ def test_what_streams_and_was_found_nowhere_is_told_unless_it_is_faulty() -> Non
 def test_the_sentences_stand_in_one_order() -> None:
     found = [
         answered(LEFT[0], 12, 1),
-        Found(RIGHT[0], "doubled", (9, 1), (RIGHT[1],)),
-        Found(RIGHT[1], "doubled", (9, 1), (RIGHT[0],)),
-        Found(LEFT[1], "missing", None),
+        PositionResult(RIGHT[0], "doubled", (9, 1), (RIGHT[1],)),
+        PositionResult(RIGHT[1], "doubled", (9, 1), (RIGHT[0],)),
+        PositionResult(LEFT[1], "missing", None),
     ]
     told = lines(*found, streaming=[(5, 0), (5, 1)], faulty=[(5, 1)])
     assert [line.split(":")[0] for line in told] == [

@@ -170,7 +170,7 @@ def test_counters_add_up_and_halves_between_are_kept() -> None:
     }  # fmt: skip
 
 
-def test_nothing_at_all() -> None:
+def test_no_frames_give_no_slots() -> None:
     streams = Streams([LEFT])
     assert streams.slots(frames()).tolist() == []
     assert asdict(streams.refused) == NOTHING

@@ -71,7 +71,7 @@ def where(marked: NDArray[np.bool_]) -> list[list[int]]:
     return found
 
 
-def test_before_anything_came_nothing_is_known() -> None:
+def test_before_the_first_frame_all_levels_are_unknown() -> None:
     touch = Touch()
     touch.feed(FrameBatch.empty())
     for now_ns in (0, 1, NOW_NS):
@@ -138,7 +138,7 @@ def test_the_classes_that_carry_a_half(class_a: int, class_b: int, taken_a: bool
 
 
 @pytest.mark.parametrize("tag", [0x00, TAG_A - 1, TAG_A + 1, TAG_B - 1, TAG_B + 1, 0xFF])
-def test_another_tag_is_no_half(tag: int) -> None:
+def test_a_frame_with_another_tag_is_not_a_half(tag: int) -> None:
     assert where(fed(frame([tag, *COUNTS[:7]])).seen()) == []
 
 
@@ -170,7 +170,7 @@ def test_a_reading_is_half_a_second_good() -> None:
 
 
 @pytest.mark.parametrize("half", ["A", "B"])
-def test_one_half_alone_is_no_reading_but_was_seen(half: str) -> None:
+def test_one_half_alone_gives_no_reading_but_counts_as_received(half: str) -> None:
     data = half_a(COUNTS) if half == "A" else half_b(COUNTS)
     touch = fed(frame(data))
     assert known(touch.level_count(NOW_NS)) == {}
@@ -180,7 +180,7 @@ def test_one_half_alone_is_no_reading_but_was_seen(half: str) -> None:
     assert known(touch.level_count(NOW_NS + STALE_NS + 1)) == {}, "the other half is too old"
 
 
-def test_who_sends_again_is_known_again() -> None:
+def test_a_triangle_that_sends_again_has_a_level_again() -> None:
     touch = fed(halves(COUNTS))
     later_ns = NOW_NS + 10 * STALE_NS
     assert known(touch.level_count(later_ns)) == {}
@@ -192,7 +192,7 @@ def test_who_sends_again_is_known_again() -> None:
 
 
 @pytest.mark.parametrize("error", [ERROR_NO_ACK, ERROR_NOT_CONNECTED, 4, 8, 0xF])
-def test_who_reports_an_error_is_faulty_and_has_no_level(error: int) -> None:
+def test_a_triangle_that_reports_an_error_is_faulty_and_has_no_level(error: int) -> None:
     touch = fed(halves(COUNTS, error=error), halves(COUNTS, 9, 3))
     assert where(touch.faulty()) == [[5, 12]]
     assert where(touch.seen()) == [[5, 12], [9, 3]]

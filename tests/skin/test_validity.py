@@ -50,7 +50,7 @@ def all_of(*rows: int) -> list[tuple[int, int]]:
     return [(row, taxel) for row in sorted(rows) for taxel in np.flatnonzero(PRESSURE_TAXELS).tolist()]
 
 
-def test_all_is_well(readings: Readings) -> None:
+def test_a_fresh_reading_in_range_is_valid(readings: Readings) -> None:
     assert readings.invalid() == []
 
 

@@ -1,4 +1,4 @@
-"""Faults of the hardware, found in the counts: triangles, taxels and boards of one foot."""
+"""Detection of hardware faults from the counts: triangles, taxels and boards of one foot."""
 
 from .deferred import DeferredFaultWatch
 from .watch import HEALED, KINDS, Change, Fault, FaultWatch, Kind

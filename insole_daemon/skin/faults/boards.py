@@ -1,11 +1,12 @@
-"""Boards that fall silent, come back, or share their address with another one: told from how many halves come.
+"""Detection of boards that are silent, restarted, or share an address, from the number of received halves.
 
-`silent` – nothing came from the board for SILENT_PERIODS of its periods, and SILENT_NS at least.
-`reset` – it came back after having been silent: it lost power, or its cable. One that stays away is only silent:
-    boards do not stream after power-up until they are told to.
-`clash` – halves of one triangle come at CLASH_RATE times the rate its board was told, or more: two boards that bear
-    one address do that, each in its own time. Looked for where more came at once than one board sends: one board that
-    sends faster than told, evenly, is none. If *all* of several boards do so, it is the configuration that is wrong.
+`silent` – nothing arrived from the board for SILENT_PERIODS of its periods, and SILENT_NS at least.
+`reset` – it sends again after a silence: it lost power, or its cable. A board that does not return is only silent,
+    because boards do not send after power-up until they are started.
+`clash` – halves of one triangle arrive at CLASH_RATE times the configured rate of its board, or more: two boards with
+    the same address do that, each at its own times. It is checked only after more halves arrived at once than one board
+    sends: a board that sends evenly, but faster than configured, is no clash. If *all* of several boards do so, the
+    configuration is wrong.
 """
 
 from __future__ import annotations
@@ -18,18 +19,18 @@ from numpy.typing import NDArray
 from .places import Places
 
 SILENT_PERIODS, SILENT_NS = 5, 150_000_000  # an MTB3 that takes its baseline pauses for three periods
-STEADY_NS = 2_000_000_000  # so long after its return a board counts as restarted
+STEADY_NS = 2_000_000_000  # how long after its return a board counts as restarted
 WINDOW_PERIODS, WINDOW_NS = 8, 400_000_000  # in which halves are counted
 CLASH_RATE, SINGLE_RATE = 1.4, 1.2  # times the nominal rate; one period of jitter in eight makes 1.13
-SINGLE_NS = 1_000_000_000  # so long a clash must be over
-CROWDED_NS = 400_000_000  # after more came at once than one board sends: until a clash is found or ruled out
-HANDED_ON_NS = 100_000_000  # in which a host that was held up hands on what came meanwhile
-PAUSE_PERIODS = 2.5  # without anything: an MTB3 that takes its baseline pauses for three
-LATE_PERIODS = 0.5  # that a half may come late, and the next one in time
+SINGLE_NS = 1_000_000_000  # how long a clash must be absent before it ends
+CROWDED_NS = 400_000_000  # after more halves at once than one board sends: until a clash is detected or ruled out
+HANDED_ON_NS = 100_000_000  # in which a delayed host delivers the frames that arrived meanwhile
+PAUSE_PERIODS = 2.5  # without a frame: an MTB3 that takes its baseline pauses for three
+LATE_PERIODS = 0.5  # by which a half may be late while the next one is in time
 
 
 class BoardStreams:
-    """How the boards of one foot send; all arrays (n_boards,)."""
+    """The sending behaviour of the boards of one foot; all arrays are (n_boards,)."""
 
     def __init__(self, places: Places) -> None:
         n = len(places.addresses)
@@ -41,8 +42,8 @@ class BoardStreams:
         self.silent = np.zeros(n, np.bool_)
         self.reset = np.zeros(n, np.bool_)
         self.clash = np.zeros(n, np.bool_)
-        self.crowded = np.zeros(n, np.bool_)  # more came at once than one board sends: not yet a clash
-        self.paused = np.zeros(n, np.bool_)  # since whoever looks at this said False
+        self.crowded = np.zeros(n, np.bool_)  # more halves at once than one board sends: not yet a clash
+        self.paused = np.zeros(n, np.bool_)  # until the reader of this resets it
         self._any_crowded = False
         self._arrivals = np.zeros(len(places.layout), np.int64)
         self._last_ns = [0] * n
@@ -54,7 +55,7 @@ class BoardStreams:
         self._history: deque[tuple[int, NDArray[np.int64]]] = deque()
 
     def update(self, t_mono_ns: int, arrivals: NDArray[np.int64]) -> bool:
-        """Take in the halves that came until a cycle closed, (n_triangles,) as in Cycles; whether a state changed."""
+        """Process the halves received until a cycle closed, (n_triangles,); return whether a state changes."""
         if not self._history:
             self._last_ns = [t_mono_ns] * len(self._last_ns)
         most = self._places.most_of_board(arrivals - self._arrivals).tolist()
@@ -72,7 +73,7 @@ class BoardStreams:
         return changed
 
     def _arrived(self, board: int, halves: int, t_mono_ns: int) -> bool:
-        """`halves` of one triangle came from the board since the cycle before."""
+        """Process `halves` that a triangle of the board sent since the cycle before; return whether a state changed."""
         gap_ns, period_ns = t_mono_ns - self._last_ns[board], self._period_ns[board]
         self._last_ns[board] = t_mono_ns
         if gap_ns > PAUSE_PERIODS * period_ns:
@@ -102,16 +103,16 @@ class BoardStreams:
         return True
 
     def _held_up_ns(self, t_mono_ns: int) -> NDArray[np.int64]:
-        """(n_boards,) pauses that ended lately: what came in one, a host that was held up hands on at its end."""
+        """Return the recent pauses, (n_boards,): a delayed host delivers the frames of a pause at its end."""
         return np.array([
             pause_ns if t_mono_ns - end_ns < self._window_ns + HANDED_ON_NS else 0
             for pause_ns, end_ns in zip(self._pause_ns, self._pause_end_ns, strict=True)
         ])  # fmt: skip
 
     def _count(self, t_mono_ns: int) -> bool:
-        """Rates over the window; normal is two halves of a triangle a period."""
+        """Detect clashes by the rates over the window; normal is two halves of a triangle in a period."""
         since_ns, before = self._history[0]
-        # A short first window counts as a whole one, or a burst would tell.
+        # A short first window counts as a whole one; otherwise a burst would look like a clash.
         elapsed_ns = max(t_mono_ns - since_ns, self._window_ns) + self._held_up_ns(t_mono_ns)
         rate = self._places.most_of_board(self._arrivals - before) * self._places.period_ns / (2 * elapsed_ns)
         for board in np.flatnonzero(rate >= SINGLE_RATE).tolist():

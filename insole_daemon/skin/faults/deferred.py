@@ -1,9 +1,9 @@
-"""The fault watch over several cycles at a time.
+"""The fault watch on several cycles at a time.
 
-Its code costs four times as much for the first cycle after a sleep as for the next ones, whose code and data are in
-the caches by then. So cycles are kept for GATHER_NS and watched together, once they are published, and those of all
-feet as soon as one foot's are due. Only a triangle that may just have come loose cannot wait: it must not enter the
-pressure of this cycle.
+The first cycle after a sleep takes four times as long as the next ones, whose code and data are then in the caches. So
+cycles are kept for GATHER_NS and checked together after they are published; those of all feet are checked as soon as
+one foot's are due. Only a triangle that may just have come loose is checked at once, because it must not enter the
+pressure of its cycle.
 """
 
 from __future__ import annotations
@@ -12,13 +12,13 @@ from ..cycles import Cycles
 from .watch import Change, Fault, FaultWatch
 
 GATHER_NS = 70_000_000  # from the first cycle to the last: five of them at 50 Hz, every single one below 14 Hz
-_MOST_GATHERED = 64  # where nobody asks for changes
+_MOST_GATHERED = 64  # if nobody asks for changes
 
 
 class DeferredFaultWatch:
-    """A FaultWatch that is given every cycle at once and works it off later, with the same results.
+    """A FaultWatch that accepts every cycle at once and processes it later, with the same results.
 
-    What it finds is told, and masked, by GATHER_NS later at the most; loose triangles are masked at once.
+    It reports and masks faults at most GATHER_NS later, and loose triangles at once.
     """
 
     def __init__(self, watch: FaultWatch) -> None:
@@ -30,11 +30,11 @@ class DeferredFaultWatch:
 
     @property
     def faults(self) -> list[Fault]:
-        """What is wrong now, the longest first."""
+        """The present faults, the oldest first."""
         return self._watch.faults
 
     def take(self, cycles: Cycles, at: int) -> None:
-        """Take in cycle `at`, before anybody reads it: after the call no triangle that is loose in it is unmasked."""
+        """Add cycle `at` before it is published; after the call every triangle that is loose in it is masked."""
         urgent = not cycles.repeated[at] and self._watch.may_come_loose(cycles.counts[at])
         if urgent:
             self._work_off()
@@ -46,18 +46,18 @@ class DeferredFaultWatch:
 
     @property
     def is_due(self) -> bool:
-        """Whether `changes` has something to tell or works off what was taken in."""
+        """Whether `changes` would return something or process cycles."""
         return bool(self._changes) or (bool(self._gathered) and (self._urgent or self._span_ns() >= GATHER_NS))
 
     def changes(self, early: bool = False) -> list[Change]:
-        """What began or healed since the last call, in the cycles worked off: once they are due, or now if `early`."""
+        """Return the faults that began or ended since the last call; process cycles if they are due or if `early`."""
         if early or self.is_due:
             self._work_off()
         changes, self._changes = self._changes, []
         return changes
 
     def zeroed(self) -> None:
-        """See FaultWatch."""
+        """Do the same as `FaultWatch.zeroed`."""
         self._work_off()
         self._watch.zeroed()
 

@@ -1,4 +1,4 @@
-"""Which of a foot's 12 · n_triangles words are pressure taxels, and whose they are."""
+"""The pressure taxels among a foot's 12 · n_triangles words, with their triangles and boards."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ class Places:
         self._first = np.searchsorted(self.board_of_triangle[self._by_board], np.arange(len(self.addresses)))
 
     def most_of_board(self, of_triangle: NDArray[np.int64]) -> NDArray[np.int64]:
-        """(n_boards,) the highest of (n_triangles,) on each board."""
+        """Return the maximum of (n_triangles,) on each board, (n_boards,)."""
         most: NDArray[np.int64] = np.maximum.reduceat(of_triangle[self._by_board], self._first)
         return most
 
     def any_of_board(self, of_triangle: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """(n_boards,) whether there is one of (n_triangles,) on each board."""
-        found: NDArray[np.bool_] = np.logical_or.reduceat(of_triangle[self._by_board], self._first)
-        return found
+        """Return whether any of (n_triangles,) is True on each board, (n_boards,)."""
+        any_triangle: NDArray[np.bool_] = np.logical_or.reduceat(of_triangle[self._by_board], self._first)
+        return any_triangle

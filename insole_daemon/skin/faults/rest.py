@@ -1,7 +1,7 @@
-"""What every taxel rests at, learned while nobody stands on the foot, and how far from it each board is.
+"""Rest levels of the taxels, learned while the foot is unloaded, and the activation of taxels and boards.
 
-The no-load is where the board put the taxel when it was zeroed; real ones rest up to ten counts from it. Everything
-that is said about a taxel's load is said against its learned rest level.
+The board sets a taxel to the no-load count when it is zeroed; real taxels rest up to ten counts from it. The load of a
+taxel is therefore measured from its learned rest level.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from .places import Places
 FIRST_UNLOADED_COUNT = 1.5  # as below, before rest levels are learned; standing bears 4 in the mean
 UNLOADED_COUNT = 0.7  # mean activation of a board below which nothing presses it; its noise is 0.3 at most
 NEAR_NO_LOAD_COUNT = 12.0  # a rest level further from the no-load is a fault, not a rest level
-ENOUGH_LEARNED = 5  # unloaded looks after which a rest level may be relied upon
+ENOUGH_LEARNED = 5  # unloaded checks after which a rest level is reliable
 GAIN = 0.02  # of the running mean: some seconds of swing; drift and creep are slower
 TOP_MARGIN = 6  # from 256 on down: a no-load in it lets a taxel rest at 255, by its noise and drift
-CLIP_COUNT = -15.0, 40.0  # what one taxel counts at most in a board's mean: a single faulty one does not move it
+CLIP_COUNT = -15.0, 40.0  # limits of one taxel in a board's mean: a single faulty one does not move it
 
 
 class Rest:
@@ -38,7 +38,7 @@ class Rest:
         self.total: NDArray[np.float32] = np.zeros(n_boards, np.float32)  # sum over a board's usable taxels
         self.mean: NDArray[np.float32] = np.zeros(n_boards, np.float32)  # < 0: below the rest
         self._top_is_rail = (places.no_load < 256 - TOP_MARGIN)[places.board]
-        self.at_top = np.zeros(n, np.bool_)  # pinned at 255, below what the board can say
+        self.at_top = np.zeros(n, np.bool_)  # at 255, below the range of the board
         self.any_at_top = False
         self._none: NDArray[np.float32] = np.zeros(n_boards, np.float32)
         self.n_at_top = self._none  # (n_boards,) of the usable ones
@@ -49,13 +49,13 @@ class Rest:
         self.use(self.usable)
 
     def forget(self, boards: NDArray[np.bool_]) -> None:
-        """Learn the levels of `boards` (n_boards,) anew, from the no-load on: they may have been zeroed."""
+        """Learn the levels of `boards` (n_boards,) again, starting from the no-load: they may have been zeroed."""
         self.level = np.where(boards[self._places.board], self._first, self.level)
         self.learned[boards] = 0
         self.known = (self.learned >= ENOUGH_LEARNED)[self._places.board]
 
     def use(self, usable: NDArray[np.bool_]) -> None:
-        """From now on believe the taxels `usable` (n,)."""
+        """Use only the taxels `usable` (n,) from now on."""
         self.usable = usable
         weights = self._members * usable
         self.n_usable = weights.sum(axis=1)
@@ -63,7 +63,7 @@ class Rest:
         self._divisor: NDArray[np.float32] = np.maximum(self.n_usable, np.float32(1))
 
     def update(self, counts: NDArray[np.float32]) -> None:
-        """Take in the counts (n,) of a cycle."""
+        """Process the counts (n,) of a cycle."""
         np.subtract(self.level, counts, out=self.activation)
         np.equal(counts, 255, out=self.at_top)
         self.at_top &= self._top_is_rail
@@ -74,17 +74,17 @@ class Rest:
         self.mean = self.total / self._divisor
 
     def unloaded(self) -> bool:
-        """Nothing presses any board, and none is below its rest either."""
+        """Return whether every board is near its rest level, neither above nor below."""
         return all(
             abs(mean) < (UNLOADED_COUNT if learned >= ENOUGH_LEARNED else FIRST_UNLOADED_COUNT)
             for mean, learned in zip(self.mean.tolist(), self.learned.tolist(), strict=True)
         )
 
     def learn(self, believed: NDArray[np.bool_], fresh_boards: NDArray[np.bool_]) -> None:
-        """Move the levels of `believed` taxels (n,) towards the counts of this cycle; only while the foot is unloaded.
+        """Move the levels of `believed` taxels (n,) towards the counts of this cycle; call it only without load.
 
-        Faulty ones too, if they stand near their level: a board may have been zeroed in silence, by one noisy
-        reading, and what seems stuck then is not.
+        Faulty taxels learn too if they are near their level: a board may have been zeroed silently, by one noisy
+        reading, and a taxel that then seems stuck is not.
         """
         self.learned[fresh_boards] += 1
         gain = (np.maximum(GAIN, 1 / (self.learned + 1.0)) * fresh_boards).astype(np.float32)

@@ -1,21 +1,21 @@
-"""Boards that took their baseline anew while somebody stood on them.
+"""Detection of boards that were re-zeroed under load.
 
-A board does that when it is configured, and by itself after five read errors; it tells nobody. From then on every
-count is off by the load of that moment. Two marks, from the counts:
+A board takes a new baseline when it is configured, and by itself after five read errors; it does not report this. From
+then on every count is off by the load of that moment. Two signs, from the counts:
 
-jump – from one look to the next all loaded taxels of a board that bore the same before come to stand at their rest
-    level, while the others go on bearing what they bore. Its own pauses (an MTB3 makes one of three periods) are looked
-    over; where the others paused too, the host or the bus was held up, and a heel may have risen meanwhile.
-negative – the mean of the board's taxels stands above their rest levels, or PINNED of them at 255: what was zeroed
-    away is missing when the load goes. Not with a no-load of 255, which leaves no room above, nor where it stood nearly
-    as high when it last was unloaded: a rest that drifts creeps there step by step.
+jump – from one check to the next, all loaded taxels of a board under steady load change to their rest level, while the
+    load of the other boards stays the same. Pauses of the board (an MTB3 pauses for three periods) are bridged; if the
+    others paused too, the host or the bus was delayed, and a heel may have risen meanwhile.
+negative – the mean of the board's taxels is above their rest levels, or PINNED of them are at 255: the load that was
+    zeroed is missing after unloading. This is not used with a no-load of 255, which has no range above it, nor if the
+    mean was nearly as high in the last unloaded phase: a drifting rest level creeps there step by step.
 
 Observable if the board's taxels bore 2 counts (16 kPa) in the mean when it was zeroed: by the jump at once if another
-board bears load, five taxels bore 4 counts and the board sends every 200 ms or faster; else once it has been unloaded.
-Zeroed under less, or if all boards are zeroed together under a load that stays, nothing is seen.
+board bears load, five taxels bore 4 counts and the board sends every 200 ms or faster; otherwise after unloading. A
+re-zero under less load, or of all boards together under a load that stays, is not detected.
 
-What a re-zeroed board says is wrong by an unknown load on every taxel, so all of it is masked until it has stood at
-its rest levels for HEALED_NS while the rest of the foot was unloaded too: until it was zeroed again without load.
+The readings of a re-zeroed board are wrong by an unknown load on every taxel. The whole board is therefore masked until
+it has been at its rest levels for HEALED_NS while the rest of the foot was unloaded: until it was zeroed without load.
 """
 
 from __future__ import annotations
@@ -29,27 +29,27 @@ from .rest import Rest
 
 LOADED_COUNT, LOADED_TAXELS = 4.0, 5  # four times the noise, and how many such a jump needs
 LOADED_MEAN = 1.5  # of the whole board, before a jump
-LEFT = 0.3  # of their load after the jump, by noise; the steepest unloading of a heel leaves 0.16 in two cycles, but …
-STEADY = 0.2  # … that is announced: the most that the board's own load may have changed in the look before
+LEFT = 0.3  # share of their load after the jump, by noise; the fastest unloading of a heel leaves 0.16 in two cycles, …
+STEADY = 0.2  # … but begins earlier: largest relative change of the board's own load in the check before
 AT_REST_COUNT = 1.8  # mean distance from the rest level; two noises of 0.9 give 1.0
 OTHERS_TOTAL = 100.0  # counts over all taxels, 26 N at 8 kPa a count and 32.4 mm²
-OTHERS_SAME = 0.2  # the most their load may have changed meanwhile: in two cycles of walking a heel may rise
+OTHERS_SAME = 0.2  # largest relative change of their load meanwhile: in two cycles of walking a heel may rise
 OTHERS_NOISE, OWN_NOISE = 100.0, 75.0  # counts: three times the noise of a change, pad 6 makes it common to a triangle
-PAUSE_NS = 200_000_000  # the longest that is looked over
-HELD_UP_PERIODS = 3.0  # nothing from any other board for so long: a look is two periods after the last
-CONFIRM_NS = 60_000_000  # in which a jump turns out to be another board's frames, or a board that goes
+PAUSE_NS = 200_000_000  # longest pause that is bridged
+HELD_UP_PERIODS = 3.0  # without a frame of any other board: a check is two periods after the last
+CONFIRM_NS = 60_000_000  # in which a jump turns out to be another board's frames, or a board that falls silent
 NEGATIVE_COUNT = 1.25  # mean; rebound after long standing is some per cent of 20 counts, the noise 0.3 at most
 CREEPS_COUNT = 0.6  # mean, from one step to the next
 PINNED = 5  # more than can be stuck there
 NEGATIVE_NS = 80_000_000
 HEALED_NS = 200_000_000  # of a swing of 0.4 s
-MIN_TAXELS = 30  # of a board that are believed, to say anything about it: three triangles
+MIN_TAXELS = 30  # usable taxels that a board needs to be judged: three triangles
 
 _NEVER = 1 << 62
 
 
 class Rezeroed:
-    """Which boards of one foot were zeroed under load."""
+    """The boards of one foot that were re-zeroed under load."""
 
     def __init__(self, places: Places, rest: Rest) -> None:
         n = len(places.addresses)
@@ -57,7 +57,7 @@ class Rezeroed:
         self._held_up_ns = int(HELD_UP_PERIODS * int(places.period_ns.max()))
         self._own = [np.flatnonzero(places.board == board) for board in range(n)]
         self.rezeroed = np.zeros(n, np.bool_)
-        self.suspect = [False] * n  # below its rest levels: neither to be learned from nor to be judged by
+        self.suspect = [False] * n  # below its rest levels: not used for learning or judging
         self._activation = [np.zeros_like(rest.activation)] * n  # of all taxels, at the last reading of each board
         self._total = [0.0] * n
         self._total_before = [0.0] * n
@@ -70,16 +70,16 @@ class Rezeroed:
         self._lowest_before = [0.0] * n  # from then back to when it was loaded before
 
     def forget(self) -> None:
-        """Believe every board again."""
+        """Use every board again."""
         n = len(self._own)
         self.rezeroed[:] = False
         self._jumped_ns, self._negative_ns, self._at_rest_ns = [_NEVER] * n, [_NEVER] * n, [_NEVER] * n
         self._lowest, self._lowest_before = [0.0] * n, [0.0] * n
 
     def update(self, streams: BoardStreams, fresh_boards: NDArray[np.bool_], t_mono_ns: int) -> bool:
-        """Look at a cycle that `rest` has taken in; whether `rezeroed` changed.
+        """Check a cycle that `rest` has processed; return whether `rezeroed` changed.
 
-        fresh_boards (n_boards,): something came since the look before.
+        fresh_boards (n_boards,): a frame arrived since the check before.
         """
         rest = self._rest
         before, total = self._total, rest.total.tolist()
@@ -89,7 +89,7 @@ class Rezeroed:
         unloaded = bool(np.count_nonzero(self.rezeroed)) and rest.unloaded()
         others_went_on = self._others_went_on(t_mono_ns)
         changed = False
-        for board, own in enumerate(self._own):
+        for board, taxels in enumerate(self._own):
             self.suspect[board] = mean[board] < -NEGATIVE_COUNT / 2 or pinned[board] >= PINNED
             if crowded[board] or clash[board] or streams.silent[board] or n_usable[board] < MIN_TAXELS:
                 self._jumped_ns[board] = self._negative_ns[board] = self._at_rest_ns[board] = _NEVER
@@ -118,7 +118,7 @@ class Rezeroed:
                 and abs(others_now - others_before) <= OTHERS_SAME * others_before + OTHERS_NOISE
                 and others_went_on[board]
                 and t_mono_ns - self._looked_ns[board] <= PAUSE_NS
-                and self._at_rest_at_once(board, own)
+                and self._at_rest_at_once(board, taxels)
             ):
                 self._jumped_ns[board] = t_mono_ns
             if t_mono_ns - self._jumped_ns[board] >= CONFIRM_NS or t_mono_ns - self._negative_ns[board] >= NEGATIVE_NS:
@@ -135,27 +135,27 @@ class Rezeroed:
         return changed
 
     def _others_went_on(self, t_mono_ns: int) -> list[bool]:
-        """For each board, whether another was looked at lately."""
+        """Return for each board whether another one was checked recently."""
         lately = [t_mono_ns - looked_ns <= self._held_up_ns for looked_ns in self._looked_ns]
-        return [sum(lately) > own for own in lately]
+        return [sum(lately) > is_recent for is_recent in lately]
 
-    def _at_rest_at_once(self, board: int, own: NDArray[np.intp]) -> bool:
-        usable = self._rest.usable[own]
-        before, now = self._activation[board][own][usable], self._rest.activation[own][usable]
+    def _at_rest_at_once(self, board: int, taxels: NDArray[np.intp]) -> bool:
+        usable = self._rest.usable[taxels]
+        before, now = self._activation[board][taxels][usable], self._rest.activation[taxels][usable]
         loaded = before >= LOADED_COUNT
         if np.count_nonzero(loaded) < LOADED_TAXELS or np.abs(now).mean() > AT_REST_COUNT:
             return False
         return bool(now[loaded].sum() <= LEFT * before[loaded].sum())
 
     def _healed(self, board: int, unloaded: bool, t_mono_ns: int) -> bool:
-        own = self._own[board]
-        distance = np.abs(self._rest.activation[own][self._rest.usable[own]]).mean()
+        taxels = self._own[board]
+        distance = np.abs(self._rest.activation[taxels][self._rest.usable[taxels]]).mean()
         if not unloaded or distance > AT_REST_COUNT or self.suspect[board]:
             self._at_rest_ns[board] = _NEVER
         elif self._at_rest_ns[board] == _NEVER:
             self._at_rest_ns[board] = t_mono_ns
         elif t_mono_ns - self._at_rest_ns[board] >= HEALED_NS:
             self.rezeroed[board] = False
-            self._lowest[board] = self._lowest_before[board] = 0.0  # that was the fault, no creeping
+            self._lowest[board] = self._lowest_before[board] = 0.0  # that was the fault, not creep
             return True
         return False

@@ -1,23 +1,23 @@
-"""Single taxels that are dead, stuck or saturated, judged against their neighbours.
+"""Detection of single taxels that are dead, stuck or saturated, by comparison with their neighbours.
 
-An idle taxel and a dead one send the same, so a fault of a taxel can only be seen under load, and the load of walking
-serves. Each is compared with its NEIGHBOURS nearest ones:
+An unloaded taxel and a dead one send the same counts, so a fault of a taxel shows only under load, for example in
+walking. Each taxel is compared with its NEIGHBOURS nearest ones:
 
-`saturated` – on a rail, at 0, or at 255 where that is not the rest level, for SATURATED_NS: it takes two
-    looks. Observable at once.
-`dead` – it bears less than SHARE of what the least of its four neighbours bears, while that is LOADED_COUNT or more.
-    Observable once the least of its neighbours has truly borne 48 kPa for 0.2 s, 6 counts of a taxel of the usual
-    sensitivity and 4.4 of one less sensitive by two σ; a taxel whose neighbours never bear so much is never judged.
-`stuck` – CONTRAST_COUNT or more away from its rest level while all its neighbours are at theirs, or so far above them
-    that no load is so sharp. Observable if it stuck 5 counts from its rest or more, once its neighbours
-    have truly been unloaded for 0.2 s, or 5 counts below a fifth of it; stuck nearer to its rest, it is a dead
-    taxel to who looks, and observable as one; stuck beyond the range of a count, it is a saturated one.
+`saturated` – at 0, or at 255 if that is not the rest level, for SATURATED_NS, which takes two checks. Observable at
+    once.
+`dead` – it bears less than SHARE of the load of its least loaded neighbour, while that load is LOADED_COUNT or more.
+    Observable once the least loaded neighbour has truly borne 48 kPa for 0.2 s, which is 6 counts of a taxel of the
+    usual sensitivity and 4.4 of one less sensitive by two σ; a taxel whose neighbours never bear that is never judged.
+`stuck` – CONTRAST_COUNT or more from its rest level while all its neighbours are at theirs, or so far above them that
+    no load has such a gradient. Observable if it is stuck 5 counts or more from its rest level, once its neighbours
+    have truly been unloaded for 0.2 s, or 5 counts below a fifth of it. A taxel stuck nearer to its rest level looks
+    dead and is observable as such; a taxel stuck beyond the range of a count is saturated.
 
-For dead and stuck what speaks for it, in counts, is summed up look by look, between 0 and EVIDENCE_COUNT (a cumulative
-sum test: E. S. Page 1954): the fault is there once the sum is full, and has healed once it is empty again.
+For dead and stuck, the evidence in counts is summed over the checks, between 0 and EVIDENCE_COUNT (a cumulative sum
+test: E. S. Page 1954): the fault begins when the sum is full and ends when it is empty again.
 
-Neither asks for a constant count: a board that compensates temperature adds the noise of pad 6 to every taxel, also to
-one whose converter says the same for ever. Nor does a constant count make a fault: at a high shift no noise shows.
+Neither requires a constant count: a board that compensates temperature adds the noise of pad 6 to every taxel, also to
+one with a constant converter value. Nor is a constant count a fault: at a high shift the counts show no noise.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ from ...compiled import kernel
 from .places import Places
 from .rest import Rest
 
-NEIGHBOURS = 4  # enough to stand around a taxel; more would reach beyond the edge of a load
+NEIGHBOURS = 4  # enough to surround a taxel; more would reach beyond the edge of a load
 LOADED_COUNT = 4.0  # four times the noise, and what 48 kPa show at least: sensitivities differ by 15 % (1 σ)
 SHARE = 0.3  # of the least loaded neighbour; healthy ones bear half of it or more in walking
 IDLE_COUNT = 2.0  # of the highest of the neighbours: twice the noise
 CONTRAST_COUNT = 2.5  # above or below it; noise is 1, and creep leaves some per cent of 30 counts
 SHARP = 5.0  # times the highest of them above it, under load: beyond what a cover lets through
 EVIDENCE_COUNT = 8.0  # nine times the noise
-ONE_LOOK_COUNT = 3.0  # the most that one look says: a single wrong frame makes no fault
+ONE_LOOK_COUNT = 3.0  # largest evidence of one check: a single wrong frame makes no fault
 SATURATED_NS, UNSATURATED_NS = 35_000_000, 3_000_000_000  # longer than a stride: at a low shift each step saturates
 
 _LIMITS = np.array(
@@ -47,7 +47,7 @@ _LIMITS = np.array(
 
 
 class TaxelState(IntEnum):
-    """What is wrong with a taxel."""
+    """The fault of a taxel."""
 
     OK = 0
     DEAD = 1
@@ -77,9 +77,9 @@ class TaxelFaults:
         self._changed = False
 
     def update(self, counts: NDArray[np.float32], live: NDArray[np.bool_], t_mono_ns: int) -> bool:
-        """Look at counts (n,) that `rest` has taken in; whether a state changed.
+        """Check counts (n,) that `rest` has processed; return whether a state changed.
 
-        live (n,): of a board and triangle that are believed, and new since the last look.
+        live (n,): of a board and triangle in use, and new since the last check.
         """
         self._changed = False
         # Nearly always no count is at an end of its range, and none was.
@@ -93,7 +93,7 @@ class TaxelFaults:
         return self._changed
 
     def _compare(self, live: NDArray[np.bool_]) -> None:
-        """Each taxel with those of its neighbours that are well; two of the four will do."""
+        """Compare each taxel with its healthy neighbours; at least two of the four are needed."""
         if kernel is not None and not self._any_faulty:
             most_dead, most_stuck = kernel.compare(
                 self._rest.activation, self._neighbours, live, self.state, self._for_dead, self._for_stuck, _LIMITS
@@ -137,7 +137,7 @@ class TaxelFaults:
             self._mend((evidence <= 0) & (self.state == state))
 
     def _saturated(self, counts: NDArray[np.float32], live: NDArray[np.bool_], t_mono_ns: int) -> NDArray[np.bool_]:
-        """(n,) which taxels stand on a rail."""
+        """Detect saturation; return which taxels are at the end of their range, (n,)."""
         rail: NDArray[np.bool_] = ((counts == 0) | self._rest.at_top) & live
         if rail.any() or self._any_on_rail:
             self._rail_since_ns[rail & ~self._on_rail] = t_mono_ns
@@ -151,9 +151,9 @@ class TaxelFaults:
             self._mend(saturated & live & (t_mono_ns - self._rail_until_ns >= UNSATURATED_NS))
         return rail
 
-    def _become(self, which: NDArray[np.bool_], state: int) -> None:
-        if which.any():
-            self.state[which] = state
+    def _become(self, selected: NDArray[np.bool_], state: int) -> None:
+        if selected.any():
+            self.state[selected] = state
             self._changed = True
 
     def _mend(self, healed: NDArray[np.bool_]) -> None:

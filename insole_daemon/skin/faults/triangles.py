@@ -1,7 +1,7 @@
-"""Triangles that came loose, by the counts alone.
+"""Detection of loose triangles, from the counts alone.
 
-What the firmware's arithmetic makes of a triangle that is not there (icub-firmware, embot_app_application_theSkin.cpp
-and mtb3/main_V3.c; the first line fills whole stretches of the public insole recordings):
+The firmware sends these counts for a disconnected triangle (icub-firmware, embot_app_application_theSkin.cpp and
+mtb3/main_V3.c; long stretches of the public insole recordings have the first line):
 
     taxels 0–8, 10, 11    taxel 9    when
     0                     255        MTB4, skin type 0: an open data line
@@ -9,15 +9,15 @@ and mtb3/main_V3.c; the first line fills whole stretches of the public insole re
     255                   255        MTB3, baseline in the lower half
     255                   0          MTB4, skin type 0: a chip that reads 0
 
-Recordings hold mixtures of 0 and 255 too, while a contact flickers. What all have in common is that the *thermal
-pads* stand on a rail: pads 6 and 10 move by some tens of counts at the most, so that no load, however high, brings
-them there. A full load on ten taxels is therefore never taken for a loose triangle.
+Recordings also contain mixtures of 0 and 255 while a contact flickers. In all cases the *thermal pads* read the end of
+the range: pads 6 and 10 change by some tens of counts at the most, so no load brings them there. A full load on ten
+taxels is therefore never taken for a loose triangle.
 
-One that was loose when its board was zeroed sends the same twelve counts for ever, and so does one that is frozen;
-that is told from a triangle at rest by the noise of the others.
+A triangle that was loose when its board was zeroed sends the same twelve counts for ever, and so does a frozen one. The
+noise of the other triangles distinguishes it from a triangle at rest.
 
-With a no-load near 255 a triangle at rest stands on that rail itself: 255 then says nothing there, and an open triangle
-of an MTB3 with its baseline in the lower half is found only as one without noise.
+With a no-load near 255 a triangle at rest reads that end of the range itself. The count 255 is then ignored, and an
+open triangle of an MTB3 with its baseline in the lower half is detected only by its missing noise.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ from ..geometry import THERMAL_PADS
 from .places import Places
 from .rest import TOP_MARGIN
 
-GOOD_NS = 3_000_000_000  # so long it must be good before it is believed again: contacts flicker; more than DEAF_LOOKS
+GOOD_NS = 3_000_000_000  # how long it must be good before it is used again, as contacts flicker; more than DEAF_LOOKS
 ON_RAILS = 10  # of 12; contacts that flicker leave one or two in between
 DEAF_LOOKS = 60  # without one change among twelve taxels: at a noise of 0.9 counts not even 3 in a row occur
-LIVELY_LOOKS = 2  # in so many the triangle in the middle changes, if noise shows at all
+LIVELY_LOOKS = 2  # checks in which the median triangle changes, if the counts show noise
 NOISY_SHIFT = 4  # up to this shift the noise of some eight codes reaches the counts at rest
 
 _PAD_A, _PAD_B = THERMAL_PADS
@@ -54,16 +54,16 @@ class LooseTriangles:
         self._any = False
         self._bad_ns = np.zeros(n, np.int64)  # when it was last bad, monotonic clock
         self._deaf = np.zeros(n, np.bool_)
-        self._quiet = np.zeros(n, np.int64)  # looks without a change
+        self._quiet = np.zeros(n, np.int64)  # checks without a change
 
     def must_update(self, counts: NDArray[np.uint8]) -> bool:
-        """Whether counts (n_triangles, 12) may change anything: a pad on a rail, or a loose triangle that may heal."""
+        """Return whether counts (n_triangles, 12) may change a state: a pad at its range's end, or a loose triangle."""
         if kernel is not None:
             return self._any or bool(kernel.pads_on_rail(counts))
         return self._any or bool((counts[:, _PADS] + np.uint8(1) < 2).any())
 
     def may_come_loose(self, counts: NDArray[np.uint8]) -> bool:
-        """Whether a triangle that is not loose may be so by counts (n_triangles, 12): `update` says whether it is."""
+        """Return whether counts (n_triangles, 12) hint at a newly loose triangle; `update` decides."""
         if kernel is not None:
             return bool(kernel.may_be_loose(counts, self._top_is_rail, self.loose))
         pads = counts[:, _PADS]
@@ -72,10 +72,10 @@ class LooseTriangles:
         return bool((odd & ~self.loose).any())
 
     def update(self, counts: NDArray[np.uint8], fresh: NDArray[np.bool_], t_mono_ns: int) -> bool:
-        """Take in counts (n_triangles, 12); whether `loose` changed.
+        """Process counts (n_triangles, 12) and return whether `loose` changed.
 
-        fresh (n_triangles,): halves of it came, and both ever did. Found in the first cycle, also where only one half
-        of that cycle is newer than the fault.
+        fresh (n_triangles,): a half arrived, and both have arrived before. A loose triangle is detected in its first
+        cycle, also if only one half of that cycle is newer than the fault.
         """
         bad = self._on_rails(counts) & fresh
         bad |= self._deaf
@@ -86,7 +86,7 @@ class LooseTriangles:
         return changed
 
     def listen(self, fresh: NDArray[np.bool_], changed: NDArray[np.bool_]) -> None:
-        """Look for triangles without noise where others have it; changed (n_triangles,): since the look before."""
+        """Detect triangles without noise while others have noise; changed (n_triangles,): since the check before."""
         self._quiet += fresh
         self._quiet[changed] = 0
         self._deaf = self._noisy & (self._quiet >= DEAF_LOOKS)
@@ -96,7 +96,7 @@ class LooseTriangles:
             self._any |= bool(self._deaf.any())
 
     def _on_rails(self, counts: NDArray[np.uint8]) -> NDArray[np.bool_]:
-        """(n_triangles,) whether the counts (n_triangles, 12) are none of a triangle that is there."""
+        """Return whether counts (n_triangles, 12) cannot be those of a connected triangle, (n_triangles,)."""
         rail = counts == 0
         rail |= (counts == 255) & self._top_is_rail
         in_a = rail[:, :_HALF_A].sum(axis=1)

@@ -1,4 +1,4 @@
-"""All faults of one foot, cycle by cycle: what is masked, what is wrong, and an event when that changes."""
+"""Detection of all faults of one foot, cycle by cycle: the mask, the present faults, and their changes."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ Kind = Literal[
 KINDS: tuple[Kind, ...] = get_args(Kind)
 HEALED: dict[Kind, str] = {kind: f"{kind}_over" for kind in KINDS} | {"board_silent": "board_streaming"}
 
-STALE_NS = np.uint64(1_000_000_000)  # by what is older nothing is judged
-LOOK_CYCLES = 2  # all but loose triangles is looked for in every second cycle: converters are hardly faster
+STALE_NS = np.uint64(1_000_000_000)  # older readings are not used for detection
+LOOK_CYCLES = 2  # all faults but loose triangles are checked in every second cycle: converters are hardly faster
 
 _TAXEL_KINDS: dict[int, Kind] = {
     TaxelState.DEAD: "taxel_dead",
@@ -40,7 +40,7 @@ _Key = tuple[Kind, int, int | None, int | None]
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """A fault that is there."""
+    """A present fault."""
 
     kind: Kind
     board: int  # address
@@ -51,7 +51,7 @@ class Fault:
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """A fault began or healed; a board that is heard for the first time healed of its silence."""
+    """The beginning or end of a fault; the first frame of a board is the end of its silence."""
 
     kind: Kind
     board: int
@@ -63,17 +63,17 @@ class Change:
 
     @property
     def event(self) -> str:
-        """The kind of event that tells of it."""
+        """The kind of the event."""
         return self.kind if self.began else HEALED[self.kind]
 
 
 class FaultWatch:
     """Watches the counts of one foot.
 
-    To be given every cycle, in order, first to `screen` and then to `update`; what it says depends on them alone.
-    `masked` (n_triangles, 12) is what may not enter pressure and wrench: all taxels of a loose triangle, of a silent
-    board, of a re-zeroed one and of one whose address is used twice, and the taxels that are dead or stuck. Saturated
-    taxels are clamped, which makes them invalid by themselves; a board that restarted is believed.
+    Pass every cycle, in order, first to `screen` and then to `update`; the result depends on the cycles alone.
+    `masked` (n_triangles, 12) marks the taxels that may not enter pressure and wrench: all taxels of a loose triangle,
+    of a silent board, of a re-zeroed board and of a board whose address is used twice, and dead or stuck taxels.
+    Saturated taxels are invalid by their count; the readings of a restarted board are used.
     """
 
     def __init__(self, layout: Layout, boards: Mapping[int, Board]) -> None:
@@ -103,9 +103,9 @@ class FaultWatch:
         return [Fault(*key, since_ns) for key, since_ns in self._active.items()]
 
     def zeroed(self) -> None:
-        """A person took a new zero of the unloaded foot: rest levels are learned anew, re-zeroed boards believed.
+        """Handle a new zero of the unloaded foot: learn rest levels again and use re-zeroed boards again.
 
-        What ends with it is told with the next cycle.
+        The next cycle reports the faults that end with it.
         """
         self._rest.forget(np.ones_like(self._streams.seen))
         self._rezeroed.forget()
@@ -113,29 +113,29 @@ class FaultWatch:
         self._untold = True
 
     def may_come_loose(self, counts: NDArray[np.uint8]) -> bool:
-        """Whether a triangle may be loose by counts (n_triangles, 12) that was not so far: `screen` says whether."""
+        """Return whether counts (n_triangles, 12) hint at a newly loose triangle; `screen` decides."""
         return self._loose.may_come_loose(counts)
 
     def screen(self, cycles: Cycles, at: int) -> None:
-        """Mask the triangles that are loose in cycle `at`: before anybody reads it."""
+        """Mask the triangles that are loose in cycle `at`, before it is published."""
         if cycles.repeated[at]:
             return
         counts, arrivals = cycles.counts[at], cycles.arrivals[at]
         self._until_look -= 1
         odd = self._loose.must_update(counts)
         if odd or not self._until_look:
-            there = cycles.age_ns[at].view(np.uint64) < STALE_NS  # never received is −1
-            fresh = (arrivals != self._arrivals) & there
+            received = cycles.age_ns[at].view(np.uint64) < STALE_NS  # never received is −1
+            fresh = (arrivals != self._arrivals) & received
             self._arrivals = arrivals
             self._fresh |= fresh
-            found = odd and self._loose.update(counts, fresh, int(cycles.t_mono_ns[at]))
-            if found or np.count_nonzero(there != self._there):
-                self._there = there
+            loose_changed = odd and self._loose.update(counts, fresh, int(cycles.t_mono_ns[at]))
+            if loose_changed or np.count_nonzero(received != self._there):
+                self._there = received
                 self._believe()
-            self._untold |= found
+            self._untold |= loose_changed
 
     def update(self, cycles: Cycles, at: int) -> list[Change]:
-        """Take in cycle `at`, which has been screened; what began or healed with it."""
+        """Process cycle `at`, which has been screened; return the faults that begin or end with it."""
         t_mono_ns = int(cycles.t_mono_ns[at])
         changed = self._streams.update(t_mono_ns, cycles.arrivals[at])
         if not (self._until_look or cycles.repeated[at]):
@@ -146,15 +146,15 @@ class FaultWatch:
         return self._changes(int(cycles.t_ns[at])) if changed else []
 
     def _look(self, counts: NDArray[np.uint8], t_mono_ns: int) -> bool:
-        """Look closely at the counts of a cycle; whether something changed."""
+        """Check the counts of a cycle for all other faults; return whether something changed."""
         places, rest, streams = self._places, self._rest, self._streams
-        other = (counts != self._counts).any(axis=1)
+        is_changed = (counts != self._counts).any(axis=1)
         fresh, self._counts = self._fresh, counts
         self._fresh = np.zeros(len(fresh), np.bool_)
-        self._loose.listen(fresh, other)
-        taken = counts.reshape(-1)[places.taxel].astype(np.float32)
-        rest.update(taken)
-        # A cycle may close in the middle of a board: half of a new baseline is none.
+        self._loose.listen(fresh, is_changed)
+        counts_of_taxels = counts.reshape(-1)[places.taxel].astype(np.float32)
+        rest.update(counts_of_taxels)
+        # A cycle may close between the frames of a board: part of a new baseline is not a baseline.
         self._since |= fresh
         fresh_boards = places.any_of_board(self._since) & ~places.any_of_board(self._there & ~self._since)
         self._since &= ~fresh_boards[places.board_of_triangle]
@@ -165,37 +165,37 @@ class FaultWatch:
         if np.count_nonzero(new_baseline):
             rest.forget(new_baseline)
             streams.paused[:] = False
-        # Of a board whose baseline is in doubt nothing is learned, and no taxel is judged by it.
+        # A board whose baseline is in doubt is not used for learning, nor for judging other taxels.
         held = self._rezeroed.rezeroed | self._rezeroed.suspect | streams.crowded | streams.reset
         if not np.count_nonzero(held) and rest.unloaded():
             rest.learn(self._believed[places.triangle], fresh_boards)
-        live = (self._believed & other & ~held[places.board_of_triangle])[places.triangle]
-        return self._taxels.update(taken, live, t_mono_ns) or changed
+        live = (self._believed & is_changed & ~held[places.board_of_triangle])[places.triangle]
+        return self._taxels.update(counts_of_taxels, live, t_mono_ns) or changed
 
     def _believe(self) -> None:
-        """Decide which triangles and taxels others are judged by."""
+        """Decide which triangles and taxels are used to judge others."""
         of_triangle = self._places.board_of_triangle
         wrong_board = self._streams.silent | self._streams.clash
         self._believed = self._there & ~self._loose.loose & ~wrong_board[of_triangle]
         well = self._taxels.state == TaxelState.OK
         self._rest.use(self._believed[self._places.triangle] & well)
-        # A silent board is stale sooner or later anyway, but its event says that it is left out: from then on it is.
+        # A silent board becomes stale anyway, but its event states that it is left out, so it is masked from then on.
         self.masked[:] = (self._loose.loose | (wrong_board | self._rezeroed.rezeroed)[of_triangle])[:, None]
         out = (self._taxels.state == TaxelState.DEAD) | (self._taxels.state == TaxelState.STUCK)
         self.masked.reshape(-1)[self._places.taxel[out]] = True
 
     def _changes(self, t_ns: int) -> list[Change]:
         self._believe()
-        now = self._present()
-        changes = [self._change(key, False, t_ns) for key in [*self._active] if key not in now]
+        present = self._present()
+        changes = [self._change(key, False, t_ns) for key in [*self._active] if key not in present]
         for board in np.flatnonzero(self._streams.seen & ~self._heard).tolist():
             if all(change.board != self._places.addresses[board] for change in changes):
                 changes.append(self._change(("board_silent", self._places.addresses[board], None, None), False, t_ns))
         self._heard = self._streams.seen.copy()
-        return changes + [self._change(key, True, t_ns) for key in now if key not in self._active]
+        return changes + [self._change(key, True, t_ns) for key in present if key not in self._active]
 
     def _present(self) -> list[_Key]:
-        """What is there now, boards first."""
+        """Return the present faults, boards first."""
         streams, triangles = self._streams, self._places.layout.triangles
         of_boards: tuple[tuple[Kind, NDArray[np.bool_]], ...] = (
             ("board_silent", streams.silent),
@@ -205,8 +205,8 @@ class FaultWatch:
         )
         keys: list[_Key] = [
             (kind, self._places.addresses[board], None, None)
-            for kind, there in of_boards
-            for board in np.flatnonzero(there).tolist()
+            for kind, has_fault in of_boards
+            for board in np.flatnonzero(has_fault).tolist()
         ]
         for row in np.flatnonzero(self._loose.loose).tolist():
             keys.append(("triangle_loose", triangles[row].board, triangles[row].triangle, None))

@@ -68,7 +68,7 @@ def test_a_loose_triangle_is_masked_in_its_first_cycle():
     assert loose_before
 
 
-def test_who_never_asks_for_changes_gets_all_of_them_at_last():
+def test_changes_that_are_fetched_late_are_complete():
     cycles = walked(FAULTS["silent"])
     watch, deferred = FaultWatch(LAYOUT, BOARDS), DeferredFaultWatch(FaultWatch(LAYOUT, BOARDS))
     expected = []

@@ -104,7 +104,7 @@ def rezeroed(*addresses: int) -> Foot:
     return foot
 
 
-def test_at_first_every_board_is_believed() -> None:
+def test_every_board_is_used_at_first() -> None:
     watch = Foot().watch
     assert (~watch.rezeroed).tolist() == [True, True, True]
     assert watch.suspect == [False, False, False]
@@ -161,7 +161,7 @@ def test_a_load_that_was_changing_already_does_not_jump(earlier: int, before: in
 
 
 @pytest.mark.parametrize(("load", "found"), [(taxels((5, 15)), True), (taxels((5, 15), (1, 1)), False)])
-def test_before_the_first_look_a_board_bears_nothing(load: ArrayLike, found: bool) -> None:
+def test_before_the_first_check_a_board_has_no_load(load: ArrayLike, found: bool) -> None:
     foot = Foot()
     foot.look({5: load})
     assert foot.jumps({5: 0}) is found
@@ -214,7 +214,7 @@ def test_looks_at_half_of_a_board_are_part_of_the_pause(rest_ns: int, found: boo
     assert foot.jumps({5: 0}) is found
 
 
-def test_nothing_is_concluded_until_the_board_is_heard_again() -> None:
+def test_no_rezero_is_concluded_before_the_board_sends_again() -> None:
     foot = Foot()
     foot.stand()
     foot.look({5: 0})
@@ -467,7 +467,7 @@ def test_a_board_that_has_healed_may_be_zeroed_under_load_again_and_takes_as_lon
         assert not foot.look(NOBODY, HEALED_NS)
 
 
-def test_what_was_missing_under_a_fault_that_healed_excuses_nothing_afterwards() -> None:
+def test_negative_readings_during_a_fault_do_not_prevent_later_detection() -> None:
     foot = rezeroed(5)
     foot.look(NOBODY)
     assert foot.look(NOBODY, HEALED_NS)
@@ -494,7 +494,7 @@ def test_a_new_zero_by_a_person_ends_what_was_not_yet_found() -> None:
 
 
 @pytest.mark.parametrize("loaded_before", [False, True])
-def test_after_a_new_zero_by_a_person_no_creeping_excuses_anything(loaded_before: bool) -> None:
+def test_after_a_new_zero_earlier_creep_does_not_prevent_detection(loaded_before: bool) -> None:
     foot = Foot()
     foot.look({5: total(-40)})
     if loaded_before:

@@ -553,7 +553,7 @@ def test_a_stuck_taxel_that_bears_little_of_a_load_stays_stuck() -> None:
     [(DEAD_UNDER_LOAD, {**pressed(0), ONE: SHARE * LOAD - 2.4}), (STUCK_ALONE, {ONE: CONTRAST_COUNT + 2.4})],
     ids=["dead", "stuck"],
 )
-def test_one_that_healed_is_found_again_no_sooner_than_the_first_time(fault: Counts, weakly: Counts) -> None:
+def test_a_recovered_triangle_is_detected_again_no_sooner_than_the_first_time(fault: Counts, weakly: Counts) -> None:
     foot = Foot()
     foot.looks(FULL - 1, fault)
     foot.looks(2, {ONE: BOTTOM})

@@ -208,7 +208,7 @@ def test_a_chip_that_reads_0_is_loose_also_while_others_rest_at_255():
     ],
     ids=["taxel 8", "taxel 10", "at 1", "another below 255", "the others in range"],
 )
-def test_that_is_no_chip_that_reads_0(triangle):
+def test_a_chip_that_reads_0_needs_eleven_taxels_at_255(triangle):
     assert rows_found(small_foot(no_load={4: 255}), counts_with(1, triangle)) == []
 
 
@@ -229,7 +229,7 @@ def test_what_is_not_fresh_is_not_judged():
     assert found.loose.tolist() == only(3).tolist()
 
 
-def test_it_tells_of_every_change_and_of_nothing_else():
+def test_deferred_watch_reports_every_change_and_nothing_else():
     found = small_foot()
     other = counts_with(2, NO_CONTACT)
     assert not found.update(AT_REST, ALL, START_NS)
@@ -240,7 +240,7 @@ def test_it_tells_of_every_change_and_of_nothing_else():
     assert not found.update(other, ALL, START_NS + 2 + GOOD_NS)
 
 
-def test_it_is_believed_again_once_it_was_good_for_long_enough():
+def test_a_loose_triangle_is_used_again_after_it_was_good_for_good_ns():
     found = small_foot()
     assert rows_found(found, counts_with(1, NO_CONTACT), START_NS) == [1]
     assert rows_found(found, counts_with(1, NO_CONTACT), START_NS + GOOD_NS - 1) == [1]
@@ -260,7 +260,7 @@ def test_each_triangle_heals_in_its_own_time():
     assert rows_found(found, AT_REST, START_NS + GOOD_NS + 10) == []
 
 
-def test_it_does_not_heal_while_nothing_comes_of_it():
+def test_a_loose_triangle_does_not_heal_without_frames():
     found = small_foot()
     rows_found(found, counts_with(1, NO_CONTACT))
     assert not found.update(AT_REST, only(0, 2, 3, 4), START_NS + 3 * GOOD_NS)

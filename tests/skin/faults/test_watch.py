@@ -280,7 +280,7 @@ def test_faults_are_those_told_and_not_yet_over() -> None:
         assert [f.since_ns for f in watching.faults] == [*there.values()]
 
 
-def test_texts_say_who_and_what_it_costs() -> None:
+def test_fault_texts_name_the_part_and_the_lost_area() -> None:
     fault = InjectedFault("loose", 3.0, 4.0, HEEL.board, HEEL.triangle)
     began, over = [c.text for t_s, c in watch(cycles_of([fault], 8, WALKS)).changes if t_s > 0.5]
     assert f"board {HEEL.board} triangle {HEEL.triangle} came loose" in began
@@ -290,7 +290,7 @@ def test_texts_say_who_and_what_it_costs() -> None:
         c.text for t_s, c in watch(cycles_of([InjectedFault("silent", 3.0, 4.0, 6)], 7, WALKS)).changes[3:]
     ]
     assert "board 6 sends nothing: its 50 taxels are left out, 17.9 % of the area" in silent
-    assert "its readings are believed, nothing is left out" in reset
+    assert "its readings are used, nothing is left out" in reset
     assert set(HEALED) == set(KINDS)
 
 

@@ -253,7 +253,7 @@ def test_with_a_new_zero_by_a_person_rest_levels_are_learned_anew(foot: Foot) ->
     assert sorted(foot.look(FEW_LOOKS)) == [told("taxel_stuck", 3, 2), told("taxel_stuck", 0, 1)]
 
 
-def test_nothing_is_said_of_a_board_of_which_only_a_part_came(foot: Foot) -> None:
+def test_a_board_with_missing_triangles_is_not_judged(foot: Foot) -> None:
     foot.halves[4] = 0
     foot.look(2)
     above_rest(foot)
@@ -426,7 +426,7 @@ def test_a_triangle_without_noise_is_loose(foot: Foot) -> None:
     assert foot.run() == [told("triangle_loose", 5)]
 
 
-def test_one_of_which_nothing_comes_is_not_one_without_noise(foot: Foot) -> None:
+def test_a_silent_triangle_does_not_count_as_one_without_noise(foot: Foot) -> None:
     foot.halves[5] = 0
     assert foot.look(DEAF_LOOKS + 3) == []
 
@@ -497,7 +497,7 @@ def test_a_triangle_whose_counts_stand_still_says_nothing_of_its_taxels(foot: Fo
     assert foot.look(FEW_LOOKS) == [told("taxel_stuck", 3, 2)]
 
 
-def test_only_every_second_cycle_is_looked_at_closely(foot: Foot) -> None:
+def test_taxels_are_checked_in_every_second_cycle(foot: Foot) -> None:
     for at in range(MOST_LOOKS * LOOK_CYCLES):
         foot.off[3, 2] = -FAR if at % LOOK_CYCLES == 0 else 0
         assert foot.run() == []

@@ -22,7 +22,7 @@ LAYOUT = builtin("left", (5, 6, 7))  # 28 triangles of ten taxels
             "taxel_dead",
             (6, 0, 4),
             (
-                "board 6 triangle 0 taxel 4 does not answer to load: it is left out, 0.4 % of the area; "
+                "board 6 triangle 0 taxel 4 does not respond to load: it is left out, 0.4 % of the area; "
                 "if more follow on this triangle, replace it"
             ),
         ),
@@ -30,7 +30,7 @@ LAYOUT = builtin("left", (5, 6, 7))  # 28 triangles of ten taxels
             "taxel_stuck",
             (5, 15, 0),
             (
-                "board 5 triangle 15 taxel 0 stands still while its neighbours move: it is left out, "
+                "board 5 triangle 15 taxel 0 is constant while its neighbours change: it is left out, "
                 "0.4 % of the area; if more follow on this triangle, replace it"
             ),
         ),
@@ -38,7 +38,7 @@ LAYOUT = builtin("left", (5, 6, 7))  # 28 triangles of ten taxels
             "taxel_saturated",
             (7, 2, 11),
             (
-                "board 7 triangle 2 taxel 11 stands at the end of its range: it is left out, 0.4 % of the area; "
+                "board 7 triangle 2 taxel 11 reads the end of its range: it is left out, 0.4 % of the area; "
                 "if it stays there without load, zero the insole; if it comes with the load, raise the board's shift"
             ),
         ),
@@ -55,7 +55,7 @@ LAYOUT = builtin("left", (5, 6, 7))  # 28 triangles of ten taxels
             "board_rezeroed",
             (7, None, None),
             (
-                "board 7 took its zero anew while it was loaded, and is wrong by that load until it is zeroed again: "
+                "board 7 took a new zero while it was loaded, and is wrong by that load until it is zeroed again: "
                 "its 110 taxels are left out, 39.3 % of the area; lift the foot and zero the insole"
             ),
         ),
@@ -63,7 +63,7 @@ LAYOUT = builtin("left", (5, 6, 7))  # 28 triangles of ten taxels
             "board_reset",
             (7, None, None),
             (
-                "board 7 was silent and sends again, so it restarted or was unplugged: its readings are believed, "
+                "board 7 was silent and sends again, so it restarted or was unplugged: its readings are used, "
                 "nothing is left out; look at its power, and zero the insole while nobody stands on it"
             ),
         ),
@@ -88,10 +88,10 @@ def test_a_board_that_is_silent_costs_its_share_of_the_area():
         ("board_silent", (6, None, None), "board 6 sends again"),
         ("board_reset", (7, None, None), "board 7 has sent steadily since it came back"),
         ("board_address_clash", (5, None, None), "board 5 is alone on its address again"),
-        ("board_rezeroed", (5, None, None), "board 5 stands at its rest levels again and is believed"),
+        ("board_rezeroed", (5, None, None), "board 5 reads its unloaded levels again and is used"),
         ("triangle_loose", (5, 0, None), "board 5 triangle 0 is connected again"),
-        ("taxel_dead", (7, 14, 0), "board 7 triangle 14 taxel 0 answers again"),
-        ("taxel_stuck", (6, 0, 4), "board 6 triangle 0 taxel 4 moves again"),
+        ("taxel_dead", (7, 14, 0), "board 7 triangle 14 taxel 0 responds again"),
+        ("taxel_stuck", (6, 0, 4), "board 6 triangle 0 taxel 4 changes again"),
         ("taxel_saturated", (6, 15, 11), "board 6 triangle 15 taxel 11 is back in its range"),
     ],
 )
