@@ -1,4 +1,4 @@
-"""`insole view`: the live page."""
+"""`insole view`: serve the live web page."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ DEFAULT_PORT = 8080
 
 
 def view(
-    port: Annotated[int, typer.Option(min=1, max=65535, help="Where the page is served.")] = DEFAULT_PORT,
+    port: Annotated[int, typer.Option(min=1, max=65535, help="Port of the page.")] = DEFAULT_PORT,
     open_: Annotated[bool, typer.Option("--open", help="Open it in this computer's browser.")] = False,
     listen: Annotated[
-        str, typer.Option(help="Address to serve on; any but this computer's own needs the token that is printed.")
+        str, typer.Option(help="Address to serve on; any but this computer's own needs the printed token.")
     ] = "127.0.0.1",
     reference: Annotated[
         list[str] | None,
@@ -31,25 +31,25 @@ def view(
         ),
     ] = None,
     beside: Annotated[
-        str, typer.Option(help="Rig that is drawn beside: that of a simulation, or of a daemon with another model.")
+        str, typer.Option(help="Rig to draw in addition: a simulation, or a daemon with another model.")
     ] = "simulation",
-    recordings: Annotated[Path, typer.Option(help="Folder in which the page's recordings begin.")] = Path("recordings"),
+    recordings: Annotated[Path, typer.Option(help="Folder for the page's recordings.")] = Path("recordings"),
     rig: RigName = "*",
     connect: Connect = DEFAULT_ENDPOINT,
     zenoh_config: ZenohFile = None,
 ) -> None:
     """Serve a page that shows a running daemon live, in any browser."""
     from ..errors import WireError
-    from ..view.beside import Others
+    from ..view.other_sources import OtherSources
     from ..view.safety import Safety
     from ..view.server import application, serve
     from ..wire.client import Client
 
     references = {foot: f"reference/{foot}" for foot in ("left", "right")}
-    for each in reference or ():
-        foot, equals, key = each.partition("=")
+    for option in reference or ():
+        foot, equals, key = option.partition("=")
         if foot not in references or not equals or not key:
-            raise typer.BadParameter(f"--reference {each}: expected left=KEY or right=KEY")
+            raise typer.BadParameter(f"--reference {option}: expected left=KEY or right=KEY")
         references[foot] = key
 
     async def run(insole: Client) -> None:
@@ -57,7 +57,7 @@ def view(
         stop = asyncio.Event()
         for number in (signal.SIGTERM, signal.SIGINT):
             asyncio.get_running_loop().add_signal_handler(number, stop.set)
-        app = application(insole, insole.rig, Others(beside, references), safety, recordings)
+        app = application(insole, insole.rig, OtherSources(beside, references), safety, recordings)
         host = f"[{listen}]" if ":" in listen else listen
         address = f"http://{host}:{port}/" + (f"?token={safety.token}" if safety.token else "")
 
@@ -72,8 +72,8 @@ def view(
     with Client(connect, rig, zenoh_config) as insole:
         rigs = sorted({name for name, _ in insole.feet()})
         if not rigs:
-            which = "" if rig == "*" else f" of rig {rig}"
-            raise WireError(f"a Zenoh node answers on {connect}, but no insole daemon{which} is behind it")
+            suffix = "" if rig == "*" else f" of rig {rig}"
+            raise WireError(f"a Zenoh node answers on {connect}, but no insole daemon{suffix} is behind it")
         if len(rigs) > 1:
             raise WireError(f"{' and '.join(rigs)} publish behind {connect}: say which with --rig")
         insole.rig = rigs[0]

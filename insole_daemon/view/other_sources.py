@@ -1,7 +1,7 @@
-"""What others publish of the same feet: a reference instrument, and another rig, such as a simulation of this one.
+"""Other sources of data on the same feet: a reference instrument, and another rig, such as a simulation of this one.
 
-Their moments are not ours: a value is interpolated between the two around a cycle's, and is none where they are too
-far away.
+Their times differ from those of the cycles. A value is interpolated between the two around a cycle's time, and is
+unknown if these are too far away.
 """
 
 from __future__ import annotations
@@ -21,26 +21,26 @@ from ..wire.client import Client
 from ..wire.keys import key
 from ..wire.messages import Pressure, Wrench
 
-_KEPT = 50
+_LENGTH = 50
 _NEAR_NS = 60_000_000
 
 COLUMNS = ("fz_n", "mx_nm", "my_nm")
 
 
 class Series:
-    """The last values of something, (n,) each, by time."""
+    """The last values of one quantity, (n,) each, by time."""
 
     def __init__(self) -> None:
-        self._values: deque[tuple[int, NDArray[np.float64]]] = deque(maxlen=_KEPT)
+        self._values: deque[tuple[int, NDArray[np.float64]]] = deque(maxlen=_LENGTH)
 
     def add(self, t_ns: int, value: NDArray[np.float64]) -> None:
-        """The newest value; time that goes backwards, or another length, begins anew."""
+        """Add the newest value; time that goes backwards, or another length, clears the series."""
         if self._values and (t_ns < self._values[-1][0] or value.shape != self._values[-1][1].shape):
             self._values.clear()
         self._values.append((t_ns, value))
 
     def at(self, t_ns: int) -> NDArray[np.float64] | None:
-        """The value at `t_ns`, None where nobody said one near it."""
+        """Return the value at `t_ns`, or None if there is none near it."""
         after = None
         for then_ns, value in reversed(self._values):
             if then_ns > t_ns:
@@ -56,16 +56,16 @@ class Series:
 
 
 @dataclass(frozen=True, slots=True)
-class Beside:
-    """What others say of the same moment: N, N·m; NaN or None where they say nothing."""
+class OtherValues:
+    """The values of other sources at the time of a cycle, in N and N·m; NaN or None if unknown."""
 
     reference: tuple[float, float, float]
     model: tuple[float, float, float]
     pressure_pa: NDArray[np.float64] | None  # (n_triangles, 12)
 
 
-class Others:
-    """Everything that is published beside one rig: readings of references, and the rig `rig`."""
+class OtherSources:
+    """The subscriptions to references and to the other rig `rig`, with their last values."""
 
     def __init__(self, rig: str, references: Mapping[str, str]) -> None:
         """`references`: the key of each foot's reference."""
@@ -75,7 +75,7 @@ class Others:
         self._pressure = {foot: Series() for foot in ("left", "right")}
 
     def listening(self, client: Client) -> Iterator[Coroutine[Any, Any, None]]:
-        """What takes it all in, each until it is cancelled."""
+        """Yield the tasks that receive the data, each until it is cancelled."""
         yield self._listen_to_rig(client)
         for foot, own_key in self._references.items():
             yield self._listen_to_reference(client, foot, own_key)
@@ -90,23 +90,23 @@ class Others:
 
     async def _listen_to_reference(self, client: Client, foot: str, own_key: str) -> None:
         async for payload in client.payloads(own_key):
-            values = reading(payload)
+            values = parse_reference(payload)
             if values is not None:
                 self._reference[foot].add(time.time_ns(), values)
 
-    def at(self, foot: str, t_ns: int, shape: tuple[int, ...]) -> Beside:
-        """What is said of `foot` at `t_ns`, whose arrays have `shape`."""
+    def at(self, foot: str, t_ns: int, shape: tuple[int, ...]) -> OtherValues:
+        """Return the values for `foot` at `t_ns`; `shape` is that of its taxel arrays."""
         reference = self._reference.get(foot)
         pressure_pa = self._pressure[foot].at(t_ns)
-        return Beside(
+        return OtherValues(
             triple(None if reference is None else reference.at(t_ns)),
             triple(self._model[foot].at(t_ns)),
             pressure_pa if pressure_pa is not None and pressure_pa.shape == shape else None,
         )
 
 
-def reading(payload: bytes) -> NDArray[np.float64] | None:
-    """(3,) f_z, m_x, m_y of a reference's message, a JSON object as `insole record` takes it; None where it is none."""
+def parse_reference(payload: bytes) -> NDArray[np.float64] | None:
+    """Return f_z, m_x, m_y, (3,), of a reference's JSON message as for `insole record`; None if it is not one."""
     try:
         said = parse_json(payload)
         values = [math.nan if said[name] is None else float(said[name]) for name in COLUMNS]
@@ -116,7 +116,7 @@ def reading(payload: bytes) -> NDArray[np.float64] | None:
 
 
 def triple(values: NDArray[np.float64] | Sequence[float | None] | None) -> tuple[float, float, float]:
-    """As three floats, NaN where nothing is known."""
+    """Return three floats, NaN where unknown."""
     if values is None:
         return (math.nan, math.nan, math.nan)
     first, second, third = (math.nan if value is None else float(value) for value in values)

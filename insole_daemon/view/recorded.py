@@ -1,4 +1,4 @@
-"""The pictures of a recording as one self-contained page: what the live page shows, of all of a trial at once."""
+"""The report of a recording as one self-contained page: the figures of the live page for a whole trial."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _REFERENCE = 2
 _CLOSE_S = 5.0
 _MOST_EVENTS = 100
 _KPA = 1e-3
-_FIGURES: dict[str, tuple[str, float, int]] = {  # of a step: what it is called, its factor and digits
+_FIGURES: dict[str, tuple[str, float, int]] = {  # of a step: label, factor and digits
     "stance_s": ("stance, s", 1.0, 3),
     "swing_s": ("swing, s", 1.0, 3),
     "stride_s": ("stride, s", 1.0, 3),
@@ -50,30 +50,33 @@ _SYMMETRIES = ("stance_s", "peak_force_n", "impulse_n_s")
 
 
 def recorded_page(recording: Recording) -> str:
-    """HTML of one file, which loads nothing from anywhere."""
-    told = gait_events(recording.feet)
+    """Return the report as self-contained HTML."""
+    step_events = gait_events(recording.feet)
     feet = [foot for foot in recording.feet if len(foot)]
-    known = [foot for foot in feet if foot.wrench is not None]
+    with_wrench = [foot for foot in feet if foot.wrench is not None]
     start_ns = min((int(foot.t_ns[0]) for foot in feet), default=0)
-    found = quality(recording)
-    parts = [_facts(feet, told, found), *(paragraph(f"{foot}: {each.sentence}") for foot, each in found.items())]
-    said = [*recording.warnings, *(f"Not measured: {each}" for each in recording.invented)]
-    if said:
-        parts.append(section("Before you believe a number", *map(paragraph, said)))
-    if known:
-        parts += [_maps(known), _courses(known, told, start_ns), _centres(known)]
+    data_quality = quality(recording)
+    sections = [
+        _facts(feet, step_events, data_quality),
+        *(paragraph(f"{foot}: {foot_quality.sentence}") for foot, foot_quality in data_quality.items()),
+    ]
+    warnings = [*recording.warnings, *(f"Not measured: {value}" for value in recording.invented)]
+    if warnings:
+        sections.append(section("Before you believe a number", *map(paragraph, warnings)))
+    if with_wrench:
+        sections += [_maps(with_wrench), _time_plots(with_wrench, step_events, start_ns), _centres(with_wrench)]
     else:
-        parts.append(section("Pressure", paragraph("No foot has a calibration: there are counts and no pressure.")))
-    if told and len(recording.steps):
-        parts.append(_gait(recording.steps))
+        sections.append(section("Pressure", paragraph("No foot has a calibration: there are counts and no pressure.")))
+    if step_events and len(recording.steps):
+        sections.append(_gait(recording.steps))
     if feet:
-        parts.append(_health(feet, start_ns))
+        sections.append(_health(feet, start_ns))
     lead = f"{recording.kind}, {recording.can_origin}"
-    return page(f"Recording {recording.folder.resolve().name}", lead, parts, _about(feet))
+    return page(f"Recording {recording.folder.resolve().name}", lead, sections, _about(feet))
 
 
 def _about(feet: Sequence[FootRecording]) -> list[str]:
-    """When it was recorded, and of which insole."""
+    """Return the time of the recording and its insoles."""
     words = []
     if feet:
         began = datetime.fromtimestamp(min(int(foot.t_ns[0]) for foot in feet) * 1e-9).astimezone()
@@ -89,39 +92,45 @@ def _about(feet: Sequence[FootRecording]) -> list[str]:
 
 
 def _seconds(foot: FootRecording, start_ns: int) -> _Array:
-    """(n,) of every cycle, since the start."""
+    """Return the times of the cycles since `start_ns` in s, (n,)."""
     return np.asarray((foot.t_ns - start_ns) * 1e-9, np.float64)
 
 
-def _facts(feet: Sequence[FootRecording], told: Sequence[GaitEvent], found: Mapping[Foot, Quality]) -> str:
+def _facts(
+    feet: Sequence[FootRecording], step_events: Sequence[GaitEvent], data_quality: Mapping[Foot, Quality]
+) -> str:
     seconds = max((float(foot.t_ns[-1] - foot.t_ns[0]) * 1e-9 for foot in feet), default=0.0)
-    said = [(f"{seconds:.1f} s", "recorded")]
+    items = [(f"{seconds:.1f} s", "recorded")]
     for foot in feet:
-        said.append((found[foot.foot].verdict, f"{found[foot.foot].percent} % of the cycles, {foot.foot} foot"))
+        items.append(
+            (data_quality[foot.foot].verdict, f"{data_quality[foot.foot].percent} % of the cycles, {foot.foot} foot")
+        )
         if foot.wrench is not None and np.isfinite(foot.wrench.f_z_n).any():
-            said.append((f"{np.nanmax(foot.wrench.f_z_n):.0f} N", f"most on the {foot.foot} foot"))
-    said.append((f"{sum(event.kind == 'initial_contact' for event in told)}", "steps"))
-    return facts(*said)
+            items.append((f"{np.nanmax(foot.wrench.f_z_n):.0f} N", f"most on the {foot.foot} foot"))
+    items.append((f"{sum(event.kind == 'initial_contact' for event in step_events)}", "steps"))
+    return facts(*items)
 
 
 def _maps(feet: Sequence[FootRecording]) -> str:
-    """The highest pressure of every taxel, and its mean; both feet on one scale from 0."""
+    """Draw the highest and the mean pressure of every taxel, both feet on one scale from 0."""
     rows = []
     for words in ("highest", "mean"):
         values = [_values_kpa(foot, words) for foot in feet]
-        known = np.concatenate([each[np.isfinite(each)] for each in values])
-        highest = float(np.percentile(known, 98)) if len(known) else 1.0
-        rows.append(row(*(_map(foot, each, words, highest) for foot, each in zip(feet, values, strict=True))))
+        finite = np.concatenate([foot_values[np.isfinite(foot_values)] for foot_values in values])
+        highest = float(np.percentile(finite, 98)) if len(finite) else 1.0
+        rows.append(
+            row(*(_map(foot, foot_values, words, highest) for foot, foot_values in zip(feet, values, strict=True)))
+        )
     return section("Pressure", *rows)
 
 
 def _values_kpa(foot: FootRecording, words: str) -> _Array:
-    """(n_triangles, 12) the highest or the mean pressure of every taxel; NaN: never valid."""
+    """Return the highest or the mean pressure of every taxel in kPa, (n_triangles, 12); NaN: never valid."""
     assert foot.pressure_pa is not None
-    seen = foot.valid.any(axis=0)
-    pressed = np.where(foot.valid, foot.pressure_pa, np.nan)[:, seen]
-    values = np.full(seen.shape, np.nan)
-    values[seen] = (np.nanmax if words == "highest" else np.nanmean)(pressed, axis=0) * _KPA
+    ever_valid = foot.valid.any(axis=0)
+    pressed = np.where(foot.valid, foot.pressure_pa, np.nan)[:, ever_valid]
+    values = np.full(ever_valid.shape, np.nan)
+    values[ever_valid] = (np.nanmax if words == "highest" else np.nanmean)(pressed, axis=0) * _KPA
     return values
 
 
@@ -131,25 +140,25 @@ def _map(foot: FootRecording, values: _Array, words: str, highest: float) -> str
     return figure(drawn, f"{title}; empty: never valid")
 
 
-def _courses(feet: Sequence[FootRecording], told: Sequence[GaitEvent], start_ns: int) -> str:
-    """f_z and the moments, of all of it and of a few seconds that have steps in them."""
+def _time_plots(feet: Sequence[FootRecording], step_events: Sequence[GaitEvent], start_ns: int) -> str:
+    """Draw f_z and the moments, of the whole recording and of a few seconds with steps."""
     last_s = max(float(foot.t_ns[-1] - start_ns) * 1e-9 for foot in feet)
-    drawn = [_course(feet, "f_z_n", "f_z, N", start_ns, 0.0, last_s, WHOLE_WIDTH)]
+    drawn = [_time_plot(feet, "f_z_n", "f_z, N", start_ns, 0.0, last_s, WHOLE_WIDTH)]
     begin_s, end_s = 0.0, last_s
     if last_s > 2 * _CLOSE_S:
-        contacts_s = [(event.t_ns - start_ns) * 1e-9 for event in told if event.kind == "initial_contact"]
+        contacts_s = [(event.t_ns - start_ns) * 1e-9 for event in step_events if event.kind == "initial_contact"]
         middle_s = contacts_s[len(contacts_s) // 2] if contacts_s else last_s / 2
         begin_s = max(0.0, min(middle_s - _CLOSE_S / 2, last_s - _CLOSE_S))
         end_s = begin_s + _CLOSE_S
-        drawn.append(_course(feet, "f_z_n", "f_z, N", start_ns, begin_s, end_s, WHOLE_WIDTH))
+        drawn.append(_time_plot(feet, "f_z_n", "f_z, N", start_ns, begin_s, end_s, WHOLE_WIDTH))
     moments = [("m_x_nm", "m_x, N·m"), ("m_y_nm", "m_y, N·m")]
-    drawn.append(row(*(_course(feet, *each, start_ns, begin_s, end_s) for each in moments)))
+    drawn.append(row(*(_time_plot(feet, *moment, start_ns, begin_s, end_s) for moment in moments)))
     unmatched = any(foot.reference is not None and _reference(foot, "f_z_n") is None for foot in feet)
-    note = "There is a reference, on a clock of its own: it is not drawn, since nobody knows yet what it was when."
+    note = "There is a reference with its own clock. It is not drawn, because the clocks have not been aligned yet."
     return section("Forces and moments", *drawn, paragraph(note) if unmatched else "")
 
 
-def _course(
+def _time_plot(
     feet: Sequence[FootRecording],
     name: str,
     label: str,
@@ -158,7 +167,7 @@ def _course(
     end_s: float,
     width: float = WIDTH,
 ) -> str:
-    """One quantity of every foot, and its reference, if that is on the same clock."""
+    """Draw one quantity of every foot, and its reference if that is on the same clock."""
     lines: list[tuple[_Array, _Array, int, str]] = []
     for foot in feet:
         reference = _reference(foot, name)
@@ -179,7 +188,7 @@ def _course(
 
 
 def _reference(foot: FootRecording, name: str) -> tuple[_Array, _Array] | None:
-    """(n,) epoch seconds and values of the reference's column of that name, if both clocks are one."""
+    """Return epoch seconds and values of a reference column, (n,) each, or None if its clock is another one."""
     column = {"f_z_n": "fz_n", "m_x_nm": "mx_nm", "m_y_nm": "my_nm"}[name]
     reference = foot.reference
     if reference is None or reference.clock != "can" or reference.time_s is None or column not in reference.columns:
@@ -188,7 +197,7 @@ def _reference(foot: FootRecording, name: str) -> tuple[_Array, _Array] | None:
 
 
 def _centres(feet: Sequence[FootRecording]) -> str:
-    """Where the centre of pressure went on the foot and its triangles, toes up."""
+    """Draw the path of the centre of pressure on the foot and its triangles, toes up."""
     drawn = []
     for foot in feet:
         assert foot.wrench is not None
@@ -208,7 +217,7 @@ def _centres(feet: Sequence[FootRecording]) -> str:
 
 
 def _gait(steps: Steps) -> str:
-    """Mean and standard deviation of every figure over the steady steps, and the symmetry of some."""
+    """Tabulate mean and standard deviation of every figure over the steady steps, and the symmetry of some."""
     figures = dict(_FIGURES)
     for name in steps.columns:
         for ending, (words, factor, digits) in _OF_REGIONS.items():
@@ -220,14 +229,14 @@ def _gait(steps: Steps) -> str:
         cells = [words]
         for foot in _COLOURS:
             values = steps.of(foot).steady[name]
-            known = values[np.isfinite(values)] * factor
-            spread = f" ± {known.std(ddof=1):.{digits}f}" if len(known) > 1 else ""
-            cells.append(f"{known.mean():.{digits}f}{spread} ({len(known)})" if len(known) else "–")
+            finite = values[np.isfinite(values)] * factor
+            spread = f" ± {finite.std(ddof=1):.{digits}f}" if len(finite) > 1 else ""
+            cells.append(f"{finite.mean():.{digits}f}{spread} ({len(finite)})" if len(finite) else "–")
         rows.append(cells)
     labels, counts = np.unique(steps["label"], return_counts=True)
     kinds = ", ".join(f"{count} {label}" for label, count in zip(labels, counts, strict=True))
-    said = [
-        f"Of the steady steps alone; all stances: {kinds}.",
+    remarks = [
+        f"The table has the steady steps only; all stances: {kinds}.",
         *(f"{remark[0].upper()}{remark[1:]}." for remark in steps.remarks),
     ]
     indices = []
@@ -235,14 +244,14 @@ def _gait(steps: Steps) -> str:
         index = symmetry(steps, name)
         if np.isfinite(index.low):
             indices.append((_FIGURES[name][0], f"{index.value:+.1f} %", f"{index.low:+.1f} to {index.high:+.1f} %"))
-    parts = [*map(paragraph, said), table(("mean ± standard deviation (steps)", *_COLOURS), rows)]
+    content = [*map(paragraph, remarks), table(("mean ± standard deviation (steps)", *_COLOURS), rows)]
     if indices:
-        parts.append(table(("symmetry, left less right of their mean", "index", "95 % interval"), indices))
-    return section("Gait", *parts)
+        content.append(table(("symmetry, left less right of their mean", "index", "95 % interval"), indices))
+    return section("Gait", *content)
 
 
 def _health(feet: Sequence[FootRecording], start_ns: int) -> str:
-    """How much of the insole was valid, and what happened to the boards."""
+    """Draw the share of valid taxels, and list the events of the boards."""
     shares = [foot.valid.sum(axis=(1, 2)) / (10 * len(foot.layout)) * 100.0 for foot in feet]
     last_s = max(float(foot.t_ns[-1] - start_ns) * 1e-9 for foot in feet)
     plot = Plot(Axis("time, s", 0.0, last_s), Axis("valid taxels, %", 0.0, 104.0), WHOLE_WIDTH, 180)

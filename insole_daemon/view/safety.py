@@ -1,7 +1,7 @@
-"""Who may look, and what the page may do: names of the host, token, origin, content security policy.
+"""Access rules of the page: names of the host, token, origin, content security policy.
 
-Without a token the server is for this computer alone: a page from elsewhere that a browser here has open must not
-reach it, neither by its address (Origin) nor under a name that somebody points at 127.0.0.1 (Host).
+Without a token the server accepts only browsers on this computer. Pages of other sites must not reach it, neither by
+its address (checked by Origin) nor by a name that resolves to 127.0.0.1 (checked by Host).
 """
 
 from __future__ import annotations
@@ -26,28 +26,28 @@ class Safety:
 
     @classmethod
     def of(cls, host: str, port: int) -> Safety:
-        """Of a server that listens on `host`: with a new token, unless only this computer reaches it."""
+        """Return the rules of a server on `host`: with a new token, unless only this computer can reach it."""
         return cls(port, None if is_loopback_host(host) else secrets.token_urlsafe(24))
 
     @property
     def cookie(self) -> str:
-        """Its name: browsers share cookies among the ports of a host."""
+        """Name of the cookie; it contains the port because browsers share cookies among the ports of a host."""
         return f"insole-{self.port}"
 
     def allows(self, request: web.Request) -> bool:
-        """Whether it comes by a name of this server, with the token where there is one."""
+        """Return whether a request has the token or, without a token, a loopback name of this server."""
         if self.token is None:
             return is_loopback_host(urlsplit(f"//{request.host}").hostname or "")
-        given = request.cookies.get(self.cookie) or request.query.get("token") or ""
-        return hmac.compare_digest(given.encode(), self.token.encode())
+        token = request.cookies.get(self.cookie) or request.query.get("token") or ""
+        return hmac.compare_digest(token.encode(), self.token.encode())
 
     def same_origin(self, request: web.Request) -> bool:
-        """Whether a page of this very server asks; browsers do not let a page lie about it."""
+        """Return whether a page of this server sent the request; browsers set Origin, pages cannot."""
         return request.headers.get("Origin") == f"{request.scheme}://{request.host}"
 
 
 def is_loopback_host(host: str) -> bool:
-    """Whether `host` is a name or an address of this computer that others cannot reach."""
+    """Return whether `host` is a loopback name or address."""
     if host == "localhost":
         return True
     try:
@@ -57,7 +57,7 @@ def is_loopback_host(host: str) -> bool:
 
 
 def headers(request: web.Request) -> dict[str, str]:
-    """What every answer says: nothing from elsewhere, nothing inline, in nobody's frame."""
+    """Return the headers of every response: no external or inline content, no framing."""
     socket = f"{'wss' if request.scheme == 'https' else 'ws'}://{request.host}"
     return {
         "Content-Security-Policy": (

@@ -17,8 +17,8 @@ from .. import __version__
 from ..errors import WireError
 from ..wire.client import Client
 from .actions import Actions
-from .beside import Others
 from .hub import Hub
+from .other_sources import OtherSources
 from .recording import PageRecorder
 from .safety import COOKIE_DAYS, Safety, headers
 from .viewer import Viewer
@@ -33,8 +33,10 @@ _ACTIONS = web.AppKey("actions", Actions)
 _LISTENING: web.AppKey[asyncio.Task[None]] = web.AppKey("listening", asyncio.Task)
 
 
-def application(client: Client, rig: str, others: Others, safety: Safety, recordings: Path) -> web.Application:
-    """The server for `rig` of an open `client`; recordings go into the folder `recordings`."""
+def application(
+    client: Client, rig: str, other_sources: OtherSources, safety: Safety, recordings: Path
+) -> web.Application:
+    """Return the server for `rig` of an open `client`; recordings go into the folder `recordings`."""
 
     @web.middleware
     async def guard(request: web.Request, handler: Handler) -> web.StreamResponse:
@@ -43,7 +45,7 @@ def application(client: Client, rig: str, others: Others, safety: Safety, record
                 text="This page needs the token that 'insole view' printed when it was started: open that address.\n",
                 headers=headers(request),
             )
-        if safety.token is not None and "token" in request.query:  # from now on the cookie shows it, not the address
+        if safety.token is not None and "token" in request.query:  # the cookie replaces it in the address
             answer = web.HTTPFound("/", headers=headers(request))
             answer.set_cookie(
                 safety.cookie, safety.token, max_age=COOKIE_DAYS * 86400, httponly=True, samesite="Strict", path="/"
@@ -63,18 +65,18 @@ def application(client: Client, rig: str, others: Others, safety: Safety, record
         response.headers.update(headers(request))
 
     async def running(app: web.Application) -> AsyncIterator[None]:
-        hub = Hub(client, rig, others)
+        hub = Hub(client, rig, other_sources)
         loop = asyncio.get_running_loop()
 
-        def tell(text: str) -> None:  # from the recording's thread
+        def report_recording(text: str) -> None:  # from the recording's thread
             with contextlib.suppress(RuntimeError):  # the server has ended
-                loop.call_soon_threadsafe(actions.tell_recording, text)
+                loop.call_soon_threadsafe(actions.publish_recording_state, text)
 
-        recording = PageRecorder(client, recordings, tell)
+        recording = PageRecorder(client, recordings, report_recording)
         actions = Actions(client, hub, recording)
         app[_HUB], app[_ACTIONS] = hub, actions
-        hub.stand("hello", {"version": __version__, "rig": rig})
-        actions.tell_recording("")
+        hub.publish_latched("hello", {"version": __version__, "rig": rig})
+        actions.publish_recording_state("")
         app[_LISTENING] = listening = asyncio.create_task(hub.run())
         yield
         if recording.running:
@@ -92,7 +94,7 @@ def application(client: Client, rig: str, others: Others, safety: Safety, record
 
 
 async def _follow(request: web.Request) -> web.StreamResponse:
-    """Send what there is until the browser goes, and do what it asks."""
+    """Send messages until the browser disconnects, and perform its actions."""
     hub, actions = request.app[_HUB], request.app[_ACTIONS]
     socket = web.WebSocketResponse(heartbeat=_HEARTBEAT_S, max_msg_size=_MESSAGE_BYTES, compress=False)
     await socket.prepare(request)
@@ -111,7 +113,7 @@ async def _follow(request: web.Request) -> web.StreamResponse:
         except ValueError as error:
             await socket.close(code=1008, message=str(error).encode()[:120])
             return
-        viewer.say(json.dumps({"kind": "reply", **reply}, ensure_ascii=False))
+        viewer.queue_text(json.dumps({"kind": "reply", **reply}, ensure_ascii=False))
 
     tasks = {asyncio.create_task(send())}
     try:
@@ -132,10 +134,9 @@ async def _follow(request: web.Request) -> web.StreamResponse:
 
 
 async def serve(app: web.Application, host: str, port: int, ready: Callable[[], None], stop: asyncio.Event) -> None:
-    """Serve until `stop` is set, having called `ready` once the page can be had; WireError where the port is taken.
+    """Serve until `stop` is set; call `ready` once the page is available. WireError if the port is taken.
 
-    Ends with the error of what listens to the daemon, should there be one: a page that shows nothing new must not
-    look as if nothing happened.
+    An error of the subscription to the daemon also ends the server, so that the page does not silently stop updating.
     """
     runner = web.AppRunner(app, access_log=None, shutdown_timeout=1.0)
     await runner.setup()

@@ -25,8 +25,8 @@ from insole_daemon.recording.mat5 import read_struct
 from insole_daemon.service.boards import BoardOperations
 from insole_daemon.service.zeroing import zero_handler
 from insole_daemon.untrusted import MAX_DEPTH, is_plain
-from insole_daemon.view.beside import Others
 from insole_daemon.view.hub import Hub
+from insole_daemon.view.other_sources import OtherSources
 from insole_daemon.wire.client import Client
 from insole_daemon.wire.messages import Health, Meta, Raw, Wrench
 from insole_daemon.wire.requests import REQUEST_SCHEMA, unpack
@@ -198,7 +198,7 @@ def test_a_cycle_whose_messages_do_not_fit_together_is_not_shown():
     )
 
     async def shown(messages):
-        hub, viewer = Hub(Client(), "test", Others("simulation", {})), Viewer()
+        hub, viewer = Hub(Client(), "test", OtherSources("simulation", {})), Viewer()
         hub._ask = lambda name: None
         hub.join(viewer)
         for message in messages:

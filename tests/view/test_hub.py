@@ -14,8 +14,8 @@ from insole_daemon.physics.effect import effect
 from insole_daemon.service.foot import Foot
 from insole_daemon.service.foot_setup import load_setups
 from insole_daemon.skin.cycles import Cycles
-from insole_daemon.view.beside import Others
 from insole_daemon.view.hub import Hub
+from insole_daemon.view.other_sources import OtherSources
 from insole_daemon.view.packets import HEAD
 from insole_daemon.view.viewer import Viewer
 from insole_daemon.wire.client import Client
@@ -32,9 +32,9 @@ def told(hub):
     return found
 
 
-def test_who_comes_later_hears_the_last_state_and_events_but_not_every_step():
+def test_a_later_viewer_gets_the_last_state_and_events_but_not_every_step():
     async def run():
-        hub = Hub(Client(), "test", Others("simulation", {}))
+        hub = Hub(Client(), "test", OtherSources("simulation", {}))
         hub._take(Event("left", 1, "board_silent", "board 5 is silent", [5]))
         for number in range(200):
             hub._take(
@@ -42,7 +42,7 @@ def test_who_comes_later_hears_the_last_state_and_events_but_not_every_step():
             )
         for uptime_s in (1.0, 2.0):
             hub._take(Health("left", 1, uptime_s, "ok", {}, 50.0, {}, {}, [], [], {}, {}, {}))
-        hub.stand("recording", {"running": False, "text": ""})
+        hub.publish_latched("recording", {"running": False, "text": ""})
         return told(hub)
 
     found = asyncio.run(run())
@@ -63,7 +63,7 @@ def test_the_model_that_is_not_in_use_is_drawn_beside_the_one_that_is():
     cycles = Cycles(t_ns, t_ns, counts, wide.astype(np.uint16), wide, wide, arrivals, wide > 0, flags, flags)
 
     async def run():
-        hub, viewer = Hub(Client(), "test", Others("simulation", {})), Viewer()
+        hub, viewer = Hub(Client(), "test", OtherSources("simulation", {})), Viewer()
         hub._describe(foot.meta())
         hub.join(viewer)
         while viewer.take() is not None:
@@ -89,7 +89,7 @@ def test_the_model_that_is_not_in_use_is_drawn_beside_the_one_that_is():
 
 def test_steps_reach_those_who_look():
     async def run():
-        hub, viewer = Hub(Client(), "test", Others("simulation", {})), Viewer()
+        hub, viewer = Hub(Client(), "test", OtherSources("simulation", {})), Viewer()
         hub.join(viewer)
         hub._take(Event("right", 3, "toe_off", "text", [], figures={"stance_s": 0.7}))
         hub.leave(viewer)

@@ -11,13 +11,13 @@ import pytest
 
 from insole_daemon.config import Config
 from insole_daemon.service.foot import load_feet
-from insole_daemon.view.beside import Beside
+from insole_daemon.view.other_sources import OtherValues
 from insole_daemon.view.packets import HEAD, INVALID, SATURATED, STALE, UNIT_PA, UNKNOWN, cycle_packet
 from insole_daemon.wire.messages import Pressure, Raw, Wrench
 
 FOOT = load_feet(Config())[1]
 N, META = FOOT.n_triangles, FOOT.meta()
-NOTHING = Beside((math.nan,) * 3, (math.nan,) * 3, None)
+NOTHING = OtherValues((math.nan,) * 3, (math.nan,) * 3, None)
 JS = (Path(__file__).parents[2] / "insole_daemon" / "view" / "page" / "packets.js").read_text()
 
 
@@ -64,7 +64,7 @@ def test_the_page_reads_what_is_written():
     assert f"KPA_PER_UNIT = {UNIT_PA / 1e3:g};" in JS
 
 
-def test_what_is_wrong_with_a_taxel_is_told_apart():
+def test_flags_distinguish_invalid_stale_and_saturated_taxels():
     valid, counts = np.ones((N, 12), np.uint8), np.full((N, 12), 200, np.uint8)
     age_ms, status = np.full(N, 5.0, np.float32), np.zeros(N, np.uint16)
     valid[:4], counts[1], counts[3], status[3] = 0, 0, 0, 2
@@ -77,7 +77,7 @@ def test_what_is_wrong_with_a_taxel_is_told_apart():
     assert not flags[:, [6, 10]].any(), "thermal pads are no taxels of pressure"
 
 
-def test_an_unknown_or_unthinkable_pressure_is_none():
+def test_an_unknown_or_impossible_pressure_is_unknown_in_the_packet():
     pressure = np.full((N, 12), 100e3, np.float32)
     pressure[0], pressure[1], pressure[2] = np.nan, -500.0, 1e9
     _, units, *_ = packet(pressure_pa=pressure, f_z_n=None)
@@ -86,8 +86,8 @@ def test_an_unknown_or_unthinkable_pressure_is_none():
     assert math.isnan(head[6])
 
 
-def test_what_others_say_goes_along():
-    beside = Beside((1.0, 2.0, 3.0), (4.0, 5.0, 6.0), np.full((N, 12), 60e3))
+def test_values_of_other_sources_are_part_of_the_packet():
+    beside = OtherValues((1.0, 2.0, 3.0), (4.0, 5.0, 6.0), np.full((N, 12), 60e3))
     head, _, predicted, *_ = packet(beside)
     assert head[13:] == (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
     assert (predicted == 60e3 / UNIT_PA).all()

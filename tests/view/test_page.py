@@ -197,7 +197,7 @@ def test_a_recording_with_its_marks_is_made_from_the_page(browser, page, live_da
     assert recording["left"].t_ns[0] - 2e9 < marker["t_ns"] < recording["left"].t_ns[-1] + 1e9
 
 
-def test_what_cannot_be_done_is_said(browser, page, live_daemon):
+def test_a_refused_temperature_request_is_shown_with_its_reason(browser, page, live_daemon):
     with live_daemon.boards():
         look(browser, page)
         browser.click("#ask-temperature")

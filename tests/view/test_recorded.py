@@ -96,7 +96,7 @@ def test_the_live_page_has_the_same_colours():
     assert [f"--left: {CATEGORIES[0]}" in style, f"--right: {CATEGORIES[1]}" in style] == [True, True]
 
 
-def test_what_is_no_recording_is_said(tmp_path):
+def test_a_folder_without_a_recording_is_reported(tmp_path):
     done = subprocess.run([INSOLE, "report", tmp_path], capture_output=True, text=True, timeout=60)
     assert done.returncode == 4
     assert "recording.yaml" in done.stderr

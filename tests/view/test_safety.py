@@ -134,7 +134,7 @@ def test_what_the_page_never_sends_ends_the_connection(page, message):
     assert asyncio.run(asyncio.wait_for(_closed_after(page, message), 10)) in (1008, 1009)
 
 
-def test_a_port_that_is_taken_and_a_daemon_that_is_not_there_are_said(page, live_daemon):
+def test_a_port_in_use_and_a_missing_daemon_are_reported(page, live_daemon):
     port = page.rpartition(":")[2].strip("/")
     for options, words in [
         (["--port", port, "--connect", live_daemon.endpoint], "take another port, such as --port"),

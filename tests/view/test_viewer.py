@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from insole_daemon.view import viewer as viewers
-from insole_daemon.view.beside import Others, Series, reading, triple
+from insole_daemon.view.other_sources import OtherSources, Series, parse_reference, triple
 from insole_daemon.view.viewer import Viewer, Window
 
 
@@ -32,7 +32,7 @@ class Link:
                 self.viewer.answered()
             if step % 4 == 0:
                 for foot in (0, 1):
-                    self.viewer.show(foot, str(self.now_s).encode())
+                    self.viewer.queue_cycle(foot, str(self.now_s).encode())
             while (message := self.viewer.take()) is not None:
                 self._free_s = max(self._free_s, self.now_s) + 1 / self._rate_hz
                 self._under_way.append((self._free_s + self._trip_s, message))
@@ -45,7 +45,7 @@ def test_a_fast_link_gets_every_cycle(monkeypatch):
     assert max(shown - made for shown, made in link.shown) < 0.05
 
 
-def test_a_far_but_fast_link_gets_every_cycle(monkeypatch):
+def test_a_link_with_high_latency_and_bandwidth_gets_every_cycle(monkeypatch):
     link = Link(monkeypatch, rate_hz=1000, trip_s=0.2)
     link.run(10)
     late = [made for shown, made in link.shown if shown > 3]
@@ -65,17 +65,17 @@ def test_a_slow_link_gets_fewer_cycles_and_never_older_ones(monkeypatch, rate_hz
     assert ages[-30:].mean() < ages[:30].mean() + 0.1, "no queue builds up"
 
 
-def test_words_are_kept_and_come_first():
+def test_texts_are_kept_and_sent_before_cycles():
     async def run():
         viewer = Viewer()
         for _ in range(viewers._FIRST - 1):
-            viewer.say("before")
+            viewer.queue_text("before")
             await viewer.next()
-        viewer.show(0, b"old")
-        viewer.show(1, b"right")
-        viewer.show(0, b"new")
-        viewer.say("one")
-        viewer.say("two")
+        viewer.queue_cycle(0, b"old")
+        viewer.queue_cycle(1, b"right")
+        viewer.queue_cycle(0, b"new")
+        viewer.queue_text("one")
+        viewer.queue_text("two")
         found = []
         for _ in range(4):
             found.append(await viewer.next())
@@ -88,11 +88,11 @@ def test_words_are_kept_and_come_first():
 def test_cycles_that_come_together_are_all_sent_where_there_is_room():
     viewer = Viewer()
     for packet in (b"1", b"2", b"3"):
-        viewer.show(0, packet)
+        viewer.queue_cycle(0, packet)
     assert [viewer.take() for _ in range(4)] == [b"1", b"2", b"3", None]
 
 
-def test_answers_to_nothing_open_no_window():
+def test_acknowledgements_without_a_message_do_not_grow_the_window():
     window = Window()
     for _ in range(1000):
         window.answered(1.0)
@@ -119,14 +119,14 @@ def test_a_value_between_two_moments_and_none_far_from_any():
 
 
 def test_a_reading_of_a_reference():
-    assert reading(b'{"fz_n": 1, "mx_nm": 2.5, "my_nm": null, "more": 4}').tolist()[:2] == [1, 2.5]
+    assert parse_reference(b'{"fz_n": 1, "mx_nm": 2.5, "my_nm": null, "more": 4}').tolist()[:2] == [1, 2.5]
     for bad in (b"", b"[]", b'{"fz_n": 1}', b'{"fz_n": "x", "mx_nm": 1, "my_nm": 1}', b"\xff"):
-        assert reading(bad) is None
+        assert parse_reference(bad) is None
     assert all(math.isnan(each) for each in triple(None))
 
 
 def test_a_simulation_of_another_layout_gives_no_residual():
-    others = Others("simulation", {})
+    others = OtherSources("simulation", {})
     others._pressure["left"].add(10, np.zeros((3, 12)))
     assert others.at("left", 10, (28, 12)).pressure_pa is None
     assert others.at("left", 10, (3, 12)).pressure_pa is not None

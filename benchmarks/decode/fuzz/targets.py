@@ -35,8 +35,8 @@ from insole_daemon.skin import layout as layouts
 from insole_daemon.skin.reader import SkinReader
 from insole_daemon.skin.streams import Streams
 from insole_daemon.view.actions import Actions
-from insole_daemon.view.beside import Others, reading
 from insole_daemon.view.hub import Hub
+from insole_daemon.view.other_sources import OtherSources, parse_reference
 from insole_daemon.view.viewer import Viewer
 from insole_daemon.wire.client import Client
 from insole_daemon.wire.messages import BY_KEY
@@ -169,7 +169,7 @@ def _message(data: bytes) -> None:
 
 
 def _reference_message(data: bytes) -> None:
-    reading(data)
+    parse_reference(data)
     Instrument("left", "shoe").take_json(data, 1.0)
 
 
@@ -202,11 +202,11 @@ def _websocket(data: bytes) -> None:
     text = data.decode("utf-8", "ignore")
 
     async def reply() -> None:
-        hub, viewer = Hub(_NoDaemon(), "test", Others("simulation", {})), Viewer()
+        hub, viewer = Hub(_NoDaemon(), "test", OtherSources("simulation", {})), Viewer()
         hub.join(viewer)
         actions = Actions(_NoDaemon(), hub, _NoRecording())  # type: ignore[arg-type]
         with contextlib.suppress(ValueError):  # the socket is closed
-            viewer.say(str(await actions.reply(text)))
+            viewer.queue_text(str(await actions.reply(text)))
         _drain(viewer)
 
     _loop().run_until_complete(reply())
@@ -216,7 +216,7 @@ def _page(data: bytes) -> None:
     """Messages of anybody who can publish, on their way to the page; each begins with its kind and its length."""
 
     async def show() -> None:
-        hub, viewer = Hub(_NoDaemon(), "test", Others("simulation", {})), Viewer()
+        hub, viewer = Hub(_NoDaemon(), "test", OtherSources("simulation", {})), Viewer()
         hub._ask = lambda name: None  # type: ignore[method-assign]
         hub.join(viewer)
         for kind, payload in seeds.parts(data):
