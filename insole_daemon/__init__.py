@@ -28,9 +28,10 @@ __version__ = "0.1.0"
 
 
 def connect(endpoint: str = DEFAULT_ENDPOINT, rig: str = "*", config_file: str | PathLike[str] | None = None) -> Client:
-    """The daemons behind `endpoint`, for `with` and `async with`; raises WireError on entry where nobody answers.
+    """Return a client of the daemons behind `endpoint`, for `with` and `async with`.
 
-    `config_file` is a configuration of Zenoh's own (JSON5), which names the certificate of this program.
+    Entering it raises WireError if nobody answers. `config_file` is a Zenoh configuration (JSON5) with the certificate
+    of this program.
     """
     from pathlib import Path
 
@@ -40,7 +41,7 @@ def connect(endpoint: str = DEFAULT_ENDPOINT, rig: str = "*", config_file: str |
 
 
 def load(folder: str | PathLike[str]) -> Recording:
-    """The recording in `folder` as numpy arrays; RecordingError lists everything that is wrong with its files."""
+    """Return the recording in `folder` as numpy arrays; RecordingError lists all problems of its files."""
     from .recording.loading import load as load_recording
 
     return load_recording(folder)

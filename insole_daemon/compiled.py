@@ -1,8 +1,8 @@
-"""The compiled kernel, where this installation has one.
+"""The compiled kernel, if this installation has one.
 
-`kernel.c` does what a cycle costs most in, to the bit as the numpy code beside each call of it. It is built with the
-package where there is a C compiler with Python's headers; elsewhere `kernel` is None and numpy does all of it.
-`INSOLE_KERNEL=0` in the environment has it left out, to compare the two.
+`kernel.c` has the most expensive loops of a cycle; its results equal those of the numpy code next to each call, to the
+bit. It is built with the package if there is a C compiler with Python's headers; otherwise `kernel` is None and numpy
+computes everything. `INSOLE_KERNEL=0` in the environment disables it, to compare the two.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import os
 import sys
 from typing import Any
 
-_INTERFACE = 3  # as in kernel.c: a kernel built from another version of it is left out
+_INTERFACE = 3  # as in kernel.c: a kernel with another number is not used
 
 kernel: Any = None
 if os.environ.get("INSOLE_KERNEL") != "0" and sys.byteorder == "little":

@@ -1,7 +1,7 @@
-"""config.yaml into frozen structs: which boards on which buses make up the insoles, and what is published.
+"""The configuration `insole-config/1` as frozen structs: buses, boards, insoles, and publication.
 
-`insole-config/1`. The structs' defaults are the built-in configuration; the repository's config.yaml says the
-same, with every key explained.
+The structs' defaults are the built-in configuration. The repository's config.yaml has the same values and explains
+every key.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ Foot = Literal["left", "right"]
 Address = Annotated[int, within(1, 14)]  # 0 is the host, 15 is everyone
 Endpoint = Annotated[str, matching(r"[a-z][a-z0-9_-]*/\S+", " such as tcp/127.0.0.1:7447")]
 
-DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"  # loopback: nobody else reads along unless the config says so
+DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"  # loopback: other hosts cannot connect unless the configuration permits it
 DEFAULT_PORT = 7447
 DEFAULT_SHIFT = 3  # of the only public launch file of this insole (SkinInsolesWearableDevice.xml)
-DEFAULT_NO_LOAD = 240  # 0xF0: the host's default, and what the public insole recordings rest at
-BUILT_IN_BOARDS = 3  # front, middle, rear: what the built-in layout is made for
+DEFAULT_NO_LOAD = 240  # 0xF0: the host's default, and the unloaded count of the public insole recordings
+BUILT_IN_BOARDS = 3  # front, middle, rear: the boards of the built-in layout
 
 
 @dataclass(frozen=True, slots=True)
 class Bus:
-    """A CAN interface: `channel` is its name everywhere else, `driver` is python-can's or `socketcan`."""
+    """A CAN interface: `channel` is its name in messages and for boards, `driver` is python-can's or `socketcan`."""
 
     EXPECTED: ClassVar[str] = "a text driver:channel, such as socketcan:can0"
 
@@ -36,12 +36,12 @@ class Bus:
     channel: str
 
     def __str__(self) -> str:
-        """As it stands in the file."""
+        """The bus as written in the file."""
         return f"{self.driver}:{self.channel}"
 
     @classmethod
     def parse(cls, text: str) -> Bus | None:
-        """The bus that `text` names, None if it does not name one."""
+        """Return the bus that `text` names, or None if it does not name one."""
         driver, _, channel = text.partition(":")
         if not driver.isidentifier() or not channel or any(letter.isspace() for letter in channel):
             return None
@@ -50,7 +50,7 @@ class Bus:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Board(Section):
-    """One board (MTB): where it is, and the settings it streams with."""
+    """One board (MTB): its address, its interface and its settings."""
 
     address: Address
     interface: str  # channel of one of the buses
@@ -62,24 +62,24 @@ class Board(Section):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Insole(Section):
-    """One insole; without `layout` its boards are the front, the middle and the rear one, in this order."""
+    """One insole; without `layout` its boards are the front, middle and rear one, in this order."""
 
     foot: Foot
     layout: Path | None = None  # None: the built-in approximation
     calibration: Path | None = None  # None: the built-in default
-    zero: Path | None = None  # None: the one that `insole zero` stored last, if there is one
+    zero: Path | None = None  # None: the one that `insole zero` stored last, if any
     model: Literal["static", "dynamic"] = "dynamic"  # of a calibration with effects
     boards: Annotated[tuple[Board, ...], at_least(1)]
 
     @property
     def addresses(self) -> tuple[int, ...]:
-        """Of the boards, in the order of the file."""
+        """Addresses of the boards, in the order of the file."""
         return tuple(board.address for board in self.boards)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Publish(Section):
-    """When a cycle is published, and when what is in it counts as stale."""
+    """Timing of the cycles, and the age from which readings are stale."""
 
     slack_ms: Annotated[float, within(0, 1000)] = 5.0
     rate_hz: Annotated[float, within(0.1, 1000)] = 50.0
@@ -88,9 +88,9 @@ class Publish(Section):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Contact(Section):
-    """What counts as being touched."""
+    """Thresholds of contact."""
 
-    # The paper left activations below 30 counts out; that drops real pressure, so it is off unless asked for.
+    # The paper left out activations below 30 counts. That drops real pressure, so the default is 0.
     activation_threshold_count: Annotated[float, within(0, 255)] = 0.0
     min_force_n: Annotated[float, within(0, 10_000)] = 20.0  # below it, the CoP is null
     min_pressure_pa: Annotated[float, within(0, 10_000_000)] = 20_000.0  # from it on, a taxel is contact area
@@ -98,14 +98,14 @@ class Contact(Section):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Boards(Section):
-    """What the daemon may do to the boards."""
+    """Permissions of the daemon on the boards."""
 
     configure: bool = False  # False: not one frame is sent to any bus
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Zenoh(Section):
-    """How the daemon is reached."""
+    """The daemon's Zenoh session."""
 
     mode: Literal["peer", "client", "router"] = "peer"
     listen: tuple[Endpoint, ...] = (DEFAULT_ENDPOINT,)
@@ -114,7 +114,7 @@ class Zenoh(Section):
 
 
 def _built_in_insoles() -> tuple[Insole, ...]:
-    # The six addresses are public, which of them are left is not: this split is an assumption.
+    # The six addresses are public, but not which of them are left: this split is an assumption.
     feet: tuple[tuple[Foot, tuple[int, ...]], ...] = (("left", (5, 6, 7)), ("right", (8, 9, 10)))
     return tuple(
         Insole(foot=foot, boards=tuple(Board(address=a, interface="can0") for a in addresses))
@@ -124,7 +124,7 @@ def _built_in_insoles() -> tuple[Insole, ...]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Config(Section):
-    """All that the daemon is told."""
+    """The complete configuration of the daemon."""
 
     rig: Annotated[str, matching(r"[A-Za-z0-9_-]+", " of letters, digits, - and _")] = "insole1"
     buses: Annotated[tuple[Bus, ...], at_least(1)] = (Bus("socketcan", "can0"),)
@@ -136,20 +136,20 @@ class Config(Section):
 
 
 def load(path: str | PathLike[str] | None = None) -> Config:
-    """The configuration `path` says, or the built-in one; DocumentError lists all that is wrong with it.
+    """Return the configuration in file `path`, or the built-in one; DocumentError lists all its problems.
 
-    Relative paths in it are relative to the folder it is in.
+    Relative paths in it are relative to its folder.
     """
     return Config() if path is None else read(path, Config, FORMAT, _check)
 
 
 def check_insoles(reading: Reading) -> None:
-    """Report a foot or a board's address that stands twice; for every file that has `insoles`."""
+    """Report a foot or a board's address that is listed twice; for every file with `insoles`."""
     feet: dict[str, Key] = {}
     for key, insole in reading.of(Insole):
         if insole.foot in feet:
             first = spell(feet[insole.foot])
-            reading.problem((*key, "foot"), f"the {insole.foot} foot stands twice, first in {first}")
+            reading.problem((*key, "foot"), f"the {insole.foot} foot is listed twice, first in {first}")
         feet.setdefault(insole.foot, key)
     boards: dict[int, Key] = {}
     for key, board in reading.of(Board):
@@ -168,7 +168,7 @@ def _check(reading: Reading) -> None:
     for key, zenoh in reading.of(Zenoh):
         if zenoh.mode == "client" and not zenoh.connect:
             reading.problem(
-                (*key, "connect"), "a client is reached through the router it connects to: expected its endpoint"
+                (*key, "connect"), "a daemon in mode client needs the endpoint of its router here: expected one"
             )
     for key, insole in reading.of(Insole):
         n = len(reading.document["insoles"][key[1]]["boards"])  # wrong ones count too
@@ -180,17 +180,17 @@ def _check(reading: Reading) -> None:
             )
     buses = reading.of(Bus)
     for i, (key, bus) in enumerate(buses):
-        first = next(spell(other) for other, earlier in buses[: i + 1] if earlier.channel == bus.channel)
+        first = next(spell(same) for same, earlier in buses[: i + 1] if earlier.channel == bus.channel)
         if first != spell(key):
             reading.problem(key, f"two buses with the channel {bus.channel}, the other is {first}")
     written = reading.document.get("buses", [])
     if not isinstance(written, list) or len(written) > len(buses):
-        return  # the bus that is wrong may be the one a board means
+        return  # an invalid bus may be the one that a board names
     channels = [bus.channel for _, bus in buses] or [bus.channel for bus in Config().buses]
     interfaces = [((*key, "interface"), board.interface) for key, board in reading.of(Board)]
     if "insoles" not in reading.document:
         interfaces = [(("insoles",), _built_in_insoles()[0].boards[0].interface)]
     for key, interface in interfaces:
         if interface not in channels:
-            known = ", ".join(channels)
-            reading.problem(key, f'the interface "{interface}" is no channel of the buses, which are: {known}')
+            channels_text = ", ".join(channels)
+            reading.problem(key, f'the interface "{interface}" is not a channel of the buses: {channels_text}')

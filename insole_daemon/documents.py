@@ -1,8 +1,8 @@
-"""Files that people wrote, into frozen structs; everything that is wrong with a file is said at once.
+"""Reading of YAML and JSON files into frozen structs; one error lists all problems of a file.
 
-A struct is the grammar of its part of a file: the fields of a `Section` are the keys of a map, their types
-say what may stand there, `Annotated` limits how much of it. YAML and JSON (by the name's ending) read the
-same: a plain word of YAML means what it means in JSON, so `no` and `on` are text and `1e3` is a number.
+A struct is the grammar of its part of a file: the fields of a `Section` are the keys of a map, their types are the
+permitted values, and `Annotated` adds limits. YAML and JSON (by the name's ending) read the same: a plain word of YAML
+has its meaning in JSON, so `no` and `on` are text and `1e3` is a number.
 """
 
 from __future__ import annotations
@@ -29,14 +29,16 @@ Key = tuple[str | int, ...]  # ("insoles", 0, "foot") is spelled insoles[0].foot
 T = TypeVar("T")
 S = TypeVar("S", bound="Section")
 
-MAX_DEPTH = 50  # of maps and lists within each other; our formats need 7
-YAML_BYTES = 1 << 18  # of what people write: a layout is 3 kB; the most costly takes a quarter of a second to read
-JSON_BYTES = 1 << 20  # of what programs write: an effect of its own for each of 480 taxels is 0.4 MB
-MOST_PROBLEMS = 100  # that are told of one file
-_LONGEST_KEY = 80  # as far as it is spelled
-_LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # libyaml if it is there: ten times faster
-_BAD: Any = object()  # stands where a value was refused
-# What names of keys end with, in our formats or in other people's habits.
+MAX_DEPTH = 50  # of nested maps and lists; our formats need 7
+YAML_BYTES = (
+    1 << 18
+)  # for files of people: a layout is 3 kB; the most expensive file takes a quarter of a second to read
+JSON_BYTES = 1 << 20  # for files of programs: an effect for each of 480 taxels is 0.4 MB
+MOST_PROBLEMS = 100  # reported for one file
+_LONGEST_KEY = 80  # characters of a key in a message
+_LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # libyaml if present: ten times faster
+_BAD: Any = object()  # replaces a refused value
+# Units at the end of keys, in our formats or in common use.
 _UNITS = set(re.findall(r"\w+", "pa kpa bar n kn nm nmm m mm cm in m2 mm2 cm2 s ms us ns hz khz deg rad count pa2"))
 _INT = re.compile(r"[-+]?[0-9]{1,300}|0x[0-9a-fA-F]{1,250}")
 _FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)(e[-+]?[0-9]+)?|[-+]?\.?(inf|nan|infinity)", re.IGNORECASE)
@@ -44,51 +46,51 @@ _FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)(e[-+]?[0-9]+)?|[-+]?\.?(
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """What a type does not say: stands in `Annotated` beside it."""
+    """A limit of a value in addition to its type, for `Annotated`."""
 
     words: str  # follows the name of the type: "a whole number" + " from 1 to 14"
     allows: Callable[[Any], bool]
 
 
 def within(low: float, high: float) -> Limit:
-    """A number's limits, both allowed."""
+    """Limit a number to `low` to `high`, both allowed."""
     return Limit(f" from {low:g} to {high:g}", lambda value: low <= value <= high)
 
 
 def at_least(n: int) -> Limit:
-    """A list of n entries or more."""
+    """Require a list of n entries or more."""
     return Limit(f" of at least {n}", lambda value: len(value) >= n)
 
 
 def entries(low: int, high: int) -> Limit:
-    """A list's number of entries, both allowed."""
+    """Limit a list's number of entries to `low` to `high`, both allowed."""
     return Limit(f" of {low} to {high}", lambda value: low <= len(value) <= high)
 
 
 def matching(regex: str, words: str) -> Limit:
-    """A text that matches `regex` as a whole; `words` say the same to a person."""
+    """Require a text that matches `regex` as a whole; `words` describe this to a person."""
     return Limit(words, lambda value: re.fullmatch(regex, value) is not None)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Section:
-    """Base of every struct that mirrors a map of a file; what stands under `extensions` is kept, unread."""
+    """Base of every struct that mirrors a map of a file; `extensions` are kept without being read."""
 
     extensions: Mapping[str, Any] = field(default_factory=dict, hash=False, repr=False)
 
 
 def read(path: str | PathLike[str], kind: type[S], tag: str, check: Callable[[Reading], None] | None = None) -> S:
-    """The file `path`, which must say `format: <tag>`, as a `kind`; DocumentError lists all that is wrong.
+    """Return the file `path`, which must have `format: <tag>`, as a `kind`; DocumentError lists all problems.
 
-    `check` looks across sections: it is shown those that are right in themselves (`Reading.of`), even while
-    others are not, and reports with `Reading.problem`.
+    `check` compares sections: `Reading.of` gives it those that are valid by themselves, even if others are not, and it
+    reports with `Reading.problem`.
     """
     reading = Reading(Path(path))
     document = reading.document
     if not isinstance(document, dict):
-        reading.refuse((), f"expected a map of keys that starts with format: {tag}, found {_found(document)}")
+        reading.refuse((), f"expected a map of keys that starts with format: {tag}, found {_describe_value(document)}")
     if document.get("format", tag) != tag:  # then nothing else can be judged
-        reading.refuse(("format",), _foreign(tag, document["format"]))
+        reading.refuse(("format",), _describe_foreign_format(tag, document["format"]))
     if "format" not in document:
         reading.problem(("format",), f"missing key: expected format: {tag}")
     body = {name: value for name, value in document.items() if name != "format"}
@@ -100,20 +102,20 @@ def read(path: str | PathLike[str], kind: type[S], tag: str, check: Callable[[Re
 
 
 def wrong(struct: Section, key: Key = ()) -> Iterator[tuple[Key, str]]:
-    """Where a struct that was made by hand is outside what a file could have said, and what was expected there."""
+    """Yield the keys of a struct made in code whose values a file could not have, with what was expected there."""
     kind: Any = type(struct)
     for name, of_field in _grammar(kind)[0].items():
         yield from _wrong(of_field, getattr(struct, name), (*key, name))
 
 
 def spell(key: Key) -> str:
-    """`key` as a person writes it: insoles[0].boards[2].address; nothing for the whole file."""
+    """Return `key` as a person writes it: insoles[0].boards[2].address; an empty text for the whole file."""
     text = "".join(f"[{part}]" if isinstance(part, int) else f".{part:.{_LONGEST_KEY}}" for part in key)
     return text.removeprefix(".")
 
 
 class Reading:
-    """One file while it is read: its plain values, the sections found in it, and what is wrong."""
+    """One file while it is read: its plain values, its valid sections, and its problems."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -126,36 +128,36 @@ class Reading:
         self.document: Any = self._parse_json(text) if json_by_name else self._parse_yaml(text)
 
     def problem(self, key: Key, message: str, line: int | None = None) -> None:
-        """Note that something is wrong at `key`; reading goes on, but not for ever."""
+        """Report a problem at `key`; reading continues up to MOST_PROBLEMS."""
         self._problems.append((key, message, line))
         if len(self._problems) == MOST_PROBLEMS:
             self.finish()
 
     def refuse(self, key: Key, message: str, line: int | None = None) -> NoReturn:
-        """Note that something is wrong at `key` that leaves no sense in reading on."""
+        """Report a problem at `key` that makes further reading useless, and raise."""
         self.problem(key, message, line)
         self.finish()
         raise AssertionError
 
     def of(self, kind: type[T]) -> list[tuple[Key, T]]:
-        """Every `kind` of the file that is right in itself, and where it stands."""
+        """Return every valid `kind` of the file with its key."""
         return [(key, struct) for key, struct in self._found if isinstance(struct, kind)]
 
     def finish(self) -> None:
-        """Raise DocumentError if anything is wrong."""
+        """Raise DocumentError if there is any problem."""
         if self._problems:
             self._number_lines()
-            found = [Problem(line or self._line(key), spell(key), text) for key, text, line in self._problems]
-            found.sort(key=lambda problem: problem.line or 0)
-            if len(found) >= MOST_PROBLEMS:
-                more = f"more may be wrong: only {MOST_PROBLEMS} problems are told, put these right first"
-                found = [*found[:MOST_PROBLEMS], Problem(None, "", more)]
-            raise DocumentError(str(self.path), found)
+            problems = [Problem(line or self._line(key), spell(key), text) for key, text, line in self._problems]
+            problems.sort(key=lambda problem: problem.line or 0)
+            if len(problems) >= MOST_PROBLEMS:
+                more = f"there may be more problems: only {MOST_PROBLEMS} are listed, fix these first"
+                problems = [*problems[:MOST_PROBLEMS], Problem(None, "", more)]
+            raise DocumentError(str(self.path), problems)
 
     def section(self, kind: Any, raw: Any, key: Key, also: tuple[str, ...] = ()) -> Any:
-        """A `kind` out of the map `raw`; `also` are keys that are read elsewhere."""
+        """Return a `kind` from the map `raw`; `also` are keys that are read elsewhere."""
         if not isinstance(raw, dict):
-            self.problem(key, f"expected {_words(_type(kind))}, found {_found(raw)}")
+            self.problem(key, f"expected {_expectation(_parse_type(kind))}, found {_describe_value(raw)}")
             return _BAD
         grammar, required = _grammar(kind)
         values: dict[str, Any] = {}
@@ -169,7 +171,7 @@ class Reading:
                 self.problem((*key, name), f"unknown key{hint}")
         for name in grammar:
             if name in required - values.keys() - meant:
-                self.problem((*key, name), f"missing key: expected {_words(grammar[name])}")
+                self.problem((*key, name), f"missing key: expected {_expectation(grammar[name])}")
         values = {name: value for name, value in values.items() if value is not _BAD}
         if not required <= values.keys():
             return _BAD
@@ -195,7 +197,7 @@ class Reading:
         elif kind.entry is not None and isinstance(raw, list) and kind.allows(raw):
             read = [self._value(kind.entry, item, (*key, i)) for i, item in enumerate(raw)]
             right = tuple(entry for entry in read if entry is not _BAD)
-            # a list of numbers is right or wrong; of sections, checks are shown those that are right
+            # a list of numbers is valid or not as a whole; of a list of sections, checks get the valid ones
             return right if kind.entry.section or len(right) == len(raw) else _BAD
         elif base is Mapping and isinstance(raw, dict):
             value = raw
@@ -207,7 +209,7 @@ class Reading:
         elif type(raw) is base and (base is not float or math.isfinite(raw)) and kind.allows(raw):
             value = raw
         if value is _BAD:
-            self.problem(key, f"expected {_words(kind)}, found {_found(raw)}")
+            self.problem(key, f"expected {_expectation(kind)}, found {_describe_value(raw)}")
         return value
 
     def _decode(self, most_bytes: int) -> str:
@@ -224,32 +226,32 @@ class Reading:
         return text
 
     def _parse_json(self, text: str) -> Any:
-        twice: list[str] = []
+        duplicates: list[str] = []
 
         def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-            found = dict(pairs)
-            if len(found) < len(pairs):
-                twice.extend(name for name, n in Counter(name for name, _ in pairs).items() if n > 1)
-            return found
+            result = dict(pairs)
+            if len(result) < len(pairs):
+                duplicates.extend(name for name, n in Counter(name for name, _ in pairs).items() if n > 1)
+            return result
 
         try:
             document = json.loads(text, object_pairs_hook=unique)
         except json.JSONDecodeError as error:
             self.refuse((), f"not JSON: {error.msg} (column {error.colno})", error.lineno)
-        except (ValueError, RecursionError) as error:  # a number, or a nesting, beyond all measure
+        except (ValueError, RecursionError) as error:  # a number or a nesting beyond the limits
             self.refuse((), f"not JSON that can be read: {error}")
         self._json = text
-        if twice:
+        if duplicates:
             self._number_lines()  # which finds where
             if not self._problems:
-                self.problem((), f"keys that stand twice in one map: {quoted(twice)}")
+                self.problem((), f"keys that occur twice in one map: {quoted(duplicates)}")
         return document
 
     def _number_lines(self) -> None:
-        """Find the lines of the keys of a JSON file, which its own parser does not tell."""
+        """Find the lines of the keys of a JSON file, which the JSON parser does not give."""
         if self._json and not self._lines and len(self._json) <= YAML_BYTES:
             self._lines[()] = 1
-            # JSON is YAML, except for tabs between tokens and pairs of surrogates, which cost the lines
+            # JSON is YAML, except for tabs between tokens and pairs of surrogates; with these, lines stay unknown
             try:
                 self._node(_events(self._json.replace("\t", " ")), ())
             except (yaml.YAMLError, RecursionError):
@@ -261,7 +263,7 @@ class Reading:
             document = self._node(events, ())
             for event in events:
                 if isinstance(event, yaml.DocumentStartEvent):
-                    self.refuse((), "expected one document, found a second after ---", _line(event))
+                    self.refuse((), "expected one document, found a second after ---", _line_of_event(event))
             return document
         except RecursionError:
             self.refuse((), f"maps and lists are nested more than {MAX_DEPTH} deep")
@@ -269,22 +271,23 @@ class Reading:
             mark = error.problem_mark or error.context_mark
             start = text.splitlines()[mark.line : mark.line + 1] if mark else []
             tab = any(re.match(r" *\t", line) for line in start)
-            what = ", ".join(filter(None, (error.context, error.problem)))
-            message = "a tab: YAML is indented with spaces" if tab else f"not YAML: {what}"
+            reason = ", ".join(filter(None, (error.context, error.problem)))
+            message = "a tab: YAML is indented with spaces" if tab else f"not YAML: {reason}"
             self.refuse((), message, mark.line + 1 if mark else None)
         except yaml.YAMLError as error:
             self.refuse((), f"not YAML: {' '.join(str(error).split())}")
 
     def _node(self, events: Iterator[Any], key: Key) -> Any:
-        """The plain value that begins with the next event; notes the line of every key in it."""
+        """Return the plain value that begins with the next event, and store the line of every key in it."""
         event = next(events, None)
         if event is None or isinstance(event, yaml.SequenceEndEvent):
             return _BAD
-        self._lines.setdefault(key, _line(event))
+        self._lines.setdefault(key, _line_of_event(event))
         if isinstance(event, yaml.AliasEvent) or event.anchor or (event.tag and event.tag != "!"):
-            self.problem(key, "anchors (&), aliases (*) and tags (!) are not read: write plain values", _line(event))
+            message = "anchors (&), aliases (*) and tags (!) are not read: write plain values"
+            self.problem(key, message, _line_of_event(event))
         if isinstance(event, yaml.ScalarEvent):
-            return event.value if event.style else _plain(event.value)
+            return event.value if event.style else _parse_scalar(event.value)
         if isinstance(event, yaml.AliasEvent):
             return None
         if len(key) > MAX_DEPTH:
@@ -294,17 +297,17 @@ class Reading:
             while (item := self._node(events, (*key, len(items)))) is not _BAD:
                 items.append(item)
             return items
-        found: dict[str, Any] = {}
+        result: dict[str, Any] = {}
         while not isinstance(event := next(events), yaml.MappingEndEvent):
             if not isinstance(event, yaml.ScalarEvent):
-                self.refuse(key, "expected a word as key, found a list, a map or an alias", _line(event))
+                self.refuse(key, "expected a word as key, found a list, a map or an alias", _line_of_event(event))
             at = (*key, event.value)
-            if event.value in found:
+            if event.value in result:
                 first = self._lines[at]
-                self.problem(at, f"this key stands twice, first on line {first}: keep one", _line(event))
-            self._lines.setdefault(at, _line(event))
-            found[event.value] = self._node(events, at)
-        return found
+                self.problem(at, f"this key occurs twice, first on line {first}: keep one", _line_of_event(event))
+            self._lines.setdefault(at, _line_of_event(event))
+            result[event.value] = self._node(events, at)
+        return result
 
     def _line(self, key: Key) -> int | None:
         while key and key not in self._lines:
@@ -326,7 +329,7 @@ class _Type:
 
 
 @cache
-def _type(hint: Any) -> _Type:
+def _parse_type(hint: Any) -> _Type:
     optional = get_origin(hint) in (Union, UnionType)
     if optional:  # the one union there is: something | None
         (hint,) = (arg for arg in get_args(hint) if arg is not type(None))
@@ -334,29 +337,29 @@ def _type(hint: Any) -> _Type:
     base = get_origin(hint) or hint
     section = isinstance(base, type) and issubclass(base, Section)
     choices = get_args(hint) if base is Literal else ()
-    entry = _type(get_args(hint)[0]) if base is tuple else None
+    entry = _parse_type(get_args(hint)[0]) if base is tuple else None
     return _Type(base, choices, entry, tuple(limits), optional, section)
 
 
 @cache
 def _grammar(kind: Any) -> tuple[dict[str, _Type], set[str]]:
-    """Key → type, and the keys that must be there."""
+    """Return key → type, and the required keys."""
     hints = get_type_hints(kind, include_extras=True)
     required = {f.name for f in fields(kind) if f.default is MISSING and f.default_factory is MISSING}
-    return {f.name: _type(hints[f.name]) for f in fields(kind)}, required
+    return {f.name: _parse_type(hints[f.name]) for f in fields(kind)}, required
 
 
 def _wrong(kind: _Type, value: Any, key: Key) -> Iterator[tuple[Key, str]]:
     if isinstance(value, Section):
         yield from wrong(value, key)
     elif value is not None and (not kind.allows(value) or (kind.base is Literal and value not in kind.choices)):
-        yield key, f"expected {_words(kind)}, found {_found(value)}"
+        yield key, f"expected {_expectation(kind)}, found {_describe_value(value)}"
     elif kind.entry is not None and isinstance(value, tuple):
         for i, entry in enumerate(value):
             yield from _wrong(kind.entry, entry, (*key, i))
 
 
-def _words(kind: _Type) -> str:
+def _expectation(kind: _Type) -> str:
     names = {
         int: "a whole number", float: "a finite number", str: "text", bool: "true or false",
         tuple: "a list", Path: "the path of a file", Mapping: "a map",
@@ -366,7 +369,7 @@ def _words(kind: _Type) -> str:
     return name + "".join(limit.words for limit in kind.limits)
 
 
-def _found(value: Any) -> str:
+def _describe_value(value: Any) -> str:
     if isinstance(value, str):
         return f'the text "{value}"' if len(value) < 60 else f'the text "{value[:50]}…"'
     if isinstance(value, list | dict):
@@ -375,18 +378,18 @@ def _found(value: Any) -> str:
 
 
 def _events(text: str) -> Iterator[Any]:
-    """What `text` consists of as YAML, from its first value on; nothing if it only has comments."""
+    """Yield the YAML events of `text` from its first value on; none if it has only comments."""
     skip = (yaml.StreamStartEvent, yaml.StreamEndEvent, yaml.DocumentEndEvent)
     events = (event for event in yaml.parse(text, Loader=_LOADER) if not isinstance(event, skip))
     next(events, None)  # the document's start
     return events
 
 
-def _line(event: Any) -> int:
+def _line_of_event(event: Any) -> int:
     return int(event.start_mark.line) + 1
 
 
-def _plain(word: str) -> Any:
+def _parse_scalar(word: str) -> Any:
     if _INT.fullmatch(word):
         return int(word, 16 if word.startswith("0x") else 10)
     if _FLOAT.fullmatch(word):
@@ -399,21 +402,22 @@ def _stem(key: str) -> tuple[str, str]:
     return (stem, unit) if stem and unit in _UNITS else (key, "")
 
 
-def _nearest(key: str, known: Iterable[str]) -> tuple[str, str]:
-    """The known key that `key` is likely to mean ("" if none is), and how to say so."""
-    for name in known:
+def _nearest(key: str, known_keys: Iterable[str]) -> tuple[str, str]:
+    """Return the known key that `key` probably means ("" if none) and a hint for the message."""
+    for name in known_keys:
         stem, unit = _stem(name)
         if unit and stem == _stem(key)[0]:
             return name, f': did you mean "{name}"? The unit is part of the name: give it in {unit}'
-    from difflib import get_close_matches  # only ever needed to say what is wrong
+    from difflib import get_close_matches  # needed for messages only
 
-    close = get_close_matches(key, list(known), n=1)
-    return (close[0], f': did you mean "{close[0]}"?') if close else ("", f": known here are {', '.join(known)}")
+    close = get_close_matches(key, list(known_keys), n=1)
+    return (close[0], f': did you mean "{close[0]}"?') if close else ("", f": known here are {', '.join(known_keys)}")
 
 
-def _foreign(tag: str, found: Any) -> str:
+def _describe_foreign_format(tag: str, format_found: Any) -> str:
     name, _, version = tag.partition("/")
-    text = f"expected {tag}, found {found[:_LONGEST_KEY] if isinstance(found, str) else _found(found)}"
-    if isinstance(found, str) and found.startswith(f"{name}/"):
+    shown = format_found[:_LONGEST_KEY] if isinstance(format_found, str) else _describe_value(format_found)
+    text = f"expected {tag}, found {shown}"
+    if isinstance(format_found, str) and format_found.startswith(f"{name}/"):
         return f"{text}: this program reads version {version} of {name} and no other"
     return f"{text}: this is another kind of file"

@@ -1,18 +1,18 @@
-"""The one tree of errors.
+"""The exception hierarchy.
 
-    InsoleError                something a person can act on
+    InsoleError                an error that a person can act on
     ├── DocumentError          a file that a person or a program wrote: config, layout, calibration
-    ├── DocumentsError         several of them, everything at once
+    ├── DocumentsError         several such files
     │   └── RecordingError     those of a recording
-    ├── FileError              a file that is not what it should be, or cannot be written
+    ├── FileError              a file that is not as expected, or cannot be written
     ├── LogError               a candump log that cannot be read
     ├── BusError               a CAN interface that cannot be opened or read
-    ├── EffectError            an effect that cannot do what it is asked to, or is not what its law allows
-    ├── CalibrationError       data that cannot determine what is asked of them
-    ├── SimulationError        something is asked of the simulator that it does not have, or its boards cannot carry
-    ├── DiagnosisError         recordings that cannot be diagnosed together, or do not hold what a diagnosis needs
-    │   └── UndecidableError   in order, but too little
-    └── WireError              Zenoh: an endpoint that is taken, a daemon that is not there, a bad message
+    ├── EffectError            an effect without an inverse, or with parameters that its law does not allow
+    ├── CalibrationError       data that do not determine a calibration
+    ├── SimulationError        a request that the simulator or its boards cannot fulfil
+    ├── DiagnosisError         recordings that cannot be diagnosed together, or lack data that a diagnosis needs
+    │   └── UndecidableError   valid recordings with too little data
+    └── WireError              Zenoh: an endpoint that is in use, a missing daemon, an invalid message
 
 Every message says what was expected, what was found, where, and what to do.
 """
@@ -25,16 +25,16 @@ from typing import Literal
 
 
 class InsoleError(Exception):
-    """Root of the tree; `exit_status` is what a command ends with when it stops on this error."""
+    """Root of the hierarchy; `exit_status` is the exit status of a command that ends with this error."""
 
     exit_status = 3
 
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """One thing that is wrong in a document: where it stands, and what was expected and found there."""
+    """One problem of a document: its place, and what was expected and found there."""
 
-    line: int | None  # 1-based; None where the document has no lines to speak of
+    line: int | None  # 1-based; None if the document has no lines
     key: str  # path of the key, as "insoles[0].boards[2].address"; empty: the whole file or folder
     message: str  # what was expected, what was found, what to do
 
@@ -44,7 +44,7 @@ class Problem:
 
 
 class DocumentError(InsoleError):
-    """A file is refused; `problems` lists everything that is wrong with it, all at once."""
+    """A file is refused; `problems` lists all its problems."""
 
     exit_status = 4
 
@@ -65,7 +65,7 @@ class DocumentsError(InsoleError):
 
 
 class FileError(InsoleError):
-    """A file or a folder is not what it should be, or cannot be written."""
+    """A file or a folder is not as expected, or cannot be written."""
 
     exit_status = 4
 
@@ -81,17 +81,17 @@ class LogError(InsoleError):
 
 
 class EffectError(InsoleError):
-    """An effect has no inverse, is not what its law allows, or lacks something that it needs."""
+    """An effect has no inverse, has parameters that its law does not allow, or lacks data that it needs."""
 
 
 class CalibrationError(InsoleError):
-    """The data cannot determine what is asked of them: the message names what is missing, or does not fit."""
+    """The data do not determine the calibration: the message names what is missing or inconsistent."""
 
     exit_status = 4
 
 
 class SimulationError(InsoleError):
-    """The simulator is asked for something it does not have, or its boards cannot carry."""
+    """The simulator or its boards cannot fulfil a request."""
 
     exit_status = 2
 
@@ -103,7 +103,7 @@ class DiagnosisError(InsoleError):
 
 
 class UndecidableError(DiagnosisError):
-    """Recordings that are in order, but hold too little to tell anything from."""
+    """The recordings are valid, but contain too little data for a diagnosis."""
 
     exit_status = 3
 
@@ -111,7 +111,7 @@ class UndecidableError(DiagnosisError):
 class BusError(InsoleError):
     """A CAN interface cannot be opened, read or written.
 
-    `state` is the state it is in then; `permanent` says that trying again cannot help while this process runs.
+    `state` is the state of the interface; with `permanent`, another attempt cannot succeed while this process runs.
     """
 
     def __init__(self, message: str, state: Literal["down", "missing"] = "down", permanent: bool = False) -> None:
@@ -121,4 +121,4 @@ class BusError(InsoleError):
 
 
 class WireError(InsoleError):
-    """Zenoh cannot do what was asked, or a message is not what its schema says."""
+    """Zenoh cannot fulfil a request, or a message does not follow its schema."""

@@ -11,12 +11,12 @@ import sys
 from pathlib import Path
 
 DISTRIBUTION = "insole-daemon"
-_DEBIAN = Path("/usr/lib/insole-daemon")  # where packaging/deb puts it
+_DEBIAN = Path("/usr/lib/insole-daemon")  # the folder of packaging/deb
 _FOR_USERS = ("lab", "study", "view", "lsl")  # the other extras are for developers
 
 
 def extra_of(module: str) -> str | None:
-    """Return the extra that installs `module`, or None where no extra does."""
+    """Return the extra that installs `module`, or None if no extra does."""
     package = module.partition(".")[0]
     try:
         requirements = importlib.metadata.requires(DISTRIBUTION) or []
@@ -34,23 +34,23 @@ def extra_of(module: str) -> str | None:
 
 
 def install_command(extra: str) -> str:
-    """Return the shell command that installs `extra` into the environment that runs."""
-    checkout = _bootstrapped_from(Path(sys.prefix))
+    """Return the shell command that installs `extra` into the running environment."""
+    checkout = _checkout_of(Path(sys.prefix))
     if checkout is not None:
         return f"python3 {shlex.quote(str(checkout / 'bootstrap.py'))} install {extra}"
-    wanted = f"'{DISTRIBUTION}[{extra}]'"
+    requirement = f"'{DISTRIBUTION}[{extra}]'"
     if Path(__file__).is_relative_to(_DEBIAN):  # which pip may not change
-        return f"sudo apt install pipx && pipx install {wanted}"
+        return f"sudo apt install pipx && pipx install {requirement}"
     if "pipx" in Path(sys.prefix).parts:
-        return f"pipx install --force {wanted}"
+        return f"pipx install --force {requirement}"
     python = shlex.quote(sys.executable)
     if importlib.util.find_spec("pip") is None:
-        return f"uv pip install --python {python} {wanted}"
-    return f"{python} -m pip install {wanted}"
+        return f"uv pip install --python {python} {requirement}"
+    return f"{python} -m pip install {requirement}"
 
 
-def _bootstrapped_from(prefix: Path) -> Path | None:
-    """The checkout whose bootstrap.py made the environment `prefix`; None where another program made it."""
+def _checkout_of(prefix: Path) -> Path | None:
+    """Return the checkout whose bootstrap.py made the environment `prefix`, or None if another program made it."""
     try:
         state = json.loads((prefix / "bootstrap.json").read_text())
         return Path(state["checkout"])

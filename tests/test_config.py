@@ -146,7 +146,7 @@ def test_wrong_values(write: Write, text: str, key: str, message: str) -> None:
         ("{address: 1, interface: can0, no_load: 0}", "no_load", "from 1 to 255, found 0"),
         ("{address: 1, interface: can0, skin_type: 4}", "skin_type", "one of 0, 1, 2, 3, 7, 8, found 4"),
         ("{address: 1}", "interface", "missing key: expected text"),
-        ("{address: 1, interface: can1}", "interface", 'the interface "can1" is no channel of the buses'),
+        ("{address: 1, interface: can1}", "interface", 'the interface "can1" is not a channel of the buses'),
     ],
 )
 def test_wrong_boards(write: Write, board: str, key: str, message: str) -> None:
@@ -168,7 +168,7 @@ def test_a_foot_twice(write: Write) -> None:
     text = f"insoles:\n- foot: left\n  {BOARDS}\n"
     text += "- layout: l.yaml\n  boards: [{address: 9, interface: can0}]\n  foot: left\n"
     ((line, key, message),) = problems(write(text))
-    assert (line, key, message) == (7, "insoles[1].foot", "the left foot stands twice, first in insoles[0]")
+    assert (line, key, message) == (7, "insoles[1].foot", "the left foot is listed twice, first in insoles[0]")
 
 
 def test_the_built_in_layout_needs_three_boards(write: Write) -> None:
@@ -182,7 +182,7 @@ def test_the_built_in_layout_needs_three_boards(write: Write) -> None:
 def test_other_buses_need_other_boards(write: Write) -> None:
     found = problems(write("buses: [virtual:demo]\n"))
     assert [key for _, key, _ in found] == ["insoles"]
-    assert 'the interface "can0" is no channel of the buses, which are: demo' in found[0][2]
+    assert 'the interface "can0" is not a channel of the buses: demo' in found[0][2]
 
 
 def test_a_bus_that_is_wrong_is_not_held_against_its_boards(write: Write) -> None:

@@ -231,7 +231,7 @@ def test_json_everything_at_once_with_lines(write: Write) -> None:
 def test_json_whose_lines_cannot_be_found_is_still_explained(write: Write) -> None:
     text = '{"format": "test-whole/1", "parts": [{"number": 1, "number": 2}], "name": "\\ud800"}'
     found = problems(write(text, "document.json"))
-    assert any("stand twice" in message or "stands twice" in message for _, _, message in found)
+    assert any("occur twice" in message or "occurs twice" in message for _, _, message in found)
     assert any(key == "name" for _, key, _ in found)
 
 
@@ -324,8 +324,8 @@ def test_no_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "most", "message"),
     [
-        ("document.yaml", YAML_BYTES, "cannot be read: expected at most 0.3 MB, found 2.3 MB: is it the file"),
-        ("document.json", JSON_BYTES, "cannot be read: expected at most 1.0 MB, found 3.0 MB: is it the file"),
+        ("document.yaml", YAML_BYTES, "cannot be read: expected at most 0.3 MB, found 2.3 MB: is this the right file"),
+        ("document.json", JSON_BYTES, "cannot be read: expected at most 1.0 MB, found 3.0 MB: is this the right file"),
     ],
 )
 def test_a_document_has_a_most_size(write: Write, name: str, most: int, message: str) -> None:
@@ -350,12 +350,12 @@ def test_a_document_without_an_end_is_not_read_for_ever(tmp_path: Path) -> None:
         ("document.yaml", "format: " + "x" * 200_000),
     ],
 )
-def test_of_many_problems_some_are_told(write: Write, name: str, text: str) -> None:
+def test_at_most_a_hundred_problems_are_listed(write: Write, name: str, text: str) -> None:
     found = problems(write(text, name))
     assert len(found) <= MOST_PROBLEMS + 1
     assert sum(len(key) + len(message) for _, key, message in found) < 50_000
     if len(found) > MOST_PROBLEMS:
-        assert found[-1] == (None, "", "more may be wrong: only 100 problems are told, put these right first")
+        assert found[-1] == (None, "", "there may be more problems: only 100 are listed, fix these first")
 
 
 def test_byte_order_mark_is_read_over(write: Write) -> None:

@@ -155,5 +155,5 @@ def test_who_was_connected_through_a_killed_router_is_so_again_within_a_second(t
 def test_a_client_must_be_told_where_its_router_is(tmp_path):
     config = tmp_path / "config.yaml"
     config.write_text("format: insole-config/1\nzenoh: {mode: client}\n")
-    with pytest.raises(DocumentError, match=r"zenoh\.connect: a client is reached through the router"):
+    with pytest.raises(DocumentError, match=r"zenoh\.connect: a daemon in mode client needs the endpoint"):
         load(config)
