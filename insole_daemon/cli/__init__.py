@@ -54,8 +54,8 @@ app.command("map")(mapping.map_)
 app.command("bring-up")(bring_up.bring_up)
 
 
-def _print_version(wanted: bool) -> None:
-    if wanted:
+def _print_version(is_requested: bool) -> None:
+    if is_requested:
         from .. import __version__
 
         print(f"insole-daemon {__version__}")

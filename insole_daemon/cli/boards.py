@@ -1,4 +1,4 @@
-"""`insole boards`: what the boards are and do, and what they are told to, through the running daemon."""
+"""`insole boards`: list, configure, start and stop the boards through the running daemon."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _UNCONFIRMED = 1  # exit status
 
 
 class Action(StrEnum):
-    """What is asked for."""
+    """The action of the command."""
 
     list = "list"
     configure = "configure"
@@ -27,7 +27,7 @@ class Action(StrEnum):
 
 
 class FootName(StrEnum):
-    """One foot."""
+    """The foot whose boards the command addresses."""
 
     left = "left"
     right = "right"
@@ -52,9 +52,9 @@ def boards(
 ) -> None:
     """List, configure, start and stop the boards.
 
-    The running daemon does it, if its configuration says `boards: {configure: true}`. Boards acknowledge nothing: what
-    they were told is confirmed by what they send afterwards. Configuring takes their hardware baseline anew, and so
-    does starting those that have lost power: the feet must be off the ground. Exit status 1: not confirmed; 3: refused
+    The running daemon does it, if its configuration has `boards: {configure: true}`. Boards acknowledge nothing: the
+    frames they send afterwards confirm a command. A board that is configured takes a new hardware baseline, and so does
+    one that is started after it lost power: the feet must be off the ground. Exit status 1: not confirmed; 3: refused
     or failed.
     """
     from ..errors import WireError
@@ -65,13 +65,13 @@ def boards(
     arguments = {"force": True} if force else {}
     confirmed = True
     with Client(connect, rig, zenoh_config) as insole:
-        feet = [found for _, found in insole.feet() if foot is None or found == foot]
+        feet = [name for _, name in insole.feet() if foot is None or name == foot]
         if not feet:
             raise WireError(f"no daemon behind {connect} has {'a foot' if foot is None else f'a {foot} foot'}")
-        for each in feet:
-            with show_work(f"asking the {each} foot's boards"):
-                reply = insole.request(each, "boards", do=str(action), **arguments)
-            sys.stdout.write(_screen(each, action, reply))
+        for name in feet:
+            with show_work(f"asking the {name} foot's boards"):
+                reply = insole.request(name, "boards", do=str(action), **arguments)
+            sys.stdout.write(_screen(name, action, reply))
             sys.stdout.flush()
             confirmed &= bool(reply.get("confirmed", True))
     if not confirmed:
@@ -81,10 +81,12 @@ def boards(
 
 
 def _screen(foot: str, action: Action, reply: dict[str, Any]) -> str:
-    rows = {Action.list: _listed, Action.temperature: _temperature}.get(action, _told)(reply["boards"])
+    rows = {Action.list: _list_rows, Action.temperature: _temperature_rows}.get(action, _confirmation_rows)(
+        reply["boards"]
+    )
     lines = [f"{foot}:", *_table(rows)]
     if action is Action.list:
-        lines += [fold(line, 4) for line in _differences(reply["boards"])]
+        lines += [fold(line, 4) for line in _difference_lines(reply["boards"])]
     if action is Action.configure:
         lines.append({
             "none": "  baseline taken without load",
@@ -101,7 +103,7 @@ def _screen(foot: str, action: Action, reply: dict[str, Any]) -> str:
             "lost power that load reads as none now",
         }[reply["load"]])  # fmt: skip
     for stranger in reply.get("strangers", []):
-        lines.append(f"  board {stranger['address']} ({_kind(stranger)}) is not in the configuration")
+        lines.append(f"  board {stranger['address']} ({_type_name(stranger)}) is not in the configuration")
     for bus in reply.get("bus", []):
         lines.append(
             f"  {bus['interface']}: {bus['frames_per_s']:.0f} frames/s as configured, "
@@ -111,11 +113,11 @@ def _screen(foot: str, action: Action, reply: dict[str, Any]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _listed(boards: list[dict[str, Any]]) -> list[list[str]]:
+def _list_rows(boards: list[dict[str, Any]]) -> list[list[str]]:
     rows = [["board", "bus", "type", "firmware", "state", "sends", "new", "triangles", "count"]]
     for board in boards:
         rows.append([
-            str(board["address"]), board["interface"], _kind(board), board["firmware"] or "-", board["state"],
+            str(board["address"]), board["interface"], _type_name(board), board["firmware"] or "-", board["state"],
             f"{board['rate_hz']:.1f} Hz", f"{board['change_rate_hz']:.1f} Hz",
             f"{len(board['triangles'])} of {len(board['expected_triangles'])}"
             + (f", {len(board['open_triangles'])} open" if board["open_triangles"] else ""),
@@ -124,13 +126,13 @@ def _listed(boards: list[dict[str, Any]]) -> list[list[str]]:
     return rows
 
 
-def _differences(boards: list[dict[str, Any]]) -> list[str]:
+def _difference_lines(boards: list[dict[str, Any]]) -> list[str]:
     differ = [board for board in boards if board["differences"]]
     lines = [f"  board {board['address']}: {'; '.join(board['differences'])}" for board in differ]
     return lines or ["  every board is as configured"]
 
 
-def _told(boards: list[dict[str, Any]]) -> list[list[str]]:
+def _confirmation_rows(boards: list[dict[str, Any]]) -> list[list[str]]:
     rows = [["board", "confirmed", "what the stream says"]]
     for board in boards:
         period = "" if board["seen_period_ms"] is None else f" every {board['seen_period_ms']:.1f} ms"
@@ -141,15 +143,15 @@ def _told(boards: list[dict[str, Any]]) -> list[list[str]]:
     return rows
 
 
-def _temperature(boards: list[dict[str, Any]]) -> list[list[str]]:
+def _temperature_rows(boards: list[dict[str, Any]]) -> list[list[str]]:
     rows = [["board", "type", "temperature"]]
     for board in boards:
         degrees = board["why"] if board["temperature_c"] is None else f"{board['temperature_c']:.1f} °C"
-        rows.append([str(board["address"]), _kind(board), degrees])
+        rows.append([str(board["address"]), _type_name(board), degrees])
     return rows
 
 
-def _kind(board: dict[str, Any]) -> str:
+def _type_name(board: dict[str, Any]) -> str:
     return (board["type"] or "-") + (" in its bootloader" if board["bootloader"] else "")
 
 

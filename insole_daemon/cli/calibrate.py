@@ -1,4 +1,4 @@
-"""`insole calibrate`: recordings with a known load into a curve for every taxel."""
+"""`insole calibrate`: fit a curve for every taxel to recordings with a known load."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ if TYPE_CHECKING:
 
 
 class Method(StrEnum):
-    """How the problem is weighted and solved."""
+    """The weights and constraints of the fit."""
 
     default = "default"
     paper = "paper"
 
 
-# How long the stages take beside each other: cycles, clocks, first fit; three degrees, weights and constraints, or the
+# Relative durations of the stages: cycles, clocks, first fit; then three degrees, weights and constraints, or the
 # published fit.
 _STAGES = {Method.default: (2, 3, 8, 3, 3, 5, 1, 1), Method.paper: (2, 3, 8, 2)}
 
@@ -54,9 +54,9 @@ def calibrate(
     for file in (out, report):
         refuse_existing_file(file, force)
     loaded = load_recordings(recordings)
-    which = the_foot(loaded, foot)
-    with show_work(f"fitting the {which} foot", _STAGES[method]) as work:
-        calibrated = fitted(loaded, which, method.value, work)
+    side = choose_foot(loaded, foot)
+    with show_work(f"fitting the {side} foot", _STAGES[method]) as work:
+        calibrated = fitted(loaded, side, method.value, work)
     for remark in (*calibrated.remarks, f"area of a taxel: from {document.provenance(calibrated)['area_from']}"):
         print(f"insole: {remark}", file=sys.stderr)
     document.save_calibration(calibrated, out)
@@ -64,22 +64,22 @@ def calibrate(
         write_whole(report, calibration_page(calibrated))
     fit = calibrated.fit
     print(
-        f"{out}: {which} foot, {len(calibrated.slots)} taxels, {len(calibrated.left_out)} left out, degree {fit.degree}"
+        f"{out}: {side} foot, {len(calibrated.slots)} taxels, {len(calibrated.left_out)} left out, degree {fit.degree}"
     )
     if report is not None:
         print(f"insole: wrote {report}", file=sys.stderr)
     name_next(f"insole validate OTHER-RECORDINGS --calibration {out}")
 
 
-def the_foot(loaded: list[Recording], asked: OneFoot | None) -> Foot:
-    """The one that is asked for, or that all recordings have; BadParameter where it has to be said."""
+def choose_foot(loaded: list[Recording], chosen: OneFoot | None) -> Foot:
+    """Return the chosen foot, or the only one that all recordings have; BadParameter if `--foot` is needed."""
     from ..calibration.trials import feet
 
-    there = feet(loaded)
-    if asked is not None:
-        return "left" if asked is OneFoot.left else "right"
-    if len(there) > 1:
+    sides = feet(loaded)
+    if chosen is not None:
+        return "left" if chosen is OneFoot.left else "right"
+    if len(sides) > 1:
         raise typer.BadParameter("the recordings have both feet: say --foot left or --foot right")
-    if not there:
+    if not sides:
         raise typer.BadParameter("no foot has a reference in all recordings: say --foot, to hear which one lacks it")
-    return there.pop()
+    return sides.pop()

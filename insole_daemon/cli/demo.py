@@ -1,4 +1,4 @@
-"""`insole demo`: the whole of it without hardware, and what it looks like; `--hide` is in demo_hide."""
+"""`insole demo`: run boards, daemon and view without hardware; `--hide` is in demo_hide."""
 
 from __future__ import annotations
 
@@ -104,39 +104,39 @@ def demo(
             messages.close()
             ready.set()
 
-        parts: dict[str, Callable[[], Any]] = {
+        tasks: dict[str, Callable[[], Any]] = {
             "boards": lambda: emulator.play(sink.send, stop),
             "daemon": lambda: daemon.run(ready.set),
         }
-        shown: contextlib.AbstractContextManager[str] = contextlib.nullcontext("'insole view' shows it in a browser")
+        page: contextlib.AbstractContextManager[str] = contextlib.nullcontext("'insole view' shows it in a browser")
         if view:
             from .demo_page import open_page, tell_truth
 
-            parts["truth"] = lambda: tell_truth(session, emulator, person, layouts, stop)
-            shown = open_page(config.zenoh.listen[0], config.rig, port or DEFAULT_PORT)
-        with _running(parts, end, failed):
+            tasks["truth"] = lambda: tell_truth(session, emulator, person, layouts, stop)
+            page = open_page(config.zenoh.listen[0], config.rig, port or DEFAULT_PORT)
+        with _run_in_threads(tasks, end, failed):
             ready.wait()  # before, nobody answers for meta
-            with shown as where:
-                _show(insole, messages, config, seconds, where)
+            with page as where:
+                _draw(insole, messages, config, seconds, where)
 
 
 @contextlib.contextmanager
-def _running(
-    parts: dict[str, Callable[[], Any]], end: Callable[[], None], failed: Callable[[], None]
+def _run_in_threads(
+    tasks: dict[str, Callable[[], Any]], end: Callable[[], None], failed: Callable[[], None]
 ) -> Iterator[None]:
-    """Each part in a thread, until the block ends; `failed` is called when one dies, and its error raised then."""
+    """Run each task in a thread until the block ends; call `failed` when one dies, and raise its error at the end."""
     from ..errors import InsoleError
 
     errors: dict[str, Exception] = {}
 
-    def run(name: str, part: Callable[[], Any]) -> None:
+    def run(name: str, task: Callable[[], Any]) -> None:
         try:
-            part()
+            task()
         except Exception as error:
             errors[name] = error
-            failed()  # whoever looks would wait for ever for what comes no more
+            failed()  # otherwise the view would wait for ever for the next message
 
-    threads = [threading.Thread(target=run, args=each, name=each[0]) for each in parts.items()]
+    threads = [threading.Thread(target=run, args=item, name=item[0]) for item in tasks.items()]
     for thread in threads:
         thread.start()
     try:
@@ -145,15 +145,15 @@ def _running(
         end()
         for thread in threads:
             thread.join()
-        for name, error in errors.items():  # before what the block says: it only lacks what this one gave
+        for name, error in errors.items():  # before the error of the block, which is only its consequence
             raise InsoleError(
                 f"the demo's {name} stopped: {error or type(error).__name__}. Start it again; where it stops again, "
                 "'insole doctor' tells whether this computer is the reason"
             ) from error
 
 
-def _show(insole: Client, messages: Messages, config: Config, seconds: float | None, where: str) -> None:
-    """Draw until the time is over or the person has seen enough."""
+def _draw(insole: Client, messages: Messages, config: Config, seconds: float | None, where: str) -> None:
+    """Draw until the time is over or the person ends it."""
     from rich.console import Console
     from rich.live import Live
 
@@ -169,7 +169,10 @@ def _show(insole: Client, messages: Messages, config: Config, seconds: float | N
         f"{config.zenoh.listen[0]}; {where}; Ctrl-C ends"
     )
     console = Console()
-    views = {str(each.foot): FootView(insole.meta(each.foot), console.height) for each in config.insoles}
+    views = {
+        str(insole_config.foot): FootView(insole.meta(insole_config.foot), console.height)
+        for insole_config in config.insoles
+    }
     drawn = time.monotonic()
     if console.is_terminal:
         with Live(screen(views, title), console=console, auto_refresh=False, screen=True) as live:

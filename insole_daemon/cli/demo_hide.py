@@ -1,4 +1,4 @@
-"""`insole demo --hide`: conceal an effect in a simulated trial, diagnose the recording, and then say what it was."""
+"""`insole demo --hide`: conceal an effect in a simulated trial, diagnose the recording, then print the effect."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from .diagnose import diagnosed
 from .options import name_next
 from .progress import show_work
 
-_PASSED_OVER = ("gain", "baseline")  # as the benchmark does: other effects bring them along, as warmth moves the rest
+_IGNORED = ("gain", "baseline")  # as in the benchmark: other effects cause them, for example warmth moves the baseline
 
 
 def hide_and_seek(word: str, seed: int | None) -> bool:
-    """Whether the diagnosis names `word` first; it is given the folder of the recording and nothing else."""
+    """Return whether the diagnosis, given only the folder of the recording, names the effect `word` first."""
     from .. import config as configs
     from ..recording.writer import refuse_existing
     from ..service.foot_setup import load_layout
@@ -33,8 +33,8 @@ def hide_and_seek(word: str, seed: int | None) -> bool:
     with show_work("recording") as work:
         hidden = conceal(word, trial, config, layout, drawn, work.done)
     print(f"insole: diagnosing it: insole diagnose {trial} --out {out}", file=sys.stderr, flush=True)
-    words = [finding.effect for finding in diagnosed([trial], out).findings]
-    named = next((each for each in words if each == word or each not in _PASSED_OVER), NOTHING)
+    effects = [finding.effect for finding in diagnosed([trial], out).findings]
+    named = next((effect for effect in effects if effect == word or effect not in _IGNORED), NOTHING)
     print(f"What was concealed: {hidden} (seed {drawn}); named first: {named}")
     print(f"insole: {time.monotonic() - began:.0f} s from start to report", file=sys.stderr)
     name_next(f"open {out / 'report.html'}")

@@ -1,4 +1,4 @@
-"""What `insole demo --view` adds: the page in a process of its own, and the simulated truth beside what is measured."""
+"""The additions of `insole demo --view`: the page in its own process, and the true load beside the readings."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ if TYPE_CHECKING:
 
 _EVERY_S = 0.02
 _END_S = 5.0
-_SIMULATION = "simulation"  # the rig that `insole view` draws beside, and the reference's keys are its too
+_SIMULATION = "simulation"  # the rig that `insole view` draws in addition
 
 
 @contextlib.contextmanager
 def open_page(endpoint: str, rig: str, port: int) -> Iterator[str]:
-    """`insole view --open` until the block ends; what it says of itself. InsoleError where it does not start."""
+    """Run `insole view --open` until the block ends; yield its first message. InsoleError if it does not start."""
     from ..errors import InsoleError
 
     command = "from insole_daemon.cli import main; main()"
@@ -37,10 +37,10 @@ def open_page(endpoint: str, rig: str, port: int) -> Iterator[str]:
     )  # fmt: skip
     assert process.stderr is not None
     try:
-        said = process.stderr.readline()
-        if "the page is on" not in said:
-            raise InsoleError((said + process.stderr.read()).strip().removeprefix("insole: "))
-        yield said.partition(";")[0].removeprefix("insole: ").strip()
+        line = process.stderr.readline()
+        if "the page is on" not in line:
+            raise InsoleError((line + process.stderr.read()).strip().removeprefix("insole: "))
+        yield line.partition(";")[0].removeprefix("insole: ").strip()
     finally:
         process.terminate()
         try:
@@ -54,7 +54,7 @@ def open_page(endpoint: str, rig: str, port: int) -> Iterator[str]:
 def tell_truth(
     session: zenoh.Session, emulator: Emulator, person: Person, layouts: list[Layout], stop: threading.Event
 ) -> None:
-    """Publish what really presses on the feet until `stop`: as a simulation's pressure and a force shoe's wrench."""
+    """Publish the true load on the feet until `stop`, as a simulation's pressure and a force shoe's wrench."""
     from ..wire.keys import key
     from ..wire.messages import Pressure
 

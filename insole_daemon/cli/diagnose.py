@@ -1,4 +1,4 @@
-"""`insole diagnose`: where recordings differ from their model, which physics was left out, and the model with it."""
+"""`insole diagnose`: detect effects that a model left out, and write a model that has them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from ..diagnosis.outcome import Outcome
 
 EXIT = {"no mismatch": 0, "explained": 0, "partly explained": 1, "unexplained": 1, "not decidable": 3}
-_READ, _SEARCHED, _VERIFIED = (1,), (12, 4), (1,)  # how long each recording's stages take beside each other
+_READ, _SEARCHED, _VERIFIED = (1,), (12, 4), (1,)  # relative durations of the stages of each recording
 
 
 def diagnose(
@@ -29,33 +29,35 @@ def diagnose(
         typer.Option("--out", help="Folder for diagnosis.json, model.json and report.html."),
     ],
     calibration: Annotated[
-        Path | None, typer.Option("--calibration", help="The static model that is asked about, if not the recording's.")
+        Path | None, typer.Option("--calibration", help="The static model to diagnose; default: that of the recording.")
     ] = None,
     simulation: Annotated[
         list[Path] | None,
         typer.Option(
             "--simulation",
-            help="A simulated recording of the same trial: its load stands for a reference. One for all recordings, "
-            "or again for each, in their order.",
+            help="A simulated recording of the same trial, whose load replaces a reference. Give one for all "
+            "recordings, or one for each, in their order.",
         ),
     ] = None,
     verify: Annotated[
         Path | None,
-        typer.Option("--verify", help="A recording that has no part in it, to tell the errors before and after on."),
+        typer.Option(
+            "--verify", help="A recording that is not diagnosed; the model's error before and after is measured on it."
+        ),
     ] = None,
     foot: Annotated[OneFoot | None, typer.Option("--foot", help="Needed where the recordings have both.")] = None,
     force: Force = False,
 ) -> None:
-    """Say where recordings differ from their model, which physics was left out, and model it.
+    """Detect effects that the model of recordings left out, and write a model that has them.
 
     Exit status: 0 no mismatch or explained, 1 partly explained or unexplained, 2 wrong usage, 3 not decidable from
     this data, 4 a recording was refused.
     """
-    found = diagnosed(recordings, out, calibration, simulation or (), verify, foot, force)
+    outcome = diagnosed(recordings, out, calibration, simulation or (), verify, foot, force)
     report = out / "report.html"
     model = f"insole validate OTHER-RECORDINGS --calibration {out / 'model.json'}"
-    name_next(f"open {report}" + (f"; then {model}" if found.findings else ""))
-    raise typer.Exit(EXIT[found.verdict])
+    name_next(f"open {report}" + (f"; then {model}" if outcome.findings else ""))
+    raise typer.Exit(EXIT[outcome.verdict])
 
 
 def diagnosed(
@@ -67,7 +69,7 @@ def diagnosed(
     foot: OneFoot | None = None,
     force: bool = False,
 ) -> Outcome:
-    """What the command does, up to its exit status."""
+    """Diagnose, write the files into `out`, print the result and return it."""
     from ..diagnosis import verifying, writing
     from ..diagnosis.feet import choose
     from ..diagnosis.pipeline import diagnose
@@ -82,41 +84,39 @@ def diagnosed(
     new = None if verify is None else load_recordings([verify])[0]
     if new is not None:
         verifying.refuse_known(new, loaded)
-    asked: Foot | None = None if foot is None else "left" if foot is OneFoot.left else "right"
+    side: Foot | None = None if foot is None else "left" if foot is OneFoot.left else "right"
     model = (
-        None
-        if calibration is None
-        else calibrations.load(calibration, choose(loaded, asked, bool(simulated))[0].layout)
+        None if calibration is None else calibrations.load(calibration, choose(loaded, side, bool(simulated))[0].layout)
     )
 
     stages = [*_READ * len(loaded), *_SEARCHED * len(loaded), *(_VERIFIED if new is not None else ())]
     with set_aside(earlier), show_work("diagnosing", stages) as work:
-        found = diagnose(loaded, model, work, simulated, asked)
-        writing.write(found, out)
+        outcome = diagnose(loaded, model, work, simulated, side)
+        writing.write(outcome, out)
         if new is not None:
             work("verifying the model")
-            verified = verifying.verify(found.static(), out / "model.json", new, found.results[0].seen.layout.foot)
+            verified = verifying.verify(outcome.static(), out / "model.json", new, outcome.results[0].seen.layout.foot)
             write_text(out / verifying.FILE, json.dumps(verified.document(), indent=1) + "\n")
-    _print(found, out)
+    _print(outcome, out)
     if new is not None:
         unit = "counts" if verified.unit == "count" else verified.unit
         print(f"verified on {verified.recording}: {verified.before:.2f} → {verified.after:.2f} {unit}")
-    return found
+    return outcome
 
 
-def _print(found: Outcome, out: Path) -> None:
-    heldout = found.heldout
+def _print(outcome: Outcome, out: Path) -> None:
+    heldout = outcome.heldout
     errors = [heldout, heldout["f_z"]] if "f_z" in heldout else [heldout]
-    print(f"{found.verdict}: {'; '.join(map(_error, errors))}")
-    every = {name for each in found.findings for name in each.recordings}
-    for each in found.findings:
-        only = "" if every <= set(each.recordings) else f" [{', '.join(each.recordings)}]"
-        print(fold(f"  {each.effect}: {each.sentence}{only}", 4))
-    for known in found.not_identifiable:
-        print(fold(f"  not identifiable: {known['effect']}: {known['why']}; record {known['record_instead']}", 4))
+    print(f"{outcome.verdict}: {'; '.join(map(_error, errors))}")
+    all_recordings = {name for finding in outcome.findings for name in finding.recordings}
+    for finding in outcome.findings:
+        only = "" if all_recordings <= set(finding.recordings) else f" [{', '.join(finding.recordings)}]"
+        print(fold(f"  {finding.effect}: {finding.sentence}{only}", 4))
+    for effect in outcome.not_identifiable:
+        print(fold(f"  not identifiable: {effect['effect']}: {effect['why']}; record {effect['record_instead']}", 4))
     print(f"{out}/report.html  {out}/diagnosis.json  {out}/model.json")
 
 
-def _error(of: Mapping[str, Any]) -> str:
-    unit = "counts" if of["unit"] == "count" else of["unit"]
-    return f"{of['before']:.2f} → {of['after']:.2f} {unit}, noise {of['floor']:.2f}"
+def _error(error: Mapping[str, Any]) -> str:
+    unit = "counts" if error["unit"] == "count" else error["unit"]
+    return f"{error['before']:.2f} → {error['after']:.2f} {unit}, noise {error['floor']:.2f}"

@@ -1,4 +1,4 @@
-"""`insole doctor`: why it does not work, and what to do about it."""
+"""`insole doctor`: list setup problems and how to fix each."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ _SUBJECT = 18  # characters
 
 
 def doctor(config: ConfigFile = None) -> None:
-    """Find out why it does not work, and what to do about it.
+    """List setup problems and how to fix each.
 
-    Looks at kernel, interfaces, Zenoh, clock and files, and through the running daemon at the boards; changes nothing.
-    Each finding is ok, a warning or a problem, the latter two with their remedy. Exit status 1: there is a problem.
+    Checks kernel, interfaces, Zenoh, clock and files, and the boards through the running daemon; changes nothing.
+    Each finding is ok, a warning or a problem; the latter two have a remedy. Exit status 1: there is a problem.
     """
     from ..service.doctor import examine
 
@@ -41,9 +41,9 @@ def doctor(config: ConfigFile = None) -> None:
 
 
 def finding_lines(finding: CheckResult) -> str:
-    """A finding and its remedy, as text."""
+    """Format a finding and its remedy for the terminal."""
     indent = 8 + 1 + _SUBJECT + 1
     lines = fold(f"{finding.level:<8} {finding.subject:<{_SUBJECT}} {finding.text}", indent) + "\n"
-    if finding.remedy:  # in one line, to be copied
+    if finding.remedy:  # on one line, so that it can be copied
         lines += f"{'→ ':>{indent + 2}}{finding.remedy}\n"
     return lines

@@ -1,4 +1,4 @@
-"""`insole export`: a recording in the forms that other programs read."""
+"""`insole export`: write a recording in formats that other programs read."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _EXPORTED = (".csv", ".parquet", "-layout.yaml")  # endings of the files in a fo
 
 
 class Form(StrEnum):
-    """What a recording is exported to."""
+    """The format of an export."""
 
     csv = "csv"
     npz = "npz"
@@ -33,12 +33,14 @@ def export(
     recording: Annotated[Path, typer.Argument(help="Folder of the recording.")],
     out: Annotated[
         Path,
-        typer.Argument(help="File that is written: .csv has the forces alone. With --to csv and parquet the folder."),
+        typer.Argument(
+            help="File to write; .csv has the forces alone. With --to csv and parquet, the folder to write."
+        ),
     ],
-    to: Annotated[Form | None, typer.Option(help="Without it, what the ending of OUT says.")] = None,
+    to: Annotated[Form | None, typer.Option(help="Format; default: by the ending of OUT.")] = None,
     force: Force = False,
 ) -> None:
-    """Write a recording as CSV, npz, MATLAB, MCAP, Parquet or C3D; steps are part of it, but in npz."""
+    """Write a recording as CSV, npz, MATLAB, MCAP, Parquet or C3D; all but npz contain the steps."""
     from ..errors import FileError
     from ..recording import export_c3d, export_mcap, export_tables, foxglove
     from ..recording.quality import quality
@@ -70,15 +72,15 @@ def export(
             write(loaded, out)
     except OSError as error:
         raise FileError(f"{out}: cannot be written: {error.strerror or error}") from error
-    for foot, found in quality(loaded).items():
-        print(f"insole: {foot}: {found.sentence}", file=sys.stderr)
-    print(f"{out}: {form.value}, {', '.join(f'{each.foot} {len(each)} cycles' for each in loaded.feet)}")
+    for foot, data_quality in quality(loaded).items():
+        print(f"insole: {foot}: {data_quality.sentence}", file=sys.stderr)
+    print(f"{out}: {form.value}, {', '.join(f'{foot_data.foot} {len(foot_data)} cycles' for foot_data in loaded.feet)}")
     if form is Form.mcap:
         print(f"insole: Foxglove: open {out}, then import the layout {foxglove.LAYOUT}", file=sys.stderr)
     name_next(f"the same in Python: insole_daemon.load({str(recording)!r})")
 
 
 def _is_export(folder: Path) -> bool:
-    """Whether `folder` holds nothing but what an export writes."""
+    """Return whether `folder` contains only files that an export writes."""
     names = [file.name for file in folder.iterdir()]
     return all(name.startswith(("left", "right", "steps.")) and name.endswith(_EXPORTED) for name in names)

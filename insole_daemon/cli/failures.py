@@ -1,4 +1,4 @@
-"""How a command ends when it fails: one message on stderr, an exit status, and never a traceback."""
+"""Failures of a command: one message on stderr, an exit status, and never a traceback."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _FILE = (errno.ENOENT, errno.EISDIR, errno.ENOTDIR, errno.EACCES, errno.EPERM, e
 
 
 def explain(error: BaseException) -> tuple[str, int]:
-    """Return the message for `error` and the exit status; writes a crash report where nobody expected it."""
+    """Return the message for `error` and the exit status; write a crash report if the error is unexpected."""
     if isinstance(error, InsoleError):
         return str(error), error.exit_status
     if isinstance(error, ModuleNotFoundError) and error.name is not None:
@@ -38,7 +38,7 @@ def explain(error: BaseException) -> tuple[str, int]:
 
 
 def report_threads() -> None:
-    """Report an exception that ends a thread in one line, as that of a command."""
+    """Report an exception that ends a thread on one line, like the failure of a command."""
 
     def hook(arguments: threading.ExceptHookArgs) -> None:
         if arguments.exc_value is not None and arguments.exc_type is not SystemExit:
@@ -48,7 +48,7 @@ def report_threads() -> None:
 
 
 def discard_output() -> None:
-    """Send what is still buffered for stdout nowhere: nobody reads it, or there is no room for it."""
+    """Discard the buffered stdout, because nobody reads it or the disk is full."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
@@ -58,7 +58,7 @@ def _summary(error: BaseException) -> str:
 
 
 def _written(error: BaseException) -> str:
-    """Where the details are, as the second half of a sentence."""
+    """Write the crash report and return its location, as the second half of a sentence."""
     from .. import __version__
     from ..service.state import state_folder
 

@@ -1,4 +1,4 @@
-"""`insole import`: what others wrote, as a recording."""
+"""`insole import`: convert a file of another program into a recording."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ def import_(
         ),
     ],
     out: Annotated[Path, typer.Argument(help="Folder of the recording.")],
-    foot: Annotated[OneFoot | None, typer.Option("--foot", help="Of a table of counts: whose it is.")] = None,
+    foot: Annotated[OneFoot | None, typer.Option("--foot", help="For a table of counts: the foot.")] = None,
     layout: Annotated[
-        Path | None, typer.Option(help="Of a table of counts: insole-layout/1, whose order is that of the columns.")
+        Path | None, typer.Option(help="For a table of counts: insole-layout/1 in the order of the columns.")
     ] = None,
     config: Annotated[
-        Path | None, typer.Option("--config", help="Of a CAN log: the config.yaml it was recorded with.")
+        Path | None, typer.Option("--config", help="For a CAN log: the config.yaml it was recorded with.")
     ] = None,
     force: Force = False,
 ) -> None:
-    """Make a recording of a file that another program wrote.
+    """Convert a file that another program wrote into a recording.
 
-    What such a file leaves out is not made up silently: recording.yaml lists it under `invented`.
+    recording.yaml lists values that the file does not contain under `invented`.
     """
     from .. import config as configs
     from ..recording.importing import import_recording
@@ -44,15 +44,17 @@ def import_(
     from .record import insoles_of
 
     side: Foot | None = foot.value if foot is not None else None
-    own_layout = layouts.load(layout, side) if layout is not None else None
-    if own_layout is not None and side is None:
-        side = own_layout.foot
+    given_layout = layouts.load(layout, side) if layout is not None else None
+    if given_layout is not None and side is None:
+        side = given_layout.foot
     insoles = insoles_of(configs.load(config)) if config is not None else None
     with replace_folder(out, force, is_repeatable), show_work(f"importing {source.name}") as work:
-        import_recording(source, out, side, own_layout, insoles, work.done)
+        import_recording(source, out, side, given_layout, insoles, work.done)
     recording = load_recordings([out])[0]
-    for each in recording.feet:
-        print(f"{each.foot}: {len(each)} cycles, {len(each.layout)} triangles, {recording.kind}, in {out}")
+    for foot_data in recording.feet:
+        print(
+            f"{foot_data.foot}: {len(foot_data)} cycles, {len(foot_data.layout)} triangles, {recording.kind}, in {out}"
+        )
     for line in recording.invented:
         print(f"insole: invented: {line}", file=sys.stderr)
     name_next(f"insole report {out}")

@@ -1,4 +1,4 @@
-"""`insole model`: which model a running daemon publishes by, and the switch."""
+"""`insole model`: show and switch the model that a running daemon uses."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ from .tables import fold
 
 
 class Model(StrEnum):
-    """The two there are."""
+    """The curves alone, or with compensation of effects."""
 
     static = "static"
     dynamic = "dynamic"
 
 
 def model(
-    switch: Annotated[Model | None, typer.Argument(help="Publish by this one; without it, nothing changes.")] = None,
-    foot: Annotated[Which, typer.Option("--foot", help="Of which insole.")] = Which.both,
+    switch: Annotated[Model | None, typer.Argument(help="Model to use; without it, nothing changes.")] = None,
+    foot: Annotated[Which, typer.Option("--foot", help="Which insole.")] = Which.both,
     rig: RigName = "*",
     connect: Connect = DEFAULT_ENDPOINT,
     zenoh_config: ZenohFile = None,
 ) -> None:
-    """Say which effects a calibration has beside its curves, and switch them off and on, until the daemon restarts."""
+    """List the effects of a calibration, and switch their compensation on or off until the daemon restarts."""
     from ..errors import WireError
     from ..wire.client import Client
 
     with Client(connect, rig, zenoh_config) as insole:
-        there = [name for _, name in insole.feet()]
-        feet = [name for name in ("left", "right") if name in there and foot in (Which.both, name)]
+        published = [name for _, name in insole.feet()]
+        feet = [name for name in ("left", "right") if name in published and foot in (Which.both, name)]
         if not feet:
             raise WireError(f"no daemon behind {connect} has the foot that is meant ({foot.value})")
         for name in feet:
@@ -42,10 +42,12 @@ def model(
 
 
 def report(reply: dict[str, Any]) -> list[str]:
-    """Of one foot, in lines."""
+    """Format the reply of one foot as lines."""
     lines = [f"{reply['foot']}: {reply['model']} model of {reply['calibration']}"]
     lines += [f"  loads are {reply['late_ms']:.0f} ms older than their frames"] if reply["late_ms"] else []
-    for each in reply["effects"]:
-        where = "the whole insole" if each["scope"] == "insole" else f"{len(each['ids'])} × {each['scope']}"
-        lines.append(f"  {each['effect']}, {where}" + (f": left out, {each['left_out']}" if each["left_out"] else ""))
+    for effect in reply["effects"]:
+        where = "the whole insole" if effect["scope"] == "insole" else f"{len(effect['ids'])} × {effect['scope']}"
+        lines.append(
+            f"  {effect['effect']}, {where}" + (f": left out, {effect['left_out']}" if effect["left_out"] else "")
+        )
     return lines if reply["effects"] else [*lines, "  no effects: nothing to switch"]

@@ -1,4 +1,4 @@
-"""Options that several verbs share, and how a verb is ended."""
+"""Options and helpers that several verbs share."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ Connect = Annotated[
 ZenohFile = Annotated[
     Path | None, typer.Option("--zenoh-config", help="Zenoh's own configuration, with the certificate to show.")
 ]
-RigName = Annotated[str, typer.Option("--rig", help="Name of the rig, where one endpoint leads to several.")]
+RigName = Annotated[str, typer.Option("--rig", help="Name of the rig, if one endpoint leads to several.")]
 Force = Annotated[bool, typer.Option("--force", help="Replace what this command wrote there before.")]
 Seconds = Annotated[float | None, typer.Option("--seconds", min=0.1, help="End after this time.")]
 Scheduler = Annotated[
     str | None,
-    typer.Option("--scheduler", help="Dask scheduler that exists, tcp:// or tls://; it sees the same files."),
+    typer.Option("--scheduler", help="Existing Dask scheduler, tcp:// or tls://; its workers must see the same files."),
 ]
 TlsCa = Annotated[Path | None, typer.Option("--tls-ca", help="Certificate authority of the scheduler.")]
 TlsCert = Annotated[Path | None, typer.Option("--tls-cert", help="Certificate of this client.")]
@@ -37,7 +37,7 @@ TlsKey = Annotated[Path | None, typer.Option("--tls-key", help="Its key.")]
 
 
 class Which(StrEnum):
-    """Which insoles a verb is about."""
+    """The insoles of a verb."""
 
     left = "left"
     right = "right"
@@ -45,7 +45,7 @@ class Which(StrEnum):
 
 
 class OneFoot(StrEnum):
-    """One of them."""
+    """A single insole."""
 
     left = "left"
     right = "right"
@@ -64,7 +64,7 @@ OptionalBusName = Annotated[Bus | None, _BUS]
 
 
 def refuse_existing_file(path: Path | None, force: bool) -> None:
-    """Raise FileError where `path` is there and may not be replaced, or is a folder."""
+    """Raise FileError if `path` is a folder, or exists and `force` is False."""
     from ..errors import FileError
 
     if path is None or not path.exists():
@@ -78,8 +78,8 @@ def refuse_existing_file(path: Path | None, force: bool) -> None:
 def replace_folder(path: Path, force: bool, is_own: Callable[[Path], bool]) -> AbstractContextManager[None]:
     """Return a context in which the folder `path` is free to be written.
 
-    Raises FileError where something is there and `force` is not given, or where `is_own` denies that a command that can
-    be repeated has written it. What was there comes back where the block fails.
+    Raises FileError if something exists there and `force` is False, or if `is_own` returns False for it: then no
+    repeatable command has written it. The old folder is restored if the block fails.
     """
     from ..errors import FileError
     from ..files import set_aside
@@ -96,7 +96,7 @@ def replace_folder(path: Path, force: bool, is_own: Callable[[Path], bool]) -> A
 
 
 def is_repeatable(folder: Path) -> bool:
-    """Whether `folder` is a recording that `insole simulate` or `insole import` wrote, so that it can be made again."""
+    """Return whether `insole simulate` or `insole import` wrote the recording `folder`, so that it can be repeated."""
     from ..documents import Reading
     from ..errors import DocumentError
     from ..recording.document import FILE
@@ -109,7 +109,7 @@ def is_repeatable(folder: Path) -> bool:
 
 
 def write_whole(path: Path, text: str) -> None:
-    """Write a file, all or nothing; FileError where it cannot be written."""
+    """Write a file, all or nothing; FileError if it cannot be written."""
     from ..errors import FileError
     from ..files import write_text
 
@@ -120,7 +120,7 @@ def write_whole(path: Path, text: str) -> None:
 
 
 def tls_of(ca: Path | None, cert: Path | None, key: Path | None) -> tuple[Path, Path, Path] | None:
-    """The three files of a TLS client; None where there are none. BadParameter where one is missing."""
+    """Return the three files of a TLS client, or None without any; BadParameter if only some are given."""
     if ca is None and cert is None and key is None:
         return None
     if ca is None or cert is None or key is None:
@@ -129,15 +129,15 @@ def tls_of(ca: Path | None, cert: Path | None, key: Path | None) -> tuple[Path, 
 
 
 def name_next(command: str) -> None:
-    """Say which command a person may want next: at the end, or at the begin of what runs until it is ended."""
+    """Print the command that a person may want next, at the end or when a long-running command starts."""
     print(f"insole: next: {command}", file=sys.stderr)
 
 
 def on_end(stop: Callable[[], object]) -> None:
-    """Call `stop` on SIGTERM and SIGINT, in a thread of its own.
+    """Call `stop` on SIGTERM and SIGINT, in its own thread.
 
-    A handler runs in the main thread between any two of its steps: `stop` would wait for ever for a lock that the
-    interrupted step holds, or wake it just before it begins to wait.
+    A signal handler runs in the main thread between any two steps. There `stop` could wait for ever for a lock that the
+    interrupted step holds, or wake that step just before it begins to wait.
     """
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: _thread.start_new_thread(stop, ()))

@@ -1,4 +1,4 @@
-"""What a person sees on a terminal while a command computes: what it does, how much is done, and the time left."""
+"""Progress on a terminal while a command computes: the current step, the share done, and the time left."""
 
 from __future__ import annotations
 
@@ -15,40 +15,40 @@ if TYPE_CHECKING:
 
 
 class Work:
-    """How much of a command's work is done; calling it prints a line, with which a stage begins."""
+    """The progress of a command; calling it prints a line and begins the next stage."""
 
     def __init__(
         self, write: Callable[[str], None], stages: Sequence[float], show: Callable[[float], None] = lambda share: None
     ) -> None:
         self._write, self._show = write, show
-        self._done_before = [0.0, *accumulate(each / sum(stages) for each in stages)]
+        self._done_before = [0.0, *accumulate(stage / sum(stages) for stage in stages)]
         self._lines = 0
         self._began_s = time.monotonic()
         self._ends_s: float | None = None  # by its pace so far
 
     def __call__(self, line: str) -> None:
-        """Print `line` on stderr; the stages before it are done."""
+        """Print `line` on stderr; all stages before it count as done."""
         self._write(f"insole: {line}")
         self.done(self._done_before[min(self._lines, len(self._done_before) - 1)])
         self._lines += 1
 
     def done(self, share: float) -> None:
-        """Say how much is done: a share of 1."""
+        """Report the share of the work that is done, from 0 to 1."""
         if 0 < share <= 1:
             now_s = time.monotonic()
             self._ends_s = now_s + (now_s - self._began_s) * (1 - share) / share
             self._show(share)
 
     def time_left(self) -> str:
-        """Return minutes and seconds in words for a terminal; nothing while they cannot be known."""
+        """Return minutes and seconds as text for a terminal; an empty text while they are unknown."""
         if self._ends_s is None:
             return ""
-        left_s = max(1, round(self._ends_s - time.monotonic()))  # what takes longer than its stage is about to end
+        left_s = max(1, round(self._ends_s - time.monotonic()))  # an overdue stage is about to end
         return f"{left_s // 60}:{left_s % 60:02d} left"
 
 
 @contextlib.contextmanager
-def show_work(what: str, stages: Sequence[float] = ()) -> Iterator[Work]:
+def show_work(title: str, stages: Sequence[float] = ()) -> Iterator[Work]:
     """Show `what`, the time since it began and the time left, on a terminal; gives the work to be told of.
 
     `stages`: how long each takes beside the others, where each begins with a line.
@@ -68,7 +68,7 @@ def show_work(what: str, stages: Sequence[float] = ()) -> Iterator[Work]:
 
     columns = (TextColumn("{task.description}", markup=False), BarColumn(20), TimeElapsedColumn(), TimeLeft())
     progress = Progress(*columns, console=console, transient=True)
-    bar = progress.add_task(what, total=None)  # it pulses until a share is known
+    bar = progress.add_task(title, total=None)  # it pulses until a share is known
     work = Work(
         lambda line: console.print(line, markup=False, highlight=False, soft_wrap=True),
         stages,

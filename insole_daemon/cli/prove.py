@@ -1,4 +1,4 @@
-"""`insole prove`: the blind benchmark of the diagnosis, from sealed cases to tables; its programs stay its own."""
+"""`insole prove`: run the blind benchmark of the diagnosis, whose programs are separate processes."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ _TOOL = (sys.executable, "-c", "from insole_daemon.cli import main; main()", "di
 _PREDICTOR = "insole_daemon.diagnosis.prediction:of_folder"
 _REFUSED = 4  # exit status of the benchmark's programs where a file cannot be written
 _DONE = re.compile(rb"\r(\d+) of (\d+) \w+")  # progress lines of the benchmark's programs on stderr
-_STAGES = (0.15, 0.75, 0.1)  # how long making, diagnosing and scoring take beside each other
+_STAGES = (0.15, 0.75, 0.1)  # relative durations of making, diagnosing and scoring
 _COMPENSATOR = "insole_daemon.diagnosis.compensation:of_walk"
 
 
 class Suite(StrEnum):
-    """Which kinds of cases."""
+    """The kinds of cases."""
 
     chamber = "chamber"
     bench = "bench"
@@ -37,9 +37,9 @@ class Suite(StrEnum):
 
 
 def prove(
-    out: Annotated[Path, typer.Option("--out", help="Folder for cases, truth, answers and tables; not there yet.")],
+    out: Annotated[Path, typer.Option("--out", help="Folder for cases, truth, answers and tables; it must not exist.")],
     cases: Annotated[int, typer.Option("--cases", min=1, help="How many.")] = 120,
-    seed: Annotated[int | None, typer.Option("--seed", min=0, help="Of the cases; drawn where it is not said.")] = None,
+    seed: Annotated[int | None, typer.Option("--seed", min=0, help="Seed of the cases; drawn by default.")] = None,
     suite: Annotated[Suite, typer.Option("--suite", help="Which kinds of cases; bench is a short fixed list.")] = (
         Suite.all
     ),
@@ -59,22 +59,22 @@ def prove(
     out = out.resolve()
     if out.exists():
         raise FileError(f"{out}: is already there; name another folder, runs are never overwritten")
-    given, sealed, answers, tables = (out / name for name in ("cases", "sealed", "answers", "tables.md"))
+    case_folder, sealed, answers, tables = (out / name for name in ("cases", "sealed", "answers", "tables.md"))
     drawn = secrets.randbelow(2**31) if seed is None else seed
     tls = tls_of(tls_ca, tls_cert, tls_key)
-    made, diagnosed, _ = _STAGES
+    make_share, diagnose_share, _ = _STAGES
     with _workers(scheduler, jobs, tls) as workers, _kept_unless_empty(out), show_work("proving", _STAGES) as work:
         out.mkdir(parents=True)
         work(f"{cases} cases of {suite.value}, seed {drawn}, into {out}")
         seal = _run(
-            lambda share: work.done(made * share), "make", "--cases", cases, "--suite", suite.value, "--seed", drawn,
-            "--out", given, "--sealed", sealed, *workers,
+            lambda share: work.done(make_share * share), "make", "--cases", cases, "--suite", suite.value,
+            "--seed", drawn, "--out", case_folder, "--sealed", sealed, *workers,
         ).strip()  # fmt: skip
         print(f"Seal: {seal}", flush=True)
         work("diagnosing them")
         _run(
-            lambda share: work.done(made + diagnosed * share), "run", "--cases", given, "--answers", answers,
-            *workers, "--", *_TOOL, "--out", "{out}",
+            lambda share: work.done(make_share + diagnose_share * share), "run", "--cases", case_folder,
+            "--answers", answers, *workers, "--", *_TOOL, "--out", "{out}",
         )  # fmt: skip
         work("scoring the answers")
         scored = _run(
@@ -125,7 +125,7 @@ def _benchmark() -> tuple[str, Path | None]:
     return "insole_blind", None
 
 
-def _run(done: Callable[[float], None], program: str, *arguments: object) -> str:
+def _run(report_share: Callable[[float], None], program: str, *arguments: object) -> str:
     """Run one program of the benchmark and return its stdout; `done` is told the share. InsoleError where it fails."""
     from ..errors import FileError, InsoleError
 
@@ -134,7 +134,7 @@ def _run(done: Callable[[float], None], program: str, *arguments: object) -> str
     with tempfile.TemporaryFile("w+") as printed:
         with subprocess.Popen(command, cwd=root, stdout=printed, stderr=subprocess.PIPE) as process:
             assert process.stderr is not None
-            _follow(process.stderr.fileno(), done)
+            _follow(process.stderr.fileno(), report_share)
         if process.returncode:
             failed = FileError if process.returncode == _REFUSED else InsoleError
             raise failed(f"insole prove: {program} ended with status {process.returncode}: the line above says why")
@@ -142,9 +142,9 @@ def _run(done: Callable[[float], None], program: str, *arguments: object) -> str
         return printed.read()
 
 
-def _follow(said: int, done: Callable[[float], None]) -> None:
+def _follow(pipe: int, report_share: Callable[[float], None]) -> None:
     """Tell `done` of the progress in what a program writes into the pipe `said`; the rest goes to stderr."""
-    while text := os.read(said, 1 << 16):
-        for count, whole in _DONE.findall(text):
-            done(int(count) / int(whole))
+    while text := os.read(pipe, 1 << 16):
+        for count, total in _DONE.findall(text):
+            report_share(int(count) / int(total))
         sys.stderr.write(_DONE.sub(b"", text).lstrip(b"\n").decode(errors="replace"))

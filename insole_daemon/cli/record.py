@@ -1,4 +1,4 @@
-"""`insole record`: a trial into a folder, while it happens."""
+"""`insole record`: record a trial into a folder."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ if TYPE_CHECKING:
     from ..recording.recorder import Progress, Session
     from ..wire.client import Client
 
-_QUIET_S = 10  # between two lines where nobody watches a terminal
+_QUIET_S = 10  # between two lines without a terminal
 
 
 class RecordKind(StrEnum):
-    """What the reference instrument measures."""
+    """The kind of reference instrument."""
 
     chamber = "chamber"
     shoe = "shoe"
@@ -43,36 +43,34 @@ def record(
         bool, typer.Option("--remote", help="Record the cycles a daemon publishes over Zenoh, not a bus.")
     ] = False,
     connect: Connect = DEFAULT_ENDPOINT,
-    rig: Annotated[str, typer.Option(help="With --remote: which wearer, where there are several.")] = "*",
-    foot: Annotated[Which, typer.Option("--foot", help="Which insoles the recording is of.")] = Which.both,
-    kind: Annotated[RecordKind, typer.Option(help="What the reference measures; free: there is none.")] = (
-        RecordKind.free
-    ),
+    rig: Annotated[str, typer.Option(help="With --remote: which wearer, if there are several.")] = "*",
+    foot: Annotated[Which, typer.Option("--foot", help="Which insoles to record.")] = Which.both,
+    kind: Annotated[RecordKind, typer.Option(help="Kind of reference; free: none.")] = (RecordKind.free),
     reference: Annotated[
         list[str] | None,
         typer.Option(
-            help="Where the reference comes from: - for lines of CSV on standard input, else a Zenoh key of JSON "
-            "objects; left=… or right=… where two feet are recorded. May be repeated."
+            help="Source of the reference: - for lines of CSV on standard input, else a Zenoh key of JSON "
+            "objects; left=… or right=… if two feet are recorded. May be repeated."
         ),
     ] = None,
     shoe: Annotated[
-        list[Path] | None, typer.Option(help="insole-shoe/1: makes one wrench of a force shoe's two sensors.")
+        list[Path] | None, typer.Option(help="insole-shoe/1: combines a force shoe's two sensors into one wrench.")
     ] = None,
     guided: Annotated[
         bool,
         typer.Option(
-            "--guided", help="Say what to do next and what is covered so far of what tells the sensor's effects apart."
+            "--guided", help="Show what to do next, and which loads that distinguish effects are covered so far."
         ),
     ] = False,
     rotate_mb: Annotated[
-        float | None, typer.Option(min=0.1, help="Go on in OUT-2, OUT-3 … after so many megabytes.")
+        float | None, typer.Option(min=0.1, help="Continue in OUT-2, OUT-3 … after this many megabytes.")
     ] = None,
     seconds: Seconds = None,
 ) -> None:
     """Record a trial into a folder, from a bus or over Zenoh.
 
-    A bus is read beside the daemon, if there is one. What was received is on disk within a second; a recorder that was
-    killed leaves a folder that can be read.
+    The recorder reads the bus in addition to a running daemon. Received data is on disk within a second; a killed
+    recorder leaves a folder that can be read.
     """
     from .. import config as configs
     from ..bus.recovering import RecoveringSource
@@ -89,15 +87,15 @@ def record(
     on_end(stop.set)
     with ExitStack() as opened:
         client = None
-        if remote or any(_key(each) != "-" for each in reference or ()):
+        if remote or any(_reference_key(item) != "-" for item in reference or ()):
             client = opened.enter_context(Client(connect, rig))
         if remote:
             assert client is not None
-            insoles, interfaces = _of_daemon(client, connect, foot), None
+            insoles, interfaces = _insoles_of_daemon(client, connect, foot), None
         else:
             settings = configs.load(config)
             insoles = insoles_of(settings, foot)
-        instruments = _instruments([each.foot for each in insoles], kind, reference or [], shoe or [])
+        instruments = _instruments([item.foot for item in insoles], kind, reference or [], shoe or [])
         if not remote:
             source = RecoveringSource(settings.buses)
             opened.callback(source.close)
@@ -105,64 +103,68 @@ def record(
         rotate_bytes = None if rotate_mb is None else round(rotate_mb * 1e6)
         recorder = LiveRecorder(out, kind.value, insoles, len(instruments), interfaces, rotate_bytes)
         opened.callback(recorder.close)
-        told = Telling(out, seconds)
+        printer = ProgressPrinter(out, seconds)
         guide = Guide(insoles, kind.value, protocol_of(kind)) if guided else None
-        session = Session(recorder, stop, seconds, told, told.note, [each for each, _ in instruments], guide)
-        _listen(session, instruments, client)
-        what = f"a daemon on {connect}" if remote else ", ".join(map(str, settings.buses))
-        print(f"insole: recording {what} into {out}; Ctrl-C ends", file=sys.stderr, flush=True)
+        session = Session(recorder, stop, seconds, printer, printer.note, [item for item, _ in instruments], guide)
+        _read_references(session, instruments, client)
+        origin = f"a daemon on {connect}" if remote else ", ".join(map(str, settings.buses))
+        print(f"insole: recording {origin} into {out}; Ctrl-C ends", file=sys.stderr, flush=True)
         if remote:
             assert client is not None
             raws = client.raws(foot.value if foot is not Which.both else "*")
             progress = session.from_daemon(raws)
         else:
             progress = session.from_bus(source)
-    told.end(progress)
+    printer.end(progress)
     if progress.frames or progress.cycles:
         name_next(f"insole report {out}")
 
 
 def protocol_of(kind: RecordKind) -> Protocol:
-    """What a trial of that kind has to cover: nobody walks in a chamber or under a press."""
+    """Return the loads that a trial of `kind` has to cover: nobody walks in a chamber or under a press."""
     from ..recording.coverage import Protocol
 
     return Protocol(steps=0) if kind in (RecordKind.chamber, RecordKind.bench) else Protocol()
 
 
 def insoles_of(settings: Config, foot: Which = Which.both) -> list[InsoleContents]:
-    """The insoles of a configuration, with the zeros in use, as a recording holds them."""
+    """Return the insoles of a configuration with the zeros in use, as a recording stores them."""
     from ..errors import InsoleError
     from ..recording.copies import InsoleContents
     from ..service.foot import load_feet
 
     insoles = [
         InsoleContents(
-            each.name, each.insole.boards, each.layout, each.insole.calibration or each.calibration, each.zero
+            foot_state.name,
+            foot_state.insole.boards,
+            foot_state.layout,
+            foot_state.insole.calibration or foot_state.calibration,
+            foot_state.zero,
         )
-        for each in load_feet(settings)
-        if foot in (Which.both, each.name)
+        for foot_state in load_feet(settings)
+        if foot in (Which.both, foot_state.name)
     ]
     if not insoles:
         raise InsoleError(f"the configuration has no {foot.value} foot: correct --foot, or the configuration")
     return insoles
 
 
-def _of_daemon(client: Client, connect: str, foot: Which) -> list[InsoleContents]:
+def _insoles_of_daemon(client: Client, connect: str, foot: Which) -> list[InsoleContents]:
     from ..errors import WireError
     from ..recording.of_daemon import insole_in_use
 
-    found = [(rig, name) for rig, name in client.feet() if foot in (Which.both, name)]
-    if not found:
+    published = [(rig, name) for rig, name in client.feet() if foot in (Which.both, name)]
+    if not published:
         raise WireError(f"no daemon behind {connect} has the foot that is to be recorded ({foot.value})")
-    rigs = sorted({rig for rig, _ in found})
+    rigs = sorted({rig for rig, _ in published})
     if len(rigs) > 1:
         raise WireError(f"{' and '.join(rigs)} publish behind {connect}: say which with --rig")
-    client.rig = rigs[0]  # one that comes later is another wearer
-    return [insole_in_use(client, name) for _, name in found]
+    client.rig = rigs[0]  # a rig that appears later is another wearer
+    return [insole_in_use(client, name) for _, name in published]
 
 
-def _key(reference: str) -> str:
-    """Where a reference comes from, without the foot before it."""
+def _reference_key(reference: str) -> str:
+    """Return the source of a reference without the foot before it."""
     foot, equals, rest = reference.partition("=")
     return rest if equals and foot in ("left", "right") else reference
 
@@ -170,7 +172,7 @@ def _key(reference: str) -> str:
 def _instruments(
     feet: Sequence[Any], kind: RecordKind, references: Sequence[str], shoes: Sequence[Path]
 ) -> list[tuple[Instrument, str]]:
-    """The instruments and where each one's readings come from."""
+    """Return each instrument with the source of its readings."""
     from ..recording.force_shoe import load
     from ..recording.instrument import Instrument
 
@@ -179,19 +181,19 @@ def _instruments(
         shoe_of[shoe.foot] = shoe
     if shoes and kind is not RecordKind.shoe:
         raise typer.BadParameter(f"--shoe goes with --kind shoe, found --kind {kind.value}")
-    found: list[tuple[Instrument, str]] = []
+    instruments: list[tuple[Instrument, str]] = []
     for reference in references:
-        key = _key(reference)
+        key = _reference_key(reference)
         foot = reference.partition("=")[0] if key != reference else feet[0] if len(feet) == 1 else None
-        if foot is None or foot not in feet or any(foot == each.foot for each, _ in found):
+        if foot is None or foot not in feet or any(foot == instrument.foot for instrument, _ in instruments):
             raise typer.BadParameter(
                 f"--reference {reference}: expected left=… or right=…, once for each recorded foot ({', '.join(feet)})"
             )
-        found.append((Instrument(cast("Foot", foot), kind.value, shoe_of.get(foot)), key))
-    return found
+        instruments.append((Instrument(cast("Foot", foot), kind.value, shoe_of.get(foot)), key))
+    return instruments
 
 
-def _listen(session: Session, instruments: Sequence[tuple[Instrument, str]], client: Client | None) -> None:
+def _read_references(session: Session, instruments: Sequence[tuple[Instrument, str]], client: Client | None) -> None:
     from ..recording.recorder import lines_of, stamped
 
     for instrument, key in instruments:
@@ -202,38 +204,38 @@ def _listen(session: Session, instruments: Sequence[tuple[Instrument, str]], cli
         session.inbox.read(instrument, stamped(items))
 
 
-class Telling:
-    """The progress line: rewritten in place on a terminal, else a line now and then.
+class ProgressPrinter:
+    """Prints the progress: a line rewritten in place on a terminal, otherwise a line now and then.
 
-    Guided, what to do next is said when that changes, and what is covered is a line of JSON on standard output whenever
-    it has grown, unless that is a terminal.
+    With `--guided` it prints the next instruction when that changes, and the coverage as a line of JSON on standard
+    output whenever it has grown, unless that is a terminal.
     """
 
     def __init__(self, out: Path, seconds: float | None) -> None:
         self._out, self._seconds = out, seconds
-        self._live = sys.stderr.isatty()
+        self._is_terminal = sys.stderr.isatty()
         self._calls = 0
-        self._asked: dict[Foot, str] = {}
-        self._covered = ""
+        self._instructions: dict[Foot, str] = {}
+        self._coverage_json = ""
 
     def __call__(self, progress: Progress) -> None:
-        """Once a second."""
+        """Print the progress; called once a second."""
         self._calls += 1
-        self._guide(progress)
-        if self._live:
-            print(f"\r{self._line(progress)}\033[K", end="", file=sys.stderr, flush=True)
+        self._print_guidance(progress)
+        if self._is_terminal:
+            print(f"\r{self._text_with_time_left(progress)}\033[K", end="", file=sys.stderr, flush=True)
         elif self._calls % _QUIET_S == 0:
-            print(f"insole: {self._line(progress)}", file=sys.stderr, flush=True)
+            print(f"insole: {self._text_with_time_left(progress)}", file=sys.stderr, flush=True)
 
     def note(self, text: str) -> None:
-        """What happened meanwhile."""
-        print("\r\033[K" * self._live + f"insole: {text}", file=sys.stderr, flush=True)
+        """Print a message above the progress line."""
+        print("\r\033[K" * self._is_terminal + f"insole: {text}", file=sys.stderr, flush=True)
 
     def end(self, progress: Progress) -> None:
-        """At the end."""
-        self._guide(progress)
-        start = "\r\033[K" if self._live else ""
-        print(f"{start}insole: recorded {_line(progress)} in {self._out}", file=sys.stderr, flush=True)
+        """Print the result at the end."""
+        self._print_guidance(progress)
+        start = "\r\033[K" if self._is_terminal else ""
+        print(f"{start}insole: recorded {_progress_text(progress)} in {self._out}", file=sys.stderr, flush=True)
         for foot, quality in progress.quality.items():
             print(f"insole: {foot}: {quality.sentence}", file=sys.stderr)
         for foot, items in progress.covered.items():
@@ -242,31 +244,33 @@ class Telling:
         if not (progress.frames or progress.cycles):
             print("insole: nothing came: are the boards powered and started?", file=sys.stderr)
 
-    def _line(self, progress: Progress) -> str:
+    def _text_with_time_left(self, progress: Progress) -> str:
         if self._seconds is None:
-            return _line(progress)
-        return f"{_line(progress)}, {max(0.0, self._seconds - progress.seconds):.0f} s left"
+            return _progress_text(progress)
+        return f"{_progress_text(progress)}, {max(0.0, self._seconds - progress.seconds):.0f} s left"
 
-    def _guide(self, progress: Progress) -> None:
+    def _print_guidance(self, progress: Progress) -> None:
         for foot, items in progress.covered.items():
             ask = next((item.ask for item in items if item.done < 1.0), "all is covered: Ctrl-C ends")
-            if self._asked.get(foot) != ask:
-                self._asked[foot] = ask
+            if self._instructions.get(foot) != ask:
+                self._instructions[foot] = ask
                 self.note(f"{foot}: {ask}")
         if progress.covered and not sys.stdout.isatty():
-            covered = json.dumps({foot: [_told(item) for item in items] for foot, items in progress.covered.items()})
-            if covered != self._covered:
-                self._covered = covered
+            covered = json.dumps(
+                {foot: [_coverage_dict(item) for item in items] for foot, items in progress.covered.items()}
+            )
+            if covered != self._coverage_json:
+                self._coverage_json = covered
                 print(covered, flush=True)
 
 
-def _told(item: Item) -> dict[str, Any]:
+def _coverage_dict(item: Item) -> dict[str, Any]:
     return {"name": item.name, "done": round(item.done, 2), "seen": item.seen, "ask": item.ask}
 
 
-def _line(progress: Progress) -> str:
-    what = f"{progress.cycles} cycles" if progress.cycles else f"{progress.frames} frames"
-    words = [f"{progress.seconds:.0f} s", what, f"{progress.bytes / 1e6:.1f} MB"]
+def _progress_text(progress: Progress) -> str:
+    amount = f"{progress.cycles} cycles" if progress.cycles else f"{progress.frames} frames"
+    words = [f"{progress.seconds:.0f} s", amount, f"{progress.bytes / 1e6:.1f} MB"]
     words += [f"{foot} {quality.verdict} ({quality.percent} %)" for foot, quality in progress.quality.items()]
     if progress.lost:
         words.append(f"{progress.lost} lost")

@@ -1,4 +1,4 @@
-"""The recordings that a verb is about, read while a person sees how far it is."""
+"""Reading the recordings of a verb, with progress on the terminal."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def load_recordings(folders: Sequence[Path]) -> list[Recording]:
-    """Return the recordings in `folders`, their warnings printed; RecordingError lists what is wrong with one."""
+    """Return the recordings in `folders` and print their warnings; RecordingError lists all problems of one."""
     from ..recording.loading import load
 
     loaded = []

@@ -1,4 +1,4 @@
-"""`insole reference`: force plates of motion capture, or another sensor's text export, as a recording's reference."""
+"""`insole reference`: add a force plate or another sensor's text export to a recording as its reference."""
 
 from __future__ import annotations
 
@@ -18,24 +18,26 @@ if TYPE_CHECKING:
 def reference(
     recording: Annotated[Path, typer.Argument(help="Folder of a recording of the same trial, without a reference.")],
     source: Annotated[Path, typer.Argument(help="C3D file with force plates, or a text export with --mapping.")],
-    foot: Annotated[OneFoot | None, typer.Option("--foot", help="Of a C3D file: which foot was on the plate.")] = None,
-    plate: Annotated[int | None, typer.Option(min=1, help="Of a C3D file with several plates: its number.")] = None,
+    foot: Annotated[OneFoot | None, typer.Option("--foot", help="For a C3D file: the foot on the plate.")] = None,
+    plate: Annotated[
+        int | None, typer.Option(min=1, help="For a C3D file with several plates: the number of the plate.")
+    ] = None,
     origin_mm: Annotated[
         tuple[float, float],
-        typer.Option(help="Where the insole's heel end lay: along the plate's x from its centre, and left of it."),
+        typer.Option(help="Position of the insole's heel end: along the plate's x from its centre, and left of it."),
     ] = (0.0, 0.0),
     heading_deg: Annotated[
-        float, typer.Option(help="Where the toes pointed, counter-clockwise from the plate's x, seen from above.")
+        float, typer.Option(help="Direction of the toes, counter-clockwise from the plate's x, seen from above.")
     ] = 0.0,
     mapping: Annotated[
-        Path | None, typer.Option(help="Of a text export: insole-table/1, which names its columns.")
+        Path | None, typer.Option(help="For a text export: insole-table/1, which names its columns.")
     ] = None,
     force: Force = False,
 ) -> None:
-    """Add what another instrument measured to a recording, so that calibrate, validate and diagnose use it.
+    """Add the readings of another instrument to a recording, so that calibrate, validate and diagnose use them.
 
-    The clocks need not agree: those commands align them by the forces. Of a plate, contacts and 0.3 s around each are
-    taken: at other times the foot may stand beside it.
+    The clocks need not agree: those commands align them by the forces. From a plate, only contacts and 0.3 s around
+    each are used: at other times the foot may stand beside it.
     """
     from ..recording.added_reference import add_reference
     from ..recording.import_text import reference_of_table
@@ -47,13 +49,13 @@ def reference(
         raise typer.BadParameter("expected --foot for the plates of a C3D file, or --mapping for a text export")
     else:
         side = "left" if foot is OneFoot.left else "right"
-        columns = _of_plate(source, plate, origin_mm, heading_deg)
+        columns = _plate_columns(source, plate, origin_mm, heading_deg)
     file = add_reference(loaded, side, columns, force=force)
     print(f"{file}: {len(columns['fz_n'])} readings, up to {columns['fz_n'].max():.0f} N, on a clock of their own")
     name_next(f"insole validate {recording} --calibration CALIBRATION --report side-by-side.html")
 
 
-def _of_plate(
+def _plate_columns(
     source: Path, number: int | None, origin_mm: tuple[float, float], heading_deg: float
 ) -> dict[str, NDArray[np.float64]]:
     from ..errors import FileError
@@ -61,8 +63,10 @@ def _of_plate(
 
     plates = read_force_plates(source)
     if number is None and len(plates) > 1:
-        known = ", ".join(f"--plate {at} (up to {each.f_z_n.max():.0f} N)" for at, each in enumerate(plates, 1))
-        raise typer.BadParameter(f"{source} has {len(plates)} plates: say which: {known}")
+        numbers = ", ".join(
+            f"--plate {at} (up to {candidate.f_z_n.max():.0f} N)" for at, candidate in enumerate(plates, 1)
+        )
+        raise typer.BadParameter(f"{source} has {len(plates)} plates: say which: {numbers}")
     if number is not None and number > len(plates):
         raise typer.BadParameter(f"{source} has {len(plates)} plates, found --plate {number}")
     columns = plates[(number or 1) - 1].contact_columns((origin_mm[0] * 1e-3, origin_mm[1] * 1e-3), heading_deg)

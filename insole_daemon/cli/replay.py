@@ -1,4 +1,4 @@
-"""`insole replay`: a candump log onto a bus."""
+"""`insole replay`: send a candump log on a bus."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ def replay(
     speed: Annotated[float, typer.Option(min=0.001, help="1 keeps the log's timing, 2 is twice as fast.")] = 1.0,
     loop: Annotated[bool, typer.Option(help="Begin again at the end, until stopped.")] = False,
 ) -> None:
-    """Send what the boards sent in a candump log on a bus, with the log's timing.
+    """Send the boards' frames of a candump log on a bus, with the log's timing.
 
-    Recorded commands to boards are left out, as real boards would obey them; so are error, CAN FD and 29-bit frames.
-    How many is said at the end.
+    Recorded commands to boards are left out, because real boards would obey them; so are error, CAN FD and 29-bit
+    frames. Their number is printed at the end.
     """
     from ..bus.opening import open_sink
     from ..bus.replay import Played, play

@@ -1,4 +1,4 @@
-"""`insole report`: a recording as pictures, in one file."""
+"""`insole report`: draw a recording into one HTML file."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .options import Force, name_next, refuse_existing_file, write_whole
 from .progress import show_work
 from .recordings import load_recordings
 
-_RECORDINGS = Path("recordings")  # where the page puts its own
+_RECORDINGS = Path("recordings")  # folder of the web page's recordings
 
 
 def report(
@@ -42,17 +42,17 @@ def report(
 
 
 def newest_recording() -> Path:
-    """The folder of the recording that was begun last, here or in recordings/; FileError where there is none."""
+    """Return the folder of the newest recording, here or in recordings/; FileError if there is none."""
     from ..errors import FileError
     from ..recording.document import FILE
 
-    found = [
+    documents = [
         file
         for file in (*Path().glob(f"*/{FILE}"), *_RECORDINGS.glob(f"*/{FILE}"))
         if not file.parent.name.startswith(".")  # unfinished
     ]
-    if not found:
+    if not documents:
         raise FileError(
             f"no recording here or in {_RECORDINGS}/: name the folder of one, or make one with 'insole record walk-1'"
         )
-    return max(found, key=lambda file: file.stat().st_mtime).parent
+    return max(documents, key=lambda file: file.stat().st_mtime).parent

@@ -1,4 +1,4 @@
-"""`insole run`: the daemon."""
+"""`insole run`: run the daemon."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .options import ConfigFile, name_next, on_end
 def run(config: ConfigFile = None) -> None:
     """Run the daemon: frames in, pressure and wrench out.
 
-    SIGHUP reads the configuration again: calibrations, zeros, thresholds of contact and stale_after_ms change at once.
+    SIGHUP reloads the configuration: calibrations, zeros, thresholds of contact and stale_after_ms change at once.
     """
     from .. import config as configs
     from ..bus.recovering import RecoveringSource
@@ -25,7 +25,7 @@ def run(config: ConfigFile = None) -> None:
     settings = configs.load(config)
     feet = load_feet(settings)
     logging.basicConfig(level=logging.WARNING, format="insole: %(message)s", stream=sys.stderr)
-    logging.getLogger("insole_daemon").setLevel(logging.INFO)  # python-can tells of every socket at that level
+    logging.getLogger("insole_daemon").setLevel(logging.INFO)  # python-can logs every socket at that level
     for exposure in exposures(settings.zenoh):
         print(f"insole: warning: {exposure} ({REMEDY})", file=sys.stderr, flush=True)
     with (

@@ -1,4 +1,4 @@
-"""`insole simulate`: boards that are not there, on a bus that is, or as a recording of a trial that never was."""
+"""`insole simulate`: emulated boards on a bus, or a simulated trial as a recording."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from ..simulation.trial import Trial
 
 
-_PATIENCE_S = 1.0  # for a transmit queue that takes nothing: boards have nothing else to do
+_PATIENCE_S = 1.0  # how long to wait for a full transmit queue
 
 
 class ScenarioName(StrEnum):
-    """The names in simulation/scenarios, which takes too long to load for a help text."""
+    """The names in simulation/scenarios; that module takes too long to import for a help text."""
 
     walk = "walk"
     stand = "stand"
@@ -52,11 +52,13 @@ def simulate(
     ] = None,
     trial_file: Annotated[
         Path | None,
-        typer.Option("--trial", help="insole-trial/1: who walks, what the chamber does, warmth, instruments, faults."),
+        typer.Option("--trial", help="insole-trial/1: the person, chamber, temperature, instruments and faults."),
     ] = None,
     config: ConfigFile = None,
     seconds: Seconds = None,
-    seed: Annotated[int, typer.Option(min=0, help="Of every random draw: same seed, same insole, same frames.")] = 0,
+    seed: Annotated[
+        int, typer.Option(min=0, help="Seed of every random draw: same seed, same insole, same frames.")
+    ] = 0,
     force: Force = False,
 ) -> None:
     """Simulate insoles: their boards live on a bus, where they obey commands, or a trial as a recording."""

@@ -1,4 +1,4 @@
-"""`insole study`: many recordings of many people, analysed in parallel into one table and one page."""
+"""`insole study`: analyse many recordings of many people in parallel into one table and one page."""
 
 from __future__ import annotations
 
@@ -28,32 +28,32 @@ def study(
     tls_cert: TlsCert = None,
     tls_key: TlsKey = None,
 ) -> None:
-    """Analyse every recording of a study, and collect them into table.csv, steps.csv, Parquet and study.html.
+    """Analyse every recording of a study and collect the results into table.csv, steps.csv, Parquet and study.html.
 
-    What is done is not done again, unless a recording changed. Exit status: 0 everything is there, 1 something is
-    missing, and the table says what and why.
+    Finished results are reused unless a recording changed. Exit status: 0 all results exist, 1 some are missing; the
+    table lists them with the reason.
     """
     from ..study.collecting import collect_rows, write_tables
     from ..study.document import load_study
     from ..study.page import study_page
     from ..study.scheduling import cluster, run_tasks
 
-    given = load_study(folder)
+    document = load_study(folder)
     tls = tls_of(tls_ca, tls_cert, tls_key)
 
     numbers = itertools.count(1)
     with cluster(scheduler, workers or os.cpu_count() or 1, tls) as client, show_work(f"analysing {folder}") as work:
 
-        def told(number: int, found: list[TaskResult]) -> None:
-            problems = "; ".join(f"{each.task}: {each.problem}" for each in found if each.file is None)
-            work(f"{given.recordings[number].folder}: {problems or 'done'}")
-            work.done(next(numbers) / len(given.recordings))
+        def told(number: int, results: list[TaskResult]) -> None:
+            problems = "; ".join(f"{row.task}: {row.problem}" for row in results if row.file is None)
+            work(f"{document.recordings[number].folder}: {problems or 'done'}")
+            work.done(next(numbers) / len(document.recordings))
 
-        found = run_tasks(client, folder, given, folder / RESULTS, told)
-    rows, every = collect_rows(given, folder / RESULTS, found)
-    write_tables(given, rows, every, folder)
-    write_whole(folder / "study.html", study_page(folder.resolve().name, given, rows, every))
-    missing = sum(bool(each["missing"]) for each in rows)
+        results = run_tasks(client, folder, document, folder / RESULTS, told)
+    rows, steps = collect_rows(document, folder / RESULTS, results)
+    write_tables(document, rows, steps, folder)
+    write_whole(folder / "study.html", study_page(folder.resolve().name, document, rows, steps))
+    missing = sum(bool(row["missing"]) for row in rows)
     print(f"{folder / 'table.csv'}: {len(rows)} recordings, {missing} with something missing")
     name_next(f"open {folder / 'study.html'}")
     if missing:

@@ -1,4 +1,4 @@
-"""Tables and text that fit the terminal: a table that is too wide is printed with its rows as columns."""
+"""Tables and text that fit the terminal; a table that is too wide is printed with its rows as columns."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _GAP = 2  # spaces beside a column
 
 
 def fold(line: str, indent: int) -> str:
-    """Return `line` broken between words where the terminal ends, indented from there on; whole without a terminal."""
+    """Return `line` wrapped between words to the terminal's width, with `indent` from line 2 on; else unchanged."""
     width = terminal_width(0)
     if not width:
         return line
@@ -22,12 +22,12 @@ def fold(line: str, indent: int) -> str:
 
 
 def terminal_width(elsewhere: int) -> int:
-    """Return the columns of the terminal, or of COLUMNS; `elsewhere` where there is neither."""
+    """Return the columns of the terminal, or of COLUMNS, or `elsewhere` if there is neither."""
     return shutil.get_terminal_size((elsewhere, 24)).columns
 
 
 def print_table(console: Console, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Print `rows` below `columns`; the first column names the row and stands left, the others right."""
+    """Print `rows` below `columns`; the first column names the row and is left-aligned, the others right-aligned."""
     if _width(columns, rows) <= console.width:
         _print(console, columns, rows)
         return

@@ -1,4 +1,4 @@
-"""Both feet in a terminal: the pressure map, the wrench, and how fresh all of it is."""
+"""Both feet in a terminal: pressure map, wrench and age of the data."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ..skin.geometry import THERMAL_PADS
 from ..wire.messages import Health, Message, Meta, Pressure, Wrench
 
 _PIXEL_MM = 5.6  # half a line of text; a taxel's row spacing is 5.66 mm, finer shows nothing more
-_REACH = 1.2  # a pixel shows the taxel that is nearest, if it is within so many pixels
+_REACH = 1.2  # a pixel shows the nearest taxel if it is within this many pixels
 _OTHER_LINES = 12  # of the screen that are not map
 _PANEL = 39  # columns of a foot: both stand side by side in 80
 _FULL_SCALE_PA = 250_000.0  # a heel in walking
@@ -28,7 +28,7 @@ _INVALID = "#777777"
 
 @dataclass
 class FootView:
-    """The newest of everything about one foot."""
+    """The newest messages of one foot and their display."""
 
     meta: Meta
     terminal_lines: int = 60
@@ -49,7 +49,7 @@ class FootView:
         self._pixels = _nearest_taxel(xy_mm, self._corner_mm, self._pixel_mm)
 
     def take(self, message: Message) -> None:
-        """Remember a message of this foot."""
+        """Store a message of this foot."""
         if isinstance(message, Pressure):
             self.pressure = message
         elif isinstance(message, Wrench):
@@ -60,7 +60,7 @@ class FootView:
             self.health = message
 
     def line(self) -> str:
-        """The numbers on one line."""
+        """Format the numbers on one line."""
         wrench = self.wrench
         if wrench is None:
             return f"{self.meta.foot:5}  waiting for the first cycle"
@@ -73,7 +73,7 @@ class FootView:
         )
 
     def panel(self) -> Panel:
-        """The map with the numbers below it."""
+        """Draw the numbers and the map."""
         wrench, health = self.wrench, self.health
         rows: list[RenderableType] = []
         if wrench is not None:
@@ -92,7 +92,7 @@ class FootView:
         return Panel(Group(*rows, self._map()), title=self.meta.foot, width=_PANEL)
 
     def _map(self) -> Text:
-        """Two pixels a character, one above the other; the CoP as a white cross."""
+        """Draw two pixels in each character, one above the other, and the CoP as a white cross."""
         colour = self._colours()
         height, width = self._pixels.shape
         cross = self._cop_pixel()
@@ -130,7 +130,7 @@ class FootView:
 
 
 def screen(feet: Mapping[str, FootView], title: str) -> RenderableType:
-    """The left foot on the left, both toes up."""
+    """Draw both feet, the left one on the left, with toes up."""
     panels = [feet[foot].panel() for foot in ("left", "right") if foot in feet]
     scale = Text("0 ")
     for colour in _SCALE:
@@ -142,7 +142,7 @@ def screen(feet: Mapping[str, FootView], title: str) -> RenderableType:
 
 
 def _nearest_taxel(xy_mm: NDArray[np.float64], corner_mm: NDArray[np.float64], pixel_mm: float) -> NDArray[np.intp]:
-    """(rows, columns) taxel that each pixel shows, −1 for none; toes up, the wearer's left on the left."""
+    """Return the taxel of each pixel, (rows, columns), −1 for none; toes up, the wearer's left on the left."""
     pressure = np.flatnonzero(~np.isin(np.arange(len(xy_mm)) % 12, THERMAL_PADS))
     rows, columns = np.ceil((corner_mm - xy_mm.min(axis=0)) / pixel_mm + 1).astype(int).tolist()
     x, y = (c - (np.arange(n) + 0.5) * pixel_mm for c, n in zip(corner_mm, (rows + rows % 2, columns), strict=True))

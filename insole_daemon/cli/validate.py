@@ -1,4 +1,4 @@
-"""`insole validate`: how good a calibration is on other recordings."""
+"""`insole validate`: measure the errors of a calibration on other recordings."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ if TYPE_CHECKING:
 
 def validate(
     recordings: Annotated[list[Path], typer.Argument(help="Folders of recordings with a reference.")],
-    calibration: Annotated[Path, typer.Option("--calibration", help="The calibration that is judged.")],
+    calibration: Annotated[Path, typer.Option("--calibration", help="The calibration to validate.")],
     out: Annotated[Path | None, typer.Option("--json", help="All figures, as insole-validation/2.")] = None,
     report: Annotated[Path | None, typer.Option("--report", help="An HTML page, in one file.")] = None,
     force: Force = False,
 ) -> None:
-    """Judge a calibration by recordings with a known load: the published tables, for any tasks."""
+    """Measure the errors of a calibration on recordings with a known load, as in the published tables."""
     from rich.console import Console
 
     from ..calibration import validation
@@ -38,9 +38,9 @@ def validate(
     for file in (out, report):
         refuse_existing_file(file, force)
     loaded = load_recordings(recordings)
-    said = Reading(calibration).document
-    foot = said.get("foot") if isinstance(said, dict) else None
-    layout = next((f.layout for each in loaded for f in each.feet if f.foot == foot), None)
+    document = Reading(calibration).document
+    foot = document.get("foot") if isinstance(document, dict) else None
+    layout = next((f.layout for recording in loaded for f in recording.feet if f.foot == foot), None)
     if foot in ("left", "right") and layout is None:
         raise CalibrationError(f"{calibration}: a calibration of the {foot} foot, which none of the recordings has")
     judged = calibrations.load(calibration, layout or loaded[0].feet[0].layout)
@@ -49,8 +49,8 @@ def validate(
     for remark in remarks:
         print(f"insole: {remark}", file=sys.stderr)
     if out is not None:
-        said = validation.validation_document(results, str(calibration))
-        write_whole(out, json.dumps(said, indent=1, ensure_ascii=False) + "\n")
+        document = validation.validation_document(results, str(calibration))
+        write_whole(out, json.dumps(document, indent=1, ensure_ascii=False) + "\n")
     if report is not None:
         write_whole(report, validation_page(results, judged, calibration.name))
     console = Console(width=terminal_width(200))
@@ -67,13 +67,13 @@ def validate(
 
 
 def _tables(results: Sequence[Result]) -> Iterator[tuple[Sequence[str], Sequence[Sequence[str]], Sequence[str]]]:
-    """Columns and rows of each table, and the names of what has to be defined below it."""
+    """Yield the columns and rows of each table, and the names of the figures to define below it."""
     from ..calibration.validation import ShoeResult
     from ..calibration.validation_rows import CHAMBER_COLUMNS, SHOE_COLUMNS, chamber_rows, shoe_rows
 
-    shoe = [each for each in results if isinstance(each.outcome, ShoeResult)]
-    chamber = [each for each in results if not isinstance(each.outcome, ShoeResult)]
-    if shoe:
-        yield SHOE_COLUMNS, shoe_rows(shoe), ("rmse", "accuracy", "steady", "cop", "clock")
-    if chamber:
-        yield CHAMBER_COLUMNS, chamber_rows(chamber), ("taxels", "clock")
+    shoe_results = [result for result in results if isinstance(result.outcome, ShoeResult)]
+    chamber_results = [result for result in results if not isinstance(result.outcome, ShoeResult)]
+    if shoe_results:
+        yield SHOE_COLUMNS, shoe_rows(shoe_results), ("rmse", "accuracy", "steady", "cop", "clock")
+    if chamber_results:
+        yield CHAMBER_COLUMNS, chamber_rows(chamber_results), ("taxels", "clock")

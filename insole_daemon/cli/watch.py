@@ -1,4 +1,4 @@
-"""`insole watch`: any key, as text or as JSON lines."""
+"""`insole watch`: print any key, as text or as JSON lines."""
 
 from __future__ import annotations
 
@@ -22,10 +22,9 @@ def watch(
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object a line, arrays as lists.")] = False,
     count: Annotated[int | None, typer.Option(min=1, help="End after so many messages.")] = None,
 ) -> None:
-    """Print what is published on a key.
+    """Print the messages published on a key.
 
-    Kinds of messages that this version does not know are left out; payloads that are not what their key says are told
-    of on stderr.
+    Unknown kinds of messages are left out; payloads that do not match their key are counted on stderr.
     """
     from ..wire.client import Client
 
@@ -34,24 +33,24 @@ def watch(
         on_end(messages.close)
         for number, message in enumerate(messages, 1):
             line = _json(message) if as_json else _text(message)
-            if sys.stdout.isatty() and not as_json:  # others read a message a line
+            if sys.stdout.isatty() and not as_json:  # programs read one message per line
                 line = fold(line, 4)
             sys.stdout.write(line + "\n")
             sys.stdout.flush()
             if number == count:
                 break
         if messages.refused:
-            print(f"insole: {messages.refused} payloads were not what their key says", file=sys.stderr)
+            print(f"insole: {messages.refused} payloads did not match their key and were left out", file=sys.stderr)
     name_next("insole record walk-1 --remote")
 
 
 def _json(message: Any) -> str:
-    """One object; what JSON cannot say inside a map, which decoding does not look into, must not end the watching."""
+    """Return one JSON object; values in a map that JSON does not have are written as text."""
     return json.dumps({"schema": message.SCHEMA} | _plain(message), default=repr, skipkeys=True)
 
 
 def _plain(message: Any) -> dict[str, Any]:
-    """The fields for JSON: arrays as lists, what is not a number as null."""
+    """Return the fields for JSON: arrays as lists, NaN and infinity as null."""
     import numpy as np
 
     plain = {}
@@ -64,7 +63,7 @@ def _plain(message: Any) -> dict[str, Any]:
 
 
 def _list(array: Any) -> Any:
-    """Nested lists, null for NaN: JSON has none."""
+    """Return nested lists with null for NaN and infinity, which JSON does not have."""
     import numpy as np
 
     plain = array.astype(object)
@@ -73,7 +72,7 @@ def _list(array: Any) -> Any:
 
 
 def _text(message: Any) -> str:
-    """The fields on one line; an array by its shape and range."""
+    """Return the fields on one line; an array as its shape and range."""
     import numpy as np
 
     words = [message.SCHEMA]

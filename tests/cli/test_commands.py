@@ -127,7 +127,7 @@ def test_watch_prints_text_and_survives_a_reader_that_goes(demo):
     assert "Traceback" not in done.stderr
 
 
-def test_a_second_daemon_on_the_same_endpoint_is_told_so(demo):
+def test_a_second_daemon_on_the_same_endpoint_gets_a_message(demo):
     done = insole("demo", "--seconds", 2)
     assert done.returncode == 3
     assert "already in use" in done.stderr
@@ -147,7 +147,7 @@ def test_a_config_with_mistakes_is_refused_with_all_of_them(tmp_path):
     assert "Traceback" not in done.stderr
 
 
-def test_an_interface_that_is_not_there_is_said(tmp_path):
+def test_a_missing_interface_is_reported(tmp_path):
     config = tmp_path / "config.yaml"
     config.write_text(
         "format: insole-config/1\nbuses: [socketcan:nocan7]\ninsoles:\n  - foot: left\n    boards:\n"
@@ -159,7 +159,7 @@ def test_an_interface_that_is_not_there_is_said(tmp_path):
     assert "Traceback" not in done.stderr
 
 
-def test_nobody_to_ask(endpoint):
+def test_status_and_watch_without_a_daemon_name_insole_run(endpoint):
     for verb in ("status", "watch"):
         done = insole(verb, "--connect", endpoint)
         assert done.returncode == 3

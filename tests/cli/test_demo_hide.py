@@ -11,7 +11,7 @@ from insole_daemon.errors import SimulationError
 RUNNER = CliRunner()
 
 
-def test_what_was_concealed_is_found_and_then_said(tmp_path, monkeypatch):
+def test_a_concealed_effect_is_diagnosed_and_then_printed(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     done = RUNNER.invoke(app, ["demo", "--hide", "gain", "--seed", "7"])
     assert done.exit_code == 0, done.output

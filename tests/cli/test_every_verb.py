@@ -184,7 +184,7 @@ def daemon(given, tmp_path_factory):  # noqa: F811
 
 
 @pytest.mark.parametrize("verb", WRONG_FOOT)
-def test_a_foot_that_the_daemon_does_not_have_is_said(verb, daemon, tmp_path, monkeypatch, capsys):
+def test_a_foot_that_the_daemon_does_not_have_is_reported(verb, daemon, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     status, said = insole(monkeypatch, capsys, *WRONG_FOOT[verb], "--connect", daemon[1])
     assert status == NO_NETWORK
@@ -221,7 +221,7 @@ def test_ctrl_c_ends_what_goes_on_without_a_traceback(verb, daemon, given, tmp_p
 
 
 @pytest.mark.parametrize("verb", TAKEN)
-def test_a_taken_port_is_said_with_a_remedy(verb, daemon, given, taken, monkeypatch, capsys):  # noqa: F811
+def test_a_port_in_use_is_reported_with_a_remedy(verb, daemon, given, taken, monkeypatch, capsys):  # noqa: F811
     monkeypatch.chdir(given)
     arguments = {
         "run": ("--config", daemon[0]),

@@ -157,7 +157,7 @@ WRONG_FOOT = {
 
 
 @pytest.mark.parametrize("verb", WRONG_FOOT)
-def test_the_wrong_foot_is_said(verb, given, monkeypatch, capsys):
+def test_a_layout_of_the_wrong_foot_is_reported(verb, given, monkeypatch, capsys):
     monkeypatch.chdir(given)
     status, said = insole(monkeypatch, capsys, *WRONG_FOOT[verb])
     assert status in (USAGE, NO_NETWORK, REFUSED), said
@@ -182,7 +182,7 @@ EXISTING = {
 
 
 @pytest.mark.parametrize("verb", EXISTING)
-def test_what_is_there_already_is_not_overwritten(verb, given, monkeypatch, capsys):
+def test_an_existing_file_is_not_overwritten(verb, given, monkeypatch, capsys):
     monkeypatch.chdir(given)
     for folder in ("taken", "taken-diagnosis"):
         (given / folder).mkdir(exist_ok=True)
@@ -272,7 +272,7 @@ FULL_DISK = {
 
 
 @pytest.mark.parametrize("verb", FULL_DISK)
-def test_a_disk_without_room_is_said_and_leaves_nothing(verb, given):
+def test_a_full_disk_is_reported_and_leaves_no_file(verb, given):
     def no_room() -> None:  # the kernel refuses every byte beyond these, as a full disk does
         resource.setrlimit(resource.RLIMIT_FSIZE, (2048, 2048))
 
@@ -283,7 +283,7 @@ def test_a_disk_without_room_is_said_and_leaves_nothing(verb, given):
     assert not list(given.glob("*new*"))
 
 
-def test_stdout_without_room_is_said(given):
+def test_a_full_disk_under_stdout_is_reported(given):
     with open("/dev/full", "w") as full:
         done = subprocess.run([INSOLE, "--version"], stdout=full, stderr=subprocess.PIPE, text=True)
     assert done.returncode == REFUSED

@@ -48,7 +48,7 @@ def wrong(screen: str) -> list[str]:
     return re.findall(r"^  wrong +(.*)$", screen, re.MULTILINE)
 
 
-def test_an_interface_that_is_not_there_is_said_first_and_instead_of_its_boards():
+def test_a_missing_interface_is_listed_first_and_replaces_its_boards():
     error = str(cannot_open("can0", OSError(errno.ENODEV, "No such device")))
     missing = CAN0 | {"state": "missing", "error": error}
     screen = _screen("demo", "left", health("never seen", interface=missing, overflows=1), META)
@@ -68,7 +68,7 @@ def test_an_interface_that_came_back_is_up_whatever_its_last_error():
     assert re.search(r"^  bus +can0 up, ", screen, re.MULTILINE)
 
 
-def test_steps_of_the_clock_are_said():
+def test_status_reports_steps_of_the_clock():
     (only,) = wrong(_screen("demo", "left", health(clock_steps=2), META))
     assert "back in time 2 times" in only
     assert "timedatectl" in only

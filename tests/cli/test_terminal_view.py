@@ -63,7 +63,7 @@ def test_panel_has_the_numbers_and_the_map():
     assert colour(_SCALE[0]) in drawn(view.panel())[1]
 
 
-def test_a_force_that_is_not_known_is_no_number():
+def test_an_unknown_force_is_shown_as_a_dash():
     view = FootView(LEFT)
     view.take(replace(WRENCH, f_z_n=None, cop_x_m=None, cop_y_m=None, age_ms=np.full(N, np.nan, np.float32)))
     text, coloured = drawn(view.panel())

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from insole_daemon import config as configs
 from insole_daemon.bus.socketcan import SocketCanSource
-from insole_daemon.cli.record import Telling, insoles_of
+from insole_daemon.cli.record import ProgressPrinter, insoles_of
 from insole_daemon.recording.coverage import Protocol
 from insole_daemon.recording.guide import Guide
 from insole_daemon.recording.instrument import Instrument
@@ -35,7 +35,7 @@ def main(out: str, config_file: str, port: str, rotate_bytes: str, guided: str =
     instrument = Instrument("left", "chamber")
     session = Session(recorder, stop, instruments=[instrument])
     if guided:
-        told = Telling(Path(out), None)
+        told = ProgressPrinter(Path(out), None)
         session.tell, session.note = told, told.note
         session.guide = Guide(insoles, "chamber", SHORT)
     session.inbox.read(instrument, stamped(lines_of(0)))
