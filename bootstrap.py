@@ -45,11 +45,11 @@ INDEX_URL = os.environ.get("PIP_INDEX_URL") or "https://pypi.org/simple"
 
 
 class BootstrapError(Exception):
-    """What went wrong and what to do, for a person to read."""
+    """An error with a message for a person: what happened and what to do."""
 
 
 def main(arguments: list[str]) -> int:
-    """Prepare .venv, then become the command asked for."""
+    """Prepare .venv, then run the requested command in place of this process."""
     command, rest = (arguments[0], arguments[1:]) if arguments else ("", [])
     if command == "demo":
         prepare({"lab", "view"})  # all that the documented commands need
@@ -69,12 +69,12 @@ def main(arguments: list[str]) -> int:
 
 
 def become(program: Path, *arguments: str) -> NoReturn:
-    """Go on as another program."""
+    """Replace this process by another program."""
     os.execv(program, [str(program), *arguments])
 
 
 def prepare(extras: set[str]) -> None:
-    """Make .venv hold this package, editable, with `extras`; nothing to do when it does already."""
+    """Install this package, editable, with `extras` into .venv, unless it has them already."""
     with contextlib.suppress(OSError):  # a file system without locks
         # Two of us at once: the second waits. The lock goes with the process.
         fcntl.flock(os.open(HERE, os.O_RDONLY), fcntl.LOCK_EX)
@@ -105,12 +105,12 @@ def prepare(extras: set[str]) -> None:
 
 
 def sha256(file: Path) -> str:
-    """Of what is in it."""
+    """Return the SHA-256 of the content of `file`."""
     return hashlib.sha256(file.read_bytes()).hexdigest()
 
 
 def read_state() -> dict[str, Any]:
-    """What .venv was made for; empty when there is none, or one that was left unfinished."""
+    """Return the state of .venv; empty if there is none, or if it is unfinished."""
     if not VENV.exists():
         return {}
     if not STATE.exists() and any(VENV.iterdir()):
@@ -126,14 +126,14 @@ def read_state() -> dict[str, Any]:
 
 
 def write_state(state: dict[str, Any]) -> None:
-    """In one step, so that a reader never sees half of it."""
+    """Write the state in one step, so that a reader never sees a partial file."""
     draft = STATE.with_suffix(".new")
     draft.write_text(json.dumps(state))
     draft.replace(STATE)
 
 
 def make_venv() -> None:
-    """An empty virtual environment that has pip."""
+    """Make an empty virtual environment with pip."""
     VENV.mkdir(exist_ok=True)
     write_state({})
     for entry in VENV.iterdir():  # all but the mark that it is ours, should we be interrupted
@@ -155,7 +155,7 @@ def make_venv() -> None:
 
 
 def pip(*arguments: str, program: list[str] | None = None) -> None:
-    """Run pip in .venv; its words are shown only when it fails."""
+    """Run pip in .venv; show its output only if it fails."""
     options = ["-qq", "--disable-pip-version-check", "--no-input"]
     command = [str(PYTHON), *(program or ["-m", "pip"]), *arguments, *options]
     result = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False)
@@ -166,7 +166,7 @@ def pip(*arguments: str, program: list[str] | None = None) -> None:
 
 
 def fetch_pip() -> bytes:
-    """The pinned wheel of pip, from the package index."""
+    """Download the pinned wheel of pip from the package index."""
     say(f"this Python has no pip; fetching {PIP_WHEEL}")
     page_url = index_page("pip")
     links = Links()
@@ -186,12 +186,12 @@ def fetch_pip() -> bytes:
 
 
 def index_page(project: str) -> str:
-    """Where the package index lists the files of a project."""
+    """Return the address at which the package index lists the files of a project."""
     return f"{INDEX_URL.rstrip('/')}/{project}/"
 
 
 class Links(html.parser.HTMLParser):
-    """The addresses a page links to. Every index serves HTML; not every mirror serves JSON."""
+    """Collects the links of a page. Every index serves HTML; not every mirror serves JSON."""
 
     def __init__(self) -> None:
         """Nothing found yet."""
@@ -204,7 +204,7 @@ class Links(html.parser.HTMLParser):
 
 
 def fetch(url: str) -> bytes:
-    """What stands at `url`."""
+    """Return the content at `url`."""
     trusted = ssl.create_default_context(cafile=os.environ.get("PIP_CERT"))
     # A minimal Debian has no ca-certificates. The wheel's pinned hash vouches for it, whoever sent it.
     unchecked = ssl.create_default_context()
@@ -234,12 +234,12 @@ def fetch(url: str) -> bytes:
 
 
 def host(url: str) -> str:
-    """What may be shown of an address: the rest can hold a password."""
+    """Return the part of an address that may be shown: the rest can contain a password."""
     return urllib.parse.urlsplit(url).hostname or url
 
 
 def say(what: str) -> None:
-    """Progress; stdout belongs to the command."""
+    """Print progress on stderr; stdout belongs to the command."""
     print(f"bootstrap: {what}", file=sys.stderr, flush=True)
 
 

@@ -1,4 +1,4 @@
-"""Builds the compiled kernel into the package where there is a C compiler with Python's headers.
+"""Builds the compiled kernel into the package if there is a C compiler with Python's headers.
 
 Hatchling calls it for every wheel, editable ones too; by hand: `python hatch_build.py`. Without a compiler the package
 is complete as well: the daemon then computes with numpy alone, at some more CPU time for the same results.
