@@ -102,7 +102,7 @@ def watch_presses(
         for change in source.changes():
             _print_line(f"  {change.text}")
         touch.feed(batch)
-        if not touch.seen().any():
+        if not touch.has_arrived().any():
             if now_ns - begun_ns > 3_000_000_000:
                 raise BusError(
                     "no board sends: expected skin frames within 3 s, found none. Are the boards powered, and "
@@ -152,7 +152,7 @@ def write_layouts(
         _print_line(f"{template.foot}: {len(layout)} of {len(template)} positions in {path}")
         name_next(f"in config.yaml, under the {template.foot} foot: layout: {path}; then insole zero")
     lines = summary(
-        placements, owners, identities(touch.seen()), identities(touch.faulty() & touch.seen())
+        placements, owners, identities(touch.has_arrived()), identities(touch.faulty() & touch.has_arrived())
     )  # fmt: skip
     for line in lines:
         _print_line(f"  {line}")

@@ -44,12 +44,12 @@ def study(
     numbers = itertools.count(1)
     with cluster(scheduler, workers or os.cpu_count() or 1, tls) as client, show_work(f"analysing {folder}") as work:
 
-        def told(number: int, results: list[TaskResult]) -> None:
+        def report_recording(number: int, results: list[TaskResult]) -> None:
             problems = "; ".join(f"{row.task}: {row.problem}" for row in results if row.file is None)
             work(f"{document.recordings[number].folder}: {problems or 'done'}")
             work.done(next(numbers) / len(document.recordings))
 
-        results = run_tasks(client, folder, document, folder / RESULTS, told)
+        results = run_tasks(client, folder, document, folder / RESULTS, report_recording)
     rows, steps = collect_rows(document, folder / RESULTS, results)
     write_tables(document, rows, steps, folder)
     write_whole(folder / "study.html", study_page(folder.resolve().name, document, rows, steps))

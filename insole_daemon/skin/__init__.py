@@ -1,1 +1,1 @@
-"""What the frames mean: identifiers, halves, status bits; frames into cycles; where every taxel lies."""
+"""Decoding of skin frames: identifiers, halves, status bits; frames into cycles; the layout."""

@@ -48,10 +48,10 @@ class Touch:
         level[(now_mono_ns - self._t_ns.min(axis=1) > _STALE_NS) | (self._error != 0)] = np.nan
         return level.reshape(N_BOARDS, N_NUMBERS)
 
-    def seen(self) -> NDArray[np.bool_]:
+    def has_arrived(self) -> NDArray[np.bool_]:
         """Return whether any frame of [board, triangle] arrived, (16, 16)."""
-        seen: NDArray[np.bool_] = (self._t_ns > _NEVER).any(axis=1).reshape(N_BOARDS, N_NUMBERS)
-        return seen
+        arrived: NDArray[np.bool_] = (self._t_ns > _NEVER).any(axis=1).reshape(N_BOARDS, N_NUMBERS)
+        return arrived
 
     def faulty(self) -> NDArray[np.bool_]:
         """Return whether [board, triangle] reports that it is open or dead, (16, 16)."""

@@ -108,8 +108,8 @@ class OtherSources:
 def parse_reference(payload: bytes) -> NDArray[np.float64] | None:
     """Return f_z, m_x, m_y, (3,), of a reference's JSON message as for `insole record`; None if it is not one."""
     try:
-        said = parse_json(payload)
-        values = [math.nan if said[name] is None else float(said[name]) for name in COLUMNS]
+        document = parse_json(payload)
+        values = [math.nan if document[name] is None else float(document[name]) for name in COLUMNS]
     except (ValueError, TypeError, KeyError, OverflowError):
         return None
     return np.array(values)

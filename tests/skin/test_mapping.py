@@ -103,7 +103,7 @@ def mapped(truth, finger=None, slip=None, seed=0, wait_s=2.0, reaction_s=0.3, as
                     now_s = run.now_ns * 1e-9 + reaction_s
                     xy_m = np.array([position.x_mm, position.y_mm]) * 1e-3
                     finger.presses.append((now_s, now_s + 0.9, position.foot, xy_m))
-    streaming = [tuple(map(int, i)) for i in np.argwhere(touch.seen())]
+    streaming = [tuple(map(int, i)) for i in np.argwhere(touch.has_arrived())]
     faulty = [tuple(map(int, i)) for i in np.argwhere(touch.faulty())]
     found = mapping.results()
     return found, said, summary(found, OWNERS, streaming, faulty), times, run.now_ns * 1e-9
@@ -216,6 +216,6 @@ def test_triangles_without_a_sensor_do_not_answer():
     touch.feed(run.advance(300_000_000))
     level = touch.level_count(run.now_ns)
     assert np.isfinite(level).sum() == 56
-    assert touch.seen().sum() == 96
+    assert touch.has_arrived().sum() == 96
     assert touch.faulty().sum() == 40
     assert np.isnan(touch.level_count(run.now_ns + 600_000_000)).all(), "silence is not a reading"

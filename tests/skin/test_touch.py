@@ -76,13 +76,13 @@ def test_before_the_first_frame_all_levels_are_unknown() -> None:
     touch.feed(FrameBatch.empty())
     for now_ns in (0, 1, NOW_NS):
         assert known(touch.level_count(now_ns)) == {}
-    assert where(touch.seen()) == where(touch.faulty()) == []
+    assert where(touch.has_arrived()) == where(touch.faulty()) == []
 
 
 def test_the_level_is_the_mean_of_the_pressure_taxels_by_board_and_triangle() -> None:
     touch = fed(halves(COUNTS), halves([count - 60 if count > 60 else 200 for count in COUNTS], 9, 3))
     assert known(touch.level_count(NOW_NS)) == {(5, 12): LEVEL, (9, 3): LEVEL - 60}
-    assert where(touch.seen()) == [[5, 12], [9, 3]]
+    assert where(touch.has_arrived()) == [[5, 12], [9, 3]]
     assert where(touch.faulty()) == []
 
 
@@ -134,12 +134,12 @@ def test_the_classes_that_carry_a_half(class_a: int, class_b: int, taken_a: bool
         frame(half_b(COUNTS), skin_id(BOARD, TRIANGLE, class_b)),
     )
     assert known(touch.level_count(NOW_NS)) == ({(5, 12): LEVEL} if taken_a and taken_b else {})
-    assert where(touch.seen()) == ([[5, 12]] if taken_a or taken_b else [])
+    assert where(touch.has_arrived()) == ([[5, 12]] if taken_a or taken_b else [])
 
 
 @pytest.mark.parametrize("tag", [0x00, TAG_A - 1, TAG_A + 1, TAG_B - 1, TAG_B + 1, 0xFF])
 def test_a_frame_with_another_tag_is_not_a_half(tag: int) -> None:
-    assert where(fed(frame([tag, *COUNTS[:7]])).seen()) == []
+    assert where(fed(frame([tag, *COUNTS[:7]])).has_arrived()) == []
 
 
 @pytest.mark.parametrize("flags", [EXTENDED, REMOTE, ERROR, FD])
@@ -147,7 +147,7 @@ def test_a_frame_with_another_tag_is_not_a_half(tag: int) -> None:
 def test_frames_of_another_kind_are_passed_over(tag: int, flags: int) -> None:
     touch = fed(halves(COUNTS), frame([tag, *[9] * 7], flags=flags))
     assert known(touch.level_count(NOW_NS)) == {(5, 12): LEVEL}
-    assert where(fed(frame([tag, *[9] * 7], flags=flags)).seen()) == []
+    assert where(fed(frame([tag, *[9] * 7], flags=flags)).has_arrived()) == []
 
 
 @pytest.mark.parametrize("n_bytes", range(1, 8))
@@ -155,7 +155,7 @@ def test_frames_of_another_kind_are_passed_over(tag: int, flags: int) -> None:
 def test_a_half_that_is_cut_is_passed_over(tag: int, n_bytes: int) -> None:
     touch = fed(halves(COUNTS), frame([tag, *[9] * 7][:n_bytes]))
     assert known(touch.level_count(NOW_NS)) == {(5, 12): LEVEL}
-    assert where(fed(frame([tag, *[9] * 7][:n_bytes])).seen()) == []
+    assert where(fed(frame([tag, *[9] * 7][:n_bytes])).has_arrived()) == []
 
 
 # ---- silence
@@ -166,7 +166,7 @@ def test_a_reading_is_half_a_second_good() -> None:
     assert known(touch.level_count(NOW_NS + STALE_NS)) == {(5, 12): LEVEL, (9, 3): LEVEL}
     assert known(touch.level_count(NOW_NS + STALE_NS + 1)) == {(9, 3): LEVEL}
     assert known(touch.level_count(NOW_NS + STALE_NS + 2)) == {}
-    assert where(touch.seen()) == [[5, 12], [9, 3]], "it was seen none the less"
+    assert where(touch.has_arrived()) == [[5, 12], [9, 3]], "it was seen none the less"
 
 
 @pytest.mark.parametrize("half", ["A", "B"])
@@ -174,7 +174,7 @@ def test_one_half_alone_gives_no_reading_but_counts_as_received(half: str) -> No
     data = half_a(COUNTS) if half == "A" else half_b(COUNTS)
     touch = fed(frame(data))
     assert known(touch.level_count(NOW_NS)) == {}
-    assert where(touch.seen()) == [[5, 12]]
+    assert where(touch.has_arrived()) == [[5, 12]]
     touch = fed(halves(COUNTS), frame(data, t_ns=NOW_NS + STALE_NS))
     assert known(touch.level_count(NOW_NS + STALE_NS)) == {(5, 12): LEVEL}
     assert known(touch.level_count(NOW_NS + STALE_NS + 1)) == {}, "the other half is too old"
@@ -195,7 +195,7 @@ def test_a_triangle_that_sends_again_has_a_level_again() -> None:
 def test_a_triangle_that_reports_an_error_is_faulty_and_has_no_level(error: int) -> None:
     touch = fed(halves(COUNTS, error=error), halves(COUNTS, 9, 3))
     assert where(touch.faulty()) == [[5, 12]]
-    assert where(touch.seen()) == [[5, 12], [9, 3]]
+    assert where(touch.has_arrived()) == [[5, 12], [9, 3]]
     assert known(touch.level_count(NOW_NS)) == {(9, 3): LEVEL}
 
 

@@ -141,11 +141,11 @@ class Rezeroed:
 
     def _at_rest_at_once(self, board: int, taxels: NDArray[np.intp]) -> bool:
         usable = self._rest.usable[taxels]
-        before, now = self._activation[board][taxels][usable], self._rest.activation[taxels][usable]
+        before, activation_now = self._activation[board][taxels][usable], self._rest.activation[taxels][usable]
         loaded = before >= LOADED_COUNT
-        if np.count_nonzero(loaded) < LOADED_TAXELS or np.abs(now).mean() > AT_REST_COUNT:
+        if np.count_nonzero(loaded) < LOADED_TAXELS or np.abs(activation_now).mean() > AT_REST_COUNT:
             return False
-        return bool(now[loaded].sum() <= LEFT * before[loaded].sum())
+        return bool(activation_now[loaded].sum() <= LEFT * before[loaded].sum())
 
     def _healed(self, board: int, unloaded: bool, t_mono_ns: int) -> bool:
         taxels = self._own[board]

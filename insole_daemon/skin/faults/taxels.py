@@ -109,12 +109,12 @@ class TaxelFaults:
         if well.all():
             least, mean, highest = around.min(axis=0), around.sum(axis=0) / len(around), np.abs(around).max(axis=0)
         else:
-            there = well[self._neighbours]
-            n_there = there.sum(axis=0)
-            least = np.where(there, around, np.inf).min(axis=0)
-            borne = np.where(there, around, 0)
-            mean, highest = borne.sum(axis=0) / np.maximum(n_there, 1), np.abs(borne).max(axis=0)
-            live = live & (n_there >= 2)
+            is_healthy = well[self._neighbours]
+            n_healthy = is_healthy.sum(axis=0)
+            least = np.where(is_healthy, around, np.inf).min(axis=0)
+            borne = np.where(is_healthy, around, 0)
+            mean, highest = borne.sum(axis=0) / np.maximum(n_healthy, 1), np.abs(borne).max(axis=0)
+            live = live & (n_healthy >= 2)
         loaded = live & (least >= LOADED_COUNT)
         if loaded.any():
             self._weigh(self._for_dead, np.where(loaded, SHARE * least - activation, 0), _DEAD)

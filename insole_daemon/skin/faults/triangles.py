@@ -42,7 +42,7 @@ _HALF_A = 7  # taxels 0–6 come in half A, 7–11 in half B
 
 
 class LooseTriangles:
-    """Which triangles of one foot are loose, cycle by cycle."""
+    """The loose triangles of one foot, cycle by cycle."""
 
     def __init__(self, places: Places) -> None:
         n = len(places.layout)
@@ -91,8 +91,8 @@ class LooseTriangles:
         self._quiet[changed] = 0
         self._deaf = self._noisy & (self._quiet >= DEAF_LOOKS)
         if np.count_nonzero(self._deaf):
-            others = self._quiet[self._noisy & ~self._deaf]
-            self._deaf &= len(others) > 0 and bool(np.median(others) <= LIVELY_LOOKS)
+            checks_of_others = self._quiet[self._noisy & ~self._deaf]
+            self._deaf &= len(checks_of_others) > 0 and bool(np.median(checks_of_others) <= LIVELY_LOOKS)
             self._any |= bool(self._deaf.any())
 
     def _on_rails(self, counts: NDArray[np.uint8]) -> NDArray[np.bool_]:

@@ -99,7 +99,7 @@ class FaultWatch:
 
     @property
     def faults(self) -> list[Fault]:
-        """What is wrong now, the longest first."""
+        """The present faults, the oldest first."""
         return [Fault(*key, since_ns) for key, since_ns in self._active.items()]
 
     def zeroed(self) -> None:
