@@ -133,12 +133,12 @@ def _difference_lines(boards: list[dict[str, Any]]) -> list[str]:
 
 
 def _confirmation_rows(boards: list[dict[str, Any]]) -> list[list[str]]:
-    rows = [["board", "confirmed", "what the stream says"]]
+    rows = [["board", "confirmed", "observed"]]
     for board in boards:
         period = "" if board["seen_period_ms"] is None else f" every {board['seen_period_ms']:.1f} ms"
-        says = f"{len(board['triangles'])} triangles{period}" if board["triangles"] else "silent"
+        observed = f"{len(board['triangles'])} triangles{period}" if board["triangles"] else "silent"
         rows.append([
-            str(board["address"]), "yes" if board["confirmed"] else "NO", "; ".join([says, *board["differences"]]),
+            str(board["address"]), "yes" if board["confirmed"] else "NO", "; ".join([observed, *board["differences"]]),
         ])  # fmt: skip
     return rows
 

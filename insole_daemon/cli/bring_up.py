@@ -66,7 +66,7 @@ def bring_up(
     n, with_config = len(report.problems), f" --config {config}" if config else ""
     print(f"insole: {n} problem{'s' * (n != 1)}; the report is {file}: send it to us with the folder", file=sys.stderr)
     if report.problems:
-        name_next(f"what the report says under 'What to change'; then insole bring-up{with_config}")
+        name_next(f"the changes in the report under 'What to change'; then insole bring-up{with_config}")
         raise typer.Exit(1)
     name_next(f"insole run{with_config}")
 

@@ -79,7 +79,7 @@ def choose_foot(loaded: list[Recording], chosen: OneFoot | None) -> Foot:
     if chosen is not None:
         return "left" if chosen is OneFoot.left else "right"
     if len(sides) > 1:
-        raise typer.BadParameter("the recordings have both feet: say --foot left or --foot right")
+        raise typer.BadParameter("the recordings have both feet: give --foot left or --foot right")
     if not sides:
-        raise typer.BadParameter("no foot has a reference in all recordings: say --foot, to hear which one lacks it")
+        raise typer.BadParameter("no foot has a reference in all recordings: give --foot to see which one lacks it")
     return sides.pop()

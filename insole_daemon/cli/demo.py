@@ -42,7 +42,7 @@ def demo(
         ),
     ] = None,
     seed: Annotated[
-        int | None, typer.Option("--seed", min=0, help="With --hide: place and strength; drawn if not said.")
+        int | None, typer.Option("--seed", min=0, help="With --hide: seed of place and strength; drawn by default.")
     ] = None,
 ) -> None:
     """See it work without hardware: a simulated walk, live; or something concealed, found.
@@ -52,14 +52,14 @@ def demo(
     """
     if hide is not None:
         if seconds is not None or view or port is not None or listen != DEFAULT_ENDPOINT:
-            raise typer.BadParameter("--seconds, --view, --port and --listen are of the live demo, not of --hide")
+            raise typer.BadParameter("--seconds, --view, --port and --listen belong to the live demo, not to --hide")
         from .demo_hide import hide_and_seek
 
         raise typer.Exit(0 if hide_and_seek(hide, seed) else 1)
     if seed is not None:
-        raise typer.BadParameter("--seed is of --hide: say what to conceal")
+        raise typer.BadParameter("--seed needs --hide: name an effect to conceal")
     if port is not None and not view:
-        raise typer.BadParameter("--port is of the page: add --view")
+        raise typer.BadParameter("--port needs --view")
     from ..bus.opening import open_sink
     from ..bus.recovering import RecoveringSource
     from ..config import Bus, Config, Zenoh

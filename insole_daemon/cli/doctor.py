@@ -35,7 +35,7 @@ def doctor(config: ConfigFile = None) -> None:
     print(f"{problems} problem{'s' * (problems != 1)}, {warnings} warning{'s' * (warnings != 1)}")
     sys.stdout.flush()
     if problems:
-        name_next("what the arrows say, from above; then insole doctor")
+        name_next("the remedies after the arrows, from the top; then insole doctor")
         raise typer.Exit(1)
     name_next("insole status" if runs else f"insole run{f' --config {config}' if config else ''}")
 

@@ -106,7 +106,7 @@ def watch_presses(
             if now_ns - begun_ns > 3_000_000_000:
                 raise BusError(
                     "no board sends: expected skin frames within 3 s, found none. Are the boards powered, and "
-                    "told to stream? A daemon that manages them does that"
+                    "started? 'insole boards start' starts them through the daemon"
                 )
             continue
         for prompt in mapping.update(now_ns, touch.level_count(now_ns)):

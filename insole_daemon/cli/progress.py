@@ -49,7 +49,7 @@ class Work:
 
 @contextlib.contextmanager
 def show_work(title: str, stages: Sequence[float] = ()) -> Iterator[Work]:
-    """Show `what`, the time since it began and the time left, on a terminal; gives the work to be told of.
+    """Show `title`, the elapsed time and the time left on a terminal; yield the Work that receives the progress.
 
     `stages`: how long each takes beside the others, where each begins with a line.
     """

@@ -126,7 +126,10 @@ def _benchmark() -> tuple[str, Path | None]:
 
 
 def _run(report_share: Callable[[float], None], program: str, *arguments: object) -> str:
-    """Run one program of the benchmark and return its stdout; `done` is told the share. InsoleError where it fails."""
+    """Run one program of the benchmark and return its stdout; InsoleError if it fails.
+
+    `report_share` is called with the share of the work that is done.
+    """
     from ..errors import FileError, InsoleError
 
     package, root = _benchmark()
@@ -137,13 +140,13 @@ def _run(report_share: Callable[[float], None], program: str, *arguments: object
             _follow(process.stderr.fileno(), report_share)
         if process.returncode:
             failed = FileError if process.returncode == _REFUSED else InsoleError
-            raise failed(f"insole prove: {program} ended with status {process.returncode}: the line above says why")
+            raise failed(f"insole prove: {program} ended with status {process.returncode}: see the line above")
         printed.seek(0)
         return printed.read()
 
 
 def _follow(pipe: int, report_share: Callable[[float], None]) -> None:
-    """Tell `done` of the progress in what a program writes into the pipe `said`; the rest goes to stderr."""
+    """Read the stderr `pipe` of a program: pass its progress to `report_share` and everything else to stderr."""
     while text := os.read(pipe, 1 << 16):
         for count, total in _DONE.findall(text):
             report_share(int(count) / int(total))

@@ -158,7 +158,7 @@ def _insoles_of_daemon(client: Client, connect: str, foot: Which) -> list[Insole
         raise WireError(f"no daemon behind {connect} has the foot that is to be recorded ({foot.value})")
     rigs = sorted({rig for rig, _ in published})
     if len(rigs) > 1:
-        raise WireError(f"{' and '.join(rigs)} publish behind {connect}: say which with --rig")
+        raise WireError(f"{' and '.join(rigs)} publish behind {connect}: choose one with --rig")
     client.rig = rigs[0]  # a rig that appears later is another wearer
     return [insole_in_use(client, name) for _, name in published]
 

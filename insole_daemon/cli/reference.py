@@ -66,7 +66,7 @@ def _plate_columns(
         numbers = ", ".join(
             f"--plate {at} (up to {candidate.f_z_n.max():.0f} N)" for at, candidate in enumerate(plates, 1)
         )
-        raise typer.BadParameter(f"{source} has {len(plates)} plates: say which: {numbers}")
+        raise typer.BadParameter(f"{source} has {len(plates)} plates: choose one of {numbers}")
     if number is not None and number > len(plates):
         raise typer.BadParameter(f"{source} has {len(plates)} plates, found --plate {number}")
     columns = plates[(number or 1) - 1].contact_columns((origin_mm[0] * 1e-3, origin_mm[1] * 1e-3), heading_deg)

@@ -75,6 +75,6 @@ def view(
             suffix = "" if rig == "*" else f" of rig {rig}"
             raise WireError(f"a Zenoh node answers on {connect}, but no insole daemon{suffix} is behind it")
         if len(rigs) > 1:
-            raise WireError(f"{' and '.join(rigs)} publish behind {connect}: say which with --rig")
+            raise WireError(f"{' and '.join(rigs)} publish behind {connect}: choose one with --rig")
         insole.rig = rigs[0]
         asyncio.run(run(insole))

@@ -176,7 +176,7 @@ def test_another_sensors_text_becomes_the_reference(walk, unknown_load, tmp_path
     ("arguments", "status", "message"),
     [
         ((), 2, "expected --foot"),
-        (("--foot", "left"), 2, "has 2 plates: say which: --plate 1"),
+        (("--foot", "left"), 2, "has 2 plates: choose one of --plate 1"),
         (("--foot", "left", "--plate", 3), 2, "has 2 plates, found --plate 3"),
     ],
 )
