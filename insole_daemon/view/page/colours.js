@@ -1,13 +1,13 @@
-// Colours: of values, perceptually uniform; of feet, told apart with any colour vision; of marks, from the style sheet.
+// Colours of values (perceptually uniform), of feet (for any colour vision), and of marks (from the style sheet).
 
 const STEPS = 256;
 
-// viridis (van der Walt and Smith) at 0, 1/8, …, 1: as report/colours.py has it.
+// viridis (van der Walt and Smith) at 0, 1/8, …, 1, as in report/colours.py.
 const VIRIDIS = [
   [68, 1, 84], [71, 45, 123], [59, 82, 139], [44, 114, 142], [33, 145, 140],
   [40, 174, 128], [94, 201, 98], [173, 220, 48], [253, 231, 37],
 ];
-// From blue over grey to red, alike in lightness on both sides (after ColorBrewer's RdBu).
+// From blue over grey to red, with symmetric lightness (after ColorBrewer's RdBu).
 const DIVERGING = [[33, 102, 172], [103, 169, 207], [232, 232, 232], [239, 138, 98], [178, 24, 43]];
 
 function table(anchors) {
@@ -43,7 +43,7 @@ export class Scale {
   }
 }
 
-// What the style sheet says, read again when the theme changes.
+// Colours of the style sheet, read again when the theme changes.
 export function theme() {
   const style = getComputedStyle(document.documentElement);
   const names = ["ink", "soft", "line", "card", "sole", "hatch", "alarm", "left", "right", "sum"];

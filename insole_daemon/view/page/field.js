@@ -1,4 +1,4 @@
-// From the values of the taxels to those of a fine grid: the mean of the nearest, the nearer the more.
+// Interpolation of the taxels' values to a fine grid: a mean of the nearest taxels, weighted by distance.
 
 const NEAREST = 7, SPREAD_MM = 5.5;
 const KNOWN = 0.4; // of the weight around a place must be valid, or what lies there is not known
@@ -25,7 +25,7 @@ export class Field {
     }
   }
 
-  // The nearest taxels of a place and their weights, from `at` on. No arrays are made: there are 20 000 places.
+  // Store the nearest taxels of a place and their weights from `at` on. It allocates no arrays: there are 20 000 places.
   weigh(px, py, at, x, y) {
     const { taxel, weight } = this, end = at + NEAREST;
     weight.fill(Infinity, at, end); // squares of distances, at first
@@ -43,7 +43,7 @@ export class Field {
     for (let k = at; k < end; k++) weight[k] /= total;
   }
 
-  // Paint the image: values (n), NaN where not known, by a Scale.
+  // Paint the image: values (n), NaN where unknown, with a Scale.
   paint(values, scale) {
     const { taxel, weight, pixels } = this;
     for (let at = 0, k = 0; at < pixels.length; at++) {

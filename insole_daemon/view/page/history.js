@@ -1,4 +1,4 @@
-// The cycles of the last minute, as they came; a pause keeps what there was while the rest goes on.
+// The cycles of the last minute; a pause keeps the shown ones while new ones arrive.
 
 const KEPT_MS = 60_000, LOSS_MS = 10_000;
 
@@ -65,13 +65,13 @@ export class History {
     return this.paused ? this.at : this.end();
   }
 
-  // The cycle that is shown: the last one, or in a pause the last one up to the moment looked at.
+  // The shown cycle: the last one, or in a pause the last one up to the selected time.
   shown(foot) {
     const cycles = this.cycles[foot];
     return this.paused ? cycles[after(cycles, this.at) - 1] : cycles.at(-1);
   }
 
-  // Cycles within `ms` before the moment that is shown.
+  // Cycles within `ms` before the shown time.
   since(foot, ms) {
     const cycles = this.cycles[foot], now = this.now();
     return cycles.slice(after(cycles, now - ms), this.paused ? after(cycles, now) : undefined);

@@ -1,4 +1,4 @@
-// The WebSocket to the server: answers every message, and is opened anew for as long as the page is.
+// The WebSocket to the server: it acknowledges every message and reconnects as long as the page is open.
 
 const AGAIN_MS = 500;
 
@@ -34,7 +34,7 @@ export class Link {
     this.waiting.delete(words.number);
   }
 
-  // What came of it: {ok, said}.
+  // The reply to a request: {ok, said}.
   ask(what) {
     if (this.socket.readyState !== WebSocket.OPEN) {
       return Promise.resolve({ ok: false, said: { text: "not connected" } });

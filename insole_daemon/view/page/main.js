@@ -1,4 +1,4 @@
-// The page: what comes over the link is kept, and drawn once a frame of the screen.
+// The page: it stores the data from the link and draws once for each frame of the screen.
 
 import { Scale, theme } from "./colours.js";
 import { History } from "./history.js";
@@ -34,7 +34,7 @@ const plots = {
 };
 const scaleRoom = new Room($("scale"), draw);
 
-// Figures of the page itself, for whoever measures it.
+// Figures of the page itself, for benchmarks.
 const own = { frames: 0, cycles: 0, missing: 0, painted: [], ready: 0 };
 window.insole = { own, history, maps };
 
@@ -100,7 +100,7 @@ function scale() {
     }
   }
   if ($("range").value !== "auto") return new Scale(Number($("range").value), quantity.signed);
-  // It rises at once and falls slowly, so that colours can be compared from step to step.
+  // The scale rises at once and falls slowly, so that colours can be compared from step to step.
   automatic = Math.max(automatic * 0.995, quantity.least, most);
   return new Scale(automatic, quantity.signed);
 }
@@ -221,13 +221,13 @@ function frame(now) {
     maps[foot].draw(history.shown(foot), history.since(foot, TRAIL_MS), panels.faults[foot], { scale: shown, taxels, colours });
   }
   drawScale(scaleRoom, shown, colours);
-  // The courses take turns, which is as smooth to the eye and leaves time on a slow computer.
+  // The time plots are drawn in turns, which looks as smooth and saves time on a slow computer.
   const names = Object.keys(plots);
   drawPlots(history.paused ? names : [names[turn++ % names.length]]);
   if (newest && !history.paused) painted(newest);
 }
 
-// What stands in words: not at every frame, since words have the page laid out anew.
+// Texts: not at every frame, because they cause a new layout of the page.
 function say(now) {
   saidAt = now;
   for (const foot of FEET) {
@@ -240,7 +240,7 @@ function say(now) {
   weight.say();
 }
 
-// After the frame is handed over: the time since the daemon published what it shows.
+// After the frame is painted: the time since the daemon published the shown cycle.
 function painted(published) {
   const channel = new MessageChannel();
   channel.port1.onmessage = () => {
@@ -270,7 +270,7 @@ function drawPlots(names) {
   }
 }
 
-// Once a second: how it goes.
+// Once a second: rate and age.
 function count(now) {
   const seconds = (now - countedAt) / 1000, feet = FEET.filter((foot) => metas[foot]).length || 1;
   panels.rate((own.cycles - countedCycles) / seconds / feet, history);

@@ -1,4 +1,4 @@
-// One insole: the field of its values, what is wrong with its parts, the centre of pressure and where it was.
+// The map of one insole: its values, its faulty parts, the centre of pressure and its trail.
 
 import { INVALID, SATURATED, STALE } from "./packets.js";
 import { Field } from "./field.js";
@@ -9,7 +9,7 @@ const PADS = new Set([6, 10]); // thermal, of the 12 taxels of a triangle
 const STEP_MM = 1.5, MARGIN_MM = 5, TAXEL_MM = 2.6, STALE_MM = 9;
 export const TRAIL_MS = 1500;
 
-// Faults of which the part is not believed; a saturated taxel has a mark of its own.
+// Faults whose part is masked; a saturated taxel has its own mark.
 const DISBELIEVED = new Set(["board_silent", "board_address_clash", "board_rezeroed", "triangle_loose", "taxel_dead", "taxel_stuck"]);
 
 export class FootMap {
@@ -41,7 +41,7 @@ export class FootMap {
     this.drawn = "";
   }
 
-  // Where a place of the foot is on the canvas: toes up, the wearer's left at the left, as seen from above.
+  // Position on the canvas of a place of the foot: toes up, the wearer's left at the left, seen from above.
   place() {
     const xs = this.line.map(([x]) => x), ys = this.line.map(([, y]) => y);
     const front = Math.max(...xs) + MARGIN_MM, side = Math.max(...ys) + MARGIN_MM;
@@ -60,7 +60,7 @@ export class FootMap {
     return path;
   }
 
-  // The values of a cycle, NaN where they may not be read as what they say.
+  // The values of a cycle, NaN where not valid.
   read(cycle, quantity) {
     quantity.values(cycle, this.values, this.noLoad);
     this.index.forEach((i, k) => { this.used[k] = cycle.flags[i] ? NaN : this.values[i]; });
@@ -102,7 +102,7 @@ export class FootMap {
     if (taxels) this.nameTriangles(colours); // above everything, to be read
   }
 
-  // The sole, and what is not known of it: hatched, stale parts the other way round.
+  // The sole with its unknown parts hatched; stale parts are hatched in the other direction.
   lay(cycle, colours) {
     this.place();
     this.under.width = this.canvas.width;
@@ -110,7 +110,7 @@ export class FootMap {
     const ink = this.under.getContext("2d", { alpha: false });
     ink.fillStyle = colours.card;
     ink.fillRect(0, 0, this.under.width, this.under.height);
-    // The field is painted over it where something is known; so what shows through is what is not.
+    // The field is painted over it where values are known, so the hatching shows where they are not.
     ink.fillStyle = cycle?.flags.some((flags) => flags & INVALID) ? hatching(ink, colours, false, this.perMm) : colours.sole;
     ink.fill(this.shape);
     ink.save();
@@ -157,7 +157,7 @@ export class FootMap {
     for (const own of this.hulls) ink.stroke(this.path(own));
   }
 
-  // Which triangle is which, as board.triangle.
+  // The number of each triangle, as board.triangle.
   nameTriangles(colours) {
     const { ink, perMm } = this;
     ink.font = `600 ${Math.max(9, 4 * perMm)}px system-ui, sans-serif`;
@@ -187,7 +187,7 @@ export class FootMap {
     });
   }
 
-  // A dashed line around what is faulty: a taxel, a triangle, all triangles of a board.
+  // A dashed line around a faulty part: a taxel, a triangle, or all triangles of a board.
   drawFaults(faults, colours) {
     const { ink, perMm } = this;
     ink.save();

@@ -1,4 +1,4 @@
-// The shape of an insole around its taxels: swept by discs and shrunk again, so that gaps between patches close.
+// The outline of an insole around its taxels: dilated by discs and eroded, so that gaps between patches close.
 
 const SWEPT_MM = 58, SHRUNK_MM = 50, STEP_MM = 1;
 const ROUNDED = 9, ROUNDS = 3; // neighbours on each side that a point is averaged with, and how often

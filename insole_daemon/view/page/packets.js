@@ -28,7 +28,7 @@ export function decode(buffer) {
   return cycle;
 }
 
-// The quantities that can be shown: a value of every taxel, NaN where there is none.
+// The quantities of the map: a value for every taxel, NaN where unknown.
 export const QUANTITIES = {
   pressure: {
     unit: "kPa", fixed: [100, 200, 300, 400, 600], start: 300, least: 50, signed: false,

@@ -1,4 +1,4 @@
-// What is said in words and tables: state, boards, events, gait, notes.
+// Texts and tables: state, boards, events, gait, notes.
 
 import { FEET } from "./packets.js";
 
@@ -28,7 +28,7 @@ export class Panels {
     this.begin();
   }
 
-  // Connected anew: the server tells the last events again.
+  // After a reconnection the server sends the last events again.
   begin() {
     this.$("events").replaceChildren();
   }
@@ -70,7 +70,7 @@ export class Panels {
 
   event({ t_ns: t, text, what, foot, figures, boards, triangle, taxel }) {
     if (figures && Object.keys(figures).length) return this.step(foot, figures);
-    // Drawn at once: health repeats it only within the second.
+    // Drawn at once: health repeats it up to a second later.
     if (what && /^(triangle_loose|taxel_(dead|stuck|saturated)|board_(silent|address_clash|rezeroed))$/.test(what)) {
       this.faults[foot] = [...this.faults[foot], { kind: what, board: boards[0], triangle, taxel }];
     }
@@ -100,7 +100,7 @@ export class Panels {
     const all = Object.values(this.health), states = all.map(({ state }) => state);
     const worst = ["no data", "degraded", "ok"].find((state) => states.includes(state)) ?? "waiting";
     const poorest = all.map(({ quality }) => quality).sort((a, b) => a.share - b.share)[0];
-    // Whoever lost cycles within the last 10 s is not green, whatever the boards do.
+    // A page that lost cycles within the last 10 s is not green, whatever the state of the boards.
     const lost = poorest && (poorest.skipped || poorest.verdict !== "good");
     const [state, text] = !connected ? ["lost", "the server is gone; trying again"]
       : idle ? ["lost", "no cycles come"]
@@ -135,7 +135,7 @@ export class Panels {
     }));
   }
 
-  // Which lines there are: those of others only while somebody publishes them.
+  // The present lines: those of other sources only while they are published.
   lines(cycles) {
     const all = FEET.flatMap((foot) => cycles[foot].slice(-50));
     const there = [["left", "left"], ["right", "right"]];

@@ -1,4 +1,4 @@
-// Courses over the last seconds: lines that share a time axis.
+// Time plots of the last seconds: lines with a common time axis.
 
 import { Room } from "./room.js";
 
@@ -81,7 +81,7 @@ export class Plot {
     ink.fillText(fits ? this.title : this.title.split(" (")[0], LEFT, 11);
   }
 
-  // The time axis: seconds before what is shown.
+  // The time axis: seconds before the shown time.
   seconds(x, now, bottom, colours) {
     const { ink } = this;
     ink.font = "11px system-ui, sans-serif";

@@ -1,6 +1,6 @@
-// The room of a canvas, kept as the page is laid out: asking for it while drawing would lay the page out anew.
+// The size of a canvas, stored at layout: reading it while drawing would cause a new layout of the page.
 
-// An opaque canvas with as many pixels as the screen has there; `changed` is called when they are others.
+// An opaque canvas with the pixels of the screen; `changed` is called when their number changes.
 export class Room {
   constructor(canvas, changed) {
     this.canvas = canvas;

@@ -2,14 +2,14 @@
 
 const FEW = 6;
 
-// The largest of some values, signs left out and NaN passed over.
+// The largest absolute value, ignoring NaN.
 export function highest(values) {
   let most = 0;
   for (const value of values) if (Math.abs(value) > most) most = Math.abs(value);
   return most;
 }
 
-// What a few taxels reach: one alone may be out of its range.
+// A value that a few taxels reach: a single one may be out of its range.
 export function peakOf(values) {
   const sizes = Float32Array.from(values, Math.abs).filter((size) => size > 0).sort();
   return sizes.at(-FEW) ?? 0;

@@ -1,4 +1,4 @@
-// The force of both feet together in body weights: of the weight a person types in, else of its own mean.
+// The force of both feet in body weights, from the mass that a person enters or else from the mean force.
 
 const GRAVITY_M_S2 = 9.81;
 const LEAST_N = 150; // a mean below is nobody's weight
@@ -10,7 +10,7 @@ export class Weight {
     input.addEventListener("change", () => { try { localStorage.setItem("mass", input.value); } catch { /* as above */ } });
   }
 
-  // Add up the cycles of both feet, each of one foot with the other's newest before it.
+  // Sum the cycles of both feet: each of one foot with the newest of the other before it.
   weigh({ left, right }) {
     const sums = [];
     for (let i = 0, k = 0; i < left.length && right.length; i++) {
