@@ -149,7 +149,7 @@ def insoles_of(settings: Config, foot: Which = Which.both) -> list[InsoleContent
 
 def _of_daemon(client: Client, connect: str, foot: Which) -> list[InsoleContents]:
     from ..errors import WireError
-    from ..recording.of_daemon import insole_in_use
+    from ..recording.daemon_insole import insole_in_use
 
     found = [(rig, name) for rig, name in client.feet() if foot in (Which.both, name)]
     if not found:
@@ -192,14 +192,14 @@ def _instruments(
 
 
 def _listen(session: Session, instruments: Sequence[tuple[Instrument, str]], client: Client | None) -> None:
-    from ..recording.recorder import lines_of, stamped
+    from ..recording.recorder import read_lines, with_time
 
     for instrument, key in instruments:
-        items: Iterator[Any] = lines_of(sys.stdin.fileno())
+        items: Iterator[Any] = read_lines(sys.stdin.fileno())
         if key != "-":
             assert client is not None
             items = client.payloads(key)
-        session.inbox.read(instrument, stamped(items))
+        session.merged_queue.read(instrument, with_time(items))
 
 
 class Telling:
@@ -278,5 +278,5 @@ def _line(progress: Progress) -> str:
     for instrument in progress.instruments:
         words.append(f"reference {instrument.foot} {instrument.readings} rows")
         if instrument.refused:
-            words.append(f"{instrument.refused} refused ({instrument.why})")
+            words.append(f"{instrument.refused} refused ({instrument.refusal})")
     return ", ".join(words)
