@@ -73,9 +73,9 @@ def calibrate(
 
 def the_foot(loaded: list[Recording], asked: OneFoot | None) -> Foot:
     """The one that is asked for, or that all recordings have; BadParameter where it has to be said."""
-    from ..calibration.trials import feet
+    from ..calibration.trials import feet_with_reference
 
-    there = feet(loaded)
+    there = feet_with_reference(loaded)
     if asked is not None:
         return "left" if asked is OneFoot.left else "right"
     if len(there) > 1:
