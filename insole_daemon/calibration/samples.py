@@ -161,7 +161,7 @@ def _check_foot(trial: CalibrationTrial, reference: Array, has_reference: Mask) 
     opposite = [name for name, value in sides.items() if value < -_MIN_CORRELATION]
     if opposite:
         raise CalibrationError(
-            f"{trial.name}: {' and '.join(opposite)} of the reference have the opposite sign of what the "
+            f"{trial.name}: the sign of the reference's {' and '.join(opposite)} is opposite to what the "
             f"{trial.foot.foot} insole reads: is it the reference of the other foot, or are its moments about "
             "another origin, or are its axes other than x forward, y to the wearer's left, z up?"
         )

@@ -100,7 +100,7 @@ def test_the_reference_of_the_other_foot_is_refused(tasks: dict[str, Path], edit
 
 def test_moments_about_other_axes_are_refused(tasks: dict[str, Path], edited: Edit) -> None:
     message = refusal(edited(tasks["t3"], lambda rows: with_changed(rows, "my_nm", lambda m: -m)))
-    assert "t3: m_y of the reference have the opposite sign of what the left insole reads" in message
+    assert "t3: the sign of the reference's m_y is opposite to what the left insole reads" in message
     assert "x forward, y to the wearer's left, z up" in message
 
 
@@ -115,7 +115,7 @@ def test_recordings_with_other_settings_are_refused(
     path.write_text(path.read_text().replace(before, f"{setting}: {value}", 1))
     message = refusal(chamber, copy)
     assert f"vacuum and t1: expected one {setting} of board 5" in message
-    assert "calibrate each setting by itself" in message
+    assert "calibrate each setting separately" in message
 
 
 def test_a_taxel_that_is_constant_throughout(tmp_path: Path) -> None:

@@ -145,7 +145,10 @@ def test_all_problems_are_reported_together(trial):
         ([("calibration: calibration.json", "calibration: gone.json")], "gone.json: .*there is no such file"),
         ([("kind: chamber", "kind: free")], "reference: expected none, since kind is free"),
         ([("simulated", "reencoded"), (INVENTED, "")], "invented: missing key: expected a list of what was invented"),
-        ([("reference:\n- foot: left", "reference:\n- foot: right")], "reference of the right foot, but recorded is"),
+        (
+            [("reference:\n- foot: left", "reference:\n- foot: right")],
+            "reference of the right foot, but the recorded foot is",
+        ),
         ([("address: 6", "address: 5")], r"two boards on address 5, the other is insoles\[0\].boards\[0\]"),
         ([("clock: can", "clock: utc")], "clock: expected one of own, can"),
         ([("insole-recording/1", "insole-recording/2")], "expected insole-recording/1, found insole-recording/2"),
