@@ -111,8 +111,8 @@ def calibrate(
 
 
 def zero_covariance(coefficients_pa: Array, zero_std_count: Array) -> Array:
-    """Return (m, k, k) the covariance of coefficients (m, k) that results from a baseline known to `zero_std_count`
-    (m,).
+    """Return (m, k, k) the covariance of coefficients (m, k) from the uncertainty `zero_std_count` (m,) of the
+    baseline.
 
     A shift of the baseline by δ changes c_j to c_j + δ·(j + 1)·c_(j+1).
     """
@@ -139,7 +139,7 @@ def _check_enough(fit_samples: Sequence[Samples]) -> None:
             if n_ramps < 2:
                 errors.append(
                     f"{name}: expected the pressure to go up and down at least once, found one ramp: a delay of the "
-                    "reference cannot be told from the curve then; record cycles, best at two speeds with a hold"
+                    "reference cannot be separated from the curve then; record cycles, best at two speeds with a hold"
                 )
     if errors:
         raise CalibrationError("\n".join(errors))

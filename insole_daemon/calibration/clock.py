@@ -152,8 +152,8 @@ class _StreamPair:
         return best[1]
 
     def refine(self, clock: Array, smoothed_s: float) -> Array:
-        """Return the best clock near `clock`, with both streams averaged over `smoothed_s`; 0: unsmoothed, with
-        weights.
+        """Return the best clock near `clock`, with streams averaged over `smoothed_s`; 0: not averaged, but
+        weighted.
         """
         features = _average(self._features, self._t_s, smoothed_s)
         reference = _average(self._reference, self._reference_s, smoothed_s)

@@ -121,8 +121,8 @@ class FusedProblem:
         return sum((sums.n for sums in self.chamber), np.zeros(self.m))
 
     def limits(self, common: Array, end_count: float, steepest: float) -> Constraints:
-        """Return constraints on the slopes up to `end_count`: at least 0, at most `steepest` times the common curve's
-        steepest.
+        """Return constraints on the slopes up to `end_count`: from 0 to `steepest` times the common curve's steepest
+        slope.
 
         `common` (d,) are the coefficients of the common curve.
         """

@@ -200,7 +200,7 @@ def _describe_method(calibrated: Calibrated) -> list[str]:
     """Describe the method, with the cross-validation errors."""
     fit, layout = calibrated.fit, calibrated.layout
     shoe = any(fitted.trial.kind == "shoe" for fitted in calibrated.samples)
-    area = f"{layout.taxel_area_m2 * 1e6:.1f} mm² a taxel ({layout.area_meaning or 'its meaning is not said'})"
+    area = f"{layout.taxel_area_m2 * 1e6:.1f} mm² a taxel ({layout.area_meaning or 'meaning not stated'})"
     checked = "the shoe's force fits the curves to it" if shoe else "without a shoe, nothing has checked it"
     blocks = [page.paragraph(f"Forces are pressures times the layout's area, {area}: {checked}.")]
     if calibrated.method == "paper":

@@ -59,8 +59,7 @@ def align_by_activation(trial: CalibrationTrial) -> Clock:
 
 
 def _mean_activation(trial: CalibrationTrial) -> Array:
-    """Return (n,) the mean activation of the middle half of the taxels, without events shorter than a quarter of a
-    second.
+    """Return (n,) the mean activation of the middle half of the taxels, without events shorter than 0.25 s.
 
     A triangle that loses contact for an instant, as in public recordings, makes edges that the pressure does not have.
     """

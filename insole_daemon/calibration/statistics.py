@@ -101,9 +101,7 @@ class ShoeSums:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ChamberSums:
-    """Sums over samples with a known pressure, for each taxel separately, since taxels are invalid at
-    different times.
-    """
+    """Sums over samples with a known pressure, per taxel, since taxels are invalid at different times."""
 
     n: Array  # (m,)
     gram: Array  # (m, d, d) Σ φφᵀ

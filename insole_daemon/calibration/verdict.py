@@ -66,9 +66,7 @@ def judge_taxels(samples: Sequence[Samples]) -> dict[int, Verdict]:
 
 
 def judge_triangle(taxels: Sequence[Verdict]) -> Verdict:
-    """Return the verdict that most of a triangle's ten pressure taxels share; healthy, with a detail, if
-    there is none.
-    """
+    """Return the verdict that most of a triangle's ten pressure taxels share, else healthy with a detail."""
     words: list[str] = [verdict.word for verdict in taxels]
     bad = [verdict for verdict in taxels if verdict.word != "healthy"]
     for word in ("loose", "dead", "stuck", "saturating", "noisy", "insensitive"):

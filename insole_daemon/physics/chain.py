@@ -57,7 +57,7 @@ class Chain:
                 problem = problem or "it acts on counts, expected a calibration that turns the load into them"
             if problem:
                 raise EffectError(f"the effect {effect.law.word}: {problem}")
-        self._pressure, self._instead, self._activation, self._count = (
+        self._pressure, self._curve_replacements, self._activation, self._count = (
             list(_join_neighbours(self.effects, layout, domains)) for domains in _PATH[:-1]
         )
 
@@ -73,8 +73,8 @@ class Chain:
         return t_s
 
     def forward(self) -> ChainRun:
-        """Return the operator from load (Pa) to mean counts, or to effective pressure without a calibration; starts at
-        rest.
+        """Return the operator from load (Pa), at rest, to mean counts, or to effective pressure without a
+        calibration.
         """
         pressure, activation, count = (
             [self._stage(work, work.law.forward) for work in works]
@@ -84,7 +84,9 @@ class Chain:
             return ChainRun(pressure, len(self._layout), None)
         coefficients, baseline, usable = self._curve()
         polynomial = CurveInverse(coefficients)
-        curve = self._curve_stage(lambda x, _: polynomial(x), [(work, work.law.forward) for work in self._instead])
+        curve = self._curve_stage(
+            lambda x, _: polynomial(x), [(work, work.law.forward) for work in self._curve_replacements]
+        )
         return ChainRun(
             [*pressure, curve, *activation, lambda x, _: baseline - x, *count],
             len(self._layout),
@@ -142,7 +144,7 @@ class Chain:
         rows = np.ascontiguousarray(coefficients.T)
         curve = self._curve_stage(
             lambda x, _: horner(rows, x),
-            [(work, maker) for work in self._instead if (maker := maker_of(work.law)) is not None],
+            [(work, maker) for work in self._curve_replacements if (maker := maker_of(work.law)) is not None],
         )
         return ChainRun(
             [*count, lambda x, _: baseline - x, *activation, curve, *pressure],
@@ -261,9 +263,7 @@ def _broadcast_slots(value: Array, m: int) -> Array:
 
 
 def _path_position(law: Law) -> tuple[int, Any]:
-    """Return the sort key of a law: the position of its domain on the signal path, then its order in the format's
-    table.
-    """
+    """Return the sort key of a law: its domain's position on the signal path, then its order in the format's table."""
     domain = next(i for i, domains in enumerate(_PATH) if law.domain in domains)
     # The digitiser has no memory, so it commutes with a delay; interpolation is exact only before its rounding.
     return domain, 11 if law.word == "bit_shift" else law.order

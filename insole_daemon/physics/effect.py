@@ -23,9 +23,7 @@ Problems: TypeAlias = list[tuple[tuple[str | int, ...], str]]  # the key within 
 
 @dataclass(frozen=True, slots=True)
 class Where:
-    """A part of an insole: all of it, or the `ids` (board, triangle, taxel), with as many numbers as the
-    scope needs.
-    """
+    """A part of an insole: all of it, or `ids` of as many numbers (board, triangle, taxel) as the scope needs."""
 
     scope: Scope = "insole"
     ids: tuple[tuple[int, ...], ...] = ()

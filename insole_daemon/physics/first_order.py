@@ -37,9 +37,7 @@ def steps(dt_s: Array, tau_s: Array) -> FirstOrderStep:
 
 
 def recur(factor: Array, drive: Array, state: Array) -> Array:
-    """Compute y_n = factor_n · y_(n−1) + drive_n from y_(−1) = `state` in place of `drive` (n, …); return
-    the last y_n.
-    """
+    """Compute y_n = factor_n · y_(n−1) + drive_n in place of `drive` (n, …), from y_(−1) = `state`; return the last."""
     product = np.empty(drive.shape[1:])
     for row_factor, row in zip(factor, drive, strict=True):
         np.multiply(row_factor, state, out=product)

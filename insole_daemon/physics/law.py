@@ -73,9 +73,7 @@ MOST_SHARED = 0.95  # largest total of delayed shares; without an immediate shar
 
 
 def sum_problem(name: str, values: Values) -> tuple[str, str] | None:
-    """Return the parameter and the problem if the shares in list `name` sum to more than MOST_SHARED; for
-    `Law.wrong`.
-    """
+    """Return the parameter and the problem if the shares in list `name` sum to more than MOST_SHARED."""
     total = float(values[name].sum(axis=0).max())
     if total <= MOST_SHARED + 1e-9:  # decimal fractions do not sum exactly
         return None

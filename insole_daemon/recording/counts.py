@@ -94,8 +94,8 @@ def arrays(tables: Mapping[str, CountsTable]) -> dict[str, NDArray[Any]]:
 
 
 class GrowingCounts:
-    """One foot's .npy file that cycles are appended to; each append is one write, so a kill never leaves half
-    a cycle.
+    """One foot's .npy file that cycles are appended to; each append is one write, so that a kill leaves no
+    half cycle.
     """
 
     def __init__(self, path: Path, n_triangles: int) -> None:

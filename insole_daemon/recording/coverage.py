@@ -161,9 +161,7 @@ class _Trial:
         return sum(b - a <= _STEP_MAX_S for a, b in self._find_intervals(lambda x: x > _UNLOADED_MAX))
 
     def _find_intervals(self, condition: Callable[[Array], NDArray[np.bool_]]) -> list[tuple[float, float]]:
-        """Return start and end time of each interval in which `condition` of the load holds; the last may be
-        unfinished.
-        """
+        """Return start and end time of each interval in which `condition` of the load holds."""
         inside = condition(self._x).astype(int)
         edges = np.diff(inside, prepend=0, append=0)
         ends = np.minimum(np.flatnonzero(edges < 0), len(self._x) - 1)
@@ -171,9 +169,7 @@ class _Trial:
 
 
 def _find_turns(x: Array) -> list[int]:
-    """Return the rows of the turning points, first and last row included; consecutive ones differ by _TURN_MIN
-    or more.
-    """
+    """Return the rows of the turning points, which differ by _TURN_MIN or more, with the first and the last row."""
     turns, extreme, up = [0], 0, True
     for row in range(1, len(x)):
         if (x[row] - x[extreme]) * (1 if up else -1) >= 0:

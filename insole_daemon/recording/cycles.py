@@ -94,9 +94,7 @@ def _build_assemblers(path: Path, layouts: Sequence[Layout]) -> list[CycleAssemb
 
 
 def _half_intervals_ns(path: Path, layouts: Sequence[Layout]) -> NDArray[np.float64]:
-    """Return (2 · triangles of all layouts,) median interval between arrivals of each half; NaN if there are
-    too few.
-    """
+    """Return (2 · triangles of all layouts,) the median interval between arrivals of each half; NaN if too few."""
     streams, slots, times = Streams(layouts), [], []
     with CandumpReader(path) as reader:
         for batch in reader.pieces():

@@ -62,9 +62,7 @@ def export_csv(recording: Recording, out: Path, progress: Callable[[float], None
 
 
 def export_wrenches(recording: Recording, out: Path) -> None:
-    """Write the wrenches as the CSV file `out`: one row per foot and cycle in order of time; FileError if there are
-    none.
-    """
+    """Write the wrenches as CSV, one row per foot and cycle in order of time; FileError if there are none."""
     feet = [foot for foot in recording.feet if foot.wrench is not None]
     if not feet:
         raise FileError(

@@ -55,9 +55,7 @@ class ForcePlate:
         }
 
     def contact_columns(self, origin_m: tuple[float, float], heading_deg: float) -> dict[str, Array]:
-        """Return `columns` only for contacts and the swing around each; at other times the foot may stand beside the
-        plate.
-        """
+        """Return `columns` for contacts and the swing around each; at other times the foot may be beside the plate."""
         contact_s = self.time_s[self.f_z_n >= LEAST_FORCE_N]
         after = np.searchsorted(contact_s, self.time_s)
         padded_s = np.concatenate([[-np.inf], contact_s, [np.inf]])

@@ -192,9 +192,7 @@ class LiveRecorder:
             self._sync_thread.schedule(self._current.document_writer())
 
     def write_cycle(self, foot: Foot, cycle: Mapping[str, Any]) -> None:
-        """Append one cycle whose keys are those of counts.cycle_type; FileError if its number of triangles has
-        changed.
-        """
+        """Append one cycle with the keys of counts.cycle_type; FileError if its number of triangles has changed."""
         growing = self._current.counts[foot]
         if cycle["counts"].shape != growing.dtype["counts"].shape:
             raise FileError(
@@ -317,9 +315,7 @@ class LiveRecorder:
 
 
 def _pack(finished: _OpenFolder) -> None:
-    """Pack the cycles of a finished folder into counts.npz; a kill meanwhile leaves either the folder or the file
-    intact.
-    """
+    """Pack the cycles of a finished folder into counts.npz; a kill leaves either the folder or the file intact."""
     if not finished.counts:
         return
     sizes = {foot: growing.dtype["counts"].shape[0] for foot, growing in finished.counts.items()}

@@ -93,9 +93,7 @@ class FootRecording:
         return views.describe_foot(self)
 
     def to_dataframe(self) -> pd.DataFrame:
-        """Return one row per cycle, indexed by time: the wrench, and the reference if it is on the clock of
-        the frames.
-        """
+        """Return one row per cycle, indexed by time: the wrench, and a reference that is on the frames' clock."""
         return views.foot_to_dataframe(self)
 
     def to_xarray(self) -> xr.Dataset:
@@ -324,9 +322,7 @@ def as_configured(board: Board | RecordedBoard) -> Board:
 
 
 def _foot_of_log(files: _InsoleFiles, cycles: Cycles) -> FootRecording:
-    """Build the foot whose cycles come from a log; a reading is due by its board's interval, whenever the
-    cycles close.
-    """
+    """Build the foot whose cycles come from a log; a reading is due by its board's interval."""
     read_mono_ns = np.where(cycles.age_ns < 0, -1, cycles.t_mono_ns[:, None] - cycles.age_ns)
     came = arrived(read_mono_ns)
     missing = find_overdue(came, read_mono_ns, cycles.t_mono_ns)

@@ -51,9 +51,7 @@ class Reference:
 
 
 def read(path: Path, kind: Kind, foot: Foot, clock: Clock) -> tuple[Reference, tuple[str, ...]]:
-    """Read the reference in `path`; return it with a sentence for each irregularity. DocumentError lists all
-    problems.
-    """
+    """Read the reference in `path`, and a sentence for each irregularity; DocumentError lists all problems."""
     lines, complete = _read_lines(path)
     header = [name.strip() for name in next(csv.reader(lines[:1]))]
     problems = _find_header_problems(header, kind)

@@ -36,9 +36,7 @@ class Drawing:
 
 
 def download_links(drawings: str) -> str:
-    """Return HTML links to each SVG in `drawings` as a file, and as PDF if `has_pdf()`; the files are inside
-    the links.
-    """
+    """Return HTML links that contain each SVG in `drawings` as a file, and as PDF if `has_pdf()`."""
     links = []
     for svg in re.findall(r"<svg .*?</svg>", drawings, re.DOTALL):
         title = re.search(r"<title>(.*?)</title>", svg)

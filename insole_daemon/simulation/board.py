@@ -299,9 +299,7 @@ class EmulatedBoard:
     # ---- commands
 
     def configure(self, skin_type: int, period_ms: int, no_load: int, t_ns: int) -> None:
-        """Apply a board configuration: it disables every triangle, and restarts a running stream with the
-        new period.
-        """
+        """Apply a board configuration: disable every triangle, and restart a running stream with the new period."""
         self.skin_type = skin_type
         self.no_load = no_load
         self.cls = CLASS_SKIN

@@ -171,9 +171,7 @@ class Walk(Person):
         return shares
 
     def _stance_phase(self, foot: Foot, t_s: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Return the phase of stance (0 heel strike … 1 toe-off, 1 throughout swing), and the stride's row in the
-        table.
-        """
+        """Return the phase of stance (0 heel strike … 1 toe-off, 1 in swing), and the stride's row in the table."""
         strides = t_s / self.stride_s + 0.5 * _foot_index(foot)
         number = np.floor(strides)
         return np.minimum((strides - number) / STANCE, 1.0), number.astype(np.int64) % _VARIED_STRIDES

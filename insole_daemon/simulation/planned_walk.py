@@ -26,9 +26,7 @@ LIFT_S = 0.15  # time to put the weight on or off while standing
 
 @dataclass(frozen=True, slots=True)
 class PlannedStance:
-    """One stance and its kind of step; `lean` is the fraction of the force on the lateral edge, negative for the
-    medial.
-    """
+    """One stance and its kind of step; `lean` is the fraction of the force on the lateral edge, medial if negative."""
 
     foot: Foot
     contact_s: float

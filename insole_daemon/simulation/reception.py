@@ -14,7 +14,7 @@ class Reception:
     """Consecutive frames of one bus as the host receives them."""
 
     def __init__(self, jitter: Mapping[int, Jitter], losses: Mapping[int, Losses]) -> None:
-        """`jitter` and `losses` are by address of the sending board; frames of other boards arrive at once and
+        """`jitter` and `losses` are by address of the sending board; other boards' frames arrive at once and
         completely.
         """
         self._jitter, self._losses = jitter, losses

@@ -194,9 +194,7 @@ class Sensors:
             words[ticks[is_open], row] = OPEN_LINE if fault.kind == "loose" else 0
 
     def _hold(self, words: NDArray[np.int64], slots: NDArray[np.intp], number: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return `words` (n_ticks, n_slots, 12), each replaced by those of the first tick with the same sequence
-        `number`.
-        """
+        """Return `words` (n_ticks, n_slots, 12) as they were at the first tick with the same sequence `number`."""
         if not len(number):
             return words
         is_new = number != np.concatenate([self._held_number[None, slots], number[:-1]])

@@ -120,9 +120,7 @@ class Trial:
         return constants.rest_c + constants.shoe_warms_k * (1.0 - exp(-t_s / constants.shoe_warms_in_s))
 
     def length_s(self, seconds: float | None = None) -> float | None:
-        """Return how long to play if `seconds` are requested, None for ever; SimulationError if that exceeds
-        the load.
-        """
+        """Return how long to play if `seconds` are requested, None for ever; SimulationError if the load is shorter."""
         return length_s(self._name, self.conditions, seconds, None)
 
     def write(

@@ -36,9 +36,7 @@ class _Plays:
         return self.apply_after(x, x)
 
     def apply_after(self, remembered: Array, x: Array) -> Array:
-        """Return the output for `x` (n, m), with plays that have followed `remembered` (n, m) up to the previous
-        sample.
-        """
+        """Return the output for `x` (n, m), with plays that follow `remembered` (n, m) up to the previous sample."""
         previous = np.zeros((len(self._r), x.shape[1])) if self._y is None else self._y
         y = np.empty((len(x), *previous.shape))
         for remembered_row, x_row, row in zip(remembered, x, y, strict=True):
@@ -86,9 +84,7 @@ def _live(values: Values, site: Site) -> Operator:
 
 
 def _nearest(site: Site) -> NDArray[np.intp]:
-    """Return (m, NEAR) the columns of the nearest pressure taxels of every column, itself included; fewer if there are
-    few.
-    """
+    """Return (m, NEAR) the nearest pressure taxels of every column, itself included; fewer if there are few."""
     position_m = site.xy_m.reshape(-1, 2)[site.columns]
     distance_m = np.linalg.norm(position_m[:, None] - position_m, axis=2)
     distance_m[:, ~PRESSURE_TAXELS[site.columns % N_TAXELS]] = np.inf

@@ -20,9 +20,7 @@ REST_S = 5.0  # unloaded time at the beginning and at the end
 
 
 def programme(top_pa: float, speeds_pa_s: Sequence[float], chosen: ChamberCycles) -> NDArray[np.float64]:
-    """Return (n, 2) turning points (s, Pa): cycles to `top_pa` at each speed, then a hold and minor loops at
-    the last.
-    """
+    """Return (n, 2) turning points (s, Pa): cycles to `top_pa` at each speed, then a hold and minor loops."""
     pressures = [point for _ in speeds_pa_s for _ in range(chosen.cycles) for point in (top_pa, 0.0)]
     speeds = [speed for speed in speeds_pa_s for _ in range(2 * chosen.cycles)]
     pressures += [top_pa, top_pa, 0.0, 0.0]
