@@ -53,8 +53,8 @@ def record(plan: Sequence[PlannedStance], seed: int, folder: Path, effects: Sequ
     places = {insole.layout.foot: insole.chain.xy_m for insole in insoles}
     load = PlannedWalk(layouts, plan, seed=seed, places=places)
     sensed = SensedLoad(load, insoles, lambda t_s: np.full_like(t_s, reference_insole().rest_c))
-    shifts = {board: of for insole in insoles for board, of in insole.shifts().items()}
-    emulator = Emulator(config, layouts, sensed, seed=seed, alike=True, shifts=shifts)
+    shifts = {board: of for insole in insoles for board, of in insole.real_shifts().items()}
+    emulator = Emulator(config, layouts, sensed, seed=seed, nominal_sensors=True, shifts=shifts)
     seconds = max(stance.toe_off_s for stance in plan) + 2.0
     return write(
         folder,

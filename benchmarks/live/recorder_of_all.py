@@ -14,8 +14,8 @@ from pathlib import Path
 import zenoh
 
 import insole_daemon
-from insole_daemon.recording.live import LiveRecorder, record_of
-from insole_daemon.recording.of_daemon import insole_in_use
+from insole_daemon.recording.daemon_insole import insole_in_use
+from insole_daemon.recording.live import LiveRecorder, cycle_record
 from insole_daemon.wire.client import Gaps
 from insole_daemon.wire.messages import Raw
 from insole_daemon.wire.session import open_session
@@ -51,7 +51,7 @@ def main() -> None:
             except queue.Empty:
                 continue
             raw = gaps.mark(key, Raw.decode(payload))
-            recorders[key.split("/")[1]].write_cycle(raw.foot, record_of(raw))
+            recorders[key.split("/")[1]].write_cycle(raw.foot, cycle_record(raw))
             cycles, lost = cycles + 1, lost + raw.lost
         subscriber.undeclare()
         print(json.dumps({"cycles": cycles, "lost": lost, "waiting": came.qsize()}), flush=True)

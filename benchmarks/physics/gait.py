@@ -27,7 +27,7 @@ from benchmarks.physics.paper_phenomenon import ordinary
 from insole_daemon.config import Config
 from insole_daemon.mechanics.gait import Gait, GaitEvent
 from insole_daemon.recording.loading import Recording
-from insole_daemon.recording.steps import gait_events
+from insole_daemon.recording.steps import replay_gait_events
 from insole_daemon.service.foot_setup import load_layout
 from insole_daemon.simulation.conditions import Conditions
 from insole_daemon.simulation.foot import Person
@@ -98,7 +98,7 @@ def main() -> None:
         for _, trial, recording in trials(WALKING, physics):
             assert isinstance(trial.load, Person)
             seconds = (int(recording.feet[0].t_ns[-1]) - START_NS) * 1e-9
-            scores.append(score(gait_events(recording.feet), truth(trial.load, seconds)))
+            scores.append(score(replay_gait_events(recording.feet), truth(trial.load, seconds)))
         error_ms = np.array([each for one in scores for each in one.error_ms])
         delay_ms = np.array([each for one in scores for each in one.delay_ms])
         there, found = sum(one.there for one in scores), sum(one.found for one in scores)
@@ -115,7 +115,7 @@ def main() -> None:
             first_ns, last_ns = (int(recording.feet[0].t_ns[at]) for at in (0, -1))
             aloft_ns = 0 if name == "stand" else round((ALOFT_S + STEP_S) * 1e9)
             wrong += sum(
-                first_ns + aloft_ns <= event.t_ns <= last_ns - aloft_ns for event in gait_events(recording.feet)
+                first_ns + aloft_ns <= event.t_ns <= last_ns - aloft_ns for event in replay_gait_events(recording.feet)
             )
             minutes += (last_ns - first_ns - 2 * aloft_ns) / 60e9
         print(f"standing {minutes:.0f} minutes: {wrong} events", flush=True)

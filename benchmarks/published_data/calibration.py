@@ -105,7 +105,7 @@ class Score:
 
 def by_row(trial: Trial, found: Healthy) -> Paired:
     """As published: a row of counts belongs to the row of pressures of its number."""
-    rows = follow_up.kept_rows(trial.pressure_pa[: len(trial.counts)])
+    rows = follow_up.select_rows(trial.pressure_pa[: len(trial.counts)])
     shown_pa = follow_up.smooth_causally(trial.pressure_pa[rows], follow_up.PRESSURE_SHARE)
     return _paired(trial, found, rows, rows, shown_pa)
 
@@ -130,7 +130,7 @@ def fitted_clock(trial: Trial, found: Healthy) -> Clock:
 
 def _gauge(trial: Trial) -> tuple[Array, Array]:
     """Times, as if its rows were the cycles', and pressures of the rows without spikes."""
-    kept = follow_up.kept_rows(trial.pressure_pa)
+    kept = follow_up.select_rows(trial.pressure_pa)
     return clocks.row_times_s(trial.t_s, len(trial.pressure_pa))[kept], trial.pressure_pa[kept]
 
 
@@ -158,7 +158,7 @@ class Ours:
 
     def __init__(self, trained: Paired, trial: Trial, found: Healthy, share: float, stiffness: float) -> None:
         rows = slice(REST_ROWS, None, FITTED_EVERY)
-        held = memory.states(trained.t_s, trained.load_pa, MEMORIES, trial.layout)
+        held = memory.memory_states(trained.t_s, trained.load_pa, MEMORIES, trial.layout)
         self._share = share
         activation = np.where(trained.valid, trained.rest_count - trained.steady(share), np.nan)
         judged = trained.valid.mean(axis=0) > JUDGED_SHARE
@@ -192,7 +192,7 @@ def chosen(trained: Paired, trial: Trial) -> tuple[float, float]:
     rows = slice(REST_ROWS, None, FITTED_EVERY)
     t_s = trained.t_s[rows]
     fold = np.minimum((t_s - t_s[0]) / np.ptp(t_s) * FOLDS, FOLDS - 1).astype(np.intp)
-    held = memory.states(trained.t_s, trained.load_pa, MEMORIES, trial.layout)[rows]
+    held = memory.memory_states(trained.t_s, trained.load_pa, MEMORIES, trial.layout)[rows]
     left = {}
     for share in SHARES:
         activation, load_pa = (trained.rest_count - trained.steady(share))[rows], trained.load_pa[rows]

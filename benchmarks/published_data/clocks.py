@@ -32,7 +32,7 @@ def main() -> None:
         middle = np.sort(counts[:, moves], axis=1)[:, moves.sum() // 4 : -(moves.sum() // 4)]
         activation = -middle.mean(axis=1)
         activation -= activation[0]
-        kept = follow_up.kept_rows(trial.pressure_pa)
+        kept = follow_up.select_rows(trial.pressure_pa)
         reference_s = clocks.row_times_s(trial.t_s, len(trial.pressure_pa))[kept]
         found = clocks.fit_clock(
             trial.t_s, activation[:, None] ** np.arange(1, 4), reference_s, trial.pressure_pa[kept]

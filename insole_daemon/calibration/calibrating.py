@@ -1,4 +1,4 @@
-"""`insole calibrate`: recordings with a known load into the curves of one foot, and all that is to be said of them."""
+"""Fit the curves of one foot to recordings with a known load, for `insole calibrate`."""
 
 from __future__ import annotations
 
@@ -15,46 +15,46 @@ from ..recording.loading import Recording
 from ..skin.layout import Layout
 from . import fused
 from .fused import DEGREES, PUBLISHED_EXPONENTS, Fit, Progress
-from .problem import Weights, fused_problem
-from .samples import Samples, aligned, realigned, samples
-from .trials import CalibrationTrial, trials
-from .verdict import Verdict, verdicts
+from .problem import Weights, build_fused_problem
+from .samples import Samples, align_by_activation, align_by_prediction, select_samples
+from .trials import CalibrationTrial, prepare_trials
+from .verdict import Verdict, judge_taxels
 
 Array = NDArray[np.float64]
 Method = Literal["default", "paper"]
 
-_LEAST_SAMPLES = 20  # of a taxel in the chamber, for every unknown of its curve
-_LEAST_SPAN = 0.5  # of the chamber's range, that a taxel must have been valid in
-_LOADED_COUNT = 3.0  # that a shoe alone must have pressed a taxel by
-_LEAST_WHOLE = 0.5  # of the shoe's samples, in which all taxels that are fitted are valid
-_BEYOND = 1.2  # of the highest activation seen: so far curves are kept from falling
-_MOST_ALIKE = 0.25  # of the samples
+_MIN_SAMPLES_PER_UNKNOWN = 20  # valid chamber samples per unknown of a taxel's curve
+_MIN_RANGE = 0.5  # fraction of the chamber's pressure range in which a taxel must have been valid
+_MIN_SHOE_COUNT = 3.0  # activation that a taxel must reach in a shoe if there is no chamber trial
+_MIN_COMPLETE = 0.5  # fraction of the shoe's samples in which all fitted taxels are valid
+_LIMIT_FACTOR = 1.2  # times the highest activation seen, up to which curves may not fall
+_MAX_CORRELATION = 0.25  # longest correlation time, as a fraction of the samples
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Calibrated:
-    """The curves of the taxels `slots` (m,), what they come from, and what is wrong with the others."""
+    """Result of a calibration: the curves of the taxels `slots` (m,), their data, and the taxels without a curve."""
 
     foot: Foot
     layout: Layout
     method: Method
     samples: tuple[Samples, ...]
     slots: NDArray[np.intp]  # (m,)
-    rest_count: Array  # (slots of the layout,) the mean of all trials
+    rest_count: Array  # (slots of the layout,) mean of all trials
     fit: Fit
-    highest_count: Array  # (m,) activation up to which a curve was seen
+    highest_count: Array  # (m,) activation up to which a curve was fitted
     verdicts: dict[int, Verdict]  # of all pressure taxels, by slot
-    left_out: dict[int, str]  # why a pressure taxel has no curve, by slot
+    left_out: dict[int, str]  # the reason why a pressure taxel has no curve, by slot
     remarks: tuple[str, ...]
 
     def pressure_pa(self, trial: CalibrationTrial) -> Array:
-        """(n, m) of a trial, zeroed on its own start."""
+        """Return (n, m) the pressures of a trial, relative to its own unloaded start."""
         rest = self.rest_count if self.method == "paper" else trial.rest_count
         return curve_pa(self.fit.coefficients_pa, rest[self.slots] - trial.counts[:, self.slots])
 
 
 def curve_pa(coefficients_pa: Array, activation: Array) -> Array:
-    """(…, m) of coefficients (m, k) at activations (…, m)."""
+    """Return (…, m) the pressures of the curves with coefficients (m, k) at activations (…, m) in counts."""
     value = np.zeros_like(activation)
     for k in reversed(range(coefficients_pa.shape[1])):
         value = value * activation + coefficients_pa[:, k]
@@ -64,180 +64,205 @@ def curve_pa(coefficients_pa: Array, activation: Array) -> Array:
 def calibrate(
     recordings: Sequence[Recording], foot: Foot, method: Method = "default", progress: Progress = lambda text: None
 ) -> Calibrated:
-    """The calibration of `foot`; CalibrationError says what the recordings lack, or contradict each other in."""
+    """Calibrate `foot`; CalibrationError states what the recordings lack or where they contradict each other."""
     progress("cycles and references")
-    found, remarks = trials(list(recordings), foot)
+    foot_trials, remarks = prepare_trials(list(recordings), foot)
     progress("clocks of the references")
-    ready = [samples(trial, aligned(trial)) for trial in found]
-    _check_enough(ready)
-    judged = verdicts(ready)
-    slots, left_out = _fitted(ready, judged)
-    remarks += _uncovered(ready)
-    rest_count = np.mean([trial.rest_count for trial in found], axis=0)
-    highest = _highest(ready, slots)
+    fit_samples = [select_samples(trial, align_by_activation(trial)) for trial in foot_trials]
+    _check_enough(fit_samples)
+    taxel_verdicts = judge_taxels(fit_samples)
+    slots, left_out = _select_slots(fit_samples, taxel_verdicts)
+    remarks += _coverage_remarks(fit_samples)
+    rest_count = np.mean([trial.rest_count for trial in foot_trials], axis=0)
+    highest = _highest_activation(fit_samples, slots)
     scale_count = max(float(np.median(highest)), 1.0)
     exponents = tuple(range(1, max(DEGREES) + 1))
-    first = fused_problem(ready, slots, exponents, scale_count)
+    first_problem = build_fused_problem(fit_samples, slots, exponents, scale_count)
     progress("first fit")
-    start = fused.first_fit(first)
-    ready = [_realigned(each, slots, start) for each in ready]
-    alike = _alike(ready, slots, start)
+    first_fit = fused.first_fit(first_problem)
+    fit_samples = [_align_again(trial_samples, slots, first_fit) for trial_samples in fit_samples]
+    n_correlated = _count_correlated(fit_samples, slots, first_fit)
     if method == "paper":
-        raw = fused_problem(ready, slots, PUBLISHED_EXPONENTS, scale_count, rest_count)
+        raw_problem = build_fused_problem(fit_samples, slots, PUBLISHED_EXPONENTS, scale_count, rest_count)
         progress("the published fit")
-        fit = fused.fit_as_published(raw, rest_count[slots])
+        fit = fused.fit_as_published(raw_problem, rest_count[slots])
     else:
         fit = fused.fit_fused(
-            fused_problem(ready, slots, exponents, scale_count), alike, _BEYOND * float(highest.max()), progress
+            build_fused_problem(fit_samples, slots, exponents, scale_count),
+            n_correlated,
+            _LIMIT_FACTOR * float(highest.max()),
+            progress,
         )
-    zero_std = np.sqrt(np.mean([trial.noise_count**2 / trial.rest_cycles for trial in found], axis=0))[slots]
+    zero_std = np.sqrt(np.mean([trial.noise_count**2 / trial.rest_cycles for trial in foot_trials], axis=0))[slots]
     fit = replace(fit, covariance_pa2=fit.covariance_pa2 + zero_covariance(fit.coefficients_pa, zero_std))
     return Calibrated(
-        foot, found[0].layout, method, tuple(ready), slots, rest_count, fit, highest, judged, left_out, remarks
+        foot,
+        foot_trials[0].layout,
+        method,
+        tuple(fit_samples),
+        slots,
+        rest_count,
+        fit,
+        highest,
+        taxel_verdicts,
+        left_out,
+        remarks,
     )
 
 
 def zero_covariance(coefficients_pa: Array, zero_std_count: Array) -> Array:
-    """(m, k, k) covariance of coefficients (m, k) that comes of not knowing rest better than zero_std_count (m,).
+    """Return (m, k, k) the covariance of coefficients (m, k) from the uncertainty `zero_std_count` (m,) of the
+    baseline.
 
-    A shift of δ turns c_j into c_j + δ·(j + 1)·c_(j+1).
+    A shift of the baseline by δ changes c_j to c_j + δ·(j + 1)·c_(j+1).
     """
-    turn = np.zeros_like(coefficients_pa)
-    turn[:, :-1] = coefficients_pa[:, 1:] * np.arange(1, coefficients_pa.shape[1])
-    turn *= zero_std_count[:, None]
-    covariance: Array = turn[:, :, None] * turn[:, None]
+    shift_derivative = np.zeros_like(coefficients_pa)
+    shift_derivative[:, :-1] = coefficients_pa[:, 1:] * np.arange(1, coefficients_pa.shape[1])
+    shift_derivative *= zero_std_count[:, None]
+    covariance: Array = shift_derivative[:, :, None] * shift_derivative[:, None]
     return covariance
 
 
-def _check_enough(ready: Sequence[Samples]) -> None:
-    """Raise where a trial cannot determine what it is for."""
-    wrong = []
-    for each in ready:
-        name = each.trial.name
-        if len(each.t_s) < 200:
-            wrong.append(
+def _check_enough(fit_samples: Sequence[Samples]) -> None:
+    """Raise CalibrationError if a trial cannot determine the curves."""
+    errors = []
+    for trial_samples in fit_samples:
+        name = trial_samples.trial.name
+        if len(trial_samples.t_s) < 200:
+            errors.append(
                 f"{name}: expected at least 4 s in which the load changes slowly beside its reference, found "
-                f"{len(each.t_s)} cycles of {len(each.trial.t_s)}: move slower, or record a longer trial"
+                f"{len(trial_samples.t_s)} cycles of {len(trial_samples.trial.t_s)}: move slower, "
+                "or record a longer trial"
             )
-        elif each.trial.kind == "chamber":
-            turns = _turns(each.reference[:, 0])
-            if turns < 2:
-                wrong.append(
+        elif trial_samples.trial.kind == "chamber":
+            n_ramps = _count_ramps(trial_samples.reference[:, 0])
+            if n_ramps < 2:
+                errors.append(
                     f"{name}: expected the pressure to go up and down at least once, found one ramp: a delay of the "
-                    "reference cannot be told from the curve then; record cycles, best at two speeds with a hold"
+                    "reference cannot be separated from the curve then; record cycles, best at two speeds with a hold"
                 )
-    if wrong:
-        raise CalibrationError("\n".join(wrong))
+    if errors:
+        raise CalibrationError("\n".join(errors))
 
 
-def _turns(pressure_pa: Array) -> int:
-    """How many ramps of at least half the range there are."""
+def _count_ramps(pressure_pa: Array) -> int:
+    """Return the number of ramps that span at least half of the range."""
     low, span = float(pressure_pa.min()), float(np.ptp(pressure_pa))
     level = np.digitize((pressure_pa - low) / max(span, 1e-9), (0.25, 0.75))
     ends = level[level != 1]  # at the bottom or at the top
     return int(np.count_nonzero(np.diff(ends)))
 
 
-def _fitted(ready: Sequence[Samples], judged: dict[int, Verdict]) -> tuple[NDArray[np.intp], dict[int, str]]:
-    """The slots that get a curve, and why the others do not."""
-    chamber = [each for each in ready if each.trial.kind == "chamber"]
-    shoe = [each for each in ready if each.trial.kind == "shoe"]
+def _select_slots(
+    fit_samples: Sequence[Samples], taxel_verdicts: dict[int, Verdict]
+) -> tuple[NDArray[np.intp], dict[int, str]]:
+    """Return the slots that get a curve, and the reason for every other slot."""
+    chamber = [trial_samples for trial_samples in fit_samples if trial_samples.trial.kind == "chamber"]
+    shoe = [trial_samples for trial_samples in fit_samples if trial_samples.trial.kind == "shoe"]
     left_out: dict[int, str] = {}
-    for slot, verdict in judged.items():
+    for slot, verdict in taxel_verdicts.items():
         why = _why_not_in_chamber(chamber, slot) if chamber else _why_not_in_shoe(shoe, slot)
         if why:
             left_out[slot] = f"{verdict.word}: {why}" if verdict.word != "healthy" else why
-    slots = [slot for slot in judged if slot not in left_out]
-    while shoe and slots:  # one that is seldom valid would take the samples of all others
-        valid = np.concatenate([each.valid[:, slots] for each in shoe])
-        if valid.all(axis=1).mean() >= _LEAST_WHOLE:
+    slots = [slot for slot in taxel_verdicts if slot not in left_out]
+    while shoe and slots:  # a taxel that is seldom valid would remove samples of all others
+        valid = np.concatenate([trial_samples.valid[:, slots] for trial_samples in shoe])
+        if valid.all(axis=1).mean() >= _MIN_COMPLETE:
             break
         worst = slots[int(valid.mean(axis=0).argmin())]
-        left_out[worst] = f"{judged[worst].word}: valid in {valid.mean(axis=0).min():.0%} of the shoe's samples"
+        left_out[worst] = f"{taxel_verdicts[worst].word}: valid in {valid.mean(axis=0).min():.0%} of the shoe's samples"
         slots.remove(worst)
     if not slots:
         reasons = "; ".join(sorted(set(left_out.values()))[:3])
         raise CalibrationError(f"expected taxels that answer to the load, found none: {reasons}")
     unknowns = len(slots) * 3
-    if not chamber and sum(3 * len(each.t_s) for each in shoe) < 5 * unknowns:
+    if not chamber and sum(3 * len(trial_samples.t_s) for trial_samples in shoe) < 5 * unknowns:
         raise CalibrationError(
             f"expected at least {5 * unknowns} numbers of the shoe for {unknowns} unknowns, found "
-            f"{sum(3 * len(each.t_s) for each in shoe)}: add a chamber trial, or longer slow movements"
+            f"{sum(3 * len(trial_samples.t_s) for trial_samples in shoe)}: add a chamber trial, "
+            "or longer slow movements"
         )
     return np.array(slots), left_out
 
 
 def _why_not_in_chamber(chamber: Sequence[Samples], slot: int) -> str:
-    pressure = np.concatenate([each.reference[:, 0] for each in chamber])
-    valid = np.concatenate([each.valid[:, slot] for each in chamber])
-    if np.count_nonzero(valid) < _LEAST_SAMPLES * max(DEGREES):
+    """Return why the chamber samples cannot determine the taxel's curve; empty if they can."""
+    pressure = np.concatenate([trial_samples.reference[:, 0] for trial_samples in chamber])
+    valid = np.concatenate([trial_samples.valid[:, slot] for trial_samples in chamber])
+    if np.count_nonzero(valid) < _MIN_SAMPLES_PER_UNKNOWN * max(DEGREES):
         return f"{np.count_nonzero(valid)} valid samples in the chamber"
-    activation = np.concatenate([each.activation[:, slot] for each in chamber])
-    if np.ptp(pressure[valid]) < _LEAST_SPAN * np.ptp(pressure):
+    activation = np.concatenate([trial_samples.activation[:, slot] for trial_samples in chamber])
+    if np.ptp(pressure[valid]) < _MIN_RANGE * np.ptp(pressure):
         return f"valid up to {pressure[valid].max() / 1e3:.0f} kPa of {pressure.max() / 1e3:.0f} only"
     high, low = np.percentile(activation[valid], (99, 1))
     return "does not answer to the chamber's pressure" if high - low < 1.0 else ""
 
 
 def _why_not_in_shoe(shoe: Sequence[Samples], slot: int) -> str:
-    activation = np.concatenate([each.activation[each.valid[:, slot], slot] for each in shoe])
+    """Return why the shoe samples cannot determine the taxel's curve; empty if they can."""
+    activation = np.concatenate(
+        [trial_samples.activation[trial_samples.valid[:, slot], slot] for trial_samples in shoe]
+    )
     if not len(activation):
         return "never valid in the shoe"
     high = float(np.percentile(activation, 99.5))
-    return f"never pressed by more than {high:.1f} counts in the shoe" if high < _LOADED_COUNT else ""
+    return f"never pressed by more than {high:.1f} counts in the shoe" if high < _MIN_SHOE_COUNT else ""
 
 
-def _highest(ready: Sequence[Samples], slots: NDArray[np.intp]) -> Array:
-    """(m,) of the smoothed activations that were fitted: where a curve was seen."""
+def _highest_activation(fit_samples: Sequence[Samples], slots: NDArray[np.intp]) -> Array:
+    """Return (m,) the highest smoothed activations that are fitted."""
     highest = np.zeros(len(slots))
-    for each in ready:
-        highest = np.maximum(highest, np.where(each.valid[:, slots], each.activation[:, slots], 0.0).max(axis=0))
+    for trial_samples in fit_samples:
+        highest = np.maximum(
+            highest, np.where(trial_samples.valid[:, slots], trial_samples.activation[:, slots], 0.0).max(axis=0)
+        )
     return highest
 
 
-def _predicted(each: Samples, slots: NDArray[np.intp], coefficients_pa: Array, arms: Array) -> Array:
-    """(n, 3) wrench of all cycles of a trial."""
-    valid = each.trial.valid[:, slots]
-    pressure = np.where(valid, curve_pa(coefficients_pa, each.trial.activation[:, slots]), 0.0)
+def _predict_wrench(trial_samples: Samples, slots: NDArray[np.intp], coefficients_pa: Array, arms: Array) -> Array:
+    """Return (n, 3) the wrench in all cycles of a trial."""
+    valid = trial_samples.trial.valid[:, slots]
+    pressure = np.where(valid, curve_pa(coefficients_pa, trial_samples.trial.activation[:, slots]), 0.0)
     return pressure @ arms.T
 
 
-def _realigned(each: Samples, slots: NDArray[np.intp], start: fused.Start) -> Samples:
-    """With the clock that fits what a first calibration makes of the counts."""
-    if each.trial.kind == "chamber":  # its mean is what the clock was found by
-        return each
-    predicted = _predicted(each, slots, start.coefficients_pa, start.arms)
-    return samples(each.trial, realigned(each.trial, predicted))
+def _align_again(trial_samples: Samples, slots: NDArray[np.intp], first_fit: fused.InitialFit) -> Samples:
+    """Select the samples again, with the clock that fits the wrench of a first calibration."""
+    if trial_samples.trial.kind == "chamber":  # its clock was already fitted to the mean activation
+        return trial_samples
+    predicted = _predict_wrench(trial_samples, slots, first_fit.coefficients_pa, first_fit.arms)
+    return select_samples(trial_samples.trial, align_by_prediction(trial_samples.trial, predicted))
 
 
-def _alike(ready: Sequence[Samples], slots: NDArray[np.intp], start: fused.Start) -> Weights:
-    """How many samples say the same: the correlation time of what a first fit leaves."""
+def _count_correlated(fit_samples: Sequence[Samples], slots: NDArray[np.intp], first_fit: fused.InitialFit) -> Weights:
+    """Return how many samples count as one, by the correlation time of the residuals of a first fit."""
     shoe, chamber = [np.ones(3)], [1.0]
-    for each in ready:
-        pressure = curve_pa(start.coefficients_pa, each.activation[:, slots])
-        if each.trial.kind == "shoe":
-            left = pressure @ start.arms.T - each.reference
-            line = np.stack([np.ones_like(each.t_s), each.t_s], axis=1)
-            shoe.append(correlation_samples(left - line @ np.linalg.lstsq(line, left, rcond=None)[0]))
+    for trial_samples in fit_samples:
+        pressure = curve_pa(first_fit.coefficients_pa, trial_samples.activation[:, slots])
+        if trial_samples.trial.kind == "shoe":
+            residual = pressure @ first_fit.arms.T - trial_samples.reference
+            line = np.stack([np.ones_like(trial_samples.t_s), trial_samples.t_s], axis=1)
+            shoe.append(correlation_samples(residual - line @ np.linalg.lstsq(line, residual, rcond=None)[0]))
         else:
-            chamber.append(float(np.median(correlation_samples(pressure - each.reference))))
+            chamber.append(float(np.median(correlation_samples(pressure - trial_samples.reference))))
     return Weights(np.max(shoe, axis=0), np.full(len(slots), max(chamber)))
 
 
 def correlation_samples(residual: Array) -> Array:
-    """(c,) integrated autocorrelation time in samples of residuals (n, c), at least 1."""
+    """Return (c,) the integrated autocorrelation time, in samples, of residuals (n, c); at least 1."""
     n = len(residual)
     spectrum = np.fft.rfft(residual - residual.mean(axis=0), 2 * n, axis=0)
-    correlation = np.fft.irfft(np.abs(spectrum) ** 2, axis=0)[: max(int(n * _MOST_ALIKE), 1)]
+    correlation = np.fft.irfft(np.abs(spectrum) ** 2, axis=0)[: max(int(n * _MAX_CORRELATION), 1)]
     correlation = correlation / np.maximum(correlation[0], 1e-30)
-    ended = np.cumsum(correlation < 0.05, axis=0) > 0
-    time: Array = 2 * np.where(ended, 0.0, correlation).sum(axis=0) - 1
-    return np.clip(time, 1.0, None)
+    has_decayed = np.cumsum(correlation < 0.05, axis=0) > 0
+    correlation_time: Array = 2 * np.where(has_decayed, 0.0, correlation).sum(axis=0) - 1
+    return np.clip(correlation_time, 1.0, None)
 
 
-def _uncovered(ready: Sequence[Samples]) -> tuple[str, ...]:
+def _coverage_remarks(fit_samples: Sequence[Samples]) -> tuple[str, ...]:
     return tuple(
-        f"{each.trial.name}: the reference covers {each.covered:.0%} of the cycles; the others are left out"
-        for each in ready
-        if each.covered < 0.98
+        f"{trial_samples.trial.name}: the reference covers {trial_samples.covered:.0%} of the cycles; "
+        "the others are left out"
+        for trial_samples in fit_samples
+        if trial_samples.covered < 0.98
     )

@@ -1,6 +1,6 @@
-"""What the reference instrument said, checked: its unit, whether it moves, its spikes.
+"""Check and prepare the readings of a reference: its unit, whether it varies, its spikes.
 
-The instruments of the issue's paper are a vacuum bag's gauge (Pa) and a shoe on six-axis sensors (N, N·m).
+References are the gauge of a vacuum bag (Pa) or a shoe on six-axis sensors (N, N·m).
 """
 
 from __future__ import annotations
@@ -19,11 +19,12 @@ from .clock import row_times_s
 
 Array = NDArray[np.float64]
 
-_SAME_EPOCH_S = 3600.0  # nearer than that, two clocks count from the same moment
-_SPIKE = 0.2  # of the range: what one or two readings stand out of their neighbours by
-ARM_M = 0.05  # on which the range of the force is at least that of a moment: standing still has next to none
-_USUAL_PA = 8000.0  # a count
-_PLAUSIBLE = 12.0  # times more or less than usual
+_SAME_EPOCH_S = 3600.0  # two clocks that differ by less have the same epoch
+_SPIKE = 0.2  # least deviation of a spike from its neighbours, as a fraction of the range
+# A moment's range counts as at least the force's range on this lever, since standing still has hardly any moment.
+ARM_M = 0.05
+_USUAL_PA = 8000.0  # typical pressure per count
+_PLAUSIBLE = 12.0  # largest plausible factor to the typical pressure
 _UNITS = {
     "chamber": {"bar": 1e5, "kPa": 1e3, "mbar": 1e2, "psi": 6894.76, "MPa": 1e6},
     "shoe": {"kN": 1e3, "kgf": 9.80665, "mN": 1e-3},
@@ -32,35 +33,35 @@ _UNITS = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Readings:
-    """k readings of one, c columns: pressure_pa, or fz_n, mx_nm, my_nm."""
+    """The k readings of one reference in c columns: pressure_pa, or fz_n, mx_nm, my_nm."""
 
-    t_s: Array  # (k,) on its own clock, from near the first cycle on; as if read with the cycles where it has no times
-    values: Array  # (k, c) NaN where nothing was said, or a spike
+    t_s: Array  # (k,) on its own clock, near 0 at the first cycle; without times, as if read with the cycles
+    values: Array  # (k, c) NaN: no reading, or a spike
 
 
-def checked_readings(
+def check_readings(
     name: str, kind: Literal["chamber", "shoe"], foot: FootRecording, t_s: Array
 ) -> tuple[Readings, tuple[str, ...]]:
-    """The reference of a foot whose cycles are at t_s (n,), and a sentence for each oddity.
+    """Return the reference of a foot with cycles at `t_s` (n,), and a sentence for each irregularity.
 
-    CalibrationError where it says nothing, or what it says cannot be in the unit its column names.
+    Raises CalibrationError if it is constant or empty, or if its values cannot be in the unit of its column.
     """
     reference = foot.reference
     assert reference is not None
     names = REFERENCE_COLUMNS[kind]
     values = np.stack([reference[column] for column in names], axis=1)
-    there = np.isfinite(values).all(axis=1)
-    if np.count_nonzero(there) < 2 or not np.ptp(values[there, 0]) > 0:
-        what = f"the same in all of its {np.count_nonzero(there)} readings" if there.any() else "no reading"
+    is_finite = np.isfinite(values).all(axis=1)
+    if np.count_nonzero(is_finite) < 2 or not np.ptp(values[is_finite, 0]) > 0:
+        what = f"the same in all of its {np.count_nonzero(is_finite)} readings" if is_finite.any() else "no readings"
         raise CalibrationError(
             f"{name}: expected a reference that moves with the load, found {names[0]} with {what}: "
             "was the instrument switched on, and is it the right column?"
         )
-    values, spikes = _without_spikes(values)
+    values, spikes = _remove_spikes(values)
     _check_unit(name, kind, names[0], values[:, 0], foot)
     remarks: tuple[str, ...] = ()
     if spikes:
-        remarks += (f"{name}: {spikes} readings of the reference stand out of their neighbours: left out as spikes",)
+        remarks += (f"{name}: {spikes} readings of the reference deviate from their neighbours: ignored as spikes",)
     if reference.time_s is None:
         own_s = row_times_s(t_s, len(values))
         if len(values) != len(t_s):
@@ -72,8 +73,8 @@ def checked_readings(
     return Readings(reference.time_s - origin_s, values), remarks
 
 
-def _without_spikes(values: Array) -> tuple[Array, int]:
-    """The values (k, c) with NaN for what stands out of the median of five, and how many readings those are."""
+def _remove_spikes(values: Array) -> tuple[Array, int]:
+    """Return the values (k, c) with NaN for readings far from the median of five, and their number."""
     if len(values) < 5:
         return values, 0
     padded = np.pad(values, ((2, 2), (0, 0)), mode="edge")
@@ -87,20 +88,21 @@ def _without_spikes(values: Array) -> tuple[Array, int]:
 
 
 def _check_unit(name: str, kind: Literal["chamber", "shoe"], column: str, values: Array, foot: FootRecording) -> None:
-    """Raise where the taxels' answer would mean a sensor unlike any: the unit is another one then."""
+    """Raise CalibrationError if the taxels' response would be implausible, which means that the unit is wrong."""
     counts = foot.counts[:, :, PRESSURE_TAXELS].reshape(len(foot), -1).astype(np.float64)
     spread = np.percentile(counts, 99, axis=0) - np.percentile(counts, 1, axis=0)
     if kind == "chamber":
-        usual = _USUAL_PA * float(np.median(spread))
+        expected = _USUAL_PA * float(np.median(spread))
     else:
         level = counts.sum(axis=1)
-        usual = _USUAL_PA * foot.layout.taxel_area_m2 * float(np.ptp(np.percentile(level, (1, 99))))
-    found = float(np.nanmax(values) - np.nanmin(values))
-    ratio = found / max(usual, 1e-9)
+        expected = _USUAL_PA * foot.layout.taxel_area_m2 * float(np.ptp(np.percentile(level, (1, 99))))
+    change = float(np.nanmax(values) - np.nanmin(values))
+    ratio = change / max(expected, 1e-9)
     if 1 / _PLAUSIBLE < ratio < _PLAUSIBLE:
         return
     likely = [unit for unit, factor in _UNITS[kind].items() if 0.25 < ratio * factor < 4.0]
     hint = f": is that {' or '.join(likely)}? Convert it" if likely else ": is it of this trial, and in that unit?"
     raise CalibrationError(
-        f"{name}: expected {column} to change by about {usual:.3g} for what the taxels read, found {found:.3g}{hint}"
+        f"{name}: expected {column} to change by about {expected:.3g} for what the taxels read, "
+        f"found {change:.3g}{hint}"
     )

@@ -1,4 +1,4 @@
-"""A trial's cycles beside what its reference said at the same moments, smoothed and selected: what is fitted."""
+"""Align the reference with a trial's cycles, smooth both, and select the samples to fit."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from scipy.stats import trim_mean
 from ..errors import CalibrationError
 from . import clock as clocks
 from .clock import Clock
-from .smoothing import far_from, savitzky_golay, slow
+from .smoothing import is_far_from, is_slow, savitzky_golay
 from .trials import CalibrationTrial
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_ALWAYS, _ENOUGH = 0.99, 10
-_INSTANT_S = 0.5  # a median over it keeps what lasts longer than half of that
-_AGREES = 0.7  # correlation of the taxels with the reference
+_MOSTLY_VALID, _MIN_TAXELS = 0.99, 10
+_INSTANT_S = 0.5  # a median over this time removes what lasts less than half of it
+_MIN_CORRELATION = 0.7  # least correlation of the taxels with the reference
 _MOST_OFFSETS_S = (20.0, 5.0, 1.0)
-_UNLOADED = 0.15  # of the reference's range, above its lowest
+_UNLOADED = 0.15  # fraction of the reference's range above its lowest value
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Samples:
-    """The rows of one trial that are fitted; block: a number that grows along the trial, for cross-validation."""
+    """The fitted samples of one trial."""
 
     trial: CalibrationTrial
     clock: Clock
@@ -35,104 +35,109 @@ class Samples:
     valid: Mask  # (n, slots)
     reference: Array  # (n, c)
     t_s: Array  # (n,)
-    covered: float  # share of the cycles beside which the reference said something
+    covered: float  # fraction of the cycles with a reference
 
 
-def usable(trial: CalibrationTrial) -> Mask:
-    """(slots,) that are valid most of the time."""
-    often: Mask = trial.valid.mean(axis=0) > 0.5
-    return often
+def usable_slots(trial: CalibrationTrial) -> Mask:
+    """Return (slots,) which slots are valid most of the time."""
+    is_usable: Mask = trial.valid.mean(axis=0) > 0.5
+    return is_usable
 
 
-def aligned(trial: CalibrationTrial) -> Clock:
-    """The reference's clock against the taxels', from how both move: before there is any calibration."""
+def align_by_activation(trial: CalibrationTrial) -> Clock:
+    """Fit the reference's clock by the movement of both streams, before any calibration exists."""
     if trial.kind == "chamber":
-        mean = _middle(trial)
+        mean = _mean_activation(trial)
         features = np.stack([mean, mean**2, mean**3], axis=1)
     else:
-        slots = usable(trial)
+        slots = usable_slots(trial)
         a = np.where(trial.valid[:, slots], trial.activation[:, slots], 0.0)
         x, y = trial.layout.xy_m.reshape(-1, 2)[slots].T
         arms = np.stack([np.ones_like(x), y, x], axis=1)
         features = np.concatenate([a @ arms, a**2 @ arms], axis=1)
-    return _fitted(trial, features)
+    return _fit_clock(trial, features)
 
 
-def _middle(trial: CalibrationTrial) -> Array:
-    """(n,) what the middle half of the taxels says on average, without what lasts less than a quarter of a second.
+def _mean_activation(trial: CalibrationTrial) -> Array:
+    """Return (n,) the mean activation of the middle half of the taxels, without events shorter than 0.25 s.
 
-    A triangle that loses contact for an instant, as those of public recordings do, makes edges that no pressure has.
+    A triangle that loses contact for an instant, as in public recordings, makes edges that the pressure does not have.
     """
-    always = trial.valid.mean(axis=0) > _ALWAYS
-    slots = always if np.count_nonzero(always) >= _ENOUGH else usable(trial)
+    is_mostly_valid = trial.valid.mean(axis=0) > _MOSTLY_VALID
+    slots = is_mostly_valid if np.count_nonzero(is_mostly_valid) >= _MIN_TAXELS else usable_slots(trial)
     middle = trim_mean(trial.activation[:, slots], 0.25, axis=1)
-    instant = max(round(_INSTANT_S / float(np.median(np.diff(trial.t_s)))), 1)
-    settled: Array = uniform_filter1d(median_filter(middle, instant), instant)
+    window = max(round(_INSTANT_S / float(np.median(np.diff(trial.t_s)))), 1)
+    settled: Array = uniform_filter1d(median_filter(middle, window), window)
     return settled
 
 
-def realigned(trial: CalibrationTrial, predicted: Array) -> Clock:
-    """The clock under which the reference follows what a calibration makes of the counts, (n, c)."""
-    return _fitted(trial, predicted)
+def align_by_prediction(trial: CalibrationTrial, predicted: Array) -> Clock:
+    """Fit the reference's clock to the wrench that a calibration predicts from the counts, (n, c)."""
+    return _fit_clock(trial, predicted)
 
 
-def _fitted(trial: CalibrationTrial, features: Array) -> Clock:
-    """Of regular cycles or steps, half a period off fits as well with the sign turned: then nearer ones are tried."""
-    read = trial.readings
+def _fit_clock(trial: CalibrationTrial, features: Array) -> Clock:
+    """Fit the clock, with a smaller range of offsets if the result correlates negatively.
+
+    In periodic cycles or steps, a shift by half a period fits equally well with the opposite sign.
+    """
+    readings = trial.readings
     for most_offset_s in _MOST_OFFSETS_S:
         try:
-            clock = clocks.fit_clock(trial.t_s, features, read.t_s, read.values, most_offset_s=most_offset_s)
+            clock = clocks.fit_clock(trial.t_s, features, readings.t_s, readings.values, most_offset_s=most_offset_s)
         except CalibrationError as error:
             raise CalibrationError(f"{trial.name}: {error}") from error
-        agrees = _agrees(trial, clock)
-        if agrees >= _AGREES:
+        correlation = _correlation(trial, clock)
+        if correlation >= _MIN_CORRELATION:
             return clock
     raise CalibrationError(
         f"{trial.name}: the {'pressure' if trial.kind == 'chamber' else 'force'} of the reference does not grow with "
-        f"what the {trial.foot.foot} insole reads (correlation {agrees:.2f}): is it that of the other foot?"
+        f"what the {trial.foot.foot} insole reads (correlation {correlation:.2f}): is it that of the other foot?"
     )
 
 
-def _agrees(trial: CalibrationTrial, clock: Clock) -> float:
-    """Correlation of what all taxels say with the pressure, or the force, of the reference."""
+def _correlation(trial: CalibrationTrial, clock: Clock) -> float:
+    """Return the correlation of the total activation with the pressure, or the force, of the reference."""
     reference = reference_at_cycles(trial, clock)[:, 0]
-    said = np.isfinite(reference)
-    slots = usable(trial)
-    own = np.where(trial.valid[:, slots], trial.activation[:, slots], 0.0).sum(axis=1)
-    return float(np.corrcoef(own[said], reference[said])[0, 1])
+    is_finite = np.isfinite(reference)
+    slots = usable_slots(trial)
+    total_activation = np.where(trial.valid[:, slots], trial.activation[:, slots], 0.0).sum(axis=1)
+    return float(np.corrcoef(total_activation[is_finite], reference[is_finite])[0, 1])
 
 
 def reference_at_cycles(trial: CalibrationTrial, clock: Clock) -> Array:
-    """(n, c) the reference at the cycles, NaN where it said nothing."""
-    wanted_s = clock.reference_s(trial.t_s)
-    read = trial.readings
-    there = np.isfinite(read.values).all(axis=1)
-    t_s = read.t_s[there]
-    values = np.stack([np.interp(wanted_s, t_s, column[there]) for column in read.values.T], axis=1)
-    # A few readings that are missing are bridged, a pause is not.
-    after = np.clip(np.searchsorted(t_s, wanted_s), 1, len(t_s) - 1)
-    bridged = t_s[after] - t_s[after - 1] < max(0.2, 3 * float(np.median(np.diff(t_s))))
-    values[(wanted_s < t_s[0]) | (wanted_s > t_s[-1]) | ~bridged] = np.nan
+    """Return (n, c) the reference at the cycles; NaN where it has no readings."""
+    times_s = clock.reference_s(trial.t_s)
+    readings = trial.readings
+    is_finite = np.isfinite(readings.values).all(axis=1)
+    t_s = readings.t_s[is_finite]
+    values = np.stack([np.interp(times_s, t_s, column[is_finite]) for column in readings.values.T], axis=1)
+    # Interpolate over a few missing readings, but not over a pause.
+    after = np.clip(np.searchsorted(t_s, times_s), 1, len(t_s) - 1)
+    is_bridged = t_s[after] - t_s[after - 1] < max(0.2, 3 * float(np.median(np.diff(t_s))))
+    values[(times_s < t_s[0]) | (times_s > t_s[-1]) | ~is_bridged] = np.nan
     return values
 
 
-def samples(trial: CalibrationTrial, clock: Clock) -> Samples:
-    """Smoothed and slow ones; CalibrationError where the reference follows the taxels with the wrong sign."""
+def select_samples(trial: CalibrationTrial, clock: Clock) -> Samples:
+    """Smooth a trial and select its slow samples; CalibrationError if the reference contradicts the taxels."""
     reference = reference_at_cycles(trial, clock)
-    said: Mask = np.asarray(np.isfinite(reference).all(axis=1))
+    has_reference: Mask = np.asarray(np.isfinite(reference).all(axis=1))
     _check_start(trial, reference[:, 0])
     if trial.kind == "shoe":
-        _check_foot(trial, reference, said)
-    smooth = savitzky_golay(np.where(said[:, None], reference, 0.0), trial.t_s)
-    smooth[~far_from(~said)] = np.nan
-    kept = slow(smooth, trial.t_s)
-    activation = savitzky_golay(trial.activation, trial.t_s)[kept]
-    valid = far_from(~trial.valid)[kept]
-    return Samples(trial, clock, activation, valid, smooth[kept], trial.t_s[kept], float(said.mean()))
+        _check_foot(trial, reference, has_reference)
+    smooth = savitzky_golay(np.where(has_reference[:, None], reference, 0.0), trial.t_s)
+    smooth[~is_far_from(~has_reference)] = np.nan
+    is_selected = is_slow(smooth, trial.t_s)
+    activation = savitzky_golay(trial.activation, trial.t_s)[is_selected]
+    valid = is_far_from(~trial.valid)[is_selected]
+    return Samples(
+        trial, clock, activation, valid, smooth[is_selected], trial.t_s[is_selected], float(has_reference.mean())
+    )
 
 
 def _check_start(trial: CalibrationTrial, load: Array) -> None:
-    """Raise where the reference (n,) says that something pressed on what the trial is zeroed on."""
+    """Raise CalibrationError if the reference (n,) shows a load at the start, on which the trial is zeroed."""
     start = load[: trial.rest_cycles]
     low, high = np.nanpercentile(load, (1, 99)).tolist()
     if np.isfinite(start).any() and np.nanmean(start) > low + _UNLOADED * (high - low):
@@ -143,19 +148,19 @@ def _check_start(trial: CalibrationTrial, load: Array) -> None:
         )
 
 
-def _check_foot(trial: CalibrationTrial, reference: Array, said: Mask) -> None:
-    """Raise where the reference's moments contradict where the insole is pressed."""
-    slots = usable(trial)
-    a = np.where(trial.valid[:, slots], trial.activation[:, slots], 0.0)[said]
+def _check_foot(trial: CalibrationTrial, reference: Array, has_reference: Mask) -> None:
+    """Raise CalibrationError if the reference's moments contradict the distribution of the activation."""
+    slots = usable_slots(trial)
+    a = np.where(trial.valid[:, slots], trial.activation[:, slots], 0.0)[has_reference]
     x, y = trial.layout.xy_m.reshape(-1, 2)[slots].T
-    own = np.stack([a @ y, -(a @ x)], axis=1)
-    wrench = reference[said, 1:]
-    agrees = [float(np.corrcoef(own[:, i], wrench[:, i])[0, 1]) for i in (0, 1)]
-    sides = {"m_x": agrees[0], "m_y": agrees[1]}
-    contrary = [name for name, value in sides.items() if value < -_AGREES]
-    if contrary:
+    moments = np.stack([a @ y, -(a @ x)], axis=1)
+    wrench = reference[has_reference, 1:]
+    correlations = [float(np.corrcoef(moments[:, i], wrench[:, i])[0, 1]) for i in (0, 1)]
+    sides = {"m_x": correlations[0], "m_y": correlations[1]}
+    opposite = [name for name, value in sides.items() if value < -_MIN_CORRELATION]
+    if opposite:
         raise CalibrationError(
-            f"{trial.name}: {' and '.join(contrary)} of the reference turn against what the {trial.foot.foot} insole "
-            "reads: is it the reference of the other foot, or are its moments about another origin, or axes that "
-            "point elsewhere than x forward, y to the wearer's left, z up?"
+            f"{trial.name}: the sign of the reference's {' and '.join(opposite)} is opposite to what the "
+            f"{trial.foot.foot} insole reads: is it the reference of the other foot, or are its moments about "
+            "another origin, or are its axes other than x forward, y to the wearer's left, z up?"
         )

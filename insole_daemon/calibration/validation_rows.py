@@ -1,4 +1,4 @@
-"""The tables of a validation as text, for the terminal and the page."""
+"""Format the tables of a validation, for the terminal and the HTML page."""
 
 from __future__ import annotations
 
@@ -19,51 +19,51 @@ CHAMBER_COLUMNS = (
 
 
 def shoe_rows(results: Sequence[Result]) -> list[tuple[str, ...]]:
-    """As SHOE_COLUMNS; % are tracking accuracies."""
+    """Return one row per result with the columns SHOE_COLUMNS; % are tracking accuracies."""
     rows: list[tuple[str, ...]] = []
-    for each in results:
-        found = each.outcome
-        assert isinstance(found, ShoeResult)
+    for result in results:
+        outcome = result.outcome
+        assert isinstance(outcome, ShoeResult)
         rows.append(
             (
-                each.title,
-                _of(found.highest_pressure_pa / 1e3, 0),
-                *_cells(found.f_z, 1.0, 1),
-                _of(found.steady_rmse_n, 1),
-                *_cells(found.m_x, 1.0, 2),
-                *_cells(found.m_y, 1.0, 2),
-                *_cells(found.cop_x, 1e3, 1),
-                *_cells(found.cop_y, 1e3, 1),
-                _of(each.clock.offset_s, 3),
+                result.title,
+                _format(outcome.highest_pressure_pa / 1e3, 0),
+                *_cells(outcome.f_z, 1.0, 1),
+                _format(outcome.steady_rmse_n, 1),
+                *_cells(outcome.m_x, 1.0, 2),
+                *_cells(outcome.m_y, 1.0, 2),
+                *_cells(outcome.cop_x, 1e3, 1),
+                *_cells(outcome.cop_y, 1e3, 1),
+                _format(result.clock.offset_s, 3),
             )
         )
     return rows
 
 
 def chamber_rows(results: Sequence[Result]) -> list[tuple[str, ...]]:
-    """As CHAMBER_COLUMNS."""
+    """Return one row per result with the columns CHAMBER_COLUMNS."""
     rows: list[tuple[str, ...]] = []
-    for each in results:
-        found = each.outcome
-        assert isinstance(found, ChamberResult)
-        known = found.rmse_pa[np.isfinite(found.rmse_pa)]
+    for result in results:
+        outcome = result.outcome
+        assert isinstance(outcome, ChamberResult)
+        known = outcome.rmse_pa[np.isfinite(outcome.rmse_pa)]
         rows.append(
             (
-                each.title,
-                _of(found.highest_pressure_pa / 1e3, 0),
+                result.title,
+                _format(outcome.highest_pressure_pa / 1e3, 0),
                 str(len(known)),
-                str(int(np.count_nonzero(found.good))),
-                *(_of(float(np.percentile(known, p)) / 1e3, 2) for p in (50, 5, 95, 100)),
-                _of(float(np.nanmedian(found.mean_error_pa)) / 1e3, 2),
-                _of(each.clock.offset_s, 3),
+                str(int(np.count_nonzero(outcome.good))),
+                *(_format(float(np.percentile(known, p)) / 1e3, 2) for p in (50, 5, 95, 100)),
+                _format(float(np.nanmedian(outcome.mean_error_pa)) / 1e3, 2),
+                _format(result.clock.offset_s, 3),
             )
         )
     return rows
 
 
 def _cells(tracking: Tracking, factor: float, digits: int) -> tuple[str, str]:
-    return _of(tracking.rmse * factor, digits), _of(tracking.accuracy, 1)
+    return _format(tracking.rmse * factor, digits), _format(tracking.accuracy, 1)
 
 
-def _of(value: float, digits: int) -> str:
+def _format(value: float, digits: int) -> str:
     return f"{value:.{digits}f}" if np.isfinite(value) else "–"

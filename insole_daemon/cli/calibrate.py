@@ -73,9 +73,9 @@ def calibrate(
 
 def choose_foot(loaded: list[Recording], chosen: OneFoot | None) -> Foot:
     """Return the chosen foot, or the only one that all recordings have; BadParameter if `--foot` is needed."""
-    from ..calibration.trials import feet
+    from ..calibration.trials import feet_with_reference
 
-    sides = feet(loaded)
+    sides = feet_with_reference(loaded)
     if chosen is not None:
         return "left" if chosen is OneFoot.left else "right"
     if len(sides) > 1:

@@ -19,9 +19,9 @@ def hide_and_seek(word: str, seed: int | None) -> bool:
     from .. import config as configs
     from ..recording.writer import refuse_existing
     from ..service.foot_setup import load_layout
-    from ..simulation.concealed import NOTHING, conceal, refuse_unknown
+    from ..simulation.concealed import NOTHING, check_word, conceal
 
-    refuse_unknown(word)
+    check_word(word)
     began = time.monotonic()
     drawn = secrets.randbelow(1_000_000) if seed is None else seed
     folder = Path(f"concealed-{drawn}")

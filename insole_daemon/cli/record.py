@@ -151,7 +151,7 @@ def insoles_of(settings: Config, foot: Which = Which.both) -> list[InsoleContent
 
 def _insoles_of_daemon(client: Client, connect: str, foot: Which) -> list[InsoleContents]:
     from ..errors import WireError
-    from ..recording.of_daemon import insole_in_use
+    from ..recording.daemon_insole import insole_in_use
 
     published = [(rig, name) for rig, name in client.feet() if foot in (Which.both, name)]
     if not published:
@@ -194,14 +194,14 @@ def _instruments(
 
 
 def _read_references(session: Session, instruments: Sequence[tuple[Instrument, str]], client: Client | None) -> None:
-    from ..recording.recorder import lines_of, stamped
+    from ..recording.recorder import read_lines, with_time
 
     for instrument, key in instruments:
-        items: Iterator[Any] = lines_of(sys.stdin.fileno())
+        items: Iterator[Any] = read_lines(sys.stdin.fileno())
         if key != "-":
             assert client is not None
             items = client.payloads(key)
-        session.inbox.read(instrument, stamped(items))
+        session.merged_queue.read(instrument, with_time(items))
 
 
 class ProgressPrinter:
@@ -282,5 +282,5 @@ def _progress_text(progress: Progress) -> str:
     for instrument in progress.instruments:
         words.append(f"reference {instrument.foot} {instrument.readings} rows")
         if instrument.refused:
-            words.append(f"{instrument.refused} refused ({instrument.why})")
+            words.append(f"{instrument.refused} refused ({instrument.refusal})")
     return ", ".join(words)

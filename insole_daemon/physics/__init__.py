@@ -1,1 +1,1 @@
-"""What the sensor does to a load: counts into pressure."""
+"""The sensor model: counts to pressure, and the effects beyond the static curve."""

@@ -1,13 +1,13 @@
-"""Counts into pressure, taxel by taxel: `insole-calibration/1`, or the built-in default.
+"""Load a calibration (`insole-calibration/1`) or build the default one: the curve from count to pressure of every
+taxel.
 
     P_i = Σ_k coefficients_pa[k] · (baseline_count − count)^k
 
-A taxel that is not listed is unusable. `effects` are the physics beyond this static curve (`physics.effects`); a file
-with one that is not known is refused, since its coefficients are only right together with it.
+A taxel that is not listed is unusable. `effects` are the physics beyond this static curve (`physics.effects`). A file
+with an unknown effect is refused, because its coefficients are correct only together with that effect.
 
-Documented extensions of a taxel; a reader that does not know them loses nothing else:
-`coefficients_covariance_pa2: [[…], …]`, the covariance of its coefficients, with a row and a column for each;
-`valid_range: {activation_count: [0, highest]}`, where its curve was seen when it was fitted.
+Extensions of a taxel, which readers may ignore: `coefficients_covariance_pa2: [[…], …]`, the covariance of its
+coefficients; `valid_range: {activation_count: [0, highest]}`, the range in which its curve was fitted.
 """
 
 from __future__ import annotations
@@ -31,11 +31,13 @@ from .effect import Effect
 FORMAT = "insole-calibration/1"
 COVARIANCE = "coefficients_covariance_pa2"
 VALID_RANGE = "valid_range"
-_MOST_BASELINE_COUNT = 510.0  # a fit may leave the 8-bit range, but not by much; the activation at a count of 0
-MOST_COEFFICIENTS = 32  # of a taxel: the arrays of all taxels are as wide as the longest
-BEGAN = "began_t_ns"  # in `provenance`: from when the times of effects count, ns of CLOCK_REALTIME
+_MAX_BASELINE_COUNT = (
+    510.0  # a fitted baseline may exceed the 8-bit range, but not by much; also the highest activation
+)
+MAX_COEFFICIENTS = 32  # per taxel; the longest list determines the width of the arrays of all taxels
+BEGAN = "began_t_ns"  # key in `provenance`: origin of the effects' times, ns of CLOCK_REALTIME
 
-# The public insole recordings lose about 12 counts a bar, with baselines near 240: 8 kPa a count.
+# Counts of the public insole recordings fall by about 12 per bar, from baselines near 240: 8 kPa per count.
 DEFAULT_PA_PER_COUNT = 8000.0
 
 Foot = Literal["left", "right"]
@@ -43,27 +45,27 @@ Foot = Literal["left", "right"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Calibration:
-    """The static curve of every taxel of a layout, in the layout's order; k coefficients a taxel."""
+    """The static curve of every taxel of a layout, in the layout's order, with k coefficients each."""
 
     foot: Foot
-    baseline_count: NDArray[np.float64]  # (n_triangles, 12) NaN where no taxel is listed
-    coefficients_pa: NDArray[np.float64]  # (n_triangles, 12, k) of the powers 0 to k−1; NaN as above
-    covariance_pa2: NDArray[np.float64] | None  # (n_triangles, 12, k, k) NaN where a taxel has none
+    baseline_count: NDArray[np.float64]  # (n_triangles, 12) NaN: not listed
+    coefficients_pa: NDArray[np.float64]  # (n_triangles, 12, k) powers 0 to k−1; NaN: not listed
+    covariance_pa2: NDArray[np.float64] | None  # (n_triangles, 12, k, k) NaN: taxel without covariance
     usable: NDArray[np.bool_]  # (n_triangles, 12) listed; never a thermal pad
     provenance: Mapping[str, Any]
     effects: tuple[Effect, ...] = ()
     builtin: bool = False
     extensions: Mapping[str, Any] = field(default_factory=dict, repr=False)
-    highest_count: NDArray[np.float64] | None = None  # (n_triangles, 12) activation seen in the fit; inf: not known
+    highest_count: NDArray[np.float64] | None = None  # (n_triangles, 12) highest fitted activation; inf: unknown
 
     @property
     def lowest_count(self) -> NDArray[np.uint8] | None:
-        """(n_triangles, 12) a count below that is beyond what the curve was fitted to; None where nobody said."""
+        """Return (n_triangles, 12) the lowest count within the range of the fit, or None if the ranges are unknown."""
         if self.highest_count is None:
             return None
         lowest = np.ceil(np.nan_to_num(self.baseline_count) - self.highest_count)
-        below: NDArray[np.uint8] = np.clip(lowest, 0, 255).astype(np.uint8)  # no limit: 0, below which nothing is
-        return below
+        lowest_count: NDArray[np.uint8] = np.clip(lowest, 0, 255).astype(np.uint8)  # 0 where there is no limit
+        return lowest_count
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,8 +73,8 @@ class _Taxel(Section):
     board: Annotated[int, within(1, 14)]
     triangle: Annotated[int, within(0, 15)]
     taxel: Annotated[int, within(0, N_TAXELS - 1)]
-    baseline_count: Annotated[float, within(0, _MOST_BASELINE_COUNT)]
-    coefficients_pa: Annotated[tuple[float, ...], entries(1, MOST_COEFFICIENTS)]
+    baseline_count: Annotated[float, within(0, _MAX_BASELINE_COUNT)]
+    coefficients_pa: Annotated[tuple[float, ...], entries(1, MAX_COEFFICIENTS)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -84,34 +86,36 @@ class _File(Section):
 
 
 def load(path: str | PathLike[str], layout: Layout) -> Calibration:
-    """The calibration in file `path` for the taxels of `layout`; DocumentError lists all that is wrong."""
+    """Load the calibration in file `path` for the taxels of `layout`; DocumentError lists all problems."""
     effects: list[Effect] = []
     file = read(path, _File, FORMAT, _check(layout, effects))
     rows = layout.rows
-    row = np.array([rows[t.board, t.triangle] for t in file.taxels])
-    column = np.array([t.taxel for t in file.taxels])
-    lists = [t.coefficients_pa for t in file.taxels]
+    row = np.array([rows[entry.board, entry.triangle] for entry in file.taxels])
+    column = np.array([entry.taxel for entry in file.taxels])
+    lists = [entry.coefficients_pa for entry in file.taxels]
     k = max(map(len, lists))
     baseline = np.full((len(layout), N_TAXELS), np.nan)
-    baseline[row, column] = [t.baseline_count for t in file.taxels]
+    baseline[row, column] = [entry.baseline_count for entry in file.taxels]
     coefficients = np.full((len(layout), N_TAXELS, k), np.nan)
     coefficients[row, column] = [values + (0.0,) * (k - len(values)) for values in lists]
     covariance = None
-    if any(COVARIANCE in t.extensions for t in file.taxels):
+    if any(COVARIANCE in entry.extensions for entry in file.taxels):
         covariance = np.full((len(layout), N_TAXELS, k, k), np.nan)
-        for t in file.taxels:
-            if COVARIANCE in t.extensions:
-                own = len(t.coefficients_pa)
+        for entry in file.taxels:
+            if COVARIANCE in entry.extensions:
+                n_coefficients = len(entry.coefficients_pa)
                 matrix = np.zeros((k, k))
-                matrix[:own, :own] = t.extensions[COVARIANCE]
-                covariance[rows[t.board, t.triangle], t.taxel] = matrix
+                matrix[:n_coefficients, :n_coefficients] = entry.extensions[COVARIANCE]
+                covariance[rows[entry.board, entry.triangle], entry.taxel] = matrix
     highest = None
-    if any(VALID_RANGE in t.extensions for t in file.taxels):
+    if any(VALID_RANGE in entry.extensions for entry in file.taxels):
         highest = np.full((len(layout), N_TAXELS), np.inf)
-        for t in file.taxels:
-            if VALID_RANGE in t.extensions:
-                highest[rows[t.board, t.triangle], t.taxel] = t.extensions[VALID_RANGE]["activation_count"][1]
-    return _frozen(
+        for entry in file.taxels:
+            if VALID_RANGE in entry.extensions:
+                highest[rows[entry.board, entry.triangle], entry.taxel] = entry.extensions[VALID_RANGE][
+                    "activation_count"
+                ][1]
+    return _freeze(
         Calibration(
             foot=file.foot,
             baseline_count=baseline,
@@ -128,20 +132,21 @@ def load(path: str | PathLike[str], layout: Layout) -> Calibration:
 
 
 def default(layout: Layout, boards: Sequence[Board]) -> Calibration:
-    """The same straight line for every taxel, from what its board rests at: good for a first look only.
+    """Return the default calibration: the same straight line for every taxel, good enough for a first look only.
 
-    That is (1 − 2^−shift)/2 above the no-load on average: the firmware sends no_load − floor(value / 2^shift).
+    The mean unloaded count is (1 − 2^−shift)/2 above the board's no-load value, because the firmware sends no_load −
+    floor(value / 2^shift).
     """
-    rest = {board.address: board.no_load + (1 - 2.0**-board.shift) / 2 for board in boards}
+    baseline_of_board = {board.address: board.no_load + (1 - 2.0**-board.shift) / 2 for board in boards}
     for address in layout.identities[:, 0].tolist():
-        if address not in rest:
+        if address not in baseline_of_board:
             raise InsoleError(
                 f"the layout has triangles on board {address}, expected only this insole's boards "
-                f"({', '.join(map(str, sorted(rest)))}): correct the layout, or configure the board"
+                f"({', '.join(map(str, sorted(baseline_of_board)))}): correct the layout, or configure the board"
             )
     usable = np.tile(PRESSURE_TAXELS, (len(layout), 1))
-    baseline = np.array([rest[address] for address in layout.identities[:, 0].tolist()])
-    return _frozen(
+    baseline = np.array([baseline_of_board[address] for address in layout.identities[:, 0].tolist()])
+    return _freeze(
         Calibration(
             foot=layout.foot,
             baseline_count=np.where(usable, baseline[:, None], np.nan),
@@ -157,7 +162,7 @@ def default(layout: Layout, boards: Sequence[Board]) -> Calibration:
     )
 
 
-def _frozen(calibration: Calibration) -> Calibration:
+def _freeze(calibration: Calibration) -> Calibration:
     for array in (calibration.baseline_count, calibration.coefficients_pa, calibration.usable,
                   calibration.covariance_pa2, calibration.highest_count):  # fmt: skip
         if array is not None:
@@ -165,67 +170,71 @@ def _frozen(calibration: Calibration) -> Calibration:
     return calibration
 
 
-def _check(layout: Layout, found_effects: list[Effect]) -> Callable[[Reading], None]:
-    """What looks across the file; the effects it has are added to `found_effects`."""
+def _check(layout: Layout, parsed_effects: list[Effect]) -> Callable[[Reading], None]:
+    """Return a check across the whole file; it appends the file's effects to `parsed_effects`."""
 
     def check(reading: Reading) -> None:
-        found = reading.document.get("foot")
-        if found in ("left", "right") and found != layout.foot:
+        file_foot = reading.document.get("foot")
+        if file_foot in ("left", "right") and file_foot != layout.foot:
             reading.problem(
                 ("foot",),
-                f"expected the calibration of the {layout.foot} foot, found that of the {found} foot",
+                f"expected the calibration of the {layout.foot} foot, found that of the {file_foot} foot",
             )
         _check_taxels(reading, layout)
         effects = reading.document.get("effects")
         if isinstance(effects, list):
-            found_effects.extend(effects_document.parse(reading, effects, layout))
+            parsed_effects.extend(effects_document.parse(reading, effects, layout))
 
     return check
 
 
 def _check_taxels(reading: Reading, layout: Layout) -> None:
+    """Report duplicate taxels, pads, unknown triangles, and invalid numbers."""
     rows = layout.rows
     boards = {board for board, _ in rows}
     first: dict[tuple[int, int, int], Key] = {}
-    strangers: set[str] = set()
-    for key, t in reading.of(_Taxel):
-        identity = (t.board, t.triangle, t.taxel)
-        if t.taxel in THERMAL_PADS:
-            reading.problem((*key, "taxel"), f"taxel {t.taxel} is a thermal pad: it has no pressure, leave it out")
+    unknown_identities: set[str] = set()
+    for key, entry in reading.of(_Taxel):
+        identity = (entry.board, entry.triangle, entry.taxel)
+        if entry.taxel in THERMAL_PADS:
+            reading.problem((*key, "taxel"), f"taxel {entry.taxel} is a thermal pad: it has no pressure, leave it out")
         if identity in first:
             where = spell(first[identity])
             reading.problem(
                 key,
-                f"taxel {t.taxel} of triangle {t.triangle} of board {t.board} stands twice, first in {where}",
+                f"taxel {entry.taxel} of triangle {entry.triangle} of board {entry.board} is listed twice, "
+                f"first in {where}",
             )
         first.setdefault(identity, key)
-        who = f"triangle {t.triangle} of board {t.board}" if t.board in boards else f"board {t.board}"
-        if identity[:2] not in rows and who not in strangers:
-            strangers.add(who)  # once is enough
-            reading.problem(key, f"{who} is not in the layout: is this the calibration of another insole?")
-        if not _at_most_pa(t.coefficients_pa):
+        identity_text = (
+            f"triangle {entry.triangle} of board {entry.board}" if entry.board in boards else f"board {entry.board}"
+        )
+        if identity[:2] not in rows and identity_text not in unknown_identities:
+            unknown_identities.add(identity_text)  # report each one once
+            reading.problem(key, f"{identity_text} is not in the layout: is this the calibration of another insole?")
+        if not _is_within_max_pa(entry.coefficients_pa):
             reading.problem(
                 (*key, "coefficients_pa"),
-                f"expected a pressure below {_MOST_PA:g} Pa at every count, found coefficients that give more",
+                f"expected a pressure below {_MAX_PA:g} Pa at every count, found coefficients that give more",
             )
-        if COVARIANCE in t.extensions:
-            wrong = _wrong_covariance(t.extensions[COVARIANCE], len(t.coefficients_pa))
-            if wrong:
-                reading.problem((*key, "extensions", COVARIANCE), wrong)
-        if VALID_RANGE in t.extensions and not _is_range(t.extensions[VALID_RANGE]):
+        if COVARIANCE in entry.extensions:
+            problem = _covariance_problem(entry.extensions[COVARIANCE], len(entry.coefficients_pa))
+            if problem:
+                reading.problem((*key, "extensions", COVARIANCE), problem)
+        if VALID_RANGE in entry.extensions and not _is_range(entry.extensions[VALID_RANGE]):
             reading.problem(
                 (*key, "extensions", VALID_RANGE),
                 "expected {activation_count: [lowest, highest]}, two numbers that ascend",
             )
 
 
-_MOST_COUNT = 1e6  # far beyond what any board says
-_MOST_PA = 1e30  # sums and squares of which are still numbers
+_MAX_COUNT = 1e6  # far above any count
+_MAX_PA = 1e30  # low enough that sums and squares stay finite
 
 
-def _at_most_pa(coefficients_pa: Sequence[float]) -> bool:
-    """Whether the pressure is a number that can be gone on with, whatever the count is."""
-    return sum(abs(value) * _MOST_BASELINE_COUNT**k for k, value in enumerate(coefficients_pa)) <= _MOST_PA
+def _is_within_max_pa(coefficients_pa: Sequence[float]) -> bool:
+    """Return whether the pressure stays below _MAX_PA at every possible count."""
+    return sum(abs(value) * _MAX_BASELINE_COUNT**k for k, value in enumerate(coefficients_pa)) <= _MAX_PA
 
 
 def _is_range(value: Any) -> bool:
@@ -233,13 +242,13 @@ def _is_range(value: Any) -> bool:
     return (
         isinstance(limits, list)
         and len(limits) == 2
-        and all(type(each) in (int, float) and abs(each) <= _MOST_COUNT for each in limits)
+        and all(type(limit) in (int, float) and abs(limit) <= _MAX_COUNT for limit in limits)
         and limits[0] <= limits[1]
     )
 
 
-def _wrong_covariance(matrix: Any, k: int) -> str | None:
-    """What is wrong with a covariance of k coefficients, None if nothing is."""
+def _covariance_problem(matrix: Any, k: int) -> str | None:
+    """Return what is wrong with a covariance of k coefficients, or None."""
     try:
         values = np.array(matrix, float)
     except (TypeError, ValueError, OverflowError):
@@ -249,8 +258,8 @@ def _wrong_covariance(matrix: Any, k: int) -> str | None:
     if not np.isfinite(values).all():
         return "expected finite numbers, found nan or inf"
     scale = np.sqrt(np.abs(np.diag(values)))
-    if not _at_most_pa(scale.tolist()):
-        return f"expected standard deviations below {_MOST_PA:g} Pa at every count, found a covariance that gives more"
+    if not _is_within_max_pa(scale.tolist()):
+        return f"expected standard deviations below {_MAX_PA:g} Pa at every count, found a covariance that gives more"
     unit = values / np.outer(np.where(scale > 0, scale, 1.0), np.where(scale > 0, scale, 1.0))
     if not np.allclose(unit, unit.T, atol=1e-6):
         return "expected a symmetric matrix, found one that is not"

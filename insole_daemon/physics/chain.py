@@ -1,4 +1,4 @@
-"""Any effects, composed in the order of the signal path; how it is used stands in `effects`."""
+"""Compose effects in the order of the signal path; `effects/__init__.py` shows how to use it."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from ..skin.geometry import N_TAXELS
 from ..skin.layout import Layout
 from .calibration import Calibration
 from .curve_inverse import CurveInverse
-from .effect import Effect, per_slot, wrong_where
+from .effect import Effect, per_slot, where_problems
 from .law import Array, Domain, Law, Maker, Moments, Operator, Site, Values
-from .run import Run
+from .run import ChainRun
 from .static_curve import horner
 
 _PATH: tuple[tuple[Domain, ...], ...] = (("place", "pressure"), ("curve",), ("activation",), ("count",), ("time",))
 
 
-def _copied(x: Array, moments: Moments) -> Array:
+def _copy(x: Array, moments: Moments) -> Array:
     return x.copy()
 
 
 class Chain:
-    """`effects` on an insole: with a calibration between load and count, without one between load and effective load.
+    """A chain of effects on an insole, from load to count with a calibration, else from load to effective load.
 
-    Entries of one law that follow each other and have no taxel in common run as one, with a value for each taxel.
+    Successive entries of one law that have no taxel in common run as one operator, with a value for each taxel.
     """
 
     def __init__(
@@ -41,75 +41,79 @@ class Chain:
         boards: Sequence[Board] = (),
         seed: int = 0,
     ) -> None:
-        """`boards`: their believed settings, for laws of the digitiser; `seed`: of laws of chance.
+        """Sort the effects by the signal path; EffectError if they do not fit the layout or the calibration.
 
-        EffectError says what does not go together.
+        `boards` are the boards' configured settings, needed by laws of the digitiser; `seed` is for random laws.
         """
-        # A stable sort: of equal order, what was named first comes first.
-        self.effects = tuple(sorted(effects, key=lambda effect: _turn(effect.law)))
+        # The sort is stable: effects of equal order keep the order in which they were given.
+        self.effects = tuple(sorted(effects, key=lambda effect: _path_position(effect.law)))
         self._layout, self._calibration = layout, calibration
         self._boards = {board.address: board for board in boards}
         self._seed = seed
         self._xy_m = self._places(self.effects)
         for effect in self.effects:
-            wrong = "; ".join(message for _, message in wrong_where(effect.law, effect.where, layout))
+            problem = "; ".join(message for _, message in where_problems(effect.law, effect.where, layout))
             if calibration is None and effect.law.domain in ("curve", "activation", "count"):
-                wrong = wrong or "it acts on counts, expected a calibration that turns the load into them"
-            if wrong:
-                raise EffectError(f"the effect {effect.law.word}: {wrong}")
-        self._pressure, self._instead, self._activation, self._count = (
-            list(_together(self.effects, layout, domains)) for domains in _PATH[:-1]
+                problem = problem or "it acts on counts, expected a calibration that turns the load into them"
+            if problem:
+                raise EffectError(f"the effect {effect.law.word}: {problem}")
+        self._pressure, self._curve_replacements, self._activation, self._count = (
+            list(_join_neighbours(self.effects, layout, domains)) for domains in _PATH[:-1]
         )
 
     @property
     def xy_m(self) -> Array:
-        """(n_triangles, 12, 2) where the taxels really lie: of the loads given to `forward`, found by `inverse`."""
+        """Return (n_triangles, 12, 2) the true positions of the taxels, for loads of `forward` and from `inverse`."""
         return self._places(effect for effect in self.effects if effect.law.domain == "place")
 
     def reference_s(self, t_s: Array) -> Array:
-        """(n,) seconds of the reference's clock when the CAN's says `t_s`."""
+        """Return (n,) the reference's times, in s, at the times `t_s` of the CAN clock."""
         for effect in self.effects:
             t_s = effect.law.times({name: value[None] for name, value in effect.values.items()}, t_s)
         return t_s
 
-    def forward(self) -> Run:
-        """From the load (Pa), at rest, to what is read: mean counts, or effective pressure without a calibration."""
+    def forward(self) -> ChainRun:
+        """Return the operator from load (Pa), at rest, to mean counts, or to effective pressure without a
+        calibration.
+        """
         pressure, activation, count = (
             [self._stage(work, work.law.forward) for work in works]
             for works in (self._pressure, self._activation, self._count)
         )
         if self._calibration is None:
-            return Run(pressure, len(self._layout), None)
+            return ChainRun(pressure, len(self._layout), None)
         coefficients, baseline, usable = self._curve()
         polynomial = CurveInverse(coefficients)
-        curve = self._curved(lambda x, _: polynomial(x), [(work, work.law.forward) for work in self._instead])
-        return Run(
+        curve = self._curve_stage(
+            lambda x, _: polynomial(x), [(work, work.law.forward) for work in self._curve_replacements]
+        )
+        return ChainRun(
             [*pressure, curve, *activation, lambda x, _: baseline - x, *count],
             len(self._layout),
             usable,
         )
 
-    def inverse(self) -> Run:
-        """What `forward` does undone by causal steps: from counts, or effective pressure, to the load.
+    def inverse(self) -> ChainRun:
+        """Return the causal inverse of `forward`, from counts or effective pressure to the load.
 
         EffectError lists the effects that have no inverse, and what to do instead.
         """
         laws = {effect.law.word: effect.law for effect in self.effects if effect.law.inverse is None}
         if laws:
-            said = [f"the effect {word} has no inverse: {law.inverse_is}" for word, law in laws.items()]
-            raise EffectError("\n".join(said))
-        return self._undone(lambda law: law.inverse)
+            reasons = [f"the effect {word} has no inverse: {law.inverse_is}" for word, law in laws.items()]
+            raise EffectError("\n".join(reasons))
+        return self._build_inverse(lambda law: law.inverse)
 
-    def live(self) -> Run:
-        """The same for readings as they are: noise is kept small, and what has no inverse is left as it is.
+    def live(self) -> ChainRun:
+        """Return the causal inverse for noisy readings: it limits noise, and skips effects without an inverse.
 
-        What comes out belongs to a moment `late_s` before that of the reading.
+        Its results belong to the time `late_s` before that of the reading.
         """
-        return self._undone(lambda law: law.live or law.inverse)
+        return self._build_inverse(lambda law: law.live or law.inverse)
 
     @property
     def late_s(self) -> Array:
-        """(n_triangles, 12) by how much older than its stamp each reading is that `live` has undone."""
+        """Return (n_triangles, 12) the remaining delay of each reading after `live`, in s."""
         late_s = np.zeros(len(self._layout) * N_TAXELS)
         for effect in self.effects:
             late_s[effect.where.slots(self._layout)] += effect.law.late_s(_values(effect))
@@ -117,7 +121,7 @@ class Chain:
 
     @property
     def read_by(self) -> NDArray[np.intp] | None:
-        """(12 · n_triangles,) of every slot of a load, the slot that reads it; None: each its own."""
+        """Return (12 · n_triangles,) the slot that reads the load of each slot, or None if each reads its own."""
         swapped = [effect for effect in self.effects if effect.law.word == "swapped_triangles"]
         if not swapped:
             return None
@@ -128,21 +132,21 @@ class Chain:
             rows[pair] = rows[pair[::-1]]
         return slot
 
-    def _undone(self, by: Callable[[Law], Maker | None]) -> Run:
-        """From readings to the load; what `by` has no maker for is passed over."""
+    def _build_inverse(self, maker_of: Callable[[Law], Maker | None]) -> ChainRun:
+        """Return the operator from readings to the load; effects for which `maker_of` returns None are skipped."""
         pressure, activation, count = (
-            [self._stage(work, maker) for work in reversed(works) if (maker := by(work.law)) is not None]
+            [self._stage(work, maker) for work in reversed(works) if (maker := maker_of(work.law)) is not None]
             for works in (self._pressure, self._activation, self._count)
         )
         if self._calibration is None:
-            return Run(pressure, len(self._layout), None, self.read_by)
+            return ChainRun(pressure, len(self._layout), None, self.read_by)
         coefficients, baseline, usable = self._curve()
         rows = np.ascontiguousarray(coefficients.T)
-        curve = self._curved(
+        curve = self._curve_stage(
             lambda x, _: horner(rows, x),
-            [(work, maker) for work in self._instead if (maker := by(work.law)) is not None],
+            [(work, maker) for work in self._curve_replacements if (maker := maker_of(work.law)) is not None],
         )
-        return Run(
+        return ChainRun(
             [*count, lambda x, _: baseline - x, *activation, curve, *pressure],
             len(self._layout),
             usable,
@@ -156,7 +160,7 @@ class Chain:
         return xy_m
 
     def _curve(self) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """(m, k) coefficients, (m,) baselines and which slots these belong to; the others get a line that works."""
+        """Return (m, k) coefficients, (m,) baselines and (m,) usable slots; unusable slots get a straight line."""
         assert self._calibration is not None
         usable = self._calibration.usable.ravel()
         coefficients = self._calibration.coefficients_pa.reshape(usable.size, -1)
@@ -167,34 +171,34 @@ class Chain:
         coefficients = np.where(usable[:, None], coefficients, line)
         return coefficients, np.where(usable, self._calibration.baseline_count.ravel(), 0.0), usable
 
-    def _curved(self, polynomial: Operator, instead: Iterable[tuple[_Work, Maker]]) -> Operator:
-        """`polynomial`, and `instead` of it the curves of another kind on their taxels."""
+    def _curve_stage(self, polynomial: Operator, instead: Iterable[tuple[_Work, Maker]]) -> Operator:
+        """Return `polynomial`, replaced by the laws of `instead` on their taxels."""
         for work, maker in instead:
             polynomial = self._stage(work, maker, polynomial)
         return polynomial
 
-    def _stage(self, work: _Work, maker: Maker, others: Operator = _copied) -> Operator:
-        """`work` on all slots; `others` is what happens to those that it is not at work on."""
-        shift, no_load = self._settings(work.slots)
+    def _stage(self, work: _Work, maker: Maker, others: Operator = _copy) -> Operator:
+        """Return the operator of `work` for all slots; `others` is applied to the slots without the effect."""
+        shift, no_load = self._board_settings(work.slots)
         operator = maker(work.values, Site(self._layout, self._xy_m, work.slots, shift, no_load, self._seed))
-        slots, every = work.slots, len(self._layout) * N_TAXELS
-        if work.law.sees_all or len(slots) == every:
+        slots, n_slots = work.slots, len(self._layout) * N_TAXELS
+        if work.law.sees_all or len(slots) == n_slots:
             return operator
 
         def stage(x: Array, moments: Moments) -> Array:
             y = others(x, moments)
-            if moments.temperature_c is not None and moments.temperature_c.shape[1] == every:
+            if moments.temperature_c is not None and moments.temperature_c.shape[1] == n_slots:
                 moments = replace(moments, temperature_c=moments.temperature_c[:, slots])
             y[:, slots] = operator(x[:, slots], moments)
             return y
 
         return stage
 
-    def _settings(self, slots: NDArray[np.intp]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """(m,) shift and no-load of the slots; empty where not all of their boards are known."""
-        of_slots = [self._boards.get(int(self._layout.identities[slot // N_TAXELS, 0])) for slot in slots]
-        known = [board for board in of_slots if board is not None]
-        if len(known) < len(of_slots):
+    def _board_settings(self, slots: NDArray[np.intp]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return (m,) shift and no-load of the slots; empty if one of their boards is unknown."""
+        boards = [self._boards.get(int(self._layout.identities[slot // N_TAXELS, 0])) for slot in slots]
+        known = [board for board in boards if board is not None]
+        if len(known) < len(boards):
             known = []
         shift, no_load = [board.shift for board in known], [board.no_load for board in known]
         return np.array(shift, np.int64), np.array(no_load, np.int64)
@@ -202,14 +206,14 @@ class Chain:
 
 @dataclass(frozen=True, slots=True)
 class _Work:
-    """One law on some slots, in ascending order, with its values for each of them or for all."""
+    """One law on some slots, in ascending order, with its values for each slot or for all."""
 
     law: Law
     slots: NDArray[np.intp]
     values: Values
 
-    def joined(self, other: _Work) -> _Work | None:
-        """Both as one, None where they have to stay two."""
+    def join(self, other: _Work) -> _Work | None:
+        """Return both as one, or None if they must stay separate."""
         if self.law is not other.law or self.law.sees_all or np.intersect1d(self.slots, other.slots).size:
             return None
         if any(len(value) != len(other.values[name]) for name, value in self.values.items() if value.ndim == 2):
@@ -217,15 +221,17 @@ class _Work:
         slots = np.concatenate([self.slots, other.slots])
         order = np.argsort(slots)
         values = {
-            name: np.concatenate([_wide(work.values[name], len(work.slots)) for work in (self, other)], axis=-1)
+            name: np.concatenate(
+                [_broadcast_slots(work.values[name], len(work.slots)) for work in (self, other)], axis=-1
+            )
             for name in self.values
         }
         return _Work(self.law, slots[order], {name: value[..., order] for name, value in values.items()})
 
 
-def _together(effects: Iterable[Effect], layout: Layout, domains: Sequence[Domain]) -> Iterable[_Work]:
-    """The work of the effects in `domains`, neighbours joined where that changes nothing."""
-    last: _Work | None = None
+def _join_neighbours(effects: Iterable[Effect], layout: Layout, domains: Sequence[Domain]) -> Iterable[_Work]:
+    """Yield the work of the effects in `domains`, with neighbours joined where the result is the same."""
+    pending: _Work | None = None
     for effect in effects:
         if effect.law.domain not in domains:
             continue
@@ -240,25 +246,24 @@ def _together(effects: Iterable[Effect], layout: Layout, domains: Sequence[Domai
         order = np.argsort(slots)
         values = {name: v if v.shape[-1] != len(slots) else v[..., order] for name, v in _values(effect).items()}
         work = _Work(effect.law, slots[order], values)
-        joined = last.joined(work) if last is not None else None
-        if joined is None and last is not None:
-            yield last
-        last = joined or work
-    if last is not None:
-        yield last
+        join = pending.join(work) if pending is not None else None
+        if join is None and pending is not None:
+            yield pending
+        pending = join or work
+    if pending is not None:
+        yield pending
 
 
 def _values(effect: Effect) -> Values:
     return {p.name: per_slot(p, effect.values[p.name]) for p in effect.law.parameters}
 
 
-def _wide(value: Array, m: int) -> Array:
+def _broadcast_slots(value: Array, m: int) -> Array:
     return np.broadcast_to(value, (*value.shape[:-1], m))
 
 
-def _turn(law: Law) -> tuple[int, Any]:
-    """Where on the path a law stands: by its domain, the order of the table within that."""
+def _path_position(law: Law) -> tuple[int, Any]:
+    """Return the sort key of a law: its domain's position on the signal path, then its order in the format's table."""
     domain = next(i for i, domains in enumerate(_PATH) if law.domain in domains)
-    # A delay and the digitiser, which has no memory, may change places; and interpolation between two counts is
-    # exact only before the floor.
+    # The digitiser has no memory, so it commutes with a delay; interpolation is exact only before its rounding.
     return domain, 11 if law.word == "bit_shift" else law.order

@@ -1,7 +1,7 @@
-"""The static curve backwards: which activation gives a pressure.
+"""Invert the static curve: find the activation that gives a pressure.
 
-The polynomial is followed from activation 0 as far as it rises, at most over ±REACH_COUNT; a pressure beyond what it
-reaches there is taken for the last that it does. Newton's method, kept inside a bracket that shrinks.
+Only the rising part of the polynomial around activation 0 is used, at most ±REACH_COUNT; a pressure beyond it is
+clipped to it. The method is Newton's with a shrinking bracket.
 """
 
 from __future__ import annotations
@@ -12,13 +12,13 @@ from ..errors import EffectError
 from .law import Array
 from .static_curve import horner
 
-REACH_COUNT = 510.0  # twice what a count can tell
-_FINE_COUNT = 1e-12  # of REACH_COUNT: where the search ends
-_MOST_STEPS = 60
+REACH_COUNT = 510.0  # twice the range of a count
+_FINE_COUNT = 1e-12  # relative step, of REACH_COUNT, at which the iteration stops
+_MAX_STEPS = 60
 
 
 class CurveInverse:
-    """Of every taxel of (m,), whose coefficients of the powers 0 to k − 1 are `coefficients_pa` (m, k)."""
+    """Inverse of m polynomials with coefficients `coefficients_pa` (m, k) of the powers 0 to k − 1."""
 
     def __init__(self, coefficients_pa: Array) -> None:
         self._coefficients = np.ascontiguousarray(coefficients_pa.T)
@@ -27,39 +27,42 @@ class CurveInverse:
         if not len(powers) or (self._slopes[0] <= 0).any():
             raise EffectError(
                 "a taxel's static curve does not rise with the activation (its coefficient 1 is not above 0): "
-                "no reading can be told from a load. Calibrate it anew, or leave the taxel out"
+                "its reading does not determine a load. Calibrate it again, or leave the taxel out"
             )
-        self._low, self._high = self._branch()
-        self._least, self._most = horner(self._coefficients, self._low), horner(self._coefficients, self._high)
+        self._low, self._high = self._find_rising_range()
+        self._lowest_pa, self._highest_pa = (
+            horner(self._coefficients, self._low),
+            horner(self._coefficients, self._high),
+        )
 
     def __call__(self, pressure_pa: Array) -> Array:
-        """(n, m) activation, in counts, of `pressure_pa` (n, m)."""
-        wanted = np.clip(pressure_pa, self._least, self._most)
-        line = (wanted - self._coefficients[0]) / self._slopes[0]
+        """Return (n, m) activation in counts for `pressure_pa` (n, m)."""
+        target_pa = np.clip(pressure_pa, self._lowest_pa, self._highest_pa)
+        line = (target_pa - self._coefficients[0]) / self._slopes[0]
         activation: Array = np.clip(line, self._low, self._high)
         if len(self._coefficients) == 2:
             return activation
-        low = np.broadcast_to(self._low, wanted.shape).copy()
-        high = np.broadcast_to(self._high, wanted.shape).copy()
-        for _ in range(_MOST_STEPS):
-            excess = horner(self._coefficients, activation)
-            excess -= wanted
-            above = excess > 0
-            np.copyto(high, activation, where=above)
-            np.copyto(low, activation, where=~above)
+        low = np.broadcast_to(self._low, target_pa.shape).copy()
+        high = np.broadcast_to(self._high, target_pa.shape).copy()
+        for _ in range(_MAX_STEPS):
+            error = horner(self._coefficients, activation)
+            error -= target_pa
+            is_above = error > 0
+            np.copyto(high, activation, where=is_above)
+            np.copyto(low, activation, where=~is_above)
             with np.errstate(divide="ignore", invalid="ignore"):
-                after = activation - excess / horner(self._slopes, activation)
-            outside = ~((after >= low) & (after <= high))
-            if outside.any():
-                after = np.where(outside, (low + high) / 2, after)
-            moved = float(np.abs(after - activation).max(initial=0.0))
-            activation = after
-            if moved < _FINE_COUNT * REACH_COUNT:
+                updated = activation - error / horner(self._slopes, activation)
+            is_outside = ~((updated >= low) & (updated <= high))
+            if is_outside.any():
+                updated = np.where(is_outside, (low + high) / 2, updated)
+            largest_step = float(np.abs(updated - activation).max(initial=0.0))
+            activation = updated
+            if largest_step < _FINE_COUNT * REACH_COUNT:
                 break
         return activation
 
-    def _branch(self) -> tuple[Array, Array]:
-        """(m,) from where to where each curve rises through activation 0."""
+    def _find_rising_range(self) -> tuple[Array, Array]:
+        """Return (m,) lower and upper end of the rising part of each curve around activation 0."""
         low, high = np.full(self._slopes.shape[1], -REACH_COUNT), np.full(self._slopes.shape[1], REACH_COUNT)
         for i, slope in enumerate(self._slopes.T):
             roots = np.roots(slope[::-1])

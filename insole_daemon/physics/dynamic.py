@@ -1,15 +1,15 @@
-"""The dynamic model, live: readings into the load by the static curve and the effects beside it, causally.
+"""Invert the effects of a calibration live: from readings to the load, causally.
 
-What a calibration lists under `effects` is undone in the order of the signal path (`Chain.live`), a cycle at a time or
-many: the numbers are the same. Nothing later than a cycle is used for it; what only comes late is stamped earlier.
+The calibration's `effects` are inverted in the order of the signal path (`Chain.live`), one cycle or many at a time
+with the same result. Only earlier cycles are used; an effect that merely delays is corrected by an earlier time stamp.
 
-- Held against what the static curve says, an effect is at work up to where it was identified, the upper end of
-  `valid_range: {pressure_pa: […]}`: memory sees no more than that, what goes beyond is added as it is, and is marked.
-- A taxel that is not valid is taken to stay at what it said last, and remembers that. Its pressure is the static one.
-- Memory begins with the first cycle: what presses then has done so for ever (where a taxel is not valid then, nothing
-  has); plays begin unloaded.
-- A zero says what is read without load, so what only shifts that (OF_REST) is left out beside one. Times of a drift or
-  a rezero are those of a recording, `began_t_ns` in `provenance`: on another day they mean nothing.
+- An effect is inverted only within the range in which it was identified, up to the upper end of `valid_range:
+  {pressure_pa: […]}`. Pressure above it is added unchanged and marked as beyond.
+- A taxel that becomes invalid keeps its last value in the memory terms; its pressure is the static one.
+- Memory starts at the first cycle: the load present then is assumed to have lasted for ever (none if the taxel is
+  invalid then); play operators start unloaded.
+- A zero measures the unloaded counts, so effects that only shift these (OF_REST) are not inverted with a zero. Times of
+  `drift` and `rezero` refer to one recording (`began_t_ns` in `provenance`) and are ignored on another day.
 """
 
 from __future__ import annotations
@@ -36,59 +36,65 @@ _DAY_NS = 86_400 * 10**9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LeftOut:
-    """An effect that is not undone, and a sentence why."""
+    """An effect that is not inverted, with the reason as a sentence."""
 
     effect: Effect
     why: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Undone:
-    """n cycles."""
+class InvertedCycles:
+    """The loads of n cycles."""
 
-    pressure_pa: Array  # (n, n_triangles, 12); the static one where not valid
-    valid: NDArray[np.bool_]  # (n, n_triangles, 12) as given, of the places the pressures belong to
-    beyond: NDArray[np.bool_]  # (n, n_triangles, 12) valid, and more than the effects were identified to
+    pressure_pa: Array  # (n, n_triangles, 12); static pressure where invalid
+    valid: NDArray[np.bool_]  # (n, n_triangles, 12) validity at the positions of the pressures
+    beyond: NDArray[np.bool_]  # (n, n_triangles, 12) valid, but above the range in which the effects were identified
 
 
 class DynamicModel:
-    """What the effects of one foot's calibration make of its readings, and what it remembers of them."""
+    """Inverse of the effects in one foot's calibration, with its memory."""
 
     def __init__(
         self, layout: Layout, calibration: Calibration, boards: Sequence[Board], began_ns: int, *, zeroed: bool
     ) -> None:
-        """`began_ns`: CLOCK_REALTIME at second 0 of the times it is given; `zeroed`: the baselines are of a zero."""
+        """Build the inverse; the model then starts with the first cycle.
+
+        `began_ns` is CLOCK_REALTIME at second 0 of the times passed later; `zeroed` states that the baselines are of a
+        zero.
+        """
         since_ns = began_ns - int(calibration.provenance.get(BEGAN, 0))
-        self.effects, self.left_out = _parted(calibration.effects, zeroed, abs(since_ns) < _DAY_NS)
+        self.effects, self.left_out = _split_effects(calibration.effects, zeroed, abs(since_ns) < _DAY_NS)
         self._baseline_count = calibration.baseline_count
         self._highest_count: Array | None = None
         chain = Chain(self.effects, layout, calibration, boards)
-        self.xy_m = chain.xy_m  # (n_triangles, 12, 2) where the taxels lie whose loads are found
-        of_curve = [each for each in self.effects if each.law.domain in ("curve", "activation", "count")]
-        of_load = [each for each in self.effects if each.law.domain in ("place", "pressure")]
+        self.xy_m = chain.xy_m  # (n_triangles, 12, 2) positions of the resulting loads
+        of_curve = [effect for effect in self.effects if effect.law.domain in ("curve", "activation", "count")]
+        of_load = [effect for effect in self.effects if effect.law.domain in ("place", "pressure")]
         self._reading = None
-        if any(each.law.inverse is not None for each in of_curve):
+        if any(effect.law.inverse is not None for effect in of_curve):
             self._reading = Chain(of_curve, layout, calibration, boards).live()
         self._load = Chain(of_load, layout).live()
-        self._origin_s = since_ns * 1e-9 if any(each.law.word in OF_THEIR_TIME for each in self.effects) else 0.0
+        self._origin_s = since_ns * 1e-9 if any(effect.law.word in OF_THEIR_TIME for effect in self.effects) else 0.0
         self._highest_pa = _highest_pa(of_load, layout)
         self._read_by = chain.read_by
-        # (n_triangles,) ns by how much older than its stamp a triangle's load is
+        # (n_triangles,) delay of a triangle's load, to subtract from its time stamp
         self.late_ns: NDArray[np.int64] = np.rint(1e9 * self.at_places(chain.late_s[None])[0].max(axis=1)).astype(
             np.int64
         )
         self.late_ns.setflags(write=False)
 
     def mask(self, activation_threshold_count: float) -> None:
-        """Below the threshold a taxel bears nothing from now on, as by the static curve; 0 is off."""
+        """Set the load to 0 below this activation from now on, as the static curve does; 0 switches it off."""
         self._highest_count = None
         if activation_threshold_count > 0:
             self._highest_count = self._baseline_count - activation_threshold_count
 
-    def __call__(self, static_pa: Array, counts: NDArray[np.uint8], valid: NDArray[np.bool_], t_s: Array) -> Undone:
-        """Of n cycles that follow those before: `static_pa`, `counts` and `valid` (n, n_triangles, 12).
+    def __call__(
+        self, static_pa: Array, counts: NDArray[np.uint8], valid: NDArray[np.bool_], t_s: Array
+    ) -> InvertedCycles:
+        """Invert n further cycles; `static_pa`, `counts` and `valid` (n, n_triangles, 12).
 
-        `t_s` (n,) s of a clock that never goes back, since `began_ns`.
+        `t_s` (n,) are seconds since `began_ns` on a monotonic clock.
         """
         t_s = t_s + self._origin_s
         if self._reading is None:
@@ -99,43 +105,46 @@ class DynamicModel:
         if self._highest_count is not None:
             loaded = valid & (counts <= self._highest_count)
             effective_pa[valid & ~loaded] = 0.0
-        within_pa, over_pa = effective_pa, None
+        within_pa, excess_pa = effective_pa, None
         beyond = np.zeros(valid.shape, np.bool_)
         if self._highest_pa is not None:
-            over_pa = np.maximum(effective_pa - self._highest_pa, 0.0)  # NaN stays
-            beyond = over_pa > 0
-            within_pa = effective_pa - over_pa
+            excess_pa = np.maximum(effective_pa - self._highest_pa, 0.0)  # NaN is preserved
+            beyond = excess_pa > 0
+            within_pa = effective_pa - excess_pa
         load_pa = self._load(within_pa, t_s)
-        if over_pa is not None:
-            load_pa += self.at_places(over_pa)
+        if excess_pa is not None:
+            load_pa += self.at_places(excess_pa)
         pressure_pa = np.where(self.at_places(loaded), load_pa, self.at_places(static_pa))
-        return Undone(pressure_pa, self.at_places(valid), self.at_places(beyond))
+        return InvertedCycles(pressure_pa, self.at_places(valid), self.at_places(beyond))
 
     def at_places(self, of_readings: NDArray[Any]) -> NDArray[Any]:
-        """What is of readings (n, …), at the places where their loads are."""
+        """Reorder readings (n, …) to the positions of their loads."""
         if self._read_by is None:
             return of_readings
         return of_readings.reshape(len(of_readings), -1)[:, self._read_by].reshape(of_readings.shape)
 
 
-def _parted(effects: Iterable[Effect], zeroed: bool, same_day: bool) -> tuple[tuple[Effect, ...], tuple[LeftOut, ...]]:
-    """Those that are undone, and the others."""
-    undone, left_out = [], []
+def _split_effects(
+    effects: Iterable[Effect], zeroed: bool, same_day: bool
+) -> tuple[tuple[Effect, ...], tuple[LeftOut, ...]]:
+    """Split the effects into those to invert and the others."""
+    inverted, left_out = [], []
     for effect in effects:
         why = _why_not(effect, zeroed, same_day)
         if why is None:
-            undone.append(effect)
+            inverted.append(effect)
         else:
             left_out.append(LeftOut(effect, why))
-    return tuple(undone), tuple(left_out)
+    return tuple(inverted), tuple(left_out)
 
 
 def _why_not(effect: Effect, zeroed: bool, same_day: bool) -> str | None:
+    """Return why the effect is not inverted, or None if it is."""
     law = effect.law
     if law.needs_temperature:
-        return "the boards do not send their temperature: it reads as at t0_c"
+        return "the boards do not send their temperature: t0_c is assumed"
     if zeroed and law.word in OF_REST:
-        return "the zero that was taken says what is read without load"
+        return "the zero already contains the unloaded counts"
     if law.word in OF_THEIR_TIME and not same_day:
         return f"its times are those of a recording of another day ({BEGAN}): take a zero instead"
     if law.inverse is None and not np.any(law.late_s(effect.values) > 0):
@@ -144,7 +153,7 @@ def _why_not(effect: Effect, zeroed: bool, same_day: bool) -> str | None:
 
 
 def _highest_pa(effects: Iterable[Effect], layout: Layout) -> Array | None:
-    """(n_triangles, 12) Pa up to which all effects of a taxel were identified; None where nobody said."""
+    """Return (n_triangles, 12) the pressure up to which all effects of a taxel were identified; None if unknown."""
     highest = np.full(len(layout) * N_TAXELS, np.inf)
     for effect in effects:
         if "pressure_pa" in effect.valid_range:

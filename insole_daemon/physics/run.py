@@ -1,4 +1,4 @@
-"""A chain at work: what it remembers between two pieces of a signal."""
+"""Run a chain over consecutive pieces of a signal, with its state."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from ..errors import EffectError
 from ..skin.geometry import N_TAXELS
 from .law import Array, Moments, Operator
 
-_PIECE = 64  # samples that go through all stages together: what is between two of them stays in the cache
+_PIECE = 64  # samples per pass through all stages, so that intermediate results stay in the CPU's cache
 
 
-class Run:
-    """Consecutive samples through the stages of a chain, in pieces of any length: the numbers are the same.
+class ChainRun:
+    """Runs samples through the stages of a chain, in pieces of any length with the same result.
 
-    A slot that says nothing (NaN) is taken to stay at what it said last, or at 0, and its result is NaN.
+    A missing value (NaN) is replaced by the slot's last value, or 0, and its result is NaN.
     """
 
     def __init__(
@@ -27,32 +27,36 @@ class Run:
         usable: NDArray[np.bool_] | None,
         read_by: NDArray[np.intp] | None = None,
     ) -> None:
-        """`usable` (m,): the slots whose signal has results, None: all; `read_by` (m,): whose the result is of each."""
+        """Create a run from the beginning.
+
+        `usable` (m,) are the slots with results, None for all; `read_by` (m,) is the slot whose signal gives each
+        result.
+        """
         self._stages = tuple(stages)
         self._shape = (n_triangles, N_TAXELS)
         self._unusable = None if usable is None or usable.all() else ~usable
         self._read_by = read_by
         self._last_t_s: float | None = None
-        self._said: Array | None = None  # (m,) last
+        self._last_values: Array | None = None  # (m,) of the last sample
 
     def __call__(self, signal: ArrayLike, t_s: ArrayLike, temperature_c: ArrayLike | None = None) -> Array:
-        """(n, n_triangles, 12) of `signal` of that shape.
+        """Return (n, n_triangles, 12) the results for `signal` of that shape.
 
-        `t_s` (n,) s of a clock that never goes back, from the origin that the effects' own times count from.
-        `temperature_c` (n,), or anything that broadcasts to the shape of `signal`.
+        `t_s` (n,) are seconds on a monotonic clock since the origin of the effects' times. `temperature_c` (n,), or
+        anything that broadcasts to the shape of `signal`. Raises EffectError if a shape is wrong or time goes back.
         """
-        whole = np.asarray(signal, np.float64)
+        samples = np.asarray(signal, np.float64)
         t = np.asarray(t_s, np.float64)
         n = len(t)
-        if whole.shape != (n, *self._shape):
+        if samples.shape != (n, *self._shape):
             raise EffectError(
-                f"expected samples of the shape {(n, *self._shape)}, as many as there are times, found {whole.shape}"
+                f"expected samples of the shape {(n, *self._shape)}, as many as there are times, found {samples.shape}"
             )
-        x = whole.reshape(n, N_TAXELS * self._shape[0])
-        before = np.empty_like(t)  # np.diff does the same, and takes several times as long for one sample
-        before[:1] = t[:1] if self._last_t_s is None else self._last_t_s
-        before[1:] = t[:-1]
-        dt = t - before
+        x = samples.reshape(n, N_TAXELS * self._shape[0])
+        previous_t = np.empty_like(t)  # np.diff does the same, and takes several times as long for one sample
+        previous_t[:1] = t[:1] if self._last_t_s is None else self._last_t_s
+        previous_t[1:] = t[:-1]
+        dt = t - previous_t
         if (dt < 0).any():
             raise EffectError(
                 f"time goes back at sample {int(np.argmax(dt < 0))} (t_s {t[np.argmax(dt < 0)]:g}): "
@@ -61,35 +65,36 @@ class Run:
         warm = None
         if temperature_c is not None:
             warm = np.asarray(temperature_c, np.float64)
-            warm = warm[:, None] if warm.ndim == 1 else np.broadcast_to(warm, whole.shape).reshape(x.shape)
+            warm = warm[:, None] if warm.ndim == 1 else np.broadcast_to(warm, samples.shape).reshape(x.shape)
         result = np.empty_like(x)
         for start in range(0, n, _PIECE):
             rows = slice(start, start + _PIECE)
             moments = Moments(t[rows], dt[rows], None if warm is None else warm[rows])
-            result[rows] = self._piece(x[rows], moments)
+            result[rows] = self._run_piece(x[rows], moments)
             self._last_t_s = float(moments.t_s[-1])
-        return result.reshape(whole.shape)
+        return result.reshape(samples.shape)
 
-    def _piece(self, x: Array, moments: Moments) -> Array:
-        silent = np.isnan(x)
-        some = bool(silent.any())
-        if some:
-            x = self._filled(x, silent)
-        self._said = x[-1].copy()
+    def _run_piece(self, x: Array, moments: Moments) -> Array:
+        """Run one piece (n, m) through all stages; results of missing and unusable slots are NaN."""
+        is_missing = np.isnan(x)
+        any_missing = bool(is_missing.any())
+        if any_missing:
+            x = self._fill_missing(x, is_missing)
+        self._last_values = x[-1].copy()
         for stage in self._stages:
             x = stage(x, moments)
-        if some or self._unusable is not None:
-            nothing = silent if self._unusable is None else silent | self._unusable
+        if any_missing or self._unusable is not None:
+            has_no_result = is_missing if self._unusable is None else is_missing | self._unusable
             if self._read_by is not None:
-                nothing = nothing[:, self._read_by]
-            x = np.where(nothing, np.nan, x)
+                has_no_result = has_no_result[:, self._read_by]
+            x = np.where(has_no_result, np.nan, x)
         return x
 
-    def _filled(self, x: Array, silent: NDArray[np.bool_]) -> Array:
-        """`x` with what each slot said last where it is `silent`."""
-        said = np.zeros(x.shape[1]) if self._said is None else self._said
+    def _fill_missing(self, x: Array, is_missing: NDArray[np.bool_]) -> Array:
+        """Return `x` with each slot's last value in place of missing ones."""
+        last_values = np.zeros(x.shape[1]) if self._last_values is None else self._last_values
         if len(x) == 1:
-            return np.where(silent, said, x)
-        row = np.where(silent, 0, np.arange(1, len(x) + 1)[:, None])
+            return np.where(is_missing, last_values, x)
+        row = np.where(is_missing, 0, np.arange(1, len(x) + 1)[:, None])
         np.maximum.accumulate(row, axis=0, out=row)
-        return np.take_along_axis(np.concatenate([said[None], x]), row, axis=0)
+        return np.take_along_axis(np.concatenate([last_values[None], x]), row, axis=0)

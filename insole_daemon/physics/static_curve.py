@@ -1,9 +1,9 @@
-"""Counts into pressure by the calibration's polynomial, without memory.
+"""Convert counts to pressure by the calibration's polynomial, without memory.
 
     P_i = Σ_k c_k · a_i^k,   a_i = baseline_i − count_i   (activation)
 
-Source: Sorrentino et al. 2020, eq. of the taxel's cubic; the format is insole-calibration/1.
-With the covariance C of a taxel's coefficients, var P_i = Σ_jk C_jk · a^(j+k).
+Source: Sorrentino et al. 2020, eq. of the taxel's cubic; the format is insole-calibration/1. With the covariance C of a
+taxel's coefficients, var P_i = Σ_jk C_jk · a^(j+k).
 """
 
 from __future__ import annotations
@@ -17,17 +17,16 @@ from .calibration import Calibration
 class StaticCurve:
     """The static curve of every taxel of one foot.
 
-    Below `activation_threshold_count` a taxel bears no pressure (0 switches that off): a strapped shoe presses
-    without standing, and the paper masked it with 30 counts.
+    Below `activation_threshold_count` the pressure is 0 (a threshold of 0 disables this). A strapped shoe presses
+    without a person standing; the paper masked it with 30 counts.
     """
 
     def __init__(self, calibration: Calibration, activation_threshold_count: float) -> None:
         self.usable = calibration.usable
         self._baseline_count = calibration.baseline_count
         self.threshold_count = activation_threshold_count
-        self.coefficients = np.ascontiguousarray(
-            np.moveaxis(calibration.coefficients_pa, -1, 0)
-        )  # (k, n_triangles, 12)
+        # (k, n_triangles, 12)
+        self.coefficients = np.ascontiguousarray(np.moveaxis(calibration.coefficients_pa, -1, 0))
         self._variance: NDArray[np.float64] | None = None
         if calibration.covariance_pa2 is not None:
             degree = calibration.covariance_pa2.shape[-1]
@@ -37,7 +36,7 @@ class StaticCurve:
                     self._variance[j + k] += calibration.covariance_pa2[..., j, k]
 
     def pressure_pa(self, counts: NDArray[np.uint8]) -> NDArray[np.float64]:
-        """(…, n_triangles, 12) Pa from counts of that shape; NaN where the calibration lists no taxel."""
+        """Return (…, n_triangles, 12) Pa from counts of that shape; NaN where the calibration lists no taxel."""
         activation = self._baseline_count - counts
         pressure = horner(self.coefficients, activation)
         if self.threshold_count > 0:
@@ -45,14 +44,14 @@ class StaticCurve:
         return pressure
 
     def variance_pa2(self, counts: NDArray[np.uint8]) -> NDArray[np.float64] | None:
-        """(…, n_triangles, 12) Pa²; None where the calibration carries no uncertainty."""
+        """Return (…, n_triangles, 12) variance in Pa², or None if the calibration has no covariance."""
         if self._variance is None:
             return None
         return horner(self._variance, self._baseline_count - counts)
 
 
 def horner(coefficients: NDArray[np.float64], x: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Σ_k coefficients[k] · x^k; coefficients (k, …) against x (…)."""
+    """Return Σ_k coefficients[k] · x^k for coefficients (k, …) and x (…)."""
     value: NDArray[np.float64] = coefficients[-1] * np.ones_like(x) if len(coefficients) == 1 else coefficients[-1] * x
     for coefficient in coefficients[-2:0:-1]:
         value += coefficient

@@ -1,4 +1,4 @@
-"""What every taxel reads without load: `insole-zero/1`, which takes the place of the calibration's baselines."""
+"""The unloaded count of every taxel (`insole-zero/1`), which replaces the calibration's baselines."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ Foot = Literal["left", "right"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Zero:
-    """Mean and noise of every taxel of a layout without load, in the layout's order."""
+    """Mean and noise of every unloaded taxel of a layout, in the layout's order."""
 
     foot: Foot
-    t_ns: int  # when it was taken, CLOCK_REALTIME
-    baseline_count: NDArray[np.float64]  # (n_triangles, 12) NaN where no taxel is listed
-    noise_count: NDArray[np.float64]  # (n_triangles, 12) standard deviation of one reading; NaN as above
+    t_ns: int  # time of the measurement, CLOCK_REALTIME
+    baseline_count: NDArray[np.float64]  # (n_triangles, 12) NaN: not listed
+    noise_count: NDArray[np.float64]  # (n_triangles, 12) standard deviation of one reading; NaN: not listed
 
     def __post_init__(self) -> None:
         for array in (self.baseline_count, self.noise_count):
@@ -55,18 +55,18 @@ class _File(Section):
 
 
 def load(path: str | PathLike[str], layout: Layout) -> Zero:
-    """The zero in file `path` for the taxels of `layout`; DocumentError lists all that is wrong with it."""
+    """Load the zero in file `path` for the taxels of `layout`; DocumentError lists all problems."""
     file = read(path, _File, FORMAT, _check(layout))
     baseline = np.full((len(layout), N_TAXELS), np.nan)
     noise = baseline.copy()
-    for t in file.taxels:
-        place = layout.rows[t.board, t.triangle], t.taxel
-        baseline[place], noise[place] = t.baseline_count, t.noise_count
+    for entry in file.taxels:
+        index = layout.rows[entry.board, entry.triangle], entry.taxel
+        baseline[index], noise[index] = entry.baseline_count, entry.noise_count
     return Zero(file.foot, file.t_ns, baseline, noise)
 
 
 def document(zero: Zero, layout: Layout) -> dict[str, Any]:
-    """The file's content, as plain maps, lists and numbers; `layout` is the one the zero was taken with."""
+    """Return the file's content as plain maps, lists and numbers; `layout` is the one the zero was measured with."""
     identities = layout.identities.tolist()
     return {
         "format": FORMAT,
@@ -86,9 +86,9 @@ def document(zero: Zero, layout: Layout) -> dict[str, Any]:
 
 
 def save(path: str | PathLike[str], zero: Zero, layout: Layout) -> None:
-    """Write `zero` to `path`, all or nothing: a power cut leaves the file that was there, or the new one.
+    """Write `zero` to `path`, all or nothing: after a power cut the file is the old or the new one.
 
-    Raises OSError where it cannot be written, and then leaves nothing behind.
+    Raises OSError if it cannot be written, and then leaves nothing behind.
     """
     content = document(zero, layout)
     rows = ",\n  ".join(json.dumps(taxel, allow_nan=False) for taxel in content.pop("taxels"))
@@ -96,9 +96,9 @@ def save(path: str | PathLike[str], zero: Zero, layout: Layout) -> None:
 
 
 def apply(calibration: Calibration, zero: Zero) -> Calibration:
-    """`calibration` with the baselines of `zero`; taxels that are not in the zero keep theirs.
+    """Return `calibration` with the baselines of `zero`; taxels that are not in the zero keep theirs.
 
-    A taxel the calibration does not list stays unusable: a zero knows nothing of its sensitivity.
+    A taxel that the calibration does not list stays unusable, because a zero does not contain its sensitivity.
     """
     listed = ~np.isnan(zero.baseline_count) & calibration.usable
     baseline = np.where(listed, zero.baseline_count, calibration.baseline_count)
@@ -107,29 +107,35 @@ def apply(calibration: Calibration, zero: Zero) -> Calibration:
 
 
 def _check(layout: Layout) -> Callable[[Reading], None]:
+    """Return a check across the whole file."""
+
     def check(reading: Reading) -> None:
-        found = reading.document.get("foot")
-        if found in ("left", "right") and found != layout.foot:
-            reading.problem(("foot",), f"expected the zero of the {layout.foot} foot, found that of the {found} foot")
+        file_foot = reading.document.get("foot")
+        if file_foot in ("left", "right") and file_foot != layout.foot:
+            reading.problem(
+                ("foot",), f"expected the zero of the {layout.foot} foot, found that of the {file_foot} foot"
+            )
         rows = layout.rows
         first: dict[tuple[int, int, int], Key] = {}
-        strangers: set[tuple[int, int]] = set()
-        for key, t in reading.of(_Taxel):
-            identity = (t.board, t.triangle, t.taxel)
-            if t.taxel in THERMAL_PADS:
-                reading.problem((*key, "taxel"), f"taxel {t.taxel} is a thermal pad: it has no pressure, leave it out")
+        unknown_triangles: set[tuple[int, int]] = set()
+        for key, entry in reading.of(_Taxel):
+            identity = (entry.board, entry.triangle, entry.taxel)
+            if entry.taxel in THERMAL_PADS:
+                reading.problem(
+                    (*key, "taxel"), f"taxel {entry.taxel} is a thermal pad: it has no pressure, leave it out"
+                )
             if identity in first:
                 reading.problem(
                     key,
-                    f"taxel {t.taxel} of triangle {t.triangle} of board {t.board} stands twice, "
+                    f"taxel {entry.taxel} of triangle {entry.triangle} of board {entry.board} is listed twice, "
                     f"first in {spell(first[identity])}",
                 )
             first.setdefault(identity, key)
-            if identity[:2] not in rows and identity[:2] not in strangers:
-                strangers.add(identity[:2])  # once a triangle is enough
+            if identity[:2] not in rows and identity[:2] not in unknown_triangles:
+                unknown_triangles.add(identity[:2])  # report each triangle once
                 reading.problem(
                     key,
-                    f"triangle {t.triangle} of board {t.board} is not in the layout: "
+                    f"triangle {entry.triangle} of board {entry.board} is not in the layout: "
                     "is this the zero of another insole? Take a new one with 'insole zero'",
                 )
 

@@ -1,4 +1,4 @@
-"""A reference that another instrument measured, added to a recording that was made without one."""
+"""Add a reference that was measured by another instrument to an existing recording."""
 
 from __future__ import annotations
 
@@ -20,23 +20,24 @@ from .loading import Recording
 def add_reference(
     recording: Recording, foot: Foot, columns: Mapping[str, NDArray[np.float64]], *, force: bool = False
 ) -> Path:
-    """Write `columns` (time_s on a clock of its own, fz_n, mx_nm, my_nm) as the reference of `foot`; where it is.
+    """Write `columns` (time_s on its own clock, fz_n, mx_nm, my_nm) as the reference of `foot`, and return the file's
+    path.
 
-    recording.yaml names it, and its kind becomes shoe. FileError where the foot is not recorded, has a reference
-    already (unless `force`), or the recording is of a chamber or bench, whose references say something else.
+    Names it in recording.yaml and sets the recording's kind to shoe. Raises FileError if the foot is not recorded, if
+    it has a reference already (unless `force`), or if the recording is of a chamber or a bench.
     """
-    own = next((each for each in recording.feet if each.foot == foot), None)
-    if own is None:
+    recorded = next((candidate for candidate in recording.feet if candidate.foot == foot), None)
+    if recorded is None:
         raise FileError(f"{recording.folder}: expected a recording of the {foot} foot, found only the other one")
     if recording.kind not in ("free", "shoe"):
         raise FileError(
             f"{recording.folder}: expected a recording of kind free or shoe, found {recording.kind}: "
             "forces are no reference for it"
         )
-    if own.reference is not None and not force:
-        raise FileError(f"{recording.folder}: the {foot} foot has a reference already: say --force to replace it")
+    if recorded.reference is not None and not force:
+        raise FileError(f"{recording.folder}: the {foot} foot has a reference already: give --force to replace it")
     document = yaml.safe_load((recording.folder / FILE).read_text(encoding="utf-8"))
-    others = [each for each in document.get("reference", ()) if each["foot"] != foot]
+    others = [other for other in document.get("reference", ()) if other["foot"] != foot]
     file = recording.folder / f"{foot}-reference.csv"
     entry = {"foot": foot, "file": file.name, "clock": "own"}
     document |= {"kind": "shoe", "reference": [*others, entry]}

@@ -1,14 +1,14 @@
-"""Tables of published readings, one row a sample, into the counts of one foot: which column is which taxel.
+"""Convert tables of published readings, one row per sample, into the counts of one foot.
 
-| columns  | what they are |
-|----------|---------------|
+| columns  | content |
+|----------|---------|
 | 10 · k   | the ten pressure taxels (0-5, 7-9, 11) of k triangles; 280 for an insole |
 | 12 · k   | all twelve slots of k triangles |
-| 192 · b  | all slots of b boards with 16 triangles each: 576 a foot, 1152 both |
+| 192 · b  | all slots of b boards with 16 triangles each: 576 per foot, 1152 for both |
 
-The k triangles come in the order of the layout. That of the published 280 columns was told from the data: faults
-(the fingerprint of an open triangle) and dead boards sit in both published forms of the right insole at the places
-that boards of 12, 5 and 11 triangles in ascending order give.
+The k triangles are in the order of the layout. The order of the published 280 columns was inferred from the data:
+faults (the fingerprint of an open triangle) and dead boards appear in both published forms of the right insole at the
+positions that boards of 12, 5 and 11 triangles in ascending order give.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ from ..skin.layout import Layout
 from .copies import InsoleContents
 from .document import RecordedBoard
 
-_SLOTS = 16 * N_TAXELS  # of a board
+_SLOTS = 16 * N_TAXELS  # per board
 _LATEST_S = 9.2e9  # in the year 2261
 _ADDRESSES: dict[Foot, tuple[int, int, int]] = {"left": (5, 6, 7), "right": (8, 9, 10)}
 _PADS = f"thermal pads of the {{foot}} foot (taxels {' and '.join(map(str, np.flatnonzero(~PRESSURE_TAXELS)))}): 0"
 
 
-def insole_of(foot: Foot, layout: Layout | None, invented: list[str]) -> InsoleContents:
-    """The insole that published numbers are of; what is not known of it is left out, what must be said is noted."""
+def insole_of_published(foot: Foot, layout: Layout | None, invented: list[str]) -> InsoleContents:
+    """Return the insole of published numbers with unknown settings left out; append what was assumed to `invented`."""
     if layout is None:
         layout = layouts.builtin(foot, _ADDRESSES[foot])
         invented.append(
@@ -45,23 +45,26 @@ def insole_of(foot: Foot, layout: Layout | None, invented: list[str]) -> InsoleC
 
 
 def counts_of(values: NDArray[np.float64], layout: Layout, where: str, invented: list[str]) -> NDArray[np.uint8]:
-    """(n, n_triangles, 12) counts of (n, columns) values; FileError where they are none. What is missing is 0."""
+    """Return (n, n_triangles, 12) counts from (n, columns) values, 0 where a taxel has no column.
+
+    Appends what was assumed to `invented`. Raises FileError if the columns do not fit the layout or are not counts.
+    """
     k, width = len(layout), values.shape[1]
-    bytes_ = whole_bytes(values, where)
+    byte_values = to_bytes(values, where)
     counts = np.zeros((len(values), k, N_TAXELS), np.uint8)
     if width == k * N_TAXELS:
-        counts[:] = bytes_.reshape(-1, k, N_TAXELS)
+        counts[:] = byte_values.reshape(-1, k, N_TAXELS)
     elif width == k * (N_TAXELS - 2):
-        counts[:, :, PRESSURE_TAXELS] = bytes_.reshape(-1, k, N_TAXELS - 2)
+        counts[:, :, PRESSURE_TAXELS] = byte_values.reshape(-1, k, N_TAXELS - 2)
         invented.append(_PADS.format(foot=layout.foot))
     elif width % _SLOTS == 0 and width // _SLOTS == len(set(layout.identities[:, 0].tolist())):
-        slots = bytes_.reshape(len(values), -1, N_TAXELS)
+        slots = byte_values.reshape(len(values), -1, N_TAXELS)
         boards = list(dict.fromkeys(layout.identities[:, 0].tolist()))
         rows = [16 * boards.index(board) + triangle for board, triangle in layout.identities.tolist()]
         counts[:] = slots[:, rows]
-        left_out = np.setdiff1d(np.flatnonzero((slots != slots[:1]).any(axis=(0, 2))), rows)
-        if len(left_out):
-            names = ", ".join(f"{boards[slot // 16]}.{slot % 16}" for slot in left_out.tolist())
+        unmapped = np.setdiff1d(np.flatnonzero((slots != slots[:1]).any(axis=(0, 2))), rows)
+        if len(unmapped):
+            names = ", ".join(f"{boards[slot // 16]}.{slot % 16}" for slot in unmapped.tolist())
             raise FileError(
                 f"{where}: slots that are not in the layout of the {layout.foot} foot have readings "
                 f"(board.triangle: {names}): name a layout that has them with --layout"
@@ -74,8 +77,8 @@ def counts_of(values: NDArray[np.float64], layout: Layout, where: str, invented:
     return counts
 
 
-def whole_bytes(values: NDArray[np.float64], where: str, names: Sequence[str] | None = None) -> NDArray[np.uint8]:
-    """The values as bytes; FileError where one is not a whole number from 0 to 255."""
+def to_bytes(values: NDArray[np.float64], where: str, names: Sequence[str] | None = None) -> NDArray[np.uint8]:
+    """Return the values as bytes; FileError if one is not a whole number from 0 to 255."""
     wrong = ~((values >= 0) & (values <= 255) & (values == np.floor(values)))
     if wrong.any():
         row, column = np.argwhere(wrong)[0].tolist()
@@ -87,8 +90,8 @@ def whole_bytes(values: NDArray[np.float64], where: str, names: Sequence[str] | 
     return values.astype(np.uint8)
 
 
-def nanoseconds(time_s: NDArray[np.float64], where: str) -> NDArray[np.int64]:
-    """(n,) times as integers; FileError where one is none, or beyond what 64 bits hold of nanoseconds."""
+def to_nanoseconds(time_s: NDArray[np.float64], where: str) -> NDArray[np.int64]:
+    """Convert times in s (n,) to integer ns; FileError if one is not finite or does not fit into 64 bits."""
     wrong = ~(np.abs(time_s) <= _LATEST_S)
     if wrong.any():
         row = int(wrong.argmax())
@@ -98,6 +101,6 @@ def nanoseconds(time_s: NDArray[np.float64], where: str) -> NDArray[np.int64]:
     return np.round(time_s * 1e9).astype(np.int64)
 
 
-def both_feet(width: int) -> bool:
-    """Whether so many columns are those of the six boards of two feet."""
+def is_both_feet(width: int) -> bool:
+    """Return whether a table of this width holds the six boards of two feet."""
     return width == 2 * 3 * _SLOTS

@@ -1,4 +1,4 @@
-"""Copies of what an insole was read with, so that a recording's folder stands alone."""
+"""Copy an insole's layout, calibration and zero into a recording's folder, so that the folder is self-contained."""
 
 from __future__ import annotations
 
@@ -34,9 +34,10 @@ BUILTIN_CALIBRATION = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class InsoleContents:
-    """One insole of a recording that is written.
+    """One insole of a recording to be written.
 
-    A calibration is a file to copy or an object to write. A built-in one is written too, and listed as invented.
+    `calibration` is a file to copy or an object to write. A built-in calibration is written too, and listed as
+    invented.
     """
 
     foot: Foot
@@ -47,8 +48,8 @@ class InsoleContents:
 
 
 def write_insoles(folder: Path, insoles: Sequence[InsoleContents]) -> tuple[list[dict[str, Any]], list[str]]:
-    """Write the copies into `folder`; what recording.yaml says of the insoles, and what of them is invented."""
-    said, invented = [], []
+    """Write the copies into `folder`; return the `insoles` of recording.yaml and a sentence per invented item."""
+    entries, invented = [], []
     for insole in insoles:
         prefix = f"{insole.foot}-" if len(insoles) > 1 else ""
         entry: dict[str, Any] = {"foot": insole.foot, "layout": f"{prefix}layout.yaml"}
@@ -79,12 +80,12 @@ def write_insoles(folder: Path, insoles: Sequence[InsoleContents]) -> tuple[list
             }
             for board in insole.boards
         ]
-        said.append(entry)
-    return said, invented
+        entries.append(entry)
+    return entries, invented
 
 
 def write_calibration(path: Path, calibration: Calibration, layout: Layout) -> None:
-    """Write `calibration` as a file that `calibration.load` reads, all or nothing; OSError where that cannot be."""
+    """Write `calibration` as a file that `calibration.load` reads, all or nothing; OSError if that fails."""
     identities = layout.identities.tolist()
     rows = []
     for row, taxel in np.argwhere(calibration.usable).tolist():
@@ -111,26 +112,29 @@ def write_calibration(path: Path, calibration: Calibration, layout: Layout) -> N
 
 
 def layout_of_meta(meta: Mapping[str, Any], xy_m: NDArray[np.floating[Any]]) -> Layout:
-    """The layout that a daemon's `meta` describes: from the places of the taxels, xy_m (n_triangles, 12, 2), back to
-    where each triangle lies."""
+    """Reconstruct the layout from a daemon's `meta` and its taxel positions `xy_m` (n_triangles, 12, 2).
+
+    Fits the triangle's geometry to the positions of each triangle, with and without mirroring, and takes the better
+    fit.
+    """
     local = geometry.TAXELS_MM[:, 0] + 1j * geometry.TAXELS_MM[:, 1]
     triangles = []
-    for said, places in zip(meta["triangles"], np.asarray(xy_m, np.float64) * 1e3, strict=True):
-        at = places[:, 0] + 1j * places[:, 1]
-        centred = at - at[3]  # taxel 3 is the centre
+    for described, positions_mm in zip(meta["triangles"], np.asarray(xy_m, np.float64) * 1e3, strict=True):
+        position = positions_mm[:, 0] + 1j * positions_mm[:, 1]
+        centred = position - position[3]  # taxel 3 is the centre
         fits = []
         for mirrored in (False, True):
-            own = -local.conjugate() if mirrored else local
-            angle = float(np.angle(np.vdot(own, centred)))
-            fits.append((float(np.abs(centred - own * np.exp(1j * angle)).sum()), mirrored, math.degrees(angle)))
+            template = -local.conjugate() if mirrored else local
+            angle = float(np.angle(np.vdot(template, centred)))
+            fits.append((float(np.abs(centred - template * np.exp(1j * angle)).sum()), mirrored, math.degrees(angle)))
         _, mirrored, rotation_deg = min(fits)
         triangles.append(
             Triangle(
-                board=said["board"],
-                triangle=said["triangle"],
-                patch=said["patch"],
-                x_mm=round(float(at[3].real), 3),
-                y_mm=round(float(at[3].imag), 3),
+                board=described["board"],
+                triangle=described["triangle"],
+                patch=described["patch"],
+                x_mm=round(float(position[3].real), 3),
+                y_mm=round(float(position[3].imag), 3),
                 rotation_deg=round(rotation_deg % 360.0, 3) % 360.0,
                 mirrored=mirrored,
             )

@@ -1,4 +1,4 @@
-"""recording.yaml: what one trial consists of, in files beside it (`insole-recording/1`)."""
+"""Read and write recording.yaml, which lists the files of one trial (`insole-recording/1`)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Kind = Literal["chamber", "shoe", "bench", "free"]
 CanOrigin = Literal["recorded", "simulated", "reencoded"]
 Clock = Literal["own", "can"]
 
-# Columns of the reference, beside time_s; more may follow.
+# Columns of the reference besides time_s; more may follow.
 REFERENCE_COLUMNS: Mapping[Kind, tuple[str, ...]] = {
     "chamber": ("pressure_pa",),
     "shoe": ("fz_n", "mx_nm", "my_nm"),
@@ -30,7 +30,7 @@ REFERENCE_COLUMNS: Mapping[Kind, tuple[str, ...]] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordedBoard(Section):
-    """A board and the settings it streamed with; what is not known is left out, and None here."""
+    """A board and the settings it streamed with; unknown settings are left out of the file and None here."""
 
     address: Address
     interface: str | None = None
@@ -42,7 +42,7 @@ class RecordedBoard(Section):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordedInsole(Section):
-    """One insole of the trial; its files may be missing, and are then not known."""
+    """One insole of the trial; files that are not known are None."""
 
     foot: Foot
     layout: Path | None = None  # None: the built-in approximation for its three boards
@@ -52,7 +52,7 @@ class RecordedInsole(Section):
 
     @property
     def addresses(self) -> tuple[int, ...]:
-        """Of the boards, in the order of the file."""
+        """Return the addresses of the boards, in the order of the file."""
         return tuple(board.address for board in self.boards)
 
 
@@ -67,19 +67,19 @@ class RecordedReference(Section):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Document(Section):
-    """All of recording.yaml; exactly one of `can` and `counts` is given."""
+    """The content of recording.yaml, with exactly one of `can` and `counts`."""
 
     kind: Kind
     can: Path | None = None
     counts: Path | None = None
     can_origin: CanOrigin
-    invented: tuple[str, ...] = ()  # a sentence for each thing that nobody measured
+    invented: tuple[str, ...] = ()  # a sentence per item that was not measured
     insoles: Annotated[tuple[RecordedInsole, ...], at_least(1)]
     reference: tuple[RecordedReference, ...] = ()
 
 
 def check(reading: Reading) -> None:
-    """Report what the sections of a recording.yaml do not fit together in."""
+    """Report where the sections of a recording.yaml contradict each other."""
     document = reading.document
     given = [key for key in ("can", "counts") if document.get(key) is not None]
     if len(given) != 1:
@@ -99,11 +99,12 @@ def check(reading: Reading) -> None:
 
 
 def _check_insoles(reading: Reading) -> None:
+    """Report feet or boards that are listed twice, and insoles without a layout."""
     feet: dict[str, Key] = {}
     for key, insole in reading.of(RecordedInsole):
         if insole.foot in feet:
             where = spell(feet[insole.foot])
-            reading.problem((*key, "foot"), f"the {insole.foot} foot stands twice, first in {where}")
+            reading.problem((*key, "foot"), f"the {insole.foot} foot is listed twice, first in {where}")
         feet.setdefault(insole.foot, key)
         if insole.layout is None and len(insole.boards) != 3:
             reading.problem(
@@ -120,11 +121,15 @@ def _check_insoles(reading: Reading) -> None:
 
 
 def _check_references(reading: Reading) -> None:
+    """Report references that are missing, superfluous, listed twice, or of a foot that is not recorded."""
     kind = reading.document.get("kind")
     references = reading.of(RecordedReference)
     written = reading.document.get("reference")
     if kind == "free" and written:
-        reading.problem(("reference",), "expected none, since kind is free: say chamber, shoe or bench, or take it out")
+        reading.problem(
+            ("reference",),
+            "expected none, since kind is free: set kind to chamber, shoe or bench, or remove the reference",
+        )
     elif isinstance(kind, str) and kind in REFERENCE_COLUMNS and kind != "free" and not written:
         reading.problem(
             ("reference",), f"missing key: a recording of kind {kind} has a reference; without one its kind is free"
@@ -140,19 +145,19 @@ def _check_references(reading: Reading) -> None:
             known = " and the ".join(sorted(feet))
             reading.problem(
                 (*key, "foot"),
-                f"the reference of the {reference.foot} foot, but recorded is the {known}: "
-                "correct the foot, or take the reference out",
+                f"the reference of the {reference.foot} foot, but the recorded foot is the {known}: "
+                "correct the foot, or remove the reference",
             )
 
 
 def dump(document: Mapping[str, Any]) -> str:
-    """The text of a recording.yaml that says `document`, keys in its order; None is left out."""
-    return yaml.safe_dump(_without_none({"format": FORMAT, **document}), sort_keys=False, allow_unicode=True, width=120)
+    """Return the text of a recording.yaml with the content of `document`, keys in its order, without None."""
+    return yaml.safe_dump(_drop_none({"format": FORMAT, **document}), sort_keys=False, allow_unicode=True, width=120)
 
 
-def _without_none(value: Any) -> Any:
+def _drop_none(value: Any) -> Any:
     if isinstance(value, Mapping):
-        return {key: _without_none(each) for key, each in value.items() if each is not None}
+        return {key: _drop_none(item) for key, item in value.items() if item is not None}
     if isinstance(value, list | tuple):
-        return [_without_none(each) for each in value]
+        return [_drop_none(item) for item in value]
     return value

@@ -1,4 +1,4 @@
-"""Recorded counts into pressure and wrench, as the daemon makes them live: the same model, many cycles at once."""
+"""Compute pressure and wrench from recorded counts with the daemon's model, many cycles at once."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from ..skin.layout import Layout
 
 ModelName = Literal["static", "dynamic"]
 
-_AT_ONCE = 2048  # cycles whose pressure is computed together: their float64 stay small
+_BATCH_CYCLES = 2048  # cycles per batch, which bounds the memory for float64 arrays
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Estimate:
-    """Of n cycles."""
+    """Pressure and wrench of n cycles."""
 
-    t_ns: NDArray[np.int64]  # (n,) of the load: the cycles' own, less what all of it comes late by
-    pressure_pa: NDArray[np.float32]  # (n, n_triangles, 12) NaN: not in the calibration
-    valid: NDArray[np.bool_]  # (n, n_triangles, 12) may be read as pressure
-    beyond: NDArray[np.bool_]  # (n, n_triangles, 12) more than the effects were identified to
+    t_ns: NDArray[np.int64]  # (n,) time of the load: that of the cycle minus the delay common to all boards
+    pressure_pa: NDArray[np.float32]  # (n, n_triangles, 12) NaN: taxel not in the calibration
+    valid: NDArray[np.bool_]  # (n, n_triangles, 12) usable as pressure
+    beyond: NDArray[np.bool_]  # (n, n_triangles, 12) outside the range in which the effects were identified
     wrench: WrenchSeries
 
 
@@ -44,9 +44,10 @@ def estimate(
     zeroed: bool,
     model: ModelName = "dynamic",
 ) -> Estimate:
-    """What the daemon makes of consecutive cycles by its defaults; `counts` and `valid` (n, n_triangles, 12).
+    """Estimate consecutive cycles with the daemon's defaults.
 
-    `zeroed`: the calibration has the baselines of a zero. Without effects both models are the same.
+    `t_ns` (n,), `counts` and `valid` (n, n_triangles, 12). `zeroed` states that the calibration has the baselines of a
+    zero. Without effects in the calibration, both models give the same result.
     """
     contact = Contact()
     curve = StaticCurve(calibration, contact.activation_threshold_count)
@@ -59,15 +60,15 @@ def estimate(
     t_s = (np.maximum.accumulate(t_ns) - t_ns[:1]).astype(np.float64) * 1e-9
     estimator = WrenchEstimator(layout, contact.min_force_n, contact.min_pressure_pa)
     pressure_pa, beyond = np.empty(counts.shape, np.float32), np.zeros(counts.shape, np.bool_)
-    own, series = valid & curve.usable, []
-    for first in range(0, len(counts), _AT_ONCE):
-        rows = slice(first, first + _AT_ONCE)
+    is_valid, series = valid & curve.usable, []
+    for first in range(0, len(counts), _BATCH_CYCLES):
+        rows = slice(first, first + _BATCH_CYCLES)
         exact_pa, variance_pa2 = curve.pressure_pa(counts[rows]), curve.variance_pa2(counts[rows])
         if dynamic is not None:
-            undone = dynamic(exact_pa, counts[rows], own[rows], t_s[rows])
-            exact_pa, own[rows], beyond[rows] = undone.pressure_pa, undone.valid, undone.beyond
+            inverted = dynamic(exact_pa, counts[rows], is_valid[rows], t_s[rows])
+            exact_pa, is_valid[rows], beyond[rows] = inverted.pressure_pa, inverted.valid, inverted.beyond
             variance_pa2 = None if variance_pa2 is None else dynamic.at_places(variance_pa2)
         pressure_pa[rows] = exact_pa
-        series.append(estimator.series(exact_pa, own[rows], variance_pa2))
+        series.append(estimator.series(exact_pa, is_valid[rows], variance_pa2))
     stamped_ns = t_ns if dynamic is None else t_ns - late_ns
-    return Estimate(stamped_ns, pressure_pa, own, beyond, WrenchSeries.concatenate(series))
+    return Estimate(stamped_ns, pressure_pa, is_valid, beyond, WrenchSeries.concatenate(series))

@@ -1,4 +1,4 @@
-"""A recording as tables: a folder of CSV or Parquet, forces in one CSV file, an .npz for numpy, a .mat for MATLAB."""
+"""Export a recording as tables: a folder of CSV or Parquet, one CSV file of forces, .npz for numpy, .mat for MATLAB."""
 
 from __future__ import annotations
 
@@ -23,18 +23,19 @@ from .writer import whole_folder
 
 
 def export_csv(recording: Recording, out: Path, progress: Callable[[float], None] = lambda share: None) -> None:
-    """Write the folder `out` with a table a foot and kind of value, all or nothing; `progress` is told the share.
+    """Write the folder `out` with one table per foot and quantity, all or nothing.
 
-    `left-counts.csv` is what `insole import` takes, together with `left-layout.yaml`.
+    `left-counts.csv` can be read by `insole import`, together with `left-layout.yaml`. `progress` is called with the
+    fraction written.
     """
     with whole_folder(out) as folder:
         for number, foot in enumerate(recording.feet):
             identities = foot.layout.identities.tolist()
             taxels = [f"{board}_{triangle}_{taxel}" for board, triangle in identities for taxel in range(12)]
-            times = _times(foot.t_ns)
+            times = _format_times(foot.t_ns)
             flat = foot.counts.reshape(len(foot), -1)
-            _write(folder / f"{foot.foot}-counts.csv", [f"count_{name}" for name in taxels], times, flat.tolist())
-            _write(
+            _write_csv(folder / f"{foot.foot}-counts.csv", [f"count_{name}" for name in taxels], times, flat.tolist())
+            _write_csv(
                 folder / f"{foot.foot}-valid.csv",
                 [f"valid_{name}" for name in taxels],
                 times,
@@ -43,11 +44,11 @@ def export_csv(recording: Recording, out: Path, progress: Callable[[float], None
             progress((number + 0.4) / len(recording.feet))  # pressures take longest
             if foot.pressure_pa is not None and foot.wrench is not None:
                 pressure = foot.pressure_pa.reshape(len(foot), -1)
-                _write(
+                _write_csv(
                     folder / f"{foot.foot}-pressure.csv", [f"pressure_pa_{name}" for name in taxels], times, pressure
                 )
                 wrench = {name: getattr(foot.wrench, name) for name in type(foot.wrench).__slots__}
-                _write(
+                _write_csv(
                     folder / f"{foot.foot}-wrench.csv", list(wrench), times, np.stack(list(wrench.values()), axis=-1)
                 )
             if foot.reference is not None:
@@ -57,14 +58,11 @@ def export_csv(recording: Recording, out: Path, progress: Callable[[float], None
                 write_text(folder / f"{foot.foot}-reference.csv", references.text(columns))
             layouts.write(folder / f"{foot.foot}-layout.yaml", foot.layout)
             progress((number + 1) / len(recording.feet))
-        write_text(folder / "steps.csv", steps_text(recording.steps))
+        write_text(folder / "steps.csv", format_steps(recording.steps))
 
 
 def export_wrenches(recording: Recording, out: Path) -> None:
-    """Write the file `out`, as CSV: a row for each foot and cycle in the order of time, with the wrench.
-
-    Raises FileError where no foot has a wrench.
-    """
+    """Write the wrenches as CSV, one row per foot and cycle in order of time; FileError if there are none."""
     feet = [foot for foot in recording.feet if foot.wrench is not None]
     if not feet:
         raise FileError(
@@ -74,57 +72,65 @@ def export_wrenches(recording: Recording, out: Path) -> None:
     names = WrenchSeries.__slots__
     wrenches = [np.stack([getattr(foot.wrench, name) for name in names], axis=-1) for foot in feet]
     t_ns = np.concatenate([foot.t_ns for foot in feet])
-    which = np.concatenate([np.full(len(foot), foot.foot) for foot in feet])
+    foot_of_row = np.concatenate([np.full(len(foot), foot.foot) for foot in feet])
     rows = np.concatenate(wrenches)
     order = np.argsort(t_ns, kind="stable")
     lines = [",".join((TIME, "foot", *names))]
-    for time, foot, row in zip(_times(t_ns[order]), which[order].tolist(), rows[order].tolist(), strict=True):
+    for time, foot, row in zip(
+        _format_times(t_ns[order]), foot_of_row[order].tolist(), rows[order].tolist(), strict=True
+    ):
         lines.append(",".join((time, foot, *("" if value != value else f"{value:.9g}" for value in row))))
     write_text(out, "\n".join(lines) + "\n")
 
 
 def export_npz(recording: Recording, out: Path) -> None:
-    """Write `out`; of one foot it is a counts.npz too, of two the names begin with left_ and right_."""
-    arrays: dict[str, Any] = dict(_about(recording))
+    """Write `out` as .npz: for one foot in the format of counts.npz, for two with the prefixes left_ and right_."""
+    arrays: dict[str, Any] = dict(_metadata(recording))
     for foot in recording.feet:
         prefix = f"{foot.foot}_" if len(recording.feet) > 1 else ""
-        arrays |= {f"{prefix}{name}": array for name, array in fields(foot).items()}
-    with unfinished(out) as beside, open(beside, "wb") as file:
+        arrays |= {f"{prefix}{name}": array for name, array in foot_arrays(foot).items()}
+    with unfinished(out) as temporary, open(temporary, "wb") as file:
         np.savez_compressed(file, **arrays)
 
 
 def export_matlab(recording: Recording, out: Path) -> None:
-    """Write `out`: a struct a foot, `left` and `right`, and what they are in `recording`."""
+    """Write `out` with the structs `left` and `right`, the steps, and the recording's metadata in `recording`."""
     io = need("scipy.io", "scipy", "exporting MATLAB files")
-    content: dict[str, Any] = {"recording": _about(recording)}
+    content: dict[str, Any] = {"recording": _metadata(recording)}
     for foot in recording.feet:
-        content[foot.foot] = fields(foot)
+        content[foot.foot] = foot_arrays(foot)
     steps = recording.steps
     content["steps"] = {**steps.columns, **{f"curve_{name}": curve for name, curve in steps.curves.items()}}
-    with unfinished(out) as beside, open(beside, "wb") as file:
+    with unfinished(out) as temporary, open(temporary, "wb") as file:
         io.savemat(file, content, do_compression=True, long_field_names=True)
 
 
 def export_parquet(recording: Recording, out: Path) -> None:
-    """Write the folder `out`: steps.parquet, and a table of cycles a foot, whose taxels are lists in a column."""
+    """Write the folder `out`: steps.parquet, and per foot a table of cycles with the taxels as lists in a column."""
     arrow = need("pyarrow", "pyarrow", "exporting Parquet")
     parquet = need("pyarrow.parquet", "pyarrow", "exporting Parquet")
     with whole_folder(out) as folder:
-        parquet.write_table(_arrow_table(arrow, recording.steps.columns, {}), folder / "steps.parquet")
+        parquet.write_table(_to_arrow_table(arrow, recording.steps.columns, {}), folder / "steps.parquet")
         for foot in recording.feet:
-            columns = fields(foot)
+            columns = foot_arrays(foot)
             n = len(foot)
-            of_layout = {name: json.dumps(columns.pop(name).tolist()) for name in ("board", "triangle", "xy_m")}
+            layout_json = {name: json.dumps(columns.pop(name).tolist()) for name in ("board", "triangle", "xy_m")}
             cycles = {name: column for name, column in columns.items() if not name.startswith("reference_")}
-            readings = {name.removeprefix("reference_"): columns[name] for name in columns.keys() - cycles.keys()}
-            flat = {name: column.reshape(n, -1) if column.ndim > 1 else column for name, column in cycles.items()}
-            about = {"foot": foot.foot, "triangles": str(len(foot.layout)), **of_layout, **_about(recording)}
-            parquet.write_table(_arrow_table(arrow, flat, about), folder / f"{foot.foot}.parquet")
-            if readings:
-                parquet.write_table(_arrow_table(arrow, readings, {}), folder / f"{foot.foot}-reference.parquet")
+            reference_columns = {
+                name.removeprefix("reference_"): columns[name] for name in columns.keys() - cycles.keys()
+            }
+            flat_columns = {
+                name: column.reshape(n, -1) if column.ndim > 1 else column for name, column in cycles.items()
+            }
+            metadata = {"foot": foot.foot, "triangles": str(len(foot.layout)), **layout_json, **_metadata(recording)}
+            parquet.write_table(_to_arrow_table(arrow, flat_columns, metadata), folder / f"{foot.foot}.parquet")
+            if reference_columns:
+                parquet.write_table(
+                    _to_arrow_table(arrow, reference_columns, {}), folder / f"{foot.foot}-reference.parquet"
+                )
 
 
-def _arrow_table(arrow: Any, columns: Mapping[str, NDArray[Any]], about: Mapping[str, str]) -> Any:
+def _to_arrow_table(arrow: Any, columns: Mapping[str, NDArray[Any]], about: Mapping[str, str]) -> Any:
     arrays = {}
     for name, column in columns.items():
         values = arrow.array(np.ascontiguousarray(column).ravel())
@@ -132,8 +138,8 @@ def _arrow_table(arrow: Any, columns: Mapping[str, NDArray[Any]], about: Mapping
     return arrow.table(arrays).replace_schema_metadata(dict(about))
 
 
-def steps_text(steps: Steps) -> str:
-    """The table of steps as CSV; what is not known is an empty cell."""
+def format_steps(steps: Steps) -> str:
+    """Return the table of steps as CSV; unknown values are empty cells."""
     lines = [",".join(steps.columns)]
     for row in zip(*(column.tolist() for column in steps.columns.values()), strict=True):
         lines.append(
@@ -142,9 +148,9 @@ def steps_text(steps: Steps) -> str:
     return "\n".join(lines) + "\n"
 
 
-def fields(foot: FootRecording) -> dict[str, NDArray[Any]]:
-    """Everything of one foot by name, the unit in it."""
-    found: dict[str, NDArray[Any]] = {
+def foot_arrays(foot: FootRecording) -> dict[str, NDArray[Any]]:
+    """Return all arrays of one foot by name, with the unit in the name."""
+    arrays: dict[str, NDArray[Any]] = {
         "t_s": foot.t_ns * 1e-9,
         "t_ns": foot.t_ns,
         "counts": foot.counts,
@@ -159,16 +165,17 @@ def fields(foot: FootRecording) -> dict[str, NDArray[Any]]:
         "xy_m": foot.layout.xy_m,
     }
     if foot.pressure_pa is not None and foot.wrench is not None:
-        found["pressure_pa"] = foot.pressure_pa
-        found |= {name: getattr(foot.wrench, name) for name in type(foot.wrench).__slots__}
+        arrays["pressure_pa"] = foot.pressure_pa
+        arrays |= {name: getattr(foot.wrench, name) for name in type(foot.wrench).__slots__}
     if foot.reference is not None:
         if foot.reference.time_s is not None:
-            found["reference_time_s"] = foot.reference.time_s
-        found |= {f"reference_{name}": column for name, column in foot.reference.columns.items()}
-    return found
+            arrays["reference_time_s"] = foot.reference.time_s
+        arrays |= {f"reference_{name}": column for name, column in foot.reference.columns.items()}
+    return arrays
 
 
-def _about(recording: Recording) -> Mapping[str, str]:
+def _metadata(recording: Recording) -> Mapping[str, str]:
+    """Return the recording's kind, origin, invented items and reference clocks as text."""
     return {
         "kind": recording.kind,
         "can_origin": recording.can_origin,
@@ -179,13 +186,13 @@ def _about(recording: Recording) -> Mapping[str, str]:
     }
 
 
-def _times(t_ns: NDArray[np.int64]) -> list[str]:
-    """Seconds, to the microsecond."""
+def _format_times(t_ns: NDArray[np.int64]) -> list[str]:
+    """Return times (n,) in ns as text: seconds with six decimals."""
     return [f"{t // 1000 // 10**6}.{t // 1000 % 10**6:06d}" for t in t_ns.tolist()]
 
 
-def _write(path: Path, names: list[str], times: list[str], rows: Any) -> None:
-    """A table with the times before the rows; NaN becomes an empty cell."""
+def _write_csv(path: Path, names: list[str], times: list[str], rows: Any) -> None:
+    """Write a table with the times in the first column; NaN becomes an empty cell."""
     with open(path, "w", encoding="utf-8") as file:
         file.write(",".join((TIME, *names)) + "\n")
         for time, row in zip(times, rows, strict=True):

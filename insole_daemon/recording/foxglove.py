@@ -1,6 +1,6 @@
-"""Pressure, steps and frames as messages of Foxglove's published schemas (package foxglove-schemas-protobuf).
+"""Encode pressure, steps and frames as messages of Foxglove's published schemas (package foxglove-schemas-protobuf).
 
-The schema in the file is the published descriptor itself, so whatever knows `foxglove.PointCloud` draws the pressure.
+The file contains the published descriptors, so any program that knows `foxglove.PointCloud` can draw the pressure.
 """
 
 from __future__ import annotations
@@ -16,45 +16,48 @@ from ..skin.geometry import PRESSURE_TAXELS
 from .lab import need
 from .loading import FootRecording
 
-LAYOUT = Path(__file__).with_name("foxglove-layout.json")  # panels for pressure, force, steps and their log
-ROOM = "insoles"  # the frame that both feet are drawn in
-APART_M = 0.12  # that the feet are drawn apart: nobody measured where they were
+LAYOUT = Path(__file__).with_name("foxglove-layout.json")  # panels for pressure, force, steps and log
+ROOM = "insoles"  # root frame of both feet
+APART_M = 0.12  # drawn distance between the feet; their real positions are not measured
 _FLOAT32 = 7  # foxglove.PackedElementField.NumericType
 
 
-def register(writer: Any, schema: str, topic: str) -> int:
-    """The number of a new channel for messages of foxglove.`schema`."""
-    build = need("mcap_protobuf.schema", "mcap-protobuf-support", "exporting MCAP").build_file_descriptor_set
-    descriptors = build(_message(schema)).SerializeToString()
+def register_channel(writer: Any, schema: str, topic: str) -> int:
+    """Register a channel for messages of foxglove.`schema`, and return its number."""
+    build_descriptors = need(
+        "mcap_protobuf.schema", "mcap-protobuf-support", "exporting MCAP"
+    ).build_file_descriptor_set
+    descriptors = build_descriptors(_message_class(schema)).SerializeToString()
     number = writer.register_schema(name=f"foxglove.{schema}", encoding="protobuf", data=descriptors)
     channel: int = writer.register_channel(topic=topic, message_encoding="protobuf", schema_id=number)
     return channel
 
 
-def point_clouds(foot: FootRecording) -> Iterator[tuple[int, bytes]]:
-    """(t_ns, foxglove.PointCloud) of every cycle: the pressure taxels in the foot's frame."""
+def encode_pressure(foot: FootRecording) -> Iterator[tuple[int, bytes]]:
+    """Yield (t_ns, foxglove.PointCloud) for every cycle, with the pressure taxels in the foot's frame."""
     assert foot.pressure_pa is not None
-    cloud_type, field_type = _message("PointCloud"), _message("PackedElementField")
+    cloud_type, field_type = _message_class("PointCloud"), _message_class("PackedElementField")
     xy_m = foot.layout.xy_m[:, PRESSURE_TAXELS].reshape(-1, 2)
     points = np.zeros((len(xy_m), 4), "<f4")
     points[:, :2] = xy_m
     fields = [
-        field_type(name=name, offset=4 * at, type=_FLOAT32) for at, name in enumerate(("x", "y", "z", "pressure_pa"))
+        field_type(name=name, offset=4 * index, type=_FLOAT32)
+        for index, name in enumerate(("x", "y", "z", "pressure_pa"))
     ]
     pressure = np.where(foot.valid, foot.pressure_pa, np.nan)[:, :, PRESSURE_TAXELS].reshape(len(foot), -1)
     for t_ns, pressure_pa in zip(foot.t_ns.tolist(), pressure, strict=True):
         points[:, 3] = pressure_pa
-        cloud = cloud_type(frame_id=_frame(foot.foot), point_stride=16, fields=fields, data=points.tobytes())
+        cloud = cloud_type(frame_id=_frame_id(foot.foot), point_stride=16, fields=fields, data=points.tobytes())
         cloud.timestamp.FromNanoseconds(t_ns)
         cloud.pose.orientation.w = 1.0
         yield t_ns, cloud.SerializeToString()
 
 
-def foot_frames(t_ns: int) -> bytes:
-    """foxglove.FrameTransforms that draws both feet side by side, toes up."""
-    frames = _message("FrameTransforms")()
+def encode_foot_frames(t_ns: int) -> bytes:
+    """Return foxglove.FrameTransforms that place both feet side by side, toes up."""
+    frames = _message_class("FrameTransforms")()
     for foot, side in (("left", 1.0), ("right", -1.0)):
-        transform = frames.transforms.add(parent_frame_id=ROOM, child_frame_id=_frame(foot))
+        transform = frames.transforms.add(parent_frame_id=ROOM, child_frame_id=_frame_id(foot))
         transform.timestamp.FromNanoseconds(t_ns)
         transform.translation.y = side * APART_M / 2
         transform.rotation.w = 1.0
@@ -62,9 +65,9 @@ def foot_frames(t_ns: int) -> bytes:
     return data
 
 
-def log_messages(steps: Steps) -> Iterator[tuple[int, bytes]]:
-    """(t_ns, foxglove.Log) of every stance, in order of time; what is no steady step is a warning."""
-    log_type = _message("Log")
+def encode_log(steps: Steps) -> Iterator[tuple[int, bytes]]:
+    """Yield (t_ns, foxglove.Log) for every stance in order of time; a step that is not steady is a warning."""
+    log_type = _message_class("Log")
     for row in np.argsort(steps.told_ns, kind="stable").tolist():
         foot, label = str(steps["foot"][row]), str(steps["label"][row])
         log = log_type(name=f"{foot} foot", level=log_type.INFO if label == "steady" else log_type.WARNING)
@@ -77,11 +80,11 @@ def log_messages(steps: Steps) -> Iterator[tuple[int, bytes]]:
         yield t_ns, log.SerializeToString()
 
 
-def _message(schema: str) -> Any:
-    """The class of foxglove.`schema`."""
+def _message_class(schema: str) -> Any:
+    """Return the class of foxglove.`schema`."""
     module = f"foxglove_schemas_protobuf.{schema}_pb2"
     return getattr(need(module, "foxglove-schemas-protobuf", "exporting MCAP"), schema)
 
 
-def _frame(foot: str) -> str:
+def _frame_id(foot: str) -> str:
     return f"insole_{foot}"

@@ -1,7 +1,7 @@
-"""A person led through a trial: what is covered so far, told from the load as it comes, and what to do next.
+"""Track which phases of a trial protocol are covered while the load is recorded, to guide a person through it.
 
-The load is the reference's where it says something, else the mean pressure that the calibration makes of the counts;
-with the built-in calibration that is no pressure anyone should believe, but it is high where the load is.
+The load is that of the reference if one sends readings, else the mean pressure by the calibration. With the built-in
+calibration that pressure is not accurate, but it rises and falls with the load, which is enough here.
 """
 
 from __future__ import annotations
@@ -20,68 +20,68 @@ from ..physics import zero as zeros
 from ..physics.static_curve import StaticCurve
 from ..skin.validity import Validity
 from .copies import InsoleContents
-from .coverage import Item, Protocol, coverage
+from .coverage import Item, Protocol, compute_coverage
 from .cycles import new_reader
 from .document import REFERENCE_COLUMNS, Kind
 from .instrument import Instrument
 from .loading import as_configured
 
-_BIN_S = 0.2  # over which a load is averaged: noise is no turn
+_BIN_S = 0.2  # averaging interval, so that noise is not taken for a reversal
 
 
 class Guide:
-    """What one recording has covered; `insoles` and `kind` are the recording's."""
+    """Coverage of the protocol by one recording with the given insoles and kind."""
 
     def __init__(self, insoles: Sequence[InsoleContents], kind: Kind, protocol: Protocol) -> None:
         self._kind, self._protocol = kind, protocol
         self._reader = new_reader([insole.layout for insole in insoles])
-        self._gauges = {insole.foot: _Gauge(insole) for insole in insoles}
-        self._loads: dict[Foot, _Load] = {insole.foot: _Load() for insole in insoles}
-        self._referenced: set[Foot] = set()
+        self._mean_pressures = {insole.foot: _MeanPressure(insole) for insole in insoles}
+        self._loads: dict[Foot, _BinnedLoad] = {insole.foot: _BinnedLoad() for insole in insoles}
+        self._feet_with_reference: set[Foot] = set()
 
-    def frames(self, batch: FrameBatch) -> None:
-        """Take in what came from the bus."""
-        for (foot, gauge), closed in zip(self._gauges.items(), self._reader.feed(batch), strict=True):
-            for cycles in closed if foot not in self._referenced else ():
-                valid = gauge.validity(cycles.counts, cycles.status, cycles.age_ns)
+    def add_frames(self, batch: FrameBatch) -> None:
+        """Add frames from the bus."""
+        for (foot, mean_pressure), closed in zip(self._mean_pressures.items(), self._reader.feed(batch), strict=True):
+            for cycles in closed if foot not in self._feet_with_reference else ():
+                valid = mean_pressure.validity(cycles.counts, cycles.status, cycles.age_ns)
                 self._loads[foot].add(
-                    np.asarray(cycles.t_mono_ns * 1e-9, np.float64), gauge.mean_pa(cycles.counts, valid)
+                    np.asarray(cycles.t_mono_ns * 1e-9, np.float64), mean_pressure.mean_pa(cycles.counts, valid)
                 )
 
-    def cycle(self, foot: Foot, raw: Any) -> None:
-        """Take in a cycle that a daemon published."""
-        if foot not in self._referenced:
-            mean_pa = self._gauges[foot].mean_pa(raw.counts[None], raw.valid[None].astype(bool))
+    def add_cycle(self, foot: Foot, raw: Any) -> None:
+        """Add a cycle that a daemon published."""
+        if foot not in self._feet_with_reference:
+            mean_pa = self._mean_pressures[foot].mean_pa(raw.counts[None], raw.valid[None].astype(bool))
             self._loads[foot].add(np.array([raw.t_ns * 1e-9]), mean_pa)
 
-    def rows(self, instrument: Instrument, rows: str, now_s: float) -> None:
-        """Take in rows of reference.csv that came `now_s`."""
-        if instrument.foot not in self._referenced:
-            self._referenced.add(instrument.foot)
-            self._loads[instrument.foot] = _Load()  # what was told from the counts is in another unit
+    def add_reference(self, instrument: Instrument, rows: str, now_s: float) -> None:
+        """Add rows of reference.csv that arrived at `now_s`."""
+        if instrument.foot not in self._feet_with_reference:
+            self._feet_with_reference.add(instrument.foot)
+            self._loads[instrument.foot] = _BinnedLoad()  # the load from the counts has another unit
         column = instrument.header.strip().split(",").index(REFERENCE_COLUMNS[self._kind][0])
         cells = [row.split(",")[column] for row in rows.splitlines()]
         load = np.array([float(cell) for cell in cells if cell])
         self._loads[instrument.foot].add(np.full(len(load), now_s), load)
 
-    def covered(self) -> Mapping[Foot, tuple[Item, ...]]:
-        """Every part of the protocol, for every foot."""
-        return {foot: coverage(*load.series(), self._protocol) for foot, load in self._loads.items()}
+    def coverage_by_foot(self) -> Mapping[Foot, tuple[Item, ...]]:
+        """Return every phase of the protocol with its coverage, by foot."""
+        return {foot: compute_coverage(*load.series(), self._protocol) for foot, load in self._loads.items()}
 
-    def summary(self, covered: Mapping[Foot, tuple[Item, ...]]) -> dict[str, Any]:
-        """What a recording says of it: for each foot what was seen, and what is missing."""
+    def summary(self, coverage_by_foot: Mapping[Foot, tuple[Item, ...]]) -> dict[str, Any]:
+        """Return what recording.yaml stores: for each foot the covered and the missing phases."""
         return {
             foot: {
-                "load_from": "reference" if foot in self._referenced else "counts",
+                "load_from": "reference" if foot in self._feet_with_reference else "counts",
                 "seen": {item.name: item.seen for item in items},
                 "missing": [item.name for item in items if item.done < 1.0],
             }
-            for foot, items in covered.items()
+            for foot, items in coverage_by_foot.items()
         }
 
 
-class _Gauge:
-    """The mean pressure that an insole's calibration makes of its counts."""
+class _MeanPressure:
+    """Mean pressure of an insole by its calibration."""
 
     def __init__(self, insole: InsoleContents) -> None:
         boards = [as_configured(board) for board in insole.boards]
@@ -97,37 +97,37 @@ class _Gauge:
         )
 
     def mean_pa(self, counts: NDArray[np.uint8], valid: NDArray[np.bool_]) -> NDArray[np.float64]:
-        """(n,) of counts and valid (n, n_triangles, 12); a cycle in which nothing is valid is left out as NaN."""
+        """Return (n,) mean pressures from counts and valid (n, n_triangles, 12); NaN if no taxel is valid."""
         pressure = np.where(valid & self._curve.usable, self._curve.pressure_pa(counts), 0.0)
-        number = (valid & self._curve.usable).sum(axis=(1, 2))
-        return np.where(number > 0, pressure.sum(axis=(1, 2)) / np.maximum(number, 1), np.nan)
+        n_valid = (valid & self._curve.usable).sum(axis=(1, 2))
+        return np.where(n_valid > 0, pressure.sum(axis=(1, 2)) / np.maximum(n_valid, 1), np.nan)
 
 
-class _Load:
-    """A load over time, in bins."""
+class _BinnedLoad:
+    """A load over time, averaged in bins."""
 
     def __init__(self) -> None:
         self._t_s: list[float] = []
         self._load: list[float] = []
         self._bin: list[float] = []
-        self._since_s = -np.inf
+        self._bin_start_s = -np.inf
 
     def add(self, t_s: NDArray[np.float64], load: NDArray[np.float64]) -> None:
-        """Take in `load` (n,) at `t_s` (n,); NaN is left out."""
-        for at, value in zip(t_s.tolist(), load.tolist(), strict=True):
+        """Add `load` (n,) at times `t_s` (n,); NaN is ignored."""
+        for time_s, value in zip(t_s.tolist(), load.tolist(), strict=True):
             if np.isnan(value):
                 continue
-            if at - self._since_s >= _BIN_S:
+            if time_s - self._bin_start_s >= _BIN_S:
                 self._close()
-                self._since_s = at
+                self._bin_start_s = time_s
             self._bin.append(value)
 
     def series(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """(n,) s and (n,) loads of the bins that are full."""
+        """Return times in s (n,) and mean loads (n,) of the complete bins."""
         return np.array(self._t_s), np.array(self._load)
 
     def _close(self) -> None:
         if self._bin:
-            self._t_s.append(self._since_s)
+            self._t_s.append(self._bin_start_s)
             self._load.append(sum(self._bin) / len(self._bin))
             self._bin = []

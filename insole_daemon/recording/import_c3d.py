@@ -1,8 +1,8 @@
-"""Force plates of a C3D file of motion capture, as the reference of a recording.
+"""Import force plates from a C3D file of motion capture as the reference of a recording.
 
-Plates of type 2 (six channels) are read: f_z and the moments that the ground exerts on the foot, about the centre of
-the plate's surface, x as the plate's, z up. Where the insole lies on the plate, and where it points, is not in the
-file: `origin_m` and `heading_deg` say so.
+Reads plates of type 2 (six channels): f_z and the moments of the ground's action on the foot about the centre of the
+plate's surface, x as the plate's, z up. The file does not contain the insole's position and heading on the plate; they
+are given by `origin_m` and `heading_deg`.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from ..files import unreadable
 from .lab import need
 from .reference import TIME
 
-LEAST_FORCE_N = 20.0  # that a plate bears when somebody is on it
-SWING_S = 0.3  # a foot is in the air for longer before and after each contact
+LEAST_FORCE_N = 20.0  # least force of a contact on a plate
+SWING_S = 0.3  # kept before and after each contact; the foot is in the air for longer
 _SIX_CHANNELS = 2  # C3D's type of a plate with Fx Fy Fz Mx My Mz
 _MM = 1e-3
 _TO_NM = {"n*m": 1.0, "nm": 1.0, "n.m": 1.0, "nmm": _MM, "n*mm": _MM, "n.mm": _MM, "": _MM}
@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ForcePlate:
-    """What a plate measured, n readings: the ground's action on the foot, z up."""
+    """The n readings of a plate: the ground's action on the foot, z up."""
 
     time_s: Array  # (n,) since the first frame
     f_z_n: Array  # (n,)
@@ -39,10 +39,10 @@ class ForcePlate:
     m_y_nm: Array
 
     def columns(self, origin_m: tuple[float, float] = (0.0, 0.0), heading_deg: float = 0.0) -> dict[str, Array]:
-        """Columns of a reference.csv, in the frame of an insole on the plate.
+        """Return the columns of a reference.csv, in the frame of an insole on the plate.
 
-        `origin_m`: where the insole's origin lies from the plate's centre, along the plate's x and to the left of it;
-        `heading_deg`: where its toes point, counter-clockwise from the plate's x, seen from above.
+        `origin_m`: the insole's origin from the plate's centre, along the plate's x and to the left of it;
+        `heading_deg`: the direction of the toes, counter-clockwise from the plate's x, seen from above.
         """
         x_m, y_m = origin_m
         along, across = np.cos(np.radians(heading_deg)), np.sin(np.radians(heading_deg))
@@ -55,7 +55,7 @@ class ForcePlate:
         }
 
     def contact_columns(self, origin_m: tuple[float, float], heading_deg: float) -> dict[str, Array]:
-        """The same of contacts and of the swing around each: at other times the foot may stand beside the plate."""
+        """Return `columns` for contacts and the swing around each; at other times the foot may be beside the plate."""
         contact_s = self.time_s[self.f_z_n >= LEAST_FORCE_N]
         after = np.searchsorted(contact_s, self.time_s)
         padded_s = np.concatenate([[-np.inf], contact_s, [np.inf]])
@@ -64,47 +64,47 @@ class ForcePlate:
 
 
 def read_force_plates(source: Path) -> list[ForcePlate]:
-    """The plates of the file `source`; FileError where it is no C3D file or has none of type 2."""
+    """Read the plates of `source`; FileError if it is no C3D file or has no plate of type 2."""
     c3d = need("c3d", "c3d", "importing C3D")
     try:
         with open(source, "rb") as file, warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # c3d's, of blocks that other writers add at the end
+            warnings.simplefilter("ignore")  # c3d warns about blocks that other writers append
             reader = c3d.Reader(file)
             analog = np.concatenate([values for _, _, values in reader.read_frames()], axis=1).astype(np.float64)
             rate_hz = float(reader.analog_rate)
-            kinds = reader.get("FORCE_PLATFORM:TYPE")  # of one plate, some writers have no array
+            kinds = reader.get("FORCE_PLATFORM:TYPE")  # for one plate some writers store a scalar
             types = kinds.int16_array.ravel() if kinds.dimensions else np.array([kinds.int16_value])
             channels = reader.get("FORCE_PLATFORM:CHANNEL").int16_array.reshape(len(types), -1)
             origins = reader.get("FORCE_PLATFORM:ORIGIN").float_array.reshape(len(types), -1)
-            words = _words(reader.get("ANALOG:UNITS"))
-            to_m = 1.0 if _words(reader.get("POINT:UNITS"))[:1] == ["m"] else _MM
+            analog_units = _lowercase_words(reader.get("ANALOG:UNITS"))
+            to_m = 1.0 if _lowercase_words(reader.get("POINT:UNITS"))[:1] == ["m"] else _MM
     except OSError as error:
         raise FileError(f"{source}: {unreadable(error)}") from error
-    except Exception as error:  # it raises what its parser stumbles over
+    except Exception as error:  # c3d raises exceptions of many types
         what = f"{type(error).__name__}: {error}"
         raise FileError(
             f"{source}: expected a C3D file with force plates, found one that cannot be read: {what}"
         ) from error
     plates = []
-    for kind, own, origin in zip(types.tolist(), channels, origins, strict=True):
+    for kind, plate_channels, origin in zip(types.tolist(), channels, origins, strict=True):
         if kind != _SIX_CHANNELS:
             continue
-        rows = own[:6].astype(int) - 1
-        unit = words[rows[3]] if len(words) > rows[3] else ""
+        rows = plate_channels[:6].astype(int) - 1
+        unit = analog_units[rows[3]] if len(analog_units) > rows[3] else ""
         if unit not in _TO_NM:
             raise FileError(f"{source}: ANALOG:UNITS: expected moments in Nmm or Nm, found {unit!r}")
-        # What the foot does to the plate, whose z points down. Its surface is above: files that say the opposite mean
-        # the way back.
+        # The file holds the foot's action on the plate, z down, so its surface has a negative z. A file whose origin
+        # has a positive z gives the opposite vector.
         f_x, f_y, f_z = analog[rows[:3]]
         m_x, m_y = analog[rows[3:5]] * _TO_NM[unit]
         x_m, y_m, z_m = origin * to_m * (-1.0 if origin[2] > 0 else 1.0)
         to_centre_x, to_centre_y = y_m * f_z - z_m * f_y, z_m * f_x - x_m * f_z
         plates.append(ForcePlate(np.arange(analog.shape[1]) / rate_hz, f_z, -(m_x - to_centre_x), m_y - to_centre_y))
     if not plates:
-        found = ", ".join(map(str, types.tolist())) or "no plate"
-        raise FileError(f"{source}: expected a force plate of type 2 (six channels), found types: {found}")
+        listed_types = ", ".join(map(str, types.tolist())) or "no plate"
+        raise FileError(f"{source}: expected a force plate of type 2 (six channels), found types: {listed_types}")
     return plates
 
 
-def _words(parameter: Any) -> list[str]:
+def _lowercase_words(parameter: Any) -> list[str]:
     return [str(word).strip().lower() for word in np.ravel(parameter.string_array)] if parameter is not None else []

@@ -1,4 +1,4 @@
-"""CAN logs of other programs into a recording: candump byte for byte, everything else through python-can."""
+"""Import CAN logs of other programs: candump byte for byte, all other formats through python-can."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from .copies import InsoleContents
 from .document import RecordedBoard
 from .writer import write
 
-SUFFIXES = (".asc", ".blf", ".trc", ".csv", ".db", ".mf4", ".mdf")  # of what python-can reads, beside candump
-_AT_ONCE = 1 << 16
+SUFFIXES = (".asc", ".blf", ".trc", ".csv", ".db", ".mf4", ".mdf")  # formats of python-can other than candump
+_BATCH_FRAMES = 1 << 16
 
 
 def import_candump(source: Path, out: Path, insoles: Sequence[InsoleContents] | None) -> Path:
-    """Write the recording `out` with a copy of a candump log; LogError where it is none."""
+    """Write the recording `out` with a copy of a candump log; LogError if it is not one."""
     with CandumpReader(source) as reader:
-        seen = _seen(reader.pieces())
+        seen = _board_addresses(reader.pieces())
     chosen = list(insoles) if insoles is not None else unknown_insoles(source, seen)
     return write(out, kind="free", can_origin="recorded", insoles=chosen, log=source, source=source.name)
 
@@ -34,46 +34,49 @@ def import_candump(source: Path, out: Path, insoles: Sequence[InsoleContents] | 
 def import_can(
     source: Path, out: Path, insoles: Sequence[InsoleContents] | None, progress: Callable[[float], None]
 ) -> Path:
-    """Write the recording `out` of a log that python-can reads; FileError where it cannot."""
+    """Write the recording `out` from a log in a format of python-can; FileError if python-can cannot read it."""
     names: list[str] = []
-    batches = list(_batches(source, names, progress))
+    batches = list(_read_batches(source, names, progress))
     if not batches:
         raise FileError(f"{source}: expected a CAN log, found no frame in it")
-    chosen = list(insoles) if insoles is not None else unknown_insoles(source, _seen(batches))
+    chosen = list(insoles) if insoles is not None else unknown_insoles(source, _board_addresses(batches))
     return write(
         out, kind="free", can_origin="recorded", insoles=chosen, frames=batches, interfaces=names, source=source.name
     )
 
 
-def unknown_insoles(source: Path, seen: set[int]) -> list[InsoleContents]:
-    """The insoles of the built-in configuration whose boards are among the addresses `seen`; settings not known."""
-    found = []
+def unknown_insoles(source: Path, addresses: set[int]) -> list[InsoleContents]:
+    """Return the built-in configuration's insoles that have a board in `addresses`, with settings unknown.
+
+    Raises FileError if a board is not in that configuration.
+    """
+    insoles = []
     for insole in Config().insoles:
-        if seen & set(insole.addresses):
+        if addresses & set(insole.addresses):
             front, middle, rear = insole.addresses
             boards = [RecordedBoard(address=address) for address in insole.addresses]
-            found.append(InsoleContents(insole.foot, boards, layouts.builtin(insole.foot, (front, middle, rear))))
-    strangers = seen - {address for each in Config().insoles for address in each.addresses}
-    if strangers or not found:
-        what = f"boards {', '.join(map(str, sorted(strangers)))}" if strangers else "no skin frames"
+            insoles.append(InsoleContents(insole.foot, boards, layouts.builtin(insole.foot, (front, middle, rear))))
+    unknown_addresses = addresses - {address for configured in Config().insoles for address in configured.addresses}
+    if unknown_addresses or not insoles:
+        what = f"boards {', '.join(map(str, sorted(unknown_addresses)))}" if unknown_addresses else "no skin frames"
         raise FileError(
             f"{source}: expected frames of the boards 5 to 10 of the built-in configuration, found {what}: "
             "name the configuration it was recorded with, --config config.yaml"
         )
-    return found
+    return insoles
 
 
-def _seen(batches: Iterable[FrameBatch]) -> set[int]:
-    """Addresses of the boards that sent halves."""
-    seen: set[int] = set()
+def _board_addresses(batches: Iterable[FrameBatch]) -> set[int]:
+    """Return the addresses of the boards that sent halves."""
+    addresses: set[int] = set()
     for batch in batches:
         skin = (batch.flags == 0) & np.isin(batch.can_id >> 8, (CLASS_SKIN, CLASS_LEGACY_SKIN)) & (batch.dlc == 8)
-        seen |= set((batch.can_id[skin] >> 4 & 0xF).tolist())
-    return seen
+        addresses |= set((batch.can_id[skin] >> 4 & 0xF).tolist())
+    return addresses
 
 
-def _batches(source: Path, names: list[str], progress: Callable[[float], None]) -> Iterator[FrameBatch]:
-    """The frames in portions; `names` fills up with the interfaces as they appear."""
+def _read_batches(source: Path, names: list[str], progress: Callable[[float], None]) -> Iterator[FrameBatch]:
+    """Yield the frames in batches; appends each new interface to `names`."""
     import can
 
     rows: list[Any] = []
@@ -81,23 +84,23 @@ def _batches(source: Path, names: list[str], progress: Callable[[float], None]) 
         with can.LogReader(source) as reader:
             for message in reader:
                 rows.append(message)
-                if len(rows) == _AT_ONCE:
-                    yield _batch(source, rows, names)
+                if len(rows) == _BATCH_FRAMES:
+                    yield _to_batch(source, rows, names)
                     rows = []
-                    progress(_share_read(reader))
+                    progress(_fraction_read(reader))
             if rows:
-                yield _batch(source, rows, names)
+                yield _to_batch(source, rows, names)
     except FileError:
         raise
-    except Exception as error:  # every format has errors of its own
+    except Exception as error:  # every format raises different errors
         raise FileError(
             f"{source}: expected a log that python-can reads ({', '.join(SUFFIXES)}, candump), found that it cannot: "
             f"{type(error).__name__}: {error}"
         ) from error
 
 
-def _share_read(reader: Any) -> float:
-    """How much of its file a reader of python-can has read, by the position in it; 0 where it does not say."""
+def _fraction_read(reader: Any) -> float:
+    """Return how much of its file python-can's reader has read, by the file position; 0 if it has no file."""
     try:
         descriptor = reader.file.fileno()
         return os.lseek(descriptor, 0, os.SEEK_CUR) / os.fstat(descriptor).st_size
@@ -105,13 +108,14 @@ def _share_read(reader: Any) -> float:
         return 0.0
 
 
-def _batch(source: Path, messages: Sequence[Any], names: list[str]) -> FrameBatch:
+def _to_batch(source: Path, messages: Sequence[Any], names: list[str]) -> FrameBatch:
+    """Convert python-can messages to frames; appends each new interface to `names`."""
     t_ns = np.array([round(message.timestamp * 1e6) for message in messages], np.int64) * 1000
     if (t_ns < 0).any():
         raise FileError(f"{source}: expected times from 1970 on, found {t_ns.min() / 1e9:.6f} s")
     interface = []
     for message in messages:
-        name = _name(message.channel)
+        name = _interface_name(message.channel)
         if name not in names:
             names.append(name)
         interface.append(names.index(name))
@@ -132,10 +136,10 @@ def _batch(source: Path, messages: Sequence[Any], names: list[str]) -> FrameBatc
         np.frombuffer(data, np.uint8).reshape(-1, 8),
         np.array(flags, np.uint8),
     )
-    return batch[batch.flags & FD == 0]  # the insole sends none, and a log of ours holds none
+    return batch[batch.flags & FD == 0]  # boards send no CAN FD, and can.log has no notation for it
 
 
-def _name(channel: Any) -> str:
+def _interface_name(channel: Any) -> str:
     if channel is None:
         return "can0"
     return f"can{channel}" if isinstance(channel, int) or str(channel).isdigit() else "".join(str(channel).split())

@@ -1,13 +1,13 @@
-"""A text export of another sensor, by a mapping file that names its columns: its steps, or a reference for ours.
+"""Import the text export of another sensor, as steps or as a reference; a mapping file names its columns.
 
     format: insole-table/1
     foot: left
-    separator: ";"                            # between columns; left out: a comma
-    decimal: ","                              # left out: a point
-    lines_before_names: 2                     # left out: 0
+    separator: ";"                            # between columns; default: a comma
+    decimal: ","                              # default: a point
+    lines_before_names: 2                     # default: 0
     time: {column: "Time [ms]", unit: ms}     # s | ms
     force: {column: "Fz", unit: N}            # N | kN
-    cop_x: {column: "COPx", unit: mm}         # m | mm | cm, from heel to toe; cop_y to the wearer's left; both optional
+    cop_x: {column: "COPx", unit: mm}         # m | mm | cm, from heel to toe; cop_y to the wearer's left; optional
     cop_y: {column: "COPy", unit: mm}
     pressure: {columns: ["S1", "S2"], unit: kPa, area_mm2: 60.0}   # Pa | kPa | N/cm2; optional: contact area
 
@@ -53,7 +53,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TimeColumn(Section):
-    """The column of the time."""
+    """Column of the time."""
 
     column: str
     unit: Literal["s", "ms"]
@@ -61,7 +61,7 @@ class TimeColumn(Section):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ForceColumn(Section):
-    """The column of the vertical force."""
+    """Column of the vertical force."""
 
     column: str
     unit: Literal["N", "kN"]
@@ -69,7 +69,7 @@ class ForceColumn(Section):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlaceColumn(Section):
-    """A column of the CoP."""
+    """Column of one coordinate of the CoP."""
 
     column: str
     unit: Literal["m", "cm", "mm"]
@@ -77,7 +77,7 @@ class PlaceColumn(Section):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PressureColumns(Section):
-    """The columns of the sensors, each of which stands for the same area."""
+    """Columns of the sensors, which all have the same area."""
 
     columns: Annotated[tuple[str, ...], at_least(1)]
     unit: Literal["Pa", "kPa", "N/cm2"]
@@ -86,7 +86,7 @@ class PressureColumns(Section):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TableMapping(Section):
-    """All of a mapping file."""
+    """Content of a mapping file."""
 
     foot: Foot
     separator: str = ","
@@ -101,46 +101,51 @@ class TableMapping(Section):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TextTable:
-    """n readings of another sensor of one foot, in SI units."""
+    """The n readings of another sensor of one foot, in SI units."""
 
     foot: Foot
     time_s: Array  # (n,) increasing
     f_z_n: Array  # (n,)
-    m_x_nm: Array  # (n,) by the CoP; NaN where the file has none
+    m_x_nm: Array  # (n,) from force and CoP; NaN without a CoP
     m_y_nm: Array
-    cop_x_m: Array  # (n,) NaN: not known
+    cop_x_m: Array  # (n,) NaN: unknown
     cop_y_m: Array
     pressure_pa: Array  # (n, sensors)
-    area_m2: float  # of a sensor; NaN without pressure
+    area_m2: float  # per sensor; NaN without pressure
 
 
 def read_table(source: Path, mapping: Path) -> TextTable:
-    """The text file `source`; FileError or DocumentError where it is not as `mapping` says."""
-    said = read(mapping, TableMapping, FORMAT)
-    table = _read(source, said)
+    """Read the text file `source`; FileError or DocumentError if it does not match the mapping file."""
+    table_mapping = read(mapping, TableMapping, FORMAT)
+    table = _read_columns(source, table_mapping)
 
     def column(named: TimeColumn | ForceColumn | PlaceColumn) -> Array:
         return table[named.column] * _TO_SI[named.unit]
 
-    t_s, f_z = column(said.time), column(said.force)
+    t_s, f_z = column(table_mapping.time), column(table_mapping.force)
     if len(t_s) < 2 or not np.all(np.diff(t_s) > 0):
-        raise FileError(f"{source}: {said.time.column}: expected times that increase, found {len(t_s)} that do not")
+        raise FileError(
+            f"{source}: {table_mapping.time.column}: expected times that increase, found {len(t_s)} that do not"
+        )
     nothing = np.full(len(t_s), np.nan)
-    cop_x = nothing if said.cop_x is None else column(said.cop_x)
-    cop_y = nothing if said.cop_y is None else column(said.cop_y)
+    cop_x = nothing if table_mapping.cop_x is None else column(table_mapping.cop_x)
+    cop_y = nothing if table_mapping.cop_y is None else column(table_mapping.cop_y)
     pressure, area_m2 = np.empty((len(t_s), 0)), np.nan
-    if said.pressure is not None:
-        pressure = np.stack([table[name] for name in said.pressure.columns], axis=1) * _TO_SI[said.pressure.unit]
-        area_m2 = said.pressure.area_mm2 * 1e-6
-    # Where nothing is borne, the CoP says nothing, and no moment is 0 all the same.
+    if table_mapping.pressure is not None:
+        pressure = (
+            np.stack([table[name] for name in table_mapping.pressure.columns], axis=1)
+            * _TO_SI[table_mapping.pressure.unit]
+        )
+        area_m2 = table_mapping.pressure.area_mm2 * 1e-6
+    # Without load the CoP is undefined, but the moments are 0.
     m_x, minus_m_y = (
         np.where(np.isfinite(cop), cop, 0.0 if np.isfinite(cop).any() else np.nan) * f_z for cop in (cop_y, cop_x)
     )
-    return TextTable(said.foot, t_s, f_z, m_x, -minus_m_y, cop_x, cop_y, pressure, area_m2)
+    return TextTable(table_mapping.foot, t_s, f_z, m_x, -minus_m_y, cop_x, cop_y, pressure, area_m2)
 
 
 def reference_of_table(source: Path, mapping: Path) -> tuple[Foot, dict[str, Array]]:
-    """The foot and the columns of a reference.csv; FileError where the file has no CoP: moments need one."""
+    """Return the foot and the columns of a reference.csv; FileError if the file has no CoP, which moments need."""
     table = read_table(source, mapping)
     columns = {TIME: table.time_s, "fz_n": table.f_z_n, "mx_nm": table.m_x_nm, "my_nm": table.m_y_nm}
     if not np.isfinite(table.m_x_nm + table.m_y_nm).any():
@@ -152,14 +157,14 @@ def reference_of_table(source: Path, mapping: Path) -> tuple[Foot, dict[str, Arr
 
 
 def steps_of_table(source: Path, mapping: Path) -> Steps:
-    """The steps in the text file `source`; FileError or DocumentError where it is not as `mapping` says."""
+    """Return the steps in the text file `source`; FileError or DocumentError if it does not match the mapping file."""
     table = read_table(source, mapping)
-    nothing = np.full(len(table.time_s), np.nan)
+    unknown = np.full(len(table.time_s), np.nan)
     valid = np.isfinite(table.pressure_pa)
-    touched = np.count_nonzero(table.pressure_pa >= Contact().min_pressure_pa, axis=1) * table.area_m2
+    contact_area_m2 = np.count_nonzero(table.pressure_pa >= Contact().min_pressure_pa, axis=1) * table.area_m2
     wrench = WrenchSeries(
-        table.f_z_n, table.m_x_nm, table.m_y_nm, table.cop_x_m, table.cop_y_m, nothing, nothing, nothing, touched,
-        valid.mean(axis=1) if valid.shape[1] else nothing,
+        table.f_z_n, table.m_x_nm, table.m_y_nm, table.cop_x_m, table.cop_y_m, unknown, unknown, unknown,
+        contact_area_m2, valid.mean(axis=1) if valid.shape[1] else unknown,
     )  # fmt: skip
     regions = RegionMap((), np.full(valid.shape[1], -1, np.int8), ())
     course = FootCourse(
@@ -169,26 +174,30 @@ def steps_of_table(source: Path, mapping: Path) -> Steps:
     return find_steps([course], 0, [f"from {source.name}, which has only the {table.foot} foot"])
 
 
-def _read(source: Path, said: TableMapping) -> dict[str, Array]:
-    """The columns that the mapping names; an empty cell is NaN."""
-    wanted = [named.column for named in (said.time, said.force, said.cop_x, said.cop_y) if named is not None]
-    wanted += said.pressure.columns if said.pressure is not None else ()
+def _read_columns(source: Path, table_mapping: TableMapping) -> dict[str, Array]:
+    """Return the columns that the mapping names, in their own units; an empty cell is NaN."""
+    wanted = [
+        named.column
+        for named in (table_mapping.time, table_mapping.force, table_mapping.cop_x, table_mapping.cop_y)
+        if named is not None
+    ]
+    wanted += table_mapping.pressure.columns if table_mapping.pressure is not None else ()
     try:
-        lines = source.read_text(encoding="utf-8-sig").splitlines()[said.lines_before_names :]
+        lines = source.read_text(encoding="utf-8-sig").splitlines()[table_mapping.lines_before_names :]
     except OSError as error:
         raise FileError(f"{source}: {unreadable(error)}") from error
     except UnicodeDecodeError as error:
         raise FileError(f"{source}: expected text (UTF-8), found other bytes from byte {error.start} on") from error
-    rows = list(csv.reader(lines, delimiter=said.separator))
+    rows = list(csv.reader(lines, delimiter=table_mapping.separator))
     names = [name.strip() for name in rows[0]] if rows else []
     missing = [name for name in wanted if name not in names]
     if missing:
         raise FileError(f"{source}: expected the columns {', '.join(missing)}, found {', '.join(names) or 'none'}")
     columns: dict[str, Array] = {}
     for name in wanted:
-        at, values = names.index(name), []
-        for number, row in enumerate(rows[1:], said.lines_before_names + 2):
-            cell = row[at].strip().replace(said.decimal, ".") if at < len(row) else ""
+        index, values = names.index(name), []
+        for number, row in enumerate(rows[1:], table_mapping.lines_before_names + 2):
+            cell = row[index].strip().replace(table_mapping.decimal, ".") if index < len(row) else ""
             try:
                 values.append(float(cell) if cell else np.nan)
             except ValueError as error:

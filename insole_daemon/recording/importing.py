@@ -1,4 +1,4 @@
-"""Which importer a file is for: by its name and how it begins."""
+"""Choose the importer of a file by its name and first bytes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .import_matlab import import_matlab
 from .import_mcap import import_mcap
 from .import_yarp import import_yarp
 
-HEAD_BYTES = 64  # by which formats are told apart
+HEAD_BYTES = 64  # read to recognise the format
 
 
 def import_recording(
@@ -27,20 +27,20 @@ def import_recording(
     insoles: Sequence[InsoleContents] | None,
     progress: Callable[[float], None] = lambda share: None,
 ) -> Path:
-    """Write the recording `out` of whatever `source` is; FileError where it is nothing known.
+    """Write the recording `out` from a file in any supported format; FileError if the format is unknown.
 
-    `foot` and `layout` are those of tables of counts, `insoles` of CAN logs. `progress` is told the share that is read
-    of a log that python-can reads: nothing else takes long.
+    `foot` and `layout` apply to tables of counts, `insoles` to CAN logs. `progress` is called with the fraction read,
+    only for logs that python-can reads: the other formats are fast.
     """
     if not source.exists():
-        raise FileError(f"{source}: is not there: expected a file to import; check the path")
-    suffix, head = source.suffix.lower(), _head(source)
+        raise FileError(f"{source}: does not exist: expected a file to import; check the path")
+    suffix, head = source.suffix.lower(), _read_head(source)
     if suffix == ".mcap":
         return import_mcap(source, out)
     if suffix == ".csv" and not head.startswith(b"timestamp,arbitration_id"):
-        return import_bench(source, out, _of(foot, source), layout)
+        return import_bench(source, out, _require_foot(foot, source), layout)
     if suffix == ".mat":
-        return import_matlab(source, out, _of(foot, source), layout)
+        return import_matlab(source, out, _require_foot(foot, source), layout)
     if suffix in SUFFIXES or (suffix == ".gz" and Path(source.stem).suffix.lower() in SUFFIXES):
         return import_can(source, out, insoles, progress)
     if source.is_dir() or head[:1].isdigit():
@@ -48,11 +48,12 @@ def import_recording(
     return import_candump(source, out, insoles)
 
 
-def _head(source: Path) -> bytes:
+def _read_head(source: Path) -> bytes:
+    """Return the first bytes of a file; empty for a folder."""
     if source.is_dir():
         return b""
     try:
-        # Without a buffer, whose loop of reads no signal ends once it has begun: a pipe may give little at a time.
+        # Unbuffered: a buffered read of a slow pipe loops inside C, where no signal interrupts it.
         with open(source, "rb", buffering=0) as file:
             head = b""
             while len(head) < HEAD_BYTES and (more := file.read(HEAD_BYTES - len(head))):
@@ -62,7 +63,7 @@ def _head(source: Path) -> bytes:
         raise FileError(f"{source}: {unreadable(error)}") from error
 
 
-def _of(foot: Foot | None, source: Path) -> Foot:
+def _require_foot(foot: Foot | None, source: Path) -> Foot:
     if foot is None:
-        raise FileError(f"{source}: does not say whose insole it is: say --foot left or --foot right")
+        raise FileError(f"{source}: does not state the foot: give --foot left or --foot right")
     return foot

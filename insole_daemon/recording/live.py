@@ -1,8 +1,8 @@
-"""A recording while it grows: nothing that was received is lost by a kill, and little by a power cut.
+"""Write a recording while it grows, so that a kill loses nothing and a power cut loses little.
 
-Every portion is handed to the kernel the moment it comes, so a killed recorder leaves all of it; twice a second a
-thread makes it durable, so that the loop that reads never waits for a disk. The folder is whole from its first
-second: recording.yaml is there before the first frame, and says `kind: free` until a reference has come.
+Every portion goes to the kernel as soon as it arrives, so a killed recorder leaves all of it on disk. A thread syncs
+the files to the disk twice a second, so the loop that reads frames never waits for the disk. The folder can be loaded
+from its first second: recording.yaml is written before the first frame and says `kind: free` until a reference arrives.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from ..bus.frames import FrameBatch
 from ..config import Foot
 from ..errors import FileError
 from ..files import write_text
-from . import counts as counted
-from .appending import AppendedLines
+from . import counts as counts_file
+from .appended_lines import AppendedLines
 from .copies import InsoleContents, write_insoles
 from .counts import GrowingCounts
 from .document import FILE, Clock, Kind, dump
@@ -41,40 +41,40 @@ class _OpenFile(Protocol):
     def close(self) -> None: ...
 
 
-class Durable:
-    """Makes files durable in a thread of its own, and does there whatever else must wait for a disk."""
+class SyncThread:
+    """Sync files to the disk in a thread, and run tasks that must wait for the disk in it."""
 
     def __init__(self) -> None:
-        """Begin."""
+        """Start the thread."""
         self._files: list[_OpenFile] = []
         self._tasks: queue.SimpleQueue[Callable[[], object]] = queue.SimpleQueue()
         self._stop = threading.Event()
-        self._failed: Exception | None = None
+        self._failure: Exception | None = None
         self._thread = threading.Thread(target=self._run, name="durable", daemon=True)
         self._thread.start()
 
-    def do(self, task: Callable[[], object]) -> None:
-        """Do `task` within half a second, after all that was asked for before; returns at once."""
+    def schedule(self, task: Callable[[], object]) -> None:
+        """Run `task` within half a second, after all earlier tasks; return at once."""
         self._tasks.put(task)
 
     def watch(self, file: _OpenFile) -> None:
-        """Make what is written to `file` durable from now on."""
-        self.do(partial(self._files.append, file))
+        """Sync what is written to `file` from now on."""
+        self.schedule(partial(self._files.append, file))
 
     def retire(self, file: _OpenFile) -> None:
-        """Close `file` once it is durable."""
-        self.do(partial(self._retire, file))
+        """Close `file` after a last sync."""
+        self.schedule(partial(self._retire, file))
 
-    def check(self) -> None:
-        """Raise what has failed since: OSError where it was the disk."""
-        if self._failed is not None:
-            raise self._failed
+    def raise_failure(self) -> None:
+        """Raise the first error since the start: OSError if the disk failed."""
+        if self._failure is not None:
+            raise self._failure
 
     def close(self) -> None:
-        """Finish everything; raises what has failed."""
+        """Finish all tasks and the thread, and raise the first error."""
         self._stop.set()
         self._thread.join()
-        self.check()
+        self.raise_failure()
 
     def _run(self) -> None:
         stopping = False
@@ -88,8 +88,8 @@ class Durable:
     def _attempt(self, task: Callable[[], object]) -> None:
         try:
             task()
-        except Exception as error:  # told by check(), in the thread that can say it
-            self._failed = self._failed or error
+        except Exception as error:  # raise_failure() raises it in the caller's thread
+            self._failure = self._failure or error
 
     def _retire(self, file: _OpenFile) -> None:
         self._files.remove(file)
@@ -102,8 +102,8 @@ def _sync(file: _OpenFile) -> None:
 
 
 @dataclass(slots=True)
-class _Part:
-    """One folder and its open files."""
+class _OpenFolder:
+    """The folder being written and its open files."""
 
     folder: Path
     document: dict[str, Any]
@@ -113,22 +113,24 @@ class _Part:
     references: dict[str, AppendedLines] = field(default_factory=dict)
 
     def size(self) -> int:
-        return (self.log.tell() if self.log else 0) + sum(each.size for each in self.counts.values())
+        """Return the bytes of readings written so far."""
+        return (self.log.tell() if self.log else 0) + sum(growing.size for growing in self.counts.values())
 
     def files(self) -> list[_OpenFile]:
+        """Return every open file."""
         logs: list[_OpenFile] = [self.log] if self.log else []
         return [*logs, *self.counts.values(), *self.references.values()]
 
-    def writing_document(self) -> Callable[[], None]:
-        """What writes recording.yaml as it is to be now, in whichever thread."""
+    def document_writer(self) -> Callable[[], None]:
+        """Return a function that writes recording.yaml as it is now, for use in any thread."""
         return partial(write_text, self.folder / FILE, dump(self.document))
 
 
 class LiveRecorder:
-    """Writes the folder `out`, and out-2, out-3 … once one has `rotate_bytes` of readings.
+    """Write the folder `out`, and continue in out-2, out-3 … whenever a folder holds `rotate_bytes` of readings.
 
-    With `interfaces` it takes frames, without them cycles. Every folder is a recording that stands alone.
-    Raises FileError where a folder is already there or the disk fails.
+    With `interfaces` it records frames, without them cycles. Every folder is a complete recording. Raises FileError if
+    a folder already exists or the disk fails.
     """
 
     def __init__(
@@ -140,58 +142,58 @@ class LiveRecorder:
         interfaces: Sequence[str] | None,
         rotate_bytes: int | None = None,
     ) -> None:
-        """Create the first folder; `references` is how many instruments may talk."""
+        """Create the first folder; `references` is the number of reference instruments that may send readings."""
         self._out, self._kind, self._insoles, self._references = out, kind, tuple(insoles), references
         self._interfaces, self._rotate_bytes = interfaces, rotate_bytes
         self._finished_bytes = 0
         self.folders: list[Path] = []
         refuse_existing(out)
-        self._durable = Durable()
-        self._next: queue.SimpleQueue[_Part] = queue.SimpleQueue()
-        self._part = self._guarded(self._new_part)
-        self._preparing = False
+        self._sync_thread = SyncThread()
+        self._prepared: queue.SimpleQueue[_OpenFolder] = queue.SimpleQueue()
+        self._current = self._with_disk_errors(self._create_folder)
+        self._is_preparing = False
 
     @property
     def size(self) -> int:
-        """Bytes of readings so far, in all folders."""
-        return self._finished_bytes + self._part.size()
+        """Return the bytes of readings so far, in all folders."""
+        return self._finished_bytes + self._current.size()
 
     @property
     def folder(self) -> Path:
-        """The folder that is written now."""
-        return self._part.folder
+        """Return the folder that is being written."""
+        return self._current.folder
 
     @property
     def insoles(self) -> tuple[InsoleContents, ...]:
-        """The insoles that are recorded."""
+        """Return the insoles that are recorded."""
         return self._insoles
 
     @property
     def feet(self) -> frozenset[Foot]:
-        """The feet that are recorded."""
+        """Return the feet that are recorded."""
         return frozenset(insole.foot for insole in self._insoles)
 
     def write_frames(self, batch: FrameBatch) -> None:
         """Append frames to the log."""
-        if len(batch) and self._part.candump is not None:
-            self._guarded(partial(self._part.candump.write, batch))
+        if len(batch) and self._current.candump is not None:
+            self._with_disk_errors(partial(self._current.candump.write, batch))
             self._rotate_if_full()
 
     def note_dropped(self, count: int) -> None:
-        """Write into the log that the kernel dropped `count` frames here."""
-        if self._part.candump is not None:
-            self._guarded(partial(self._part.candump.note_dropped, count))
+        """Note in the log that the kernel dropped `count` frames at this point."""
+        if self._current.candump is not None:
+            self._with_disk_errors(partial(self._current.candump.note_dropped, count))
 
     def note(self, name: str, value: Any) -> None:
-        """Say `value` under the `extensions` of the recording.yaml that is written now."""
-        extensions = self._part.document.setdefault("extensions", {})
+        """Set `name` to `value` under `extensions` of the current recording.yaml."""
+        extensions = self._current.document.setdefault("extensions", {})
         if extensions.get(name) != value:
             extensions[name] = value
-            self._durable.do(self._part.writing_document())
+            self._sync_thread.schedule(self._current.document_writer())
 
     def write_cycle(self, foot: Foot, cycle: Mapping[str, Any]) -> None:
-        """Append one cycle; the keys are those of counts.cycle_type."""
-        growing = self._part.counts[foot]
+        """Append one cycle with the keys of counts.cycle_type; FileError if its number of triangles has changed."""
+        growing = self._current.counts[foot]
         if cycle["counts"].shape != growing.dtype["counts"].shape:
             raise FileError(
                 f"{self.folders[-1]}: expected cycles of {growing.dtype['counts'].shape[0]} triangles, found "
@@ -200,104 +202,109 @@ class LiveRecorder:
         record = np.zeros(1, growing.dtype)
         for name in growing.dtype.names or ():
             record[name][0] = cycle[name]
-        self._guarded(partial(growing.append, record))
+        self._with_disk_errors(partial(growing.append, record))
         self._rotate_if_full()
 
     def write_reference(self, foot: Foot, clock: Clock, header: str, rows: str) -> None:
-        """Append whole lines to the reference of `foot`; clock and header are the same every time."""
-        file = self._part.references.get(foot)
+        """Append whole lines to the reference of `foot`; `clock` and `header` must be the same at every call."""
+        file = self._current.references.get(foot)
         if file is None:
-            file = self._guarded(partial(self._begin_reference, foot, clock, header))
-        self._guarded(partial(file.write, rows.encode()))
+            file = self._with_disk_errors(partial(self._create_reference, foot, clock, header))
+        self._with_disk_errors(partial(file.write, rows.encode()))
 
     def mark(self, t_ns: int, text: str) -> None:
-        """Note a moment (CLOCK_REALTIME) and what a person says of it: `extensions.markers` of recording.yaml."""
-        markers = self._part.document.setdefault("extensions", {}).setdefault("markers", [])
+        """Add a marker with its time (CLOCK_REALTIME) and text to `extensions.markers` of recording.yaml."""
+        markers = self._current.document.setdefault("extensions", {}).setdefault("markers", [])
         markers.append({"t_ns": t_ns, "text": text})
-        self._durable.do(self._part.writing_document())
+        self._sync_thread.schedule(self._current.document_writer())
 
     def close(self) -> None:
-        """Finish every folder; raises FileError where the disk fails."""
-        self._retire(self._part)
-        self._guarded(self._durable.close)
-        if not self._next.empty():  # it was made and never used
-            unused = self._next.get()
+        """Finish every folder; FileError if the disk fails."""
+        self._retire(self._current)
+        self._with_disk_errors(self._sync_thread.close)
+        if not self._prepared.empty():  # prepared for a rotation that did not come
+            unused = self._prepared.get()
             for file in unused.files():
                 file.close()
             shutil.rmtree(unused.folder, ignore_errors=True)
             self.folders.remove(unused.folder)
 
-    def _new_part(self) -> _Part:
+    def _create_folder(self) -> _OpenFolder:
+        """Create the next folder with its files, and watch them."""
         folder = self._out
         number = len(self.folders)
-        while number and (folder in self.folders or folder.exists()):  # of an earlier recording: this one goes on
+        while number and (folder in self.folders or folder.exists()):  # skip folders of an earlier recording
             number += 1
             folder = self._out.with_name(f"{self._out.name}-{number}")
         self.folders.append(folder)
         unfinished = folder.absolute().with_name(f".{folder.name}.{os.getpid()}")
         try:
-            part = self._unfinished_part(unfinished)
-            os.rename(unfinished, folder)  # a kill leaves a whole folder of this name, or none
+            created = self._create_contents(unfinished)
+            os.rename(unfinished, folder)  # after a kill the folder is complete or absent
         except BaseException:
             shutil.rmtree(unfinished, ignore_errors=True)
             raise
-        part.folder = folder
-        for file in part.files():
-            self._durable.watch(file)
-        return part
+        created.folder = folder
+        for file in created.files():
+            self._sync_thread.watch(file)
+        return created
 
-    def _unfinished_part(self, folder: Path) -> _Part:
+    def _create_contents(self, folder: Path) -> _OpenFolder:
+        """Create an empty but complete recording in `folder`."""
         folder.mkdir(parents=True)
-        said, invented = write_insoles(folder, self._insoles)
-        part = _Part(folder, {"kind": "free"})
+        entries, invented = write_insoles(folder, self._insoles)
+        created = _OpenFolder(folder, {"kind": "free"})
         if self._interfaces is not None:
-            part.document["can"] = "can.log"
-            part.log = AppendedLines(folder / "can.log")
-            part.candump = CandumpWriter(cast(BinaryIO, part.log), self._interfaces)
+            created.document["can"] = "can.log"
+            created.log = AppendedLines(folder / "can.log")
+            created.candump = CandumpWriter(cast(BinaryIO, created.log), self._interfaces)
         else:
-            part.document["counts"] = "counts"
+            created.document["counts"] = "counts"
             (folder / "counts").mkdir()
             for insole in self._insoles:
-                part.counts[insole.foot] = GrowingCounts(folder / "counts" / f"{insole.foot}.npy", len(insole.layout))
-        part.document |= {"can_origin": "recorded", "invented": invented or None, "insoles": said}
-        part.writing_document()()
-        return part
+                created.counts[insole.foot] = GrowingCounts(
+                    folder / "counts" / f"{insole.foot}.npy", len(insole.layout)
+                )
+        created.document |= {"can_origin": "recorded", "invented": invented or None, "insoles": entries}
+        created.document_writer()()
+        return created
 
-    def _begin_reference(self, foot: Foot, clock: Clock, header: str) -> AppendedLines:
-        part = self._part
+    def _create_reference(self, foot: Foot, clock: Clock, header: str) -> AppendedLines:
+        """Create the reference file of `foot` and name it in recording.yaml."""
+        current = self._current
         name = f"{foot}-reference.csv" if self._references > 1 else "reference.csv"
-        file = AppendedLines(part.folder / name)
+        file = AppendedLines(current.folder / name)
         file.write(header.encode())
-        part.references[foot] = file
-        part.document["kind"] = self._kind
+        current.references[foot] = file
+        current.document["kind"] = self._kind
         entry = {"foot": foot, "file": name, "clock": clock}
-        part.document["reference"] = [*part.document.get("reference", ()), entry]
-        self._durable.do(part.writing_document())
-        self._durable.watch(file)
+        current.document["reference"] = [*current.document.get("reference", ()), entry]
+        self._sync_thread.schedule(current.document_writer())
+        self._sync_thread.watch(file)
         return file
 
     def _rotate_if_full(self) -> None:
-        """Go on in the next folder once it is there: making it waits for the disk, which the readings must not."""
-        if self._rotate_bytes is None or self._part.size() < self._rotate_bytes:
+        """Switch to the next folder once it is prepared; the sync thread prepares it, since that waits for the disk."""
+        if self._rotate_bytes is None or self._current.size() < self._rotate_bytes:
             return
-        if not self._preparing:
-            self._preparing = True
-            self._durable.do(lambda: self._next.put(self._new_part()))
-        elif not self._next.empty():
-            full, self._part = self._part, self._next.get()
-            self._preparing = False
+        if not self._is_preparing:
+            self._is_preparing = True
+            self._sync_thread.schedule(lambda: self._prepared.put(self._create_folder()))
+        elif not self._prepared.empty():
+            full, self._current = self._current, self._prepared.get()
+            self._is_preparing = False
             self._retire(full)
 
-    def _retire(self, part: _Part) -> None:
-        self._finished_bytes += part.size()
-        for file in part.files():
-            self._durable.retire(file)
-        self._durable.do(partial(_pack, part))
+    def _retire(self, finished: _OpenFolder) -> None:
+        self._finished_bytes += finished.size()
+        for file in finished.files():
+            self._sync_thread.retire(file)
+        self._sync_thread.schedule(partial(_pack, finished))
 
-    def _guarded(self, write: Callable[[], T]) -> T:
-        """Do it; what the disk has to say becomes an FileError that names the folder."""
+    def _with_disk_errors(self, write: Callable[[], T]) -> T:
+        """Call `write`, and turn an OSError into a FileError that names the folder."""
         try:
-            self._durable.check()
+            self._sync_thread.raise_failure()
             return write()
         except OSError as error:
             folder = self.folders[-1] if self.folders else self._out
@@ -307,18 +314,18 @@ class LiveRecorder:
             ) from error
 
 
-def _pack(part: _Part) -> None:
-    """The cycles of a finished folder into counts.npz; a kill in between leaves one or the other, whole."""
-    if not part.counts:
+def _pack(finished: _OpenFolder) -> None:
+    """Pack the cycles of a finished folder into counts.npz; a kill leaves either the folder or the file intact."""
+    if not finished.counts:
         return
-    sizes = {foot: growing.dtype["counts"].shape[0] for foot, growing in part.counts.items()}
-    counted.write(part.folder / "counts.npz", counted.read(part.folder / "counts", sizes))
-    part.document["counts"] = "counts.npz"
-    part.writing_document()()
-    shutil.rmtree(part.folder / "counts")
+    sizes = {foot: growing.dtype["counts"].shape[0] for foot, growing in finished.counts.items()}
+    counts_file.write(finished.folder / "counts.npz", counts_file.read(finished.folder / "counts", sizes))
+    finished.document["counts"] = "counts.npz"
+    finished.document_writer()()
+    shutil.rmtree(finished.folder / "counts")
 
 
-def record_of(raw: Any) -> dict[str, NDArray[Any] | int | bool]:
-    """A cycle as LiveRecorder takes it, of a daemon's message of raw counts."""
+def cycle_record(message: Any) -> dict[str, NDArray[Any] | int | bool]:
+    """Return the cycle in a daemon's `raw` message, as LiveRecorder.write_cycle takes it."""
     names = ("t_ns", "seq", "counts", "status", "age_ms", "missing", "valid", "late", "repeated")
-    return {name: getattr(raw, name) for name in names}
+    return {name: getattr(message, name) for name in names}

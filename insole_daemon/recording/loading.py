@@ -1,4 +1,4 @@
-"""`insole_daemon.load(folder)`: a recording as arrays, read the way the daemon reads live."""
+"""Load a recording as arrays, read the same way as the daemon reads live: `insole_daemon.load(folder)`."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ from ..skin import layout as layouts
 from ..skin.cycles import Cycles
 from ..skin.layout import Layout
 from ..skin.validity import Validity
-from . import counts as counted
+from . import counts as counts_file
 from . import reference as references
 from . import views
-from .cycles import SAME_PERIOD, age_ns_of, read_log
+from .cycles import SAME_PERIOD, age_ns_from_ms, read_log
 from .document import (
     FILE,
     FORMAT,
@@ -42,7 +42,7 @@ from .document import (
     check,
 )
 from .estimate import estimate
-from .read_times import arrived, median_interval_ns, new_readings, overdue
+from .read_times import arrived, find_new_readings, find_overdue, median_interval_ns
 from .reference import Reference
 
 if TYPE_CHECKING:
@@ -56,91 +56,92 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class FootRecording:
-    """n cycles of one foot; triangles in the layout's order, thermal pads among the 12 taxels of each."""
+    """One foot in n cycles; triangles in the layout's order, with 12 taxels each including the thermal pads."""
 
     foot: Foot
     layout: Layout
-    boards: tuple[RecordedBoard, ...]  # a setting that is not known is None
+    boards: tuple[RecordedBoard, ...]  # unknown settings are None
     t_ns: NDArray[np.int64]  # (n,) receive time of the newest half, CLOCK_REALTIME; may step
     counts: NDArray[np.uint8]  # (n, n_triangles, 12)
-    valid: NDArray[np.bool_]  # (n, n_triangles, 12) may be read as pressure; with a calibration, only what it lists
-    status: NDArray[np.uint16]  # (n, n_triangles) status words; 0 where none were kept
-    age_ns: NDArray[np.int64]  # (n, n_triangles) of the older half; -1: never received; 0 where none were kept
+    valid: NDArray[np.bool_]  # (n, n_triangles, 12) usable as pressure; with a calibration only its taxels
+    status: NDArray[np.uint16]  # (n, n_triangles) status words; 0 if the recording has none
+    age_ns: NDArray[np.int64]  # (n, n_triangles) of the older half; -1: never received; 0 if the recording has none
     read_ns: NDArray[np.int64]  # (n, n_triangles) when the older half was received, on the clock of t_ns; -1: never
-    is_new: NDArray[np.bool_]  # (n, n_triangles) a reading that no cycle had before: neither late nor held by its board
-    missing: NDArray[np.bool_]  # (n, n_triangles) a reading was due, at the interval of its board, and did not come
-    late: NDArray[np.bool_]  # (n,) closed by time, with readings missing
-    repeated: NDArray[np.bool_]  # (n,) nothing had arrived since the cycle before
-    calibration: Calibration | None  # with the zero's baselines, where there is one
+    is_new: NDArray[np.bool_]  # (n, n_triangles) first cycle with this reading; no repetition by its board
+    missing: NDArray[np.bool_]  # (n, n_triangles) a reading was due by its board's interval and is missing
+    late: NDArray[np.bool_]  # (n,) closed by time with readings missing
+    repeated: NDArray[np.bool_]  # (n,) no half arrived since the previous cycle
+    calibration: Calibration | None  # with the baselines of `zero`, if there is one
     zero: Zero | None
-    pressure_pa: NDArray[np.float32] | None  # (n, n_triangles, 12) NaN: not in the calibration; None: no calibration
+    # (n, n_triangles, 12) NaN: taxel not in the calibration; None: no calibration
+    pressure_pa: NDArray[np.float32] | None
     wrench: WrenchSeries | None
     reference: Reference | None
 
     def __len__(self) -> int:
-        """How many cycles there are."""
+        """Return the number of cycles."""
         return len(self.t_ns)
 
     @property
     def behind_ns(self) -> NDArray[np.int64]:
-        """(n, n_triangles) how long before `t_ns` each reading was received; 0: never."""
-        behind: NDArray[np.int64] = np.where(self.read_ns < 0, 0, np.maximum(self.t_ns[:, None] - self.read_ns, 0))
-        return behind
+        """Return (n, n_triangles) how long before `t_ns` each reading was received; 0 if never."""
+        behind_ns: NDArray[np.int64] = np.where(self.read_ns < 0, 0, np.maximum(self.t_ns[:, None] - self.read_ns, 0))
+        return behind_ns
 
     def __repr__(self) -> str:
-        """Five lines at most."""
+        """Describe the foot in at most five lines."""
         return views.describe_foot(self)
 
     def to_dataframe(self) -> pd.DataFrame:
-        """A row a cycle, indexed by its time: the wrench, and the reference where its clock is that of the frames."""
-        return views.foot_dataframe(self)
+        """Return one row per cycle, indexed by time: the wrench, and a reference that is on the frames' clock."""
+        return views.foot_to_dataframe(self)
 
     def to_xarray(self) -> xr.Dataset:
-        """Everything by cycle, triangle and taxel, with units as attributes."""
-        return views.foot_dataset(self)
+        """Return all arrays by cycle, triangle and taxel, with units as attributes."""
+        return views.foot_to_dataset(self)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Recording:
-    """One trial."""
+    """One trial: its feet, and what is known about how they were recorded."""
 
     folder: Path
     kind: Kind
     can_origin: CanOrigin
-    invented: tuple[str, ...]  # what of it nobody measured
+    invented: tuple[str, ...]  # a sentence per item that was not measured
     feet: tuple[FootRecording, ...]
-    warnings: tuple[str, ...]  # a sentence for each thing that is not as it should be
-    log: Path | None  # the frames; None where none were kept
+    warnings: tuple[str, ...]  # a sentence per irregularity
+    log: Path | None  # the CAN log; None if the recording has counts only
 
     def __getitem__(self, foot: str) -> FootRecording:
-        """The recording of the "left" or the "right" foot."""
-        for each in self.feet:
-            if each.foot == foot:
-                return each
-        known = " and ".join(each.foot for each in self.feet)
+        """Return the recording of the "left" or "right" foot; InsoleError if that foot is not recorded."""
+        for recording in self.feet:
+            if recording.foot == foot:
+                return recording
+        known = " and ".join(recording.foot for recording in self.feet)
         raise InsoleError(f"{self.folder}: expected one of the recorded feet ({known}), found {foot!r}")
 
     def __repr__(self) -> str:
-        """Five lines at most."""
+        """Describe the recording in at most five lines."""
         return views.describe(self)
 
     @cached_property
     def steps(self) -> Steps:
-        """The steps of both feet: a table with a label a row; see docs/gait.md."""
+        """Return the steps of both feet, a table with one labelled row per step; see docs/gait.md."""
         return views.steps_of_recording(self)
 
     def to_dataframe(self) -> pd.DataFrame:
-        """The cycles of both feet, each named by a column `foot`, in order of time."""
-        return views.dataframe(self)
+        """Return the cycles of both feet in order of time, with the foot in a column `foot`."""
+        return views.to_dataframe(self)
 
     def to_xarray(self) -> dict[str, xr.Dataset]:
-        """A dataset a foot: feet have cycles and triangles of their own."""
+        """Return one dataset per foot, since the feet have different cycles and triangles."""
         return {foot.foot: foot.to_xarray() for foot in self.feet}
 
 
 @dataclass(slots=True)
-class _Parts:
-    """What was read of one insole before its cycles are."""
+class _InsoleFiles:
+    """The contents of one insole's files, before its cycles are read."""
 
     insole: RecordedInsole
     layout: Layout
@@ -150,40 +151,41 @@ class _Parts:
 
 
 def load(folder: str | os.PathLike[str], progress: Callable[[float], None] = lambda share: None) -> Recording:
-    """The recording in `folder`; RecordingError lists all that is wrong with its files, at once.
+    """Load the recording in `folder`; RecordingError lists all problems of its files together.
 
-    `progress` is told the share of the log that has been read.
+    `progress` is called with the fraction of the log that has been read.
     """
-    return _Loading(Path(folder), progress).recording()
+    return _Loader(Path(folder), progress).recording()
 
 
-class _Loading:
-    """One folder while it is read: goes on after what is wrong, to say everything that is."""
+class _Loader:
+    """Reads one folder, and continues after an error in order to report all of them."""
 
     def __init__(self, folder: Path, progress: Callable[[float], None]) -> None:
         self._folder = folder
         self._progress = progress
         self._errors: list[InsoleError] = []
         self._warnings: list[str] = []
-        self._parts: list[_Parts] = []
+        self._insoles: list[_InsoleFiles] = []
         self._log: Path | None = None
 
     def recording(self) -> Recording:
+        """Return the recording; RecordingError with all problems."""
         path = self._folder / FILE
         if not self._folder.is_dir():
             what = "is a file" if self._folder.exists() else "does not exist"
             self._refuse(f"expected the folder of a recording, found that it {what}")
         if not path.exists():
-            there = ", ".join(sorted(each.name for each in self._folder.iterdir())[:10]) or "nothing"
-            self._refuse(f"expected the folder of a recording, which has a {FILE}, found {there}")
-        document = self._tried(partial(read_document, path, Document, FORMAT, self._check))
+            content = ", ".join(sorted(entry.name for entry in self._folder.iterdir())[:10]) or "nothing"
+            self._refuse(f"expected the folder of a recording, which has a {FILE}, found {content}")
+        document = self._collect_errors(partial(read_document, path, Document, FORMAT, self._check))
         if document is None:
-            self._judge_log(self._log)
+            self._check_log(self._log)
             raise RecordingError(self._errors)
-        cycles = self._cycles(document)
+        cycles = self._read_cycles(document)
         if self._errors:
             raise RecordingError(self._errors)
-        self._warn_of_unnamed(document)
+        self._warn_about_unnamed_files(document)
         return Recording(
             self._folder, document.kind, document.can_origin, document.invented, tuple(cycles), tuple(self._warnings),
             document.can,
@@ -193,7 +195,7 @@ class _Loading:
         raise RecordingError([DocumentError(str(self._folder), [Problem(None, "", message)])])
 
     def _check(self, reading: Reading) -> None:
-        """Beside what recording.yaml says itself, everything about the files it names, whatever else is wrong."""
+        """Report problems of recording.yaml itself and of every file it names."""
         check(reading)
         document = reading.document
         for key in ("can", "counts"):
@@ -203,100 +205,114 @@ class _Loading:
             elif key == "can" and isinstance(named, str) and named:
                 self._log = self._folder / named
         for _, insole in reading.of(RecordedInsole):
-            layout = self._tried(partial(_layout, insole))
+            layout = self._collect_errors(partial(_load_layout, insole))
             if layout is None:
                 continue
-            parts = _Parts(insole, layout)
+            files = _InsoleFiles(insole, layout)
             if insole.calibration is not None:
-                parts.calibration = self._tried(partial(calibrations.load, insole.calibration, layout))
+                files.calibration = self._collect_errors(partial(calibrations.load, insole.calibration, layout))
             if insole.zero is not None:
-                parts.zero = self._tried(partial(zeros.load, insole.zero, layout))
-            self._parts.append(parts)
+                files.zero = self._collect_errors(partial(zeros.load, insole.zero, layout))
+            self._insoles.append(files)
         kind = next((kind for kind in REFERENCE_COLUMNS if kind == document.get("kind")), None)
         for _, reference in reading.of(RecordedReference):
             if kind is None:
                 continue
-            found = self._tried(partial(references.read, reference.file, kind, reference.foot, reference.clock))
-            if found is not None:
-                self._warnings += found[1]
-                for parts in self._parts:
-                    if parts.insole.foot == reference.foot:
-                        parts.reference = found[0]
+            result = self._collect_errors(
+                partial(references.read, reference.file, kind, reference.foot, reference.clock)
+            )
+            if result is not None:
+                self._warnings += result[1]
+                for files in self._insoles:
+                    if files.insole.foot == reference.foot:
+                        files.reference = result[0]
 
-    def _cycles(self, document: Document) -> list[FootRecording]:
-        """Of every foot whose layout could be read; a log is worth reading only where all could."""
-        if len(self._parts) < len(document.insoles):
-            self._judge_log(document.can)
+    def _read_cycles(self, document: Document) -> list[FootRecording]:
+        """Return the feet whose layout could be read; read the log only if all layouts could."""
+        if len(self._insoles) < len(document.insoles):
+            self._check_log(document.can)
             return []
         if document.can is not None:
-            log = self._tried(partial(read_log, document.can, [parts.layout for parts in self._parts], self._progress))
+            log = self._collect_errors(
+                partial(read_log, document.can, [files.layout for files in self._insoles], self._progress)
+            )
             if log is None:
                 return []
             self._warnings += log[2]
-            feet = [_logged(parts, cycles) for parts, cycles in zip(self._parts, log[0], strict=True)]
+            feet = [_foot_of_log(files, cycles) for files, cycles in zip(self._insoles, log[0], strict=True)]
             for foot in feet:
-                self._warnings += _periods_otherwise(document.can, foot)
+                self._warnings += _period_warnings(document.can, foot)
             return feet
         path = document.counts or Path()
-        sizes: dict[str, int] = {parts.insole.foot: len(parts.layout) for parts in self._parts}
-        tables = self._tried(partial(counted.read, path, sizes))
-        return [self._counted(path, parts, tables[parts.insole.foot]) for parts in self._parts] if tables else []
+        sizes: dict[str, int] = {files.insole.foot: len(files.layout) for files in self._insoles}
+        tables = self._collect_errors(partial(counts_file.read, path, sizes))
+        return (
+            [self._foot_of_counts(path, files, tables[files.insole.foot]) for files in self._insoles] if tables else []
+        )
 
-    def _counted(self, path: Path, parts: _Parts, table: counted.CountsTable) -> FootRecording:
+    def _foot_of_counts(self, path: Path, files: _InsoleFiles, table: counts_file.CountsTable) -> FootRecording:
+        """Build the foot whose cycles are in a counts file."""
         shape = table.counts.shape[:2]
-        steps = int(np.count_nonzero(np.diff(table.t_ns) < 0))
-        if steps:
-            self._warnings.append(f"{path}: time goes back {steps} times in the cycles of the {parts.insole.foot} foot")
-        age_ns = np.zeros(shape, np.int64) if table.age_ms is None else age_ns_of(table.age_ms)
+        n_backward_steps = int(np.count_nonzero(np.diff(table.t_ns) < 0))
+        if n_backward_steps:
+            self._warnings.append(
+                f"{path}: time goes back {n_backward_steps} times in the cycles of the {files.insole.foot} foot"
+            )
+        age_ns = np.zeros(shape, np.int64) if table.age_ms is None else age_ns_from_ms(table.age_ms)
         missing = np.zeros(shape, np.bool_) if table.missing is None else table.missing.astype(np.bool_)
         repeated = np.zeros(shape[0], np.bool_) if table.repeated is None else table.repeated.astype(np.bool_)
         read_ns = np.where(age_ns < 0, -1, np.maximum.accumulate(table.t_ns)[:, None] - age_ns)
-        return _foot(
-            parts,
+        return _build_foot(
+            files,
             table.t_ns,
             table.counts,
             np.zeros(shape, np.uint16) if table.status is None else table.status,
             age_ns,
             read_ns,
-            new_readings(arrived(read_ns) & ~missing & ~repeated[:, None], table.counts),
+            find_new_readings(arrived(read_ns) & ~missing & ~repeated[:, None], table.counts),
             missing,
             np.zeros(shape[0], np.bool_) if table.late is None else table.late.astype(np.bool_),
             repeated,
             None if table.valid is None else table.valid.astype(np.bool_),
         )
 
-    def _judge_log(self, log: Path | None) -> None:
-        """Say what is wrong with a log whose cycles cannot be told for other reasons."""
+    def _check_log(self, log: Path | None) -> None:
+        """Collect the problems of a log whose cycles cannot be read because of other errors."""
         if log is not None:
-            self._tried(partial(read_log, log, ()))
+            self._collect_errors(partial(read_log, log, ()))
 
-    def _tried(self, read: Callable[[], T]) -> T | None:
+    def _collect_errors(self, read: Callable[[], T]) -> T | None:
+        """Return what `read` returns, or None after noting its InsoleError."""
         try:
             return read()
         except InsoleError as error:
             self._errors.append(error)
             return None
 
-    def _warn_of_unnamed(self, document: Document) -> None:
+    def _warn_about_unnamed_files(self, document: Document) -> None:
+        """Warn about files of the folder that recording.yaml does not name."""
         named = {reference.file for reference in document.reference}
-        named |= {path for each in document.insoles for path in (each.layout, each.calibration, each.zero) if path}
+        named |= {
+            path for insole in document.insoles for path in (insole.layout, insole.calibration, insole.zero) if path
+        }
         for name in ("zero.json", "calibration.json", "layout.yaml", "reference.csv"):
             path = self._folder / name
             if path.exists() and path not in named:
                 self._warnings.append(f"{path}: is there, but {FILE} does not name it: it is not used")
 
 
-def _layout(insole: RecordedInsole) -> Layout:
+def _load_layout(insole: RecordedInsole) -> Layout:
+    """Load the layout of `insole`, or build the built-in one for its three boards."""
     if insole.layout is not None:
         return layouts.load(insole.layout, insole.foot, insole.addresses)
     if len(insole.boards) != 3:
-        raise InsoleError(f"the {insole.foot} foot has no layout")  # which check() says better
+        raise InsoleError(f"the {insole.foot} foot has no layout")  # check() reports it with its line
     front, middle, rear = insole.addresses
     return layouts.builtin(insole.foot, (front, middle, rear))
 
 
 def as_configured(board: Board | RecordedBoard) -> Board:
-    """A board's settings for the rules that need them: what is not known is what the daemon assumes of a board."""
+    """Return the settings of `board` as a configured board; unknown settings take the daemon's defaults."""
     known = {
         name: value
         for name in ("period_ms", "shift", "no_load", "skin_type")
@@ -305,19 +321,19 @@ def as_configured(board: Board | RecordedBoard) -> Board:
     return Board(address=board.address, interface=board.interface or "can0", **known)
 
 
-def _logged(parts: _Parts, cycles: Cycles) -> FootRecording:
-    """The foot of a log: a reading is due at the interval of its board, whenever the cycles close."""
+def _foot_of_log(files: _InsoleFiles, cycles: Cycles) -> FootRecording:
+    """Build the foot whose cycles come from a log; a reading is due by its board's interval."""
     read_mono_ns = np.where(cycles.age_ns < 0, -1, cycles.t_mono_ns[:, None] - cycles.age_ns)
     came = arrived(read_mono_ns)
-    missing = overdue(came, read_mono_ns, cycles.t_mono_ns)
-    return _foot(
-        parts,
+    missing = find_overdue(came, read_mono_ns, cycles.t_mono_ns)
+    return _build_foot(
+        files,
         cycles.t_ns,
         cycles.counts,
         cycles.status,
         cycles.age_ns,
         np.where(cycles.age_ns < 0, -1, cycles.triangle_t_ns),
-        new_readings(came, cycles.counts),
+        find_new_readings(came, cycles.counts),
         missing,
         cycles.late & missing.any(axis=1),
         cycles.repeated,
@@ -325,15 +341,15 @@ def _logged(parts: _Parts, cycles: Cycles) -> FootRecording:
     )
 
 
-def _periods_otherwise(log: Path, foot: FootRecording) -> Iterator[str]:
-    """A sentence for each board that sends at another period than it was told, or has new readings less often."""
+def _period_warnings(log: Path, foot: FootRecording) -> Iterator[str]:
+    """Yield a sentence for each board whose frames show another period than configured, or new readings less often."""
     address = foot.layout.identities[:, 0]
     for board in foot.boards:
-        own = np.flatnonzero(address == board.address)
-        came = arrived(foot.read_ns[:, own])
+        triangles = np.flatnonzero(address == board.address)
+        came = arrived(foot.read_ns[:, triangles])
         sent_ms, new_ms = (
-            1e-6 * float(np.median([median_interval_ns(foot.read_ns[flags[:, i], k]) for i, k in enumerate(own)]))
-            for flags in (came, foot.is_new[:, own])
+            1e-6 * float(np.median([median_interval_ns(foot.read_ns[flags[:, i], k]) for i, k in enumerate(triangles)]))
+            for flags in (came, foot.is_new[:, triangles])
         )
         if board.period_ms is not None and abs(sent_ms - board.period_ms) > SAME_PERIOD * board.period_ms:
             yield (
@@ -344,8 +360,8 @@ def _periods_otherwise(log: Path, foot: FootRecording) -> Iterator[str]:
             yield f"{log}: board {board.address} sends every {sent_ms:.0f} ms, with new readings every {new_ms:.0f} ms"
 
 
-def _foot(
-    parts: _Parts,
+def _build_foot(
+    files: _InsoleFiles,
     t_ns: NDArray[np.int64],
     counts: NDArray[np.uint8],
     status: NDArray[np.uint16],
@@ -357,22 +373,25 @@ def _foot(
     repeated: NDArray[np.bool_],
     valid: NDArray[np.bool_] | None,
 ) -> FootRecording:
-    """The foot with validity, pressure and wrench by the daemon's rules and defaults; `valid` where a daemon said."""
-    layout = parts.layout
+    """Return the foot with validity, pressure and wrench by the daemon's rules and defaults.
+
+    `valid` (n, n_triangles, 12) is what a daemon published, or None to apply the rules of validity here.
+    """
+    layout = files.layout
     if valid is None:
-        settings = {board.address: as_configured(board) for board in parts.insole.boards}
+        settings = {board.address: as_configured(board) for board in files.insole.boards}
         valid = Validity(layout, settings, round(Publish().stale_after_ms * 1e6))(counts, status, age_ns)
-    calibration, pressure_pa, wrench = parts.calibration, None, None
+    calibration, pressure_pa, wrench = files.calibration, None, None
     if calibration is not None:
-        if parts.zero is not None:
-            calibration = zeros.apply(calibration, parts.zero)
-        boards = [as_configured(board) for board in parts.insole.boards]
-        said = estimate(layout, calibration, boards, t_ns, counts, valid, zeroed=parts.zero is not None)
-        valid, pressure_pa, wrench = valid & calibration.usable, said.pressure_pa, said.wrench
+        if files.zero is not None:
+            calibration = zeros.apply(calibration, files.zero)
+        boards = [as_configured(board) for board in files.insole.boards]
+        estimated = estimate(layout, calibration, boards, t_ns, counts, valid, zeroed=files.zero is not None)
+        valid, pressure_pa, wrench = valid & calibration.usable, estimated.pressure_pa, estimated.wrench
     for array in (t_ns, counts, valid, status, age_ns, read_ns, is_new, missing, late, repeated, pressure_pa):
         if array is not None:
             array.setflags(write=False)
     return FootRecording(
-        parts.insole.foot, layout, parts.insole.boards, t_ns, counts, valid, status, age_ns, read_ns, is_new, missing,
-        late, repeated, calibration, parts.zero, pressure_pa, wrench, parts.reference,
+        files.insole.foot, layout, files.insole.boards, t_ns, counts, valid, status, age_ns, read_ns, is_new, missing,
+        late, repeated, calibration, files.zero, pressure_pa, wrench, files.reference,
     )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Quality of a recording: counted while it is made, kept in recording.yaml, and computed where it is not there."""
+"""Quality of a recording: count it while recording, store it in recording.yaml, and compute it if it is not stored."""
 
 from __future__ import annotations
 
@@ -19,12 +19,14 @@ from .document import FILE
 from .loading import FootRecording, Recording, as_configured
 
 KEY = "quality"  # under `extensions` of recording.yaml
-_CLOCK_STEP_NS = 500_000_000  # the receive times of frames and the monotonic clock differ by more: a clock was set
-_SILENT_NS = 250_000_000  # a pause before the end that is longer belongs to the recording
+_CLOCK_STEP_NS = (
+    500_000_000  # a larger difference between receive times and the monotonic clock means that a clock was set
+)
+_SILENT_NS = 250_000_000  # a longer silence at the end counts as part of the recording
 
 
 class QualityCount:
-    """Cycles of one foot while they are recorded."""
+    """Counts the cycles of one foot while they are recorded."""
 
     def __init__(self, boards: Iterable[Board], rate_hz: float) -> None:
         self._period_ns = period_ns_of(boards, rate_hz)
@@ -33,16 +35,16 @@ class QualityCount:
         self._t_ns: tuple[int, int] | None = None  # receive time of the first and the newest cycle, CLOCK_REALTIME
         self._arrived_ns = (0, 0)  # the same two, monotonic
 
-    def take(self, cycles: Cycles) -> None:
-        """Count cycles that frames closed."""
+    def add_cycles(self, cycles: Cycles) -> None:
+        """Count cycles that were assembled from frames."""
         if len(cycles):
-            self._count(len(cycles), int(cycles.repeated.sum()), int(cycles.late.sum()))
-            self._span(int(cycles.t_mono_ns[0]), int(cycles.t_mono_ns[-1]), time.monotonic_ns())
+            self._add_counts(len(cycles), int(cycles.repeated.sum()), int(cycles.late.sum()))
+            self._extend_span(int(cycles.t_mono_ns[0]), int(cycles.t_mono_ns[-1]), time.monotonic_ns())
 
-    def take_message(self, raw: Any) -> None:
+    def add_message(self, message: Any) -> None:
         """Count one cycle that a daemon published."""
-        self._count(1, int(raw.repeated), int(raw.late))
-        self._span(int(raw.t_ns), int(raw.t_ns), time.monotonic_ns())
+        self._add_counts(1, int(message.repeated), int(message.late))
+        self._extend_span(int(message.t_ns), int(message.t_ns), time.monotonic_ns())
 
     def quality(self) -> Quality:
         """Return the quality up to now."""
@@ -55,82 +57,84 @@ class QualityCount:
         silent_ns = now_ns - self._arrived_ns[1]
         if silent_ns > _SILENT_NS:
             span_ns += silent_ns
-        # n cycles lie n − 1 periods apart
+        # n cycles span n − 1 periods
         return Quality.over(span_ns + self._period_ns, self._period_ns, self._received, self._repeated, self._late)
 
-    def _count(self, n: int, repeated: int, late: int) -> None:
+    def _add_counts(self, n: int, repeated: int, late: int) -> None:
         self._received += n - repeated
         self._repeated += repeated
         self._late += late
 
-    def _span(self, first_ns: int, last_ns: int, arrived_ns: int) -> None:
+    def _extend_span(self, first_ns: int, last_ns: int, arrived_ns: int) -> None:
         if self._t_ns is None:
             self._t_ns, self._arrived_ns = (first_ns, last_ns), (arrived_ns - (last_ns - first_ns), arrived_ns)
         self._t_ns, self._arrived_ns = (self._t_ns[0], last_ns), (self._arrived_ns[0], arrived_ns)
 
 
 class RecorderQuality:
-    """The quality of every foot of one folder while it is recorded."""
+    """Counts the quality of every foot for the folder that is being recorded."""
 
     def __init__(self, insoles: Iterable[InsoleContents]) -> None:
         self._insoles = tuple(insoles)
         self.restart()
 
     def restart(self) -> None:
-        """Count anew: another folder has begun."""
+        """Reset all counts for a new folder."""
         self._reader = new_reader([insole.layout for insole in self._insoles])
         self._counts: dict[Foot, QualityCount] = {
             insole.foot: QualityCount([as_configured(board) for board in insole.boards], Publish().rate_hz)
             for insole in self._insoles
         }
 
-    def frames(self, batch: FrameBatch, now_ns: int) -> None:
-        """Take in what came from the bus until `now_ns`, of the clock of the frames."""
+    def add_frames(self, batch: FrameBatch, now_ns: int) -> None:
+        """Add the frames received from the bus until `now_ns`, on the clock of the frames."""
         for closed in (self._reader.feed(batch), self._reader.advance(now_ns)):
             for count, portions in zip(self._counts.values(), closed, strict=True):
                 for cycles in portions:
-                    count.take(cycles)
+                    count.add_cycles(cycles)
 
-    def cycle(self, foot: Foot, raw: Any) -> None:
-        """Take in a cycle that a daemon published."""
-        self._counts[foot].take_message(raw)
+    def add_cycle(self, foot: Foot, raw: Any) -> None:
+        """Add a cycle that a daemon published."""
+        self._counts[foot].add_message(raw)
 
-    def of_feet(self) -> dict[Foot, Quality]:
+    def qualities(self) -> dict[Foot, Quality]:
         """Return the quality of every foot up to now."""
         return {foot: count.quality() for foot, count in self._counts.items()}
 
 
 def document(qualities: Mapping[Foot, Quality]) -> dict[str, Any]:
-    """Return what recording.yaml says of it."""
+    """Return the entry of recording.yaml for the qualities."""
     return {foot: quality.document() for foot, quality in qualities.items()}
 
 
 def quality(recording: Recording) -> dict[Foot, Quality]:
-    """Return the quality of every foot: as the recorder noted it, else computed from the cycles.
+    """Return the quality of every foot: the stored one, else one computed from the cycles.
 
-    The recorder knows of a silence at the end; the cycles alone do not.
+    Only the recorder knows about silence at the end; the cycles do not show it.
     """
-    noted = _noted(recording)
-    return {foot.foot: noted.get(foot.foot) or _computed(foot) for foot in recording.feet}
+    stored = _stored_qualities(recording)
+    return {foot.foot: stored.get(foot.foot) or _compute_quality(foot) for foot in recording.feet}
 
 
-def _noted(recording: Recording) -> dict[str, Quality]:
-    said = yaml.safe_load((recording.folder / FILE).read_text(encoding="utf-8"))
-    found = {}
-    for foot, entry in ((said.get("extensions") or {}).get(KEY) or {}).items():
+def _stored_qualities(recording: Recording) -> dict[str, Quality]:
+    """Return the qualities stored in recording.yaml, by foot."""
+    document_of_recording = yaml.safe_load((recording.folder / FILE).read_text(encoding="utf-8"))
+    qualities = {}
+    for foot, entry in ((document_of_recording.get("extensions") or {}).get(KEY) or {}).items():
         try:
-            found[foot] = Quality.of(entry)
+            qualities[foot] = Quality.of(entry)
         except (KeyError, TypeError, ValueError):
-            continue  # another program's; extensions are read by nobody who does not know them
-    return found
+            continue  # written by another program; unknown extensions are ignored
+    return qualities
 
 
-def _computed(foot: FootRecording) -> Quality:
+def _compute_quality(foot: FootRecording) -> Quality:
+    """Compute the quality from the cycles of a foot."""
     period_ns = period_ns_of(as_configured(board) for board in foot.boards)
     if not len(foot):
         return Quality(0, 0, 0, 0, 0)
-    steps_ns = np.diff(foot.t_ns)
+    intervals_ns = np.diff(foot.t_ns)
     repeated = int(foot.repeated.sum())
-    # A repeated cycle carries the time of the readings it repeats: it takes up no time of its own here.
-    span_ns = int(steps_ns[steps_ns > 0].sum()) + period_ns
+    # A repeated cycle carries the time of the readings that it repeats, so it adds no time.
+    span_ns = int(intervals_ns[intervals_ns > 0].sum()) + period_ns
     return Quality.over(span_ns, period_ns, len(foot) - repeated, repeated, int(foot.late.sum()))

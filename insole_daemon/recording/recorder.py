@@ -1,4 +1,4 @@
-"""The loops of `insole record`: a bus or a daemon, and instruments, into a LiveRecorder until told to stop."""
+"""Run `insole record`: read a bus or a daemon, and reference instruments, into a LiveRecorder until stopped."""
 
 from __future__ import annotations
 
@@ -19,38 +19,38 @@ from ..skin.quality import Quality
 from .coverage import Item
 from .guide import Guide
 from .instrument import Instrument
-from .live import LiveRecorder, record_of
+from .live import LiveRecorder, cycle_record
 from .quality import KEY, RecorderQuality, document
 
-_TELL_S = 1.0
-_GATHER_S = 0.01  # frames of so long are written together: waking for each would cost a core
+_REPORT_PERIOD_S = 1.0
+_BATCH_S = 0.01  # frames that arrive within this time are written together: waking for each one would load a core
 _WAIT_S = 0.1
 
 
 @dataclass(slots=True)
 class Progress:
-    """What a recording has so far."""
+    """State of a running recording."""
 
     frames: int = 0
     cycles: int = 0
-    lost: int = 0  # frames the kernel dropped, or cycles that did not come over the network
+    lost: int = 0  # frames that the kernel dropped, or cycles lost on the network
     bytes: int = 0
     folders: int = 1
     seconds: float = 0.0
     instruments: tuple[Instrument, ...] = field(default=(), repr=False)
     quality: Mapping[Foot, Quality] = field(default_factory=dict, repr=False)
-    covered: Mapping[Foot, tuple[Item, ...]] = field(default_factory=dict, repr=False)  # of the protocol, if guided
+    covered: Mapping[Foot, tuple[Item, ...]] = field(default_factory=dict, repr=False)  # only if guided
 
 
-class Inbox:
-    """What several iterators yield, in one queue; each is read in a thread of its own."""
+class MergedQueue:
+    """Merges the items of several iterators into one queue; each iterator is read in its own thread."""
 
     def __init__(self) -> None:
-        """With nothing to read yet."""
+        """Create an empty queue."""
         self._items: queue.SimpleQueue[tuple[Any, Any]] = queue.SimpleQueue()
 
     def read(self, tag: Any, items: Iterable[Any]) -> None:
-        """Read `items` from now on; what it yields comes with `tag`, and an error instead of the rest."""
+        """Start reading `items`: each arrives with `tag`, and an exception arrives as the last item."""
 
         def pump() -> None:
             try:
@@ -59,146 +59,149 @@ class Inbox:
             except Exception as error:
                 self._items.put((tag, error))
 
-        # A thread that waits on a terminal cannot be told to end, and must not hold up the process.
+        # A thread that waits on a terminal cannot be interrupted, and must not keep the process alive.
         threading.Thread(target=pump, name="inbox", daemon=True).start()
 
     def take(self, timeout_s: float) -> list[tuple[Any, Any]]:
-        """All that is there, or the first thing that comes within the time."""
-        found = []
+        """Return all waiting items, or wait up to `timeout_s` for the first one."""
+        items = []
         try:
-            found.append(self._items.get(timeout=timeout_s) if timeout_s > 0 else self._items.get_nowait())
+            items.append(self._items.get(timeout=timeout_s) if timeout_s > 0 else self._items.get_nowait())
             while True:
-                found.append(self._items.get_nowait())
+                items.append(self._items.get_nowait())
         except queue.Empty:
-            return found
+            return items
 
 
 @dataclass(slots=True)
 class Session:
-    """One recording at work: who ends it, and who is told how it goes."""
+    """One running recording: its recorder, when it ends, and callbacks for its progress."""
 
     recorder: LiveRecorder
     stop: threading.Event
     seconds: float | None = None
-    tell: Callable[[Progress], None] = lambda progress: None
-    note: Callable[[str], None] = lambda text: None  # an interface that goes, or is back
+    report_progress: Callable[[Progress], None] = lambda progress: None
+    report_change: Callable[[str], None] = lambda text: None  # called when an interface goes down or comes back
     instruments: Sequence[Instrument] = ()
     guide: Guide | None = None
-    inbox: Inbox = field(default_factory=Inbox)
+    merged_queue: MergedQueue = field(default_factory=MergedQueue)
     _quality: RecorderQuality = field(init=False)
-    _folder: Path = field(init=False)  # that the quality is of
+    _folder: Path = field(init=False)  # the folder whose quality is counted
 
     def __post_init__(self) -> None:
-        """Count the quality from now on."""
+        """Start counting the quality."""
         self._quality, self._folder = RecorderQuality(self.recorder.insoles), self.recorder.folder
 
     def from_bus(self, source: FrameSource) -> Progress:
-        """Record every frame of `source`; what there was in the end."""
+        """Record every frame of `source` until stopped, and return the final progress."""
         progress, clock = self._begin()
-        while not (self._over(clock) or source.exhausted):
+        while not (self._is_over(clock) or source.exhausted):
             source.wait(_WAIT_S)
-            time.sleep(_GATHER_S)
+            time.sleep(_BATCH_S)
             source.receive()
             batch = source.drain()
             dropped = source.counters.overflows - progress.lost
             if dropped:
                 self.recorder.note_dropped(dropped)
             self.recorder.write_frames(batch)
-            self._quality.frames(batch, source.clock_ns())
+            self._quality.add_frames(batch, source.clock_ns())
             if self.guide is not None:
-                self.guide.frames(batch)
+                self.guide.add_frames(batch)
             progress.frames += len(batch)
             progress.lost = source.counters.overflows
             if isinstance(source, RecoveringSource):
                 for change in source.changes():
-                    self.note(change.text)
-            for tag, item in self.inbox.take(0):
-                self._reference(tag, item)
-            self._tell(progress, clock)
+                    self.report_change(change.text)
+            for tag, item in self.merged_queue.take(0):
+                self._write_reference(tag, item)
+            self._report_if_due(progress, clock)
         return self._end(progress, clock)
 
     def from_daemon(self, raws: Iterable[Any]) -> Progress:
-        """Record the cycles that `raws` yields (insole_daemon.connect().raws()); what there was in the end."""
+        """Record the cycles that `raws` yields (insole_daemon.connect().raws()), and return the final progress."""
         progress, clock = self._begin()
-        self.inbox.read(None, raws)
-        while not self._over(clock):
-            for tag, item in self.inbox.take(_WAIT_S):
+        self.merged_queue.read(None, raws)
+        while not self._is_over(clock):
+            for tag, item in self.merged_queue.take(_WAIT_S):
                 if tag is not None:
-                    self._reference(tag, item)
+                    self._write_reference(tag, item)
                 elif isinstance(item, Exception):
                     raise item
-                elif item.foot in self.recorder.feet:  # a daemon of the other foot may have come since
-                    self.recorder.write_cycle(item.foot, record_of(item))
-                    self._quality.cycle(item.foot, item)
+                elif item.foot in self.recorder.feet:  # a daemon of the other foot may have started since
+                    self.recorder.write_cycle(item.foot, cycle_record(item))
+                    self._quality.add_cycle(item.foot, item)
                     if self.guide is not None:
-                        self.guide.cycle(item.foot, item)
+                        self.guide.add_cycle(item.foot, item)
                     progress.cycles += 1
                     progress.lost += item.lost
-            self._tell(progress, clock)
+            self._report_if_due(progress, clock)
         return self._end(progress, clock)
 
     def _begin(self) -> tuple[Progress, list[float]]:
         now = time.monotonic()
         return Progress(instruments=tuple(self.instruments)), [now, now]
 
-    def _over(self, clock: list[float]) -> bool:
+    def _is_over(self, clock: list[float]) -> bool:
         return self.stop.is_set() or (self.seconds is not None and time.monotonic() - clock[0] >= self.seconds)
 
-    def _tell(self, progress: Progress, clock: list[float]) -> None:
-        if time.monotonic() - clock[1] >= _TELL_S:
-            clock[1] += _TELL_S
-            self._count(progress, clock)
-            self.tell(progress)
+    def _report_if_due(self, progress: Progress, clock: list[float]) -> None:
+        if time.monotonic() - clock[1] >= _REPORT_PERIOD_S:
+            clock[1] += _REPORT_PERIOD_S
+            self._update_progress(progress, clock)
+            self.report_progress(progress)
 
     def _end(self, progress: Progress, clock: list[float]) -> Progress:
-        for tag, item in self.inbox.take(0):
+        for tag, item in self.merged_queue.take(0):
             if tag is not None:
-                self._reference(tag, item)
-        self._count(progress, clock)
+                self._write_reference(tag, item)
+        self._update_progress(progress, clock)
         return progress
 
-    def _count(self, progress: Progress, clock: list[float]) -> None:
+    def _update_progress(self, progress: Progress, clock: list[float]) -> None:
+        """Update the progress, and store quality and coverage in recording.yaml."""
         if self._folder == self.recorder.folder:
-            progress.quality = self._quality.of_feet()
+            progress.quality = self._quality.qualities()
             self.recorder.note(KEY, document(progress.quality))
         else:
             self._folder = self.recorder.folder
             self._quality.restart()
         if self.guide is not None:
-            progress.covered = self.guide.covered()
+            progress.covered = self.guide.coverage_by_foot()
             self.recorder.note("coverage", self.guide.summary(progress.covered))
         progress.bytes, progress.folders = self.recorder.size, len(self.recorder.folders)
         progress.seconds = time.monotonic() - clock[0]
 
-    def _reference(self, instrument: Instrument, item: Any) -> None:
-        """A line of text or the payload of a message, and when it arrived."""
+    def _write_reference(self, instrument: Instrument, item: Any) -> None:
+        """Write a reading, a line of text or a message's payload, with the time at which it arrived."""
         if isinstance(item, Exception):
             raise InsoleError(f"the reference of the {instrument.foot} foot cannot be read: {item}") from item
-        received_s, said = item
+        received_s, reading = item
         rows = (
-            instrument.take_line(said, received_s) if isinstance(said, str) else instrument.take_json(said, received_s)
+            instrument.take_line(reading, received_s)
+            if isinstance(reading, str)
+            else instrument.take_json(reading, received_s)
         )
         if rows:
             self.recorder.write_reference(instrument.foot, instrument.clock, instrument.header, rows)
             if self.guide is not None:
-                self.guide.rows(instrument, rows, received_s)
+                self.guide.add_reference(instrument, rows, received_s)
 
 
-def lines_of(descriptor: int) -> Iterator[str]:
-    """The lines that come from a descriptor, until its end.
+def read_lines(descriptor: int) -> Iterator[str]:
+    """Yield the lines read from a file descriptor, until its end.
 
-    Not from `sys.stdin`: its lock, held by a thread that waits, would crash the interpreter at its end.
+    `sys.stdin` is not used: a waiting thread holds its lock, which crashes the interpreter at exit.
     """
-    held = b""
+    rest = b""
     while read := os.read(descriptor, 1 << 16):
-        *lines, held = (held + read).split(b"\n")
+        *lines, rest = (rest + read).split(b"\n")
         for line in lines:
             yield line.decode("utf-8", "replace")
-    if held:
-        yield held.decode("utf-8", "replace")
+    if rest:
+        yield rest.decode("utf-8", "replace")
 
 
-def stamped(items: Iterable[Any]) -> Iterator[tuple[float, Any]]:
-    """The items with the moment each came, seconds of CLOCK_REALTIME."""
+def with_time(items: Iterable[Any]) -> Iterator[tuple[float, Any]]:
+    """Yield each item with the time it arrived, in seconds of CLOCK_REALTIME."""
     for item in items:
         yield time.time(), item

@@ -1,4 +1,4 @@
-"""reference.csv: what the reference instrument said, with a header and one row a reading.
+"""Read and write reference.csv: the readings of the reference instrument, a header and one row per reading.
 
     time_s,pressure_pa,temperature_c
     1741532714.287982,244.0,26.63
@@ -24,53 +24,53 @@ from ..files import unreadable
 from .document import REFERENCE_COLUMNS, Clock, Kind
 
 TIME = "time_s"
-_MOST_PROBLEMS = 10  # said of one file; more of a kind help nobody
+_MOST_PROBLEMS = 10  # reported for one file
 _UNIT = re.compile(r"(.+)_([a-z0-9]+)")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reference:
-    """The reference of one foot: n readings.
+    """The n readings of one foot's reference.
 
-    `time_s` is on the clock of the CAN frames where `clock` is "can", else on one of its own; None where the
-    instrument gave no times: then not even its rate is known.
+    `time_s` is on the clock of the CAN frames if `clock` is "can", else on the instrument's own. It is None if the
+    instrument gave no times; then its sampling rate is unknown too.
     """
 
     foot: Foot
     clock: Clock
     time_s: NDArray[np.float64] | None  # (n,) never decreases
-    columns: Mapping[str, NDArray[np.float64]]  # (n,) each, unit in the name; NaN: missing
+    columns: Mapping[str, NDArray[np.float64]]  # (n,) arrays, unit in the name; NaN: missing
 
     def __len__(self) -> int:
-        """How many readings there are."""
+        """Return the number of readings."""
         return len(next(iter(self.columns.values())))
 
     def __getitem__(self, column: str) -> NDArray[np.float64]:
-        """(n,) the readings of one column, such as "pressure_pa"."""
+        """Return (n,) the readings of one column, such as "pressure_pa"."""
         return self.columns[column]
 
 
 def read(path: Path, kind: Kind, foot: Foot, clock: Clock) -> tuple[Reference, tuple[str, ...]]:
-    """The reference in `path` and a sentence for each oddity; DocumentError lists all that is wrong with it."""
-    lines, complete = _lines(path)
+    """Read the reference in `path`, and a sentence for each irregularity; DocumentError lists all problems."""
+    lines, complete = _read_lines(path)
     header = [name.strip() for name in next(csv.reader(lines[:1]))]
-    problems = _header_problems(header, kind)
+    problems = _find_header_problems(header, kind)
     if problems:
         raise DocumentError(str(path), problems)
     warnings: tuple[str, ...] = ()
     rows = [line.split(",") for line in lines[1:]]
     if rows and not complete and len(rows[-1]) < len(header):
-        warnings = (f"{path}: line {len(lines)} is torn and left out",)
+        warnings = (f"{path}: line {len(lines)} is incomplete and ignored",)
         rows.pop()
     while rows and rows[-1] == [""]:
         rows.pop()
-    table = _table(path, rows, header)
+    table = _parse_table(path, rows, header)
     columns = {name: table[:, i] for i, name in enumerate(header)}
     time_s = columns.pop(TIME, None)
     if time_s is not None:
         _check_times(path, time_s)
     if not rows:
-        warnings += (f"{path}: the reference has no reading",)
+        warnings += (f"{path}: the reference has no readings",)
     for name in REFERENCE_COLUMNS[kind]:
         missing = int(np.isnan(columns[name]).sum())
         if rows and missing == len(rows):
@@ -80,21 +80,21 @@ def read(path: Path, kind: Kind, foot: Foot, clock: Clock) -> tuple[Reference, t
 
 
 def text(columns: Mapping[str, Sequence[float] | NDArray[np.float64]]) -> str:
-    """The file that says `columns`; NaN becomes an empty cell. `time_s` has microseconds, others all their digits."""
+    """Return the text of a reference.csv with `columns`; NaN becomes an empty cell, `time_s` has six decimals."""
     names = list(columns)
-    cells = [[_cell(name, value) for value in map(float, column)] for name, column in columns.items()]
+    cells = [[_format_cell(name, value) for value in map(float, column)] for name, column in columns.items()]
     rows = "".join(",".join(row) + "\n" for row in zip(*cells, strict=True))
     return ",".join(names) + "\n" + rows
 
 
-def _cell(name: str, value: float) -> str:
+def _format_cell(name: str, value: float) -> str:
     if math.isnan(value):
         return ""
     return f"{value:.6f}" if name == TIME else repr(value).removesuffix(".0")
 
 
-def _lines(path: Path) -> tuple[list[str], bool]:
-    """The lines of the file, and whether the last one ends."""
+def _read_lines(path: Path) -> tuple[list[str], bool]:
+    """Return the lines of the file, and whether the last one is terminated."""
     try:
         content = path.read_bytes().decode("utf-8-sig")
     except OSError as error:
@@ -108,7 +108,8 @@ def _lines(path: Path) -> tuple[list[str], bool]:
     return lines, content.endswith("\n")
 
 
-def _header_problems(header: list[str], kind: Kind) -> list[Problem]:
+def _find_header_problems(header: list[str], kind: Kind) -> list[Problem]:
+    """Return the problems of the header for a recording of `kind`."""
     problems = []
     if all(_is_number(cell) for cell in header):
         what = f"expected a header such as {TIME},{','.join(REFERENCE_COLUMNS[kind])}, found numbers"
@@ -122,14 +123,14 @@ def _header_problems(header: list[str], kind: Kind) -> list[Problem]:
         what = f"missing column: expected {name} in a reference of kind {kind}, found {', '.join(header)}{hint}"
         problems.append(Problem(1, name, what))
     for name in {name for name in header if header.count(name) > 1}:
-        problems.append(Problem(1, name, "this column stands twice: keep one"))
+        problems.append(Problem(1, name, "this column appears twice: keep one"))
     if "" in header:
         problems.append(Problem(1, "(header)", f"column {header.index('') + 1} has no name"))
     return problems
 
 
-def _table(path: Path, rows: list[list[str]], header: list[str]) -> NDArray[np.float64]:
-    """(n, columns) numbers, NaN for empty cells."""
+def _parse_table(path: Path, rows: list[list[str]], header: list[str]) -> NDArray[np.float64]:
+    """Return (n, columns) numbers, NaN for empty cells; DocumentError for anything else."""
     problems = [
         Problem(number, "(row)", f"expected {len(header)} cells, found {len(row)}")
         for number, row in enumerate(rows, 2)
@@ -150,10 +151,11 @@ def _table(path: Path, rows: list[list[str]], header: list[str]) -> NDArray[np.f
                     f"found {rows[row][column]!r}")
             for row, column in np.argwhere(wrong).tolist()
         ]  # fmt: skip
-    raise DocumentError(str(path), _shortened(problems))
+    raise DocumentError(str(path), _first_problems(problems))
 
 
 def _check_times(path: Path, time_s: NDArray[np.float64]) -> None:
+    """Raise DocumentError if a time is missing or times decrease."""
     problems = [
         Problem(row + 2, TIME, "expected a time in every row or no such column, found an empty cell")
         for row in np.flatnonzero(np.isnan(time_s)).tolist()
@@ -164,10 +166,10 @@ def _check_times(path: Path, time_s: NDArray[np.float64]) -> None:
         for row in np.flatnonzero(np.diff(time_s) < 0).tolist()
     ]  # fmt: skip
     if problems:
-        raise DocumentError(str(path), _shortened(problems))
+        raise DocumentError(str(path), _first_problems(problems))
 
 
-def _shortened(problems: list[Problem]) -> list[Problem]:
+def _first_problems(problems: list[Problem]) -> list[Problem]:
     more = len(problems) - _MOST_PROBLEMS
     return problems if more <= 0 else [*problems[:_MOST_PROBLEMS], Problem(None, "", f"and {more} more like these")]
 

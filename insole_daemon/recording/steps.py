@@ -1,4 +1,4 @@
-"""The steps in a recording: as a table, and as the daemon would have told them while it was made."""
+"""Find the steps in a recording, as a table and as the events a daemon would have published."""
 
 from __future__ import annotations
 
@@ -15,30 +15,32 @@ from ..mechanics.gait.figures import FootCourse
 from ..mechanics.gait.steps import Steps, find_steps
 from ..mechanics.region_map import RegionSpan, load_regions, map_regions
 from ..physics.static_curve import StaticCurve
-from .aligned import AlignedFoot, align
 from .loading import FootRecording
+from .time_alignment import AlignedFoot, align
 
 
 def step_table(feet: Sequence[FootRecording], regions: tuple[RegionSpan, ...] | None = None) -> Steps:
-    """The steps of the feet that have a calibration; `regions` None: heel, midfoot, metatarsals, hallux and toes."""
+    """Return the steps of the feet that have a calibration.
+
+    `regions` None: heel, midfoot, metatarsals, hallux and toes.
+    """
     spans = load_regions() if regions is None else regions
     start_ns = min((int(foot.t_ns[0]) for foot in feet if len(foot)), default=0)
     courses, remarks = [], []
     for foot in feet:
         if foot.calibration is None:
-            remarks.append(
-                f"the {foot.foot} foot has no calibration: there are counts, and no force to tell steps from"
-            )
+            remarks.append(f"the {foot.foot} foot has no calibration: its counts give no force to detect steps by")
         elif not len(foot):
-            remarks.append(f"the {foot.foot} foot has no cycle")
+            remarks.append(f"the {foot.foot} foot has no cycles")
         else:
-            courses.append(_course(foot, spans, start_ns))
+            courses.append(_foot_course(foot, spans, start_ns))
     if len(feet) == 1:
         remarks.append(f"only the {feet[0].foot} foot is recorded")
     return find_steps(courses, start_ns, remarks)
 
 
-def _course(foot: FootRecording, regions: tuple[RegionSpan, ...], start_ns: int) -> FootCourse:
+def _foot_course(foot: FootRecording, regions: tuple[RegionSpan, ...], start_ns: int) -> FootCourse:
+    """Return the aligned course of one foot, from which steps are found."""
     assert foot.calibration is not None
     aligned = align(foot)
     return FootCourse(
@@ -61,25 +63,25 @@ def _variance_pa2(foot: FootRecording, aligned: AlignedFoot, rows: slice) -> NDA
     return curve.variance_pa2(foot.counts[aligned.cycle[rows]])
 
 
-def gait_events(feet: Sequence[FootRecording]) -> list[GaitEvent]:
-    """The gait events of both feet in the order in which they are noticed; of a foot without calibration, none."""
-    known = [foot for foot in feet if foot.wrench is not None]
-    gait = Gait([foot.layout for foot in known])
+def replay_gait_events(feet: Sequence[FootRecording]) -> list[GaitEvent]:
+    """Return the gait events of both feet in the order of detection; none for a foot without calibration."""
+    calibrated = [foot for foot in feet if foot.wrench is not None]
+    gait = Gait([foot.layout for foot in calibrated])
     cycles = sorted(
-        (int(t_ns), number, at)
-        for number, foot in enumerate(known)
-        for at, t_ns in enumerate(foot.t_ns)
-        if not foot.repeated[at]
+        (int(t_ns), number, row)
+        for number, foot in enumerate(calibrated)
+        for row, t_ns in enumerate(foot.t_ns)
+        if not foot.repeated[row]
     )
-    found = []
-    for t_ns, number, at in cycles:
-        foot = known[number]
+    events = []
+    for t_ns, number, row in cycles:
+        foot = calibrated[number]
         assert foot.wrench is not None
         assert foot.pressure_pa is not None
-        f_z_n = float(foot.wrench.f_z_n[at])
+        f_z_n = float(foot.wrench.f_z_n[row])
         event = gait.update(
-            foot.foot, t_ns, t_ns, None if f_z_n != f_z_n else f_z_n, foot.pressure_pa[at], foot.valid[at]
+            foot.foot, t_ns, t_ns, None if f_z_n != f_z_n else f_z_n, foot.pressure_pa[row], foot.valid[row]
         )
         if event is not None:
-            found.append(event)
-    return found
+            events.append(event)
+    return events

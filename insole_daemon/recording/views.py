@@ -1,4 +1,4 @@
-"""A loaded recording in the forms that Python programs like: steps, a DataFrame, an xarray Dataset, a few words."""
+"""Convert a loaded recording to other forms: steps, a DataFrame, an xarray Dataset, a short description."""
 
 from __future__ import annotations
 
@@ -15,48 +15,48 @@ if TYPE_CHECKING:
     from ..mechanics.gait.steps import Steps
     from .loading import FootRecording, Recording
 
-_REFERENCE_LIMIT_S = 0.1  # a reading farther from a cycle is not its own
+_REFERENCE_LIMIT_S = 0.1  # a cycle gets no reference value if the nearest reading is farther away
 
 
 def steps_of_recording(recording: Recording) -> Steps:
-    """See Recording.steps."""
+    """Return the steps; see Recording.steps."""
     from .steps import step_table
 
     return step_table(recording.feet)
 
 
 def describe(recording: Recording) -> str:
-    """What the recording is, each foot in a line, and how many remarks there are."""
+    """Describe the recording: what it is, one line per foot, and the numbers of warnings and invented items."""
     seconds = max((float(foot.t_ns[-1] - foot.t_ns[0]) * 1e-9 for foot in recording.feet if len(foot)), default=0.0)
     lines = [f"Recording {recording.folder}: {recording.kind}, {recording.can_origin}, {seconds:.1f} s"]
     lines += [f"  {describe_foot(foot).splitlines()[0]}" for foot in recording.feet]
-    lines.append(f"  {len(recording.warnings)} warnings, {len(recording.invented)} things that nobody measured")
+    lines.append(f"  {len(recording.warnings)} warnings, {len(recording.invented)} invented items")
     lines.append("  .steps  .to_dataframe()  .to_xarray()  ['left'].pressure_pa")
     return "\n".join(lines)
 
 
 def describe_foot(foot: FootRecording) -> str:
-    """How much there is of one foot, and of what."""
+    """Describe one foot in two lines: its size and its arrays."""
     columns = "no reference" if foot.reference is None else f"reference: {', '.join(foot.reference.columns)}"
-    calibrated = "no calibration, so no pressure" if foot.wrench is None else f"f_z to {_highest_n(foot):.0f} N"
+    calibrated = "no calibration, so no pressure" if foot.wrench is None else f"f_z to {_max_force_n(foot):.0f} N"
     lines = [f"{foot.foot} foot: {len(foot)} cycles, {len(foot.layout)} triangles, {calibrated}; {columns}"]
     arrays = ["t_ns", "counts", "valid", "pressure_pa", "wrench"]
-    lines.append(f"  {', '.join(arrays if foot.wrench is not None else arrays[:3])}: one row a cycle")
+    lines.append(f"  {', '.join(arrays if foot.wrench is not None else arrays[:3])}: one row per cycle")
     return "\n".join(lines)
 
 
-def dataframe(recording: Recording) -> pd.DataFrame:
-    """See Recording.to_dataframe."""
+def to_dataframe(recording: Recording) -> pd.DataFrame:
+    """Return the DataFrame of all feet; see Recording.to_dataframe."""
     pandas = need("pandas", "pandas", "a DataFrame")
-    parts = [foot_dataframe(foot) for foot in recording.feet]
-    for foot, part in zip(recording.feet, parts, strict=True):
-        part.insert(0, "foot", foot.foot)
-    joined: pd.DataFrame = pandas.concat(parts).sort_index(kind="stable")
+    frames = [foot_to_dataframe(foot) for foot in recording.feet]
+    for foot, frame in zip(recording.feet, frames, strict=True):
+        frame.insert(0, "foot", foot.foot)
+    joined: pd.DataFrame = pandas.concat(frames).sort_index(kind="stable")
     return joined
 
 
-def foot_dataframe(foot: FootRecording) -> pd.DataFrame:
-    """See FootRecording.to_dataframe."""
+def foot_to_dataframe(foot: FootRecording) -> pd.DataFrame:
+    """Return the DataFrame of one foot; see FootRecording.to_dataframe."""
     pandas = need("pandas", "pandas", "a DataFrame")
     columns: dict[str, Any] = {"t_ns": foot.t_ns}
     if foot.wrench is not None:
@@ -81,25 +81,25 @@ def foot_dataframe(foot: FootRecording) -> pd.DataFrame:
     return frame
 
 
-def foot_dataset(foot: FootRecording) -> xr.Dataset:
-    """See FootRecording.to_xarray."""
+def foot_to_dataset(foot: FootRecording) -> xr.Dataset:
+    """Return the Dataset of one foot; see FootRecording.to_xarray."""
     xarray = need("xarray", "xarray", "an xarray Dataset")
-    whole, flat, single = ("cycle", "triangle", "taxel"), ("cycle", "triangle"), ("cycle",)
+    by_taxel, by_triangle, by_cycle = ("cycle", "triangle", "taxel"), ("cycle", "triangle"), ("cycle",)
     variables: dict[str, Any] = {
-        "counts": (whole, foot.counts, {"units": "count"}),
-        "valid": (whole, foot.valid),
-        "status": (flat, foot.status),
-        "age_ns": (flat, foot.age_ns, {"units": "ns"}),
-        "missing": (flat, foot.missing),
-        "late": (single, foot.late),
-        "repeated": (single, foot.repeated),
+        "counts": (by_taxel, foot.counts, {"units": "count"}),
+        "valid": (by_taxel, foot.valid),
+        "status": (by_triangle, foot.status),
+        "age_ns": (by_triangle, foot.age_ns, {"units": "ns"}),
+        "missing": (by_triangle, foot.missing),
+        "late": (by_cycle, foot.late),
+        "repeated": (by_cycle, foot.repeated),
     }
     if foot.pressure_pa is not None and foot.wrench is not None:
-        variables["pressure_pa"] = (whole, foot.pressure_pa, {"units": "Pa"})
+        variables["pressure_pa"] = (by_taxel, foot.pressure_pa, {"units": "Pa"})
         for name in type(foot.wrench).__slots__:
-            variables[name] = (single, getattr(foot.wrench, name), {"units": _unit(name)})
+            variables[name] = (by_cycle, getattr(foot.wrench, name), {"units": _unit_of(name)})
     coordinates = {
-        "time": (single, foot.t_ns.astype("datetime64[ns]")),
+        "time": (by_cycle, foot.t_ns.astype("datetime64[ns]")),
         "board": (("triangle",), foot.layout.identities[:, 0]),
         "triangle_of_board": (("triangle",), foot.layout.identities[:, 1]),
         "x_m": (("triangle", "taxel"), foot.layout.xy_m[..., 0], {"units": "m"}),
@@ -109,11 +109,11 @@ def foot_dataset(foot: FootRecording) -> xr.Dataset:
     return dataset
 
 
-def _unit(name: str) -> str:
+def _unit_of(name: str) -> str:
     return {"n": "N", "nm": "N·m", "m": "m", "m2": "m²"}.get(name.rpartition("_")[2], "1")
 
 
-def _highest_n(foot: FootRecording) -> float:
+def _max_force_n(foot: FootRecording) -> float:
     assert foot.wrench is not None
     known = foot.wrench.f_z_n[np.isfinite(foot.wrench.f_z_n)]
     return float(known.max()) if len(known) else 0.0

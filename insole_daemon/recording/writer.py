@@ -1,4 +1,4 @@
-"""A whole recording written at once, for whoever knows all of it: a simulator, an importer.
+"""Write a complete recording at once, for a simulator or an importer.
 
 write("trial-1", kind="chamber", can_origin="simulated", insoles=[InsoleContents(…)],
       frames=batches, interfaces=("can0",), reference=[ReferenceContents("left", "can", {"time_s": …, …})])
@@ -22,7 +22,7 @@ from ..bus.frames import FrameBatch
 from ..config import Foot
 from ..errors import FileError
 from ..files import write_text
-from . import counts as counted
+from . import counts as counts_file
 from . import reference as references
 from .copies import InsoleContents, write_insoles
 from .counts import CountsTable
@@ -31,7 +31,7 @@ from .document import FILE, CanOrigin, Clock, Kind, dump
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReferenceContents:
-    """The reference of one foot: columns (n,) by name, in the order of the file, time_s first if it is known."""
+    """The reference of one foot: columns (n,) by name, in the order of the file, with time_s first if it is known."""
 
     foot: Foot
     clock: Clock
@@ -53,17 +53,17 @@ def write(
     invented: Sequence[str] = (),
     source: str | None = None,
 ) -> Path:
-    """Write the recording `folder`, all or nothing; where it is.
+    """Write the recording `folder`, all or nothing, and return its path.
 
-    Its readings are one of: `frames`, which come in portions and go into the file `can` (.log or .log.gz); `log`, a
-    candump log that is copied byte for byte; `counts` by foot. `source` names what it was made from.
-    Raises FileError where the folder is already there or cannot be written.
+    Give exactly one source of readings: `frames`, batches that are written to the file `can` (.log or .log.gz); `log`,
+    a candump log that is copied byte for byte; or `counts`, a table by foot. `source` names the file it was made from.
+    Raises FileError if the folder exists already or cannot be written.
     """
     path = Path(folder)
     if (frames is not None) + (log is not None) + (counts is not None) != 1:
         raise ValueError("expected one of frames, log and counts")
     with whole_folder(path) as unfinished:
-        said, guessed = write_insoles(unfinished, insoles)
+        entries, invented_contents = write_insoles(unfinished, insoles)
         document: dict[str, Any] = {"kind": kind}
         if frames is not None:
             document["can"] = can
@@ -75,11 +75,11 @@ def write(
             shutil.copyfile(log, unfinished / document["can"])
         elif counts is not None:
             document["counts"] = "counts.npz"
-            counted.write(unfinished / "counts.npz", counts)
+            counts_file.write(unfinished / "counts.npz", counts)
         document |= {
             "can_origin": can_origin,
-            "invented": [*invented, *guessed] or None,
-            "insoles": said,
+            "invented": [*invented, *invented_contents] or None,
+            "insoles": entries,
             "reference": _write_references(unfinished, reference) or None,
             "extensions": {"source": source} if source is not None else None,
         }
@@ -88,7 +88,7 @@ def write(
 
 
 def log_name(log: Path) -> str:
-    """What a copy of a candump log is called: its ending tells how it is compressed."""
+    """Return the file name for a copy of a candump log; its suffix states the compression."""
     with open(log, "rb") as file:
         head = file.read(4)
     return "can.log" + (".gz" if head[:2] == b"\x1f\x8b" else ".zst" if head == b"\x28\xb5\x2f\xfd" else "")
@@ -96,7 +96,7 @@ def log_name(log: Path) -> str:
 
 @contextlib.contextmanager
 def whole_folder(path: Path) -> Iterator[Path]:
-    """A folder beside `path` to write into, which becomes `path` in the end, or leaves nothing behind."""
+    """Yield a temporary folder beside `path`, and rename it to `path` at the end or delete it after an error."""
     refuse_existing(path)
     unfinished = path.absolute().with_name(f".{path.name}.{os.getpid()}")
     try:
@@ -106,7 +106,7 @@ def whole_folder(path: Path) -> Iterator[Path]:
             with open(file, "rb") as opened:
                 os.fsync(opened.fileno())
         with contextlib.suppress(FileNotFoundError):
-            path.rmdir()  # it is empty
+            path.rmdir()  # refuse_existing() allows an empty folder
         os.rename(unfinished, path)
     except OSError as error:
         shutil.rmtree(unfinished, ignore_errors=True)
@@ -120,15 +120,16 @@ def whole_folder(path: Path) -> Iterator[Path]:
 
 
 def refuse_existing(path: Path) -> None:
-    """Raise FileError where `path` is there and is not an empty folder: no recording is ever overwritten."""
+    """Raise FileError if `path` exists and is not an empty folder: no recording is ever overwritten."""
     if path.exists() and (not path.is_dir() or any(path.iterdir())):
         raise FileError(f"{path}: is already there; choose another name, no recording is overwritten")
 
 
 def _write_references(folder: Path, contents: Sequence[ReferenceContents]) -> list[dict[str, str]]:
-    said = []
-    for each in contents:
-        name = f"{each.foot}-reference.csv" if len(contents) > 1 else "reference.csv"
-        write_text(folder / name, references.text(each.columns))
-        said.append({"foot": each.foot, "file": name, "clock": each.clock})
-    return said
+    """Write the reference files, and return their entries in recording.yaml."""
+    entries = []
+    for reference in contents:
+        name = f"{reference.foot}-reference.csv" if len(contents) > 1 else "reference.csv"
+        write_text(folder / name, references.text(reference.columns))
+        entries.append({"foot": reference.foot, "file": name, "clock": reference.clock})
+    return entries

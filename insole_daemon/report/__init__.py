@@ -1,1 +1,1 @@
-"""Drawing: curves, maps and self-contained pages, in SVG that follows the light or dark of whoever looks."""
+"""Figures and HTML reports: plots and insole maps as SVG in self-contained pages, for light and dark mode."""

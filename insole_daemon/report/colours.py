@@ -1,14 +1,14 @@
-"""Colours that people with any colour vision can tell apart, on white and on black.
+"""Colours that can be distinguished with any colour vision, on white and on black.
 
-Categories are those of Okabe & Ito (2008), without their black and yellow; magnitudes the map viridis (van der Walt &
-Smith 2015), which is perceptually uniform and whose order anybody sees. The live page has the same ones.
+Categories are those of Okabe & Ito (2008), without their black and yellow. Magnitudes use the perceptually uniform map
+viridis (van der Walt & Smith 2015). The live page uses the same colours.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-# Of a page on white; the page has others for the dark.
+# Colours of a page in light mode; the page defines others for dark mode.
 LIGHT = {
     "paper": "#ffffff", "ink": "#1c2430", "soft": "#5b6675", "rule": "#d8dde4", "quiet": "#b6bec9", "panel": "#f6f8fa",
 }  # fmt: skip
@@ -22,13 +22,13 @@ MAGNITUDES = np.array([
 
 
 def category(number: int) -> str:
-    """A colour for SVG; a page may have another one for the dark, as --c0, --c1, …"""
-    at = number % len(CATEGORIES)
-    return f"var(--c{at}, {CATEGORIES[at]})"
+    """Return a colour for SVG; a page may redefine it for dark mode as --c0, --c1, …"""
+    index = number % len(CATEGORIES)
+    return f"var(--c{index}, {CATEGORIES[index]})"
 
 
 def magnitude(share: float) -> str:
-    """The colour of 0 (dark) to 1 (bright)."""
-    at = float(np.clip(share, 0.0, 1.0)) * (len(MAGNITUDES) - 1)
-    parts = [round(float(np.interp(at, np.arange(len(MAGNITUDES)), channel))) for channel in MAGNITUDES.T]
-    return "#{:02x}{:02x}{:02x}".format(*parts)
+    """Return the colour of a magnitude from 0 (dark) to 1 (bright)."""
+    position = float(np.clip(share, 0.0, 1.0)) * (len(MAGNITUDES) - 1)
+    rgb = [round(float(np.interp(position, np.arange(len(MAGNITUDES)), channel))) for channel in MAGNITUDES.T]
+    return "#{:02x}{:02x}{:02x}".format(*rgb)

@@ -1,4 +1,4 @@
-"""A page that is one file: no script, nothing loaded from anywhere, light or dark as the reader has it."""
+"""Build an HTML page in one file: no scripts, no external resources, light or dark mode as the reader prefers."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ dt { font-weight: 600; } dd { margin: 0 0 .6em; color: var(--soft); max-width: 8
 
 
 def page(title: str, lead: str, parts: Sequence[str], about: Sequence[str] = ()) -> str:
-    """The whole file; `parts` are HTML. `about` says of which insole, recording and calibration, in the footer."""
+    """Return the whole page; `parts` are HTML, `about` names insole, recording and calibration in the footer."""
     return (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
@@ -66,56 +66,58 @@ def _footer(about: Sequence[str]) -> str:
 
 
 def insole_label(foot: str, boards: Iterable[int]) -> str:
-    """Which insole, for the footer: its foot and the addresses of its boards."""
+    """Return a label of the insole for the footer: its foot and the addresses of its boards."""
     return f"{foot}: boards {', '.join(map(str, sorted(set(boards))))}"
 
 
 def section(heading: str, *parts: str) -> str:
-    """A heading and HTML below it."""
+    """Return a heading with HTML below it."""
     return f"<section><h2>{escape(heading)}</h2>{''.join(parts)}</section>"
 
 
 def paragraph(text: str) -> str:
-    """Plain text."""
+    """Return plain text as a paragraph."""
     return f"<p>{escape(text)}</p>"
 
 
 def items(texts: Iterable[str]) -> str:
-    """Plain texts, one below the other."""
+    """Return plain texts as a list."""
     return f"<ul>{''.join(f'<li>{escape(text)}</li>' for text in texts)}</ul>"
 
 
 def figure(svg: str, caption: str) -> str:
-    """Drawings with what they show, and links to each as a file."""
+    """Return drawings with a caption, and links to each as a file."""
     files = figure_files.download_links(svg)
     return f"<figure>{svg}<figcaption>{escape(caption)}</figcaption>{files}</figure>"
 
 
 def row(*figures: str) -> str:
-    """Figures beside each other where there is room."""
+    """Return figures side by side, if there is room."""
     return f'<div class="row">{"".join(figures)}</div>'
 
 
 def facts(*pairs: tuple[str, str]) -> str:
-    """Large figures, each with what it is."""
+    """Return large figures, each with its label."""
     return (
         '<div class="facts">'
-        + "".join(f"<div><b>{escape(v)}</b><span>{escape(w)}</span></div>" for v, w in pairs)
+        + "".join(f"<div><b>{escape(value)}</b><span>{escape(label)}</span></div>" for value, label in pairs)
         + "</div>"
     )
 
 
 def table(columns: Sequence[str], rows: Sequence[Sequence[str]], text_columns: Sequence[int] = (0,)) -> str:
-    """With a header; `text_columns` stand left, the others right."""
+    """Return a table with a header; `text_columns` are aligned left, the others right."""
 
     def cells(tag: str, values: Sequence[str]) -> str:
-        kinds = (' class="text"' if at in text_columns else "" for at in range(len(values)))
+        kinds = (' class="text"' if column in text_columns else "" for column in range(len(values)))
         return "".join(f"<{tag}{kind}>{escape(value)}</{tag}>" for kind, value in zip(kinds, values, strict=True))
 
-    body = "".join(f"<tr>{cells('td', each)}</tr>" for each in rows)
+    body = "".join(f"<tr>{cells('td', row)}</tr>" for row in rows)
     return f'<div class="wide"><table><thead><tr>{cells("th", columns)}</tr></thead><tbody>{body}</tbody></table></div>'
 
 
-def definitions(of: dict[str, str]) -> str:
-    """Words and what they mean."""
-    return "<dl>" + "".join(f"<dt>{escape(word)}</dt><dd>{escape(text)}</dd>" for word, text in of.items()) + "</dl>"
+def definitions(meanings: dict[str, str]) -> str:
+    """Return terms and their meanings as a definition list."""
+    return (
+        "<dl>" + "".join(f"<dt>{escape(word)}</dt><dd>{escape(text)}</dd>" for word, text in meanings.items()) + "</dl>"
+    )

@@ -1,1 +1,1 @@
-"""What cannot be had without hardware: a foot that walks, boards that speak the protocol."""
+"""Simulated hardware: loads of a person or a chamber, and boards that speak the protocol."""

@@ -1,4 +1,4 @@
-"""The commands an emulated board obeys, and what it answers.
+"""The commands that an emulated board obeys, and its answers.
 
     to               payload                            effect or answer
     0x200 | address  4D TYPE PERIOD NO_LOAD             settings; all triangles disabled
@@ -10,9 +10,9 @@
                      39 01 and 3A SECONDS               MTB4: see thermometer.py
     0x700 | address  FF                                 0x7A0: FF TYPE MAJ MIN BUILD
 
-The address 0xF is everyone's, on an MTB3 that of class 7 only. The rest is ignored, as is a command that is too
-short, and the converter offset CDC: the emulated sensors have none. Of the modes of 4C there is the default one,
-twelve taxels of 8 bits. Source: robotology/icub-firmware, embot_prot_can.cpp 100–129 and 339–369,
+The address 0xF addresses all boards, on an MTB3 only in class 7. All other commands are ignored, as are commands that
+are too short and the converter offset CDC, which the emulated sensors do not have. Of the modes of 4C only the default
+one, twelve taxels of 8 bits, is emulated. Source: robotology/icub-firmware, embot_prot_can.cpp 100–129 and 339–369,
 embot_app_application_theSkin.cpp 234–285 and 640–764, mtb3/can_interface.c 63–75 and 388–705.
 """
 
@@ -36,7 +36,7 @@ THERMOMETER_CONFIG = 0x39
 THERMOMETER_START = 0x3A
 
 _EVERYONE = 0xF
-_SHORTEST = {  # bytes after the code
+_MIN_ARGUMENTS = {  # bytes after the code
     BOARD_CONFIG: 3, TRIANGLE_CONFIG: 6, TX_MODE: 1, TACT_SETUP: 7, TACT_SETUP_2: 6,
     THERMOMETER_CONFIG: 1, THERMOMETER_START: 1,
 }  # fmt: skip
@@ -52,7 +52,7 @@ def obey(
 ) -> tuple[int, bytes] | None:
     """Let `board` act on a frame received at `t_ns` under `pressure_pa` (n_triangles, 12).
 
-    The identifier and payload of its answer, if it gives one.
+    Return identifier and payload of its answer, or None.
     """
     kind = board.generation
     cls, source, destination = can_id >> 8, can_id >> 4 & 0xF, can_id & 0xF
@@ -65,18 +65,20 @@ def obey(
         return None
     code, arguments = payload[0] & kind.code_mask, payload[1:]
     if code == VERSION and len(arguments) >= 2:
-        wanted, own = tuple(arguments[:2]), kind.protocol
-        fits = wanted == own or (kind.any_minor and wanted[0] == own[0] and own[1] >= wanted[1])
-        return answer_id, bytes([VERSION, kind.board_type, *kind.application, *own, fits])
-    if len(arguments) >= _SHORTEST.get(code, 8):
+        requested, supported = tuple(arguments[:2]), kind.protocol
+        is_supported = requested == supported or (
+            kind.any_minor and requested[0] == supported[0] and supported[1] >= requested[1]
+        )
+        return answer_id, bytes([VERSION, kind.board_type, *kind.application, *supported, is_supported])
+    if len(arguments) >= _MIN_ARGUMENTS.get(code, 8):
         if code in (THERMOMETER_CONFIG, THERMOMETER_START):
-            _heat(board, code, arguments[0], t_ns)
+            _command_thermometer(board, code, arguments[0], t_ns)
         elif code != TACT_SETUP_2 or kind.legacy_stream:
-            _set(board, code, arguments, t_ns, pressure_pa)
+            _apply_settings(board, code, arguments, t_ns, pressure_pa)
     return None
 
 
-def _heat(board: EmulatedBoard, code: int, argument: int, t_ns: int) -> None:
+def _command_thermometer(board: EmulatedBoard, code: int, argument: int, t_ns: int) -> None:
     if not board.generation.thermometer:
         return
     if code == THERMOMETER_CONFIG:
@@ -85,23 +87,25 @@ def _heat(board: EmulatedBoard, code: int, argument: int, t_ns: int) -> None:
         board.thermometer.start(argument, t_ns)
 
 
-def _set(board: EmulatedBoard, code: int, arguments: bytes, t_ns: int, pressure_pa: NDArray[np.float64]) -> None:
-    """The skin commands: none is acknowledged, and the first one makes an MTB4 take its baseline."""
+def _apply_settings(
+    board: EmulatedBoard, code: int, arguments: bytes, t_ns: int, pressure_pa: NDArray[np.float64]
+) -> None:
+    """Apply a skin command: none is acknowledged, and the first one makes an MTB4 take its baseline."""
     if not board.zeroed and not board.generation.calibrates_in_ticks:
         board.zero(pressure_pa, t_ns)
     if code == BOARD_CONFIG:
         skin_type, period_ms, no_load = arguments[:3]
         board.configure(skin_type, period_ms, no_load, t_ns)
     elif code == TX_MODE:
-        on = arguments[0] == 0
-        if on:
-            board.new_style()
-        board.transmit(on, t_ns)
+        is_on = arguments[0] == 0
+        if is_on:
+            board.use_skin_class()
+        board.transmit(is_on, t_ns)
     elif code == TRIANGLE_CONFIG:
         first, last, shift, enable = arguments[:4]
         if first <= last <= 15:
-            board.new_style()
-            board.shift[first : last + 1] = min(shift, 31)  # beyond 31 bits the firmware's C says nothing
+            board.use_skin_class()
+            board.shift[first : last + 1] = min(shift, 31)  # a shift above 31 bits is undefined in C
             board.enable(range(first, last + 1), bool(enable & 1))
             board.calibrate(t_ns, pressure_pa)
     elif code == TACT_SETUP:
@@ -118,13 +122,13 @@ def _set(board: EmulatedBoard, code: int, arguments: bytes, t_ns: int, pressure_
 
 
 def _set_up_legacy(board: EmulatedBoard, arguments: bytes, t_ns: int, pressure_pa: NDArray[np.float64]) -> None:
-    """4C: an MTB4 takes its defaults whatever the arguments, an MTB3 the period out of them."""
+    """Apply 4C: an MTB4 takes its defaults whatever the arguments are, an MTB3 takes the period from them."""
     if board.generation.legacy_stream:
         if arguments[0] != _TWELVE_OF_8_BITS:
             return
-        own = arguments[2] & 0xF == _OWN_TIMER
+        is_own_timer = arguments[2] & 0xF == _OWN_TIMER
         ticks = int.from_bytes(arguments[5:7], "little")
-        board.set_timer_ns(ticks * _TIMER_TICK_NS if own else _LEGACY_MTB3_NS)
+        board.set_timer_ns(ticks * _TIMER_TICK_NS if is_own_timer else _LEGACY_MTB3_NS)
     else:
         board.no_load, board.skin_type = 245, 0
         board.enable(range(16), True)

@@ -1,6 +1,6 @@
-"""A chamber trial of one foot in which one effect is concealed, strong enough to be seen: what a diagnosis is tried on.
+"""Simulate a chamber trial of one foot with one concealed effect, strong enough to be seen, to test a diagnosis.
 
-What each effect is like stands here; where it is and how strong, the seed draws.
+The kind of each effect is defined here; its place and strength are drawn from the seed.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from ..skin.layout import Layout
 from .conditions import ChamberCycles, Conditions, TemperatureCourse
 from .trial import Trial
 
-NOTHING = "nothing"  # a null: the diagnosis has to find nothing
+NOTHING = "nothing"  # a control: the diagnosis must find no effect
 TOP_PA = 300e3
-# Two speeds, five times apart, a hold and a rest to recover in, and minor loops: what tells memories apart.
+# Two speeds that differ by a factor of five, a hold, a recovery and minor loops separate the effects with memory.
 CYCLES = ChamberCycles(max_pressure_pa=TOP_PA, speeds_pa_s=(30e3, 150e3), cycles=2, hold_s=20.0)
-# Up and down again: one that only rises could as well be a drift.
+# A temperature that only rises could not be distinguished from a drift.
 WARMTH = TemperatureCourse(t_s=(0.0, 45.0, 100.0), temperature_c=(24.0, 31.0, 25.0))
-_WEAKEST, _STRONGEST = 0.8, 1.25  # of what stands below
+_WEAKEST, _STRONGEST = 0.8, 1.25  # factors of the strengths below
 
-# By word: strength → parameters, and whether it befalls one board (else the whole insole).
+# By word: parameters for a strength, and whether it affects one board (else the whole insole).
 _CONCEALED: Mapping[str, tuple[Callable[[float], dict[str, Any]], bool]] = {
     "hysteresis": (lambda k: {"r_pa": [8e3, 20e3, 45e3], "w": [0.12 * k] * 3}, True),
     "snap": (lambda k: {"up_pa": 90e3, "down_pa": 40e3, "step_pa": 40e3 * k}, True),
@@ -49,7 +49,7 @@ _CONCEALED: Mapping[str, tuple[Callable[[float], dict[str, Any]], bool]] = {
 
 @dataclass(frozen=True, slots=True)
 class Concealed:
-    """What was concealed; `effect` None: nothing."""
+    """The concealed effect; None: nothing."""
 
     word: str
     effect: Effect | None
@@ -63,8 +63,8 @@ class Concealed:
         return f"{self.word} on {place}: {values}"
 
 
-def choices() -> tuple[str, ...]:
-    """The words that `conceal` knows."""
+def list_words() -> tuple[str, ...]:
+    """Return the words that `conceal` accepts."""
     return (*_CONCEALED, NOTHING)
 
 
@@ -76,12 +76,12 @@ def conceal(
     seed: int,
     progress: Callable[[float], None] = lambda share: None,
 ) -> Concealed:
-    """Write the recording `folder` of the insole with `layout`; what is in it nobody can read there.
+    """Write the recording `folder` of the insole with `layout`; the recording does not name the effect.
 
-    `progress` is told the share that has been played. SimulationError where a chamber cannot show `word`.
+    `progress` is called with the fraction simulated. Raises SimulationError if a chamber cannot show `word`.
     """
-    refuse_unknown(word)
-    hidden = Concealed(word, None if word == NOTHING else drawn(word, layout, Draws(seed, Drawn.CONCEALED)))
+    check_word(word)
+    hidden = Concealed(word, None if word == NOTHING else draw_effect(word, layout, Draws(seed, Drawn.CONCEALED)))
     effects = {layout.foot: () if hidden.effect is None else (hidden.effect,)}
     conditions = Conditions(chamber=CYCLES, temperature=WARMTH)
     Trial("plenum", config, [layout], effects=effects, conditions=conditions, seed=seed).write(
@@ -90,17 +90,17 @@ def conceal(
     return hidden
 
 
-def refuse_unknown(word: str) -> None:
-    """Raise SimulationError where a chamber cannot show `word`."""
-    if word not in choices():
-        raise SimulationError(f"expected an effect that a chamber can show ({', '.join(choices())}), found {word!r}")
+def check_word(word: str) -> None:
+    """Raise SimulationError if a chamber cannot show `word`."""
+    if word not in list_words():
+        raise SimulationError(f"expected an effect that a chamber can show ({', '.join(list_words())}), found {word!r}")
 
 
-def drawn(word: str, layout: Layout, draws: Draws) -> Effect:
-    """The effect `word` somewhere on the insole, of some strength."""
+def draw_effect(word: str, layout: Layout, draws: Draws) -> Effect:
+    """Return the effect `word` with a random place and strength."""
     parameters, one_board = _CONCEALED[word]
-    share, which = draws.uniform(2).tolist()
+    share, board_fraction = draws.uniform(2).tolist()
     strength = _WEAKEST + share * (_STRONGEST - _WEAKEST)
     boards = np.unique(layout.identities[:, 0])
-    board = int(boards[int(which * len(boards))])
+    board = int(boards[int(board_fraction * len(boards))])
     return effect(word, Where("board", ((board,),)) if one_board else Where(), **parameters(strength))

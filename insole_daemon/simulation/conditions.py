@@ -1,7 +1,7 @@
-"""What a person chooses about a trial: `insole-trial/1`, a file, or the same struct from Python.
+"""Conditions that a person chooses for a trial: an `insole-trial/1` file, or the same structure in Python.
 
-None means what the scenario, or insole-reference.yaml, has. Which keys a scenario has a use for, it says itself
-(`scenarios.Scenario.uses`); the others are refused rather than ignored.
+None stands for the value of the scenario, or of insole-reference.yaml. Each scenario lists the keys that it uses
+(`scenarios.Scenario.uses`); other keys are refused rather than ignored.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..documents import Section, at_least, read, spell, within, wrong
 from ..errors import SimulationError
-from ..physics.portable import between
+from ..physics.portable import interpolate
 from .faults import InjectedFault
 from .generation import GenerationName
 
@@ -25,26 +25,26 @@ FORMAT = "insole-trial/1"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChamberCycles(Section):
-    """What a chamber does: `cycles` at each speed, a hold at the top and one without load, then the minor loops."""
+    """Programme of a chamber: `cycles` at each speed, a hold at the top and one unloaded, then the minor loops."""
 
     max_pressure_pa: Annotated[float, within(1e3, 1e6)] | None = None
     speeds_pa_s: Annotated[tuple[Annotated[float, within(100.0, 1e6)], ...], at_least(1)] | None = None
     cycles: Annotated[int, within(0, 1000)] = 3
     hold_s: Annotated[float, within(0.0, 36_000.0)] = 60.0
-    # Turning points, in terms of the highest pressure; the same one twice is held there for hold_s.
+    # Turning points as fractions of the highest pressure; the same one twice is held for hold_s.
     minor: tuple[Annotated[float, within(0.0, 1.0)], ...] = (0.6, 0.3, 0.6, 0.3, 1.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TemperatureCourse(Section):
-    """A temperature in time: linear between its points, constant before and after."""
+    """Temperature over time: linear between its points, constant before and after."""
 
     t_s: Annotated[tuple[float, ...], at_least(1)]
     temperature_c: Annotated[tuple[Annotated[float, within(-20.0, 60.0)], ...], at_least(1)]
 
     def __call__(self, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(n,) °C at the times `t_s` (n,)."""
-        return between(t_s, np.array(self.t_s), np.array(self.temperature_c))
+        """Return (n,) °C at the times `t_s` (n,)."""
+        return interpolate(t_s, np.array(self.t_s), np.array(self.temperature_c))
 
     def __post_init__(self) -> None:
         if len(self.t_s) != len(self.temperature_c):
@@ -56,7 +56,7 @@ class TemperatureCourse(Section):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InstrumentConditions(Section):
-    """The force shoe, or the gauge of a chamber. Noise is a σ, drift the σ of what has drifted after ten minutes."""
+    """The force shoe or the gauge of a chamber. Noise is a σ, drift the σ after ten minutes."""
 
     rate_hz: Annotated[float, within(1.0, 10_000.0)] | None = None
     offset_s: Annotated[float, within(-60.0, 60.0)] | None = None
@@ -71,7 +71,7 @@ class InstrumentConditions(Section):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Conditions(Section):
-    """Of a trial. `take`: the same again with other noise."""
+    """Conditions of a trial; another `take` repeats it with other noise."""
 
     take: Annotated[int, within(0, 1_000_000)] = 0
     length_s: Annotated[float, within(10.0, 36_000.0)] | None = None
@@ -85,11 +85,11 @@ class Conditions(Section):
 
 
 def load(path: str | PathLike[str]) -> Conditions:
-    """The conditions in file `path`; DocumentError lists all that is wrong with it."""
+    """Load the conditions in file `path`; DocumentError lists all problems."""
     return read(path, Conditions, FORMAT)
 
 
 def check_conditions(conditions: Conditions) -> None:
-    """Raise SimulationError where a struct made by hand has what no file may have: with the key and the range."""
+    """Raise SimulationError, with key and range, if a structure made in Python has values that a file may not have."""
     for key, message in wrong(conditions):
         raise SimulationError(f"conditions: {spell(key)}: {message}")

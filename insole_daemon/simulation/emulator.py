@@ -1,4 +1,4 @@
-"""The boards of one or both feet on one bus: written to a log, or played in real time."""
+"""Emulate the boards of one or both feet on one bus, for a log or in real time."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from ..config import Config
 from ..physics.sampling import Jitter, Losses
 from ..skin.layout import Layout
 from .board import EmulatedBoard
-from .faults import InjectedFault, check_there
+from .faults import InjectedFault, check_faults
 from .generation import GENERATIONS, GenerationName
 from .load import Load
 from .reception import Reception
-from .run import BoardRun, Mounted
+from .run import BoardRun, MountedBoard
 from .sensors import Temperature
 
-# Of frames made at once when played: also the time until a command takes effect. Longer is less work, so it is short
-# only after a command, when more are to be expected.
-_AHEAD_NS, _AHEAD_IN_TALK_NS, _TALK_NS = 100_000_000, 20_000_000, 1_000_000_000
-_GROUP_S = 0.002  # frames due within this are sent together
-_LATE_NS = 500_000_000  # frames that late were missed by everybody: a real bus does not catch up
-_CHUNK_NS = 1_000_000_000  # of frames made at once when written, and at most when played
+# Duration of frames prepared at once when playing, which is also the delay of a command. A longer one costs less, so it
+# is short only after a command, when more commands are likely.
+_PREPARE_NS, _PREPARE_IN_DIALOGUE_NS, _DIALOGUE_NS = 100_000_000, 20_000_000, 1_000_000_000
+_GROUP_S = 0.002  # frames due within this time are sent together
+_SKIP_LATE_NS = 500_000_000  # later frames are skipped, because a real bus does not catch up
+_CHUNK_NS = 1_000_000_000  # duration of frames prepared at once when writing, and the maximum when playing
 
 
 class Emulator:
@@ -45,34 +45,33 @@ class Emulator:
         status_bits: bool = True,
         cdc_hz: float | Mapping[int, float] | None = None,
         temperature_c: Temperature | None = None,
-        luck: int = 0,
-        alike: bool = False,
+        noise_key: int = 0,
+        nominal_sensors: bool = False,
         shifts: Mapping[int, Mapping[int, int]] | None = None,
         jitter: Mapping[int, Mapping[str, float]] | None = None,
         loss: Mapping[int, Mapping[str, float]] | None = None,
     ) -> None:
-        """The boards of those feet of `config` that have a layout, under `load`.
+        """Emulate the boards of those feet of `config` that have a layout, under `load`; same arguments, same frames.
 
-        Same arguments, same frames. `streaming`: the boards come up configured and sending; else they are
-        silent until commanded. `left_out`: addresses of boards that are not there.
-        `generation`: of all boards, or by address ("mtb4" where none is given). None is an MTB4 without the
-        temperature compensation of skin types 0 and 8, on which pad 6's noise shows; with `faults` or
-        `temperature_c`, whose fingerprints it makes, it is "mtb4" for all boards.
-        `status_bits`: else the status in every half B is 0. `cdc_hz`: rate of the free-running converters, really
-        sampling.CDC_HZ, of all boards or by address; None: a reading is as old as its tick. `temperature_c`: of all
-        the insoles, seconds since power-up (n,) to °C (n,); None is 25 °C.
-        `luck`: another noise on the same sensors. `alike`: each sensor is the nominal line, since `load` is what they
-        feel (`sensed.SensedLoad`). `shifts`: by board and triangle, digitisers with another shift than configured.
-        `jitter`, `loss`: by address, the values of these effects on a board's frames.
+        `streaming`: the boards start configured and sending; otherwise they are silent until commanded. `left_out`:
+        addresses of missing boards. `generation`: of all boards, or by address ("mtb4" if not given). None is an MTB4
+        without the temperature compensation of skin types 0 and 8, which adds the noise of pad 6; with `faults` or
+        `temperature_c`, which the compensation changes, it is "mtb4" for all boards. `status_bits` False: the status in
+        every half B is 0. `cdc_hz`: rate of the free-running converters (sampling.CDC_HZ in reality), of all boards or
+        by address; None: a reading is as old as its tick. `temperature_c`: of all insoles, from seconds since power-up
+        (n,) to °C (n,); None is 25 °C. `noise_key`: selects other noise on the same sensors. `nominal_sensors`: every
+        sensor is the nominal line, because `load` already contains the sensors (`sensed.SensedLoad`). `shifts`: by
+        board and triangle, digitisers whose shift differs from the configured one. `jitter`, `loss`: by address, the
+        values of these effects on a board's frames.
         """
-        check_there(faults, config, layouts)
+        check_faults(faults, config, layouts)
         self._compensated = generation is not None or bool(faults) or temperature_c is not None
         self._generation = generation
         self._faults = tuple(faults)
         self._status_bits = status_bits
         self._cdc_hz = cdc_hz
         self._temperature_c = temperature_c
-        self._luck, self._alike = luck, alike
+        self._noise_key, self._nominal_sensors = noise_key, nominal_sensors
         self._shifts = shifts or {}
         self._jitter, self._loss = jitter or {}, loss or {}
         self._config = config
@@ -81,22 +80,22 @@ class Emulator:
         self._seed = seed
         self._streaming = streaming
         self._left_out = frozenset(left_out)
-        self.playing_since_ns: int | None = None  # CLOCK_REALTIME: the load's t = 0 in what is played
+        self.playing_since_ns: int | None = None  # CLOCK_REALTIME of the load's t = 0 while playing
 
     def run(self, t_start_ns: int) -> BoardRun:
-        """The boards, powered up at `t_start_ns`; every run begins anew from the seed."""
-        return BoardRun(self._boards(), self._load, t_start_ns)
+        """Return the boards, powered up at `t_start_ns`; every run starts again from the seed."""
+        return BoardRun(self._create_boards(), self._load, t_start_ns)
 
     def frames(self, t_start_ns: int, seconds: float) -> FrameBatch:
-        """All frames that begin within `seconds` of `t_start_ns`, stamped with the moment they end."""
+        """Return all frames that begin within `seconds` of `t_start_ns`, stamped with the time at which they end."""
         return FrameBatch.concatenate(list(self.batches(t_start_ns, seconds)))
 
     def batches(self, t_start_ns: int, seconds: float) -> Iterator[FrameBatch]:
-        """The same in portions."""
-        run, received = self.run(t_start_ns), self._reception()
+        """Yield the same frames in batches."""
+        run, reception = self.run(t_start_ns), self._create_reception()
         t_end_ns = t_start_ns + round(seconds * 1e9)
         while run.now_ns < t_end_ns:
-            yield received(run.advance(min(run.now_ns + _CHUNK_NS, t_end_ns)))
+            yield reception(run.advance(min(run.now_ns + _CHUNK_NS, t_end_ns)))
 
     def play(
         self,
@@ -105,27 +104,27 @@ class Emulator:
         seconds: float | None = None,
         receive: Callable[[], FrameBatch] | None = None,
     ) -> int:
-        """Send the frames when they are due, until `stop` is set or for `seconds`; how many were sent.
+        """Send the frames when they are due, until `stop` is set or for `seconds`; return how many were sent.
 
-        `receive` hands over what came in since it was last called; commands among it are obeyed.
+        `receive` returns the frames received since its last call; the boards obey the commands among them.
         """
         self.playing_since_ns = t_start_ns = time.time_ns()
-        since_start_ns = time.monotonic_ns() - t_start_ns  # the clock to sleep by must not step
+        since_start_ns = time.monotonic_ns() - t_start_ns  # waiting must use a clock that does not step
         t_end_ns = None if seconds is None else t_start_ns + round(seconds * 1e9)
-        run, received = self.run(t_start_ns), self._reception()
-        sent, talks_until_ns = 0, t_start_ns
+        run, reception = self.run(t_start_ns), self._create_reception()
+        sent, dialogue_until_ns = 0, t_start_ns
         while not stop.is_set() and (t_end_ns is None or run.now_ns < t_end_ns):
             if receive is not None and run.obey(receive()):
-                talks_until_ns = run.now_ns + _TALK_NS
-            # Who is late makes all that was missed at once: in short portions it would fall behind for good.
+                dialogue_until_ns = run.now_ns + _DIALOGUE_NS
+            # After a delay, prepare all missed frames at once: in short batches the emulator would never catch up.
             from_ns = max(run.now_ns, time.monotonic_ns() - since_start_ns)
-            until_ns = from_ns + (_AHEAD_IN_TALK_NS if run.now_ns < talks_until_ns else _AHEAD_NS)
+            until_ns = from_ns + (_PREPARE_IN_DIALOGUE_NS if run.now_ns < dialogue_until_ns else _PREPARE_NS)
             until_ns = min(until_ns, run.now_ns + _CHUNK_NS, t_end_ns or until_ns)
-            batch = received(run.advance(until_ns))
+            batch = reception(run.advance(until_ns))
             sent += _send_when_due(batch, run.now_ns, since_start_ns, send, stop)
         return sent
 
-    def _reception(self) -> Reception:
+    def _create_reception(self) -> Reception:
         return Reception(
             {address: Jitter(**values, seed=self._seed, board=address) for address, values in self._jitter.items()},
             {address: Losses(**values, seed=self._seed, board=address) for address, values in self._loss.items()},
@@ -136,7 +135,8 @@ class Emulator:
             return "mtb4"
         return self._generation if isinstance(self._generation, str) else self._generation.get(address, "mtb4")
 
-    def _boards(self) -> list[Mounted]:
+    def _create_boards(self) -> list[MountedBoard]:
+        """Create the emulated boards of all feet that have a layout."""
         mounted = []
         for insole in self._config.insoles:
             layout = self._layouts.get(insole.foot)
@@ -145,10 +145,10 @@ class Emulator:
             for board in insole.boards:
                 if board.address in self._left_out:
                     continue
-                place = {t: row for (address, t), row in layout.rows.items() if address == board.address}
+                row_of_triangle = {t: row for (address, t), row in layout.rows.items() if address == board.address}
                 emulated = EmulatedBoard(
                     board.address,
-                    sorted(place),
+                    sorted(row_of_triangle),
                     period_ms=board.period_ms,
                     shift=board.shift,
                     no_load=board.no_load,
@@ -161,12 +161,12 @@ class Emulator:
                     status_bits=self._status_bits,
                     cdc_hz=self._cdc_hz.get(board.address) if isinstance(self._cdc_hz, Mapping) else self._cdc_hz,
                     temperature_c=self._temperature_c,
-                    luck=self._luck,
-                    alike=self._alike,
-                    digitises_with=self._shifts.get(board.address),
+                    noise_key=self._noise_key,
+                    nominal_sensors=self._nominal_sensors,
+                    real_shifts=self._shifts.get(board.address),
                 )
-                rows = np.array([place[triangle] for triangle in sorted(place)], np.intp)
-                mounted.append(Mounted(emulated, insole.foot, rows))
+                rows = np.array([row_of_triangle[triangle] for triangle in sorted(row_of_triangle)], np.intp)
+                mounted.append(MountedBoard(emulated, insole.foot, rows))
         return mounted
 
 
@@ -177,17 +177,17 @@ def _send_when_due(
     send: Callable[[FrameBatch], None],
     stop: threading.Event,
 ) -> int:
-    """Send the frames of one stretch of time in small groups, and return at its end; how many were sent."""
-    at = sent = 0
+    """Send the frames of one interval in small groups, return at its end with the number sent."""
+    next_row = sent = 0
     while not stop.is_set():
         now_ns = time.monotonic_ns() - since_start_ns
-        missed, due = np.searchsorted(batch.t_ns, [now_ns - _LATE_NS, now_ns], side="right").tolist()
-        at = max(at, missed)
-        if due > at:
-            send(batch[at:due])
-            sent, at = sent + due - at, due
-        if at == len(batch) and now_ns >= until_ns:
+        missed, due = np.searchsorted(batch.t_ns, [now_ns - _SKIP_LATE_NS, now_ns], side="right").tolist()
+        next_row = max(next_row, missed)
+        if due > next_row:
+            send(batch[next_row:due])
+            sent, next_row = sent + due - next_row, due
+        if next_row == len(batch) and now_ns >= until_ns:
             break
-        next_ns = int(batch.t_ns[at]) if at < len(batch) else until_ns
+        next_ns = int(batch.t_ns[next_row]) if next_row < len(batch) else until_ns
         stop.wait(max(_GROUP_S, (next_ns - now_ns) * 1e-9))
     return sent

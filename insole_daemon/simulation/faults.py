@@ -1,26 +1,26 @@
-"""What breaks on an insole, and when: a fault changes raw words, a board's state or its stream, never counts.
+"""Injected faults of an insole: a fault changes raw words, a board's state or its stream, never counts.
 
-    kind           what the board reads, or does, from `t_s` until `until_s`
-    loose          0xFFFF on the whole triangle: its data line is open. Only under `level_pa` or more on the mean
-                   of its pressure taxels if that is given, and on a share `chance` of the ticks
-    dead_chip      0 on the whole triangle, on a share `chance` of the ticks. The firmware takes it for errors:
-                   after five of them it zeroes the board by itself, see board.py
-    dead           the taxel rests: a constant word, no response
-    stuck          a constant word, as under `level_pa` (may be negative); without it, as under 100 kPa
+    kind           effect on the readings or the board, from `t_s` until `until_s`
+    loose          0xFFFF on the whole triangle: its data line is open. Only if the mean of its pressure taxels is
+                   at least `level_pa`, if given, and at a fraction `chance` of the ticks
+    dead_chip      0 on the whole triangle, at a fraction `chance` of the ticks. The firmware counts errors: after
+                   five of them it zeroes the board by itself, see board.py
+    dead           the taxel stays unloaded: a constant word, no response
+    stuck          a constant word, as under `level_pa` (may be negative), by default 100 kPa
     saturated      0xFFFF, full scale, from `level_pa` on; without it, always
     noisy          `factor` times the noise
-    rezero         the board takes a new baseline under whatever load there is, at its first tick from `t_s` on;
-                   an MTB3 is silent meanwhile. A moment: `until_s` is None
-    silent         no frame, and deaf: a cable is out. Its clock and its settings stay
+    rezero         the board takes a new baseline under any load, at its first tick from `t_s` on; an MTB3 is
+                   silent meanwhile. It has no duration: `until_s` is None
+    silent         no frames sent or received: a cable is out. Its clock and its settings stay
     reset          the board loses power at `t_s`, is up again at `until_s` (None: half a second later) and then
                    `comes_back`: "silent", with the firmware's settings, until commanded; "defaults", streaming
                    with them, as if a host had only sent SET_TXMODE; or "configured", streaming as before with a
                    new baseline, as if a host had configured it
-    address_clash  board `other` bears the address of `board`: it streams and answers under it
+    address_clash  board `other` uses the address of `board`: it streams and answers with it
 
-Without `triangle` a fault of triangles or taxels is on all of the board's, without `taxel` on all pressure
-taxels. Times are seconds since power-up, exact: a tick at `until_s` is whole again.
-Source of what the firmware makes of it: robotology/icub-firmware, embot_app_application_theSkin.cpp 439–509.
+A fault of triangles or taxels without `triangle` affects all triangles of the board, without `taxel` all pressure
+taxels. Times are seconds since power-up and exact: a tick at `until_s` is without the fault. Source of the firmware's
+reactions: robotology/icub-firmware, embot_app_application_theSkin.cpp 439–509.
 """
 
 from __future__ import annotations
@@ -44,23 +44,23 @@ FaultKind = Literal[
 ComesBack = Literal["silent", "defaults", "configured"]
 
 KINDS: tuple[FaultKind, ...] = get_args(FaultKind)
-LINE_KINDS: tuple[FaultKind, ...] = ("loose", "dead_chip")  # of a triangle's line or chip: at the tick
+LINE_KINDS: tuple[FaultKind, ...] = ("loose", "dead_chip")  # of a triangle's data line or chip
 TAXEL_KINDS: tuple[FaultKind, ...] = ("dead", "stuck", "saturated", "noisy")
 BOARD_KINDS: tuple[FaultKind, ...] = ("rezero", "silent", "reset", "address_clash")
 
-STUCK_PA = 100e3  # where no other level is chosen
+STUCK_PA = 100e3  # default level
 
 
 @dataclass(frozen=True, slots=True)
 class InjectedFault(Section):
-    """One fault of one board; the module's table says what each kind does, and with which parameters.
+    """One fault of one board; the module's table explains each kind and its parameters.
 
-    SimulationError: there is no such fault.
+    Raises SimulationError if there is no such fault.
     """
 
     kind: FaultKind
     t_s: float
-    until_s: float | None  # None: for good
+    until_s: float | None  # None: for ever
     board: int  # address, as it is configured
     triangle: int | None = None
     taxel: int | None = None
@@ -92,25 +92,25 @@ class InjectedFault(Section):
             return f"expected a chance above 0, at most 1, found {self.chance}"
         return None
 
-    def active(self, t_s: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """(n,) whether it is there at the times `t_s` (n,)."""
-        there: NDArray[np.bool_] = t_s >= self.t_s
+    def is_active(self, t_s: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return (n,) whether it is present at the times `t_s` (n,)."""
+        is_present: NDArray[np.bool_] = t_s >= self.t_s
         if self.until_s is not None:
-            there &= t_s < self.until_s
-        return there
+            is_present &= t_s < self.until_s
+        return is_present
 
 
 @dataclass(frozen=True, slots=True)
 class BoardEvent:
-    """A moment at which a board changes by itself."""
+    """A time at which a board changes by itself."""
 
     t_s: float
     what: Literal["rezero", "cut", "mend", "lose power", "boot", "take address", "own address"]
     fault: InjectedFault
 
 
-def events_of(address: int, faults: Iterable[InjectedFault]) -> list[BoardEvent]:
-    """What `faults` do to the state of the board configured as `address`, in order of time."""
+def board_events(address: int, faults: Iterable[InjectedFault]) -> list[BoardEvent]:
+    """Return the changes that `faults` cause to the board configured as `address`, in order of time."""
     events = []
     for fault in faults:
         if fault.kind == "address_clash" and fault.other == address:
@@ -135,18 +135,19 @@ def events_of(address: int, faults: Iterable[InjectedFault]) -> list[BoardEvent]
     return sorted(events, key=lambda event: event.t_s)
 
 
-def check_there(faults: Iterable[InjectedFault], config: Config, layouts: Iterable[Layout]) -> None:
-    """Raise SimulationError where a fault is of a board or of a triangle that is not there."""
+def check_faults(faults: Iterable[InjectedFault], config: Config, layouts: Iterable[Layout]) -> None:
+    """Raise SimulationError if a fault names a board or a triangle that does not exist."""
     boards = sorted(board.address for insole in config.insoles for board in insole.boards)
-    there = {(triangle.board, triangle.triangle) for layout in layouts for triangle in layout.triangles}
+    identities = {(triangle.board, triangle.triangle) for layout in layouts for triangle in layout.triangles}
     for i, fault in enumerate(faults):
         for key, address in (("board", fault.board), ("other", fault.other)):
             if address is not None and address not in boards:
                 raise SimulationError(
                     f"faults[{i}].{key}: expected one of the configured boards {boards}, found {address}"
                 )
-        if fault.triangle is not None and (fault.board, fault.triangle) not in there:
-            mine = sorted(triangle for board, triangle in there if board == fault.board)
+        if fault.triangle is not None and (fault.board, fault.triangle) not in identities:
+            triangles_of_board = sorted(triangle for board, triangle in identities if board == fault.board)
             raise SimulationError(
-                f"faults[{i}].triangle: expected one of those of board {fault.board}, {mine}, found {fault.triangle}"
+                f"faults[{i}].triangle: expected one of those of board {fault.board}, {triangles_of_board}, "
+                f"found {fault.triangle}"
             )

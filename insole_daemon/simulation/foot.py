@@ -1,13 +1,13 @@
-"""A person on the insoles: regions of the sole that share the ground's force, walking and standing.
+"""A person on the insoles, walking or standing: regions of the sole that share the ground's force.
 
-Every region presses with a fixed footprint, a bell over the taxels that integrates to 1 N; what changes in
-time is how much of the force each region bears. So Σ P_i A_i = f_z holds whatever the layout, the CoP is the
-shares' mean of the regions' centres, and both moments are f_z times it.
+Every region presses with a fixed footprint, a bell-shaped pressure over the taxels that integrates to 1 N; over time
+only the force on each region changes. So Σ P_i A_i = f_z for any layout, the CoP is the mean of the regions' centres
+weighted by their forces, and both moments are f_z times it.
 
-All magnitudes are approximations of ordinary gait. J. Perry, *Gait Analysis*: stance 62 % of a stride, two
-force peaks of 1.1 body weights and a valley between, roll-over heel – lateral midfoot – metatarsals – hallux.
-P. Cavanagh et al. 1987, quiet standing: heel 60 %, midfoot 8 %, forefoot and toes 32 %. Sorrentino et al.
-2020: the highest pressure of any taxel was 220 kPa standing (task T1), 360 to 630 kPa walking (T4 to T6).
+All magnitudes are approximations of ordinary gait. J. Perry, *Gait Analysis*: stance 62 % of a stride, two force peaks
+of 1.1 body weights and a valley between, roll-over heel – lateral midfoot – metatarsals – hallux. P. Cavanagh et al.
+1987, quiet standing: heel 60 %, midfoot 8 %, forefoot and toes 32 %. Sorrentino et al. 2020: the highest pressure of
+any taxel was 220 kPa standing (task T1), 360 to 630 kPa walking (T4 to T6).
 """
 
 from __future__ import annotations
@@ -19,20 +19,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..physics.draws import Drawn, Draws
-from ..physics.portable import exp, sin_turns, weighted
+from ..physics.portable import exp, sin_turns, weighted_sum
 from ..skin.geometry import PRESSURE_TAXELS
 from ..skin.layout import Foot, Layout
 
-Places = Mapping[Foot, NDArray[np.float64]]  # (n_triangles, 12, 2) m, where the taxels of a foot really lie
+Places = Mapping[Foot, NDArray[np.float64]]  # true positions of a foot's taxels, (n_triangles, 12, 2) in m
 
 GRAVITY_M_S2 = 9.81
-STANCE = 0.62  # of a stride, a foot is on the ground
+STANCE = 0.62  # fraction of a stride in which a foot is on the ground
 # Of the force over stance, in body weights: peaks 1.1 at 25 % and 75 %, valley 0.75, both feet together at
 # most 1.2 in double support. The first harmonic follows from the weight.
 _THIRD_HARMONIC = 0.36
 _FIFTH_HARMONIC = -0.05
-_DIGITS_M = 9  # of a place: behind them, machines may differ
-_VARIED_STRIDES = 97  # then the variation from stride to stride repeats
+_DIGITS_M = 9  # of a position; further digits may differ between machines
+_VARIED_STRIDES = 97  # number of strides after which the variation repeats
 
 # Centre and spread (1 σ) of a region: x from the rearmost (0) to the foremost taxel (1); y in half widths of
 # the sole, positive is lateral. Then the course of its share over stance: when it peaks, how wide, how high;
@@ -47,25 +47,26 @@ _REGIONS = np.array([
     [0.74, -0.45, 0.060, 0.24, 0.72, 0.15, 0.50, 0.09],  # metatarsal 1
     [0.88,  0.15, 0.055, 0.32, 0.85, 0.12, 0.12, 0.01],  # toes 2 to 5
     [0.92, -0.40, 0.055, 0.22, 0.95, 0.13, 0.50, 0.02],  # hallux
-    [0.50,  0.85, 0.260, 0.22, 0.50, 1.00, 0.00, 0.00],  # lateral edge, of who tilts the foot
+    [0.50,  0.85, 0.260, 0.22, 0.50, 1.00, 0.00, 0.00],  # lateral edge, for tilting the foot
     [0.50, -0.85, 0.260, 0.22, 0.50, 1.00, 0.00, 0.00],  # medial edge
 ])  # fmt: skip
 
-_BEFORE_THE_HEEL = slice(2, None)
+_ALL_BUT_HEEL = slice(2, None)
 _ON_TIPTOE = np.array([0.0, 0.0, 0.0, 0.10, 0.30, 0.30, 0.10, 0.20, 0.0, 0.0])  # as the shares late in stance
 _LATERAL_EDGE, _MEDIAL_EDGE = 8, 9
 
 
 def footprints(layout: Layout, xy_m: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
-    """(n_regions, n_triangles, 12) 1/m², the pressure of every region per newton it bears.
+    """Return (n_regions, n_triangles, 12) the pressure of every region per newton, in 1/m².
 
-    The sole lies where `layout` has the taxels, and Σ · A = 1 there. `xy_m` (n_triangles, 12, 2): where they really
-    are, and what presses on them there.
+    The sole is placed by the layout's positions, where Σ · A = 1. `xy_m` (n_triangles, 12, 2) are the taxels' true
+    positions, at which the pressure is evaluated.
     """
-    believed, real = (
-        np.round(each[:, PRESSURE_TAXELS], _DIGITS_M) for each in (layout.xy_m, layout.xy_m if xy_m is None else xy_m)
+    layout_m, true_m = (
+        np.round(positions_m[:, PRESSURE_TAXELS], _DIGITS_M)
+        for positions_m in (layout.xy_m, layout.xy_m if xy_m is None else xy_m)
     )
-    low, high = believed.min(axis=(0, 1)), believed.max(axis=(0, 1))
+    low, high = layout_m.min(axis=(0, 1)), layout_m.max(axis=(0, 1))
     lateral = 1.0 if layout.foot == "left" else -1.0  # y points to the wearer's left on both feet
 
     def exponent(places_m: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -76,49 +77,49 @@ def footprints(layout: Layout, xy_m: NDArray[np.float64] | None = None) -> NDArr
         exponents: NDArray[np.float64] = -(along * along + across * across) / 2
         return exponents
 
-    # Measured from the nearest taxel, so that a region with no taxel under it still bears its share.
-    nearest = exponent(believed).max(axis=(1, 2), keepdims=True)
-    total = exp(exponent(believed) - nearest).sum(axis=(1, 2), keepdims=True)
-    pressure = np.zeros((len(_REGIONS), len(believed), len(PRESSURE_TAXELS)))
-    pressure[..., PRESSURE_TAXELS] = exp(exponent(real) - nearest) / (total * layout.taxel_area_m2)
+    # Relative to the nearest taxel, so that a region without a taxel under it still has its share.
+    nearest = exponent(layout_m).max(axis=(1, 2), keepdims=True)
+    total = exp(exponent(layout_m) - nearest).sum(axis=(1, 2), keepdims=True)
+    pressure = np.zeros((len(_REGIONS), len(layout_m), len(PRESSURE_TAXELS)))
+    pressure[..., PRESSURE_TAXELS] = exp(exponent(true_m) - nearest) / (total * layout.taxel_area_m2)
     return pressure
 
 
 class Person(ABC):
-    """Somebody on the insoles: a Load, and the wrench that the ground answers with.
+    """A person on the insoles: a Load, with the wrench of the ground.
 
-    The wrench is that of an insole without a flaw, its taxels where the layout has them: all of the ground's force
-    passes through the taxels.
+    The wrench is that of a perfect insole with its taxels at the layout's positions: all force passes through the
+    taxels.
     """
 
     def __init__(self, layouts: Sequence[Layout], body_mass_kg: float, places: Places | None = None) -> None:
-        """`layouts`: one a foot; `places`: where the taxels really lie, if not there."""
+        """`layouts` has one layout per foot; `places` the taxels' true positions, if they differ from it."""
         self.weight_n = body_mass_kg * GRAVITY_M_S2
         self._footprints = {
             layout.foot: footprints(layout, None if places is None else places[layout.foot]) for layout in layouts
         }
-        self._wrenches = {layout.foot: _wrenches(layout) for layout in layouts}
+        self._unit_wrenches = {layout.foot: _unit_wrenches(layout) for layout in layouts}
 
     @abstractmethod
     def region_n(self, foot: Foot, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(n_times, n_regions) force that each region of the sole bears."""
+        """Return (n_times, n_regions) the force on each region of the sole."""
 
     def force_n(self, foot: Foot, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(n_times,) f_z of `foot`."""
-        return weighted(self.region_n(foot, t_s), np.ones(len(_REGIONS)))
+        """Return (n_times,) f_z of `foot`."""
+        return weighted_sum(self.region_n(foot, t_s), np.ones(len(_REGIONS)))
 
     def pressure_pa(self, foot: Foot, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """See Load; Σ P_i A_i is `force_n`."""
-        return weighted(self.region_n(foot, t_s), self._footprints[foot])
+        """Return the pressure, see Load; Σ P_i A_i is `force_n`."""
+        return weighted_sum(self.region_n(foot, t_s), self._footprints[foot])
 
     def reference(self, foot: Foot, t_s: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
-        """fz_n, mx_nm, my_nm (n_times,) about the insole's origin."""
-        wrench = weighted(self.region_n(foot, t_s), self._wrenches[foot])
+        """Return fz_n, mx_nm, my_nm (n_times,) about the insole's origin."""
+        wrench = weighted_sum(self.region_n(foot, t_s), self._unit_wrenches[foot])
         return {name: wrench[:, i] for i, name in enumerate(("fz_n", "mx_nm", "my_nm"))}
 
 
-def _wrenches(layout: Layout) -> NDArray[np.float64]:
-    """(n_regions, 3) f_z, m_x, m_y per newton."""
+def _unit_wrenches(layout: Layout) -> NDArray[np.float64]:
+    """Return (n_regions, 3) f_z, m_x, m_y per newton."""
     weights = footprints(layout) * layout.taxel_area_m2
     x, y = np.moveaxis(np.round(layout.xy_m, _DIGITS_M), -1, 0)
     return np.stack([np.ones(len(weights)), (weights * y).sum(axis=(1, 2)), -(weights * x).sum(axis=(1, 2))], axis=-1)
@@ -138,9 +139,9 @@ class Walk(Person):
         seed: int = 0,
         places: Places | None = None,
     ) -> None:
-        """`layouts`: one a foot; `cadence_per_min`: steps of both feet together; `places` as for every Person.
+        """`layouts` has one layout per foot; `cadence_per_min` counts steps of both feet; `places` as for every Person.
 
-        From stride to stride force and shares vary a little (1 σ: 2 % and 8 %), drawn from `seed`.
+        Force and distribution vary from stride to stride (1 σ: 2 % and 8 %), drawn from `seed`.
         """
         super().__init__(layouts, body_mass_kg, places)
         self.stride_s = 120.0 / cadence_per_min
@@ -152,26 +153,26 @@ class Walk(Person):
         self._share_factor = exp(0.08 * varied[..., 1:])
 
     def force_n(self, foot: Foot, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(n_times,) f_z of `foot`; 0 in swing."""
-        stance, stride = self._stance(foot, t_s)
-        in_weights = weighted(sin_turns(stance[:, None] * (0.5, 1.5, 2.5)), self._harmonics)
+        """Return (n_times,) f_z of `foot`; 0 in swing."""
+        stance, stride = self._stance_phase(foot, t_s)
+        in_weights = weighted_sum(sin_turns(stance[:, None] * (0.5, 1.5, 2.5)), self._harmonics)
         force_n: NDArray[np.float64] = (
-            self.weight_n * self._force_factor[_row(foot), stride] * in_weights * (stance < 1)
+            self.weight_n * self._force_factor[_foot_index(foot), stride] * in_weights * (stance < 1)
         )
         return force_n
 
     def region_n(self, foot: Foot, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(n_times, n_regions) the force, heel first and toes last."""
-        stance, stride = self._stance(foot, t_s)
+        """Return (n_times, n_regions) the force, from heel to toes."""
+        stance, stride = self._stance_phase(foot, t_s)
         peak, width, high = _REGIONS[:, 4:7].T
         since = (stance[:, None] - peak) / width
-        shares: NDArray[np.float64] = high * self._share_factor[_row(foot), stride] * exp(-since * since / 2)
+        shares: NDArray[np.float64] = high * self._share_factor[_foot_index(foot), stride] * exp(-since * since / 2)
         shares *= (self.force_n(foot, t_s) / shares.sum(axis=1))[:, None]
         return shares
 
-    def _stance(self, foot: Foot, t_s: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Where in stance (0 heel strike … 1 toe off; 1 throughout swing), and which stride of the table."""
-        strides = t_s / self.stride_s + 0.5 * _row(foot)
+    def _stance_phase(self, foot: Foot, t_s: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Return the phase of stance (0 heel strike … 1 toe-off, 1 in swing), and the stride's row in the table."""
+        strides = t_s / self.stride_s + 0.5 * _foot_index(foot)
         number = np.floor(strides)
         return np.minimum((strides - number) / STANCE, 1.0), number.astype(np.int64) % _VARIED_STRIDES
 
@@ -180,34 +181,35 @@ class Stand(Person):
     """Quiet standing: half the weight on each foot, swaying by 4 % of it sideways and some mm forward."""
 
     def __init__(self, layouts: Sequence[Layout], body_mass_kg: float = 63.0, places: Places | None = None) -> None:
-        """The body of `body_mass_kg` stands on `layouts`, one a foot; `places` as for every Person."""
+        """A person of `body_mass_kg` stands on `layouts`, one per foot; `places` as for every Person."""
         super().__init__(layouts, body_mass_kg, places)
 
     def force_n(self, foot: Foot, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(n_times,) f_z of `foot`; the other foot bears the rest of the weight."""
+        """Return (n_times,) f_z of `foot`; the other foot bears the rest of the weight."""
         sideways = 0.04 * sin_turns(0.31 * t_s)
         return self.weight_n * (0.5 + (sideways if foot == "left" else -sideways))
 
     def region_n(self, foot: Foot, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(n_times, n_regions) the force as it is distributed in quiet standing."""
+        """Return (n_times, n_regions) the force as distributed in quiet standing."""
         forward = 1 + 0.06 * sin_turns(0.23 * t_s)
         flat = np.zeros_like(t_s)
-        return standing(self.force_n(foot, t_s), forward, flat, flat)
+        return distribute_standing_force(self.force_n(foot, t_s), forward, flat, flat)
 
 
-def standing(
+def distribute_standing_force(
     force_n: NDArray[np.float64],
     forward: NDArray[np.float64],
     tiptoe: NDArray[np.float64],
     tilt: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """(n, n_regions) how `force_n` (n,) is borne by who stands.
+    """Return (n, n_regions) the distribution of `force_n` (n,) over the regions of a standing person's foot.
 
-    `forward` (n,): how much more all but the heel bear, 1 in quiet standing; `tilt` (n,): the share of the force that
-    is on the lateral edge, on the medial one below 0; `tiptoe` (n,): that of the rest which is borne as on tiptoe.
+    `forward` (n,): factor of all regions but the heel, 1 in quiet standing; `tilt` (n,): fraction of the force on the
+    lateral edge, negative for the medial one; `tiptoe` (n,): fraction of the remaining force that is distributed as on
+    tiptoe.
     """
     shares = np.repeat(_REGIONS[None, :, 7], len(force_n), axis=0)
-    shares[:, _BEFORE_THE_HEEL] *= forward[:, None]
+    shares[:, _ALL_BUT_HEEL] *= forward[:, None]
     shares *= ((1.0 - tiptoe) / shares.sum(axis=1))[:, None]
     shares += tiptoe[:, None] * _ON_TIPTOE
     shares *= (1.0 - np.abs(tilt))[:, None]
@@ -216,5 +218,5 @@ def standing(
     return shares * force_n[:, None]
 
 
-def _row(foot: Foot) -> int:
+def _foot_index(foot: Foot) -> int:
     return 0 if foot == "left" else 1

@@ -1,4 +1,4 @@
-"""A triangle's reading as its board sends it: the payloads of the two halves.
+"""Encode a triangle's reading as the payloads of its two halves.
 
 Source: robotology/icub-firmware, embot_prot_can_skin_periodic.cpp 78–111.
 """
@@ -12,7 +12,7 @@ from ..skin.identifiers import TAG_A, TAG_B
 
 
 def halves(counts: NDArray[np.uint8], status: NDArray[np.uint16]) -> NDArray[np.uint8]:
-    """Payloads (…, 2, 8), half A then half B, of counts (…, 12) and status words (…)."""
+    """Return payloads (…, 2, 8), half A then half B, of counts (…, 12) and status words (…)."""
     data = np.empty((*status.shape, 2, 8), np.uint8)
     data[..., 0, 0] = TAG_A
     data[..., 0, 1:] = counts[..., :7]

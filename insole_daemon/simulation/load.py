@@ -1,4 +1,4 @@
-"""The one contract of every load that is put on simulated insoles."""
+"""The interface of every load on simulated insoles."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from ..skin.layout import Foot, Layout
 
 
 class Load(Protocol):
-    """A pressure on every taxel as a function of time alone: asked twice, it answers the same."""
+    """A pressure on every taxel as a function of time alone: the same time gives the same pressure."""
 
     def pressure_pa(self, foot: Foot, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(n_times, n_triangles, 12) Pa at the times `t_s` (n_times,), triangles in the layout's order.
+        """Return (n_times, n_triangles, 12) Pa at the times `t_s` (n_times,), triangles in the layout's order.
 
-        0 on the thermal pads (6 and 10): they stand for no area of the insole.
+        The pressure is 0 on the thermal pads (6 and 10), which have no area of the insole.
         """
         ...
 
 
 class Unloaded:
-    """Insoles that nobody stands on."""
+    """Insoles without a load."""
 
     def __init__(self, layouts: Sequence[Layout]) -> None:
-        """`layouts`: one a foot."""
+        """`layouts` has one layout per foot."""
         self._n_triangles = {layout.foot: len(layout.triangles) for layout in layouts}
 
     def pressure_pa(self, foot: Foot, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """See Load: 0 everywhere."""
+        """Return 0 everywhere; see Load."""
         return np.zeros((len(t_s), self._n_triangles[foot], 12))

@@ -1,4 +1,4 @@
-"""The insole that is simulated: insole-reference.yaml, the one place of every constant, and a static curve a taxel."""
+"""The simulated insole: its constants, all in insole-reference.yaml, and a true static curve per taxel."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from ..skin.layout import Layout
 FORMAT = "insole-reference/1"
 FILE = Path(__file__).with_name("insole-reference.yaml")
 
-# Unit, lowest and highest that is allowed; a file has each of them.
+# Unit, lowest and highest allowed value; a file must have all of them.
 _CONSTANTS: Mapping[str, tuple[str, float, float]] = {
     "pa_per_count": ("Pa", 100.0, 1e6),
-    "curve_square": ("1/count", 0.0, 0.01),  # with the cube's, a curve that rises everywhere
+    "curve_square": ("1/count", 0.0, 0.01),  # with the bound of curve_cube, a curve that always increases
     "curve_cube": ("1/count2", 0.0, 0.001),
     "sensitivity_spread": ("1", 0.0, 0.3),
     "count_bits": ("1", 8, 8),
@@ -70,7 +70,7 @@ class _File(Section):
 
 @dataclass(frozen=True, slots=True)
 class ReferenceInsole:
-    """The constants by name; what each is, in which unit and after whom, stands in insole-reference.yaml."""
+    """The constants by name; insole-reference.yaml states meaning, unit and source of each."""
 
     pa_per_count: float
     curve_square: float
@@ -102,14 +102,14 @@ class ReferenceInsole:
     reference_ppm: float
 
     def sensitivities(self, draws: Draws, *shape: int) -> NDArray[np.float64]:
-        """`shape`: what each taxel's activation is in terms of the nominal one."""
+        """Draw the taxels' activations relative to the nominal one, in the given shape."""
         return portable.exp(self.sensitivity_spread * draws.normal(*shape))
 
     def calibration(self, layout: Layout, boards: Sequence[Board], seed: int) -> Calibration:
-        """The true static curves of an insole, drawn from `seed`, a board at a time.
+        """Draw the true static curves of an insole from `seed`, board by board.
 
-        `boards`: whose no-load and shift say what a taxel rests at; all those of the layout. Coefficients have ten
-        digits: what a file of them says is what the insole has.
+        `boards` must be all those of the layout; their no-load and shift give the unloaded counts. Coefficients have
+        ten digits, so that a file contains them exactly.
         """
         settings = {board.address: board for board in boards}
         usable = np.tile(PRESSURE_TAXELS, (len(layout), 1))
@@ -117,14 +117,14 @@ class ReferenceInsole:
         sensitivity = np.array([drawn[t.board][t.triangle] for t in layout.triangles])
         powers = (np.ones_like(sensitivity), self.curve_square / sensitivity, self.curve_cube / sensitivity**2)
         slopes = [self.pa_per_count / sensitivity * power for power in powers]
-        coefficients = _ten_digits(np.stack([np.zeros_like(sensitivity), *slopes], axis=-1))
-        rest = [
-            settings[t.board].no_load + (1 - 2.0 ** -settings[t.board].shift) / 2  # a floor reads more than there is
+        coefficients = _round_to_ten_digits(np.stack([np.zeros_like(sensitivity), *slopes], axis=-1))
+        unloaded_count = [
+            settings[t.board].no_load + (1 - 2.0 ** -settings[t.board].shift) / 2  # mean effect of the floor
             for t in layout.triangles
         ]
         return Calibration(
             foot=layout.foot,
-            baseline_count=np.where(usable, np.array(rest)[:, None], np.nan),
+            baseline_count=np.where(usable, np.array(unloaded_count)[:, None], np.nan),
             coefficients_pa=np.where(usable[..., None], coefficients, np.nan),
             covariance_pa2=None,
             usable=usable,
@@ -134,12 +134,12 @@ class ReferenceInsole:
 
 @cache
 def reference_insole() -> ReferenceInsole:
-    """The one that comes with the package."""
+    """Return the constants that come with the package."""
     return load(FILE)
 
 
 def load(path: str | PathLike[str]) -> ReferenceInsole:
-    """The constants in file `path`; DocumentError lists all that is wrong with it, with what is allowed."""
+    """Load the constants in file `path`; DocumentError lists all problems with the allowed values."""
     values: dict[str, float] = {}
 
     def check(reading: Reading) -> None:
@@ -153,21 +153,21 @@ def load(path: str | PathLike[str]) -> ReferenceInsole:
             if name not in raw:
                 reading.problem(key, f"missing key: expected a number from {low:g} to {high:g} {unit}, and its source")
                 continue
-            found = reading.section(_Constant, raw[name], key)
-            if not isinstance(found, _Constant):
+            constant = reading.section(_Constant, raw[name], key)
+            if not isinstance(constant, _Constant):
                 continue
-            if found.unit != unit:
-                reading.problem((*key, "unit"), f'expected the unit "{unit}", found "{found.unit}"')
-            if not low <= found.value <= high:
-                what = f"expected a number from {low:g} to {high:g} {unit}, found {found.value:g}"
+            if constant.unit != unit:
+                reading.problem((*key, "unit"), f'expected the unit "{unit}", found "{constant.unit}"')
+            if not low <= constant.value <= high:
+                what = f"expected a number from {low:g} to {high:g} {unit}, found {constant.value:g}"
                 reading.problem((*key, "value"), what)
-            if not found.source.strip():
+            if not constant.source.strip():
                 reading.problem((*key, "source"), "expected where the number is from, or that it is an assumption")
-            values[name] = found.value
+            values[name] = constant.value
 
     read(path, _File, FORMAT, check)
     return ReferenceInsole(**values)
 
 
-def _ten_digits(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _round_to_ten_digits(values: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.array([float(f"{value:.10g}") for value in values.ravel()]).reshape(values.shape)

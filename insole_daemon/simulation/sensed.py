@@ -1,8 +1,8 @@
-"""What the sensors of an insole make of a load: the effects and the static curves of `physics.Chain`, for the boards.
+"""Apply an insole's effects and true static curves (`physics.Chain`) to a load, for the emulated boards.
 
-The chain has memory and boards ask at moments of their own, so it runs on a grid of GRID_S, and what is between two
-of its moments is taken as linear. Answers are those of one run from t = 0, whoever asks for what and in which order.
-Converters, digitisers and frames are the boards' own, so the effects OF_BOARDS are not the chain's: they go there.
+The chain has memory, and boards ask for arbitrary times, so the chain runs on a grid of GRID_S with linear
+interpolation in between. The results are those of one run from t = 0, in whatever order they are requested. Converters,
+digitisers and frames belong to the boards, so the effects OF_BOARDS are not in the chain but passed to the boards.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ..errors import SimulationError
 from ..physics.calibration import Calibration
 from ..physics.chain import Chain
 from ..physics.effect import Effect
-from ..physics.run import Run
+from ..physics.run import ChainRun
 from ..skin.geometry import N_TAXELS
 from ..skin.layout import Foot, Layout
 from .load import Load
@@ -27,13 +27,13 @@ from .sensors import Temperature
 
 GRID_S = 0.01
 OF_BOARDS = ("sample_and_hold", "bit_shift", "jitter", "loss")
-_AT_ONCE = 32  # moments of the grid that are worked out together: some 1 ms of a live stream
-_KEPT = 96 * _AT_ONCE  # moments, 30 s: whoever asks for what was earlier has it worked out anew
+_BLOCK_POINTS = 32  # grid points computed together; takes about 1 ms in a live stream
+_KEPT_POINTS = 96 * _BLOCK_POINTS  # grid points kept, 30 s; earlier ones are computed again on request
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SimulatedInsole:
-    """A simulated insole: its boards, where its taxels lie, its true static curves, and what else it does to a load."""
+    """A simulated insole: its boards, layout, true static curves and effects."""
 
     layout: Layout
     boards: Sequence[Board]
@@ -42,29 +42,29 @@ class SimulatedInsole:
 
     @property
     def chain(self) -> Chain:
-        """All of it but what is the boards' own."""
-        kept = [effect for effect in self.effects if effect.law.word not in OF_BOARDS]
-        return Chain(kept, self.layout, self.calibration, self.boards)
+        """Return the chain of all effects but those of the boards."""
+        chain_effects = [effect for effect in self.effects if effect.law.word not in OF_BOARDS]
+        return Chain(chain_effects, self.layout, self.calibration, self.boards)
 
-    def of_boards(self, word: str) -> dict[int, Mapping[str, float]]:
-        """By board, the values of the effect `word` on it. SimulationError where it has two."""
-        found: dict[int, Mapping[str, float]] = {}
+    def values_by_board(self, word: str) -> dict[int, Mapping[str, float]]:
+        """Return the values of the effect `word`, by board; SimulationError if a board has two."""
+        by_board: dict[int, Mapping[str, float]] = {}
         for effect in self.effects:
             if effect.law.word != word:
                 continue
             rows = dict.fromkeys((effect.where.slots(self.layout) // N_TAXELS).tolist())
             for board in dict.fromkeys(self.layout.triangles[row].board for row in rows):
-                if board in found:
+                if board in by_board:
                     raise SimulationError(
                         f"the effect {word}: where.ids: expected each board once, found board {board} twice: "
                         "it has one converter rate, and one way to the host"
                     )
-                found[board] = {name: float(value) for name, value in effect.values.items()}
-        return found
+                by_board[board] = {name: float(value) for name, value in effect.values.items()}
+        return by_board
 
-    def shifts(self) -> dict[int, dict[int, int]]:
-        """By board and triangle, the shift that a `bit_shift` has in truth."""
-        found: dict[int, dict[int, int]] = {}
+    def real_shifts(self) -> dict[int, dict[int, int]]:
+        """Return the real shift of a `bit_shift`, by board and triangle; SimulationError if it is on single taxels."""
+        by_board: dict[int, dict[int, int]] = {}
         for effect in self.effects:
             if effect.law.word != "bit_shift":
                 continue
@@ -75,75 +75,75 @@ class SimulatedInsole:
                 )
             for row in dict.fromkeys((effect.where.slots(self.layout) // N_TAXELS).tolist()):
                 triangle = self.layout.triangles[row]
-                found.setdefault(triangle.board, {})[triangle.triangle] = int(effect.values["shift"])
-        return found
+                by_board.setdefault(triangle.board, {})[triangle.triangle] = int(effect.values["shift"])
+        return by_board
 
 
 class SensedLoad:
-    """A Load as boards whose sensors are all alike need it, to read what the sensors of `insoles` read.
+    """A load for boards with nominal sensors such that they read what the sensors of `insoles` would read.
 
-    Such a sensor is a line: its pressure is the mean activation times the nominal Pa per count.
+    A nominal sensor is linear: its pressure is the mean activation times the nominal Pa per count.
     """
 
     def __init__(
         self, load: Load, insoles: Sequence[SimulatedInsole], temperature_c: Temperature | None = None
     ) -> None:
-        """`load` gives the pressure where the taxels really lie; `temperature_c` of all insoles, as for a board."""
+        """`load` is the pressure at the taxels' true positions; `temperature_c` is that of all insoles."""
         self._load = load
         self._temperature_c = temperature_c
         self._pa_per_count = reference_insole().pa_per_count
         self._insoles: Mapping[Foot, SimulatedInsole] = {insole.layout.foot: insole for insole in insoles}
         self._chains = {foot: insole.chain for foot, insole in self._insoles.items()}
-        self._felt: dict[Foot, _Felt] = {}
+        self._grid_runs: dict[Foot, _GridRun] = {}
 
     def pressure_pa(self, foot: Foot, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """See Load; `t_s` from 0 on."""
+        """Return the pressure, see Load; `t_s` ≥ 0."""
         if not len(t_s):
             return self._load.pressure_pa(foot, t_s)
-        at = t_s / GRID_S
-        before = np.floor(at).astype(np.int64)
+        position = t_s / GRID_S
+        before = np.floor(position).astype(np.int64)
         first = int(before.min())
-        felt = self._felt.get(foot)
-        if felt is None or first < felt.first:
-            felt = self._felt[foot] = _Felt(self._chains[foot].forward(), len(self._insoles[foot].layout))
-        while felt.end < int(before.max()) + 2:
-            self._go_on(foot, felt, first)
-        part = (at - before)[:, None, None]
-        since, until = felt.at(before), felt.at(before + 1)
-        until -= since
-        until *= part
-        since += until
-        return since
+        grid_run = self._grid_runs.get(foot)
+        if grid_run is None or first < grid_run.first:
+            grid_run = self._grid_runs[foot] = _GridRun(self._chains[foot].forward(), len(self._insoles[foot].layout))
+        while grid_run.end < int(before.max()) + 2:
+            self._compute_block(foot, grid_run, first)
+        fraction = (position - before)[:, None, None]
+        lower, upper = grid_run.at(before), grid_run.at(before + 1)
+        upper -= lower
+        upper *= fraction
+        lower += upper
+        return lower
 
-    def _go_on(self, foot: Foot, felt: _Felt, needed: int) -> None:
-        t_s = np.arange(felt.end, felt.end + _AT_ONCE).astype(np.float64) * GRID_S
+    def _compute_block(self, foot: Foot, grid_run: _GridRun, needed: int) -> None:
+        t_s = np.arange(grid_run.end, grid_run.end + _BLOCK_POINTS).astype(np.float64) * GRID_S
         load_pa = self._load.pressure_pa(foot, t_s)
-        warm = None if self._temperature_c is None else self._temperature_c(t_s)
-        counts = felt.run(load_pa, t_s, warm)
+        temperature_c = None if self._temperature_c is None else self._temperature_c(t_s)
+        counts = grid_run.run(load_pa, t_s, temperature_c)
         activation = self._insoles[foot].calibration.baseline_count - counts
-        felt.keep(np.where(np.isnan(activation), 0.0, activation) * self._pa_per_count, needed)
+        grid_run.keep(np.where(np.isnan(activation), 0.0, activation) * self._pa_per_count, needed)
 
 
-class _Felt:
-    """One run of a chain, and what it has given last, a row a moment of the grid."""
+class _GridRun:
+    """One run of a chain, and its latest results, one row per grid point."""
 
-    def __init__(self, run: Run, n_triangles: int) -> None:
+    def __init__(self, run: ChainRun, n_triangles: int) -> None:
         self.run = run
-        self.first = self.end = 0  # of what is kept
+        self.first = self.end = 0  # range of the kept grid points
         self._rows = np.empty((0, n_triangles, N_TAXELS))
 
     def keep(self, block: NDArray[np.float64], needed: int) -> None:
-        """Add what comes next; what is old may go, but nothing from the moment `needed` on."""
+        """Append the next block; drop old rows, but none from the grid point `needed` on."""
         used = self.end - self.first
         if used + len(block) > len(self._rows):
-            oldest = min(needed, max(self.end - _KEPT, self.first))
+            oldest = min(needed, max(self.end - _KEPT_POINTS, self.first))
             kept = self._rows[oldest - self.first : used]
-            self._rows = np.empty((2 * max(len(kept), _KEPT), *kept.shape[1:]))
+            self._rows = np.empty((2 * max(len(kept), _KEPT_POINTS), *kept.shape[1:]))
             self._rows[: len(kept)] = kept
             self.first, used = oldest, len(kept)
         self._rows[used : used + len(block)] = block
         self.end += len(block)
 
     def at(self, rows: NDArray[np.int64]) -> NDArray[np.float64]:
-        """(n, n_triangles, 12) of the moments `rows` (n,)."""
+        """Return (n, n_triangles, 12) the results at the grid points `rows` (n,)."""
         return self._rows[rows - self.first]

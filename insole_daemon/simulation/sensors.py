@@ -1,17 +1,17 @@
-"""The raw words of one board's sensors: the physics of a reading, all of it.
+"""The raw words of one board's sensors: the complete physics of a reading.
 
-A sensor's line is
+A sensor is linear:
 
     raw16 = rest + 2^shift · (s · P / pa_per_count + pad_count_per_k · gain_k / 128 · (T − rest_c)) + noise
 
-with the shift it was made for, whatever shift is commanded later; gain_k are those of skin type 0, which is what
-the compensation was made for, and 128 on the thermal pads: they respond to temperature alone. The constants are those
-of insole-reference.yaml; s is the sensitivity of the taxel.
+The shift is the one at construction, whatever shift is commanded later. gain_k are those of skin type 0, for which the
+compensation was made, and 128 on the thermal pads, which respond to temperature alone. The constants are those of
+insole-reference.yaml; s is the sensitivity of the taxel.
 
-A converter (AD7147) runs freely, unless none is asked for: the board's tick then reads what its last sequence
-found, and reads it again until the next is through. Sources: AD7147 data sheet, table 10 (36.864 ms for twelve
-stages at decimation 256); icub-firmware AD7147.c 71. A sequence's twelve results appear at once here, and all
-converters keep the same rate, each with a phase of its own.
+A converter (AD7147), if there is one, runs freely: the board's tick reads the result of its last sequence, and reads it
+again until the next one is complete. Sources: AD7147 data sheet, table 10 (36.864 ms for twelve stages at decimation
+256); icub-firmware AD7147.c 71. In this model a sequence's twelve results appear at once, and all converters have the
+same rate with different phases.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from ..physics.digitiser import GAINS_TYPE_0, OPEN_LINE
 from ..physics.draws import Drawn, Draws
-from ..physics.sampling import phases_s, sequence, taken_s
+from ..physics.sampling import conversion_time_s, draw_phases_s, sequence_number
 from ..skin.geometry import PRESSURE_TAXELS
 from .faults import LINE_KINDS, STUCK_PA, TAXEL_KINDS, InjectedFault
 from .reference_insole import reference_insole
@@ -32,7 +32,7 @@ Temperature = Callable[[NDArray[np.float64]], NDArray[np.float64]]  # (n,) s sin
 
 
 class Sensors:
-    """The sensors on `triangles` (ascending), the same from the same seed; the others are open lines."""
+    """The sensors on `triangles` (ascending), the same for the same seed; other triangles are open lines."""
 
     def __init__(
         self,
@@ -43,59 +43,62 @@ class Sensors:
         faults: Sequence[InjectedFault] = (),
         cdc_hz: float | None = None,
         temperature_c: Temperature | None = None,
-        luck: int = 0,
-        alike: bool = False,
+        noise_key: int = 0,
+        nominal_sensors: bool = False,
     ) -> None:
-        """`faults`: only those of triangles and taxels on board `address` matter; `cdc_hz` None: no converter.
+        """Create the sensors of board `address`.
 
-        `luck`: of the noise, on the same sensors. `alike`: every taxel has the nominal sensitivity; else each its own.
+        `faults`: only those of triangles and taxels on this board matter. `cdc_hz` None: no converter. `noise_key`
+        selects other noise on the same sensors. `nominal_sensors`: every taxel has the nominal sensitivity.
         """
-        made_of = reference_insole()
+        constants = reference_insole()
         self.triangles = tuple(triangles)
-        self.made = Draws(seed, Drawn.SENSORS, address)
-        self._noise = Draws(seed, Drawn.NOISE, address, luck)
-        self._rest_code = np.rint(made_of.rest_code + made_of.rest_code_spread * self.made.normal(16, 12))
-        sensitivity = made_of.sensitivities(self.made, 16, 12)
-        self._code_per_pa = 2.0**shift / made_of.pa_per_count * (1.0 if alike else sensitivity) * np.ones((16, 12))
+        self.draws = Draws(seed, Drawn.SENSORS, address)
+        self._noise = Draws(seed, Drawn.NOISE, address, noise_key)
+        self._unloaded_code = np.rint(constants.rest_code + constants.rest_code_spread * self.draws.normal(16, 12))
+        sensitivity = constants.sensitivities(self.draws, 16, 12)
+        self._code_per_pa = (
+            2.0**shift / constants.pa_per_count * (1.0 if nominal_sensors else sensitivity) * np.ones((16, 12))
+        )
         self._code_per_pa[:, ~PRESSURE_TAXELS] = 0.0
-        self._noise_code = 2.0**shift * np.where(PRESSURE_TAXELS, made_of.noise_count, made_of.pad_noise_count)
+        self._noise_code = 2.0**shift * np.where(PRESSURE_TAXELS, constants.noise_count, constants.pad_noise_count)
         gains = np.where(PRESSURE_TAXELS, GAINS_TYPE_0, 128) / 128
-        self._code_per_k = 2.0**shift * made_of.pad_count_per_k * gains
-        self._rest_c = made_of.rest_c
+        self._code_per_k = 2.0**shift * constants.pad_count_per_k * gains
+        self._rest_c = constants.rest_c
         self._temperature_c = temperature_c
         self._taxel_faults = [f for f in faults if f.board == address and f.kind in TAXEL_KINDS]
-        # Each line has luck of its own, so that one more fault changes nothing about the others.
+        # Each line has its own random stream, so that an additional fault does not change the others.
         self._line_faults = [
-            (fault, Draws(seed, Drawn.FAULT, address, place))
-            for place, fault in enumerate(faults)
+            (fault, Draws(seed, Drawn.FAULT, address, index))
+            for index, fault in enumerate(faults)
             if fault.board == address and fault.kind in LINE_KINDS
         ]
         self._cdc_hz = cdc_hz
-        self._phase_s = phases_s(seed, address, cdc_hz or 1.0)
-        # Which were asked for last, which of them are there, and where among the board's.
-        self._slots, self._there, self._rows = np.empty(0, np.intp), np.empty(0, np.bool_), np.empty(0, np.intp)
-        self._held = np.full((16, 12), OPEN_LINE, np.int64)
+        self._phase_s = draw_phases_s(seed, address, cdc_hz or 1.0)
+        # Slots of the last request, which of them have sensors, and their rows among the board's.
+        self._slots, self._is_present, self._rows = np.empty(0, np.intp), np.empty(0, np.bool_), np.empty(0, np.intp)
+        self._held_words = np.full((16, 12), OPEN_LINE, np.int64)
         self._held_number = np.full(16, -(2**62), np.int64)
 
-    def rest(self) -> NDArray[np.int64]:
-        """(16, 12) words at rest, without noise, at the temperature of power-up."""
+    def unloaded_words(self) -> NDArray[np.int64]:
+        """Return (16, 12) words without load and noise, at the temperature of power-up."""
         words = np.full((16, 12), OPEN_LINE, np.int64)
-        there = list(self.triangles)
-        words[there] = np.rint(self._rest_code + self._warmth(np.zeros(1))[0])[there]
+        slots = list(self.triangles)
+        words[slots] = np.rint(self._unloaded_code + self._temperature_codes(np.zeros(1))[0])[slots]
         return words
 
-    def sampled_s(self, t_s: NDArray[np.float64]) -> NDArray[np.float64] | None:
-        """(n, n_triangles) when what is read at `t_s` (n,) was converted; None: then."""
+    def sample_times_s(self, t_s: NDArray[np.float64]) -> NDArray[np.float64] | None:
+        """Return (n, n_triangles) when the readings at `t_s` (n,) were converted; None: at `t_s`."""
         if self._cdc_hz is None:
             return None
-        return np.maximum(taken_s(t_s, self._phase_s[list(self.triangles)], self._cdc_hz), 0.0)
+        return np.maximum(conversion_time_s(t_s, self._phase_s[list(self.triangles)], self._cdc_hz), 0.0)
 
     def temperature_c(self, t_s: float) -> float:
-        """Of the board, `t_s` after power-up."""
+        """Return the temperature of the board `t_s` after power-up."""
         return self._rest_c if self._temperature_c is None else float(self._temperature_c(np.array([t_s]))[0])
 
-    def _warmth(self, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(n, 12) codes."""
+    def _temperature_codes(self, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (n, 12) codes."""
         if self._temperature_c is None:
             return np.zeros((len(t_s), 12))
         return (self._temperature_c(t_s) - self._rest_c)[:, None] * self._code_per_k
@@ -105,39 +108,39 @@ class Sensors:
         pressure_pa: NDArray[np.float64],
         slots: NDArray[np.intp],
         t_s: NDArray[np.float64],
-        held: bool = True,
+        hold: bool = True,
     ) -> NDArray[np.int64]:
-        """(n_ticks, n_slots, 12) words of the triangles `slots` at `t_s` (n_ticks,) since power-up.
+        """Return (n_ticks, n_slots, 12) words of the triangles `slots` at `t_s` (n_ticks,) since power-up.
 
-        `pressure_pa` (n_ticks, n_triangles, 12), as it was when `sampled_s` says; not `held`: a converter has
-        just been through, as after being programmed.
+        `pressure_pa` (n_ticks, n_triangles, 12) at the times of `sample_times_s`. `hold` False: every converter has
+        just completed a sequence, as after being programmed.
         """
         if slots is not self._slots:
-            self._slots, self._there = slots, np.isin(slots, self.triangles)
-            self._rows = np.searchsorted(self.triangles, slots[self._there])
-        there = self._there
-        slots_there = slots[there]
+            self._slots, self._is_present = slots, np.isin(slots, self.triangles)
+            self._rows = np.searchsorted(self.triangles, slots[self._is_present])
+        is_present = self._is_present
+        present_slots = slots[is_present]
         load = pressure_pa[:, self._rows]
         code = self._noise.normal(*load.shape)
         code *= self._noise_code
         for fault in self._taxel_faults:
             if fault.kind == "noisy":
-                code[_where(fault, slots_there, t_s)] *= fault.factor
-        code += load * self._code_per_pa[slots_there]
-        code += self._rest_code[slots_there]
+                code[_strikes(fault, present_slots, t_s)] *= fault.factor
+        code += load * self._code_per_pa[present_slots]
+        code += self._unloaded_code[present_slots]
         if self._temperature_c is not None:
-            code += self._warmth(t_s)[:, None]
+            code += self._temperature_codes(t_s)[:, None]
         for fault in self._taxel_faults:
-            self._break_taxels(fault, code, load, slots_there, t_s)
+            self._break_taxels(fault, code, load, present_slots, t_s)
         np.rint(code, out=code)
         np.minimum(np.maximum(code, 0, out=code), OPEN_LINE, out=code)
         words = np.full((len(load), len(slots), 12), OPEN_LINE, np.int64)
-        words[:, there] = code
-        if self._cdc_hz is not None and held:
-            number = sequence(t_s, self._phase_s[slots_there], self._cdc_hz)
-            words[:, there] = self._hold(words[:, there], slots_there, number)
-        for fault, luck in self._line_faults:
-            self._break_lines(fault, luck, words, pressure_pa, slots, t_s)
+        words[:, is_present] = code
+        if self._cdc_hz is not None and hold:
+            number = sequence_number(t_s, self._phase_s[present_slots], self._cdc_hz)
+            words[:, is_present] = self._hold(words[:, is_present], present_slots, number)
+        for fault, draws in self._line_faults:
+            self._break_lines(fault, draws, words, pressure_pa, slots, t_s)
         return words
 
     def _break_taxels(
@@ -148,63 +151,65 @@ class Sensors:
         slots: NDArray[np.intp],
         t_s: NDArray[np.float64],
     ) -> None:
+        """Apply a fault of taxels to the codes (n_ticks, n_slots, 12), in place."""
         if fault.kind == "noisy":
             return
-        there = _where(fault, slots, t_s)
+        is_struck = _strikes(fault, slots, t_s)
         if fault.kind == "saturated":
             if fault.level_pa is not None:
-                there &= load >= fault.level_pa
-            code[there] = OPEN_LINE
+                is_struck &= load >= fault.level_pa
+            code[is_struck] = OPEN_LINE
             return
         level_pa = 0.0
         if fault.kind == "stuck":
             level_pa = STUCK_PA if fault.level_pa is None else fault.level_pa
-        constant = self._rest_code[slots] + level_pa * self._code_per_pa[slots]
-        code[there] = np.broadcast_to(constant, code.shape)[there]
+        constant = self._unloaded_code[slots] + level_pa * self._code_per_pa[slots]
+        code[is_struck] = np.broadcast_to(constant, code.shape)[is_struck]
 
     def _break_lines(
         self,
         fault: InjectedFault,
-        luck: Draws,
+        draws: Draws,
         words: NDArray[np.int64],
         pressure_pa: NDArray[np.float64],
         slots: NDArray[np.intp],
         t_s: NDArray[np.float64],
     ) -> None:
-        ticks = np.flatnonzero(fault.active(t_s))
+        """Apply a fault of lines or chips to the words (n_ticks, n_slots, 12), in place."""
+        ticks = np.flatnonzero(fault.is_active(t_s))
         if not len(ticks):
             return
-        struck = np.ones(len(ticks), bool)
+        is_struck = np.ones(len(ticks), bool)
         if fault.chance < 1:
-            struck = luck.uniform(len(ticks)) < fault.chance
+            is_struck = draws.uniform(len(ticks)) < fault.chance
         triangles = self.triangles if fault.triangle is None else (fault.triangle,)
         for triangle in triangles:
             if triangle not in self.triangles or triangle not in slots:
                 continue
-            bad = struck
+            is_open = is_struck
             if fault.level_pa is not None:
-                mine = pressure_pa[ticks, self.triangles.index(triangle)][:, PRESSURE_TAXELS]
-                bad = struck & (mine.mean(axis=1) >= fault.level_pa)
-            place = int(np.flatnonzero(slots == triangle)[0])
-            words[ticks[bad], place] = OPEN_LINE if fault.kind == "loose" else 0
+                pressures = pressure_pa[ticks, self.triangles.index(triangle)][:, PRESSURE_TAXELS]
+                is_open = is_struck & (pressures.mean(axis=1) >= fault.level_pa)
+            row = int(np.flatnonzero(slots == triangle)[0])
+            words[ticks[is_open], row] = OPEN_LINE if fault.kind == "loose" else 0
 
     def _hold(self, words: NDArray[np.int64], slots: NDArray[np.intp], number: NDArray[np.int64]) -> NDArray[np.int64]:
-        """`words` (n_ticks, n_slots, 12), at each tick those of the first tick that saw the same sequence `number`."""
+        """Return `words` (n_ticks, n_slots, 12) as they were at the first tick with the same sequence `number`."""
         if not len(number):
             return words
-        new = number != np.concatenate([self._held_number[None, slots], number[:-1]])
-        # Row 0 of what follows is what the last call left.
-        since = np.maximum.accumulate(np.where(new, np.arange(1, len(number) + 1)[:, None], 0), axis=0)
-        all_words = np.concatenate([self._held[None, slots], words])
-        result: NDArray[np.int64] = np.take_along_axis(all_words, since[..., None], axis=0)
-        self._held[slots] = result[-1]
+        is_new = number != np.concatenate([self._held_number[None, slots], number[:-1]])
+        # Row 0 of all_words is from the last call.
+        row = np.maximum.accumulate(np.where(is_new, np.arange(1, len(number) + 1)[:, None], 0), axis=0)
+        all_words = np.concatenate([self._held_words[None, slots], words])
+        result: NDArray[np.int64] = np.take_along_axis(all_words, row[..., None], axis=0)
+        self._held_words[slots] = result[-1]
         self._held_number[slots] = number[-1]
         return result
 
 
-def _where(fault: InjectedFault, slots: NDArray[np.intp], t_s: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """(n_ticks, n_slots, 12) which readings `fault` strikes."""
+def _strikes(fault: InjectedFault, slots: NDArray[np.intp], t_s: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return (n_ticks, n_slots, 12) which readings `fault` strikes."""
     triangles = np.ones(len(slots), bool) if fault.triangle is None else slots == fault.triangle
     taxels = PRESSURE_TAXELS if fault.taxel is None else np.arange(12) == fault.taxel
-    there: NDArray[np.bool_] = fault.active(t_s)[:, None, None] & triangles[:, None] & taxels
-    return there
+    is_struck: NDArray[np.bool_] = fault.is_active(t_s)[:, None, None] & triangles[:, None] & taxels
+    return is_struck

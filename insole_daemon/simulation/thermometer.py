@@ -1,4 +1,4 @@
-"""The thermometer of an MTB4, an SI7051: what it is told and what it sends.
+"""The thermometer of an MTB4, an SI7051: its commands and its frames.
 
     to               payload        effect
     0x200 | address  39 01          configured
@@ -6,7 +6,7 @@
 
     0x300 | address << 4 | 0xE      01, int16 in 0.1 °C, int16 reserved; little endian
 
-Source: TSD-ICUBUNIT-canprotocol 3.3.4. The 7 ms that a reading takes are left out.
+Source: TSD-ICUBUNIT-canprotocol 3.3.4. The conversion time of 7 ms is neglected.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _MASK = 1
 
 
 class Thermometer:
-    """Whether it is on, and when it reads next."""
+    """State of the thermometer: whether it is on, and when it reads next."""
 
     def __init__(self) -> None:
         self._configured = False
@@ -30,7 +30,7 @@ class Thermometer:
         self._next_ns = 0
 
     def configure(self, mask: int) -> None:
-        """Bit 0 of `mask` is the only sensor there is."""
+        """Select sensors by `mask`; bit 0 is the only one that exists."""
         self._configured = bool(mask & _MASK)
 
     def start(self, seconds: int, t_ns: int) -> None:
@@ -39,15 +39,15 @@ class Thermometer:
         self._next_ns = t_ns + (self._period_ns or 0)
 
     def ticks(self, until_ns: int) -> NDArray[np.int64]:
-        """The moments of its readings before `until_ns` that have not been asked for yet."""
+        """Return the times of readings before `until_ns` that no earlier call returned."""
         if self._period_ns is None:
             return np.empty(0, np.int64)
-        due = np.arange(self._next_ns, until_ns, self._period_ns)
-        self._next_ns += len(due) * self._period_ns
-        return due
+        times_ns = np.arange(self._next_ns, until_ns, self._period_ns)
+        self._next_ns += len(times_ns) * self._period_ns
+        return times_ns
 
 
 def thermometer_frame(address: int, temperature_c: float) -> tuple[int, bytes]:
-    """Identifier and payload of a reading."""
+    """Return identifier and payload of a reading."""
     payload = struct.pack("<Bhh", _MASK, round(temperature_c * 10), 0)
     return skin_id(address, TYPE_THERMOMETER, CLASS_LEGACY_SKIN), payload

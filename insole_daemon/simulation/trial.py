@@ -29,13 +29,16 @@ from .reference_insole import reference_insole
 from .scenarios import check_used, length_s, scenario
 from .sensed import SensedLoad, SimulatedInsole
 
-START_NS = 1_760_000_000_000_000_000  # of every recording: a trial has no date of its own
-ENDLESS_S = 60.0  # of a scenario without an end, that is written
+START_NS = 1_760_000_000_000_000_000  # start of every recording, since a simulated trial has no date
+ENDLESS_S = 60.0  # length of a recording of an endless scenario
 _INTERFACE = "can0"
 
 
 class Trial:
-    """Same arguments, same bytes. `insoles` have the true static curves; `load` is what presses on them."""
+    """A scenario on simulated insoles; same arguments, same bytes.
+
+    `insoles` have the true static curves; `load` is the load on them.
+    """
 
     def __init__(
         self,
@@ -47,10 +50,10 @@ class Trial:
         conditions: Conditions | None = None,
         seed: int = 0,
     ) -> None:
-        """The scenario `name` on the feet of `config` that have a layout; `effects` of the true sensors, by foot.
+        """Prepare the scenario `name` on the feet of `config` that have a layout.
 
-        SimulationError, BusError: there is no such scenario, or it has no use for such conditions; the boards cannot
-        carry such a layout.
+        `effects` are those of the true sensors, by foot. Raises SimulationError if there is no such scenario or it does
+        not use such conditions, BusError if one bus cannot carry the boards.
         """
         self.scenario = scenario(name)
         self.conditions = conditions or Conditions()
@@ -60,14 +63,14 @@ class Trial:
         self._config = replace(
             config, insoles=tuple(i for i in config.insoles if any(i.foot == layout.foot for layout in layouts))
         )
-        _check_carried(self._config, layouts)
-        made = reference_insole()
+        _check_boards_and_bus(self._config, layouts)
+        constants = reference_insole()
         boards = {insole.foot: insole.boards for insole in config.insoles}
         self.insoles = [
             SimulatedInsole(
                 layout,
                 boards[layout.foot],
-                made.calibration(layout, boards[layout.foot], seed),
+                constants.calibration(layout, boards[layout.foot], seed),
                 (effects or {}).get(layout.foot, ()),
             )
             for layout in layouts
@@ -75,48 +78,49 @@ class Trial:
         self._check_clock()
         places: Places = {insole.layout.foot: insole.chain.xy_m for insole in self.insoles}
         self.load = self.scenario.load(layouts, places, self.conditions, seed)
-        # A trial's own: the insole is that of the seed alone.
-        self._luck = zlib.crc32(f"{name} {self.conditions.take}".encode())
+        # The noise depends on the trial; the insole depends on the seed alone.
+        self._noise_key = zlib.crc32(f"{name} {self.conditions.take}".encode())
         self.emulator = Emulator(
             self._config,
             layouts,
             SensedLoad(self.load, self.insoles, self.temperature_c),
             seed=seed,
-            luck=self._luck,
-            alike=True,
-            shifts={board: of for insole in self.insoles for board, of in insole.shifts().items()},
-            jitter=self._of_boards("jitter"),
-            loss=self._of_boards("loss"),
+            noise_key=self._noise_key,
+            nominal_sensors=True,
+            shifts={board: of for insole in self.insoles for board, of in insole.real_shifts().items()},
+            jitter=self._values_by_board("jitter"),
+            loss=self._values_by_board("loss"),
             generation=self.conditions.generation,
             faults=self.conditions.faults,
-            cdc_hz={board: of["rate_hz"] for board, of in self._of_boards("sample_and_hold").items()},
+            cdc_hz={board: of["rate_hz"] for board, of in self._values_by_board("sample_and_hold").items()},
             temperature_c=self.temperature_c,
         )
 
-    def _of_boards(self, word: str) -> dict[int, Mapping[str, float]]:
-        return {board: values for insole in self.insoles for board, values in insole.of_boards(word).items()}
+    def _values_by_board(self, word: str) -> dict[int, Mapping[str, float]]:
+        return {board: values for insole in self.insoles for board, values in insole.values_by_board(word).items()}
 
     def _check_clock(self) -> None:
+        """Raise SimulationError if both a clock effect and a chosen clock are given."""
         chosen = self.conditions.reference
         if chosen.offset_s is None and chosen.rate_ppm is None:
             return
-        if any(_tells_the_clock(insole) for insole in self.insoles):
+        if any(_has_clock_effect(insole) for insole in self.insoles):
             raise SimulationError(
                 "reference.offset_s and rate_ppm: expected either these or the effect clock, found both: "
                 "leave one of them out"
             )
 
     def temperature_c(self, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(n,) of the insoles: as it was chosen; else a worn shoe warms up, a chamber does not."""
+        """Return (n,) the insoles' temperature: the chosen course, else a worn shoe warms up and a chamber does not."""
         if self.conditions.temperature is not None:
             return self.conditions.temperature(t_s)
-        made = reference_insole()
+        constants = reference_insole()
         if self.scenario.kind == "chamber":
-            return np.full_like(t_s, made.rest_c)
-        return made.rest_c + made.shoe_warms_k * (1.0 - exp(-t_s / made.shoe_warms_in_s))
+            return np.full_like(t_s, constants.rest_c)
+        return constants.rest_c + constants.shoe_warms_k * (1.0 - exp(-t_s / constants.shoe_warms_in_s))
 
     def length_s(self, seconds: float | None = None) -> float | None:
-        """How long it is played if `seconds` are asked for; None: for ever. SimulationError: longer than its load."""
+        """Return how long to play if `seconds` are requested, None for ever; SimulationError if the load is shorter."""
         return length_s(self._name, self.conditions, seconds, None)
 
     def write(
@@ -125,14 +129,13 @@ class Trial:
         seconds: float | None = None,
         progress: Callable[[float], None] = lambda share: None,
     ) -> Path:
-        """Write the trial as the recording `folder`, where it is; `seconds` None: all of it.
+        """Write the trial as the recording `folder` and return its path; `seconds` None: all of it.
 
-        `progress` is told the share that has been played.
-
-        SimulationError where it is longer than its load, FileError where the folder cannot be written.
+        `progress` is called with the fraction simulated. Raises SimulationError if `seconds` exceeds the load,
+        FileError if the folder cannot be written.
         """
-        whole_s = length_s(self._name, self.conditions, seconds, ENDLESS_S)
-        assert whole_s is not None
+        duration_s = length_s(self._name, self.conditions, seconds, ENDLESS_S)
+        assert duration_s is not None
         boards = {insole.foot: insole.boards for insole in self._config.insoles}
         return write(
             folder,
@@ -147,14 +150,15 @@ class Trial:
                 )
                 for insole in self.insoles
             ],
-            frames=_told(self.emulator.batches(START_NS, whole_s), whole_s, progress),
+            frames=_with_progress(self.emulator.batches(START_NS, duration_s), duration_s, progress),
             interfaces=(_INTERFACE,),
-            reference=[self._reference(insole, whole_s) for insole in self.insoles],
-            # Not the effects nor the faults: they are what a diagnosis has to find.
+            reference=[self._simulate_reference(insole, duration_s) for insole in self.insoles],
+            # The source names neither effects nor faults, because a diagnosis has to find them.
             source=f"insole simulate {self._name} --seed {self._seed}",
         )
 
-    def _reference(self, insole: SimulatedInsole, seconds: float) -> ReferenceContents:
+    def _simulate_reference(self, insole: SimulatedInsole, seconds: float) -> ReferenceContents:
+        """Simulate the reference of one foot."""
         foot = insole.layout.foot
         chosen = self.conditions.reference
         drawn = instruments.draw_clock(Draws(self._seed, Drawn.CLOCK), chosen)
@@ -163,36 +167,38 @@ class Trial:
             self.load,
             seconds,
             START_NS * 1e-9,
-            insole.chain.reference_s if _tells_the_clock(insole) else drawn,
+            insole.chain.reference_s if _has_clock_effect(insole) else drawn,
             self.temperature_c,
-            Draws(self._seed, Drawn.INSTRUMENT, 0 if foot == "left" else 1, self._luck),
+            Draws(self._seed, Drawn.INSTRUMENT, 0 if foot == "left" else 1, self._noise_key),
             chosen,
         )
 
 
-def _told(batches: Iterable[FrameBatch], seconds: float, progress: Callable[[float], None]) -> Iterator[FrameBatch]:
+def _with_progress(
+    batches: Iterable[FrameBatch], seconds: float, progress: Callable[[float], None]
+) -> Iterator[FrameBatch]:
     for batch in batches:
         yield batch
         if len(batch):
             progress(min(1.0, float(batch.t_ns[-1] - START_NS) * 1e-9 / seconds))
 
 
-def _tells_the_clock(insole: SimulatedInsole) -> bool:
+def _has_clock_effect(insole: SimulatedInsole) -> bool:
     return any(effect.law.word == "clock" for effect in insole.effects)
 
 
-def _check_carried(config: Config, layouts: Sequence[Layout]) -> None:
-    """Raise where the configured boards do not have the triangles of a layout, or one bus does not carry them."""
+def _check_boards_and_bus(config: Config, layouts: Sequence[Layout]) -> None:
+    """Raise SimulationError if boards lack triangles of a layout, BusError if one bus cannot carry them."""
     streams = []
     for layout in layouts:
         boards = [board for insole in config.insoles if insole.foot == layout.foot for board in insole.boards]
         addresses = {board.address for board in boards}
-        strange = sorted({triangle.board for triangle in layout.triangles} - addresses)
-        if strange:
+        unknown = sorted({triangle.board for triangle in layout.triangles} - addresses)
+        if unknown:
             raise SimulationError(
                 f"the layout of the {layout.foot} foot: triangles[].board: expected the boards of this foot "
-                f"({', '.join(map(str, sorted(addresses))) or 'none is configured'}), found {strange[0]}: "
-                "configure the board, or take its triangles out of the layout"
+                f"({', '.join(map(str, sorted(addresses))) or 'none is configured'}), found {unknown[0]}: "
+                "configure the board, or remove its triangles from the layout"
             )
         for board in boards:
             triangles = [t.triangle for t in layout.triangles if t.board == board.address]

@@ -12,10 +12,10 @@ from ..config import Foot
 from ..mechanics.gait import GaitEvent
 from ..mechanics.gait.steps import Steps
 from ..mechanics.gait.symmetry import symmetry
-from ..recording.derived import events
+from ..recording.derived_messages import derive_events
 from ..recording.loading import FootRecording, Recording
 from ..recording.quality import quality
-from ..recording.steps import gait_events
+from ..recording.steps import replay_gait_events
 from ..report.foot_outline import foot_outline_mm
 from ..report.insole_map import outlines_mm, value_map
 from ..report.page import facts, figure, insole_label, page, paragraph, row, section, table
@@ -51,7 +51,7 @@ _SYMMETRIES = ("stance_s", "peak_force_n", "impulse_n_s")
 
 def recorded_page(recording: Recording) -> str:
     """Return the report as self-contained HTML."""
-    step_events = gait_events(recording.feet)
+    step_events = replay_gait_events(recording.feet)
     feet = [foot for foot in recording.feet if len(foot)]
     with_wrench = [foot for foot in feet if foot.wrench is not None]
     start_ns = min((int(foot.t_ns[0]) for foot in feet), default=0)
@@ -257,7 +257,7 @@ def _health(feet: Sequence[FootRecording], start_ns: int) -> str:
     plot = Plot(Axis("time, s", 0.0, last_s), Axis("valid taxels, %", 0.0, 104.0), WHOLE_WIDTH, 180)
     for foot, share in zip(feet, shares, strict=True):
         plot.line(_seconds(foot, start_ns), share, _COLOURS[foot.foot], foot.foot)
-    happened = sorted((t_ns, foot.foot, event["text"]) for foot in feet for t_ns, event in events(foot))
+    happened = sorted((t_ns, foot.foot, event["text"]) for foot in feet for t_ns, event in derive_events(foot))
     rows = [(f"{(t_ns - start_ns) * 1e-9:.2f}", foot, text) for t_ns, foot, text in happened[:_MOST_EVENTS]]
     more = len(happened) - len(rows)
     return section(

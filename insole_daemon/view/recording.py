@@ -9,8 +9,8 @@ from datetime import datetime
 from pathlib import Path
 
 from ..errors import InsoleError
+from ..recording.daemon_insole import insole_in_use
 from ..recording.live import LiveRecorder
-from ..recording.of_daemon import insole_in_use
 from ..recording.recorder import Progress, Session
 from ..wire.client import Client, Subscription
 from ..wire.messages import Raw
@@ -78,7 +78,7 @@ class _Running:
         self._thread.join()
 
     def _run(self) -> None:
-        session = Session(self.recorder, self._stop, tell=self._count)
+        session = Session(self.recorder, self._stop, report_progress=self._count)
         try:
             progress = session.from_daemon(self._raws)
             self.recorder.close()

@@ -1,4 +1,4 @@
-"""Recordings of a small simulated insole: a chamber trial and tasks on a force shoe, made once."""
+"""Fixtures: recordings of a small simulated insole, a chamber trial and tasks on a force shoe, made once."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from small_insole import made
 
 @pytest.fixture(scope="session")
 def chamber(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two cycles to 90 kPa and a hold."""
+    """Record two cycles to 90 kPa and a hold."""
     cycles = ChamberCycles(speeds_pa_s=(6e3,), cycles=2, hold_s=5.0, minor=())
     return made(tmp_path_factory.mktemp("trials") / "vacuum", "vacuum", chamber=cycles)
 
 
 @pytest.fixture(scope="session")
 def tasks(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """t1, t2 and t3 of 63 kg; t4 of 54 kg."""
+    """Record t1, t2 and t3 with 63 kg, and t4 with 54 kg."""
     folder = tmp_path_factory.mktemp("tasks")
-    found = {name: made(folder / name, name) for name in ("t1", "t2", "t3")}
-    return found | {"t4": made(folder / "t4", "t4", 20.0, mass_kg=54.0)}
+    folders = {name: made(folder / name, name) for name in ("t1", "t2", "t3")}
+    return folders | {"t4": made(folder / "t4", "t4", 20.0, mass_kg=54.0)}
 
 
 Edit = Callable[[Path, Callable[[list[dict[str, str]]], list[dict[str, str]]]], Path]
@@ -37,7 +37,7 @@ Edit = Callable[[Path, Callable[[list[dict[str, str]]], list[dict[str, str]]]], 
 
 @pytest.fixture
 def edited(tmp_path: Path) -> Edit:
-    """A copy of a recording whose reference somebody changed, row by row."""
+    """Return a function that copies a recording and changes its reference row by row."""
 
     def edit(folder: Path, change: Callable[[list[dict[str, str]]], list[dict[str, str]]]) -> Path:
         copy = tmp_path / folder.name

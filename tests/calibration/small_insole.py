@@ -1,4 +1,4 @@
-"""A small simulated insole: every second triangle of the left foot, which is quick and still under heel and ball."""
+"""A small simulated insole: every second triangle of the left foot, which is fast and still has heel and ball."""
 
 from __future__ import annotations
 
@@ -22,6 +22,6 @@ _CLOCK = InstrumentConditions(offset_s=OFFSET_S, rate_ppm=RATE * 1e6)
 
 
 def made(folder: Path, name: str, seconds: float | None = None, **conditions: Any) -> Path:
-    """The recording of scenario `name` on the left foot."""
+    """Record scenario `name` with the left foot."""
     chosen = Conditions(reference=_CLOCK, **conditions)
     return Trial(name, CONFIG, [LAYOUT], seed=SEED, conditions=chosen).write(folder, seconds)

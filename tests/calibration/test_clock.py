@@ -1,4 +1,4 @@
-"""Offset and rate between two streams: planted ones are found, what cannot be found is refused."""
+"""Planted offsets and rates between two streams are fitted, and unsuitable references are refused."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def level_pa(t_s):
 
 
 def activation(*effects, seed=0):
-    """(n,) mean activation of some taxels that round to whole counts."""
+    """Return (n,) the mean activation of some taxels with whole counts."""
     layout = layouts.builtin("left", (5, 6, 7))
     load = np.repeat(level_pa(T_S)[:, None, None], len(layout) * 12, axis=1).reshape(len(T_S), len(layout), 12)
     felt = Chain(effects, layout).forward()(load, T_S)[:, 0, 0]
@@ -38,7 +38,7 @@ def activation(*effects, seed=0):
 
 
 def gauge(offset_s, rate, hz=50.0, seed=1):
-    """Times of a gauge with such a clock, and what it shows: noisy, with spikes, and with readings that are missing."""
+    """Return times and noisy readings of a gauge with such a clock, with spikes and missing readings."""
     true_s = np.arange(0.0, T_S[-1], 1.0 / hz)
     draw = np.random.default_rng(seed)
     shown = level_pa(true_s) + draw.normal(0.0, 300.0, len(true_s))
@@ -56,30 +56,30 @@ def powers(x):
 )
 @pytest.mark.parametrize("memory", [(), MEMORY], ids=["static", "memory"])
 def test_planted_offset_and_rate_are_found(offset_s, rate, hz, memory):
-    found = clock.fit_clock(T_S, powers(activation(*memory)), *gauge(offset_s, rate, hz))
-    assert found.offset_s == pytest.approx(offset_s, abs=0.1)
-    assert found.rate == pytest.approx(rate, abs=0.001)
-    assert found.explained > 0.9
-    assert found.offset_std_s < 0.1
-    np.testing.assert_allclose(found.reference_s(T_S), offset_s + (1 + rate) * T_S, atol=0.25)
+    fitted = clock.fit_clock(T_S, powers(activation(*memory)), *gauge(offset_s, rate, hz))
+    assert fitted.offset_s == pytest.approx(offset_s, abs=0.1)
+    assert fitted.rate == pytest.approx(rate, abs=0.001)
+    assert fitted.explained > 0.9
+    assert fitted.offset_std_s < 0.1
+    np.testing.assert_allclose(fitted.reference_s(T_S), offset_s + (1 + rate) * T_S, atol=0.25)
 
 
-def test_a_rate_that_is_held_stays_0():
-    found = clock.fit_clock(T_S, powers(activation()), *gauge(1.37, 0.0004), most_rate=0.0)
-    assert (found.rate, found.rate_std) == (0.0, 0.0)
+def test_a_fixed_rate_stays_0():
+    fitted = clock.fit_clock(T_S, powers(activation()), *gauge(1.37, 0.0004), most_rate=0.0)
+    assert (fitted.rate, fitted.rate_std) == (0.0, 0.0)
     middle_s = T_S[-1] / 2
-    assert found.offset_s == pytest.approx(1.37 + 0.0004 * middle_s, abs=0.02)
+    assert fitted.offset_s == pytest.approx(1.37 + 0.0004 * middle_s, abs=0.02)
 
 
-def test_a_reference_without_times_is_found_against_its_rows():
+def test_a_reference_without_times_is_aligned_by_its_rows():
     true_s = np.arange(0.7, T_S[-1], 0.0201)  # begins later, and is slower by 0.5 %
-    found = clock.fit_clock(T_S, powers(activation()), clock.row_times_s(T_S, len(true_s)), level_pa(true_s))
-    assert found.offset_s == pytest.approx(-0.7 * 0.02 / 0.0201, abs=0.1)
-    assert found.rate == pytest.approx(0.02 / 0.0201 - 1, abs=0.0005)
+    fitted = clock.fit_clock(T_S, powers(activation()), clock.row_times_s(T_S, len(true_s)), level_pa(true_s))
+    assert fitted.offset_s == pytest.approx(-0.7 * 0.02 / 0.0201, abs=0.1)
+    assert fitted.rate == pytest.approx(0.02 / 0.0201 - 1, abs=0.0005)
 
 
-def test_steps_that_repeat_are_told_apart_by_where_they_begin_and_end():
-    """Three channels, some of which a feature gives: steps of a second, as in a shoe."""
+def test_periodic_steps_are_aligned_by_their_begin_and_end():
+    """Three channels, some of which follow a feature: steps of one second, as in a shoe."""
     t_s = np.arange(0.0, 60.0, 0.02)
 
     def wrench(t):
@@ -90,16 +90,16 @@ def test_steps_that_repeat_are_told_apart_by_where_they_begin_and_end():
     reference_s = np.arange(0.0, 62.0, 0.01)
     draw = np.random.default_rng(3)
     reference = wrench((reference_s - 2.4) / 1.0002) + draw.normal(0.0, [5.0, 0.2, 0.0], (len(reference_s), 3))
-    found = clock.fit_clock(
+    fitted = clock.fit_clock(
         t_s, wrench(t_s) + draw.normal(0.0, [10.0, 0.4, 0.0], (len(t_s), 3)), reference_s, reference
     )
-    assert found.offset_s == pytest.approx(2.4, abs=0.02)
-    assert found.rate == pytest.approx(2e-4, abs=2e-4)
+    assert fitted.offset_s == pytest.approx(2.4, abs=0.02)
+    assert fitted.rate == pytest.approx(2e-4, abs=2e-4)
 
 
-def test_a_reference_that_rests_is_refused():
+def test_a_constant_reference_is_refused():
     reference_s, shown = gauge(0.0, 0.0)
-    with pytest.raises(CalibrationError, match=r"says the same in all of its \d+ readings.*switched on"):
+    with pytest.raises(CalibrationError, match=r"has the same value in all of its \d+ readings.*switched on"):
         clock.fit_clock(T_S, powers(activation()), reference_s, np.zeros_like(shown))
 
 

@@ -1,4 +1,4 @@
-"""The follow-up's model is what its authors' code says: rows, regressors, and past counts."""
+"""The follow-up's model agrees with its authors' code: rows, regressors, and past counts."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from insole_daemon.calibration import follow_up
 def test_rows_before_a_jump_of_the_pressure_are_dropped():
     pressure_pa = 1e5 * np.array([0.10, 0.11, 0.12, 0.50, 0.12, 0.12, 0.13, 0.30])
     # 0.12 → 0.50 → 0.12: the rows before both jumps go; 0.30 goes, for the row before it is kept as the last one.
-    assert follow_up.kept_rows(pressure_pa).tolist() == [0, 1, 4, 5, 6]
+    assert follow_up.select_rows(pressure_pa).tolist() == [0, 1, 4, 5, 6]
 
 
 def test_smoothing_begins_with_the_first_row():
     assert follow_up.smooth_causally(np.array([10.0, 20.0, 20.0]), 0.1) == pytest.approx([10.0, 11.0, 11.9])
 
 
-def test_an_estimate_is_the_sum_that_the_model_says():
+def test_an_estimate_equals_the_model_equation():
     draw = np.random.default_rng(0)
     counts = 240.0 - 40.0 * draw.random((60, 2))
     coefficients = draw.normal(size=(2, 164)) / 200.0 ** np.array([3, 2, 1, 0, *[1, 2, 3, 4] * 40])

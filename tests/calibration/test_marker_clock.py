@@ -1,4 +1,4 @@
-"""Planted offsets and rates, from markers and from forces."""
+"""Planted offsets and rates are fitted from markers and from forces."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ OFFSET_S, RATE = 0.8, 80e-6
 
 
 def markers(random, n=60, seconds=600.0, jitter_s=0.001):
-    """Moments by both clocks, 1 ms of jitter each."""
+    """Return the times of events by both clocks, with 1 ms of jitter each."""
     true_s = np.sort(random.uniform(0, seconds, n))
     own_s = true_s + jitter_s * random.standard_normal(n)
     return own_s, OFFSET_S + (1 + RATE) * true_s + jitter_s * random.standard_normal(n)
@@ -31,7 +31,7 @@ def test_a_planted_offset_and_rate_are_found_within_2_ms_and_5_ppm(seed):
     assert clock.offset_std_s < 0.002
 
 
-def test_an_hour_of_difference_and_few_markers_are_enough():
+def test_three_markers_align_clocks_an_hour_apart():
     random = np.random.default_rng(3)
     own_s, other_s = markers(random, n=8)
     clock = fit_marker_clock(own_s, other_s + 3600.0)
@@ -46,13 +46,13 @@ def test_an_hour_of_difference_and_few_markers_are_enough():
         (np.empty(0), np.arange(3.0)),
     ],
 )
-def test_markers_that_do_not_say_which_is_which_are_refused(own_s, other_s):
+def test_ambiguous_markers_are_refused(own_s, other_s):
     with pytest.raises(CalibrationError, match="cannot be aligned"):
         fit_marker_clock(own_s, other_s)
 
 
 def test_forces_of_a_force_plate_give_the_same_planted_clock():
-    """Without markers: f_z of the insole at 50 Hz against a plate at 1 kHz, each with noise."""
+    """Without markers: f_z of the insole at 50 Hz and of a plate at 1 kHz, both with noise."""
     random = np.random.default_rng(9)
     t_s = np.arange(0, 120, 0.02) + 0.0003 * random.standard_normal(6000)
 
@@ -63,8 +63,8 @@ def test_forces_of_a_force_plate_give_the_same_planted_clock():
 
     plate_s = np.arange(-1, 125, 0.001)
     reference_s = OFFSET_S + (1 + RATE) * plate_s
-    own = force(t_s) + 8 * random.standard_normal(len(t_s))
+    insole_n = force(t_s) + 8 * random.standard_normal(len(t_s))
     plate = force(plate_s) + 3 * random.standard_normal(len(plate_s))
-    clock = fit_clock(t_s, own[:, None], reference_s, plate[:, None])
+    clock = fit_clock(t_s, insole_n[:, None], reference_s, plate[:, None])
     assert clock.offset_s == pytest.approx(OFFSET_S, abs=0.002)
     assert clock.rate == pytest.approx(RATE, abs=5e-6)

@@ -1,4 +1,4 @@
-"""The quadratic programme: constraints that hold, conditions that are met, another solver that agrees."""
+"""The quadratic programme: constraints and optimality conditions hold, and another solver agrees."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from insole_daemon.errors import CalibrationError
 
 
 def programme(n: int = 40) -> tuple[np.ndarray, np.ndarray, Constraints]:
-    """One whose columns differ by ten orders of magnitude, as powers of counts do, and whose limits matter."""
+    """Return a programme with columns of very different size, as powers of counts have, and active constraints."""
     rng = np.random.default_rng(3)
     size = 10.0 ** rng.uniform(-5, 5, n)
     phi = rng.standard_normal((200, n)) * size
@@ -48,7 +48,7 @@ def test_constraints_hold_and_another_solver_finds_the_same() -> None:
     assert np.allclose(at, np.array(other.x), atol=1e-5)
 
 
-def test_the_residual_sees_what_is_wrong() -> None:
+def test_the_kkt_residual_detects_a_wrong_solution() -> None:
     h, g = np.eye(2), np.array([-1.0, 1.0])
     rows, low, high = np.eye(2), np.zeros(2), np.full(2, np.inf)
     right = np.array([1.0, 0.0])
@@ -58,7 +58,7 @@ def test_the_residual_sees_what_is_wrong() -> None:
     assert kkt_residual(h, g, rows, low, high, right, np.array([-1.0, -1.0])) >= 1.0, "complementarity"
 
 
-def test_what_is_not_determined_is_refused() -> None:
+def test_an_undetermined_problem_is_refused() -> None:
     h = np.ones((3, 3))
     with pytest.raises(CalibrationError, match="do not determine the curves"):
         solve(h - 1e-3 * np.eye(3), np.ones(3))

@@ -1,4 +1,4 @@
-"""What `validate` says of a calibration, against figures computed by hand."""
+"""The figures of `validate` are compared with figures computed by hand."""
 
 from __future__ import annotations
 
@@ -23,54 +23,54 @@ from insole_daemon.physics.effect import effect
 
 @pytest.fixture(scope="module")
 def true(chamber: Path) -> Calibration:
-    """The curves that the simulated insole really has."""
+    """Return the true curves of the simulated insole."""
     calibration = insole_daemon.load(chamber)["left"].calibration
     assert calibration is not None
     return calibration
 
 
-def test_a_true_calibration_leaves_what_noise_leaves(true: Calibration, tasks: dict[str, Path]) -> None:
+def test_the_true_calibration_has_errors_of_noise_only(true: Calibration, tasks: dict[str, Path]) -> None:
     (walk,), _ = validate([insole_daemon.load(tasks["t4"])], true)
-    found = walk.outcome
-    assert isinstance(found, ShoeResult)
-    assert found.f_z.rmse < 20
-    assert found.f_z.accuracy > 93
-    assert found.cop_x.rmse < 0.01
-    assert found.cop_x.accuracy > 95, "an accuracy of 95 % and an RMSE of mm go together"
-    assert np.isnan(found.steady_rmse_n), "nobody stands still while walking"
+    outcome = walk.outcome
+    assert isinstance(outcome, ShoeResult)
+    assert outcome.f_z.rmse < 20
+    assert outcome.f_z.accuracy > 93
+    assert outcome.cop_x.rmse < 0.01
+    assert outcome.cop_x.accuracy > 95, "an accuracy of 95 % and an RMSE of mm go together"
+    assert np.isnan(outcome.steady_rmse_n), "nobody stands still while walking"
 
 
-def test_figures_are_those_of_their_definitions(true: Calibration, tasks: dict[str, Path]) -> None:
+def test_figures_follow_their_definitions(true: Calibration, tasks: dict[str, Path]) -> None:
     (stand,), _ = validate([insole_daemon.load(tasks["t2"])], true)
-    found = stand.outcome
-    assert isinstance(found, ShoeResult)
-    said = np.isfinite(stand.reference).all(axis=1)
-    error, reference = (stand.estimate - stand.reference)[said], stand.reference[said]
-    assert found.f_z.rmse == pytest.approx(float(np.sqrt(np.mean(error[:, 0] ** 2))))
-    assert found.m_y.accuracy == pytest.approx(
+    outcome = stand.outcome
+    assert isinstance(outcome, ShoeResult)
+    has_reference = np.isfinite(stand.reference).all(axis=1)
+    error, reference = (stand.estimate - stand.reference)[has_reference], stand.reference[has_reference]
+    assert outcome.f_z.rmse == pytest.approx(float(np.sqrt(np.mean(error[:, 0] ** 2))))
+    assert outcome.m_y.accuracy == pytest.approx(
         float(100 - 100 * np.abs(error[:, 2]).sum() / np.abs(reference[:, 2]).sum())
     )
-    assert found.steady > 0.5
-    assert found.steady_rmse_n < found.f_z.rmse * 1.5
+    assert outcome.steady > 0.5
+    assert outcome.steady_rmse_n < outcome.f_z.rmse * 1.5
 
 
-def test_a_wrong_gain_is_seen(true: Calibration, tasks: dict[str, Path], chamber: Path) -> None:
+def test_a_wrong_gain_increases_the_error(true: Calibration, tasks: dict[str, Path], chamber: Path) -> None:
     wrong = replace(true, coefficients_pa=true.coefficients_pa * 1.2)
     recordings = [insole_daemon.load(tasks["t2"]), insole_daemon.load(chamber)]
-    stand, bag = (each.outcome for each in validate(recordings, wrong)[0])
+    stand, bag = (result.outcome for result in validate(recordings, wrong)[0])
     assert isinstance(stand, ShoeResult)
     assert stand.f_z.accuracy == pytest.approx(80, abs=3)
     assert isinstance(bag, ChamberResult)
     assert np.median(bag.mean_error_pa) > 4e3
 
 
-def test_taxels_in_a_chamber(true: Calibration, chamber: Path) -> None:
+def test_chamber_results_list_good_taxels(true: Calibration, chamber: Path) -> None:
     (bag,), _ = validate([insole_daemon.load(chamber)], true)
-    found = bag.outcome
-    assert isinstance(found, ChamberResult)
-    assert found.rmse_pa.shape == (10 * len(LAYOUT),)
-    assert 5e3 < np.median(found.rmse_pa) < 12e3, "a count of noise is 8 kPa"
-    assert found.good.mean() > 0.5
+    outcome = bag.outcome
+    assert isinstance(outcome, ChamberResult)
+    assert outcome.rmse_pa.shape == (10 * len(LAYOUT),)
+    assert 5e3 < np.median(outcome.rmse_pa) < 12e3, "a count of noise is 8 kPa"
+    assert outcome.good.mean() > 0.5
 
 
 def test_the_command_writes_all_figures(chamber: Path, tasks: dict[str, Path], tmp_path: Path) -> None:
@@ -81,13 +81,13 @@ def test_the_command_writes_all_figures(chamber: Path, tasks: dict[str, Path], t
     )
     assert done.exit_code == 0, done.output
     assert "t4" in done.stdout
-    said = json.loads(out.read_text())
-    assert said["format"] == validation.FORMAT
-    shoe, bag = said["recordings"]
+    document = json.loads(out.read_text())
+    assert document["format"] == validation.FORMAT
+    shoe, bag = document["recordings"]
     assert set(shoe["f_z"]) == {"rmse_n", "accuracy"}
     assert shoe["steady"]["f_z_rmse_n"] is None
     assert bag["taxels"]["good"] <= bag["taxels"]["judged"] == 10 * len(LAYOUT)
-    assert "contradicts" in said["definitions"]["cop"]
+    assert "contradicts" in document["definitions"]["cop"]
 
 
 def test_the_calibration_of_the_other_foot_is_refused(tasks: dict[str, Path], tmp_path: Path) -> None:
@@ -99,7 +99,7 @@ def test_the_calibration_of_the_other_foot_is_refused(tasks: dict[str, Path], tm
     assert "of the right foot, which none of the recordings has" in str(done.exception)
 
 
-def test_effects_are_judged_beside_the_curves_alone(true: Calibration, tasks: dict[str, Path]) -> None:
+def test_a_calibration_with_effects_is_evaluated_with_both_models(true: Calibration, tasks: dict[str, Path]) -> None:
     late = replace(true, effects=(effect("viscoelasticity", a=0.3, tau_s=0.3),))
     walk = [insole_daemon.load(tasks["t4"])]
     (alone,), _ = validate(walk, true)
@@ -113,4 +113,4 @@ def test_effects_are_judged_beside_the_curves_alone(true: Calibration, tasks: di
     assert "A heel strike, before and after" in page
     assert validation_page([alone], true, "true.json").count("heel strike") == 0
     entries = validation.validation_document([static, dynamic], "late.json")["recordings"]
-    assert [(each["name"], each["model"]) for each in entries] == [("t4", "static"), ("t4", "dynamic")]
+    assert [(entry["name"], entry["model"]) for entry in entries] == [("t4", "static"), ("t4", "dynamic")]

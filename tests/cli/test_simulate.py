@@ -61,7 +61,7 @@ def test_a_recording_of_a_scenario(tmp_path):
             4,
             "mass_kg: expected a finite number from 20",
         ),
-        (["vacuum", "--out", "nowhere", "--trial", "heavy.yaml"], 2, "vacuum: mass_kg: it has no use for it"),
+        (["vacuum", "--out", "nowhere", "--trial", "heavy.yaml"], 2, "vacuum: mass_kg: not used"),
         (["t1", "--out", "nowhere", "--effects", "missing.yaml"], 4, "missing.yaml"),
     ],
 )

@@ -1,3 +1,5 @@
+"""Calibration files: reading, problems, and the default calibration."""
+
 from __future__ import annotations
 
 import json
@@ -31,6 +33,8 @@ def taxel(number: int = 0, triangle: int = TRIANGLE, board: int = BOARD, **more:
 
 @pytest.fixture
 def write(tmp_path: Path) -> Write:
+    """Return a function that writes one taxel per line, the first on line 3."""
+
     def write(*taxels: dict[str, Any], **more: Any) -> Path:
         """One taxel a line, the first on line 3."""
         path = tmp_path / "calibration.json"
@@ -53,7 +57,7 @@ def only(path: Path, layout: Layout = LAYOUT) -> tuple[int | None, str, str]:
     return problem
 
 
-def test_load_in_the_layouts_order(write: Write) -> None:
+def test_taxels_load_in_layout_order(write: Write) -> None:
     last = LAYOUT.triangles[-1]
     rows = [taxel(9, last.triangle, last.board, baseline_count=200), taxel(0)]
     calibration = load(write(*rows, provenance={"by": "a test"}, effects=[], extensions={"x": 1}), LAYOUT)
@@ -84,38 +88,38 @@ def test_yaml_is_read_too(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("pad", [6, 10])
-def test_thermal_pads_are_no_taxels(write: Write, pad: int) -> None:
+def test_a_thermal_pad_is_refused(write: Write, pad: int) -> None:
     line, key, message = only(write(taxel(0), taxel(pad)))
     assert (line, key) == (4, "taxels[1].taxel")
     assert f"taxel {pad} is a thermal pad" in message
 
 
-def test_a_taxel_twice(write: Write) -> None:
+def test_a_duplicate_taxel_is_refused(write: Write) -> None:
     line, key, message = only(write(taxel(0), taxel(1), taxel(0)))
     assert (line, key) == (5, "taxels[2]")
-    assert message == f"taxel 0 of triangle {TRIANGLE} of board {BOARD} stands twice, first in taxels[0]"
+    assert message == f"taxel 0 of triangle {TRIANGLE} of board {BOARD} is listed twice, first in taxels[0]"
 
 
-def test_a_triangle_that_is_not_in_the_layout(write: Write) -> None:
+def test_a_triangle_outside_the_layout_is_refused(write: Write) -> None:
     missing = min(set(range(16)) - {t.triangle for t in LAYOUT.triangles if t.board == BOARD})
     line, key, message = only(write(taxel(0), taxel(0, missing), taxel(1, missing)))
     assert (line, key) == (4, "taxels[1]")
     assert f"triangle {missing} of board {BOARD} is not in the layout" in message
 
 
-def test_a_board_that_is_not_in_the_layout(write: Write) -> None:
+def test_a_board_outside_the_layout_is_refused(write: Write) -> None:
     line, key, message = only(write(taxel(board=9), taxel(board=9, triangle=4), taxel(1)))
     assert (line, key) == (3, "taxels[0]")
     assert message.startswith("board 9 is not in the layout")
 
 
-def test_the_other_foot(write: Write) -> None:
+def test_a_calibration_of_the_other_foot_is_refused(write: Write) -> None:
     line, key, message = only(write(taxel(), foot="right"))
     assert (line, key) == (1, "foot")
     assert message == "expected the calibration of the left foot, found that of the right foot"
 
 
-def test_another_version(write: Write) -> None:
+def test_another_format_version_is_refused(write: Write) -> None:
     line, key, message = only(write(taxel(), format="insole-calibration/2"))
     assert (line, key) == (1, "format")
     assert "expected insole-calibration/1, found insole-calibration/2: this program reads version 1" in message
@@ -136,10 +140,10 @@ def test_another_version(write: Write) -> None:
         (taxel(basline_count=1), "basline_count", 'did you mean "baseline_count"?'),
     ],
 )
-def test_wrong_taxels(write: Write, row: dict[str, Any], key: str, message: str) -> None:
-    line, found_key, found = only(write(taxel(1), row))
-    assert (line, found_key) == (4, f"taxels[1].{key}")
-    assert message in found
+def test_invalid_taxels_are_refused(write: Write, row: dict[str, Any], key: str, message: str) -> None:
+    line, reported_key, reported = only(write(taxel(1), row))
+    assert (line, reported_key) == (4, f"taxels[1].{key}")
+    assert message in reported
 
 
 LAG = {"effect": "lag", "where": {"scope": "insole"}, "parameters": {"tau_s": {"value": 0.03, "unit": "s"}}}
@@ -147,20 +151,20 @@ LAG = {"effect": "lag", "where": {"scope": "insole"}, "parameters": {"tau_s": {"
 
 def test_effects_are_read_with_the_curves(write: Write) -> None:
     calibration = load(write(taxel(), effects=[LAG]), LAYOUT)
-    assert [each.law.word for each in calibration.effects] == ["lag"]
+    assert [effect.law.word for effect in calibration.effects] == ["lag"]
     assert calibration.effects[0].values["tau_s"] == 0.03
 
 
-def test_effects_that_are_not_known_or_wrong_are_refused_by_name(write: Write) -> None:
-    found = problems(write(taxel(), effects=[LAG | {"effect": "hysteria"}, LAG | {"parameters": {}}, {}]))
-    assert {key for _, key, _ in found} == {
+def test_unknown_or_invalid_effects_are_refused_by_name(write: Write) -> None:
+    reported = problems(write(taxel(), effects=[LAG | {"effect": "hysteria"}, LAG | {"parameters": {}}, {}]))
+    assert {key for _, key, _ in reported} == {
         "effects[0].effect", "effects[1].parameters.tau_s",
         "effects[2].effect", "effects[2].where", "effects[2].parameters",
     }  # fmt: skip
-    assert 'unknown effect "hysteria": did you mean "hysteresis"?' in [message for *_, message in found]
+    assert 'unknown effect "hysteria": did you mean "hysteresis"?' in [message for *_, message in reported]
 
 
-def test_everything_at_once(write: Write) -> None:
+def test_all_problems_are_reported_together(write: Write) -> None:
     path = write(
         taxel(6), taxel(0), taxel(0), taxel(1, board=9), taxel(2, baseline_count=float("nan")), taxel(3, 16),
         foot="right", effects=[LAG | {"effect": "lagg"}], efects=[],
@@ -181,7 +185,7 @@ def covariance(matrix: object) -> dict[str, Any]:
     return {"extensions": {"coefficients_covariance_pa2": matrix}}
 
 
-def test_uncertainty_is_an_extension(write: Write) -> None:
+def test_covariance_is_read_from_the_extension(write: Write) -> None:
     matrix = [[4.0, 1.0], [1.0, 9e4]]
     rows = [taxel(0), taxel(1, coefficients_pa=[0.0, 8000.0], **covariance(matrix))]
     calibration = load(write(*rows), LAYOUT)
@@ -206,32 +210,34 @@ def test_uncertainty_is_an_extension(write: Write) -> None:
         ([[1.0, 0.0], [0.0, 1e300]], "expected standard deviations below 1e+30 Pa"),
     ],
 )
-def test_wrong_covariance(write: Write, matrix: object, message: str) -> None:
-    line, key, found = only(write(taxel(coefficients_pa=[0, 8000], **covariance(matrix))))
+def test_an_invalid_covariance_is_refused(write: Write, matrix: object, message: str) -> None:
+    line, key, reported = only(write(taxel(coefficients_pa=[0, 8000], **covariance(matrix))))
     assert (line, key) == (3, "taxels[0].extensions.coefficients_covariance_pa2")
-    assert message in found
+    assert message in reported
 
 
-def test_the_range_of_a_curve_is_an_extension(write: Write) -> None:
+def test_valid_range_is_read_from_the_extension(write: Write) -> None:
     ranged = taxel(extensions={"valid_range": {"activation_count": [0, 40.2]}})
     assert load(write(taxel()), LAYOUT).highest_count is None
     assert load(write(taxel()), LAYOUT).lowest_count is None
-    found = load(write(ranged, taxel(1)), LAYOUT)
+    calibration = load(write(ranged, taxel(1)), LAYOUT)
     row = LAYOUT.rows[BOARD, TRIANGLE]
-    assert found.highest_count is not None
-    assert found.lowest_count is not None
-    assert found.highest_count[row, :2].tolist() == [40.2, np.inf]
-    assert found.lowest_count[row, :2].tolist() == [201, 0], "240.5 − 40.2 is 200.3; one without a range has no limit"
+    assert calibration.highest_count is not None
+    assert calibration.lowest_count is not None
+    assert calibration.highest_count[row, :2].tolist() == [40.2, np.inf]
+    assert calibration.lowest_count[row, :2].tolist() == [201, 0], (
+        "240.5 − 40.2 is 200.3; one without a range has no limit"
+    )
 
 
 @pytest.mark.parametrize("value", [[0, 40], {"activation_count": [40, 0]}, {"activation_count": "all"}, {}])
-def test_wrong_range(write: Write, value: object) -> None:
+def test_an_invalid_range_is_refused(write: Write, value: object) -> None:
     _, key, message = only(write(taxel(extensions={"valid_range": value})))
     assert key == "taxels[0].extensions.valid_range"
     assert "two numbers that ascend" in message
 
 
-def test_default_is_a_line_from_what_the_boards_rest_at() -> None:
+def test_default_is_a_line_from_the_unloaded_counts() -> None:
     boards = [Board(address=a, interface="can0", no_load=n) for a, n in ((5, 240), (6, 255), (7, 245))]
     calibration = default(LAYOUT, boards)
     assert (calibration.builtin, calibration.foot, calibration.covariance_pa2) == (True, "left", None)
@@ -263,7 +269,7 @@ def test_280_taxels_are_read_as_fast_as_a_hundred_times_their_json(write: Write)
 
 
 @pytest.mark.parametrize("kind", ["chamber", "shoe"])
-def test_examples(kind: str) -> None:
+def test_example_files_load(kind: str) -> None:
     layout = layouts.load(EXAMPLES / kind / "layout.yaml")
     calibration = load(EXAMPLES / kind / "calibration.json", layout)
     assert (calibration.usable == PRESSURE_TAXELS).all()

@@ -18,11 +18,11 @@ import pytest
 from insole_daemon.physics.digitiser import (
     GAINS_TYPE_0,
     GAINS_TYPE_8,
-    clamped,
+    clamp_counts,
     codes_of,
+    compensation_codes,
     count_of,
     digitise,
-    drift,
     low_bytes,
 )
 
@@ -43,7 +43,7 @@ def flag_by_rule(value: int, no_load: int, shift: int) -> bool:
 
 
 def interesting(no_load: int, shift: int) -> list[int]:
-    """Values at, and one beside, everything that changes: steps, pins, flags, the ends of 16 bits; and others."""
+    """Return values at and next to every threshold: steps, limits, flags, the ends of 16 bits; and random ones."""
     step = 2**shift
     edges = [0, step, 5 * step, (no_load - 1) * step, no_load * step, 2 * no_load * step]
     edges += [-step, -(255 - no_load) * step, -(254 - no_load) * step, -2 * (255 - no_load) * step, -65535, 65535]
@@ -53,14 +53,14 @@ def interesting(no_load: int, shift: int) -> list[int]:
 
 
 def words(values: list[int]) -> tuple[np.ndarray, np.ndarray]:
-    """Raw words and baselines (n, 12) whose difference are `values`, twelve taxels alike."""
+    """Return raw words and baselines (n, 12) with the differences `values`, equal for all twelve taxels."""
     raw = np.array([max(value, 0) for value in values], np.int64)
     baseline = raw - np.array(values)
     return np.repeat(raw[:, None], 12, axis=1), np.repeat(baseline[:, None], 12, axis=1)
 
 
 @pytest.mark.parametrize("shift", SHIFTS)
-def test_the_table_of_every_no_load(shift: int) -> None:
+def test_counts_equal_the_firmware_table_for_every_no_load(shift: int) -> None:
     for no_load in NO_LOADS:
         values = interesting(no_load, shift)
         raw, baseline = words(values)
@@ -69,15 +69,15 @@ def test_the_table_of_every_no_load(shift: int) -> None:
         flags = np.array([0xFFF0 if flag_by_rule(value, no_load, shift) else 0 for value in values])
         np.testing.assert_array_equal(counts, np.repeat(expected[:, None], 12, axis=1), f"no_load {no_load}")
         np.testing.assert_array_equal(status & 0xFFF0, flags, f"no_load {no_load}")
-        np.testing.assert_array_equal(clamped(np.array(values), no_load, np.array(shift)), expected)
+        np.testing.assert_array_equal(clamp_counts(np.array(values), no_load, np.array(shift)), expected)
 
 
 @pytest.mark.parametrize("shift", SHIFTS)
-def test_an_mtb3_is_the_same_as_long_as_16_bits_hold_it(shift: int) -> None:
+def test_an_mtb3_equals_an_mtb4_within_16_bits(shift: int) -> None:
     for no_load in NO_LOADS:
         values = [value for value in interesting(no_load, shift) if -32768 <= value <= 32767]
         raw, baseline = words(values)
-        counts, status = digitise(raw, baseline, no_load, np.array([[shift]]), narrow=True)
+        counts, status = digitise(raw, baseline, no_load, np.array([[shift]]), is_16_bit=True)
         np.testing.assert_array_equal(counts[:, 5], [byte_by_rule(value, no_load, shift) for value in values])
         if shift < 7:  # where 2·(no_load << shift) no longer fits, its flags mean nothing
             flags = [0xFFF0 if flag_by_rule(value, no_load, shift) else 0 for value in values]
@@ -122,7 +122,7 @@ BY_HAND = [  # no_load, shift, value, byte, out of range
 
 
 @pytest.mark.parametrize(("no_load", "shift", "value", "byte", "out"), BY_HAND)
-def test_by_hand(no_load: int, shift: int, value: int, byte: int, out: bool) -> None:
+def test_counts_equal_hand_computed_values(no_load: int, shift: int, value: int, byte: int, out: bool) -> None:
     raw, baseline = words([value])
     counts, status = digitise(raw + 5, baseline + 5, no_load, np.array([[shift]]))
     assert counts.tolist() == [[byte] * 12]
@@ -134,7 +134,7 @@ def test_by_hand(no_load: int, shift: int, value: int, byte: int, out: bool) -> 
 
 
 @pytest.mark.parametrize("gains", [GAINS_TYPE_0, GAINS_TYPE_8])
-def test_compensation(gains: tuple[int, ...]) -> None:
+def test_compensation_equals_the_firmware_arithmetic(gains: tuple[int, ...]) -> None:
     changes = [*range(-1200, 1201), -40000, 40000]
     baseline = np.full((len(changes), 12), 20_000, np.int64)
     raw = baseline.copy()
@@ -143,19 +143,21 @@ def test_compensation(gains: tuple[int, ...]) -> None:
         sizes = [Fraction(abs(change) // 4 * gain, 32) for change in changes]
         mtb4 = [math.floor(size if change > 0 else -size) for size, change in zip(sizes, changes, strict=True)]
         mtb3 = [math.floor(size) * (1 if change > 0 else -1) for size, change in zip(sizes, changes, strict=True)]
-        np.testing.assert_array_equal(drift(raw, baseline, gains)[:, k], mtb4)
+        np.testing.assert_array_equal(compensation_codes(raw, baseline, gains)[:, k], mtb4)
         fits = np.array([abs(change) // 4 * gain < 65536 for change in changes])
-        np.testing.assert_array_equal(drift(raw, baseline, gains, narrow=True)[fits, k], np.array(mtb3)[fits])
+        np.testing.assert_array_equal(
+            compensation_codes(raw, baseline, gains, is_16_bit=True)[fits, k], np.array(mtb3)[fits]
+        )
 
 
-def test_compensation_by_hand() -> None:
+def test_compensation_equals_hand_computed_values() -> None:
     baseline = np.full((1, 12), 1000, np.int64)
     raw = baseline.copy()
     raw[0, 6] = 1131  # dT 131: 32 · gain, then >> 5, is gain
-    assert drift(raw, baseline, GAINS_TYPE_0).tolist() == [[70, 96, 83, 38, 38, 70, 0, 45, 77, 164, 0, 77]]
+    assert compensation_codes(raw, baseline, GAINS_TYPE_0).tolist() == [[70, 96, 83, 38, 38, 70, 0, 45, 77, 164, 0, 77]]
     raw[0, 6] = 995  # dT −5: 1 · gain / 32 is 5.125 for taxel 9: −6 on an MTB4, −5 on an MTB3
-    assert drift(raw, baseline, GAINS_TYPE_0)[0, 9] == -6
-    assert drift(raw, baseline, GAINS_TYPE_0, narrow=True)[0, 9] == -5
+    assert compensation_codes(raw, baseline, GAINS_TYPE_0)[0, 9] == -6
+    assert compensation_codes(raw, baseline, GAINS_TYPE_0, is_16_bit=True)[0, 9] == -5
     counts, _ = digitise(raw, baseline, 240, np.array([[0]]), GAINS_TYPE_0)
     assert counts[0, 9] == 240 - 6, "what is cold is taken off with its sign"
     assert counts[0, 6] == 245, "the pad itself is not compensated"
@@ -185,10 +187,10 @@ def test_low_bytes_of_raw_test_mode() -> None:
 
 
 @pytest.mark.parametrize("shift", SHIFTS)
-def test_what_codes_read_on_average(shift: int) -> None:
+def test_count_of_is_the_mean_of_the_counts(shift: int) -> None:
     settings = np.array(240), np.array(shift)
     step = 2**shift
     values = np.arange(8 * step, 11 * step)
-    mean = clamped(values, *settings).reshape(-1, step).mean()
+    mean = clamp_counts(values, *settings).reshape(-1, step).mean()
     assert count_of(np.array(values.mean()), *settings) == pytest.approx(mean)
     assert codes_of(np.array(mean), *settings) == pytest.approx(values.mean())

@@ -1,4 +1,4 @@
-"""The one source of randomness: streams that do not touch each other, and numbers that are what they say."""
+"""All randomness comes from independent streams with the stated distributions."""
 
 import hashlib
 import re
@@ -31,7 +31,7 @@ def test_uniform_numbers_are_uniform():
     assert (numbers < 1).all()
 
 
-def test_what_is_asked_for_at_once_makes_no_difference():
+def test_the_size_of_requests_does_not_change_the_numbers():
     whole = Draws(3, Drawn.NOISE, 5, 0).normal(9000)
     parts = Draws(3, Drawn.NOISE, 5, 0)
     sizes = [1, 0, 4095, 1, 1, 4097, 805]
@@ -39,20 +39,20 @@ def test_what_is_asked_for_at_once_makes_no_difference():
     assert (Draws(3, Drawn.NOISE, 5, 0).normal(3, 5) == whole[:15].reshape(3, 5)).all()
 
 
-def test_every_stream_key_and_seed_is_another():
+def test_every_stream_key_and_seed_gives_other_numbers():
     keys = [(0, stream, board) for stream in Drawn for board in (5, 6)]
     keys += [(0, Drawn.NOISE, 5, 0), (0, Drawn.NOISE, 5, 1), (1, Drawn.NOISE, 5), (2**32, Drawn.NOISE, 5)]
     assert len({Draws(seed, stream, *key).uniform(1)[0] for seed, stream, *key in keys}) == len(keys)
 
 
-def test_the_numbers_are_these_on_every_machine():
-    """PCG64 and SeedSequence are promised by numpy; what is made of their bits, by IEEE 754."""
+def test_numbers_are_the_same_on_every_machine():
+    """numpy guarantees PCG64 and SeedSequence; IEEE 754 guarantees what is computed from their bits."""
     numbers = Draws(7, Drawn.NOISE, 5, 0).normal(10_000)
     assert hashlib.sha256(numbers.astype("<f8").tobytes()).hexdigest()[:16] == "c331636f7c659265"
 
 
-def test_nothing_draws_elsewhere():
-    """Only `random_faults`, for tests, is handed a generator."""
+def test_no_other_module_draws_random_numbers():
+    """Only `random_faults`, for tests, takes a generator."""
     for path, text in CODE.items():
         if path.name not in ("draws.py", "random_faults.py"):
             assert not re.search(r"np\.random|import random|default_rng", text), path.name

@@ -1,3 +1,5 @@
+"""Functions with the same bits on every machine are compared with numpy."""
+
 import numpy as np
 import pytest
 
@@ -11,7 +13,7 @@ def test_exp_and_sine_are_those_of_numpy_to_the_last_bits():
     assert np.abs(portable.sin_turns(turns) - np.sin(2 * np.pi * (turns - np.rint(turns)))).max() < 5e-16
 
 
-def test_what_is_left_of_exp_near_0():
+def test_exp_minus_one_is_accurate_near_0():
     x = np.concatenate([-np.geomspace(1e-14, 700, 50_001), np.geomspace(1e-14, 600, 50_001)])
     assert np.abs(portable.exp_minus_one(x) / np.expm1(x) - 1).max() < 1e-15
     assert portable.exp_minus_one([0.0, -1e5]).tolist() == [0.0, -1.0]
@@ -27,29 +29,29 @@ def test_logarithms_and_powers_are_those_of_numpy():
     )
 
 
-def test_exact_where_it_is_known():
+def test_known_values_are_exact():
     assert portable.exp([0.0, -1e4, -800.0]).tolist() == [1.0, 0.0, 0.0]
     assert portable.sin_turns([0.0, 0.5, 7.0, -3.5]).tolist() == [0.0, 0.0, 0.0, 0.0]
     assert portable.sin_turns([0.25, -0.25, 0.75]) == pytest.approx([1.0, -1.0, -1.0], abs=1e-15)
 
 
-def test_lines_between_knots_are_those_of_numpy():
+def test_interpolation_equals_numpy():
     draw = np.random.default_rng(2)
     for k in (1, 2, 7):
         knots, values = np.cumsum(draw.random(k) + 0.1), draw.random(k)
         x = np.concatenate([draw.uniform(-1, 8, 500), knots])
-        assert portable.between(x, knots, values) == pytest.approx(np.interp(x, knots, values), abs=1e-14)
-        assert portable.between(knots, knots, values) == pytest.approx(values, abs=1e-15)
+        assert portable.interpolate(x, knots, values) == pytest.approx(np.interp(x, knots, values), abs=1e-14)
+        assert portable.interpolate(knots, knots, values) == pytest.approx(values, abs=1e-15)
 
 
-def test_weighted_is_the_sum_over_patterns():
+def test_weighted_sum_equals_tensordot():
     draw = np.random.default_rng(1)
     shares, patterns = draw.random((5, 3)), draw.random((3, 2, 4))
-    assert portable.weighted(shares, patterns) == pytest.approx(np.tensordot(shares, patterns, axes=1))
-    assert portable.weighted(shares, np.ones(3)) == pytest.approx(shares.sum(axis=1))
+    assert portable.weighted_sum(shares, patterns) == pytest.approx(np.tensordot(shares, patterns, axes=1))
+    assert portable.weighted_sum(shares, np.ones(3)) == pytest.approx(shares.sum(axis=1))
 
 
-def test_few_numbers_have_the_same_bits_as_many() -> None:
+def test_scalar_and_array_paths_have_the_same_bits() -> None:
     x = np.concatenate([-np.geomspace(1e-12, 700, 300), np.geomspace(1e-12, 50, 100), [0.0, -1000.0]])
-    one_by_one = np.array([portable.exp_minus_one(each)[()] for each in x])
+    one_by_one = np.array([portable.exp_minus_one(value)[()] for value in x])
     assert one_by_one.tobytes() == portable.exp_minus_one(x).tobytes()

@@ -22,7 +22,7 @@ USABLE = np.tile(PRESSURE_TAXELS, (N, 1))
 
 
 def calibration(coefficients: Any, baseline: Any = 240.0, covariance: NDArray[np.float64] | None = None) -> Calibration:
-    """Of N triangles; what is given is broadcast to all of their pressure taxels."""
+    """Return a calibration of N triangles; arguments are broadcast to all pressure taxels."""
     values = np.asarray(coefficients, float)
     values = np.broadcast_to(values, (N, 12, values.shape[-1]))
     if covariance is not None:
@@ -43,7 +43,7 @@ def random_counts(seed: int, *shape: int) -> NDArray[np.uint8]:
 
 @settings(max_examples=50, deadline=None)
 @given(st.integers(1, 6), st.integers(0, 2**32))
-def test_polynomial_of_the_activation(k: int, seed: int) -> None:
+def test_pressure_is_the_polynomial_of_the_activation(k: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
     coefficients = rng.normal(0, 1, (N, 12, k)) * 8000.0 / 30.0 ** np.arange(k)
     baseline = rng.uniform(200, 260, (N, 12))
@@ -64,7 +64,7 @@ def test_a_lower_count_is_more_pressure_and_a_higher_one_is_negative() -> None:
     assert pressure[0, :4].tolist() == [80_000.0, -80_000.0, 1_920_000.0, 0.0]
 
 
-def test_the_papers_cubic() -> None:
+def test_the_papers_cubic_gives_its_pressures() -> None:
     pressure = StaticCurve(calibration([-100.0, 7900.0, 12.0, 0.11], 240.5), 0).pressure_pa(
         np.full((N, 12), 200, np.uint8)
     )
@@ -73,7 +73,7 @@ def test_the_papers_cubic() -> None:
     assert pressure[USABLE] == pytest.approx(expected, rel=1e-12)
 
 
-def test_a_constant_alone() -> None:
+def test_a_curve_may_be_constant() -> None:
     pressure = StaticCurve(calibration([5.0]), 0).pressure_pa(random_counts(0))
     assert (pressure[USABLE] == 5.0).all()
     assert np.isnan(pressure[~USABLE]).all()
@@ -93,11 +93,11 @@ def test_a_threshold_of_0_is_off() -> None:
     assert (StaticCurve(calibration([500.0, 8000.0]), 0).pressure_pa(counts)[USABLE] == 500 - 80_000).all()
 
 
-def test_usable_is_the_calibrations() -> None:
+def test_usable_taxels_are_those_of_the_calibration() -> None:
     assert StaticCurve(calibration([1.0]), 0).usable is USABLE
 
 
-def test_built_in_calibration() -> None:
+def test_the_built_in_calibration_is_8_kpa_per_count() -> None:
     layout, boards = builtin("left", (5, 6, 7)), Config().insoles[0].boards
     counts = np.full((28, 12), 200, np.uint8)
     made = default(layout, boards)
@@ -112,7 +112,7 @@ def test_built_in_calibration() -> None:
 
 
 def random_covariance(rng: np.random.Generator, *shape: int, k: int) -> NDArray[np.float64]:
-    """Covariances of the k coefficients, of magnitudes as a fit gives them."""
+    """Return covariances of the k coefficients with the magnitudes of a fit."""
     root = rng.normal(0, 1, (*shape, k, k)) * (300.0 / 30.0 ** np.arange(k))[:, None]
     return root @ root.swapaxes(-1, -2)
 
@@ -145,5 +145,5 @@ def test_variance_is_that_of_drawn_coefficients() -> None:
         assert variance[0, 0] == pytest.approx(pressures.var(), rel=0.05)
 
 
-def test_no_uncertainty_is_said_as_none() -> None:
+def test_variance_is_none_without_a_covariance() -> None:
     assert StaticCurve(calibration([0.0, 8000.0]), 0).variance_pa2(random_counts(1)) is None

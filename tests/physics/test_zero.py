@@ -1,4 +1,4 @@
-"""Zero files: what is read, what is refused, and that a write is all or nothing."""
+"""Zero files: reading, problems, and atomic writing."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def a_zero(seed: int = 1) -> Zero:
     return Zero("left", 1_700_000_000_000_000_000, baseline, np.where(np.isnan(baseline), np.nan, 0.9))
 
 
-def test_what_is_saved_is_loaded(tmp_path):
+def test_a_saved_zero_loads_unchanged(tmp_path):
     path = tmp_path / "not" / "yet" / "zero.json"
     zeros.save(path, a_zero(), LEFT)
     back = zeros.load(path, LEFT)
@@ -36,7 +36,7 @@ def test_what_is_saved_is_loaded(tmp_path):
     assert len(json.loads(path.read_text())["taxels"]) == 279
 
 
-def test_a_zero_replaces_baselines_and_nothing_else():
+def test_a_zero_replaces_only_baselines():
     boards = Config().insoles[0].boards
     calibration = calibrations.default(LEFT, boards)
     applied = zeros.apply(calibration, a_zero())
@@ -47,7 +47,7 @@ def test_a_zero_replaces_baselines_and_nothing_else():
     assert applied.usable is calibration.usable
 
 
-def test_everything_wrong_is_said_at_once(tmp_path):
+def test_all_problems_are_reported_together(tmp_path):
     path = tmp_path / "zero.json"
     good = {"board": 5, "triangle": 0, "taxel": 0, "baseline_count": 240.0, "noise_count": 0.9}
     taxels = [
@@ -64,9 +64,9 @@ def test_everything_wrong_is_said_at_once(tmp_path):
     with pytest.raises(DocumentError) as refused:
         zeros.load(path, LEFT)
     text = str(refused.value)
-    for said in (
+    for message in (
         "expected the zero of the left foot",
-        "stands twice, first in taxels[0]",
+        "is listed twice, first in taxels[0]",
         "thermal pad",
         "triangle 2 of board 5 is not in the layout",
         "taxels[4].baseline_count: expected a finite number",
@@ -74,10 +74,10 @@ def test_everything_wrong_is_said_at_once(tmp_path):
         "taxels[6].taxel",
         "unknown key",
     ):
-        assert said in text
+        assert message in text
 
 
-def test_a_write_that_fails_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatch):
+def test_a_failed_write_keeps_only_the_old_file(tmp_path, monkeypatch):
     path = tmp_path / "zero.json"
     zeros.save(path, a_zero(1), LEFT)
     before = path.read_bytes()

@@ -1,4 +1,4 @@
-"""Taking a zero from emulated boards: what is found, and what is refused."""
+"""A zero is measured on emulated boards, or refused."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ def cycles(load, seconds: float = 3.0, **emulator) -> Cycles:
     return Cycles.concatenate(reader.feed(frames)[0], len(LEFT))
 
 
-def taken(found: Cycles, force: bool = False, calibration=DEFAULT) -> ZeroOutcome:
+def taken(measured: Cycles, force: bool = False, calibration=DEFAULT) -> ZeroOutcome:
     zeroing = Zeroing(LEFT, calibration, Validity(LEFT, BOARDS, 200_000_000))
-    for at in range(0, len(found), 7):  # as in the loop: a few at a time
-        zeroing.add(Cycles(*(getattr(found, name)[at : at + 7] for name in Cycles.__slots__)))
+    for at in range(0, len(measured), 7):  # as in the loop: a few at a time
+        zeroing.add(Cycles(*(getattr(measured, name)[at : at + 7] for name in Cycles.__slots__)))
     return zeroing.outcome(5, force)
 
 
@@ -52,7 +52,7 @@ class Pressed(Unloaded):
 
 
 class Stretched(Stand):
-    """Someone of another force on the foot."""
+    """The same load with another force."""
 
     def __init__(self, newton: float) -> None:
         super().__init__(LAYOUTS, body_mass_kg=2 * newton / 9.81)
@@ -71,9 +71,9 @@ def test_an_unloaded_foot_is_zeroed_to_a_fifth_of_a_count():
 
 
 def test_slow_boards_count_their_readings_once():
-    found = cycles(Unloaded(LAYOUTS))
-    doubled = Cycles(*(np.repeat(getattr(found, name), 2, axis=0) for name in Cycles.__slots__))
-    once, twice = taken(found), taken(doubled)
+    measured = cycles(Unloaded(LAYOUTS))
+    doubled = Cycles(*(np.repeat(getattr(measured, name), 2, axis=0) for name in Cycles.__slots__))
+    once, twice = taken(measured), taken(doubled)
     np.testing.assert_allclose(once.zero.noise_count, twice.zero.noise_count)
 
 
@@ -94,7 +94,7 @@ def test_walking_is_refused():
     assert len(out.noisy) > 50
 
 
-def test_force_takes_it_all_the_same_and_still_says_so():
+def test_force_accepts_a_loaded_foot_and_still_reports_it():
     out = taken(cycles(Stretched(309)), force=True)
     assert out.zero is not None
     assert out.refusals
@@ -108,20 +108,20 @@ def test_an_evenly_strapped_shoe_becomes_part_of_the_zero(kpa):
     assert out.shift_count == pytest.approx(-kpa / 8, rel=0.04, abs=0.1)  # taxels are not alike
 
 
-def test_one_triangle_that_stands_out_a_little_is_zeroed_but_not_one_that_does_much():
+def test_one_triangle_is_refused_only_above_the_higher_limit():
     assert taken(cycles(Pressed(56e3, [3]))).zero is not None, "7 counts: seen in unloaded public recordings"
     assert taken(cycles(Pressed(100e3, [3]))).zero is None
     assert taken(cycles(Pressed(56e3, [3, 4]))).zero is None
 
 
-def test_a_uniform_chamber_is_refused_and_so_is_saturation():
+def test_uniform_pressure_and_saturation_are_refused():
     assert taken(cycles(Pressed(100e3))).zero is None
     out = taken(cycles(Pressed(2.5e6, [0, 1])))
     assert out.zero is None
     assert {taxel[:2] for taxel in out.loaded} == {(5, 0), (5, 1)}
 
 
-def test_zeroed_under_load_and_lifted_again_is_accepted():
+def test_a_zero_under_load_can_be_replaced_after_lifting():
     standing = taken(cycles(Stretched(309)), force=True)
     calibration = zeros.apply(DEFAULT, standing.zero)
     out = taken(cycles(Unloaded(LAYOUTS)), calibration=calibration)
@@ -129,10 +129,10 @@ def test_zeroed_under_load_and_lifted_again_is_accepted():
     assert out.largest_shift_count > 5
 
 
-def test_missing_and_loose_are_left_out_and_named():
-    found = cycles(Unloaded(LAYOUTS), left_out=(6,))
-    found.status[:, 2] = 2  # an open triangle
-    out = taken(found)
+def test_missing_and_loose_triangles_are_left_out_and_named():
+    measured = cycles(Unloaded(LAYOUTS), left_out=(6,))
+    measured.status[:, 2] = 2  # an open triangle
+    out = taken(measured)
     assert out.zero is not None
     assert {taxel[:2] for taxel in out.left_out["no data"]} == {(6, t) for t in (4, 5, 6, 7, 15)}
     assert {taxel[:2] for taxel in out.left_out["invalid readings"]} == {(5, 4)}
@@ -146,6 +146,6 @@ def test_too_few_readings_are_refused():
     assert taken(cycles(Unloaded(LAYOUTS), seconds=0.1), force=True).zero is None, "force adds no readings"
 
 
-def test_nothing_at_all_is_refused():
+def test_no_readings_are_refused():
     none = Cycles.concatenate([], len(LEFT))
     assert taken(none).zero is None

@@ -1,4 +1,4 @@
-"""A small trial to write, and where recordings of others are."""
+"""Fixtures: a small trial to write, and the folder of recordings by other programs."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ PUBLISHED = Path(__file__).parents[3] / "shared" / "data" / "belli2023"  # the w
 
 @pytest.fixture(scope="session")
 def walk() -> FrameBatch:
-    """Three seconds of a left foot that walks."""
+    """Return three seconds of a walking left foot."""
     left = Config().insoles[0]
     layout = load_layout(left)
     return Emulator(Config(insoles=(left,)), [layout], Walk([layout])).frames(START_NS, 3.0)
@@ -33,7 +33,7 @@ def walk() -> FrameBatch:
 
 @pytest.fixture(scope="session")
 def left() -> InsoleContents:
-    """The left insole with a calibration that has a covariance, and a zero."""
+    """Return the left insole, with a calibration that has a covariance, and a zero."""
     insole = Config().insoles[0]
     layout = load_layout(insole)
     usable = calibrations.default(layout, insole.boards).usable
@@ -57,7 +57,7 @@ def reference() -> ReferenceContents:
 
 @pytest.fixture
 def trial(tmp_path: Path, walk: FrameBatch, left: InsoleContents, reference: ReferenceContents) -> Path:
-    """A recording of it all."""
+    """Write a recording with all of these."""
     return write(
         tmp_path / "trial", kind="chamber", can_origin="simulated", insoles=[left],
         frames=[walk[:1000], walk[1000:]], reference=[reference],

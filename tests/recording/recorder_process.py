@@ -1,7 +1,8 @@
-"""The bus side of `insole record` as a process, fed with `struct can_frame` in UDP datagrams; lines come on stdin.
+"""Run the bus side of `insole record` as a process, fed with `struct can_frame` in UDP datagrams; reference lines on
+stdin.
 
-Everything but the address family of one socket is what `insole record` does; tests/vcan runs the verb itself. Guided
-by a protocol that takes seconds, not minutes, if a fifth argument says so.
+Only the address family of one socket differs from `insole record`; tests/vcan runs the command itself. A fifth argument
+selects guidance by a protocol of seconds instead of minutes.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from insole_daemon.recording.coverage import Protocol
 from insole_daemon.recording.guide import Guide
 from insole_daemon.recording.instrument import Instrument
 from insole_daemon.recording.live import LiveRecorder
-from insole_daemon.recording.recorder import Session, lines_of, stamped
+from insole_daemon.recording.recorder import Session, read_lines, with_time
 
 SHORT = Protocol(rest_s=0.8, slow_s=1.5, ratio=2.0, hold_s=1.5, recovery_s=1.5, loops=2, steps=0)
 
@@ -35,14 +36,14 @@ def main(out: str, config_file: str, port: str, rotate_bytes: str, guided: str =
     instrument = Instrument("left", "chamber")
     session = Session(recorder, stop, instruments=[instrument])
     if guided:
-        told = ProgressPrinter(Path(out), None)
-        session.tell, session.note = told, told.note
+        progress_lines = ProgressPrinter(Path(out), None)
+        session.report_progress, session.report_change = progress_lines, progress_lines.note
         session.guide = Guide(insoles, "chamber", SHORT)
-    session.inbox.read(instrument, stamped(lines_of(0)))
+    session.merged_queue.read(instrument, with_time(read_lines(0)))
     print("ready", flush=True)
     progress = session.from_bus(source)
     if guided:
-        told.end(progress)
+        progress_lines.end(progress)
     recorder.close()
     source.close()
 

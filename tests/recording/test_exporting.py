@@ -1,4 +1,4 @@
-"""Recordings in the forms that other programs read; what comes back is what went out."""
+"""Exported recordings import again unchanged, and other programs can read them."""
 
 from __future__ import annotations
 
@@ -41,14 +41,14 @@ def assert_same(one, other) -> None:
         assert foot.boards == again.boards
 
 
-def test_mcap_gives_the_same_recording_back(trial, tmp_path):
+def test_an_exported_mcap_imports_as_the_same_recording(trial, tmp_path):
     loaded = insole_daemon.load(trial)
     export_mcap(loaded, tmp_path / "x.mcap")
     again = import_recording(tmp_path / "x.mcap", tmp_path / "again", None, None, None)
     assert_same(loaded, insole_daemon.load(again))
 
 
-def test_mcap_of_counts_gives_the_same_recording_back(tmp_path, left, reference):
+def test_an_exported_mcap_of_counts_imports_as_the_same_recording(tmp_path, left, reference):
     counts = np.random.default_rng(4).integers(1, 255, (60, len(left.layout), 12), np.uint8)
     t_ns = 1_760_000_000_000_000_000 + np.arange(60) * 20_000_000
     folder = write(
@@ -61,11 +61,11 @@ def test_mcap_of_counts_gives_the_same_recording_back(tmp_path, left, reference)
     assert_same(loaded, insole_daemon.load(again))
 
 
-def test_mcap_is_what_foxglove_and_plotjuggler_open(trial, tmp_path):
+def test_mcap_has_the_encodings_that_foxglove_and_plotjuggler_read(trial, tmp_path):
     loaded = insole_daemon.load(trial)
     export_mcap(loaded, tmp_path / "x.mcap")
     foot = loaded["left"]
-    found: dict[str, list] = {}
+    by_schema: dict[str, list] = {}
     with open(tmp_path / "x.mcap", "rb") as file:
         reader = make_reader(file, validate_crcs=True)
         before = 0
@@ -76,36 +76,36 @@ def test_mcap_is_what_foxglove_and_plotjuggler_open(trial, tmp_path):
             assert channel.message_encoding == "json"
             assert message.log_time >= before
             before = message.log_time
-            said, grammar = json.loads(message.data), json.loads(schema.data)
+            content, grammar = json.loads(message.data), json.loads(schema.data)
             assert grammar["type"] == "object"
-            jsonschema.validate(said, {**grammar, "additionalProperties": False})
-            assert None not in said.values()
+            jsonschema.validate(content, {**grammar, "additionalProperties": False})
+            assert None not in content.values()
             # Foxglove's reader of schemas knows single types only
-            assert all(isinstance(each["type"], str) for each in grammar["properties"].values())
-            found.setdefault(channel.topic, []).append((message.log_time, said))
-        attached = {each.name: each for each in reader.iter_attachments()}
-        said = {each.name: each.metadata for each in reader.iter_metadata()}
-    assert set(found) == {f"/insole/left/{what}" for what in ("wrench", "health", "event", "step", "reference")}
-    wrench = found["/insole/left/wrench"]
+            assert all(isinstance(entry["type"], str) for entry in grammar["properties"].values())
+            by_schema.setdefault(channel.topic, []).append((message.log_time, content))
+        attached = {entry.name: entry for entry in reader.iter_attachments()}
+        content = {entry.name: entry.metadata for entry in reader.iter_metadata()}
+    assert set(by_schema) == {f"/insole/left/{what}" for what in ("wrench", "health", "event", "step", "reference")}
+    wrench = by_schema["/insole/left/wrench"]
     assert [t for t, _ in wrench] == foot.t_ns.tolist()
     np.testing.assert_array_equal([w["f_z_n"] for _, w in wrench], foot.wrench.f_z_n)
     assert [w.get("cop_x_m") is None for _, w in wrench] == np.isnan(foot.wrench.cop_x_m).tolist()
-    assert len(found["/insole/left/health"]) in (3, 4)
-    health = found["/insole/left/health"][1][1]
+    assert len(by_schema["/insole/left/health"]) in (3, 4)
+    health = by_schema["/insole/left/health"][1][1]
     assert health["state"] == "ok"
     assert 45 < health["publish_rate_hz"] < 55
-    assert [event["text"] for _, event in found["/insole/left/event"]] == [
+    assert [event["text"] for _, event in by_schema["/insole/left/event"]] == [
         f"board {address}: never seen → streaming" for address in (5, 6, 7)
     ]
-    assert len(found["/insole/left/reference"]) == 60
-    assert "pressure_pa" not in found["/insole/left/reference"][7][1], "a missing value is left out"
+    assert len(by_schema["/insole/left/reference"]) == 60
+    assert "pressure_pa" not in by_schema["/insole/left/reference"][7][1], "a missing value is left out"
     assert {"recording.yaml", "can.log.gz", "left-calibration.json", "left-layout.yaml"} <= attached.keys()
     assert attached["left-calibration.json"].media_type == "application/json"
-    assert said["insole-recording"]["can_origin"] == "simulated"
-    assert said["insole-recording"]["left_reference_clock"] == "that of the frames"
+    assert content["insole-recording"]["can_origin"] == "simulated"
+    assert content["insole-recording"]["left_reference_clock"] == "that of the frames"
 
 
-def test_a_reference_of_its_own_clock_is_not_passed_off_as_aligned(tmp_path, left, walk):
+def test_a_reference_on_its_own_clock_is_marked_as_not_aligned(tmp_path, left, walk):
     metadata = []
     for number, columns in enumerate(
         ({"pressure_pa": np.ones(3)}, {"time_s": np.arange(3.0), "pressure_pa": np.ones(3)},
@@ -122,12 +122,12 @@ def test_a_reference_of_its_own_clock_is_not_passed_off_as_aligned(tmp_path, lef
             metadata.append((len(times), *next(iter(reader.iter_metadata())).metadata.values()))
         if number == 2:
             assert times[0] == 1_760_000_001_000_000_000
-    assert [each[0] for each in metadata] == [0, 3, 3]
-    for each, words in zip(metadata, ("unknown: no times", "true offset is not known", "arrived"), strict=True):
-        assert words in each[-1]
+    assert [entry[0] for entry in metadata] == [0, 3, 3]
+    for entry, words in zip(metadata, ("unknown: no times", "true offset is not known", "arrived"), strict=True):
+        assert words in entry[-1]
 
 
-def test_an_mcap_of_somebody_else_is_refused(tmp_path):
+def test_an_mcap_without_a_recording_is_refused(tmp_path):
     (tmp_path / "x.mcap").write_bytes(b"none at all")
     with pytest.raises(InsoleError, match="expected an MCAP file"):
         import_recording(tmp_path / "x.mcap", tmp_path / "out", None, None, None)
@@ -144,7 +144,7 @@ def test_an_mcap_of_somebody_else_is_refused(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-def test_csv_gives_the_same_counts_back(trial, tmp_path):
+def test_exported_csv_imports_as_the_same_counts(trial, tmp_path):
     loaded = insole_daemon.load(trial)
     export_csv(loaded, tmp_path / "tables")
     layout = layouts.load(tmp_path / "tables" / "left-layout.yaml")
@@ -174,7 +174,7 @@ def test_one_csv_file_has_the_forces_of_each_cycle(trial, tmp_path):
         np.testing.assert_allclose(table[name], getattr(foot.wrench, name), rtol=1e-8)
 
 
-def test_forces_of_both_feet_stand_in_the_order_of_time(trial, tmp_path):
+def test_forces_of_both_feet_are_in_order_of_time(trial, tmp_path):
     left = insole_daemon.load(trial)["left"]
     right = replace(left, foot="right", t_ns=left.t_ns + 7_000_000)
     export_wrenches(SimpleNamespace(feet=(left, right)), tmp_path / "forces.csv")
@@ -183,7 +183,7 @@ def test_forces_of_both_feet_stand_in_the_order_of_time(trial, tmp_path):
     assert [float(row[0]) for row in rows] == sorted(float(row[0]) for row in rows)
 
 
-def test_forces_without_a_calibration_are_refused_with_what_to_do(trial, tmp_path):
+def test_exporting_forces_without_a_calibration_is_refused_with_a_remedy(trial, tmp_path):
     loaded = insole_daemon.load(trial)
     without = SimpleNamespace(feet=(replace(loaded["left"], wrench=None),), folder=trial)
     with pytest.raises(FileError, match="no foot has a calibration.*--to csv"):
@@ -191,7 +191,7 @@ def test_forces_without_a_calibration_are_refused_with_what_to_do(trial, tmp_pat
     assert not (tmp_path / "forces.csv").exists()
 
 
-def test_npz_and_matlab_hold_everything(trial, tmp_path):
+def test_npz_and_matlab_contain_all_arrays(trial, tmp_path):
     loaded = insole_daemon.load(trial)
     foot = loaded["left"]
     export_npz(loaded, tmp_path / "x.npz")
@@ -200,17 +200,17 @@ def test_npz_and_matlab_hold_everything(trial, tmp_path):
         arrays = dict(archive)
     matlab = scipy.io.loadmat(tmp_path / "x.mat", squeeze_me=True, simplify_cells=True)
     assert matlab["recording"]["can_origin"] == str(arrays["can_origin"]) == "simulated"
-    for own in (arrays, matlab["left"]):
-        np.testing.assert_array_equal(own["counts"], foot.counts)
-        np.testing.assert_array_equal(own["t_ns"], foot.t_ns)
-        np.testing.assert_array_equal(own["valid"].astype(bool), foot.valid)
-        np.testing.assert_array_equal(own["pressure_pa"], foot.pressure_pa)
-        np.testing.assert_array_equal(own["f_z_n"], foot.wrench.f_z_n)
-        np.testing.assert_array_equal(own["reference_pressure_pa"], foot.reference["pressure_pa"])
-        np.testing.assert_allclose(own["xy_m"], foot.layout.xy_m)
+    for exported in (arrays, matlab["left"]):
+        np.testing.assert_array_equal(exported["counts"], foot.counts)
+        np.testing.assert_array_equal(exported["t_ns"], foot.t_ns)
+        np.testing.assert_array_equal(exported["valid"].astype(bool), foot.valid)
+        np.testing.assert_array_equal(exported["pressure_pa"], foot.pressure_pa)
+        np.testing.assert_array_equal(exported["f_z_n"], foot.wrench.f_z_n)
+        np.testing.assert_array_equal(exported["reference_pressure_pa"], foot.reference["pressure_pa"])
+        np.testing.assert_allclose(exported["xy_m"], foot.layout.xy_m)
 
 
-def test_an_npz_is_a_counts_npz_too(trial, tmp_path):
+def test_an_exported_npz_is_readable_as_counts_npz(trial, tmp_path):
     loaded = insole_daemon.load(trial)
     export_npz(loaded, trial / "counts.npz")
     text = (trial / "recording.yaml").read_text()
@@ -218,7 +218,7 @@ def test_an_npz_is_a_counts_npz_too(trial, tmp_path):
     assert_same(loaded, insole_daemon.load(trial))
 
 
-def test_the_verbs(trial, tmp_path):
+def test_import_and_export_commands_round_trip(trial, tmp_path):
     for status, words in ((0, "x.mcap: mcap, left 150 cycles"), (4, "is already there")):
         done = subprocess.run(
             [INSOLE, "export", trial, tmp_path / "x.mcap"], capture_output=True, text=True, check=False
@@ -234,6 +234,6 @@ def test_the_verbs(trial, tmp_path):
     assert_same(insole_daemon.load(trial), insole_daemon.load(tmp_path / "again"))
 
 
-def test_a_package_of_the_extra_that_is_missing_is_named():
+def test_a_missing_package_is_named_with_its_extra():
     with pytest.raises(InsoleError, match=r"reading nothing needs the package nowhere.*lab"):
         need("insole_nowhere", "nowhere", "reading nothing")

@@ -1,4 +1,6 @@
-"""Two six-axis sensors into one wrench, against mechanics that are written out; and instruments that talk."""
+"""Two six-axis sensors are combined into one wrench, compared with explicit mechanics; and instruments send
+readings.
+"""
 
 from __future__ import annotations
 
@@ -26,22 +28,22 @@ def shoe(tmp_path) -> ShoeSensors:
 
 
 def readings(shoe: ShoeSensors, at_m: np.ndarray, force_n: np.ndarray, share: float) -> dict[str, np.ndarray]:
-    """What both sensors report of a ground force at a point, of which the front one bears a share."""
-    found = {}
+    """Return the readings of both sensors for a ground force at a point, of which the front sensor bears a fraction."""
+    columns = {}
     for name, part in (("front", share), ("rear", 1 - share)):
         sensor = getattr(shoe, name)
         origin = np.array([sensor.x_mm, sensor.y_mm, sensor.z_mm]) / 1000
         force = part * force_n
         moment = np.cross(at_m - origin, force)
         sign = 1 if sensor.reports == "ground_on_foot" else -1
-        own = np.concatenate([sensor.rotation().T @ force, sensor.rotation().T @ moment]) * sign
-        for axis, value in zip(("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm"), own, strict=True):
-            found[f"{name}_{axis}"] = np.array([value])
-    return found
+        sensor_axes = np.concatenate([sensor.rotation().T @ force, sensor.rotation().T @ moment]) * sign
+        for axis, value in zip(("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm"), sensor_axes, strict=True):
+            columns[f"{name}_{axis}"] = np.array([value])
+    return columns
 
 
 @pytest.mark.parametrize("share", [0.0, 0.4, 1.0])
-def test_a_force_at_a_point_gives_its_moments_about_the_insoles_origin(shoe, share):
+def test_a_point_force_gives_moments_about_the_insole_origin(shoe, share):
     at_m, force_n = np.array([0.12, -0.02, 0.0]), np.array([30.0, -10.0, 700.0])
     wrench = shoe.wrench(readings(shoe, at_m, force_n, share))
     assert wrench["fz_n"][0] == pytest.approx(700)
@@ -56,32 +58,32 @@ def test_a_rotation_is_roll_then_pitch_then_yaw(shoe):
     assert np.linalg.det(shoe.front.rotation()) == pytest.approx(1)
 
 
-def test_a_shoe_file_with_mistakes_says_them_all(tmp_path):
+def test_all_problems_of_a_shoe_file_are_reported(tmp_path):
     path = tmp_path / "shoe.yaml"
     path.write_text(SHOE.replace("x_mm: 190", "x_m: 0.19").replace("ground_on_foot", "up").replace("foot: left\n", ""))
     with pytest.raises(DocumentError) as caught:
         load(path)
-    said = str(caught.value)
-    assert 'x_m: unknown key: did you mean "x_mm"? The unit is part of the name' in said
-    assert "reports: expected one of ground_on_foot, foot_on_ground" in said
-    assert "foot: missing key" in said
+    message = str(caught.value)
+    assert 'x_m: unknown key: did you mean "x_mm"? The unit is part of the name' in message
+    assert "reports: expected one of ground_on_foot, foot_on_ground" in message
+    assert "foot: missing key" in message
 
 
-def test_an_instrument_makes_one_wrench_and_keeps_what_it_was_made_of(shoe):
+def test_two_sensors_are_combined_into_one_wrench_and_kept_as_columns(shoe):
     instrument = Instrument("left", "shoe", shoe)
     assert instrument.take_line("time_s," + ",".join(COLUMNS), 9.0) == ""
-    own = readings(shoe, np.array([0.1, 0.01, 0]), np.array([0, 0, 500.0]), 0.5)
-    row = instrument.take_line("1.5," + ",".join(str(own[name][0]) for name in COLUMNS), 9.25)
+    sensor_readings = readings(shoe, np.array([0.1, 0.01, 0]), np.array([0, 0, 500.0]), 0.5)
+    row = instrument.take_line("1.5," + ",".join(str(sensor_readings[name][0]) for name in COLUMNS), 9.25)
     names, cells = instrument.header.strip().split(","), row.strip().split(",")
-    said = dict(zip(names, map(float, cells), strict=True))
+    values = dict(zip(names, map(float, cells), strict=True))
     assert instrument.clock == "own"
     assert names[:4] == ["time_s", "fz_n", "mx_nm", "my_nm"]
-    assert (said["time_s"], said["received_s"]) == (1.5, 9.25)
-    assert (said["fz_n"], said["mx_nm"], said["my_nm"]) == pytest.approx((500, 5, -50))
-    assert said["front_fx_n"] == pytest.approx(own["front_fx_n"][0], abs=1e-6)
+    assert (values["time_s"], values["received_s"]) == (1.5, 9.25)
+    assert (values["fz_n"], values["mx_nm"], values["my_nm"]) == pytest.approx((500, 5, -50))
+    assert values["front_fx_n"] == pytest.approx(sensor_readings["front_fx_n"][0], abs=1e-6)
 
 
-def test_a_bad_line_is_counted_and_the_recording_goes_on():
+def test_a_bad_line_is_counted_and_the_recording_continues():
     instrument = Instrument("right", "bench")
     instrument.take_line("reference,note", 1.0)
     assert instrument.clock == "can"
@@ -93,7 +95,7 @@ def test_a_bad_line_is_counted_and_the_recording_goes_on():
     assert (instrument.readings, instrument.refused) == (1, 3)
 
 
-def test_messages_of_an_instrument():
+def test_json_messages_of_an_instrument_become_rows():
     instrument = Instrument("left", "chamber")
     assert instrument.take_json(b"[1]", 1.0) == ""
     assert instrument.take_json(json.dumps({"pressure_pa": 5, "time_s": 3}).encode(), 1.0) == "3.000000,5,1.000000\n"

@@ -1,4 +1,4 @@
-"""A person is led through a trial: what is covered is told from the load, with and without a reference."""
+"""Guided recording: coverage is determined from the load, with and without a reference."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ import yaml
 import insole_daemon
 from insole_daemon import config as configs
 from insole_daemon.cli.record import insoles_of
-from insole_daemon.recording.coverage import Protocol, coverage
+from insole_daemon.recording.coverage import Protocol, compute_coverage
 from insole_daemon.recording.guide import Guide
 from insole_daemon.recording.instrument import Instrument
 from insole_daemon.simulation.conditions import ChamberCycles
@@ -43,9 +43,9 @@ def done(items):
     return [item.name for item in items if item.done >= 1.0]
 
 
-def test_the_simulated_chamber_covers_all_of_the_protocol():
+def test_the_simulated_chamber_covers_the_whole_protocol():
     turns = programme(300e3, (5e3, 50e3), ChamberCycles(cycles=2, hold_s=62.0))
-    items = coverage(*played(turns, noise=300.0), CHAMBER)
+    items = compute_coverage(*played(turns, noise=300.0), CHAMBER)
     assert done(items) == ["rest", "slow", "fast", "hold", "recovery", "minor loops"]
     assert next(item.seen for item in items if item.name == "minor loops") == "2"
 
@@ -63,8 +63,8 @@ def test_the_simulated_chamber_covers_all_of_the_protocol():
     ],
     ids=["nothing", "one ramp", "no rest", "no recovery", "two speeds", "fast one way", "loops at the top"],
 )  # fmt: skip
-def test_what_is_missing_is_said(turns, covered):
-    items = coverage(*played(turns), CHAMBER)
+def test_missing_phases_are_reported(turns, covered):
+    items = compute_coverage(*played(turns), CHAMBER)
     assert done(items) == covered
     assert all(item.ask for item in items)
 
@@ -73,12 +73,12 @@ def test_steps_are_counted_and_a_hold_is_not_one():
     layout = layouts.builtin("left", (5, 6, 7))
     t_s = np.arange(0.0, 30.0, 0.1)
     walk = Walk([layout]).pressure_pa("left", t_s).mean(axis=(1, 2))
-    items = {item.name: item for item in coverage(t_s, walk, Protocol())}
+    items = {item.name: item for item in compute_coverage(t_s, walk, Protocol())}
     assert items["walking"].done == 1.0
     assert items["hold"].done < 0.1
 
 
-def test_a_reference_is_believed_before_the_counts(tmp_path):
+def test_a_reference_takes_precedence_over_counts(tmp_path):
     config = tmp_path / "config.yaml"
     config.write_text("format: insole-config/1\n")
     guide = Guide(insoles_of(configs.load(config))[:1], "chamber", CHAMBER)
@@ -86,15 +86,15 @@ def test_a_reference_is_believed_before_the_counts(tmp_path):
     instrument.take_line("temperature_c,pressure_pa", 0.0)
     t_s, load = played([(0, 0), (6, 0), (30, 1e5), (54, 0), (60, 0)])
     for at, pressure_pa in zip(t_s.tolist(), load.tolist(), strict=True):
-        guide.rows(instrument, instrument.take_line(f"20.0,{pressure_pa}", 1e9 + at), 1e9 + at)
-    guide.rows(instrument, instrument.take_line("20.0,", 1e9 + 61), 1e9 + 61)  # a value that is missing
-    said = guide.summary(guide.covered())["left"]
-    assert said["load_from"] == "reference"
-    assert said["missing"] == ["fast", "hold", "recovery", "minor loops"]
+        guide.add_reference(instrument, instrument.take_line(f"20.0,{pressure_pa}", 1e9 + at), 1e9 + at)
+    guide.add_reference(instrument, instrument.take_line("20.0,", 1e9 + 61), 1e9 + 61)  # a value that is missing
+    summary = guide.summary(guide.coverage_by_foot())["left"]
+    assert summary["load_from"] == "reference"
+    assert summary["missing"] == ["fast", "hold", "recovery", "minor loops"]
 
 
-def test_a_chamber_without_a_gauge_is_followed_by_the_counts_to_the_end(tmp_path):
-    """The emulated boards play a chamber to a recorder in a process of its own."""
+def test_a_chamber_without_a_gauge_is_covered_by_its_counts(tmp_path):
+    """Emulated boards play a chamber to a recorder in another process."""
     # rest, slow up and down, pause, fast up and down, pause, up, hold, down, recovery, up, loops, top
     seconds, parts = [1.3, 3, 3, 0.5, 0.6, 0.6, 0.5, 0.8, 2.5, 0.8, 2.5, 0.8, 0.7, 0.7, 0.7, 0.8, 0.8, 1.0], [
         0, 1, 0, 0, 1, 0, 0, 1, 1, 0, 0, 0.6, 0.3, 0.6, 0.3, 1.0, 0, 0,
@@ -111,32 +111,32 @@ def test_a_chamber_without_a_gauge_is_followed_by_the_counts_to_the_end(tmp_path
     limit.start()
     assert process.stdout is not None
     assert process.stdout.readline() == "ready\n"
-    told = []
+    coverages = []
     with RunningDaemon(config, "", port).boards(load=lambda of: Chamber(of, turns)):
         for line in process.stdout:
-            told.append(
+            coverages.append(
                 {foot: {item["name"]: item["done"] for item in items} for foot, items in json.loads(line).items()}
             )
-            if all(value == 1.0 for items in told[-1].values() for value in items.values()):
+            if all(value == 1.0 for items in coverages[-1].values() for value in items.values()):
                 break
         process.send_signal(signal.SIGTERM)
         _, errors = process.communicate(timeout=20)
     limit.cancel()
     assert process.returncode == 0, errors
-    assert set(told[-1]) == {"left", "right"}
-    assert list(told[-1]["left"]) == ["rest", "slow", "fast", "hold", "recovery", "minor loops"]
-    slow = [each["left"]["slow"] for each in told]
+    assert set(coverages[-1]) == {"left", "right"}
+    assert list(coverages[-1]["left"]) == ["rest", "slow", "fast", "hold", "recovery", "minor loops"]
+    slow = [covered["left"]["slow"] for covered in coverages]
     assert slow[0] < 1.0
     assert "insole: left: hold it steadily for 2 s, at 60% of the top or more" in errors
     assert "insole: left: all is covered: Ctrl-C ends" in errors
     assert "insole: right: missing: nothing" in errors
-    said = yaml.safe_load((out / "recording.yaml").read_text())["extensions"]["coverage"]
-    assert said["left"]["missing"] == []
-    assert said["left"]["load_from"] == "counts"
+    stored = yaml.safe_load((out / "recording.yaml").read_text())["extensions"]["coverage"]
+    assert stored["left"]["missing"] == []
+    assert stored["left"]["load_from"] == "counts"
     assert insole_daemon.load(out)["left"].counts.any()
 
 
-def test_the_verb_leads_over_the_network_and_says_what_is_missing(daemon, tmp_path):
+def test_guided_recording_over_the_network_reports_missing_phases(daemon, tmp_path):
     out = tmp_path / "walk"
     with daemon.boards():
         ended = subprocess.run(
@@ -149,6 +149,6 @@ def test_the_verb_leads_over_the_network_and_says_what_is_missing(daemon, tmp_pa
     assert [item["name"] for item in lines[-1]["left"]][-1] == "walking"
     assert "left: missing: rest" in ended.stderr
     assert "hold (" in ended.stderr
-    said = yaml.safe_load((out / "recording.yaml").read_text())["extensions"]["coverage"]["left"]
-    assert "walking" in said["missing"]
+    stored = yaml.safe_load((out / "recording.yaml").read_text())["extensions"]["coverage"]["left"]
+    assert "walking" in stored["missing"]
     assert len(insole_daemon.load(out)["left"].t_ns) > 50

@@ -1,4 +1,4 @@
-"""Force plates of C3D files, as a reference."""
+"""Force plates of C3D files become references."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ def walk(tmp_path_factory):
 
 
 def heel_of(foot):
-    """Where the origin of an exported insole lies from the centre of its plate: x forward, y to the left."""
+    """Return the origin of an exported insole relative to its plate's centre: x forward, y to the left."""
     low, high = foot.layout.xy_m.min(axis=(0, 1)), foot.layout.xy_m.max(axis=(0, 1))
     return tuple((-(low + high) / 2).tolist())
 
 
-def test_what_was_exported_comes_back_as_a_reference(walk, tmp_path):
+def test_an_exported_force_plate_imports_as_the_same_reference(walk, tmp_path):
     export_c3d(walk, tmp_path / "x.c3d")
     plates = read_force_plates(tmp_path / "x.c3d")
     assert len(plates) == 2
@@ -49,15 +49,15 @@ def test_what_was_exported_comes_back_as_a_reference(walk, tmp_path):
             np.testing.assert_allclose(columns[column], expected, rtol=1e-5, atol=1e-3)
 
 
-def test_moments_are_about_the_insoles_origin(walk, tmp_path):
+def test_moments_are_about_the_insole_origin(walk, tmp_path):
     export_c3d(walk, tmp_path / "x.c3d")
     (plate, _) = read_force_plates(tmp_path / "x.c3d")
     loaded = plate.f_z_n > 200
-    here, there = (cop_of(plate.columns(origin_m), loaded) for origin_m in ((0.0, 0.0), (0.1, 0.02)))
-    np.testing.assert_allclose(here - there, np.array([[0.1], [0.02]]) * np.ones(loaded.sum()), atol=1e-9)
+    centred_cop, shifted_cop = (cop_of(plate.columns(origin_m), loaded) for origin_m in ((0.0, 0.0), (0.1, 0.02)))
+    np.testing.assert_allclose(centred_cop - shifted_cop, np.array([[0.1], [0.02]]) * np.ones(loaded.sum()), atol=1e-9)
 
 
-def test_an_insole_that_points_to_the_left_of_the_plate_has_its_x_there(walk, tmp_path):
+def test_heading_rotates_moments_into_the_insole_frame(walk, tmp_path):
     export_c3d(walk, tmp_path / "x.c3d")
     (plate, _) = read_force_plates(tmp_path / "x.c3d")
     loaded = plate.f_z_n > 200
@@ -66,7 +66,7 @@ def test_an_insole_that_points_to_the_left_of_the_plate_has_its_x_there(walk, tm
     np.testing.assert_allclose(turned, [y_m, -x_m], atol=1e-9)
 
 
-def test_a_foot_that_may_stand_beside_the_plate_has_no_reference():
+def test_times_without_plate_contact_have_no_reference():
     time_s = np.arange(0, 10, 0.01)
     force = np.where((time_s >= 4) & (time_s < 4.6), 700.0, 3.0)
     columns = ForcePlate(time_s, force, 0 * force, 0 * force).contact_columns((0.0, 0.0), 0.0)
@@ -81,7 +81,7 @@ def cop_of(columns, rows):
 
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="ezc3d has wheels for x86-64 alone; it needs one")
 @pytest.mark.parametrize("z_mm", [-45.0, 45.0], ids=["above the transducer", "with the sign that some files have"])
-def test_shear_and_the_depth_of_the_transducer_are_as_ezc3d_has_them(tmp_path, z_mm):
+def test_shear_and_transducer_depth_agree_with_ezc3d(tmp_path, z_mm):
     import ezc3d
 
     random = np.random.default_rng(4)
@@ -110,7 +110,7 @@ def test_shear_and_the_depth_of_the_transducer_are_as_ezc3d_has_them(tmp_path, z
 
 
 @pytest.mark.parametrize("content", [b"", b"no C3D at all, but long enough to be read as one" * 40])
-def test_what_is_no_c3d_is_refused(tmp_path, content):
+def test_a_file_that_is_not_c3d_is_refused(tmp_path, content):
     (tmp_path / "x.c3d").write_bytes(content)
     with pytest.raises(FileError, match="expected a C3D file"):
         read_force_plates(tmp_path / "x.c3d")
@@ -120,7 +120,7 @@ def test_what_is_no_c3d_is_refused(tmp_path, content):
 
 @pytest.fixture
 def unknown_load(walk, tmp_path):
-    """The recording without its reference, and its own forces as the plates of a C3D file."""
+    """Return the recording without its reference, with its own forces as plates of a C3D file."""
     export_c3d(walk, tmp_path / "x.c3d")
     folder = shutil.copytree(walk.folder, tmp_path / "walk")
     document = yaml.safe_load((folder / "recording.yaml").read_text())
@@ -134,8 +134,8 @@ def insole(*arguments):
     return subprocess.run([INSOLE, *map(str, arguments)], capture_output=True, text=True, check=False)
 
 
-def test_the_command_makes_a_plate_the_reference_that_validate_uses(walk, unknown_load, tmp_path):
-    x_mm, y_mm = (1e3 * each for each in heel_of(walk["left"]))
+def test_a_plate_added_by_the_command_is_used_by_validate(walk, unknown_load, tmp_path):
+    x_mm, y_mm = (1e3 * metres for metres in heel_of(walk["left"]))
     done = insole("reference", unknown_load, tmp_path / "x.c3d", "--foot", "left", "--plate", 1,
                   "--origin-mm", x_mm, y_mm)  # fmt: skip
     assert done.returncode == 0, done.stderr
@@ -151,7 +151,7 @@ def test_the_command_makes_a_plate_the_reference_that_validate_uses(walk, unknow
     assert result.outcome.cop_x.rmse < 0.003
     again = insole("reference", unknown_load, tmp_path / "x.c3d", "--foot", "left", "--plate", 1)
     assert again.returncode == 4
-    assert "has a reference already: say --force" in again.stderr
+    assert "has a reference already: give --force" in again.stderr
 
 
 def test_another_sensors_text_becomes_the_reference(walk, unknown_load, tmp_path):
@@ -180,7 +180,7 @@ def test_another_sensors_text_becomes_the_reference(walk, unknown_load, tmp_path
         (("--foot", "left", "--plate", 3), 2, "has 2 plates, found --plate 3"),
     ],
 )
-def test_what_is_missing_for_a_reference_is_said(unknown_load, tmp_path, arguments, status, message):
+def test_missing_columns_of_a_reference_are_reported(unknown_load, tmp_path, arguments, status, message):
     done = insole("reference", unknown_load, tmp_path / "x.c3d", *arguments)
     assert done.returncode == status
     assert message in " ".join(done.stderr.split())

@@ -1,4 +1,4 @@
-"""Text exports of other sensors: their steps are those of the same walk."""
+"""Text exports of other sensors give the same steps as the recording of that walk."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def write(tmp_path, walk, mapping=MAPPING):
     return tmp_path / "other.csv", tmp_path / "other.yaml"
 
 
-def test_its_steps_are_those_of_the_recording(walk, tmp_path):
+def test_steps_of_a_text_export_equal_those_of_the_recording(walk, tmp_path):
     other, ours = steps_of_table(*write(tmp_path, walk)).steady, walk.steps.of("left").steady
     assert len(other) == len(ours) >= 8
     for name, within in (("stance_s", 0.02), ("peak_force_n", 0.03), ("impulse_n_s", 0.02), ("cop_path_m", 0.06)):
@@ -72,6 +72,6 @@ def test_force_alone_is_enough_for_steps(walk, tmp_path):
         (('column: "t [ms]"', "column: Fz"), FileError, "times that increase"),
     ],
 )
-def test_what_does_not_fit_is_said(walk, tmp_path, change, error, words):
+def test_mismatches_with_the_mapping_file_are_reported(walk, tmp_path, change, error, words):
     with pytest.raises(error, match=words):
         steps_of_table(*write(tmp_path, walk, MAPPING.replace(*change)))

@@ -1,4 +1,4 @@
-"""What others wrote, as recordings: nothing that was invented is passed off as recorded."""
+"""Files of other programs are imported, and invented items are never marked as recorded."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ T_S = 1000 + np.arange(40) * 0.0204
 
 
 def published(path: Path, columns: int, **more: np.ndarray) -> np.ndarray:
-    """A MATLAB file of the published form; its counts (40, columns)."""
+    """Write a MATLAB file of the published form and return its counts (40, columns)."""
     counts = np.random.default_rng(columns).integers(1, 255, (40, columns))
     c = np.column_stack([np.arange(40), T_S, counts]).astype(float)
     scipy.io.savemat(path, {"experiment": {"C": c, "P": np.linspace(0, 3, 37)[:, None], **more}})
     return counts
 
 
-def test_280_columns_of_the_published_form(tmp_path):
+def test_280_published_columns_map_to_their_taxels(tmp_path):
     counts = published(tmp_path / "x.mat", 280)
     recording = insole_daemon.load(import_recording(tmp_path / "x.mat", tmp_path / "out", "left", None, None))
     foot = recording["left"]
@@ -47,7 +47,7 @@ def test_280_columns_of_the_published_form(tmp_path):
         assert any(what in line for line in recording.invented)
 
 
-def test_576_columns_of_the_published_form(tmp_path, left):
+def test_576_published_columns_map_to_their_slots(tmp_path, left):
     rows = left.layout.rows
     counts = published(tmp_path / "x.mat", 576)
     with pytest.raises(InsoleError, match=r"slots that are not in the layout .* have readings .*5\.2.*--layout"):
@@ -80,7 +80,7 @@ def test_576_columns_of_the_published_form(tmp_path, left):
         ({"experiment": {"C": np.ones((4, 282)), "P": np.full((4, 1), 2e5)}}, "expected bar, up to 50, found 200000"),
     ],
 )
-def test_matlab_files_that_are_not_it(tmp_path, content, words):
+def test_other_matlab_files_are_refused(tmp_path, content, words):
     scipy.io.savemat(tmp_path / "x.mat", content)
     with pytest.raises(InsoleError, match=words) as caught:
         import_recording(tmp_path / "x.mat", tmp_path / "out", "left", None, None)
@@ -88,14 +88,14 @@ def test_matlab_files_that_are_not_it(tmp_path, content, words):
     assert not (tmp_path / "out").exists()
 
 
-def test_what_cannot_be_told(tmp_path):
+def test_an_ambiguous_table_is_refused(tmp_path):
     published(tmp_path / "x.mat", 280)
     with pytest.raises(InsoleError, match="--foot left or --foot right"):
         import_recording(tmp_path / "x.mat", tmp_path / "out", None, None, None)
     (tmp_path / "y.mat").write_bytes(b"MATLAB 7.3 MAT-file, HDF5")
     with pytest.raises(InsoleError, match="expected a MATLAB file of version 5 to 7"):
         import_recording(tmp_path / "y.mat", tmp_path / "out", "left", None, None)
-    with pytest.raises(InsoleError, match="is not there"):
+    with pytest.raises(InsoleError, match="does not exist"):
         import_recording(tmp_path / "z.mat", tmp_path / "out", "left", None, None)
 
 
@@ -129,18 +129,25 @@ def test_the_whole_published_files_are_imported(tmp_path, name, foot, cycles, re
 
 def imported_as_published(source, tmp_path, foot, cycles, readings):
     recording = insole_daemon.load(import_recording(source, tmp_path / "out", foot, None, None))
-    own = recording[foot]
-    assert (len(own), len(own.reference)) == (cycles, readings)
+    foot_recording = recording[foot]
+    assert (len(foot_recording), len(foot_recording.reference)) == (cycles, readings)
     assert recording.can_origin == "reencoded"
     assert recording.kind == "chamber"
-    assert 0 <= np.nanmin(own.reference["pressure_pa"]) < np.nanmax(own.reference["pressure_pa"]) < 1e6
+    assert (
+        0
+        <= np.nanmin(foot_recording.reference["pressure_pa"])
+        < np.nanmax(foot_recording.reference["pressure_pa"])
+        < 1e6
+    )
     if foot == "right":  # the same two triangles read open in both forms: it is the same order
-        open_ = ((own.counts[:, :, :6] == 0).all(axis=2) & (own.counts[:, :, 9] == 255)).sum(axis=0)
+        open_ = ((foot_recording.counts[:, :, :6] == 0).all(axis=2) & (foot_recording.counts[:, :, 9] == 255)).sum(
+            axis=0
+        )
         assert set(np.argsort(open_)[-2:].tolist()) == {5, 16}
 
 
 @pytest.mark.parametrize("stamps", [1, 2])
-def test_yarp_dumps(tmp_path, stamps):
+def test_yarp_dumps_are_imported_or_refused(tmp_path, stamps):
     folder = tmp_path / "dump"
     folder.mkdir()
     counts = np.random.default_rng(3).integers(1, 255, (30, 576))
@@ -149,7 +156,7 @@ def test_yarp_dumps(tmp_path, stamps):
         for n, row in enumerate(counts.tolist())
     ]
     (folder / "data.log").write_text("\n".join([*lines, "30 17000"]))
-    with pytest.raises(InsoleError, match="say which with --foot"):
+    with pytest.raises(InsoleError, match="state which with --foot"):
         import_recording(folder, tmp_path / "out", None, None, None)
     with pytest.raises(InsoleError, match="slots that are not in the layout"):
         import_recording(folder, tmp_path / "out", "left", None, None)
@@ -165,7 +172,7 @@ def test_yarp_dumps(tmp_path, stamps):
         import_recording(folder, tmp_path / "again", "left", None, None)
 
 
-def test_a_benchs_table(tmp_path):
+def test_a_bench_table_is_imported(tmp_path):
     source = tmp_path / "press.csv"
     source.write_text(
         "time_s,reference,count_5_3_0,count_5_3_1,count_6_0_11,humidity\n0.00,1.5,240,239,7,40\n0.02,,,238,8,41\n"
@@ -190,7 +197,7 @@ def test_a_benchs_table(tmp_path):
 
 
 @pytest.mark.parametrize("ending", ["asc", "blf", "trc", "csv", "log"])
-def test_logs_that_python_can_writes(tmp_path, walk, ending):
+def test_logs_written_by_python_can_are_imported(tmp_path, walk, ending):
     frames = walk[:3000]
     source = tmp_path / f"x.{ending}"
     with can.Logger(source) as logger:
@@ -222,7 +229,7 @@ def test_a_candump_log_is_copied_byte_for_byte(tmp_path, walk, left):
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # python-can leaves what it refuses open
-def test_logs_that_are_none(tmp_path):
+def test_files_that_are_no_logs_are_refused(tmp_path):
     for name, words in (("x.blf", "python-can reads"), ("x.asc", "no frame in it"), ("x.log", "candump")):
         (tmp_path / name).write_bytes(b"nothing of that kind")
         with pytest.raises(InsoleError) as caught:

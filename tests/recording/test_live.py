@@ -1,4 +1,4 @@
-"""Recordings while they grow: a real recorder in a process of its own, killed, rotated, and over the network."""
+"""Growing recordings: a real recorder in another process is killed, rotated, and used over the network."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ INSOLE = Path(sys.executable).with_name("insole")
 
 
 class Recorder:
-    """The process, and boards that play to it."""
+    """The recorder's process, and boards that play to it."""
 
     def __init__(self, folder: Path, rotate_bytes: int = 0) -> None:
         self.out = folder / "trial"
@@ -89,7 +89,7 @@ def recorder(tmp_path: Path) -> Iterator[Recorder]:
         running.end()
 
 
-def test_before_the_first_frame_the_folder_says_what_it_is(recorder):
+def test_the_folder_is_a_recording_before_the_first_frame(recorder):
     text = (recorder.out / "recording.yaml").read_text()
     assert "kind: free" in text
     assert "can: can.log" in text
@@ -100,8 +100,10 @@ def test_before_the_first_frame_the_folder_says_what_it_is(recorder):
     assert trial.warnings == (f"{recorder.out / 'can.log'}: no frame in it",)
 
 
-def test_killed_it_leaves_everything_up_to_a_second_before(recorder):
-    """It is killed while it keeps up: what is not on its way to the disk within a second never is."""
+def test_a_killed_recorder_leaves_all_frames_up_to_one_second_before(recorder):
+    """The kill comes while the recorder keeps up; only frames not yet passed to the disk within a second may
+    be lost.
+    """
     recorder.say("pressure_pa,temperature_c")
     with recorder.boards():
         sent = 0
@@ -129,13 +131,13 @@ def test_killed_it_leaves_everything_up_to_a_second_before(recorder):
 
 
 def last_s(log: Path) -> float:
-    """The time of the last frame in a log that grows, 0 where there is none."""
+    """Return the time of the last frame in a growing log, 0 if it is empty."""
     lines = log.read_bytes()[-200:].splitlines() if log.exists() else []
     times = [float(line[1 : line.index(b")")]) for line in lines if line.startswith(b"(") and b")" in line]
     return times[-1] if times else 0.0
 
 
-def test_ended_it_has_every_frame(recorder):
+def test_a_finished_recording_has_every_frame(recorder):
     with recorder.boards():
         time.sleep(1.0)
     time.sleep(0.2)
@@ -144,7 +146,7 @@ def test_ended_it_has_every_frame(recorder):
     assert insole_daemon.load(recorder.out).warnings == ()
 
 
-def test_rotation_goes_on_in_folders_that_stand_alone(tmp_path):
+def test_rotation_continues_in_self_contained_folders(tmp_path):
     recorder = Recorder(tmp_path, rotate_bytes=80_000)
     recorder.say("pressure_pa")
     with recorder.boards():
@@ -163,7 +165,7 @@ def test_rotation_goes_on_in_folders_that_stand_alone(tmp_path):
     assert readings == list(range(len(readings)))
 
 
-def test_over_the_network_the_same_cycles_are_written(daemon, tmp_path):
+def test_recording_over_the_network_writes_the_same_cycles(daemon, tmp_path):
     out, shoe = tmp_path / "remote", tmp_path / "shoe.yaml"
     shoe.write_text(
         "format: insole-shoe/1\nfoot: left\n"
@@ -221,7 +223,7 @@ def test_over_the_network_the_same_cycles_are_written(daemon, tmp_path):
 
 
 def cpu_share(pid):
-    """Of one CPU, that the process takes in two seconds."""
+    """Return the fraction of one CPU that the process takes over two seconds."""
 
     def cpu_s():
         fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
@@ -258,7 +260,7 @@ def test_a_starved_daemon_is_recorded_as_not_usable_with_the_true_share(daemon, 
     assert "0 lost" not in done.stderr
 
 
-def test_a_killed_remote_recorder_leaves_what_numpy_reads(daemon, tmp_path):
+def test_a_killed_remote_recorder_leaves_a_file_that_numpy_reads(daemon, tmp_path):
     out = tmp_path / "remote"
     path = out / "counts" / "right.npy"
     with daemon.boards():
@@ -291,7 +293,7 @@ def test_an_existing_folder_is_not_overwritten(tmp_path):
 
 
 class Frames:
-    """A source that has some frames, and lost some before them."""
+    """A source with some frames that reports lost frames before them."""
 
     interfaces = ("can0",)
 
@@ -311,7 +313,7 @@ class Frames:
         return self._frames
 
 
-def test_frames_that_were_lost_are_noted_in_the_log(tmp_path, left, walk):
+def test_lost_frames_are_noted_in_the_log(tmp_path, left, walk):
     recorder = LiveRecorder(tmp_path / "trial", "free", [left], 0, ["can0"])
     progress = Session(recorder, threading.Event()).from_bus(Frames(walk, 17))
     recorder.close()
@@ -323,7 +325,7 @@ def test_frames_that_were_lost_are_noted_in_the_log(tmp_path, left, walk):
     assert trial["left"].calibration.provenance == {"by": "a test"}
 
 
-def test_a_disk_that_fails_is_said(tmp_path, left, walk, monkeypatch):
+def test_a_disk_error_is_reported(tmp_path, left, walk, monkeypatch):
     recorder = LiveRecorder(tmp_path / "trial", "free", [left], 0, ["can0"])
 
     def full(descriptor: int) -> None:
@@ -337,7 +339,7 @@ def test_a_disk_that_fails_is_said(tmp_path, left, walk, monkeypatch):
         recorder.close()
 
 
-def test_a_daemon_with_another_layout_ends_the_recording(tmp_path, left):
+def test_a_changed_layout_ends_the_recording(tmp_path, left):
     recorder = LiveRecorder(tmp_path / "trial", "free", [left], 0, None)
     with pytest.raises(InsoleError, match="expected cycles of 28 triangles, found 3: the daemon was restarted"):
         recorder.write_cycle("left", {"counts": np.zeros((3, 12), np.uint8)})
@@ -345,7 +347,7 @@ def test_a_daemon_with_another_layout_ends_the_recording(tmp_path, left):
     assert len(insole_daemon.load(tmp_path / "trial")["left"]) == 0
 
 
-def test_a_layout_is_found_again_from_where_its_taxels_are(left):
+def test_a_layout_is_reconstructed_from_its_taxel_positions(left):
     random = np.random.default_rng(6)
     triangles = tuple(
         dataclasses.replace(triangle, rotation_deg=round(float(random.uniform(0, 360)), 2), mirrored=bool(number % 2))
@@ -356,9 +358,9 @@ def test_a_layout_is_found_again_from_where_its_taxels_are(left):
         "foot": "left", "taxel_area_m2": 48.5e-6, "area_meaning": "tiling cell/10", "layout_builtin": False,
         "triangles": [{"board": t.board, "triangle": t.triangle, "patch": t.patch} for t in triangles],
     }  # fmt: skip
-    found = layout_of_meta(meta, layout.xy_m.astype(np.float32))
-    assert found.triangles == triangles
-    assert found.area_meaning == "tiling cell/10"
+    reconstructed = layout_of_meta(meta, layout.xy_m.astype(np.float32))
+    assert reconstructed.triangles == triangles
+    assert reconstructed.area_meaning == "tiling cell/10"
 
 
 @pytest.mark.parametrize(
@@ -370,7 +372,7 @@ def test_a_layout_is_found_again_from_where_its_taxels_are(left):
         (["--kind", "chamber", "--reference", "-"], "left=… or right=…"),
     ],
 )
-def test_what_does_not_go_together_is_a_usage_error(tmp_path, arguments, words):
+def test_contradicting_options_are_a_usage_error(tmp_path, arguments, words):
     done = subprocess.run(
         [INSOLE, "record", tmp_path / "x", *arguments],
         capture_output=True, text=True, timeout=20, check=False,

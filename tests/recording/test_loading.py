@@ -1,4 +1,4 @@
-"""Recordings into arrays: what was written comes back, and everything that is wrong is said at once."""
+"""A written recording loads unchanged, and all its problems are reported together."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def problems(folder: Path) -> str:
     return str(caught.value)
 
 
-def test_what_was_written_comes_back(trial, walk, left, reference):
+def test_a_written_recording_loads_unchanged(trial, walk, left, reference):
     loaded = insole_daemon.load(trial)
     assert (loaded.kind, loaded.can_origin) == ("chamber", "simulated")
     assert loaded.warnings == ()
@@ -67,7 +67,7 @@ def test_what_was_written_comes_back(trial, walk, left, reference):
         loaded["right"]
 
 
-def test_the_cycles_are_those_that_were_live(trial, walk, left):
+def test_loaded_cycles_equal_the_live_cycles(trial, walk, left):
     publish = Publish()
     reader = SkinReader([left.layout], round(1e9 / publish.rate_hz), round(publish.slack_ms * 1e6))
     live = [cycles for first in range(0, len(walk), 77) for cycles in reader.feed(walk[first : first + 77])[0]]
@@ -101,7 +101,7 @@ def test_a_compressed_log_is_the_same_recording(trial, ending):
 
 
 @pytest.mark.parametrize("name", ["chamber", "shoe"])
-def test_examples_of_another_generator(name):
+def test_recordings_of_another_generator_load(name):
     loaded = insole_daemon.load(DATA / "examples" / name)
     foot = loaded["left"]
     assert loaded.can_origin == "simulated"
@@ -115,7 +115,7 @@ def test_examples_of_another_generator(name):
         assert abs(foot.wrench.f_z_n.max() / np.nanmax(foot.reference["fz_n"]) - 1) < 0.5
 
 
-def test_everything_that_is_wrong_is_said_at_once(trial):
+def test_all_problems_are_reported_together(trial):
     edit(
         trial,
         ("kind: chamber", "kind: chamberr"),
@@ -125,7 +125,7 @@ def test_everything_that_is_wrong_is_said_at_once(trial):
     )
     (trial / "layout.yaml").write_text("format: insole-layout/1\nfoot: right\n")
     (trial / "can.log").write_text("nonsense\n")
-    said = problems(trial)
+    messages = problems(trial)
     for words in (
         r"recording.yaml: line 2: kind: expected one of chamber, shoe, bench, free, found the text \"chamberr\"",
         r"recording.yaml: line \d+: speed_ms: unknown key",
@@ -133,7 +133,7 @@ def test_everything_that_is_wrong_is_said_at_once(trial):
         r"layout.yaml: .*taxel_area_mm2: missing key",
         r"can.log: line 1: this is not candump text",
     ):
-        assert re.search(words, said), (words, said)
+        assert re.search(words, messages), (words, messages)
 
 
 @pytest.mark.parametrize(
@@ -145,7 +145,10 @@ def test_everything_that_is_wrong_is_said_at_once(trial):
         ([("calibration: calibration.json", "calibration: gone.json")], "gone.json: .*there is no such file"),
         ([("kind: chamber", "kind: free")], "reference: expected none, since kind is free"),
         ([("simulated", "reencoded"), (INVENTED, "")], "invented: missing key: expected a list of what was invented"),
-        ([("reference:\n- foot: left", "reference:\n- foot: right")], "reference of the right foot, but recorded is"),
+        (
+            [("reference:\n- foot: left", "reference:\n- foot: right")],
+            "reference of the right foot, but the recorded foot is",
+        ),
         ([("address: 6", "address: 5")], r"two boards on address 5, the other is insoles\[0\].boards\[0\]"),
         ([("clock: can", "clock: utc")], "clock: expected one of own, can"),
         ([("insole-recording/1", "insole-recording/2")], "expected insole-recording/1, found insole-recording/2"),
@@ -153,7 +156,7 @@ def test_everything_that_is_wrong_is_said_at_once(trial):
         ([("- foot: left\n  layout", "- foot: right\n  layout")], "expected the layout of the right foot, found"),
     ],
 )  # fmt: skip
-def test_what_does_not_fit_together(trial, changes, words):
+def test_contradictions_in_recording_yaml_are_reported(trial, changes, words):
     assert re.search(words, problems(edit(trial, *changes)))
 
 
@@ -172,15 +175,15 @@ def test_what_does_not_fit_together(trial, changes, words):
         ("time_s,pressure_pa\n1,2\n2,nan\n3,x\n", r"line 4: pressure_pa: .*found 'x'"),
         ("time_s,pressure_pa\n1,2\n0.5,3\n", r"line 3: time_s: time goes backwards, from 1.000000 to 0.500000 s"),
         ("time_s,pressure_pa\n1,2\n,3\n", r"line 3: time_s: expected a time in every row"),
-        ("pressure_pa,pressure_pa\n1,2\n", "this column stands twice"),
+        ("pressure_pa,pressure_pa\n1,2\n", "this column appears twice"),
     ],
 )
-def test_what_a_reference_cannot_be(trial, text, words):
+def test_an_invalid_reference_is_refused(trial, text, words):
     (trial / "reference.csv").write_text(text)
     assert re.search(words, problems(trial))
 
 
-def test_what_a_reference_can_be(trial):
+def test_a_valid_reference_loads(trial):
     path = trial / "reference.csv"
     path.write_text("pressure_pa,more\n1,\n,2\n")
     reference = insole_daemon.load(trial)["left"].reference
@@ -190,24 +193,24 @@ def test_what_a_reference_can_be(trial):
     path.write_text("time_s,pressure_pa\r\n1,2\r\n2,3\r\n3")
     loaded = insole_daemon.load(trial)
     assert len(loaded["left"].reference) == 2
-    assert "line 4 is torn" in loaded.warnings[0]
+    assert "line 4 is incomplete" in loaded.warnings[0]
     path.write_text("time_s,pressure_pa\n")
-    assert "has no reading" in insole_daemon.load(trial).warnings[0]
+    assert "has no readings" in insole_daemon.load(trial).warnings[0]
 
 
-def test_a_reference_with_many_faults_is_not_a_flood(trial):
+def test_at_most_ten_problems_of_a_reference_are_reported(trial):
     (trial / "reference.csv").write_text("time_s,pressure_pa\n" + "x,y\n" * 1000)
-    said = problems(trial)
-    assert said.count("\n") < 15
-    assert "and 1990 more" in said
+    messages = problems(trial)
+    assert messages.count("\n") < 15
+    assert "and 1990 more" in messages
 
 
-def test_a_folder_that_is_none(tmp_path):
+def test_a_folder_without_a_recording_is_refused(tmp_path):
     assert "does not exist" in problems(tmp_path / "gone")
     assert "expected the folder of a recording, which has a recording.yaml, found nothing" in problems(tmp_path)
 
 
-def test_a_torn_log_is_read_up_to_its_tear(trial):
+def test_a_truncated_log_is_read_to_its_last_complete_line(trial):
     log = trial / "can.log"
     log.write_bytes(log.read_bytes()[:-9])
     loaded = insole_daemon.load(trial)
@@ -215,7 +218,7 @@ def test_a_torn_log_is_read_up_to_its_tear(trial):
     assert "torn" in loaded.warnings[0]
 
 
-def test_what_is_not_known_is_none_and_what_lies_about_is_said(trial):
+def test_unknown_settings_are_none_and_unnamed_files_are_reported(trial):
     edit(trial, ("\n    shift: 3", ""), ("  zero: zero.json\n", ""))
     loaded = insole_daemon.load(trial)
     assert [board.shift for board in loaded["left"].boards] == [None] * 3
@@ -223,7 +226,7 @@ def test_what_is_not_known_is_none_and_what_lies_about_is_said(trial):
     assert "zero.json: is there, but recording.yaml does not name it" in loaded.warnings[0]
 
 
-def test_counts_instead_of_frames(tmp_path, left):
+def test_a_recording_of_counts_loads(tmp_path, left):
     k = len(left.layout)
     random = np.random.default_rng(2)
     t_ns = 1_760_000_000_123_456_789 + np.arange(50) * 20_000_000
@@ -241,15 +244,15 @@ def test_counts_instead_of_frames(tmp_path, left):
     np.testing.assert_array_equal(foot.t_ns, t_ns)
 
 
-def test_what_counts_cannot_be(tmp_path, left):
+def test_invalid_counts_are_refused(tmp_path, left):
     k = len(left.layout)
     table = CountsTable(np.arange(5), np.ones((5, k, 12), np.uint8))
     folder = write(tmp_path / "counted", kind="free", can_origin="simulated", insoles=[left], counts={"left": table})
     path = folder / "counts.npz"
     np.savez(path, t_s=np.arange(4.0), counts=np.ones((5, k - 1, 12), np.uint8))
-    said = problems(folder)
-    assert f"counts: expected (n, {k}, 12) for the {k} triangles of the layout, found (5, {k - 1}, 12)" in said
-    assert "t_s: expected a finite time in seconds for each of the 5 cycles, found float64 (4,)" in said
+    messages = problems(folder)
+    assert f"counts: expected (n, {k}, 12) for the {k} triangles of the layout, found (5, {k - 1}, 12)" in messages
+    assert "t_s: expected a finite time in seconds for each of the 5 cycles, found float64 (4,)" in messages
     np.savez(path, t_s=np.arange(5.0), counts=np.ones((5, k, 12)))
     assert "expected whole numbers of one byte, found float64" in problems(folder)
     np.savez(path, times=np.arange(5.0))
@@ -260,7 +263,7 @@ def test_what_counts_cannot_be(tmp_path, left):
     assert len(insole_daemon.load(folder)["left"]) == 5
 
 
-def test_a_recording_is_written_whole_or_not_at_all(tmp_path, left, walk):
+def test_a_recording_is_written_completely_or_not_at_all(tmp_path, left, walk):
     def broken():
         yield walk[:100]
         raise RuntimeError("the simulator failed")

@@ -1,4 +1,4 @@
-"""Read times: boards at any period, mixed; lost frames; converters slower than their board; logs and tables alike."""
+"""Read times of boards with any periods, with lost frames and slow converters, in logs and tables."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 import insole_daemon
 from insole_daemon.recording.loading import FootRecording, Recording
-from insole_daemon.recording.read_times import at_cycles, held
+from insole_daemon.recording.read_times import at_cycles, find_repeated_conversions
 
 BOARDS = (5, 6, 7)
 TRIANGLES = (12, 5, 11)
@@ -21,7 +21,7 @@ NOISE = 0.7
 
 @dataclasses.dataclass
 class _Sent:
-    """What the boards of a made-up insole send; `told_ms` is what recording.yaml says."""
+    """The frames of a made-up insole; `told_ms` is the period in recording.yaml."""
 
     period_ms: tuple[float, float, float]
     told_ms: tuple[int, int, int] | None = None
@@ -43,7 +43,7 @@ class _Sent:
             noise = rng.normal(0.0, self.noise, (conversion.max() + 1, n, 12))
             first = np.unique(conversion, return_index=True)[1]
             counts = np.rint(level[first][conversion][:, None, None] + noise[conversion]).astype(int)
-            gone = [(a, b) for each, a, b in self.lost if each == board]
+            gone = [(a, b) for text, a, b in self.lost if text == board]
             for at, t in enumerate(sent_s.tolist()):
                 if any(a <= t < b for a, b in gone):
                     continue
@@ -63,10 +63,10 @@ class _Sent:
         (folder / "layout.yaml").write_text(
             f"format: insole-layout/1\nfoot: left\ntaxel_area_mm2: 32.4\ntriangles:\n{triangles}\n"
         )
-        told = self.told_ms or tuple(map(round, self.period_ms))
+        stated_ms = self.told_ms or tuple(map(round, self.period_ms))
         boards = "\n".join(
             f"      - {{address: {board}, interface: can0, period_ms: {ms}, shift: 3, no_load: 240, skin_type: 0}}"
-            for board, ms in zip(BOARDS, told, strict=True)
+            for board, ms in zip(BOARDS, stated_ms, strict=True)
         )
         (folder / "recording.yaml").write_text(
             "format: insole-recording/1\nkind: free\ncan: can.log\ncan_origin: simulated\ninsoles:\n"
@@ -79,8 +79,8 @@ class _Sent:
 
 
 def _of_board(foot: FootRecording, board: int) -> NDArray[np.bool_]:
-    found: NDArray[np.bool_] = foot.layout.identities[:, 0] == board
-    return found
+    is_on_board: NDArray[np.bool_] = foot.layout.identities[:, 0] == board
+    return is_on_board
 
 
 def _new_per_s(foot: FootRecording, board: int) -> float:
@@ -91,9 +91,7 @@ def _new_per_s(foot: FootRecording, board: int) -> float:
     "period_ms",
     [(5, 5, 5), (10, 10, 10), (20, 20, 20), (37, 37, 37), (50, 50, 50), (255, 255, 255), (20, 50, 50), (5, 37, 255)],
 )
-def test_every_reading_of_every_board_is_new_once_and_none_is_missing(
-    tmp_path: Path, period_ms: tuple[float, float, float]
-) -> None:
+def test_every_reading_is_new_once_and_none_is_missing(tmp_path: Path, period_ms: tuple[float, float, float]) -> None:
     foot = _Sent(period_ms).foot(tmp_path / "trial")
     assert not foot.missing.any()
     assert not foot.late.any()
@@ -105,44 +103,44 @@ def test_every_reading_of_every_board_is_new_once_and_none_is_missing(
 
 
 @pytest.mark.parametrize("ms", [10, 20, 50, 255])
-def test_a_reading_that_did_not_come_is_missing_and_no_other_is(tmp_path: Path, ms: int) -> None:
+def test_only_a_lost_reading_is_missing(tmp_path: Path, ms: int) -> None:
     foot = _Sent((20, ms, 20), lost=((6, 4.0, 4.0 + 2.5e-3 * ms), (6, 8.0, 8.0 + 1e-3 * ms))).foot(tmp_path / "trial")
-    own = _of_board(foot, 6)
-    assert not foot.missing[:, ~own].any()
-    assert foot.missing[:, own].sum(axis=0) == pytest.approx(3, abs=1)
-    at_s = (foot.t_ns - foot.t_ns[0])[foot.missing[:, own].any(axis=1)] * 1e-9
+    triangles = _of_board(foot, 6)
+    assert not foot.missing[:, ~triangles].any()
+    assert foot.missing[:, triangles].sum(axis=0) == pytest.approx(3, abs=1)
+    at_s = (foot.t_ns - foot.t_ns[0])[foot.missing[:, triangles].any(axis=1)] * 1e-9
     assert np.all((np.abs(at_s - 4.0) < 4e-3 * ms + 0.03) | (np.abs(at_s - 8.0) < 3e-3 * ms + 0.03))
 
 
 @pytest.mark.parametrize("period_ms", [(10, 10, 10), (20, 20, 20), (20, 50, 50)])
-def test_conversions_that_are_held_are_no_new_readings(tmp_path: Path, period_ms: tuple[float, float, float]) -> None:
+def test_repeated_conversions_are_not_new_readings(tmp_path: Path, period_ms: tuple[float, float, float]) -> None:
     recording = _Sent(period_ms, converter_ms=37.0).write(tmp_path / "trial")
     foot = recording["left"]
     assert _new_per_s(foot, 5) == pytest.approx(1 / 0.037, rel=0.05)
     assert not foot.missing.any()
-    assert any("board 5 sends every" in each and "new readings" in each for each in recording.warnings)
+    assert any("board 5 sends every" in text and "new readings" in text for text in recording.warnings)
 
 
-def test_the_frames_decide_where_the_period_is_another_one(tmp_path: Path) -> None:
+def test_frames_override_a_wrong_configured_period(tmp_path: Path) -> None:
     recording = _Sent((50, 50, 50), told_ms=(20, 50, 50)).write(tmp_path / "trial")
     assert not recording["left"].missing.any()
-    assert [each.partition("board ")[2] for each in recording.warnings] == [
+    assert [text.partition("board ")[2] for text in recording.warnings] == [
         "5 sends every 50 ms, recording.yaml says 20: its frames are believed"
     ]
 
 
-def test_quiet_readings_that_agree_by_chance_are_new() -> None:
+def test_readings_equal_by_chance_are_new() -> None:
     rng = np.random.default_rng(5)
     quiet = np.rint(200.3 + rng.normal(0.0, 0.15, (4000, 12))).astype(np.uint8)
-    assert held(quiet).mean() < 0.01
+    assert find_repeated_conversions(quiet).mean() < 0.01
     loud = np.rint(200.0 + rng.normal(0.0, 0.5, (4000, 12))).astype(np.uint8)
     repeated = loud.copy()
     repeated[1::7] = repeated[0::7][: len(repeated[1::7])]
-    assert held(repeated)[1::7].mean() > 0.99
-    assert held(repeated).sum() <= held(repeated)[1::7].sum() + 4
+    assert find_repeated_conversions(repeated)[1::7].mean() > 0.99
+    assert find_repeated_conversions(repeated).sum() <= find_repeated_conversions(repeated)[1::7].sum() + 4
 
 
-def test_readings_that_are_held_are_replaced_by_lines_between_the_moments_of_those_that_came() -> None:
+def test_repeated_readings_are_interpolated_between_new_ones() -> None:
     cycle_s = np.arange(8) * 0.02
     truth = np.array([10, 20, 30, 40, 50, 60, 70, 80], np.uint8)[:, None]
     repeated = truth.copy()

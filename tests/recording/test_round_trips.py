@@ -1,4 +1,4 @@
-"""Steps, pressure and forces in every exported form, read by libraries that are not ours."""
+"""Other libraries read steps, pressure and forces from every exported format."""
 
 from __future__ import annotations
 
@@ -47,12 +47,12 @@ def assert_steps(steps, frame: pd.DataFrame, rtol: float = 0.0) -> None:
     assert list(frame.columns) == list(steps.columns)
     for name, column in steps.columns.items():
         if name in ("foot", "label"):
-            assert [str(each).strip() for each in frame[name]] == column.tolist()
+            assert [str(cell).strip() for cell in frame[name]] == column.tolist()
         else:
             np.testing.assert_allclose(frame[name].to_numpy(float), column, rtol=rtol, err_msg=name)
 
 
-def test_csv_in_pandas(walk, tmp_path):
+def test_pandas_reads_the_exported_csv(walk, tmp_path):
     export_csv(walk, tmp_path / "tables")
     assert_steps(walk.steps, pd.read_csv(tmp_path / "tables" / "steps.csv"), rtol=1e-8)
     pressure = pd.read_csv(tmp_path / "tables" / "left-pressure.csv").to_numpy()[:, 1:]
@@ -60,7 +60,7 @@ def test_csv_in_pandas(walk, tmp_path):
     np.testing.assert_allclose(pressure, left.pressure_pa.reshape(len(left), -1), rtol=1e-6)
 
 
-def test_matlab_in_scipy(walk, tmp_path):
+def test_scipy_reads_the_exported_matlab_file(walk, tmp_path):
     export_matlab(walk, tmp_path / "x.mat")
     content = scipy.io.loadmat(tmp_path / "x.mat", squeeze_me=True, simplify_cells=True)
     steps = content["steps"]
@@ -68,7 +68,7 @@ def test_matlab_in_scipy(walk, tmp_path):
     np.testing.assert_array_equal(steps["curve_f_z_n"], walk.steps.curves["f_z_n"])
 
 
-def test_parquet_in_pandas_and_pyarrow(walk, tmp_path):
+def test_pandas_and_pyarrow_read_the_exported_parquet(walk, tmp_path):
     export_parquet(walk, tmp_path / "tables")
     assert_steps(walk.steps, pd.read_parquet(tmp_path / "tables" / "steps.parquet"))
     table = pyarrow.parquet.read_table(tmp_path / "tables" / "left.parquet")
@@ -81,15 +81,15 @@ def test_parquet_in_pandas_and_pyarrow(walk, tmp_path):
     np.testing.assert_array_equal(reference["fz_n"], left.reference["fz_n"])
 
 
-def test_mcap_in_the_protobuf_reader_of_mcap(walk, tmp_path):
+def test_the_protobuf_reader_reads_the_exported_mcap(walk, tmp_path):
     export_mcap(walk, tmp_path / "x.mcap")
-    found: dict[str, list] = {}
+    by_schema: dict[str, list] = {}
     with open(tmp_path / "x.mcap", "rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()], validate_crcs=True)
         topics = ["/insole/left/pressure", "/insole/log", "/tf"]
         for _, _, message, decoded in reader.iter_decoded_messages(topics=topics):
-            found.setdefault(decoded.DESCRIPTOR.full_name, []).append((message.log_time, decoded))
-    clouds, left = found["foxglove.PointCloud"], walk["left"]
+            by_schema.setdefault(decoded.DESCRIPTOR.full_name, []).append((message.log_time, decoded))
+    clouds, left = by_schema["foxglove.PointCloud"], walk["left"]
     assert [t for t, _ in clouds] == left.t_ns.tolist()
     for row in (0, 300, len(left) - 1):
         cloud = clouds[row][1]
@@ -99,8 +99,8 @@ def test_mcap_in_the_protobuf_reader_of_mcap(walk, tmp_path):
         expected = np.where(left.valid[row], left.pressure_pa[row], np.nan)[:, PRESSURE_TAXELS].ravel()
         np.testing.assert_array_equal(points[:, 3], expected)
         assert cloud.timestamp.ToNanoseconds() == left.t_ns[row]
-    assert len(found["foxglove.Log"]) == len(walk.steps)
-    assert {each.child_frame_id for each in found["foxglove.FrameTransforms"][0][1].transforms} >= {
+    assert len(by_schema["foxglove.Log"]) == len(walk.steps)
+    assert {transform.child_frame_id for transform in by_schema["foxglove.FrameTransforms"][0][1].transforms} >= {
         clouds[0][1].frame_id
     }
 
@@ -129,15 +129,15 @@ def test_every_topic_and_field_of_the_foxglove_layout_is_in_the_export(walk, tmp
 
 
 @pytest.mark.parametrize("schema", [PointCloud, Log, FrameTransforms])
-def test_mcap_holds_the_schemas_as_foxglove_publishes_them(walk, tmp_path, schema):
-    """And no message has a field that the published schema does not know."""
+def test_exported_mcap_has_the_published_foxglove_schemas(walk, tmp_path, schema):
+    """No message may have a field that is missing in the published schema either."""
     export_mcap(walk, tmp_path / "x.mcap")
     published = schema.DESCRIPTOR
     with open(tmp_path / "x.mcap", "rb") as file:
-        messages = [each for each in make_reader(file).iter_messages() if each[0].name == published.full_name]
+        messages = [entry for entry in make_reader(file).iter_messages() if entry[0].name == published.full_name]
     descriptors = FileDescriptorSet.FromString(messages[0][0].data)
-    (own,) = [each for each in descriptors.file if each.name == published.file.name]
-    assert own.SerializeToString() == published.file.serialized_pb
+    (descriptor,) = [entry for entry in descriptors.file if entry.name == published.file.name]
+    assert descriptor.SerializeToString() == published.file.serialized_pb
     for _, _, message in messages:
         parsed = schema.FromString(message.data)
         assert parsed.SerializeToString(deterministic=True)
@@ -145,7 +145,7 @@ def test_mcap_holds_the_schemas_as_foxglove_publishes_them(walk, tmp_path, schem
         assert parsed == schema.FromString(message.data)
 
 
-def test_c3d_in_c3d(walk, tmp_path):
+def test_the_c3d_package_reads_the_exported_c3d(walk, tmp_path):
     export_c3d(walk, tmp_path / "x.c3d")
     with open(tmp_path / "x.c3d", "rb") as file:
         reader = c3d.Reader(file)
@@ -159,7 +159,7 @@ def test_c3d_in_c3d(walk, tmp_path):
 
 
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="ezc3d has wheels for x86-64 alone; c3d reads it elsewhere")
-def test_c3d_in_ezc3d_gives_force_cop_and_events(walk, tmp_path):
+def test_ezc3d_reads_force_cop_and_events(walk, tmp_path):
     import ezc3d
 
     export_c3d(walk, tmp_path / "x.c3d")
@@ -188,7 +188,7 @@ def test_c3d_in_ezc3d_gives_force_cop_and_events(walk, tmp_path):
 
 
 class ManySteps(dict):
-    """Columns of as many steps as are asked for, half a second apart."""
+    """Columns of any number of steps, half a second apart."""
 
     def __init__(self, number: int, start_ns: int) -> None:
         self.start_ns = start_ns
@@ -198,7 +198,7 @@ class ManySteps(dict):
 
 
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="ezc3d has wheels for x86-64 alone; c3d reads it elsewhere")
-def test_c3d_holds_the_events_of_a_long_walk(walk, tmp_path, monkeypatch):
+def test_c3d_contains_the_events_of_a_long_walk(walk, tmp_path, monkeypatch):
     import ezc3d
 
     start_ns = int(max(foot.t_ns[0] for foot in walk.feet))
@@ -233,7 +233,7 @@ def test_c3d_without_a_calibration_is_refused(walk, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["x.c3d", "x.parquet"])
-def test_the_verb_writes_it(walk, tmp_path, name):
+def test_the_export_command_writes_every_format(walk, tmp_path, name):
     done = subprocess.run([INSOLE, "export", walk.folder, tmp_path / name], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / name).exists()

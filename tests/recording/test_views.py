@@ -1,4 +1,4 @@
-"""A recording as steps, as a DataFrame, as a Dataset and in a few words."""
+"""A recording as steps, DataFrame, Dataset and description."""
 
 from __future__ import annotations
 
@@ -22,40 +22,40 @@ def walk(tmp_path_factory):
     return trial, insole_daemon.load(trial.write(tmp_path_factory.mktemp("trial") / "walk"))
 
 
-def test_steps_of_a_recording_are_those_of_the_person(walk):
-    """Through boards, bus, digitiser, noise and a warming insole: contact and toe-off within 10 ms RMS."""
+def test_steps_of_a_recording_match_the_simulated_person(walk):
+    """Contact and toe-off are within 10 ms RMS despite boards, bus, digitiser, noise and a warming insole."""
     trial, recording = walk
     steady = recording.steps.steady
     assert len(steady) > 90
     errors_s = []
     for foot in ("left", "right"):
-        own = steady.of(foot)
+        foot_steps = steady.of(foot)
         t_s = np.arange(0, 60, 0.0005)
         changes = np.diff((trial.load.force_n(foot, t_s) > 0).astype(int))
         for name, change in (("contact_s", 1), ("toe_off_s", -1)):
             true_s = t_s[1:][changes == change]
-            found_s = own[name] + (recording.steps.start_ns - START_NS) * 1e-9
-            errors_s += [float((each - true_s)[np.abs(each - true_s).argmin()]) for each in found_s]
+            detected_s = foot_steps[name] + (recording.steps.start_ns - START_NS) * 1e-9
+            errors_s += [float((time_s - true_s)[np.abs(time_s - true_s).argmin()]) for time_s in detected_s]
     assert np.sqrt(np.mean(np.square(errors_s))) < 0.010
     assert abs(np.mean(steady["peak_force_n"]) / (1.1 * trial.load.weight_n) - 1) < 0.03
 
 
 def test_a_repr_fits_five_lines(walk):
     _, recording = walk
-    for each in (recording, recording["left"], recording.steps):
-        assert len(repr(each).splitlines()) <= 5
-        assert max(map(len, repr(each).splitlines())) < 250
+    for described in (recording, recording["left"], recording.steps):
+        assert len(repr(described).splitlines()) <= 5
+        assert max(map(len, repr(described).splitlines())) < 250
 
 
-def test_a_dataframe_has_a_row_a_cycle(walk):
+def test_a_dataframe_has_one_row_per_cycle(walk):
     _, recording = walk
     frame = recording.to_dataframe()
     assert len(frame) == sum(map(len, recording.feet))
     assert frame.index.is_monotonic_increasing
     left = recording["left"]
-    own = frame[frame.foot == "left"]
-    np.testing.assert_array_equal(own.t_ns, left.t_ns)
-    np.testing.assert_array_equal(own.f_z_n, left.wrench.f_z_n)
+    foot_rows = frame[frame.foot == "left"]
+    np.testing.assert_array_equal(foot_rows.t_ns, left.t_ns)
+    np.testing.assert_array_equal(foot_rows.f_z_n, left.wrench.f_z_n)
 
 
 def test_steps_as_a_dataframe_keep_labels_and_figures(walk):
@@ -75,7 +75,7 @@ def test_a_dataset_has_everything_by_cycle_triangle_and_taxel(walk):
     assert dataset.time.values[0] == left.t_ns[:1].astype("datetime64[ns]")[0]
 
 
-def test_without_calibration_there_are_counts_and_it_is_said(walk):
+def test_without_calibration_only_counts_are_described(walk):
     _, recording = walk
     blind = tuple(replace(foot, wrench=None, pressure_pa=None, calibration=None) for foot in recording.feet)
     raw = replace(recording, feet=blind)

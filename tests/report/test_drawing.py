@@ -1,4 +1,4 @@
-"""Drawings are well-formed, keep what matters of their data, and need nothing from anywhere."""
+"""Drawings are well-formed, keep the essential data, and need no external resources."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SVG = "{http://www.w3.org/2000/svg}"
 
 
 def paths(svg: str) -> list[str]:
-    """The d of what is drawn inside the axes."""
+    """Return the path data of what is drawn inside the axes."""
     inside = next(g for g in ElementTree.fromstring(svg).iter(f"{SVG}g") if "clip-path" in g.attrib)
     return [path.attrib["d"] for path in inside.iter(f"{SVG}path")]
 
@@ -29,7 +29,7 @@ def points(path: str) -> np.ndarray:
     return np.array([[float(n) for n in part.split()] for part in re.findall(r"[ML]([^ML]+)", path)])
 
 
-def test_a_line_lies_where_its_axes_say() -> None:
+def test_a_line_is_placed_by_its_axes() -> None:
     plot = Plot(Axis("x", 0.0, 10.0), Axis("y", 0.0, 100.0))
     plot.line(np.array([0.0, 10.0]), np.array([0.0, 100.0]), name="a & b")
     svg = plot.svg("rising")
@@ -50,7 +50,7 @@ def test_a_shape_to_scale_keeps_its_angles() -> None:
 
 
 @pytest.mark.parametrize("width", [320, 1012])
-def test_letters_have_one_size_whatever_the_page_is_wide(width: int) -> None:
+def test_text_size_does_not_depend_on_the_page_width(width: int) -> None:
     svg = ElementTree.fromstring(Plot(Axis("x", 0, 1), Axis("y", 0, 1), width).svg("plot"))
     assert svg.attrib["viewBox"].split()[2] == svg.attrib["width"] == str(width)
     drawn = ElementTree.fromstring(value_map(LAYOUT, np.zeros(len(LAYOUT) * 12), "kPa", "map"))
@@ -58,7 +58,7 @@ def test_letters_have_one_size_whatever_the_page_is_wide(width: int) -> None:
     assert "svg { width" not in page.page("title", "lead", [])
 
 
-def test_a_line_is_interrupted_where_nothing_is_known() -> None:
+def test_a_line_is_interrupted_at_nan() -> None:
     plot = Plot(Axis("x", 0, 4), Axis("y", 0, 4))
     plot.line(np.arange(5.0), np.array([0, 1, np.nan, 3, 4.0]))
     assert paths(plot.svg("gap"))[0].count("M") == 2
@@ -74,7 +74,7 @@ def test_a_spike_survives_in_a_line_of_many_points() -> None:
     assert drawn[:, 1].min() == pytest.approx(10.0), "the top of the frame"
 
 
-def test_a_band_goes_there_and_back() -> None:
+def test_a_band_is_a_closed_area() -> None:
     plot = Plot(Axis("x", 0, 2), Axis("y", 0, 2))
     plot.band(np.arange(3.0), np.zeros(3), np.full(3, 2.0))
     (path,) = paths(plot.svg("band"))
@@ -97,13 +97,13 @@ def test_ticks_are_round(low: float, high: float, expected: list[str]) -> None:
 def test_a_logarithmic_axis() -> None:
     powers = Axis("", 1e-2, 1.0, logarithmic=True)
     assert [text for _, text in powers.ticks()] == ["10⁻²", "10⁻¹", "10⁰"]
-    assert powers.at(np.array([0.1])).tolist() == pytest.approx([0.5])
+    assert powers.fraction(np.array([0.1])).tolist() == pytest.approx([0.5])
 
 
-def test_an_axis_holds_what_it_is_given() -> None:
-    found = axis("y", np.array([1.0, np.nan]), np.array([5.0, np.inf]))
-    assert found.low < 1
-    assert found.high > 5
+def test_an_axis_contains_its_values() -> None:
+    made_axis = axis("y", np.array([1.0, np.nan]), np.array([5.0, np.inf]))
+    assert made_axis.low < 1
+    assert made_axis.high > 5
     assert axis("y", np.zeros(3)).high > axis("y", np.zeros(3)).low, "also of what never changes"
 
 
@@ -132,7 +132,7 @@ def test_a_map_shows_pressure_taxels_toes_up() -> None:
 
 
 @pytest.mark.parametrize("foot", ["left", "right"])
-def test_the_outline_of_a_foot_is_around_its_taxels_and_is_one_line(foot) -> None:
+def test_the_outline_of_a_foot_encloses_its_taxels(foot) -> None:
     layout = builtin(foot, (5, 6, 7))
     xy_mm = layout.xy_m.reshape(-1, 2) * 1e3
     line = foot_outline_mm(xy_mm)
@@ -147,7 +147,7 @@ def test_the_outline_of_a_foot_is_around_its_taxels_and_is_one_line(foot) -> Non
     assert len([p for p in drawn.iter(f"{SVG}path") if p.attrib.get("class") == "frame"]) == 1
 
 
-def test_maps_of_one_scale_begin_at_zero_and_end_alike() -> None:
+def test_maps_with_one_scale_share_their_ends() -> None:
     maps = [value_map(LAYOUT, np.full(len(LAYOUT) * 12, value), "kPa", "map", 80.0) for value in (20.0, 80.0)]
     scales = [[t.text for t in ElementTree.fromstring(svg).iter(f"{SVG}text")][:3] for svg in maps]
     assert scales == [["80", "40", "0"]] * 2
@@ -164,7 +164,7 @@ def test_a_map_of_words_counts_them() -> None:
     assert "stuck 1" in svg
 
 
-def test_a_page_is_one_file_and_says_no_more_than_it_is_given() -> None:
+def test_a_page_is_self_contained() -> None:
     text = page.page(
         "A <title>", "lead", [
             page.section("x", page.facts(("1 < 2", "a fact")), page.table(("a", "b"), [("<b>", "2")])),

@@ -1,4 +1,4 @@
-"""Every figure of a page can be had as SVG and PDF, out of the page itself."""
+"""Every figure of a page can be saved as SVG and PDF from the page itself."""
 
 from __future__ import annotations
 
@@ -31,28 +31,28 @@ def drawing(name: str) -> str:
 
 
 def files(html: str) -> dict[str, bytes]:
-    found = re.findall(r'<a download="([^"]+)" href="data:[a-z/+]+;base64,([^"]+)"', html)
-    return {name: base64.b64decode(content, validate=True) for name, content in found}
+    links = re.findall(r'<a download="([^"]+)" href="data:[a-z/+]+;base64,([^"]+)"', html)
+    return {name: base64.b64decode(content, validate=True) for name, content in links}
 
 
-def test_each_of_two_drawings_in_a_figure_is_there_as_svg_and_pdf() -> None:
+def test_each_drawing_of_a_figure_is_linked_as_svg_and_pdf() -> None:
     html = page.figure(drawing("load & time") + drawing("error, left foot"), "caption")
     assert list(files(html)) == [
         "load-time.svg", "load-time.pdf", "error-left-foot.svg", "error-left-foot.pdf",
     ]  # fmt: skip
 
 
-def test_an_svg_alone_has_colours_and_letters_without_the_page() -> None:
+def test_a_standalone_svg_has_its_own_style() -> None:
     for name in ("plot", "value map", "word map"):
         alone = files(page.figure(drawing(name), ""))[f"{name.replace(' ', '-')}.svg"].decode()
         root = ElementTree.fromstring(alone)
         assert "var(" not in alone, "few programs know variables of CSS"
         style = root.findtext(f"{SVG}style") or ""
-        for used in {part for each in root.iter() for part in each.attrib.get("class", "").split()} - {"map"}:
+        for used in {part for element in root.iter() for part in element.attrib.get("class", "").split()} - {"map"}:
             assert f".{used} {{" in style, f"{name}: nothing says how .{used} looks"
 
 
-def test_a_pdf_is_one_page_of_the_drawings_size_with_letters_as_text() -> None:
+def test_a_pdf_is_one_page_of_the_drawings_size_with_text() -> None:
     for name in ("plot", "value map", "word map"):
         svg = figure_files.standalone(drawing(name))
         pdf = figure_files.to_pdf(svg)
@@ -66,14 +66,14 @@ def test_a_pdf_is_one_page_of_the_drawings_size_with_letters_as_text() -> None:
         assert abs(width / height - float(root["width"]) / float(root["height"])) < 0.01
         assert b"/Font" in pdf
         streams = re.findall(rb"stream\r?\n(.*?)endstream", pdf, re.DOTALL)
-        drawn = b"".join(zlib.decompressobj().decompress(each) for each in streams if each[:1] == b"\x78")
+        drawn = b"".join(zlib.decompressobj().decompress(stream) for stream in streams if stream[:1] == b"\x78")
         assert b"Tf" in drawn, "text, not outlines of letters"
         assert not re.search(rb"/Subtype\s*/Image", pdf), "no pixels"
 
 
-def test_without_the_package_a_page_has_svg_alone_and_says_what_is_missing(monkeypatch) -> None:
-    found = importlib.util.find_spec
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == "typst" else found(name))
+def test_without_typst_a_page_has_svg_only_and_states_the_remedy(monkeypatch) -> None:
+    find_spec = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == "typst" else find_spec(name))
     assert list(files(page.figure(drawing("plot"), ""))) == ["plot.svg"]
     footer = page.page("title", "lead", []).partition("<footer>")[2]
     assert re.search(r"PDF.*install lab|PDF.*insole-daemon\[lab\]", footer)

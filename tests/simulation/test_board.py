@@ -1,3 +1,5 @@
+"""One emulated board: its digitiser, stream and commands, compared with the firmware."""
+
 import numpy as np
 import pytest
 
@@ -17,7 +19,7 @@ def made(**settings):
 
 
 def counts_of(payloads):
-    """(…, n_triangles, 12) of payloads (…, 2 · n_triangles, 8)."""
+    """Return (…, n_triangles, 12) counts of payloads (…, 2 · n_triangles, 8)."""
     pairs = payloads.reshape(*payloads.shape[:-2], -1, 2, 8)
     return np.concatenate([pairs[..., 0, 1:8], pairs[..., 1, 1:6]], axis=-1)
 
@@ -66,7 +68,7 @@ RULES = [
 
 
 @pytest.mark.parametrize(("value", "no_load", "shift", "count", "flag"), RULES)
-def test_digitised_as_the_firmware_does(value, no_load, shift, count, flag):
+def test_counts_equal_the_firmware_arithmetic(value, no_load, shift, count, flag):
     baseline16 = np.full((1, 12), 20_000)
     raw16 = baseline16.copy()
     raw16[0, 4] += value
@@ -77,7 +79,7 @@ def test_digitised_as_the_firmware_does(value, no_load, shift, count, flag):
     assert status[0] == (1 << 8 if flag else 0)
 
 
-def test_status_word_has_a_flag_a_taxel_and_the_error_below():
+def test_status_word_has_one_flag_per_taxel_and_the_error_code():
     baseline16 = np.full((14, 12), 20_000)
     raw16 = baseline16.copy()
     raw16[np.arange(12), np.arange(12)] += 5000
@@ -90,7 +92,7 @@ def test_status_word_has_a_flag_a_taxel_and_the_error_below():
     assert status[13] == 1 << 6 | 1
 
 
-def test_halves_carry_the_bytes_where_the_protocol_has_them():
+def test_halves_have_the_bytes_of_the_protocol():
     counts = np.array([[0xF0, 0xF0, 0xEE, 0xF0, 0xF1, 0xEF, 0xF0, 0xF0, 0xEF, 0xF0, 0xF0, 0xF0]], np.uint8)
     half_a, half_b = halves(counts, np.array([0xA5C2], np.uint16))[0]
     assert half_a.tobytes().hex() == "40f0f0eef0f1eff0"
@@ -105,7 +107,7 @@ def test_raw_test_mode_sends_the_low_bytes():
     assert raw.std() > 30
 
 
-def test_triangles_ascend_and_a_comes_before_b():
+def test_triangles_ascend_with_half_a_before_b():
     board = made()
     payloads = board.halves(np.zeros((2, 3, 12)))
     assert board.can_ids.tolist() == [0x450, 0x450, 0x453, 0x453, 0x457, 0x457]
@@ -130,13 +132,13 @@ def test_mean_counts_follow_the_nominal_line_with_noise_and_spread(shift):
     assert abs((rest - loaded)[:, [6, 10]]).max() < 0.2  # thermal pads
 
 
-def test_same_seed_same_board():
+def test_the_same_seed_gives_the_same_board():
     pressure_pa = np.full((3, 3, 12), 50e3)
     assert (made(seed=1).halves(pressure_pa) == made(seed=1).halves(pressure_pa)).all()
     assert (made(seed=1).halves(pressure_pa) != made(seed=2).halves(pressure_pa)).any()
 
 
-def test_a_stream_read_in_parts_is_the_same_stream():
+def test_a_stream_in_pieces_equals_the_whole_stream():
     pressure_pa = np.full((7, 3, 12), 50e3)
     whole, parts = made(), made()
     assert (whole.halves(pressure_pa)[3:] == [parts.halves(pressure_pa[:3]), parts.halves(pressure_pa[3:])][1]).all()
@@ -160,7 +162,7 @@ def test_silent_after_power_up_until_started():
     assert not len(board.can_ids)
 
 
-def test_the_session_of_the_official_host():
+def test_a_session_of_the_official_host_starts_the_stream():
     board = made(streaming=False)
     for payload in ("4D0032F5", "50000F02000022", "50000102010022", "0700"):
         assert obey(board, 0x205, bytes.fromhex(payload), 0, NOTHING) is None
@@ -210,7 +212,7 @@ def test_triangle_configuration_stops_and_zeroes_under_load():
         [0x33, 1],
     ],
 )
-def test_what_a_board_ignores(payload):
+def test_invalid_commands_are_ignored(payload):
     board = made()
     board.power_up(0)
     assert obey(board, 0x205, bytes(payload), 0, NOTHING) is None
@@ -219,7 +221,7 @@ def test_what_a_board_ignores(payload):
     assert ticks_of(board) == 50
 
 
-def test_stop_and_start():
+def test_a_stopped_stream_restarts():
     board = made()
     board.power_up(0)
     obey(board, 0x205, bytes([0x07, 1]), 0, NOTHING)

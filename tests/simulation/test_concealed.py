@@ -1,4 +1,4 @@
-"""Trials in which something is concealed."""
+"""Trials with a concealed effect."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ import insole_daemon
 from insole_daemon.config import Config
 from insole_daemon.physics.draws import Drawn, Draws
 from insole_daemon.service.foot_setup import load_layout
-from insole_daemon.simulation.concealed import NOTHING, choices, conceal, drawn
+from insole_daemon.simulation.concealed import NOTHING, conceal, draw_effect, list_words
 
 CONFIG = Config()
 LAYOUT = load_layout(CONFIG.insoles[0])
 
 
 @pytest.mark.parametrize("word", ["hysteresis", NOTHING])
-def test_the_folder_does_not_tell_what_is_concealed_in_it(tmp_path, word):
+def test_the_recording_does_not_name_the_concealed_effect(tmp_path, word):
     shares: list[float] = []
     hidden = conceal(word, tmp_path / "trial", CONFIG, LAYOUT, 5, shares.append)
     assert str(hidden).startswith(word)
@@ -28,8 +28,8 @@ def test_the_folder_does_not_tell_what_is_concealed_in_it(tmp_path, word):
     assert recording["left"].calibration.effects == ()
 
 
-@pytest.mark.parametrize("word", [word for word in choices() if word != NOTHING])
-def test_every_effect_is_one_that_the_physics_knows(word):
-    found = [drawn(word, LAYOUT, Draws(seed, Drawn.CONCEALED)) for seed in range(12)]
-    assert {each.law.word for each in found} == {word}
-    assert len({each.where for each in found}) in (1, 3)  # all of it, or one of three boards
+@pytest.mark.parametrize("word", [word for word in list_words() if word != NOTHING])
+def test_every_concealed_effect_is_a_known_law(word):
+    effects = [draw_effect(word, LAYOUT, Draws(seed, Drawn.CONCEALED)) for seed in range(12)]
+    assert {effect.law.word for effect in effects} == {word}
+    assert len({effect.where for effect in effects}) in (1, 3)  # all of it, or one of three boards

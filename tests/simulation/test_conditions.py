@@ -1,4 +1,4 @@
-"""`insole-trial/1`: what can be chosen about a trial, what comes of it, and what is refused."""
+"""`insole-trial/1`: the conditions of a trial, their effects, and problems."""
 
 import re
 from dataclasses import fields
@@ -42,14 +42,14 @@ def of(tmp_path, text):
 # ---- what is chosen is what happens
 
 
-def test_nothing_chosen_is_what_the_scenario_has(tmp_path):
+def test_without_conditions_the_scenarios_values_apply(tmp_path):
     assert of(tmp_path, "") == Conditions()
     assert (tmp_path / "trial.yaml").exists()
     plain, chosen = Trial("t4", ONE_FOOT, [LEFT]), trial("t4")
     assert plain.emulator.frames(0, 0.5).data.tobytes() == chosen.emulator.frames(0, 0.5).data.tobytes()
 
 
-def test_the_chamber_does_what_was_asked_of_it():
+def test_the_chamber_follows_the_chosen_cycles():
     asked = ChamberCycles(max_pressure_pa=50e3, speeds_pa_s=(5e3, 25e3), cycles=1, hold_s=12.0, minor=(0.8, 0.5, 0.8))
     one = trial("vacuum", chamber=asked)
     # 5 s of rest; 20 s and 4 s of cycles; up, hold, down, hold; 1.6 + 0.6 + 0.6 + 1.6 s of minor loops; 5 s of rest
@@ -64,7 +64,7 @@ def test_without_minor_loops_and_holds_there_are_none():
     assert one.length_s() == pytest.approx(5 + 3 * 20 + 5)
 
 
-def test_who_walks_how_fast_and_for_how_long():
+def test_mass_cadence_and_length_of_a_walk_are_applied():
     one = trial("t4", mass_kg=90.0, cadence_per_min=60.0, length_s=300.0)
     t_s = np.arange(100.0, 120.0, 0.01)
     f_z = one.load.reference("left", t_s)["fz_n"]
@@ -75,7 +75,7 @@ def test_who_walks_how_fast_and_for_how_long():
         one.length_s(301.0)
 
 
-def test_the_insoles_have_the_temperature_that_was_chosen(tmp_path):
+def test_the_chosen_temperature_is_applied(tmp_path):
     course = TemperatureCourse(t_s=(0.0, 4.0, 8.0), temperature_c=(20.0, 40.0, 40.0))
     foot = recorded(tmp_path, "vacuum", 8.0, temperature=course)
     assert np.interp(2.0, foot.reference.time_s - foot.reference.time_s[0], foot.reference["temperature_c"]) == (
@@ -85,7 +85,7 @@ def test_the_insoles_have_the_temperature_that_was_chosen(tmp_path):
     assert pads[0] - pads[-1] == pytest.approx(50.0, abs=5.0), "2.5 counts a kelvin"
 
 
-def test_the_instrument_has_the_clock_rate_and_noise_that_were_chosen(tmp_path):
+def test_the_chosen_instrument_clock_and_noise_are_applied(tmp_path):
     chosen = InstrumentConditions(rate_hz=200.0, offset_s=-1.5, rate_ppm=400.0, force_noise_n=0.0, force_drift_n=0.0)
     foot = recorded(tmp_path, "t1", 10.0, reference=chosen)
     time_s = foot.reference.time_s - START_NS * 1e-9
@@ -95,17 +95,17 @@ def test_the_instrument_has_the_clock_rate_and_noise_that_were_chosen(tmp_path):
     assert foot.reference["fz_n"] == pytest.approx(exact, abs=6e-4)
 
 
-def test_boards_and_faults():
+def test_the_chosen_generation_and_faults_are_applied():
     broken = (InjectedFault("silent", 2.0, 4.0, 6),)
     one = trial("walk", generation="mtb3", faults=broken)
-    assert all(each.board.generation is MTB3 for each in one.emulator.run(0)._mounted)
+    assert all(mounted.board.generation is MTB3 for mounted in one.emulator.run(0)._mounted)
     frames = one.emulator.frames(0, 6.0)
     of_board = frames.t_ns[frames.can_id >> 4 & 0xF == 6] * 1e-9
     assert not ((of_board > 2.1) & (of_board < 3.9)).any()
     assert (of_board > 4.1).any()
 
 
-def test_another_take_is_other_noise_on_the_same_insole(tmp_path):
+def test_another_take_has_other_noise_on_the_same_insole(tmp_path):
     one, again, other = (recorded(tmp_path, "t1", 1.0, take=take) for take in (0, 0, 1))
     assert (one.counts == again.counts).all()
     assert (one.counts != other.counts).any()
@@ -116,23 +116,25 @@ def test_another_take_is_other_noise_on_the_same_insole(tmp_path):
 # ---- the file
 
 
-def test_the_documented_example_is_read_and_names_every_key(tmp_path):
+def test_the_documented_example_names_every_key(tmp_path):
     text = re.search(r"```yaml\n(format: insole-trial/1\n.*?)```", DOCS.read_text(), re.DOTALL).group(1)
     path = tmp_path / "trial.yaml"
     path.write_text(text)
     shown = load(path)
     keys = yaml.safe_load(text)
-    for struct, there in (
+    for struct, documented in (
         (Conditions, keys),
         (ChamberCycles, keys["chamber"]),
         (InstrumentConditions, keys["reference"]),
     ):
-        assert {each.name for each in fields(struct)} - {"extensions"} == set(there) - {"format"}
+        assert {field_of_struct.name for field_of_struct in fields(struct)} - {"extensions"} == set(documented) - {
+            "format"
+        }
     assert shown.faults[0].kind in DOCS.read_text()
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("mass_kg: 5", r"mass_kg: expected a finite number from 20 to 200, found 5"),
         ("mass: 70", r'mass: unknown key: did you mean "mass_kg"'),
@@ -152,12 +154,12 @@ def test_the_documented_example_is_read_and_names_every_key(tmp_path):
         ("faults: [{kind: silent, t_s: 2, until_s: 1, board: 5}]", r"faults\[0\]: .*expected until_s after t_s"),
     ],
 )
-def test_what_a_file_may_not_say(tmp_path, text, said):
-    with pytest.raises(DocumentError, match=said):
+def test_invalid_conditions_in_a_file_are_refused(tmp_path, text, message):
+    with pytest.raises(DocumentError, match=message):
         of(tmp_path, text + "\n")
 
 
-def test_another_file_is_not_a_trial(tmp_path):
+def test_a_file_of_another_format_is_refused(tmp_path):
     path = tmp_path / "trial.yaml"
     path.write_text("format: insole-effects/1\neffects: []\n")
     with pytest.raises(DocumentError, match="expected insole-trial/1, found insole-effects/1"):
@@ -168,15 +170,15 @@ def test_another_file_is_not_a_trial(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "conditions", "said"),
+    ("name", "conditions", "message"),
     [
         ("t4", {"mass_kg": 5.0}, "conditions: mass_kg: expected a finite number from 20 to 200, found 5"),
         ("vacuum", {"chamber": ChamberCycles(minor=(2.0,))}, r"chamber.minor\[0\]: expected .* from 0 to 1, found 2"),
         ("t1", {"generation": "mtb5"}, "generation: expected one of mtb3, mtb4, found"),
-        ("vacuum", {"mass_kg": 63.0}, "vacuum: mass_kg: it has no use for it, only for chamber"),
-        ("t1", {"cadence_per_min": 100.0}, "t1: cadence_per_min: it has no use"),
-        ("t1", {"chamber": ChamberCycles()}, "t1: chamber: it has no use for it, only for length_s, mass_kg"),
-        ("walk", {"length_s": 60.0}, "walk: length_s: it has no use"),
+        ("vacuum", {"mass_kg": 63.0}, "vacuum: mass_kg: not used, only chamber"),
+        ("t1", {"cadence_per_min": 100.0}, "t1: cadence_per_min: not used"),
+        ("t1", {"chamber": ChamberCycles()}, "t1: chamber: not used, only length_s, mass_kg"),
+        ("walk", {"length_s": 60.0}, "walk: length_s: not used"),
         (
             "t1",
             {"reference": InstrumentConditions(pressure_noise_pa=1.0)},
@@ -200,19 +202,19 @@ def test_another_file_is_not_a_trial(tmp_path):
         ("t1", {"faults": (InjectedFault("loose", 0.0, None, 6, 2),)}, r"faults\[0\].triangle: .*of board 6.*found 2"),
     ],
 )
-def test_conditions_that_are_refused(name, conditions, said):
-    with pytest.raises(SimulationError, match=said):
+def test_conditions_that_a_scenario_does_not_use_are_refused(name, conditions, message):
+    with pytest.raises(SimulationError, match=message):
         trial(name, **conditions)
 
 
-def test_a_clock_is_told_once():
+def test_a_clock_and_a_clock_effect_together_are_refused():
     effects = {"left": [effect("clock", offset_s=0.1, rate=0.0)]}
     chosen = Conditions(reference=InstrumentConditions(offset_s=0.2))
     with pytest.raises(SimulationError, match="either these or the effect clock, found both"):
         Trial("t1", ONE_FOOT, [LEFT], effects=effects, conditions=chosen)
 
 
-def test_every_scenario_takes_the_conditions_it_says_it_uses():
+def test_every_scenario_accepts_its_listed_conditions():
     given = {"length_s": 30.0, "mass_kg": 80.0, "cadence_per_min": 90.0, "chamber": ChamberCycles(cycles=1)}
     for name, one in SCENARIOS.items():
         Trial(name, ONE_FOOT, [LEFT], conditions=Conditions(**{key: given[key] for key in one.uses}))

@@ -1,4 +1,4 @@
-"""What `insole simulate --effects` reads: refused with the key and the allowed range, shared out to the feet."""
+"""Files of `insole simulate --effects`: assignment to the feet, and problems with key and allowed range."""
 
 import pytest
 
@@ -16,21 +16,21 @@ def read(tmp_path, *entries, name="effects.yaml"):
     return effects_file.load(path, LAYOUTS)
 
 
-def test_an_effect_is_on_the_foot_whose_boards_it_names(tmp_path):
+def test_an_effect_applies_to_the_foot_of_its_boards(tmp_path):
     both = "{effect: gain, where: {scope: board, ids: [[6], [10]]}, parameters: {gain: {value: 1.2, unit: '1'}}}"
     one = "{effect: delay, where: {scope: triangle, ids: [[8, 0]]}, parameters: {delay_s: {value: 0.1, unit: s}}}"
-    found = read(tmp_path, LAG, both, one)
-    assert [each.law.word for each in found["left"]] == ["lag", "gain"]
-    assert [each.law.word for each in found["right"]] == ["lag", "gain", "delay"]
-    assert found["left"][1].where.ids == ((6,),)
-    assert found["right"][1].where.ids == ((10,),)
+    by_foot = read(tmp_path, LAG, both, one)
+    assert [effect.law.word for effect in by_foot["left"]] == ["lag", "gain"]
+    assert [effect.law.word for effect in by_foot["right"]] == ["lag", "gain", "delay"]
+    assert by_foot["left"][1].where.ids == ((6,),)
+    assert by_foot["right"][1].where.ids == ((10,),)
 
 
 def test_two_triangles_are_swapped_on_one_foot(tmp_path):
     where = "where: {scope: triangle, ids: %s}, parameters: {pair: {value: %s, unit: '1'}}"
     swap = "{effect: swapped_triangles, " + where + "}"
-    found = read(tmp_path, swap % (("[[5, 0], [7, 3]]",) * 2))
-    assert [len(found[foot]) for foot in ("left", "right")] == [1, 0]
+    by_foot = read(tmp_path, swap % (("[[5, 0], [7, 3]]",) * 2))
+    assert [len(by_foot[foot]) for foot in ("left", "right")] == [1, 0]
     with pytest.raises(
         SimulationError, match=r"pair: expected two triangles of one foot, found \[\[5, 0\], \[8, 0\]\]"
     ):
@@ -38,7 +38,7 @@ def test_two_triangles_are_swapped_on_one_foot(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("entry", "said"),
+    ("entry", "message"),
     [
         (LAG.replace("0.02", "-1"), r"effects\[0\]\.parameters\.tau_s.*expected a number from .* to .* s, found -1"),
         (LAG.replace("lag", "leg"), r'effects\[0\]\.effect: unknown effect "leg": did you mean "lag"'),
@@ -47,12 +47,12 @@ def test_two_triangles_are_swapped_on_one_foot(tmp_path):
         (LAG.replace("tau_s", "tau_ms"), r"tau_ms: unknown parameter"),
     ],
 )
-def test_what_is_wrong_is_told_with_key_and_range(tmp_path, entry, said):
-    with pytest.raises(DocumentError, match=said):
+def test_problems_are_reported_with_key_and_range(tmp_path, entry, message):
+    with pytest.raises(DocumentError, match=message):
         read(tmp_path, entry)
 
 
-def test_a_file_of_something_else_is_refused(tmp_path):
+def test_a_file_of_another_format_is_refused(tmp_path):
     path = tmp_path / "effects.json"
     path.write_text("[]")
     with pytest.raises(DocumentError, match="insole-effects/1"):

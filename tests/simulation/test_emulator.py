@@ -1,3 +1,5 @@
+"""The boards on one bus: bit times, arbitration, rates, and playing in real time."""
+
 import threading
 import time
 
@@ -92,7 +94,7 @@ def run_of_stuffed(bits):
     return length
 
 
-def test_frame_bits_against_stuffing_bit_by_bit():
+def test_frame_bits_equal_bit_by_bit_stuffing():
     draw = np.random.default_rng(1)
     n = 300
     can_id = draw.integers(0, 2048, n).astype(np.uint32)
@@ -111,7 +113,7 @@ def test_frame_bits_against_stuffing_bit_by_bit():
 # The bus
 
 
-def test_the_lowest_identifier_goes_next_and_none_is_interrupted():
+def test_the_lowest_identifier_is_sent_next_without_interruption():
     sent = BusTime(0).carry([offer(0, 9, 4), offer(150_000, 5, 4)], SECOND)
     # The second frame of board 9 has begun at some 115 µs; board 5 overtakes the rest.
     assert (sent.can_id >> 4 & 0xF).tolist() == [9, 9, 5, 5, 5, 5, 9, 9]
@@ -126,7 +128,7 @@ def test_an_idle_bus_waits_for_the_next_offer():
     assert 2_611_000 <= second.t_ns[0] <= 2_635_000
 
 
-def test_a_queue_that_is_full_loses_what_comes_last():
+def test_a_full_queue_loses_the_last_frames():
     bus = BusTime(0)
     sent = bus.carry([offer(0, 5, 40), offer(0, 5, 40, first_triangle=20)], SECOND)
     assert len(sent) == reference_insole().mtb4_queue_frames == 64
@@ -136,7 +138,7 @@ def test_a_queue_that_is_full_loses_what_comes_last():
 # The boards on it
 
 
-def test_frames_per_second_of_two_feet(ten_seconds):
+def test_two_feet_send_2800_frames_per_second(ten_seconds):
     in_time = (ten_seconds.t_ns >= START_NS + SECOND) & (ten_seconds.t_ns < START_NS + 9 * SECOND)
     assert in_time.sum() / 8 == pytest.approx(5600, abs=10)
     assert len(np.unique(ten_seconds.can_id)) == 56
@@ -174,7 +176,7 @@ def test_boards_tick_at_their_period_each_with_its_own_phase(ten_seconds):
     assert np.diff(sorted(first.values())).min() > 100_000
 
 
-def test_counts_give_back_the_force(ten_seconds):
+def test_counts_reproduce_the_force(ten_seconds):
     left = LAYOUTS[0]
     total = np.zeros(400)
     for (board, triangle), _row in left.rows.items():
@@ -187,7 +189,7 @@ def test_counts_give_back_the_force(ten_seconds):
     assert total.mean() == pytest.approx(expected.mean(), rel=0.05)
 
 
-def test_same_seed_same_bytes():
+def test_the_same_seed_gives_the_same_bytes():
     one, two, other = (emulator(seed=seed).frames(START_NS, 0.5) for seed in (7, 7, 8))
     for name in FrameBatch.__slots__:
         assert getattr(one, name).tobytes() == getattr(two, name).tobytes()
@@ -203,7 +205,7 @@ def test_a_run_in_small_steps_has_the_same_frames(ten_seconds):
     assert (whole.data == ten_seconds.data[: len(whole)]).all()
 
 
-def test_boards_told_fifty_milliseconds_and_boards_left_out():
+def test_a_period_of_50_ms_and_missing_boards_are_applied():
     batch = emulator(boards={"period_ms": 50}, left_out=[6, 9]).frames(START_NS, 2)
     boards, frames = np.unique(batch.can_id >> np.uint32(4) & 0xF, return_counts=True)
     assert boards.tolist() == [5, 7, 8, 10]
@@ -223,9 +225,9 @@ def test_silent_boards_are_found_configured_and_started():
     run = emulator(Unloaded(LAYOUTS), streaming=False).run(START_NS)
     assert not len(run.advance(START_NS + SECOND))
     run.obey(commands((0x70F, b"\xff")))
-    found = run.advance(run.now_ns + 20_000_000)
-    assert found.can_id.tolist() == [0x700 | address << 4 for address in range(5, 11)]
-    assert (found.dlc == 5).all()
+    answers = run.advance(run.now_ns + 20_000_000)
+    assert answers.can_id.tolist() == [0x700 | address << 4 for address in range(5, 11)]
+    assert (answers.dlc == 5).all()
     run.obey(
         commands(
             (0x205, bytes([0x4D, 0, 20, 230])),
@@ -260,7 +262,7 @@ def test_played_in_real_time_and_in_order():
     assert 5600 * 0.6 - 200 < count <= 5600 * 0.6
 
 
-def test_play_stops_when_told():
+def test_play_stops_on_the_event():
     stop = threading.Event()
     player = threading.Thread(target=emulator().play, args=(lambda batch: None, stop))
     player.start()
@@ -270,14 +272,14 @@ def test_play_stops_when_told():
     assert not player.is_alive()
 
 
-def test_a_run_says_whether_somebody_talks_to_its_boards():
+def test_a_run_reports_commands_to_its_boards():
     run = emulator().run(0)
     assert run.obey(commands((0x205, [0x07, 1])))
     assert not run.obey(run.advance(100_000_000)), "their own stream, which a bus may echo, is no talk"
     assert not run.obey(FrameBatch.empty())
 
 
-def test_play_obeys_what_it_receives():
+def test_play_obeys_received_commands():
     sent = []
     inbox = [commands((0x70F, b"\xff"))]
     player = emulator(streaming=False)

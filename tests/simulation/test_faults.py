@@ -1,4 +1,4 @@
-"""Every fault, as the frames show it; the fingerprints are those of the protocol's facts, section 2."""
+"""Every fault as it appears in the frames; the fingerprints are those of the protocol's facts, section 2."""
 
 import numpy as np
 import pytest
@@ -41,7 +41,7 @@ def emulator(load=REST, faults=(), generation="mtb4", period_ms=50, skin_type=0,
 
 
 def triangle_of(batch, board=5, triangle=0, cls=4):
-    """Ends (n,) in s, counts (n, 12), status words (n,) of a triangle."""
+    """Return end times (n,) in s, counts (n, 12) and status words (n,) of a triangle."""
     mine = batch[batch.can_id == cls << 8 | board << 4 | triangle]
     half_a, half_b = (mine[mine.data[:, 0] == tag] for tag in (0x40, 0xC0))
     n = min(len(half_a), len(half_b))
@@ -58,7 +58,7 @@ def seen(seconds=2.0, board=5, triangle=0, **given):
 
 
 @pytest.mark.parametrize("skin_type", [0, 1, 2, 8])
-def test_a_triangle_that_comes_loose_on_an_mtb4(skin_type):
+def test_a_loose_triangle_of_an_mtb4_is_flagged(skin_type):
     t_s, counts, status = seen(faults=[InjectedFault("loose", 1.0, 1.5, 5, 0)], skin_type=skin_type)
     loose = (t_s > 1 + ON_THE_BUS_S) & (t_s < 1.5)
     whole = (t_s < 1) | (t_s > 1.5 + ON_THE_BUS_S)
@@ -70,7 +70,7 @@ def test_a_triangle_that_comes_loose_on_an_mtb4(skin_type):
 
 
 @pytest.mark.parametrize("skin_type", [0, 1, 2])
-def test_a_triangle_that_comes_loose_on_an_mtb3(skin_type):
+def test_a_loose_triangle_of_an_mtb3_reads_full_scale(skin_type):
     for seed in range(3):
         faults = [InjectedFault("loose", 1.0, None, 5, 0)]
         given = {"skin_type": skin_type, "generation": "mtb3", "seed": seed}
@@ -88,7 +88,7 @@ def test_a_triangle_that_comes_loose_on_an_mtb3(skin_type):
 
 @pytest.mark.parametrize("generation", ["mtb3", "mtb4"])
 @pytest.mark.parametrize("skin_type", [0, 1, 2, 8])
-def test_open_since_before_zeroing_is_no_load(generation, skin_type):
+def test_a_triangle_open_at_zeroing_reads_as_unloaded(generation, skin_type):
     run = emulator(generation=generation, skin_type=skin_type, streaming=False).run(START_NS)
     run.obey(commands((0x205, [0x4D, skin_type, 50, 240]), (0x205, [0x50, 0, 15, 3, 1, 0, 0x22])))
     run.advance(run.now_ns + SECOND)
@@ -101,7 +101,7 @@ def test_open_since_before_zeroing_is_no_load(generation, skin_type):
 
 @pytest.mark.parametrize("generation", ["mtb3", "mtb4"])
 @pytest.mark.parametrize("skin_type", [0, 1, 2, 8])
-def test_a_dead_chip_until_the_firmware_zeroes_it_away(generation, skin_type):
+def test_a_dead_chip_is_zeroed_by_the_firmware_after_five_errors(generation, skin_type):
     given = {"load": STAND, "skin_type": skin_type, "generation": generation}
     t_s, counts, status = seen(faults=[InjectedFault("dead_chip", 1.0, None, 5, 0)], seconds=3, **given)
     dead = np.flatnonzero(status & 0xF == 1)[0] + np.arange((status & 0xF == 1).sum() + 10)
@@ -120,7 +120,7 @@ def test_a_dead_chip_until_the_firmware_zeroes_it_away(generation, skin_type):
     assert abs(others[after[0] :].mean(axis=0) - 240).max() < 6
 
 
-def test_without_status_bits_the_counts_are_all_there_is():
+def test_without_status_bits_only_counts_change():
     faults = [InjectedFault("loose", 1.0, None, 5, 0)]
     with_bits, without = (emulator(faults=faults, status_bits=b).frames(START_NS, 2) for b in (True, False))
     half_b = without.data[:, 0] == 0xC0
@@ -132,7 +132,7 @@ def test_without_status_bits_the_counts_are_all_there_is():
 # ---- lines and taxels
 
 
-def test_loose_under_pressure_only():
+def test_a_contact_may_be_loose_under_pressure_only():
     _, _, status = seen(load=WALK, faults=[InjectedFault("loose", 0.0, None, 5, 0, level_pa=20e3)], seconds=6)
     _, healthy, _ = seen(load=WALK, faults=[InjectedFault("loose", 99.0, None, 5, 0)], seconds=6)
     loose = status & 0xF == 2
@@ -142,7 +142,7 @@ def test_loose_under_pressure_only():
     assert mean_pa[~loose].max() < 25e3
 
 
-def test_loose_now_and_then():
+def test_a_contact_may_be_loose_intermittently():
     status = seen(faults=[InjectedFault("loose", 0.0, None, 5, 0, chance=0.1)], seconds=20)[2]
     assert (status & 0xF == 2).mean() == pytest.approx(0.1, abs=0.05)
 
@@ -158,7 +158,7 @@ def test_dead_and_stuck_taxels_are_constant():
     assert len(set(counts[~bad, 4])) > 1
 
 
-def test_saturated_always_or_beyond_a_load():
+def test_a_taxel_saturates_always_or_above_a_level():
     faults = [
         InjectedFault("saturated", 1.0, None, 5, 0, 2),
         InjectedFault("saturated", 0.0, None, 5, 0, 3, level_pa=30e3),
@@ -174,7 +174,7 @@ def test_saturated_always_or_beyond_a_load():
     assert healthy[~zero, 3].min() > 225
 
 
-def test_noise_is_wider_by_its_factor():
+def test_noise_is_multiplied_by_the_factor():
     t_s, counts, _ = seen(faults=[InjectedFault("noisy", 5.0, None, 5, 0, 4, factor=10.0)], skin_type=2, seconds=15)
     others = np.delete(counts, [4, 6, 10], axis=1)
     assert others.std(axis=0).mean() == pytest.approx(1.04, abs=0.06), "a count, and the rounding to counts"
@@ -185,7 +185,7 @@ def test_noise_is_wider_by_its_factor():
 # ---- boards
 
 
-def test_rezero_takes_the_load_for_nothing():
+def test_rezero_under_load_makes_the_load_read_zero():
     for generation, missing in (("mtb4", 0), ("mtb3", 3)):
         faults = [InjectedFault("rezero", 1.0, None, 5)]
         t_s, counts, _ = seen(load=STAND, faults=faults, generation=generation, triangle=9, seconds=3)
@@ -203,7 +203,7 @@ def test_rezero_takes_the_load_for_nothing():
     assert counts[t_s > 1.06].mean() > 238
 
 
-def test_a_silent_board_is_deaf_and_comes_back_on_its_beat():
+def test_a_silent_board_ignores_commands_and_returns_in_phase():
     run = emulator(faults=[InjectedFault("silent", 1.0, 2.0, 5)]).run(START_NS)
     frames = [run.advance(START_NS + 1_500_000_000)]
     run.obey(commands((0x205, [0x07, 1]), (0x70F, [0xFF])))
@@ -218,7 +218,7 @@ def test_a_silent_board_is_deaf_and_comes_back_on_its_beat():
 
 
 @pytest.mark.parametrize("generation", ["mtb3", "mtb4"])
-def test_reset_comes_back_in_three_ways(generation):
+def test_a_reset_board_recovers_in_three_ways(generation):
     def after(comes_back):
         fault = InjectedFault("reset", 1.0, 1.5, 5, comes_back=comes_back)
         batch = emulator(load=STAND, generation=generation, faults=[fault]).frames(START_NS, 3)
@@ -234,7 +234,7 @@ def test_reset_comes_back_in_three_ways(generation):
     assert abs(counts.mean(axis=0) - 240).max() < 6
 
 
-def test_a_reset_board_obeys_again():
+def test_a_reset_board_obeys_commands():
     for generation in ("mtb3", "mtb4"):
         run = emulator(generation=generation, faults=[InjectedFault("reset", 1.0, None, 5)]).run(START_NS)
         run.advance(START_NS + 2 * SECOND)
@@ -243,7 +243,7 @@ def test_a_reset_board_obeys_again():
         assert abs(counts.mean() - 245) < 4
 
 
-def test_an_address_clash_doubles_one_board_and_hides_another():
+def test_an_address_clash_doubles_one_address_and_hides_another():
     batch = emulator(faults=[InjectedFault("address_clash", 1.0, 2.0, 5, other=8)]).frames(START_NS, 3)
     clash = (batch.t_ns > START_NS + 1_010_000_000) & (batch.t_ns <= START_NS + 2 * SECOND)
     boards = batch.can_id >> 4 & 0xF
@@ -261,7 +261,7 @@ def test_an_address_clash_doubles_one_board_and_hides_another():
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_other_boards_do_not_notice(kind):
+def test_a_fault_does_not_affect_other_boards(kind):
     draw = np.random.default_rng(KINDS.index(kind))
     faults = random_fault(kind, draw, LAYOUTS, 0.5, 2.0)
     struck = {fault.board for fault in faults} | {fault.other for fault in faults}
@@ -276,7 +276,7 @@ def test_other_boards_do_not_notice(kind):
 
 
 @pytest.mark.parametrize("generation", ["mtb3", "mtb4"])
-def test_the_same_faults_make_the_same_frames_however_they_are_asked_for(generation):
+def test_frames_with_faults_do_not_depend_on_the_step_size(generation):
     def faults():
         draw = np.random.default_rng(3)
         return [f for kind in KINDS for f in random_fault(kind, draw, LAYOUTS, 0.2, 1.5)]
@@ -293,7 +293,7 @@ def test_the_same_faults_make_the_same_frames_however_they_are_asked_for(generat
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_random_faults_stand_where_and_when_they_should(kind):
+def test_random_faults_have_valid_places_and_times(kind):
     draw = np.random.default_rng(1)
     identities = {tuple(row) for one in LAYOUTS for row in one.identities.tolist()}
     cases = [random_fault(kind, draw, LAYOUTS, 10.0, 20.0) for _ in range(100)]
@@ -318,19 +318,19 @@ def test_random_faults_stand_where_and_when_they_should(kind):
         (("loose", 0.0, None, 5, 3, None, None, 8.0, 0.0), "found 0.0"),
     ],
 )
-def test_what_is_no_fault_is_refused(given, message):
+def test_an_invalid_fault_is_refused(given, message):
     with pytest.raises(SimulationError, match=message):
         InjectedFault(*given)
 
 
-def test_a_fault_of_a_board_that_is_not_there_is_refused():
+def test_a_fault_of_a_missing_board_is_refused():
     with pytest.raises(SimulationError, match=r"faults\[0\]\.board: .*\[5, 6, 7, 8, 9, 10\], found 3"):
         emulator(faults=[InjectedFault("silent", 0.0, None, 3)])
     with pytest.raises(SimulationError, match=r"faults\[1\]\.triangle: .* of board 6, .*, found 2"):
         emulator(faults=[InjectedFault("silent", 0.0, None, 6), InjectedFault("loose", 0.0, None, 6, 2)])
 
 
-def test_a_board_alone_clashes_with_none():
+def test_an_address_clash_needs_two_boards():
     rear = [row for row, triangle in enumerate(LAYOUTS[0].triangles) if triangle.board == 7]
     alone = layout.assigned(LAYOUTS[0], tuple(LAYOUTS[0].triangles[row] for row in rear))
     with pytest.raises(SimulationError, match="at least two boards, found board 7 alone"):
@@ -357,7 +357,7 @@ def test_converters_delay_by_up_to_a_sequence():
     assert np.argmax(lags) == 1  # 18 ms on average
 
 
-def test_pads_feel_the_temperature_and_type_0_takes_it_from_the_taxels():
+def test_pads_follow_temperature_and_type_0_compensates_taxels():
     warm = 10.0
 
     def temperature_c(t_s):
@@ -370,14 +370,14 @@ def test_pads_feel_the_temperature_and_type_0_takes_it_from_the_taxels():
         assert change[9] == pytest.approx(left * reference_insole().pad_count_per_k * warm * 164 / 128, abs=1)
 
 
-def test_the_thermometer_of_an_mtb4():
+def test_an_mtb4_sends_its_temperature():
     run = emulator(generation={5: "mtb3"}, temperature_c=lambda t_s: 30.0 - 40.0 * (t_s > 2.5)).run(START_NS)
     run.obey(commands(*((0x200 | a, p) for a in (5, 6) for p in ([0x39, 1], [0x3A, 1]))))
     batch = run.advance(START_NS + 4_500_000_000)
-    found = batch[(batch.can_id & 0x70F) == 0x30E]
-    assert set(found.can_id.tolist()) == {0x36E}
-    assert (found.dlc == 5).all()
-    assert [row.tobytes()[:5].hex() for row in found.data] == ["012c010000"] * 2 + ["019cff0000"] * 2
+    temperature_frames = batch[(batch.can_id & 0x70F) == 0x30E]
+    assert set(temperature_frames.can_id.tolist()) == {0x36E}
+    assert (temperature_frames.dlc == 5).all()
+    assert [row.tobytes()[:5].hex() for row in temperature_frames.data] == ["012c010000"] * 2 + ["019cff0000"] * 2
     run.obey(commands((0x206, [0x3A, 0])))
     batch = run.advance(START_NS + 8 * SECOND)
     assert 0x36E not in batch.can_id

@@ -1,3 +1,5 @@
+"""The simulated person: forces, CoP and pressures while walking and standing."""
+
 import numpy as np
 import pytest
 
@@ -86,11 +88,11 @@ def test_the_cop_rolls_from_heel_to_toe_inside_the_foot(walk, of):
     assert lateral_m[-1] < -0.003  # then inwards, to the hallux
 
 
-def test_pressures_are_those_of_walking(walk):
+def test_walking_pressures_are_in_the_published_range(walk):
     assert 200e3 < walk.pressure_pa("left", T_S).max() < 800e3
 
 
-def test_standing_halves_the_weight_with_the_cop_before_the_heel():
+def test_standing_shares_the_weight_with_the_cop_in_front_of_the_heel():
     stand = Stand(LAYOUTS, body_mass_kg=70.0)
     total_n = sum(stand.force_n(foot, T_S) for foot in FEET)
     np.testing.assert_allclose(total_n, 70.0 * 9.81)
@@ -99,7 +101,7 @@ def test_standing_halves_the_weight_with_the_cop_before_the_heel():
     assert 0.2 < (x_m.mean() - LAYOUTS[0].xy_m[..., 0].min()) / np.ptp(LAYOUTS[0].xy_m[..., 0]) < 0.5
 
 
-def test_the_same_time_gives_the_same_pressure_however_it_is_asked(walk):
+def test_pressure_depends_on_time_alone(walk):
     whole = walk.pressure_pa("right", T_S[:100])
     one_by_one = np.concatenate([walk.pressure_pa("right", T_S[i : i + 1]) for i in range(100)])
     # A product of matrices may add in another order for another number of rows.

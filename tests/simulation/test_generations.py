@@ -1,11 +1,13 @@
-"""MTB3 against MTB4: arithmetic, queues, commands. Numbers by hand from mtb3/main_V3.c and theSkin.cpp."""
+"""MTB3 compared with MTB4: arithmetic, queues, commands. Numbers are computed by hand from mtb3/main_V3.c and
+theSkin.cpp.
+"""
 
 import ctypes
 
 import numpy as np
 import pytest
 
-from insole_daemon.physics.digitiser import GAINS_TYPE_0, GAINS_TYPE_8, digitise, drift
+from insole_daemon.physics.digitiser import GAINS_TYPE_0, GAINS_TYPE_8, compensation_codes, digitise
 from insole_daemon.simulation.board import EmulatedBoard
 from insole_daemon.simulation.bus_time import STACK_FRAMES, BusTime, Offer
 from insole_daemon.simulation.commands import obey
@@ -31,9 +33,9 @@ def tell(board, *payloads, t_ns=0, load=NOTHING, to=0x205):
 
 
 def sent(board, until_ns, load=NOTHING):
-    """Ticks at which it sends before `until_ns`, and counts (n, n_enabled, 12)."""
+    """Return the ticks at which it sends before `until_ns`, and counts (n, n_enabled, 12)."""
     ticks = board.ticks(until_ns)
-    ticks, payloads = board.speak(ticks, np.broadcast_to(load, (len(ticks), 3, 12)))
+    ticks, payloads = board.send_ticks(ticks, np.broadcast_to(load, (len(ticks), 3, 12)))
     pairs = payloads.reshape(len(ticks), len(board.can_ids) // 2, 2, 8)
     return ticks, np.concatenate([pairs[..., 0, 1:8], pairs[..., 1, 1:6]], axis=-1)
 
@@ -55,25 +57,25 @@ COMPENSATION = [
 
 
 @pytest.mark.parametrize(("change", "mtb4", "mtb3"), COMPENSATION)
-def test_compensation_by_hand(change, mtb4, mtb3):
+def test_compensation_of_type_0_equals_hand_computed_values(change, mtb4, mtb3):
     baseline16 = np.full((1, 12), 30_000)
     raw16 = baseline16.copy()
     raw16[0, 6] += change
     raw16[0, 10] += 500  # the other pad is never used
     for narrow, expected in ((False, mtb4), (True, mtb3)):
-        found = drift(raw16, baseline16, GAINS_TYPE_0, narrow)[0]
-        assert tuple(found[[0, 3, 9]]) == expected
-        assert not found[[6, 10]].any()
+        codes = compensation_codes(raw16, baseline16, GAINS_TYPE_0, narrow)[0]
+        assert tuple(codes[[0, 3, 9]]) == expected
+        assert not codes[[6, 10]].any()
 
 
-def test_compensation_of_type_8_by_hand():
+def test_compensation_of_type_8_equals_the_gains():
     baseline16 = np.full((1, 12), 30_000)
     raw16 = baseline16 + 128 * (np.arange(12) == 6)
-    assert drift(raw16, baseline16, GAINS_TYPE_8)[0].tolist() == list(GAINS_TYPE_8)
+    assert compensation_codes(raw16, baseline16, GAINS_TYPE_8)[0].tolist() == list(GAINS_TYPE_8)
 
 
 def as_c_does(raw, base, no_load, shift, gains, narrow):
-    """One triangle, one number at a time."""
+    """Compute one triangle, one number at a time, as the C code does."""
     signed = (lambda v: ctypes.c_int16(v).value) if narrow else (lambda v: v)
     unsigned = (lambda v: v & 0xFFFF) if narrow else (lambda v: v)
     up, bot = signed((255 - no_load) << shift), signed(no_load << shift)
@@ -102,7 +104,7 @@ def as_c_does(raw, base, no_load, shift, gains, narrow):
 
 @pytest.mark.parametrize("narrow", [False, True])
 @pytest.mark.parametrize("gains", [None, GAINS_TYPE_0, GAINS_TYPE_8])
-def test_any_words_come_out_as_in_c(narrow, gains):
+def test_digitised_words_equal_the_c_arithmetic(narrow, gains):
     draw = np.random.default_rng(5)
     for shift in (0, 2, 3, 6) if narrow else (0, 2, 3, 7):
         for no_load in (200, 240, 245):
@@ -115,7 +117,7 @@ def test_any_words_come_out_as_in_c(narrow, gains):
                 assert (counts[row].tolist(), int(status[row]) >> 4) == expected
 
 
-def test_flags_of_an_mtb3_mean_nothing_at_shift_7():
+def test_flags_of_an_mtb3_are_meaningless_at_shift_7():
     rest = np.full((1, 12), 30_000)
     for narrow, flags in ((False, 0), (True, 0xFFF0)):  # 2 · (240 << 7) wraps to −4096
         counts, status = digitise(rest, rest, 240, np.array([[7]]), None, narrow)
@@ -133,14 +135,14 @@ def offer(ready_ns, tags, triangle=0):
     return Offer(ready_ns, 5, np.full(n, 0x450 + triangle, np.uint32), np.full(n, 8, np.uint8), data)
 
 
-def test_the_last_frame_in_is_the_first_out_behind_the_register():
+def test_the_last_queued_frame_follows_the_register():
     # The first goes straight into the register; while it is sent, the others pile up.
     bus = BusTime(0, stacks=[5])
     batch = bus.carry([offer(0, [1, 2]), offer(10_000, [3]), offer(20_000, [4])], SECOND)
     assert batch.data[:, 0].tolist() == [1, 4, 3, 2]
 
 
-def test_on_a_busy_bus_the_register_keeps_what_it_has():
+def test_the_register_keeps_its_frame_on_a_busy_bus():
     bus = BusTime(0, stacks=[5])
     first = offer(0, [9, 9])
     busy = Offer(0, 4, first.can_id - 0x10, first.dlc, first.data)
@@ -148,7 +150,7 @@ def test_on_a_busy_bus_the_register_keeps_what_it_has():
     assert batch.data[:, 0].tolist() == [9, 9, 1, 3, 2]
 
 
-def test_a_queue_read_in_parts_is_the_same_queue():
+def test_a_queue_in_pieces_equals_the_whole_queue():
     offers = [offer(at * 60_000, [at]) for at in range(30)]
     whole = BusTime(0, stacks=[5]).carry(offers, SECOND)
     bus = BusTime(0, stacks=[5])
@@ -159,7 +161,7 @@ def test_a_queue_read_in_parts_is_the_same_queue():
     assert [tag for part in parts for tag in part.data[:, 0]] == whole.data[:, 0].tolist()
 
 
-def test_a_full_stack_is_thrown_away_and_an_empty_frame_says_so():
+def test_a_full_stack_is_discarded_and_reported_by_an_empty_frame():
     bus = BusTime(0, stacks=[5])
     tags = list(range(1, STACK_FRAMES + 2))
     full = bus.carry([offer(0, tags)], SECOND)  # one in the register, 20 behind it
@@ -180,7 +182,7 @@ def test_silent_after_power_up(generation):
     assert not len(board.ticks(10 * SECOND))
 
 
-def test_who_they_are():
+def test_boards_answer_discovery_with_their_type():
     assert tell(made(MTB3), "ff", to=0x70F) == (0x750, bytes([0xFF, 5, 2, 17, 0]))
     assert tell(made(MTB3), "1c0100") == (0x250, bytes([0x1C, 5, 2, 17, 0, 1, 0, 1]))
     assert tell(made(MTB3), "1c0101")[1][-1] == 0
@@ -188,7 +190,7 @@ def test_who_they_are():
     assert tell(made(MTB4), "ff", to=0x70F) == (0x750, bytes([0xFF, 11, 1, 25, 0]))
 
 
-def test_only_an_mtb4_hears_a_skin_command_to_everyone():
+def test_only_an_mtb4_obeys_a_skin_command_to_all():
     for generation, no_load in ((MTB3, 240), (MTB4, 200)):
         board = made(generation)
         tell(board, "4d0032c8", to=0x20F)
@@ -208,7 +210,7 @@ def test_an_mtb4_stays_silent_after_a_triangle_configuration():
     assert not len(board.ticks(5 * SECOND))
 
 
-def test_an_mtb3_calibrates_for_three_ticks_and_goes_on_by_itself():
+def test_an_mtb3_calibrates_for_three_ticks_and_continues():
     load = np.full((3, 12), 100e3)
     board = made(MTB3)
     before, counts = sent(board, SECOND, load)
@@ -220,7 +222,7 @@ def test_an_mtb3_calibrates_for_three_ticks_and_goes_on_by_itself():
     assert (np.diff(after) == board.period_ns).all()
 
 
-def test_an_mtb3_that_was_silent_calibrates_in_silence():
+def test_a_silent_mtb3_stays_silent_after_calibration():
     board = made(MTB3, streaming=False)
     tell(board, "50000002010022")
     ticks, _ = sent(board, SECOND)
@@ -241,7 +243,7 @@ def test_the_session_of_the_official_host_on_an_mtb3():
     assert (counts[:, 1] == 245).all()
 
 
-def test_an_mtb3_streams_in_the_legacy_class_until_told_otherwise():
+def test_an_mtb3_streams_in_the_legacy_class_until_commanded():
     board = made(MTB3, streaming=False)
     tell(board, "4e0222f000ff000a", "4c01010100200000")
     ticks, counts = sent(board, SECOND)
@@ -252,7 +254,7 @@ def test_an_mtb3_streams_in_the_legacy_class_until_told_otherwise():
     assert set(board.can_ids.tolist()) == {0x450 + t for t in range(8)}
 
 
-def test_legacy_setup_of_an_mtb4_has_its_own_mind():
+def test_legacy_setup_of_an_mtb4_ignores_its_arguments():
     board = made(MTB4, streaming=False)
     tell(board, "4c01010300200101")
     ticks, _ = sent(board, SECOND)
@@ -267,7 +269,7 @@ def test_an_mtb3_takes_its_first_baseline_by_itself():
     load = np.full((3, 12), 200e3)
     board = made(MTB3, streaming=False)
     assert board.next_event_ns == 2 * board.period_ns
-    board.happen(load)
+    board.apply_next_event(load)
     tell(board, "0700", t_ns=SECOND)
     assert abs(sent(board, 2 * SECOND, load)[1][:, 0].mean() - 245) < 3  # zeroed under load
 
@@ -282,7 +284,7 @@ def test_periods_of_an_mtb3_wrap_beyond_209_ms():
     assert board.period_ns == pytest.approx(255 * MS, rel=2e-4)
 
 
-def test_types_an_mtb3_does_not_know_mean_no_compensation():
+def test_unknown_skin_types_of_an_mtb3_disable_compensation():
     for skin_type in (7, 8):
         plain, unknown = (made(MTB3, skin_type=t, compensated=True) for t in (2, skin_type))
         assert (sent(plain, SECOND)[1] == sent(unknown, SECOND)[1]).all()

@@ -42,9 +42,9 @@ def settings(**board):
     ],
     ids=["walk", "seed", "busy", "raw"],
 )
-def test_defaults_are_what_they_were(emulator, digest):
+def test_default_frames_have_not_changed(emulator, digest):
     batch = emulator.frames(START_NS, 2)
-    found = hashlib.sha256()
+    sha256 = hashlib.sha256()
     for name in FrameBatch.__slots__:
-        found.update(getattr(batch, name).tobytes())
-    assert found.hexdigest()[:32] == digest
+        sha256.update(getattr(batch, name).tobytes())
+    assert sha256.hexdigest()[:32] == digest

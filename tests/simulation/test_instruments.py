@@ -1,3 +1,5 @@
+"""Simulated reference instruments: rate, clock, noise and drift."""
+
 import numpy as np
 import pytest
 
@@ -16,13 +18,15 @@ def warm(t_s):
     return np.full_like(t_s, 25.0)
 
 
-def of(name, seconds, seed=0, own=lambda t_s: t_s, chosen=InstrumentConditions()):
+def of(name, seconds, seed=0, reference_clock=lambda t_s: t_s, chosen=InstrumentConditions()):
     load = scenario(name).load(LAYOUTS, None, Conditions(), 0)
-    return simulate_readings("left", load, seconds, START_S, own, warm, Draws(seed, Drawn.CLOCK), chosen), load
+    return simulate_readings(
+        "left", load, seconds, START_S, reference_clock, warm, Draws(seed, Drawn.CLOCK), chosen
+    ), load
 
 
-def test_a_force_shoe_has_its_rate_its_clock_and_its_noise():
-    contents, load = of("t1", 60.0, own=lambda t_s: 0.25 + 1.0001 * t_s)
+def test_a_force_shoe_has_its_rate_clock_and_noise():
+    contents, load = of("t1", 60.0, reference_clock=lambda t_s: 0.25 + 1.0001 * t_s)
     made = reference_insole()
     time_s = contents.columns["time_s"]
     assert list(contents.columns) == ["time_s", "fz_n", "mx_nm", "my_nm", "temperature_c"]
@@ -37,7 +41,7 @@ def test_a_force_shoe_has_its_rate_its_clock_and_its_noise():
     assert (np.round(contents.columns["fz_n"], 3) == contents.columns["fz_n"]).all()
 
 
-def test_what_drifts_has_drifted_as_far_as_is_said_after_ten_minutes():
+def test_drift_after_ten_minutes_has_the_stated_size():
     ends = []
     exact = of("walk", 1.0)[1].reference("left", np.arange(60_000) / 100)["fz_n"]
     for seed in range(40):
@@ -46,7 +50,7 @@ def test_what_drifts_has_drifted_as_far_as_is_said_after_ten_minutes():
     assert np.std(ends) == pytest.approx(reference_insole().shoe_drift_n, rel=0.35)
 
 
-def test_a_gauge():
+def test_a_gauge_has_its_rate_and_noise():
     contents, load = of("vacuum", 30.0)
     made = reference_insole()
     assert list(contents.columns) == ["time_s", "pressure_pa", "temperature_c"]
@@ -54,7 +58,7 @@ def test_a_gauge():
     assert np.std(np.diff(error)) / 2**0.5 == pytest.approx(made.gauge_noise_pa, rel=0.1)
 
 
-def test_a_clock_of_its_own_is_drawn():
+def test_a_reference_clock_is_drawn_from_the_seed():
     rates, offsets = [], []
     for seed in range(200):
         at = draw_clock(Draws(seed, Drawn.CLOCK), InstrumentConditions())(np.array([0.0, 1e4]))
@@ -64,7 +68,7 @@ def test_a_clock_of_its_own_is_drawn():
     assert np.std(rates) == pytest.approx(1e-6 * reference_insole().reference_ppm, rel=0.2)
 
 
-def test_what_is_chosen_stands_before_the_reference_insole():
+def test_chosen_values_override_the_reference_insole():
     chosen = InstrumentConditions(
         rate_hz=250.0, force_noise_n=0.0, force_drift_n=0.0, moment_noise_nm=0.5, moment_drift_nm=0.0
     )

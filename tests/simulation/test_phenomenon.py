@@ -1,4 +1,4 @@
-"""The published phenomenon, in short: benchmarks/physics/paper_phenomenon.py has the whole table."""
+"""The published phenomenon, in short; benchmarks/physics/paper_phenomenon.py has the whole table."""
 
 import pytest
 
@@ -12,7 +12,7 @@ def errors():
     return {physics: experiment(physics, ["t1", "t4"], 25.0) for physics in (False, True)}
 
 
-def test_with_physics_on_standing_stays_right_and_walking_does_not(errors):
+def test_with_effects_standing_stays_accurate_and_walking_does_not(errors):
     noise, physics = errors[False], errors[True]
     assert physics["t1"].f_z_n < 1.5 * noise["t1"].f_z_n
     assert physics["t4"].f_z_n > 3 * noise["t4"].rows_f_z_n > 3 * noise["t4"].f_z_n
@@ -20,7 +20,7 @@ def test_with_physics_on_standing_stays_right_and_walking_does_not(errors):
     assert 50 < physics["t4"].f_z_n < 200, "the order of the paper's 93 N"
 
 
-def test_with_physics_off_walking_stays_what_noise_and_rounding_make_it(errors):
+def test_without_effects_walking_has_errors_of_noise_and_rounding_only(errors):
     noise = errors[False]
     assert noise["t1"].f_z_n < 15
     assert noise["t4"].f_z_n < 25

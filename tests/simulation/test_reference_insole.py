@@ -1,3 +1,5 @@
+"""The constants and curves of the simulated insole."""
+
 import numpy as np
 import pytest
 
@@ -11,8 +13,8 @@ LEFT = layouts.builtin("left", (5, 6, 7))
 BOARDS = Config().insoles[0].boards
 
 
-def test_the_real_insoles_figures():
-    """12 counts a bar, 28 to 63 counts at 3.4 bar, noise of a count, 8 bit."""
+def test_constants_match_the_real_insole():
+    """12 counts per bar, 28 to 63 counts at 3.4 bar, noise of one count, 8 bit."""
     made = reference_insole()
     assert made.noise_count >= 1.0
     assert made.count_bits == 8
@@ -26,7 +28,7 @@ def test_the_real_insoles_figures():
     assert 50 < high < 68
 
 
-def test_same_seed_same_insole_and_a_boards_taxels_are_its_own():
+def test_the_same_seed_gives_the_same_insole_and_boards_differ():
     made = reference_insole()
     one, again, other = (made.calibration(LEFT, BOARDS, seed).coefficients_pa for seed in (1, 1, 2))
     assert np.array_equal(one, again, equal_nan=True)
@@ -37,7 +39,7 @@ def test_same_seed_same_insole_and_a_boards_taxels_are_its_own():
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "said"),
+    ("old", "new", "message"),
     [
         ("value: 8000.0", "value: 8.0", r"constants.pa_per_count.value: expected a number from 100 to 1e\+06 Pa"),
         ("unit: count/K", "unit: K", 'constants.pad_count_per_k.unit: expected the unit "count/K", found "K"'),
@@ -47,10 +49,10 @@ def test_same_seed_same_insole_and_a_boards_taxels_are_its_own():
         ("insole-reference/1", "insole-reference/2", "format"),
     ],
 )
-def test_a_file_that_is_wrong_is_refused_with_the_key_and_the_range(tmp_path, old, new, said):
+def test_an_invalid_file_is_refused_with_key_and_range(tmp_path, old, new, message):
     path = tmp_path / "reference.yaml"
     text = FILE.read_text()
     assert old in text
     path.write_text(text.replace(old, new, 1))
-    with pytest.raises(DocumentError, match=said):
+    with pytest.raises(DocumentError, match=message):
         load(path)

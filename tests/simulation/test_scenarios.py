@@ -1,3 +1,5 @@
+"""Scenarios: forces, pressures and chamber cycles."""
+
 import numpy as np
 import pytest
 
@@ -24,7 +26,7 @@ def times(name, step_s=0.02):
 
 @pytest.mark.parametrize("name", TASKS)
 @pytest.mark.parametrize("layout", LAYOUTS, ids=["left", "right"])
-def test_force_and_moments_are_those_of_the_pressure(name, layout):
+def test_force_and_moments_match_the_pressure(name, layout):
     load, t_s = made(name), times(name, 0.2)
     pressure_pa, reference = load.pressure_pa(layout.foot, t_s), load.reference(layout.foot, t_s)
     newtons = pressure_pa * layout.taxel_area_m2
@@ -36,14 +38,14 @@ def test_force_and_moments_are_those_of_the_pressure(name, layout):
 
 
 @pytest.mark.parametrize("name", TASKS)
-def test_a_task_begins_and_ends_in_the_air(name):
+def test_a_task_begins_and_ends_unloaded(name):
     load, end_s = made(name), scenario(name).length_s(AS_IT_IS)
     for foot in ("left", "right"):
         assert not load.pressure_pa(foot, np.array([0.0, 1.9, end_s - 1.9, end_s])).any()
 
 
-def test_the_papers_orders_of_magnitude():
-    """650 N, 25 N·m and 90 N·m; 220 kPa standing, 360 to 630 kPa walking: the order of each."""
+def test_forces_have_the_papers_orders_of_magnitude():
+    """650 N, 25 N·m and 90 N·m; 220 kPa standing, 360 to 630 kPa walking."""
     f_z = {name: made(name).reference("left", times(name))["fz_n"] for name in TASKS}
     assert f_z["t1"].max() == pytest.approx(WEIGHT_N / 2, rel=0.1)
     assert f_z["t2"].max() == pytest.approx(WEIGHT_N, rel=0.02)
@@ -76,20 +78,20 @@ def test_a_step_has_two_humps_and_rolls_from_heel_to_toe():
     assert np.abs(reference["mx_nm"][borne] / f_z[borne]).max() < 0.045
 
 
-def test_twice_the_mass_is_twice_the_force():
+def test_twice_the_mass_gives_twice_the_force():
     t_s = times("t5", 0.1)
     one, two = (made("t5", mass_kg=mass_kg).reference("left", t_s)["fz_n"] for mass_kg in (40.0, 80.0))
     assert two == pytest.approx(2 * one)
 
 
-def test_taxels_that_lie_elsewhere_are_pressed_as_it_is_there():
+def test_pressure_is_evaluated_at_true_positions():
     moved = {layout.foot: layout.xy_m + np.array([0.01, 0.0]) for layout in LAYOUTS}
     t_s = np.array([10.0])
-    here, there = made("t1").pressure_pa("left", t_s), made("t1", places=moved).pressure_pa("left", t_s)
-    assert abs(there - here).max() > 0.05 * here.max()
+    at_layout, at_true = made("t1").pressure_pa("left", t_s), made("t1", places=moved).pressure_pa("left", t_s)
+    assert abs(at_true - at_layout).max() > 0.05 * at_layout.max()
     assert made("t1", places=moved).reference("left", t_s) == made("t1").reference("left", t_s)
     same = {layout.foot: layout.xy_m for layout in LAYOUTS}
-    assert (made("t1", places=same).pressure_pa("left", t_s) == here).all()
+    assert (made("t1", places=same).pressure_pa("left", t_s) == at_layout).all()
 
 
 # ---- chambers
@@ -105,7 +107,7 @@ def test_a_chamber_has_one_pressure_on_every_taxel(name, top_pa):
     assert not pressure_pa[..., [6, 10]].any()
 
 
-def test_cycles_at_the_speeds_that_were_chosen_then_a_hold_and_minor_loops():
+def test_chamber_cycles_have_the_chosen_speeds_hold_and_minor_loops():
     turns = programme(100e3, (5e3, 50e3), ChamberCycles(cycles=2, hold_s=30.0))
     t_s, level = turns.T
     speeds = np.abs(np.diff(level) / np.diff(t_s))
@@ -122,13 +124,13 @@ def test_cycles_at_the_speeds_that_were_chosen_then_a_hold_and_minor_loops():
 # ---- names and lengths
 
 
-def test_an_unknown_scenario_is_told_with_those_there_are():
+def test_an_unknown_scenario_is_refused_with_the_known_ones():
     with pytest.raises(SimulationError, match=r'unknown scenario "t7": expected one of vacuum, plenum, t1, .*walk'):
         scenario("t7")
 
 
 @pytest.mark.parametrize("name", ["t2", "vacuum"])
-def test_longer_than_its_load_is_refused(name):
+def test_a_length_beyond_the_load_is_refused(name):
     whole_s = scenario(name).length_s(AS_IT_IS)
     with pytest.raises(SimulationError, match=rf"{name}: seconds: expected at most {whole_s:g} s.*found 1000 s"):
         length_s(name, AS_IT_IS, 1000.0, 60.0)

@@ -1,3 +1,5 @@
+"""Loads with the effects and curves of an insole, for the emulated boards."""
+
 import numpy as np
 import pytest
 
@@ -19,7 +21,7 @@ def insole(*effects):
     return SimulatedInsole(LEFT, BOARDS, reference_insole().calibration(LEFT, BOARDS, 0), effects)
 
 
-def test_without_effects_it_is_the_static_curve():
+def test_without_effects_the_sensed_load_is_the_static_curve():
     t_s = np.arange(0, 300) * GRID_S
     felt = SensedLoad(WALK, [insole()]).pressure_pa("left", t_s)
     activation = felt / reference_insole().pa_per_count
@@ -30,7 +32,7 @@ def test_without_effects_it_is_the_static_curve():
     assert not felt[:, ~usable].any()
 
 
-def test_it_is_what_the_chain_gives_on_its_grid_and_linear_between():
+def test_sensed_load_equals_the_chain_on_the_grid_and_is_linear_between():
     t_s = np.arange(0, 300) * GRID_S
     made = insole(*PHYSICS)
     counts = made.chain.forward()(WALK.pressure_pa("left", t_s), t_s)
@@ -41,7 +43,7 @@ def test_it_is_what_the_chain_gives_on_its_grid_and_linear_between():
     assert between == pytest.approx((expected[:-1] + expected[1:]) / 2, rel=1e-6, abs=1e-3)
 
 
-def test_answers_do_not_depend_on_who_asked_for_what_before():
+def test_results_do_not_depend_on_earlier_requests():
     late, early = np.array([40.0, 2.5, 39.0]), np.array([0.3, 1.7])
     one, other = SensedLoad(WALK, [insole(*PHYSICS)]), SensedLoad(WALK, [insole(*PHYSICS)])
     first = one.pressure_pa("left", late), one.pressure_pa("left", early)
@@ -50,7 +52,7 @@ def test_answers_do_not_depend_on_who_asked_for_what_before():
     assert (first[1] == second[0]).all()
 
 
-def test_a_long_question_is_many_short_ones():
+def test_a_long_request_equals_many_short_ones():
     t_s = np.arange(0, 90.0, 0.5)
     whole = SensedLoad(WALK, [insole(*PHYSICS)]).pressure_pa("left", t_s)
     sensed = SensedLoad(WALK, [insole(*PHYSICS)])
@@ -58,12 +60,12 @@ def test_a_long_question_is_many_short_ones():
     assert (whole[-1] == sensed.pressure_pa("left", t_s[-1:])[0]).all()
 
 
-def test_a_wrong_shift_is_the_boards_and_not_the_chains():
+def test_a_wrong_shift_is_passed_to_the_boards():
     made = insole(effect("bit_shift", Where("board", ((6,),)), shift=2), effect("gain", gain=1.1))
-    assert set(made.shifts()) == {6}
-    assert set(made.shifts()[6].values()) == {2}
-    assert len(made.shifts()[6]) == 5
-    assert [each.law.word for each in made.chain.effects] == ["gain"]
+    assert set(made.real_shifts()) == {6}
+    assert set(made.real_shifts()[6].values()) == {2}
+    assert len(made.real_shifts()[6]) == 5
+    assert [item.law.word for item in made.chain.effects] == ["gain"]
 
 
 def test_a_wrong_shift_of_a_taxel_is_refused():
@@ -71,4 +73,4 @@ def test_a_wrong_shift_of_a_taxel_is_refused():
     with pytest.raises(
         SimulationError, match="bit_shift: where.scope: expected insole, board or triangle, found taxel"
     ):
-        made.shifts()
+        made.real_shifts()

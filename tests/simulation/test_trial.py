@@ -1,3 +1,5 @@
+"""Simulated trials load as what was simulated, with the same bytes everywhere."""
+
 import os
 import subprocess
 import sys
@@ -29,7 +31,7 @@ def written(tmp_path, name, seconds, settings=ONE_FOOT, feet=(LEFT,), **given):
     return insole_daemon.load(path)
 
 
-def test_a_shoe_trial_is_read_as_what_was_simulated(tmp_path):
+def test_a_shoe_trial_loads_with_the_simulated_forces(tmp_path):
     recording = written(tmp_path, "t4", 10.0, config.Config(), (LEFT, RIGHT))
     assert (recording.kind, recording.can_origin, recording.warnings) == ("shoe", "simulated", ())
     for foot in recording.feet:
@@ -44,7 +46,7 @@ def test_a_shoe_trial_is_read_as_what_was_simulated(tmp_path):
     assert len(np.unique(foot.reference["temperature_c"])) > 2, "a shoe warms up"
 
 
-def test_a_chamber_trial_without_effects_gives_the_pressure_back(tmp_path):
+def test_a_chamber_trial_without_effects_loads_with_its_pressure(tmp_path):
     foot = written(tmp_path, "plenum", 45.0)["left"]
     usable = foot.calibration.usable
     mean_pa = foot.pressure_pa[-100:, usable].astype(float).mean()
@@ -54,7 +56,7 @@ def test_a_chamber_trial_without_effects_gives_the_pressure_back(tmp_path):
     assert mean_pa == pytest.approx(expected, rel=0.01)
 
 
-def test_an_effect_shows_in_the_frames_and_the_recording_does_not_tell_it(tmp_path):
+def test_an_effect_changes_the_frames_and_is_not_named_in_the_recording(tmp_path):
     plain = written(tmp_path, "plenum", 30.0)
     odd = written(tmp_path, "plenum", 30.0, effects={"left": [effect("gain", gain=1.3)]})
     depth = [
@@ -72,7 +74,7 @@ def test_a_wrong_shift_doubles_the_counts_of_its_boards(tmp_path):
     assert depth[1] / depth[0] == pytest.approx(2.0, abs=0.05)
 
 
-def test_a_clock_effect_is_the_references(tmp_path):
+def test_a_clock_effect_sets_the_reference_clock(tmp_path):
     effects = {"left": [effect("clock", offset_s=0.75, rate=1e-4)]}
     reference = written(tmp_path, "t1", 5.0, effects=effects)["left"].reference
     since = reference.time_s - START_NS * 1e-9
@@ -80,7 +82,7 @@ def test_a_clock_effect_is_the_references(tmp_path):
     assert (since[-1] - since[0]) / 4.99 - 1 == pytest.approx(1e-4, abs=1e-6)
 
 
-def test_faults_of_the_boards_are_in_the_recording(tmp_path):
+def test_injected_faults_appear_in_the_recording(tmp_path):
     broken = Conditions(faults=(InjectedFault("loose", 0.0, None, 5, 0, level_pa=60e3),))
     foot = written(tmp_path, "vacuum", 35.0, conditions=broken)["left"]
     row = LEFT.rows[5, 0]
@@ -104,17 +106,17 @@ def process(**environment):
     return done.stdout
 
 
-def test_same_seed_same_bytes_on_any_machine():
+def test_the_same_seed_gives_the_same_bytes_on_any_machine():
     assert process() == DIGEST
 
 
-def test_same_bytes_with_other_vector_units():
-    """An older CPU of the same kind: numpy and BLAS leave out what they would choose at run time."""
+def test_other_vector_units_give_the_same_bytes():
+    """Emulates an older CPU: numpy and BLAS may not use what they would choose at run time."""
     features = " ".join(name for name in of_numpy.__cpu_dispatch__ if of_numpy.__cpu_features__.get(name))
     assert process(NPY_DISABLE_CPU_FEATURES=features, OPENBLAS_CORETYPE="Prescott") == DIGEST
 
 
-def test_another_seed_is_another_insole_and_another_trial_other_noise(tmp_path):
+def test_another_seed_is_another_insole_and_another_trial_has_other_noise(tmp_path):
     one, other = (written(tmp_path, "t1", 1.0, seed=seed) for seed in (1, 2))
     again = written(tmp_path, "t2", 1.0, seed=1)
     coefficients = [r["left"].calibration.coefficients_pa for r in (one, other, again)]
@@ -126,7 +128,7 @@ def test_another_seed_is_another_insole_and_another_trial_other_noise(tmp_path):
 # ---- bad input
 
 
-def test_an_unknown_scenario_and_one_that_is_too_long(tmp_path):
+def test_an_unknown_scenario_and_too_long_a_trial_are_refused(tmp_path):
     with pytest.raises(SimulationError, match='unknown scenario "jump"'):
         Trial("jump", ONE_FOOT, [LEFT])
     trial = Trial("t1", ONE_FOOT, [LEFT])
@@ -137,7 +139,7 @@ def test_an_unknown_scenario_and_one_that_is_too_long(tmp_path):
         Trial("walk", ONE_FOOT, [LEFT]).length_s(-1.0)
 
 
-def test_a_layout_on_boards_that_are_not_there():
+def test_a_layout_on_missing_boards_is_refused():
     elsewhere = layouts.builtin("left", (5, 6, 11))
     with pytest.raises(
         SimulationError, match=r"triangles\[\]\.board: expected the boards of this foot \(5, 6, 7\).*11"
@@ -145,7 +147,7 @@ def test_a_layout_on_boards_that_are_not_there():
         Trial("walk", ONE_FOOT, [elsewhere])
 
 
-def test_a_layout_with_more_than_a_boards_triangles():
+def test_a_layout_with_too_many_triangles_is_refused():
     again = replace(
         LEFT, triangles=(*LEFT.triangles, LEFT.triangles[0]), xy_m=np.concatenate([LEFT.xy_m, LEFT.xy_m[:1]])
     )
@@ -153,7 +155,7 @@ def test_a_layout_with_more_than_a_boards_triangles():
         Trial("walk", ONE_FOOT, [again])
 
 
-def test_boards_that_send_more_than_a_bus_carries():
+def test_boards_that_exceed_the_bus_capacity_are_refused():
     fast = replace(
         ONE_FOOT.insoles[0], boards=tuple(replace(board, period_ms=5) for board in ONE_FOOT.insoles[0].boards)
     )

@@ -1,4 +1,4 @@
-"""The SHA-256 of a short recording with every kind of arithmetic in it; run by the tests in a process of its own."""
+"""Print the SHA-256 of a short recording with every kind of arithmetic; tests run it in another process."""
 
 import hashlib
 import sys
@@ -33,11 +33,11 @@ EFFECTS = [
 
 
 def digest(folder: Path) -> str:
-    """Of every file, in the order of their names."""
-    found = hashlib.sha256()
+    """Return the digest of all files, in the order of their names."""
+    sha256 = hashlib.sha256()
     for path in sorted(folder.iterdir()):
-        found.update(path.name.encode() + path.read_bytes())
-    return found.hexdigest()
+        sha256.update(path.name.encode() + path.read_bytes())
+    return sha256.hexdigest()
 
 
 def main() -> None:

@@ -1,4 +1,4 @@
-"""A rest count that is not the calibrated one, all the time."""
+"""Baseline: a constant shift of the unloaded count from the calibrated one."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ LAW = Law(
     domain="activation",
     equation="c ← c + shift",
     source="icub-firmware: the baseline is one single reading, taken whenever a board is configured",
-    parameters=(Parameter("shift_count", "count", -255.0, 255.0, (-10.0, 10.0), "what is added to every count"),),
+    parameters=(Parameter("shift_count", "count", -255.0, 255.0, (-10.0, 10.0), "shift of every count"),),
     forward=_forward,
     inverse=_inverse,
     inverse_is="exact",

@@ -1,7 +1,7 @@
-"""The cover spreads a load: a taxel feels some of what lies on its neighbours.
+"""Crosstalk: the cover spreads a load, so a taxel responds to part of its neighbours' load.
 
-Neighbours are pressure taxels at most REACH_MM apart where they really lie: those next to each other on a
-triangle are 6.5 mm apart, those across the edges and corners of a flat tiling 8.0 mm; the next are beyond 10 mm.
+Neighbours are pressure taxels whose true positions are at most REACH_MM apart: adjacent taxels of a triangle are 6.5 mm
+apart, those across edges and corners of a flat tiling 8.0 mm; the next ones are beyond 10 mm.
 """
 
 from __future__ import annotations
@@ -16,27 +16,27 @@ REACH_MM = 9.0
 
 
 def neighbours(xy_m: Array) -> NDArray[np.bool_]:
-    """(slots, slots) which taxels are neighbours, for places (n_triangles, 12, 2) in m; a pad is nobody's."""
+    """Return (slots, slots) which taxels are neighbours, for positions (n_triangles, 12, 2) in m; pads have none."""
     xy = xy_m.reshape(-1, 2)
-    near: NDArray[np.bool_] = np.hypot(*(xy[:, None] - xy).transpose(2, 0, 1)) <= REACH_MM * 1e-3
+    is_near: NDArray[np.bool_] = np.hypot(*(xy[:, None] - xy).transpose(2, 0, 1)) <= REACH_MM * 1e-3
     pressure = np.tile(PRESSURE_TAXELS, len(xy_m))
-    near &= pressure & pressure[:, None]
-    np.fill_diagonal(near, False)
-    return near
+    is_near &= pressure & pressure[:, None]
+    np.fill_diagonal(is_near, False)
+    return is_near
 
 
 class _Spread:
-    """q = P + k·(mean of the neighbours − P), by a table of neighbours: exact sums in the same order everywhere."""
+    """Computes q = P + k·(mean of the neighbours − P) by a table, with sums in the same order on every machine."""
 
     def __init__(self, values: Values, site: Site) -> None:
-        near = neighbours(site.xy_m)[site.columns]
-        number = near.sum(axis=1)
-        self._columns, self._k = site.columns, np.where(number > 0, values["k"], 0.0)
-        # The nearest columns of each row; where a taxel has fewer than another, its own with no weight.
-        order = np.argsort(~near, axis=1, kind="stable")[:, : int(number.max(initial=0))]
-        there = np.arange(order.shape[1]) < number[:, None]
-        self._near = np.where(there, order, site.columns[:, None]).T
-        self._weight = np.where(there, (self._k / np.maximum(number, 1))[:, None], 0.0).T
+        is_near = neighbours(site.xy_m)[site.columns]
+        n_neighbours = is_near.sum(axis=1)
+        self._columns, self._k = site.columns, np.where(n_neighbours > 0, values["k"], 0.0)
+        # The neighbours of each row; rows with fewer are padded with the taxel itself, with weight 0.
+        order = np.argsort(~is_near, axis=1, kind="stable")[:, : int(n_neighbours.max(initial=0))]
+        is_neighbour = np.arange(order.shape[1]) < n_neighbours[:, None]
+        self._near = np.where(is_neighbour, order, site.columns[:, None]).T
+        self._weight = np.where(is_neighbour, (self._k / np.maximum(n_neighbours, 1))[:, None], 0.0).T
 
     def __call__(self, x: Array, moments: Moments) -> Array:
         q = x.copy()
@@ -50,9 +50,9 @@ class _Spread:
 def _inverse(values: Values, site: Site) -> Operator:
     forward = _Spread(values, site)
     slots = site.xy_m.size // 2
-    # One row per unit load is a column of the matrix; diagonally dominant for k < 1/2, so it has an inverse.
-    unspread = np.linalg.inv(forward(np.eye(slots), Moments(np.empty(0), np.empty(0), None)))
-    return lambda x, moments: x @ unspread
+    # The response to a unit load is a column of the matrix, which is diagonally dominant for k < 1/2, so invertible.
+    inverse_matrix = np.linalg.inv(forward(np.eye(slots), Moments(np.empty(0), np.empty(0), None)))
+    return lambda x, moments: x @ inverse_matrix
 
 
 LAW = Law(
@@ -61,7 +61,7 @@ LAW = Law(
     domain="pressure",
     equation="q = P + k·(mean of neighbouring taxels − P)",
     source="one step of diffusion on the graph of neighbours, q = (I − k·L)·P",
-    parameters=(Parameter("k", "1", 0.0, 0.49, (0.05, 0.4), "share that comes from the neighbours"),),
+    parameters=(Parameter("k", "1", 0.0, 0.49, (0.05, 0.4), "share of the load from the neighbours"),),
     forward=_Spread,
     inverse=_inverse,
     inverse_is="exact where every neighbour gives a reading; one without a reading counts as unloaded",

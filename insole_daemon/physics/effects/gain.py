@@ -1,4 +1,4 @@
-"""A sensitivity that is not the calibrated one."""
+"""Gain: a sensitivity that differs from the calibrated one."""
 
 from __future__ import annotations
 

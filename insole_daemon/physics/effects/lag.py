@@ -1,9 +1,9 @@
-"""A first-order lag: what arrives follows the load with one time constant.
+"""Lag: the reading follows the load with one time constant.
 
-Live it is undone as it was left_s = √(τ · LATE_S) ago, at most τ: what is left is that delay, stamped away as one.
-Value and slope of q at that moment, P = q + τ·dq/dt, are those of the parabola that fits the last READINGS best
-(Savitzky & Golay, Anal. Chem. 36 (1964) 1627). The slope at the newest reading is several times less certain than one
-cycle before it; later still costs more than it tells (benchmarks/physics/compensation.py).
+The live inverse estimates the load of residual_delay_s = √(τ · LATE_S) ago, at most τ ago, and leaves that delay to the
+time stamp. Value and slope of q at that time, P = q + τ·dq/dt, are those of the parabola that fits the last READINGS
+best (Savitzky & Golay, Anal. Chem. 36 (1964) 1627). The slope at the newest reading is several times less certain than
+one cycle earlier; a longer delay costs more than it gains (benchmarks/physics/compensation.py).
 """
 
 from __future__ import annotations
@@ -15,13 +15,15 @@ from ..law import Array, Law, Moments, Operator, Parameter, Site, Values
 
 LATE_S = 0.008
 READINGS = 5
-_PERIOD_S = 0.02  # of cycles that nobody has seen, before the first; times are counted in it
-_NO_CURVE = 1e-9  # keeps solvable what too few moments tell
+_PERIOD_S = 0.02  # assumed period of the cycles before the first one; also the unit of time in the fit
+_NO_CURVE = 1e-9  # regularisation for too few distinct times
 
-_SAME_MOMENT = 1e-12  # a step with less of the new load in it tells nothing about that load
+_SAME_MOMENT = 1e-12  # below this weight of the new load, a step does not determine it
 
 
 class _Lag:
+    """Computes q from the load, with the exact step of `first_order`."""
+
     def __init__(self, tau_s: Array) -> None:
         self._tau_s = tau_s
         self._q: Array | None = None
@@ -39,6 +41,8 @@ class _Lag:
 
 
 class _Inverse:
+    """Computes the load from q; the exact inverse of `_Lag`."""
+
     def __init__(self, tau_s: Array) -> None:
         self._tau_s = tau_s
         self._load: Array | None = None
@@ -48,14 +52,14 @@ class _Inverse:
         if self._load is None:
             self._load = self._q = x[0].copy()
         step = steps(moments.dt_s, self._tau_s)
-        known = step.now > _SAME_MOMENT
-        now = np.where(known, step.now, 1.0)
+        is_determined = step.now > _SAME_MOMENT
+        now_weight = np.where(is_determined, step.now, 1.0)
         load = x.copy()
         load[0] -= step.decay[0] * self._q
         load[1:] -= step.decay[1:] * x[:-1]
-        load *= known / now
+        load *= is_determined / now_weight
         self._q = x[-1].copy()
-        self._load = recur(np.where(known, -step.before / now, 1.0), load, self._load)
+        self._load = recur(np.where(is_determined, -step.before / now_weight, 1.0), load, self._load)
         return load
 
 
@@ -67,19 +71,19 @@ def _inverse(values: Values, site: Site) -> Operator:
     return _Inverse(values["tau_s"])
 
 
-def _left_s(values: Values) -> Array:
-    """(m,) or (1,) by how much it is late that is left."""
-    left_s: Array = np.minimum(values["tau_s"], np.sqrt(values["tau_s"] * LATE_S))
-    return left_s
+def _residual_delay_s(values: Values) -> Array:
+    """Return (m,) or (1,) the delay that remains after the live inverse, in s."""
+    delay_s: Array = np.minimum(values["tau_s"], np.sqrt(values["tau_s"] * LATE_S))
+    return delay_s
 
 
 class _Live:
-    """q + τ·dq/dt as it was `left_s` ago."""
+    """Estimates q + τ·dq/dt as it was `delay_s` ago."""
 
-    def __init__(self, tau_s: Array, left_s: Array) -> None:
-        tau, left = tau_s / _PERIOD_S, left_s / _PERIOD_S
-        self._of_slope, self._of_bend = tau - left, left * (left - 2.0 * tau)
-        self._t_s: Array | None = None  # (READINGS − 1,) of the readings before, and
+    def __init__(self, tau_s: Array, delay_s: Array) -> None:
+        tau, delay = tau_s / _PERIOD_S, delay_s / _PERIOD_S
+        self._slope_factor, self._curvature_factor = tau - delay, delay * (delay - 2.0 * tau)
+        self._t_s: Array | None = None  # (READINGS − 1,) times of the previous readings
         self._q: Array  # (READINGS − 1, m)
 
     def __call__(self, x: Array, moments: Moments) -> Array:
@@ -91,15 +95,16 @@ class _Live:
         rows = np.arange(len(x))[:, None] + np.arange(READINGS)
         powers = ((t_s[rows] - moments.t_s[:, None]) / _PERIOD_S)[:, None] ** np.arange(3)[:, None]
         fit = np.linalg.solve(powers @ powers.transpose(0, 2, 1) + _NO_CURVE * np.eye(3), powers)[..., None]
-        weights = fit[:, 0] + self._of_slope * fit[:, 1] + self._of_bend * fit[:, 2]  # (n, READINGS, 1 or m)
-        found: Array = weights[:, 0] * q[: len(x)]
+        # (n, READINGS, 1 or m)
+        weights = fit[:, 0] + self._slope_factor * fit[:, 1] + self._curvature_factor * fit[:, 2]
+        load: Array = weights[:, 0] * q[: len(x)]
         for k in range(1, READINGS):
-            found += weights[:, k] * q[k : k + len(x)]
-        return found
+            load += weights[:, k] * q[k : k + len(x)]
+        return load
 
 
 def _live(values: Values, site: Site) -> Operator:
-    return _Live(values["tau_s"], _left_s(values))
+    return _Live(values["tau_s"], _residual_delay_s(values))
 
 
 LAW = Law(
@@ -112,9 +117,9 @@ LAW = Law(
     forward=_forward,
     inverse=_inverse,
     inverse_is=(
-        "exact for steps of τ/20000 and longer, and stable; but it differentiates, so smooth what it is given: at "
+        "exact for steps of τ/20000 and longer, and stable; but it differentiates, so smooth its input: at "
         "dt = τ it makes white noise 5 times as large, at dt = τ/2 14 times"
     ),
     live=_live,
-    late_s=_left_s,
+    late_s=_residual_delay_s,
 )

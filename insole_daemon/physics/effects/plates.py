@@ -1,7 +1,7 @@
-"""The paper's taxel in the place of the static curve: two plates on a spring, of its own constants.
+"""Plates: the paper's capacitor on a spring, with its own constants, instead of the static curve.
 
-What the calibration believes is another matter: it is the curve of taxels this is not at work on, and gives the
-baseline of all. A reading at which the gap would be more than FARTHEST times what it is at rest is taken as that.
+The calibration's curve still applies to the taxels without this effect, and its baseline to all taxels. A reading for
+which the gap would be more than FARTHEST times the unloaded gap is clipped to that.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from ..law import Array, Law, Moments, Operator, Parameter, Site, Values
 FARTHEST = 1e6
 
 
-def _taxels(values: Values) -> tuple[Capacitor, Array]:
-    """The capacitors, and r."""
+def _capacitors(values: Values) -> tuple[Capacitor, Array]:
+    """Return the capacitors, and r in F per count."""
     plates = Capacitor(
         values["area_mm2"] * 1e-6, values["gap_mm"] * 1e-3, values["stiffness_n_per_m"], values["permittivity"]
     )
@@ -23,16 +23,16 @@ def _taxels(values: Values) -> tuple[Capacitor, Array]:
 
 
 def _forward(values: Values, site: Site) -> Operator:
-    plates, farad_per_count = _taxels(values)
+    plates, farad_per_count = _capacitors(values)
     return lambda x, moments: plates.activation_count(x, farad_per_count)
 
 
 def _inverse(values: Values, site: Site) -> Operator:
-    plates, farad_per_count = _taxels(values)
-    least = (1.0 / FARTHEST - 1.0) * plates.rest_f() / farad_per_count
+    plates, farad_per_count = _capacitors(values)
+    lowest_count = (1.0 / FARTHEST - 1.0) * plates.rest_f() / farad_per_count
 
     def inverse(x: Array, moments: Moments) -> Array:
-        return plates.pressure_pa(np.maximum(x, least), farad_per_count)
+        return plates.pressure_pa(np.maximum(x, lowest_count), farad_per_count)
 
     return inverse
 
@@ -49,7 +49,7 @@ LAW = Law(
         Parameter("stiffness_n_per_m", "N/m", 10.0, 1e8, (3_000.0, 30_000.0), "k of the spring"),
         Parameter("permittivity", "1", 1.0, 100.0, (1.3, 2.5), "ε_r of the dielectric"),
         Parameter(
-            "ff_per_count", "fF", 1e-3, 1e3, (0.12, 4.0), "r: what a count is worth; 0.12 · 2^shift in the paper"
+            "ff_per_count", "fF", 1e-3, 1e3, (0.12, 4.0), "r: capacitance per count; 0.12 · 2^shift in the paper"
         ),
     ),
     forward=_forward,

@@ -1,4 +1,4 @@
-"""What presses on the insole all the time: the strapped shoe."""
+"""Preload: constant pressure on the insole, for example from a strapped shoe."""
 
 from __future__ import annotations
 

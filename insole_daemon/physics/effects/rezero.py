@@ -1,4 +1,4 @@
-"""A board that took its baselines anew, silently and under whatever load there was."""
+"""Re-zero: a board takes new baselines, silently and under any load."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from ..law import Array, Law, Moments, Operator, Parameter, Site, Values
 
 
 def _shift(values: Values, moments: Moments) -> Array:
-    """(n, m) or (n, 1) what is added to the count."""
+    """Return (n, m) or (n, 1) the shift of the count."""
     return np.where(moments.t_s[:, None] >= values["t_s"], values["shift_count"], 0.0)
 
 
@@ -27,8 +27,8 @@ LAW = Law(
     equation="c ← c + shift from t on",
     source="icub-firmware: after five read errors, or a configuration (theSkin.cpp 497–509, main_V3.c 1022–1038)",
     parameters=(
-        Parameter("t_s", "s", -1e9, 1e9, (0.0, 3600.0), "when it happened"),
-        Parameter("shift_count", "count", -255.0, 255.0, (-60.0, 60.0), "what is added to the count since"),
+        Parameter("t_s", "s", -1e9, 1e9, (0.0, 3600.0), "time of the re-zero"),
+        Parameter("shift_count", "count", -255.0, 255.0, (-60.0, 60.0), "shift of the count since then"),
     ),
     forward=_forward,
     inverse=_inverse,

@@ -1,4 +1,4 @@
-"""Converters that run freely: what a board reads is what their last sequence found, however often it reads."""
+"""Sample and hold: converters run freely, so a board reads the result of their last sequence."""
 
 from __future__ import annotations
 
@@ -6,23 +6,24 @@ import numpy as np
 
 from ...skin.geometry import N_TAXELS
 from ..law import Array, Law, Moments, Operator, Parameter, Site, Values
-from ..past import Past
-from ..sampling import phases_s, taken_s
+from ..past import SignalHistory
+from ..sampling import conversion_time_s, draw_phases_s
 
 
 def _forward(values: Values, site: Site) -> Operator:
+    """Return each triangle's columns as they were at its converter's last sequence."""
     rates_hz = np.broadcast_to(values["rate_hz"], site.columns.shape)
     converters = []
     for row in np.unique(site.columns // N_TAXELS).tolist():
         board, triangle = site.layout.identities[row].tolist()
-        mine = np.flatnonzero(site.columns // N_TAXELS == row)
-        hz = float(rates_hz[mine[0]])
-        converters.append((float(phases_s(site.seed, board, hz)[triangle]), hz, mine))
-    past = Past()
+        triangle_columns = np.flatnonzero(site.columns // N_TAXELS == row)
+        hz = float(rates_hz[triangle_columns[0]])
+        converters.append((float(draw_phases_s(site.seed, board, hz)[triangle]), hz, triangle_columns))
+    history = SignalHistory()
 
     def forward(x: Array, moments: Moments) -> Array:
-        wanted = [(taken_s(moments.t_s, phase_s, hz), columns) for phase_s, hz, columns in converters]
-        return past.at(x, moments.t_s, wanted)
+        wanted = [(conversion_time_s(moments.t_s, phase_s, hz), columns) for phase_s, hz, columns in converters]
+        return history.at(x, moments.t_s, wanted)
 
     return forward
 
@@ -38,7 +39,7 @@ LAW = Law(
     ),
     forward=_forward,
     inverse=None,
-    inverse_is="none: what was never read cannot be had back. Stamp the readings with t − 1/(2·rate_hz) instead",
+    inverse_is="none: the load between conversions was not read. Stamp the readings with t − 1/(2·rate_hz) instead",
     late_s=lambda values: 0.5 / values["rate_hz"],
     scopes=("insole", "board"),
 )

@@ -1,7 +1,7 @@
-"""A contact that snaps to and lets go again at a lower load: the cover lifts off, the arch bridges.
+"""Snap: a contact that closes at one load and opens at a lower one: the cover lifts off, or the arch bridges.
 
-The relay switches at values, not at moments, and a load that is linear between its samples is monotonic there: at
-the samples it is exact. What follows `snap` sees the step as linear between two samples too.
+The relay switches at values, not at times, and a load that is linear between its samples is monotonic there, so the
+result at the samples is exact. Later effects see the step as linear between two samples.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from ..law import Array, Law, Moments, Operator, Parameter, Site, Values
 
 
 class _Snap:
-    """x + step · relay[x]."""
+    """Computes x + step · relay[x]."""
 
     def __init__(self, up: Array, down: Array, step: Array) -> None:
         self._up, self._down, self._step = up, down, step
@@ -21,14 +21,14 @@ class _Snap:
     def __call__(self, x: Array, moments: Moments) -> Array:
         if self._on is None:
             self._on = np.zeros(x.shape[1], bool)
-        relay = x >= self._up
-        stays = x > self._down
-        last = self._on
-        for row, still in zip(relay, stays, strict=True):
-            np.logical_and(last, still, out=still)
-            last = np.logical_or(still, row, out=row)
-        self._on = last.copy()
-        return x + self._step * relay
+        is_on = x >= self._up
+        is_kept = x > self._down
+        previous = self._on
+        for row, kept_row in zip(is_on, is_kept, strict=True):
+            np.logical_and(previous, kept_row, out=kept_row)
+            previous = np.logical_or(kept_row, row, out=row)
+        self._on = previous.copy()
+        return x + self._step * is_on
 
 
 def _forward(values: Values, site: Site) -> Operator:
@@ -36,13 +36,13 @@ def _forward(values: Values, site: Site) -> Operator:
 
 
 def _inverse(values: Values, site: Site) -> Operator:
-    # q leaps over the gap from up to up + step, and back over that from down + step to down: the middle of the gap
-    # tells which side it is on, with as much room for noise on either.
-    half = values["step_pa"] / 2
-    return _Snap(values["up_pa"] + half, values["down_pa"] + half, -values["step_pa"])
+    # q jumps from up to up + step, and back from down + step to down; the middle of the gap separates the two states
+    # with equal margins for noise.
+    half_step = values["step_pa"] / 2
+    return _Snap(values["up_pa"] + half_step, values["down_pa"] + half_step, -values["step_pa"])
 
 
-def _wrong(values: Values) -> tuple[str, str] | None:
+def _find_problem(values: Values) -> tuple[str, str] | None:
     up, down = np.broadcast_arrays(values["up_pa"], values["down_pa"])
     if (down < up).all():
         return None
@@ -57,12 +57,12 @@ LAW = Law(
     equation="q = P + A·R[P], R relay: 1 from P ≥ up until P ≤ down",
     source="relay hysteron: Mayergoyz, Mathematical Models of Hysteresis (1991), ch. 1",
     parameters=(
-        Parameter("up_pa", "Pa", 0.0, 1e7, (20_000.0, 60_000.0), "load that makes it snap to"),
-        Parameter("down_pa", "Pa", -1e6, 1e7, (10_000.0, 30_000.0), "load at which it lets go"),
-        Parameter("step_pa", "Pa", 0.0, 1e7, (1_000.0, 20_000.0), "what it adds; less than 0 could not be undone"),
+        Parameter("up_pa", "Pa", 0.0, 1e7, (20_000.0, 60_000.0), "load at which the contact closes"),
+        Parameter("down_pa", "Pa", -1e6, 1e7, (10_000.0, 30_000.0), "load at which the contact opens"),
+        Parameter("step_pa", "Pa", 0.0, 1e7, (1_000.0, 20_000.0), "added pressure; a negative one has no inverse"),
     ),
     forward=_forward,
     inverse=_inverse,
     inverse_is="exact",
-    wrong=_wrong,
+    find_problem=_find_problem,
 )

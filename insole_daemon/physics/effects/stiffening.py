@@ -1,7 +1,7 @@
-"""Bottoming out: beyond the knee the dielectric has ever less left to give.
+"""Stiffening: beyond the knee the dielectric yields less and less (bottoming out).
 
-Beyond the calibrated range, that is: what the static curve takes for the load grows ever slower than the load. Air
-that is left in a closed volume resists as p_h·s/(s_max − s), which has the same shape.
+The knee is beyond the calibrated range: the load that the static curve indicates grows more slowly than the true load.
+Air in a closed volume resists as p_h·s/(s_max − s), which has the same shape.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import numpy as np
 
 from ..law import Array, Law, Moments, Operator, Parameter, Site, Values
 
-_END = 1 - 1e-6  # of the span: as near to its end as a reading is believed
+_END = 1 - 1e-6  # fraction of the span to which a reading is clipped
 
 
 def _forward(values: Values, site: Site) -> Operator:
@@ -42,10 +42,10 @@ LAW = Law(
     equation="q = P up to the knee; beyond, with x = P − knee: q = knee + x·span/(span + x)",
     source="bottoming P = p_h·s/(s_max − s) of a foam's last phase: Gibson & Ashby, Cellular Solids (1997), ch. 5",
     parameters=(
-        Parameter("knee_pa", "Pa", 0.0, 1e7, (150_000.0, 600_000.0), "load from which on it is stiffer"),
-        Parameter("span_pa", "Pa", 1_000.0, 1e9, (100_000.0, 2_000_000.0), "the most that q can rise beyond the knee"),
+        Parameter("knee_pa", "Pa", 0.0, 1e7, (150_000.0, 600_000.0), "load above which it stiffens"),
+        Parameter("span_pa", "Pa", 1_000.0, 1e9, (100_000.0, 2_000_000.0), "largest rise of q beyond the knee"),
     ),
     forward=_forward,
     inverse=_inverse,
-    inverse_is="exact; a reading at the end of the span or beyond, where no load leads, is taken as just before it",
+    inverse_is="exact; a reading at or beyond the end of the span, which no load reaches, is clipped just before it",
 )

@@ -1,4 +1,4 @@
-"""A standard linear solid: some of the deformation comes at once, the rest with one time constant."""
+"""Viscoelasticity: a standard linear solid; part of the deformation is immediate, the rest has one time constant."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ def _forward(values: Values, site: Site) -> Operator:
 
 
 def _inverse(values: Values, site: Site) -> Operator:
-    return Relaxation(1.0 - values["a"], values["a"][None], values["tau_s"][None], back=True)
+    return Relaxation(1.0 - values["a"], values["a"][None], values["tau_s"][None], is_inverse=True)
 
 
 LAW = Law(
@@ -21,7 +21,7 @@ LAW = Law(
     equation="q = (1 − a)·P + a·z, τ·dz/dt = P − z",
     source="standard linear solid (Zener): its creep compliance 1 − a·exp(−t/τ), superposed after Boltzmann",
     parameters=(
-        Parameter("a", "1", 0.0, MOST_SHARED, (0.03, 0.25), "share of the answer that comes late"),
+        Parameter("a", "1", 0.0, MOST_SHARED, (0.03, 0.25), "delayed share of the response"),
         Parameter("tau_s", "s", 1e-4, 1e5, (0.05, 3.0), "time constant of that share"),
     ),
     forward=_forward,

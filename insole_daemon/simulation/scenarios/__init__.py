@@ -1,6 +1,6 @@
-"""What is done to the insoles: chambers, and the tasks T1 to T6 of Sorrentino et al. 2020, section 4.
+"""The scenarios of simulated trials: chambers, and the tasks T1 to T6 of Sorrentino et al. 2020, section 4.
 
-A scenario has a load that begins at rest and, but for `walk` and `stand`, ends: nothing is known beyond.
+The load of a scenario begins unloaded and, except for `walk` and `stand`, ends; it is undefined beyond its end.
 """
 
 from __future__ import annotations
@@ -26,36 +26,33 @@ CADENCE_PER_MIN = 110.0
 
 
 class ReferencedLoad(Load, Protocol):
-    """A load, and what an instrument without a flaw says of it."""
+    """A load with the readings of a perfect instrument."""
 
     def reference(self, foot: Foot, t_s: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
-        """Columns (n_times,) of a reference.csv at the times `t_s` (n_times,)."""
+        """Return columns (n_times,) of a reference.csv at the times `t_s` (n_times,)."""
         ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scenario:
-    """One that has a name.
-
-    `load` is given the layouts, where the taxels really lie, the conditions and the seed.
-    """
+    """One scenario; `load` takes the layouts, the taxels' true positions, the conditions and the seed."""
 
     about: str
     kind: Literal["chamber", "shoe"]
-    uses: tuple[str, ...]  # of _PARTICULAR
-    length_s: Callable[[Conditions], float | None]  # of its load; None: it goes on for ever
+    uses: tuple[str, ...]  # the ones of _SPECIFIC_CONDITIONS that apply
+    length_s: Callable[[Conditions], float | None]  # duration of its load; None: endless
     load: Callable[[Sequence[Layout], Places | None, Conditions, int], ReferencedLoad]
 
 
-_PARTICULAR = ("length_s", "mass_kg", "cadence_per_min", "chamber")  # conditions that not every scenario has a use for
-_NOT_MEASURED = {  # of an Instrument, by kind of scenario
+_SPECIFIC_CONDITIONS = ("length_s", "mass_kg", "cadence_per_min", "chamber")  # conditions that only some scenarios use
+_NOT_MEASURED = {  # keys of InstrumentConditions, by kind of scenario
     "chamber": ("force_noise_n", "force_drift_n", "moment_noise_nm", "moment_drift_nm"),
     "shoe": ("pressure_noise_pa", "pressure_drift_pa"),
 }
 
 
 def _chamber(about: str, top_pa: float, highest_pa: float, speeds_pa_s: Sequence[float]) -> Scenario:
-    """To `top_pa`, unless another pressure is chosen: up to `highest_pa`."""
+    """Return a chamber scenario up to `top_pa`, or up to another chosen pressure of at most `highest_pa`."""
 
     def turns(conditions: Conditions) -> NDArray[np.float64]:
         chosen = conditions.chamber or ChamberCycles()
@@ -134,34 +131,34 @@ SCENARIOS: Mapping[str, Scenario] = {
 
 
 def scenario(name: str) -> Scenario:
-    """The scenario `name`; SimulationError lists those there are."""
+    """Return the scenario `name`; SimulationError lists the known ones."""
     if name not in SCENARIOS:
         raise SimulationError(f'unknown scenario "{name}": expected one of {", ".join(SCENARIOS)}')
     return SCENARIOS[name]
 
 
 def check_used(name: str, conditions: Conditions) -> None:
-    """Raise SimulationError where something is chosen that the scenario `name` has no use for."""
+    """Raise SimulationError if a condition is set that the scenario `name` does not use."""
     uses, kind = scenario(name).uses, scenario(name).kind
-    for key in _PARTICULAR:
+    for key in _SPECIFIC_CONDITIONS:
         if getattr(conditions, key) is not None and key not in uses:
-            raise SimulationError(
-                f"the scenario {name}: {key}: it has no use for it, only for {', '.join(uses)}: leave it out"
-            )
+            raise SimulationError(f"the scenario {name}: {key}: not used, only {', '.join(uses)}: leave it out")
     for key in _NOT_MEASURED[kind]:
         if getattr(conditions.reference, key) is not None:
             raise SimulationError(f"the scenario {name}: reference.{key}: a {kind} does not measure that: leave it out")
 
 
 def length_s(name: str, conditions: Conditions, seconds: float | None, endless_s: float | None) -> float | None:
-    """How long to simulate `name` if `seconds` are asked for; of one without an end, `endless_s` if none are.
+    """Return how long to simulate `name` if `seconds` are requested; `endless_s` if none are and its load is endless.
 
-    SimulationError where that is longer than its load.
+    Raises SimulationError if `seconds` is longer than its load.
     """
-    whole_s = scenario(name).length_s(conditions)
+    load_s = scenario(name).length_s(conditions)
     if seconds is None:
-        return endless_s if whole_s is None else whole_s
-    if not seconds > 0 or (whole_s is not None and seconds > whole_s):
-        most = f"at most {whole_s:g} s, which is how long its load lasts" if whole_s is not None else "more than 0 s"
-        raise SimulationError(f"the scenario {name}: seconds: expected {most}, found {seconds:g} s")
+        return endless_s if load_s is None else load_s
+    if not seconds > 0 or (load_s is not None and seconds > load_s):
+        expectation = (
+            f"at most {load_s:g} s, which is how long its load lasts" if load_s is not None else "more than 0 s"
+        )
+        raise SimulationError(f"the scenario {name}: seconds: expected {expectation}, found {seconds:g} s")
     return seconds

@@ -1,4 +1,4 @@
-"""Tasks T4 to T6: walking for a while, at three speeds."""
+"""Tasks T4 to T6: walking for some time, at three speeds."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from ...skin.layout import Foot, Layout
 from ..foot import Places, Walk
-from .standing import on_the_ground
+from .standing import weight_fraction
 
 
 class WalkingTask(Walk):
-    """Walk, with the feet in the air at first and at last."""
+    """A Walk with the feet in the air at the beginning and at the end."""
 
     def __init__(
         self,
@@ -28,5 +28,5 @@ class WalkingTask(Walk):
         self._seconds = seconds
 
     def force_n(self, foot: Foot, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(n_times,) f_z of `foot`; 0 in swing, in the air and before the first step."""
-        return super().force_n(foot, t_s) * on_the_ground(t_s, self._seconds)
+        """Return (n_times,) f_z of `foot`; 0 in swing, in the air and before the first step."""
+        return super().force_n(foot, t_s) * weight_fraction(t_s, self._seconds)

@@ -1,4 +1,4 @@
-"""Chains: the order, the memory between pieces, silent taxels, what is refused; and the laws as a whole."""
+"""Chains: order, memory between pieces, missing taxels, and problems; and completeness of the laws."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ LOSSY = [
 
 
 def cubic(usable: NDArray[np.bool_] | None = None) -> Calibration:
-    """The paper's kind of curve, a little different on every taxel."""
+    """Return a calibration with the paper's kind of curve, slightly different for every taxel."""
     usable = LINE.usable if usable is None else usable
     rng = np.random.default_rng(4)
     coefficients = np.array([-300.0, 7900.0, 12.0, 0.11]) * rng.uniform(0.9, 1.1, (28, 12, 4))
@@ -75,7 +75,7 @@ def cubic(usable: NDArray[np.bool_] | None = None) -> Calibration:
 
 
 def signal(n: int, seed: int = 0) -> tuple[Array, Array, Array]:
-    """Loads (n, 28, 12) with silent pads, irregular times and temperatures (n,)."""
+    """Return loads (n, 28, 12) with pads missing, irregular times and temperatures (n,)."""
     rng = np.random.default_rng(seed)
     load = rng.uniform(0, FULL_SCALE_PA, (n, 28, 12))
     load[..., ~PRESSURE_TAXELS] = np.nan
@@ -113,7 +113,7 @@ TABLE = {
 }
 
 
-def test_words_orders_and_parameters_are_those_of_the_format() -> None:
+def test_words_orders_and_parameters_match_the_format() -> None:
     assert {word: (law.order, [p.name for p in law.parameters]) for word, law in laws().items()} == TABLE
 
 
@@ -162,60 +162,60 @@ def test_of_equal_order_the_first_listed_comes_first() -> None:
 
 
 @pytest.mark.parametrize("calibration", [None, LINE, cubic()], ids=["no calibration", "line", "cubic"])
-def test_all_that_can_be_undone_is_undone(calibration: Calibration | None) -> None:
+def test_all_invertible_effects_are_inverted(calibration: Calibration | None) -> None:
     load, t_s, warm = signal(200)
     chain = Chain(
         [e for e in EVERY if calibration or e.law.domain not in ("curve", "activation")], LAYOUT, calibration, BOARDS
     )
-    found = chain.inverse()(chain.forward()(load, t_s, warm), t_s, warm)
-    np.testing.assert_allclose(found, load, rtol=0, atol=1e-9 * FULL_SCALE_PA)
+    result = chain.inverse()(chain.forward()(load, t_s, warm), t_s, warm)
+    np.testing.assert_allclose(result, load, rtol=0, atol=1e-9 * FULL_SCALE_PA)
 
 
 def test_without_effects_the_inverse_is_the_static_curve() -> None:
     calibration = cubic()
     counts = np.random.default_rng(0).integers(0, 256, (20, 28, 12)).astype(np.uint8)
-    found = Chain([], LAYOUT, calibration).inverse()(counts, np.arange(20) * 0.02)
-    np.testing.assert_allclose(found, StaticCurve(calibration, 0).pressure_pa(counts), rtol=1e-12)
+    result = Chain([], LAYOUT, calibration).inverse()(counts, np.arange(20) * 0.02)
+    np.testing.assert_allclose(result, StaticCurve(calibration, 0).pressure_pa(counts), rtol=1e-12)
 
 
 @settings(max_examples=6, deadline=None)
 @given(st.lists(st.integers(1, 70), min_size=1, max_size=6), st.integers(0, 1000))
-def test_pieces_are_the_whole(lengths: list[int], seed: int) -> None:
+def test_pieces_give_the_same_result_as_the_whole(lengths: list[int], seed: int) -> None:
     load, t_s, warm = signal(sum(lengths), seed)
     ends = np.cumsum(lengths)[:-1]
-    there = Chain([*EVERY, *LOSSY], LAYOUT, cubic(), BOARDS)
+    chain = Chain([*EVERY, *LOSSY], LAYOUT, cubic(), BOARDS)
     undo = Chain(EVERY, LAYOUT, cubic(), BOARDS)
-    counts = there.forward()(load, t_s, warm)
-    for run, whole_of, tolerance in ((there.forward(), load, 0.0), (undo.inverse(), counts, 1e-9 * FULL_SCALE_PA)):
-        whole = (there.forward() if whole_of is load else undo.inverse())(whole_of, t_s, warm)
+    counts = chain.forward()(load, t_s, warm)
+    for run, whole_of, tolerance in ((chain.forward(), load, 0.0), (undo.inverse(), counts, 1e-9 * FULL_SCALE_PA)):
+        whole = (chain.forward() if whole_of is load else undo.inverse())(whole_of, t_s, warm)
         pieces = [np.split(array, ends) for array in (whole_of, t_s, warm)]
-        found = np.concatenate([run(*piece) for piece in zip(*pieces, strict=True)])
-        np.testing.assert_allclose(found, whole, rtol=0, atol=tolerance)
+        result = np.concatenate([run(*piece) for piece in zip(*pieces, strict=True)])
+        np.testing.assert_allclose(result, whole, rtol=0, atol=tolerance)
 
 
-def test_sample_by_sample_is_the_whole() -> None:
+def test_single_samples_give_the_same_result_as_the_whole() -> None:
     load, t_s, warm = signal(150, 5)
     chain = Chain([*EVERY, *LOSSY], LAYOUT, cubic(), BOARDS)
     whole, run = chain.forward()(load, t_s, warm), chain.forward()
-    found = np.concatenate([run(load[i : i + 1], t_s[i : i + 1], warm[i : i + 1]) for i in range(150)])
-    np.testing.assert_array_equal(found, whole)
+    result = np.concatenate([run(load[i : i + 1], t_s[i : i + 1], warm[i : i + 1]) for i in range(150)])
+    np.testing.assert_array_equal(result, whole)
 
 
-def test_runs_of_a_chain_know_nothing_of_each_other() -> None:
+def test_runs_of_a_chain_are_independent() -> None:
     load, t_s, _ = signal(20)
     chain = Chain([effect("creep", a=[0.2], tau_s=[5.0])], LAYOUT)
     first = chain.forward()(load, t_s)
     np.testing.assert_array_equal(chain.forward()(load, t_s), first)
 
 
-def test_nothing_of_what_is_given_is_changed() -> None:
+def test_inputs_are_not_modified() -> None:
     load, t_s, warm = signal(30)
     kept = load.copy()
     Chain([*EVERY, *LOSSY], LAYOUT, cubic(), BOARDS).forward()(load, t_s, warm)
     np.testing.assert_array_equal(load, kept)
 
 
-def test_entries_for_parts_are_the_same_as_one_with_a_value_for_each() -> None:
+def test_entries_for_parts_equal_one_entry_with_per_taxel_values() -> None:
     load, t_s, _ = signal(60)
     boards, tau_s = (7, 5, 6), (0.1, 0.2, 0.3)
     parts = [effect("lag", Where("board", ((b,),)), tau_s=tau) for b, tau in zip(boards, tau_s, strict=True)]
@@ -225,7 +225,7 @@ def test_entries_for_parts_are_the_same_as_one_with_a_value_for_each() -> None:
     np.testing.assert_array_equal(Chain(parts, LAYOUT).forward()(load, t_s), one.forward()(load, t_s))
 
 
-def test_two_entries_on_the_same_taxels_run_one_behind_the_other() -> None:
+def test_two_entries_on_the_same_taxels_run_in_sequence() -> None:
     load, t_s, _ = signal(10)
     some = Where("taxel", ((5, 0, 2), (5, 0, 1)))
     made = [effect("preload", some, p0_pa=[1e3, 2e3]), effect("preload", p0_pa=5e2)]
@@ -236,21 +236,21 @@ def test_two_entries_on_the_same_taxels_run_one_behind_the_other() -> None:
 # ---- silence
 
 
-def test_a_silent_taxel_stays_where_it_was_and_says_nothing() -> None:
+def test_a_missing_taxel_keeps_its_state_and_has_no_result() -> None:
     load, t_s, _ = signal(30)
     chain = Chain([effect("lag", tau_s=0.05)], LAYOUT)
     gap, stays = load.copy(), load.copy()
     gap[10:14, 2, 3] = np.nan
     stays[10:14, 2, 3] = load[9, 2, 3]
-    found, expected = chain.forward()(gap, t_s), chain.forward()(stays, t_s)
-    assert np.isnan(found[10:14, 2, 3]).all()
-    np.testing.assert_array_equal(found[14:], expected[14:])
+    result, expected = chain.forward()(gap, t_s), chain.forward()(stays, t_s)
+    assert np.isnan(result[10:14, 2, 3]).all()
+    np.testing.assert_array_equal(result[14:], expected[14:])
     run = chain.forward()
     pieces = np.concatenate([run(gap[i : i + 1], t_s[i : i + 1]) for i in range(30)])
-    np.testing.assert_array_equal(pieces, found)
+    np.testing.assert_array_equal(pieces, result)
 
 
-def test_an_unusable_taxel_has_no_result_and_spoils_no_other() -> None:
+def test_an_unusable_taxel_has_no_result_and_affects_no_other() -> None:
     usable = LINE.usable.copy()
     usable[3, 4] = False
     load, t_s, warm = signal(20)
@@ -260,14 +260,14 @@ def test_an_unusable_taxel_has_no_result_and_spoils_no_other() -> None:
     assert (np.isnan(chain.inverse()(counts, t_s, warm)) == ~usable).all()
 
 
-def test_no_samples_are_no_result() -> None:
+def test_no_samples_give_an_empty_result() -> None:
     chain = Chain([*EVERY, *LOSSY], LAYOUT, cubic(), BOARDS)
     run = chain.forward()
     load, t_s, warm = signal(4)
     first = run(load[:2], t_s[:2], warm[:2])
     assert run(load[:0], t_s[:0], warm[:0]).shape == (0, 28, 12)
-    found = np.concatenate([first, run(load[2:], t_s[2:], warm[2:])])
-    np.testing.assert_array_equal(found, chain.forward()(load, t_s, warm))
+    result = np.concatenate([first, run(load[2:], t_s[2:], warm[2:])])
+    np.testing.assert_array_equal(result, chain.forward()(load, t_s, warm))
 
 
 # ---- refusals
@@ -279,23 +279,23 @@ def refused(message: str, effects: list[Effect], calibration: Calibration | None
 
 
 def test_an_effect_without_inverse_says_what_to_do_instead() -> None:
-    refused("delay has no inverse: none: it would need the future. Stamp the readings with t − delay_s", LOSSY[1:])
+    refused("delay has no inverse: none: it would need future readings. Stamp the readings with t − delay_s", LOSSY[1:])
 
 
-def test_counts_need_a_calibration() -> None:
+def test_effects_on_counts_without_a_calibration_are_refused() -> None:
     refused("gain: it acts on counts, expected a calibration", [effect("gain", gain=1.1)], None)
 
 
-def test_places_have_to_be_in_the_layout() -> None:
+def test_ids_outside_the_layout_are_refused() -> None:
     refused("lag: board 9 is not in the layout", [effect("lag", Where("board", ((9,),)), tau_s=0.1)])
 
 
-def test_values_for_each_taxel_have_to_be_as_many() -> None:
+def test_a_wrong_number_of_per_taxel_values_is_refused() -> None:
     made = effect("lag", Where("triangle", ((5, 0),)), tau_s=[0.1, 0.2, 0.3])
     refused("lag: expected one value of tau_s, or 12, one for each of its taxels, found 3", [made])
 
 
-def test_a_curve_that_falls_cannot_be_inverted() -> None:
+def test_a_decreasing_curve_is_refused() -> None:
     falling = Calibration(
         "left", LINE.baseline_count, LINE.coefficients_pa * np.array([1.0, -1.0]), None, LINE.usable, {}
     )
@@ -303,12 +303,12 @@ def test_a_curve_that_falls_cannot_be_inverted() -> None:
         Chain([], LAYOUT, falling).forward()
 
 
-def test_samples_of_another_insole() -> None:
+def test_samples_of_another_shape_are_refused() -> None:
     with pytest.raises(EffectError, match=r"shape \(2, 28, 12\), as many as there are times, found \(2, 27, 12\)"):
         Chain([], LAYOUT).forward()(np.zeros((2, 27, 12)), [0.0, 1.0])
 
 
-def test_time_does_not_go_back() -> None:
+def test_time_going_back_is_refused() -> None:
     run = Chain([], LAYOUT).forward()
     run(np.zeros((1, 28, 12)), [1.0])
     with pytest.raises(EffectError, match=r"time goes back at sample 1 \(t_s 1\.5\)"):
@@ -318,19 +318,19 @@ def test_time_does_not_go_back() -> None:
 # ---- the curve backwards
 
 
-def test_a_curve_that_turns_is_followed_as_far_as_it_rises() -> None:
+def test_a_curve_is_inverted_only_where_it_increases() -> None:
     # 8000·a − 20·a² rises to a = 200, where it is 800 kPa
     coefficients = np.where(LINE.usable[..., None], [0.0, 8000.0, -20.0], np.nan)
     chain = Chain([], LAYOUT, Calibration("left", LINE.baseline_count, coefficients, None, LINE.usable, {}))
     load = np.broadcast_to(np.array([-1e5, 0.0, 3e5, 7.999e5, 9e5])[:, None, None], (5, 28, 12))
-    found = LINE.baseline_count[0, 0] - chain.forward()(load, np.arange(5.0))[:, 0, 0]
+    result = LINE.baseline_count[0, 0] - chain.forward()(load, np.arange(5.0))[:, 0, 0]
     expected = [200 - np.sqrt(200**2 - p / 20) for p in (-1e5, 0.0, 3e5, 7.999e5, 8e5)]
-    assert found == pytest.approx(expected, abs=1e-5)
+    assert result == pytest.approx(expected, abs=1e-5)
 
 
 @settings(max_examples=30, deadline=None)
 @given(st.integers(0, 2**32))
-def test_the_curve_backwards_is_the_curve(seed: int) -> None:
+def test_curve_and_inverse_agree(seed: int) -> None:
     rng = np.random.default_rng(seed)
     coefficients = rng.normal(0, 1, (28, 12, 4)) * np.array([1e3, 0.0, 20.0, 0.2])
     coefficients[..., 1] = rng.uniform(4e3, 1.2e4, (28, 12))

@@ -1,7 +1,7 @@
-"""Several effects with memory, one behind the other, at the simulator's rate against small steps of all at once.
+"""Several effects with memory in sequence, at the simulator's rate, compared with small steps of all of them.
 
-Each effect is exact for what is linear between samples, and what one effect hands on to the next is not: a play and a
-relay kink within a step, a lag bends. The figures stand in docs/simulator.md.
+Each effect is exact for a signal that is linear between samples, but its output is not: plays and relays kink within a
+step, and a lag bends. docs/simulator.md states the resulting errors.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ LINEAR = [
 
 
 def steps() -> Array:
-    """(n, 12) Pa every GRID_S: two steps in which each taxel has a peak of its own."""
+    """Return (n, 12) Pa every GRID_S: two steps with a different peak on each taxel."""
     t_s = np.arange(0.0, 2.2, GRID_S)[:, None]
     late_s, peak_pa = np.linspace(0.0, 0.3, 12), np.linspace(0.2, 1.0, 12) * FULL_SCALE_PA
     load: Array = peak_pa * np.maximum(np.sin(np.pi * ((t_s - late_s) % 1.1) / 0.6), 0.0) * ((t_s - late_s) % 1.1 < 0.6)
@@ -39,7 +39,9 @@ def steps() -> Array:
 
 
 def in_small_steps(load: Array, plays: bool, snaps: bool) -> Array:
-    """(n, 12) after all effects, each step of GRID_S in FINER; time goes by the middle of each step."""
+    """Return (n, 12) the output of all effects, with each step of GRID_S divided in FINER; uses the middle of each
+    step.
+    """
     h = GRID_S / FINER
     sliders, on = np.zeros((3, 12)), np.zeros(12, bool)
     r, w = np.array([[500.0], [2000.0], [8000.0]]), np.array([[0.02], [0.02], [0.03]])
@@ -47,7 +49,7 @@ def in_small_steps(load: Array, plays: bool, snaps: bool) -> Array:
     z, lagged, before = np.tile(load[0], (4, 1)), load[0].copy(), load[0].copy()
     of_solid, of_creep, of_lag = -np.expm1(-h / tau[:1]), -np.expm1(-h / tau[1:]), -np.expm1(-h / 0.015)
     solid_before = bent_before = before
-    found = [lagged]
+    lagged_steps = [lagged]
     for i in range(1, len(load)):
         for k in range(1, FINER + 1):
             bent = load[i - 1] + (load[i] - load[i - 1]) * (k / FINER)
@@ -63,8 +65,8 @@ def in_small_steps(load: Array, plays: bool, snaps: bool) -> Array:
             crept = (1 - 0.04) * solid + (a[1:] * z[1:]).sum(axis=0)
             lagged = lagged + of_lag * ((before + crept) / 2 - lagged)
             before, solid_before, bent_before = crept, solid, bent
-        found.append(lagged)
-    return np.array(found)
+        lagged_steps.append(lagged)
+    return np.array(lagged_steps)
 
 
 @pytest.mark.parametrize(
@@ -72,12 +74,12 @@ def in_small_steps(load: Array, plays: bool, snaps: bool) -> Array:
     [([], 3e-5), ([HYSTERESIS], 2e-4), ([HYSTERESIS, SNAP], 3e-3)],
     ids=["linear", "hysteresis", "hysteresis and snap"],
 )
-def test_a_chain_at_the_simulators_rate(memory: list[Effect], of_full_scale: float) -> None:
+def test_a_chain_is_accurate_at_the_simulators_rate(memory: list[Effect], of_full_scale: float) -> None:
     load = steps()
     expected = in_small_steps(load, HYSTERESIS in memory, SNAP in memory)
     whole = np.zeros((len(load), 28, 12))
     whole[:, 3] = load
-    found = Chain([*memory, *LINEAR], LAYOUT).forward()(whole, np.arange(len(load)) * GRID_S)[:, 3]
-    error = np.abs(found - expected) / FULL_SCALE_PA
+    on_grid = Chain([*memory, *LINEAR], LAYOUT).forward()(whole, np.arange(len(load)) * GRID_S)[:, 3]
+    error = np.abs(on_grid - expected) / FULL_SCALE_PA
     assert error.max() < of_full_scale
     assert np.sqrt((error**2).mean()) < of_full_scale / 5

@@ -1,4 +1,4 @@
-"""Effects out of and into their JSON, and everything that is refused in it, at once."""
+"""Effects are read from and written to JSON, and all problems are reported together."""
 
 from __future__ import annotations
 
@@ -62,16 +62,16 @@ FORMATS_EXAMPLE = {
 }
 
 
-def test_the_formats_example(load: Load) -> None:
-    (found,) = load(FORMATS_EXAMPLE)
-    assert found.law.word == "hysteresis"
-    assert found.where == Where("board", ((6,),))
-    assert found.values["r_pa"].tolist() == [2000, 8000]
-    assert found.std["w"].tolist() == [0.01, 0.01]
-    assert found.valid_range == {"pressure_pa": (0, 340000)}
+def test_the_example_of_the_format_is_read(load: Load) -> None:
+    (parsed,) = load(FORMATS_EXAMPLE)
+    assert parsed.law.word == "hysteresis"
+    assert parsed.where == Where("board", ((6,),))
+    assert parsed.values["r_pa"].tolist() == [2000, 8000]
+    assert parsed.std["w"].tolist() == [0.01, 0.01]
+    assert parsed.valid_range == {"pressure_pa": (0, 340000)}
 
 
-def test_what_is_written_is_what_was_read(load: Load) -> None:
+def test_written_effects_equal_those_read(load: Load) -> None:
     swapped = {
         "effect": "swapped_triangles",
         "where": {"scope": "triangle", "ids": [[5, 0], [6, 4]]},
@@ -82,26 +82,26 @@ def test_what_is_written_is_what_was_read(load: Load) -> None:
     assert effects_document.document(load(*entries), LAYOUT) == entries
 
 
-def test_a_value_for_each_taxel_is_an_entry_for_each(load: Load) -> None:
+def test_per_taxel_values_are_written_as_one_entry_per_taxel(load: Load) -> None:
     made = effect("hysteresis", Where("triangle", ((6, 4),)), r_pa=[1e3, 2e3], w=np.linspace(0, 0.2, 24).reshape(2, 12))
     entries = effects_document.document([made], LAYOUT)
     assert len(entries) == 12
     assert entries[3]["where"] == {"scope": "taxel", "ids": [[6, 4, 3]]}
-    found = load(*entries)
-    assert [e.values["w"].tolist() for e in found] == made.values["w"].T.tolist()
+    loaded = load(*entries)
+    assert [e.values["w"].tolist() for e in loaded] == made.values["w"].T.tolist()
 
 
-def test_yaml_reads_the_same(tmp_path: Path) -> None:
+def test_yaml_and_json_read_the_same(tmp_path: Path) -> None:
     path = tmp_path / "effects.yaml"
     path.write_text(
         "format: insole-effects/1\neffects:\n"
         "  - {effect: lag, where: {scope: board, ids: [[6]]}, parameters: {tau_s: {value: 0.03, unit: s}}}\n"
     )
-    (found,) = effects_document.load(path, LAYOUT)
-    assert found.values["tau_s"] == 0.03
+    (parsed,) = effects_document.load(path, LAYOUT)
+    assert parsed.values["tau_s"] == 0.03
 
 
-def test_everything_that_is_wrong_is_said_at_once_with_key_and_range(refused: Callable[..., list[str]]) -> None:
+def test_all_problems_are_reported_with_key_and_range(refused: Callable[..., list[str]]) -> None:
     assert refused(
         {"effect": "viscoelastic", "where": INSOLE, "parameters": {}},
         {"effect": "lag", "where": INSOLE, "parameters": {"tau_s": quantity(0.0, "s")}},
@@ -142,7 +142,7 @@ def test_everything_that_is_wrong_is_said_at_once_with_key_and_range(refused: Ca
         (lag(where={"scope": "insole", "ids": [[5]]}), "where.ids: expected no ids where the scope is the insole"),
         (lag(where={"scope": "triangle", "ids": [[5]]}), r"ids\[0\]: expected \[board, triangle\], found 1 numbers"),
         (lag(where={"scope": "taxel", "ids": [[5, 0, 12]]}), r"ids\[0\]: expected a taxel from 0 to 11, found 12"),
-        (lag(where={"scope": "board", "ids": [[5], [5]]}), r"ids\[1\]: board 5 stands twice"),
+        (lag(where={"scope": "board", "ids": [[5], [5]]}), r"ids\[1\]: board 5 is listed twice"),
         (lag(where={"scope": "triangle", "ids": [[5, 15], [5, 2]]}), r"ids\[1\]: board 5, triangle 2 is not in the"),
         (lag(valid_range={"pressure_pa": [5, 1]}), "valid_range.pressure_pa: expected two numbers, the lower one"),
         (lag(wher=INSOLE), 'wher: unknown key: did you mean "where"?'),
@@ -184,12 +184,14 @@ def test_everything_that_is_wrong_is_said_at_once_with_key_and_range(refused: Ca
         ),
     ],
 )  # fmt: skip
-def test_refused(refused: Callable[..., list[str]], entry: Any, expected: str) -> None:
-    found = refused(entry)
-    assert any(re.search(expected, problem) for problem in found), found
+def test_invalid_effects_are_refused_with_a_reason(
+    refused: Callable[..., list[str]], entry: Any, expected: str
+) -> None:
+    reasons = refused(entry)
+    assert any(re.search(expected, problem) for problem in reasons), reasons
 
 
-def test_the_line_is_said(load: Load) -> None:
+def test_problems_state_their_line(load: Load) -> None:
     with pytest.raises(DocumentError) as caught:
         load(lag(), lag(parameters={"tau_s": quantity(99, "s")}), indent=1)
     (problem,) = caught.value.problems
@@ -197,18 +199,18 @@ def test_the_line_is_said(load: Load) -> None:
     assert Path(caught.value.path).read_text().splitlines()[problem.line - 1].strip() == '"value": 99,'
 
 
-def test_the_effects_of_another_format(tmp_path: Path) -> None:
+def test_another_format_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "calibration.json"
     path.write_text(json.dumps({"effects": [FORMATS_EXAMPLE, lag(effect="laag"), 7]}))
     reading = Reading(path)
-    (found,) = effects_document.parse(reading, reading.document["effects"], LAYOUT)
-    assert found.law.word == "hysteresis"
+    (parsed,) = effects_document.parse(reading, reading.document["effects"], LAYOUT)
+    assert parsed.law.word == "hysteresis"
     with pytest.raises(DocumentError) as caught:
         reading.finish()
     assert {problem.key for problem in caught.value.problems} == {"effects[1].effect", "effects[2]"}
 
 
-def test_made_in_code_it_is_checked_the_same() -> None:
+def test_effects_made_in_code_are_checked_like_files() -> None:
     with pytest.raises(EffectError, match=r"lag: parameters\.tau_s: expected a number from 0\.0001 to 10 s, found 20"):
         effect("lag", tau_s=20)
     with pytest.raises(EffectError, match='unknown effect "laag": known are'):

@@ -1,4 +1,4 @@
-"""docs/effects.md has the laws and parameters that the code has."""
+"""docs/effects.md lists the laws and parameters of the code."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ PAGE = Path(__file__).parents[3] / "docs" / "effects.md"
 
 
 def rows() -> Iterator[str]:
-    """The lines of both tables, without their heads."""
+    """Return the lines of both tables without their headers."""
     for law in laws().values():
         order = "–" if law.order is None else law.order
         where = "" if law.scopes == SCOPES else " ".join(law.scopes)
@@ -40,7 +40,7 @@ def test_the_page_has_a_row_for_every_law_and_parameter() -> None:
     assert not missing, "docs/effects.md lacks:\n" + "\n".join(missing)
 
 
-def test_the_example_of_the_page_is_one(tmp_path: Path) -> None:
+def test_the_example_of_the_page_is_a_valid_file(tmp_path: Path) -> None:
     example = tmp_path / "effects.yaml"
     example.write_text(PAGE.read_text().partition("```yaml\n")[2].partition("```")[0])
     layout = load_layout(Config().insoles[0])

@@ -1,4 +1,4 @@
-"""Play and relay against a walk in small steps, what is known of such operators, and their inverses."""
+"""Play and relay are compared with small steps and known properties of such operators, and with their inverses."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ loads_pa = st.lists(st.floats(0, FULL_SCALE_PA), min_size=2, max_size=12)
 
 
 def one(effects: list[Effect], load: list[float] | Array) -> Array:
-    """(n,) what a taxel makes of `load`."""
+    """Return (n,) the output of one taxel for `load`."""
     column = np.broadcast_to(np.asarray(load, float)[:, None, None], (len(load), 28, 12))
     return Chain(effects, LAYOUT).forward()(column, np.arange(len(load)) * 0.02)[:, 7, 5]
 
 
 def in_small_steps(load: Array, per_step: int = 50) -> tuple[Array, Array]:
-    """`load` with points on the lines between its samples, and where the samples are among them."""
+    """Return `load` with intermediate points, and the indices of its samples."""
     n = len(load)
     fine = np.interp(np.arange((n - 1) * per_step + 1) / per_step, np.arange(n), load)
     return fine, np.arange(n) * per_step
 
 
 def by_pushing(load: Array, r: float) -> Array:
-    """A play as a mechanism: a slider, pushed by whichever edge of a slot of width 2r reaches it."""
+    """Return the output of a play as a mechanism: a slider pushed by the edges of a slot of width 2r."""
     slider, seen = 0.0, []
     for p in load.tolist():
         if p - r > slider:
@@ -49,7 +49,7 @@ def by_pushing(load: Array, r: float) -> Array:
 
 @settings(max_examples=40, deadline=None)
 @given(st.integers(0, 2**32))
-def test_hysteresis_is_sliders_pushed_in_small_steps(seed: int) -> None:
+def test_hysteresis_equals_sliders_moved_in_small_steps(seed: int) -> None:
     load = np.random.default_rng(seed).uniform(0, FULL_SCALE_PA, 15)
     fine, at = in_small_steps(np.concatenate([[0.0], load]))
     expected = (1 - sum(W)) * fine + sum(w * by_pushing(fine, r) for r, w in zip(R_PA, W, strict=True))
@@ -58,7 +58,7 @@ def test_hysteresis_is_sliders_pushed_in_small_steps(seed: int) -> None:
 
 @settings(max_examples=100, deadline=None)
 @given(loads_pa, st.floats(0, FULL_SCALE_PA), st.floats(0, FULL_SCALE_PA))
-def test_return_point_memory(before: list[float], first: float, second: float) -> None:
+def test_a_minor_loop_returns_to_its_start(before: list[float], first: float, second: float) -> None:
     # From a turning point, out and back to it: the answer there is the same, however often.
     high, low = max(first, second), min(first, second)
     q = one([PI], [*before, high, low, high, low, high])
@@ -70,7 +70,7 @@ def test_return_point_memory(before: list[float], first: float, second: float) -
 
 @settings(max_examples=100, deadline=None)
 @given(loads_pa, loads_pa)
-def test_wiping_out(history: list[float], other: list[float]) -> None:
+def test_a_larger_cycle_erases_smaller_loops(history: list[float], other: list[float]) -> None:
     # A load above all there was wipes out what was before it.
     top = max(*history, *other)
     assert one([PI], [*history, top, 5e4])[-2:] == pytest.approx(one([PI], [*other, top, 5e4])[-2:], abs=1e-6)
@@ -78,13 +78,13 @@ def test_wiping_out(history: list[float], other: list[float]) -> None:
 
 @settings(max_examples=40, deadline=None)
 @given(loads_pa, st.integers(1, 20))
-def test_only_turning_points_count(load: list[float], per_step: int) -> None:
+def test_only_turning_points_determine_the_output(load: list[float], per_step: int) -> None:
     fine, at = in_small_steps(np.array(load), per_step)
     for made in (PI, effect("snap", up_pa=1.5e5, down_pa=5e4, step_pa=1e4)):
         assert one([made], fine)[at] == pytest.approx(one([made], load), abs=1e-6)
 
 
-def test_loop_of_one_play_by_hand() -> None:
+def test_the_loop_of_one_play_equals_hand_computed_values() -> None:
     q = one([effect("hysteresis", r_pa=[10.0], w=[0.5])], [0, 5, 30, 25, 5, 0, 30])
     assert q.tolist() == [0, 2.5, 25, 22.5, 10, 5, 25]
 
@@ -99,11 +99,11 @@ def test_the_inverse_is_exact(seed: int, k: int) -> None:
     load = rng.uniform(-2e4, FULL_SCALE_PA, (60, 28, 12))
     t_s = np.arange(60) * 0.02
     chain = Chain(made, LAYOUT)
-    found = chain.inverse()(chain.forward()(load, t_s), t_s)
-    np.testing.assert_allclose(found, load, rtol=0, atol=1e-9 * FULL_SCALE_PA)
+    inverted_pa = chain.inverse()(chain.forward()(load, t_s), t_s)
+    np.testing.assert_allclose(inverted_pa, load, rtol=0, atol=1e-9 * FULL_SCALE_PA)
 
 
-def test_each_taxel_has_its_own() -> None:
+def test_taxels_may_have_different_hysteresis() -> None:
     rng = np.random.default_rng(1)
     r, w = rng.uniform(0, 3e4, (3, 28 * 12)), rng.uniform(0, 0.2, (3, 28 * 12))
     load = rng.uniform(0, FULL_SCALE_PA, (40, 28, 12))
@@ -112,14 +112,14 @@ def test_each_taxel_has_its_own() -> None:
     q = chain.forward()(load, t_s)
     np.testing.assert_allclose(chain.inverse()(q, t_s), load, rtol=0, atol=1e-9 * FULL_SCALE_PA)
     for slot in (0, 100, 335):
-        own = [effect("hysteresis", r_pa=r[:, slot], w=w[:, slot])]
-        assert one(own, load.reshape(40, -1)[:, slot]) == pytest.approx(q.reshape(40, -1)[:, slot], rel=1e-12)
+        single_effect = [effect("hysteresis", r_pa=r[:, slot], w=w[:, slot])]
+        assert one(single_effect, load.reshape(40, -1)[:, slot]) == pytest.approx(q.reshape(40, -1)[:, slot], rel=1e-12)
 
 
 # ---- snap
 
 
-def test_snap_by_hand() -> None:
+def test_snap_equals_hand_computed_values() -> None:
     made = [effect("snap", up_pa=40.0, down_pa=20.0, step_pa=7.0)]
     load = [0, 39.9, 40, 30, 20.1, 20, 30, 39, 55, 0]
     assert one(made, load).tolist() == [0, 39.9, 47, 37, 27.1, 20, 30, 39, 62, 0]
@@ -137,8 +137,8 @@ def test_the_inverse_of_snap_is_exact(seed: int) -> None:
     load = rng.uniform(0, 2.5e5, (60, 28, 12))
     t_s = np.arange(60) * 0.02
     chain = Chain(made, LAYOUT)
-    found = chain.inverse()(chain.forward()(load, t_s), t_s)
-    np.testing.assert_allclose(found, load, rtol=0, atol=1e-9 * FULL_SCALE_PA)
+    inverted_pa = chain.inverse()(chain.forward()(load, t_s), t_s)
+    np.testing.assert_allclose(inverted_pa, load, rtol=0, atol=1e-9 * FULL_SCALE_PA)
 
 
 def test_noise_below_half_a_step_does_not_mislead_the_inverse() -> None:

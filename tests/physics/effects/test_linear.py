@@ -1,4 +1,4 @@
-"""Lag, viscoelasticity and creep against scipy's solver, closed forms, and their own inverses."""
+"""Lag, viscoelasticity and creep are compared with scipy's solver, closed forms, and their inverses."""
 
 from __future__ import annotations
 
@@ -25,19 +25,19 @@ FULL_SCALE_PA = 3.4e5
 
 
 def times(rng: np.random.Generator, n: int, shortest_s: float = 0.001, longest_s: float = 0.06) -> Array:
-    """(n,) at irregular intervals."""
+    """Return (n,) times at irregular intervals."""
     return np.cumsum(rng.uniform(shortest_s, longest_s, n))
 
 
 def loads(rng: np.random.Generator, n: int) -> Array:
-    """(n, 28, 12) Pa, rough from sample to sample, with holds in it."""
+    """Return (n, 28, 12) Pa, rough from sample to sample, with holds."""
     load = rng.uniform(0, FULL_SCALE_PA, (n, 28, 12))
     load[n // 3 : n // 2] = load[n // 3]
     return load
 
 
 def solved(t_s: Array, load: Array, tau_s: Array) -> Array:
-    """(n, k, m) z of τ·z' = P − z for P (n, m) linear between samples, z(0) = P(0), τ (k, m); by DOP853."""
+    """Return (n, k, m) z of τ·z' = P − z for P (n, m) linear between samples, z(0) = P(0), τ (k, m); by DOP853."""
     k, m = tau_s.shape
     z = np.empty((len(t_s), k, m))
     z[0] = load[0]
@@ -48,8 +48,8 @@ def solved(t_s: Array, load: Array, tau_s: Array) -> Array:
         def rate(t: float, state: Array, i: int = i, begin: float = begin, slope: Array = slope) -> Array:
             return ((load[i - 1] + slope * (t - begin) - state.reshape(k, m)) / tau_s).ravel()
 
-        found = solve_ivp(rate, (begin, end), z[i - 1].ravel(), "DOP853", rtol=1e-11, atol=1e-11 * FULL_SCALE_PA)
-        z[i] = found.y[:, -1].reshape(k, m)
+        solution = solve_ivp(rate, (begin, end), z[i - 1].ravel(), "DOP853", rtol=1e-11, atol=1e-11 * FULL_SCALE_PA)
+        z[i] = solution.y[:, -1].reshape(k, m)
     return z
 
 
@@ -81,19 +81,19 @@ CREEP_A, CREEP_TAU = [0.03, 0.05, 0.02, 0.04], [0.02, 0.5, 7.0, 300.0]
     ],
     ids=["lag", "viscoelasticity", "creep", "creep per taxel"],
 )
-def test_what_an_ode_solver_finds(made: Effect, a: Array, tau_s: Array) -> None:
+def test_operators_equal_an_ode_solver(made: Effect, a: Array, tau_s: Array) -> None:
     rng = np.random.default_rng(0)
     t_s, load = times(rng, 80), loads(rng, 80)
     row = LAYOUT.rows[5, 0]
-    found = through([made], load, t_s)
+    output = through([made], load, t_s)
     z = solved(t_s, load[:, row], np.broadcast_to(tau_s, (len(tau_s), 12)))
     expected = (1 - a.sum(axis=0)) * load[:, row] + (a * z).sum(axis=1)
-    np.testing.assert_allclose(found[:, row], expected, rtol=0, atol=1e-8 * FULL_SCALE_PA)
+    np.testing.assert_allclose(output[:, row], expected, rtol=0, atol=1e-8 * FULL_SCALE_PA)
     others = np.arange(28) != row
-    assert (found[:, others] == load[:, others]).all(), "only where it is at work"
+    assert (output[:, others] == load[:, others]).all(), "only where it is at work"
 
 
-def test_closed_form_of_a_ramp_and_a_hold() -> None:
+def test_ramp_and_hold_equal_the_closed_form() -> None:
     # τ·q' = s·t − q from 0: q = s·(t − τ·(1 − exp(−t/τ))); then q → P with exp(−t/τ).
     tau_s, slope = 0.04, 1e5
     t_s = np.array([0.0, 0.013, 0.1, 0.35, 0.4, 1.0])
@@ -104,7 +104,7 @@ def test_closed_form_of_a_ramp_and_a_hold() -> None:
     np.testing.assert_allclose(through([effect("lag", tau_s=tau_s)], load, t_s)[:, 3, 4], expected, rtol=1e-12)
 
 
-def test_a_rate_does_not_matter_where_the_load_is_the_same_line() -> None:
+def test_the_sampling_rate_does_not_matter_for_a_piecewise_linear_load() -> None:
     coarse_s = np.linspace(0, 4, 21)
     fine_s = np.linspace(0, 4, 401)
     load = np.tile((1e5 * np.abs(np.sin(7 * coarse_s)))[:, None, None], (1, 28, 12))
@@ -135,19 +135,19 @@ def test_the_inverse_is_exact(seed: int, which: int) -> None:
     rng = np.random.default_rng(seed)
     made = INVERTIBLE[which](rng)
     t_s, load = times(rng, 150), loads(rng, 150)
-    found = back([made], through([made], load, t_s), t_s)
-    np.testing.assert_allclose(found, load, rtol=0, atol=1e-9 * FULL_SCALE_PA)
+    inverted = back([made], through([made], load, t_s), t_s)
+    np.testing.assert_allclose(inverted, load, rtol=0, atol=1e-9 * FULL_SCALE_PA)
 
 
-def test_the_inverse_of_a_lag_makes_noise_as_much_larger_as_it_says() -> None:
+def test_the_inverse_of_a_lag_amplifies_noise_as_documented() -> None:
     noise = np.random.default_rng(0).normal(0, 1, (3000, 28, 12))
     for tau_s, gain in ((0.02, 5), (0.04, 14)):
         assert f"{gain} times" in laws()["lag"].inverse_is
-        found = back([effect("lag", tau_s=tau_s)], noise, np.arange(3000) * 0.02)
-        assert found[100:].std() == pytest.approx(gain, rel=0.03)
+        inverted = back([effect("lag", tau_s=tau_s)], noise, np.arange(3000) * 0.02)
+        assert inverted[100:].std() == pytest.approx(gain, rel=0.03)
 
 
-def test_two_samples_of_one_moment() -> None:
+def test_two_samples_at_one_time_are_accepted() -> None:
     t_s = np.array([0.0, 0.02, 0.02, 0.04])
     load = np.tile(np.array([0.0, 1e5, 2e5, 2e5])[:, None, None], (1, 28, 12))
     for made, leap in ((effect("lag", tau_s=0.02), 0.0), (effect("viscoelasticity", a=0.25, tau_s=0.1), 0.75e5)):
@@ -158,7 +158,7 @@ def test_two_samples_of_one_moment() -> None:
     np.testing.assert_allclose(back(solid, through(solid, load, t_s), t_s), load, atol=1e-6)
 
 
-def test_a_load_that_has_always_been_there_is_no_news() -> None:
+def test_a_settled_load_stays_constant() -> None:
     load = np.full((5, 28, 12), 1e5)
     made = [effect("lag", tau_s=0.1), effect("viscoelasticity", a=0.2, tau_s=1), effect("creep", a=[0.1], tau_s=[50])]
     np.testing.assert_allclose(through(made, load, np.arange(5.0)), load, rtol=1e-12)
@@ -168,32 +168,34 @@ def test_a_load_that_has_always_been_there_is_no_news() -> None:
 
 
 def convolved(t_s: Array, load: Array, exponent: Array, t0_s: Array) -> Array:
-    """(n, m) ∫ ((t − s)/t0)^n dP of P (n, m), a jump at t_0, lines between samples: piece by piece, in closed form."""
-    found = np.zeros_like(load)
+    """Return (n, m) ∫ ((t − s)/t0)^n dP for P (n, m) with a jump at t_0, linear between samples; piecewise
+    closed form.
+    """
+    convolution = np.zeros_like(load)
     for i in range(1, len(t_s)):
         since = np.maximum(t_s[i] - t_s[: i + 1], 0.0)[:, None] ** (exponent + 1) / (exponent + 1)
         slopes = np.diff(load[: i + 1], axis=0) / np.diff(t_s[: i + 1])[:, None]
         jump = load[0] * (t_s[i] - t_s[0]) ** exponent
-        found[i] = (jump + (slopes * (since[:-1] - since[1:])).sum(axis=0)) / t0_s**exponent
-    return found
+        convolution[i] = (jump + (slopes * (since[:-1] - since[1:])).sum(axis=0)) / t0_s**exponent
+    return convolution
 
 
 @pytest.mark.parametrize(("shortest_s", "longest_s"), [(0.001, 0.02), (0.01, 0.01), (0.02, 3.0), (1.0, 900.0)])
-def test_power_creep_is_the_convolution_with_a_power(shortest_s: float, longest_s: float) -> None:
+def test_power_creep_equals_the_convolution_integral(shortest_s: float, longest_s: float) -> None:
     rng = np.random.default_rng(5)
     t_s, load = times(rng, 200, shortest_s, longest_s), loads(rng, 200)
     row = LAYOUT.rows[5, 0]
     exponent = np.array([0.01, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.6, 0.8, 0.9])
     t0_s, a = np.geomspace(0.1, 1e3, 12), np.linspace(0.01, 0.2, 12)
-    found = through([effect("power_creep", TAXELS, a=a, exponent=exponent, t0_s=t0_s)], load, t_s)
+    output = through([effect("power_creep", TAXELS, a=a, exponent=exponent, t0_s=t0_s)], load, t_s)
     expected = (1 - a) * load[:, row] + a * convolved(t_s, load[:, row], exponent, t0_s)
     # Behind the first sample, at whose leap no time has gone by.
-    of_full_scale = np.abs(found[1:, row] - expected[1:]) / np.maximum(np.abs(expected).max(axis=0), FULL_SCALE_PA)
+    of_full_scale = np.abs(output[1:, row] - expected[1:]) / np.maximum(np.abs(expected).max(axis=0), FULL_SCALE_PA)
     assert of_full_scale.max() < 1e-6
 
 
 @pytest.mark.parametrize("exponent", [0.01, 0.1, 0.3, 0.5, 0.8, 0.9])
-def test_the_sum_of_modes_is_the_power_from_a_millisecond_to_its_span(exponent: float) -> None:
+def test_the_sum_of_modes_equals_the_power_law_within_its_span(exponent: float) -> None:
     at_once, a, tau_s = kernel(np.array([exponent]))
     t_s = np.geomspace(1e-3, SPAN_S, 2000)
     grown = at_once + (a * (1 - np.exp(-t_s / tau_s))).sum(axis=0)
@@ -202,12 +204,12 @@ def test_the_sum_of_modes_is_the_power_from_a_millisecond_to_its_span(exponent: 
     assert (a > 0).all(), "as a chain of springs and dampers has it"
 
 
-def test_a_hold_creeps_to_the_load_at_t0_and_on() -> None:
+def test_a_hold_creeps_to_the_load_at_t0_and_beyond() -> None:
     made = [effect("power_creep", a=0.1, exponent=0.25, t0_s=100.0)]
     t_s = np.array([0.0, 1.0, 100.0, 1600.0])
     q = through(made, np.full((4, 28, 12), 1e5), t_s)[1:, 0, 0]
     assert q == pytest.approx([0.9e5 + 1e4 * 0.01**0.25, 1e5, 0.9e5 + 2e4], abs=0.01)
 
 
-def test_log_spaced_times() -> None:
+def test_time_constants_are_spaced_logarithmically() -> None:
     assert log_spaced_s(0.5, 500.0, 4) == pytest.approx([0.5, 5, 50, 500])

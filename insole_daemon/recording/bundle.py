@@ -1,4 +1,4 @@
-"""A recording's files by plain names, with a recording.yaml that names them so: what fits into one container."""
+"""Collect a recording's files under plain names in one flat folder, for export into a single container file."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 
 from ..documents import Reading
-from . import counts as counted
+from . import counts as counts_file
 from .document import FILE, dump
 from .loading import Recording
 from .writer import log_name
 
 
-def portable(recording: Recording) -> dict[str, bytes]:
-    """The content of every file by its name; the log is compressed, and a copy of it loads to the same arrays."""
+def bundle_files(recording: Recording) -> dict[str, bytes]:
+    """Return the content of every file by name; the log is compressed, and the copy loads to the same arrays."""
     folder = recording.folder
     document: dict[str, Any] = Reading(folder / FILE).document
     document.pop("format")
@@ -28,13 +28,13 @@ def portable(recording: Recording) -> dict[str, bytes]:
             name, content = "can.log.gz", gzip.compress(content, 6, mtime=0)
         document["can"], files[name] = name, content
     else:
-        files["counts.npz"] = _counts(folder / document["counts"], recording)
+        files["counts.npz"] = _counts_npz(folder / document["counts"], recording)
         document["counts"] = "counts.npz"
     for entry in document["insoles"]:
         for key in ("layout", "calibration", "zero"):
             if entry.get(key) is not None:
-                ending = "yaml" if key == "layout" else "json"
-                name = f"{entry['foot']}-{key}.{ending}"
+                suffix = "yaml" if key == "layout" else "json"
+                name = f"{entry['foot']}-{key}.{suffix}"
                 files[name] = (folder / entry[key]).read_bytes()
                 entry[key] = name
     for entry in document.get("reference", ()):
@@ -44,10 +44,10 @@ def portable(recording: Recording) -> dict[str, bytes]:
     return {FILE: dump(document).encode(), **files}
 
 
-def _counts(path: Path, recording: Recording) -> bytes:
+def _counts_npz(path: Path, recording: Recording) -> bytes:
     if path.is_file():
         return path.read_bytes()
-    tables = counted.read(path, {foot.foot: len(foot.layout) for foot in recording.feet})
+    tables = counts_file.read(path, {foot.foot: len(foot.layout) for foot in recording.feet})
     buffer = io.BytesIO()
-    np.savez_compressed(buffer, **counted.arrays(tables))  # type: ignore[arg-type]
+    np.savez_compressed(buffer, **counts_file.arrays(tables))  # type: ignore[arg-type]
     return buffer.getvalue()

@@ -1,6 +1,6 @@
-"""What a daemon would have said while a recording was made: health once a second, events when they happen.
+"""Derive the messages that a daemon would have published during a recording: health once a second, and board events.
 
-The words are those of the messages; everything is told from the cycles alone, so it is there for any recording.
+Uses the cycles alone, so it works for any recording; the words are those of the messages.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from .loading import FootRecording
 _SECOND_NS = 1_000_000_000
 
 
-def health(foot: FootRecording) -> Iterator[tuple[int, dict[str, Any]]]:
-    """(t_ns, health) at the end of every second of the recording."""
+def derive_health(foot: FootRecording) -> Iterator[tuple[int, dict[str, Any]]]:
+    """Yield (t_ns, health) at the end of every second of the recording."""
     if not len(foot):
         return
     board = foot.layout.identities[:, 0]
@@ -31,17 +31,17 @@ def health(foot: FootRecording) -> Iterator[tuple[int, dict[str, Any]]]:
         spans_s = max(int(foot.t_ns[end - 1] - foot.t_ns[max(0, first - 1)]), 1) * 1e-9
         boards = []
         for address in dict.fromkeys(board.tolist()):
-            own = board == address
-            age_ns = int(foot.age_ns[end - 1, own].max())
+            of_board = board == address
+            age_ns = int(foot.age_ns[end - 1, of_board].max())
             boards.append(
                 {
                     "address": address,
-                    "state": _state(age_ns),
-                    "change_rate_hz": round(float(changed[rows][:, own].sum(axis=0).max()) / spans_s, 2),
-                    "missing": int(foot.missing[rows][:, own].sum()),
+                    "state": _board_state(age_ns),
+                    "change_rate_hz": round(float(changed[rows][:, of_board].sum(axis=0).max()) / spans_s, 2),
+                    "missing": int(foot.missing[rows][:, of_board].sum()),
                 }
             )
-        streaming = [each["state"] == "streaming" for each in boards]
+        streaming = [entry["state"] == "streaming" for entry in boards]
         yield (
             int(foot.t_ns[end - 1]),
             {
@@ -55,25 +55,25 @@ def health(foot: FootRecording) -> Iterator[tuple[int, dict[str, Any]]]:
         )
 
 
-def events(foot: FootRecording) -> Iterator[tuple[int, dict[str, Any]]]:
-    """(t_ns, event) of every board that began to send or fell silent."""
+def derive_events(foot: FootRecording) -> Iterator[tuple[int, dict[str, Any]]]:
+    """Yield (t_ns, event) for every board that began to send or fell silent, in order of time."""
     board = foot.layout.identities[:, 0]
-    found = []
+    dated_events = []
     for address in dict.fromkeys(board.tolist()):
         age_ns = foot.age_ns[:, board == address].max(axis=1, initial=-1)
         states = np.select([age_ns < 0, age_ns > Publish().stale_after_ms * 1e6], [0, 2], 1)
         before = "never seen"
         for row in [0, *(np.flatnonzero(np.diff(states)) + 1).tolist()] if len(states) else []:
-            state = _state(int(age_ns[row]))
+            state = _board_state(int(age_ns[row]))
             if state != before:
                 kind = {"streaming": "board_streaming", "silent": "board_silent"}.get(state, "board_never_seen")
                 text = f"board {address}: {before} → {state}"
-                found.append((int(foot.t_ns[row]), {"kind": kind, "text": text, "boards": [address]}))
+                dated_events.append((int(foot.t_ns[row]), {"kind": kind, "text": text, "boards": [address]}))
             before = state
-    yield from sorted(found, key=lambda event: event[0])
+    yield from sorted(dated_events, key=lambda event: event[0])
 
 
-def _state(age_ns: int) -> str:
+def _board_state(age_ns: int) -> str:
     if age_ns < 0:
         return "never seen"
     return "silent" if age_ns > Publish().stale_after_ms * 1e6 else "streaming"

@@ -1,4 +1,4 @@
-"""Lines that are appended whole, whatever happens to the process or the disk."""
+"""Appended lines stay complete after a kill or on a full disk."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from mmap import PAGESIZE
 
 import pytest
 
-from insole_daemon.recording import appending
-from insole_daemon.recording.appending import AppendedLines
+from insole_daemon.recording import appended_lines
+from insole_daemon.recording.appended_lines import AppendedLines
 
 
 def lines(n, length=47):
@@ -19,7 +19,7 @@ def lines(n, length=47):
 
 @pytest.fixture
 def writes(monkeypatch):
-    """What was handed to the kernel at once."""
+    """Collect the single writes to the kernel."""
     seen = []
 
     class Seen(FileIO):
@@ -27,11 +27,11 @@ def writes(monkeypatch):
             seen.append(bytes(data))
             return super().write(data)
 
-    monkeypatch.setattr(appending, "FileIO", Seen)
+    monkeypatch.setattr(appended_lines, "FileIO", Seen)
     return seen
 
 
-def test_what_is_written_is_there_at_once_and_no_write_is_longer_than_it_must(tmp_path, writes):
+def test_lines_reach_the_file_at_once_in_writes_within_a_page(tmp_path, writes):
     path, text = tmp_path / "can.log", lines(1000)
     log = AppendedLines(path)
     for first in range(0, len(text), 48 * 50):
@@ -48,7 +48,7 @@ def test_what_is_written_is_there_at_once_and_no_write_is_longer_than_it_must(tm
     log.close()
 
 
-def test_lines_longer_than_a_page_are_written_too(tmp_path):
+def test_lines_longer_than_a_page_are_written(tmp_path):
     with_long = b"short\n" + b"x" * (2 * PAGESIZE) + b"\nshort\n"
     log = AppendedLines(tmp_path / "can.log")
     log.write(with_long)
@@ -57,14 +57,14 @@ def test_lines_longer_than_a_page_are_written_too(tmp_path):
 
 
 @pytest.mark.parametrize("taken", [0, 20, 48, 100])
-def test_a_disk_that_takes_only_a_part_keeps_whole_lines(tmp_path, monkeypatch, taken):
+def test_a_full_disk_keeps_only_complete_lines(tmp_path, monkeypatch, taken):
     class Full(FileIO):
         def write(self, data):
             if self.tell() < 48:
                 return super().write(data)
             return super().write(data[:taken])
 
-    monkeypatch.setattr(appending, "FileIO", Full)
+    monkeypatch.setattr(appended_lines, "FileIO", Full)
     log = AppendedLines(tmp_path / "can.log")
     log.write(lines(1))
     with pytest.raises(OSError, match=os.strerror(errno.ENOSPC)):

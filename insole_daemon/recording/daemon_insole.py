@@ -1,4 +1,4 @@
-"""What a recording over the network says of its insoles: from a daemon's `meta` and `calibration`."""
+"""Describe an insole for a recording over the network, from a daemon's `meta` and `calibration`."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ if TYPE_CHECKING:
 
 
 def insole_in_use(client: Client, foot: str) -> InsoleContents:
-    """The insole of `foot` as the daemon reads it; WireError where none has that foot.
+    """Return the insole of `foot` as the daemon uses it; WireError if no daemon publishes that foot.
 
-    The calibration's baselines are those in use, so a zero that is in use is in them too.
+    The calibration has the baselines in use, including those of a zero.
     """
-    meta, said = client.meta(foot), client.calibration(foot)
+    meta, in_use = client.meta(foot), client.calibration(foot)
     layout = layout_of_meta(dataclasses.asdict(meta), meta.xy_m)
     calibration = Calibration(
-        foot=said.foot,
-        baseline_count=said.baseline_count,
-        coefficients_pa=said.coefficients_pa,
+        foot=in_use.foot,
+        baseline_count=in_use.baseline_count,
+        coefficients_pa=in_use.coefficients_pa,
         covariance_pa2=None,
-        usable=said.usable.astype(np.bool_),
-        provenance={"source": said.source, **said.provenance},
-        builtin=said.builtin,
+        usable=in_use.usable.astype(np.bool_),
+        provenance={"source": in_use.source, **in_use.provenance},
+        builtin=in_use.builtin,
     )
     zero = None
     if meta.zero is not None:
@@ -42,4 +42,4 @@ def insole_in_use(client: Client, foot: str) -> InsoleContents:
             path.write_text(json.dumps(meta.zero))
             zero = zeros.load(path, layout)
     boards = tuple(Board(**board) for board in meta.boards)
-    return InsoleContents(foot=said.foot, boards=boards, layout=layout, calibration=calibration, zero=zero)
+    return InsoleContents(foot=in_use.foot, boards=boards, layout=layout, calibration=calibration, zero=zero)
