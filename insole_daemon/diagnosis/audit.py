@@ -98,6 +98,7 @@ def _readings(foot: FootRecording, name: str) -> _Readings:
     mean, old = _insole(counts[:, asked]), ~foot.is_new
     dead = np.zeros(counts.shape, bool)
     dead[:, asked] = contact.silent(counts[:, asked], valid[:, asked], t_s, mean)
+    dead |= np.repeat(contact.at_both_ends(foot.counts), N_TAXELS, axis=1)
     came = arrived(foot.read_ns).sum(axis=0)
     frozen = foot.is_new.sum(axis=0) < (1.0 - FROZEN) * came
     if not frozen.all():  # else the load never moved
@@ -110,7 +111,7 @@ def _without_contact(seen: _Readings) -> tuple[NDArray[np.bool_], list[int], lis
     gone = seen.dead[~seen.railed].mean(axis=0) > MOST_DEAD
     # Readings at the upper end are a rest count that has wandered off, not a line without a triangle.
     silent = (seen.dead & (seen.counts < 255)).reshape(seen.foot.valid.shape)
-    opened = contact.opened(silent, seen.t_s)
+    opened = contact.opened(silent, contact.at_both_ends(seen.counts.reshape(silent.shape)), seen.t_s)
     together: dict[tuple[tuple[float, float], ...], list[int]] = {}
     for row in opened:
         slots = row * N_TAXELS + np.flatnonzero(PRESSURE_TAXELS)

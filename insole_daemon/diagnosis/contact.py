@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from ..physics.law import Array
+from ..skin.geometry import PRESSURE_TAXELS
 
 Times = tuple[tuple[float, float], ...]
 
@@ -86,12 +88,27 @@ def loose(
     return found
 
 
-def opened(open_now: NDArray[np.bool_], t_s: Array) -> list[int]:
-    """Rows of triangles most of whose taxels (n, n_triangles, 12) say nothing for OPEN_S or longer."""
+def at_both_ends(counts: NDArray[Any]) -> NDArray[np.bool_]:
+    """(n, n_triangles) cycles in which all pressure taxels of `counts` (n, n_triangles, 12) read 0 or 255, some each.
+
+    No load does that: a board that lost its triangle reads so, because the open line is pulled up.
+    """
+    low, high = counts[..., PRESSURE_TAXELS] == 0, counts[..., PRESSURE_TAXELS] == 255
+    return np.asarray((low | high).all(axis=2) & low.any(axis=2) & high.any(axis=2))
+
+
+def opened(open_now: NDArray[np.bool_], at_ends: NDArray[np.bool_], t_s: Array) -> list[int]:
+    """Rows of triangles that lost contact.
+
+    Most of their taxels `open_now` (n, n_triangles, 12) say nothing for OPEN_S at a stretch, or they are `at_ends`
+    (n, n_triangles) for as long in all: a line may open with every step, for a shorter time than that.
+    """
     together = open_now.sum(axis=2) >= OPEN_TAXELS
+    least_cycles = OPEN_S / float(np.median(np.diff(t_s)))
     return [
         row for row in range(together.shape[1])
         if any(t_s[b] - t_s[a] >= OPEN_S for a, b in stretches(together[:, row]))
+        or at_ends[:, row].sum() >= least_cycles
     ]  # fmt: skip
 
 

@@ -28,7 +28,7 @@ from .taxel_faults import with_taxels
 from .wrench import FINE_S, LARGEST, WrenchObservation
 
 TAKEN = ("open_triangle", "dead_taxels")  # of the audit of readings
-MOST_GOOD = 0.5  # of the readings of a triangle that is open
+MOST_GOOD = 0.95  # of the readings that came while a triangle is called open: more, and it has only lost readings
 MOST_LOST = 0.003  # of a triangle's readings: what a bus loses without a fault
 LEAST_REPEATED = 0.005  # share of repeats that frames lost on the way make
 BURST_TIMES, CALM_QUANTILE = 2.0, 0.25  # a window's noise against the triangle's usual one; rows in the air

@@ -1,0 +1,46 @@
+"""Which readings show that a triangle has lost contact."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from insole_daemon.diagnosis import contact
+from insole_daemon.skin.geometry import PRESSURE_TAXELS
+
+PERIOD_S, STEP_S, OPEN_CYCLES = 0.02, 1.0, 11
+OPEN_LINE = np.array([0, 0, 0, 0, 0, 0, 250, 0, 0, 255, 250, 0], np.uint8)  # thermal pads read on
+
+
+def walk(n_cycles: int) -> tuple[np.ndarray, np.ndarray]:
+    """Returns (n,) s and (n, 2, 12) counts of two triangles that are pressed once a second."""
+    t_s = PERIOD_S * np.arange(n_cycles)
+    pressed = 90.0 * np.clip(np.sin(2 * np.pi * t_s / STEP_S), 0.0, None)
+    counts = np.repeat((250.0 - pressed)[:, None, None], 24, axis=1).reshape(n_cycles, 2, 12)
+    return t_s, np.round(counts).astype(np.uint8)
+
+
+def opened(t_s: np.ndarray, counts: np.ndarray) -> list[int]:
+    """Returns the triangles that are open, of readings whose status is good but for those at both ends."""
+    at_ends = contact.at_both_ends(counts)
+    silent = np.repeat(at_ends[..., None], 12, axis=2) & PRESSURE_TAXELS
+    return contact.opened(silent, at_ends, t_s)
+
+
+def test_a_line_that_opens_for_a_moment_in_every_step_is_an_open_triangle():
+    t_s, counts = walk(500)
+    for start in range(5, 500, round(STEP_S / PERIOD_S)):
+        counts[start : start + OPEN_CYCLES, 1] = OPEN_LINE
+    assert OPEN_CYCLES * PERIOD_S < contact.OPEN_S
+    assert opened(t_s, counts) == [1]
+
+
+def test_single_damaged_readings_are_no_open_triangle():
+    t_s, counts = walk(500)
+    counts[[40, 41, 300], 1] = OPEN_LINE
+    assert opened(t_s, counts) == []
+
+
+def test_a_load_beyond_the_range_of_all_taxels_is_no_open_triangle():
+    t_s, counts = walk(500)
+    counts[(t_s % STEP_S > 0.1) & (t_s % STEP_S < 0.4), 1] = 0
+    assert not contact.at_both_ends(counts).any()
