@@ -15,6 +15,7 @@ from ..operators import low_pass
 from .term import ABSORBED, Setting, Term, TermColumns, geometric
 
 TAUS_S = geometric(0.04, 4.0, 6)
+FAST_S, MOST_FAST = 0.3, 0.5  # of the answer, that may come late by less
 
 
 def _columns(load: LoadEstimate) -> list[TermColumns]:
@@ -50,6 +51,12 @@ def _known_parameters(settings: Sequence[Setting], shares: Array) -> dict[str, o
     return {"a": total, "tau_s": tau_s}
 
 
+def _is_possible(settings: Sequence[Setting], shares: Array, load_is_known: bool) -> bool:
+    """Whether a good part of the answer comes at once: what nearly all comes late by so little is a lag or a delay."""
+    fast = np.array([setting["tau_s"] for setting in settings]) < FAST_S
+    return not load_is_known or float(np.asarray(shares)[fast].sum()) < MOST_FAST
+
+
 TERM = Term(
     word="viscoelasticity",
     scopes=("insole", "board", "triangle"),
@@ -61,6 +68,7 @@ TERM = Term(
     limit=2.0,
     known_most=MOST_SHARED,
     absorbs=ABSORBED,
+    is_possible=_is_possible,
     misfit=0.02,
     known_misfit=0.01,
 )
