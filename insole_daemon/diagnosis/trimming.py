@@ -10,14 +10,17 @@ import numpy as np
 
 from ..physics.law import Array
 from .model.blocks import BlockDesign
+from .model.design import Design
 from .model.refine import Refined, refine
 from .model.regression import Timing
+from .model.solve import solve_shares
 from .select.count_figures import count_figures
 from .select.search import FittedSet, SubsetSearch
 from .select.wrench_figures import Figures, figures
 
 LEAST_GAINED = 0.001  # of what a set explains, that each of it does where it enters
 LEAST_NEEDED = 0.05  # of it, that is lost where one that does not is left out: less, and it is not needed
+WELL_FITTED = 1.15  # mean square of weighted rows: a set that leaves no more has no lack of fit
 MOST_WORSE = np.array([1.02, 1.1, 1.1])  # times the error before, of f_z, m_x and m_y on held-out rows
 
 
@@ -38,6 +41,11 @@ def trimmed(search: SubsetSearch[Any], best: FittedSet, timing: Timing) -> Kept:
         idle = _idle(search, best.chosen, refined)
         if idle is not None:
             best = search.fit([k for i, k in enumerate(best.chosen) if i != idle])
+            continue
+        doubtful = doubtful_word(search.design, refined)
+        if doubtful is not None:
+            words = [search.design.candidates[k].word for k in best.chosen]
+            best = search.fit([k for k, word in zip(best.chosen, words, strict=True) if word != doubtful])
             continue
         kept = _kept(best, refined, timing)
         if kept.order and not _is_better(kept.figures):
@@ -108,6 +116,31 @@ def _lighter(search: SubsetSearch[Any], kept: Kept, timing: Timing) -> FittedSet
         if best.chosen[i] not in without.chosen and left - after < least_needed * (before - after):
             return without
     return None
+
+
+def doubtful_word(whole: Design | BlockDesign, refined: Refined[Any]) -> str | None:
+    """Returns the word that explains least of those that explain less than the set leaves beyond the noise.
+
+    Such a word may describe a part of the lack of fit, as in an F-test, whose scale is what the model leaves. A
+    recalibration counts with its whole size, because nuisances take up most of it. A clock only aligns.
+    """
+    noise = float(np.count_nonzero(whole.weights))
+    lack_of_fit = whole.total - refined.gain - noise
+    if lack_of_fit < (WELL_FITTED - 1.0) * noise:
+        return None
+    candidates = refined.design.candidates
+    explained: dict[str, float] = {}
+    for word in {candidate.word for candidate in candidates} - {"clock"}:
+        others = [candidate for candidate in candidates if candidate.word != word]
+        explained[word] = refined.gain - solve_shares(refined.design, others)[1]
+        if isinstance(refined.design, BlockDesign):
+            explained[word] += sum(
+                refined.design.size(candidate, shares)
+                for candidate, shares in zip(candidates, refined.shares, strict=True)
+                if candidate.word == word and refined.design.is_within_priors(candidate)
+            )
+    least = min(explained, key=explained.__getitem__, default=None)
+    return least if least is not None and explained[least] < lack_of_fit else None
 
 
 def _idle(search: SubsetSearch[Any], chosen: Sequence[int], refined: Refined[Any]) -> int | None:

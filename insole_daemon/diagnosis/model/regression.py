@@ -62,6 +62,10 @@ class Regression(Protocol):
         """What the columns were made of."""
 
     @property
+    def weights(self) -> Array:
+        """(N, c) one over the standard deviation of a row in each of c channels; 0: unknown."""
+
+    @property
     def candidates(self) -> tuple[PlacedTerm, ...]:
         """The c candidates."""
 

@@ -21,6 +21,7 @@ from .prices import prices_of
 
 BEAM = 3
 TRIED = 12  # exchanges of a candidate
+LEAST_OF_REST = 0.05  # of what a set leaves beyond the noise: a step that explains less ends the search
 SHORTLIST = 40  # candidates a step that are solved exactly, after a bound on what each can gain
 SCALES = ("gain", "stiffening", "bit_shift")
 LATE = ("delay", "lag")
@@ -43,6 +44,7 @@ class SubsetSearch(Generic[D]):
         """`barred`: words that no set may have, because the timing of the design stands for them."""
         self.design, self.barred = design, barred
         self.prices = prices_of(design)
+        self._noise = float(np.count_nonzero(design.weights))  # squared sum of what noise alone leaves
         self._fitted: dict[tuple[int, ...], FittedSet] = {}
         self._starts = np.array([each.columns[0] for each in design.candidates])
         self._joint = self._joint_candidates()
@@ -64,9 +66,11 @@ class SubsetSearch(Generic[D]):
             if not grown:
                 break
             previous = max(each.score for each in beam)
+            gained = max(each.gain for each in beam)
             beam = sorted(grown.values(), key=lambda each: -each.score)[:BEAM]
             best.update({each.chosen: each for each in beam})
-            if beam[0].score <= previous:
+            gained = beam[0].gain - gained
+            if beam[0].score <= previous or gained < LEAST_OF_REST * (self.design.total - beam[0].gain - self._noise):
                 break
         return sorted(best.values(), key=lambda each: -each.score)
 

@@ -1,0 +1,56 @@
+"""Which terms of a set are left out because they may describe what the set as a whole leaves."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import insole_daemon
+from insole_daemon.diagnosis.model.blocks import BlockDesign, block_design
+from insole_daemon.diagnosis.model.load import KnownLoad
+from insole_daemon.diagnosis.model.refine import refine
+from insole_daemon.diagnosis.observing import observed
+from insole_daemon.diagnosis.trimming import doubtful_word
+
+from .chamber import write
+
+MEMORY, DRIFT = "viscoelasticity", "drift"
+MEMORY_SHARE = 0.3
+
+
+@pytest.fixture(scope="module")
+def design(tmp_path_factory) -> BlockDesign:
+    recording = insole_daemon.load(write(tmp_path_factory.mktemp("chamber") / "bag", seconds=60.0))
+    (seen,) = observed([recording], recording.feet, None, lambda text: None, ())
+    return block_design(KnownLoad(seen), seen.weight_variance**-0.5)
+
+
+def doubtful(design: BlockDesign, drift: float, misfit: float) -> str | None:
+    """Returns the word left out of {memory, drift} where rows have both, and a ripple of 3 Hz that neither describes.
+
+    `drift` and `misfit`: root mean square of the drift and of the ripple, in standard deviations of the rows' noise.
+    """
+    numbers = {
+        word: max(k for k, c in enumerate(design.candidates) if c.word == word and c.where.scope == "insole")
+        for word in (MEMORY, DRIFT)
+    }
+    columns = {word: design.atoms.x[:, :, design.atom[design.candidates[k].columns[-1]]] for word, k in numbers.items()}
+    y = np.random.default_rng(1).normal(size=design.y.shape) * (design.weights.T > 0)
+    y += MEMORY_SHARE * columns[MEMORY] + drift * columns[DRIFT] / np.sqrt(np.mean(columns[DRIFT] ** 2))
+    y += misfit * np.sqrt(2.0) * np.sin(2 * np.pi * 3.0 * design.seen.t_s)
+    rows = replace(design, y=y)
+    return doubtful_word(rows, refine(rows, tuple(sorted(numbers.values()))))
+
+
+def test_a_term_that_explains_less_than_is_left_is_doubtful(design):
+    assert doubtful(design, drift=1.0, misfit=2.0) == DRIFT
+
+
+def test_a_term_that_explains_more_than_is_left_is_kept(design):
+    assert doubtful(design, drift=4.0, misfit=2.0) is None
+
+
+def test_a_small_term_beside_one_that_fits_is_kept(design):
+    assert doubtful(design, drift=0.5, misfit=0.0) is None
