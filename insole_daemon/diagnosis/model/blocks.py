@@ -25,7 +25,7 @@ from ..observations.wrench import WrenchObservation
 from ..terms import TERMS
 from ..terms.term import Setting, Term, TermColumns
 from .curves import curve_splines
-from .load import LoadEstimate
+from .load import KnownLoad, LoadEstimate
 from .regression import PlacedTerm, Timing, with_companions
 from .solve import RIDGE
 
@@ -40,6 +40,7 @@ OWN_OFFSET_STD_S, OWN_RATE_STD = 1e-5, 2e-4  # the offset is searched for, the r
 RECALIBRATIONS = ("gain", "baseline", "stiffening")
 MISFITS = frozenset(each.word for each in TERMS if each.is_misfit)
 AT_REST = {"baseline": 5.0}  # counts that a memory with a share of 1 leaves of an unloaded reading
+LEAST_KEPT = 1e-7  # of a column's square, that nuisances leave: single precision cannot tell less from nothing
 FEW = 60  # columns, whose products are summed at once
 LEAST_SIZE = 0.15  # of a reading's noise, RMS over the taxels it is at: less is no effect worth a name
 
@@ -70,7 +71,7 @@ class Priors:
 
     @property
     def has_loose_curves(self) -> bool:
-        """Whether a recalibration could be anything, and none can be told."""
+        """Whether a recalibration could be anything, and none can be identified."""
         return self.curve_count > CURVE_STD_COUNT
 
 
@@ -144,6 +145,12 @@ class BlockDesign:
         assert isinstance(self.load.observation, ChamberObservation)
         return self.load.observation
 
+    @property
+    def known_load(self) -> KnownLoad:
+        """What its columns were made of."""
+        assert isinstance(self.load, KnownLoad)
+        return self.load
+
     @cached_property
     def unmoved(self) -> ChamberObservation:
         """Its rows on the clock as it was aligned, under the load as the reference says it."""
@@ -192,7 +199,10 @@ class BlockDesign:
         found -= c @ self.nuisance.shared_inverse @ c.T
         square = np.einsum("pt,tp->p", self.mask.astype(float), self.atoms.square[:, self.atom])
         own = np.diag(found) - np.minimum(square, 0.9 * np.diag(found))
-        np.fill_diagonal(found, own)
+        # What nuisances take up whole would be a rounding error, of either sign.
+        atoms_square = np.einsum("tkk->tk", self.atoms.raw)
+        whole = np.einsum("pt,tp->p", self.mask.astype(float), atoms_square[:, self.atom])
+        np.fill_diagonal(found, np.maximum(own, LEAST_KEPT * whole))
         return found
 
     @cached_property
@@ -292,8 +302,7 @@ class BlockDesign:
     def exchanged(self, i: int, setting: Setting) -> BlockDesign:
         """With another setting of candidate `i`."""
         candidate = self.candidates[i]
-        assert candidate.term.column is not None
-        block = candidate.term.column(self.load, setting)
+        block = candidate.term.column_of(self.load, setting)
         fresh = make_atoms([block], self.weights, self.nuisance, joined=self.atoms)
         k = self.atoms.x.shape[2]
         atom = self.atom.copy()
@@ -314,8 +323,7 @@ class BlockDesign:
         first, number = self.atoms.x.shape[2], len(self.atom)
         for k, setting in found:
             like = self.candidates[k]
-            assert like.term.column is not None
-            blocks.append(like.term.column(self.load, setting))
+            blocks.append(like.term.column_of(self.load, setting))
             ids = np.arange(len(like.columns))
             candidates.append(replace(like, columns=number + ids, settings=(setting,) * len(ids)))
             atom.append(first + ids)
@@ -372,9 +380,9 @@ def block_design(load: LoadEstimate, weights: Array, priors: Priors = USUAL) -> 
     seen = load.observation
     assert isinstance(seen, ChamberObservation)
     nuisance = _nuisance(load, weights, priors)
-    untold = RECALIBRATIONS if priors.has_loose_curves else ()
-    terms = [each for each in TERMS if each.needs(load) is None and each.word not in untold]
-    blocks = [(term, block) for term in terms for block in term.columns(load)]
+    excluded = RECALIBRATIONS if priors.has_loose_curves else ()
+    terms = [each for each in TERMS if each.needs(load) is None and each.word not in excluded]
+    blocks = [(term, block) for term in terms for block in term.placed_columns(load)]
     atoms = make_atoms([block for _, block in blocks], weights, nuisance)
     placed, atom, mask = _placed(blocks, seen)
     candidates = with_companions(placed, AT_REST)
@@ -446,16 +454,30 @@ def make_atoms(blocks: Sequence[TermColumns], weights: Array, nuisance: Nuisance
                 continue
             echo = block.echo[i][:, :, 0] if block.by_triangle is not None else block.echo[i]
             found.append(np.einsum("ntk,nt->tk", np.broadcast_to(echo, values.shape), weights**2))
-    x = np.concatenate([*([] if joined is None else [joined.x]), *parts], axis=2)
-    raw = np.matmul(x.transpose(0, 2, 1), x).astype(float)
-    own = np.matmul(nuisance.own_rows, x).astype(float)
-    gram = raw - np.matmul(np.matmul(own.transpose(0, 2, 1), nuisance.inverse), own)
-    shared = np.matmul(x.transpose(0, 2, 1), nuisance.shared_left.astype(np.float32)).astype(float)
+    new = np.concatenate(parts, axis=2)
+    own = np.matmul(nuisance.own_rows, new).astype(float)
+    through = np.matmul(nuisance.inverse, own)
+    raw = np.matmul(new.transpose(0, 2, 1), new).astype(float)
+    gram = raw - np.matmul(own.transpose(0, 2, 1), through)
+    shared = np.matmul(new.transpose(0, 2, 1), nuisance.shared_left.astype(np.float32)).astype(float)
     product, square = np.concatenate(products, axis=1), np.concatenate(squares, axis=1)
-    if joined is not None:
-        product = np.concatenate([joined.product, product], axis=1)
-        square = np.concatenate([joined.square, square], axis=1)
-    return Atoms(x, gram, raw, shared, product, square)
+    if joined is None:
+        return Atoms(new, gram, raw, shared, product, square)
+    # Inner products of the columns that were there are kept: only those with the new ones are computed.
+    beside = np.matmul(joined.x.transpose(0, 2, 1), new).astype(float)
+    projected = beside - np.matmul(np.matmul(nuisance.own_rows, joined.x).astype(float).transpose(0, 2, 1), through)
+    return Atoms(
+        np.concatenate([joined.x, new], axis=2), _bordered(joined.gram, projected, gram),
+        _bordered(joined.raw, beside, raw), np.concatenate([joined.shared, shared], axis=1),
+        np.concatenate([joined.product, product], axis=1), np.concatenate([joined.square, square], axis=1),
+    )  # fmt: skip
+
+
+def _bordered(first: Array, beside: Array, last: Array) -> Array:
+    """(T, K + k, K + k) symmetric, of its blocks (T, K, K), (T, K, k) and (T, k, k)."""
+    return np.concatenate(
+        [np.concatenate([first, beside], axis=2), np.concatenate([beside.transpose(0, 2, 1), last], axis=2)], axis=1
+    )
 
 
 def _picked(atoms: Atoms, used: NDArray[np.intp]) -> Atoms:

@@ -24,8 +24,12 @@ class CurveSplines:
 
     def at(self, activation_count: Array) -> list[Array]:
         """Each spline, in counts, at activations of any shape; beyond the ends as at them."""
-        grid = np.linspace(self.knots[0], self.knots[-1], N_TABLE)
-        return [np.interp(activation_count, grid, BSpline(self.knots, one, DEGREE)(grid)) for one in np.eye(N_SPLINES)]
+        low, high = float(self.knots[0]), float(self.knots[-1])
+        table = BSpline(self.knots, np.eye(N_SPLINES), DEGREE)(np.linspace(low, high, N_TABLE)).T
+        position = np.clip((activation_count - low) * ((N_TABLE - 1) / (high - low)), 0.0, N_TABLE - 1)
+        left = np.minimum(position.astype(np.intp), N_TABLE - 2)
+        share = position - left
+        return [one[left] + share * np.diff(one)[left] for one in table]
 
 
 @dataclass(frozen=True, eq=False)

@@ -122,8 +122,7 @@ class Design:
     def exchanged(self, i: int, setting: Setting) -> Design:
         """With another setting of candidate `i`."""
         candidate = self.candidates[i]
-        assert candidate.term.column is not None
-        block = candidate.term.column(self.load, setting)
+        block = candidate.term.column_of(self.load, setting)
         column = _there(block, candidate.where, self)
         weighted = apply_weights(column, self.weights)
         projected = project(self.base, weighted)
@@ -213,7 +212,7 @@ def place_terms(
     for term in TERMS:
         if term.needs(load) is not None:
             continue
-        for block in term.columns(load):
+        for block in term.placed_columns(load):
             for where, column, n_places, echo in _placed(term, block, seen):
                 every = range(len(block.settings))
                 groups = [list(every)] if block.joint else [[k] for k in every]

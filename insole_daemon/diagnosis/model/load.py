@@ -7,7 +7,7 @@ independent courses, so singular vectors that do not stand out of white noise ar
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -75,10 +75,14 @@ class LoadEstimate:
     def _shifted(self) -> dict[float, Array]:
         return {}
 
-    @property
+    @cached_property
     def courses_pa(self) -> Array:
         """(N, t, k) loads of all taxels, those that are the same once; they broadcast to (N, T, 12)."""
         return self.pressure_pa
+
+    def before(self, term_order: int | None) -> LoadEstimate:
+        """The load on which a term at this place on the signal path acts: where it is not known, the readings'."""
+        return self
 
     @cached_property
     def by_triangle(self) -> Array:
@@ -105,24 +109,46 @@ class LoadEstimate:
         return self.observation.wrench_of(pressure_pa)
 
 
+@dataclass(frozen=True, eq=False)
 class KnownLoad(LoadEstimate):
-    """Where a reference tells the load of every taxel: what acts on it is computed from it, not from readings."""
+    """Where a reference tells the load of every taxel: what acts on it is computed from it, not from readings.
+
+    `changes`: by how much selected terms change the load, Pa, arrays that broadcast to (N, T, 12), each with the term's
+    place on the signal path (formats.md). A term acts on the load as the terms before it on the path have changed it.
+    """
+
+    changes: tuple[tuple[int, Array], ...] = ()
 
     is_known = True
 
+    def before(self, term_order: int | None) -> KnownLoad:
+        """The load on which a term at this place on the signal path acts; None: a term beside the path."""
+        if term_order is None or not any(order < term_order for order, _ in self.changes):
+            return self.unchanged
+        return self._before.setdefault(
+            term_order, replace(self, changes=tuple(each for each in self.changes if each[0] < term_order))
+        )
+
+    @cached_property
+    def unchanged(self) -> KnownLoad:
+        """The load of the reference itself."""
+        return replace(self, changes=()) if self.changes else self
+
+    @cached_property
+    def _before(self) -> dict[int, KnownLoad]:
+        return {}
+
     @cached_property
     def pressure_pa(self) -> Array:
-        """(N, T, 12) of the reference."""
-        seen = self.observation
-        assert isinstance(seen, ChamberObservation)
-        return np.where(seen.usable, seen.load_pa(seen.reference_s), 0.0)
+        """(N, T, 12) of the reference, with the changes."""
+        return np.where(self.observation.usable, self.courses_pa, 0.0)
 
-    @property
+    @cached_property
     def courses_pa(self) -> Array:
-        """(N, 1, 1) where all taxels bear the same load, else (N, T, 12)."""
+        """(N, 1, 1) where all taxels bear the same load, (N, T, 1) where triangles differ, else (N, T, 12)."""
         seen = self.observation
         assert isinstance(seen, ChamberObservation)
-        return seen.load_pa(seen.reference_s)
+        return sum((change for _, change in self.changes), start=seen.load_pa(seen.reference_s))
 
     @property
     def gained_count(self) -> Array:
@@ -136,6 +162,7 @@ class KnownLoad(LoadEstimate):
         return 0.5 * (seen.slope_at(self.activation_count) + seen.slope_at(seen.expected_count))
 
 
+@dataclass(frozen=True, eq=False)
 class TaxelLoad(KnownLoad):
     """The same, for columns of single taxels: what else sums up to a triangle's mean stays (N, T, 12)."""
 

@@ -14,6 +14,7 @@ from ..model.curves import CurveShares, CurveSplines, curve_splines, fit_curves
 from ..model.load import TaxelLoad
 from ..model.refine import Refined
 from ..model.regression import Timing
+from ..model.signal_path import pressure_removed
 from ..model.solve import absorbed_std
 from .residual_tests import lack_of_fit
 from .wrench_figures import FOLD_S, N_FOLDS, Figures
@@ -196,18 +197,10 @@ def _apart_pa(refined: Refined[BlockDesign], i: int) -> Array | float:
     design, candidate = refined.design, refined.design.candidates[i]
     if design.seen.is_uniform:
         return 0.0
-    load, settings = TaxelLoad(design.seen), candidate.settings
-    blocks = (
-        candidate.term.columns(load) if candidate.term.column is None else [candidate.term.column(load, settings[0])]
-    )
-    for block in blocks:
-        at = [k for k, each in enumerate(block.settings) if each in settings]
-        if len(at) < len(settings) or block.by_triangle is None:
-            continue
-        moved = block.by_triangle[..., at] @ refined.shares[i] * design.mask[candidate.columns[0]][:, None]
-        mean = np.einsum("ntk,tkc->nt", moved, design.seen.arms)
-        return np.asarray(np.where(design.seen.usable, moved - mean[:, :, None], 0.0))
-    return 0.0
+    load = TaxelLoad(design.seen, design.known_load.changes)
+    moved = pressure_removed(design, load, candidate, refined.shares[i])
+    mean = np.einsum("ntk,tkc->nt", np.broadcast_to(moved, design.seen.activation_count.shape), design.seen.arms)
+    return np.asarray(np.where(design.seen.usable, moved - mean[:, :, None], 0.0))
 
 
 def _off(design: BlockDesign, as_read: Array, left: Array, apart_pa: Array | float = 0.0) -> Array:

@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from ...physics.effects import laws
 from ...physics.law import Array, Scope
 from ..model.load import LoadEstimate
 
@@ -62,6 +63,7 @@ class Term:
     known_misfit: float | None = None  # where the load is known, and columns are made of it and not of readings
     is_of_load: bool = False  # columns are the law's own, though the load of single taxels is not known
     is_internal: bool = False  # beside others only, and never named
+    acts_at: int | None = None  # on the signal path, of a term that has no law
     is_misfit: bool = False  # what a law leaves out of real materials: in no model
     yields_to: tuple[str, ...] = ()  # terms that are likelier by themselves, where they explain nearly as much
     refine: tuple[str, ...] = ()  # settings that are refined once the term is selected
@@ -83,6 +85,21 @@ class Term:
     def is_loop(self) -> bool:
         """Whether readings depend on the load before: memories, and taxels that snap."""
         return self.is_memory or self.word == "snap"
+
+    @property
+    def order(self) -> int | None:
+        """Its place on the signal path (formats.md); None: beside it."""
+        law = laws().get(self.word)
+        return self.acts_at if law is None else law.order
+
+    def placed_columns(self, load: LoadEstimate) -> Sequence[TermColumns]:
+        """Its columns under the load that the terms before it on the signal path leave."""
+        return self.columns(load.before(self.order))
+
+    def column_of(self, load: LoadEstimate, setting: Setting) -> TermColumns:
+        """The same, of one setting."""
+        assert self.column is not None
+        return self.column(load.before(self.order), setting)
 
     def shown_by(self, load: LoadEstimate) -> str:
         """What to record where a recording under `load` does not show it."""

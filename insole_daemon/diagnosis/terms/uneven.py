@@ -15,6 +15,8 @@ import numpy as np
 from ...physics.law import Array
 from ..model.load import LoadEstimate
 from ..operators import frictions, low_pass, plays
+from .creep import TERM as CREEPS
+from .hysteresis import TERM as HYSTERESIS
 from .term import Setting, Term, TermColumns
 
 PARTS = 3  # of the range
@@ -68,9 +70,10 @@ def _needs(load: LoadEstimate) -> str | None:
     return None if load.is_known else "the load of single taxels is not known"
 
 
-def _term(word: str, columns: Callable[[LoadEstimate], list[TermColumns]]) -> Term:
+def _term(word: str, acts_at: int | None, columns: Callable[[LoadEstimate], list[TermColumns]]) -> Term:
     return Term(
         word=word,
+        acts_at=acts_at,
         scopes=("insole", "board", "triangle"),
         share="free",
         columns=columns,
@@ -81,5 +84,5 @@ def _term(word: str, columns: Callable[[LoadEstimate], list[TermColumns]]) -> Te
     )
 
 
-LOOPS = _term("uneven_loops", _plays)
-CREEP = _term("uneven_creep", _late)
+LOOPS = _term("uneven_loops", HYSTERESIS.order, _plays)
+CREEP = _term("uneven_creep", CREEPS.order, _late)

@@ -1,0 +1,62 @@
+"""Terms that act on what the terms before them on the signal path make of the load."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import insole_daemon
+from insole_daemon.diagnosis.model.blocks import block_design, make_atoms
+from insole_daemon.diagnosis.model.load import KnownLoad
+from insole_daemon.diagnosis.model.signal_path import load_changes
+from insole_daemon.diagnosis.observing import observed
+from insole_daemon.diagnosis.operators import low_pass, relay
+
+from ..chamber import write
+
+UP_PA, DOWN_PA, STEP_PA = 120e3, 60e3, 25e3
+
+
+@pytest.fixture(scope="module")
+def design(tmp_path_factory):
+    recording = insole_daemon.load(write(tmp_path_factory.mktemp("chamber") / "bag", seconds=40.0))
+    (seen,) = observed([recording], recording.feet, None, lambda text: None, ())
+    return block_design(KnownLoad(seen), seen.weight_variance**-0.5)
+
+
+def candidate(design, word: str):
+    """Returns the first candidate of the whole insole with this word."""
+    return next(c for c in design.candidates if c.word == word and c.where.scope == "insole")
+
+
+def test_a_memory_acts_on_the_load_that_a_snap_before_it_has_changed(design):
+    snap = candidate(design, "snap")
+    snap = replace(snap, settings=({"up_pa": UP_PA, "down_pa": DOWN_PA},))
+    changes = load_changes(design, [snap], [np.array([STEP_PA / 1e3])])
+    load = KnownLoad(design.seen, changes)
+    pressure = design.load.courses_pa[:, 0]
+    felt = pressure + STEP_PA * relay(pressure, UP_PA, DOWN_PA)
+    viscoelasticity = candidate(design, "viscoelasticity").term
+    block = viscoelasticity.placed_columns(load)[0]
+    late = felt - low_pass(felt, design.seen.step_s, block.settings[0]["tau_s"])
+    assert block.by_triangle[:, 0, 0, 0] == pytest.approx(late[:, 0], abs=1.0)
+
+
+def test_a_snap_acts_on_the_load_before_the_memory_behind_it(design):
+    viscoelasticity = candidate(design, "viscoelasticity")
+    changes = load_changes(design, [viscoelasticity], [np.array([0.2, 0.2])])
+    load = KnownLoad(design.seen, changes)
+    assert load.before(candidate(design, "snap").term.order) is load.unchanged
+    assert load.before(candidate(design, "stiffening").term.order) is not load.unchanged
+
+
+def test_columns_joined_to_others_have_the_inner_products_of_all_together(design):
+    term = candidate(design, "hysteresis").term
+    first, second = term.columns(design.load), candidate(design, "viscoelasticity").term.columns(design.load)[:2]
+    joined = make_atoms(second, design.weights, design.nuisance, make_atoms(first, design.weights, design.nuisance))
+    whole = make_atoms([*first, *second], design.weights, design.nuisance)
+    for name in ("x", "gram", "raw", "shared"):
+        expected = getattr(whole, name)
+        assert getattr(joined, name) == pytest.approx(expected, rel=1e-3, abs=1e-5 * float(np.abs(expected).max()))
