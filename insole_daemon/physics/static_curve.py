@@ -44,6 +44,11 @@ class StaticCurve:
             pressure[activation < self.threshold_count] = 0.0
         return pressure
 
+    @property
+    def has_variance(self) -> bool:
+        """Whether the calibration carries an uncertainty."""
+        return self._variance is not None
+
     def variance_pa2(self, counts: NDArray[np.uint8]) -> NDArray[np.float64] | None:
         """(…, n_triangles, 12) Pa²; None where the calibration carries no uncertainty."""
         if self._variance is None:

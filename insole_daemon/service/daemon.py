@@ -19,7 +19,7 @@ from ..bus.gate import Gate
 from ..bus.recovering import RecoveringSource
 from ..bus.source import FrameSource, collect, sleep_precisely
 from ..compiled import kernel
-from ..skin.cycles import Cycles
+from ..skin.cycles import ClosedCycle
 from ..skin.quality import QualityWindow, period_ns_of
 from ..skin.reader import SkinReader
 from ..wire.messages import Event, Health
@@ -125,21 +125,22 @@ class Daemon:
                     self._rest()
                     at_least, promised_ns = 0, None  # what is there now
                 batch, looked_ns = collect(self._source, at_least, until_ns, promised_ns)
-                closed = self._skin.feed(batch)
+                closed = self._skin.closed_cycles(batch)
                 self._publish(closed)
                 if due_ns is not None and looked_ns > due_ns:
-                    by_time = self._skin.advance(looked_ns)
+                    by_time = self._skin.cycles_closed_by_time(looked_ns)
                     self._publish(by_time)
                     closed = [complete + late for complete, late in zip(closed, by_time, strict=True)]
                 attended_ns = attended.turn(looked_ns)
-                for desk, cycles in zip(self._desks, closed, strict=True):
+                for desk, of_foot in zip(self._desks, closed, strict=True):
                     if not desk.idle:
-                        desk.step(Step(looked_ns, cycles, batch, attended_ns))
+                        desk.step(Step(looked_ns, [cycle.cycles for cycle in of_foot], batch, attended_ns))
                 self._follow_buses()
                 self._follow_reload()
                 if not self._backlog.pause_ns:
                     self._report_if_due()
-            self._publish(self._skin.advance(self._source.clock_ns()))  # what a log leaves open at its end
+            open_at_the_end = self._skin.cycles_closed_by_time(self._source.clock_ns())  # of a log
+            self._publish(open_at_the_end)
         finally:
             notify("STOPPING=1")
             for desk in self._desks:
@@ -149,38 +150,53 @@ class Daemon:
 
     def _is_busy(self) -> bool:
         """Whether something is asked for, or done to boards."""
-        return any(desk.busy or boards.occupied for desk, boards in zip(self._desks, self._boards, strict=True))
+        is_busy = False
+        for desk, boards in zip(self._desks, self._boards, strict=True):
+            is_busy |= desk.busy or boards.occupied is not None
+        return is_busy
 
-    def _publish(self, closed_by_foot: list[list[Cycles]]) -> None:
+    def _publish(self, closed_by_foot: list[list[ClosedCycle]]) -> None:
         """Everything that is new; of repeats that piled up, or where it cannot keep up, only the newest."""
-        if not any(closed_by_foot):
+        closing_ns = [closed[0].t_mono_ns for closed in closed_by_foot if closed]
+        if not closing_ns:
             return
-        self._backlog.look([cycles for closed in closed_by_foot for cycles in closed], self._source.clock_ns())
         began_ns = self._source.clock_ns()
+        self._backlog.look(min(closing_ns), began_ns)
         for foot, publisher, tally, closed in zip(
             self._feet, self._publishers, self._tallies, closed_by_foot, strict=True
         ):
-            for number, cycles in enumerate(closed, 1):
-                for at in range(len(cycles)):
-                    newest = (number, at) == (len(closed), len(cycles) - 1)
-                    if not newest and self._backlog.newest_only(self._source.clock_ns() - began_ns):
-                        tally.skipped += 1
-                        continue
-                    if not newest and cycles.repeated[at]:
-                        tally.skipped += 1
-                        foot.skip(cycles, at)
-                    else:
-                        values = foot.values(cycles, at)
-                        publisher.put(values.payloads())
-                        tally.count(cycles, at)
-                        step = self._steps.take(foot, int(cycles.t_mono_ns[at]), values.load)
-                        if step is not None:
-                            publisher.publish(step)
-                    if not newest:
-                        self._tell_faults(foot, publisher)
-        if any(foot.is_watch_due for foot in self._feet):  # the second foot's finds the caches warm
-            for foot, publisher in zip(self._feet, self._publishers, strict=True):
-                self._tell_faults(foot, publisher, early=True)
+            for n_left, cycle in zip(range(len(closed) - 1, -1, -1), closed, strict=True):
+                if n_left:
+                    self._publish_older(foot, publisher, tally, cycle, began_ns)
+                else:
+                    self._publish_cycle(foot, publisher, tally, cycle)
+        for foot in self._feet:
+            if foot.is_watch_due:  # the second foot's finds the caches warm
+                for other, publisher in zip(self._feet, self._publishers, strict=True):
+                    self._tell_faults(other, publisher, early=True)
+                break
+
+    def _publish_older(
+        self, foot: Foot, publisher: FootPublisher, tally: _Tally, cycle: ClosedCycle, began_ns: int
+    ) -> None:
+        """Publish a cycle that is not the newest, unless it is one to leave out; publishing began at `began_ns`."""
+        if self._backlog.newest_only(self._source.clock_ns() - began_ns):
+            tally.skipped += 1
+            return
+        if cycle.is_repeated:
+            tally.skipped += 1
+            foot.skip(cycle)
+        else:
+            self._publish_cycle(foot, publisher, tally, cycle)
+        self._tell_faults(foot, publisher)
+
+    def _publish_cycle(self, foot: Foot, publisher: FootPublisher, tally: _Tally, cycle: ClosedCycle) -> None:
+        payloads, load = foot.payloads(cycle)
+        publisher.put(payloads)
+        tally.count(cycle)
+        step = self._steps.take(foot, cycle.t_mono_ns, load)
+        if step is not None:
+            publisher.publish(step)
 
     def _tell_faults(self, foot: Foot, publisher: FootPublisher, early: bool = False) -> None:
         for event in foot.fault_events(early):
@@ -333,14 +349,14 @@ class _Tally:
         self._latencies_ms: deque[float] = deque(maxlen=1000)
         self._reported_ns = time.monotonic_ns()
 
-    def count(self, cycles: Cycles, at: int) -> None:
+    def count(self, cycle: ClosedCycle) -> None:
         """One cycle has been put."""
-        self.quality.count(bool(cycles.late[at]), bool(cycles.repeated[at]))
-        self.late += bool(cycles.late[at])
-        if cycles.repeated[at]:
+        self.quality.count(cycle.is_late, cycle.is_repeated)
+        self.late += cycle.is_late
+        if cycle.is_repeated:
             self.repeated += 1
         else:
-            self._latencies_ms.append((time.time_ns() - int(cycles.t_ns[at])) * 1e-6)
+            self._latencies_ms.append((time.time_ns() - cycle.t_ns) * 1e-6)
 
     def since_last_report(self) -> tuple[float, dict[str, float | None]]:
         """Seconds since the last call, and the latency of the cycles since."""

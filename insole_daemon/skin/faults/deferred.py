@@ -8,7 +8,7 @@ pressure of this cycle.
 
 from __future__ import annotations
 
-from ..cycles import Cycles
+from ..cycles import ClosedCycle, Cycles
 from .watch import Change, Fault, FaultWatch
 
 GATHER_NS = 70_000_000  # from the first cycle to the last: five of them at 50 Hz, every single one below 14 Hz
@@ -23,10 +23,11 @@ class DeferredFaultWatch:
 
     def __init__(self, watch: FaultWatch) -> None:
         self._watch = watch
-        self._gathered: list[tuple[Cycles, int, bool]] = []  # cycles, row, whether it was screened already
+        self._gathered: list[tuple[ClosedCycle, bool]] = []  # and whether it was screened already
         self._urgent = False
         self._changes: list[Change] = []
         self.masked = watch.masked  # (n_triangles, 12) as of FaultWatch, the same array for ever
+        self.loose, self.top_is_rail = watch.loose, watch.top_is_rail  # (n_triangles,) and (n_triangles, 1), the same
 
     @property
     def faults(self) -> list[Fault]:
@@ -35,12 +36,16 @@ class DeferredFaultWatch:
 
     def take(self, cycles: Cycles, at: int) -> None:
         """Take in cycle `at`, before anybody reads it: after the call no triangle that is loose in it is unmasked."""
-        urgent = not cycles.repeated[at] and self._watch.may_come_loose(cycles.counts[at])
-        if urgent:
+        may_come_loose = not cycles.repeated[at] and self._watch.may_come_loose(cycles.counts[at])
+        self.gather(ClosedCycle.of(cycles, at), may_come_loose)
+
+    def gather(self, cycle: ClosedCycle, may_come_loose: bool) -> None:
+        """The same of one cycle, of which it is known whether `may_come_loose` of its counts is true."""
+        if may_come_loose:
             self._work_off()
-            self._watch.screen(cycles, at)
+            self._watch.screen(cycle.cycles, 0)
             self._urgent = True
-        self._gathered.append((cycles, at, urgent))
+        self._gathered.append((cycle, may_come_loose))
         if len(self._gathered) >= _MOST_GATHERED:
             self._work_off()
 
@@ -62,12 +67,12 @@ class DeferredFaultWatch:
         self._watch.zeroed()
 
     def _span_ns(self) -> int:
-        (first, first_at, _), (last, last_at, _) = self._gathered[0], self._gathered[-1]
-        return int(last.t_mono_ns[last_at]) - int(first.t_mono_ns[first_at])
+        return self._gathered[-1][0].t_mono_ns - self._gathered[0][0].t_mono_ns
 
     def _work_off(self) -> None:
         gathered, self._gathered, self._urgent = self._gathered, [], False
-        for cycles, at, screened in gathered:
+        for cycle, screened in gathered:
+            cycles = cycle.cycles
             if not screened:
-                self._watch.screen(cycles, at)
-            self._changes += self._watch.update(cycles, at)
+                self._watch.screen(cycles, 0)
+            self._changes += self._watch.update(cycles, 0)
