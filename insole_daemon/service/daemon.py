@@ -37,7 +37,9 @@ from .steps import StepEvents
 from .switching import model_handler
 from .zeroing import zero_handler
 
-_HEALTH_NS = 1_000_000_000
+_HEALTH_NS = 1_000_000_000  # of each foot, not all at the same moment
+_CALM_NS = 3_000_000  # health is made when no cycle is promised for so long,
+_MOST_DEFERRED_NS = 100_000_000  # or so long after it was due
 _IDLE_NS = 100_000_000  # how long the loop may wait for frames: signals and lost buses are seen so soon
 _BUSY_NS = 5_000_000  # the same while something is asked for or done to boards: that counts time in the loop's turns
 # The loop that sends is the loop that publishes: a queue of ten frames that takes none of our few for so long is
@@ -87,7 +89,9 @@ class Daemon:
         self._reloads = self._reloads_refused = 0
         self._journal = Journal(_log)
         self._backlog = Backlog(partial(self._journal.tell, logging.WARNING))
-        self._next_health_ns = self._started_mono_ns = time.monotonic_ns()
+        self._started_mono_ns = time.monotonic_ns()
+        self._health_due_ns = [self._started_mono_ns for _ in feet]
+        self._rates_hz = [0.0 for _ in feet]  # at which each was published last, for the status
 
     def stop(self) -> None:
         """End `run` within a few hundredths of a second; safe from signal handlers and other threads."""
@@ -113,7 +117,8 @@ class Daemon:
         gc.freeze()  # what is there now stays: the collector need not look at it again
         notify("READY=1", "STATUS=waiting for frames")
         ready()
-        self._next_health_ns = time.monotonic_ns() + _HEALTH_NS
+        step_ns = _HEALTH_NS // len(self._feet)
+        self._health_due_ns = [time.monotonic_ns() + place * step_ns for place in range(1, len(self._feet) + 1)]
         try:
             while not self._stopping and not self._source.exhausted:
                 until_ns = self._source.clock_ns() + (_BUSY_NS if self._is_busy() else _IDLE_NS)
@@ -253,68 +258,76 @@ class Daemon:
         """Until the next look; health in the middle of it, when what was published last has left."""
         now_ns = self._source.clock_ns()
         look_ns = self._skin.best_poll_ns(now_ns + self._backlog.pause_ns)
-        if self._next_health_ns - time.monotonic_ns() < look_ns - now_ns:  # the clock of a log is another one
+        if min(self._health_due_ns) - time.monotonic_ns() < look_ns - now_ns:  # the clock of a log is another one
             time.sleep((look_ns - now_ns) * 0.5e-9)
-            self._report_if_due()
+            self._report_if_due(is_resting=True)
         time.sleep(max(0, look_ns - self._source.clock_ns()) * 1e-9)
 
-    def _report_if_due(self) -> None:
-        late_ns = time.monotonic_ns() - self._next_health_ns
-        if late_ns >= 0:
-            self._report()
-            self._next_health_ns += (late_ns // _HEALTH_NS + 1) * _HEALTH_NS  # what was slept through is not made up
+    def _report_if_due(self, is_resting: bool = False) -> None:
+        now_ns = time.monotonic_ns()
+        late_ns = now_ns - min(self._health_due_ns)
+        if late_ns < 0 or not (is_resting or late_ns > _MOST_DEFERRED_NS or self._is_calm()):
+            return
+        for place, due_ns in enumerate(self._health_due_ns):
+            if due_ns <= now_ns:
+                self._report(place)
+                periods = (now_ns - due_ns) // _HEALTH_NS + 1  # what was slept through is not made up
+                self._health_due_ns[place] += periods * _HEALTH_NS
 
-    def _report(self) -> None:
-        """Health of every foot, and the watchdog: it is fed by the loop that publishes, or not at all."""
+    def _is_calm(self) -> bool:
+        """Whether no cycle is promised for _CALM_NS."""
+        promised_ns = self._skin.expected().promised_ns
+        return promised_ns is None or promised_ns - self._source.clock_ns() > _CALM_NS
+
+    def _report(self, place: int) -> None:
+        """Health of the foot at `place`, and the watchdog: it is fed by the loop that publishes, or not at all."""
         self._journal.sum_up()
         now_ns = self._source.clock_ns()
         bus = self._source.counters
-        rates = []
-        for foot, assembler, publisher, desk, tally in zip(
-            self._feet, self._skin.assemblers, self._publishers, self._desks, self._tallies, strict=True
-        ):
-            reports = foot.survey(assembler, now_ns, foot.stale_after_ns)
-            streaming = sum(report.state == "streaming" for report in reports)
-            elapsed_s, latency_ms = tally.since_last_report()
-            faults = foot.faults()
-            published = foot.seq - tally.reported_seq
-            tally.reported_seq = foot.seq
-            rates.append(published / elapsed_s)
-            publisher.publish(
-                Health(
-                    foot=foot.name,
-                    t_ns=time.time_ns(),
-                    uptime_s=(time.monotonic_ns() - self._started_mono_ns) * 1e-9,
-                    state="no data" if not streaming else "degraded" if faults or streaming < len(reports) else "ok",
-                    cycles={
-                        "published": foot.seq,
-                        "late": tally.late,
-                        "repeated": tally.repeated,
-                        "skipped": tally.skipped + assembler.skipped,
-                        "superseded_halves": assembler.superseded,
-                        "missed_halves": int(assembler.missed.sum()),
-                        "extrapolated": foot.extrapolated,
-                        "beyond": foot.beyond,
-                    },
-                    publish_rate_hz=published / elapsed_s,
-                    quality=tally.quality.report(time.monotonic_ns()).document(),
-                    latency_ms=latency_ms,
-                    boards=[dataclasses.asdict(report) for report in reports],
-                    faults=faults,
-                    bus=dataclasses.asdict(bus),
-                    refused=_with_text_keys(dataclasses.asdict(self._skin.streams.refused)),
-                    asked={
-                        "requests_done": desk.done,
-                        "requests_refused": desk.refused,
-                        "reloads_done": self._reloads,
-                        "reloads_refused": self._reloads_refused,
-                        "commands_sent": sum(gate.sent for gate in self._gates.values()),
-                        "commands_refused": sum(gate.refused for gate in self._gates.values()),
-                    },
-                )
+        foot, assembler, publisher = self._feet[place], self._skin.assemblers[place], self._publishers[place]
+        desk, tally = self._desks[place], self._tallies[place]
+        reports = foot.survey(assembler, now_ns, foot.stale_after_ns)
+        streaming = sum(report.state == "streaming" for report in reports)
+        elapsed_s, latency_ms = tally.since_last_report()
+        faults = foot.faults()
+        published = foot.seq - tally.reported_seq
+        tally.reported_seq = foot.seq
+        self._rates_hz[place] = published / elapsed_s
+        publisher.publish(
+            Health(
+                foot=foot.name,
+                t_ns=time.time_ns(),
+                uptime_s=(time.monotonic_ns() - self._started_mono_ns) * 1e-9,
+                state="no data" if not streaming else "degraded" if faults or streaming < len(reports) else "ok",
+                cycles={
+                    "published": foot.seq,
+                    "late": tally.late,
+                    "repeated": tally.repeated,
+                    "skipped": tally.skipped + assembler.skipped,
+                    "superseded_halves": assembler.superseded,
+                    "missed_halves": int(assembler.missed.sum()),
+                    "extrapolated": foot.extrapolated,
+                    "beyond": foot.beyond,
+                },
+                publish_rate_hz=published / elapsed_s,
+                quality=tally.quality.report(time.monotonic_ns()).document(),
+                latency_ms=latency_ms,
+                boards=[dataclasses.asdict(report) for report in reports],
+                faults=faults,
+                bus=dataclasses.asdict(bus),
+                refused=_with_text_keys(dataclasses.asdict(self._skin.streams.refused)),
+                asked={
+                    "requests_done": desk.done,
+                    "requests_refused": desk.refused,
+                    "reloads_done": self._reloads,
+                    "reloads_refused": self._reloads_refused,
+                    "commands_sent": sum(gate.sent for gate in self._gates.values()),
+                    "commands_refused": sum(gate.refused for gate in self._gates.values()),
+                },
             )
+        )
         notify("WATCHDOG=1", "STATUS=" + ", ".join(
-            f"{foot.name} {rate:.1f} Hz" for foot, rate in zip(self._feet, rates, strict=True)
+            f"{foot.name} {rate:.1f} Hz" for foot, rate in zip(self._feet, self._rates_hz, strict=True)
         ) + f", {bus.overflows} frames lost" + "".join(
             f", {name} {interface.state}" for name, interface in bus.interfaces.items() if interface.state != "up"
         ))  # fmt: skip
