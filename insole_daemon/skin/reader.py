@@ -35,6 +35,7 @@ class SkinReader:
             CycleAssembler(layout.identities[:, 0], period_ns, slack_ns, first)
             for layout, first in zip(layouts, first_slots[:-1], strict=True)
         ]
+        self._may_hold = False  # whether an assembler may hold frames that it has not looked at
         self._sorter = None
         if kernel is not None:
             self._sorter = self.streams.sorter([assembler.compiled for assembler in self.assemblers])
@@ -44,6 +45,7 @@ class SkinReader:
         if not len(batch):
             return [[] for _ in self.assemblers]
         slots = self.streams.slots(batch)
+        self._may_hold = True
         return [assembler.feed(slots, batch.data, batch.t_ns, batch.t_mono_ns) for assembler in self.assemblers]
 
     def closed_cycles(self, batch: FrameBatch) -> list[list[ClosedCycle]]:
@@ -53,8 +55,10 @@ class SkinReader:
                 return [[] for _ in self.assemblers]
             frames = self.streams.slots(batch), batch.data, batch.t_ns, batch.t_mono_ns
             return [assembler.closed_cycles(*frames) for assembler in self.assemblers]
-        for assembler in self.assemblers:
-            assembler.settle()
+        if self._may_hold:
+            for assembler in self.assemblers:
+                assembler.settle()
+            self._may_hold = False
         n_refused, closed_by_foot = kernel.take(self._sorter, batch.block)
         if n_refused:
             self.streams.count_refused()
@@ -70,10 +74,7 @@ class SkinReader:
 
     def expected(self) -> Expected:
         """What is waited for now."""
-        n_held = 0
-        for assembler in self.assemblers:
-            n_held += assembler.n_held
-        if self._sorter is not None and not n_held:
+        if self._sorter is not None and not self._may_hold:
             return Expected(*kernel.expected(self._sorter))
         due_ns = outstanding = promised_ns = None
         in_rhythm = True

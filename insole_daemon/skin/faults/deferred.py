@@ -24,7 +24,7 @@ class DeferredFaultWatch:
     def __init__(self, watch: FaultWatch) -> None:
         self._watch = watch
         self._gathered: list[tuple[ClosedCycle, bool]] = []  # and whether it was screened already
-        self._urgent = False
+        self.is_due = False  # whether `changes` has something to tell or works off what was taken in
         self._changes: list[Change] = []
         self.masked = watch.masked  # (n_triangles, 12) as of FaultWatch, the same array for ever
         self.loose, self.top_is_rail = watch.loose, watch.top_is_rail  # (n_triangles,) and (n_triangles, 1), the same
@@ -44,21 +44,18 @@ class DeferredFaultWatch:
         if may_come_loose:
             self._work_off()
             self._watch.screen(cycle.cycles, 0)
-            self._urgent = True
-        self._gathered.append((cycle, may_come_loose))
-        if len(self._gathered) >= _MOST_GATHERED:
+        gathered = self._gathered
+        gathered.append((cycle, may_come_loose))
+        if may_come_loose or cycle.t_mono_ns - gathered[0][0].t_mono_ns >= GATHER_NS:
+            self.is_due = True
+        if len(gathered) >= _MOST_GATHERED:
             self._work_off()
-
-    @property
-    def is_due(self) -> bool:
-        """Whether `changes` has something to tell or works off what was taken in."""
-        return bool(self._changes) or (bool(self._gathered) and (self._urgent or self._span_ns() >= GATHER_NS))
 
     def changes(self, early: bool = False) -> list[Change]:
         """What began or healed since the last call, in the cycles worked off: once they are due, or now if `early`."""
         if early or self.is_due:
             self._work_off()
-        changes, self._changes = self._changes, []
+        changes, self._changes, self.is_due = self._changes, [], False
         return changes
 
     def zeroed(self) -> None:
@@ -66,13 +63,11 @@ class DeferredFaultWatch:
         self._work_off()
         self._watch.zeroed()
 
-    def _span_ns(self) -> int:
-        return self._gathered[-1][0].t_mono_ns - self._gathered[0][0].t_mono_ns
-
     def _work_off(self) -> None:
-        gathered, self._gathered, self._urgent = self._gathered, [], False
+        gathered, self._gathered = self._gathered, []
         for cycle, screened in gathered:
             cycles = cycle.cycles
             if not screened:
                 self._watch.screen(cycles, 0)
             self._changes += self._watch.update(cycles, 0)
+        self.is_due = bool(self._changes)
