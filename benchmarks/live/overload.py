@@ -3,8 +3,9 @@
     python -m benchmarks.live.overload [--seconds 20] [--percent 4.2] [--one-cpu]
 
 Both feet walk on one bus. First the daemon runs freely, and what it needs is measured; then the kernel gives it a third
-of that, or so many percent of a CPU. In both it has precedence over whatever else runs on the host. The age of a cycle is
-from the kernel's stamp on its newest frame until it has arrived at a subscriber, which is as punctual as this host can be.
+of that, or so many percent of a CPU. In both it has precedence over whatever else runs on the host. The age of a cycle
+is from the kernel's stamp on its newest frame until it has arrived at a subscriber, which is as punctual as this host
+can be.
 
 Takes about a minute and a half.
 """
