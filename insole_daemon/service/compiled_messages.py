@@ -21,10 +21,10 @@ from ..skin.faults import DeferredFaultWatch
 from ..wire.messages import Message, Pressure, Raw, Wrench
 from ..wire.templates import template
 
-KINDS: tuple[type[Message], ...] = (Raw, Pressure, Wrench)
+MESSAGES: tuple[type[Message], ...] = (Raw, Pressure, Wrench)
 
 
-class Reading(NamedTuple):
+class CycleReading(NamedTuple):
     """What a cycle was read as, beside the arrays of CompiledMessages."""
 
     is_extrapolated: bool  # a valid taxel reads beyond what its curve was fitted to
@@ -55,10 +55,10 @@ class CompiledMessages:
         self._messages = kernel.messages(
             static.reader,
             (watch.masked, watch.top_is_rail, watch.loose, self.valid, self._pressure_pa, self.pressure_pa, age_ms),
-            tuple([template(kind, constants) for kind in KINDS]),
+            tuple([template(kind, constants) for kind in MESSAGES]),
         )
 
-    def read(self, cycle: ClosedCycle, is_screened: bool) -> Reading | None:
+    def read(self, cycle: ClosedCycle, is_screened: bool) -> CycleReading | None:
         """Read a cycle that has a record; None where the fault watch must screen it first, and has not."""
         sums = kernel.read_record(self._messages, cycle.record, is_screened)
         if sums is None:
@@ -68,10 +68,10 @@ class CompiledMessages:
         wrench = self._wrench.of_sums(
             f_z, m_x, m_y, n_valid, n_in_contact, self._pressure_pa, self._is_valid, variance_pa2
         )
-        return Reading(bool(extrapolated), wrench)
+        return CycleReading(bool(extrapolated), wrench)
 
-    def pack(self, cycle: ClosedCycle, reading: Reading, seq: int, published_ns: int) -> tuple[bytes, ...]:
-        """Return the payloads of the cycle that was read last, in the order of KINDS."""
+    def pack(self, cycle: ClosedCycle, reading: CycleReading, seq: int, published_ns: int) -> tuple[bytes, ...]:
+        """Return the payloads of the cycle that was read last, in the order of MESSAGES."""
         payloads: tuple[bytes, ...] = kernel.pack_record(
             self._messages, cycle.record, seq, published_ns, reading.wrench
         )
