@@ -1,10 +1,13 @@
-/* The arithmetic of a cycle, compiled: the same results, to the bit, as the numpy code that calls it.
+/* The work of a cycle, compiled: the same results, to the bit, as the numpy code beside each call of it.
 
    pack         a map of fixed keys as msgpack
-   receive      what waits in a socket, by the hundred; drain: into arrays, with both clocks
+   receiver     the buffers of a socket; receive: what waits in it, by the hundred; drain: into one block, with both
+                clocks; merge: the blocks of several sockets into one, in the order of time
    slots        the slot of each frame
-   assembly     the state of a CycleAssembler; feed: frames into it; close: a cycle out of it
+   assembly     the state of a CycleAssembler; feed and advance: the cycles that frames and time close, as records
+   sorter       the assemblies of all feet; take: a block of frames into them; expected: what they wait for
    reader       the constants of a foot; read: counts into valid taxels, pressure and the sums of the wrench
+   messages     a reader and the templates of its messages; read_record and pack_record: a record into messages
    pads_on_rail, may_be_loose: whether a triangle may just have come loose
    compare      each taxel with its neighbours, for dead and stuck ones
    press        the highest pressure of each region of the sole, and its integral
@@ -22,7 +25,7 @@
 #include <string.h>
 #include <sys/socket.h>
 
-#define INTERFACE 3 /* another number for other functions or arguments; compiled.py has it too */
+#define INTERFACE 4 /* another number for other functions or arguments; compiled.py has it too */
 #define TAXELS 12
 #define MOST_TRIANGLES 224
 #define NEVER (-((int64_t)1 << 62))
@@ -114,6 +117,19 @@ static int put_unsigned(Writer *out, uint64_t value)
     return value <= 0xFFFFFFFF ? put_number(out, 0xCE, value, 4) : put_number(out, 0xCF, value, 8);
 }
 
+static int put_signed(Writer *out, int64_t value)
+{
+    if (value >= 0)
+        return put_unsigned(out, (uint64_t)value);
+    if (value >= -32)
+        return put_number(out, (int)(0x100 + value), 0, 0);
+    if (value >= INT8_MIN)
+        return put_number(out, 0xD0, (uint64_t)value, 1);
+    if (value >= INT16_MIN)
+        return put_number(out, 0xD1, (uint64_t)value, 2);
+    return value >= INT32_MIN ? put_number(out, 0xD2, (uint64_t)value, 4) : put_number(out, 0xD3, (uint64_t)value, 8);
+}
+
 static int put_integer(Writer *out, PyObject *number)
 {
     int beyond;
@@ -124,15 +140,7 @@ static int put_integer(Writer *out, PyObject *number)
     }
     if (value == -1 && PyErr_Occurred())
         return -1;
-    if (value >= 0)
-        return put_unsigned(out, (uint64_t)value);
-    if (value >= -32)
-        return put_number(out, (int)(0x100 + value), 0, 0);
-    if (value >= INT8_MIN)
-        return put_number(out, 0xD0, (uint64_t)value, 1);
-    if (value >= INT16_MIN)
-        return put_number(out, 0xD1, (uint64_t)value, 2);
-    return value >= INT32_MIN ? put_number(out, 0xD2, (uint64_t)value, 4) : put_number(out, 0xD3, (uint64_t)value, 8);
+    return put_signed(out, value);
 }
 
 static int put_float(Writer *out, double value)
@@ -235,57 +243,126 @@ end:
 #define STAMP_BYTES 32
 #define CONTROL_BYTES 64
 
-/* receive(fd, headers, held): recvmmsg into the headers that are not held yet, without blocking; how many frames are
+/* A block of n frames: t_ns, t_mono_ns (8 bytes each), struct can_frame (16), interface (1), one array after another. */
+#define FRAME_BYTES 33
+
+typedef struct {
+    Py_ssize_t n;
+    int64_t *t_ns, *t_mono_ns;
+    char *raw;
+    unsigned char *interface;
+} Block;
+
+static Block block_of(char *bytes, Py_ssize_t n)
+{
+    Block block = {n, (int64_t *)bytes, (int64_t *)bytes + n, bytes + 16 * n, (unsigned char *)bytes + 32 * n};
+    return block;
+}
+
+/* The block in a bytes object; n < 0 with an error set where it is none. */
+static Block block_in(PyObject *object)
+{
+    Block none = {-1, NULL, NULL, NULL, NULL};
+    Py_ssize_t size = PyBytes_Size(object);
+    if (size < 0)
+        return none;
+    if (size % FRAME_BYTES) {
+        PyErr_Format(PyExc_ValueError, "expected %d bytes of each frame, found %zd bytes", FRAME_BYTES, size);
+        return none;
+    }
+    return block_of(PyBytes_AsString(object), size / FRAME_BYTES);
+}
+
+enum { FRAMES, CONTROL, HEADERS, N_RECEIVER };
+
+typedef struct {
+    Py_buffer views[N_RECEIVER];
+    Py_ssize_t capacity;
+} Receiver;
+
+static void free_receiver(PyObject *capsule)
+{
+    Receiver *receiver = PyCapsule_GetPointer(capsule, "receiver");
+    release(receiver->views, N_RECEIVER);
+    PyMem_Free(receiver);
+}
+
+/* receiver(frames, control, headers): struct can_frame, control messages and struct mmsghdr that point to them, as many
+   of each; written to from then on. */
+static PyObject *make_receiver(PyObject *module, PyObject *const *arguments, Py_ssize_t n_arguments)
+{
+    static const Py_ssize_t sizes[N_RECEIVER] = {16, CONTROL_BYTES, sizeof(struct mmsghdr)};
+    int held = 0;
+    if (counted(n_arguments, N_RECEIVER) < 0)
+        return NULL;
+    Receiver *receiver = PyMem_Malloc(sizeof *receiver);
+    if (receiver == NULL)
+        return PyErr_NoMemory();
+    receiver->capacity = 0;
+    for (; held < N_RECEIVER; held++) {
+        Py_ssize_t size = held ? sizes[held] * receiver->capacity : -1;
+        if (contiguous(arguments[held], &receiver->views[held], size, 1) < 0)
+            goto failed;
+        if (held == FRAMES)
+            receiver->capacity = receiver->views[FRAMES].len / 16;
+    }
+    PyObject *capsule = PyCapsule_New(receiver, "receiver", free_receiver);
+    if (capsule != NULL)
+        return capsule;
+failed:
+    release(receiver->views, held);
+    PyMem_Free(receiver);
+    return NULL;
+}
+
+/* receive(receiver, fd, held): recvmmsg into the headers that are not held yet, without blocking; how many frames are
    held then, or minus the error number. */
 static PyObject *receive(PyObject *module, PyObject *const *arguments, Py_ssize_t n_arguments)
 {
-    Py_buffer headers;
     if (counted(n_arguments, 3) < 0)
         return NULL;
-    long fd = PyLong_AsLong(arguments[0]), held = PyLong_AsLong(arguments[2]);
-    if (PyErr_Occurred() || contiguous(arguments[1], &headers, -1, 1) < 0)
+    Receiver *receiver = PyCapsule_GetPointer(arguments[0], "receiver");
+    if (receiver == NULL)
         return NULL;
-    long room = (long)(headers.len / (Py_ssize_t)sizeof(struct mmsghdr)) - held;
+    long fd = PyLong_AsLong(arguments[1]), held = PyLong_AsLong(arguments[2]);
+    if (PyErr_Occurred())
+        return NULL;
+    long room = (long)receiver->capacity - held;
     if (held >= 0 && room > 0) {
-        int taken = recvmmsg((int)fd, (struct mmsghdr *)headers.buf + held, (unsigned)room, MSG_DONTWAIT, NULL);
+        struct mmsghdr *headers = (struct mmsghdr *)receiver->views[HEADERS].buf + held;
+        int taken = recvmmsg((int)fd, headers, (unsigned)room, MSG_DONTWAIT, NULL);
         held = taken >= 0 ? held + taken : errno == EAGAIN || errno == EWOULDBLOCK || errno == EINTR ? held : -errno;
     }
-    PyBuffer_Release(&headers);
     return PyLong_FromLong(held);
 }
 
-/* drain(frames, control, headers, offset_ns, last_mono_ns, now_mono_ns, raw, t_ns, t_mono_ns): the frames held, as many as
-   `raw` has rows of 16 bytes, into the last three arrays. Returns (how many have a time stamp, how many are standard data
-   frames of 8 bytes, the kernel's count of lost frames or None, the last monotonic time). */
+/* drain(receiver, held, offset_ns, last_mono_ns, now_mono_ns): the first `held` frames. Returns (their block, how many
+   have a time stamp, how many are standard data frames of 8 bytes, the kernel's count of lost frames or None, the last
+   monotonic time). */
 static PyObject *drain(PyObject *module, PyObject *const *arguments, Py_ssize_t n_arguments)
 {
-    Py_buffer views[6];
-    int n_views = 0;
-    PyObject *result = NULL;
-    if (counted(n_arguments, 9) < 0)
+    if (counted(n_arguments, 5) < 0)
         return NULL;
-    int64_t offset_ns = PyLong_AsLongLong(arguments[3]), last_ns = PyLong_AsLongLong(arguments[4]),
-            now_ns = PyLong_AsLongLong(arguments[5]);
-    if (PyErr_Occurred() || contiguous(arguments[6], &views[0], -1, 1) < 0)
+    Receiver *receiver = PyCapsule_GetPointer(arguments[0], "receiver");
+    if (receiver == NULL)
         return NULL;
-    n_views = 1;
-    Py_ssize_t n = views[0].len / 16;
-    for (; n_views < 3; n_views++)
-        if (contiguous(arguments[6 + n_views], &views[n_views], 8 * n, 1) < 0)
-            goto end;
-    for (; n_views < 6; n_views++)
-        if (contiguous(arguments[n_views - 3], &views[n_views], -1, 1) < 0)
-            goto end;
-    if (n < 1 || views[3].len < 16 * n || views[4].len < CONTROL_BYTES * n
-        || views[5].len < (Py_ssize_t)sizeof(struct mmsghdr) * n) {
-        PyErr_SetString(PyExc_ValueError, "expected room for the frames that are held, of which there are some");
-        goto end;
+    Py_ssize_t n = PyLong_AsSsize_t(arguments[1]);
+    int64_t offset_ns = PyLong_AsLongLong(arguments[2]), last_ns = PyLong_AsLongLong(arguments[3]),
+            now_ns = PyLong_AsLongLong(arguments[4]);
+    if (PyErr_Occurred())
+        return NULL;
+    if (n < 1 || n > receiver->capacity) {
+        PyErr_SetString(PyExc_ValueError, "expected as many frames as there is room for, one at least");
+        return NULL;
     }
-    char *raw = views[0].buf;
-    int64_t *t_ns = views[1].buf, *t_mono_ns = views[2].buf;
-    const int64_t *control = views[4].buf;
-    struct mmsghdr *headers = views[5].buf;
-    memcpy(raw, views[3].buf, (size_t)(16 * n));
+    PyObject *bytes = PyBytes_FromStringAndSize(NULL, FRAME_BYTES * n);
+    if (bytes == NULL)
+        return NULL;
+    Block block = block_of(PyBytes_AsString(bytes), n);
+    const int64_t *control = receiver->views[CONTROL].buf;
+    struct mmsghdr *headers = receiver->views[HEADERS].buf;
+    memcpy(block.raw, receiver->views[FRAMES].buf, (size_t)(16 * n));
+    memset(block.interface, 0, (size_t)n);
     PyObject *lost = NULL;
     if (headers[n - 1].msg_hdr.msg_controllen > STAMP_BYTES) {
         uint32_t count;
@@ -297,19 +374,57 @@ static PyObject *drain(PyObject *module, PyObject *const *arguments, Py_ssize_t 
     for (Py_ssize_t i = 0; i < n; i++) {
         const int64_t *stamp = control + i * (CONTROL_BYTES / 8);
         uint64_t head;
-        memcpy(&head, raw + 16 * i, 8);
+        memcpy(&head, block.raw + 16 * i, 8);
         plain += head >> 11 == ((uint64_t)8 << 32) >> 11;
         stamped += stamp[1] == STAMP_HEADER;
-        t_ns[i] = stamp[2] * 1000000000 + stamp[3];
-        if (t_ns[i] + offset_ns > last_ns)
-            last_ns = t_ns[i] + offset_ns;
-        t_mono_ns[i] = last_ns < now_ns ? last_ns : now_ns;
+        block.t_ns[i] = stamp[2] * 1000000000 + stamp[3];
+        if (block.t_ns[i] + offset_ns > last_ns)
+            last_ns = block.t_ns[i] + offset_ns;
+        block.t_mono_ns[i] = last_ns < now_ns ? last_ns : now_ns;
         headers[i].msg_hdr.msg_controllen = CONTROL_BYTES;
     }
-    result = Py_BuildValue("llNL", stamped, plain, lost, (long long)t_mono_ns[n - 1]);
-end:
-    release(views, n_views);
-    return result;
+    return Py_BuildValue("NllNL", bytes, stamped, plain, lost, (long long)block.t_mono_ns[n - 1]);
+}
+
+#define MOST_BLOCKS 256 /* an interface is a byte */
+
+/* merge(blocks): the frames of all blocks in a tuple as one block, in the order of monotonic time, frames of one time in
+   the order of the blocks; the interface of each is its block's place in the tuple. */
+static PyObject *merge(PyObject *module, PyObject *const *arguments, Py_ssize_t n_arguments)
+{
+    Block blocks[MOST_BLOCKS];
+    Py_ssize_t next[MOST_BLOCKS] = {0}, n = 0;
+    if (counted(n_arguments, 1) < 0)
+        return NULL;
+    Py_ssize_t n_blocks = PyTuple_Size(arguments[0]);
+    if (n_blocks < 0 || n_blocks > MOST_BLOCKS) {
+        if (!PyErr_Occurred())
+            PyErr_Format(PyExc_ValueError, "expected at most %d blocks", MOST_BLOCKS);
+        return NULL;
+    }
+    for (Py_ssize_t k = 0; k < n_blocks; k++) {
+        blocks[k] = block_in(PyTuple_GetItem(arguments[0], k));
+        if (blocks[k].n < 0)
+            return NULL;
+        n += blocks[k].n;
+    }
+    PyObject *bytes = PyBytes_FromStringAndSize(NULL, FRAME_BYTES * n);
+    if (bytes == NULL)
+        return NULL;
+    Block merged = block_of(PyBytes_AsString(bytes), n);
+    for (Py_ssize_t i = 0; i < n; i++) {
+        Py_ssize_t first = -1;
+        for (Py_ssize_t k = 0; k < n_blocks; k++)
+            if (next[k] < blocks[k].n
+                && (first < 0 || blocks[k].t_mono_ns[next[k]] < blocks[first].t_mono_ns[next[first]]))
+                first = k;
+        Py_ssize_t row = next[first]++;
+        merged.t_ns[i] = blocks[first].t_ns[row];
+        merged.t_mono_ns[i] = blocks[first].t_mono_ns[row];
+        memcpy(merged.raw + 16 * i, blocks[first].raw + 16 * row, 16);
+        merged.interface[i] = (unsigned char)first;
+    }
+    return bytes;
 }
 
 /* --- slots --------------------------------------------------------------------------------------------------- */
@@ -358,14 +473,45 @@ end:
     return PyErr_Occurred() ? NULL : PyLong_FromLong(found);
 }
 
+/* --- records ------------------------------------------------------------------------------------------------- */
+
+/* A closed cycle of n triangles as bytes: the fields of Cycles, one after another; skin/cycles.py has them as a dtype. */
+typedef struct {
+    int64_t *t_mono_ns, *t_ns, *triangle_t_ns, *age_ns, *arrivals;
+    uint16_t *status;
+    unsigned char *counts, *missing, *late, *repeated;
+} Record;
+
+static Py_ssize_t record_bytes(Py_ssize_t n)
+{
+    return (18 + 39 * n + 7) / 8 * 8;
+}
+
+static Record record_of(char *bytes, Py_ssize_t n)
+{
+    int64_t *words = (int64_t *)bytes;
+    unsigned char *rest = (unsigned char *)(words + 2 + 3 * n);
+    Record record = {words, words + 1, words + 2, words + 2 + n, words + 2 + 2 * n, (uint16_t *)rest, rest + 2 * n,
+                     rest + 14 * n, rest + 15 * n, rest + 15 * n + 1};
+    return record;
+}
+
 /* --- assembly ------------------------------------------------------------------------------------------------ */
 
-enum { SEEN, EXPECTED, RETURNING, MISSES, ARRIVALS, CHANGES, PAYLOAD, T_NS, T_MONO_NS, NEWEST_SLOT, BOARD, N_STATE };
+enum {
+    SEEN, EXPECTED, RETURNING, MISSES, MISSED, ARRIVALS, CHANGES, PAYLOAD, T_NS, T_MONO_NS, NEWEST_SLOT, BOARD, SCALARS,
+    N_STATE
+};
+enum {
+    DUE_NS, OUTSTANDING, WAITING, NEWEST_T_NS, FRESH, SUPERSEDED, COMPLETE_NS, INTERVAL_NS, PROMISED_NS, SKIPPED,
+    N_SCALARS
+}; /* a time that there is not is NEVER */
+enum { FIRST_SLOT, PERIOD_NS, LIMIT_NS, TWICE_NS, GAP_NS, PATIENCE, INTERVALS, N_NUMBERS };
 
 typedef struct {
     Py_buffer views[N_STATE];
-    Py_ssize_t n_slots, first_slot;
-    int64_t limit_ns, twice_ns;
+    Py_ssize_t n_slots;
+    int64_t numbers[N_NUMBERS];
 } Assembly;
 
 static void free_assembly(PyObject *capsule)
@@ -375,28 +521,31 @@ static void free_assembly(PyObject *capsule)
     PyMem_Free(assembly);
 }
 
-/* assembly(arrays, first_slot, limit_ns, twice_ns): `arrays` in the order of the enum, written to from then on. */
+/* assembly(arrays, numbers): both in the order of their enum; the arrays are written to from then on. */
 static PyObject *make_assembly(PyObject *module, PyObject *const *arguments, Py_ssize_t n_arguments)
 {
-    static const Py_ssize_t sizes[N_STATE] = {1, 1, 1, 8, 8, 8, 8, 8, 8, 0, 8};
-    if (counted(n_arguments, 4) < 0)
+    static const Py_ssize_t sizes[N_STATE] = {1, 1, 1, 8, 8, 8, 8, 8, 8, 8, 0, 8, 0};
+    if (counted(n_arguments, 2) < 0)
         return NULL;
-    if (PyTuple_Size(arguments[0]) != N_STATE) {
+    if (PyTuple_Size(arguments[0]) != N_STATE || PyTuple_Size(arguments[1]) != N_NUMBERS) {
         if (!PyErr_Occurred())
-            PyErr_Format(PyExc_ValueError, "expected %d arrays", N_STATE);
+            PyErr_Format(PyExc_ValueError, "expected %d arrays and %d numbers", N_STATE, N_NUMBERS);
         return NULL;
     }
     Assembly *assembly = PyMem_Malloc(sizeof *assembly);
     if (assembly == NULL)
         return PyErr_NoMemory();
-    assembly->first_slot = PyLong_AsSsize_t(arguments[1]);
-    assembly->limit_ns = PyLong_AsLongLong(arguments[2]);
-    assembly->twice_ns = PyLong_AsLongLong(arguments[3]);
     int held = 0;
+    for (int i = 0; i < N_NUMBERS; i++)
+        assembly->numbers[i] = PyLong_AsLongLong(PyTuple_GetItem(arguments[1], i));
     if (PyErr_Occurred())
         goto failed;
+    if (assembly->numbers[PERIOD_NS] < 1 || assembly->numbers[INTERVALS] < 1) {
+        PyErr_SetString(PyExc_ValueError, "expected a period and a number of intervals above 0");
+        goto failed;
+    }
     for (; held < N_STATE; held++) {
-        Py_ssize_t size = held && sizes[held] ? sizes[held] * assembly->n_slots : -1;
+        Py_ssize_t size = held == SCALARS ? 8 * N_SCALARS : held && sizes[held] ? sizes[held] * assembly->n_slots : -1;
         if (contiguous(PyTuple_GetItem(arguments[0], held), &assembly->views[held], size, 1) < 0)
             goto failed;
         if (held == SEEN)
@@ -417,16 +566,173 @@ failed:
     return NULL;
 }
 
-/* feed(assembly, slots, data, t_ns, t_mono_ns, start, due_ns, outstanding, waiting):
-   frames from row `start` on, until the last expected half has come, or one is past `due_ns` (None: nothing has come
-   yet). Returns (row, due_ns, outstanding, newest_t_ns, fresh, superseded): `row` is the first that was not taken;
-   newest_t_ns is None where none of this foot was. `waiting`: whether any half is expected. */
+/* As CycleAssembler._begin_cycle. */
+static void begin_cycle(Assembly *assembly, int64_t t_close_ns, int complete)
+{
+    int64_t *scalars = assembly->views[SCALARS].buf;
+    const unsigned char *expected = assembly->views[EXPECTED].buf;
+    if (!complete || scalars[COMPLETE_NS] == NEVER)
+        scalars[INTERVAL_NS] = NEVER;
+    else {
+        int64_t interval_ns = t_close_ns - scalars[COMPLETE_NS], intervals = assembly->numbers[INTERVALS];
+        int64_t mean_ns = scalars[INTERVAL_NS] == NEVER ? interval_ns : scalars[INTERVAL_NS];
+        int64_t more_ns = interval_ns - mean_ns;
+        scalars[INTERVAL_NS] = mean_ns + more_ns / intervals - (more_ns % intervals < 0); /* rounded down */
+    }
+    scalars[PROMISED_NS] = scalars[INTERVAL_NS] == NEVER ? NEVER : t_close_ns + scalars[INTERVAL_NS];
+    scalars[COMPLETE_NS] = complete ? t_close_ns : NEVER;
+    scalars[OUTSTANDING] = 0;
+    for (Py_ssize_t slot = 0; slot < assembly->n_slots; slot++)
+        scalars[OUTSTANDING] += expected[slot];
+    scalars[WAITING] = scalars[OUTSTANDING] > 0;
+    scalars[DUE_NS] = t_close_ns + assembly->numbers[scalars[WAITING] ? LIMIT_NS : PERIOD_NS];
+}
+
+/* Appends the cycle as it stands to the list `closed`, as (t_mono_ns, t_ns, late, repeated, record), and begins the next. */
+static int close_cycle(Assembly *assembly, int64_t t_close_ns, int late, PyObject *closed)
+{
+    Py_ssize_t n = assembly->n_slots / 2;
+    Py_buffer *state = assembly->views;
+    int64_t *scalars = state[SCALARS].buf;
+    PyObject *bytes = PyBytes_FromStringAndSize(NULL, record_bytes(n));
+    if (bytes == NULL)
+        return -1;
+    char *start = PyBytes_AsString(bytes);
+    memset(start + record_bytes(n) - 8, 0, 8); /* of which up to seven hold nothing */
+    Record record = record_of(start, n);
+    unsigned char *seen = state[SEEN].buf, *expected = state[EXPECTED].buf, *returning = state[RETURNING].buf;
+    const int64_t *received = state[ARRIVALS].buf, *t_ns = state[T_NS].buf, *t_mono_ns = state[T_MONO_NS].buf;
+    const unsigned char *payload = state[PAYLOAD].buf;
+    for (Py_ssize_t i = 0; i < n; i++) {
+        const unsigned char *a = payload + 16 * i, *b = a + 8;
+        memcpy(record.counts + TAXELS * i, a + 1, 7);
+        memcpy(record.counts + TAXELS * i + 7, b + 1, 5);
+        record.status[i] = (uint16_t)(b[6] << 8 | b[7]);
+        Py_ssize_t older = t_mono_ns[2 * i] <= t_mono_ns[2 * i + 1] ? 2 * i : 2 * i + 1;
+        record.triangle_t_ns[i] = t_ns[older];
+        record.age_ns[i] = t_mono_ns[older] == NEVER ? -1 : t_close_ns - t_mono_ns[older];
+        record.arrivals[i] = received[2 * i] + received[2 * i + 1];
+        record.missing[i] = (expected[2 * i] && !seen[2 * i]) || (expected[2 * i + 1] && !seen[2 * i + 1]);
+    }
+    int repeated = !scalars[FRESH];
+    *record.t_mono_ns = t_close_ns;
+    *record.t_ns = scalars[NEWEST_T_NS];
+    *record.late = (unsigned char)late;
+    *record.repeated = (unsigned char)repeated;
+    PyObject *cycle = Py_BuildValue("LLNNN", (long long)t_close_ns, (long long)scalars[NEWEST_T_NS],
+                                    PyBool_FromLong(late), PyBool_FromLong(repeated), bytes);
+    int failed = cycle == NULL || PyList_Append(closed, cycle) < 0;
+    Py_XDECREF(cycle);
+    for (Py_ssize_t slot = 0; slot < assembly->n_slots; slot++)
+        expected[slot] |= returning[slot];
+    memset(returning, 0, (size_t)assembly->n_slots);
+    memset(seen, 0, (size_t)assembly->n_slots);
+    scalars[FRESH] = 0;
+    begin_cycle(assembly, t_close_ns, !late && scalars[OUTSTANDING] == 0);
+    return failed ? -1 : 0;
+}
+
+/* As CycleAssembler._skip_gap and ._close_by_time. */
+static int close_by_time(Assembly *assembly, int64_t now_ns, PyObject *closed)
+{
+    Py_buffer *state = assembly->views;
+    int64_t *scalars = state[SCALARS].buf, *misses = state[MISSES].buf, *missed = state[MISSED].buf;
+    unsigned char *seen = state[SEEN].buf, *expected = state[EXPECTED].buf;
+    if (now_ns - scalars[DUE_NS] > assembly->numbers[GAP_NS] && !scalars[FRESH]) {
+        int64_t periods = (now_ns - scalars[DUE_NS]) / assembly->numbers[PERIOD_NS];
+        scalars[SKIPPED] += periods;
+        scalars[DUE_NS] += periods * assembly->numbers[PERIOD_NS];
+    }
+    int late = 0;
+    for (Py_ssize_t slot = 0; slot < assembly->n_slots; slot++) {
+        int absent = expected[slot] && !seen[slot];
+        late |= expected[slot];
+        missed[slot] += absent;
+        misses[slot] += absent;
+    }
+    int64_t due_ns = scalars[DUE_NS];
+    if (close_cycle(assembly, due_ns, late, closed) < 0)
+        return -1;
+    for (Py_ssize_t slot = 0; slot < assembly->n_slots; slot++)
+        expected[slot] &= misses[slot] < assembly->numbers[PATIENCE];
+    begin_cycle(assembly, due_ns, 0);
+    return 0;
+}
+
+/* Frames from row `row` on into the open cycle, until its last expected half has come, or one is past its due time. Returns
+   the first that was not taken. */
+static Py_ssize_t absorb(Assembly *assembly, Py_ssize_t row, Py_ssize_t n, const int16_t *slot_of, const char *data,
+                         Py_ssize_t data_step, const int64_t *t_ns, const int64_t *t_mono_ns)
+{
+    Py_buffer *state = assembly->views;
+    unsigned char *seen = state[SEEN].buf, *expected = state[EXPECTED].buf, *returning = state[RETURNING].buf;
+    int64_t *misses = state[MISSES].buf, *arrivals = state[ARRIVALS].buf, *changes = state[CHANGES].buf;
+    uint64_t *payload = state[PAYLOAD].buf;
+    int64_t *last_ns = state[T_NS].buf, *last_mono_ns = state[T_MONO_NS].buf, *scalars = state[SCALARS].buf;
+    int16_t *newest_slot = state[NEWEST_SLOT].buf;
+    const int64_t *board = state[BOARD].buf, *numbers = assembly->numbers;
+    for (; row < n && !(scalars[WAITING] && scalars[OUTSTANDING] == 0); row++) {
+        int64_t slot = slot_of[row] - numbers[FIRST_SLOT];
+        if (slot < 0 || slot >= assembly->n_slots)
+            continue;
+        int64_t now_ns = t_mono_ns[row];
+        if (scalars[DUE_NS] == NEVER)
+            scalars[DUE_NS] = now_ns + numbers[LIMIT_NS];
+        if (now_ns > scalars[DUE_NS])
+            break;
+        int64_t since_ns = now_ns - last_mono_ns[slot];
+        int once_more = since_ns < numbers[TWICE_NS] && newest_slot[board[slot]] == slot;
+        if (!once_more) {
+            scalars[FRESH] = 1;
+            if (since_ns <= numbers[LIMIT_NS]) {
+                misses[slot] = 0;
+                returning[slot] = 1;
+            }
+        }
+        if (!once_more && !seen[slot]) {
+            seen[slot] = 1;
+            scalars[OUTSTANDING] -= expected[slot];
+        } else
+            scalars[SUPERSEDED]++;
+        uint64_t bytes;
+        memcpy(&bytes, data + row * data_step, 8);
+        arrivals[slot]++;
+        changes[slot] += bytes != payload[slot];
+        payload[slot] = bytes;
+        scalars[NEWEST_T_NS] = last_ns[slot] = t_ns[row];
+        last_mono_ns[slot] = now_ns;
+        newest_slot[board[slot]] = (int16_t)slot;
+    }
+    return row;
+}
+
+/* A list of the cycles that n frames close; NULL with an error set. */
+static PyObject *feed_frames(Assembly *assembly, Py_ssize_t n, const int16_t *slot_of, const char *data,
+                             Py_ssize_t data_step, const int64_t *t_ns, const int64_t *t_mono_ns)
+{
+    const int64_t *scalars = assembly->views[SCALARS].buf;
+    PyObject *closed = PyList_New(0);
+    Py_ssize_t row = 0;
+    while (closed != NULL && row < n) {
+        int failed = 0;
+        row = absorb(assembly, row, n, slot_of, data, data_step, t_ns, t_mono_ns);
+        if (scalars[WAITING] && scalars[OUTSTANDING] == 0)
+            failed = close_cycle(assembly, t_mono_ns[row - 1], 0, closed);
+        else if (row < n)
+            failed = close_by_time(assembly, t_mono_ns[row], closed);
+        if (failed)
+            Py_CLEAR(closed);
+    }
+    return closed;
+}
+
+/* feed(assembly, slots, data, t_ns, t_mono_ns): as CycleAssembler.feed, each cycle as close_cycle makes it. */
 static PyObject *feed(PyObject *module, PyObject *const *arguments, Py_ssize_t n_arguments)
 {
     Py_buffer views[4];
     int n_views = 0;
-    PyObject *result = NULL;
-    if (counted(n_arguments, 9) < 0)
+    PyObject *closed = NULL;
+    if (counted(n_arguments, 5) < 0)
         return NULL;
     Assembly *assembly = PyCapsule_GetPointer(arguments[0], "assembly");
     if (assembly == NULL || contiguous(arguments[1], &views[0], -1, 0) < 0)
@@ -438,118 +744,174 @@ static PyObject *feed(PyObject *module, PyObject *const *arguments, Py_ssize_t n
     for (; n_views < 4; n_views++)
         if (contiguous(arguments[1 + n_views], &views[n_views], 8 * n, 0) < 0)
             goto end;
-    Py_ssize_t row = PyLong_AsSsize_t(arguments[5]);
-    int begun = arguments[6] != Py_None;
-    int64_t due_ns = begun ? PyLong_AsLongLong(arguments[6]) : 0;
-    int64_t outstanding = PyLong_AsLongLong(arguments[7]);
-    int waiting = PyObject_IsTrue(arguments[8]);
-    if (PyErr_Occurred())
-        goto end;
-    const int16_t *slot_of = views[0].buf;
-    const char *data = views[1].buf;
-    Py_ssize_t data_step = views[1].strides[0];
-    const int64_t *t_ns = views[2].buf, *t_mono_ns = views[3].buf;
-    Py_buffer *state = assembly->views;
-    unsigned char *seen = state[SEEN].buf, *expected = state[EXPECTED].buf, *returning = state[RETURNING].buf;
-    int64_t *misses = state[MISSES].buf, *arrivals = state[ARRIVALS].buf, *changes = state[CHANGES].buf;
-    uint64_t *payload = state[PAYLOAD].buf;
-    int64_t *last_ns = state[T_NS].buf, *last_mono_ns = state[T_MONO_NS].buf;
-    int16_t *newest_slot = state[NEWEST_SLOT].buf;
-    const int64_t *board = state[BOARD].buf;
-    int64_t newest_t_ns = 0, superseded = 0;
-    int any = 0, fresh = 0;
-    for (; row < n && !(waiting && outstanding == 0); row++) {
-        Py_ssize_t slot = slot_of[row] - assembly->first_slot;
-        if (slot < 0 || slot >= assembly->n_slots)
-            continue;
-        int64_t now_ns = t_mono_ns[row];
-        if (!begun) {
-            due_ns = now_ns + assembly->limit_ns;
-            begun = 1;
-        }
-        if (now_ns > due_ns)
-            break;
-        int64_t since_ns = now_ns - last_mono_ns[slot];
-        int once_more = since_ns < assembly->twice_ns && newest_slot[board[slot]] == slot;
-        if (!once_more) {
-            fresh = 1;
-            if (since_ns <= assembly->limit_ns) {
-                misses[slot] = 0;
-                returning[slot] = 1;
-            }
-        }
-        if (!once_more && !seen[slot]) {
-            seen[slot] = 1;
-            outstanding -= expected[slot];
-        } else
-            superseded++;
-        uint64_t bytes;
-        memcpy(&bytes, data + row * data_step, 8);
-        arrivals[slot]++;
-        changes[slot] += bytes != payload[slot];
-        payload[slot] = bytes;
-        newest_t_ns = last_ns[slot] = t_ns[row];
-        last_mono_ns[slot] = now_ns;
-        newest_slot[board[slot]] = (int16_t)slot;
-        any = 1;
-    }
-    PyObject *due = begun ? PyLong_FromLongLong(due_ns) : Py_NewRef(Py_None);
-    PyObject *newest = any ? PyLong_FromLongLong(newest_t_ns) : Py_NewRef(Py_None);
-    result = Py_BuildValue("nNLNiL", row, due, (long long)outstanding, newest, fresh, (long long)superseded);
+    closed = feed_frames(assembly, n, views[0].buf, views[1].buf, views[1].strides[0], views[2].buf, views[3].buf);
 end:
     release(views, n_views);
-    return result;
+    return closed;
 }
 
-/* close(assembly, t_close_ns, counts, status, triangle_t_ns, age_ns, arrivals, missing): the cycle as it stands into the
-   six arrays, as in Cycles; then the next one begins. Returns how many halves that expects. */
-static PyObject *close_cycle(PyObject *module, PyObject *const *arguments, Py_ssize_t n_arguments)
+/* advance(assembly, now_mono_ns): as CycleAssembler.advance, each cycle as close_cycle makes it. */
+static PyObject *advance(PyObject *module, PyObject *const *arguments, Py_ssize_t n_arguments)
 {
-    static const Py_ssize_t sizes[] = {TAXELS, 2, 8, 8, 8, 1};
-    Py_buffer views[6];
-    int n_views = 0;
-    PyObject *result = NULL;
-    if (counted(n_arguments, 8) < 0)
+    if (counted(n_arguments, 2) < 0)
         return NULL;
     Assembly *assembly = PyCapsule_GetPointer(arguments[0], "assembly");
     if (assembly == NULL)
         return NULL;
-    int64_t t_close_ns = PyLong_AsLongLong(arguments[1]);
-    if (t_close_ns == -1 && PyErr_Occurred())
+    int64_t now_ns = PyLong_AsLongLong(arguments[1]);
+    if (now_ns == -1 && PyErr_Occurred())
         return NULL;
-    Py_ssize_t n = assembly->n_slots / 2;
-    for (; n_views < 6; n_views++)
-        if (contiguous(arguments[2 + n_views], &views[n_views], sizes[n_views] * n, 1) < 0)
-            goto end;
-    unsigned char *counts = views[0].buf, *missing = views[5].buf;
-    uint16_t *status = views[1].buf;
-    int64_t *triangle_t_ns = views[2].buf, *age_ns = views[3].buf, *arrivals = views[4].buf;
-    Py_buffer *state = assembly->views;
-    unsigned char *seen = state[SEEN].buf, *expected = state[EXPECTED].buf, *returning = state[RETURNING].buf;
-    const int64_t *received = state[ARRIVALS].buf, *t_ns = state[T_NS].buf, *t_mono_ns = state[T_MONO_NS].buf;
-    const unsigned char *payload = state[PAYLOAD].buf;
-    for (Py_ssize_t i = 0; i < n; i++) {
-        const unsigned char *a = payload + 16 * i, *b = a + 8;
-        memcpy(counts + TAXELS * i, a + 1, 7);
-        memcpy(counts + TAXELS * i + 7, b + 1, 5);
-        status[i] = (uint16_t)(b[6] << 8 | b[7]);
-        Py_ssize_t older = t_mono_ns[2 * i] <= t_mono_ns[2 * i + 1] ? 2 * i : 2 * i + 1;
-        triangle_t_ns[i] = t_ns[older];
-        age_ns[i] = t_mono_ns[older] == NEVER ? -1 : t_close_ns - t_mono_ns[older];
-        arrivals[i] = received[2 * i] + received[2 * i + 1];
-        missing[i] = (expected[2 * i] && !seen[2 * i]) || (expected[2 * i + 1] && !seen[2 * i + 1]);
+    const int64_t *scalars = assembly->views[SCALARS].buf;
+    PyObject *closed = PyList_New(0);
+    while (closed != NULL && scalars[DUE_NS] != NEVER && now_ns > scalars[DUE_NS])
+        if (close_by_time(assembly, now_ns, closed) < 0)
+            Py_CLEAR(closed);
+    return closed;
+}
+
+/* --- sorter -------------------------------------------------------------------------------------------------- */
+
+enum { TABLE, CODES, REFUSED, N_SORTER };
+#define REASONS 5 /* in `refused`: by reason, which is minus the slot, and from here on by the address of the board */
+#define UNCONFIGURED_BOARD (-2)
+#define MOST_FEET 16
+
+typedef struct {
+    Py_buffer views[N_SORTER];
+    PyObject *capsules; /* a tuple, which keeps the assemblies */
+    Assembly *assemblies[MOST_FEET];
+    Py_ssize_t n_feet, capacity;
+    int16_t *slots;
+} Sorter;
+
+static void free_sorter(PyObject *capsule)
+{
+    Sorter *sorter = PyCapsule_GetPointer(capsule, "sorter");
+    release(sorter->views, N_SORTER);
+    Py_DECREF(sorter->capsules);
+    PyMem_Free(sorter->slots);
+    PyMem_Free(sorter);
+}
+
+/* sorter(table, codes, refused, assemblies): the tables of Streams, (REASONS + 16) int64 where it counts refused frames, and
+   the assemblies of all feet. */
+static PyObject *make_sorter(PyObject *module, PyObject *const *arguments, Py_ssize_t n_arguments)
+{
+    static const Py_ssize_t sizes[N_SORTER] = {2048 * 3 * 2, 256 * 4, 8 * (REASONS + 16)};
+    if (counted(n_arguments, 4) < 0)
+        return NULL;
+    Py_ssize_t n_feet = PyTuple_Size(arguments[3]);
+    if (n_feet < 0 || n_feet > MOST_FEET) {
+        if (!PyErr_Occurred())
+            PyErr_Format(PyExc_ValueError, "expected at most %d assemblies", MOST_FEET);
+        return NULL;
     }
-    long n_expected = 0;
-    for (Py_ssize_t slot = 0; slot < assembly->n_slots; slot++) {
-        expected[slot] |= returning[slot];
-        n_expected += expected[slot];
+    Sorter *sorter = PyMem_Malloc(sizeof *sorter);
+    if (sorter == NULL)
+        return PyErr_NoMemory();
+    int held = 0;
+    sorter->slots = NULL;
+    sorter->capacity = 0;
+    sorter->n_feet = n_feet;
+    for (Py_ssize_t foot = 0; foot < n_feet; foot++) {
+        sorter->assemblies[foot] = PyCapsule_GetPointer(PyTuple_GetItem(arguments[3], foot), "assembly");
+        if (sorter->assemblies[foot] == NULL)
+            goto failed;
     }
-    memset(returning, 0, (size_t)assembly->n_slots);
-    memset(seen, 0, (size_t)assembly->n_slots);
-    result = PyLong_FromLong(n_expected);
-end:
-    release(views, n_views);
-    return result;
+    for (; held < N_SORTER; held++)
+        if (contiguous(arguments[held], &sorter->views[held], sizes[held], held == REFUSED) < 0)
+            goto failed;
+    sorter->capsules = Py_NewRef(arguments[3]);
+    PyObject *capsule = PyCapsule_New(sorter, "sorter", free_sorter);
+    if (capsule != NULL)
+        return capsule;
+    Py_DECREF(sorter->capsules);
+failed:
+    release(sorter->views, held);
+    PyMem_Free(sorter);
+    return NULL;
+}
+
+/* take(sorter, block): standard data frames of 8 bytes into the assemblies. Returns (how many were refused, a list of the
+   closed cycles of each foot). */
+static PyObject *take(PyObject *module, PyObject *const *arguments, Py_ssize_t n_arguments)
+{
+    if (counted(n_arguments, 2) < 0)
+        return NULL;
+    Sorter *sorter = PyCapsule_GetPointer(arguments[0], "sorter");
+    if (sorter == NULL)
+        return NULL;
+    Block block = block_in(arguments[1]);
+    if (block.n < 0)
+        return NULL;
+    if (block.n > sorter->capacity) {
+        int16_t *larger = PyMem_Realloc(sorter->slots, (size_t)block.n * sizeof *larger);
+        if (larger == NULL)
+            return PyErr_NoMemory();
+        sorter->slots = larger;
+        sorter->capacity = block.n;
+    }
+    const int16_t *table = sorter->views[TABLE].buf;
+    const uint32_t *codes = sorter->views[CODES].buf;
+    int64_t *refused = sorter->views[REFUSED].buf;
+    long n_refused = 0;
+    for (Py_ssize_t i = 0; i < block.n; i++) {
+        uint32_t can_id;
+        memcpy(&can_id, block.raw + 16 * i, 4);
+        can_id &= 0x7FF;
+        int16_t slot = table[can_id * 3 + codes[(unsigned char)block.raw[16 * i + 8]]];
+        sorter->slots[i] = slot;
+        if (slot < 0) {
+            n_refused++;
+            refused[-slot < REASONS ? -slot : 0]++;
+            if (slot == UNCONFIGURED_BOARD)
+                refused[REASONS + (can_id >> 4 & 0xF)]++;
+        }
+    }
+    PyObject *by_foot = PyList_New(sorter->n_feet);
+    if (by_foot == NULL)
+        return NULL;
+    for (Py_ssize_t foot = 0; foot < sorter->n_feet; foot++) {
+        PyObject *closed = feed_frames(sorter->assemblies[foot], block.n, sorter->slots, block.raw + 8, 16, block.t_ns,
+                                       block.t_mono_ns);
+        if (closed == NULL || PyList_SetItem(by_foot, foot, closed) < 0) {
+            Py_DECREF(by_foot);
+            return NULL;
+        }
+    }
+    return Py_BuildValue("lN", n_refused, by_foot);
+}
+
+static PyObject *time_or_none(int64_t ns)
+{
+    return ns == NEVER ? Py_NewRef(Py_None) : PyLong_FromLongLong(ns);
+}
+
+/* expected(sorter): (due_ns, outstanding, promised_ns), as SkinReader.expected. */
+static PyObject *expected_of_all(PyObject *module, PyObject *const *arguments, Py_ssize_t n_arguments)
+{
+    if (counted(n_arguments, 1) < 0)
+        return NULL;
+    Sorter *sorter = PyCapsule_GetPointer(arguments[0], "sorter");
+    if (sorter == NULL)
+        return NULL;
+    int64_t due_ns = NEVER, outstanding = NEVER, promised_ns = NEVER;
+    int in_rhythm = 1;
+    for (Py_ssize_t foot = 0; foot < sorter->n_feet; foot++) {
+        const int64_t *scalars = sorter->assemblies[foot]->views[SCALARS].buf;
+        if (scalars[DUE_NS] != NEVER && (due_ns == NEVER || scalars[DUE_NS] < due_ns))
+            due_ns = scalars[DUE_NS];
+        if (!scalars[OUTSTANDING])
+            continue;
+        if (outstanding == NEVER || scalars[OUTSTANDING] < outstanding)
+            outstanding = scalars[OUTSTANDING];
+        if (scalars[PROMISED_NS] == NEVER)
+            in_rhythm = 0;
+        else if (promised_ns == NEVER || scalars[PROMISED_NS] < promised_ns)
+            promised_ns = scalars[PROMISED_NS];
+    }
+    return Py_BuildValue("NNN", time_or_none(due_ns), time_or_none(outstanding),
+                         time_or_none(in_rhythm ? promised_ns : NEVER));
 }
 
 /* --- reader -------------------------------------------------------------------------------------------------- */
@@ -632,37 +994,25 @@ static double pairwise_sum(const double *x, Py_ssize_t n)
     return sum;
 }
 
-/* read(reader, counts, status, age_ns, masked, valid, pressure_pa, pressure_pa_f4, age_ms): one cycle into the last four
-   arrays. Returns (extrapolated, n_valid, n_in_contact, f_z_n, m_x_nm, m_y_nm). */
-static PyObject *read_cycle(PyObject *module, PyObject *const *arguments, Py_ssize_t n_arguments)
+typedef struct {
+    int extrapolated; /* a valid taxel reads below what its curve was fitted to */
+    long n_valid, n_in_contact;
+    double wrench[3]; /* f_z_n, m_x_nm, m_y_nm */
+} Sums;
+
+/* One cycle into valid, pressure (twice) and age_ms. */
+static Sums read_into(const Reader *reader, const unsigned char *counts, const uint16_t *status, const int64_t *age_ns,
+                      const unsigned char *masked, unsigned char *valid, double *pressure, float *pressure_f4,
+                      float *age_ms)
 {
-    static const Py_ssize_t sizes[] = {TAXELS, 2, 8, TAXELS, TAXELS, 8 * TAXELS, 4 * TAXELS, 4};
-    Py_buffer views[8];
-    int n_views = 0;
-    PyObject *result = NULL;
-    if (counted(n_arguments, 9) < 0)
-        return NULL;
-    Reader *reader = PyCapsule_GetPointer(arguments[0], "reader");
-    if (reader == NULL)
-        return NULL;
+    Sums sums = {0, 0, 0, {0.0, 0.0, 0.0}};
     Py_ssize_t n = reader->n_triangles, n_taxels = TAXELS * n;
-    for (; n_views < 8; n_views++)
-        if (contiguous(arguments[1 + n_views], &views[n_views], sizes[n_views] * n, n_views >= 4) < 0)
-            goto end;
-    const unsigned char *counts = views[0].buf, *masked = views[3].buf;
-    const uint16_t *status = views[1].buf;
-    const int64_t *age_ns = views[2].buf;
-    unsigned char *valid = views[4].buf;
-    double *pressure = views[5].buf;
-    float *pressure_f4 = views[6].buf, *age_ms = views[7].buf;
-    Py_buffer *constants = reader->views;
+    const Py_buffer *constants = reader->views;
     const unsigned char *usable = constants[USABLE].buf, *n_readings = constants[N_READINGS].buf,
                         *rests_at_255 = constants[RESTS_AT_255].buf, *flags_work = constants[FLAGS_WORK].buf;
     const double *baseline = constants[BASELINE].buf, *lowest = constants[LOWEST].buf, *rows = constants[ROWS].buf;
     const double *last = (const double *)constants[COEFFICIENTS].buf + (reader->n_coefficients - 1) * n_taxels;
-    double counted_pa[TAXELS * MOST_TRIANGLES], product[TAXELS * MOST_TRIANGLES], wrench[3];
-    long n_valid = 0, n_in_contact = 0;
-    int extrapolated = 0;
+    double counted_pa[TAXELS * MOST_TRIANGLES], product[TAXELS * MOST_TRIANGLES];
     for (Py_ssize_t i = 0; i < n; i++) {
         int believed = (uint64_t)age_ns[i] <= reader->stale_ns && (status[i] & 0xF) == 0;
         age_ms[i] = age_ns[i] < 0 ? (float)NAN : (float)((double)age_ns[i] * 1e-6);
@@ -684,24 +1034,273 @@ static PyObject *read_cycle(PyObject *module, PyObject *const *arguments, Py_ssi
                 value += *(coefficient - n_taxels);
             if (reader->threshold_count > 0 && activation < reader->threshold_count)
                 value = 0.0;
-            extrapolated |= good && count < lowest[at];
+            sums.extrapolated |= good && count < lowest[at];
             valid[at] = (unsigned char)good;
             pressure[at] = value;
             pressure_f4[at] = (float)value;
             counted_pa[at] = good ? value : 0.0;
-            n_valid += good;
-            n_in_contact += good && value >= reader->min_pressure_pa;
+            sums.n_valid += good;
+            sums.n_in_contact += good && value >= reader->min_pressure_pa;
         }
     }
     for (int k = 0; k < 3; k++) {
         for (Py_ssize_t at = 0; at < n_taxels; at++)
             product[at] = rows[k * n_taxels + at] * counted_pa[at];
-        wrench[k] = pairwise_sum(product, n_taxels);
+        sums.wrench[k] = pairwise_sum(product, n_taxels);
     }
-    result = Py_BuildValue("illddd", extrapolated, n_valid, n_in_contact, wrench[0], wrench[1], wrench[2]);
+    return sums;
+}
+
+static PyObject *tuple_of_sums(const Sums *sums)
+{
+    return Py_BuildValue("illddd", sums->extrapolated, sums->n_valid, sums->n_in_contact, sums->wrench[0],
+                         sums->wrench[1], sums->wrench[2]);
+}
+
+/* read(reader, counts, status, age_ns, masked, valid, pressure_pa, pressure_pa_f4, age_ms): one cycle into the last four
+   arrays. Returns (extrapolated, n_valid, n_in_contact, f_z_n, m_x_nm, m_y_nm). */
+static PyObject *read_cycle(PyObject *module, PyObject *const *arguments, Py_ssize_t n_arguments)
+{
+    static const Py_ssize_t sizes[] = {TAXELS, 2, 8, TAXELS, TAXELS, 8 * TAXELS, 4 * TAXELS, 4};
+    Py_buffer views[8];
+    int n_views = 0;
+    PyObject *result = NULL;
+    if (counted(n_arguments, 9) < 0)
+        return NULL;
+    Reader *reader = PyCapsule_GetPointer(arguments[0], "reader");
+    if (reader == NULL)
+        return NULL;
+    for (; n_views < 8; n_views++) {
+        Py_ssize_t size = sizes[n_views] * reader->n_triangles;
+        if (contiguous(arguments[1 + n_views], &views[n_views], size, n_views >= 4) < 0)
+            goto end;
+    }
+    Sums sums = read_into(reader, views[0].buf, views[1].buf, views[2].buf, views[3].buf, views[4].buf, views[5].buf,
+                          views[6].buf, views[7].buf);
+    result = tuple_of_sums(&sums);
 end:
     release(views, n_views);
     return result;
+}
+
+/* --- messages ------------------------------------------------------------------------------------------------ */
+
+/* What stands between the fixed bytes of a template; wire/templates.py has the same numbers. */
+enum {
+    END, SEQ, NEWEST_NS, PUBLISHED_NS, COUNTS, STATUS, TRIANGLE_T_NS, AGES, MISSING, IS_VALID, LATE, REPEATED, PRESSURE_PA,
+    WRENCH /* and the nine after it: the fields of mechanics.wrench.Wrench */
+};
+#define N_WRENCH 10
+#define N_CODES (WRENCH + N_WRENCH)
+#define MOST_TEMPLATES 4
+
+enum { MASKED, TOP_IS_RAIL, LOOSE, VALID, PRESSURE, PRESSURE_F4, AGE_MS, N_WORK };
+
+typedef struct {
+    PyObject *reader_capsule;
+    const Reader *reader;
+    Py_buffer work[N_WORK], templates[MOST_TEMPLATES];
+    int n_templates;
+    char *packed; /* room for the longest message */
+    Py_ssize_t most_bytes;
+} Messages;
+
+static void free_messages(PyObject *capsule)
+{
+    Messages *messages = PyCapsule_GetPointer(capsule, "messages");
+    release(messages->work, N_WORK);
+    release(messages->templates, messages->n_templates);
+    Py_DECREF(messages->reader_capsule);
+    PyMem_Free(messages->packed);
+    PyMem_Free(messages);
+}
+
+/* The most bytes that a message of `template` has, or -1 with an error set where it is none: pieces of a length (2 bytes,
+   the low one first), so many bytes of the message, and the code of what follows them; the last has END. */
+static Py_ssize_t most_bytes_of(const Py_buffer *template, Py_ssize_t n_triangles)
+{
+    const unsigned char *at = template->buf, *end = at + template->len;
+    Py_ssize_t most = 0;
+    while (end - at >= 3) {
+        Py_ssize_t length = at[0] | at[1] << 8;
+        if (end - at < length + 3)
+            break;
+        int code = at[2 + length];
+        at += length + 3;
+        most += length + 9;
+        if (code == END && at == end)
+            return most;
+        if (code == END || code >= N_CODES)
+            break;
+        if (code >= COUNTS && code <= PRESSURE_PA)
+            most += 4 * TAXELS * n_triangles;
+    }
+    PyErr_SetString(PyExc_ValueError, "expected the template of a message");
+    return -1;
+}
+
+/* messages(reader, arrays, templates): arrays in the order of the enum, the last four are written to from then on; and
+   tuple of templates, in the order in which pack_record gives the messages. */
+static PyObject *make_messages(PyObject *module, PyObject *const *arguments, Py_ssize_t n_arguments)
+{
+    static const Py_ssize_t sizes[N_WORK] = {TAXELS, 1, 1, TAXELS, 8 * TAXELS, 4 * TAXELS, 4};
+    if (counted(n_arguments, 3) < 0)
+        return NULL;
+    Reader *reader = PyCapsule_GetPointer(arguments[0], "reader");
+    if (reader == NULL)
+        return NULL;
+    Py_ssize_t n_templates = PyTuple_Size(arguments[2]);
+    if (PyTuple_Size(arguments[1]) != N_WORK || n_templates < 0 || n_templates > MOST_TEMPLATES) {
+        if (!PyErr_Occurred())
+            PyErr_Format(PyExc_ValueError, "expected %d arrays and at most %d templates", N_WORK, MOST_TEMPLATES);
+        return NULL;
+    }
+    Messages *messages = PyMem_Malloc(sizeof *messages);
+    if (messages == NULL)
+        return PyErr_NoMemory();
+    int held = 0;
+    messages->n_templates = 0;
+    messages->most_bytes = 0;
+    for (; held < N_WORK; held++) {
+        PyObject *array = PyTuple_GetItem(arguments[1], held);
+        if (contiguous(array, &messages->work[held], sizes[held] * reader->n_triangles, held >= VALID) < 0)
+            goto failed;
+    }
+    for (; messages->n_templates < n_templates; messages->n_templates++) {
+        Py_buffer *template = &messages->templates[messages->n_templates];
+        if (contiguous(PyTuple_GetItem(arguments[2], messages->n_templates), template, -1, 0) < 0)
+            goto failed;
+        Py_ssize_t most = most_bytes_of(template, reader->n_triangles);
+        if (most < 0) {
+            PyBuffer_Release(template);
+            goto failed;
+        }
+        if (most > messages->most_bytes)
+            messages->most_bytes = most;
+    }
+    messages->packed = PyMem_Malloc((size_t)messages->most_bytes + 1);
+    if (messages->packed == NULL) {
+        PyErr_NoMemory();
+        goto failed;
+    }
+    messages->reader = reader;
+    messages->reader_capsule = Py_NewRef(arguments[0]);
+    PyObject *capsule = PyCapsule_New(messages, "messages", free_messages);
+    if (capsule != NULL)
+        return capsule;
+    Py_DECREF(messages->reader_capsule);
+    PyMem_Free(messages->packed);
+failed:
+    release(messages->work, held);
+    release(messages->templates, messages->n_templates);
+    PyMem_Free(messages);
+    return NULL;
+}
+
+/* The record in a bytes object, whose t_mono_ns is NULL with an error set where it is none of n triangles. */
+static Record record_in(PyObject *object, Py_ssize_t n)
+{
+    Record none = {NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL, NULL};
+    Py_ssize_t size = PyBytes_Size(object);
+    if (size < 0)
+        return none;
+    if (size != record_bytes(n)) {
+        PyErr_Format(PyExc_ValueError, "expected a record of %zd bytes, found %zd", record_bytes(n), size);
+        return none;
+    }
+    return record_of(PyBytes_AsString(object), n);
+}
+
+/* Whether a triangle that is not loose has a thermal pad on a rail, or reads as a chip that answers 0. */
+static int may_any_be_loose(const unsigned char *counts, const unsigned char *top_is_rail, const unsigned char *loose,
+                            Py_ssize_t n)
+{
+    int any = 0;
+    for (Py_ssize_t i = 0; i < n; i++, counts += TAXELS)
+        any |= !loose[i] && (counts[6] == 0 || counts[10] == 0
+                             || (top_is_rail[i] ? counts[6] == 255 || counts[10] == 255 : counts[9] == 0));
+    return any;
+}
+
+/* read_record(messages, record, screened): a record into the arrays of `messages`, and what `read` returns; or None where a
+   triangle may have come loose in it, unless it was screened or nothing new arrived. */
+static PyObject *read_record(PyObject *module, PyObject *const *arguments, Py_ssize_t n_arguments)
+{
+    if (counted(n_arguments, 3) < 0)
+        return NULL;
+    Messages *messages = PyCapsule_GetPointer(arguments[0], "messages");
+    if (messages == NULL)
+        return NULL;
+    Py_ssize_t n = messages->reader->n_triangles;
+    Record record = record_in(arguments[1], n);
+    int screened = PyObject_IsTrue(arguments[2]);
+    if (record.t_mono_ns == NULL || screened < 0)
+        return NULL;
+    Py_buffer *work = messages->work;
+    if (!screened && !*record.repeated
+        && may_any_be_loose(record.counts, work[TOP_IS_RAIL].buf, work[LOOSE].buf, n))
+        return Py_NewRef(Py_None);
+    Sums sums = read_into(messages->reader, record.counts, record.status, record.age_ns, work[MASKED].buf,
+                          work[VALID].buf, work[PRESSURE].buf, work[PRESSURE_F4].buf, work[AGE_MS].buf);
+    return tuple_of_sums(&sums);
+}
+
+/* pack_record(messages, record, seq, published_ns, wrench): a tuple of the payloads of the record that was read last;
+   `wrench` is a tuple as mechanics.wrench.Wrench. */
+static PyObject *pack_record(PyObject *module, PyObject *const *arguments, Py_ssize_t n_arguments)
+{
+    double wrench[N_WRENCH];
+    if (counted(n_arguments, 5) < 0)
+        return NULL;
+    Messages *messages = PyCapsule_GetPointer(arguments[0], "messages");
+    if (messages == NULL)
+        return NULL;
+    Py_ssize_t n = messages->reader->n_triangles;
+    Record record = record_in(arguments[1], n);
+    if (record.t_mono_ns == NULL)
+        return NULL;
+    int64_t seq = PyLong_AsLongLong(arguments[2]), published_ns = PyLong_AsLongLong(arguments[3]);
+    if (PyTuple_Size(arguments[4]) != N_WRENCH && !PyErr_Occurred())
+        PyErr_Format(PyExc_ValueError, "expected %d numbers of a wrench", N_WRENCH);
+    for (int i = 0; i < N_WRENCH && !PyErr_Occurred(); i++)
+        wrench[i] = PyFloat_AsDouble(PyTuple_GetItem(arguments[4], i));
+    PyObject *payloads = PyErr_Occurred() ? NULL : PyTuple_New(messages->n_templates);
+    if (payloads == NULL)
+        return NULL;
+    Py_buffer *work = messages->work;
+    for (int kind = 0; kind < messages->n_templates; kind++) {
+        Writer out = {messages->packed, messages->packed + messages->most_bytes};
+        const unsigned char *at = messages->templates[kind].buf;
+        int code, failed = 0;
+        do {
+            Py_ssize_t length = at[0] | at[1] << 8;
+            code = at[2 + length];
+            failed |= put(&out, at + 2, length);
+            at += length + 3;
+            switch (code) {
+            case END: break;
+            case SEQ: failed |= put_signed(&out, seq); break;
+            case NEWEST_NS: failed |= put_signed(&out, *record.t_ns); break;
+            case PUBLISHED_NS: failed |= put_signed(&out, published_ns); break;
+            case COUNTS: failed |= put_long(&out, record.counts, TAXELS * n, 0xC4); break;
+            case STATUS: failed |= put_long(&out, record.status, 2 * n, 0xC4); break;
+            case TRIANGLE_T_NS: failed |= put_long(&out, record.triangle_t_ns, 8 * n, 0xC4); break;
+            case AGES: failed |= put_long(&out, work[AGE_MS].buf, 4 * n, 0xC4); break;
+            case MISSING: failed |= put_long(&out, record.missing, n, 0xC4); break;
+            case IS_VALID: failed |= put_long(&out, work[VALID].buf, TAXELS * n, 0xC4); break;
+            case LATE: failed |= put_number(&out, *record.late ? 0xC3 : 0xC2, 0, 0); break;
+            case REPEATED: failed |= put_number(&out, *record.repeated ? 0xC3 : 0xC2, 0, 0); break;
+            case PRESSURE_PA: failed |= put_long(&out, work[PRESSURE_F4].buf, 4 * TAXELS * n, 0xC4); break;
+            default: failed |= put_float(&out, wrench[code - WRENCH]);
+            }
+        } while (code != END && !failed);
+        PyObject *payload = failed ? NULL : PyBytes_FromStringAndSize(messages->packed, out.at - messages->packed);
+        if (payload == NULL || PyTuple_SetItem(payloads, kind, payload) < 0) {
+            Py_DECREF(payloads);
+            return NULL;
+        }
+    }
+    return payloads;
 }
 
 /* pads_on_rail(counts): whether any thermal pad of any triangle stands at 0 or 255. */
@@ -731,10 +1330,7 @@ static PyObject *may_be_loose(PyObject *module, PyObject *const *arguments, Py_s
     for (n_views = 1; n_views < 3; n_views++)
         if (contiguous(arguments[n_views], &views[n_views], n, 0) < 0)
             goto end;
-    const unsigned char *counts = views[0].buf, *top_is_rail = views[1].buf, *loose = views[2].buf;
-    for (Py_ssize_t i = 0; i < n; i++, counts += TAXELS)
-        found |= !loose[i] && (counts[6] == 0 || counts[10] == 0
-                               || (top_is_rail[i] ? counts[6] == 255 || counts[10] == 255 : counts[9] == 0));
+    found = may_any_be_loose(views[0].buf, views[1].buf, views[2].buf, n);
 end:
     release(views, n_views);
     return PyErr_Occurred() ? NULL : PyBool_FromLong(found);
@@ -858,18 +1454,26 @@ end:
 
 static PyMethodDef methods[] = {
     {"pack", (PyCFunction)(void (*)(void))pack, METH_FASTCALL, NULL},
+    {"receiver", (PyCFunction)(void (*)(void))make_receiver, METH_FASTCALL, NULL},
     {"receive", (PyCFunction)(void (*)(void))receive, METH_FASTCALL, NULL},
     {"drain", (PyCFunction)(void (*)(void))drain, METH_FASTCALL, NULL},
+    {"merge", (PyCFunction)(void (*)(void))merge, METH_FASTCALL, NULL},
     {"slots", (PyCFunction)(void (*)(void))slots, METH_FASTCALL, NULL},
     {"assembly", (PyCFunction)(void (*)(void))make_assembly, METH_FASTCALL, NULL},
     {"feed", (PyCFunction)(void (*)(void))feed, METH_FASTCALL, NULL},
-    {"close", (PyCFunction)(void (*)(void))close_cycle, METH_FASTCALL, NULL},
+    {"advance", (PyCFunction)(void (*)(void))advance, METH_FASTCALL, NULL},
+    {"sorter", (PyCFunction)(void (*)(void))make_sorter, METH_FASTCALL, NULL},
+    {"take", (PyCFunction)(void (*)(void))take, METH_FASTCALL, NULL},
+    {"expected", (PyCFunction)(void (*)(void))expected_of_all, METH_FASTCALL, NULL},
     {"reader", (PyCFunction)(void (*)(void))make_reader, METH_FASTCALL, NULL},
     {"pads_on_rail", (PyCFunction)(void (*)(void))pads_on_rail, METH_FASTCALL, NULL},
     {"may_be_loose", (PyCFunction)(void (*)(void))may_be_loose, METH_FASTCALL, NULL},
     {"compare", (PyCFunction)(void (*)(void))compare, METH_FASTCALL, NULL},
     {"press", (PyCFunction)(void (*)(void))press, METH_FASTCALL, NULL},
     {"read", (PyCFunction)(void (*)(void))read_cycle, METH_FASTCALL, NULL},
+    {"messages", (PyCFunction)(void (*)(void))make_messages, METH_FASTCALL, NULL},
+    {"read_record", (PyCFunction)(void (*)(void))read_record, METH_FASTCALL, NULL},
+    {"pack_record", (PyCFunction)(void (*)(void))pack_record, METH_FASTCALL, NULL},
     {NULL, NULL, 0, NULL},
 };
 

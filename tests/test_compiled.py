@@ -8,6 +8,7 @@ import subprocess
 import sys
 import sysconfig
 from pathlib import Path
+from typing import Any
 
 import msgpack
 import numpy as np
@@ -85,6 +86,36 @@ def test_large_arrays_strided_ones_and_numbers_that_are_none_are_packed():
     assert packed == msgpack.packb(expected)
 
 
+TABLE = np.zeros(2048 * 3, np.int16)
+
+
+def receiver() -> Any:
+    return kernel.receiver(np.zeros((1, 16), np.uint8), np.zeros(8, np.int64), np.zeros(8, np.uint64))
+
+
+def sorter() -> Any:
+    return kernel.sorter(TABLE, np.zeros(256, np.uint32), np.zeros(21, np.int64), ())
+
+
+def messages_of(template: bytes) -> Any:
+    """Of one triangle, whose record has 64 bytes."""
+    taxels, byte = np.zeros(12), np.zeros(1, np.uint8)
+    reader = kernel.reader(
+        (np.zeros(12, np.bool_), byte, byte, byte, taxels, taxels, taxels, np.zeros(36)), 1, 1, 0.0, 0.0
+    )  # fmt: skip
+    masked, valid = np.zeros((2, 12), np.uint8)
+    work = (masked, byte, byte, valid, np.zeros(12), np.zeros(12, np.float32), np.zeros(1, np.float32))
+    return kernel.messages(reader, work, (template,))
+
+
+@pytest.mark.skipif(kernel is None, reason="no kernel: the first test above fails where there should be one")
+def test_a_template_is_filled_in_to_the_last_byte():
+    messages = messages_of(b"\x02\x00ab\x01\x01\x00c\x0d\x01\x00d\x00")
+    assert kernel.read_record(messages, bytes(64), True) == (0, 0, 0, 0.0, 0.0, 0.0)
+    packed = kernel.pack_record(messages, bytes(64), 300, 0, (float("nan"), *[0.0] * 9))
+    assert packed == (b"ab" + msgpack.packb(300) + b"c" + msgpack.packb(None) + b"d",)
+
+
 @pytest.mark.skipif(kernel is None, reason="no kernel: the first test above fails where there should be one")
 @pytest.mark.parametrize(
     "call",
@@ -94,11 +125,31 @@ def test_large_arrays_strided_ones_and_numbers_that_are_none_are_packed():
         lambda: kernel.pack((b"\x81\xa1a",), (2**64,)),
         lambda: kernel.slots(np.zeros(5, np.int16), *[np.zeros(1, np.uint8)] * 6),
         lambda: kernel.may_be_loose(np.zeros((2, 12), np.uint8), np.zeros(3, np.bool_), np.zeros(2, np.bool_)),
-        lambda: kernel.feed(None, *[None] * 8),
+        lambda: kernel.feed(None, *[None] * 4),
+        lambda: kernel.advance(None, 0),
         lambda: kernel.read(None, *[None] * 8),
-        lambda: kernel.assembly((), 0, 0, 0),
+        lambda: kernel.assembly((), ()),
+        lambda: kernel.assembly((np.zeros(2, np.bool_),) * 13, (0,) * 7),
         lambda: kernel.reader((), 1, 1, 0.0, 0.0),
-        lambda: kernel.drain(*[np.zeros(0, np.uint8)] * 9),
+        lambda: kernel.receiver(*[np.zeros(64, np.uint8)] * 3),
+        lambda: kernel.receive(None, 0, 0),
+        lambda: kernel.drain(receiver(), 2, 0, 0, 0),
+        lambda: kernel.drain(receiver(), 0, 0, 0, 0),
+        lambda: kernel.merge((b"33",)),
+        lambda: kernel.merge((None,)),
+        lambda: kernel.sorter(np.zeros(5, np.int16), np.zeros(256, np.uint32), np.zeros(21, np.int64), ()),
+        lambda: kernel.sorter(TABLE, np.zeros(256, np.uint32), np.zeros(21, np.int64), (receiver(),)),
+        lambda: kernel.take(sorter(), b"33"),
+        lambda: kernel.take(sorter(), np.zeros(33, np.uint8)),
+        lambda: kernel.expected(receiver()),
+        lambda: messages_of(b"\x00\x00\x17"),
+        lambda: messages_of(b"\x03\x00a\x00"),
+        lambda: messages_of(b"\x00\x00\x01"),
+        lambda: messages_of(b"\x00\x00\x00\x00"),
+        lambda: kernel.read_record(messages_of(b"\x00\x00\x00"), bytes(57), False),
+        lambda: kernel.pack_record(messages_of(b"\x00\x00\x00"), bytes(56), 0, 0, (0.0,) * 10),
+        lambda: kernel.pack_record(messages_of(b"\x00\x00\x00"), bytes(64), 0, 0, (0.0,) * 9),
+        lambda: kernel.pack_record(messages_of(b"\x00\x00\x00"), bytes(64), 2**63, 0, (0.0,) * 10),
     ],
 )
 def test_arguments_that_do_not_fit_are_refused(call):

@@ -11,8 +11,8 @@ from insole_daemon.bus.recovering import RecoveringSource
 from insole_daemon.bus.socketcan import SocketCanSource
 from insole_daemon.config import Bus, Zenoh
 from insole_daemon.service.daemon import Daemon
-from insole_daemon.service.foot import CycleValues, Foot, PublishedLoad
-from insole_daemon.skin.cycles import Cycles
+from insole_daemon.service.foot import CyclePayloads, Foot, PublishedLoad
+from insole_daemon.skin.cycles import ClosedCycle
 from insole_daemon.wire.messages import Message, Wrench
 from insole_daemon.wire.publisher import FootPublisher
 from insole_daemon.wire.session import open_daemon_session
@@ -29,20 +29,20 @@ def main() -> None:
     link.open_bus = lambda bus: sources[bus.channel]
     source = RecoveringSource([Bus("opened", name) for name in sources])
     recorder = measured.Recorder(options)
-    values, put = Foot.values, FootPublisher.put
+    payloads_of, put = Foot.payloads, FootPublisher.put
     newest: dict[str, PublishedLoad] = {}
 
-    def remembered(self: Foot, cycles: Cycles, at: int) -> CycleValues:
-        found = values(self, cycles, at)
-        newest[self.name] = found.load
-        return found
+    def remembered(self: Foot, cycle: ClosedCycle) -> CyclePayloads:
+        made = payloads_of(self, cycle)
+        newest[self.name] = made.load
+        return made
 
     def timed(self: FootPublisher, payloads: Sequence[tuple[type[Message], bytes]]) -> None:
         put(self, payloads)
         if payloads[-1][0] is Wrench and not newest[self.foot].repeated:  # a repeat answers to no frame
             recorder.cycle(self.foot, newest[self.foot].t_ns)
 
-    Foot.values = remembered  # type: ignore[method-assign]
+    Foot.payloads = remembered  # type: ignore[method-assign]
     FootPublisher.put = timed  # type: ignore[method-assign]
     with open_daemon_session(Zenoh(listen=(options.endpoint,))) as session:
         daemon = Daemon(source, traffic.feet(), session)

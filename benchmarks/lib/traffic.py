@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +13,9 @@ from insole_daemon.bus.frames import FrameBatch
 from insole_daemon.bus.sink import can_frames
 from insole_daemon.config import Config, Zenoh
 from insole_daemon.service.foot import Foot, load_feet
-from insole_daemon.simulation.emulator import Emulator
-from insole_daemon.simulation.faults import InjectedFault
-from insole_daemon.simulation.foot import Walk
+
+if TYPE_CHECKING:
+    from insole_daemon.simulation.faults import InjectedFault
 
 PERIOD_NS = 20_000_000
 LOOP_CYCLES = 500  # boards drift apart by 20 ppm, so phases step by some 0.2 ms where a loop of 10 s begins anew
@@ -41,6 +42,9 @@ def feet() -> list[Foot]:
 
 def frames(seconds: float, seed: int = 0, faults: Sequence[InjectedFault] = ()) -> FrameBatch:
     """Both feet walking: 112 frames every 20 ms on one bus, every board with a clock and a phase from `seed`."""
+    from insole_daemon.simulation.emulator import Emulator  # no part of a daemon, whose start is timed with `feet`
+    from insole_daemon.simulation.foot import Walk
+
     layouts = [foot.layout for foot in feet()]
     return Emulator(config(), layouts, Walk(layouts, seed=seed), seed=seed, faults=faults).frames(0, seconds)
 

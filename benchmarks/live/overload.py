@@ -1,10 +1,11 @@
 """The daemon on a third of the CPU it needs: how old is what it publishes, at what rate, and is what it drops counted?
 
-    python -m benchmarks.live.overload [--seconds 20]
+    python -m benchmarks.live.overload [--seconds 20] [--percent 4.2] [--one-cpu]
 
 Both feet walk on one bus. First the daemon runs freely, and what it needs is measured; then the kernel gives it a third
-of that. In both it has precedence over whatever else runs on the host. The age of a cycle is from the kernel's stamp on
-its newest frame until it has arrived at a subscriber, which is as punctual as this host can be.
+of that, or so many percent of a CPU. In both it has precedence over whatever else runs on the host. The age of a cycle
+is from the kernel's stamp on its newest frame until it has arrived at a subscriber, which is as punctual as this host
+can be.
 
 Takes about a minute and a half.
 """
@@ -87,10 +88,13 @@ def cpu_s(pid: int) -> float:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seconds", type=float, default=20.0, help="of every phase")
+    parser.add_argument("--percent", type=float, help="of a CPU that it gets; left out: a third of what it needs")
+    parser.add_argument("--one-cpu", action="store_true", help="all threads of the daemon on one CPU")
     parser.add_argument("--periods-ms", type=float, nargs="+", default=[100.0, 50.0], help="of the quota")
     options = parser.parse_args()
     total_s = (1 + len(options.periods_ms)) * (options.seconds + _ADAPT_S) + 5
-    with Child("lib.timed_daemon", seconds=total_s) as daemon:
+    cpu = process.cpus()[0] if options.one_cpu else None
+    with Child("lib.timed_daemon", seconds=total_s, cpu=cpu) as daemon:
         ready = daemon.said()
         with (
             Child("lib.feeder", to=ready["feeds"][0], seconds=total_s) as feeder,
@@ -107,7 +111,8 @@ def main() -> None:
                     f"{100 * need:.1f} % of a CPU, no limit: {free.told()}; load {os.getloadavg()[0]:.1f}", flush=True
                 )
                 for period_ms in options.periods_ms:
-                    said = group.limit(need / 3, period_ms)
+                    share = need / 3 if options.percent is None else options.percent / 100
+                    said = group.limit(share, period_ms)
                     time.sleep(_ADAPT_S)
                     print(f"{said}: {subscriber.phase(options.seconds).told()}", flush=True)
                 group.limit(1.0, 100.0)

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from ..compiled import kernel
 from ..errors import BusError
-from .frames import ERROR, EXTENDED, REMOTE, FrameBatch
+from .frames import ERROR, EXTENDED, REMOTE, FrameBatch, ReceivedFrames
 from .source import BusCounters
 
 RECEIVE_BUFFER_BYTES = 8 << 20
@@ -79,6 +79,7 @@ class BatchedSocket:
         self._headers[:, 4] = self._control.ctypes.data + row * np.uint64(_CONTROL_BYTES)
         self._headers[:, 5] = _CONTROL_BYTES
         self._headers_address = self._headers.ctypes.data
+        self._receiver = None if kernel is None else kernel.receiver(self._frames, self._control, self._headers)
         self._held = 0
         self._dropped = 0
         self._last_mono_ns = 0
@@ -86,8 +87,8 @@ class BatchedSocket:
 
     def receive(self) -> int:
         """Take in what waits in the socket, without blocking; the number of frames now held."""
-        if kernel is not None:
-            held: int = kernel.receive(self.socket.fileno(), self._headers, self._held)
+        if self._receiver is not None:
+            held: int = kernel.receive(self._receiver, self.socket.fileno(), self._held)
             if held < 0:
                 raise OSError(-held, os.strerror(-held))
             self._held = held
@@ -115,7 +116,7 @@ class BatchedSocket:
         held, self._held = self._held, 0
         if held == 0:
             return FrameBatch.empty()
-        if kernel is not None:
+        if self._receiver is not None:
             return self._drain_compiled(held)
         raw = self._frames[:held].copy()
         control = self._control[:held]
@@ -130,19 +131,19 @@ class BatchedSocket:
 
     def _drain_compiled(self, held: int) -> FrameBatch:
         """As `drain`, of the `held` frames."""
-        raw, t_ns, t_mono_ns = np.empty((held, 16), np.uint8), np.empty(held, np.int64), np.empty(held, np.int64)
         now_mono_ns = self._follow_clocks()
-        stamped, plain, dropped, self._last_mono_ns = kernel.drain(
-            self._frames, self._control, self._headers, self._clock_offset_ns, self._last_mono_ns, now_mono_ns,
-            raw, t_ns, t_mono_ns,
-        )  # fmt: skip
+        block, stamped, plain, dropped, self._last_mono_ns = kernel.drain(
+            self._receiver, held, self._clock_offset_ns, self._last_mono_ns, now_mono_ns
+        )
         if dropped is not None:
             self._add_drops(dropped)
         if stamped < held:
             raise _without_time()
         self._counters.frames += held
-        parts = plain_parts_of(raw) if plain == held else parts_of(raw)
-        return FrameBatch(t_ns, t_mono_ns, _ZEROS[:held], *parts)
+        frames = ReceivedFrames(block)
+        if plain == held:
+            return frames
+        return FrameBatch(frames.t_ns, frames.t_mono_ns, _ZEROS[:held], *parts_of(frames.raw.copy()))
 
     def _count_drops(self, held: int) -> None:
         """The kernel's counter is cumulative and 32 bit, and rides on frames only once it is not zero."""
@@ -181,18 +182,11 @@ def parts_of(
     raw: NDArray[np.uint8],
 ) -> tuple[NDArray[np.uint32], NDArray[np.uint8], NDArray[np.uint8], NDArray[np.uint8]]:
     """can_id, dlc, data and flags, as in FrameBatch, of `raw` (n, 16), n `struct can_frame`, which may be changed."""
-    can_id, dlc, data, flags = plain_parts_of(raw)
+    can_id, dlc, data, flags = raw.view(np.uint32)[:, 0], raw[:, 4], raw[:, 8:], _ZEROS[: len(raw)]
     if np.count_nonzero(raw.view(np.uint64)[:, 0] >> _ID_BITS == _PLAIN) < len(raw):
         can_id, flags = _flags_apart(can_id)
         data[np.arange(8) >= dlc[:, None]] = 0
     return can_id, dlc, data, flags
-
-
-def plain_parts_of(
-    raw: NDArray[np.uint8],
-) -> tuple[NDArray[np.uint32], NDArray[np.uint8], NDArray[np.uint8], NDArray[np.uint8]]:
-    """The same of standard data frames of 8 bytes only."""
-    return raw.view(np.uint32)[:, 0], raw[:, 4], raw[:, 8:], _ZEROS[: len(raw)]
 
 
 def _without_time() -> BusError:

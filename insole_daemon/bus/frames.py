@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,11 @@ class FrameBatch:
 
     def __len__(self) -> int:
         return len(self.t_ns)
+
+    @property
+    def has_flags(self) -> bool:
+        """Whether any frame is another than a standard data frame."""
+        return bool(np.count_nonzero(self.flags))
 
     def __getitem__(self, rows: slice | NDArray[np.bool_] | NDArray[np.intp]) -> FrameBatch:
         """The frames `rows` selects, as a batch."""
@@ -65,3 +70,72 @@ class FrameBatch:
             np.concatenate([b.data for b in batches]),
             np.concatenate([b.flags for b in batches]),
         )
+
+
+class ReceivedFrames(FrameBatch):
+    """Standard data frames of 8 bytes as the compiled kernel hands them over, in one block of memory.
+
+    The block has t_ns and t_mono_ns (int64), `struct can_frame` (16 bytes) and the interface (uint8) of all frames, one
+    after another. The live path hands it on as it is; the arrays are made, read-only, for whoever asks for them.
+    """
+
+    __slots__ = ("block",)
+    FRAME_BYTES: ClassVar = 33
+    block: bytes
+
+    def __init__(self, block: bytes) -> None:
+        object.__setattr__(self, "block", block)
+
+    def __len__(self) -> int:
+        return len(self.block) // self.FRAME_BYTES
+
+    def __reduce__(self) -> tuple[type[ReceivedFrames], tuple[bytes]]:
+        return ReceivedFrames, (self.block,)
+
+    @property
+    def has_flags(self) -> bool:
+        """None has."""
+        return False
+
+    @property
+    def raw(self) -> NDArray[np.uint8]:
+        """(n, 16) `struct can_frame`."""
+        n = len(self)
+        return np.frombuffer(self.block, np.uint8, 16 * n, 16 * n).reshape(n, 16)
+
+    @property
+    def t_ns(self) -> NDArray[np.int64]:
+        """See FrameBatch."""
+        return np.frombuffer(self.block, np.int64, len(self))
+
+    @property
+    def t_mono_ns(self) -> NDArray[np.int64]:
+        """See FrameBatch."""
+        n = len(self)
+        return np.frombuffer(self.block, np.int64, n, 8 * n)
+
+    @property
+    def interface(self) -> NDArray[np.uint8]:
+        """See FrameBatch."""
+        n = len(self)
+        return np.frombuffer(self.block, np.uint8, n, 32 * n)
+
+    @property
+    def can_id(self) -> NDArray[np.uint32]:
+        """See FrameBatch."""
+        return self.raw.view(np.uint32)[:, 0]
+
+    @property
+    def dlc(self) -> NDArray[np.uint8]:
+        """See FrameBatch."""
+        return self.raw[:, 4]
+
+    @property
+    def data(self) -> NDArray[np.uint8]:
+        """See FrameBatch."""
+        return self.raw[:, 8:]
+
+    @property
+    def flags(self) -> NDArray[np.uint8]:
+        """See FrameBatch."""
+        return np.zeros(len(self), np.uint8)

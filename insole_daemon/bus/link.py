@@ -54,7 +54,7 @@ class Link:
         self.condition = InterfaceState("up", time.time_ns())
         self._wake = wake
         self._past = BusCounters()  # of sources that are closed
-        self._left = FrameBatch.empty()  # of the source that was lost last
+        self._last_frames: FrameBatch | None = None  # of the source that was lost last, not handed over yet
         self._index: int | None = None
         self._check_ns = 0
         self._opened: PollableSource | None = None  # by the thread, to be taken over
@@ -77,24 +77,24 @@ class Link:
 
     def receive(self) -> int:
         """See FrameSource; where the bus fails it is closed, and the frames that were held stay."""
-        if self.source is None and not self._came_back():
-            return len(self._left)
-        assert self.source is not None
+        source, n_last = self.source, 0 if self._last_frames is None else len(self._last_frames)
+        if source is None:
+            source = self._taken_over()
+            if source is None:
+                return n_last
         try:
             self._check_index()
-            return len(self._left) + self.source.receive()
+            return n_last + source.receive()
         except BusError as error:
-            self._lose(self.source, error)
-            return len(self._left)
+            return self._lose(source, error)
 
     def drain(self) -> FrameBatch:
         """See FrameSource."""
-        batch = self._left if self.source is None else self.source.drain()
-        if len(self._left):
-            if self.source is not None:
-                batch = FrameBatch.concatenate([self._left, batch])
-            self._left = FrameBatch.empty()
-        if np.count_nonzero(batch.flags) or self.condition.state == "bus-off":
+        batch = FrameBatch.empty() if self.source is None else self.source.drain()
+        if self._last_frames is not None:
+            batch = FrameBatch.concatenate([self._last_frames, batch])
+            self._last_frames = None
+        if batch.has_flags or self.condition.state == "bus-off":
             self._follow_bus_off(batch)
         return batch
 
@@ -114,18 +114,17 @@ class Link:
                 source.close()
         self.source = self._opened = None
 
-    def _came_back(self) -> bool:
-        """Whether the thread has opened the bus again; else its state follows why not."""
+    def _taken_over(self) -> PollableSource | None:
+        """The source that the thread has opened since; where there is none, the state follows why not."""
         opened, failure = self._opened, self._failure
         if opened is not None:
             self._opened = None
             self._take_over(opened)
             self.condition.reopened += 1
             self._enter("up", f"{self.bus}: is back and read again")
-            return True
-        if failure is not None and failure.state != self.condition.state:
+        elif failure is not None and failure.state != self.condition.state:
             self._enter(failure.state, str(failure))
-        return False
+        return opened
 
     def _take_over(self, source: PollableSource) -> None:
         self.source = source
@@ -144,14 +143,17 @@ class Link:
                     "missing",
                 )
 
-    def _lose(self, source: PollableSource, error: BusError) -> None:
+    def _lose(self, source: PollableSource, error: BusError) -> int:
+        """Have the thread close `source` and open the bus again; the number of frames that it still had."""
         with contextlib.suppress(BusError):
             source.receive()  # the kernel tells the error first: what came before it still waits
-        self._left = FrameBatch.concatenate([self._left, source.drain()])
+        before = [] if self._last_frames is None else [self._last_frames]
+        self._last_frames = FrameBatch.concatenate([*before, source.drain()])
         self._past.add(source.counters)
         self.source = None
         self._enter(error.state, str(error))
         self._recover(source)
+        return len(self._last_frames)
 
     def _recover(self, broken: PollableSource | None) -> None:
         self._failure = None

@@ -11,13 +11,13 @@ import os
 import select
 import time
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
+from ..compiled import kernel
 from ..config import Bus
 from ..errors import BusError
-from .frames import FrameBatch
+from .frames import FrameBatch, ReceivedFrames
 from .link import InterfaceChange, Link
 from .sink import FrameSink
 from .source import BusCounters
@@ -106,11 +106,17 @@ class RecoveringSource:
 
 def _merged(batches: Sequence[FrameBatch]) -> FrameBatch:
     """The batches of several interfaces as one, the interfaces numbered, in the order of time."""
+    blocks = [batch.block if isinstance(batch, ReceivedFrames) else b"" for batch in batches]
+    if kernel is not None and sum(map(len, blocks)) == ReceivedFrames.FRAME_BYTES * sum(map(len, batches)):
+        return ReceivedFrames(kernel.merge(tuple(blocks)))
     numbered = [
-        replace(batch, interface=np.full_like(batch.interface, at)) if at else batch
+        FrameBatch(
+            batch.t_ns, batch.t_mono_ns, np.full(len(batch), at, np.uint8),
+            batch.can_id, batch.dlc, batch.data, batch.flags,
+        )
         for at, batch in enumerate(batches)
         if len(batch)
-    ]
+    ]  # fmt: skip
     together = FrameBatch.concatenate(numbered)
     if len(numbered) > 1:
         together = together[np.argsort(together.t_mono_ns, kind="stable")]

@@ -12,8 +12,6 @@ import socket
 import time
 from typing import Any
 
-import numpy as np
-
 from ..errors import BusError
 from .batched_socket import BatchedSocket
 from .error_frames import count_kinds
@@ -68,7 +66,7 @@ class SocketCanSource:
     def drain(self) -> FrameBatch:
         """See FrameSource; error frames are counted by kind."""
         batch = self._batched.drain()
-        if np.count_nonzero(batch.flags):
+        if batch.has_flags:
             count_kinds(batch, self.counters.error_frames)
         return batch
 

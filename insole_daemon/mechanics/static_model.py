@@ -40,10 +40,10 @@ class StaticModel:
         self._validity, self._curve, self._wrench = validity, curve, wrench
         self._lowest_count = calibration.lowest_count
         self._shape = calibration.usable.shape
-        self._reader = None
+        self.reader = None  # the kernel's, with the constants of this model
         if kernel is not None:
             lowest = np.zeros(self._shape) if self._lowest_count is None else self._lowest_count.astype(np.float64)
-            self._reader = kernel.reader(
+            self.reader = kernel.reader(
                 (
                     calibration.usable, *validity.of_triangles(), calibration.baseline_count, curve.coefficients,
                     lowest, wrench.rows,
@@ -59,12 +59,12 @@ class StaticModel:
         masked: NDArray[np.bool_],
     ) -> StaticEstimate:
         """Of counts (n_triangles, 12), status and age_ns (n_triangles,), without the taxels `masked`."""
-        if self._reader is None:
+        if self.reader is None:
             return self._by_numpy(counts, status, age_ns, masked)
         valid, age_ms = np.empty(self._shape, np.bool_), np.empty(len(age_ns), np.float32)
         pressure_pa, pressure_pa_f4 = np.empty(self._shape), np.empty(self._shape, np.float32)
         extrapolated, n_valid, n_in_contact, f_z, m_x, m_y = kernel.read(
-            self._reader, counts, status, age_ns, masked, valid, pressure_pa, pressure_pa_f4, age_ms
+            self.reader, counts, status, age_ns, masked, valid, pressure_pa, pressure_pa_f4, age_ms
         )
         variance_pa2 = self._curve.variance_pa2(counts)
         wrench = self._wrench.of_sums(f_z, m_x, m_y, n_valid, n_in_contact, pressure_pa, valid, variance_pa2)

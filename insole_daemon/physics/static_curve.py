@@ -43,6 +43,11 @@ class StaticCurve:
             pressure[activation < self.threshold_count] = 0.0
         return pressure
 
+    @property
+    def has_variance(self) -> bool:
+        """Whether the calibration carries an uncertainty."""
+        return self._variance is not None
+
     def variance_pa2(self, counts: NDArray[np.uint8]) -> NDArray[np.float64] | None:
         """Return (…, n_triangles, 12) variance in Pa², or None if the calibration has no covariance."""
         if self._variance is None:

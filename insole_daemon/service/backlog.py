@@ -6,9 +6,7 @@ and one that stays below what it is given is not stopped in the midst of a cycle
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-
-from ..skin.cycles import Cycles
+from collections.abc import Callable
 
 OLD_NS = 100_000_000  # at full rate: until cycles get so old, they had better be late than not be
 OVERSLEPT_NS = 40_000_000  # beyond a pause: the loop was kept from looking
@@ -46,9 +44,8 @@ class Backlog:
         """Whether older cycles are to be left out, when those that closed have been published for `publishing_ns`."""
         return self._level > 0 or publishing_ns > PATIENCE_NS
 
-    def look(self, closed: Iterable[Cycles], now_mono_ns: int) -> None:
-        """Take note of the cycles that have just closed."""
-        oldest_ns = min((int(cycles.t_mono_ns[0]) for cycles in closed), default=now_mono_ns)
+    def look(self, oldest_ns: int, now_mono_ns: int) -> None:
+        """Take note of the cycles that have just been found closed, the first of which closed at `oldest_ns`."""
         step_ns = min(_STEP_NS, now_mono_ns - (self._looked_ns if self._looked_ns is not None else now_mono_ns))
         self._looked_ns = now_mono_ns
         if now_mono_ns - oldest_ns > (self.pause_ns + OVERSLEPT_NS if self._level else OLD_NS):

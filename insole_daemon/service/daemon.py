@@ -19,7 +19,7 @@ from ..bus.gate import Gate
 from ..bus.recovering import RecoveringSource
 from ..bus.source import FrameSource, collect, sleep_precisely
 from ..compiled import kernel
-from ..skin.cycles import Cycles
+from ..skin.cycles import ClosedCycle
 from ..skin.quality import QualityWindow, period_ns_of
 from ..skin.reader import SkinReader
 from ..wire.messages import Event, Health
@@ -37,7 +37,9 @@ from .steps import StepEvents
 from .switching import model_handler
 from .zeroing import zero_handler
 
-_HEALTH_NS = 1_000_000_000
+_HEALTH_NS = 1_000_000_000  # of each foot, not all at the same moment
+_CALM_NS = 3_000_000  # health is made when no cycle is promised for so long,
+_MOST_DEFERRED_NS = 100_000_000  # or so long after it was due
 _IDLE_NS = 100_000_000  # how long the loop may wait for frames: signals and lost buses are seen so soon
 _BUSY_NS = 5_000_000  # the same while something is asked for or done to boards: that counts time in the loop's turns
 # The loop that sends is the loop that publishes: a queue of ten frames that takes none of our few for so long is
@@ -87,7 +89,9 @@ class Daemon:
         self._reloads = self._reloads_refused = 0
         self._journal = Journal(_log)
         self._backlog = Backlog(partial(self._journal.tell, logging.WARNING))
-        self._next_health_ns = self._started_mono_ns = time.monotonic_ns()
+        self._started_mono_ns = time.monotonic_ns()
+        self._health_due_ns = [self._started_mono_ns for _ in feet]
+        self._rates_hz = [0.0 for _ in feet]  # at which each was published last, for the status
 
     def stop(self) -> None:
         """End `run` within a few hundredths of a second; safe from signal handlers and other threads."""
@@ -113,7 +117,8 @@ class Daemon:
         gc.freeze()  # what is there now stays: the collector need not look at it again
         notify("READY=1", "STATUS=waiting for frames")
         ready()
-        self._next_health_ns = time.monotonic_ns() + _HEALTH_NS
+        step_ns = _HEALTH_NS // len(self._feet)
+        self._health_due_ns = [time.monotonic_ns() + place * step_ns for place in range(1, len(self._feet) + 1)]
         try:
             while not self._stopping and not self._source.exhausted:
                 until_ns = self._source.clock_ns() + (_BUSY_NS if self._is_busy() else _IDLE_NS)
@@ -125,21 +130,22 @@ class Daemon:
                     self._rest()
                     at_least, promised_ns = 0, None  # what is there now
                 batch, looked_ns = collect(self._source, at_least, until_ns, promised_ns)
-                closed = self._skin.feed(batch)
+                closed = self._skin.closed_cycles(batch)
                 self._publish(closed)
                 if due_ns is not None and looked_ns > due_ns:
-                    by_time = self._skin.advance(looked_ns)
+                    by_time = self._skin.cycles_closed_by_time(looked_ns)
                     self._publish(by_time)
                     closed = [complete + late for complete, late in zip(closed, by_time, strict=True)]
                 attended_ns = attended.turn(looked_ns)
-                for desk, cycles in zip(self._desks, closed, strict=True):
+                for desk, of_foot in zip(self._desks, closed, strict=True):
                     if not desk.idle:
-                        desk.step(Step(looked_ns, cycles, batch, attended_ns))
+                        desk.step(Step(looked_ns, [cycle.cycles for cycle in of_foot], batch, attended_ns))
                 self._follow_buses()
                 self._follow_reload()
                 if not self._backlog.pause_ns:
                     self._report_if_due()
-            self._publish(self._skin.advance(self._source.clock_ns()))  # what a log leaves open at its end
+            open_at_the_end = self._skin.cycles_closed_by_time(self._source.clock_ns())  # of a log
+            self._publish(open_at_the_end)
         finally:
             notify("STOPPING=1")
             for desk in self._desks:
@@ -149,38 +155,53 @@ class Daemon:
 
     def _is_busy(self) -> bool:
         """Whether something is asked for, or done to boards."""
-        return any(desk.busy or boards.occupied for desk, boards in zip(self._desks, self._boards, strict=True))
+        is_busy = False
+        for desk, boards in zip(self._desks, self._boards, strict=True):
+            is_busy |= desk.busy or boards.occupied is not None
+        return is_busy
 
-    def _publish(self, closed_by_foot: list[list[Cycles]]) -> None:
+    def _publish(self, closed_by_foot: list[list[ClosedCycle]]) -> None:
         """Everything that is new; of repeats that piled up, or where it cannot keep up, only the newest."""
-        if not any(closed_by_foot):
+        closing_ns = [closed[0].t_mono_ns for closed in closed_by_foot if closed]
+        if not closing_ns:
             return
-        self._backlog.look([cycles for closed in closed_by_foot for cycles in closed], self._source.clock_ns())
         began_ns = self._source.clock_ns()
+        self._backlog.look(min(closing_ns), began_ns)
         for foot, publisher, tally, closed in zip(
             self._feet, self._publishers, self._tallies, closed_by_foot, strict=True
         ):
-            for number, cycles in enumerate(closed, 1):
-                for at in range(len(cycles)):
-                    newest = (number, at) == (len(closed), len(cycles) - 1)
-                    if not newest and self._backlog.newest_only(self._source.clock_ns() - began_ns):
-                        tally.skipped += 1
-                        continue
-                    if not newest and cycles.repeated[at]:
-                        tally.skipped += 1
-                        foot.skip(cycles, at)
-                    else:
-                        values = foot.values(cycles, at)
-                        publisher.put(values.payloads())
-                        tally.count(cycles, at)
-                        step = self._steps.take(foot, int(cycles.t_mono_ns[at]), values.load)
-                        if step is not None:
-                            publisher.publish(step)
-                    if not newest:
-                        self._tell_faults(foot, publisher)
-        if any(foot.is_watch_due for foot in self._feet):  # the second foot's finds the caches warm
-            for foot, publisher in zip(self._feet, self._publishers, strict=True):
-                self._tell_faults(foot, publisher, early=True)
+            for n_left, cycle in zip(range(len(closed) - 1, -1, -1), closed, strict=True):
+                if n_left:
+                    self._publish_older(foot, publisher, tally, cycle, began_ns)
+                else:
+                    self._publish_cycle(foot, publisher, tally, cycle)
+        for foot in self._feet:
+            if foot.is_watch_due:  # the second foot's finds the caches warm
+                for other, publisher in zip(self._feet, self._publishers, strict=True):
+                    self._tell_faults(other, publisher, early=True)
+                break
+
+    def _publish_older(
+        self, foot: Foot, publisher: FootPublisher, tally: _Tally, cycle: ClosedCycle, began_ns: int
+    ) -> None:
+        """Publish a cycle that is not the newest, unless it is one to leave out; publishing began at `began_ns`."""
+        if self._backlog.newest_only(self._source.clock_ns() - began_ns):
+            tally.skipped += 1
+            return
+        if cycle.is_repeated:
+            tally.skipped += 1
+            foot.skip(cycle)
+        else:
+            self._publish_cycle(foot, publisher, tally, cycle)
+        self._tell_faults(foot, publisher)
+
+    def _publish_cycle(self, foot: Foot, publisher: FootPublisher, tally: _Tally, cycle: ClosedCycle) -> None:
+        payloads, load = foot.payloads(cycle)
+        publisher.put(payloads)
+        tally.count(cycle)
+        step = self._steps.take(foot, cycle.t_mono_ns, load)
+        if step is not None:
+            publisher.publish(step)
 
     def _tell_faults(self, foot: Foot, publisher: FootPublisher, early: bool = False) -> None:
         for event in foot.fault_events(early):
@@ -237,68 +258,76 @@ class Daemon:
         """Until the next look; health in the middle of it, when what was published last has left."""
         now_ns = self._source.clock_ns()
         look_ns = self._skin.best_poll_ns(now_ns + self._backlog.pause_ns)
-        if self._next_health_ns - time.monotonic_ns() < look_ns - now_ns:  # the clock of a log is another one
+        if min(self._health_due_ns) - time.monotonic_ns() < look_ns - now_ns:  # the clock of a log is another one
             time.sleep((look_ns - now_ns) * 0.5e-9)
-            self._report_if_due()
+            self._report_if_due(is_resting=True)
         time.sleep(max(0, look_ns - self._source.clock_ns()) * 1e-9)
 
-    def _report_if_due(self) -> None:
-        late_ns = time.monotonic_ns() - self._next_health_ns
-        if late_ns >= 0:
-            self._report()
-            self._next_health_ns += (late_ns // _HEALTH_NS + 1) * _HEALTH_NS  # what was slept through is not made up
+    def _report_if_due(self, is_resting: bool = False) -> None:
+        now_ns = time.monotonic_ns()
+        late_ns = now_ns - min(self._health_due_ns)
+        if late_ns < 0 or not (is_resting or late_ns > _MOST_DEFERRED_NS or self._is_calm()):
+            return
+        for place, due_ns in enumerate(self._health_due_ns):
+            if due_ns <= now_ns:
+                self._report(place)
+                periods = (now_ns - due_ns) // _HEALTH_NS + 1  # what was slept through is not made up
+                self._health_due_ns[place] += periods * _HEALTH_NS
 
-    def _report(self) -> None:
-        """Health of every foot, and the watchdog: it is fed by the loop that publishes, or not at all."""
+    def _is_calm(self) -> bool:
+        """Whether no cycle is promised for _CALM_NS."""
+        promised_ns = self._skin.expected().promised_ns
+        return promised_ns is None or promised_ns - self._source.clock_ns() > _CALM_NS
+
+    def _report(self, place: int) -> None:
+        """Health of the foot at `place`, and the watchdog: it is fed by the loop that publishes, or not at all."""
         self._journal.sum_up()
         now_ns = self._source.clock_ns()
         bus = self._source.counters
-        rates = []
-        for foot, assembler, publisher, desk, tally in zip(
-            self._feet, self._skin.assemblers, self._publishers, self._desks, self._tallies, strict=True
-        ):
-            reports = foot.survey(assembler, now_ns, foot.stale_after_ns)
-            streaming = sum(report.state == "streaming" for report in reports)
-            elapsed_s, latency_ms = tally.since_last_report()
-            faults = foot.faults()
-            published = foot.seq - tally.reported_seq
-            tally.reported_seq = foot.seq
-            rates.append(published / elapsed_s)
-            publisher.publish(
-                Health(
-                    foot=foot.name,
-                    t_ns=time.time_ns(),
-                    uptime_s=(time.monotonic_ns() - self._started_mono_ns) * 1e-9,
-                    state="no data" if not streaming else "degraded" if faults or streaming < len(reports) else "ok",
-                    cycles={
-                        "published": foot.seq,
-                        "late": tally.late,
-                        "repeated": tally.repeated,
-                        "skipped": tally.skipped + assembler.skipped,
-                        "superseded_halves": assembler.superseded,
-                        "missed_halves": int(assembler.missed.sum()),
-                        "extrapolated": foot.extrapolated,
-                        "beyond": foot.beyond,
-                    },
-                    publish_rate_hz=published / elapsed_s,
-                    quality=tally.quality.report(time.monotonic_ns()).document(),
-                    latency_ms=latency_ms,
-                    boards=[dataclasses.asdict(report) for report in reports],
-                    faults=faults,
-                    bus=dataclasses.asdict(bus),
-                    refused=_with_text_keys(dataclasses.asdict(self._skin.streams.refused)),
-                    asked={
-                        "requests_done": desk.done,
-                        "requests_refused": desk.refused,
-                        "reloads_done": self._reloads,
-                        "reloads_refused": self._reloads_refused,
-                        "commands_sent": sum(gate.sent for gate in self._gates.values()),
-                        "commands_refused": sum(gate.refused for gate in self._gates.values()),
-                    },
-                )
+        foot, assembler, publisher = self._feet[place], self._skin.assemblers[place], self._publishers[place]
+        desk, tally = self._desks[place], self._tallies[place]
+        reports = foot.survey(assembler, now_ns, foot.stale_after_ns)
+        streaming = sum(report.state == "streaming" for report in reports)
+        elapsed_s, latency_ms = tally.since_last_report()
+        faults = foot.faults()
+        published = foot.seq - tally.reported_seq
+        tally.reported_seq = foot.seq
+        self._rates_hz[place] = published / elapsed_s
+        publisher.publish(
+            Health(
+                foot=foot.name,
+                t_ns=time.time_ns(),
+                uptime_s=(time.monotonic_ns() - self._started_mono_ns) * 1e-9,
+                state="no data" if not streaming else "degraded" if faults or streaming < len(reports) else "ok",
+                cycles={
+                    "published": foot.seq,
+                    "late": tally.late,
+                    "repeated": tally.repeated,
+                    "skipped": tally.skipped + assembler.skipped,
+                    "superseded_halves": assembler.superseded,
+                    "missed_halves": int(assembler.missed.sum()),
+                    "extrapolated": foot.extrapolated,
+                    "beyond": foot.beyond,
+                },
+                publish_rate_hz=published / elapsed_s,
+                quality=tally.quality.report(time.monotonic_ns()).document(),
+                latency_ms=latency_ms,
+                boards=[dataclasses.asdict(report) for report in reports],
+                faults=faults,
+                bus=dataclasses.asdict(bus),
+                refused=_with_text_keys(dataclasses.asdict(self._skin.streams.refused)),
+                asked={
+                    "requests_done": desk.done,
+                    "requests_refused": desk.refused,
+                    "reloads_done": self._reloads,
+                    "reloads_refused": self._reloads_refused,
+                    "commands_sent": sum(gate.sent for gate in self._gates.values()),
+                    "commands_refused": sum(gate.refused for gate in self._gates.values()),
+                },
             )
+        )
         notify("WATCHDOG=1", "STATUS=" + ", ".join(
-            f"{foot.name} {rate:.1f} Hz" for foot, rate in zip(self._feet, rates, strict=True)
+            f"{foot.name} {rate:.1f} Hz" for foot, rate in zip(self._feet, self._rates_hz, strict=True)
         ) + f", {bus.overflows} frames lost" + "".join(
             f", {name} {interface.state}" for name, interface in bus.interfaces.items() if interface.state != "up"
         ))  # fmt: skip
@@ -333,14 +362,14 @@ class _Tally:
         self._latencies_ms: deque[float] = deque(maxlen=1000)
         self._reported_ns = time.monotonic_ns()
 
-    def count(self, cycles: Cycles, at: int) -> None:
+    def count(self, cycle: ClosedCycle) -> None:
         """One cycle has been put."""
-        self.quality.count(bool(cycles.late[at]), bool(cycles.repeated[at]))
-        self.late += bool(cycles.late[at])
-        if cycles.repeated[at]:
+        self.quality.count(cycle.is_late, cycle.is_repeated)
+        self.late += cycle.is_late
+        if cycle.is_repeated:
             self.repeated += 1
         else:
-            self._latencies_ms.append((time.time_ns() - int(cycles.t_ns[at])) * 1e-6)
+            self._latencies_ms.append((time.time_ns() - cycle.t_ns) * 1e-6)
 
     def since_last_report(self) -> tuple[float, dict[str, float | None]]:
         """Seconds since the last call, and the latency of the cycles since."""

@@ -5,21 +5,23 @@ from __future__ import annotations
 import dataclasses
 import math
 import time
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import __version__
+from ..compiled import kernel
 from ..config import Config
 from ..mechanics.static_model import age_in_ms
 from ..physics import zero as zeros
 from ..physics.dynamic import DynamicModel
 from ..skin.boards import BoardSurvey
-from ..skin.cycles import Cycles
+from ..skin.cycles import ClosedCycle, Cycles
 from ..skin.geometry import PRESSURE_TAXELS
 from ..wire.messages import CalibrationInUse, Event, Message, Meta, ModelName, Models, Pressure, Raw, Wrench
+from .compiled_messages import CompiledMessages
 from .dynamic_foot import side_by_side
 from .foot_pipeline import FootPipeline
 from .foot_setup import FootSetup, load_setups
@@ -50,10 +52,17 @@ class PublishedLoad(NamedTuple):
     repeated: bool
 
 
+class CyclePayloads(NamedTuple):
+    """One cycle of one foot, ready to be published."""
+
+    payloads: Sequence[tuple[type[Message], bytes]]  # kind and payload of each message, in the order of publishing
+    load: PublishedLoad  # whose arrays are those of the next cycle as soon as that is made
+
+
 class CycleValues(NamedTuple):
     """What the messages of one cycle say: the values of their fields, in order.
 
-    They are published without an object of each message: making those takes as long as computing what they say.
+    They are packed without an object of each message: making those takes as long as computing what they say.
     """
 
     raw: tuple[Any, ...]
@@ -126,6 +135,13 @@ class Foot:
         self.validity, self._curve, self._wrench = pipeline.validity, pipeline.curve, pipeline.wrench
         self._static = pipeline.static
         self._nowhere = np.zeros(self.calibration.usable.shape, np.uint8)
+        self._compiled = None
+        if kernel is not None and self._dynamic is None:
+            constants = {
+                "foot": self.name, "started_ns": self.started_ns, "n_triangles": self.n_triangles,
+                "model": self.model, "beyond": self._nowhere, "beyond_fraction": 0.0,
+            }  # fmt: skip
+            self._compiled = CompiledMessages(self._static, self._curve, self._wrench, self._watch, constants)
 
     @property
     def model(self) -> ModelName:
@@ -135,6 +151,25 @@ class Foot:
     def switch(self, model: ModelName) -> None:
         """Publish by `model` from the next cycle on; without effects both are the static one."""
         self._asked = model
+
+    def payloads(self, cycle: ClosedCycle) -> CyclePayloads:
+        """The payloads of `cycle`, which follows all taken in before; each call is one cycle published."""
+        compiled = self._compiled
+        if compiled is None or cycle.record is None:
+            values = self.values(*cycle.row)
+            return CyclePayloads(values.payloads(), values.load)
+        reading = compiled.read(cycle, False)
+        self._watch.gather(cycle, reading is None)
+        if reading is None:
+            reading = compiled.read(cycle, True)
+            assert reading is not None
+        self.extrapolated += reading.is_extrapolated
+        raw, pressure, wrench = compiled.pack(cycle, reading, self.seq, time.time_ns())
+        self.seq += 1
+        return CyclePayloads(
+            ((Raw, raw), (Pressure, pressure), (Wrench, wrench)),
+            PublishedLoad(cycle.t_ns, reading.wrench.f_z_n, compiled.pressure_pa, compiled.valid, cycle.is_repeated),
+        )
 
     def messages(self, cycles: Cycles, at: int) -> CycleMessages:
         """The messages of cycle `at`; see `values`."""
@@ -171,9 +206,9 @@ class Foot:
         wrench = (*of_load, *sums, valid, age_ms, missing, repeated, self.model, beyond_fraction)
         return CycleValues(raw, pressure, wrench, models, PublishedLoad(t_ns, sums.f_z_n, pressure_pa, valid, repeated))
 
-    def skip(self, cycles: Cycles, at: int) -> None:
-        """Take in cycle `at`, which is not published, for its faults."""
-        self._watch.take(cycles, at)
+    def skip(self, cycle: ClosedCycle) -> None:
+        """Take in `cycle`, which is not published, for its faults."""
+        self._watch.take(*cycle.row)
 
     @property
     def is_watch_due(self) -> bool:

@@ -1,4 +1,4 @@
-"""The steps of the wearer as events, told once the cycle they are found in is out."""
+"""The steps of the wearer as events, published after the cycle in which they are detected."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ class StepEvents:
         self._begin()
 
     def _begin(self) -> None:
-        self._layouts = [foot.layout for foot in self._feet]
-        self._gait = Gait(self._layouts)
+        self._layouts = {foot.name: foot.layout for foot in self._feet}
+        self._gait = Gait(list(self._layouts.values()))
 
     def take(self, foot: Foot, t_mono_ns: int, load: PublishedLoad) -> Event | None:
-        """What one cycle of `foot`, closed at `t_mono_ns`, tells; a repeat tells nothing."""
+        """Return the event that one cycle of `foot`, closed at `t_mono_ns`, brings; a repeat brings none."""
         if load.repeated:
             return None
-        if not any(foot.layout is layout for layout in self._layouts):  # a reload moved the taxels
+        if foot.layout is not self._layouts[foot.name]:  # a reload moved the taxels
             self._begin()
         f_z_n = load.f_z_n if math.isfinite(load.f_z_n) else None
         event = self._gait.update(foot.name, t_mono_ns, load.t_ns, f_z_n, load.pressure_pa, load.valid)
@@ -37,9 +37,9 @@ class StepEvents:
 def _text(event: GaitEvent) -> str:
     figures = event.figures
     if event.kind == "initial_contact":
-        said = [("swing", figures["swing_s"], "{:.2f} s"), ("cadence", figures["cadence_per_min"], "{:.0f} steps/min")]
+        items = [("swing", figures["swing_s"], "{:.2f} s"), ("cadence", figures["cadence_per_min"], "{:.0f} steps/min")]
     else:
-        said = [("stance", figures["stance_s"], "{:.2f} s"), ("peak force", figures["peak_force_n"], "{:.0f} N")]
-    known = [f"{name} {form.format(value)}" for name, value, form in said if value is not None]
+        items = [("stance", figures["stance_s"], "{:.2f} s"), ("peak force", figures["peak_force_n"], "{:.0f} N")]
+    known = [f"{name} {form.format(value)}" for name, value, form in items if value is not None]
     words = "touches the ground" if event.kind == "initial_contact" else "leaves the ground"
     return f"the {event.foot} foot {words}" + (f": {', '.join(known)}" if known else "")

@@ -21,7 +21,8 @@ gives the same cycles as the live run.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from functools import cache
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,12 +41,8 @@ _NEVER = -(1 << 62)  # receive time of a half that has never arrived
 _WINDOW_CYCLES = 4  # frames of this many cycles are searched for the end of one
 _FRAME_BY_FRAME_CYCLES = 12  # frames of up to this many cycles go to the kernel one by one; more go to numpy in blocks
 _INTERVALS = 8  # in the mean interval between cycles: a single one has the jitter of both its ends
+_N_SCALARS = 10  # of an assembler
 _BLOCK_CYCLES, _BLOCK_CYCLES_MOST = 4, 256  # fewest (unless there are fewer) and most complete cycles of a block
-
-
-_FLAG = np.array([False]), np.array([True])
-for _array in _FLAG:
-    _array.setflags(write=False)  # cycles share them
 
 
 def _row(n: int, length: int) -> NDArray[np.int64]:
@@ -80,6 +77,8 @@ def _status(halves: NDArray[np.uint8]) -> NDArray[np.uint16]:
     return halves[:, :, 14:].view(">u2")[:, :, 0].astype(np.uint16)
 
 
+_RECORD_HEAD_BYTES, _RECORD_TRIANGLE_BYTES = 18, 39  # of a closed cycle: its own, and those of each triangle
+
 # slots, payload, t_ns, t_mono_ns of n frames
 _Frames = tuple[NDArray[np.int16], NDArray[np.uint64], NDArray[np.int64], NDArray[np.int64]]
 _Held = tuple[NDArray[np.bool_], NDArray[np.int16], NDArray[np.uint64], NDArray[np.int64], NDArray[np.int64]]
@@ -103,6 +102,17 @@ class Cycles:
     def __len__(self) -> int:
         return len(self.t_ns)
 
+    def __getitem__(self, rows: slice) -> Cycles:
+        """The cycles `rows` selects."""
+        return Cycles(*(getattr(self, name)[rows] for name in Cycles.__slots__))
+
+    @classmethod
+    def of_records(cls, records: list[bytes]) -> Cycles:
+        """Return the cycles of one foot that the kernel made, at least one; the arrays are read-only."""
+        n_triangles = (len(records[0]) - _RECORD_HEAD_BYTES) // _RECORD_TRIANGLE_BYTES
+        table = np.frombuffer(b"".join(records), _record_dtype(n_triangles))
+        return cls(*(table[name] for name in cls.__slots__))
+
     @classmethod
     def concatenate(cls, pieces: list[Cycles], n_triangles: int) -> Cycles:
         """Return the pieces one after another; `n_triangles` shapes the result if there are none."""
@@ -119,6 +129,92 @@ class Cycles:
         return cls(*(np.concatenate([getattr(piece, name) for piece in pieces]) for name in cls.__slots__))
 
 
+@cache
+def _record_dtype(n_triangles: int) -> np.dtype[np.void]:
+    """Of a closed cycle as the kernel makes it, padded to whole words."""
+    fields: dict[str, tuple[str, tuple[int, ...]]] = {
+        "t_mono_ns": ("<i8", ()),
+        "t_ns": ("<i8", ()),
+        "triangle_t_ns": ("<i8", (n_triangles,)),
+        "age_ns": ("<i8", (n_triangles,)),
+        "arrivals": ("<i8", (n_triangles,)),
+        "status": ("<u2", (n_triangles,)),
+        "counts": ("u1", (n_triangles, 12)),
+        "missing": ("?", (n_triangles,)),
+        "late": ("?", ()),
+        "repeated": ("?", ()),
+    }
+    packed = np.dtype([(name, kind, shape) for name, (kind, shape) in fields.items()])
+    offsets = [packed.fields[name][1] for name in fields] if packed.fields is not None else []
+    return np.dtype({
+        "names": list(fields),
+        "formats": list(fields.values()),
+        "offsets": offsets,
+        "itemsize": -(-packed.itemsize // 8) * 8,
+    })  # fmt: skip
+
+
+class ClosedCycle(NamedTuple):
+    """One closed cycle of a foot, on its way to be published.
+
+    Its arrays are made only for whoever asks for `cycles`: on the live path that is the fault watch, later.
+    """
+
+    t_mono_ns: int  # when it closed, monotonic clock
+    t_ns: int  # kernel receive time of the newest half, CLOCK_REALTIME
+    is_late: bool
+    is_repeated: bool
+    record: bytes | None  # as the kernel made it; None: numpy did
+    source: tuple[Cycles, int] | None = None  # what numpy made, and the cycle's place in it
+
+    @classmethod
+    def of(cls, cycles: Cycles, at: int) -> ClosedCycle:
+        """Return cycle `at` of `cycles`."""
+        late, repeated = bool(cycles.late[at]), bool(cycles.repeated[at])
+        return cls(int(cycles.t_mono_ns[at]), int(cycles.t_ns[at]), late, repeated, None, (cycles, at))
+
+    @property
+    def row(self) -> tuple[Cycles, int]:
+        """Arrays with the cycle in them, and its place there."""
+        if self.record is not None:
+            return Cycles.of_records([self.record]), 0
+        assert self.source is not None
+        return self.source
+
+    @property
+    def cycles(self) -> Cycles:
+        """The cycle as arrays, n = 1."""
+        cycles, at = self.row
+        return cycles if len(cycles) == 1 else cycles[at : at + 1]
+
+
+class _StoredInt:
+    """A number of a CycleAssembler, in the array where the kernel reads and writes it too."""
+
+    def __init__(self, place: int) -> None:
+        self._place = place
+
+    def __get__(self, assembler: CycleAssembler, _: type) -> int:
+        return int(assembler.scalars[self._place])
+
+    def __set__(self, assembler: CycleAssembler, value: int) -> None:
+        assembler.scalars[self._place] = value
+
+
+class _StoredTime:
+    """The same of a time that there may not be."""
+
+    def __init__(self, place: int) -> None:
+        self._place = place
+
+    def __get__(self, assembler: CycleAssembler, _: type) -> int | None:
+        time_ns = int(assembler.scalars[self._place])
+        return None if time_ns == _NEVER else time_ns
+
+    def __set__(self, assembler: CycleAssembler, time_ns: int | None) -> None:
+        assembler.scalars[self._place] = _NEVER if time_ns is None else time_ns
+
+
 class CycleAssembler:
     """Closes the cycles of one foot.
 
@@ -126,15 +222,24 @@ class CycleAssembler:
     the longest delay of a cycle by a missing half. `first_slot` is the first slot of this foot among those of all feet.
     """
 
+    _due_ns = _StoredTime(0)  # when the open cycle is closed by time; None before the first frame
+    _outstanding = _StoredInt(1)  # halves expected and not seen
+    _waiting = _StoredInt(2)  # whether any half is expected in the open cycle
+    _newest_t_ns = _StoredInt(3)
+    _fresh = _StoredInt(4)  # whether some half was seen since the last close
+    superseded = _StoredInt(5)  # halves overwritten by a second arrival within a cycle
+    _complete_ns = _StoredTime(6)  # when the last cycle closed, if it was complete
+    _interval_ns = _StoredTime(7)  # running mean between complete cycles, while they follow each other
+    _promised_ns = _StoredTime(8)
+    skipped = _StoredInt(9)  # repeats left out of a silence longer than GAP_NS
+
     def __init__(self, boards: NDArray[np.uint8], period_ns: int, slack_ns: int, first_slot: int = 0) -> None:
         n_slots = 2 * len(boards)
         self._first_slot = first_slot
         self.n_triangles = len(boards)
-        self.superseded = 0  # halves overwritten by a second arrival within a cycle
         self.arrivals = np.zeros(n_slots, np.int64)  # of every half since the start
         self.changes = np.zeros(n_slots, np.int64)  # arrivals whose bytes differed from the ones before
         self.missed = np.zeros(n_slots, np.int64)  # cycles that closed late without this expected half
-        self.skipped = 0  # repeats left out of a silence longer than GAP_NS
         self._period_ns = period_ns
         self._limit_ns = period_ns + slack_ns
         self._bytes = np.zeros(n_slots, np.uint64)  # newest payload of every half
@@ -147,22 +252,18 @@ class CycleAssembler:
         self._expected = np.ones(n_slots, np.bool_)
         self._misses = np.zeros(n_slots, np.int64)  # late closings missed since the half last came in time
         self._returning = np.zeros(n_slots, np.bool_)  # came in time while not expected
-        self._outstanding = n_slots  # expected and not seen
-        self._waiting = True  # whether any half is expected in the open cycle
+        self.scalars = np.zeros(_N_SCALARS, np.int64)  # the numbers above, for the kernel
+        self._due_ns = self._complete_ns = self._interval_ns = self._promised_ns = None
+        self._outstanding = n_slots
+        self._waiting = True
         self._held: list[_Held] = []  # fed and not looked at: fewer than outstanding, all in time
-        self._n_held = 0
-        self._complete_ns: int | None = None  # when the last cycle closed, if it was complete
-        self._interval_ns: int | None = None  # running mean between complete cycles, while they follow each other
-        self._promised_ns: int | None = None
-        self._newest_t_ns = 0
-        self._fresh = False  # some half was seen since the last close
+        self.n_held = 0
         self._block_pause = 0  # cycles to take the careful way before blocks are tried again
         self._block_failures = 0
-        self._due_ns: int | None = None  # when the open cycle is closed by time; None before the first frame
-        self._compiled = None if kernel is None else kernel.assembly(
-            (self._seen, self._expected, self._returning, self._misses, self.arrivals, self.changes, self._bytes,
-             self._t_ns, self._t_mono_ns, self._newest_slot, self._board),
-            first_slot, self._limit_ns, TWICE_NS,
+        self.compiled = None if kernel is None else kernel.assembly(
+            (self._seen, self._expected, self._returning, self._misses, self.missed, self.arrivals, self.changes,
+             self._bytes, self._t_ns, self._t_mono_ns, self._newest_slot, self._board, self.scalars),
+            (first_slot, period_ns, self._limit_ns, TWICE_NS, GAP_NS, PATIENCE, _INTERVALS),
         )  # fmt: skip
 
     @property
@@ -178,7 +279,7 @@ class CycleAssembler:
     @property
     def outstanding(self) -> int:
         """Least number of frames until the open cycle is complete; 0: it waits for time alone."""
-        return self._outstanding - self._n_held
+        return self._outstanding - self.n_held
 
     @property
     def promised_ns(self) -> int | None:
@@ -197,8 +298,8 @@ class CycleAssembler:
         t_mono_ns: NDArray[np.int64],
     ) -> list[Cycles]:
         """Add n frames, slots (n,), data (n, 8), including those of other feet; return the cycles that they close."""
-        if self._compiled is not None and len(slots) <= _FRAME_BY_FRAME_CYCLES * len(self._seen):
-            return self._feed_compiled(slots, data, t_ns, t_mono_ns)
+        if self.compiled is not None and len(slots) <= _FRAME_BY_FRAME_CYCLES * len(self._seen):
+            return [cycle.cycles for cycle in self.closed_cycles(slots, data, t_ns, t_mono_ns)]
         foot_slots = slots - np.int16(self._first_slot)
         is_own = foot_slots.view(np.uint16) < len(self._seen)
         n_own = int(np.count_nonzero(is_own))
@@ -207,9 +308,9 @@ class CycleAssembler:
         if self._due_ns is None:
             self._due_ns = int(t_mono_ns[is_own.argmax()]) + self._limit_ns
         self._held.append((is_own, foot_slots, data.view(np.uint64)[:, 0], t_ns, t_mono_ns))
-        self._n_held += n_own
+        self.n_held += n_own
         # Too few to complete the cycle: they are processed together with those that do.
-        if self._n_held < self._outstanding and t_mono_ns[-1] <= self._due_ns:
+        if self.n_held < self._outstanding and t_mono_ns[-1] <= self._due_ns:
             return []
         slots, payload, t_ns, t_mono_ns = self._take_held()
         closed: list[Cycles] = []
@@ -233,36 +334,31 @@ class CycleAssembler:
                 closed.append(self._close_by_time())
         return closed
 
-    def _feed_compiled(
+    def closed_cycles(
         self,
         slots: NDArray[np.int16],
         data: NDArray[np.uint8],
         t_ns: NDArray[np.int64],
         t_mono_ns: NDArray[np.int64],
-    ) -> list[Cycles]:
-        """Do the same as `feed`, a frame at a time."""
-        if self._n_held:
-            self.settle()
-        closed: list[Cycles] = []
-        row, n = 0, len(slots)
-        while row < n:
-            row, self._due_ns, self._outstanding, newest_t_ns, fresh, superseded = kernel.feed(
-                self._compiled, slots, data, t_ns, t_mono_ns, row, self._due_ns, self._outstanding, self._waiting
-            )
-            self.superseded += superseded
-            if newest_t_ns is not None:
-                self._newest_t_ns = newest_t_ns
-            if fresh:
-                self._fresh = True
-            if self._waiting and not self._outstanding:
-                closed.append(self._close(int(t_mono_ns[row - 1]), late=False))
-            elif row < n:
-                self._skip_gap(int(t_mono_ns[row]))
-                closed.append(self._close_by_time())
-        return closed
+    ) -> list[ClosedCycle]:
+        """As `feed`, each cycle by itself."""
+        if self.compiled is None:
+            closed = self.feed(slots, data, t_ns, t_mono_ns)
+            return [ClosedCycle.of(cycles, at) for cycles in closed for at in range(len(cycles))]
+        self.settle()
+        return [ClosedCycle(*cycle) for cycle in kernel.feed(self.compiled, slots, data, t_ns, t_mono_ns)]
+
+    def cycles_closed_by_time(self, now_mono_ns: int) -> list[ClosedCycle]:
+        """As `advance`, each cycle by itself."""
+        if self.compiled is None:
+            return [ClosedCycle.of(cycles, 0) for cycles in self.advance(now_mono_ns)]
+        self.settle()
+        return [ClosedCycle(*cycle) for cycle in kernel.advance(self.compiled, now_mono_ns)]
 
     def advance(self, now_mono_ns: int) -> list[Cycles]:
         """Close the cycles that are due at `now_mono_ns` and return them; every earlier frame must have been fed."""
+        if self.compiled is not None:
+            return [cycle.cycles for cycle in self.cycles_closed_by_time(now_mono_ns)]
         if self._due_ns is None or now_mono_ns <= self._due_ns:
             return []
         self.settle()
@@ -274,12 +370,12 @@ class CycleAssembler:
 
     def settle(self) -> None:
         """Update the counters to the last frame fed; this changes no cycle."""
-        if self._n_held:
+        if self.n_held:
             self._absorb(*self._take_held())
 
     def _take_held(self) -> _Frames:
         held = self._held
-        self._held, self._n_held = [], 0
+        self._held, self.n_held = [], 0
         is_own, slots, payload, t_ns, t_mono_ns = (
             held[0] if len(held) == 1 else map(np.concatenate, zip(*held, strict=True))
         )
@@ -357,30 +453,9 @@ class CycleAssembler:
 
     def _close(self, t_close_ns: int, late: bool) -> Cycles:
         complete = not late and self._outstanding == 0
-        cycle = self._closed(t_close_ns, late) if self._compiled is None else self._closed_compiled(t_close_ns, late)
+        cycle = self._closed(t_close_ns, late)
         self._fresh = False
         self._begin_cycle(t_close_ns, complete)
-        return cycle
-
-    def _closed_compiled(self, t_close_ns: int, late: bool) -> Cycles:
-        """Do the same as `_closed` with the kernel."""
-        n = self.n_triangles
-        cycle = Cycles(
-            t_mono_ns=np.array([t_close_ns]),
-            t_ns=np.array([self._newest_t_ns]),
-            counts=np.empty((1, n, 12), np.uint8),
-            status=np.empty((1, n), np.uint16),
-            triangle_t_ns=np.empty((1, n), np.int64),
-            age_ns=np.empty((1, n), np.int64),
-            arrivals=np.empty((1, n), np.int64),
-            missing=np.empty((1, n), np.bool_),
-            late=_FLAG[late],
-            repeated=_FLAG[not self._fresh],
-        )
-        kernel.close(
-            self._compiled, t_close_ns, cycle.counts, cycle.status, cycle.triangle_t_ns, cycle.age_ns, cycle.arrivals,
-            cycle.missing,
-        )  # fmt: skip
         return cycle
 
     def _closed(self, t_close_ns: int, late: bool) -> Cycles:

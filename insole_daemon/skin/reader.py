@@ -7,8 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..bus.frames import FrameBatch
-from .cycles import CycleAssembler, Cycles
+from ..bus.frames import FrameBatch, ReceivedFrames
+from ..compiled import kernel
+from .cycles import ClosedCycle, CycleAssembler, Cycles
 from .layout import Layout
 from .streams import Streams
 
@@ -34,13 +35,38 @@ class SkinReader:
             CycleAssembler(layout.identities[:, 0], period_ns, slack_ns, first)
             for layout, first in zip(layouts, first_slots[:-1], strict=True)
         ]
+        self._may_hold = False  # whether an assembler may hold frames that it has not looked at
+        self._sorter = None
+        if kernel is not None:
+            self._sorter = self.streams.sorter([assembler.compiled for assembler in self.assemblers])
 
     def feed(self, batch: FrameBatch) -> list[list[Cycles]]:
         """Add frames; return the cycles that they close, for every foot."""
         if not len(batch):
             return [[] for _ in self.assemblers]
         slots = self.streams.slots(batch)
+        self._may_hold = True
         return [assembler.feed(slots, batch.data, batch.t_ns, batch.t_mono_ns) for assembler in self.assemblers]
+
+    def closed_cycles(self, batch: FrameBatch) -> list[list[ClosedCycle]]:
+        """As `feed`, each cycle by itself: for the live path, where the kernel does it in one call."""
+        if self._sorter is None or not isinstance(batch, ReceivedFrames):
+            if not len(batch):
+                return [[] for _ in self.assemblers]
+            frames = self.streams.slots(batch), batch.data, batch.t_ns, batch.t_mono_ns
+            return [assembler.closed_cycles(*frames) for assembler in self.assemblers]
+        if self._may_hold:
+            for assembler in self.assemblers:
+                assembler.settle()
+            self._may_hold = False
+        n_refused, closed_by_foot = kernel.take(self._sorter, batch.block)
+        if n_refused:
+            self.streams.count_refused()
+        return [[ClosedCycle(*cycle) for cycle in closed] for closed in closed_by_foot]
+
+    def cycles_closed_by_time(self, now_mono_ns: int) -> list[list[ClosedCycle]]:
+        """As `advance`, each cycle by itself."""
+        return [assembler.cycles_closed_by_time(now_mono_ns) for assembler in self.assemblers]
 
     def advance(self, now_mono_ns: int) -> list[list[Cycles]]:
         """Return the cycles that time alone closes, for every foot; every earlier frame must have been fed."""
@@ -48,6 +74,8 @@ class SkinReader:
 
     def expected(self) -> Expected:
         """Return the next events of all feet."""
+        if self._sorter is not None and not self._may_hold:
+            return Expected(*kernel.expected(self._sorter))
         due_ns = outstanding = promised_ns = None
         in_rhythm = True
         for assembler in self.assemblers:

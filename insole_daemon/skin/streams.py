@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,8 @@ _OTHER = -1  # not a skin frame: other nodes share the bus
 _UNCONFIGURED_BOARD = -2
 _UNCONFIGURED_TRIANGLE = -3
 _UNKNOWN_TAG = -4
+
+_REASONS = 5  # in `Streams.n_refused`: by reason, which is minus the slot; from here on by the address of the board
 
 _TAG_CODE = np.zeros(256, np.uint32)  # payload byte 0 → 0 neither, 1 half A, 2 half B
 _TAG_CODE[TAG_A], _TAG_CODE[TAG_B] = 1, 2
@@ -52,6 +55,7 @@ class Streams:
 
     def __init__(self, layouts: Sequence[Layout]) -> None:
         self.refused = Refused()
+        self._n_refused = np.zeros(_REASONS + 16, np.int64)  # by the kernel, and not yet in `refused`
         self._slot = np.full((2048, 3), _OTHER, np.int16)
         self._slot[CLASS_SKIN << 8 : (CLASS_SKIN + 1) << 8] = _UNCONFIGURED_BOARD
         triangles = [triangle for layout in layouts for triangle in layout.triangles]
@@ -87,17 +91,32 @@ class Streams:
             self._count(batch, slots, n_odd)
         return slots
 
+    def sorter(self, assemblies: Sequence[Any]) -> Any:
+        """The kernel's: it assigns the slots and feeds the frames to `assemblies`, one a foot."""
+        return kernel.sorter(self._slot, _TAG_CODE, self._n_refused, tuple(assemblies))
+
+    def count_refused(self) -> None:
+        """Take over what the kernel's sorter has refused."""
+        self._add(self._n_refused.tolist())
+        self._n_refused[:] = 0
+
     def _count(self, batch: FrameBatch, slots: NDArray[np.int16], n_odd: int = 0) -> None:
         """Count the frames without a half by reason; `n_odd` of them are counted already."""
-        refused = self.refused
-        n_by_reason = np.bincount(-slots[slots < 0], minlength=1 - _UNKNOWN_TAG)
-        refused.other += int(n_by_reason[-_OTHER]) - n_odd
-        refused.unknown_tag += int(n_by_reason[-_UNKNOWN_TAG])
-        refused.unconfigured_triangle += int(n_by_reason[-_UNCONFIGURED_TRIANGLE])
+        n_by_reason = np.bincount(-slots[slots < 0], minlength=_REASONS)
+        n_by_reason[-_OTHER] -= n_odd
         addresses = batch.can_id[slots == _UNCONFIGURED_BOARD] >> np.uint32(4) & 0xF
-        for address, n in enumerate(np.bincount(addresses).tolist()):
-            if n:
-                refused.unconfigured_board[address] = refused.unconfigured_board.get(address, 0) + n
+        self._add([*n_by_reason.tolist(), *np.bincount(addresses, minlength=16).tolist()])
+
+    def _add(self, n_refused: list[int]) -> None:
+        """Count frames by reason, and then those of unconfigured boards by address."""
+        refused = self.refused
+        refused.other += n_refused[-_OTHER]
+        refused.unknown_tag += n_refused[-_UNKNOWN_TAG]
+        refused.unconfigured_triangle += n_refused[-_UNCONFIGURED_TRIANGLE]
+        if n_refused[-_UNCONFIGURED_BOARD]:
+            for address, n in enumerate(n_refused[_REASONS:]):
+                if n:
+                    refused.unconfigured_board[address] = refused.unconfigured_board.get(address, 0) + n
 
     def _count_odd(self, batch: FrameBatch) -> None:
         """Count the frames that are not standard data frames of 8 bytes, by reason."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 from insole_daemon.service.backlog import LONGEST_TRIAL_NS, OLD_NS, PATIENCE_NS, PAUSES_NS, TRIAL_NS, Backlog
 
 SECOND = 1_000_000_000
@@ -12,7 +10,7 @@ CYCLE = SECOND // 50
 
 def look(backlog, t_ns, oldest_ns):
     """One look at the time t_ns; the rest it asks for."""
-    backlog.look([SimpleNamespace(t_mono_ns=[t_ns - oldest_ns]), SimpleNamespace(t_mono_ns=[t_ns])], t_ns)
+    backlog.look(t_ns - oldest_ns, t_ns)
     return backlog.pause_ns
 
 
@@ -69,7 +67,7 @@ def test_pauses_now_and_then_do_not_add_up():
 def test_where_nothing_closed_nothing_is_behind():
     backlog = Backlog()
     for t in range(0, 5 * SECOND, CYCLE):
-        backlog.look([], t)
+        backlog.look(t, t)
     assert not backlog.pause_ns
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from insole_daemon.bus.frames import FrameBatch
+from insole_daemon.bus.frames import FrameBatch, ReceivedFrames
+from insole_daemon.compiled import kernel
 from insole_daemon.skin import layout as layouts
 from insole_daemon.skin.cycles import PATIENCE, TWICE_NS
 from insole_daemon.skin.identifiers import TAG_A, TAG_B, skin_id
@@ -195,3 +196,34 @@ def test_the_best_look_follows_the_foot_that_is_waited_for(reader: SkinReader) -
     assert reader.best_poll_ns(START_NS + 300 * MS) == START_NS + 302 * MS + JITTER_NS
     reader.advance(START_NS + 1_000 * MS)
     assert reader.best_poll_ns(START_NS + 300 * MS) == START_NS + 300 * MS, "none is waited for"
+
+
+@pytest.mark.skipif(kernel is None, reason="no kernel, see tests/test_compiled.py; 'python hatch_build.py' builds it")
+@pytest.mark.parametrize("size", [1, 17, 56, 500, 5000])
+def test_a_block_of_frames_is_read_as_its_arrays_are(size: int) -> None:
+    rng = np.random.default_rng(size)
+    n = 5000
+    ids = np.array([0x400 | board << 4 | triangle for board in (5, 6, 7, 8, 9, 10, 11) for triangle in range(16)])
+    ids = np.append(ids, [0x123, 0x7A5, 0x600 | 8 << 4])
+    can_id = rng.choice(ids, n).astype(np.uint32)
+    t_ns = np.cumsum(rng.integers(0, 300_000, n)) + (np.arange(n) > 4000) * 400 * MS
+    data = rng.integers(0, 256, (n, 8), np.uint8)
+    data[:, 0] = rng.choice([TAG_A, TAG_B, 0], n, p=[0.49, 0.49, 0.02])
+    eight, zero = np.full(n, 8, np.uint8), np.zeros(n, np.uint8)
+    arrays = FrameBatch(t_ns, t_ns + 7, zero, can_id, eight, data, zero)
+    readers = [SkinReader([LEFT, RIGHT], PERIOD_NS, SLACK_NS) for _ in range(2)]
+    n_closed = 0
+    for first in range(0, n, size):
+        part = arrays[first : first + size]
+        raw = np.zeros((len(part), 16), np.uint8)
+        raw.view(np.uint32)[:, 0], raw[:, 4], raw[:, 8:] = part.can_id, 8, part.data
+        block = ReceivedFrames(b"".join((part.t_ns, part.t_mono_ns, raw, part.interface)))
+        for name in FrameBatch.__slots__:
+            assert np.array_equal(getattr(block, name), getattr(part, name)), name
+        expected, found = readers[0].closed_cycles(part), readers[1].closed_cycles(block)
+        assert found == expected
+        assert readers[1].expected() == readers[0].expected()
+        n_closed += len(found[0]) + len(found[1])
+    assert n_closed > 40
+    assert readers[1].streams.refused == readers[0].streams.refused
+    assert readers[1].streams.refused.unconfigured_board

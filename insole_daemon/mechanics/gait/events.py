@@ -185,7 +185,7 @@ class FootGait:
         valid: NDArray[np.uint8] | NDArray[np.bool_],
     ) -> None:
         """Peak pressure and its integral, the customary one of the region's peak (Melai et al. 2011)."""
-        if kernel is not None and pressure_pa.dtype == np.float32:
+        if kernel is not None and pressure_pa.itemsize == 4:
             n_usable = kernel.press(
                 pressure_pa, valid, self._order, self._ends, seconds, self._peak_pa, self._integral_pa_s
             )

@@ -8,7 +8,7 @@ pressure of its cycle.
 
 from __future__ import annotations
 
-from ..cycles import Cycles
+from ..cycles import ClosedCycle, Cycles
 from .watch import Change, Fault, FaultWatch
 
 GATHER_NS = 70_000_000  # from the first cycle to the last: five of them at 50 Hz, every single one below 14 Hz
@@ -23,10 +23,11 @@ class DeferredFaultWatch:
 
     def __init__(self, watch: FaultWatch) -> None:
         self._watch = watch
-        self._gathered: list[tuple[Cycles, int, bool]] = []  # cycles, row, whether it was screened already
-        self._urgent = False
+        self._gathered: list[tuple[ClosedCycle, bool]] = []  # and whether it was screened already
+        self.is_due = False  # whether `changes` has something to tell or works off what was taken in
         self._changes: list[Change] = []
         self.masked = watch.masked  # (n_triangles, 12) as of FaultWatch, the same array for ever
+        self.loose, self.top_is_rail = watch.loose, watch.top_is_rail  # (n_triangles,) and (n_triangles, 1), the same
 
     @property
     def faults(self) -> list[Fault]:
@@ -35,25 +36,26 @@ class DeferredFaultWatch:
 
     def take(self, cycles: Cycles, at: int) -> None:
         """Add cycle `at` before it is published; after the call every triangle that is loose in it is masked."""
-        urgent = not cycles.repeated[at] and self._watch.may_come_loose(cycles.counts[at])
-        if urgent:
-            self._work_off()
-            self._watch.screen(cycles, at)
-            self._urgent = True
-        self._gathered.append((cycles, at, urgent))
-        if len(self._gathered) >= _MOST_GATHERED:
-            self._work_off()
+        may_come_loose = not cycles.repeated[at] and self._watch.may_come_loose(cycles.counts[at])
+        self.gather(ClosedCycle.of(cycles, at), may_come_loose)
 
-    @property
-    def is_due(self) -> bool:
-        """Whether `changes` would return something or process cycles."""
-        return bool(self._changes) or (bool(self._gathered) and (self._urgent or self._span_ns() >= GATHER_NS))
+    def gather(self, cycle: ClosedCycle, may_come_loose: bool) -> None:
+        """The same of one cycle, of which it is known whether `may_come_loose` of its counts is true."""
+        if may_come_loose:
+            self._work_off()
+            self._watch.screen(cycle.cycles, 0)
+        gathered = self._gathered
+        gathered.append((cycle, may_come_loose))
+        if may_come_loose or cycle.t_mono_ns - gathered[0][0].t_mono_ns >= GATHER_NS:
+            self.is_due = True
+        if len(gathered) >= _MOST_GATHERED:
+            self._work_off()
 
     def changes(self, early: bool = False) -> list[Change]:
         """Return the faults that began or ended since the last call; process cycles if they are due or if `early`."""
         if early or self.is_due:
             self._work_off()
-        changes, self._changes = self._changes, []
+        changes, self._changes, self.is_due = self._changes, [], False
         return changes
 
     def zeroed(self) -> None:
@@ -61,13 +63,11 @@ class DeferredFaultWatch:
         self._work_off()
         self._watch.zeroed()
 
-    def _span_ns(self) -> int:
-        (first, first_at, _), (last, last_at, _) = self._gathered[0], self._gathered[-1]
-        return int(last.t_mono_ns[last_at]) - int(first.t_mono_ns[first_at])
-
     def _work_off(self) -> None:
-        gathered, self._gathered, self._urgent = self._gathered, [], False
-        for cycles, at, screened in gathered:
+        gathered, self._gathered = self._gathered, []
+        for cycle, screened in gathered:
+            cycles = cycle.cycles
             if not screened:
-                self._watch.screen(cycles, at)
-            self._changes += self._watch.update(cycles, at)
+                self._watch.screen(cycles, 0)
+            self._changes += self._watch.update(cycles, 0)
+        self.is_due = bool(self._changes)

@@ -47,8 +47,8 @@ class LooseTriangles:
     def __init__(self, places: Places) -> None:
         n = len(places.layout)
         of_triangle = places.board_of_triangle
-        self._top_is_rail = (places.no_load[of_triangle] < 256 - TOP_MARGIN)[:, None]
-        self._rests_at_top = not self._top_is_rail.all()
+        self.top_is_rail: NDArray[np.bool_] = (places.no_load[of_triangle] < 256 - TOP_MARGIN)[:, None]
+        self._rests_at_top = not self.top_is_rail.all()
         self._noisy = places.shift[of_triangle] <= NOISY_SHIFT
         self.loose = np.zeros(n, np.bool_)
         self._any = False
@@ -65,10 +65,10 @@ class LooseTriangles:
     def may_come_loose(self, counts: NDArray[np.uint8]) -> bool:
         """Return whether counts (n_triangles, 12) hint at a newly loose triangle; `update` decides."""
         if kernel is not None:
-            return bool(kernel.may_be_loose(counts, self._top_is_rail, self.loose))
+            return bool(kernel.may_be_loose(counts, self.top_is_rail, self.loose))
         pads = counts[:, _PADS]
-        odd = ((pads == 0) | ((pads == 255) & self._top_is_rail)).any(axis=1)
-        odd |= (counts[:, 9] == 0) & ~self._top_is_rail[:, 0]
+        odd = ((pads == 0) | ((pads == 255) & self.top_is_rail)).any(axis=1)
+        odd |= (counts[:, 9] == 0) & ~self.top_is_rail[:, 0]
         return bool((odd & ~self.loose).any())
 
     def update(self, counts: NDArray[np.uint8], fresh: NDArray[np.bool_], t_mono_ns: int) -> bool:
@@ -82,7 +82,7 @@ class LooseTriangles:
         self._bad_ns[bad] = t_mono_ns
         loose = bad | (self.loose & (~fresh | (t_mono_ns - self._bad_ns < GOOD_NS)))
         changed = bool((loose != self.loose).any())
-        self.loose, self._any = loose, bool(loose.any())
+        self.loose[:], self._any = loose, bool(loose.any())
         return changed
 
     def listen(self, fresh: NDArray[np.bool_], changed: NDArray[np.bool_]) -> None:
@@ -98,7 +98,7 @@ class LooseTriangles:
     def _on_rails(self, counts: NDArray[np.uint8]) -> NDArray[np.bool_]:
         """Return whether counts (n_triangles, 12) cannot be those of a connected triangle, (n_triangles,)."""
         rail = counts == 0
-        rail |= (counts == 255) & self._top_is_rail
+        rail |= (counts == 255) & self.top_is_rail
         in_a = rail[:, :_HALF_A].sum(axis=1)
         in_b = rail[:, _HALF_A:].sum(axis=1)
         pad_a, pad_b = rail[:, _PAD_A], rail[:, _PAD_B]

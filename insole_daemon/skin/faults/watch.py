@@ -112,6 +112,17 @@ class FaultWatch:
         self._believe()
         self._untold = True
 
+    @property
+    def loose(self) -> NDArray[np.bool_]:
+        """(n_triangles,) which are loose, the same array for ever."""
+        loose: NDArray[np.bool_] = self._loose.loose
+        return loose
+
+    @property
+    def top_is_rail(self) -> NDArray[np.bool_]:
+        """(n_triangles, 1) where 255 is no count of a triangle at rest."""
+        return self._loose.top_is_rail
+
     def may_come_loose(self, counts: NDArray[np.uint8]) -> bool:
         """Return whether counts (n_triangles, 12) hint at a newly loose triangle; `screen` decides."""
         return self._loose.may_come_loose(counts)

@@ -1,0 +1,42 @@
+"""Prepared messages of a cycle: all that is the same in every cycle, and where the rest goes.
+
+The compiled kernel fills a template in; what it makes equals `Message.encode` to the byte. A template is pieces of a
+length (2 bytes), so many bytes of the message, and one byte that says what value follows them.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import msgpack
+import numpy as np
+
+from .messages import Message, wire_fields
+
+_END: Final = 0
+_VARIABLE: Final = (
+    "seq", "t_ns", "t_published_ns", "counts", "status", "triangle_t_ns", "age_ms", "missing", "valid", "late",
+    "repeated", "pressure_pa", "f_z_n", "m_x_nm", "m_y_nm", "cop_x_m", "cop_y_m", "f_z_std_n", "m_x_std_nm",
+    "m_y_std_nm", "contact_area_m2", "valid_fraction",
+)  # fmt: skip
+_CODES: Final = {field: code for code, field in enumerate(_VARIABLE, 1)}  # as kernel.c has them
+
+
+def template(message: type[Message], constants: dict[str, Any]) -> bytes:
+    """Return the template of `message`; `constants` has the fields that are the same in every cycle."""
+    fields = wire_fields(message)
+    pieces = b""
+    fixed = msgpack.Packer().pack_map_header(len(fields))
+    for field in fields:
+        fixed += msgpack.packb(field)
+        if field in constants:
+            value = constants[field]
+            fixed += msgpack.packb(value.tobytes() if isinstance(value, np.ndarray) else value)
+        else:
+            pieces += _piece(fixed, _CODES[field])
+            fixed = b""
+    return pieces + _piece(fixed, _END)
+
+
+def _piece(fixed: bytes, code: int) -> bytes:
+    return len(fixed).to_bytes(2, "little") + fixed + bytes([code])
