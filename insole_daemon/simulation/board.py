@@ -70,6 +70,7 @@ class EmulatedBoard:
         luck: int = 0,
         alike: bool = False,
         digitises_with: Mapping[int, int] | None = None,
+        noise: float = 1.0,
     ) -> None:
         """A board with sensors on `triangles` (ascending), the same from the same `seed`.
 
@@ -81,7 +82,7 @@ class EmulatedBoard:
         self.node = address  # of the board as a thing, whatever address it bears
         self.address = address
         self.generation = generation
-        self.sensors = Sensors(address, triangles, shift, seed, faults, cdc_hz, temperature_c, luck, alike)
+        self.sensors = Sensors(address, triangles, shift, seed, faults, cdc_hz, temperature_c, luck, alike, noise)
         self.triangles = self.sensors.triangles
         self.clock_rate = 1 + 1e-6 * reference_insole().clock_ppm * float(self.sensors.made.normal(1)[0])
         self._phase = float(self.sensors.made.uniform(1)[0])

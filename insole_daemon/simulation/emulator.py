@@ -50,6 +50,7 @@ class Emulator:
         shifts: Mapping[int, Mapping[int, int]] | None = None,
         jitter: Mapping[int, Mapping[str, float]] | None = None,
         loss: Mapping[int, Mapping[str, float]] | None = None,
+        noise: float = 1.0,
     ) -> None:
         """The boards of those feet of `config` that have a layout, under `load`.
 
@@ -63,7 +64,8 @@ class Emulator:
         the insoles, seconds since power-up (n,) to °C (n,); None is 25 °C.
         `luck`: another noise on the same sensors. `alike`: each sensor is the nominal line, since `load` is what they
         feel (`sensed.SensedLoad`). `shifts`: by board and triangle, digitisers with another shift than configured.
-        `jitter`, `loss`: by address, the values of these effects on a board's frames.
+        `jitter`, `loss`: by address, the values of these effects on a board's frames. `noise`: times that of the
+        reference insole.
         """
         check_there(faults, config, layouts)
         self._compensated = generation is not None or bool(faults) or temperature_c is not None
@@ -72,7 +74,7 @@ class Emulator:
         self._status_bits = status_bits
         self._cdc_hz = cdc_hz
         self._temperature_c = temperature_c
-        self._luck, self._alike = luck, alike
+        self._luck, self._alike, self._noise = luck, alike, noise
         self._shifts = shifts or {}
         self._jitter, self._loss = jitter or {}, loss or {}
         self._config = config
@@ -164,6 +166,7 @@ class Emulator:
                     luck=self._luck,
                     alike=self._alike,
                     digitises_with=self._shifts.get(board.address),
+                    noise=self._noise,
                 )
                 rows = np.array([place[triangle] for triangle in sorted(place)], np.intp)
                 mounted.append(Mounted(emulated, insole.foot, rows))

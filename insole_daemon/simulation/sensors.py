@@ -45,10 +45,12 @@ class Sensors:
         temperature_c: Temperature | None = None,
         luck: int = 0,
         alike: bool = False,
+        noise: float = 1.0,
     ) -> None:
         """`faults`: only those of triangles and taxels on board `address` matter; `cdc_hz` None: no converter.
 
         `luck`: of the noise, on the same sensors. `alike`: every taxel has the nominal sensitivity; else each its own.
+        `noise`: times that of the reference insole.
         """
         made_of = reference_insole()
         self.triangles = tuple(triangles)
@@ -58,7 +60,7 @@ class Sensors:
         sensitivity = made_of.sensitivities(self.made, 16, 12)
         self._code_per_pa = 2.0**shift / made_of.pa_per_count * (1.0 if alike else sensitivity) * np.ones((16, 12))
         self._code_per_pa[:, ~PRESSURE_TAXELS] = 0.0
-        self._noise_code = 2.0**shift * np.where(PRESSURE_TAXELS, made_of.noise_count, made_of.pad_noise_count)
+        self._noise_code = noise * 2.0**shift * np.where(PRESSURE_TAXELS, made_of.noise_count, made_of.pad_noise_count)
         gains = np.where(PRESSURE_TAXELS, GAINS_TYPE_0, 128) / 128
         self._code_per_k = 2.0**shift * made_of.pad_count_per_k * gains
         self._rest_c = made_of.rest_c

@@ -60,7 +60,7 @@ class Trial:
         self._config = replace(
             config, insoles=tuple(i for i in config.insoles if any(i.foot == layout.foot for layout in layouts))
         )
-        _check_carried(self._config, layouts)
+        check_carried(self._config, layouts)
         made = reference_insole()
         boards = {insole.foot: insole.boards for insole in config.insoles}
         self.insoles = [
@@ -147,7 +147,7 @@ class Trial:
                 )
                 for insole in self.insoles
             ],
-            frames=_told(self.emulator.batches(START_NS, whole_s), whole_s, progress),
+            frames=with_progress(self.emulator.batches(START_NS, whole_s), START_NS, whole_s, progress),
             interfaces=(_INTERFACE,),
             reference=[self._reference(insole, whole_s) for insole in self.insoles],
             # Not the effects nor the faults: they are what a diagnosis has to find.
@@ -170,18 +170,21 @@ class Trial:
         )
 
 
-def _told(batches: Iterable[FrameBatch], seconds: float, progress: Callable[[float], None]) -> Iterator[FrameBatch]:
+def with_progress(
+    batches: Iterable[FrameBatch], start_ns: int, seconds: float, progress: Callable[[float], None]
+) -> Iterator[FrameBatch]:
+    """The `batches` of a trial of `seconds` from `start_ns` on; `progress` is told the share after each."""
     for batch in batches:
         yield batch
         if len(batch):
-            progress(min(1.0, float(batch.t_ns[-1] - START_NS) * 1e-9 / seconds))
+            progress(min(1.0, float(batch.t_ns[-1] - start_ns) * 1e-9 / seconds))
 
 
 def _tells_the_clock(insole: SimulatedInsole) -> bool:
     return any(effect.law.word == "clock" for effect in insole.effects)
 
 
-def _check_carried(config: Config, layouts: Sequence[Layout]) -> None:
+def check_carried(config: Config, layouts: Sequence[Layout]) -> None:
     """Raise where the configured boards do not have the triangles of a layout, or one bus does not carry them."""
     streams = []
     for layout in layouts:
