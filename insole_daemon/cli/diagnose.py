@@ -120,7 +120,7 @@ def diagnosed(
             found = diagnose(loaded, model, work, simulated, asked)
         else:
             simulated = stack.enter_context(own_simulations.simulated(loaded, feet, to_simulate, out, work))
-            found = diagnose(loaded, own_simulations.static_part(to_simulate), work, simulated, asked)
+            found = diagnose(loaded, own_simulations.without_effects(to_simulate), work, simulated, asked)
             found = own_simulations.with_simulated_effects(found, to_simulate)
         writing.write(found, out)
         if new is not None:

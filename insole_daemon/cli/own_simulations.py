@@ -63,7 +63,7 @@ def simulated(
         raise
 
 
-def static_part(model: Calibration) -> Calibration:
+def without_effects(model: Calibration) -> Calibration:
     """`model` without its effects."""
     return replace(model, effects=())
 
