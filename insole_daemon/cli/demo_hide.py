@@ -32,6 +32,7 @@ _NOT_UNDONE = {
     "open_triangle": "the daemon masks a triangle without contact by itself, with any model",
     "dead_taxels": "the daemon masks taxels that rest by itself once their neighbours are loaded, with any model",
     "temperature": "boards do not send their temperature with the counts",
+    "baseline": "the daemon masks a board whose readings are off without load; take a zero instead",
     "delay": "a delay of some boards alone is told by age_ms; the force is of what each of them said last",
     "drift": "its course is that of the trial it was found in; take a zero instead",
     "rezero": "it happened in the trial it was found in; take a zero instead",
@@ -46,9 +47,17 @@ def hide_and_seek(word: str, seed: int | None, trial: TrialKind | None) -> bool:
     from .. import config as configs
     from ..recording.writer import refuse_existing
     from ..service.foot_setup import load_layout
-    from ..simulation.concealed import BESIDE_A_SIMULATION, NOTHING, conceal, refuse_unknown, trials_that_show
+    from ..simulation.concealed import (
+        BESIDE_A_SIMULATION,
+        NOTHING,
+        TRIALS,
+        conceal,
+        refuse_unknown,
+        trials_that_show,
+    )
 
-    kind = trial or next(iter(trials_that_show(word)), "chamber")
+    shown_in = trials_that_show(word) or TRIALS
+    kind = shown_in[0] if trial is None else trial
     refuse_unknown(word, kind)
     began = time.monotonic()
     drawn = secrets.randbelow(1_000_000) if seed is None else seed

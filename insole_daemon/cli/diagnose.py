@@ -120,7 +120,8 @@ def diagnosed(
             found = diagnose(loaded, model, work, simulated, asked)
         else:
             simulated = stack.enter_context(own_simulations.simulated(loaded, feet, to_simulate, out, work))
-            found = diagnose(loaded, own_simulations.without_effects(to_simulate), work, simulated, asked)
+            beside = own_simulations.beside_effects(loaded, to_simulate)
+            found = diagnose(beside, own_simulations.without_effects(to_simulate), work, simulated, asked)
             found = own_simulations.with_simulated_effects(found, to_simulate)
         writing.write(found, out)
         if new is not None:

@@ -68,6 +68,21 @@ def without_effects(model: Calibration) -> Calibration:
     return replace(model, effects=())
 
 
+def beside_effects(recordings: Sequence[Recording], model: Calibration) -> list[Recording]:
+    """The recordings as they are diagnosed beside simulations by `model`.
+
+    The load that a simulation with effects tells comes late with them, so the edges of a reference would tell another
+    clock than those of the readings: it is not believed to be on the clock of the frames then.
+    """
+    if not model.effects:
+        return list(recordings)
+    return [replace(each, feet=tuple(map(_with_own_clock, each.feet))) for each in recordings]
+
+
+def _with_own_clock(foot: FootRecording) -> FootRecording:
+    return foot if foot.reference is None else replace(foot, reference=replace(foot.reference, clock="own"))
+
+
 def with_simulated_effects(found: Diagnosis, model: Calibration) -> Diagnosis:
     """The diagnosis whose model has the effects that the simulated insole had, and those that were found beside it."""
     from ..physics import effects_document
