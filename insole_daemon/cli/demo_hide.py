@@ -34,6 +34,7 @@ _NOT_UNDONE = {
     "temperature": "boards do not send their temperature with the counts",
     "baseline": "the daemon masks a board whose readings are off without load; take a zero instead",
     "delay": "a delay of some boards alone is told by age_ms; the force is of what each of them said last",
+    "lag": "of a single taxel it makes more noise than it takes away; forces, sums of many, gain",
     "drift": "its course is that of the trial it was found in; take a zero instead",
     "rezero": "it happened in the trial it was found in; take a zero instead",
 }
@@ -91,11 +92,16 @@ def hide_and_seek(word: str, seed: int | None, trial: TrialKind | None) -> bool:
 
 def _print_live_errors(word: str, found: Outcome, recording: Path, again: Path, out: Path, foot: Foot) -> None:
     from ..diagnosis.live_error import live_error
+    from ..errors import CalibrationError
     from ..recording.loading import load
 
     trial = load(again)
     (calibration,) = recording.glob("*calibration.json")
-    before, after = (live_error(model, trial, foot) for model in (calibration, out / "model.json"))
+    try:
+        before, after = (live_error(model, trial, foot) for model in (calibration, out / "model.json"))
+    except CalibrationError as error:
+        print(fold(f"The daemon on {again}: nothing can be undone live: {error}", 4))
+        return
     what = "pressure" if after.unit == "kPa" else "f_z"
     print(
         f"The daemon on {again}: {what} off by {before.value:.2f} {before.unit} with the calibration, "

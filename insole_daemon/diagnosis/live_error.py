@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from ..calibration.clock import Clock
-from ..calibration.samples import realigned
+from ..calibration.samples import realigned, usable
 from ..calibration.trials import CalibrationTrial, trials
 from ..config import Foot
+from ..errors import CalibrationError
 from ..physics import calibration as calibrations
 from ..physics.dynamic import DynamicModel, LeftOut
 from ..physics.law import Array
@@ -32,9 +33,14 @@ class LiveError:
 def live_error(model: Path, recording: Recording, foot: Foot) -> LiveError:
     """The error of the calibration in the file `model`, with its effects, at the clock that suits it best.
 
-    DocumentError where the file is wrong, CalibrationError where the recording has no reference that goes with it.
+    DocumentError where the file is wrong, CalibrationError where the recording has no reference that goes with it, or
+    the daemon masks all of it.
     """
     (trial,), _ = trials([recording], foot)
+    if not usable(trial).any():
+        raise CalibrationError(
+            f"{trial.name}: the daemon masks every taxel for most of the time, because readings without load wander"
+        )
     own, layout = trial.foot, trial.layout
     calibration = calibrations.load(model, layout)
     boards = [as_configured(board) for board in own.boards]
