@@ -23,6 +23,7 @@ from ..recording.document import Kind
 from ..skin.layout import Layout
 from .conditions import ChamberCycles, Conditions, TemperatureCourse
 from .faults import InjectedFault
+from .reference_insole import reference_insole
 from .trial import Trial
 
 TrialKind = Literal["chamber", "walk"]
@@ -36,6 +37,8 @@ CYCLES = ChamberCycles(max_pressure_pa=TOP_PA, speeds_pa_s=(30e3, 150e3), cycles
 # Up and down again: one that only rises could as well be a drift.
 WARMTH = TemperatureCourse(t_s=(0.0, 45.0, 100.0), temperature_c=(24.0, 31.0, 25.0))
 WARMTH_OF_A_WALK = TemperatureCourse(t_s=(0.0, 30.0, 60.0), temperature_c=(24.0, 31.0, 25.0))
+# Of a walk in which it is not concealed: boards compensate warmth to a fraction of a count, which is a baseline.
+AS_CALIBRATED = TemperatureCourse(t_s=(0.0,), temperature_c=(reference_insole().rest_c,))
 _WEAKEST, _STRONGEST = 0.8, 1.25  # of what stands below
 
 _Make = Callable[[float], dict[str, Any]]
@@ -162,7 +165,8 @@ def conceal(
     if trial == "chamber":
         conditions = Conditions(chamber=CYCLES, temperature=WARMTH, take=take, faults=faults)
     else:
-        conditions = Conditions(temperature=WARMTH_OF_A_WALK, take=take, faults=faults)
+        warmth = WARMTH_OF_A_WALK if word == "temperature" else AS_CALIBRATED
+        conditions = Conditions(temperature=warmth, take=take, faults=faults)
     written = Trial(
         _SCENARIOS[trial], config, [layout], effects=effects, conditions=conditions, seed=seed
     ).write(folder, progress=progress)  # fmt: skip
