@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from enum import StrEnum
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -26,6 +27,13 @@ _LINE_S = 1.0
 _IF_TAKEN = ", or give this one another endpoint: insole demo --listen tcp/127.0.0.1:7448"
 
 
+class HiddenIn(StrEnum):
+    """The kinds of trial in simulation/concealed, which takes too long to load for a help text."""
+
+    chamber = "chamber"
+    walk = "walk"
+
+
 def demo(
     seconds: Seconds = None,
     view: Annotated[bool, typer.Option("--view", help="Show it in the browser as well: see 'insole view'.")] = False,
@@ -38,8 +46,12 @@ def demo(
         typer.Option(
             "--hide",
             metavar="EFFECT",
-            help="Instead: record a chamber trial in which this effect is concealed, or nothing, and diagnose it.",
+            help="Instead: record a trial in which this effect is concealed, or nothing, and diagnose it.",
         ),
+    ] = None,
+    trial: Annotated[
+        HiddenIn | None,
+        typer.Option("--in", help="With --hide: in which trial; without it a chamber, where that shows the effect."),
     ] = None,
     seed: Annotated[
         int | None, typer.Option("--seed", min=0, help="With --hide: seed of place and strength; drawn by default.")
@@ -48,16 +60,17 @@ def demo(
     """See it work without hardware: a simulated walk, live; or something concealed, found.
 
     Emulated boards of both feet on an in-process bus, the real daemon, Zenoh, and a view in the terminal. With --hide
-    the exit status is 0 where the diagnosis names what was concealed first, else 1.
+    the exit status is 0 where the diagnosis names what was concealed first, else 1; the last lines say what the daemon
+    would publish of another trial, before and after.
     """
     if hide is not None:
         if seconds is not None or view or port is not None or listen != DEFAULT_ENDPOINT:
             raise typer.BadParameter("--seconds, --view, --port and --listen belong to the live demo, not to --hide")
         from .demo_hide import hide_and_seek
 
-        raise typer.Exit(0 if hide_and_seek(hide, seed) else 1)
-    if seed is not None:
-        raise typer.BadParameter("--seed needs --hide: name an effect to conceal")
+        raise typer.Exit(0 if hide_and_seek(hide, seed, None if trial is None else trial.value) else 1)
+    if seed is not None or trial is not None:
+        raise typer.BadParameter("--seed and --in are of --hide: say what to conceal")
     if port is not None and not view:
         raise typer.BadParameter("--port needs --view")
     from ..bus.opening import open_sink

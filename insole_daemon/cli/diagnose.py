@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .options import Force, OneFoot, name_next
+from .options import Force, OneFoot, is_repeatable, name_next
 from .progress import show_work
 from .recordings import load_recordings
 from .tables import fold
@@ -19,7 +20,12 @@ if TYPE_CHECKING:
     from ..diagnosis.outcome import Outcome
 
 EXIT = {"no mismatch": 0, "explained": 0, "partly explained": 1, "unexplained": 1, "not decidable": 3}
-_READ, _SEARCHED, _VERIFIED = (1,), (12, 4), (1,)  # relative durations of the stages of each recording
+_SIMULATED, _READ, _SEARCHED, _VERIFIED = (
+    (3,),
+    (1,),
+    (12, 4),
+    (1,),
+)  # relative durations of the stages of each recording
 
 
 def diagnose(
@@ -39,6 +45,14 @@ def diagnose(
             "recordings, or one for each, in their order.",
         ),
     ] = None,
+    simulate: Annotated[
+        bool,
+        typer.Option(
+            "--simulate",
+            help="Chambers: compare with the model's own simulation of the trial, made from the pressure of its "
+            "reference; the model may have effects.",
+        ),
+    ] = False,
     verify: Annotated[
         Path | None,
         typer.Option(
@@ -53,7 +67,9 @@ def diagnose(
     Exit status: 0 no mismatch or explained, 1 partly explained or unexplained, 2 wrong usage, 3 not decidable from
     this data, 4 a recording was refused.
     """
-    outcome = diagnosed(recordings, out, calibration, simulation or (), verify, foot, force)
+    if simulate and simulation:
+        raise typer.BadParameter("--simulate makes the simulations that --simulation names: give one of them")
+    outcome = diagnosed(recordings, out, calibration, simulation or (), verify, foot, force, simulate)
     report = out / "report.html"
     model = f"insole validate OTHER-RECORDINGS --calibration {out / 'model.json'}"
     name_next(f"open {report}" + (f"; then {model}" if outcome.findings else ""))
@@ -68,6 +84,7 @@ def diagnosed(
     verify: Path | None = None,
     foot: OneFoot | None = None,
     force: bool = False,
+    simulate: bool = False,
 ) -> Outcome:
     """Diagnose, write the files into `out`, print the result and return it."""
     from ..diagnosis import verifying, writing
@@ -75,10 +92,13 @@ def diagnosed(
     from ..diagnosis.pipeline import diagnose
     from ..files import set_aside, write_text
     from ..physics import calibration as calibrations
+    from . import own_simulations
 
     if not force:
         writing.refuse_taken(out)
     earlier = [out / name for name in (*writing.FILES, verifying.FILE)]
+    if simulate and force:
+        earlier += [each for each in own_simulations.simulation_folders(out, len(recordings)) if is_repeatable(each)]
     loaded = load_recordings(recordings)
     simulated = load_recordings(simulations)
     new = None if verify is None else load_recordings([verify])[0]
@@ -88,10 +108,21 @@ def diagnosed(
     model = (
         None if calibration is None else calibrations.load(calibration, choose(loaded, side, bool(simulated))[0].layout)
     )
+    feet = choose(loaded, side) if simulate else []
+    to_simulate = own_simulations.model_to_simulate(loaded, feet, model) if simulate else None
 
-    stages = [*_READ * len(loaded), *_SEARCHED * len(loaded), *(_VERIFIED if new is not None else ())]
-    with set_aside(earlier), show_work("diagnosing", stages) as work:
-        outcome = diagnose(loaded, model, work, simulated, side)
+    simulating = _SIMULATED * len(feet)
+    stages = [*simulating, *_READ * len(loaded), *_SEARCHED * len(loaded), *(_VERIFIED if new is not None else ())]
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(set_aside(earlier))
+        work = stack.enter_context(show_work("diagnosing", stages))
+        if to_simulate is None:
+            outcome = diagnose(loaded, model, work, simulated, side)
+        else:
+            simulated = stack.enter_context(own_simulations.simulated(loaded, feet, to_simulate, out, work))
+            beside = own_simulations.beside_effects(loaded, to_simulate)
+            outcome = diagnose(beside, own_simulations.without_effects(to_simulate), work, simulated, side)
+            outcome = own_simulations.with_simulated_effects(outcome, to_simulate)
         writing.write(outcome, out)
         if new is not None:
             work("verifying the model")

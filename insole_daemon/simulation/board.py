@@ -70,6 +70,7 @@ class EmulatedBoard:
         noise_key: int = 0,
         nominal_sensors: bool = False,
         real_shifts: Mapping[int, int] | None = None,
+        noise: float = 1.0,
     ) -> None:
         """Create a board with sensors on `triangles` (ascending); the same `seed` gives the same board.
 
@@ -82,7 +83,7 @@ class EmulatedBoard:
         self.address = address
         self.generation = generation
         self.sensors = Sensors(
-            address, triangles, shift, seed, faults, cdc_hz, temperature_c, noise_key, nominal_sensors
+            address, triangles, shift, seed, faults, cdc_hz, temperature_c, noise_key, nominal_sensors, noise
         )
         self.triangles = self.sensors.triangles
         self.clock_rate = 1 + 1e-6 * reference_insole().clock_ppm * float(self.sensors.draws.normal(1)[0])

@@ -50,6 +50,7 @@ class Emulator:
         shifts: Mapping[int, Mapping[int, int]] | None = None,
         jitter: Mapping[int, Mapping[str, float]] | None = None,
         loss: Mapping[int, Mapping[str, float]] | None = None,
+        noise: float = 1.0,
     ) -> None:
         """Emulate the boards of those feet of `config` that have a layout, under `load`; same arguments, same frames.
 
@@ -62,7 +63,7 @@ class Emulator:
         (n,) to °C (n,); None is 25 °C. `noise_key`: selects other noise on the same sensors. `nominal_sensors`: every
         sensor is the nominal line, because `load` already contains the sensors (`sensed.SensedLoad`). `shifts`: by
         board and triangle, digitisers whose shift differs from the configured one. `jitter`, `loss`: by address, the
-        values of these effects on a board's frames.
+        values of these effects on a board's frames. `noise`: factor of the reference insole's noise.
         """
         check_faults(faults, config, layouts)
         self._compensated = generation is not None or bool(faults) or temperature_c is not None
@@ -71,7 +72,7 @@ class Emulator:
         self._status_bits = status_bits
         self._cdc_hz = cdc_hz
         self._temperature_c = temperature_c
-        self._noise_key, self._nominal_sensors = noise_key, nominal_sensors
+        self._noise_key, self._nominal_sensors, self._noise = noise_key, nominal_sensors, noise
         self._shifts = shifts or {}
         self._jitter, self._loss = jitter or {}, loss or {}
         self._config = config
@@ -164,6 +165,7 @@ class Emulator:
                     noise_key=self._noise_key,
                     nominal_sensors=self._nominal_sensors,
                     real_shifts=self._shifts.get(board.address),
+                    noise=self._noise,
                 )
                 rows = np.array([row_of_triangle[triangle] for triangle in sorted(row_of_triangle)], np.intp)
                 mounted.append(MountedBoard(emulated, insole.foot, rows))

@@ -45,11 +45,13 @@ class Sensors:
         temperature_c: Temperature | None = None,
         noise_key: int = 0,
         nominal_sensors: bool = False,
+        noise: float = 1.0,
     ) -> None:
         """Create the sensors of board `address`.
 
         `faults`: only those of triangles and taxels on this board matter. `cdc_hz` None: no converter. `noise_key`
-        selects other noise on the same sensors. `nominal_sensors`: every taxel has the nominal sensitivity.
+        selects other noise on the same sensors. `nominal_sensors`: every taxel has the nominal sensitivity. `noise`:
+        factor of the reference insole's noise.
         """
         constants = reference_insole()
         self.triangles = tuple(triangles)
@@ -61,7 +63,9 @@ class Sensors:
             2.0**shift / constants.pa_per_count * (1.0 if nominal_sensors else sensitivity) * np.ones((16, 12))
         )
         self._code_per_pa[:, ~PRESSURE_TAXELS] = 0.0
-        self._noise_code = 2.0**shift * np.where(PRESSURE_TAXELS, constants.noise_count, constants.pad_noise_count)
+        self._noise_code = (
+            noise * 2.0**shift * np.where(PRESSURE_TAXELS, constants.noise_count, constants.pad_noise_count)
+        )
         gains = np.where(PRESSURE_TAXELS, GAINS_TYPE_0, 128) / 128
         self._code_per_k = 2.0**shift * constants.pad_count_per_k * gains
         self._rest_c = constants.rest_c

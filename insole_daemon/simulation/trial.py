@@ -63,7 +63,7 @@ class Trial:
         self._config = replace(
             config, insoles=tuple(i for i in config.insoles if any(i.foot == layout.foot for layout in layouts))
         )
-        _check_boards_and_bus(self._config, layouts)
+        check_boards_and_bus(self._config, layouts)
         constants = reference_insole()
         boards = {insole.foot: insole.boards for insole in config.insoles}
         self.insoles = [
@@ -150,7 +150,7 @@ class Trial:
                 )
                 for insole in self.insoles
             ],
-            frames=_with_progress(self.emulator.batches(START_NS, duration_s), duration_s, progress),
+            frames=with_progress(self.emulator.batches(START_NS, duration_s), START_NS, duration_s, progress),
             interfaces=(_INTERFACE,),
             reference=[self._simulate_reference(insole, duration_s) for insole in self.insoles],
             # The source names neither effects nor faults, because a diagnosis has to find them.
@@ -174,20 +174,21 @@ class Trial:
         )
 
 
-def _with_progress(
-    batches: Iterable[FrameBatch], seconds: float, progress: Callable[[float], None]
+def with_progress(
+    batches: Iterable[FrameBatch], start_ns: int, seconds: float, progress: Callable[[float], None]
 ) -> Iterator[FrameBatch]:
+    """Yield the `batches` of a trial of `seconds` from `start_ns` on; `progress` gets the share done after each."""
     for batch in batches:
         yield batch
         if len(batch):
-            progress(min(1.0, float(batch.t_ns[-1] - START_NS) * 1e-9 / seconds))
+            progress(min(1.0, float(batch.t_ns[-1] - start_ns) * 1e-9 / seconds))
 
 
 def _has_clock_effect(insole: SimulatedInsole) -> bool:
     return any(effect.law.word == "clock" for effect in insole.effects)
 
 
-def _check_boards_and_bus(config: Config, layouts: Sequence[Layout]) -> None:
+def check_boards_and_bus(config: Config, layouts: Sequence[Layout]) -> None:
     """Raise SimulationError if boards lack triangles of a layout, BusError if one bus cannot carry them."""
     streams = []
     for layout in layouts:

@@ -139,7 +139,7 @@ def test_doctor_reports_a_configuration_that_is_none_as_a_problem(bad, given, mo
 
 def test_an_effect_that_a_chamber_cannot_show_is_said_before_anything_is_recorded(given, monkeypatch, capsys):
     monkeypatch.chdir(given)
-    status, said = insole(monkeypatch, capsys, "demo", "--hide", "crosstalk")
+    status, said = insole(monkeypatch, capsys, "demo", "--hide", "crosstalk", "--in", "chamber")
     assert status == USAGE
     assert said.startswith("insole: expected an effect that a chamber can show (hysteresis, ")
 

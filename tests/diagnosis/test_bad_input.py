@@ -128,6 +128,15 @@ def test_fewer_than_three_cycles(tmp_path):
     assert "at least 3 cycles" in refused(3, folder, out=tmp_path / "out")
 
 
+def test_a_clock_that_was_set_anew_on_the_way(tmp_path):
+    folder = write(tmp_path / "bag", seconds=40.0)
+    table = counts_file.read(folder / "counts.npz", {"left": len(LAYOUT)})["left"]
+    t_ns = table.t_ns.copy()
+    t_ns[len(t_ns) // 3 :] += 10**18
+    counts_file.write(folder / "counts.npz", {"left": replace(table, t_ns=t_ns)})
+    assert "stamped over 11574 days" in refused(4, folder, out=tmp_path / "out")
+
+
 def test_a_folder_that_holds_a_diagnosis(tmp_path):
     folder = write(tmp_path / "trial", seconds=40.0)
     out = tmp_path / "out"

@@ -14,6 +14,7 @@ from insole_daemon import config as configs
 from insole_daemon.cli import app
 from insole_daemon.diagnosis import prediction
 from insole_daemon.errors import DiagnosisError
+from insole_daemon.physics import calibration as calibrations
 from insole_daemon.physics.effect import Where, effect
 from insole_daemon.recording.loading import load
 from insole_daemon.service.foot_setup import load_layout
@@ -89,8 +90,9 @@ def test_triangles_that_are_each_other(tmp_path, plain):
     assert found["effect"] == "swapped_triangles"
     assert found["where"] == {"scope": "triangle", "ids": [list(each) for each in SWAP]}
     assert found["confidence"] > 0.9
-    (effect_of_model,) = json.loads((out / "model.json").read_text())["effects"]
-    assert effect_of_model["effect"] == "swapped_triangles"
+    (effect_of_model,) = calibrations.load(out / "model.json", LAYOUT).effects
+    assert effect_of_model.law.word == "swapped_triangles"
+    assert effect_of_model.where.ids == SWAP
 
 
 def test_what_all_taxels_share_is_named_for_the_whole_insole_and_is_no_map_that_lies_askew(tmp_path, plain):

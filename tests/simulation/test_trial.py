@@ -159,5 +159,5 @@ def test_boards_that_exceed_the_bus_capacity_are_refused():
     fast = replace(
         ONE_FOOT.insoles[0], boards=tuple(replace(board, period_ms=5) for board in ONE_FOOT.insoles[0].boards)
     )
-    with pytest.raises(BusError, match="does not fit.*at most 80%"):
+    with pytest.raises(BusError, match="exceed the capacity.*at most 80%"):
         Trial("walk", config.Config(insoles=(fast,)), [LEFT])

@@ -34,7 +34,6 @@ def effect_of(word: str, where: Where, parameters: Mapping[str, Quantity], seen:
     own = {name: quantity for name, quantity in parameters.items() if name in named}
     if word == "swapped_triangles":
         own["pair"] = Quantity([list(identity) for identity in where.ids], np.zeros((2, 2)), "1")
-        where = Where()
     if word == "drift":
         own["t_s"] = replace(own["t_s"], value=[float(t) for t in own["t_s"].value])
     try:

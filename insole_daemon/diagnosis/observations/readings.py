@@ -20,6 +20,7 @@ from ...skin.validity import Validity
 
 WORKS = 0.02  # of its readings, that are valid where a taxel works at all
 MOST_COUNT = 255
+BUSY_READINGS = 5  # around one that moves the load, over which chance is told
 LEAST_READINGS = 4  # of a triangle: fewer make no curve in time
 LEAST_STEP_S = 1e-3  # two readings of a triangle are further apart
 GAP_PERIODS = 1.6  # a longer pause between two readings is a gap
@@ -239,6 +240,8 @@ def _without_held(readings: TriangleReadings) -> TriangleReadings:
     Taxels that are noisy by themselves stay the same together only where the converter had nothing new: what happens
     more often than their own rates allow is taken for held.
     """
+    if len(readings.t_s) < BUSY_READINGS:
+        return readings
     pressure = readings.counts[:, PRESSURE_TAXELS]
     same = np.zeros(pressure.shape, bool)
     # Readings at the end of their range are the same because there is no more room.
@@ -251,7 +254,7 @@ def _without_held(readings: TriangleReadings) -> TriangleReadings:
     # Chance is told where the load moves: at rest all of a quiet triangle may stay the same.
     busy = np.zeros(len(same), bool)
     busy[1:] = np.abs(np.diff(pressure[:, lively].mean(axis=1))) > 1.0
-    window = np.convolve(busy, np.ones(5), "same") > 0
+    window = np.convolve(busy, np.ones(BUSY_READINGS), "same") > 0
     if window.sum() < 50:
         window[:] = True
     by_chance = float(np.prod(same[moving & window][:, lively].mean(axis=0))) if (moving & window).sum() > 10 else 1.0

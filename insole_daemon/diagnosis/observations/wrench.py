@@ -33,6 +33,7 @@ TEMPERATURE = "temperature_c"
 FINE_S = 0.005  # step of the reference's grid
 SMOOTH_S = 0.012  # standard deviation of the kernel that takes single rows' noise from columns
 LEAST_ROWS = 100  # of the reference
+LONGEST_S = 86_400.0  # of a trial
 SLOWEST_S, FASTEST_S = 0.1, 0.02  # of the grid's step
 JITTER_S = 0.001  # of a stamp that the regular clock of a board does not explain
 UNRESOLVED = 0.25  # of the error at twice the period: what a cubic misses on edges that readings hardly resolve
@@ -345,8 +346,13 @@ def read_rows(
     if not there.any():
         raise DiagnosisError(f"{recording.folder}: no triangle of the {foot.foot} foot has sent a reading")
     step_s = float(np.clip(period_of(periods[there]), FASTEST_S, SLOWEST_S))
-    first = max(each.t_s[0] for each in readings if len(each.t_s) and each.t_s[0] < 5.0)
+    first = max((each.t_s[0] for each in readings if len(each.t_s) and each.t_s[0] < 5.0), default=0.0)
     last = float(np.median([each.t_s[-1] for each in readings if len(each.t_s)]))
+    if last - first > LONGEST_S:
+        raise DiagnosisError(
+            f"{recording.folder}: its frames are stamped over {(last - first) / 86_400:.0f} days, expected one trial "
+            "of at most a day: the clock of the log was set anew on the way; diagnose the part before or after it"
+        )
     grid_s = np.arange(first, last, step_s)
     counts = np.stack([each.at(grid_s) for each in readings], axis=1)
     usable = there[:, None] & calibration.usable & PRESSURE_TAXELS & np.isfinite(counts).all(axis=0)

@@ -43,6 +43,12 @@ def test_frames_that_repeat_are_no_slow_converter():
     assert np.allclose(found.t_s / SENT_S, np.round(found.t_s / SENT_S))
 
 
+@pytest.mark.parametrize("n", range(1, 8))
+def test_a_triangle_that_sent_a_few_readings_keeps_them(n):
+    found = _without_held(held(np.arange(n)))
+    assert len(found.t_s) == n
+
+
 def test_frames_of_a_log_that_is_not_in_time_order_give_the_same_readings(tmp_path: Path) -> None:
     folder = simulate(tmp_path)[1]
     log = folder / "can.log"
