@@ -8,7 +8,7 @@ deviations, not variances, and a mean over steps does not shrink them. NaN: the 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,8 @@ from ...skin.layout import Foot
 from ..region_map import RegionMap
 from ..wrench import WrenchSeries
 from .contacts import Contacts, find_contacts
-from .swing_offset import swing_offset
+from .material_memory import MaterialMemory, estimate_memory
+from .swing_offset import swing_offset, swing_samples
 
 PERCENT: NDArray[np.float64] = np.linspace(0.0, 100.0, 101)  # of stance
 COP_FRACTION = 0.1  # of the peak force: where less is borne, the CoP is mostly noise
@@ -51,6 +52,7 @@ class Stances:
     """The n stances of one foot."""
 
     foot: Foot
+    memory: MaterialMemory | None  # of the material, that was undone
     contacts: Contacts
     first_s: Array  # (n,) of the first and the last cycle of each
     last_s: Array
@@ -59,11 +61,21 @@ class Stances:
 
 
 def stances(course: FootCourse) -> Stances:
-    """Contacts, figures and curves of every stance in `course`; the wrench is above that of the swings around."""
-    wrench = course.wrench
+    """Return contacts, figures and curves of every stance in `course`.
+
+    The memory of the material that the swings show is undone first; the wrench is above that of the swings around.
+    """
+    wrench, t_s = course.wrench, course.t_s
     loads = np.stack([wrench.f_z_n, wrench.m_x_nm, wrench.m_y_nm])
-    offset = swing_offset(course.t_s, loads)
-    contacts = find_contacts(course.t_s, wrench.f_z_n, wrench.f_z_std_n, offset[0])
+    swings = swing_samples(t_s, find_contacts(t_s, loads[0]))
+    in_swing = np.zeros(len(t_s), np.bool_)
+    in_swing[np.concatenate([*swings, np.empty(0, np.intp)])] = True
+    memory = estimate_memory(t_s, loads[0], in_swing)
+    if memory is not None:
+        loads = memory.undo(t_s, loads.T).T
+        course = replace(course, pressure_pa=memory.undo(t_s, course.pressure_pa))
+    offset = swing_offset(t_s, loads, swings)
+    contacts = find_contacts(t_s, loads[0], wrench.f_z_std_n, offset[0])
     rows = [_stance(course, loads - offset, contacts, number) for number in range(len(contacts))]
     names = _figure_names(course.regions)
     columns = {name: np.array([figures[name] for figures, _ in rows], np.float64) for name in names}
@@ -71,8 +83,7 @@ def stances(course: FootCourse) -> Stances:
         name: np.array([curve[name] for _, curve in rows], np.float64).reshape(-1, len(PERCENT))
         for name in ("f_z_n", "f_z_std_n", "cop_x_m", "cop_y_m")
     }
-    ends_s = course.t_s[contacts.first], course.t_s[contacts.last]
-    return Stances(course.foot, contacts, *ends_s, columns, curves)
+    return Stances(course.foot, memory, contacts, t_s[contacts.first], t_s[contacts.last], columns, curves)
 
 
 def _figure_names(regions: RegionMap) -> list[str]:

@@ -127,6 +127,12 @@ def find_steps(courses: Sequence[FootCourse], start_ns: int, remarks: Sequence[s
     said = [*remarks]
     if len(each) == 1 and not remarks:
         said.append(f"only the {each[0].foot} foot is there: no double support, no step time, no symmetry")
+    for foot in each:
+        if foot.memory is not None:
+            said.append(
+                f"{foot.foot}: the material remembers: {foot.memory.fraction:.0%} of a load comes late, with a time "
+                f"constant of {foot.memory.tau_s:.2g} s, as its swings show; the steps are without that"
+            )
     for course in courses:
         if course.regions.too_small:
             said.append(f"{course.foot}: too few taxels for {', '.join(course.regions.too_small)}")
