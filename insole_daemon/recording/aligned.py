@@ -73,7 +73,7 @@ def conversion_age_ns(foot: FootRecording) -> NDArray[np.int64]:
         np.rint(1e9 * Chain(effects, foot.layout, foot.calibration, boards).late_s.max(axis=1)).astype(np.int64)
         for effects in (others, hold)
     )
-    age_ns = foot.behind_ns + delay_ns
+    age_ns: NDArray[np.int64] = foot.behind_ns + delay_ns
     came = arrived(foot.read_ns)
     for triangle in range(len(delay_ns)):
         rows = np.flatnonzero(came[:, triangle])

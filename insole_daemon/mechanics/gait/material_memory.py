@@ -16,6 +16,7 @@ if it explains `LEAST_CHI2` variances of what remains. A swing in which the foot
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +34,7 @@ FAR = 4.0
 _ROWS_AT_ONCE = 2048
 
 Array = NDArray[np.float64]
+Loads = TypeVar("Loads", NDArray[np.float32], NDArray[np.float64])
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +44,7 @@ class MaterialMemory:
     fraction: float
     tau_s: float
 
-    def undo(self, t_s: Array, readings: NDArray[np.floating]) -> NDArray[np.floating]:
+    def undo(self, t_s: Array, readings: Loads) -> Loads:
         """Return the loads (n, …) behind `readings` (n, …) at `t_s` (n,), in their type.
 
         The first reading is taken as settled. NaN counts as 0 for what follows, and stays NaN.
