@@ -121,7 +121,7 @@ def _on(channel: int, messages: Iterator[tuple[int, bytes]]) -> Iterator[tuple[i
 def _steps(foot: FootRecording, steps: Steps) -> Messages:
     own = steps.of(foot.foot)
     columns = {name: column.tolist() for name, column in own.columns.items() if name != "foot"}
-    for row, t_ns in enumerate(own.told_ns.tolist()):
+    for row, t_ns in enumerate(own.known_ns.tolist()):
         yield t_ns, {name: column[row] for name, column in columns.items()}
 
 

@@ -65,7 +65,7 @@ def mean_variance(residuals: Array) -> tuple[float, float]:
 
 
 def t_quantile(dof: float) -> float:
-    """Half width of the two-sided 95 % interval, in standard errors."""
+    """Return the half width of the two-sided 95 % interval in standard errors."""
     try:
         from scipy.special import stdtrit
     except ImportError as error:
@@ -76,7 +76,10 @@ def t_quantile(dof: float) -> float:
 
 
 def mean_interval(values: Array, systematic_std: float = 0.0) -> Interval:
-    """Mean of values (n,) in order of time, NaN left out; `systematic_std` is that of an error all of them share."""
+    """Return the mean of `values` (n,) in order of time, NaN left out.
+
+    `systematic_std` is the standard deviation of an error that all of them share.
+    """
     known = values[np.isfinite(values)]
     if len(known) < FEWEST:
         mean = float(known.mean()) if len(known) else np.nan
