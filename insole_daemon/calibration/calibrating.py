@@ -14,6 +14,7 @@ from ..errors import CalibrationError
 from ..recording.loading import Recording
 from ..skin.layout import Layout
 from . import fused
+from .coverage_warnings import coverage_warnings
 from .fused import DEGREES, PUBLISHED_EXPONENTS, Fit, Progress
 from .problem import Weights, fused_problem
 from .samples import Samples, aligned, realigned, samples
@@ -92,6 +93,7 @@ def calibrate(
         )
     zero_std = np.sqrt(np.mean([trial.noise_count**2 / trial.rest_cycles for trial in found], axis=0))[slots]
     fit = replace(fit, covariance_pa2=fit.covariance_pa2 + zero_covariance(fit.coefficients_pa, zero_std))
+    remarks += coverage_warnings(ready, curve_pa(fit.coefficients_pa, highest), len(left_out))
     return Calibrated(
         foot, found[0].layout, method, tuple(ready), slots, rest_count, fit, highest, judged, left_out, remarks
     )

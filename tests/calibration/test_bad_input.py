@@ -38,6 +38,15 @@ def test_a_reference_in_bar(chamber: Path, edited: Edit) -> None:
     assert "is that bar? Convert it" in said
 
 
+def about_the_recording(calibrated) -> tuple[str, ...]:
+    """Return the remarks but those about what one chamber trial of one speed cannot cover."""
+    coverage = [
+        remark for remark in calibrated.remarks if remark.startswith(("the pressure changes", "the curves are"))
+    ]
+    assert len(coverage) == 2
+    return tuple(remark for remark in calibrated.remarks if remark not in coverage)
+
+
 def test_a_force_in_kilonewtons(tasks: dict[str, Path], edited: Edit) -> None:
     said = refusal(edited(tasks["t3"], lambda rows: each(rows, "fz_n", lambda f: f * 1e-3)))
     assert "t3: expected fz_n to change by about" in said
@@ -53,7 +62,7 @@ def test_a_reference_that_is_all_zero(chamber: Path, edited: Edit) -> None:
 def test_a_reference_shorter_than_the_counts(chamber: Path, edited: Edit) -> None:
     shorter = edited(chamber, lambda rows: rows[: round(len(rows) * 0.7)])
     found = calibrate([insole_daemon.load(shorter)], "left")
-    assert found.remarks == ("vacuum: the reference covers 70% of the cycles; the others are left out",)
+    assert about_the_recording(found) == ("vacuum: the reference covers 70% of the cycles; the others are left out",)
     assert found.samples[0].t_s[-1] < 0.72 * found.samples[0].trial.t_s[-1]
 
 
@@ -70,7 +79,7 @@ def test_a_reference_longer_than_the_counts(chamber: Path, edited: Edit) -> None
 
     found = calibrate([insole_daemon.load(edited(chamber, longer))], "left")
     assert not found.left_out
-    assert found.remarks == ()
+    assert about_the_recording(found) == ()
 
 
 def test_spikes_are_left_out_and_said(chamber: Path, edited: Edit) -> None:
@@ -80,7 +89,7 @@ def test_spikes_are_left_out_and_said(chamber: Path, edited: Edit) -> None:
     plain = calibrate([insole_daemon.load(chamber)], "left")
     found = calibrate([insole_daemon.load(edited(chamber, spiky))], "left")
     n = len(range(100, len(plain.samples[0].trial.readings.values), 400))
-    assert found.remarks == (
+    assert about_the_recording(found) == (
         f"vacuum: {n} readings of the reference stand out of their neighbours: left out as spikes",
     )
     assert np.allclose(found.fit.residual_pa, plain.fit.residual_pa, rtol=0.05)
