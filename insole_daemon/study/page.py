@@ -100,15 +100,20 @@ def _comparison(study: Study, steps_of_recordings: Sequence[Steps | None], first
             )
         )
     for foot in ("left", "right"):
-        pairs = [(sessions[p, first].of(foot), sessions[p, second].of(foot)) for p in persons]
-        pairs = [pair for pair in pairs if min(len(steps.steady) for steps in pair) >= FEWEST]
+        pair_of_person = {p: (sessions[p, first].of(foot), sessions[p, second].of(foot)) for p in persons}
+        pair_of_person = {
+            person: pair
+            for person, pair in pair_of_person.items()
+            if min(len(steps.steady) for steps in pair) >= FEWEST
+        }
+        pairs = list(pair_of_person.values())
         if not pairs:
             parts.append(paragraph(f"{foot}: nobody has {FEWEST} steady steps in both sessions"))
         elif len(pairs) >= FEWEST:
             differences = {name: paired_difference(pairs, name) for name in _FIGURES}
             parts.append(_compared(f"{foot}, {len(pairs)} persons", differences, compare_paired_curves(pairs), pairs))
         else:
-            for person, pair in zip(persons, pairs, strict=False):
+            for person, pair in pair_of_person.items():
                 differences = {name: difference_of_sessions(*pair, name) for name in _FIGURES}
                 parts.append(_compared(f"{foot}, {person}", differences, compare_curves(*pair), [pair]))
     return section(f"{second} less {first}", *parts)
