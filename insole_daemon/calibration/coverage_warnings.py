@@ -29,15 +29,15 @@ def _warnings(samples: Sequence[Samples], known_pa: Array, n_left_out: int) -> I
     if all(each.trial.kind == "chamber" for each in samples) and _is_one_speed(np.concatenate(speeds_pa_s)):
         speed_kpa_s = float(np.median(np.concatenate(speeds_pa_s))) / 1e3
         yield (
-            f"the pressure changes at one speed only, {speed_kpa_s:.2g} kPa/s: the curves contain the material's memory at "
-            "that speed, and forces of a walk, which is faster, may be far off: add cycles at another speed, or a walk "
-            "in force shoes"
+            f"the pressure changes at one speed only, {speed_kpa_s:.2g} kPa/s: the curves contain the memory of the "
+            "material at that speed, and forces of a walk, which is faster, may be far off: add cycles at another "
+            "speed, or a walk in force shoes"
         )
     highest_pa = float(np.median(known_pa))
     if highest_pa < WALKING_PA:
         yield (
             f"the curves are known up to {highest_pa / 1e3:.0f} kPa (median of the taxels) and extrapolated beyond; a "
-            f"walk presses {WALKING_PA / 1e3:.0f} kPa and more: add a walk in force shoes, or a chamber that goes higher"
+            f"walk presses {WALKING_PA / 1e3:.0f} kPa and more: add a walk in force shoes, or a chamber that reaches it"
         )
     total = len(known_pa) + n_left_out
     if n_left_out > MANY_LEFT_OUT * total:
