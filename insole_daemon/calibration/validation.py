@@ -36,10 +36,10 @@ _STEADY_S, _STEADY = 1.0, 0.2
 
 DEFINITIONS = {
     "rmse": "square root of the mean squared difference between insole and reference, over all cycles",
-    "accuracy": "what stands in %: 100 · (1 − Σ|error| / Σ|reference|), over the same cycles",
+    "accuracy": "the columns in %: 100 · (1 − Σ|error| / Σ|reference|), over the same cycles",
     "steady": f"RMSE of f_z while the reference stays within {_STEADY:.0%} of its range for ±{_STEADY_S:g} s",
     "cop": "over the cycles in which both forces reach the contact force",
-    "clock": "offset of the reference's clock, as it fits best",
+    "clock": "offset of the reference's clock at which the forces agree best",
     "highest_pressure": "the highest pressure of any valid taxel in any cycle",
     "taxels": "in a chamber, RMSE of each taxel over its valid cycles; good are those with at most "
     f"{GOOD_PA / 1e5:g} bar of error in at least {GOOD_SHARE:.0%} of them",
