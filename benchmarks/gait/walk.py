@@ -96,7 +96,7 @@ def main() -> None:
                 recording = insole_daemon.load(trial.write(Path(folder) / task, 60.0))
             assert isinstance(trial.load, Person)
             print_row(f"{words}, {task}, {mass_kg:g} kg", recording.steps, trial.load)
-            if delays := [each for each in effects if each.law.word == "delay"]:
+            if delays := [stated_effect for stated_effect in effects if stated_effect.law.word == "delay"]:
                 stated = step_table([with_effects(foot, delays) for foot in recording.feet])
                 print_row(f"{words}, delay stated, {task}, {mass_kg:g} kg", stated, trial.load)
 

@@ -25,8 +25,10 @@ def coverage_warnings(samples: Sequence[Samples], known_pa: Array, n_left_out: i
 
 
 def _warnings(samples: Sequence[Samples], known_pa: Array, n_left_out: int) -> Iterator[str]:
-    speeds_pa_s = [ramp_speeds_pa_s(each.trial.readings.t_s, each.trial.readings.values[:, 0]) for each in samples]
-    if all(each.trial.kind == "chamber" for each in samples) and _is_one_speed(np.concatenate(speeds_pa_s)):
+    speeds_pa_s = [
+        ramp_speeds_pa_s(recorded.trial.readings.t_s, recorded.trial.readings.values[:, 0]) for recorded in samples
+    ]
+    if all(recorded.trial.kind == "chamber" for recorded in samples) and _is_one_speed(np.concatenate(speeds_pa_s)):
         speed_kpa_s = float(np.median(np.concatenate(speeds_pa_s))) / 1e3
         yield (
             f"the pressure changes at one speed only, {speed_kpa_s:.2g} kPa/s: the curves contain the memory of the "

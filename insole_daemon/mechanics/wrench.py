@@ -26,7 +26,7 @@ from .missing_area import MissingArea
 
 
 class Wrench(NamedTuple):
-    """What the ground does to one foot; NaN where it cannot be known."""
+    """Load of the ground on one foot; NaN where it cannot be known."""
 
     f_z_n: float  # NaN: no taxel is valid
     m_x_nm: float

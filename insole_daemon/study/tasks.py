@@ -1,4 +1,4 @@
-"""What is done with one recording, in a worker: one file a task, named by the content it was made from.
+"""Tasks of one recording, done in a worker: one file a task, named by the content it was made from.
 
 A task that is done is never done again: its file is there. Whatever a recording, the calibrations and the version of
 this package say goes into the name, so anything that changes is worked out anew. Files appear whole or not at all; two

@@ -206,7 +206,7 @@ class FootGait:
 
 
 class Gait:
-    """The steps of whoever wears the insoles: what takes both feet is added to the figures of each."""
+    """Detects the steps of both feet, and adds the figures that need both to the events of one."""
 
     def __init__(self, layouts: list[Layout]) -> None:
         """`layouts`: one a foot, of one foot or both."""

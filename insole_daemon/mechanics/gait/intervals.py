@@ -46,7 +46,7 @@ class Interval:
         return f"{self.value:.4g} [{self.low:.4g}, {self.high:.4g}] (n = {self.n})"
 
     def __contains__(self, value: float) -> bool:
-        """Whether `value` lies in the interval."""
+        """Return whether `value` lies in the interval."""
         return self.low <= value <= self.high
 
 

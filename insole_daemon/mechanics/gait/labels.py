@@ -1,4 +1,4 @@
-"""What kind of step each stance is, from times, forces and the CoP of both feet.
+"""Labels of stances, from times, forces and the CoP of both feet.
 
 steady     a walking step that is none of the following
 start      first step of each foot of a bout of walking, and those after it until the first that is like the others

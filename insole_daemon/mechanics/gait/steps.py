@@ -83,7 +83,7 @@ class Steps:
 
     @property
     def known_ns(self) -> NDArray[np.int64]:
-        """(n,) epoch time of toe-off, at which a stance is known; of contact where toe-off is not."""
+        """Epoch time (n,) of toe-off, at which a stance is known; of contact where toe-off is not."""
         at_s = np.where(np.isnan(self["toe_off_s"]), self["contact_s"], self["toe_off_s"])
         return self.start_ns + np.rint(np.nan_to_num(at_s) * 1e9).astype(np.int64)
 

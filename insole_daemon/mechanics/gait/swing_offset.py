@@ -1,4 +1,4 @@
-"""What an insole reads in swing, when nothing loads it: the offset of the wrench, from swing to swing.
+"""Offset of the wrench from swing to swing: what an insole reads when nothing loads it.
 
 Sensors drift with temperature, and straps press. The median over each swing is zero load by definition, and between
 swings the offset is taken as linear.
