@@ -102,6 +102,7 @@ def prepare(extras: set[str]) -> None:
     pip("install", "--only-binary=:all:", "--require-hashes", *(f"--requirement={lock}" for lock in locks))
     pip("install", "--no-deps", "--no-build-isolation", "--editable", str(HERE))  # built by what has just been checked
     write_state(wanted)
+    say(f'the command insole is in {VENV / "bin"}: export PATH="{VENV / "bin"}:$PATH"')
 
 
 def sha256(file: Path) -> str:

@@ -47,8 +47,10 @@ def record(plan: Sequence[PlannedStance], seed: int, folder: Path, effects: Sequ
     layouts = [load_layout(insole) for insole in config.insoles]
     boards = {insole.foot: insole.boards for insole in config.insoles}
     insoles = [
-        SimulatedInsole(each, boards[each.foot], reference_insole().calibration(each, boards[each.foot], seed), effects)
-        for each in layouts
+        SimulatedInsole(
+            layout, boards[layout.foot], reference_insole().calibration(layout, boards[layout.foot], seed), effects
+        )
+        for layout in layouts
     ]
     places = {insole.layout.foot: insole.chain.xy_m for insole in insoles}
     load = PlannedWalk(layouts, plan, seed=seed, places=places)
@@ -103,10 +105,10 @@ def main() -> None:
                 with tempfile.TemporaryDirectory() as folder:
                     recording = insole_daemon.load(record(plan, seed, Path(folder) / "walk", effects))
                     pairs += judge(recording.steps, plan)
-            wrong = Counter(f"{truth} as {found}" for truth, found in pairs if truth != found)
-            said = ", ".join(f"{count} {what}" for what, count in wrong.most_common()) or "none"
+            wrong = Counter(f"{truth} as {label}" for truth, label in pairs if truth != label)
+            mistakes = ", ".join(f"{count} {what}" for what, count in wrong.most_common()) or "none"
             right = 1 - sum(wrong.values()) / len(pairs)
-            print(f"| {name} | {len(pairs)} | {right:.1%} | {said} |", flush=True)
+            print(f"| {name} | {len(pairs)} | {right:.1%} | {mistakes} |", flush=True)
 
 
 if __name__ == "__main__":

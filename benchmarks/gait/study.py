@@ -61,10 +61,10 @@ def analyse(folder: Path, client: Any) -> tuple[float, float, str]:
     study = load_study(folder)
     shutil.rmtree(folder / "results", ignore_errors=True)
     began, cpu_s = time.perf_counter(), sum(client.run(_cpu_s).values())
-    found = run_tasks(client, folder, study, folder / "results", lambda number, outcome: None)
+    outcomes = run_tasks(client, folder, study, folder / "results", lambda number, outcome: None)
     seconds, cpu_s = time.perf_counter() - began, sum(client.run(_cpu_s).values()) - cpu_s
-    rows, every = collect_rows(study, folder / "results", found)
-    write_tables(study, rows, every, folder)
+    rows, steps_of_recordings = collect_rows(study, folder / "results", outcomes)
+    write_tables(study, rows, steps_of_recordings, folder)
     assert not any(row["missing"] for row in rows), [row["missing"] for row in rows]
     assert len({row["recording"] for row in rows}) == len(study.recordings)
     return seconds, cpu_s, hashlib.sha256(b"".join((folder / name).read_bytes() for name in TABLES)).hexdigest()
@@ -75,21 +75,21 @@ def collect(folder: Path, times: int) -> tuple[float, float]:
     study = load_study(folder)
     larger, results = replace(study, recordings=study.recordings * times), folder / f"results-{times}"
     results.mkdir()
-    found = []
+    outcomes = []
     for number, recording in enumerate(larger.recordings):
         made = results_of(folder / "results", number % len(study.recordings), recording.folder)
         results_of(results, number, recording.folder).symlink_to(made)
         files = {path.name.partition("-")[0]: path.name for path in made.iterdir()}
-        found.append([TaskResult(task, files[task], "") for task in study.tasks])
+        outcomes.append([TaskResult(task, files[task], "") for task in study.tasks])
     began = time.perf_counter()
-    rows, every = collect_rows(larger, results, found)
-    write_tables(larger, rows, every, results)
-    (results / "study.html").write_text(study_page("larger", larger, rows, every))
+    rows, steps_of_recordings = collect_rows(larger, results, outcomes)
+    write_tables(larger, rows, steps_of_recordings, results)
+    (results / "study.html").write_text(study_page("larger", larger, rows, steps_of_recordings))
     return time.perf_counter() - began, _peak_mb()
 
 
 def main() -> None:
-    recordings, kills = (int(each) for each in (*sys.argv[1:], "40", "20")[:2])
+    recordings, kills = (int(argument) for argument in (*sys.argv[1:], "40", "20")[:2])
     digests = set()
     with tempfile.TemporaryDirectory() as made:
         folder = Path(made)

@@ -42,11 +42,13 @@ def judge_observation(observation: Observation, config: Config, layouts: Sequenc
             else:
                 yield from _judge_board(board, facts, layout, insole.foot)
     configured = {board.address for insole in config.insoles for board in insole.boards}
+    silent = [str(address) for address in sorted(configured - heard.keys())]
     for address in sorted(heard.keys() - configured):
+        instead = f"instead of board {' or '.join(silent)}, if it is that one" if silent else "under boards of its foot"
         yield problem(
             _name(address),
             f"sends {len(heard[address].triangles)} triangles, and config.yaml does not have it",
-            f"under boards of its foot: {config_line(heard[address], None)}   # or unplug it",
+            f"{instead}: {config_line(heard[address], None, config.buses[0].channel)}   # or unplug it",
         )
     yield from _judge_faults(observation, clashing)
 
@@ -211,11 +213,14 @@ def judge_force(foot: str, f_z_n: float, std_n: float, body_mass_kg: float, buil
     )
 
 
-def config_line(facts: BoardFacts, board: Board | None) -> str:
-    """Return the line of config.yaml that matches the board's frames; settings that frames do not show stay."""
+def config_line(facts: BoardFacts, board: Board | None, bus_interface: str = "can0") -> str:
+    """Return the line of config.yaml that agrees with what the board sends.
+
+    What frames do not tell is taken from `board`, the configured one; `bus_interface` is used where there is none.
+    """
     period_ms = round(facts.period_ms) if math.isfinite(facts.period_ms) else 20
     no_load = round(facts.rest_count) if math.isfinite(facts.rest_count) else 240
-    interface, shift = ("can0", 3) if board is None else (board.interface, board.shift)
+    interface, shift = (bus_interface, 3) if board is None else (board.interface, board.shift)
     if board is not None:
         period_ms = board.period_ms if _is_near(facts.period_ms, board.period_ms) else period_ms
         no_load = board.no_load if abs(no_load - board.no_load) <= _REST_COUNT else no_load

@@ -44,13 +44,18 @@ class Report:
             f"**{n} problem{'s' * (n != 1)}.**" + (" What to change:" if n else ""),
             "",
         ]
-        lines += [f"1. {finding.subject}: {finding.text}\n   {finding.remedy}" for finding in self.problems]
+        lines += [
+            f"{number}. {finding.subject}: {finding.text}\n   {finding.remedy}"
+            for number, finding in enumerate(self.problems, start=1)
+        ]
         for step in STEPS:
             lines += ["", f"## {step.capitalize()}", ""]
             if step in self.notes:
                 lines.append(self.notes[step])
             elif step not in self.findings:
                 lines.append("Not done.")
+            elif not self.findings[step]:
+                lines.append("Nothing to check here: see the boards.")
             for finding in self.findings.get(step, []):
                 lines.append(
                     f"- {finding.level}: {finding.subject}: {finding.text}"

@@ -14,6 +14,7 @@ from ..errors import CalibrationError
 from ..recording.loading import Recording
 from ..skin.layout import Layout
 from . import fused
+from .coverage_warnings import coverage_warnings
 from .fused import DEGREES, PUBLISHED_EXPONENTS, Fit, Progress
 from .problem import Weights, build_fused_problem
 from .samples import Samples, align_by_activation, align_by_prediction, select_samples
@@ -95,6 +96,7 @@ def calibrate(
         )
     zero_std = np.sqrt(np.mean([trial.noise_count**2 / trial.rest_cycles for trial in foot_trials], axis=0))[slots]
     fit = replace(fit, covariance_pa2=fit.covariance_pa2 + zero_covariance(fit.coefficients_pa, zero_std))
+    remarks += coverage_warnings(fit_samples, curve_pa(fit.coefficients_pa, highest), len(left_out))
     return Calibrated(
         foot,
         foot_trials[0].layout,

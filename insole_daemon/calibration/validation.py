@@ -39,7 +39,7 @@ DEFINITIONS = {
     "accuracy": "the figures in %: 100 · (1 − Σ|error| / Σ|reference|), over the same cycles",
     "steady": f"RMSE of f_z while the reference stays within {_STEADY:.0%} of its range for ±{_STEADY_S:g} s",
     "cop": "over the cycles in which both forces reach the contact force",
-    "clock": "offset of the reference's clock that fits best",
+    "clock": "offset of the reference's clock at which the forces agree best",
     "highest_pressure": "the highest pressure of any valid taxel in any cycle",
     "taxels": "in a chamber, RMSE of each taxel over its valid cycles; a good taxel has at most "
     f"{GOOD_PA / 1e5:g} bar of error in at least {GOOD_SHARE:.0%} of them",

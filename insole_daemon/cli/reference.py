@@ -32,12 +32,20 @@ def reference(
     mapping: Annotated[
         Path | None, typer.Option(help="For a text export: insole-table/1, which names its columns.")
     ] = None,
+    markers: Annotated[
+        Path | None, typer.Option(help="Moments of triggers or markers on the clock of SOURCE: one a line, in seconds.")
+    ] = None,
+    own_markers: Annotated[
+        Path | None,
+        typer.Option(help="The same moments on the clock of the recording, in seconds since 1970; else its own marks."),
+    ] = None,
     force: Force = False,
 ) -> None:
     """Add the readings of another instrument to a recording, so that calibrate, validate and diagnose use them.
 
-    The clocks need not agree: those commands align them by the forces. From a plate, only contacts and 0.3 s around
-    each are used: at other times the foot may stand beside it.
+    The clocks need not agree: those commands align them by the forces. With --markers they are aligned here, by moments
+    that both systems have recorded. Of a plate, contacts and 0.3 s around each are taken: at other times the foot may
+    stand beside it.
     """
     from ..recording.added_reference import add_reference
     from ..recording.import_text import reference_of_table
@@ -50,9 +58,34 @@ def reference(
     else:
         side = "left" if foot is OneFoot.left else "right"
         columns = _plate_columns(source, plate, origin_mm, heading_deg)
-    file = add_reference(loaded, side, columns, force=force)
-    print(f"{file}: {len(columns['fz_n'])} readings, up to {columns['fz_n'].max():.0f} N, on a clock of their own")
+    if own_markers is not None and markers is None:
+        raise typer.BadParameter("--own-markers is compared with --markers: name that file, too")
+    on_clock = "on a clock of their own"
+    if markers is not None:
+        columns, on_clock = _on_can_clock(columns, recording, markers, own_markers)
+    file = add_reference(loaded, side, columns, clock="own" if markers is None else "can", force=force)
+    print(f"{file}: {len(columns['fz_n'])} readings, up to {columns['fz_n'].max():.0f} N, {on_clock}")
     name_next(f"insole validate {recording} --calibration CALIBRATION --report side-by-side.html")
+
+
+def _on_can_clock(
+    columns: dict[str, NDArray[np.float64]], recording: Path, markers: Path, own_markers: Path | None
+) -> tuple[dict[str, NDArray[np.float64]], str]:
+    """Return `columns` with their times on the clock of the CAN frames, and a clause that says how well."""
+    from ..calibration.marker_clock import fit_marker_clock
+    from ..recording.markers import read_markers, recorded_markers
+
+    own_s = recorded_markers(recording) if own_markers is None else read_markers(own_markers)
+    other_s = read_markers(markers)
+    # Seconds since 1970 have too many digits for a rate: both clocks count from their first marker.
+    own_origin_s, other_origin_s = (float(moments_s[0]) if len(moments_s) else 0.0 for moments_s in (own_s, other_s))
+    clock = fit_marker_clock(own_s - own_origin_s, other_s - other_origin_s)
+    time_s = (columns["time_s"] - other_origin_s - clock.offset_s) / (1.0 + clock.rate) + own_origin_s
+    offset_s = clock.offset_s + other_origin_s - own_origin_s
+    return columns | {"time_s": time_s}, (
+        f"aligned by the markers: at the first one the other clock is ahead by {offset_s:.4f} s "
+        f"(± {1e3 * clock.offset_std_s:.1f} ms), and fast by {1e6 * clock.rate:.1f} ± {1e6 * clock.rate_std:.1f} ppm"
+    )
 
 
 def _plate_columns(

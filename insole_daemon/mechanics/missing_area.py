@@ -1,4 +1,4 @@
-"""What the taxels that are missing may bear, from those around them.
+"""Bounds on the load that missing taxels may bear, from those around them.
 
 A wrench that leaves taxels out is short by what those bear, and nobody knows how much that is. Each may bear anything
 from nothing to as much as the most loaded valid one among its NEAREST: a sole and a cover press no sharper peak than
@@ -46,7 +46,10 @@ class MissingArea:
         self._gap = self._gap_of(self._pressure_taxel)
 
     def __call__(self, pressure: NDArray[np.float64], valid: NDArray[np.bool_]) -> NDArray[np.float64]:
-        """(3,) N, N·m, N·m from pressure and valid (12 · n_triangles,); pressure is 0 where it is not valid."""
+        """Return the largest errors (3,) of f_z in N, m_x and m_y in N·m.
+
+        `pressure` in Pa and `valid` are (12 · n_triangles,); pressure is 0 where it is not valid.
+        """
         marks = valid.tobytes()
         if marks != self._marks:  # which are missing hardly ever changes
             self._marks, self._gap = marks, self._gap_of(valid)

@@ -51,12 +51,12 @@ class RegionMap:
 
 
 def load_regions(path: str | PathLike[str] = BUILTIN) -> tuple[RegionSpan, ...]:
-    """The regions in the file `path`; DocumentError lists all that is wrong with it."""
+    """Return the regions in the file `path`; DocumentError lists all that is wrong with it."""
     return read(path, _File, FORMAT, _check).regions
 
 
 def map_regions(regions: tuple[RegionSpan, ...], layout: Layout) -> RegionMap:
-    """The regions on `layout`; DocumentError where two of them share a taxel."""
+    """Return which taxel of `layout` is in which region; DocumentError where two of them share a taxel."""
     lateral = 1.0 if layout.foot == "left" else -1.0  # y points to the wearer's left on both feet
     x, y = layout.xy_m[..., 0], lateral * layout.xy_m[..., 1]
     along = _fraction(x, np.broadcast_to(PRESSURE_TAXELS, x.shape))
@@ -89,7 +89,7 @@ def _fraction(values: NDArray[np.float64], among: NDArray[np.bool_]) -> NDArray[
 
 
 def _within(fraction: NDArray[np.float64], span: tuple[float, ...]) -> NDArray[np.bool_]:
-    """(…) the start belongs to the region; its end does only at the end of everything."""
+    """Return which of `fraction` lie in [start, end) of `span`; the end 1 belongs to it."""
     ends_everything = span[1] == 1.0
     inside: NDArray[np.bool_] = (fraction >= span[0]) & ((fraction < span[1]) | (ends_everything & (fraction == 1.0)))
     return inside

@@ -21,10 +21,10 @@ ENDS = (0.27, 0.55, 0.80)  # of the length, from the rearmost taxel to the forem
 
 
 def regions(layout: Layout) -> NDArray[np.int8]:
-    """(n_triangles, 12) the number in REGIONS of every pressure taxel, -1 on thermal pads."""
+    """Return the number in REGIONS of every pressure taxel of `layout`, (n_triangles, 12); -1 on thermal pads."""
     x = layout.xy_m[..., 0]
     rear, front = x[:, PRESSURE_TAXELS].min(), x[:, PRESSURE_TAXELS].max()
     along = (x - rear) / (front - rear)
-    found: NDArray[np.int8] = np.searchsorted(ENDS, along, side="right").astype(np.int8)
-    found[:, ~PRESSURE_TAXELS] = -1
-    return found
+    number: NDArray[np.int8] = np.searchsorted(ENDS, along, side="right").astype(np.int8)
+    number[:, ~PRESSURE_TAXELS] = -1
+    return number

@@ -15,7 +15,7 @@ from .wrench import Wrench, WrenchEstimator
 
 
 class StaticEstimate(NamedTuple):
-    """What one cycle is by the static curves; arrays (n_triangles, 12) but for the ages."""
+    """Result of the static curves for one cycle; arrays (n_triangles, 12) but for the ages."""
 
     valid: NDArray[np.bool_]
     pressure_pa: NDArray[np.float64]  # NaN where the calibration lists no taxel
@@ -58,7 +58,10 @@ class StaticModel:
         age_ns: NDArray[np.int64],
         masked: NDArray[np.bool_],
     ) -> StaticEstimate:
-        """Of counts (n_triangles, 12), status and age_ns (n_triangles,), without the taxels `masked`."""
+        """Return the estimate of one cycle.
+
+        `counts` and `masked`, the taxels to leave out, are (n_triangles, 12); `status` and `age_ns` (n_triangles,).
+        """
         if self.reader is None:
             return self._by_numpy(counts, status, age_ns, masked)
         valid, age_ms = np.empty(self._shape, np.bool_), np.empty(len(age_ns), np.float32)
@@ -92,7 +95,7 @@ class StaticModel:
 
 
 def age_in_ms(age_ns: NDArray[np.int64]) -> NDArray[np.float32]:
-    """Of ages in ns, where a negative one says that nothing was ever received: NaN."""
+    """Return ages (n,) in ms of `age_ns` (n,); a negative one, of what was never received, becomes NaN."""
     age_ms = (age_ns * 1e-6).astype(np.float32)
     never = age_ns < 0
     if np.count_nonzero(never):

@@ -26,7 +26,7 @@ from .missing_area import MissingArea
 
 
 class Wrench(NamedTuple):
-    """What the ground does to one foot; NaN where it cannot be known."""
+    """Load of the ground on one foot; NaN where it cannot be known."""
 
     f_z_n: float  # NaN: no taxel is valid
     m_x_nm: float
@@ -56,21 +56,21 @@ class WrenchSeries:
     valid_fraction: NDArray[np.float64]
 
     def __len__(self) -> int:
-        """How many cycles there are."""
+        """Return the number of cycles."""
         return len(self.f_z_n)
 
     @classmethod
-    def concatenate(cls, parts: Sequence[WrenchSeries]) -> WrenchSeries:
-        """The parts one after another; of none, no cycle."""
+    def concatenate(cls, pieces: Sequence[WrenchSeries]) -> WrenchSeries:
+        """Return `pieces`, which are consecutive, as one series; an empty one if there are none."""
         none = [np.empty(0)]
-        return cls(*(np.concatenate([getattr(part, name) for part in parts] or none) for name in cls.__slots__))
+        return cls(*(np.concatenate([getattr(piece, name) for piece in pieces] or none) for name in cls.__slots__))
 
 
 _NAN = float("nan")
 
 
 class WrenchEstimator:
-    """Sums the pressure of one foot.
+    """Computes the wrench from the pressure of one foot.
 
     The CoP is unknown below `min_force_n`; a taxel is in contact from `min_pressure_pa`.
     """
@@ -91,7 +91,10 @@ class WrenchEstimator:
         valid: NDArray[np.bool_],
         variance_pa2: NDArray[np.float64] | None,
     ) -> Wrench:
-        """The wrench of pressure_pa, valid and variance_pa2, each (n_triangles, 12); invalid taxels count nothing."""
+        """Return the wrench of one cycle.
+
+        `pressure_pa` in Pa, `valid` and `variance_pa2` in Pa² are (n_triangles, 12); invalid taxels count as 0 Pa.
+        """
         pressure = np.where(valid, pressure_pa, 0.0).ravel()
         # Not a matrix product: for so few numbers BLAS costs more to wake than to use.
         f_z, m_x, m_y = np.add.reduce(self.rows * pressure, axis=1).tolist()
@@ -111,7 +114,10 @@ class WrenchEstimator:
         valid: NDArray[np.bool_],
         variance_pa2: NDArray[np.float64] | None,
     ) -> Wrench:
-        """As a call gives, where the sums over the valid taxels are known, and how many of them are in contact."""
+        """Return what a call returns, from sums over the valid taxels that are known.
+
+        `f_z` in N, `m_x` and `m_y` in N·m; `n_valid` taxels are valid, and `n_in_contact` of them in contact.
+        """
         if n_valid == 0:
             return Wrench(_NAN, _NAN, _NAN, _NAN, _NAN, _NAN, _NAN, _NAN, 0.0, 0.0)
         std = [_NAN, _NAN, _NAN]
@@ -135,7 +141,10 @@ class WrenchEstimator:
         variance_pa2: NDArray[np.float64] | None,
         n_valid: int,
     ) -> NDArray[np.float64]:
-        """(3,) of f_z, m_x and m_y: of the calibration and of what may be missing; pressure (12 · n_triangles,)."""
+        """Return the standard deviations (3,) of f_z in N, m_x and m_y in N·m.
+
+        They come from the calibration and from missing taxels; `pressure` (12 · n_triangles,) in Pa.
+        """
         variance = np.zeros(3)
         if variance_pa2 is not None:
             variance += self._rows_squared @ np.where(valid, variance_pa2, 0.0).ravel()
@@ -149,7 +158,7 @@ class WrenchEstimator:
         valid: NDArray[np.bool_],
         variance_pa2: NDArray[np.float64] | None,
     ) -> WrenchSeries:
-        """The wrenches of n cycles, arguments (n, n_triangles, 12): cycle for cycle what a call gives."""
+        """Return the wrenches of n cycles, cycle for cycle what a call returns; arguments (n, n_triangles, 12)."""
         n = len(pressure_pa)
         n_valid = np.count_nonzero(valid.reshape(n, -1), axis=1)
         known = n_valid > 0

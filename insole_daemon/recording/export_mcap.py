@@ -124,7 +124,7 @@ def _tag_with_channel(channel: int, messages: Iterator[tuple[int, bytes]]) -> It
 def _step_messages(foot: FootRecording, steps: Steps) -> Messages:
     steps_of_foot = steps.of(foot.foot)
     columns = {name: column.tolist() for name, column in steps_of_foot.columns.items() if name != "foot"}
-    for row, t_ns in enumerate(steps_of_foot.told_ns.tolist()):
+    for row, t_ns in enumerate(steps_of_foot.known_ns.tolist()):
         yield t_ns, {name: column[row] for name, column in columns.items()}
 
 

@@ -68,14 +68,14 @@ def encode_foot_frames(t_ns: int) -> bytes:
 def encode_log(steps: Steps) -> Iterator[tuple[int, bytes]]:
     """Yield (t_ns, foxglove.Log) for every stance in order of time; a step that is not steady is a warning."""
     log_type = _message_class("Log")
-    for row in np.argsort(steps.told_ns, kind="stable").tolist():
+    for row in np.argsort(steps.known_ns, kind="stable").tolist():
         foot, label = str(steps["foot"][row]), str(steps["label"][row])
         log = log_type(name=f"{foot} foot", level=log_type.INFO if label == "steady" else log_type.WARNING)
         log.message = (
             f"{label} step {int(steps['number'][row])}: stance {steps['stance_s'][row]:.3f} s, "
             f"peak {steps['peak_force_n'][row]:.0f} N"
         )
-        t_ns = int(steps.told_ns[row])
+        t_ns = int(steps.known_ns[row])
         log.timestamp.FromNanoseconds(t_ns)
         yield t_ns, log.SerializeToString()
 

@@ -26,7 +26,7 @@ SYMMETRIES = ("stance_s", "peak_force_n", "impulse_n_s")
 
 
 def load_steps(file: Path) -> Steps:
-    """The steps that a worker wrote."""
+    """Return the steps that a worker wrote into `file`."""
     with np.load(file, allow_pickle=False) as archive:
         columns = {name.removeprefix("column_"): archive[name] for name in archive.files if name.startswith("column_")}
         curves = {name.removeprefix("curve_"): archive[name] for name in archive.files if name.startswith("curve_")}
@@ -36,14 +36,17 @@ def load_steps(file: Path) -> Steps:
 
 
 def collect_rows(
-    study: Study, results: Path, found: Sequence[Sequence[TaskResult]]
+    study: Study, results: Path, outcomes: Sequence[Sequence[TaskResult]]
 ) -> tuple[list[dict[str, Any]], list[Steps | None]]:
-    """A row a recording, and its steps where there are some."""
-    rows, every = [], []
-    for number, (recording, outcome) in enumerate(zip(study.recordings, found, strict=True)):
+    """Return a row a recording, and its steps; None where it has none.
+
+    `outcomes` are what became of the tasks of each recording, in the order of study.yaml.
+    """
+    rows, steps_of_recordings = [], []
+    for number, (recording, outcome) in enumerate(zip(study.recordings, outcomes, strict=True)):
         place = results_of(results, number, recording.folder)
-        files = {each.task: place / each.file for each in outcome if each.file is not None}
-        problems = [f"{each.task}: {each.problem}" for each in outcome if each.file is None]
+        files = {done.task: place / done.file for done in outcome if done.file is not None}
+        problems = [f"{failed.task}: {failed.problem}" for failed in outcome if failed.file is None]
         row: dict[str, Any] = {
             "recording": str(recording.folder),
             "person": recording.person,
@@ -59,18 +62,20 @@ def collect_rows(
         if "diagnosis" in files:
             row |= _diagnosis(json.loads(files["diagnosis"].read_text()))
         rows.append(row)
-        every.append(steps)
-    return rows, every
+        steps_of_recordings.append(steps)
+    return rows, steps_of_recordings
 
 
 def _gait(steps: Steps) -> dict[str, Any]:
     row: dict[str, Any] = {"stances": len(steps), "remarks": "; ".join(steps.remarks)}
     for foot in ("left", "right"):
-        own = steps.of(foot).steady
-        row[f"{foot}_steady_steps"] = len(own)
+        steady = steps.of(foot).steady
+        row[f"{foot}_steady_steps"] = len(steady)
         for name in FIGURES:
-            interval = mean_interval(own[name], float(np.nan_to_num(own.std(name)).mean()) if len(own) else 0.0)
-            known = own[name][np.isfinite(own[name])]
+            interval = mean_interval(
+                steady[name], float(np.nan_to_num(steady.std(name)).mean()) if len(steady) else 0.0
+            )
+            known = steady[name][np.isfinite(steady[name])]
             row |= {
                 f"{foot}_{name}": interval.value,
                 f"{foot}_{name}_sd": float(known.std(ddof=1)) if len(known) > 1 else np.nan,
@@ -102,11 +107,13 @@ def _diagnosis(documents: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     return row
 
 
-def write_tables(study: Study, rows: Sequence[Mapping[str, Any]], every: Sequence[Steps | None], out: Path) -> None:
+def write_tables(
+    study: Study, rows: Sequence[Mapping[str, Any]], steps_of_recordings: Sequence[Steps | None], out: Path
+) -> None:
     """Write table.csv and table.parquet, a row a recording, and steps.csv and steps.parquet, a row a stance."""
     pandas = need("pandas", "pandas", "a study")
     frames = []
-    for recording, steps in zip(study.recordings, every, strict=True):
+    for recording, steps in zip(study.recordings, steps_of_recordings, strict=True):
         if steps is not None:
             frame = steps.to_dataframe()
             about = (("recording", str(recording.folder)), ("person", recording.person),

@@ -38,13 +38,15 @@ class Study(Section):
 
 
 def load_study(folder: Path) -> Study:
-    """The study in `folder`; FileError where there is none, DocumentError lists all that is wrong with it."""
+    """Return the study in `folder`; FileError where there is none, DocumentError lists all that is wrong with it."""
     if not (folder / FILE).is_file():
         raise FileError(
             f"{folder}: expected a folder with a {FILE}, which lists recordings; docs/study.md has an example"
         )
     study = read(folder / FILE, Study, FORMAT, _check)
-    relative = tuple(replace(each, folder=Path(os.path.relpath(each.folder, folder))) for each in study.recordings)
+    relative = tuple(
+        replace(recording, folder=Path(os.path.relpath(recording.folder, folder))) for recording in study.recordings
+    )
     return replace(study, recordings=relative)
 
 

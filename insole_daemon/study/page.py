@@ -1,4 +1,4 @@
-"""The study as one HTML page: every recording, what is missing and why, and sessions compared."""
+"""The study as one HTML page: steps_of_recordings recording, what is missing and why, and sessions compared."""
 
 from __future__ import annotations
 
@@ -32,50 +32,59 @@ _FIGURES = {
 }
 
 
-def study_page(name: str, study: Study, rows: Sequence[Mapping[str, Any]], every: Sequence[Steps | None]) -> str:
-    """HTML of one file, which loads nothing from anywhere."""
-    missing = [each for each in rows if each["missing"]]
+def study_page(
+    name: str, study: Study, rows: Sequence[Mapping[str, Any]], steps_of_recordings: Sequence[Steps | None]
+) -> str:
+    """Return one HTML file, which loads nothing from anywhere.
+
+    `rows` and `steps_of_recordings` are in the order of study.yaml; None: a recording without steps.
+    """
+    missing = [line for line in rows if line["missing"]]
     persons = {recording.person for recording in study.recordings}
-    steady = sum(len(steps.steady) for steps in every if steps is not None)
+    steady = sum(len(steps.steady) for steps in steps_of_recordings if steps is not None)
     parts = [
         facts((str(len(rows)), "recordings"), (str(len(persons)), "persons"), (str(steady), "steady steps"),
               (str(len(missing)), "recordings with something missing")),
-        _recordings(rows, every),
+        _recordings(rows, steps_of_recordings),
     ]  # fmt: skip
     if missing:
         parts.append(
             section(
                 "Missing",
-                table(("recording", "what and why"), [(e["recording"], e["missing"]) for e in missing], (0, 1)),
+                table(
+                    ("recording", "what and why"), [(line["recording"], line["missing"]) for line in missing], (0, 1)
+                ),
             )
         )
     sessions = list(dict.fromkeys(recording.session for recording in study.recordings))
-    parts += [_comparison(study, every, *pair) for pair in combinations(sessions, 2)]
+    parts += [_comparison(study, steps_of_recordings, *pair) for pair in combinations(sessions, 2)]
     about = [f"calibrations {', '.join(map(str, study.calibrations))}"] if study.calibrations else []
     return page(f"Study {name}", "Means are of steady steps, ± is a standard deviation over steps", parts, about)
 
 
-def _recordings(rows: Sequence[Mapping[str, Any]], every: Sequence[Steps | None]) -> str:
-    lines = []
-    for each, steps in zip(rows, every, strict=True):
-        cells = [each["person"], each["session"], each["condition"], each["recording"]]
+def _recordings(rows: Sequence[Mapping[str, Any]], steps_of_recordings: Sequence[Steps | None]) -> str:
+    table_rows = []
+    for line, steps in zip(rows, steps_of_recordings, strict=True):
+        cells = [line["person"], line["session"], line["condition"], line["recording"]]
         for foot in ("left", "right"):
-            own = steps.of(foot).steady if steps is not None else None
-            cells.append(str(len(own)) if own is not None else "–")
+            steady = steps.of(foot).steady if steps is not None else None
+            cells.append(str(len(steady)) if steady is not None else "–")
             for name in ("stance_s", "peak_force_n"):
                 _, factor, digits = _FIGURES[name]
-                known = own[name][np.isfinite(own[name])] * factor if own is not None else np.empty(0)
+                known = steady[name][np.isfinite(steady[name])] * factor if steady is not None else np.empty(0)
                 spread = f" ± {known.std(ddof=1):.{digits}f}" if len(known) > 1 else ""
                 cells.append(f"{known.mean():.{digits}f}{spread}" if len(known) else "–")
-        lines.append(cells)
+        table_rows.append(cells)
     figures = [f"{foot}: {what}" for foot in ("left", "right") for what in ("steady", "stance, s", "peak, N")]
-    return section("Recordings", table(("person", "session", "condition", "recording", *figures), lines, (0, 1, 2, 3)))
+    return section(
+        "Recordings", table(("person", "session", "condition", "recording", *figures), table_rows, (0, 1, 2, 3))
+    )
 
 
-def _comparison(study: Study, every: Sequence[Steps | None], first: str, second: str) -> str:
-    """Two sessions: of persons where FEWEST have both, else of each person alone."""
+def _comparison(study: Study, steps_of_recordings: Sequence[Steps | None], first: str, second: str) -> str:
+    """Return the section that compares two sessions: over persons where FEWEST have both, else of each person alone."""
     sessions: dict[tuple[str, str], Steps] = {}
-    for recording, steps in zip(study.recordings, every, strict=True):
+    for recording, steps in zip(study.recordings, steps_of_recordings, strict=True):
         if steps is not None:  # of several recordings of one session, the first
             sessions.setdefault((recording.person, recording.session), steps)
     persons = [
@@ -91,15 +100,20 @@ def _comparison(study: Study, every: Sequence[Steps | None], first: str, second:
             )
         )
     for foot in ("left", "right"):
-        pairs = [(sessions[p, first].of(foot), sessions[p, second].of(foot)) for p in persons]
-        pairs = [pair for pair in pairs if min(len(each.steady) for each in pair) >= FEWEST]
+        pair_of_person = {p: (sessions[p, first].of(foot), sessions[p, second].of(foot)) for p in persons}
+        pair_of_person = {
+            person: pair
+            for person, pair in pair_of_person.items()
+            if min(len(steps.steady) for steps in pair) >= FEWEST
+        }
+        pairs = list(pair_of_person.values())
         if not pairs:
             parts.append(paragraph(f"{foot}: nobody has {FEWEST} steady steps in both sessions"))
         elif len(pairs) >= FEWEST:
             differences = {name: paired_difference(pairs, name) for name in _FIGURES}
             parts.append(_compared(f"{foot}, {len(pairs)} persons", differences, compare_paired_curves(pairs), pairs))
         else:
-            for person, pair in zip(persons, pairs, strict=False):
+            for person, pair in pair_of_person.items():
                 differences = {name: difference_of_sessions(*pair, name) for name in _FIGURES}
                 parts.append(_compared(f"{foot}, {person}", differences, compare_curves(*pair), [pair]))
     return section(f"{second} less {first}", *parts)
@@ -111,12 +125,12 @@ def _compared(
     lines = []
     for name, interval in differences.items():
         words, factor, digits = _FIGURES[name]
-        value, low, high = (f"{each * factor:+.{digits}f}" for each in (interval.value, interval.low, interval.high))
+        value, low, high = (f"{bound * factor:+.{digits}f}" for bound in (interval.value, interval.low, interval.high))
         lines.append((words, value, f"{low} to {high}"))
     spans = ", ".join(f"{low:.0f} to {high:.0f} %" for low, high in test.spans_percent) or "nowhere"
     means = [np.mean([mean_curve(pair[at].steady.curves["f_z_n"])[0] for pair in pairs], axis=0) for at in (0, 1)]
     plot = Plot(Axis("% of stance", 0.0, 100.0), axis("f_z, N", *means), height=260)
     for at, (curve, words) in enumerate(zip(means, ("first session", "second session"), strict=True)):
         plot.line(PERCENT, np.asarray(curve, np.float64), at, words)
-    said = f"f_z over stance, {title}: differs {spans} (p = {test.p_whole:.4f}, {test.n_permutations} permutations)"
-    return row(figure(plot.svg(said), said)) + table(("figure", "difference", "95 % interval"), lines)
+    caption = f"f_z over stance, {title}: differs {spans} (p = {test.p_whole:.4f}, {test.n_permutations} permutations)"
+    return row(figure(plot.svg(caption), caption)) + table(("figure", "difference", "95 % interval"), lines)

@@ -20,7 +20,7 @@ _LOOPBACK = re.compile(r"tcp://(127\.\d+\.\d+\.\d+|localhost|\[::1\])(:\d+)?")
 
 @contextlib.contextmanager
 def cluster(scheduler: str | None, workers: int, tls: tuple[Path, Path, Path] | None = None) -> Iterator[Any]:
-    """A Dask client: of `workers` new local processes, or of the scheduler at an address.
+    """Yield a Dask client: of `workers` new local processes, or of the scheduler at an address.
 
     `tls` are the certificate authority, this client's certificate and its key. InsoleError where a scheduler beyond
     loopback has no TLS: Dask exchanges pickles, so whoever connects to it can run programs on its workers.
@@ -65,9 +65,12 @@ def cluster(scheduler: str | None, workers: int, tls: tuple[Path, Path, Path] | 
 
 
 def run_tasks(
-    client: Any, folder: Path, study: Study, results: Path, told: Callable[[int, list[TaskResult]], None]
+    client: Any, folder: Path, study: Study, results: Path, report_done: Callable[[int, list[TaskResult]], None]
 ) -> list[list[TaskResult]]:
-    """What became of every task of every recording, in the order of study.yaml; `told` is called as each is done."""
+    """Do the tasks of every recording on the workers of `client`; return their results in the order of study.yaml.
+
+    `report_done` is called with the number of each recording and its results as they come.
+    """
     distributed = need("distributed", "distributed", "a study")
     judged = [str(path.resolve()) for path in study.calibrations]
     futures = {}
@@ -78,18 +81,18 @@ def run_tasks(
             key=f"insole-study-{number}-{place}", pure=False,
         )  # fmt: skip
         futures[future] = number
-    found: list[list[TaskResult]] = [[] for _ in study.recordings]
+    outcomes: list[list[TaskResult]] = [[] for _ in study.recordings]
     for future in distributed.as_completed(list(futures)):
         number = futures[future]
         try:
-            found[number] = future.result()
+            outcomes[number] = future.result()
         except Exception as error:  # a worker died again and again, or ran out of memory: Dask says what it knows
             problem = f"{type(error).__name__}: {error}".replace("\n", " ")
-            found[number] = [TaskResult(task, None, problem) for task in study.tasks]
-        told(number, found[number])
-    return found
+            outcomes[number] = [TaskResult(task, None, problem) for task in study.tasks]
+        report_done(number, outcomes[number])
+    return outcomes
 
 
 def results_of(results: Path, number: int, folder: Path) -> Path:
-    """Where the files of a recording are; its own, whatever others are called."""
+    """Return the folder of the result files of recording `number`, which no other recording has."""
     return (results / f"{number + 1:04d}-{folder.name}").resolve()

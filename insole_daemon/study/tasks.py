@@ -1,4 +1,4 @@
-"""What is done with one recording, in a worker: one file a task, named by the content it was made from.
+"""Tasks of one recording, done in a worker: one file a task, named by the content it was made from.
 
 A task that is done is never done again: its file is there. Whatever a recording, the calibrations and the version of
 this package say goes into the name, so anything that changes is worked out anew. Files appear whole or not at all; two
@@ -33,7 +33,7 @@ _OF_RECORDINGS = (".yaml", ".log", ".gz", ".zst", ".csv", ".json", ".npz")  # no
 
 @dataclass(frozen=True, slots=True)
 class TaskResult:
-    """What became of a task: the file that it made, or why there is none."""
+    """The file that a task made, or why there is none."""
 
     task: Task
     file: str | None
@@ -41,9 +41,12 @@ class TaskResult:
 
 
 def do_tasks(folder: str, results: str, tasks: Sequence[Task], judged: Sequence[str]) -> list[TaskResult]:
-    """Do what is not done yet with the recording `folder`; a task that fails says why, the others go on."""
+    """Do the tasks that are not done yet with the recording `folder`; return the result of each of them.
+
+    `judged` are calibrations that validation compares. A task that fails says why, and the others go on.
+    """
     loaded: list[Recording] = []
-    found = []
+    outcomes = []
     for task in tasks:
         try:
             file = Path(results) / f"{task}-{content_key(Path(folder), task, judged)}.{SUFFIXES[task]}"
@@ -51,15 +54,15 @@ def do_tasks(folder: str, results: str, tasks: Sequence[Task], judged: Sequence[
                 Path(results).mkdir(parents=True, exist_ok=True)
                 if not loaded:
                     loaded.append(load(folder))
-                _DO[task](loaded[0], file, [Path(each) for each in judged])
-            found.append(TaskResult(task, file.name, ""))
+                _DO[task](loaded[0], file, [Path(calibration) for calibration in judged])
+            outcomes.append(TaskResult(task, file.name, ""))
         except (InsoleError, OSError, ValueError, ArithmeticError, subprocess.SubprocessError) as error:
-            found.append(TaskResult(task, None, _words(error).replace("\n", " ")))
-    return found
+            outcomes.append(TaskResult(task, None, _words(error).replace("\n", " ")))
+    return outcomes
 
 
 def content_key(folder: Path, task: Task, judged: Sequence[str]) -> str:
-    """Of everything that the result of `task` depends on; InsoleError where the recording is not there."""
+    """Return a digest of everything that the result of `task` depends on; InsoleError: the recording is not there."""
     if not folder.is_dir():
         raise InsoleError(f"{folder}: there is no such folder; check its line in study.yaml")
     digest = hashlib.sha256(f"{__version__} {task}".encode())
@@ -105,7 +108,7 @@ def _validation(recording: Recording, file: Path, judged: Sequence[Path]) -> Non
     for path in judged:
         document = Reading(path).document
         foot = document.get("foot") if isinstance(document, dict) else None
-        layout = next((each.layout for each in recording.feet if each.foot == foot), None)
+        layout = next((side.layout for side in recording.feet if side.foot == foot), None)
         if layout is not None:
             results, _ = validate([recording], calibrations.load(path, layout))
             documents.append(validation_document(results, path.name))

@@ -32,7 +32,7 @@ _FIGURES: dict[str, tuple[str, float, int]] = {  # of a step: label, factor and 
     "stance_s": ("stance, s", 1.0, 3),
     "swing_s": ("swing, s", 1.0, 3),
     "stride_s": ("stride, s", 1.0, 3),
-    "cadence_per_min": ("cadence, steps/min", 1.0, 0),
+    "cadence_per_min": ("cadence, steps/min", 1.0, 1),
     "double_support_s": ("double support, s", 1.0, 3),
     "peak_force_n": ("peak force, N", 1.0, 0),
     "impulse_n_s": ("impulse, N·s", 1.0, 1),
@@ -42,9 +42,9 @@ _FIGURES: dict[str, tuple[str, float, int]] = {  # of a step: label, factor and 
     "contact_area_m2": ("contact area, cm²", 1e4, 1),
 }
 _OF_REGIONS = {
-    "peak_pa": ("peak kPa", _KPA, 0),
-    "integral_pa_s": ("integral kPa s", _KPA, 1),
-    "area_m2": ("area cm²", 1e4, 1),
+    "peak_pa": ("peak, kPa", _KPA, 0),
+    "integral_pa_s": ("pressure–time integral, kPa·s", _KPA, 1),
+    "area_m2": ("area, cm²", 1e4, 1),
 }
 _SYMMETRIES = ("stance_s", "peak_force_n", "impulse_n_s")
 
@@ -221,9 +221,9 @@ def _gait(steps: Steps) -> str:
     figures = dict(_FIGURES)
     for name in steps.columns:
         for ending, (words, factor, digits) in _OF_REGIONS.items():
-            if name.endswith(f"_{ending}"):
+            if name.endswith(f"_{ending}") and name not in _FIGURES:
                 region = name.removesuffix(f"_{ending}").replace("_", " ")
-                figures[name] = (f"{region}, {words}", factor, digits)
+                figures[name] = (f"{region}: {words}", factor, digits)
     rows = []
     for name, (words, factor, digits) in figures.items():
         cells = [words]
@@ -243,11 +243,16 @@ def _gait(steps: Steps) -> str:
     for name in _SYMMETRIES:
         index = symmetry(steps, name)
         if np.isfinite(index.low):
-            indices.append((_FIGURES[name][0], f"{index.value:+.1f} %", f"{index.low:+.1f} to {index.high:+.1f} %"))
+            words = _FIGURES[name][0].partition(",")[0]
+            indices.append((words, _percent(index.value), f"{_percent(index.low)} to {_percent(index.high)}"))
     content = [*map(paragraph, remarks), table(("mean ± standard deviation (steps)", *_COLOURS), rows)]
     if indices:
         content.append(table(("symmetry, left less right of their mean", "index", "95 % interval"), indices))
     return section("Gait", *content)
+
+
+def _percent(value: float) -> str:
+    return f"{value:+.1f} %".replace("-", "−")
 
 
 def _health(feet: Sequence[FootRecording], start_ns: int) -> str:

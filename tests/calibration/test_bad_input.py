@@ -38,6 +38,15 @@ def test_a_reference_in_bar_is_refused(chamber: Path, edited: Edit) -> None:
     assert "is that bar? Convert it" in message
 
 
+def about_the_recording(calibrated) -> tuple[str, ...]:
+    """Return the remarks but those about what one chamber trial of one speed cannot cover."""
+    coverage = [
+        remark for remark in calibrated.remarks if remark.startswith(("the pressure changes", "the curves are"))
+    ]
+    assert len(coverage) == 2
+    return tuple(remark for remark in calibrated.remarks if remark not in coverage)
+
+
 def test_a_force_in_kilonewtons_is_refused(tasks: dict[str, Path], edited: Edit) -> None:
     message = refusal(edited(tasks["t3"], lambda rows: with_changed(rows, "fz_n", lambda f: f * 1e-3)))
     assert "t3: expected fz_n to change by about" in message
@@ -53,7 +62,9 @@ def test_a_reference_that_is_all_zero_is_refused(chamber: Path, edited: Edit) ->
 def test_a_reference_shorter_than_the_counts(chamber: Path, edited: Edit) -> None:
     shorter = edited(chamber, lambda rows: rows[: round(len(rows) * 0.7)])
     calibrated = calibrate([insole_daemon.load(shorter)], "left")
-    assert calibrated.remarks == ("vacuum: the reference covers 70% of the cycles; the others are left out",)
+    assert about_the_recording(calibrated) == (
+        "vacuum: the reference covers 70% of the cycles; the others are left out",
+    )
     assert calibrated.samples[0].t_s[-1] < 0.72 * calibrated.samples[0].trial.t_s[-1]
 
 
@@ -70,7 +81,7 @@ def test_a_reference_longer_than_the_counts(chamber: Path, edited: Edit) -> None
 
     calibrated = calibrate([insole_daemon.load(edited(chamber, longer))], "left")
     assert not calibrated.left_out
-    assert calibrated.remarks == ()
+    assert about_the_recording(calibrated) == ()
 
 
 def test_spikes_are_ignored_and_reported(chamber: Path, edited: Edit) -> None:
@@ -80,7 +91,7 @@ def test_spikes_are_ignored_and_reported(chamber: Path, edited: Edit) -> None:
     plain = calibrate([insole_daemon.load(chamber)], "left")
     calibrated = calibrate([insole_daemon.load(edited(chamber, spiky))], "left")
     n = len(range(100, len(plain.samples[0].trial.readings.values), 400))
-    assert calibrated.remarks == (
+    assert about_the_recording(calibrated) == (
         f"vacuum: {n} readings of the reference deviate from their neighbours: ignored as spikes",
     )
     assert np.allclose(calibrated.fit.residual_pa, plain.fit.residual_pa, rtol=0.05)

@@ -152,6 +152,18 @@ def test_sessions_are_compared(folder):
     assert "p0, p1: the sessions have different calibrations" not in page
 
 
+def test_a_person_without_steps_in_both_sessions_does_not_give_another_one_their_name(folder):
+    lines = [f"  - {{folder: p{n}-{of}, person: p{n}, session: {of}}}" for n in (2, 0) for of in ("slow", "fast")]
+    (folder / "study.yaml").write_text(
+        "format: insole-study/1\ntasks: [steps]\nrecordings:\n" + "\n".join(lines) + "\n"
+    )
+    with cluster(None, 1) as client:
+        analysed(folder, client)
+    page = (folder / "study.html").read_text()
+    assert "f_z over stance, left, p0" in page
+    assert "f_z over stance, left, p2" not in page
+
+
 def test_sessions_of_different_calibrations_are_said(folder):
     path = folder / "p1-fast" / "left-calibration.json"
     path.write_text(path.read_text().replace("[0.0, ", "[0.5, "))

@@ -40,7 +40,7 @@ class CurveTest:
 
     @property
     def p_whole(self) -> float:
-        """That the curves do not differ anywhere."""
+        """The p of the null hypothesis that the curves do not differ anywhere; NaN: not known."""
         return float(np.nanmin(self.p)) if np.isfinite(self.p).any() else np.nan
 
     @property
@@ -52,7 +52,7 @@ class CurveTest:
 
 
 def difference_of_sessions(first: Steps, second: Steps, figure: str) -> Interval:
-    """Mean of `figure` over the steady steps of `second` less that of `first`.
+    """Return the mean of `figure` over the steady steps of `second` less that of `first`.
 
     With the same calibration its error is the same in both, and cancels; with two, or another sensor, both errors
     widen the interval.
@@ -78,12 +78,12 @@ def difference_of_sessions(first: Steps, second: Steps, figure: str) -> Interval
 
 
 def paired_difference(pairs: Sequence[tuple[Steps, Steps]], figure: str) -> Interval:
-    """Mean over persons of their own difference, second session less first, of the mean of the steady steps."""
+    """Return the mean over persons of the difference, second session less first, of the mean of the steady steps."""
     differences = []
     for first, second in pairs:
         means = [_mean(steps, figure) for steps in (first, second)]
         differences.append(means[1] - means[0])
-    known = np.array([each for each in differences if np.isfinite(each)])
+    known = np.array([difference for difference in differences if np.isfinite(difference)])
     if len(known) < FEWEST:
         return Interval(float(known.mean()) if len(known) else np.nan, np.nan, np.nan, len(known))
     half = t_quantile(len(known) - 1) * float(known.std(ddof=1)) / np.sqrt(len(known))
@@ -91,7 +91,10 @@ def paired_difference(pairs: Sequence[tuple[Steps, Steps]], figure: str) -> Inte
 
 
 def compare_curves(first: Steps, second: Steps, curve: str = "f_z_n", seed: int = 0) -> CurveTest:
-    """Permutation test of the steady steps' curves: if two sessions do not differ, a step may be of either."""
+    """Test the difference of two sessions' curves by permuting steps between them.
+
+    `curve` is a name in `Steps.curves`, `seed` that of the permutations. InsoleError: fewer than `FEWEST` steady steps.
+    """
     groups = [_curves(steps.steady, curve) for steps in (first, second)]
     n_first, n_second = map(len, groups)
     if min(n_first, n_second) < FEWEST:
@@ -100,15 +103,18 @@ def compare_curves(first: Steps, second: Steps, curve: str = "f_z_n", seed: int 
     known = np.asarray(np.isfinite(curves).all(axis=0))
     random = np.random.default_rng(seed)
     in_second = np.arange(len(curves)) >= n_first
-    most = np.empty(PERMUTATIONS)
+    largest_t = np.empty(PERMUTATIONS)
     for number in range(PERMUTATIONS):
-        most[number] = np.abs(_welch_t(curves[:, known], random.permutation(in_second))).max(initial=0.0)
+        largest_t[number] = np.abs(_welch_t(curves[:, known], random.permutation(in_second))).max(initial=0.0)
     difference = mean_curve(groups[1])[0] - mean_curve(groups[0])[0]
-    return _judged(difference, known, _welch_t(curves[:, known], in_second), most)
+    return _result(difference, known, _welch_t(curves[:, known], in_second), largest_t)
 
 
 def compare_paired_curves(pairs: Sequence[tuple[Steps, Steps]], curve: str = "f_z_n", seed: int = 0) -> CurveTest:
-    """Permutation test over persons: the sign of each person's difference may be either, if sessions do not differ."""
+    """Test the mean of the persons' differences of curves by permuting the signs of the differences.
+
+    InsoleError: fewer than `FEWEST` persons.
+    """
     if len(pairs) < FEWEST:
         raise InsoleError(f"a paired permutation test needs {FEWEST} persons, found {len(pairs)}")
     means = [[mean_curve(_curves(steps.steady, curve))[0] for steps in pair] for pair in pairs]
@@ -119,17 +125,21 @@ def compare_paired_curves(pairs: Sequence[tuple[Steps, Steps]], curve: str = "f_
         signs = np.array(list(product((1.0, -1.0), repeat=n)))
     else:
         signs = np.random.default_rng(seed).choice((-1.0, 1.0), (PERMUTATIONS, n))
-    most = np.array([np.abs(_one_sample_t(sign[:, None] * curves[:, known])).max(initial=0.0) for sign in signs])
-    return _judged(curves.mean(axis=0), known, _one_sample_t(curves[:, known]), most)
+    largest_t = np.array([np.abs(_one_sample_t(sign[:, None] * curves[:, known])).max(initial=0.0) for sign in signs])
+    return _result(curves.mean(axis=0), known, _one_sample_t(curves[:, known]), largest_t)
 
 
-def _judged(difference: Array, known: NDArray[np.bool_], t: Array, most: Array) -> CurveTest:
-    """`most` (n_permutations,): the largest |t| of each. The measured labels are one more permutation."""
+def _result(difference: Array, known: NDArray[np.bool_], t: Array, largest_t: Array) -> CurveTest:
+    """Return the test result.
+
+    `largest_t` (n_permutations,) is the largest |t| of the curve in each permutation. The measured labels count as one
+    more permutation.
+    """
     whole_t, p = np.full(len(known), np.nan), np.full(len(known), np.nan)
     whole_t[known] = t
-    as_much = np.count_nonzero(most[:, None] >= np.abs(t) - 1e-9, axis=0)
-    p[known] = (as_much + 1) / (len(most) + 1)
-    return CurveTest(difference, whole_t, np.minimum(p, 1.0), len(most))
+    n_as_large = np.count_nonzero(largest_t[:, None] >= np.abs(t) - 1e-9, axis=0)
+    p[known] = (n_as_large + 1) / (len(largest_t) + 1)
+    return CurveTest(difference, whole_t, np.minimum(p, 1.0), len(largest_t))
 
 
 def _welch_t(curves: Array, in_second: NDArray[np.bool_]) -> Array:

@@ -40,7 +40,7 @@ class Contacts:
     last: NDArray[np.intp]  # (n,)
 
     def __len__(self) -> int:
-        """How many stances there are."""
+        """Return the number of stances."""
         return len(self.first)
 
 
@@ -50,9 +50,9 @@ def find_contacts(
     f_z_std_n: NDArray[np.float64] | None = None,
     rest_n: NDArray[np.float64] | None = None,
 ) -> Contacts:
-    """The stances in f_z_n (n,) at t_s (n,), increasing.
+    """Return the stances in `f_z_n` (n,) at `t_s` (n,), which increases.
 
-    f_z_std_n (n,): standard deviation, NaN: not known. rest_n (n,): the rest level; without it, `rest_level`.
+    `f_z_std_n` (n,): standard deviation, NaN: not known. `rest_n` (n,): the rest level; without it, `rest_level`.
     """
     std_n = np.full_like(f_z_n, np.nan) if f_z_std_n is None else f_z_std_n
     known = np.flatnonzero(np.isfinite(f_z_n))
@@ -80,7 +80,7 @@ def find_contacts(
 
 
 def rest_level(t_s: NDArray[np.float64], f_z_n: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """(n,) force of the unloaded foot at each of the times; None where the foot is never both loaded and unloaded."""
+    """Return the force of the unloaded foot at `t_s`, (n,); None where the foot is never both loaded and unloaded."""
     if len(t_s) < 2:
         return None
     block = ((t_s - t_s[0]) / _BLOCK_S).astype(np.intp)
@@ -99,7 +99,7 @@ def rest_level(t_s: NDArray[np.float64], f_z_n: NDArray[np.float64]) -> NDArray[
 def _loaded_runs(
     t_s: NDArray[np.float64], f_z_n: NDArray[np.float64], low: NDArray[np.float64], high: NDArray[np.float64]
 ) -> list[tuple[int, int]]:
-    """First and last sample above `low` of every run that reaches `high`; runs a dip apart are one."""
+    """Return first and last sample above `low` of every run that reaches `high`; a dip does not end a run."""
     above = np.concatenate([[False], f_z_n >= low, [False]])
     edges = np.flatnonzero(np.diff(above.astype(np.int8)))
     runs: list[tuple[int, int]] = []
@@ -122,7 +122,9 @@ def _meets_rest(
     inward: int,
     edge: int,
 ) -> tuple[float, float]:
-    """When a line through the sample `risen` meets the rest level, and its slope in N/s, the steeper to a neighbour.
+    """Return when in s a line through the sample `risen` meets the rest level, and its slope in N/s.
+
+    The slope is the steeper one to a neighbour.
 
     The moment lies between the sample outside of `edge`, the outermost of the stance, and the sample `risen`. NaN at
     the ends of the recording and beside a gap.

@@ -3,9 +3,9 @@
 A contact is the moment at which the force above its rest crosses a low level, interpolated between two cycles: 20 N as
 is customary with force plates (Tirosh & Sparrow 2003, J. Appl. Biomech. 19:158; insoles: Catalfamo et al. 2008, Gait &
 Posture 28:420), or a twentieth of the largest force lately, since the sensor forgets a step only slowly.
-It is told once the force has also passed a high level, and only if it took no longer than QUICK_S from one to the
+It is reported once the force has also passed a high level, and only if it took no longer than QUICK_S from one to the
 other: noise does not reach the high one, and who shifts his weight is slower. Toe-off is the same downwards. So a cycle
-or two pass until a contact is told, and none until a toe-off is.
+or two pass until a contact is reported, and none until a toe-off is.
 
 Rest is the least force of the last second in which the foot was loaded and unloaded: insoles keep an offset and drift.
 Nothing of the future is used, and nothing but the cycles: a recording gives what was live.
@@ -53,7 +53,7 @@ class GaitEvent:
 
 
 class Levels:
-    """Below what force a foot is unloaded, and above what it is loaded: from the last second that had both."""
+    """The forces below which a foot is unloaded, and above which it is loaded, from the last second that had both."""
 
     def __init__(self) -> None:
         self._blocks: deque[tuple[float, float]] = deque(maxlen=_BLOCKS)  # least and largest force
@@ -90,8 +90,8 @@ class FootGait:
         self._levels = Levels()
         self._last_ns: int | None = None
         self._last_n = 0.0
-        # Monotonic: when low was last passed upwards, high downwards; each tells one event. The levels move, so that a
-        # force can be below the one and above the other twice without passing either again.
+        # Monotonic: when low was last passed upwards, high downwards; each completes one event. The levels move, so
+        # that a force can be below the one and above the other twice without passing either again.
         self._low_ns = self._high_ns = _LONG_AGO_NS
         self._previous_contact_ns: int | None = None
         self._off_ns: int | None = None
@@ -105,7 +105,11 @@ class FootGait:
         pressure_pa: NDArray[np.floating],
         valid: NDArray[np.uint8] | NDArray[np.bool_],
     ) -> GaitEvent | None:
-        """What cycle `t_ns` tells; pressure_pa and valid (n_triangles, 12), f_z_n None where it is not known."""
+        """Take in one cycle and return the event that it completes, or None.
+
+        `t_mono_ns` and `t_ns` are its monotonic and epoch time, `pressure_pa` and `valid` (n_triangles, 12); `f_z_n` is
+        None where it is not known.
+        """
         last_ns, last_n = self._last_ns, self._last_n
         if f_z_n is None:
             self._last_ns = None
@@ -190,19 +194,19 @@ class FootGait:
                 pressure_pa, valid, self._order, self._ends, seconds, self._peak_pa, self._integral_pa_s
             )
         else:
-            most = np.zeros(len(REGIONS))
+            highest_pa = np.zeros(len(REGIONS))
             usable = valid.ravel()[self._order]
             pressed = np.where(usable, pressure_pa.ravel()[self._order], 0.0)
-            most[self._present] = np.maximum.reduceat(pressed, self._starts)
+            highest_pa[self._present] = np.maximum.reduceat(pressed, self._starts)
             n_usable = int(np.count_nonzero(usable))
-            np.maximum(self._peak_pa, most, out=self._peak_pa)
-            self._integral_pa_s += most * seconds
+            np.maximum(self._peak_pa, highest_pa, out=self._peak_pa)
+            self._integral_pa_s += highest_pa * seconds
         self._peak_force_n = max(self._peak_force_n, f_z_n)
         self._valid_fraction = min(self._valid_fraction, n_usable / len(self._order))
 
 
 class Gait:
-    """The steps of whoever wears the insoles: what takes both feet is added to the figures of each."""
+    """Detects the steps of both feet, and adds the figures that need both to the events of one."""
 
     def __init__(self, layouts: list[Layout]) -> None:
         """`layouts`: one a foot, of one foot or both."""
@@ -229,19 +233,19 @@ class Gait:
         return event
 
     def _symmetry_percent(self) -> float | None:
-        """How much longer the left foot's last stance was than the right's, of their mean (Robinson et al. 1987)."""
+        """Return by how many percent of their mean the left foot's last stance was longer (Robinson et al. 1987)."""
         stances = [self._feet[foot].stance_s if foot in self._feet else None for foot in ("left", "right")]
         left_s, right_s = stances
         return 200.0 * (left_s - right_s) / (left_s + right_s) if left_s and right_s else None
 
 
 def _crossed_ns(level_n: float, last_ns: int, last_n: float, now_ns: int, now_n: float) -> int:
-    """When the force was `level_n`, between the last cycle and this one."""
+    """Return when, between the last cycle and this one, the force was `level_n`."""
     part = (level_n - last_n) / (now_n - last_n)  # the level itself may have moved since
     return last_ns + round((now_ns - last_ns) * min(max(part, 0.0), 1.0))
 
 
 def _span_s(first_ns: int | None, last_ns: int) -> float | None:
-    """Between two moments; None where the first is not known or so long ago that somebody paused."""
+    """Return the time in s between two moments; None where the first is not known or longer ago than a stride."""
     seconds = math.inf if first_ns is None else (last_ns - first_ns) * 1e-9
     return seconds if seconds <= LONGEST_STRIDE_S else None

@@ -8,7 +8,7 @@ deviations, not variances, and a mean over steps does not shrink them. NaN: the 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,8 @@ from ...skin.layout import Foot
 from ..region_map import RegionMap
 from ..wrench import WrenchSeries
 from .contacts import Contacts, find_contacts
-from .swing_offset import swing_offset
+from .material_memory import MaterialMemory, estimate_memory
+from .swing_offset import swing_offset, swing_samples
 
 PERCENT: NDArray[np.float64] = np.linspace(0.0, 100.0, 101)  # of stance
 COP_FRACTION = 0.1  # of the peak force: where less is borne, the CoP is mostly noise
@@ -32,7 +33,7 @@ Variance = Callable[[slice], Array | None]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FootCourse:
-    """What one foot measured: n cycles in order of time."""
+    """The measured load of one foot: n cycles in order of time."""
 
     foot: Foot
     t_s: Array  # (n,) moment of the load, not of the message; increasing
@@ -51,6 +52,7 @@ class Stances:
     """The n stances of one foot."""
 
     foot: Foot
+    memory: MaterialMemory | None  # of the material, that was undone
     contacts: Contacts
     first_s: Array  # (n,) of the first and the last cycle of each
     last_s: Array
@@ -59,11 +61,21 @@ class Stances:
 
 
 def stances(course: FootCourse) -> Stances:
-    """Contacts, figures and curves of every stance in `course`; the wrench is above that of the swings around."""
-    wrench = course.wrench
+    """Return contacts, figures and curves of every stance in `course`.
+
+    The memory of the material that the swings show is undone first; the wrench is above that of the swings around.
+    """
+    wrench, t_s = course.wrench, course.t_s
     loads = np.stack([wrench.f_z_n, wrench.m_x_nm, wrench.m_y_nm])
-    offset = swing_offset(course.t_s, loads)
-    contacts = find_contacts(course.t_s, wrench.f_z_n, wrench.f_z_std_n, offset[0])
+    swings = swing_samples(t_s, find_contacts(t_s, loads[0]))
+    in_swing = np.zeros(len(t_s), np.bool_)
+    in_swing[np.concatenate([*swings, np.empty(0, np.intp)])] = True
+    memory = estimate_memory(t_s, loads[0], in_swing)
+    if memory is not None:
+        loads = memory.undo(t_s, loads.T).T
+        course = replace(course, pressure_pa=memory.undo(t_s, course.pressure_pa))
+    offset = swing_offset(t_s, loads, swings)
+    contacts = find_contacts(t_s, loads[0], wrench.f_z_std_n, offset[0])
     rows = [_stance(course, loads - offset, contacts, number) for number in range(len(contacts))]
     names = _figure_names(course.regions)
     columns = {name: np.array([figures[name] for figures, _ in rows], np.float64) for name in names}
@@ -71,12 +83,11 @@ def stances(course: FootCourse) -> Stances:
         name: np.array([curve[name] for _, curve in rows], np.float64).reshape(-1, len(PERCENT))
         for name in ("f_z_n", "f_z_std_n", "cop_x_m", "cop_y_m")
     }
-    ends_s = course.t_s[contacts.first], course.t_s[contacts.last]
-    return Stances(course.foot, contacts, *ends_s, columns, curves)
+    return Stances(course.foot, memory, contacts, t_s[contacts.first], t_s[contacts.last], columns, curves)
 
 
 def _figure_names(regions: RegionMap) -> list[str]:
-    """Every column but those of both feet, in the order of the table."""
+    """Return the columns of one foot, in the order of the table."""
     names = [
         *("peak_force_n", "peak_force_std_n", "impulse_n_s", "impulse_std_n_s", "loading_rate_n_s"),
         *("loading_rate_std_n_s", *COP_FIGURES, "contact_area_m2", "contact_area_std_m2", "valid_fraction"),
@@ -89,7 +100,10 @@ def _figure_names(regions: RegionMap) -> list[str]:
 def _stance(
     course: FootCourse, loads: Array, contacts: Contacts, number: int
 ) -> tuple[dict[str, float], dict[str, Array]]:
-    """Figures and curves of one stance; `loads` (3, n) are f_z, m_x and m_y above those of the swings."""
+    """Return figures and curves of stance `number`.
+
+    `loads` (3, n) are f_z in N, m_x and m_y in N·m, less the offset in swing.
+    """
     rows = slice(int(contacts.first[number]), int(contacts.last[number]) + 1)
     wrench, t_s = course.wrench, course.t_s[rows]
     # The ends of a stance that began before the recording or goes on after it are its first and last cycle.
@@ -105,7 +119,8 @@ def _stance(
     rate, rate_std = _loading_rate(whole_s, force, force_std)
     at_s = begin_s + PERCENT / 100.0 * (end_s - begin_s)
     at_percent, std_at_percent, smooth = (
-        np.stack([np.interp(at_s, whole_s, each) for each in columns]) for columns in (whole, whole_std, _smooth(whole))
+        np.stack([np.interp(at_s, whole_s, column) for column in columns])
+        for columns in (whole, whole_std, _smooth(whole))
     )
     borne = at_percent[0] >= COP_FRACTION * force[peak]
     bearing = np.where(borne, smooth[0], np.nan)
@@ -127,7 +142,7 @@ def _stance(
 
 
 def _loading_rate(t_s: Array, force: Array, std: Array) -> tuple[float, float]:
-    """Mean slope in N/s from 20 % to 80 % of the first peak's force, and its standard deviation."""
+    """Return the mean slope in N/s from 20 % to 80 % of the first peak's force, and its standard deviation."""
     early = t_s - t_s[0] <= FIRST_PEAK_WITHIN * (t_s[-1] - t_s[0])
     peak = int(np.nanargmax(np.where(early, force, -np.inf)))
     first_s, last_s = (_first_crossing_s(t_s, force, fraction * force[peak]) for fraction in (RATE_FROM, RATE_TO))
@@ -147,7 +162,10 @@ def _first_crossing_s(t_s: Array, force: Array, level: float) -> float:
 
 
 def _cop_figures(cop: Array, cop_std: Array, force: Array) -> dict[str, float]:
-    """Length, width and mean y of the CoP (2, 101), NaN where too little is borne; force (101,) weighs the mean."""
+    """Return path length, width and mean y of the CoP in m.
+
+    `cop` and `cop_std` (2, 101) in m are NaN where too little is borne; `force` (101,) weighs the mean.
+    """
     known = np.flatnonzero(np.isfinite(cop).all(axis=0))
     if len(known) < 2:
         return dict.fromkeys(COP_FIGURES, np.nan)
@@ -165,7 +183,7 @@ def _cop_figures(cop: Array, cop_std: Array, force: Array) -> dict[str, float]:
 
 
 def _pressure_figures(course: FootCourse, rows: slice) -> dict[str, float]:
-    """Contact area of the sole and, by region, peak pressure, pressure–time integral and contact area."""
+    """Return the contact area of the sole and, by region, peak pressure, pressure–time integral and contact area."""
     t_s, area = course.t_s[rows], course.taxel_area_m2
     pressure = np.where(course.valid[rows], course.pressure_pa[rows], 0.0)
     variance = course.variance_pa2(rows)
@@ -185,10 +203,9 @@ def _pressure_figures(course: FootCourse, rows: slice) -> dict[str, float]:
         if not (inside & course.valid[rows].any(axis=0)).any():
             figures |= dict.fromkeys((f"{name}_{figure}" for figure in OF_REGION), np.nan)
             continue
-        own, own_std = pressure[:, inside], std[:, inside]
-        most = own.argmax(axis=1)
-        each = np.arange(len(t_s))
-        highest, highest_std = own[each, most], own_std[each, most]
+        of_region, of_region_std = pressure[:, inside], std[:, inside]
+        cycles, most_loaded = np.arange(len(t_s)), of_region.argmax(axis=1)
+        highest, highest_std = of_region[cycles, most_loaded], of_region_std[cycles, most_loaded]
         peak = int(highest.argmax())
         ever, maybe = touched[:, inside].any(axis=0), (touched | doubtful)[:, inside].any(axis=0)
         surely = (touched & ~doubtful)[:, inside].any(axis=0)
@@ -204,12 +221,12 @@ def _pressure_figures(course: FootCourse, rows: slice) -> dict[str, float]:
 
 
 def _smooth(loads: Array) -> Array:
-    """(k, n) weighted means of three cycles: noise makes the path of a CoP longer, at every cycle anew."""
+    """Return weighted means of three cycles, (k, n): noise makes the path of a CoP longer at every cycle."""
     smooth = loads.copy()
     smooth[:, 1:-1] = (loads[:, :-2] + 2 * loads[:, 1:-1] + loads[:, 2:]) / 4
     return smooth
 
 
 def _integral(values: Array, t_s: Array) -> float:
-    """By the trapezoidal rule."""
+    """Return the integral of `values` (n,) over `t_s` (n,), by the trapezoidal rule."""
     return float(np.sum(np.diff(t_s) * (values[1:] + values[:-1]) / 2))

@@ -1,4 +1,4 @@
-"""What kind of step each stance is, from times, forces and the CoP of both feet.
+"""Labels of stances, from times, forces and the CoP of both feet.
 
 steady     a walking step that is none of the following
 start      first step of each foot of a bout of walking, and those after it until the first that is like the others
@@ -54,7 +54,7 @@ class Walking:
 
 
 def label_steps(walking: Walking) -> NDArray[np.str_]:
-    """(n,) the label of every stance."""
+    """Return the label of every stance, (n,)."""
     n = len(walking.begin_s)
     labels = np.full(n, "steady", "<U9")
     stance_s = walking.end_s - walking.begin_s
@@ -64,7 +64,7 @@ def label_steps(walking: Walking) -> NDArray[np.str_]:
     for at in np.flatnonzero(stance_s > longest_s).tolist():
         labels[at] = "one_leg" if _longest_swing_s(walking, at) >= LONG_SWING_S else "standing"
     deviation = _deviation(walking, labels)
-    departs = np.any([np.abs(each) > FAR for each in deviation.values()], axis=0)
+    departs = np.any([np.abs(of_figure) > FAR for of_figure in deviation.values()], axis=0)
     for bout in _bouts(walking, labels):
         inner = _label_ends(walking, labels, departs, bout)
         _label_runs(walking, labels, departs, deviation, inner)
@@ -72,7 +72,7 @@ def label_steps(walking: Walking) -> NDArray[np.str_]:
 
 
 def _longest_swing_s(walking: Walking, at: int) -> float:
-    """How long the other foot is in the air at a stretch during the stance `at`; 0 where it is not recorded."""
+    """Return the longest swing in s of the other foot during the stance `at`; 0 where that foot is not recorded."""
     other = walking.is_left != walking.is_left[at]
     if not other.any():
         return 0.0
@@ -86,24 +86,27 @@ def _longest_swing_s(walking: Walking, at: int) -> float:
 
 
 def _deviation(walking: Walking, labels: NDArray[np.str_]) -> dict[str, Array]:
-    """(n,) each: standard deviations from the median of the foot's walking steps; 0 where a figure is not known."""
-    found = {}
+    """Return by figure the deviation (n,) from the median of the foot's walking steps, in standard deviations.
+
+    It is 0 where a figure is not known.
+    """
+    deviations = {}
     for name, values in walking.figures.items():
         deviation = np.zeros(len(values))
-        for left in (True, False):
-            own = (walking.is_left == left) & (labels == "steady") & np.isfinite(values)
-            if not own.any():
+        for is_left in (True, False):
+            of_foot = (walking.is_left == is_left) & (labels == "steady") & np.isfinite(values)
+            if not of_foot.any():
                 continue
-            median = float(np.median(values[own]))
-            std = 1.4826 * float(np.median(np.abs(values[own] - median)))
+            median = float(np.median(values[of_foot]))
+            std = 1.4826 * float(np.median(np.abs(values[of_foot] - median)))
             least = LEAST_STD_Y_M if name == "cop_mean_y_m" else LEAST_STD[name] * abs(median)
-            deviation[own] = (values[own] - median) / max(std, least, np.finfo(float).tiny)
-        found[name] = deviation
-    return found
+            deviation[of_foot] = (values[of_foot] - median) / max(std, least, np.finfo(float).tiny)
+        deviations[name] = deviation
+    return deviations
 
 
 def _bouts(walking: Walking, labels: NDArray[np.str_]) -> list[NDArray[np.intp]]:
-    """The walking steps between pauses, standing and cuts, in order."""
+    """Return the rows of the walking steps of each bout; pauses, standing and cuts separate bouts."""
     bouts: list[list[int]] = []
     last_s = -np.inf
     longest_s = LONGEST_STEP_S if len(set(walking.is_left.tolist())) == 2 else 2 * LONGEST_STEP_S
@@ -122,18 +125,18 @@ def _bouts(walking: Walking, labels: NDArray[np.str_]) -> list[NDArray[np.intp]]
 def _label_ends(
     walking: Walking, labels: NDArray[np.str_], departs: NDArray[np.bool_], bout: NDArray[np.intp]
 ) -> NDArray[np.intp]:
-    """Label starts and stops of the bout; what lies between them."""
+    """Label starts and stops of `bout` in place; return the rows between them."""
     labels_of_ends: tuple[tuple[Label, NDArray[np.intp]], ...] = (("start", bout), ("stop", bout[::-1]))
     inner = set(bout.tolist())
     for label, order in labels_of_ends:
         seen: set[bool] = set()
         for at in order.tolist():
-            left = bool(walking.is_left[at])
-            if left in seen and not departs[at]:
+            is_left = bool(walking.is_left[at])
+            if is_left in seen and not departs[at]:
                 break
             if len(seen) == 2 and not departs[at]:
                 break
-            seen.add(left)
+            seen.add(is_left)
             if at in inner:
                 labels[at] = label
                 inner.discard(at)
@@ -147,7 +150,7 @@ def _label_runs(
     deviation: dict[str, Array],
     inner: NDArray[np.intp],
 ) -> None:
-    """Label what departs within a bout: neighbours in a row, or one apart, are of one kind."""
+    """Label the steps of `inner` that depart, in place: those in a row, or one apart, are of one kind."""
     runs: list[list[int]] = []
     for position, at in enumerate(inner.tolist()):
         if not departs[at]:

@@ -34,32 +34,32 @@ class Steps:
     calibrations: Mapping[str, str] = field(default_factory=dict)  # by foot: the same text, the same errors
 
     def __len__(self) -> int:
-        """How many stances there are."""
+        """Return the number of stances."""
         return len(self.columns["foot"])
 
     def __getitem__(self, name: str) -> NDArray[Any]:
-        """(n,) the column `name`."""
+        """Return the column `name`, (n,)."""
         if name not in self.columns:
             raise KeyError(f"expected one of {', '.join(self.columns)}, found {name!r}")
         return self.columns[name]
 
     def __repr__(self) -> str:
-        """Counts by label, and mean ± SD of the steady steps: five lines."""
+        """Return five lines: counts by label, and mean ± SD of the steady steps."""
         labels, counts = np.unique(self["label"], return_counts=True)
         kinds = ", ".join(f"{count} {label}" for label, count in zip(labels, counts, strict=True)) or "none"
         lines = [f"Steps: {len(self)} stances ({kinds})"]
         for foot in ("left", "right"):
-            own = self.of(foot).steady
+            steady = self.of(foot).steady
             figures = ", ".join(
-                f"{word} {scale * np.nanmean(own[name]):.{digits}f} ± "
-                f"{scale * np.nanstd(own[name], ddof=1):.{digits}f} {unit}"
+                f"{word} {scale * np.nanmean(steady[name]):.{digits}f} ± "
+                f"{scale * np.nanstd(steady[name], ddof=1):.{digits}f} {unit}"
                 for word, name, scale, digits, unit in (
                     ("stance", "stance_s", 1, 3, "s"), ("peak", "peak_force_n", 1, 0, "N"),
                     ("impulse", "impulse_n_s", 1, 0, "N·s"), ("CoP path", "cop_path_m", 1e3, 0, "mm"),
                 )
-                if np.count_nonzero(np.isfinite(own[name])) > 1
+                if np.count_nonzero(np.isfinite(steady[name])) > 1
             )  # fmt: skip
-            lines.append(f"  {foot}: {len(own)} steady" + (f": {figures}" if figures else ""))
+            lines.append(f"  {foot}: {len(steady)} steady" + (f": {figures}" if figures else ""))
         lines.append(
             f"  {len(self.columns)} columns: {', '.join(list(self.columns)[:8])} …; curves: {', '.join(self.curves)}"
         )
@@ -67,14 +67,14 @@ class Steps:
         return "\n".join(lines)
 
     def select(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> Steps:
-        """The stances of these rows, a mask (n,) or numbers."""
+        """Return the stances of `rows`, a mask (n,) or row numbers."""
         columns = {name: column[rows] for name, column in self.columns.items()}
         return replace(self, columns=columns, curves={name: curve[rows] for name, curve in self.curves.items()})
 
     def of(self, foot: str) -> Steps:
-        """The stances of the "left" or the "right" foot."""
-        own = {each: calibration for each, calibration in self.calibrations.items() if each == foot}
-        return replace(self.select(self["foot"] == foot), calibrations=own)
+        """Return the stances of the "left" or the "right" foot."""
+        calibrations = {side: text for side, text in self.calibrations.items() if side == foot}
+        return replace(self.select(self["foot"] == foot), calibrations=calibrations)
 
     @property
     def steady(self) -> Steps:
@@ -82,8 +82,8 @@ class Steps:
         return self.select(self["label"] == "steady")
 
     @property
-    def told_ns(self) -> NDArray[np.int64]:
-        """(n,) epoch time of toe-off, at which a stance is known; of contact where toe-off is not."""
+    def known_ns(self) -> NDArray[np.int64]:
+        """Epoch time (n,) of toe-off, at which a stance is known; of contact where toe-off is not."""
         at_s = np.where(np.isnan(self["toe_off_s"]), self["contact_s"], self["toe_off_s"])
         return self.start_ns + np.rint(np.nan_to_num(at_s) * 1e9).astype(np.int64)
 
@@ -99,7 +99,7 @@ class Steps:
             raise InsoleError(f"expected a figure of steps ({', '.join(self.figure_names)}), found {figure!r}")
 
     def std(self, figure: str) -> Array:
-        """(n,) the figure's standard deviation by the uncertainty of the wrench; NaN where it is not known."""
+        """Return the standard deviation (n,) of `figure` by the uncertainty of the wrench; NaN: not known."""
         for at, letter in enumerate(figure):
             column = self.columns.get(f"{figure[:at]}_std{figure[at:]}") if letter == "_" else None
             if column is not None:
@@ -107,7 +107,7 @@ class Steps:
         return np.full(len(self), np.nan)
 
     def to_dataframe(self) -> pd.DataFrame:
-        """The columns as a pandas DataFrame."""
+        """Return the columns as a pandas DataFrame."""
         import pandas as pd
 
         return pd.DataFrame(
@@ -116,41 +116,52 @@ class Steps:
 
 
 def find_steps(courses: Sequence[FootCourse], start_ns: int, remarks: Sequence[str] = ()) -> Steps:
-    """The steps in `courses`, of one foot or both, whose t_s count from start_ns."""
-    each = [stances(course) for course in courses]
-    columns, curves = _joined(each)
+    """Return the table of steps in `courses`, of one foot or both, whose t_s count from `start_ns` (epoch time).
+
+    `remarks` are what the caller has to say of the recording; they come first in the table's.
+    """
+    feet = [stances(course) for course in courses]
+    columns, curves = _joined(feet)
     order = np.argsort(_begin_s(columns), kind="stable")
     columns = {name: column[order] for name, column in columns.items()}
     curves = {name: curve[order] for name, curve in curves.items()}
-    columns = _with_both_feet(columns, both=len(each) == 2)
+    columns = _with_both_feet(columns, both=len(feet) == 2)
     columns["label"] = label_steps(_walking(columns))
-    said = [*remarks]
-    if len(each) == 1 and not remarks:
-        said.append(f"only the {each[0].foot} foot is there: no double support, no step time, no symmetry")
+    all_remarks = [*remarks]
+    if len(feet) == 1 and not remarks:
+        all_remarks.append(f"only the {feet[0].foot} foot is there: no double support, no step time, no symmetry")
+    for foot in feet:
+        if foot.memory is not None:
+            all_remarks.append(
+                f"{foot.foot}: the material remembers: {foot.memory.fraction:.0%} of a load comes late, with a time "
+                f"constant of {foot.memory.tau_s:.2g} s, as its swings show; the steps are without that"
+            )
     for course in courses:
         if course.regions.too_small:
-            said.append(f"{course.foot}: too few taxels for {', '.join(course.regions.too_small)}")
+            all_remarks.append(f"{course.foot}: too few taxels for {', '.join(course.regions.too_small)}")
         if not np.any(columns["foot"] == course.foot):
-            said.append(f"no step of the {course.foot} foot: its force never rises from rest and falls to it again")
+            all_remarks.append(
+                f"no step of the {course.foot} foot: its force never rises from rest and falls to it again"
+            )
     columns = {name: columns[name] for name in ("foot", "number", "label", *columns) if name in columns}
     hidden = {"first_s", "last_s"}
     return Steps(
         {name: column for name, column in columns.items() if name not in hidden},
         curves,
         start_ns,
-        tuple(said),
+        tuple(all_remarks),
         {course.foot: course.calibration for course in courses},
     )
 
 
-def _joined(each: Sequence[Stances]) -> tuple[dict[str, NDArray[Any]], dict[str, Array]]:
-    """Columns and curves of all feet, one foot after the other."""
-    parts = []
-    for foot in each:
+def _joined(feet: Sequence[Stances]) -> tuple[dict[str, NDArray[Any]], dict[str, Array]]:
+    """Return columns and curves of all feet, one foot after the other."""
+    by_foot = []
+    for foot in feet:
         contacts, n = foot.contacts, len(foot.contacts)
         stride_s, stride_std_s = _to_next(contacts.contact_s, contacts.contact_std_s, contacts.contact_s, contacts)
         swing_s, swing_std_s = _to_next(contacts.toe_off_s, contacts.toe_off_std_s, contacts.contact_s, contacts)
-        parts.append({
+        by_foot.append({
             "foot": np.full(n, foot.foot, "<U5"),
             "number": np.arange(1, n + 1),
             "contact_s": contacts.contact_s,
@@ -169,7 +180,7 @@ def _joined(each: Sequence[Stances]) -> tuple[dict[str, NDArray[Any]], dict[str,
             "cadence_std_per_min": 120.0 / stride_s**2 * stride_std_s,
             **foot.columns,
         })  # fmt: skip
-    if not parts:
+    if not by_foot:
         nothing = np.empty(0)
         return {
             "foot": np.empty(0, "<U5"),
@@ -177,13 +188,18 @@ def _joined(each: Sequence[Stances]) -> tuple[dict[str, NDArray[Any]], dict[str,
             "contact_s": nothing,
             "toe_off_s": nothing,
         }, {}
-    columns: dict[str, NDArray[Any]] = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    curves = {name: np.concatenate([foot.curves[name] for foot in each]) for name in each[0].curves}
+    columns: dict[str, NDArray[Any]] = {
+        name: np.concatenate([of_foot[name] for of_foot in by_foot]) for name in by_foot[0]
+    }
+    curves = {name: np.concatenate([foot.curves[name] for foot in feet]) for name in feet[0].curves}
     return columns, curves
 
 
 def _to_next(from_s: Array, from_std_s: Array, to_s: Array, contacts: Contacts) -> tuple[Array, Array]:
-    """From a moment of each stance to the contact of the next one of this foot; NaN where that is no stride."""
+    """Return time in s from a moment of each stance to the contact of the next one, and its standard deviation.
+
+    NaN where that is longer than a stride.
+    """
     span_s, std_s = np.full_like(from_s, np.nan), np.full_like(from_s, np.nan)
     span_s[:-1] = to_s[1:] - from_s[:-1]
     std_s[:-1] = np.hypot(contacts.contact_std_s[1:], from_std_s[:-1])
@@ -199,28 +215,28 @@ def _begin_s(columns: Mapping[str, NDArray[Any]]) -> Array:
 
 
 def _with_both_feet(columns: dict[str, NDArray[Any]], *, both: bool) -> dict[str, NDArray[Any]]:
-    """The columns, with double support and step time after the stride: NaN where there is one foot."""
+    """Return `columns` with double support and step time after the stride; NaN where only one foot is recorded."""
     n = len(columns["foot"])
     double_s, double_std_s, step_s, step_std_s = np.full((4, n), np.nan)
     if both and n:
         left = columns["foot"] == "left"
-        for own, other in ((left, ~left), (~left, left)):
-            contact_s, toe_off_s = columns["contact_s"][own], columns["toe_off_s"][own]
+        for this, other in ((left, ~left), (~left, left)):
+            contact_s, toe_off_s = columns["contact_s"][this], columns["toe_off_s"][this]
             shared_s = np.minimum(toe_off_s[:, None], columns["toe_off_s"][other][None]) - np.maximum(
                 contact_s[:, None], columns["contact_s"][other][None]
             )
             meets = shared_s > 0
-            double_s[own] = np.where(meets, shared_s, 0.0).sum(axis=1)
+            double_s[this] = np.where(meets, shared_s, 0.0).sum(axis=1)
             complete = np.count_nonzero(meets, axis=1) == 2  # with the step before and with the step after
-            double_s[np.flatnonzero(own)[~complete]] = np.nan
+            double_s[np.flatnonzero(this)[~complete]] = np.nan
             variance = columns["contact_std_s"][other] ** 2 + columns["toe_off_std_s"][other] ** 2
-            own_variance = columns["contact_std_s"][own] ** 2 + columns["toe_off_std_s"][own] ** 2
-            double_std_s[own] = np.sqrt(own_variance + np.where(meets, variance[None] / 2, 0.0).sum(axis=1))
+            this_variance = columns["contact_std_s"][this] ** 2 + columns["toe_off_std_s"][this] ** 2
+            double_std_s[this] = np.sqrt(this_variance + np.where(meets, variance[None] / 2, 0.0).sum(axis=1))
             since_s = contact_s[:, None] - columns["contact_s"][other][None]
             last_s = np.where(since_s > 0, since_s, np.inf).min(axis=1, initial=np.inf)
-            step_s[own] = np.where(last_s <= LONGEST_STRIDE_S, last_s, np.nan)
+            step_s[this] = np.where(last_s <= LONGEST_STRIDE_S, last_s, np.nan)
             last_std_s = np.where(since_s == last_s[:, None], columns["contact_std_s"][other], 0.0).sum(axis=1)
-            step_std_s[own] = np.hypot(columns["contact_std_s"][own], last_std_s) + 0.0 * step_s[own]
+            step_std_s[this] = np.hypot(columns["contact_std_s"][this], last_std_s) + 0.0 * step_s[this]
     ordered: dict[str, NDArray[Any]] = {}
     for name, column in columns.items():
         ordered[name] = column
@@ -244,7 +260,7 @@ def _walking(columns: Mapping[str, NDArray[Any]]) -> Walking:
 
 
 def mean_curve(curves: Array) -> tuple[Array, Array]:
-    """(101,) mean and sample standard deviation of curves (n, 101), over those that are known at each percent."""
+    """Return mean and sample standard deviation, (101,), of `curves` (n, 101) over those known at each percent."""
     known = np.isfinite(curves)
     count = np.count_nonzero(known, axis=0)
     total = np.where(known, curves, 0.0).sum(axis=0)

@@ -23,7 +23,10 @@ Array = NDArray[np.float64]
 
 
 def symmetry(steps: Steps, figure: str) -> Interval:
-    """SI in percent of a figure of the steady steps; the uncertainty of both feet's wrenches widens the interval."""
+    """Return the SI in percent of `figure` of the steady steps.
+
+    The uncertainty of both feet's wrenches widens the interval. InsoleError: `figure` is none.
+    """
     steps.check_figure(figure)
     steady = steps.steady
     left, right = pair_steps(steady)
@@ -34,7 +37,7 @@ def symmetry(steps: Steps, figure: str) -> Interval:
 
 
 def pair_steps(steps: Steps) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Rows of left steps, and of the right step that follows each within a stride."""
+    """Return rows of left steps, and of the right step that follows each of them within a stride."""
     is_left, contact_s = steps["foot"] == "left", steps["contact_s"]
     follows = is_left[:-1] & ~is_left[1:] & (np.diff(contact_s) <= LONGEST_STRIDE_S)
     left = np.flatnonzero(follows)
@@ -42,7 +45,7 @@ def pair_steps(steps: Steps) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
 
 
 def symmetry_index(left: Array, right: Array, systematic_std_percent: float = 0.0) -> Interval:
-    """SI in percent of paired values (n,) in order of time; pairs with NaN are left out."""
+    """Return the SI in percent of the pairs `left` and `right` (n,) in order of time; pairs with NaN are left out."""
     known = np.isfinite(left) & np.isfinite(right)
     left, right = left[known], right[known]
     n = len(left)

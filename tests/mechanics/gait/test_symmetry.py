@@ -23,7 +23,7 @@ def limping(random, n, limp_percent, correlation):
 
 
 @pytest.mark.parametrize("limp_percent", [0.0, 6.0])
-@pytest.mark.parametrize(("n", "correlation"), [(12, 0.0), (50, 0.0), (50, 0.3)])
+@pytest.mark.parametrize(("n", "correlation"), [(8, 0.0), (8, 0.5), (12, 0.0), (50, 0.0), (50, 0.3)])
 def test_95_percent_of_the_intervals_hold(limp_percent, n, correlation):
     random = np.random.default_rng(11)
     inside = [limp_percent in symmetry_index(*limping(random, n, limp_percent, correlation)) for _ in range(1000)]
