@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from insole_daemon.recording.aligned import align
+from insole_daemon.recording.time_alignment import align
 
 import insole_daemon
 from benchmarks.gait.walk import compare, with_effects
