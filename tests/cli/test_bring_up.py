@@ -157,7 +157,7 @@ def test_left_and_right_exchanged_are_named(generation, set_up, few_triangles):
 def test_boards_that_do_not_start_end_the_session_after_the_first_step(generation, set_up):
     status, report = set_up(generation=generation, streaming=False)
     assert status == 1
-    assert "nothing was sent" in report
+    assert "no frame and no error frame received" in report
     assert "Not done: no board sends." in report
 
 

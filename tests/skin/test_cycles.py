@@ -186,7 +186,7 @@ ACTS = st.tuples(
 @settings(max_examples=300, deadline=None)
 @given(st.sampled_from([[5], [5, 5], [5, 6]]), st.lists(ACTS, min_size=1, max_size=40))
 def test_what_comes_at_the_very_moment_something_ends_is_dealt_with_by_the_rules(boards, acts):
-    assembler, oracle, n_triangles = assembling(boards), OneAtATime(boards), len(boards)
+    oracle, n_triangles = OneAtATime(boards), len(boards)
     closed, waiting, t = [], [], START
 
     def read() -> None:
@@ -198,6 +198,7 @@ def test_what_comes_at_the_very_moment_something_ends_is_dealt_with_by_the_rules
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "GAP_NS", SHORT_GAP)
+        assembler = assembling(boards)  # the kernel takes the numbers of the rules when it is made
         for number, (act, which, later) in enumerate(acts):
             t += later
             if act == "frame":
