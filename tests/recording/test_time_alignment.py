@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from insole_daemon.recording.time_alignment import align
 
 import insole_daemon
 from benchmarks.gait.walk import compare, with_effects
@@ -14,6 +13,7 @@ from insole_daemon.config import Config
 from insole_daemon.physics.effect import effect
 from insole_daemon.physics.sampling import CDC_HZ
 from insole_daemon.recording.steps import step_table
+from insole_daemon.recording.time_alignment import align
 from insole_daemon.service.foot_setup import load_layout
 from insole_daemon.simulation.trial import Trial
 
