@@ -106,6 +106,7 @@ def demo(
         person = Walk(layouts)
         emulator = Emulator(config, layouts, person)
         messages = insole.messages(key(config.rig, "*", "*"))
+        on_end(messages.close)  # before the page is served: a person may end the demo as soon as it is there
 
         ready = threading.Event()
 
@@ -172,7 +173,6 @@ def _draw(insole: Client, messages: Messages, config: Config, seconds: float | N
 
     from .terminal_view import FootView, screen
 
-    on_end(messages.close)
     if seconds is not None:
         end = threading.Timer(seconds, messages.close)
         end.daemon = True

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import signal
 import socket
 import subprocess
 import sys
@@ -72,3 +73,21 @@ def test_it_shows_itself_in_a_browser():
     assert "the page is on http://127.0.0.1:8080/" in done.stdout
     with socket.socket() as sock:
         assert sock.connect_ex(("127.0.0.1", 8080)) != 0, "the page has ended with the demo"
+
+
+def test_ctrl_c_as_soon_as_the_page_is_served_ends_the_demo_with_status_0():
+    with socket.socket() as sock:
+        if sock.connect_ex(("127.0.0.1", 8080)) == 0:
+            pytest.skip("port 8080, on which the page is served by default, is taken")
+    with subprocess.Popen(
+        [INSOLE, "demo", "--view"], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+        text=True, env={**os.environ, "BROWSER": "true"},
+    ) as demo:  # fmt: skip
+        while demo.poll() is None:
+            with socket.socket() as sock:
+                if sock.connect_ex(("127.0.0.1", 8080)) == 0:
+                    break
+            time.sleep(0.01)
+        demo.send_signal(signal.SIGINT)
+        printed, _ = demo.communicate(timeout=30)
+    assert demo.returncode == 0, printed
