@@ -242,8 +242,7 @@ def _in_order(first: TimedSet[BlockDesign], make: Callable[[Timing, Changes], Bl
     for _ in range(ORDERED_ROUNDS):
         design, best = first.search.design, first.best
         chosen = [design.candidates[k] for k in best.chosen]
-        n_readings = float(np.count_nonzero(design.weights))
-        if len(chosen) < 2 and design.total - best.gain < WELL * n_readings:
+        if len(chosen) < 2 and design.total - best.gain < WELL * first.search.noise:
             break
         changes = load_changes(design, chosen, best.shares)
         if not changes:

@@ -14,13 +14,13 @@ from .model.design import Design
 from .model.refine import Refined, refine
 from .model.regression import Timing
 from .model.solve import solve_shares
+from .searching import WELL
 from .select.count_figures import count_figures
 from .select.search import FittedSet, SubsetSearch
 from .select.wrench_figures import Figures, figures
 
 LEAST_GAINED = 0.001  # of what a set explains, that each of it does where it enters
 LEAST_NEEDED = 0.05  # of it, that is lost where one that does not is left out: less, and it is not needed
-WELL_FITTED = 1.15  # mean square of weighted rows: a set that leaves no more has no lack of fit
 MOST_WORSE = np.array([1.02, 1.1, 1.1])  # times the error before, of f_z, m_x and m_y on held-out rows
 
 
@@ -126,7 +126,7 @@ def doubtful_word(whole: Design | BlockDesign, refined: Refined[Any]) -> str | N
     """
     noise = float(np.count_nonzero(whole.weights))
     lack_of_fit = whole.total - refined.gain - noise
-    if lack_of_fit < (WELL_FITTED - 1.0) * noise:
+    if lack_of_fit < (WELL - 1.0) * noise:
         return None
     candidates = refined.design.candidates
     explained: dict[str, float] = {}

@@ -44,7 +44,7 @@ class SubsetSearch(Generic[D]):
         """`barred`: words that no set may have, because the timing of the design stands for them."""
         self.design, self.barred = design, barred
         self.prices = prices_of(design)
-        self._noise = float(np.count_nonzero(design.weights))  # squared sum of what noise alone leaves
+        self.noise = float(np.count_nonzero(design.weights))  # squared sum of what noise alone leaves
         self._fitted: dict[tuple[int, ...], FittedSet] = {}
         self._starts = np.array([each.columns[0] for each in design.candidates])
         self._joint = self._joint_candidates()
@@ -70,7 +70,7 @@ class SubsetSearch(Generic[D]):
             beam = sorted(grown.values(), key=lambda each: -each.score)[:BEAM]
             best.update({each.chosen: each for each in beam})
             gained = beam[0].gain - gained
-            if beam[0].score <= previous or gained < LEAST_OF_REST * (self.design.total - beam[0].gain - self._noise):
+            if beam[0].score <= previous or gained < LEAST_OF_REST * (self.design.total - beam[0].gain - self.noise):
                 break
         return sorted(best.values(), key=lambda each: -each.score)
 
