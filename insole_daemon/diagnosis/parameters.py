@@ -25,7 +25,7 @@ def parameters_of(refined: Refined[Any], i: int, foot: FootRecording) -> dict[st
     candidate = inner.candidates[i]
     if candidate.word == "temperature" and inner.load.observation.warmth_is_of_pads:
         return {}
-    shares = refined.of_laws.shares[i]
+    shares = refined.law_shares[i]
     mapping = candidate.term.parameters_of(inner.load.observation.load_is_known or candidate.term.is_of_load)
     values = mapping(candidate.settings, shares)
     units = {p.name: p.unit for p in laws()[candidate.word].parameters} if candidate.word in laws() else {}

@@ -311,10 +311,6 @@ class BlockDesign:
         used, atom = np.unique(atom, return_inverse=True)
         return replace(self, candidates=candidates, atom=atom, atoms=_picked(fresh, used))
 
-    def of_laws(self) -> BlockDesign:
-        """Without what the laws of its candidates leave out of real materials."""
-        return replace(self, candidates=tuple(each.without(MISFITS) for each in self.candidates))
-
     def with_settings(self, found: Sequence[tuple[int, Setting]]) -> BlockDesign:
         """With candidates like those of number `k` with other settings."""
         if not found:

@@ -98,9 +98,6 @@ class Regression(Protocol):
     def exchanged(self, i: int, setting: Setting) -> Self:
         """With another setting of candidate `i`."""
 
-    def of_laws(self) -> Self:
-        """Without what the laws of its candidates leave out of real materials."""
-
 
 def with_companions(every: Sequence[PlacedTerm], rest: Mapping[str, float] = NOTHING) -> tuple[PlacedTerm, ...]:
     """Terms that a calibration may have absorbed a static part of get the static columns of their place.
