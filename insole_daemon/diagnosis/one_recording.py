@@ -94,7 +94,7 @@ def diagnose_one(seen: WrenchObservation, foot: FootRecording, progress: Callabl
             parameters[i]["offset_s"] = replace(offset, value=offset.value - timing.delay_s)
         where = refined.design.candidates[i].where
         if words[i] == "preload" and seen.load_is_known:
-            effects += preloads(where, refined.law_shares[i], seen)
+            effects += preloads(where, refined.of_laws.shares[i], seen)
         elif (effect := effect_of(words[i], where, parameters[i], seen)) is not None:
             effects.append(effect)
         findings.append(_finding(words[i], where, parameters[i], gain, seen, found, search, kept.best, i))

@@ -115,6 +115,10 @@ class Design:
             cross=self.cross[columns], product=self.product[columns],
         )  # fmt: skip
 
+    def of_laws(self) -> Design:
+        """Itself: of a load that readings tell, nothing beside the laws is fitted."""
+        return self
+
     def exchanged(self, i: int, setting: Setting) -> Design:
         """With another setting of candidate `i`."""
         candidate = self.candidates[i]

@@ -9,7 +9,6 @@ from typing import Generic
 import numpy as np
 
 from ...physics.law import Array
-from .nearest_laws import every_share, nearest_laws
 from .regression import D
 from .solve import is_possible, solve_shares
 
@@ -28,10 +27,10 @@ class Refined(Generic[D]):
     gain: float
 
     @cached_property
-    def law_shares(self) -> tuple[Array, ...]:
-        """Of each candidate, as a model has them: of the laws that come nearest to the set's effect."""
-        every = nearest_laws(self.design, every_share(self.design, self.design.candidates, self.shares))
-        return tuple(every[each.columns] for each in self.design.candidates)
+    def of_laws(self) -> Refined[D]:
+        """The laws alone, as a model has them: shares without what they leave out beside them."""
+        alone = self.design.of_laws()
+        return Refined(alone, *solve_shares(alone, alone.candidates))
 
     def gain_without(self, i: int) -> float:
         """What the others take away without candidate `i`, their parameters kept."""

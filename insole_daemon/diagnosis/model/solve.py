@@ -19,12 +19,8 @@ PULL, TOLERANCE = 100.0, 1e-3  # towards the bound on a sum, of a column's size;
 MOST_ABSORBED = 2.0  # standard deviations: the mean curve of a memory is no larger than the memory
 
 
-def solve_shares(
-    design: Regression, chosen: Sequence[PlacedTerm], target: Array | None = None
-) -> tuple[tuple[Array, ...], float]:
+def solve_shares(design: Regression, chosen: Sequence[PlacedTerm]) -> tuple[tuple[Array, ...], float]:
     """Shares of `chosen` within their signs, and the squared residual they take away.
-
-    `target` (p,): inner products of the columns with what is fitted, where that is not the design's residual.
 
     The static part that a calibration may have absorbed of a term is fitted beside it, within a prior as wide as
     the term's own shares make it, and never larger than these.
@@ -32,7 +28,7 @@ def solve_shares(
     if not chosen:
         return (), 0.0
     shares: list[Array] = [np.empty(0)] * len(chosen)
-    cross, gain = design.cross if target is None else target, 0.0
+    cross, gain = design.cross, 0.0
     whole = [i for i, each in enumerate(chosen) if each.term.share == "whole"]
     fixed = np.concatenate([chosen[i].columns for i in whole] or [np.empty(0, np.intp)])
     if len(fixed):
@@ -96,17 +92,13 @@ def _hand_out(found: Array, chosen: Sequence[PlacedTerm], rest: Sequence[int], s
 
 
 def solve_companions(
-    design: Regression, chosen: Sequence[PlacedTerm], shares: Sequence[Array], target: Array | None = None
+    design: Regression, chosen: Sequence[PlacedTerm], shares: Sequence[Array]
 ) -> tuple[NDArray[np.intp], Array]:
-    """Columns of what is fitted beside `chosen`, whose shares are known, and its own (k,) shares.
-
-    `target`: as `solve_shares` has it.
-    """
-    cross = design.cross if target is None else target
+    """Columns of what is fitted beside `chosen`, whose shares are known, and its own (k,) shares."""
     own = np.concatenate([each.columns for each in chosen])
     beside = np.setdiff1d(np.concatenate([each.companions for each in chosen]), own).astype(np.intp)
     std = absorbed_std(chosen, [float(np.abs(each).sum()) for each in shares], beside)
-    left = cross[beside] - design.gram[np.ix_(beside, own)] @ np.concatenate(shares)
+    left = design.cross[beside] - design.gram[np.ix_(beside, own)] @ np.concatenate(shares)
     gram = design.gram[np.ix_(beside, beside)]
     found = np.linalg.solve(gram + np.diag(RIDGE * np.diag(gram) + std**-2.0), left) if len(beside) else left
     return beside, np.clip(found, -MOST_ABSORBED * std, MOST_ABSORBED * std)

@@ -12,7 +12,6 @@ from ...physics.law import Array
 from ..model.blocks import BlockDesign, residual
 from ..model.curves import CurveShares, CurveSplines, curve_splines, fit_curves
 from ..model.load import TaxelLoad
-from ..model.nearest_laws import nearest_laws
 from ..model.refine import Refined
 from ..model.regression import Timing
 from ..model.signal_path import pressure_removed
@@ -37,30 +36,31 @@ def count_figures(refined: Refined[BlockDesign], order: Sequence[int]) -> Figure
     seen, nuisance = design.seen, design.nuisance
     n = len(design.weights)
     known = design.weights > 0
-    raw, free, fixed, prior = _columns(refined)
+    law = refined.of_laws
+    x, fixed, prior, own_columns = _columns(law)
     aligning = np.array([name in ALIGNING for name in nuisance.shared_names])
     as_read = residual(design, Timing())
     # A clock of its own is aligned, whatever is found.
     aligned = residual(design, Timing(design.timing.delay_s if seen.offset_is_free else 0.0))
-    y, x = design.y - raw[:, :, fixed].sum(axis=2), raw[:, :, free]
+    y = design.y - x[:, :, fixed].sum(axis=2)
+    x, prior = x[:, :, ~fixed], prior[~fixed]
     fold = (np.arange(n) * seen.step_s // FOLD_S).astype(int) % N_FOLDS
     left = np.empty_like(y)
     for k in range(N_FOLDS):
         held = fold == k
         theta, shift, _ = _fit(x[:, ~held], y[:, ~held], prior, design, ~held)
         # Recalibration within its prior is a nuisance: it is no part of the model that is handed out.
-        rest = design.y - raw @ _of_laws(design, free, theta, fixed) - nuisance.shared[:, :, aligning] @ shift[aligning]
+        rest = y - x @ theta - nuisance.shared[:, :, aligning] @ shift[aligning]
         left[:, held] = rest[:, held]
-    theta, shared, _ = _fit(x, y, prior, design, np.ones(n, bool))
-    law_shares = _of_laws(design, free, theta, fixed)
+    every, shared, _ = _fit(x, y, prior, design, np.ones(n, bool))
     _, unmoved, _ = _fit(x[:, :, :0], aligned, prior[:0], design, np.ones(n, bool))
     before = aligned - nuisance.shared[:, :, aligning] @ unmoved[aligning]
-    apart = [_apart_pa(refined, i) for i in order]
+    apart = [_apart_pa(law, i) for i in order]
     off = _off(design, as_read, left, sum(apart))
     recalibrated = None
     is_loose = design.priors.has_loose_curves
     every_curve = np.full(len(known.T), max(design.priors.curve_count, REFITTED_COUNT))
-    std_count = every_curve if is_loose else _absorbed_count(refined)
+    std_count = every_curve if is_loose else _absorbed_count(law)
     if is_loose or any(each.term.is_memory for each in design.candidates):
         # The calibration may have been made with the memory at work.
         splines = curve_splines(seen.expected_count, seen.usable)
@@ -74,9 +74,10 @@ def count_figures(refined: Refined[BlockDesign], order: Sequence[int]) -> Figure
     gains: list[float] = []
     previous = _square(design, _off(design, as_read, design.y - nuisance.shared[:, :, aligning] @ unmoved[aligning]))
     timing_gain = max(squares[0] - previous, 0.0)
+    raw = design.atoms.x[:, :, design.atom].astype(float) * design.mask.T[:, None, :]
     for m in range(1, len(order) + 1):
-        part = np.concatenate([design.candidates[i].columns for i in order[:m]])
-        shares = np.concatenate([refined.law_shares[i] for i in order[:m]])
+        part = np.concatenate([law.design.candidates[i].columns for i in order[:m]])
+        shares = np.concatenate([law.shares[i] for i in order[:m]])
         rest = design.y - raw[:, :, part] @ shares
         _, shift, _ = _fit(x[:, :, :0], rest, prior[:0], design, np.ones(n, bool))
         rest = rest - nuisance.shared[:, :, aligning] @ shift[aligning]
@@ -94,8 +95,9 @@ def count_figures(refined: Refined[BlockDesign], order: Sequence[int]) -> Figure
         np.mean(each.T / np.where(known, design.weights, np.inf) / np.maximum(slope, 1e-9), axis=1, keepdims=True)
         for each in (before, left)
     ]
-    companions = np.concatenate([each.companions for each in design.candidates] or [free])
-    beside = {int(k): float(law_shares[k]) for k in companions}
+    beside = {
+        int(k): float(share) for k, share in zip(own_columns, every[len(every) - len(own_columns) :], strict=True)
+    }
     return Figures(
         rms[:1], rms[1:], np.minimum(noise, rms[1:]), counts[0], counts[1], np.asarray(known.any(axis=1)),
         lack_of_fit(_settled(refined).T, seen.step_s, EXPECTED), tuple(gains), timing_gain, shared, beside,
@@ -117,12 +119,12 @@ class OffByLoad:
 
 def off_by_load(refined: Refined[BlockDesign]) -> OffByLoad:
     """Of a refined set, under a load that is known."""
-    design = refined.design
+    design, law = refined.design, refined.of_laws
     seen, as_read = design.unmoved, residual(design, Timing())
-    raw = design.atoms.x[:, :, design.atom].astype(float) * design.mask.T[:, None, :]
+    raw = law.design.atoms.x[:, :, law.design.atom].astype(float) * law.design.mask.T[:, None, :]
     moved = np.zeros_like(design.y)
     after = design.y
-    for candidate, shares in zip(design.candidates, refined.law_shares, strict=True):
+    for candidate, shares in zip(law.design.candidates, law.shares, strict=True):
         column = raw[:, :, candidate.columns] @ shares
         after = after - column
         moved = moved + column * candidate.term.is_memory
@@ -146,33 +148,29 @@ def off_by_load(refined: Refined[BlockDesign]) -> OffByLoad:
 
 def _columns(
     refined: Refined[BlockDesign],
-) -> tuple[Array, NDArray[np.intp], NDArray[np.intp], Array]:
-    """(T, N, p) columns, the numbers of those at work with a share and of those without one, and the shares' priors."""
+) -> tuple[Array, NDArray[np.bool_], Array, NDArray[np.intp]]:
+    """(T, N, k) of what is at work, which of it has no share, priors, and the companions' columns in the design."""
     design = refined.design
     raw = design.atoms.x[:, :, design.atom].astype(float) * design.mask.T[:, None, :]
     own = np.concatenate([each.columns for each in design.candidates] or [np.empty(0, np.intp)]).astype(np.intp)
     beside = np.setdiff1d(np.arange(raw.shape[2]), own)
     theta = np.concatenate([*refined.shares, np.empty(0)])
     strengths = [float(np.abs(each).sum()) for each in refined.shares]
-    whole = [np.full(len(each.columns), each.term.share == "whole") for each in design.candidates]
-    is_whole = np.concatenate([*whole, np.empty(0, bool)])
-    fitted = own[(theta != 0) & ~is_whole]
-    prior = np.concatenate([np.full(len(fitted), np.inf), absorbed_std(design.candidates, strengths, beside)])
-    return raw, np.concatenate([fitted, beside]), own[is_whole], prior
-
-
-def _of_laws(design: BlockDesign, free: NDArray[np.intp], theta: Array, fixed: NDArray[np.intp]) -> Array:
-    """(p,) shares of the laws alone that come nearest to shares `theta` of the columns `free` and all of `fixed`."""
-    every = np.zeros(len(design.atom))
-    every[free], every[fixed] = theta, 1.0
-    return nearest_laws(design, every)
+    whole = np.concatenate(
+        [np.full(len(c.columns), c.term.share == "whole") for c in design.candidates] or [np.empty(0, bool)]
+    )[theta != 0]
+    active = np.concatenate([own[theta != 0], beside]).astype(np.intp)
+    fixed = np.concatenate([whole, np.zeros(len(beside), bool)])
+    prior = np.concatenate([np.full(len(whole), np.inf), absorbed_std(design.candidates, strengths, beside)])
+    return raw[:, :, active], fixed, prior, beside
 
 
 def _settled(refined: Refined[BlockDesign]) -> Array:
     """(T, N) of all rows, what laws, what they leave out and nuisances leave."""
     design, nuisance = refined.design, refined.design.nuisance
-    raw, free, fixed, prior = _columns(refined)
-    y, x = design.y - raw[:, :, fixed].sum(axis=2), raw[:, :, free]
+    x, fixed, prior, _ = _columns(refined)
+    y = design.y - x[:, :, fixed].sum(axis=2)
+    x, prior = x[:, :, ~fixed], prior[~fixed]
     theta, shift, own = _fit(x, y, prior, design, np.ones(y.shape[1], bool))
     return np.asarray(y - x @ theta - nuisance.shared @ shift - np.matmul(nuisance.own, own[..., None])[..., 0])
 
@@ -200,7 +198,7 @@ def _apart_pa(refined: Refined[BlockDesign], i: int) -> Array | float:
     if design.seen.is_uniform:
         return 0.0
     load = TaxelLoad(design.seen, design.known_load.changes)
-    moved = pressure_removed(design, load, candidate, refined.law_shares[i])
+    moved = pressure_removed(design, load, candidate, refined.shares[i])
     mean = np.einsum("ntk,tkc->nt", np.broadcast_to(moved, design.seen.activation_count.shape), design.seen.arms)
     return np.asarray(np.where(design.seen.usable, moved - mean[:, :, None], 0.0))
 
@@ -213,12 +211,12 @@ def _off(design: BlockDesign, as_read: Array, left: Array, apart_pa: Array | flo
     return np.asarray(seen.activation_at(seen.load_less(moved, apart_pa)) - seen.activation_count)
 
 
-def _absorbed_count(refined: Refined[BlockDesign]) -> Array:
+def _absorbed_count(law: Refined[BlockDesign]) -> Array:
     """(T,) counts that the curves of a calibration may contain of the memories: no more than these move readings."""
-    design, found = refined.design, np.zeros(len(refined.design.seen.layout))
+    design, found = law.design, np.zeros(len(law.design.seen.layout))
     usable = design.seen.usable
     slope = np.sum(design.seen.slope_pa * usable, axis=2) / np.maximum(usable.sum(axis=1), 1)  # (N, T) Pa a count
-    for candidate, shares in zip(design.candidates, refined.law_shares, strict=True):
+    for candidate, shares in zip(design.candidates, law.shares, strict=True):
         if candidate.term.is_memory:
             columns = design.atoms.x[:, :, design.atom[candidate.columns]] @ shares  # (T, N)
             size = np.where(design.weights > 0, 1.0 / np.maximum(design.weights * slope, 1e-12), 0.0)

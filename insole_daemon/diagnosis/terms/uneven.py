@@ -2,8 +2,7 @@
 
 The same operators, on the load cut at thirds of its range. Plays of these span the loops of Preisach whose thresholds
 lie in one third each (Mayergoyz, Mathematical models of hysteresis, 1991); late parts of these, materials that creep
-faster the more they bear, as activated flow does the further it is from its end. Beside a memory, as large as a share
-of it.
+faster the more they bear. Beside a memory, as large as a share of it.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ import numpy as np
 
 from ...physics.law import Array
 from ..model.load import LoadEstimate
-from ..operators import activated, frictions, low_pass, plays
+from ..operators import frictions, low_pass, plays
 from .creep import TERM as CREEPS
 from .hysteresis import TERM as HYSTERESIS
 from .term import Setting, Term, TermColumns
@@ -24,12 +23,6 @@ PARTS = 3  # of the range
 RADII = (0.02, 0.06, 0.15)  # of the range
 TAUS_S = (1.0, 8.0, 60.0)
 WIDTHS = (0.03, 0.1, 0.3)  # of the range
-ACTIVATED = (
-    (0.02, 1.0),
-    (0.05, 1.0),
-    (0.05, 8.0),
-    (0.1, 1.0),
-)  # scale, of the range, and time constant, of the recording
 
 
 def _plays(load: LoadEstimate) -> list[TermColumns]:
@@ -56,12 +49,6 @@ def _late(load: LoadEstimate) -> list[TermColumns]:
     for part in (cuts[0] - cuts[1], cuts[-1] - cuts[1]):
         flat = part.reshape(len(part), -1)
         late += [part - low_pass(flat, load.step_s, tau_s).reshape(part.shape) for tau_s in TAUS_S]
-    whole, long_s = load.courses_pa, len(load.courses_pa) * load.step_s
-    for scale, length in ACTIVATED:
-        scale_pa, tau_s = scale * float(whole.max()), length * long_s
-        settings.append({"scale_pa": scale_pa, "tau_s": tau_s})
-        flat = whole.reshape(len(whole), -1)
-        late.append(whole - activated(flat, load.step_s, tau_s, scale_pa).reshape(whole.shape))
     return _joint(load, settings, late)
 
 
@@ -93,7 +80,6 @@ def _term(word: str, acts_at: int | None, columns: Callable[[LoadEstimate], list
         parameters=lambda settings, shares: {},  # it is what the law leaves out
         needs=_needs,
         is_internal=True,
-        is_misfit=True,
     )
 
 

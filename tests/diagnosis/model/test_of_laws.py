@@ -1,18 +1,17 @@
-"""Laws that come nearest to what real materials do."""
+"""The laws of a set alone, as a model has them."""
 
 from __future__ import annotations
 
 import json
 
 import numpy as np
-import pytest
 from typer.testing import CliRunner
 
 import insole_daemon
 from insole_daemon.cli import app
 from insole_daemon.diagnosis.model.blocks import block_design
 from insole_daemon.diagnosis.model.load import KnownLoad
-from insole_daemon.diagnosis.model.nearest_laws import nearest_laws
+from insole_daemon.diagnosis.model.refine import refine
 from insole_daemon.diagnosis.observing import observed
 
 from ..chamber import DT_S, Array, write
@@ -37,33 +36,15 @@ def test_creep_that_depends_on_the_load_is_named_and_the_law_nearest_to_it_helps
     assert heldout["after"] ** 2 - heldout["floor"] ** 2 < 0.3 * (heldout["before"] ** 2 - heldout["floor"] ** 2)
 
 
-@pytest.fixture(scope="module")
-def design(tmp_path_factory):
-    recording = insole_daemon.load(write(tmp_path_factory.mktemp("chamber") / "bag", seconds=40.0))
+def test_a_model_has_none_of_the_columns_that_describe_what_laws_leave_out(tmp_path):
+    recording = insole_daemon.load(write(tmp_path / "bag", creeping_faster_under_load, seconds=40.0))
     (seen,) = observed([recording], recording.feet, None, lambda text: None, ())
-    whole = block_design(KnownLoad(seen), seen.weight_variance**-0.5)
-    creep = next(k for k, c in enumerate(whole.candidates) if c.word == "creep" and c.where.scope == "insole")
-    return whole.subset([creep])
-
-
-def test_the_law_nearest_to_a_law_is_itself(design):
-    (creep,) = design.candidates
-    shares = np.zeros(len(design.atom))
-    shares[creep.columns] = 0.02 + 0.01 * np.arange(len(creep.columns))
-    assert nearest_laws(design, shares) == pytest.approx(shares, abs=2e-3)
-
-
-def test_what_no_law_has_is_described_by_the_law_as_nearly_as_it_can_be(design):
-    (creep,) = design.candidates
-    words = np.array(creep.companion_words)
-    left_out = creep.companions[words == "uneven_creep"][-1:]  # activated, which is late on every time scale
-    shares = np.zeros(len(design.atom))
-    shares[left_out] = 0.1
-    found = nearest_laws(design, shares)
-    assert found[left_out] == 0.0
-    assert found[creep.columns].min() >= 0.0
-
-    def square(each: Array) -> float:
-        return float(each @ design.gram @ each)
-
-    assert square(shares - found) < 0.2 * square(shares)
+    design = block_design(KnownLoad(seen), seen.weight_variance**-0.5)
+    chosen = next(k for k, c in enumerate(design.candidates) if c.word == "creep" and c.where.scope == "insole")
+    refined = refine(design, (chosen,))
+    (creep,) = refined.of_laws.design.candidates
+    assert any("scale_pa" in setting for setting in refined.design.candidates[0].settings)
+    assert all(set(setting) == {"tau_s"} for setting in creep.settings)
+    assert not set(creep.companion_words) & {"uneven_creep", "earlier_load"}
+    assert len(refined.of_laws.shares[0]) == len(creep.settings)
+    assert 0.0 < refined.of_laws.gain <= refined.gain
