@@ -53,6 +53,15 @@ def frictions(x: Array, widths_pa: Array) -> Array:
     return np.moveaxis(found, 1, 0)
 
 
+def polynomial(x: Array, coefficients: Array) -> Array:
+    """Values at x of polynomials with coefficients (k, ...), lowest power first, each of which broadcasts to x."""
+    found = np.broadcast_to(coefficients[-1], x.shape).copy()
+    for each in coefficients[-2::-1]:
+        found *= x
+        found += each
+    return found
+
+
 def relay(x: Array, up_pa: float, down_pa: float) -> Array:
     """(N, m) 1 from x ≥ up until x ≤ down, 0 before the first."""
     event = np.where(x >= up_pa, 1, np.where(x <= down_pa, -1, 0))

@@ -25,7 +25,7 @@ from ...recording.loading import FootRecording, Recording
 from ...skin.geometry import N_TAXELS, PRESSURE_TAXELS
 from ...skin.layout import Layout
 from ..floor import noise_of_readings
-from ..operators import low_pass
+from ..operators import low_pass, polynomial
 from .readings import TriangleReadings, read_triangles
 
 CHANNELS = ("fz_n", "mx_nm", "my_nm")
@@ -207,7 +207,7 @@ class WrenchObservation:
     def static_pa(self, activation_count: Array) -> Array:
         """(N, T, 12) Pa by the static curves; outside what was calibrated straight on."""
         inside = self._inside(activation_count)
-        found = np.polynomial.polynomial.polyval(inside, self.coefficients, tensor=False)
+        found = polynomial(inside, self.coefficients)
         found += self.slope_at(np.zeros((1, *self.usable.shape))) * np.minimum(activation_count, 0.0)
         if self.calibration.highest_count is not None:
             ends = np.where(np.isfinite(self._highest_count), self._highest_count, 0.0)[None]
@@ -222,7 +222,7 @@ class WrenchObservation:
     def slope_at(self, activation_count: Array) -> Array:
         """(N, T, 12) Pa a count at an activation, no flatter than a share of the taxel's mean."""
         steep = self.coefficients[1:] * np.arange(1, len(self.coefficients))[:, None, None]
-        found = np.polynomial.polynomial.polyval(self._inside(activation_count), steep, tensor=False)
+        found = polynomial(self._inside(activation_count), steep)
         least = BELOW_RANGE * np.mean(found, axis=0)
         return np.asarray(np.maximum(found, np.maximum(least, 0.0)))
 
