@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from ...physics.law import Array
 from ..observations.chamber import ChamberObservation
 from ..observations.wrench import WrenchObservation
 
+LINEAR_COUNT = 0.1  # over which curves are straight
 EDGE = 1.05  # times the largest singular value that white noise has
 
 
@@ -60,15 +62,16 @@ class LoadEstimate:
         """(N, T, 12) by the static curves, of activations."""
         return self.observation.static_pa(activation_count)
 
-    def shifted_pa(self, shift_count: float) -> Array:
-        """(N, T, 12) Pa by which the pressure of a count more differs, on the average over `shift_count`."""
-        if abs(shift_count) < 0.1:
-            return self.slope_pa
-        if shift_count not in self._shifted:  # one at a time: the moment of an event is searched for under it
-            self._shifted.clear()
-            self._shifted[shift_count] = (
-                self.static_pa(self.activation_count + shift_count) - self.read_pa
-            ) / shift_count
+    def shifted_by_triangle(self, shift_count: float) -> Array:
+        """(N, T, 3) by which the wrench of each triangle differs for a count more, on the mean over `shift_count`."""
+        shift_count = 0.0 if abs(shift_count) < LINEAR_COUNT else shift_count
+        if shift_count not in self._shifted:
+            shifted_pa = (
+                (self.static_pa(self.activation_count + shift_count) - self.read_pa) / shift_count
+                if shift_count
+                else self.slope_pa
+            )
+            self._shifted[shift_count] = self.wrench_of(shifted_pa)
         return self._shifted[shift_count]
 
     @cached_property
@@ -98,6 +101,10 @@ class LoadEstimate:
     def slope_pa(self) -> Array:
         """Pa a count, no flatter than a share of its mean."""
         return self.observation.slope_at(self.activation_count)
+
+    def released(self) -> Self:
+        """The same, without the arrays that were computed of it and of its observation."""
+        return replace(self, observation=replace(self.observation))
 
     @property
     def step_s(self) -> float:
@@ -150,6 +157,13 @@ class KnownLoad(LoadEstimate):
         assert isinstance(seen, ChamberObservation)
         return sum((change for _, change in self.changes), start=seen.load_pa(seen.reference_s))
 
+    @cached_property
+    def by_triangle(self) -> Array:
+        """(N, T, 1) mean pressure of each triangle by the load."""
+        if self.courses_pa.shape[1:] == (1, 1):
+            return self.wrench_of(np.broadcast_to(self.courses_pa, self.observation.activation_count.shape))
+        return self.wrench_of(self.pressure_pa)
+
     @property
     def gained_count(self) -> Array:
         """(N, T, 12) activation that the load makes."""
@@ -160,6 +174,12 @@ class KnownLoad(LoadEstimate):
         """(N, T, 12) Pa a count between what is read and what should be: their mean, as a shift moves pressures."""
         seen = self.observation
         return 0.5 * (seen.slope_at(self.activation_count) + seen.slope_at(seen.expected_count))
+
+    def wrench_of(self, pressure_pa: Array) -> Array:
+        """(N, T, 1) mean pressures of triangles, of pressures (N, T, 12); where all are the same, that pressure."""
+        if pressure_pa.strides[1:] == (0, 0):
+            return np.broadcast_to(pressure_pa[:, :1, :1], (*pressure_pa.shape[:2], 1))
+        return self.observation.wrench_of(pressure_pa)
 
 
 @dataclass(frozen=True, eq=False)
