@@ -225,7 +225,7 @@ def _under(priors: Priors, seen: WrenchObservation, faults: ReadingFaults) -> Se
 
     def under(timing: Timing, changes: Changes = ()) -> BlockDesign:
         nonlocal events, thresholds
-        moved = replace(seen.with_clock(seen.offset_s - timing.delay_s, seen.rate), lag_s=timing.lag_s)
+        moved = seen.timed(offset_s=seen.offset_s - timing.delay_s, lag_s=timing.lag_s) if timing != Timing() else seen
         whole = replace(block_design(KnownLoad(moved, changes), weights, priors), moved_s=timing.delay_s)
         if events is None:
             events, thresholds = best_events(whole), best_thresholds(whole)

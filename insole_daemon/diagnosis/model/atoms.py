@@ -102,27 +102,22 @@ class Atoms:
 
 def projected(atoms: Atoms, nuisance: Nuisance) -> Atoms:
     """The same columns with other nuisances taken out."""
-    with_own, shared = [], []
-    for t, (own, left) in enumerate(zip(nuisance.own_single, nuisance.shared_left_single, strict=True)):
-        rows = [part.of_triangle(t) for part in atoms.parts]
-        with_own.append(np.concatenate([own @ part.T for part in rows], axis=1).astype(float))
-        shared.append(np.concatenate([part @ left.T for part in rows]).astype(float))
-    every = np.stack(with_own)
-    gram = atoms.raw - np.matmul(every.transpose(0, 2, 1), np.matmul(nuisance.inverse, every))
-    return replace(atoms, with_own=every, gram=gram, shared=np.stack(shared))
+    every = [_with_nuisance([part.of_triangle(t) for part in atoms.parts], nuisance, t) for t in range(len(atoms.raw))]
+    with_own, shared = (np.stack(each) for each in zip(*every, strict=True))
+    gram = atoms.raw - np.matmul(with_own.transpose(0, 2, 1), np.matmul(nuisance.inverse, with_own))
+    return replace(atoms, with_own=with_own, gram=gram, shared=shared)
 
 
 def make_atoms(blocks: Iterable[TermColumns], weights: Array, nuisance: Nuisance, joined: Atoms | None = None) -> Atoms:
     """Columns of `blocks`, beside those of `joined`; `weights` (N, T)."""
     new, product, square = _weighted(blocks, weights)
     old = () if joined is None else joined.parts
-    products = [
-        _products(
-            np.concatenate([part.of_triangle(t) for part in new]), [part.of_triangle(t) for part in old], own, left
-        )
-        for t, (own, left) in enumerate(zip(nuisance.own_single, nuisance.shared_left_single, strict=True))
-    ]
-    raw, beside, with_own, shared = (np.stack(each) for each in zip(*products, strict=True))
+    products = []
+    for t in range(weights.shape[1]):
+        rows = np.concatenate([part.of_triangle(t) for part in new])
+        beside = np.concatenate([np.empty((0, len(rows)), np.float32), *(part.of_triangle(t) @ rows.T for part in old)])
+        products.append((rows @ rows.T, beside, *_with_nuisance([rows], nuisance, t)))
+    raw, beside, with_own, shared = (np.stack(each).astype(float) for each in zip(*products, strict=True))
     through = np.matmul(nuisance.inverse, with_own)
     gram = raw - np.matmul(with_own.transpose(0, 2, 1), through)
     if joined is None:
@@ -137,11 +132,12 @@ def make_atoms(blocks: Iterable[TermColumns], weights: Array, nuisance: Nuisance
     )  # fmt: skip
 
 
-def _products(new: Rows, old: Sequence[Rows], own: Rows, shared_left: Rows) -> tuple[Array, Array, Array, Array]:
-    """Inner products of a triangle's columns, k new and K old ones: (k, k), (K, k), (b, k) and (k, s)."""
-    beside = np.concatenate([np.empty((0, len(new)), np.float32), *(part @ new.T for part in old)])
-    raw, with_own, shared = new @ new.T, own @ new.T, new @ shared_left.T
-    return raw.astype(float), beside.astype(float), with_own.astype(float), shared.astype(float)
+def _with_nuisance(parts: Sequence[Rows], nuisance: Nuisance, t: int) -> tuple[Array, Array]:
+    """(b, k) products of a triangle's columns with its calibration's, and (k, s) with what these leave of others."""
+    wide = [part.astype(float) for part in parts]
+    with_own = np.concatenate([nuisance.own[t] @ part.T for part in wide], axis=1)
+    shared = np.concatenate([nuisance.with_shared(part, t) for part in wide])
+    return with_own, shared - with_own.T @ nuisance.own_of_shared[t]
 
 
 def _weighted(blocks: Iterable[TermColumns], weights: Array) -> tuple[tuple[Part, ...], Array, Array]:

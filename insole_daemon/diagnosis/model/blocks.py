@@ -69,7 +69,7 @@ class BlockDesign:
     @cached_property
     def unmoved(self) -> ChamberObservation:
         """Its rows on the clock as it was aligned, under the load as the reference says it."""
-        return replace(self.seen.with_clock(self.seen.offset_s + self.moved_s, self.seen.rate), lag_s=0.0)
+        return self.seen.timed(offset_s=self.seen.offset_s + self.moved_s, lag_s=0.0)
 
     @cached_property
     def n_rows(self) -> int:
@@ -118,7 +118,7 @@ class BlockDesign:
     @cached_property
     def _y_with_shared(self) -> Array:
         """(s,) inner products of y with the reference's columns."""
-        return np.asarray(np.matmul(self.nuisance.shared, self._left[..., None]).sum(axis=0)[:, 0])
+        return self.nuisance.summed_with_shared(self._left)
 
     @cached_property
     def gram(self) -> Gram:

@@ -1,8 +1,6 @@
 """The load on every taxel, as its own noisy counts tell it.
 
-Memory of turning points follows noise: columns of such terms need counts with less of it. Readings of a foot have few
-independent courses, so singular vectors that do not stand out of white noise are left out
-(edge of the noise's singular values: Marchenko & Pastur, Math. USSR-Sb. 1 (1967) 457).
+Memory of turning points follows noise: columns of such terms need counts with less of it.
 """
 
 from __future__ import annotations
@@ -18,7 +16,6 @@ from ..observations.chamber import ChamberObservation
 from ..observations.wrench import WrenchObservation
 
 LINEAR_COUNT = 0.1  # over which curves are straight
-EDGE = 1.05  # times the largest singular value that white noise has
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,20 +25,10 @@ class LoadEstimate:
     observation: WrenchObservation
     is_known = False
 
-    @cached_property
+    @property
     def activation_count(self) -> Array:
         """Baseline − count with noise reduced."""
-        seen = self.observation
-        usable = seen.usable.ravel()
-        noise = np.maximum(seen.noise_count.ravel()[usable], 0.1)
-        raw = seen.activation_count.reshape(len(seen.t_s), -1)
-        scaled = raw[:, usable] / noise
-        values, vectors = np.linalg.eigh(scaled.T @ scaled)
-        edge = EDGE * (np.sqrt(scaled.shape[0]) + np.sqrt(scaled.shape[1]))
-        kept = vectors[:, values > edge**2]
-        found = np.zeros_like(raw)
-        found[:, usable] = (scaled @ kept) @ kept.T * noise
-        return found.reshape(seen.activation_count.shape)
+        return self.observation.smooth_count
 
     @property
     def gained_count(self) -> Array:
@@ -104,7 +91,7 @@ class LoadEstimate:
 
     def released(self) -> Self:
         """The same, without the arrays that were computed of it and of its observation."""
-        return replace(self, observation=replace(self.observation))
+        return replace(self, observation=self.observation.timed())
 
     @property
     def step_s(self) -> float:

@@ -56,8 +56,32 @@ class Nuisance:
     own: Array  # (T, b, N) each triangle's
     own_std: Array  # (b,)
     shared_names: tuple[str, ...]
-    shared: Array  # (T, s, N) of the reference
     shared_std: Array  # (s,)
+    # Each of the reference's s columns is a course over time (s, N), times what it is at every triangle: the factor of
+    # its kind (s,), of factors (f, T, N).
+    courses: Array
+    kind: NDArray[np.intp]
+    factors: Array
+
+    def shared_of(self, t: int) -> Array:
+        """(s, N) the reference's columns at a triangle."""
+        return np.asarray(self.factors[self.kind, t] * self.courses)
+
+    def shared_sum(self, shares: Array) -> Array:
+        """(T, N) of the reference's columns with `shares` (s,)."""
+        sums = [shares[self.kind == k] @ self.courses[self.kind == k] for k in range(len(self.factors))]
+        return np.asarray(np.einsum("fn,ftn->tn", sums, self.factors))
+
+    def with_shared(self, rows: Array, t: int) -> Array:
+        """(k, s) inner products of `rows` (k, N) at a triangle with the reference's columns."""
+        found = np.empty((len(rows), len(self.kind)))
+        for k, factor in enumerate(self.factors[:, t]):
+            found[:, self.kind == k] = (rows * factor) @ self.courses[self.kind == k].T
+        return found
+
+    def summed_with_shared(self, y: Array) -> Array:
+        """(s,) inner products of the reference's columns with `y` (T, N), of all triangles together."""
+        return np.asarray(np.sum(np.einsum("ftn,tn->fn", self.factors, y)[self.kind] * self.courses, axis=1))
 
     @cached_property
     def inverse(self) -> Array:
@@ -65,28 +89,17 @@ class Nuisance:
         return np.linalg.inv(np.matmul(self.own, self.own.transpose(0, 2, 1)) + np.diag(self.own_std**-2.0))
 
     @cached_property
-    def own_single(self) -> NDArray[np.float32]:
-        """(T, b, N) of the own columns, in the precision of the columns of terms."""
-        return self.own.astype(np.float32)
-
-    @cached_property
-    def _own_of_shared(self) -> Array:
+    def own_of_shared(self) -> Array:
         """(T, b, s) shares of the own columns in the reference's."""
-        return np.asarray(np.matmul(self.inverse, np.matmul(self.own, self.shared.transpose(0, 2, 1))))
-
-    @cached_property
-    def shared_left_single(self) -> NDArray[np.float32]:
-        """(T, s, N) of the reference's columns, what own columns leave."""
-        found = np.empty(self.shared.shape, np.float32)
-        for t, (shared, own, shares) in enumerate(zip(self.shared, self.own, self._own_of_shared, strict=True)):
-            found[t] = shared - shares.T @ own
-        return found
+        with_own = np.stack([own @ self.shared_of(t).T for t, own in enumerate(self.own)])
+        return np.asarray(np.matmul(self.inverse, with_own))
 
     @cached_property
     def shared_inverse(self) -> Array:
         """(s, s) of the reference's columns' inner products with their priors, own columns projected out."""
         left = np.diag(self.shared_std**-2.0)
-        for shared, own, shares in zip(self.shared, self.own, self._own_of_shared, strict=True):
+        for t, (own, shares) in enumerate(zip(self.own, self.own_of_shared, strict=True)):
+            shared = self.shared_of(t)
             left += shared @ (shared - shares.T @ own).T
         return np.asarray(np.linalg.inv(left))
 
@@ -107,10 +120,15 @@ def nuisance_of(load: LoadEstimate, weights: Array, priors: Priors) -> Nuisance:
     """Of one recording under `load`; `weights` (N, T): one over the standard deviation of a row; 0: unknown."""
     seen = load.observation
     assert isinstance(seen, ChamberObservation)
-    names, shared, shared_std = _of_reference(seen, weights, priors)
-    every = list(_of_calibration(load, priors))
-    own = np.stack([(column * weights).T for column, _ in every], axis=1)
-    return Nuisance(own, np.array([std for _, std in every]), names, shared, shared_std)
+    every = [((column * weights).T, std) for column, std in _of_calibration(load, priors)]
+    own, own_std = np.stack([column for column, _ in every], axis=1), np.array([std for _, std in every])
+    late = -seen.reference.slope(seen.reference_s) * weights  # what a load is off by that comes a second late
+    shared = list(_of_reference(seen, priors))
+    return Nuisance(
+        own, own_std, tuple(name for name, *_ in shared), np.array([std for *_, std in shared]),
+        np.stack([course for _, _, course, _ in shared]), np.array([kind for _, kind, *_ in shared], np.intp),
+        np.stack([weights.T, late.T]),
+    )  # fmt: skip
 
 
 def _of_calibration(load: LoadEstimate, priors: Priors) -> Iterator[tuple[Array, float]]:
@@ -129,29 +147,25 @@ def _of_calibration(load: LoadEstimate, priors: Priors) -> Iterator[tuple[Array,
     if seen.rezeroed is not None:
         yield slope * seen.rezeroed, REZERO_STD_COUNT
     if priors.share:
-        for column in (gain, *_over_time(seen, gain, UNEVEN_S)):
-            yield column, priors.share
+        yield gain, priors.share
+        for hat in _hats(seen, UNEVEN_S):
+            yield gain * hat[:, None], priors.share
 
 
-def _of_reference(seen: ChamberObservation, weights: Array, priors: Priors) -> tuple[tuple[str, ...], Array, Array]:
-    """Names, columns (T, s, N) and standard deviations (s,): zero, clock, and when a simulated load comes late."""
-    edge = seen.reference.slope(seen.reference_s)  # (N, 1), or (N, T) of a load that differs
-    names, columns, std = ["zero"], [np.ones((len(weights), 1))], [ZERO_STD_PA]
+def _of_reference(seen: ChamberObservation, priors: Priors) -> Iterator[tuple[str, int, Array, float]]:
+    """Names, kinds (0: a pressure, 1: a time), courses (N,) and standard deviations: zero, clock, a late load."""
+    yield "zero", 0, np.ones(len(seen.t_s)), ZERO_STD_PA
     if seen.offset_is_free:
-        names += ["offset_s", "rate"]
-        columns += [-edge, -edge * (seen.t_s - seen.t_s.mean())[:, None]]
-        std += [OWN_OFFSET_STD_S, OWN_RATE_STD]
+        yield "offset_s", 1, np.ones(len(seen.t_s)), OWN_OFFSET_STD_S
+        yield "rate", 1, seen.t_s - seen.t_s.mean(), OWN_RATE_STD
     if priors.timing_s:
-        late = list(_over_time(seen, -edge, UNSTEADY_S))
-        names += ["late"] * len(late)
-        columns += late
-        std += [priors.timing_s] * len(late)
-    return tuple(names), np.stack([(column * weights).T for column in columns], axis=1), np.array(std)
+        for hat in _hats(seen, UNSTEADY_S):
+            yield "late", 1, hat, priors.timing_s
 
 
-def _over_time(seen: ChamberObservation, column: Array, over_s: float) -> Iterator[Array]:
-    """`column` times hats over time, `over_s` apart; none of them moves all times alike."""
+def _hats(seen: ChamberObservation, over_s: float) -> Iterator[Array]:
+    """(N,) hats over time, `over_s` apart; none of them moves all times alike."""
     knots_s = np.linspace(seen.t_s[0], seen.t_s[-1], max(round(float(np.ptp(seen.t_s)) / over_s), 1) + 1)
     for hat in np.eye(len(knots_s)):
         own = np.interp(seen.t_s, knots_s, hat)
-        yield column * (own - own.mean())[:, None]
+        yield own - own.mean()

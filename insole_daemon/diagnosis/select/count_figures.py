@@ -49,12 +49,13 @@ def count_figures(refined: Refined[BlockDesign], order: Sequence[int]) -> Figure
         held = fold == k
         theta, shift, _ = _fit(x, y, prior, design, ~held)
         # Recalibration within its prior is a nuisance: it is no part of the model that is handed out.
-        for rest, own, column, shared in zip(left, y, x, nuisance.shared, strict=True):
-            rest[held] = own[held] - theta @ column[:, held] - shift[aligning] @ shared[aligning][:, held]
+        rest = y - nuisance.shared_sum(shift * aligning)
+        for t, columns in enumerate(x):
+            left[t, held] = rest[t, held] - theta @ columns[:, held]
     every_row = np.ones(n, bool)
     every, shared, _ = _fit(x, y, prior, design, every_row)
     _, unmoved, _ = _fit(x[:, :0], aligned, prior[:0], design, every_row)
-    moved = np.matmul(unmoved[aligning], nuisance.shared[:, aligning])
+    moved = nuisance.shared_sum(unmoved * aligning)
     before = aligned - moved
     apart = [_apart_pa(law, i) for i in order]
     off = _off(design, as_read, left, sum(apart))
@@ -79,7 +80,7 @@ def count_figures(refined: Refined[BlockDesign], order: Sequence[int]) -> Figure
     for m, i in enumerate(order, start=1):
         explained += design.moved_by(design.candidates[i], law.shares[i])
         _, shift, _ = _fit(x[:, :0], design.y - explained, prior[:0], design, every_row)
-        rest = design.y - explained - np.matmul(shift[aligning], nuisance.shared[:, aligning])
+        rest = design.y - explained - nuisance.shared_sum(shift * aligning)
         off = _off(design, as_read, rest, sum(apart[:m]))
         if recalibrated is not None and is_loose:
             at_count = off + seen.activation_count
@@ -172,7 +173,7 @@ def _settled(refined: Refined[BlockDesign]) -> Array:
     x, prior, fixed_sum, _ = _columns(refined)
     y = design.y - fixed_sum
     theta, shift, own = _fit(x, y, prior, design, np.ones(y.shape[1], bool))
-    y -= np.matmul(shift, nuisance.shared) + np.matmul(own[:, None], nuisance.own)[:, 0]
+    y -= nuisance.shared_sum(shift) + np.matmul(own[:, None], nuisance.own)[:, 0]
     for rest, columns in zip(y, x, strict=True):
         rest -= theta @ columns
     return y
@@ -188,7 +189,7 @@ def _fit(
     solved = []  # of each triangle's own columns: with y, and with all others
     for t, left in enumerate(y[:, rows]):
         own = nuisance.own[t][:, rows]
-        both = np.concatenate([x[t][:, rows], nuisance.shared[t][:, rows]])
+        both = np.concatenate([x[t][:, rows], nuisance.shared_of(t)[:, rows]])
         with_own = own @ np.column_stack([left, both.T])
         through = np.linalg.solve(own @ own.T + own_prior, with_own)
         gram += both @ both.T - with_own[:, 1:].T @ through[:, 1:]
