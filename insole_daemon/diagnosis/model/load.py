@@ -123,10 +123,14 @@ class KnownLoad(LoadEstimate):
             term_order, replace(self, changes=tuple(each for each in self.changes if each[0] < term_order))
         )
 
-    @cached_property
+    @property
     def unchanged(self) -> KnownLoad:
         """The load of the reference itself."""
-        return replace(self, changes=()) if self.changes else self
+        return self._unchanged if self.changes else self  # kept by itself, it and its arrays would never go
+
+    @cached_property
+    def _unchanged(self) -> KnownLoad:
+        return replace(self, changes=())
 
     @cached_property
     def _before(self) -> dict[int, KnownLoad]:
