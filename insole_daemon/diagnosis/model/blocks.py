@@ -31,7 +31,7 @@ from .regression import Gram, PlacedTerm, Timing, with_companions
 from .solve import RIDGE
 
 RECALIBRATIONS = ("gain", "baseline", "stiffening")
-MISFITS = frozenset(each.word for each in TERMS if each.is_misfit)
+IN_NO_MODEL = frozenset(each.word for each in TERMS if each.is_internal)
 AT_REST = {"baseline": 5.0}  # counts that a memory with a share of 1 leaves of an unloaded reading
 LEAST_KEPT = 1e-7  # of a column's square, that nuisances leave: single precision cannot tell less from nothing
 FEW = 100  # columns, all of whose inner products are kept
@@ -281,8 +281,11 @@ class BlockDesign:
         return {}
 
     def of_laws(self) -> BlockDesign:
-        """Without what the laws of its candidates leave out of real materials."""
-        candidates = tuple(each.without(MISFITS) for each in self.candidates)
+        """With the laws of its candidates alone, as a model has them.
+
+        Without what they leave out of real materials, and what a load before the recording has left.
+        """
+        candidates = tuple(each.of_law(IN_NO_MODEL) for each in self.candidates)
         return self._changed(self.atoms, slice(None), candidates=candidates)
 
     def with_settings(self, found: Sequence[tuple[int, Setting]]) -> BlockDesign:

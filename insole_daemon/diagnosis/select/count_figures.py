@@ -78,7 +78,7 @@ def count_figures(refined: Refined[BlockDesign], order: Sequence[int]) -> Figure
     timing_gain = max(squares[0] - previous, 0.0)
     explained = np.zeros_like(y)
     for m, i in enumerate(order, start=1):
-        explained += design.moved_by(design.candidates[i], law.shares[i])
+        explained += design.moved_by(law.design.candidates[i], law.shares[i])
         _, shift, _ = _fit(x[:, :0], design.y - explained, prior[:0], design, every_row)
         rest = design.y - explained - nuisance.shared_sum(shift * aligning)
         off = _off(design, as_read, rest, sum(apart[:m]))
