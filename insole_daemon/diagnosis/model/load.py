@@ -138,7 +138,9 @@ class KnownLoad(LoadEstimate):
 
     @cached_property
     def pressure_pa(self) -> Array:
-        """(N, T, 12) of the reference, with the changes."""
+        """(N, T, 12) of the reference, with the changes; of a load that is the same everywhere, on every taxel."""
+        if self.courses_pa.shape[1:] == (1, 1):
+            return np.broadcast_to(self.courses_pa, self.observation.activation_count.shape)
         return np.where(self.observation.usable, self.courses_pa, 0.0)
 
     @cached_property
@@ -147,13 +149,6 @@ class KnownLoad(LoadEstimate):
         seen = self.observation
         assert isinstance(seen, ChamberObservation)
         return sum((change for _, change in self.changes), start=seen.load_pa(seen.reference_s))
-
-    @cached_property
-    def by_triangle(self) -> Array:
-        """(N, T, 1) mean pressure of each triangle by the load."""
-        if self.courses_pa.shape[1:] == (1, 1):
-            return self.wrench_of(np.broadcast_to(self.courses_pa, self.observation.activation_count.shape))
-        return self.wrench_of(self.pressure_pa)
 
     @property
     def gained_count(self) -> Array:
@@ -164,7 +159,10 @@ class KnownLoad(LoadEstimate):
     def slope_pa(self) -> Array:
         """(N, T, 12) Pa a count between what is read and what should be: their mean, as a shift moves pressures."""
         seen = self.observation
-        return 0.5 * (seen.slope_at(self.activation_count) + seen.slope_at(seen.expected_count))
+        found = seen.slope_at(self.activation_count)
+        found += seen.slope_at(seen.expected_count)
+        found *= 0.5
+        return found
 
     def wrench_of(self, pressure_pa: Array) -> Array:
         """(N, T, 1) mean pressures of triangles, of pressures (N, T, 12); where all are the same, that pressure."""
