@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,7 @@ from ...recording.loading import FootRecording, Recording
 from ...skin.geometry import N_TAXELS, PRESSURE_TAXELS
 from ...skin.layout import Layout
 from ..floor import noise_of_readings
-from ..operators import low_pass
+from ..operators import low_pass, polynomial
 from .readings import TriangleReadings, read_triangles
 
 CHANNELS = ("fz_n", "mx_nm", "my_nm")
@@ -43,6 +43,12 @@ SMALLEST, LARGEST = 0.6, 254.4  # of the counts that are not cut off
 MOST_CLIPPED = 0.2  # of a triangle's taxels
 LONG_PAUSE_S = 0.15  # of readings, longer than a straight line can stand for a step
 BELOW_RANGE = 0.25  # share of the mean slope: a curve is taken to be no flatter
+
+# Properties that do not depend on the clock.
+OF_READINGS = (
+    "arms", "by_triangle", "clipped", "coefficients", "cut_off", "pressure_pa", "saturated", "slope_pa", "smooth_count",
+)  # fmt: skip
+EDGE = 1.05  # times the largest singular value that white noise has
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,11 +210,31 @@ class WrenchObservation:
         """(N, T, 12) by the static curves."""
         return self.static_pa(self.activation_count)
 
+    @cached_property
+    def smooth_count(self) -> Array:
+        """(N, T, 12) activation with noise reduced.
+
+        Readings of a foot have few independent courses, so singular vectors that do not stand out of white noise are
+        left out (edge of the noise's singular values: Marchenko & Pastur, Math. USSR-Sb. 1 (1967) 457).
+        """
+        usable = self.usable.ravel()
+        noise = np.maximum(self.noise_count.ravel()[usable], 0.1)
+        raw = self.activation_count.reshape(len(self.t_s), -1)
+        scaled = raw[:, usable] / noise
+        values, vectors = np.linalg.eigh(scaled.T @ scaled)
+        edge = EDGE * (np.sqrt(scaled.shape[0]) + np.sqrt(scaled.shape[1]))
+        kept = vectors[:, values > edge**2]
+        found = np.zeros_like(raw)
+        found[:, usable] = (scaled @ kept) @ kept.T * noise
+        return found.reshape(self.activation_count.shape)
+
     def static_pa(self, activation_count: Array) -> Array:
         """(N, T, 12) Pa by the static curves; outside what was calibrated straight on."""
         inside = self._inside(activation_count)
-        found = np.polynomial.polynomial.polyval(inside, self.coefficients, tensor=False)
-        found += self.slope_at(np.zeros((1, *self.usable.shape))) * np.minimum(activation_count, 0.0)
+        found = polynomial(inside, self.coefficients)
+        below = np.minimum(activation_count, 0.0)
+        below *= self.slope_at(np.zeros((1, *self.usable.shape)))
+        found += below
         if self.calibration.highest_count is not None:
             ends = np.where(np.isfinite(self._highest_count), self._highest_count, 0.0)[None]
             found += self.slope_at(ends) * np.maximum(activation_count - self._highest_count, 0.0)
@@ -222,9 +248,9 @@ class WrenchObservation:
     def slope_at(self, activation_count: Array) -> Array:
         """(N, T, 12) Pa a count at an activation, no flatter than a share of the taxel's mean."""
         steep = self.coefficients[1:] * np.arange(1, len(self.coefficients))[:, None, None]
-        found = np.polynomial.polynomial.polyval(self._inside(activation_count), steep, tensor=False)
+        found = polynomial(self._inside(activation_count), steep)
         least = BELOW_RANGE * np.mean(found, axis=0)
-        return np.asarray(np.maximum(found, np.maximum(least, 0.0)))
+        return np.asarray(np.maximum(found, np.maximum(least, 0.0), out=found))
 
     @property
     def _highest_count(self) -> Array:
@@ -263,7 +289,13 @@ class WrenchObservation:
 
     def with_clock(self, offset_s: float, rate: float) -> Self:
         """The same rows, with the reference read on another clock."""
-        return replace(self, offset_s=offset_s, rate=rate)
+        return self.timed(offset_s=offset_s, rate=rate)
+
+    def timed(self, **clock: Any) -> Self:
+        """The same rows with other fields of the `clock`; of what is computed, what readings alone tell is kept."""
+        found = replace(self, **clock)
+        vars(found).update({name: known for name, known in vars(self).items() if name in OF_READINGS})
+        return found
 
     def until(self, row: int) -> Self:
         """Without that row and later ones."""
