@@ -17,6 +17,7 @@ from ...recording.loading import FootRecording, Recording, as_configured
 from ...skin.geometry import N_TAXELS, PRESSURE_TAXELS
 from ...skin.streams import Streams
 from ...skin.validity import Validity
+from .outliers import interpolated, outliers
 
 WORKS = 0.02  # of its readings, that are valid where a taxel works at all
 MOST_COUNT = 255
@@ -50,6 +51,7 @@ class TriangleReadings:
     held_fraction: float = 0.0  # of all readings that came: repeats of an old conversion, left out here
     is_converter_slow: bool = False  # these repeats come regularly, from a converter that has a period of its own
     latest_s: float = 0.0  # by which all may have been taken earlier, where a host's rows are all that was kept
+    is_outlier: NDArray[np.bool_] | None = None  # (k, 12) readings that are wrong, and interpolated in `counts`
 
     def at(self, grid_s: Array) -> Array:
         """Counts (N, 12) at the times `grid_s` (N,), by a cubic through the valid readings of a taxel; NaN: none.
@@ -115,7 +117,7 @@ def read_triangles(recording: Recording, foot: FootRecording) -> list[TriangleRe
         regular_s, jitter_s = _regular(t_s, period_s)
         times_s = regular_s if jitter_s < MOST_JITTER * period_s else t_s
         found.append(TriangleReadings(times_s, own.astype(np.float64), valid[:k, row], period_s, latest_s=row_s))
-    return [_without_held(each) for each in _without_frozen(found)]
+    return [_without_outliers(_without_held(each)) for each in _without_frozen(found)]
 
 
 def _from_frames(recording: Recording, foot: FootRecording) -> list[Raw]:
@@ -219,6 +221,16 @@ def _without_frozen(every: Sequence[TriangleReadings]) -> list[TriangleReadings]
             )
         )  # fmt: skip
     return found
+
+
+def _without_outliers(readings: TriangleReadings) -> TriangleReadings:
+    """Readings with what single taxels cannot have read interpolated."""
+    wrong = outliers(readings.t_s, readings.counts, readings.valid)
+    if not wrong.any():
+        return readings
+    return replace(
+        readings, counts=interpolated(readings.t_s, readings.counts, readings.valid & ~wrong, wrong), is_outlier=wrong
+    )
 
 
 def _moves(every: Sequence[TriangleReadings], level: Sequence[Array], row: int, from_s: float, to_s: float) -> bool:
