@@ -246,8 +246,10 @@ def _moves(every: Sequence[TriangleReadings], level: Sequence[Array], row: int, 
 def _without_held(readings: TriangleReadings) -> TriangleReadings:
     """Readings without those that repeat the conversion before them, at the times of the conversions.
 
-    A converter is regular by itself, and its values wait until the board sends. Where new values are not regular,
-    frames were repeated, and the times are those of the board.
+    A converter is regular by itself, and its values wait until the board sends. How long is told as far as waits
+    differ: where the pace of the converter is a multiple of the board's they are all the same, and all readings may
+    have been taken earlier by up to the board's period. Where new values are not regular, frames were repeated, and
+    the times are those of the board.
 
     Taxels that are noisy by themselves stay the same together only where the converter had nothing new: what happens
     more often than their own rates allow is taken for held.
@@ -286,4 +288,9 @@ def _without_held(readings: TriangleReadings) -> TriangleReadings:
     step_s = float(np.median(np.diff(regular_s)))
     if jitter_s > WAIT_JITTER * readings.period_s or step_s < LEAST_SLOWER * readings.period_s:
         return found
-    return replace(found, t_s=regular_s - readings.period_s / 2, period_s=step_s, is_converter_slow=True)
+    # Waits that are spread evenly are on the median a quarter of the longest away from their mean.
+    spread_s = min(4.0 * jitter_s, readings.period_s)
+    return replace(
+        found, t_s=regular_s - spread_s / 2, period_s=step_s, is_converter_slow=True,
+        latest_s=readings.latest_s + readings.period_s - spread_s,
+    )  # fmt: skip
