@@ -106,7 +106,8 @@ def read_triangles(recording: Recording, foot: FootRecording) -> list[TriangleRe
     settings = {board.address: as_configured(board) for board in foot.boards}
     valid = Validity(foot.layout, settings, 1)(counts, status, np.zeros(status.shape, np.int64))
     if foot.calibration is not None:
-        valid &= foot.calibration.usable
+        usable = foot.calibration.usable
+        valid &= usable | ~usable.any(axis=1, keepdims=True)  # what nobody calibrated may be told by others' curves
     found = []
     for row, (t_s, own, _) in enumerate(raw):
         k = len(t_s)
