@@ -26,7 +26,7 @@ from ..terms import TERMS
 from ..terms.term import Setting, Term, TermColumns
 from .curves import curve_splines
 from .load import KnownLoad, LoadEstimate
-from .regression import PlacedTerm, Timing, with_companions
+from .regression import LEAST_SIZE, PlacedTerm, Timing, with_companions
 from .solve import RIDGE
 
 GAIN_STD = 0.003  # of a triangle's calibration
@@ -42,7 +42,6 @@ MISFITS = frozenset(each.word for each in TERMS if each.is_misfit)
 AT_REST = {"baseline": 5.0}  # counts that a memory with a share of 1 leaves of an unloaded reading
 LEAST_KEPT = 1e-7  # of a column's square, that nuisances leave: single precision cannot tell less from nothing
 FEW = 60  # columns, whose products are summed at once
-LEAST_SIZE = 0.15  # of a reading's noise, RMS over the taxels it is at: less is no effect worth a name
 
 
 @dataclass(frozen=True, eq=False)
