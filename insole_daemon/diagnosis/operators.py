@@ -53,6 +53,18 @@ def frictions(x: Array, widths_pa: Array) -> Array:
     return np.moveaxis(found, 1, 0)
 
 
+def activated(x: Array, step_s: float, tau_s: float, scale_pa: float) -> Array:
+    """(N, m) z with τ·dz/dt = s·sinh((x − z)/s), at rest at x[0] before; exact for x constant between rows.
+
+    Flow over energy barriers that load lowers (H. Eyring, J. Chem. Phys. 4 (1936) 283): tanh((x − z)/2s) decays with τ.
+    """
+    found = np.empty_like(x)
+    decay, last = np.exp(-step_s / tau_s), x[0]
+    for row, now in zip(found, x, strict=True):
+        last = np.subtract(now, 2.0 * scale_pa * np.arctanh(decay * np.tanh((now - last) / (2.0 * scale_pa))), out=row)
+    return found
+
+
 def relay(x: Array, up_pa: float, down_pa: float) -> Array:
     """(N, m) 1 from x ≥ up until x ≤ down, 0 before the first."""
     event = np.where(x >= up_pa, 1, np.where(x <= down_pa, -1, 0))

@@ -21,11 +21,11 @@ def parameters_of(refined: Refined[Any], i: int, foot: FootRecording) -> dict[st
 
     Empty for a temperature known only from the thermal pads: how many counts a kelvin moves them is not known.
     """
-    inner = refined.design
-    candidate = inner.candidates[i]
+    law = refined.of_laws
+    inner, candidate = law.design, law.design.candidates[i]
     if candidate.word == "temperature" and inner.load.observation.warmth_is_of_pads:
         return {}
-    shares = refined.of_laws.shares[i]
+    shares = law.shares[i]
     mapping = candidate.term.parameters_of(inner.load.observation.load_is_known or candidate.term.is_of_load)
     values = mapping(candidate.settings, shares)
     units = {p.name: p.unit for p in laws()[candidate.word].parameters} if candidate.word in laws() else {}
@@ -54,7 +54,7 @@ def parameters_of(refined: Refined[Any], i: int, foot: FootRecording) -> dict[st
         step = int(values["shift"])
         found["shift"] = Quantity((believed or 0) + step, 0.0, "1")
     if candidate.word == "temperature":
-        temperature = refined.design.load.observation.temperature_c
+        temperature = inner.load.observation.temperature_c
         assert temperature is not None
         found["t0_c"] = Quantity(float(temperature.mean()), 0.0, "°C")
     return found

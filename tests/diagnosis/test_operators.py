@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from insole_daemon.diagnosis.operators import frictions
+from insole_daemon.diagnosis.operators import activated, frictions, low_pass
 
 WAYS_PA = np.cumsum([0.0, 80e3, -30e3, 10e3, 90e3, -150e3, 5e3])
 FINE = 20_000
@@ -22,3 +22,22 @@ def test_friction_is_dahls(width_pa):
         expected.append(z)
     np.testing.assert_allclose(found[:, 0], expected, atol=1e-3 * width_pa)
     assert np.abs(found).max() <= width_pa
+
+
+@pytest.mark.parametrize("scale_pa", [15e3, 40e3, 1e9])
+def test_activated_flow_is_eyrings(scale_pa):
+    """Against small steps of τ·dz/dt = s·sinh((x − z)/s)."""
+    step_s, tau_s, fine = 0.5, 40.0, 20_000
+    (found,) = activated(WAYS_PA[:, None], step_s, tau_s, scale_pa).T
+    z, expected = WAYS_PA[0], [WAYS_PA[0]]
+    for x in WAYS_PA[1:]:
+        for _ in range(fine):
+            z += step_s / fine / tau_s * scale_pa * np.sinh((x - z) / scale_pa)
+        expected.append(z)
+    np.testing.assert_allclose(found, expected, atol=1e-3 * np.ptp(WAYS_PA))
+
+
+def test_activated_flow_at_a_large_scale_is_a_first_order_lag():
+    x = np.repeat(WAYS_PA, 40)[:, None]
+    found = activated(x, 0.02, 1.5, 1e9)
+    np.testing.assert_allclose(found, low_pass(x, 0.02, 1.5), atol=0.01 * np.ptp(WAYS_PA))

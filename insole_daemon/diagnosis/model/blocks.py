@@ -38,7 +38,7 @@ UNEVEN_S, UNSTEADY_S = 8.0, 2.0  # over which a person's load and pace wander fr
 ZERO_STD_PA = 100.0  # of the reference
 OWN_OFFSET_STD_S, OWN_RATE_STD = 1e-5, 2e-4  # the offset is searched for, the rate is that of edges
 RECALIBRATIONS = ("gain", "baseline", "stiffening")
-MISFITS = frozenset(each.word for each in TERMS if each.is_misfit)
+IN_NO_MODEL = frozenset(each.word for each in TERMS if each.is_internal)
 AT_REST = {"baseline": 5.0}  # counts that a memory with a share of 1 leaves of an unloaded reading
 LEAST_KEPT = 1e-7  # of a column's square, that nuisances leave: single precision cannot tell less from nothing
 FEW = 60  # columns, whose products are summed at once
@@ -311,8 +311,11 @@ class BlockDesign:
         return replace(self, candidates=candidates, atom=atom, atoms=_picked(fresh, used))
 
     def of_laws(self) -> BlockDesign:
-        """Without what the laws of its candidates leave out of real materials."""
-        return replace(self, candidates=tuple(each.without(MISFITS) for each in self.candidates))
+        """With the laws of its candidates alone, as a model has them.
+
+        Without what they leave out of real materials, and what a load before the recording has left.
+        """
+        return replace(self, candidates=tuple(each.of_law(IN_NO_MODEL) for each in self.candidates))
 
     def with_settings(self, found: Sequence[tuple[int, Setting]]) -> BlockDesign:
         """With candidates like those of number `k` with other settings."""

@@ -46,11 +46,13 @@ class PlacedTerm:
         """Of its term."""
         return self.term.word
 
-    def without(self, words: Collection[str]) -> PlacedTerm:
-        """Without companions of these `words`."""
+    def of_law(self, words: Collection[str]) -> PlacedTerm:
+        """Its law's own columns, without companions of these `words`."""
+        own = [k for k, setting in enumerate(self.settings) if self.term.is_in_law(setting)]
         kept = [i for i, word in enumerate(self.companion_words) if word not in words]
         return replace(
-            self, companions=self.companions[kept], companion_words=tuple(self.companion_words[i] for i in kept),
+            self, settings=tuple(self.settings[k] for k in own), columns=self.columns[own],
+            companions=self.companions[kept], companion_words=tuple(self.companion_words[i] for i in kept),
             companion_std=tuple(self.companion_std[i] for i in kept),
         )  # fmt: skip
 

@@ -32,8 +32,9 @@ MOST_GOOD = 0.95  # of the readings that came while a triangle is called open: m
 MOST_LOST = 0.003  # of a triangle's readings: what a bus loses without a fault
 LEAST_REPEATED = 0.005  # share of repeats that frames lost on the way make
 BURST_TIMES, CALM_QUANTILE = 2.0, 0.25  # a window's noise against the triangle's usual one; rows in the air
+MOST_CALM, LEAST_CALM = 0.35, 4  # of all rows, those in which the load changes least; of them in a window, for a level
 USUAL_QUANTILE = 0.3  # of the windows: what scatters for more than half of the time does not do so usually
-LEAST_COUNT = 0.3  # of noise: rounding alone
+LEAST_COUNT = 0.5  # of noise: of a reading that toggles between two counts, the most that rounding alone makes
 WINDOW_S, LEAST_BURST_S, MOST_BURST = 1.5, 2.9, 0.75
 SPIKE_SIGMAS, LEAST_SPIKES, LEAST_LEAPS = 9.0, 4, 3  # leaps: that no pressure could have
 LEAP_ROWS = 3  # of the reference, that it is away for at the most
@@ -217,8 +218,7 @@ def _bursts(seen: WrenchObservation) -> tuple[Array, list[Finding]]:
     third[1:-2] = np.diff(seen.activation_count, n=3, axis=0) / np.sqrt(20.0)
     taxels = np.maximum(seen.usable.sum(axis=1), 1)
     course = np.sqrt(np.sum(third**2 * seen.usable, axis=2) / taxels)
-    # A low quantile over a window: an edge of the load is a few rows, a burst is all of them.
-    level = np.quantile(course[: n * size].reshape(n, size, -1), CALM_QUANTILE, axis=1)
+    level = _calm_level(seen, third, course, n, size)
     # Readings that are cut off do not scatter: what then scatters as usual would pass for a burst.
     silent = (seen.clipped | seen.missing)[: n * size].reshape(n, size, -1).mean(axis=1) > MOST_SILENT
     heard = np.where(silent, np.nan, level)
@@ -240,6 +240,22 @@ def _bursts(seen: WrenchObservation) -> tuple[Array, list[Finding]]:
     text = f"readings scatter {np.median(ratio[loud]):.1f} times as much as usual for a while"
     where = _triangles(seen, np.flatnonzero(bursting).tolist())
     return loudness, [_finding(seen, "noise_burst", where, when, text)]
+
+
+def _calm_level(seen: WrenchObservation, third: Array, course: Array, n: int, size: int) -> Array:
+    """(n, T) level of `course` (N, T) in n windows of `size` rows, in rows in which the load is calm.
+
+    Where most triangles hardly move, one that scatters is noisy; in a window with few such rows, a low quantile of
+    all: an edge of the load is a few rows, a burst is all of them.
+    """
+    taxels = np.maximum(seen.usable.sum(axis=1), 1)
+    moves = np.median(np.abs(np.sum(third * seen.usable, axis=2)) / taxels, axis=1)
+    calm = (moves <= np.quantile(moves, MOST_CALM))[: n * size].reshape(n, size)
+    windows = course[: n * size].reshape(n, size, -1)
+    level = np.quantile(windows, CALM_QUANTILE, axis=1)
+    for k in np.flatnonzero(calm.sum(axis=1) >= LEAST_CALM):
+        level[k] = np.median(windows[k, calm[k]], axis=0)
+    return np.asarray(level)
 
 
 def _usual(values: Array) -> Array:

@@ -76,7 +76,7 @@ def count_figures(refined: Refined[BlockDesign], order: Sequence[int]) -> Figure
     timing_gain = max(squares[0] - previous, 0.0)
     raw = design.atoms.x[:, :, design.atom].astype(float) * design.mask.T[:, None, :]
     for m in range(1, len(order) + 1):
-        part = np.concatenate([design.candidates[i].columns for i in order[:m]])
+        part = np.concatenate([law.design.candidates[i].columns for i in order[:m]])
         shares = np.concatenate([law.shares[i] for i in order[:m]])
         rest = design.y - raw[:, :, part] @ shares
         _, shift, _ = _fit(x[:, :, :0], rest, prior[:0], design, np.ones(n, bool))

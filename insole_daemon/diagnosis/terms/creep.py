@@ -1,6 +1,8 @@
 """`creep`: shares of the answer that come late on many time scales. q = (1 − Σ a_k)·P + Σ a_k·z_k.
 
-Undone on readings it is again such a sum, whose shares and time constants follow from the poles of the inverse.
+Undone on readings it is again such a sum, whose shares and time constants follow from the poles of the inverse. Of a
+load that is known it may also be activated flow, which is fast far from its end and has no time scale of its own; a
+model gets the sum that comes nearest to it.
 """
 
 from __future__ import annotations
@@ -11,7 +13,7 @@ import numpy as np
 
 from ...physics.law import MOST_SHARED, Array
 from ..model.load import LoadEstimate
-from ..operators import low_pass
+from ..operators import activated, low_pass
 from .term import ABSORBED, Setting, Term, TermColumns
 
 RATIO = 4.0  # between time constants
@@ -19,19 +21,37 @@ FASTEST_S = 0.5
 SLOW_S = 5.0  # a viscoelasticity of foams and skins is complete after a few seconds
 LEAST_SLOW = 0.1  # of the shares, that take longer
 UNEVEN = 0.5
+SCALES = (0.05, 0.1, 0.2)  # of the range, of activated flow
+LENGTHS = (1.0, 8.0)  # its time constants, of the recording
 EARLIER = 100.0  # kPa, of a load before the recording
 
 
 def _columns(load: LoadEstimate) -> list[TermColumns]:
-    """Joint columns: q − z′ for time constants from half a second to the length of the recording."""
+    """Joint columns: q − z′ for time constants from half a second to the recording's length, and activated flow."""
     seen = load.observation
     own = load.by_triangle
     # Of a load that is known, what is slower than the recording would stand for the load itself.
     longest_s = float(np.ptp(seen.t_s)) * (1.0 if load.is_known else 2.0)
     number = np.log(max(longest_s, FASTEST_S * RATIO) / FASTEST_S) / np.log(RATIO)
     taus_s = FASTEST_S * RATIO ** np.arange((np.floor(number) if load.is_known else np.ceil(number)) + 1)
-    late = np.stack([own - low_pass(own, seen.step_s, tau_s) for tau_s in taus_s], axis=-1)
-    return [TermColumns(tuple({"tau_s": float(tau_s)} for tau_s in taus_s), by_triangle=late, joint=True)]
+    settings = [{"tau_s": float(tau_s)} for tau_s in taus_s]
+    late = [own - low_pass(own, seen.step_s, tau_s) for tau_s in taus_s]
+    if load.is_known:
+        flows, flowing = _activated(load, longest_s)
+        settings, late = settings + flows, late + flowing
+    return [TermColumns(tuple(settings), by_triangle=np.stack(late, axis=-1), joint=True)]
+
+
+def _activated(load: LoadEstimate, longest_s: float) -> tuple[list[dict[str, float]], list[Array]]:
+    """Settings and columns of P − z, with z the activated flow towards the load."""
+    pressure = load.courses_pa
+    flat, top_pa = pressure.reshape(len(pressure), -1), float(pressure.max())
+    settings = [{"tau_s": length * longest_s, "scale_pa": s * top_pa} for s in SCALES for length in LENGTHS]
+    shape, columns = load.pressure_pa.shape, []
+    for each in settings:
+        late = flat - activated(flat, load.step_s, each["tau_s"], each["scale_pa"])
+        columns.append(load.wrench_of(np.broadcast_to(late.reshape(pressure.shape), shape)))
+    return settings, columns
 
 
 def _parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:
@@ -65,8 +85,8 @@ def forward(b: Array, tau_s: Array) -> tuple[list[float], list[float]]:
 
 
 def _known_parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:
-    """a_k and τ_k of the law, whose columns these are."""
-    a = np.maximum(np.asarray(shares, float), 0.0)
+    """a_k and τ_k of the law, whose columns these are, but for activated ones."""
+    a = np.where([_is_in_law(setting) for setting in settings], np.maximum(np.asarray(shares, float), 0.0), 0.0)
     kept = a > 1e-3 * max(float(a.max()), 1e-9)
     return {"a": a[kept].tolist(), "tau_s": [s["tau_s"] for s, yes in zip(settings, kept, strict=True) if yes]}
 
@@ -75,6 +95,10 @@ def _is_possible(settings: Sequence[Setting], shares: Array, load_is_known: bool
     """Whether it goes on for longer than a viscoelasticity does; readings tell that less well than a load."""
     slow = np.array([setting["tau_s"] for setting in settings]) > SLOW_S
     return not load_is_known or bool(shares[slow].sum() > LEAST_SLOW * shares.sum())
+
+
+def _is_in_law(setting: Setting) -> bool:
+    return "scale_pa" not in setting
 
 
 TERM = Term(
@@ -90,6 +114,7 @@ TERM = Term(
     absorbs={**ABSORBED, "earlier_load": EARLIER, "uneven_creep": UNEVEN},
     yields_to=("viscoelasticity",),
     is_possible=_is_possible,
+    is_in_law=_is_in_law,
     misfit=0.05,
     known_misfit=0.02,
 )

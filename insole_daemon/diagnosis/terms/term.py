@@ -62,9 +62,8 @@ class Term:
     misfit: float = 0.002
     known_misfit: float | None = None  # where the load is known, and columns are made of it and not of readings
     is_of_load: bool = False  # columns are the law's own, though the load of single taxels is not known
-    is_internal: bool = False  # beside others only, and never named
+    is_internal: bool = False  # beside others only, never named, and in no model
     acts_at: int | None = None  # on the signal path, of a term that has no law
-    is_misfit: bool = False  # what a law leaves out of real materials: in no model
     yields_to: tuple[str, ...] = ()  # terms that are likelier by themselves, where they explain nearly as much
     refine: tuple[str, ...] = ()  # settings that are refined once the term is selected
     linear_at: str = ""  # the setting that says at which share the columns are taken, where they are not linear
@@ -73,6 +72,8 @@ class Term:
     plausible: float = 0.0  # a typical share, as literature and data sheets have it; 0: not asked
     # Whether the law makes sense with settings and shares (k,), of a load that is known or not, beyond `limit`.
     is_possible: Callable[[Sequence[Setting], Array, bool], bool] = lambda settings, shares, load_is_known: True
+    # Whether a column is the law's own; others describe what real materials do, and are in no model.
+    is_in_law: Callable[[Setting], bool] = lambda setting: True
     record_instead: str = ""  # what shows it; empty: a load that is known on every taxel, at several speeds
     needs: Callable[[LoadEstimate], str | None] = lambda load: None  # why a recording cannot show it
 

@@ -80,7 +80,6 @@ def _term(word: str, acts_at: int | None, columns: Callable[[LoadEstimate], list
         parameters=lambda settings, shares: {},  # it is what the law leaves out
         needs=_needs,
         is_internal=True,
-        is_misfit=True,
     )
 
 

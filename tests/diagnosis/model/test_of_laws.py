@@ -1,0 +1,50 @@
+"""The laws of a set alone, as a model has them."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+from typer.testing import CliRunner
+
+import insole_daemon
+from insole_daemon.cli import app
+from insole_daemon.diagnosis.model.blocks import block_design
+from insole_daemon.diagnosis.model.load import KnownLoad
+from insole_daemon.diagnosis.model.refine import refine
+from insole_daemon.diagnosis.observing import observed
+
+from ..chamber import DT_S, Array, write
+
+
+def creeping_faster_under_load(t_s: Array, p: Array) -> Array:
+    """A tenth of the answer comes late, on two time scales, each a tenth as long under the full load as under none."""
+    z, out = np.zeros(2), np.empty_like(p)
+    for i, now in enumerate(p):
+        z += (now - z) * DT_S / (np.array([6.0, 60.0]) * 10.0 ** (-now / p.max()))
+        out[i] = 0.9 * now + 0.1 * z.mean()
+    return out
+
+
+def test_creep_that_depends_on_the_load_is_named_and_the_law_nearest_to_it_helps(tmp_path):
+    folder = write(tmp_path / "bag", creeping_faster_under_load)
+    done = CliRunner().invoke(app, ["diagnose", str(folder), "--out", str(tmp_path / "out")])
+    assert done.exit_code in (0, 1), done.output
+    said = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
+    assert [each["effect"] for each in said["findings"]] == ["creep"]
+    heldout = said["heldout"]
+    assert heldout["after"] ** 2 - heldout["floor"] ** 2 < 0.3 * (heldout["before"] ** 2 - heldout["floor"] ** 2)
+
+
+def test_a_model_has_none_of_the_columns_that_describe_what_laws_leave_out(tmp_path):
+    recording = insole_daemon.load(write(tmp_path / "bag", creeping_faster_under_load, seconds=40.0))
+    (seen,) = observed([recording], recording.feet, None, lambda text: None, ())
+    design = block_design(KnownLoad(seen), seen.weight_variance**-0.5)
+    chosen = next(k for k, c in enumerate(design.candidates) if c.word == "creep" and c.where.scope == "insole")
+    refined = refine(design, (chosen,))
+    (creep,) = refined.of_laws.design.candidates
+    assert any("scale_pa" in setting for setting in refined.design.candidates[0].settings)
+    assert all(set(setting) == {"tau_s"} for setting in creep.settings)
+    assert not set(creep.companion_words) & {"uneven_creep", "earlier_load"}
+    assert len(refined.of_laws.shares[0]) == len(creep.settings)
+    assert 0.0 < refined.of_laws.gain <= refined.gain
