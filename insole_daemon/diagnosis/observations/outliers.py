@@ -55,7 +55,7 @@ def outliers(t_s: Array, counts: Array, valid: NDArray[np.bool_]) -> NDArray[np.
     rows, taxels = np.nonzero(one & other)
     found[rows, taxels] = True
     found[after[rows, taxels], taxels] = True
-    return found & (found.mean(axis=0) <= MOST * valid.mean(axis=0))
+    return np.asarray(found & (found.mean(axis=0) <= MOST * valid.mean(axis=0)))
 
 
 def interpolated(t_s: Array, counts: Array, good: NDArray[np.bool_], wrong: NDArray[np.bool_]) -> Array:
@@ -95,12 +95,13 @@ def _away(
 
 def _ranked(sizes: Array) -> Array:
     """(k, 1) what most of the pressure taxels do not exceed, of `sizes` (k, 12)."""
-    return np.sort(sizes[:, PRESSURE_TAXELS], axis=1)[:, -RANK, None]
+    ranked: Array = np.sort(sizes[:, PRESSURE_TAXELS], axis=1)[:, -RANK, None]
+    return ranked
 
 
 def _noise_nearby(counts: Array) -> Array:
     """(k, 12) standard deviation of readings, the largest of a stretch and those beside it."""
-    n = len(counts) // NEARBY
-    level = np.stack([noise_of_blocks(each) for each in np.array_split(counts, n)])
-    level = maximum_filter1d(level, 3, axis=0)
-    return np.maximum(np.repeat(level, [len(each) for each in np.array_split(counts, n)], axis=0), LEAST_NOISE_COUNT)
+    stretches = np.array_split(counts, len(counts) // NEARBY)
+    level = maximum_filter1d(np.stack([noise_of_blocks(each) for each in stretches]), 3, axis=0)
+    nearby = np.repeat(level, [len(each) for each in stretches], axis=0)
+    return np.asarray(np.maximum(nearby, LEAST_NOISE_COUNT))
