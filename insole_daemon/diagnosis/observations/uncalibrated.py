@@ -25,7 +25,7 @@ GAIN_STD = 0.5  # of the answer of a triangle to the mean curve
 
 def with_uncalibrated(seen: WrenchObservation) -> WrenchObservation:
     """`seen` with what its uncalibrated triangles read; without a moment in the air as it is."""
-    listed = seen.calibration.usable.any(axis=1)
+    listed = np.asarray(seen.calibration.usable.any(axis=1))
     force = seen.reference.at(seen.reference_s)[:, 0]
     known = seen.reference.is_known(seen.reference_s)
     if listed.all() or not known.any():
