@@ -150,6 +150,7 @@ class WrenchObservation:
     rezeroed: NDArray[np.bool_] | None = None  # (N, T) rows since a board took its baselines anew, already corrected
     rate_std: float = 0.0  # of the clock's rate, where it is the reference's own
     warmth_is_of_pads: bool = False
+    is_estimated: NDArray[np.bool_] | None = None  # (T,) triangles that nobody calibrated, by the curve of the others
     has_own_curves: bool = False  # those that fit the rows best: no calibration was handed in
     load_is_known = False  # on every taxel, and not only in sum
     is_uniform = False  # whether all taxels bear the same load
