@@ -35,12 +35,10 @@ from .terms import TERMS
 from .timings import LEAST_DELAY_S, is_nuisance, off_by_clock, own_clock, timing_effects, timing_findings
 from .trimming import LEAST_GAINED, figures_of, stronger, trimmed
 from .unexplained import (
-    MOST_NULL,
     STRONGER,
-    UNKNOWN_EXCESS,
-    excess,
     explains_little,
     is_unexplained,
+    most_null,
     squared_rest,
     timing_energy,
     unknown,
@@ -78,7 +76,7 @@ def diagnose_one(seen: WrenchObservation, foot: FootRecording, progress: Callabl
     if findings and not found.after[0] < found.before[0]:
         findings, effects, is_unknown = [], [], True  # what makes held-out rows worse explains nothing
     if not (findings or order or first.words or faults.findings):
-        is_unknown |= bool(found.before[0] > MOST_NULL * found.floor[0] and excess(found, whole).max() > UNKNOWN_EXCESS)
+        is_unknown |= float(min(found.before[0], found.after[0])) > most_null([(found, whole)]) * float(found.floor[0])
     if is_unknown:
         findings.append(unknown(seen, found, whole))
     # Beside a wrong clock a delay is a part of that clock's offset.

@@ -22,7 +22,7 @@ from .observing import observed, refuse_mixture, refuse_still
 from .one_recording import diagnose_one
 from .result import Diagnosis, RecordingResult
 from .timings import clock_of
-from .unexplained import MOST_NULL, UNKNOWN_EXCESS, excess
+from .unexplained import most_null
 
 OF_THE_INSOLE = (*merging.LASTING, "delay")  # of several recordings
 NEVER_TELL = ("dead_taxels", "open_triangle")  # where they are there all the time
@@ -120,10 +120,9 @@ def _pooled(results: Sequence[RecordingResult], channel: int, unit: str) -> dict
 
 def _verdict(heldout: dict[str, Any], findings: Sequence[Finding], results: Sequence[RecordingResult]) -> Verdict:
     before, after, floor = (float(heldout[name]) for name in ("before", "after", "floor"))
-    # What a declared clock may be off by within its prior is no mismatch.
-    calm = all(float(np.max(excess(r.figures, r.design))) < UNKNOWN_EXCESS for r in results)
+    null_before = most_null((each.figures, each.design) for each in results) * floor
     return outcome.verdict(
-        before if findings else min(before, after), after, floor, MOST_NULL * floor if calm else floor,
+        before if findings else min(before, after), after, floor, null_before,
         findings=len(findings), unknown=sum(each.effect == "unknown" for each in findings),
         undecided=any(each.alternatives for each in findings),
     )  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -44,6 +45,15 @@ def explains_little(found: Figures, whole: Design | BlockDesign) -> bool:
         return False  # the force may be right and the moments wrong
     before, after, floor = (float(each[0]) for each in (found.before, found.after, found.floor))
     return before**2 - after**2 < outcome.LEAST_EXPLAINED * (before**2 - floor**2)
+
+
+def most_null(every: Iterable[tuple[Figures, Design | BlockDesign]]) -> float:
+    """The largest error before, in floors, that recordings show where nothing differs.
+
+    A clock that is off within its prior leaves as much, but nowhere more than noise.
+    """
+    is_calm = all(float(np.max(excess(found, whole))) < UNKNOWN_EXCESS for found, whole in every)
+    return MOST_NULL if is_calm else 1.0
 
 
 def squared_rest(found: Figures, whole: Design | BlockDesign) -> float:

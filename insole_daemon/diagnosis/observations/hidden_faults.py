@@ -13,7 +13,7 @@ from .readings import TriangleReadings
 from .wrench import LARGEST, SMALLEST
 
 N_BITS = 7  # of a count, that can be told: the highest needs more than its range
-SPANNED = 5  # times its weight, that a taxel's counts span where a bit has to change
+SPANNED = 4  # times its weight, that a taxel's counts span where a bit has to change
 LEAST_INSIDE = 100  # readings between the ends of that span
 LEAST_TAXELS = 3  # of a triangle
 WINDOW = 8  # readings, less than a step
