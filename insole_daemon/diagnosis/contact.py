@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
+from scipy.stats import poisson
 
 from ..physics.law import Array
 from ..skin.geometry import PRESSURE_TAXELS
@@ -20,6 +21,7 @@ OPEN_S = 0.3  # how long a triangle is silent before it is called open
 OPEN_TAXELS = 8  # of a triangle's ten that fail together: the triangle has lost contact
 # Further than the other taxels from one cycle to the next, and how often: a loose contact.
 LEAP_COUNT, LEAPS = 45.0, 2
+LEAPS_BY_CHANCE = 1e-3  # of a taxel of the insole, more leaps than if all leapt alike
 ALONE = 4.0  # times the change of a triangle's other taxels: they have no part in it
 SCATTER, SCATTER_S = 8.0, 1.0  # times what its triangle's taxels change by at their loudest: no leap but noise
 MOVES_S, MOVES = 0.2, 0.02  # before and after a leap, by what part of the insole's range the load moves
@@ -63,7 +65,8 @@ def loose(
     What snaps leaps as well, but down in counts while it is loaded, and up while it is unloaded. Where a heel strikes,
     some taxels leap and the others do not; but then they bear that load for a while: of `steps` only what leaps back at
     once counts. Where readings are seldom a blow lasts no longer than one of them, but the taxels around feel it: what
-    leaps counts only if it leaps much further than those of its `triangle` (m,) do.
+    leaps counts only if it leaps much further than those of its `triangle` (m,) do. Glitches make any taxel leap for a
+    reading: a loose contact leaps more often than chance lets one of all taxels do that leap alike.
     """
     change = np.diff(counts, axis=0)
     change -= np.median(change, axis=1, keepdims=True)
@@ -84,8 +87,17 @@ def loose(
     rows = np.arange(len(change))
     went = mean[np.minimum(rows + 1 + side, len(mean) - 1)] - mean[np.maximum(rows - side, 0)]
     along = leaps & (change * went[:, None] < 0) & (np.abs(went) > MOVES)[:, None]
-    found: NDArray[np.bool_] = (leaps.sum(axis=0) >= LEAPS) & (2 * along.sum(axis=0) <= leaps.sum(axis=0))
-    return found
+    number = leaps.sum(axis=0)
+    events = number / (1 if steps else 2)  # away, and back
+    is_often = (number >= LEAPS) & (events > _most_by_chance(events))
+    return np.asarray(is_often & (2 * along.sum(axis=0) <= number))
+
+
+def _most_by_chance(events: Array) -> float:
+    """Most events of one of m taxels, if all have them alike; a few that have many hardly change what most have."""
+    without = max(float(np.mean(events == 0)), 1.0 / len(events))
+    usual = max(-np.log(without), float(np.median(events)))
+    return float(poisson.isf(LEAPS_BY_CHANCE / len(events), usual))
 
 
 def at_both_ends(counts: NDArray[Any]) -> NDArray[np.bool_]:

@@ -13,6 +13,7 @@ from .excitation import require_cycles
 from .observations.chamber import observe_chamber
 from .observations.own_curves import observe_uncalibrated
 from .observations.paired import observe_paired
+from .observations.uncalibrated import with_uncalibrated
 from .observations.walk import observe_walk
 from .observations.warmth import with_warmth
 from .observations.wrench import WrenchObservation
@@ -44,7 +45,7 @@ def observed(
 
 def _observe(recording: Recording, foot: FootRecording, model: Calibration) -> WrenchObservation:
     if recording.kind == "shoe":
-        return observe_walk(recording, foot, model)
+        return with_uncalibrated(observe_walk(recording, foot, model))
     return observe_chamber(recording, foot, model)
 
 

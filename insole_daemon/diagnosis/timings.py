@@ -22,9 +22,9 @@ from .result import RecordingResult
 from .select import confidence
 from .select.timing_search import Timed, TimedSet
 from .select.wrench_figures import Figures
+from .terms.clock import LEAST_RATE
 
 LEAST_DELAY_S = 0.003  # three standard deviations of a declared clock's offset
-LEAST_RATE = 1e-4
 MOST_RATE = 1e-4  # of a clock of the reference's own: more is a finding (formats.md)
 LEAST_LATE_S = 0.05  # that it makes by the end, at the least
 LEAST_ROWS_OFF_S = 0.1  # of a reference whose rows were to go with the cycles

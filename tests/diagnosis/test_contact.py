@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from insole_daemon.diagnosis import contact
 from insole_daemon.skin.geometry import PRESSURE_TAXELS
@@ -44,3 +45,18 @@ def test_a_load_beyond_the_range_of_all_taxels_is_no_open_triangle():
     t_s, counts = walk(500)
     counts[(t_s % STEP_S > 0.1) & (t_s % STEP_S < 0.4), 1] = 0
     assert not contact.at_both_ends(counts).any()
+
+
+@pytest.mark.parametrize("steps", [False, True])
+@pytest.mark.parametrize("rate", [1e-5, 2e-4, 1e-3, 1e-2])
+def test_glitches_of_all_taxels_are_no_loose_contact_and_one_beside_them_is(rate, steps):
+    rng = np.random.default_rng(3)
+    t_s, counts = walk(3000)
+    counts = np.tile(counts.reshape(len(t_s), -1), (1, 5)).astype(float) + rng.normal(0.0, 1.0, (len(t_s), 120))
+    struck = rng.random(counts.shape) < rate
+    counts = np.where(struck, rng.integers(0, 256, counts.shape), counts)
+    counts[50::100, 7] = 90.0
+    mean = (250.0 - np.median(counts, axis=1)) / 90.0
+    found = contact.loose(counts, np.ones(counts.shape, bool), mean, t_s, np.arange(120) // 12, steps)
+    assert set(np.flatnonzero(found)) <= {7}
+    assert found[7] or rate > 2e-3

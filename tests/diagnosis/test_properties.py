@@ -71,23 +71,12 @@ def recordings(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     }
 
 
-SPIKES_ON_WALKS = "readings that say anything are taken for snaps, hysteresis and delays: they are no outliers there"
-MASKED_ON_WALKS = "memories, snaps and a clock are named for what the board bears that the calibration does not list"
-HELD_ON_WALKS = "a clock is named of a converter at half the pace, although every new reading is read in time"
-
-
 @pytest.mark.parametrize(
     ("kind", "variation"),
     cases(
         ["chamber", "walk"],
         VARIATIONS,
-        {
-            ("chamber", "spikes"): "1 % of readings that say anything hide a memory with a = 0.3 on a board",
-            ("chamber", "twice the noise"): "a delay is named beside the memory",
-            ("walk", "held"): HELD_ON_WALKS,
-            ("walk", "spikes"): SPIKES_ON_WALKS,
-            ("walk", "a board masked"): MASKED_ON_WALKS,
-        },
+        {("chamber", "twice the noise"): "a delay is named beside the memory"},
     ),
 )
 def test_names_are_the_same_however_it_is_recorded(recordings, tmp_path, kind, variation):
@@ -97,19 +86,7 @@ def test_names_are_the_same_however_it_is_recorded(recordings, tmp_path, kind, v
     assert finding["where"]["scope"] == "board"
 
 
-@pytest.mark.parametrize(
-    ("kind", "variation"),
-    cases(
-        ["null chamber", "null walk"],
-        VARIATIONS,
-        {
-            ("null chamber", "spikes"): "the verdict is unexplained: spikes are in `before` and not in `floor`",
-            ("null walk", "held"): HELD_ON_WALKS,
-            ("null walk", "spikes"): SPIKES_ON_WALKS,
-            ("null walk", "a board masked"): MASKED_ON_WALKS,
-        },
-    ),
-)
+@pytest.mark.parametrize(("kind", "variation"), cases(["null chamber", "null walk"], VARIATIONS, {}))
 def test_nothing_stays_nothing_however_it_is_recorded(recordings, tmp_path, kind, variation):
     found = diagnose(varied(recordings[kind], tmp_path / "varied", VARIATIONS[variation]), tmp_path / "out")
     assert (words(found), found["verdict"]) == (set(), "no mismatch")
@@ -223,7 +200,6 @@ WITHIN_FORMATS = ("clock rate", 3.0)  # 60 ppm: up to 100 ppm is no finding
 
 
 SMALL = "it moves readings by less than 0.15 of their noise, LEAST_SIZE, and is silent"
-RATE = "a declared clock that runs 200 or 600 ppm off is silent, though formats.md has `clock` from 100 ppm on"
 SMALL_ON_WALKS = "it explains less than LEAST_GAIN and the price of the search, and is silent"
 
 
@@ -237,8 +213,6 @@ SMALL_ON_WALKS = "it explains less than LEAST_GAIN and the price of the search, 
             ("null chamber", "baseline", 3.0): SMALL,
             ("null chamber", "clock offset", 3.0): SMALL,
             ("null chamber", "clock offset", 10.0): SMALL,
-            ("null chamber", "clock rate", 10.0): RATE,
-            ("null chamber", "clock rate", 30.0): RATE,
             ("null chamber", "zero of the reference", 3.0): SMALL,
             ("null chamber", "zero of the reference", 10.0): SMALL,
             ("null walk", "gain", 3.0): SMALL_ON_WALKS,

@@ -27,7 +27,7 @@ from .gram import GramMatrix, PlacedColumns
 from .load import KnownLoad, LoadEstimate
 from .nuisance import USUAL, Nuisance, Priors, nuisance_of
 from .placement import Placement, place_of
-from .regression import Gram, PlacedTerm, Timing, with_companions
+from .regression import LEAST_SIZE, Gram, PlacedTerm, Timing, with_companions
 from .solve import RIDGE
 
 RECALIBRATIONS = ("gain", "baseline", "stiffening")
@@ -35,7 +35,6 @@ IN_NO_MODEL = frozenset(each.word for each in TERMS if each.is_internal)
 AT_REST = {"baseline": 5.0}  # counts that a memory with a share of 1 leaves of an unloaded reading
 LEAST_KEPT = 1e-7  # of a column's square, that nuisances leave: single precision cannot tell less from nothing
 FEW = 100  # columns, all of whose inner products are kept
-LEAST_SIZE = 0.15  # of a reading's noise, RMS over the taxels it is at: less is no effect worth a name
 
 
 @dataclass(frozen=True, eq=False)

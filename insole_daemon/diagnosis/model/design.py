@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from ...physics.effect import Where
 from ...physics.law import SCOPES, Array
+from ...skin.geometry import N_TAXELS
 from ..observations.reading_faults import DONORS
 from ..observations.wrench import WrenchObservation
 from ..terms import TERMS
@@ -34,6 +35,7 @@ UNRESOLVED_STD = 0.5  # of the share of the load that a board carries while a cu
 CURVE_STD_COUNT, CURVE_KNOTS = 0.05, 7
 CURVE_STD_AT_REST_COUNT = 0.015  # of the first knot: a baseline is read, not fitted
 SUBSTITUTED_STD = 0.5  # of the share of a triangle whose dead taxels are stood in for by their neighbours
+STATIC = frozenset({"gain", "baseline", "stiffening", "preload", "bit_shift"})  # what a calibration would contain
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,6 +223,8 @@ def place_terms(
                     places = n_places if block.places is None else block.n_searched or len(block.places)
                     if place.scope == "triangle" and lost & set(place.ids):
                         continue
+                    if term.word in STATIC and _is_estimated(place, seen):
+                        continue
                     ids = np.arange(number, number + len(group))
                     number += len(group)
                     settings = tuple(block.settings[k] for k in group)
@@ -236,6 +240,12 @@ def _stood_in(seen: WrenchObservation, substituted: NDArray[np.bool_]) -> set[tu
     apart = np.linalg.norm(centres[substituted][:, None] - centres, axis=-1)
     near = np.argsort(apart, axis=1)[:, : 1 + DONORS].ravel()
     return {tuple(identity) for identity in seen.layout.identities[near].tolist()}
+
+
+def _is_estimated(place: Where, seen: WrenchObservation) -> bool:
+    """Whether nothing is calibrated there: what a static term would differ from is not known."""
+    slots = place.slots(seen.layout)
+    return seen.is_estimated is not None and bool(seen.is_estimated[np.unique(slots // N_TAXELS)].all())
 
 
 def _placed(

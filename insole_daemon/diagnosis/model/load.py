@@ -53,11 +53,10 @@ class LoadEstimate:
         """(N, T, 3) by which the wrench of each triangle differs for a count more, on the mean over `shift_count`."""
         shift_count = 0.0 if abs(shift_count) < LINEAR_COUNT else shift_count
         if shift_count not in self._shifted:
-            shifted_pa = (
-                (self.static_pa(self.activation_count + shift_count) - self.read_pa) / shift_count
-                if shift_count
-                else self.slope_pa
-            )
+            shifted_pa = self.slope_pa
+            if shift_count:
+                differs = self.static_pa(self.activation_count + shift_count) - self.read_pa
+                shifted_pa = self.observation.where_answering(differs / shift_count)
             self._shifted[shift_count] = self.wrench_of(shifted_pa)
         return self._shifted[shift_count]
 
@@ -87,7 +86,7 @@ class LoadEstimate:
     @cached_property
     def slope_pa(self) -> Array:
         """Pa a count, no flatter than a share of its mean."""
-        return self.observation.slope_at(self.activation_count)
+        return self.observation.where_answering(self.observation.slope_at(self.activation_count))
 
     def released(self) -> Self:
         """The same, without the arrays that were computed of it and of its observation."""

@@ -15,6 +15,7 @@ from ..terms.term import Setting, Term
 from .load import LoadEstimate
 
 NOTHING: Mapping[str, float] = {}
+LEAST_SIZE = 0.15  # of a reading's noise, RMS over the taxels it is at: less is no effect worth a name
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,10 +27,11 @@ def stuck_bit(own: TriangleReadings, usable: NDArray[np.bool_]) -> int | None:
 
     `usable` (12,): its taxels.
     """
+    as_read = own.valid if own.is_outlier is None else own.valid & ~own.is_outlier
     for bit in range(N_BITS):
         weight, agreeing = 1 << bit, 0
         for taxel in np.flatnonzero(usable).tolist():
-            counts = own.counts[own.valid[:, taxel], taxel].astype(np.int64)
+            counts = own.counts[as_read[:, taxel], taxel].astype(np.int64)
             if not len(counts) or np.ptp(counts) < SPANNED * weight:
                 continue
             inside = (counts > counts.min() + weight) & (counts < counts.max() - weight)

@@ -17,6 +17,7 @@ from ...recording.loading import FootRecording, Recording, as_configured
 from ...skin.geometry import N_TAXELS, PRESSURE_TAXELS
 from ...skin.streams import Streams
 from ...skin.validity import Validity
+from .outliers import interpolated, outliers
 
 WORKS = 0.02  # of its readings, that are valid where a taxel works at all
 MOST_COUNT = 255
@@ -50,6 +51,7 @@ class TriangleReadings:
     held_fraction: float = 0.0  # of all readings that came: repeats of an old conversion, left out here
     is_converter_slow: bool = False  # these repeats come regularly, from a converter that has a period of its own
     latest_s: float = 0.0  # by which all may have been taken earlier, where a host's rows are all that was kept
+    is_outlier: NDArray[np.bool_] | None = None  # (k, 12) readings that are wrong, and interpolated in `counts`
 
     def at(self, grid_s: Array) -> Array:
         """Counts (N, 12) at the times `grid_s` (N,), by a cubic through the valid readings of a taxel; NaN: none.
@@ -104,7 +106,8 @@ def read_triangles(recording: Recording, foot: FootRecording) -> list[TriangleRe
     settings = {board.address: as_configured(board) for board in foot.boards}
     valid = Validity(foot.layout, settings, 1)(counts, status, np.zeros(status.shape, np.int64))
     if foot.calibration is not None:
-        valid &= foot.calibration.usable
+        usable = foot.calibration.usable
+        valid &= usable | ~usable.any(axis=1, keepdims=True)  # what nobody calibrated may be told by others' curves
     found = []
     for row, (t_s, own, _) in enumerate(raw):
         k = len(t_s)
@@ -115,7 +118,7 @@ def read_triangles(recording: Recording, foot: FootRecording) -> list[TriangleRe
         regular_s, jitter_s = _regular(t_s, period_s)
         times_s = regular_s if jitter_s < MOST_JITTER * period_s else t_s
         found.append(TriangleReadings(times_s, own.astype(np.float64), valid[:k, row], period_s, latest_s=row_s))
-    return [_without_held(each) for each in _without_frozen(found)]
+    return [_without_outliers(_without_held(each)) for each in _without_frozen(found)]
 
 
 def _from_frames(recording: Recording, foot: FootRecording) -> list[Raw]:
@@ -221,6 +224,16 @@ def _without_frozen(every: Sequence[TriangleReadings]) -> list[TriangleReadings]
     return found
 
 
+def _without_outliers(readings: TriangleReadings) -> TriangleReadings:
+    """Readings with what single taxels cannot have read interpolated."""
+    wrong = outliers(readings.t_s, readings.counts, readings.valid)
+    if not wrong.any():
+        return readings
+    return replace(
+        readings, counts=interpolated(readings.t_s, readings.counts, readings.valid & ~wrong, wrong), is_outlier=wrong
+    )
+
+
 def _moves(every: Sequence[TriangleReadings], level: Sequence[Array], row: int, from_s: float, to_s: float) -> bool:
     """Whether half of the triangles other than `row` move between two moments."""
     spans = [
@@ -234,8 +247,10 @@ def _moves(every: Sequence[TriangleReadings], level: Sequence[Array], row: int, 
 def _without_held(readings: TriangleReadings) -> TriangleReadings:
     """Readings without those that repeat the conversion before them, at the times of the conversions.
 
-    A converter is regular by itself, and its values wait until the board sends. Where new values are not regular,
-    frames were repeated, and the times are those of the board.
+    A converter is regular by itself, and its values wait until the board sends. How long is told as far as waits
+    differ: where the pace of the converter is a multiple of the board's they are all the same, and all readings may
+    have been taken earlier by up to the board's period. Where new values are not regular, frames were repeated, and
+    the times are those of the board.
 
     Taxels that are noisy by themselves stay the same together only where the converter had nothing new: what happens
     more often than their own rates allow is taken for held.
@@ -274,4 +289,9 @@ def _without_held(readings: TriangleReadings) -> TriangleReadings:
     step_s = float(np.median(np.diff(regular_s)))
     if jitter_s > WAIT_JITTER * readings.period_s or step_s < LEAST_SLOWER * readings.period_s:
         return found
-    return replace(found, t_s=regular_s - readings.period_s / 2, period_s=step_s, is_converter_slow=True)
+    # Waits that are spread evenly are on the median a quarter of the longest away from their mean.
+    spread_s = min(4.0 * jitter_s, readings.period_s)
+    return replace(
+        found, t_s=regular_s - spread_s / 2, period_s=step_s, is_converter_slow=True,
+        latest_s=readings.latest_s + readings.period_s - spread_s,
+    )  # fmt: skip

@@ -28,7 +28,8 @@ LEAST_READ = 50  # rows that are not cut off, to ask that of
 STEP_S = 0.12  # that it takes at the most, each way
 STEPS_S, LEAST_STEPS = 2.0, 3  # in which a foot is lifted once, and as many before and after
 ENOUGH_S = 20.0  # of a walk, to leave out the rest
-CLEAR = 1.5  # times what the lowest readings of stretches nearby differ by, before and after
+AIR_QUANTILE = 0.25  # of the lowest readings of stretches: those in which the foot was lifted
+CLEAR = 1.5  # times what the lowest readings of stretches in which it was lifted differ by, before and after
 
 
 def with_rezeros(foot: FootRecording, seen: WrenchObservation) -> tuple[WrenchObservation, list[Finding]]:
@@ -135,19 +136,30 @@ def _step_of_walk(seen: WrenchObservation, own: np.ndarray[tuple[int], np.dtype[
     long = round(STEPS_S / seen.step_s)
     lowest = _lowest(level, long)
     for k in range(LEAST_STEPS, len(lowest) - LEAST_STEPS):
-        before, after = lowest[k - LEAST_STEPS : k], lowest[k : k + LEAST_STEPS]
-        taken = float(before.min() - after.max())
+        # In the air before, however long the person stood there; and soon after, below what no load reads.
+        air, after = float(lowest[:k].min()), lowest[k : k + LEAST_STEPS]
+        scatter = max(float(np.quantile(lowest[:k], AIR_QUANTILE)) - air, float(np.ptp(after)))
+        taken = air - float(after.max())
         if (
-            taken > max(LEAST_STEP_COUNT, CLEAR * float(np.ptp(before)), CLEAR * float(np.ptp(after)))
-            and lowest[:k].min() - after.max() > 0.5 * taken
-            and before.min() - lowest[k:].max() > 0.5 * taken
-            # The foot was in the air before, and what it reads there later is below what no load reads.
-            and lowest[:k].min() < LEAST_COUNT
+            taken > max(LEAST_STEP_COUNT, CLEAR * scatter)
+            and float(np.median(lowest[k:])) < air - 0.5 * taken
+            and air < LEAST_COUNT
             and after.max() < -LEAST_STEP_COUNT
         ):
-            rows = np.arange((k - 1) * long, (k + 1) * long)
-            return int(rows[np.argmax(level[rows] - level[rows + 2 * width])]) + width
+            return _last_drop(level, air - 0.5 * taken, 0.5 * taken, width)
     return None
+
+
+def _last_drop(level: Array, floor: float, least: float, width: int) -> int:
+    """The row of the last drop of at least `least` before `level` falls below `floor` for the first time."""
+    first = int(np.argmax(level < floor))
+    rows = np.arange(max(first - width, 1))
+    drop = level[rows] - level[rows + width]
+    falls = rows[drop > least]
+    if not len(falls):
+        return first
+    last = rows[max(int(falls[-1]) - width, 0) : int(falls[-1]) + 1]
+    return int(last[np.argmax(drop[last])]) + width // 2
 
 
 def _lowest(level: Array, rows: int) -> Array:

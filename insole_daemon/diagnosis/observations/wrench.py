@@ -148,8 +148,10 @@ class WrenchObservation:
     readings: tuple[TriangleReadings, ...]
     loudness: Array | None = None  # (N, T) times that the noise of readings is larger than `noise_count`
     rezeroed: NDArray[np.bool_] | None = None  # (N, T) rows since a board took its baselines anew, already corrected
+    unloaded: NDArray[np.bool_] | None = None  # (N, T, 12) readings at the top of their range: no load, activation 0
     rate_std: float = 0.0  # of the clock's rate, where it is the reference's own
     warmth_is_of_pads: bool = False
+    is_estimated: NDArray[np.bool_] | None = None  # (T,) triangles that nobody calibrated, by the curve of the others
     has_own_curves: bool = False  # those that fit the rows best: no calibration was handed in
     load_is_known = False  # on every taxel, and not only in sum
     is_uniform = False  # whether all taxels bear the same load
@@ -184,7 +186,24 @@ class WrenchObservation:
         """(N, T, 12) taxels at the end of their range."""
         count = self.calibration.baseline_count - self.activation_count
         refused = np.stack([each.is_refused(self.t_s) for each in self.readings], axis=1)
-        return np.asarray(self.usable & ((count > LARGEST) | (count < SMALLEST) | refused))
+        ends = (count > LARGEST) | (count < SMALLEST) | refused
+        return np.asarray(self.usable & (ends if self.unloaded is None else ends | self.unloaded))
+
+    def with_unloaded(self) -> Self:
+        """Without the pull that readings at the top of their range seem to show.
+
+        Nothing pulls at a taxel: such a reading says that there is no load, however far what is warm or was zeroed
+        under load has moved it beyond the range.
+        """
+        count = self.calibration.baseline_count - self.activation_count
+        unloaded = np.asarray(self.usable & (count > LARGEST) & (self.activation_count < 0.0))
+        if not unloaded.any():
+            return self
+        return replace(self, activation_count=np.where(unloaded, 0.0, self.activation_count), unloaded=unloaded)
+
+    def where_answering(self, values: Array) -> Array:
+        """(N, T, 12) `values`, 0 at readings at the top of their range, which no small shift changes."""
+        return values if self.unloaded is None else np.where(self.unloaded, 0.0, values)
 
     @cached_property
     def expected_count(self) -> Array:
@@ -243,7 +262,7 @@ class WrenchObservation:
     @cached_property
     def slope_pa(self) -> Array:
         """(N, T, 12) Pa a count, at the reading."""
-        return self.slope_at(self.activation_count)
+        return self.where_answering(self.slope_at(self.activation_count))
 
     def slope_at(self, activation_count: Array) -> Array:
         """(N, T, 12) Pa a count at an activation, no flatter than a share of the taxel's mean."""
@@ -299,7 +318,7 @@ class WrenchObservation:
 
     def until(self, row: int) -> Self:
         """Without that row and later ones."""
-        by_row = ("t_s", "activation_count", "missing", "temperature_c", "loudness", "rezeroed")
+        by_row = ("t_s", "activation_count", "missing", "temperature_c", "loudness", "rezeroed", "unloaded")
         return replace(self, **{name: own[:row] for name in by_row if (own := getattr(self, name)) is not None})
 
     @cached_property

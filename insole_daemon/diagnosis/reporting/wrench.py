@@ -11,6 +11,8 @@ from ...report import page
 from ...report.insole_map import word_map
 from ...report.plot import Plot, axis
 from ...skin.geometry import PRESSURE_TAXELS
+from ..model.placement import place_of
+from ..places import said
 from ..result import Diagnosis, RecordingResult
 from . import first_page, numbers
 from .physical_units import course_pa, rms_force_n, rms_kpa
@@ -37,7 +39,11 @@ def _about(diagnosis: Diagnosis) -> list[str]:
     if seen.has_own_curves:
         return [insole, "no calibration: the curves that fit these recordings best"]
     made_of = ", ".join(map(str, seen.calibration.provenance.get("recordings", ())))
-    return [insole, f"calibration made of {made_of}" if made_of else "calibration of unknown recordings"]
+    calibration = f"calibration made of {made_of}" if made_of else "calibration of unknown recordings"
+    if seen.is_estimated is not None:
+        place = said(place_of(seen.is_estimated, seen))
+        calibration += f"; it does not list {place}, whose load is estimated from the readings there"
+    return [insole, calibration]
 
 
 def parts(diagnosis: Diagnosis) -> list[str]:

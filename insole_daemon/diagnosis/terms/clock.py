@@ -8,8 +8,11 @@ import numpy as np
 
 from ...physics.law import Array
 from ..model.load import LoadEstimate
+from ..model.regression import LEAST_SIZE
+from ..observations.wrench import WrenchObservation
 from .term import Setting, Term, TermColumns
 
+LEAST_RATE = 1e-4  # that is a finding (formats.md)
 RATES = (-3e-3, -1e-3, -3e-4, 3e-4, 1e-3, 3e-3)
 EARLY_S = (0.005, 0.015, 0.04)
 
@@ -29,11 +32,31 @@ def _column(load: LoadEstimate, setting: Setting) -> TermColumns:
         found.append(now - seen.reference.smooth_at(seen.reference_s + 0.01))
         shifts_s.append(np.full_like(away_s, -0.01))
     if seen.load_is_known:  # whose reference is smooth
-        return TermColumns((setting,) * len(found), whole=np.stack(found, axis=-1), joint=True)
+        is_chamber_rate = seen.is_uniform and setting["rate"]  # beside a trial its own pace may differ as much
+        least = _least_in_means(seen, found[0] * (LEAST_RATE / setting["rate"])) if is_chamber_rate else 1.0
+        return TermColumns((setting,) * len(found), whole=np.stack(found, axis=-1), joint=True, in_means=least)
     variance = np.broadcast_to(seen.reference.noise**2, now.shape)
     echoes = [seen.reference.echo(shift_s) for shift_s in shifts_s]
     products, squares = (np.stack([variance * each[i][:, None] for each in echoes], axis=-1) for i in (0, 1))
     return TermColumns((setting,) * len(found), whole=np.stack(found, axis=-1), joint=True, echo=(products, squares))
+
+
+def _least_in_means(seen: WrenchObservation, moved_pa: Array) -> float:
+    """Share of the least size of an effect that `moved_pa` (N, 1) has, if it is smaller: a rate is no matter of size.
+
+    What it moves readings by grows with the recording, and a rate that is a finding is one in a short recording, too.
+    """
+    known = np.isfinite(seen.weight_variance)
+    taxels = np.maximum(seen.usable.sum(axis=1), 1)
+    variance = np.where(known, seen.weight_variance, 1.0) * taxels  # of a taxel
+    square = float(np.mean(np.broadcast_to(moved_pa, known.shape) ** 2 / variance, where=known))
+    return min(square / LEAST_SIZE**2, 1.0)
+
+
+def _is_possible(settings: Sequence[Setting], shares: Array, load_is_known: bool) -> bool:
+    """Whether a clock under a known load runs at a rate that is a finding: an offset alone is a delay, or early."""
+    rate = settings[0]["rate"]
+    return not (load_is_known and rate) or abs(rate * float(shares[0])) > LEAST_RATE
 
 
 def _columns(load: LoadEstimate) -> list[TermColumns]:
@@ -63,4 +86,5 @@ TERM = Term(
     misfit=0.0005,
     refine=("rate",),
     column=_column,
+    is_possible=_is_possible,
 )

@@ -21,6 +21,7 @@ from insole_daemon.recording.loading import load
 
 from ..chamber import LAYOUT, Sensors
 from ..chamber import write as write_chamber
+from ..variations import MASKED, varied, without_a_board
 from .shoe import Array, late, write
 
 
@@ -282,3 +283,12 @@ def test_a_curve_that_bends_beyond_its_chamber_is_bent_back(tmp_path):
     usual = error_n(straight, straight / "calibration.json")
     assert error_n(bent, bent / "calibration.json") > 2 * usual
     assert error_n(bent, tmp_path / "out" / "model.json") < 1.2 * usual
+
+
+def test_a_board_that_is_not_calibrated_makes_no_finding_and_is_in_the_report(tmp_path):
+    folder = varied(write(tmp_path / "walk"), tmp_path / "masked", without_a_board)
+    found = diagnose(folder, tmp_path / "out")
+    assert (found["verdict"], found["findings"]) == ("no mismatch", [])
+    assert f"it does not list board {MASKED}" in (tmp_path / "out" / "report.html").read_text()
+    listed = {each["board"] for each in json.loads((tmp_path / "out" / "model.json").read_text())["taxels"]}
+    assert listed == {5, 6, 7} - {MASKED}

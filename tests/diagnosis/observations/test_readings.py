@@ -65,3 +65,15 @@ def test_frames_of_a_log_that_is_not_in_time_order_give_the_same_readings(tmp_pa
     for one, other in zip(in_order, readings(), strict=True):
         assert np.array_equal(one.t_s, other.t_s)
         assert np.array_equal(one.counts, other.counts)
+
+
+def test_conversions_at_a_multiple_of_the_boards_pace_may_be_older_by_a_period_of_the_board():
+    found = _without_held(held(np.arange(3000) // 2))
+    assert found.is_converter_slow
+    assert np.allclose(found.t_s, np.arange(1500) * 2 * SENT_S, atol=1e-3)
+    assert found.latest_s == pytest.approx(SENT_S, rel=0.01)
+
+
+def test_how_old_conversions_are_is_known_where_their_waits_differ():
+    number = np.floor(np.arange(3000) * SENT_S / 0.037).astype(int)
+    assert _without_held(held(number)).latest_s < 0.1 * SENT_S
