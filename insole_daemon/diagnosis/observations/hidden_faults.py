@@ -46,6 +46,13 @@ def stuck_bit(own: TriangleReadings, usable: NDArray[np.bool_]) -> int | None:
     return None
 
 
+def never_has(own: TriangleReadings, usable: NDArray[np.bool_], bit: int) -> bool:
+    """Whether a bit is the same in all readings of a triangle, however far its counts reach."""
+    as_read = own.valid if own.is_outlier is None else own.valid & ~own.is_outlier
+    counts = own.counts.astype(np.int64)[:, usable][as_read[:, usable]]
+    return bool(len(counts) and not np.ptp((counts >> bit) & 1))
+
+
 def together(own: TriangleReadings, usable: NDArray[np.bool_]) -> float:
     """Variance of the mean of a triangle's taxels over that of independent ones, of what is fast; NaN: not known."""
     counts = own.counts[:, usable]

@@ -20,7 +20,7 @@ from ..audit import audit
 from ..contact import joined
 from ..finding import Finding
 from ..places import said
-from .hidden_faults import pick_up, stuck_bit, together
+from .hidden_faults import never_has, pick_up, stuck_bit, together
 from .paired import PairedObservation
 from .rezeros import with_rezeros
 from .shifted_boards import with_shifts
@@ -108,9 +108,22 @@ def _stuck(seen: WrenchObservation) -> list[Finding]:
     found = []
     for bit in sorted({bit for bit in bits if bit is not None}):
         rows = [row for row, own in enumerate(bits) if own == bit]
+        rows = _and_boards(seen, rows, bit)
         text = f"bit {bit} of the counts never changes, although they pass both of its values: look at the digitiser"
         found.append(_finding(seen, "unknown", _triangles(seen, rows), (), text))
     return found
+
+
+def _and_boards(seen: WrenchObservation, rows: Sequence[int], bit: int) -> list[int]:
+    """`rows`, and all of a board of which several triangles are among them and none has another value of the bit."""
+    found, boards = set(rows), seen.layout.identities[:, 0]
+    for board in np.unique(boards[list(rows)]).tolist():
+        own = np.flatnonzero((boards == board) & seen.usable.any(axis=1)).tolist()
+        if len(found & set(own)) > 1 and all(
+            row in found or never_has(seen.readings[row], seen.usable[row], bit) for row in own
+        ):
+            found |= set(own)
+    return sorted(found)
 
 
 def _pick_up(seen: WrenchObservation) -> tuple[Array, list[Finding]]:
