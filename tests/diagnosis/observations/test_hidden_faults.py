@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from insole_daemon.diagnosis.observations.hidden_faults import pick_up, stuck_bit, together
+from insole_daemon.diagnosis.observations.hidden_faults import never_has, pick_up, stuck_bit, together
 from insole_daemon.diagnosis.observations.readings import TriangleReadings, _without_frozen
 from insole_daemon.skin.geometry import PRESSURE_TAXELS
 
@@ -21,7 +21,7 @@ def walking(seed: int = 1, n: int = 3000) -> TriangleReadings:
     return TriangleReadings(t_s, counts, np.ones(counts.shape, bool), 0.02)
 
 
-@pytest.mark.parametrize("bit", [0, 2, 3])
+@pytest.mark.parametrize("bit", [0, 2, 3, 4])
 @pytest.mark.parametrize("value", [0, 1])
 def test_a_stuck_bit_is_found(bit, value):
     own = walking()
@@ -30,6 +30,12 @@ def test_a_stuck_bit_is_found(bit, value):
     spoiled = TriangleReadings(own.t_s, stuck.astype(float), own.valid, own.period_s)
     assert stuck_bit(spoiled, USABLE) == bit
     assert stuck_bit(own, USABLE) is None
+
+
+def test_a_bit_that_counts_never_reach_is_never_had_and_one_that_changes_is():
+    own = walking()  # between 150 and 240 counts: the highest bit is always there
+    assert never_has(own, USABLE, 7)
+    assert not never_has(own, USABLE, 4)
 
 
 def test_pick_up_of_one_triangle_is_told_from_a_walk():
