@@ -20,6 +20,7 @@ from .count_figures import OffByLoad, off_by_load
 
 LEAST_SIZE = 2.0  # of a reading's noise, RMS over the rows
 MOST_LEFT = 0.5  # of the mean square that the memory's mean curve leaves, that the word may leave
+CLEARER = 0.5  # of what a word with one parameter leaves, that one with two may leave to be believed
 KNEES = np.array([0.0, 0.15, 0.3, 0.4, 0.5, 0.65])  # of the largest load
 SPANS = np.geomspace(0.3, 30.0, 15)  # times the largest load
 
@@ -36,6 +37,8 @@ class StaticPart:
 
 def static_part(refined: Refined[BlockDesign]) -> StaticPart | None:
     """The static word beside the memories of `refined`; None where none is needed, or none is enough."""
+    if not any(each.term.is_memory for each in refined.design.candidates):
+        return None
     off = off_by_load(refined)
     weights = np.sqrt(off.rows / off.rows.sum())
     best, least = None, MOST_LEFT * _left(off, np.zeros_like(off.after), weights)
@@ -44,7 +47,7 @@ def static_part(refined: Refined[BlockDesign]) -> StaticPart | None:
         if square < (LEAST_SIZE * off.noise_count) ** 2:
             continue
         left = _left(off, column, weights)
-        if left < least:
+        if left < least * (CLEARER if best is not None and len(part.values) > len(best.values) else 1.0):
             best, least = replace(part, square=square, std=float(np.sqrt(left / square / len(column)))), left
     # What creep has kept of loads before the recording hardly changes while that lasts, and is no new baseline.
     has_creep = any(each.word == "creep" for each in refined.design.candidates)
