@@ -32,7 +32,7 @@ import numpy as np
 
 from insole_daemon.cli import app
 from insole_daemon.diagnosis import searching
-from insole_daemon.diagnosis.model import blocks, design, refine
+from insole_daemon.diagnosis.model import design, nuisance, refine
 from insole_daemon.diagnosis.select.search import SubsetSearch
 from insole_daemon.diagnosis.terms import TERMS
 
@@ -60,7 +60,7 @@ def exact_laws() -> None:
 
 
 def exact_calibration() -> None:
-    for module in (blocks, design):
+    for module in (nuisance, design):
         for name in ("GAIN_STD", "BASELINE_STD_COUNT", "CURVE_STD_COUNT"):
             put(module, name, EXACT)
     put(design, "CURVE_STD_AT_REST_COUNT", EXACT)

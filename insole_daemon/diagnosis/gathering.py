@@ -13,7 +13,7 @@ import numpy as np
 
 from ..skin.geometry import N_TAXELS
 from .finding import Finding, Quantity
-from .model.blocks import place_of
+from .model.placement import place_of
 from .observations.wrench import WrenchObservation
 from .places import said
 

@@ -15,8 +15,9 @@ from . import sentences
 from .export.as_effect import effect_of, preloads
 from .finding import Finding, Quantity, heldout_of
 from .gathering import join_places
-from .model.blocks import RECALIBRATIONS, BlockDesign, Priors
+from .model.blocks import RECALIBRATIONS, BlockDesign
 from .model.design import Design
+from .model.nuisance import Priors
 from .model.refine import refine
 from .observations.reading_faults import ReadingFaults, reading_faults
 from .observations.wrench import WrenchObservation

@@ -13,6 +13,8 @@ from scipy.signal import lfilter
 from ..physics.first_order import steps
 from ..physics.law import Array
 
+AT_ONCE = 128  # rows of all taxels, that a processor keeps in its cache
+
 
 def low_pass(x: Array, step_s: float, tau_s: float) -> Array:
     """(N, m) z with τ·dz/dt = x − z, at rest at x[0] before; exact for x linear between rows (`first_order`)."""
@@ -62,6 +64,18 @@ def activated(x: Array, step_s: float, tau_s: float, scale_pa: float) -> Array:
     decay, last = np.exp(-step_s / tau_s), x[0]
     for row, now in zip(found, x, strict=True):
         last = np.subtract(now, 2.0 * scale_pa * np.arctanh(decay * np.tanh((now - last) / (2.0 * scale_pa))), out=row)
+    return found
+
+
+def polynomial(x: Array, coefficients: Array) -> Array:
+    """(N, ...) values at x (N, ...) of polynomials with coefficients (k, ...), lowest power first."""
+    found = np.empty(x.shape)
+    for first in range(0, len(x), AT_ONCE):
+        own, at = found[first : first + AT_ONCE], x[first : first + AT_ONCE]
+        own[:] = coefficients[-1]
+        for each in coefficients[-2::-1]:
+            own *= at
+            own += each
     return found
 
 

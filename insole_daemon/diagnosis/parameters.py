@@ -30,7 +30,7 @@ def parameters_of(refined: Refined[Any], i: int, foot: FootRecording) -> dict[st
     values = mapping(candidate.settings, shares)
     units = {p.name: p.unit for p in laws()[candidate.word].parameters} if candidate.word in laws() else {}
     columns = candidate.columns
-    covariance = np.linalg.pinv(inner.gram + np.diag(1e-9 * np.diag(inner.gram) + 1e-12))
+    covariance = np.linalg.pinv(inner.gram[:, :] + np.diag(1e-9 * inner.gram.diagonal() + 1e-12))
     std = np.sqrt(np.maximum(np.diag(covariance)[columns], 0.0))
     spread = {name: np.zeros_like(np.asarray(value, float)) for name, value in values.items()}
     if candidate.term.share != "whole":

@@ -13,9 +13,10 @@ from ..physics.effect import Where
 from ..physics.law import Array
 from ..recording.loading import FootRecording
 from .finding import Quantity
-from .model.blocks import USUAL, BlockDesign, Priors, block_design
+from .model.blocks import BlockDesign, block_design
 from .model.design import design
 from .model.load import KnownLoad, LoadEstimate
+from .model.nuisance import USUAL, Priors
 from .model.refine import refine
 from .model.regression import Timing
 from .model.signal_path import Changes, load_changes
@@ -154,9 +155,10 @@ def _likeliest(seen: PairedObservation, faults: ReadingFaults) -> Priors:
 
     The smallest that does as well but for what the laws of that set may fail to describe.
     """
-    weights, left, least = _weights(seen, faults), [], []
+    left, least = [], []
+    whole = block_design(KnownLoad(seen), _weights(seen, faults))
     for priors in LOAD_ERRORS:
-        whole = block_design(KnownLoad(seen), weights, priors)
+        whole = whole.under(priors)
         among = SubsetSearch(whole)
         best = among.run()[0]
         every = [whole.candidates[k] for k in best.chosen]
@@ -223,11 +225,11 @@ def _under(priors: Priors, seen: WrenchObservation, faults: ReadingFaults) -> Se
 
     def under(timing: Timing, changes: Changes = ()) -> BlockDesign:
         nonlocal events, thresholds
-        moved = replace(seen.with_clock(seen.offset_s - timing.delay_s, seen.rate), lag_s=timing.lag_s)
+        moved = seen.timed(offset_s=seen.offset_s - timing.delay_s, lag_s=timing.lag_s) if timing != Timing() else seen
         whole = replace(block_design(KnownLoad(moved, changes), weights, priors), moved_s=timing.delay_s)
         if events is None:
             events, thresholds = best_events(whole), best_thresholds(whole)
-        return with_events(whole.with_settings(thresholds), events)
+        return with_events(whole.with_settings(thresholds), events).released()
 
     best, others = search_timings(under, seen.offset_is_free)
     return Searched(_in_order(best, under), others, priors=priors)

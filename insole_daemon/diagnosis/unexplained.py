@@ -10,8 +10,9 @@ from ..physics.effect import Where
 from ..physics.law import Array
 from . import outcome
 from .finding import Finding, heldout_of
-from .model.blocks import BlockDesign, place_of
+from .model.blocks import BlockDesign
 from .model.design import Design
+from .model.placement import place_of
 from .model.refine import Refined
 from .model.regression import Timing
 from .observations.wrench import WrenchObservation

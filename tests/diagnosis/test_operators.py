@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from insole_daemon.diagnosis.operators import activated, frictions, low_pass
+from insole_daemon.diagnosis.operators import AT_ONCE, activated, frictions, low_pass, polynomial
 
 WAYS_PA = np.cumsum([0.0, 80e3, -30e3, 10e3, 90e3, -150e3, 5e3])
 FINE = 20_000
@@ -41,3 +41,10 @@ def test_activated_flow_at_a_large_scale_is_a_first_order_lag():
     x = np.repeat(WAYS_PA, 40)[:, None]
     found = activated(x, 0.02, 1.5, 1e9)
     np.testing.assert_allclose(found, low_pass(x, 0.02, 1.5), atol=0.01 * np.ptp(WAYS_PA))
+
+
+def test_polynomials_of_every_taxel_have_numpys_values():
+    rng = np.random.default_rng(2)
+    x, coefficients = rng.normal(size=(2 * AT_ONCE + 5, 3, 4)), rng.normal(size=(6, 3, 4))
+    expected = np.polynomial.polynomial.polyval(x, coefficients, tensor=False)
+    np.testing.assert_array_equal(polynomial(x, coefficients), expected)

@@ -36,7 +36,7 @@ def doubtful(design: BlockDesign, drift: float, misfit: float) -> str | None:
         word: max(k for k, c in enumerate(design.candidates) if c.word == word and c.where.scope == "insole")
         for word in (MEMORY, DRIFT)
     }
-    columns = {word: design.atoms.x[:, :, design.atom[design.candidates[k].columns[-1]]] for word, k in numbers.items()}
+    columns = {word: design.rows_of(design.candidates[k].columns[-1:])[:, 0] for word, k in numbers.items()}
     y = np.random.default_rng(1).normal(size=design.y.shape) * (design.weights.T > 0)
     y += MEMORY_SHARE * columns[MEMORY] + drift * columns[DRIFT] / np.sqrt(np.mean(columns[DRIFT] ** 2))
     y += misfit * np.sqrt(2.0) * np.sin(2 * np.pi * 3.0 * design.seen.t_s)

@@ -13,113 +13,28 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...physics.effect import Where
-from ...physics.law import SCOPES, Array
+from ...physics.law import Array
 from ..observations.chamber import ChamberObservation
-from ..observations.paired import PairedObservation
-from ..observations.wrench import WrenchObservation
 from ..terms import TERMS
-from ..terms.term import Setting, Term, TermColumns
-from .curves import curve_splines
+from ..terms.term import Setting, TermColumns
+from .atoms import Atoms, make_atoms, projected
+from .gram import GramMatrix, PlacedColumns
 from .load import KnownLoad, LoadEstimate
-from .regression import LEAST_SIZE, PlacedTerm, Timing, with_companions
+from .nuisance import USUAL, Nuisance, Priors, nuisance_of
+from .placement import Placement, place_of
+from .regression import LEAST_SIZE, Gram, PlacedTerm, Timing, with_companions
 from .solve import RIDGE
 
-GAIN_STD = 0.003  # of a triangle's calibration
-BASELINE_STD_COUNT = 0.05  # of a triangle's
-ROUNDED_STD_COUNT = 0.3  # of a simulation without noise, whose counts round all one way
-REZERO_STD_COUNT = 2.0  # of a shift that a few readings tell
-CURVE_STD_COUNT = 0.04  # what the polynomials of a calibration miss
-UNEVEN_S, UNSTEADY_S = 8.0, 2.0  # over which a person's load and pace wander from a simulation's
-ZERO_STD_PA = 100.0  # of the reference
-OWN_OFFSET_STD_S, OWN_RATE_STD = 1e-5, 2e-4  # the offset is searched for, the rate is that of edges
 RECALIBRATIONS = ("gain", "baseline", "stiffening")
 IN_NO_MODEL = frozenset(each.word for each in TERMS if each.is_internal)
 AT_REST = {"baseline": 5.0}  # counts that a memory with a share of 1 leaves of an unloaded reading
 LEAST_KEPT = 1e-7  # of a column's square, that nuisances leave: single precision cannot tell less from nothing
-FEW = 60  # columns, whose products are summed at once
-
-
-@dataclass(frozen=True, eq=False)
-class Atoms:
-    """K columns of terms in T blocks of N rows, and their inner products once the calibration's error is taken out."""
-
-    x: NDArray[np.float32]  # (T, N, K) weighted
-    gram: Array  # (T, K, K)
-    raw: Array  # (T, K, K) without projection
-    shared: Array  # (T, K, s) with the columns of the reference
-    product: Array  # (T, K) of the echo of noise
-    square: Array  # (T, K)
-
-
-@dataclass(frozen=True, slots=True)
-class Priors:
-    """One standard deviation of what is not of the sensor, or was there when it was calibrated.
-
-    A simulated load may differ from the person's in time, and by a share. Curves may be off by counts: those of a
-    calibration that a memory was in contain its mean curve.
-    """
-
-    timing_s: float = 0.0
-    share: float = 0.0
-    curve_count: float = CURVE_STD_COUNT
-
-    @property
-    def has_loose_curves(self) -> bool:
-        """Whether a recalibration could be anything, and none can be identified."""
-        return self.curve_count > CURVE_STD_COUNT
-
-
-USUAL = Priors()
-
-
-@dataclass(frozen=True, eq=False)
-class Nuisance:
-    """Columns that are in every model, with their priors."""
-
-    own: Array  # (T, N, b) weighted, each triangle's
-    own_std: Array
-    shared_names: tuple[str, ...]
-    shared: Array  # (T, N, s) weighted, of the reference
-    shared_std: Array
-
-    @cached_property
-    def inverse(self) -> Array:
-        """(T, b, b) of the own columns' inner products with their priors."""
-        return np.linalg.inv(np.matmul(self.own.transpose(0, 2, 1), self.own) + np.diag(self.own_std**-2.0))
-
-    @cached_property
-    def own_rows(self) -> NDArray[np.float32]:
-        """(T, b, N)"""
-        return np.ascontiguousarray(self.own.transpose(0, 2, 1).astype(np.float32))
-
-    @cached_property
-    def shared_left(self) -> Array:
-        """(T, N, s) of the reference's columns, what own columns leave."""
-        with_own = np.matmul(self.own.transpose(0, 2, 1), self.shared)
-        return np.asarray(self.shared - np.matmul(self.own, np.matmul(self.inverse, with_own)))
-
-    @cached_property
-    def shared_inverse(self) -> Array:
-        """(s, s) of the reference's columns' inner products with their priors, own columns projected out."""
-        own = np.matmul(self.shared.transpose(0, 2, 1), self.shared_left).sum(axis=0)
-        return np.asarray(np.linalg.inv(own + np.diag(self.shared_std**-2.0)))
-
-    @cached_property
-    def log_determinant(self) -> float:
-        """Of the rows' covariance with these columns in it, over that of their noise alone."""
-        own = -np.linalg.slogdet(self.inverse)[1].sum() + 2.0 * len(self.own) * np.log(self.own_std).sum()
-        shared = -np.linalg.slogdet(self.shared_inverse)[1] + 2.0 * np.log(self.shared_std).sum()
-        return float(own + shared)
-
-    def left_of(self, y: Array) -> Array:
-        """(T, N) of `y`, what own columns leave."""
-        with_own = np.matmul(self.own.transpose(0, 2, 1), y[..., None])
-        return np.asarray(y - np.matmul(self.own, np.matmul(self.inverse, with_own))[..., 0])
+FEW = 100  # columns, all of whose inner products are kept
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +68,7 @@ class BlockDesign:
     @cached_property
     def unmoved(self) -> ChamberObservation:
         """Its rows on the clock as it was aligned, under the load as the reference says it."""
-        return replace(self.seen.with_clock(self.seen.offset_s + self.moved_s, self.seen.rate), lag_s=0.0)
+        return self.seen.timed(offset_s=self.seen.offset_s + self.moved_s, lag_s=0.0)
 
     @cached_property
     def n_rows(self) -> int:
@@ -164,8 +79,18 @@ class BlockDesign:
     def is_seen(self, candidate: PlacedTerm) -> bool:
         """Whether more than half of it is in the residual of the static model."""
         at = self.mask[candidate.columns[0]]
-        column = self.atoms.x[at][:, :, self.atom[candidate.columns[0]]]
+        column = self.atoms.columns(self.atom[candidate.columns[:1]])[at, 0]
         return bool(np.sum(column * self.y[at]) > 0.5 * np.sum(column**2))
+
+    def rows_of(self, columns: NDArray[np.intp]) -> NDArray[np.float32]:
+        """(T, k, N) the weighted rows of `columns` (k,); 0 at triangles that they are not at."""
+        found = self.atoms.columns(self.atom[columns])
+        found *= self.mask[columns].T[..., None]
+        return found
+
+    def moved_by(self, candidate: PlacedTerm, shares: Array) -> Array:
+        """(T, N) weighted rows of a candidate with `shares`."""
+        return np.stack([shares @ rows for rows in self.rows_of(candidate.columns)])
 
     @cached_property
     def least(self) -> Array:
@@ -176,9 +101,13 @@ class BlockDesign:
         return np.asarray(LEAST_SIZE**2 * self.n_rows * (at @ taxels) * shown)
 
     @cached_property
+    def _columns(self) -> PlacedColumns:
+        return PlacedColumns(self.atom, self.mask)
+
+    @cached_property
     def _with_shared(self) -> Array:
         """(p, s) inner products with the reference's columns."""
-        return np.asarray(np.einsum("pt,tps->ps", self.mask.astype(float), self.atoms.shared[:, self.atom]))
+        return self._columns.summed(self.atoms.shared)
 
     @cached_property
     def _left(self) -> Array:
@@ -188,37 +117,37 @@ class BlockDesign:
     @cached_property
     def _y_with_shared(self) -> Array:
         """(s,) inner products of y with the reference's columns."""
-        return np.asarray(np.einsum("tns,tn->s", self.nuisance.shared, self._left))
+        return self.nuisance.summed_with_shared(self._left)
 
     @cached_property
-    def gram(self) -> Array:
+    def gram(self) -> Gram:
         """(p, p)"""
-        found = self._summed(self.atoms.gram)
-        c = self._with_shared
-        found -= c @ self.nuisance.shared_inverse @ c.T
-        square = np.einsum("pt,tp->p", self.mask.astype(float), self.atoms.square[:, self.atom])
-        own = np.diag(found) - np.minimum(square, 0.9 * np.diag(found))
-        # What nuisances take up whole would be a rounding error, of either sign.
-        atoms_square = np.einsum("tkk->tk", self.atoms.raw)
-        whole = np.einsum("pt,tp->p", self.mask.astype(float), atoms_square[:, self.atom])
-        np.fill_diagonal(found, np.maximum(own, LEAST_KEPT * whole))
-        return found
+        atoms, columns = self.atoms, self._columns
+        if len(self.atom) <= FEW:
+            found = self._summed(atoms.gram) - self._with_shared @ self.nuisance.shared_inverse @ self._with_shared.T
+            np.fill_diagonal(found, self._squares(np.diag(found)))
+            return found
+        projected = columns.summed(np.einsum("tkk->tk", atoms.gram))
+        taken_up = np.einsum("ps,ps->p", self._with_shared @ self.nuisance.shared_inverse, self._with_shared)
+        return GramMatrix(
+            columns, atoms.gram, self._with_shared, self.nuisance.shared_inverse, self._squares(projected - taken_up)
+        )
 
-    @cached_property
-    def raw_gram(self) -> Array:
-        """(p, p) without projection: how large an effect is, whatever else could explain it."""
-        return self._summed(self.atoms.raw)
+    def _squares(self, projected: Array) -> Array:
+        """(p,) squared sums of the columns, from those of what nuisances leave, without the echo of noise."""
+        own = projected - np.minimum(self._columns.summed(self.atoms.square), 0.9 * projected)
+        # What nuisances take up whole would be a rounding error, of either sign.
+        return np.maximum(own, LEAST_KEPT * self._columns.summed(np.einsum("tkk->tk", self.atoms.raw)))
 
     @cached_property
     def left_of_atoms(self) -> Array:
         """(T, K) inner products of the atoms with what own columns leave of y."""
-        left = self._left.astype(np.float32)[:, None]
-        return np.asarray(np.matmul(left, self.atoms.x)[:, 0].astype(float) - self.atoms.product)
+        return self.atoms.products_with(self._left) - self.atoms.product
 
     @cached_property
     def cross(self) -> Array:
         """(p,)"""
-        found = np.einsum("pt,tp->p", self.mask.astype(float), self.left_of_atoms[:, self.atom])
+        found = self._columns.summed(self.left_of_atoms)
         return np.asarray(found - self._with_shared @ self.nuisance.shared_inverse @ self._y_with_shared)
 
     @cached_property
@@ -229,8 +158,10 @@ class BlockDesign:
 
     def size(self, candidate: PlacedTerm, shares: Array) -> float:
         """Squared sum of an effect in variances of the noise, whatever else could explain it, but for loose curves."""
-        gram = self.gram if self.priors.has_loose_curves else self.raw_gram
-        return float(shares @ gram[np.ix_(candidate.columns, candidate.columns)] @ shares)
+        if self.priors.has_loose_curves:
+            return float(shares @ self.gram[np.ix_(candidate.columns, candidate.columns)] @ shares)
+        own = self._products_of(candidate, True)[self.mask[candidate.columns[0]]]
+        return float(np.einsum("k,tkl,l->", shares, own, shares))
 
     def size_of_loop(self, candidate: PlacedTerm, shares: Array) -> float:
         """Squared sum of what no recalibration within its priors or beside a memory could be."""
@@ -277,7 +208,33 @@ class BlockDesign:
         """Against the reference after `timing`."""
         found = replace(self, y=residual(self, timing), timing=timing)
         # Inner products of columns are the same, and most of the time that this takes.
-        vars(found).update(gram=self.gram, _with_shared=self._with_shared, _products=self._products)
+        vars(found).update(
+            gram=self.gram, _columns=self._columns, _with_shared=self._with_shared, _products=self._products
+        )
+        return found
+
+    def _changed(self, atoms: Atoms, kept: NDArray[np.intp] | slice, **changes: Any) -> BlockDesign:
+        """On the same rows with other `atoms`: those `kept` of its own, and new ones."""
+        found = replace(self, atoms=atoms, **changes)
+        vars(found).update(_left=self._left, _y_with_shared=self._y_with_shared, total=self.total)
+        if "left_of_atoms" in vars(self):
+            left = self.left_of_atoms[:, kept]
+            fresh = atoms.products_with(self._left, left.shape[1]) - atoms.product[:, left.shape[1] :]
+            vars(found).update(left_of_atoms=np.concatenate([left, fresh], axis=1))
+        return found
+
+    def under(self, priors: Priors) -> BlockDesign:
+        """With the same candidates under other `priors`, which recalibrations can be told under as well."""
+        if priors == self.priors:
+            return self
+        nuisance = nuisance_of(self.load, self.weights, priors)
+        return replace(self, nuisance=nuisance, atoms=projected(self.atoms, nuisance), priors=priors)
+
+    def released(self) -> BlockDesign:
+        """The same, without the arrays that its columns were made of: what is asked for is computed again."""
+        found = replace(self, load=self.load.released())
+        of_load = ("unmoved", *self.__dataclass_fields__)
+        vars(found).update({name: known for name, known in vars(self).items() if name not in of_load})
         return found
 
     def subset(self, chosen: Sequence[int]) -> BlockDesign:
@@ -294,35 +251,48 @@ class BlockDesign:
             replace(each, columns=renumbered(each.columns), companions=renumbered(each.companions)) for each in picked
         )
         used, atom = np.unique(self.atom[columns], return_inverse=True)
-        return replace(
-            self, candidates=candidates, atom=atom, mask=self.mask[columns], atoms=_picked(self.atoms, used)
+        return self._changed(
+            self.atoms.picked(used), used, candidates=candidates, atom=atom, mask=self.mask[columns]
         )  # fmt: skip
 
     def exchanged(self, i: int, setting: Setting) -> BlockDesign:
         """With another setting of candidate `i`."""
         candidate = self.candidates[i]
         block = candidate.term.column_of(self.load, setting)
-        fresh = make_atoms([block], self.weights, self.nuisance, joined=self.atoms)
-        k = self.atoms.x.shape[2]
-        atom = self.atom.copy()
-        atom[candidate.columns] = k + np.arange(len(candidate.columns))
+        others, rest = self._beside(i)
+        atom = np.empty_like(self.atom)
+        atom[candidate.columns] = len(others) + np.arange(len(candidate.columns))
+        kept = np.setdiff1d(np.arange(len(atom)), candidate.columns)
+        atom[kept] = np.searchsorted(others, self.atom[kept])
         candidates = tuple(replace(c, settings=block.settings) if j == i else c for j, c in enumerate(self.candidates))
-        used, atom = np.unique(atom, return_inverse=True)
-        return replace(self, candidates=candidates, atom=atom, atoms=_picked(fresh, used))
+        atoms = make_atoms([block], self.weights, self.nuisance, joined=rest)
+        return self._changed(atoms, others, candidates=candidates, atom=atom)
+
+    def _beside(self, i: int) -> tuple[NDArray[np.intp], Atoms]:
+        """Numbers of the atoms that others than candidate `i` need, and these."""
+        if i not in self._rests:
+            others = np.unique(np.delete(self.atom, self.candidates[i].columns))
+            self._rests[i] = others, self.atoms.picked(others)
+        return self._rests[i]
+
+    @cached_property
+    def _rests(self) -> dict[int, tuple[NDArray[np.intp], Atoms]]:
+        return {}
 
     def of_laws(self) -> BlockDesign:
         """With the laws of its candidates alone, as a model has them.
 
         Without what they leave out of real materials, and what a load before the recording has left.
         """
-        return replace(self, candidates=tuple(each.of_law(IN_NO_MODEL) for each in self.candidates))
+        candidates = tuple(each.of_law(IN_NO_MODEL) for each in self.candidates)
+        return self._changed(self.atoms, slice(None), candidates=candidates)
 
     def with_settings(self, found: Sequence[tuple[int, Setting]]) -> BlockDesign:
         """With candidates like those of number `k` with other settings."""
         if not found:
             return self
         blocks, candidates, atom, mask = [], list(self.candidates), [self.atom], [self.mask]
-        first, number = self.atoms.x.shape[2], len(self.atom)
+        first, number = self.atoms.product.shape[1], len(self.atom)
         for k, setting in found:
             like = self.candidates[k]
             blocks.append(like.term.column_of(self.load, setting))
@@ -331,9 +301,9 @@ class BlockDesign:
             atom.append(first + ids)
             mask.append(self.mask[like.columns])
             first, number = first + len(ids), number + len(ids)
-        return replace(
-            self, candidates=tuple(candidates), atom=np.concatenate(atom), mask=np.concatenate(mask),
-            atoms=make_atoms(blocks, self.weights, self.nuisance, joined=self.atoms),
+        return self._changed(
+            make_atoms(blocks, self.weights, self.nuisance, joined=self.atoms), slice(None),
+            candidates=tuple(candidates), atom=np.concatenate(atom), mask=np.concatenate(mask),
         )  # fmt: skip
 
     def extended(self, at: Sequence[tuple[int, NDArray[np.bool_]]]) -> BlockDesign:
@@ -352,19 +322,15 @@ class BlockDesign:
             mask.append(np.broadcast_to(rows, (len(ids), len(rows))))
             searched = math.comb(len(rows), int(rows.sum()))
             candidates.append(replace(like, where=place_of(rows, self.seen), columns=ids, n_places=searched))
-        return replace(
-            self, candidates=with_companions(candidates, AT_REST), atom=np.concatenate(atom), mask=np.concatenate(mask)
-        )
+        return self._changed(
+            self.atoms, slice(None),
+            candidates=with_companions(candidates, AT_REST), atom=np.concatenate(atom), mask=np.concatenate(mask),
+        )  # fmt: skip
 
     def _summed(self, by_triangle: Array) -> Array:
-        found = np.zeros((len(self.atom), len(self.atom)))
-        if len(self.atom) <= FEW:
-            own, at = by_triangle[:, self.atom[:, None], self.atom], self.mask.T.astype(float)
-            return np.asarray(np.sum(own * at[:, :, None] * at[:, None, :], axis=0))
-        for t, block in enumerate(by_triangle):
-            here = np.flatnonzero(self.mask[:, t])
-            found[np.ix_(here, here)] += block[np.ix_(self.atom[here], self.atom[here])]
-        return found
+        """(p, p) sums of values (T, K, K) of the atoms over the triangles that two columns both are at."""
+        own, at = by_triangle[:, self.atom[:, None], self.atom], self.mask.T.astype(float)
+        return np.asarray(np.sum(own * at[:, :, None] * at[:, None, :], axis=0))
 
 
 def residual(design: BlockDesign, timing: Timing) -> Array:
@@ -381,174 +347,19 @@ def block_design(load: LoadEstimate, weights: Array, priors: Priors = USUAL) -> 
     """
     seen = load.observation
     assert isinstance(seen, ChamberObservation)
-    nuisance = _nuisance(load, weights, priors)
+    nuisance = nuisance_of(load, weights, priors)
     excluded = RECALIBRATIONS if priors.has_loose_curves else ()
     terms = [each for each in TERMS if each.needs(load) is None and each.word not in excluded]
-    blocks = [(term, block) for term in terms for block in term.placed_columns(load)]
-    atoms = make_atoms([block for _, block in blocks], weights, nuisance)
-    placed, atom, mask = _placed(blocks, seen)
-    candidates = with_companions(placed, AT_REST)
+    placement = Placement(seen)
+
+    def blocks() -> Iterator[TermColumns]:
+        for term in terms:
+            for block in term.placed_columns(load):
+                placement.add(term, block)
+                yield block
+
+    atoms = make_atoms(blocks(), weights, nuisance)
+    candidates = with_companions(placement.candidates, AT_REST)
     nothing = np.zeros((weights.shape[1], weights.shape[0]))
-    found = BlockDesign(load, weights, nuisance, atoms, candidates, atom, mask, nothing, priors)
+    found = BlockDesign(load, weights, nuisance, atoms, candidates, placement.atom, placement.mask, nothing, priors)
     return replace(found, y=residual(found, Timing()))
-
-
-def _nuisance(load: LoadEstimate, weights: Array, priors: Priors) -> Nuisance:
-    seen = load.observation
-    assert isinstance(seen, ChamberObservation)
-    n, n_triangles = weights.shape
-    # Beside a gain of the load, loose curves could say that nothing is read: they are functions of readings alone.
-    is_loose = priors.has_loose_curves
-    slope_pa = seen.slope_pa if is_loose else load.slope_pa
-    slope = load.wrench_of(slope_pa)[..., 0]
-    gain = load.wrench_of(-slope_pa * (load.activation_count if is_loose else load.gained_count))[..., 0]
-    splines = curve_splines(load.activation_count, seen.usable)
-    curves = [load.wrench_of(slope_pa * each)[..., 0] for each in splines.at(load.activation_count)]
-    rest_std = ROUNDED_STD_COUNT if isinstance(seen, PairedObservation) else BASELINE_STD_COUNT
-    parts, stds = [gain, slope, *curves], [GAIN_STD, rest_std, *[priors.curve_count] * len(curves)]
-    if seen.rezeroed is not None:
-        parts, stds = [*parts, slope * seen.rezeroed], [*stds, REZERO_STD_COUNT]
-    edge = seen.reference.slope(seen.reference_s)  # (N, 1)
-    names, columns, shared_std = ["zero"], [np.ones((n, 1))], [ZERO_STD_PA]
-    if seen.offset_is_free:
-        names += ["offset_s", "rate"]
-        columns += [-edge, -edge * (seen.t_s - seen.t_s.mean())[:, None]]
-        shared_std += [OWN_OFFSET_STD_S, OWN_RATE_STD]
-    if priors.share:
-        parts, stds = [*parts, gain, *_over_time(seen, gain, UNEVEN_S)], [*stds, priors.share]
-        stds += [priors.share] * (len(parts) - len(stds))
-    if priors.timing_s:
-        late = _over_time(seen, -edge, UNSTEADY_S)
-        names += ["late"] * len(late)
-        columns += late
-        shared_std += [priors.timing_s] * len(late)
-    own = np.stack(parts, axis=-1) * weights[..., None]
-    shared = np.stack([np.broadcast_to(each, (n, n_triangles)) * weights for each in columns], axis=-1)
-    return Nuisance(
-        np.ascontiguousarray(own.transpose(1, 0, 2)), np.array(stds), tuple(names),
-        np.ascontiguousarray(shared.transpose(1, 0, 2)), np.array(shared_std),
-    )  # fmt: skip
-
-
-def _over_time(seen: ChamberObservation, column: Array, over_s: float) -> list[Array]:
-    """`column` times hats over time, `over_s` apart; none of them moves all times alike."""
-    knots_s = np.linspace(seen.t_s[0], seen.t_s[-1], max(round(float(np.ptp(seen.t_s)) / over_s), 1) + 1)
-    hats = [np.interp(seen.t_s, knots_s, hat) for hat in np.eye(len(knots_s))]
-    return [column * (hat - hat.mean())[:, None] for hat in hats]
-
-
-def make_atoms(blocks: Sequence[TermColumns], weights: Array, nuisance: Nuisance, joined: Atoms | None = None) -> Atoms:
-    """Columns of `blocks`, beside those of `joined`."""
-    n, n_triangles = weights.shape
-    parts: list[NDArray[np.float32]] = []
-    products: list[Array] = []
-    squares: list[Array] = []
-    for block in blocks:
-        if block.by_triangle is not None:
-            values = block.by_triangle[:, :, 0]
-        else:
-            assert block.whole is not None
-            values = np.broadcast_to(block.whole, (n, n_triangles, block.whole.shape[-1]))
-        parts.append((values * weights[..., None]).astype(np.float32).transpose(1, 0, 2))
-        for i, found in enumerate((products, squares)):
-            if block.echo is None:
-                found.append(np.zeros((n_triangles, values.shape[-1])))
-                continue
-            echo = block.echo[i][:, :, 0] if block.by_triangle is not None else block.echo[i]
-            found.append(np.einsum("ntk,nt->tk", np.broadcast_to(echo, values.shape), weights**2))
-    new = np.concatenate(parts, axis=2)
-    own = np.matmul(nuisance.own_rows, new).astype(float)
-    through = np.matmul(nuisance.inverse, own)
-    raw = np.matmul(new.transpose(0, 2, 1), new).astype(float)
-    gram = raw - np.matmul(own.transpose(0, 2, 1), through)
-    shared = np.matmul(new.transpose(0, 2, 1), nuisance.shared_left.astype(np.float32)).astype(float)
-    product, square = np.concatenate(products, axis=1), np.concatenate(squares, axis=1)
-    if joined is None:
-        return Atoms(new, gram, raw, shared, product, square)
-    # Inner products of the columns that were there are kept: only those with the new ones are computed.
-    beside = np.matmul(joined.x.transpose(0, 2, 1), new).astype(float)
-    projected = beside - np.matmul(np.matmul(nuisance.own_rows, joined.x).astype(float).transpose(0, 2, 1), through)
-    return Atoms(
-        np.concatenate([joined.x, new], axis=2), _bordered(joined.gram, projected, gram),
-        _bordered(joined.raw, beside, raw), np.concatenate([joined.shared, shared], axis=1),
-        np.concatenate([joined.product, product], axis=1), np.concatenate([joined.square, square], axis=1),
-    )  # fmt: skip
-
-
-def _bordered(first: Array, beside: Array, last: Array) -> Array:
-    """(T, K + k, K + k) symmetric, of its blocks (T, K, K), (T, K, k) and (T, k, k)."""
-    return np.concatenate(
-        [np.concatenate([first, beside], axis=2), np.concatenate([beside.transpose(0, 2, 1), last], axis=2)], axis=1
-    )
-
-
-def _picked(atoms: Atoms, used: NDArray[np.intp]) -> Atoms:
-    return Atoms(
-        np.ascontiguousarray(atoms.x[:, :, used]), atoms.gram[:, used][:, :, used], atoms.raw[:, used][:, :, used],
-        atoms.shared[:, used], atoms.product[:, used], atoms.square[:, used],
-    )  # fmt: skip
-
-
-def _placed(
-    blocks: Sequence[tuple[Term, TermColumns]], seen: ChamberObservation
-) -> tuple[list[PlacedTerm], NDArray[np.intp], NDArray[np.bool_]]:
-    """Candidates with the atom and the triangles of each of their columns."""
-    candidates: list[PlacedTerm] = []
-    atom: list[int] = []
-    mask: list[NDArray[np.bool_]] = []
-    first = 0
-    for term, block in blocks:
-        k = len(block.settings)
-        groups = [list(range(k))] if block.joint else [[j] for j in range(k)]
-        for where, rows, n_places in _places(term, block, seen):
-            for group in groups:
-                if block.places is not None:
-                    where, rows = _of_column(block, group[0], seen)
-                    n_places = block.n_searched
-                ids = len(atom) + np.arange(len(group))
-                atom += [first + j for j in group]
-                mask += [rows] * len(group)
-                settings = tuple(block.settings[j] for j in group)
-                candidates.append(PlacedTerm(
-                    term, where, settings, ids, n_places, np.empty(0, np.intp), in_means=block.in_means
-                ))  # fmt: skip
-        first += k
-    return candidates, np.array(atom, np.intp), np.array(mask)
-
-
-def _places(term: Term, block: TermColumns, seen: ChamberObservation) -> Iterator[tuple[Where, NDArray[np.bool_], int]]:
-    if block.places is not None:  # columns say it themselves
-        yield Where(), np.empty(0, np.bool_), block.n_searched
-        return
-    identities = [tuple(identity) for identity in seen.layout.identities.tolist()]
-    works = seen.usable.any(axis=1)
-    scopes = ("insole",) if block.whole is not None else (*term.chamber_scopes, *term.scopes)
-    for scope in scopes:
-        if (term.word, scope) in seen.settled:
-            continue
-        depth = SCOPES.index(scope)
-        parts = sorted({identity[:depth] for identity in identities})
-        for part in parts:
-            rows = np.array([identity[:depth] == part for identity in identities]) & works
-            if rows.any():
-                yield (Where(scope, (part,)) if depth else Where()), rows, len(parts)
-
-
-def _of_column(block: TermColumns, k: int, seen: ChamberObservation) -> tuple[Where, NDArray[np.bool_]]:
-    """Where column `k` is, that says it itself."""
-    assert block.places is not None
-    identities = [tuple(identity) for identity in seen.layout.identities.tolist()]
-    return Where("triangle", block.places[k]), np.array([each in block.places[k] for each in identities])
-
-
-def place_of(rows: NDArray[np.bool_], seen: WrenchObservation) -> Where:
-    """The coarsest place that is the triangles `rows` (T,)."""
-    works = seen.usable.any(axis=1)
-    if np.array_equal(rows & works, works):
-        return Where()
-    identities = seen.layout.identities
-    boards = np.unique(identities[rows, 0])
-    of_boards = np.isin(identities[:, 0], boards) & works
-    if np.array_equal(rows & works, of_boards):
-        return Where("board", tuple((int(board),) for board in boards))
-    return Where("triangle", tuple((int(b), int(t)) for b, t in identities[rows].tolist()))

@@ -1,14 +1,13 @@
 """The load on every taxel, as its own noisy counts tell it.
 
-Memory of turning points follows noise: columns of such terms need counts with less of it. Readings of a foot have few
-independent courses, so singular vectors that do not stand out of white noise are left out
-(edge of the noise's singular values: Marchenko & Pastur, Math. USSR-Sb. 1 (1967) 457).
+Memory of turning points follows noise: columns of such terms need counts with less of it.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from ...physics.law import Array
 from ..observations.chamber import ChamberObservation
 from ..observations.wrench import WrenchObservation
 
-EDGE = 1.05  # times the largest singular value that white noise has
+LINEAR_COUNT = 0.1  # over which curves are straight
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,20 +25,10 @@ class LoadEstimate:
     observation: WrenchObservation
     is_known = False
 
-    @cached_property
+    @property
     def activation_count(self) -> Array:
         """Baseline − count with noise reduced."""
-        seen = self.observation
-        usable = seen.usable.ravel()
-        noise = np.maximum(seen.noise_count.ravel()[usable], 0.1)
-        raw = seen.activation_count.reshape(len(seen.t_s), -1)
-        scaled = raw[:, usable] / noise
-        values, vectors = np.linalg.eigh(scaled.T @ scaled)
-        edge = EDGE * (np.sqrt(scaled.shape[0]) + np.sqrt(scaled.shape[1]))
-        kept = vectors[:, values > edge**2]
-        found = np.zeros_like(raw)
-        found[:, usable] = (scaled @ kept) @ kept.T * noise
-        return found.reshape(seen.activation_count.shape)
+        return self.observation.smooth_count
 
     @property
     def gained_count(self) -> Array:
@@ -60,15 +49,15 @@ class LoadEstimate:
         """(N, T, 12) by the static curves, of activations."""
         return self.observation.static_pa(activation_count)
 
-    def shifted_pa(self, shift_count: float) -> Array:
-        """(N, T, 12) Pa by which the pressure of a count more differs, on the average over `shift_count`."""
-        if abs(shift_count) < 0.1:
-            return self.slope_pa
-        if shift_count not in self._shifted:  # one at a time: the moment of an event is searched for under it
-            self._shifted.clear()
-            self._shifted[shift_count] = (
-                self.static_pa(self.activation_count + shift_count) - self.read_pa
-            ) / shift_count
+    def shifted_by_triangle(self, shift_count: float) -> Array:
+        """(N, T, 3) by which the wrench of each triangle differs for a count more, on the mean over `shift_count`."""
+        shift_count = 0.0 if abs(shift_count) < LINEAR_COUNT else shift_count
+        if shift_count not in self._shifted:
+            shifted_pa = self.slope_pa
+            if shift_count:
+                differs = self.static_pa(self.activation_count + shift_count) - self.read_pa
+                shifted_pa = self.observation.where_answering(differs / shift_count)
+            self._shifted[shift_count] = self.wrench_of(shifted_pa)
         return self._shifted[shift_count]
 
     @cached_property
@@ -97,7 +86,11 @@ class LoadEstimate:
     @cached_property
     def slope_pa(self) -> Array:
         """Pa a count, no flatter than a share of its mean."""
-        return self.observation.slope_at(self.activation_count)
+        return self.observation.where_answering(self.observation.slope_at(self.activation_count))
+
+    def released(self) -> Self:
+        """The same, without the arrays that were computed of it and of its observation."""
+        return replace(self, observation=self.observation.timed())
 
     @property
     def step_s(self) -> float:
@@ -129,10 +122,14 @@ class KnownLoad(LoadEstimate):
             term_order, replace(self, changes=tuple(each for each in self.changes if each[0] < term_order))
         )
 
-    @cached_property
+    @property
     def unchanged(self) -> KnownLoad:
         """The load of the reference itself."""
-        return replace(self, changes=()) if self.changes else self
+        return self._unchanged if self.changes else self  # kept by itself, it and its arrays would never go
+
+    @cached_property
+    def _unchanged(self) -> KnownLoad:
+        return replace(self, changes=())
 
     @cached_property
     def _before(self) -> dict[int, KnownLoad]:
@@ -140,7 +137,9 @@ class KnownLoad(LoadEstimate):
 
     @cached_property
     def pressure_pa(self) -> Array:
-        """(N, T, 12) of the reference, with the changes."""
+        """(N, T, 12) of the reference, with the changes; of a load that is the same everywhere, on every taxel."""
+        if self.courses_pa.shape[1:] == (1, 1):
+            return np.broadcast_to(self.courses_pa, self.observation.activation_count.shape)
         return np.where(self.observation.usable, self.courses_pa, 0.0)
 
     @cached_property
@@ -159,7 +158,16 @@ class KnownLoad(LoadEstimate):
     def slope_pa(self) -> Array:
         """(N, T, 12) Pa a count between what is read and what should be: their mean, as a shift moves pressures."""
         seen = self.observation
-        return 0.5 * (seen.slope_at(self.activation_count) + seen.slope_at(seen.expected_count))
+        found = seen.slope_at(self.activation_count)
+        found += seen.slope_at(seen.expected_count)
+        found *= 0.5
+        return found
+
+    def wrench_of(self, pressure_pa: Array) -> Array:
+        """(N, T, 1) mean pressures of triangles, of pressures (N, T, 12); where all are the same, that pressure."""
+        if pressure_pa.strides[1:] == (0, 0):
+            return np.broadcast_to(pressure_pa[:, :1, :1], (*pressure_pa.shape[:2], 1))
+        return self.observation.wrench_of(pressure_pa)
 
 
 @dataclass(frozen=True, eq=False)

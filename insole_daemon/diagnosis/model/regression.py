@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol, Self, TypeVar
+from typing import Any, Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,6 +57,16 @@ class PlacedTerm:
         )  # fmt: skip
 
 
+class Gram(Protocol):
+    """(p, p) inner products, indexed as an array is."""
+
+    def __getitem__(self, index: Any, /) -> Any:
+        """Those of rows and columns."""
+
+    def diagonal(self) -> Array:
+        """(p,)"""
+
+
 class Regression(Protocol):
     """Candidates and their inner products, nuisances projected out: y the static model's residual, p columns."""
 
@@ -73,7 +83,7 @@ class Regression(Protocol):
         """The c candidates."""
 
     @property
-    def gram(self) -> Array:
+    def gram(self) -> Gram:
         """(p, p) inner products of the columns."""
 
     @property

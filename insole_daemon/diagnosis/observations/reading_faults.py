@@ -62,6 +62,10 @@ def reading_faults(foot: FootRecording, seen: WrenchObservation) -> ReadingFault
     findings = [each for each in audited.findings if each.effect in TAKEN and not _did_not_come(each, seen)]
     findings = [each for each in (_without_resting(each, seen) for each in findings) if each is not None]
     seen, rezeroed = with_rezeros(foot, seen)
+    as_read = seen
+    if not seen.load_is_known:
+        seen = seen.with_unloaded()
+    pull = np.zeros(1) if seen is as_read else np.maximum(as_read.square_error - seen.square_error, 0.0)
     boards = {each.where.ids[0][0] for each in rezeroed}
     # A board that was zeroed under load reads as if nothing were connected until there is more.
     findings = [each for each in findings if each.effect != "open_triangle" or each.where.ids[0][0] not in boards]
@@ -95,7 +99,7 @@ def reading_faults(foot: FootRecording, seen: WrenchObservation) -> ReadingFault
     explained[0] = sum(each.explains for each in findings)
     if shifted and not seen.load_is_known:
         explained[1:] = np.maximum(as_believed.square_error - seen.square_error, 0.0)[1:]
-    return ReadingFaults(seen, substituted | is_estimated, tuple(findings), spikes, explained)
+    return ReadingFaults(seen, substituted | is_estimated, tuple(findings), spikes, explained + pull)
 
 
 def _stuck(seen: WrenchObservation) -> list[Finding]:

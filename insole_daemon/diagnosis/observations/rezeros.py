@@ -146,10 +146,20 @@ def _step_of_walk(seen: WrenchObservation, own: np.ndarray[tuple[int], np.dtype[
             and air < LEAST_COUNT
             and after.max() < -LEAST_STEP_COUNT
         ):
-            lifted = np.flatnonzero(lowest[:k] < air + 0.5 * taken)  # since the last of these it happened
-            rows = np.arange(int(lifted[-1]) * long, (k + 1) * long)
-            return int(rows[np.argmax(level[rows] - level[rows + 2 * width])]) + width
+            return _last_drop(level, air - 0.5 * taken, 0.5 * taken, width)
     return None
+
+
+def _last_drop(level: Array, floor: float, least: float, width: int) -> int:
+    """The row of the last drop of at least `least` before `level` falls below `floor` for the first time."""
+    first = int(np.argmax(level < floor))
+    rows = np.arange(max(first - width, 1))
+    drop = level[rows] - level[rows + width]
+    falls = rows[drop > least]
+    if not len(falls):
+        return first
+    last = rows[max(int(falls[-1]) - width, 0) : int(falls[-1]) + 1]
+    return int(last[np.argmax(drop[last])]) + width // 2
 
 
 def _lowest(level: Array, rows: int) -> Array:

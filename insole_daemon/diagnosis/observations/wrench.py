@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,7 @@ from ...recording.loading import FootRecording, Recording
 from ...skin.geometry import N_TAXELS, PRESSURE_TAXELS
 from ...skin.layout import Layout
 from ..floor import noise_of_readings
-from ..operators import low_pass
+from ..operators import low_pass, polynomial
 from .readings import TriangleReadings, read_triangles
 
 CHANNELS = ("fz_n", "mx_nm", "my_nm")
@@ -43,6 +43,12 @@ SMALLEST, LARGEST = 0.6, 254.4  # of the counts that are not cut off
 MOST_CLIPPED = 0.2  # of a triangle's taxels
 LONG_PAUSE_S = 0.15  # of readings, longer than a straight line can stand for a step
 BELOW_RANGE = 0.25  # share of the mean slope: a curve is taken to be no flatter
+
+# Properties that do not depend on the clock.
+OF_READINGS = (
+    "arms", "by_triangle", "clipped", "coefficients", "cut_off", "pressure_pa", "saturated", "slope_pa", "smooth_count",
+)  # fmt: skip
+EDGE = 1.05  # times the largest singular value that white noise has
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,6 +148,7 @@ class WrenchObservation:
     readings: tuple[TriangleReadings, ...]
     loudness: Array | None = None  # (N, T) times that the noise of readings is larger than `noise_count`
     rezeroed: NDArray[np.bool_] | None = None  # (N, T) rows since a board took its baselines anew, already corrected
+    unloaded: NDArray[np.bool_] | None = None  # (N, T, 12) readings at the top of their range: no load, activation 0
     rate_std: float = 0.0  # of the clock's rate, where it is the reference's own
     warmth_is_of_pads: bool = False
     is_estimated: NDArray[np.bool_] | None = None  # (T,) triangles that nobody calibrated, by the curve of the others
@@ -179,7 +186,24 @@ class WrenchObservation:
         """(N, T, 12) taxels at the end of their range."""
         count = self.calibration.baseline_count - self.activation_count
         refused = np.stack([each.is_refused(self.t_s) for each in self.readings], axis=1)
-        return np.asarray(self.usable & ((count > LARGEST) | (count < SMALLEST) | refused))
+        ends = (count > LARGEST) | (count < SMALLEST) | refused
+        return np.asarray(self.usable & (ends if self.unloaded is None else ends | self.unloaded))
+
+    def with_unloaded(self) -> Self:
+        """Without the pull that readings at the top of their range seem to show.
+
+        Nothing pulls at a taxel: such a reading says that there is no load, however far what is warm or was zeroed
+        under load has moved it beyond the range.
+        """
+        count = self.calibration.baseline_count - self.activation_count
+        unloaded = np.asarray(self.usable & (count > LARGEST) & (self.activation_count < 0.0))
+        if not unloaded.any():
+            return self
+        return replace(self, activation_count=np.where(unloaded, 0.0, self.activation_count), unloaded=unloaded)
+
+    def where_answering(self, values: Array) -> Array:
+        """(N, T, 12) `values`, 0 at readings at the top of their range, which no small shift changes."""
+        return values if self.unloaded is None else np.where(self.unloaded, 0.0, values)
 
     @cached_property
     def expected_count(self) -> Array:
@@ -205,11 +229,31 @@ class WrenchObservation:
         """(N, T, 12) by the static curves."""
         return self.static_pa(self.activation_count)
 
+    @cached_property
+    def smooth_count(self) -> Array:
+        """(N, T, 12) activation with noise reduced.
+
+        Readings of a foot have few independent courses, so singular vectors that do not stand out of white noise are
+        left out (edge of the noise's singular values: Marchenko & Pastur, Math. USSR-Sb. 1 (1967) 457).
+        """
+        usable = self.usable.ravel()
+        noise = np.maximum(self.noise_count.ravel()[usable], 0.1)
+        raw = self.activation_count.reshape(len(self.t_s), -1)
+        scaled = raw[:, usable] / noise
+        values, vectors = np.linalg.eigh(scaled.T @ scaled)
+        edge = EDGE * (np.sqrt(scaled.shape[0]) + np.sqrt(scaled.shape[1]))
+        kept = vectors[:, values > edge**2]
+        found = np.zeros_like(raw)
+        found[:, usable] = (scaled @ kept) @ kept.T * noise
+        return found.reshape(self.activation_count.shape)
+
     def static_pa(self, activation_count: Array) -> Array:
         """(N, T, 12) Pa by the static curves; outside what was calibrated straight on."""
         inside = self._inside(activation_count)
-        found = np.polynomial.polynomial.polyval(inside, self.coefficients, tensor=False)
-        found += self.slope_at(np.zeros((1, *self.usable.shape))) * np.minimum(activation_count, 0.0)
+        found = polynomial(inside, self.coefficients)
+        below = np.minimum(activation_count, 0.0)
+        below *= self.slope_at(np.zeros((1, *self.usable.shape)))
+        found += below
         if self.calibration.highest_count is not None:
             ends = np.where(np.isfinite(self._highest_count), self._highest_count, 0.0)[None]
             found += self.slope_at(ends) * np.maximum(activation_count - self._highest_count, 0.0)
@@ -218,14 +262,14 @@ class WrenchObservation:
     @cached_property
     def slope_pa(self) -> Array:
         """(N, T, 12) Pa a count, at the reading."""
-        return self.slope_at(self.activation_count)
+        return self.where_answering(self.slope_at(self.activation_count))
 
     def slope_at(self, activation_count: Array) -> Array:
         """(N, T, 12) Pa a count at an activation, no flatter than a share of the taxel's mean."""
         steep = self.coefficients[1:] * np.arange(1, len(self.coefficients))[:, None, None]
-        found = np.polynomial.polynomial.polyval(self._inside(activation_count), steep, tensor=False)
+        found = polynomial(self._inside(activation_count), steep)
         least = BELOW_RANGE * np.mean(found, axis=0)
-        return np.asarray(np.maximum(found, np.maximum(least, 0.0)))
+        return np.asarray(np.maximum(found, np.maximum(least, 0.0), out=found))
 
     @property
     def _highest_count(self) -> Array:
@@ -264,11 +308,17 @@ class WrenchObservation:
 
     def with_clock(self, offset_s: float, rate: float) -> Self:
         """The same rows, with the reference read on another clock."""
-        return replace(self, offset_s=offset_s, rate=rate)
+        return self.timed(offset_s=offset_s, rate=rate)
+
+    def timed(self, **clock: Any) -> Self:
+        """The same rows with other fields of the `clock`; of what is computed, what readings alone tell is kept."""
+        found = replace(self, **clock)
+        vars(found).update({name: known for name, known in vars(self).items() if name in OF_READINGS})
+        return found
 
     def until(self, row: int) -> Self:
         """Without that row and later ones."""
-        by_row = ("t_s", "activation_count", "missing", "temperature_c", "loudness", "rezeroed")
+        by_row = ("t_s", "activation_count", "missing", "temperature_c", "loudness", "rezeroed", "unloaded")
         return replace(self, **{name: own[:row] for name in by_row if (own := getattr(self, name)) is not None})
 
     @cached_property

@@ -11,7 +11,7 @@ from ...report import page
 from ...report.insole_map import word_map
 from ...report.plot import Plot, axis
 from ...skin.geometry import PRESSURE_TAXELS
-from ..model.blocks import place_of
+from ..model.placement import place_of
 from ..places import said
 from ..result import Diagnosis, RecordingResult
 from . import first_page, numbers

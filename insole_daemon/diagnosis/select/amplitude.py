@@ -54,9 +54,9 @@ def _courses(refined: Refined[Any], i: int) -> tuple[Array, Array]:
         for column, word in zip(candidate.companions.tolist(), candidate.companion_words, strict=True)
         if word not in RECALIBRATIONS
     )
-    columns = design.atoms.x[at][:, :, design.atom[[*candidate.columns, *internal]]]  # (t, N, k)
+    columns = design.rows_of(np.array([*candidate.columns, *internal]))[at]  # (t, k, N)
     every = np.concatenate([shares, companion_shares[np.isin(beside, internal)]])
-    moved_pa = (columns @ every).T[known] / design.weights[known][:, at]
+    moved_pa = np.matmul(every, columns).T[known] / design.weights[known][:, at]
     slope = design.load.slope_pa[:, at][known]
     usable = seen.usable[at]
     counts = np.mean(moved_pa[..., None] / np.maximum(slope, 1e-9), axis=(1, 2), where=usable)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ...physics.law import Array
 from ..model.blocks import BlockDesign, residual
-from ..model.curves import CurveShares, CurveSplines, curve_splines, fit_curves
+from ..model.curves import CurveSplines, curve_splines, fit_curves, heldout_rest
 from ..model.load import TaxelLoad
 from ..model.refine import Refined
 from ..model.regression import Timing
@@ -37,24 +37,26 @@ def count_figures(refined: Refined[BlockDesign], order: Sequence[int]) -> Figure
     n = len(design.weights)
     known = design.weights > 0
     law = refined.of_laws
-    x, fixed, prior, own_columns = _columns(law)
+    x, prior, fixed_sum, own_columns = _columns(law)
     aligning = np.array([name in ALIGNING for name in nuisance.shared_names])
     as_read = residual(design, Timing())
     # A clock of its own is aligned, whatever is found.
     aligned = residual(design, Timing(design.timing.delay_s if seen.offset_is_free else 0.0))
-    y = design.y - x[:, :, fixed].sum(axis=2)
-    x, prior = x[:, :, ~fixed], prior[~fixed]
+    y = design.y - fixed_sum
     fold = (np.arange(n) * seen.step_s // FOLD_S).astype(int) % N_FOLDS
     left = np.empty_like(y)
     for k in range(N_FOLDS):
         held = fold == k
-        theta, shift, _ = _fit(x[:, ~held], y[:, ~held], prior, design, ~held)
+        theta, shift, _ = _fit(x, y, prior, design, ~held)
         # Recalibration within its prior is a nuisance: it is no part of the model that is handed out.
-        rest = y - x @ theta - nuisance.shared[:, :, aligning] @ shift[aligning]
-        left[:, held] = rest[:, held]
-    every, shared, _ = _fit(x, y, prior, design, np.ones(n, bool))
-    _, unmoved, _ = _fit(x[:, :, :0], aligned, prior[:0], design, np.ones(n, bool))
-    before = aligned - nuisance.shared[:, :, aligning] @ unmoved[aligning]
+        rest = y - nuisance.shared_sum(shift * aligning)
+        for t, columns in enumerate(x):
+            left[t, held] = rest[t, held] - theta @ columns[:, held]
+    every_row = np.ones(n, bool)
+    every, shared, _ = _fit(x, y, prior, design, every_row)
+    _, unmoved, _ = _fit(x[:, :0], aligned, prior[:0], design, every_row)
+    moved = nuisance.shared_sum(unmoved * aligning)
+    before = aligned - moved
     apart = [_apart_pa(law, i) for i in order]
     off = _off(design, as_read, left, sum(apart))
     recalibrated = None
@@ -64,27 +66,25 @@ def count_figures(refined: Refined[BlockDesign], order: Sequence[int]) -> Figure
     if is_loose or any(each.term.is_memory for each in design.candidates):
         # The calibration may have been made with the memory at work.
         splines = curve_splines(seen.expected_count, seen.usable)
-        recalibrated = CurveShares(splines, _curves(design, off, _columns_at(design, off, splines), known, std_count))
-        off = _heldout_less_curves(design, off, splines, fold, std_count)
+        recalibrated = fit_curves(splines, off, off + seen.activation_count, known, std_count, seen.noise_count)
+        off = _heldout(design, off, splines, fold, std_count)
     static = _off(design, as_read, before)
     if seen.has_own_curves:  # nothing was handed in: it is compared with the static curves that fit best
         splines = curve_splines(seen.expected_count, seen.usable)
-        static = _heldout_less_curves(design, static, splines, fold, every_curve)
+        static = _heldout(design, static, splines, fold, every_curve)
     squares = [_square(design, static), _square(design, off)]
     gains: list[float] = []
-    previous = _square(design, _off(design, as_read, design.y - nuisance.shared[:, :, aligning] @ unmoved[aligning]))
+    previous = _square(design, _off(design, as_read, design.y - moved))
     timing_gain = max(squares[0] - previous, 0.0)
-    raw = design.atoms.x[:, :, design.atom].astype(float) * design.mask.T[:, None, :]
-    for m in range(1, len(order) + 1):
-        part = np.concatenate([law.design.candidates[i].columns for i in order[:m]])
-        shares = np.concatenate([law.shares[i] for i in order[:m]])
-        rest = design.y - raw[:, :, part] @ shares
-        _, shift, _ = _fit(x[:, :, :0], rest, prior[:0], design, np.ones(n, bool))
-        rest = rest - nuisance.shared[:, :, aligning] @ shift[aligning]
+    explained = np.zeros_like(y)
+    for m, i in enumerate(order, start=1):
+        explained += design.moved_by(law.design.candidates[i], law.shares[i])
+        _, shift, _ = _fit(x[:, :0], design.y - explained, prior[:0], design, every_row)
+        rest = design.y - explained - nuisance.shared_sum(shift * aligning)
         off = _off(design, as_read, rest, sum(apart[:m]))
         if recalibrated is not None and is_loose:
-            columns = _columns_at(design, off, recalibrated.splines)
-            off = _less_curves(off, columns, _curves(design, off, columns, known, std_count))
+            at_count = off + seen.activation_count
+            off -= fit_curves(splines, off, at_count, known, std_count, seen.noise_count).off_at(at_count)
         square = _square(design, off)
         gains.append(max(previous - square, 0.0))
         previous = min(previous, square)
@@ -121,11 +121,10 @@ def off_by_load(refined: Refined[BlockDesign]) -> OffByLoad:
     """Of a refined set, under a load that is known."""
     design, law = refined.design, refined.of_laws
     seen, as_read = design.unmoved, residual(design, Timing())
-    raw = law.design.atoms.x[:, :, law.design.atom].astype(float) * law.design.mask.T[:, None, :]
     moved = np.zeros_like(design.y)
     after = design.y
     for candidate, shares in zip(law.design.candidates, law.shares, strict=True):
-        column = raw[:, :, candidate.columns] @ shares
+        column = law.design.moved_by(candidate, shares)
         after = after - column
         moved = moved + column * candidate.term.is_memory
     as_handed_in, of_memories, of_all = (_off(design, as_read, rest) for rest in (design.y, design.y - moved, after))
@@ -148,12 +147,14 @@ def off_by_load(refined: Refined[BlockDesign]) -> OffByLoad:
 
 def _columns(
     refined: Refined[BlockDesign],
-) -> tuple[Array, NDArray[np.bool_], Array, NDArray[np.intp]]:
-    """(T, N, k) of what is at work, which of it has no share, priors, and the companions' columns in the design."""
+) -> tuple[NDArray[np.float32], Array, Array, NDArray[np.intp]]:
+    """(T, k, N) of what is at work and its priors (k,), the sum of what of it has no share (T, N), and the companions.
+
+    Those are numbers of columns of the design.
+    """
     design = refined.design
-    raw = design.atoms.x[:, :, design.atom].astype(float) * design.mask.T[:, None, :]
     own = np.concatenate([each.columns for each in design.candidates] or [np.empty(0, np.intp)]).astype(np.intp)
-    beside = np.setdiff1d(np.arange(raw.shape[2]), own)
+    beside = np.setdiff1d(np.arange(len(design.atom)), own)
     theta = np.concatenate([*refined.shares, np.empty(0)])
     strengths = [float(np.abs(each).sum()) for each in refined.shares]
     whole = np.concatenate(
@@ -162,34 +163,42 @@ def _columns(
     active = np.concatenate([own[theta != 0], beside]).astype(np.intp)
     fixed = np.concatenate([whole, np.zeros(len(beside), bool)])
     prior = np.concatenate([np.full(len(whole), np.inf), absorbed_std(design.candidates, strengths, beside)])
-    return raw[:, :, active], fixed, prior, beside
+    x = design.rows_of(active[~fixed])
+    return x, prior[~fixed], design.rows_of(active[fixed]).sum(axis=1, dtype=float), beside
 
 
 def _settled(refined: Refined[BlockDesign]) -> Array:
     """(T, N) of all rows, what laws, what they leave out and nuisances leave."""
     design, nuisance = refined.design, refined.design.nuisance
-    x, fixed, prior, _ = _columns(refined)
-    y = design.y - x[:, :, fixed].sum(axis=2)
-    x, prior = x[:, :, ~fixed], prior[~fixed]
+    x, prior, fixed_sum, _ = _columns(refined)
+    y = design.y - fixed_sum
     theta, shift, own = _fit(x, y, prior, design, np.ones(y.shape[1], bool))
-    return np.asarray(y - x @ theta - nuisance.shared @ shift - np.matmul(nuisance.own, own[..., None])[..., 0])
+    y -= nuisance.shared_sum(shift) + np.matmul(own[:, None], nuisance.own)[:, 0]
+    for rest, columns in zip(y, x, strict=True):
+        rest -= theta @ columns
+    return y
 
 
-def _fit(x: Array, y: Array, prior: Array, design: BlockDesign, rows: NDArray[np.bool_]) -> tuple[Array, Array, Array]:
-    """Shares (k,), of the reference's columns (s,) and of each triangle's own (T, b), on `rows`."""
-    own, shared = design.nuisance.own[:, rows], design.nuisance.shared[:, rows]
-    inverse = np.linalg.inv(np.matmul(own.transpose(0, 2, 1), own) + np.diag(design.nuisance.own_std**-2.0))
-    both = np.concatenate([x, shared], axis=2)
-    with_own = np.matmul(own.transpose(0, 2, 1), both)
-    own_y = np.matmul(own.transpose(0, 2, 1), y[..., None])
-    through = np.matmul(with_own.transpose(0, 2, 1), inverse)
-    gram = np.sum(np.matmul(both.transpose(0, 2, 1), both) - np.matmul(through, with_own), axis=0)
-    right = np.sum(np.matmul(both.transpose(0, 2, 1), y[..., None]) - np.matmul(through, own_y), axis=0)
-    gram = gram + np.diag(np.concatenate([prior, design.nuisance.shared_std]) ** -2.0)
+def _fit(
+    x: NDArray[np.float32], y: Array, prior: Array, design: BlockDesign, rows: NDArray[np.bool_]
+) -> tuple[Array, Array, Array]:
+    """Shares (k,) of columns (T, k, N), of the reference's (s,) and of each triangle's own (T, b), on `rows` (N,)."""
+    nuisance, own_prior = design.nuisance, np.diag(design.nuisance.own_std**-2.0)
+    gram = np.diag(np.concatenate([prior, nuisance.shared_std]) ** -2.0)
+    right = np.zeros(len(gram))
+    solved = []  # of each triangle's own columns: with y, and with all others
+    for t, left in enumerate(y[:, rows]):
+        own = nuisance.own[t][:, rows]
+        both = np.concatenate([x[t][:, rows], nuisance.shared_of(t)[:, rows]])
+        with_own = own @ np.column_stack([left, both.T])
+        through = np.linalg.solve(own @ own.T + own_prior, with_own)
+        gram += both @ both.T - with_own[:, 1:].T @ through[:, 1:]
+        right += both @ left - with_own[:, 1:].T @ through[:, 0]
+        solved.append(through)
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    found = np.linalg.solve(gram / scale[:, None] / scale + 1e-12 * np.eye(len(gram)), right[:, 0] / scale) / scale
-    per_triangle = (inverse @ (own_y - with_own @ found[:, None]))[..., 0]
-    return found[: x.shape[2]], found[x.shape[2] :], per_triangle
+    found = np.linalg.solve(gram / scale[:, None] / scale + 1e-12 * np.eye(len(gram)), right / scale) / scale
+    per_triangle = np.stack([through[:, 0] - through[:, 1:] @ found for through in solved])
+    return found[: x.shape[1]], found[x.shape[1] :], per_triangle
 
 
 def _apart_pa(refined: Refined[BlockDesign], i: int) -> Array | float:
@@ -218,36 +227,22 @@ def _absorbed_count(law: Refined[BlockDesign]) -> Array:
     slope = np.sum(design.seen.slope_pa * usable, axis=2) / np.maximum(usable.sum(axis=1), 1)  # (N, T) Pa a count
     for candidate, shares in zip(design.candidates, law.shares, strict=True):
         if candidate.term.is_memory:
-            columns = design.atoms.x[:, :, design.atom[candidate.columns]] @ shares  # (T, N)
+            columns = design.moved_by(candidate, shares)
             size = np.where(design.weights > 0, 1.0 / np.maximum(design.weights * slope, 1e-12), 0.0)
-            moved = np.abs(columns.T * size * design.mask[candidate.columns[0]])
+            moved = np.abs(columns.T * size)
             found += np.quantile(moved, OUTER, axis=0)
     return np.asarray(np.clip(found, LEAST_REFITTED_COUNT, REFITTED_COUNT))
 
 
-def _curves(design: BlockDesign, off: Array, columns: Array, known: NDArray[np.bool_], std_count: Array) -> Array:
-    return fit_curves(off, columns, known, std_count, design.seen.noise_count)
+def _heldout(design: BlockDesign, off: Array, splines: CurveSplines, fold: NDArray[np.intp], std_count: Array) -> Array:
+    """`off` less what each taxel's own curve is off by, fitted to the other folds of rows.
 
-
-def _columns_at(design: BlockDesign, off: Array, splines: CurveSplines) -> Array:
-    """(N, T, 12, k) splines at what the model says is read: at readings, a curve would follow their noise."""
-    return np.stack(splines.at(off + design.seen.activation_count), axis=-1)
-
-
-def _heldout_less_curves(
-    design: BlockDesign, off: Array, splines: CurveSplines, fold: NDArray[np.intp], std_count: Array
-) -> Array:
-    """`off` less what each taxel's own curve is off by, fitted to the other folds of rows."""
-    known, found, columns = design.weights > 0, np.empty_like(off), _columns_at(design, off, splines)
-    for k in range(N_FOLDS):
-        held = fold == k
-        shares = _curves(design, off, columns, known & ~held[:, None], std_count)
-        found[held] = _less_curves(off[held], columns[held], shares)
-    return found
-
-
-def _less_curves(off: Array, columns: Array, shares: Array) -> Array:
-    return np.asarray(off - np.einsum("ntik,tik->nti", columns, shares))
+    Curves are functions of what the model says is read: of readings, they would follow their noise.
+    """
+    seen = design.seen
+    return heldout_rest(
+        splines, off, off + seen.activation_count, design.weights > 0, std_count, seen.noise_count, fold
+    )
 
 
 def _noise(design: BlockDesign) -> float:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,8 +80,8 @@ def _best_usual(design: BlockDesign, r: Array, gram: Array, works: NDArray[np.bo
 
 def _left(design: BlockDesign, rest: FittedSet) -> Array:
     """(T, K) inner products of all atoms with what `rest` leaves, by triangle."""
-    y = design.y.copy()
+    left = design.left_of_atoms.copy()
     for k, shares in zip(rest.chosen, rest.shares, strict=True):
         for column, share in zip(design.candidates[k].columns, shares, strict=True):
-            y -= design.atoms.x[:, :, design.atom[column]] * (share * design.mask[column])[:, None]
-    return replace(design, y=y).left_of_atoms
+            left -= design.atoms.gram[:, design.atom[column]] * (share * design.mask[column])[:, None]
+    return left

@@ -197,11 +197,11 @@ class SubsetSearch(Generic[D]):
             own = design.gram[np.ix_(columns, columns)]
             own = own + np.diag(RIDGE * np.diag(own) + 1e-12)
             through = np.linalg.solve(own, design.gram[columns])
-            diagonal = np.diag(design.gram) - np.einsum("ij,ij->j", design.gram[columns], through)
+            diagonal = design.gram.diagonal() - np.einsum("ij,ij->j", design.gram[columns], through)
         else:
-            diagonal = np.diag(design.gram).copy()
-        diagonal = np.maximum(diagonal, 1e-3 * np.diag(design.gram) + 1e-12)
-        kind, own_square = self._kind, np.diag(design.gram)
+            diagonal = design.gram.diagonal().copy()
+        diagonal = np.maximum(diagonal, 1e-3 * design.gram.diagonal() + 1e-12)
+        kind, own_square = self._kind, design.gram.diagonal()
         per_column = np.where(kind == 1, np.maximum(left, 0.0), left) ** 2 / diagonal
         per_column = np.where(kind == 2, 2 * left - own_square, per_column)
         gains = np.add.reduceat(per_column, self._starts) - self._surcharges

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from ...physics.effect import Where
 from ..model.blocks import BlockDesign
 from ..model.refine import refine
@@ -23,7 +21,7 @@ def best_thresholds(design: BlockDesign) -> list[tuple[int, Setting]]:
     """
     if not design.seen.is_uniform:
         return []
-    gram, cross = np.diag(design.gram), design.cross
+    gram, cross = design.gram.diagonal(), design.cross
     places: dict[Where, list[tuple[float, int]]] = {}
     for k, candidate in enumerate(design.candidates):
         if UPPER in candidate.term.refine:

@@ -74,7 +74,7 @@ def _one(first: D, make: Callable[[Timing], D], words: tuple[str, ...], is_free_
     else:
         timing = fit_timing(design, (), Timing(), free, within_s)
     for round_ in range(ROUNDS):
-        if abs(timing.delay_s - made_for.delay_s) > UNMOVED_S or abs(timing.lag_s - made_for.lag_s) > UNLAGGED_S:
+        if _is_moved(made_for, timing):
             design, made_for = make(timing), timing
         search = SubsetSearch(design.retimed(timing), barred)
         best = search.run()[0]
@@ -84,8 +84,16 @@ def _one(first: D, make: Callable[[Timing], D], words: tuple[str, ...], is_free_
         if max(abs(again.delay_s - timing.delay_s), abs(again.lag_s - timing.lag_s)) < TOLERANCE_S:
             break
         timing = again
+        if _is_moved(made_for, timing):
+            design = first
+            del search  # designs are large: this one goes before the next is made
     if "lag" in words and timing.lag_s < design.load.observation.least_lag_s:
         return TimedSet(words, timing, np.inf, search, best)
     every = [search.design.candidates[k] for k in best.chosen]
     price = len(words) * search.prices.of_timing(every, best.shares)
     return TimedSet(words, timing, search.design.total - best.score + price, search, best)
+
+
+def _is_moved(one: Timing, other: Timing) -> bool:
+    """Whether terms of a design that was made for `one` need to follow `other`."""
+    return abs(other.delay_s - one.delay_s) > UNMOVED_S or abs(other.lag_s - one.lag_s) > UNLAGGED_S

@@ -11,7 +11,7 @@ from .term import Setting, Term, TermColumns, needs_calibration
 
 def _column(load: LoadEstimate, setting: Setting) -> TermColumns:
     """One column: the wrench of (g(a + shift) − g(a))/shift."""
-    own = load.wrench_of(load.shifted_pa(setting["shift_count"]))[..., None]
+    own = load.shifted_by_triangle(setting["shift_count"])[..., None]
     return TermColumns((setting,), by_triangle=own, is_recalibration=True)
 
 

@@ -21,7 +21,7 @@ FASTEST_S = 0.5
 SLOW_S = 5.0  # a viscoelasticity of foams and skins is complete after a few seconds
 LEAST_SLOW = 0.1  # of the shares, that take longer
 UNEVEN = 0.5
-SCALES = (0.05, 0.1, 0.2)  # of the range, of activated flow
+SCALES = (0.05, 0.1)  # of the range, of activated flow
 LENGTHS = (1.0, 8.0)  # its time constants, of the recording
 EARLIER = 100.0  # kPa, of a load before the recording
 
@@ -112,7 +112,7 @@ TERM = Term(
     limit=1.0,
     known_most=MOST_SHARED,
     absorbs={**ABSORBED, "earlier_load": EARLIER, "uneven_creep": UNEVEN},
-    yields_to=("viscoelasticity",),
+    yields_to=("viscoelasticity", "hysteresis"),
     is_possible=_is_possible,
     is_in_law=_is_in_law,
     misfit=0.05,

@@ -12,7 +12,7 @@ from .term import Setting, Term, TermColumns, moments_s
 def _column(load: LoadEstimate, setting: Setting) -> TermColumns:
     """One column: (g(a + shift) − g(a))/shift from a moment on."""
     since = (load.observation.t_s >= setting["t_s"])[:, None, None]
-    shifted = load.wrench_of(load.shifted_pa(setting.get("shift_count", 0.0)))
+    shifted = load.shifted_by_triangle(setting.get("shift_count", 0.0))
     return TermColumns((setting,), by_triangle=(shifted * since)[..., None])
 
 

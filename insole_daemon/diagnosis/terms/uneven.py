@@ -7,8 +7,8 @@ faster the more they bear. Beside a memory, as large as a share of it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from itertools import pairwise
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import chain, pairwise
 
 import numpy as np
 
@@ -26,30 +26,42 @@ WIDTHS = (0.03, 0.1, 0.3)  # of the range
 
 
 def _plays(load: LoadEstimate) -> list[TermColumns]:
-    """Joint columns: cut load − its play, for each part and radius."""
+    """Joint columns: cut load − its play, for each part and radius; under a uniform load frictions, too."""
     top = float(load.courses_pa.max())
-    cuts = _cut(load)
     settings = [{"part": float(k), "r_pa": radius * top} for k in range(PARTS) for radius in RADII]
-    flat = [cut.reshape(len(cut), -1) for cut in cuts]
-    loops = [-plays(each, np.array([radius * top]))[0].reshape(cuts[0].shape) for each in flat for radius in RADII]
+    loops = (-_play(cut, radius * top) for cut in _cut(load) for radius in RADII)
     if load.observation.is_uniform:  # of a simulated load courses are guesses, and turn round at other moments
         widths_pa = top * np.array(WIDTHS)
         settings += [{"width_pa": width} for width in [*widths_pa, *-widths_pa]]
-        whole = load.courses_pa.reshape(len(cuts[0]), -1)
-        way = np.cumsum(np.abs(np.diff(whole, axis=0, prepend=whole[:1])), axis=0)
-        earlier = [width * np.exp(-way / width) for width in widths_pa]
-        loops += [each.reshape(cuts[0].shape) for each in [*-frictions(whole, widths_pa), *earlier]]
+        return _joint(load, settings, chain(loops, _frictions(load.courses_pa, widths_pa)))
     return _joint(load, settings, loops)
+
+
+def _play(pressure: Array, radius_pa: float) -> Array:
+    """Play less pressure, of any shape (N, ...)."""
+    own = plays(pressure.reshape(len(pressure), -1), np.array([radius_pa]))[0]
+    return np.asarray(own.reshape(pressure.shape))
+
+
+def _frictions(pressure: Array, widths_pa: Array) -> Iterator[Array]:
+    """What friction takes of the pressure, for each width, and what of a friction before the first row dies away."""
+    whole = pressure.reshape(len(pressure), -1)
+    way = np.cumsum(np.abs(np.diff(whole, axis=0, prepend=whole[:1])), axis=0)
+    for column in (*-frictions(whole, widths_pa), *(width * np.exp(-way / width) for width in widths_pa)):
+        yield column.reshape(pressure.shape)
 
 
 def _late(load: LoadEstimate) -> list[TermColumns]:
     """Joint columns: difference of the load's parts − what follows it late, for each time constant."""
     settings = [{"part": float(k), "tau_s": tau_s} for k in range(PARTS - 1) for tau_s in TAUS_S]
-    cuts, late = _cut(load), []
-    for part in (cuts[0] - cuts[1], cuts[-1] - cuts[1]):
-        flat = part.reshape(len(part), -1)
-        late += [part - low_pass(flat, load.step_s, tau_s).reshape(part.shape) for tau_s in TAUS_S]
-    return _joint(load, settings, late)
+    low, middle, high = _cut(load)
+    parts = (part - middle for part in (low, high))
+    return _joint(load, settings, (_behind(part, load.step_s, tau_s) for part in parts for tau_s in TAUS_S))
+
+
+def _behind(pressure: Array, step_s: float, tau_s: float) -> Array:
+    """Pressure less what follows it late, of any shape (N, ...)."""
+    return pressure - low_pass(pressure.reshape(len(pressure), -1), step_s, tau_s).reshape(pressure.shape)
 
 
 def _cut(load: LoadEstimate) -> list[Array]:
@@ -59,7 +71,7 @@ def _cut(load: LoadEstimate) -> list[Array]:
     return [np.clip(pressure, low, high) - low for low, high in pairwise(edges)]
 
 
-def _joint(load: LoadEstimate, settings: Sequence[Setting], columns: Sequence[Array]) -> list[TermColumns]:
+def _joint(load: LoadEstimate, settings: Sequence[Setting], columns: Iterable[Array]) -> list[TermColumns]:
     shape = load.pressure_pa.shape
     found = [load.wrench_of(np.broadcast_to(each, shape)) for each in columns]
     return [TermColumns(tuple(settings), by_triangle=np.stack(found, axis=-1), joint=True)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from insole_daemon.diagnosis.model.curves import CurveShares, curve_splines, fit_curves
+from insole_daemon.diagnosis.model.curves import curve_splines, fit_curves
 
 
 def test_a_curve_that_is_off_is_fitted_and_written_as_a_polynomial():
@@ -16,9 +16,8 @@ def test_a_curve_that_is_off_is_fitted_and_written_as_a_polynomial():
     off = 6.0 - 0.1 * activation + 0.0008 * activation**2
     splines = curve_splines(activation, usable)
     read = off + rng.normal(0.0, 1.0, off.shape)
-    columns = np.stack(splines.at(activation), axis=-1)
-    shares = fit_curves(read, columns, np.ones((4000, 1), bool), np.full(1, 5.0), np.ones((1, 12)))
-    changed = CurveShares(splines, shares).changed(curve, 0, 3)
+    known = np.ones((4000, 1), bool)
+    changed = fit_curves(splines, read, activation, known, np.full(1, 5.0), np.ones((1, 12))).changed(curve, 0, 3)
     at = np.linspace(5.0, 85.0, 40)
     wanted = np.polynomial.polynomial.polyval(at + 6.0 - 0.1 * at + 0.0008 * at**2, curve)
     assert len(changed) == 7

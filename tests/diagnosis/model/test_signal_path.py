@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import insole_daemon
-from insole_daemon.diagnosis.model.blocks import block_design, make_atoms
+from insole_daemon.diagnosis.model.atoms import make_atoms
+from insole_daemon.diagnosis.model.blocks import block_design
 from insole_daemon.diagnosis.model.load import KnownLoad
 from insole_daemon.diagnosis.model.signal_path import load_changes
 from insole_daemon.diagnosis.observing import observed
@@ -57,6 +58,8 @@ def test_columns_joined_to_others_have_the_inner_products_of_all_together(design
     first, second = term.columns(design.load), candidate(design, "viscoelasticity").term.columns(design.load)[:2]
     joined = make_atoms(second, design.weights, design.nuisance, make_atoms(first, design.weights, design.nuisance))
     whole = make_atoms([*first, *second], design.weights, design.nuisance)
-    for name in ("x", "gram", "raw", "shared"):
+    every = np.arange(whole.product.shape[1])
+    assert np.array_equal(joined.columns(every), whole.columns(every))
+    for name in ("with_own", "gram", "raw", "shared"):
         expected = getattr(whole, name)
         assert getattr(joined, name) == pytest.approx(expected, rel=1e-3, abs=1e-5 * float(np.abs(expected).max()))

@@ -1,0 +1,85 @@
+"""Designs made from one another without computing everything anew."""
+
+from __future__ import annotations
+
+import gc
+import weakref
+
+import numpy as np
+import pytest
+
+import insole_daemon
+from insole_daemon.diagnosis.model.blocks import block_design
+from insole_daemon.diagnosis.model.load import KnownLoad
+from insole_daemon.diagnosis.model.nuisance import Priors
+from insole_daemon.diagnosis.observing import observed
+
+from ..chamber import write
+
+
+@pytest.fixture(scope="module")
+def seen(tmp_path_factory):
+    recording = insole_daemon.load(write(tmp_path_factory.mktemp("chamber") / "bag", seconds=40.0))
+    (found,) = observed([recording], recording.feet, None, lambda text: None, ())
+    return found
+
+
+@pytest.fixture(scope="module")
+def design(seen):
+    return block_design(KnownLoad(seen), seen.weight_variance**-0.5)
+
+
+def assert_like(one, other) -> None:
+    """Asserts that two designs of the same candidates have the same inner products."""
+    size = np.sqrt(other.gram.diagonal())
+    assert one.gram[:, :] / size / size[:, None] == pytest.approx(other.gram[:, :] / size / size[:, None], abs=1e-3)
+    assert one.cross / size == pytest.approx(other.cross / size, rel=1e-3, abs=1e-3 * np.sqrt(other.total))
+    assert one.total == pytest.approx(other.total, rel=1e-6)
+
+
+def number(design, word: str) -> int:
+    """Returns the number of the first candidate of the whole insole with this word."""
+    return next(k for k, c in enumerate(design.candidates) if c.word == word and c.where.scope == "insole")
+
+
+def test_a_design_under_other_priors_is_the_one_made_under_them(design, seen):
+    priors = Priors(0.015, 0.06)
+    again = design.under(priors)
+    made = block_design(KnownLoad(seen), seen.weight_variance**-0.5, priors)
+    assert again.nuisance.log_determinant == pytest.approx(made.nuisance.log_determinant)
+    chosen = [number(design, word) for word in ("hysteresis", "gain", "drift")]
+    assert_like(again.subset(chosen), made.subset(chosen))
+
+
+def test_a_set_has_the_inner_products_that_it_has_among_all_candidates(design):
+    chosen = [number(design, word) for word in ("viscoelasticity", "baseline")]
+    columns = np.unique(np.concatenate([[*c.columns, *c.companions] for c in (design.candidates[k] for k in chosen)]))
+    part = design.subset(chosen)
+    size = np.sqrt(part.gram.diagonal())
+    assert part.gram[:, :] == pytest.approx(design.gram[np.ix_(columns, columns)])
+    assert part.cross / size == pytest.approx(design.cross[columns] / size, abs=1e-3 * np.sqrt(part.total))
+
+
+def test_a_setting_exchanged_is_a_setting_added(design):
+    k = number(design, "snap")
+    setting = {"up_pa": 90e3, "down_pa": 55e3}
+    exchanged = design.subset([number(design, "hysteresis"), k]).exchanged(1, setting)
+    added = design.with_settings([(k, setting)])
+    assert_like(exchanged, added.subset([number(design, "hysteresis"), len(added.candidates) - 1]))
+
+
+def test_a_released_design_has_the_same_candidates_and_makes_the_same_columns(design):
+    k, setting = number(design, "gain"), {"more": 0.05}
+    assert_like(design.subset([k]).exchanged(0, setting), design.released().subset([k]).exchanged(0, setting))
+
+
+def test_a_load_goes_with_the_last_that_refers_to_it(seen):
+    load = KnownLoad(seen)
+    assert load.before(3) is load.unchanged
+    known = weakref.ref(load)
+    gc.disable()
+    try:
+        del load
+        assert known() is None
+    finally:
+        gc.enable()
