@@ -19,7 +19,8 @@ from ..floor import noise_of_blocks
 LONGEST_S = 0.12  # between the readings before and after, two of a board at 50 ms: a load may come and go meanwhile
 LEAST_SIGMAS = 8.0  # of the noise nearby: by chance one of 10¹⁵
 LEAST_NOISE_COUNT = 0.5  # of readings that rounding makes alike
-RANK = 4  # of a triangle's ten taxels, that of which the load is told: three may be outliers at once
+TOGETHER = 0.4  # of a triangle's live taxels: what so many show is load; three of ten may be outliers at once
+LEAST_LIVE = 4  # of them: fewer contradict nothing
 ALONE = 4.0  # times what this taxel is away
 MOVES = 0.5  # of what it moves meanwhile: a peak between two readings is no further away
 NEARBY = 32  # readings, for the level of the noise
@@ -30,12 +31,15 @@ MOST = 0.05  # of a taxel's readings: more are an effect
 def outliers(t_s: Array, counts: Array, valid: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """(k, 12) outliers among the `valid` readings `counts` (k, 12) of one triangle at times (k,)."""
     found = np.zeros(counts.shape, bool)
-    if len(counts) < 2 * NEARBY:
+    live = PRESSURE_TAXELS & valid.any(axis=0) & (np.ptp(counts, axis=0) > 0)
+    if len(counts) < 2 * NEARBY or live.sum() < LEAST_LIVE:
         return found
+    rank = round(TOGETHER * live.sum())
     noise = _noise_nearby(counts)
 
     def far(away: Array, moves: Array) -> Array:  # (k, 12) `away`, 0 where load or noise may be as much
-        least = np.maximum(ALONE * _ranked(away), MOVES * _ranked(moves))
+        most = [np.sort(each[:, live], axis=1)[:, -rank, None] for each in (away, moves)]
+        least = np.maximum(ALONE * most[0], MOVES * most[1])
         return np.where(away > np.maximum(least, LEAST_SIGMAS * noise), away, 0.0)
 
     for _ in range(PASSES):
@@ -91,12 +95,6 @@ def _away(
     first, second = (np.take_along_axis(counts, each, axis=0) for each in (before, after))
     away = np.abs(own - np.clip(own, np.minimum(first, second), np.maximum(first, second)))
     return np.where(known, away, 0.0), np.where(known, np.abs(second - first), 0.0)
-
-
-def _ranked(sizes: Array) -> Array:
-    """(k, 1) what most of the pressure taxels do not exceed, of `sizes` (k, 12)."""
-    ranked: Array = np.sort(sizes[:, PRESSURE_TAXELS], axis=1)[:, -RANK, None]
-    return ranked
 
 
 def _noise_nearby(counts: Array) -> Array:

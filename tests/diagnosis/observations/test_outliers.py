@@ -90,3 +90,10 @@ def test_readings_a_tenth_of_a_second_apart_are_left_as_they_are():
     counts = read()
     counts[300, 5] = 20.0
     assert not found_in(counts, 0.1).any()
+
+
+def test_a_live_taxel_of_a_dead_triangle_is_left_as_it_is():
+    counts = read()
+    counts[:, 1:] = 240.0
+    counts[300, 0] = 120.0
+    assert not found_in(counts).any()
