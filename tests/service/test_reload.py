@@ -193,7 +193,7 @@ def test_boards_and_other_triangles_stay_until_a_restart(tmp_path):
     file.write_text(text + "\nextensions: {}\n".lstrip("\n") + "# nothing new\n")
     reloaded = merge(running, *read(file))
     assert (reloaded.changed, reloaded.needs_restart) == ((), ())
-    assert reloaded.told() == [("reloaded", "changed: nothing")]
+    assert reloaded.events() == [("reloaded", "changed: nothing")]
 
 
 def save_zero(path: Path, setup: FootSetup, baseline_count: float) -> None:
