@@ -13,10 +13,10 @@ from ..bus.gate import Gate
 from ..config import Board
 from ..errors import BusError
 from ..skin import commands
+from ..skin.assembler import CycleAssembler
 from ..skin.bus_load import BusLoad, Stream, bus_load
 from ..skin.commands import Command
 from ..skin.confirmation import ObservedBoard, StreamWatch
-from ..skin.cycles import CycleAssembler
 from ..skin.identifiers import CLASS_LEGACY_SKIN, CLASS_MANAGEMENT, TYPE_THERMOMETER
 from .foot import Foot
 from .load import LOOK_NS, FootLoad, LoadRecord

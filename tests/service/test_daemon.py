@@ -50,7 +50,7 @@ def test_service_manager_is_told(daemon, tmp_path):
     manager.close()
 
 
-# Rates and ages are asserted with injected time (tests/skin/test_cycles.py, test_boards.py) and measured by
+# Rates and ages are asserted with injected time (tests/skin/test_assembler.py, test_boards.py) and measured by
 # `python -m benchmarks run live.full_load --soak 600`: of a busy machine a test could only say that it was busy.
 
 
