@@ -177,6 +177,10 @@ class SoakBus(RecoveringSource):
         clock.passing = self._pass
         super().__init__([Bus("opened", INTERFACE)])
 
+    def clock_ns(self) -> int:  # type: ignore[override]  # RecoveringSource has the real clock, whatever is injected
+        """Return the injected monotonic time, by which the frames are due and stamped."""
+        return self._clock.monotonic_ns()
+
     def go_down(self, seconds: float) -> None:
         """Lose the interface for so long, in injected time."""
         self._down_until_ns = self._clock.monotonic_ns() + round(seconds * 1e9)

@@ -1,4 +1,4 @@
-"""Many datagrams a system call: `recvmmsg` with the kernel's receive time and its count of lost frames.
+"""Receive many datagrams per system call: `recvmmsg`, with the kernel's receive time and its count of lost frames.
 
 Works on any datagram socket whose datagrams are `struct can_frame` (16 bytes, linux/can.h), which is what a
 raw CAN socket delivers:
@@ -29,8 +29,8 @@ from .frames import ERROR, EXTENDED, REMOTE, FrameBatch, ReceivedFrames
 from .source import BusCounters
 
 RECEIVE_BUFFER_BYTES = 8 << 20
-# All that the kernel's queue can hold: it doubles the buffer, and charges 768 bytes for a small frame. Who reads relies
-# on one call taking in all that has arrived; else the cycles of a pause would be closed by time before they are read.
+# All that the kernel's queue can hold: it doubles the buffer and charges 768 bytes for a small frame. One call must
+# receive everything that has arrived; otherwise cycles would be closed by time before their frames are read.
 _CAPACITY = 2 * RECEIVE_BUFFER_BYTES // 768
 _SO_TIMESTAMPNS = 35
 _SO_RXQ_OVFL = 40
@@ -50,9 +50,9 @@ _libc = ctypes.CDLL(None, use_errno=True)
 
 
 class BatchedSocket:
-    """Takes in frames from `sock` by the hundred and hands them over as one FrameBatch.
+    """Receives frames from `sock` in bulk and returns them as one FrameBatch.
 
-    Raises BusError where the layout of the system call is not the one known here (32-bit or big-endian).
+    Raises BusError on a 32-bit or big-endian machine, where the structures of the system call differ.
     """
 
     def __init__(self, sock: socket.socket, counters: BusCounters) -> None:
@@ -86,7 +86,7 @@ class BatchedSocket:
         self._clock_offset_ns = time.monotonic_ns() - time.time_ns()
 
     def receive(self) -> int:
-        """Take in what waits in the socket, without blocking; the number of frames now held."""
+        """Receive the frames that wait in the socket, without blocking; return the number of frames now held."""
         if self._receiver is not None:
             held: int = kernel.receive(self._receiver, self.socket.fileno(), self._held)
             if held < 0:
@@ -112,7 +112,7 @@ class BatchedSocket:
         return self._held
 
     def drain(self) -> FrameBatch:
-        """Hand over the frames held, as arrays of their own; times are the kernel's."""
+        """Return the frames held, as new arrays with the kernel's times."""
         held, self._held = self._held, 0
         if held == 0:
             return FrameBatch.empty()
@@ -130,7 +130,7 @@ class BatchedSocket:
         return FrameBatch(t_ns, self._monotonic(t_ns), _ZEROS[:held], *parts_of(raw))
 
     def _drain_compiled(self, held: int) -> FrameBatch:
-        """As `drain`, of the `held` frames."""
+        """Return the `held` frames as `drain` does, by the compiled kernel."""
         now_mono_ns = self._follow_clocks()
         block, stamped, plain, dropped, self._last_mono_ns = kernel.drain(
             self._receiver, held, self._clock_offset_ns, self._last_mono_ns, now_mono_ns
@@ -146,7 +146,7 @@ class BatchedSocket:
         return FrameBatch(frames.t_ns, frames.t_mono_ns, _ZEROS[:held], *parts_of(frames.raw.copy()))
 
     def _count_drops(self, held: int) -> None:
-        """The kernel's counter is cumulative and 32 bit, and rides on frames only once it is not zero."""
+        """Read the kernel's counter of drops: cumulative, 32 bit, and sent with frames only once it is not zero."""
         if self._headers[held - 1, 5] > _STAMP_BYTES:
             self._add_drops(int(self._control[held - 1].view(np.uint32)[_STAMP_BYTES // 4 + 4]))
 
@@ -155,9 +155,11 @@ class BatchedSocket:
         self._dropped = dropped
 
     def _follow_clocks(self) -> int:
-        """The monotonic clock; the distance of the wall clock to it is up to date then, as far as that can be known."""
+        """Update the offset between the wall clock and the monotonic clock; return the latter."""
         before_ns, now_ns, now_mono_ns = time.monotonic_ns(), time.time_ns(), time.monotonic_ns()
-        if now_mono_ns - before_ns < _CLOCK_STEP_NS:  # else another process ran in between: what was known stands
+        if (
+            now_mono_ns - before_ns < _CLOCK_STEP_NS
+        ):  # otherwise another process ran in between, and the old offset is kept
             offset_ns = now_mono_ns - now_ns
             if abs(offset_ns - self._clock_offset_ns) > _CLOCK_STEP_NS:
                 self._counters.clock_steps += 1
@@ -165,7 +167,7 @@ class BatchedSocket:
         return now_mono_ns
 
     def _monotonic(self, t_ns: NDArray[np.int64]) -> NDArray[np.int64]:
-        """The same moments on the monotonic clock; a step of the wall clock in between moves no frame far."""
+        """Convert receive times to the monotonic clock; a step of the wall clock in between has little effect."""
         now_mono_ns = self._follow_clocks()
         t_mono_ns = t_ns + self._clock_offset_ns
         if t_mono_ns[0] < self._last_mono_ns:
@@ -181,7 +183,7 @@ class BatchedSocket:
 def parts_of(
     raw: NDArray[np.uint8],
 ) -> tuple[NDArray[np.uint32], NDArray[np.uint8], NDArray[np.uint8], NDArray[np.uint8]]:
-    """can_id, dlc, data and flags, as in FrameBatch, of `raw` (n, 16), n `struct can_frame`, which may be changed."""
+    """Return can_id, dlc, data and flags of n `struct can_frame`, `raw` (n, 16), which may be changed."""
     can_id, dlc, data, flags = raw.view(np.uint32)[:, 0], raw[:, 4], raw[:, 8:], _ZEROS[: len(raw)]
     if np.count_nonzero(raw.view(np.uint64)[:, 0] >> _ID_BITS == _PLAIN) < len(raw):
         can_id, flags = _flags_apart(can_id)
@@ -194,7 +196,7 @@ def _without_time() -> BusError:
 
 
 def _flags_apart(id_and_flags: NDArray[np.uint32]) -> tuple[NDArray[np.uint32], NDArray[np.uint8]]:
-    """Identifiers and flags of frames that are not all plain."""
+    """Split identifiers and flags of frames that are not all standard data frames."""
     flags = np.where(id_and_flags & _ID_EXTENDED, EXTENDED, 0).astype(np.uint8)
     flags |= np.where(id_and_flags & _ID_REMOTE, REMOTE, 0).astype(np.uint8)
     flags |= np.where(id_and_flags & _ID_ERROR, ERROR, 0).astype(np.uint8)
@@ -203,7 +205,7 @@ def _flags_apart(id_and_flags: NDArray[np.uint32]) -> tuple[NDArray[np.uint32], 
 
 
 def _set_receive_buffer(sock: socket.socket) -> None:
-    """8 MiB where allowed: root may exceed net.core.rmem_max, everybody else gets up to that limit."""
+    """Set a buffer of 8 MiB if allowed: root may exceed net.core.rmem_max, other users get up to that limit."""
     try:
         sock.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, RECEIVE_BUFFER_BYTES)
     except PermissionError:

@@ -1,4 +1,4 @@
-"""candump logs (`candump -L` and `-l`) into batches of frames: plain text, .gz, .zst."""
+"""Read candump logs (`candump -L` and `-l`) as batches of frames: plain text, .gz, .zst."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _SCREEN_OUTPUT = re.compile(rb"\s*(\(.*\))?\s*\S+\s+[0-9A-F]{3,8}\s+\[\d+\]")
 
 @dataclass(frozen=True, slots=True)
 class LogCounters:
-    """What a log holds, and what is missing from it."""
+    """Numbers of frames in a log, and of those missing from it."""
 
     frames: int = 0  # all of them; the next three kinds are among them
     error_frames: int = 0
@@ -44,16 +44,16 @@ class LogCounters:
 
 @dataclass(frozen=True, slots=True)
 class CandumpLog:
-    """A whole log. `t_ns` is the log's time, `t_mono_ns` the same with every step backwards taken out."""
+    """A whole log. `t_ns` is the log's time, `t_mono_ns` the same with every step backwards removed."""
 
     frames: FrameBatch
     interfaces: tuple[str, ...]  # in the order in which they appear; FrameBatch.interface counts in them
     counters: LogCounters
-    warnings: tuple[str, ...]  # a sentence for each thing that is not as it should be
+    warnings: tuple[str, ...]  # one sentence per defect
 
 
 def read(path: str | os.PathLike[str]) -> CandumpLog:
-    """Read the log at `path`; raises LogError where it is none."""
+    """Read the log at `path`; raises LogError if it is not a log."""
     frames = GrowingBatch()
     with CandumpReader(path) as reader:
         for piece in reader.pieces():
@@ -62,16 +62,16 @@ def read(path: str | os.PathLike[str]) -> CandumpLog:
 
 
 class CandumpReader:
-    """A log read in batches of about CHUNK_FRAMES, for one that is larger than memory.
+    """Reads a log in batches of about CHUNK_FRAMES, so that it may be larger than memory.
 
         with CandumpReader("can.log") as reader:
             for batch in reader: ...
 
-    `interfaces`, `counters` and `warnings` grow while it is read; any step may raise LogError.
+    `interfaces`, `counters` and `warnings` grow during the reading; every step may raise LogError.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
-        """Open `path`; raises LogError if that cannot be."""
+        """Open `path`; raises LogError if it cannot be opened."""
         self.counters = LogCounters()
         self.warnings: tuple[str, ...] = ()
         self._file = LogFile(path)
@@ -80,25 +80,25 @@ class CandumpReader:
         self._head = b""  # the first bytes of the text
         self._lines = 0  # before the piece at hand
         self._last_ns: int | None = None  # time of the frame before
-        self._taken_out_ns = 0  # sum of the steps backwards so far
+        self._removed_ns = 0  # sum of the steps backwards so far
         self._recent = FrameBatch.empty()
 
     @property
     def interfaces(self) -> tuple[str, ...]:
-        """The names seen so far, in order of appearance."""
+        """The names of interfaces read so far, in order of appearance."""
         return tuple(self._decoder.names)
 
     def expected_frames(self) -> int:
-        """How many frames the log will have, by what was read of its file so far."""
+        """Return an estimate of the number of frames in the log, from the part of the file read so far."""
         return int(self.counters.frames / self.fraction_read)
 
     @property
     def fraction_read(self) -> float:
-        """How much of the file has been read, above 0."""
+        """Return the fraction of the file that has been read, above 0."""
         return self._file.fraction_read()
 
     def __enter__(self) -> Self:
-        """The reader itself."""
+        """Return the reader."""
         return self
 
     def __exit__(
@@ -112,7 +112,7 @@ class CandumpReader:
         self._file.close()
 
     def __iter__(self) -> Iterator[FrameBatch]:
-        """The frames in order, in batches of about CHUNK_FRAMES."""
+        """Yield the frames in order, in batches of about CHUNK_FRAMES."""
         pieces: list[FrameBatch] = []
         for piece in self.pieces():
             pieces.append(piece)
@@ -123,7 +123,7 @@ class CandumpReader:
             yield FrameBatch.concatenate(pieces)
 
     def pieces(self) -> Iterator[FrameBatch]:
-        """The frames in order, in batches as they are decoded: some ten thousand frames, never none."""
+        """Yield the frames in order, in non-empty batches as they are decoded, some ten thousand frames each."""
         buffer = bytearray(PAD + _PIECE_BYTES + PAD)
         room = memoryview(buffer)[PAD : PAD + _PIECE_BYTES]
         held = 0
@@ -154,7 +154,7 @@ class CandumpReader:
         self._warn_of_counters()
 
     def _piece(self, buffer: bytearray, size: int) -> Iterator[FrameBatch]:
-        """The frames of the first `size` bytes, which are whole lines."""
+        """Yield the frames of the first `size` bytes, which are whole lines."""
         try:
             piece = self._decoder.decode(buffer, size)
         except RefusedLine as refused:
@@ -180,16 +180,16 @@ class CandumpReader:
         )
 
     def _monotonic(self, piece: Piece) -> NDArray[np.int64]:
-        """The times of the frames with the steps backwards taken out, ns."""
+        """Return the times of the frames in ns with steps backwards removed."""
         t_ns = piece.frames.t_ns
         step_ns = np.diff(t_ns, prepend=t_ns[0] if self._last_ns is None else self._last_ns)
         self._last_ns = int(t_ns[-1])
         backwards = np.flatnonzero(step_ns < 0)
-        if not len(backwards) and self._last_ns + self._taken_out_ns < _LATEST_NS:
-            return t_ns + self._taken_out_ns
+        if not len(backwards) and self._last_ns + self._removed_ns < _LATEST_NS:
+            return t_ns + self._removed_ns
         steps_ns = np.where(step_ns < 0, -step_ns, 0)
         # Added up they may be more than 64 bits hold, which floating point shows.
-        too_late = float(self._taken_out_ns) + np.cumsum(steps_ns, dtype=np.float64) + t_ns >= _LATEST_NS
+        too_late = float(self._removed_ns) + np.cumsum(steps_ns, dtype=np.float64) + t_ns >= _LATEST_NS
         if too_late.any():
             raise LogError(
                 f"{self._path}: line {self._lines + 1 + piece.line_of(int(too_late.argmax()))}: expected times that "
@@ -202,25 +202,25 @@ class CandumpReader:
                 "which is taken out"
             )
         self.counters = replace(self.counters, clock_steps=self.counters.clock_steps + len(backwards))
-        taken_out_ns: NDArray[np.int64] = self._taken_out_ns + np.cumsum(steps_ns)
-        self._taken_out_ns = int(taken_out_ns[-1])
-        return t_ns + taken_out_ns
+        removed_ns: NDArray[np.int64] = self._removed_ns + np.cumsum(steps_ns)
+        self._removed_ns = int(removed_ns[-1])
+        return t_ns + removed_ns
 
     def _is_whole(self, rest: bytes) -> bool:
-        """Whether what follows the last newline is a line that only lacks its own; warns where it is not."""
+        """Return whether the text after the last newline is a complete line without newline; warn if it is not."""
         if dropped_frames(rest) is not None:
             return True
         try:
-            found = parse_line(rest)
+            frame = parse_line(rest)
         except BadLine as bad:
             if not self.counters.frames:
                 raise self._refusal(RefusedLine(0, rest, str(bad), True)) from None
             self._tear(f"line {self._lines + 1} is torn, found {shown_line(rest)}")
             return False
-        # Half a payload is a payload too, so it is held against the frames of the same identifier before it.
+        # Half a payload is a valid payload, so its length is compared with earlier frames of the same identifier.
         recent = self._recent
-        alike = recent.dlc[(recent.can_id == found.can_id) & (recent.flags == found.flags)]
-        if len(alike) and found.dlc < alike[-1]:
+        alike = recent.dlc[(recent.can_id == frame.can_id) & (recent.flags == frame.flags)]
+        if len(alike) and frame.dlc < alike[-1]:
             self._tear(
                 f"line {self._lines + 1} is torn, found {shown_line(rest)} "
                 f"where the same identifier had {alike[-1]} bytes before"
@@ -236,7 +236,7 @@ class CandumpReader:
         self.warnings += (f"{self._path}: {message}",)
 
     def _warn_of_counters(self) -> None:
-        """What can only be said once everything was read."""
+        """Add the warnings that depend on the whole log."""
         self.counters = replace(self.counters, dropped=self._decoder.dropped)
         if self.counters.dropped:
             self._warn(f"candump noted that the kernel dropped {self.counters.dropped} frames")
@@ -246,7 +246,7 @@ class CandumpReader:
             self._warn(f"{self.counters.fd_frames} frames are CAN FD, which the insole does not send")
 
     def _refusal(self, refused: RefusedLine) -> LogError:
-        """The error that says which line is wrong, and what the file is if it is no candump log at all."""
+        """Return the error for a wrong line, or for a file that is not a candump log at all."""
         number, line = self._lines + refused.index + 1, refused.line
         if not refused.first or self.counters.frames or re.match(rb"\(\d+\.\d+\) \S+ +\S+#", line):
             return LogError(

@@ -1,12 +1,12 @@
-"""Many candump lines at once: a piece of text decoded into columns with some hundred array operations.
+"""Decode many candump lines at once: a piece of text into columns, with some hundred array operations.
 
-Nothing here loops over lines. Newlines and `#` are found first; around them each line is cut into words of
+There is no loop over lines. Newlines and `#` are found first; around them each line is cut into words of
 eight characters, and a word is one uint64 in which eight digits are checked and converted together ("SIMD
 within a register": L. Lamport, Multiple byte processing with full-word instructions, CACM 18(8), 1975).
 
-A line is taken only if every byte of it is what candump would have put there. All others (CAN FD, remote
-frames, blank lines, a time in another form, garbage) are left to `candump_line`, to be read or explained.
-The machine is little-endian, as everything that SocketCAN is read on here.
+A line is decoded only if every byte is one that candump would have written. All others (CAN FD, remote frames, blank
+lines, a time in another form, garbage) are left to `candump_line`, which reads or explains them. The machine must be
+little-endian, as for reading SocketCAN.
 """
 
 from __future__ import annotations
@@ -31,29 +31,29 @@ _NANOSECONDS = np.int64(1_000_000_000)
 
 
 class _WordForm(NamedTuple):
-    """What eight characters must be: after `^ pattern & care` digits are 0..9 and the rest is 0."""
+    """The expected form of eight characters: after `^ pattern & care`, digits are 0..9 and the rest is 0."""
 
     pattern: np.uint64
-    care: np.uint64  # 0xFF at the characters that count
+    care: np.uint64  # 0xFF at the characters that are checked
     limit: np.uint64  # added to them, sets the high bit of each that is too large
 
 
 @dataclass(frozen=True, slots=True)
 class TimeForm:
-    """How the times of a log are written: how many digits of seconds, and how many decimals."""
+    """The form of the times of a log: number of digits of the seconds, and number of decimals."""
 
     seconds: int  # 1..15
     decimals: int  # 1..9
 
     @classmethod
     def of(cls, line: bytes) -> Self | None:
-        """The form of the time that begins `line`; None if it is not one that can be read many at once."""
+        """Return the form of the time at the start of `line`; None if it cannot be decoded in bulk."""
         point, close = line.find(b".", 0, 17), line.find(b")", 0, 27)
         seconds, decimals = point - 1, close - point - 1
         return cls(seconds, decimals) if 1 <= seconds <= 15 and 1 <= decimals <= 9 else None
 
     def words(self) -> list[_WordForm | None]:
-        """The 32 characters of which the 17th is the point, as words; None for one that nothing counts in."""
+        """Return the form of 32 characters with the point as the 17th, as words; None for a word without digits."""
         time = b"(" + b"0" * self.seconds + b"." + b"0" * self.decimals + b")"
         window = (bytes(15 - self.seconds) + time).ljust(32, b"\0")
         characters = np.frombuffer(window, np.uint8)
@@ -65,7 +65,7 @@ class TimeForm:
 
 @dataclass(frozen=True, slots=True)
 class Columns:
-    """The lines of a piece, n of them, blank ones too; only where `ok` is true do the other columns count."""
+    """The n lines of a piece, including blank ones; the other columns are defined only where `ok` is true."""
 
     ok: NDArray[np.bool_]  # (n,) the line was read
     first: NDArray[np.intp]  # (n,) where the line begins in the text
@@ -79,7 +79,7 @@ class Columns:
 
 
 def _low_bytes(n: NDArray[np.intp], word: int) -> NDArray[np.uint64]:
-    """Masks of the bytes of word number `word` that belong to the first `n` bytes."""
+    """Return masks of the bytes of word number `word` that belong to the first `n` bytes."""
     kept = np.clip(n - 8 * word, 0, 8)
     return np.array([(1 << 8 * int(k)) - 1 for k in kept], _U64)
 
@@ -89,7 +89,7 @@ _KEY_MASKS = [_low_bytes(np.arange(8 * KEY_WORDS + 1), word) for word in range(K
 
 
 def _positions(text: NDArray[np.uint8], begin: int, end: int, byte: int) -> NDArray[np.intp]:
-    """Where `byte` stands in text[begin:end], ascending."""
+    """Return the positions of `byte` in text[begin:end], ascending."""
     size = end - begin
     mask = text[begin : begin + size + -size % 8] == byte
     mask[size:] = False
@@ -107,26 +107,26 @@ def _positions(text: NDArray[np.uint8], begin: int, end: int, byte: int) -> NDAr
 def _hashes(
     text: NDArray[np.uint8], begin: int, end: int, first: NDArray[np.intp], newline: NDArray[np.intp]
 ) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-    """Of each line the place of its `#`, and whether it has exactly one (else the place means nothing)."""
+    """Return the position of the `#` of each line, undefined unless it has exactly one, and whether it has."""
     hashes = _positions(text, begin, end, ord("#"))
     if len(hashes) == len(newline):
         single = (hashes > first) & (hashes < newline)
         if single.all():
             return hashes, single
     # Some line has none or several.
-    left, right = np.searchsorted(hashes, first), np.searchsorted(hashes, newline)
-    single = right - left == 1
-    return np.where(single, np.append(hashes, begin)[left], first), single
+    start, stop = np.searchsorted(hashes, first), np.searchsorted(hashes, newline)
+    single = stop - start == 1
+    return np.where(single, np.append(hashes, begin)[start], first), single
 
 
 def _windows(text: NDArray[np.uint8], at: NDArray[np.intp], words: int) -> NDArray[np.uint64]:
-    """(n, words): the 8 * words characters that begin at each of `at`."""
+    """Return (n, words): the 8 · words characters that begin at each of the n positions `at`."""
     every = np.ndarray((len(text) - 8 * words,), f"V{8 * words}", text, strides=(1,))
     return every[at].view(_U64).reshape(len(at), words)
 
 
 def _number(digits: NDArray[np.uint64]) -> NDArray[np.uint64]:
-    """The number that eight bytes of value 0..9 are, most significant digit in the lowest byte."""
+    """Return the numbers of eight digits each, as bytes 0..9 with the most significant digit in the lowest byte."""
     pairs = (digits * _U64(0x0A01)) >> _U64(8) & _U64(0x00FF_00FF_00FF_00FF)
     fours = (pairs * _U64(0x0064_0001)) >> _U64(16) & _U64(0x0000_FFFF_0000_FFFF)
     return (fours * _U64(0x2710_0000_0001)) >> _U64(32)
@@ -135,7 +135,7 @@ def _number(digits: NDArray[np.uint64]) -> NDArray[np.uint64]:
 def _times(
     text: NDArray[np.uint8], point: NDArray[np.intp], form: TimeForm
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """The times whose decimal points stand at `point`, ns, and which of them are written in that form."""
+    """Return the times in ns with their decimal points at `point`, and which of them have that form."""
     window = _windows(text, point - 16, 4)
     bad = np.zeros(len(point), _U64)
     digits: list[NDArray[np.uint64] | None] = []
@@ -143,9 +143,9 @@ def _times(
         if word is None:
             digits.append(None)
             continue
-        found = (window[:, column] ^ word.pattern) & word.care
-        bad |= (found + word.limit) | found
-        digits.append(found)
+        values = (window[:, column] ^ word.pattern) & word.care
+        bad |= (values + word.limit) | values
+        digits.append(values)
     high, low, tenths, rest = digits
     # Thousands of lines share a second, so its digits are converted once for each run of equal ones.
     assert low is not None
@@ -171,7 +171,7 @@ def _times(
 
 
 def decode(text: NDArray[np.uint8], begin: int, end: int, form: TimeForm) -> Columns:
-    """The lines of text[begin:end], which ends with a newline; `text` has PAD bytes more on either side."""
+    """Decode the lines of text[begin:end], which ends with a newline; `text` has PAD more bytes on either side."""
     newline = _positions(text, begin, end, ord("\n"))
     n = len(newline)
     first = np.empty(n, np.intp)

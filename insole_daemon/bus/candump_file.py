@@ -1,4 +1,4 @@
-"""The bytes of a log file: plain, gzip or zstd, told apart by how it begins and not by its name."""
+"""Read the bytes of a log file: plain, gzip or zstd, recognised by its first bytes and not by its name."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _GZIP = b"\x1f\x8b"
 _ZSTD = b"\x28\xb5\x2f\xfd"
 _COMPRESSED_BYTES = 1 << 12  # read at a time; some ten times as much comes out, of a hostile zstd 32 000 times
 
-# First bytes of what people have instead of candump text, and what it is.
+# First bytes of other formats that people have, and their names.
 _OTHERS: Final = (
     (b"LOGG", "Vector BLF"),
     (b"MDF     ", "ASAM MDF"),
@@ -34,7 +34,7 @@ _OTHERS: Final = (
 
 
 class _Decompressor(Protocol):
-    """What zlib, compression.zstd and zstandard have in common."""
+    """The common interface of zlib, compression.zstd and zstandard."""
 
     @property
     def eof(self) -> bool: ...
@@ -49,7 +49,7 @@ class LogFile:
     """A log file opened for reading."""
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
-        """Open `path`; raises LogError if that cannot be."""
+        """Open `path`; raises LogError if it cannot be opened."""
         self.path = os.fspath(path)
         self.cut = False  # the compressed data ended before its end mark
         try:
@@ -75,11 +75,11 @@ class LogFile:
         self._text = memoryview(b"")  # decompressed and not yet handed over
 
     def fraction_read(self) -> float:
-        """How much of the file has been read, above 0; 1 where it has no size."""
+        """Return the fraction of the file that has been read, above 0; 1 if the file has no size."""
         return max(1, self._file.tell()) / self._size if self._size else 1.0
 
     def readinto(self, target: memoryview) -> int:
-        """Put the next bytes of text into `target`; how many, 0 at the end. LogError if they are damaged."""
+        """Read the next bytes of text into `target`; return their number, 0 at the end. LogError if damaged."""
         if self._new is None:
             return self._file.readinto(target)
         while not self._text:
@@ -99,7 +99,7 @@ class LogFile:
         return size
 
     def _decompress(self, new: Callable[[], _Decompressor]) -> bytes | None:
-        """The text of the next compressed bytes, perhaps none yet; None at the end."""
+        """Return the text of the next compressed bytes, which may be empty; None at the end."""
         before = self._decompressor
         if before is None or before.eof:
             # Files that were joined or appended to hold several streams, and zeros may pad the end.
@@ -123,7 +123,7 @@ class LogFile:
 
 
 def other_format(head: bytes) -> str | None:
-    """What a file that is not candump text seems to be, by the bytes it begins with."""
+    """Return the likely format of a file that is not candump text, by its first bytes."""
     for magic, name in _OTHERS:
         if head.startswith(magic):
             return name
@@ -131,7 +131,7 @@ def other_format(head: bytes) -> str | None:
 
 
 def _zstd(path: str) -> tuple[Callable[[], _Decompressor], type[Exception]]:
-    """A decompressor for zstd and its error, from whichever module is installed."""
+    """Return a decompressor for zstd and its error class, from the module that is installed."""
     for module in ("compression.zstd", "backports.zstd"):
         try:
             zstd: Any = importlib.import_module(module)

@@ -1,4 +1,4 @@
-"""One candump line, read with care: every form that candump writes, and an explanation of what is none.
+"""Read a single candump line in every form that candump writes, and explain what is wrong with other lines.
 
     (1741532714.334381) can0 470#40EEEFF1EFF1F1F0     data frame, 11-bit identifier
     (1741532714.334381) can0 00000470#40EE R          29-bit identifier; received, as `candump -x` adds
@@ -33,7 +33,7 @@ _DROPPED = re.compile(rb"DROPCOUNT: dropped ([0-9]{1,20}) CAN frames? on '.*' so
 _FD_LENGTHS = frozenset((*range(9), 12, 16, 20, 24, 32, 48, 64))
 _SHOWN_CHARS = 60
 
-# The parts of a line in order, each with what is expected where it cannot be found.
+# The parts of a line in order, each with the text for a message if it is missing.
 _PARTS: Final = (
     (_TIME, "a time in brackets first, as in (1741532714.334381)"),
     (_NAME, "the name of an interface after the time, as in (1741532714.334381) can0 470#40EE"),
@@ -43,11 +43,11 @@ _PARTS: Final = (
 
 
 class BadLine(Exception):  # noqa: N818 - it becomes a LogError once path and line number are known
-    """The line is not one that candump writes; the message is what was expected there."""
+    """The line is not one that candump writes; the message states what was expected."""
 
 
 class Line(NamedTuple):
-    """The frame of a line, as in FrameBatch but for the name of the interface."""
+    """The frame of a line, as in FrameBatch, with the name of its interface."""
 
     t_ns: int
     name: str
@@ -58,7 +58,7 @@ class Line(NamedTuple):
 
 
 def interface_name(raw: bytes) -> str | None:
-    """The name that `raw` spells; None where it is no name: empty, or not printable text."""
+    """Decode the name of an interface; None if it is empty or not printable text."""
     try:
         name = raw.decode()
     except UnicodeDecodeError:
@@ -67,39 +67,39 @@ def interface_name(raw: bytes) -> str | None:
 
 
 def dropped_frames(line: bytes) -> int | None:
-    """The count in a note of `candump -d` that the kernel dropped frames; None if `line` is no such note."""
+    """Return the number of dropped frames in a note of `candump -d`; None if `line` is not such a note."""
     note = _DROPPED.fullmatch(line)
     return int(note[1]) if note else None
 
 
 def parse_line(line: bytes) -> Line:
     """Read `line`, which has no newline; raises BadLine."""
-    found = _LINE.fullmatch(line)
-    if found is None:
+    match = _LINE.fullmatch(line)
+    if match is None:
         raise BadLine(_expected(line))
-    name = interface_name(found["name"])
+    name = interface_name(match["name"])
     if name is None:
         raise BadLine(_PARTS[1][1])
-    seconds = int(found["seconds"])
+    seconds = int(match["seconds"])
     if seconds > SECONDS_MAX:
         raise BadLine("a time in seconds before the year 2262 (are these milliseconds or microseconds?)")
-    can_id, flags = _identifier(found["identifier"])
-    if found["fd"]:
+    can_id, flags = _identifier(match["identifier"])
+    if match["fd"]:
         flags |= FD
-        data = bytes.fromhex(found["fd_data"].decode())
+        data = bytes.fromhex(match["fd_data"].decode())
         if len(data) not in _FD_LENGTHS:
             raise BadLine(f"0 to 8, 12, 16, 20, 24, 32, 48 or 64 bytes in a CAN FD frame, not {len(data)}")
         dlc = len(data)
-    elif found["remote"]:
+    elif match["remote"]:
         flags |= REMOTE
-        data, dlc = b"", int(found["remote_dlc"] or 0)
+        data, dlc = b"", int(match["remote_dlc"] or 0)
     else:
-        data = bytes.fromhex(found["data"].decode())
+        data = bytes.fromhex(match["data"].decode())
         dlc = len(data)
-    if found["raw_dlc"] and (dlc != 8 or flags & FD):
-        raise BadLine(f"a raw dlc ({found['raw_dlc'].decode()}) only after 8 bytes")
+    if match["raw_dlc"] and (dlc != 8 or flags & FD):
+        raise BadLine(f"a raw dlc ({match['raw_dlc'].decode()}) only after 8 bytes")
     return Line(
-        t_ns=seconds * 1_000_000_000 + int(found["decimals"].ljust(9, b"0")),
+        t_ns=seconds * 1_000_000_000 + int(match["decimals"].ljust(9, b"0")),
         name=name,
         can_id=can_id,
         dlc=dlc,
@@ -109,13 +109,13 @@ def parse_line(line: bytes) -> Line:
 
 
 def shown_line(line: bytes) -> str:
-    """`line` as a message quotes it: on one line, printable, shortened."""
+    """Return `line` for a message: on one line, printable, shortened."""
     text = line.decode(errors="backslashreplace")
     return repr(text) if len(text) <= _SHOWN_CHARS else repr(text[:_SHOWN_CHARS]) + "…"
 
 
 def _identifier(digits: bytes) -> tuple[int, int]:
-    """(identifier, flags) of its digits; of eight, bit 29 marks an error frame (linux/can.h)."""
+    """Return (identifier, flags); in eight digits, bit 29 marks an error frame (linux/can.h)."""
     value = int(digits, 16)
     if len(digits) == 3:
         if value > 0x7FF:
@@ -127,7 +127,7 @@ def _identifier(digits: bytes) -> tuple[int, int]:
 
 
 def _expected(line: bytes) -> str:
-    """What stands in the place of the first part of `line` that is wrong."""
+    """Return what is expected in place of the first wrong part of `line`."""
     pattern = b""
     for part, expected in _PARTS:
         pattern += part

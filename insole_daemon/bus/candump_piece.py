@@ -1,4 +1,4 @@
-"""A piece of a log, whole lines of it, into a batch: most lines the fast way, the rest the careful way."""
+"""Decode a piece of a log, whole lines of it: most lines in bulk, the others line by line."""
 
 from __future__ import annotations
 
@@ -16,30 +16,30 @@ INTERFACES_MAX: Final = 255
 
 
 class RefusedLine(Exception):  # noqa: N818 - it becomes a LogError once the path is known
-    """A line of a piece is not one that candump writes."""
+    """The error for a line that candump would not write."""
 
     def __init__(self, index: int, line: bytes, expected: str, first: bool) -> None:
-        """`index`: which line, from 0; `expected`: what is expected in it; `first`: no frame precedes it."""
+        """`index`: number of the line, from 0; `expected`: text for the message; `first`: no frame precedes it."""
         super().__init__(expected)
         self.index, self.line, self.expected, self.first = index, line, expected, first
 
 
 @dataclass(frozen=True, slots=True)
 class Piece:
-    """The frames of a piece, with `t_mono_ns` still the log's own time, and where they were found."""
+    """The frames of a piece, with `t_mono_ns` still the log's own time, and their line numbers."""
 
     frames: FrameBatch
     lines: int  # in the piece, those without a frame too
     line: NDArray[np.intp] | None  # (n,) line of each frame, from 0; None if each line is a frame
 
     def line_of(self, row: int) -> int:
-        """Line of frame number `row`, both from 0."""
+        """Return the line of frame `row`, both counted from 0."""
         return row if self.line is None else int(self.line[row])
 
 
 @dataclass(slots=True)
 class _NewKey:
-    """A way of writing a name, seen for the first time in a piece."""
+    """A spelling of a name, with its spaces, that is new in a piece."""
 
     first: int  # line
     name: str
@@ -48,7 +48,7 @@ class _NewKey:
 
 
 class PieceDecoder:
-    """Decodes the pieces of one log one after another; remembers the interfaces."""
+    """Decodes the pieces of one log in order, and remembers the interfaces."""
 
     def __init__(self) -> None:
         """For a new log."""
@@ -58,9 +58,9 @@ class PieceDecoder:
         self._form = TimeForm(seconds=10, decimals=6)  # what candump writes
 
     def decode(self, buffer: bytearray, size: int) -> Piece:
-        """The frames of `size` bytes of `buffer`, which lie PAD bytes from its start and its end at least.
+        """Decode `size` bytes of `buffer`, whole lines that start PAD bytes after its start and end PAD before its end.
 
-        They are whole lines; raises RefusedLine for the first bad one. CR LF becomes LF in place.
+        Raises RefusedLine for the first bad line. CR LF becomes LF in place.
         """
         end = PAD + size
         if buffer.find(b"\r", PAD, end) >= 0:
@@ -91,9 +91,9 @@ class PieceDecoder:
         return Piece(frames[kept], n, kept)
 
     def _find_names(self, columns: Columns) -> tuple[NDArray[np.uint8], list[_NewKey]]:
-        """(n,) interface of each line, 0 where its name is new, and the new names.
+        """Return the interface of each line (n,), 0 if its name is new, and the new names.
 
-        Where there is no name a line becomes not ok.
+        A line without a name is marked as not ok.
         """
         interface = np.zeros(len(columns.ok), np.uint8)
         known = ~columns.ok
@@ -117,7 +117,7 @@ class PieceDecoder:
         return interface, new
 
     def _read_carefully(self, buffer: bytearray, columns: Columns) -> list[tuple[int, Line]]:
-        """The frames on the lines that are not ok, each with its line."""
+        """Return the frames of the lines that are not ok, each with its line number."""
         frames: list[tuple[int, Line]] = []
         for index in np.flatnonzero(~columns.ok).tolist():
             line = bytes(buffer[columns.first[index] : columns.newline[index]])
@@ -133,7 +133,7 @@ class PieceDecoder:
         return frames
 
     def _learn(self, new: list[_NewKey], careful: list[tuple[int, Line]], interface: NDArray[np.uint8]) -> None:
-        """Give each new name an index, in the order of appearance whichever way the lines were read."""
+        """Give each new name an index, in the order of appearance in the log."""
         appearances = [(key.first, key.name) for key in new]
         appearances += [(index, line.name) for index, line in careful if line.name not in self.names]
         for index, name in sorted(appearances):
@@ -145,7 +145,7 @@ class PieceDecoder:
 
 
 def _equal(key: NDArray[np.uint64], characters: NDArray[np.uint64]) -> NDArray[np.bool_]:
-    """(n,) whether the key of a line is `characters`."""
+    """Return whether the key of each line is `characters`, (n,)."""
     equal: NDArray[np.bool_] = key[0] == characters[0]
     for word in range(1, len(key)):
         equal &= key[word] == characters[word]

@@ -1,4 +1,4 @@
-"""Batches of frames into a candump log: the bytes that `candump -L` would have printed."""
+"""Write batches of frames as a candump log: the bytes that `candump -L` would have printed."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ class CandumpWriter:
         with CandumpWriter("can.log", ("can0",)) as log:
             log.write(batch)
 
-    Several names are padded to the longest, as candump does. A path that ends in .gz is compressed.
-    A stream stays the caller's: it is flushed in the end, not closed.
+    Names are padded to the longest, as candump does. A path that ends in .gz is compressed. A stream is flushed in the
+    end, and the caller closes it.
     """
 
     def __init__(self, path_or_stream: str | os.PathLike[str] | BinaryIO, interfaces: Sequence[str]) -> None:
-        """Create or overwrite the file; raises LogError if that cannot be."""
+        """Create or overwrite the file; raises LogError if it cannot be written."""
         self.interfaces = tuple(interfaces)
         for name in self.interfaces:
             if interface_name(name.encode()) is None:
@@ -49,13 +49,13 @@ class CandumpWriter:
         ).reshape(len(self.interfaces), width + 3)
 
     def write(self, batch: FrameBatch) -> None:
-        """Append the frames; raises LogError for what a classic candump log cannot hold."""
+        """Append the frames; raises LogError for frames that a classic candump log cannot hold."""
         self._check(batch)
         for first in range(0, len(batch), _ROWS_AT_ONCE):
             self._stream.write(self._text(batch[first : first + _ROWS_AT_ONCE]))
 
     def note_dropped(self, count: int) -> None:
-        """Note that the kernel dropped `count` frames before what comes next, as `candump -d` does."""
+        """Append a note that the kernel dropped `count` frames, as `candump -d` does."""
         self._dropped += count
         frames = "frame" if count == 1 else "frames"
         interface = self.interfaces[0] if len(self.interfaces) == 1 else "any"
@@ -70,13 +70,13 @@ class CandumpWriter:
             self._stream.flush()
 
     def __enter__(self) -> Self:
-        """The writer itself."""
+        """Return the writer."""
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Close."""
+        """Close the writer."""
         self.close()
 
     def _check(self, batch: FrameBatch) -> None:
@@ -97,7 +97,7 @@ class CandumpWriter:
             )
 
     def _text(self, batch: FrameBatch) -> bytes:
-        """The lines: characters at fixed columns of a table, and of each row those that its frame has."""
+        """Return the lines: a table of characters at fixed columns, without those that a frame does not have."""
         n, named = len(batch), 18 + self._names.shape[1]
         identifier, payload = named, named + 9
         text = np.full((n, payload + 17), ord("\n"), np.uint8)
@@ -127,7 +127,7 @@ class CandumpWriter:
 
 
 def _hexadecimal(binary: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """(n, 2 k) characters of (n, k) bytes."""
+    """Return the (n, 2 k) hexadecimal characters of (n, k) bytes."""
     return np.stack([_HEX[binary >> 4], _HEX[binary & 15]], axis=-1).reshape(len(binary), -1)
 
 

@@ -1,6 +1,6 @@
 """Error frames of the CAN driver, counted by kind.
 
-An error frame is no message: its identifier holds a bit for each class of error (linux/can/error.h).
+An error frame carries no message: its identifier has a bit for each class of error (linux/can/error.h).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ OTHER: Final = "other"  # no bit that is known here
 
 
 def count_kinds(batch: FrameBatch, error_frames: dict[str, int]) -> None:
-    """Add the error frames of `batch` to the counts by kind; one frame may be of several kinds."""
+    """Add the error frames of `batch` to the counts by kind; a frame may count for several kinds."""
     error = (batch.flags & ERROR) != 0
     if not error.any():
         return

@@ -1,4 +1,4 @@
-"""A batch of CAN frames: one row a frame, one array a property."""
+"""A batch of CAN frames: one row per frame, one array per property."""
 
 from __future__ import annotations
 
@@ -36,11 +36,11 @@ class FrameBatch:
 
     @property
     def has_flags(self) -> bool:
-        """Whether any frame is another than a standard data frame."""
+        """Whether any frame is not a standard data frame."""
         return bool(np.count_nonzero(self.flags))
 
     def __getitem__(self, rows: slice | NDArray[np.bool_] | NDArray[np.intp]) -> FrameBatch:
-        """The frames `rows` selects, as a batch."""
+        """Return the frames that `rows` selects, as a batch."""
         return FrameBatch(
             self.t_ns[rows], self.t_mono_ns[rows], self.interface[rows], self.can_id[rows],
             self.dlc[rows], self.data[rows], self.flags[rows],
@@ -48,7 +48,7 @@ class FrameBatch:
 
     @classmethod
     def empty(cls) -> Self:
-        """A batch of no frames."""
+        """Return a batch without frames."""
         return cls(
             np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0, np.uint8), np.empty(0, np.uint32),
             np.empty(0, np.uint8), np.empty((0, 8), np.uint8), np.empty(0, np.uint8),
@@ -56,7 +56,7 @@ class FrameBatch:
 
     @classmethod
     def concatenate(cls, batches: Sequence[FrameBatch]) -> FrameBatch:
-        """The batches one after another."""
+        """Return the batches joined in order."""
         if len(batches) == 1:
             return batches[0]
         if not batches:
@@ -73,10 +73,10 @@ class FrameBatch:
 
 
 class ReceivedFrames(FrameBatch):
-    """Standard data frames of 8 bytes as the compiled kernel hands them over, in one block of memory.
+    """Standard data frames of 8 bytes, in one block of memory from the compiled kernel.
 
-    The block has t_ns and t_mono_ns (int64), `struct can_frame` (16 bytes) and the interface (uint8) of all frames, one
-    after another. The live path hands it on as it is; the arrays are made, read-only, for whoever asks for them.
+    The block holds t_ns and t_mono_ns (int64), `struct can_frame` (16 bytes) and the interface (uint8), each for all
+    frames. The live path passes the block on; the arrays are read-only views that are made on access.
     """
 
     __slots__ = ("block",)
@@ -94,7 +94,7 @@ class ReceivedFrames(FrameBatch):
 
     @property
     def has_flags(self) -> bool:
-        """None has."""
+        """False: all are standard data frames."""
         return False
 
     @property

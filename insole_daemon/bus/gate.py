@@ -1,4 +1,4 @@
-"""The gate: the one way by which the daemon sends to boards, and only if its configuration allows it."""
+"""The gate: the only way by which the daemon sends to boards, if its configuration allows it."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from .sink import FrameSink
 
 
 class Gate:
-    """The way out to one interface. Nothing passes unless `configure`, the configuration's `boards.configure`."""
+    """Sends to one interface, if `configure` (`boards.configure` of the configuration) is true."""
 
     def __init__(self, sink: Callable[[], FrameSink] | None, configure: bool) -> None:
-        """`sink` is asked at every frame, as an interface may go and come back; None: there is nothing to send to."""
+        """`sink` is called for every frame, because an interface may disappear and return; None: no interface."""
         self.sent = self.refused = 0
         self._sink, self._configure = sink, configure
 
     def check_open(self) -> None:
-        """Raise BusError where not even an allowed frame would pass."""
+        """Raise BusError if even an allowed frame could not be sent."""
         self._open_sink()
 
     def send(self, can_id: int, payload: bytes, flags: int = 0) -> None:
-        """Send one frame; raises BusError that says why it may not leave, or that the interface does not take it."""
+        """Send one frame; raises BusError if it is not allowed, or if the interface does not take it."""
         why = refusal(can_id, payload, flags)
         try:
             if why is not None:

@@ -1,4 +1,4 @@
-"""Many batches into one, without holding them all twice."""
+"""Join many batches into one, without holding all of them twice."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from .frames import FrameBatch
 
 
 class GrowingBatch:
-    """Copies batches one behind another as they come, so that each can be forgotten at once.
+    """Copies batches one after another, so that each can be freed at once.
 
-    Next to parsing, memory that is touched for the first time is what costs most: room is made once where the
-    number of frames can be estimated, and by halves more where not.
+    Besides parsing, touching new memory takes most of the time. Room is therefore allocated once if the number of
+    frames can be estimated, and grows by half if not.
     """
 
     def __init__(self) -> None:
-        """With no frame in it."""
+        """Start without frames."""
         self._room = FrameBatch.empty()
         self._held = 0
 
     def append(self, frames: FrameBatch, expected: int) -> None:
-        """Add `frames`; `expected` is an estimate of how many there will be in all."""
+        """Add `frames`; `expected` is an estimate of the total number."""
         end = self._held + len(frames)
         if end > len(self._room):
             before = self.batch()
@@ -30,7 +30,7 @@ class GrowingBatch:
         self._held = end
 
     def batch(self) -> FrameBatch:
-        """All that was added, without a copy."""
+        """Return all frames, without a copy."""
         return self._room[: self._held]
 
     def _write(self, rows: slice, frames: FrameBatch) -> None:
@@ -39,7 +39,7 @@ class GrowingBatch:
 
 
 def _unwritten(n: int) -> FrameBatch:
-    """A batch of `n` frames whose values are whatever was in memory."""
+    """Return a batch of `n` frames with undefined values."""
     return FrameBatch(
         np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.uint8), np.empty(n, np.uint32),
         np.empty(n, np.uint8), np.empty((n, 8), np.uint8), np.empty(n, np.uint8),

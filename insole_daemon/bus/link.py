@@ -1,6 +1,6 @@
-"""One bus that may go and come back: read while it is there, and opened again when it is not.
+"""One bus that may disappear and return: it is reopened whenever it fails.
 
-Closing and opening, which some drivers take seconds for, are a thread's; who reads waits for neither.
+A thread closes and opens the bus, which takes some drivers seconds, so that the reader never waits.
 """
 
 from __future__ import annotations
@@ -25,9 +25,8 @@ from .sink import FrameSink
 from .socketcan import cannot_open
 from .source import BusCounters, InterfaceState, State
 
-_PAUSE_S = (
-    0.1  # between attempts: what came back is to be read within a second, opening and start of the stream included
-)
+# Between attempts: a bus that returns must be read within a second, including opening and start of the streams.
+_PAUSE_S = 0.1
 _INDEX_CHECK_NS = 250_000_000
 
 _BUS_OFF, _RESTARTED = (next(b for b, k in KINDS.items() if k == kind) for kind in ("bus_off", "restarted"))
@@ -35,7 +34,7 @@ _BUS_OFF, _RESTARTED = (next(b for b, k in KINDS.items() if k == kind) for kind 
 
 @dataclass(frozen=True, slots=True)
 class InterfaceChange:
-    """An interface has entered another state."""
+    """A change of an interface to another state."""
 
     interface: str
     t_ns: int  # CLOCK_REALTIME
@@ -45,7 +44,7 @@ class InterfaceChange:
 
 
 class Link:
-    """One bus. Its state belongs to whoever reads; the thread only hands over what it opened, or why it could not."""
+    """One bus. Its state belongs to the reader; the thread only hands over an opened source, or the reason why not."""
 
     def __init__(self, bus: Bus, wake: Callable[[], object]) -> None:
         self.bus = bus
@@ -70,13 +69,13 @@ class Link:
             self._recover(None)
 
     def count_into(self, total: BusCounters) -> None:
-        """Add what has been counted since the start, whatever was open."""
+        """Add the counts since the start, of all sources of this bus."""
         total.add(self._past)
         if self.source is not None:
             total.add(self.source.counters)
 
     def receive(self) -> int:
-        """See FrameSource; where the bus fails it is closed, and the frames that were held stay."""
+        """See FrameSource; a bus that fails is closed, and the frames held are kept."""
         source, n_last = self.source, 0 if self._last_frames is None else len(self._last_frames)
         if source is None:
             source = self._taken_over()
@@ -99,13 +98,13 @@ class Link:
         return batch
 
     def sink(self, patience_s: float) -> FrameSink:
-        """On what is open now; raises BusError where nothing is."""
+        """Return a sink on the open source; raises BusError if none is open."""
         if self.source is None:
             raise BusError(f"nothing is sent: {self.condition.error}. It is used again as soon as it is there")
         return self.source.sink(patience_s)
 
     def close(self) -> None:
-        """Close what is open, and end the thread."""
+        """Close the source, and end the thread."""
         self._ended.set()
         if self._thread is not None:
             self._thread.join()
@@ -115,7 +114,7 @@ class Link:
         self.source = self._opened = None
 
     def _taken_over(self) -> PollableSource | None:
-        """The source that the thread has opened since; where there is none, the state follows why not."""
+        """Take over the source that the thread has opened; if there is none, update the state by the reason."""
         opened, failure = self._opened, self._failure
         if opened is not None:
             self._opened = None
@@ -132,7 +131,7 @@ class Link:
         self._check_ns = time.monotonic_ns() + _INDEX_CHECK_NS
 
     def _check_index(self) -> None:
-        """Another interface may have the name by now, while the one that is open is silent under its new name."""
+        """Raise BusError if another interface has the name now; the open one was renamed and would stay silent."""
         now_ns = time.monotonic_ns()
         if self._index is not None and now_ns >= self._check_ns:
             self._check_ns = now_ns + _INDEX_CHECK_NS
@@ -144,9 +143,9 @@ class Link:
                 )
 
     def _lose(self, source: PollableSource, error: BusError) -> int:
-        """Have the thread close `source` and open the bus again; the number of frames that it still had."""
+        """Let the thread close `source` and open the bus again; return the number of frames that it still held."""
         with contextlib.suppress(BusError):
-            source.receive()  # the kernel tells the error first: what came before it still waits
+            source.receive()  # the kernel reports the error first; earlier frames still wait
         before = [] if self._last_frames is None else [self._last_frames]
         self._last_frames = FrameBatch.concatenate([*before, source.drain()])
         self._past.add(source.counters)
@@ -163,16 +162,16 @@ class Link:
         self._thread.start()
 
     def _reopen(self, broken: PollableSource | None) -> None:
-        """Close what broke, then try again and again."""
+        """Close the failed source, then try to open the bus until it succeeds."""
         if broken is not None:
-            with contextlib.suppress(Exception):  # a driver may raise anything about an adapter that is gone
+            with contextlib.suppress(Exception):  # a driver may raise anything for an adapter that is gone
                 broken.close()
         while not self._ended.wait(_PAUSE_S):
             try:
                 self._opened = _open(self.bus)
             except BusError as error:
                 self._failure = error
-            except Exception as error:  # and about one that is half there
+            except Exception as error:  # or for one that is half connected
                 self._failure = BusError(f"{self.bus}: cannot be opened: {error}", "missing")
             else:
                 self._wake()
@@ -186,9 +185,9 @@ class Link:
             condition.error = text
 
     def _follow_bus_off(self, batch: FrameBatch) -> None:
-        """A controller that is off the bus says so in an error frame; any other frame but an error is its return."""
+        """Follow the state bus-off: an error frame reports it, and any data frame ends it."""
         if self.source is None:
-            return  # it is down or missing, which is worse
+            return  # down or missing, which outranks bus-off
         error = (batch.flags & ERROR) != 0
         off = np.flatnonzero(error & ((batch.can_id & _BUS_OFF) != 0))
         on = np.flatnonzero(~error | ((batch.can_id & _RESTARTED) != 0))
@@ -206,7 +205,7 @@ class Link:
 
 
 def _open(bus: Bus) -> PollableSource:
-    """Open `bus` and read it once: an interface that is down opens, and says so at the first read."""
+    """Open `bus` and read it once: an interface that is down can be opened, and fails at the first read."""
     if bus.driver == "socketcan":
         _look_for(bus)
     source = open_bus(bus)
@@ -219,7 +218,7 @@ def _open(bus: Bus) -> PollableSource:
 
 
 def _look_for(bus: Bus) -> None:
-    """Raise BusError where there is no such interface: python-can would leave a socket open for every attempt."""
+    """Raise BusError if there is no such interface: python-can would leave a socket open for every attempt."""
     try:
         with socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW):
             socket.if_nametoindex(bus.channel)
@@ -229,7 +228,7 @@ def _look_for(bus: Bus) -> None:
 
 
 def _index(bus: Bus) -> int | None:
-    """Of the interface that has the name now; None where there is none, and for other drivers."""
+    """Return the index of the interface that has the name now; None if there is none, and for other drivers."""
     if bus.driver != "socketcan":
         return None
     try:

@@ -1,4 +1,4 @@
-"""From the name of a bus to what reads it and sends on it."""
+"""Open a bus by its name, to read it or to send on it."""
 
 from __future__ import annotations
 
@@ -15,29 +15,29 @@ from .source import FrameSource
 
 
 class PollableSource(FrameSource, Protocol):
-    """One open bus: it can be waited for together with others, and sent on."""
+    """One open bus, which can be polled together with others and sent on."""
 
     def fileno(self) -> int:
-        """A descriptor that is readable when frames wait."""
+        """Return a descriptor that is readable when frames wait."""
         ...
 
     def sink(self, patience_s: float) -> FrameSink:
-        """A sink on what is read here: many drivers open an adapter once, and nobody would empty a second.
+        """Return a sink on this bus: many drivers open an adapter only once, and a second receive queue would fill.
 
-        `patience_s`: how long the interface may take nothing before that is an error.
+        `patience_s`: time for which the interface may accept no frame before that is an error.
         """
         ...
 
 
 def open_bus(bus: Bus) -> PollableSource:
-    """Open one bus; raises BusError that says what failed and what to do."""
+    """Open one bus; raises BusError with the failure and its remedy."""
     if bus.driver == "socketcan":
         return open_socketcan(bus.channel)
     return open_pythoncan(bus.driver, bus.channel)
 
 
 def open_as_boards(bus: Bus) -> PollableSource:
-    """Open one bus as boards hear it, the commands alone; raises BusError that says what failed and what to do."""
+    """Open one bus to receive only what boards receive, the commands; raises BusError with the remedy."""
     if bus.driver == "socketcan":
         return open_socketcan(bus.channel, COMMAND_FILTERS)
     return open_pythoncan(bus.driver, bus.channel)
@@ -45,10 +45,10 @@ def open_as_boards(bus: Bus) -> PollableSource:
 
 @contextlib.contextmanager
 def open_sink(bus: Bus) -> Iterator[FrameSink]:
-    """Open `bus` at 1 Mbit/s only to send on it; raises BusError that says what failed and what to do."""
+    """Open `bus` at 1 Mbit/s only to send on it; raises BusError with the failure and its remedy."""
     if bus.driver == "socketcan":
         with open_socket(bus.channel, ignore_rx_error_frames=True) as sock:
-            # No filter at all lets nothing in: nobody reads here.
+            # An empty list of filters lets nothing in: this socket is not read.
             sock.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, b"")
             yield SocketCanSink(sock, bus.channel)
     else:

@@ -1,4 +1,4 @@
-"""Every other interface python-can knows, through its `recv`."""
+"""All other interfaces of python-can, through its `recv`."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _PLAUSIBLE_NS = 1_000_000_000
 
 
 class PythonCanSource:
-    """Frames of one python-can bus; a thread blocks in `recv` and hands messages over through a queue."""
+    """Frames of one python-can bus; a thread blocks in `recv` and passes messages on through a queue."""
 
     def __init__(self, bus: Any, interface: str) -> None:
         self.interfaces: tuple[str, ...] = (interface,)
@@ -45,11 +45,11 @@ class PythonCanSource:
         return False
 
     def fileno(self) -> int:
-        """A descriptor that is readable when frames wait."""
+        """Return a descriptor that is readable when frames wait."""
         return self._wake
 
     def receive(self) -> int:
-        """See FrameSource; raises BusError once the interface has failed and nothing is left to hand over."""
+        """See FrameSource; raises BusError once the interface has failed and all frames have been returned."""
         if self._failed is not None and not self._messages:
             raise BusError(
                 f"{self.interfaces[0]}: reading failed: {self._failed}. Is the adapter still plugged in?", "missing"
@@ -73,11 +73,11 @@ class PythonCanSource:
         return batch
 
     def sink(self, patience_s: float) -> PythonCanSink:
-        """A sink on the bus that is read here: many drivers open an adapter once, and nobody would empty a second."""
+        """Return a sink on this bus: many drivers open an adapter only once, and a second receive queue would fill."""
         return PythonCanSink(self._bus, self.interfaces[0], patience_s)
 
     def clock_ns(self) -> int:
-        """The monotonic clock."""
+        """Return the monotonic clock."""
         return time.monotonic_ns()
 
     def wait(self, timeout_s: float) -> None:
@@ -140,12 +140,12 @@ def _flags(message: Any) -> int:
 
 
 def open_pythoncan(driver: str, channel: str) -> PythonCanSource:
-    """The bus `channel` of python-can's `driver` at 1 Mbit/s; raises BusError that says what failed."""
+    """Open the bus `channel` of python-can's `driver` at 1 Mbit/s; raises BusError with the failure."""
     return PythonCanSource(open_adapter(driver, channel), channel)
 
 
 def open_adapter(driver: str, channel: str) -> Any:
-    """The same as a `can.BusABC`, which nobody reads yet."""
+    """Open the same as a `can.BusABC`, without a thread that reads it."""
     import can
 
     # An adapter that cannot be opened warns that it was not shut down, at every try to open it again.

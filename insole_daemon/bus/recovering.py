@@ -1,8 +1,8 @@
-"""Several buses read as one, in the order of time; each may go and come back.
+"""Read several buses as one, in the order of time; each may disappear and return.
 
-An interface can be missing, down, come back under another index (an adapter plugged in again, a vcan made anew), or
-be off the bus while it stays open (`bus-off`: only its driver can end that). None of it ends the others, and none of
-it is waited for by whoever reads.
+An interface can be missing, down, return under another index (an adapter plugged in again, a new vcan), or be off the
+bus while it stays open (`bus-off`: only its driver can end that). The other buses are not affected, and the reader
+never waits for a lost one.
 """
 
 from __future__ import annotations
@@ -24,15 +24,14 @@ from .source import BusCounters
 
 
 class RecoveringSource:
-    """The frames of `buses`, whichever of them are there; as a FrameSource it neither fails nor ends.
+    """The frames of those `buses` that are present; as a FrameSource it neither fails nor ends.
 
-    Raises BusError at once for a bus that can never be opened: a driver python-can does not know, a kernel
-    without CAN.
+    Raises BusError at once for a bus that can never be opened: a driver unknown to python-can, a kernel without CAN.
     """
 
     def __init__(self, buses: Sequence[Bus]) -> None:
         self.interfaces: tuple[str, ...] = tuple(bus.channel for bus in buses)
-        self._wake = os.eventfd(0, os.EFD_NONBLOCK)  # a bus is there again: look at it
+        self._wake = os.eventfd(0, os.EFD_NONBLOCK)  # signalled when a bus has been reopened
         self._links: list[Link] = []
         self._closed = False
         try:
@@ -44,7 +43,7 @@ class RecoveringSource:
 
     @property
     def counters(self) -> BusCounters:
-        """The sums over the buses since the start, and the state of each."""
+        """Sums over the buses since the start, and the state of each interface."""
         total = BusCounters(interfaces={link.bus.channel: link.condition for link in self._links})
         for link in self._links:
             link.count_into(total)
@@ -56,18 +55,18 @@ class RecoveringSource:
         return False
 
     def changes(self) -> list[InterfaceChange]:
-        """What has changed since the last call, in order; the first tells of interfaces that are not up."""
-        found: list[InterfaceChange] = []
+        """Return the changes since the last call, in order; the first call reports interfaces that are not up."""
+        changes: list[InterfaceChange] = []
         for link in self._links:
             if link.changes:
-                found += link.changes
+                changes += link.changes
                 link.changes.clear()
-        if found:
-            found.sort(key=lambda change: change.t_ns)
-        return found
+        if changes:
+            changes.sort(key=lambda change: change.t_ns)
+        return changes
 
     def receive(self) -> int:
-        """See FrameSource; a bus that fails is left to its thread."""
+        """See FrameSource; a bus that fails is reopened by its thread."""
         held = 0
         for link in self._links:
             held += link.receive()
@@ -82,14 +81,14 @@ class RecoveringSource:
     clock_ns = staticmethod(time.monotonic_ns)
 
     def wait(self, timeout_s: float) -> None:
-        """See FrameSource; also returns when a bus is there again."""
+        """See FrameSource; also returns when a bus has been reopened."""
         open_now = [link.source.fileno() for link in self._links if link.source is not None]
         readable, _, _ = select.select([self._wake, *open_now], [], [], max(0.0, timeout_s))
         if self._wake in readable:
             os.eventfd_read(self._wake)
 
     def sink(self, channel: str, patience_s: float) -> FrameSink:
-        """Of the interface `channel`, as it is open now: ask again for the next frames.
+        """Return a sink on the interface `channel` as it is open now; call this again for later frames.
 
         Raises BusError while the interface is missing or down. `patience_s` as in PollableSource.
         """
@@ -105,7 +104,7 @@ class RecoveringSource:
 
 
 def _merged(batches: Sequence[FrameBatch]) -> FrameBatch:
-    """The batches of several interfaces as one, the interfaces numbered, in the order of time."""
+    """Merge the batches of several interfaces in the order of time, with the interfaces numbered."""
     blocks = [batch.block if isinstance(batch, ReceivedFrames) else b"" for batch in batches]
     if kernel is not None and sum(map(len, blocks)) == ReceivedFrames.FRAME_BYTES * sum(map(len, batches)):
         return ReceivedFrames(kernel.merge(tuple(blocks)))

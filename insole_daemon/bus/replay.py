@@ -1,4 +1,4 @@
-"""A recorded log as a source of frames: at the pace of the recording, faster, slower, or at once."""
+"""Replay a recorded log as a source of frames: at the pace of the recording, faster, slower, or at once."""
 
 from __future__ import annotations
 
@@ -21,20 +21,19 @@ from .source import BusCounters
 BATCH_FRAMES = 4096  # at most in one batch when the log is replayed at once
 SPEED_MAX = 1e6
 
-# A sleep goes on after a signal whose handler returns, so none is longer than a person waits for a stop.
+# A sleep continues after a signal whose handler returns, so no sleep is longer than a person waits for a stop.
 _SLEEP_MAX_S = 0.1
 
 
 class CandumpSource:
     """The frames of the candump log at `path`; `speed` 1.0 is the pace of the recording, None is all at once.
 
-    Frames keep the log's times, `t_ns` as recorded and `t_mono_ns` without steps backwards, so what is
-    computed from them does not depend on the speed. The whole log is read, and perhaps refused, in the
-    beginning: some 35 bytes a frame stay in memory.
+    Frames keep the log's times, `t_ns` as recorded and `t_mono_ns` without steps backwards, so results computed from
+    them do not depend on the speed. The whole log is read at the start, and takes some 35 bytes of memory per frame.
     """
 
     def __init__(self, path: str | os.PathLike[str], speed: float | None = 1.0) -> None:
-        """Read the log; raises LogError if it is none, InsoleError if the speed is none."""
+        """Read the log; raises LogError if it is not a log, InsoleError if the speed is not positive."""
         if speed is not None and not 0 < speed <= SPEED_MAX:
             raise InsoleError(
                 f"expected a replay speed above 0 and up to {SPEED_MAX:g}, 1 for the pace of the recording, "
@@ -53,16 +52,16 @@ class CandumpSource:
 
     @property
     def exhausted(self) -> bool:
-        """Whether the last frame has been received; it may not have been handed over yet."""
+        """Whether the last frame has been received; it may still be held."""
         return self._received == len(self._frames)
 
     @property
     def share(self) -> float:
-        """How much of the log has been received."""
+        """Return the share of the log that has been received."""
         return self._received / len(self._frames)
 
     def receive(self) -> int:
-        """Take in the frames that are due; the number now held. The first call starts the replay."""
+        """Receive the frames that are due; return the number now held. The first call starts the replay."""
         if self._start_mono_ns is None:
             self._start_mono_ns = time.monotonic_ns()
         if self._speed is None:
@@ -85,7 +84,7 @@ class CandumpSource:
         return batch
 
     def clock_ns(self) -> int:
-        """The present in the log: where the replay is, or its last frame received when all is at once."""
+        """Return the current time of the log: that of the replay, or of the last frame received if `speed` is None."""
         times_ns = self._frames.t_mono_ns
         if self._speed is None:
             return int(times_ns[max(0, self._received - 1)])
@@ -94,7 +93,7 @@ class CandumpSource:
         return int(times_ns[0]) + self._passed_ns(self._start_mono_ns, self._speed)
 
     def wait(self, timeout_s: float) -> None:
-        """Block until the next frame is due or the time is over, or a while if both are far away."""
+        """Block until the next frame is due or the time is over, but not longer than a person waits for a stop."""
         sleep_s = min(timeout_s, _SLEEP_MAX_S)
         if not self.exhausted:
             if self._speed is None or self._start_mono_ns is None:
@@ -104,26 +103,26 @@ class CandumpSource:
         time.sleep(max(0.0, sleep_s))
 
     def close(self) -> None:
-        """End the replay: no frame comes afterwards; idempotent."""
+        """End the replay; idempotent."""
         self._handed_over = self._received = len(self._frames)
 
     @staticmethod
     def _passed_ns(start_mono_ns: int, speed: float) -> int:
-        """Time of the log that has passed since the replay started."""
+        """Return the time of the log that has passed since the replay started."""
         return int((time.monotonic_ns() - start_mono_ns) * speed)
 
 
 @dataclass(slots=True)
 class Played:
-    """How many frames were sent, and how many were left out, by reason."""
+    """The number of frames sent, and of those left out by reason."""
 
     sent: int = 0
     commands: int = 0  # a board might have obeyed them
-    others: int = 0  # error frames, which the recording driver made; CAN FD and 29-bit ones, which are none of ours
+    others: int = 0  # error frames of the recording driver; CAN FD and 29-bit frames, which boards do not send
 
     @property
     def words(self) -> str:
-        """For people."""
+        """Return the counts in words."""
         reasons = [
             f"{count} {what}"
             for count, what in (
@@ -145,8 +144,8 @@ def play(
 ) -> None:
     """Send the log to `sink` at its own timing, until `stop`; `played` counts, `progress` gets the share sent, 0 to 1.
 
-    Only what no board can take for a command is sent: a log holds what the host said too, and a real board that hears
-    it again takes its baseline anew or reboots into its bootloader.
+    Only frames that no board can take for a command are sent. A log also contains the host's commands, and a real board
+    that received them again would take a new baseline or reboot into its bootloader.
     """
     source = CandumpSource(path, speed)
     while not (stop.is_set() or source.exhausted):

@@ -1,7 +1,7 @@
-"""What may leave this process on a bus: every sink asks here, whoever sends.
+"""The frames that may leave this process on a bus; every sink checks them here.
 
-A frame leaves if no board can take it for a command, as what simulated or replayed boards say, or if it is one of the
-few commands on this list. Of what is replayed, not even those leave (`never_a_command`).
+A frame may leave if no board can take it for a command, such as those of simulated or replayed boards, or if it is one
+of the commands on this list. A replay does not even send those (`never_a_command`).
 
     id               payload                                       what it does
     0x70F            FF                                            discovery: every board says what it is
@@ -12,8 +12,8 @@ few commands on this list. Of what is replayed, not even those leave (`never_a_c
                      4D TYPE PERIOD NO_LOAD                        board configuration
                      50 FIRST LAST SHIFT ENABLE CDC_LOW CDC_HIGH   triangle configuration
 
-Everything else stays: the same buses carry commands that reboot a board into its bootloader, erase its flash or
-rewrite its address. The list says again what skin.commands encodes, on purpose: a mistake there does not pass here.
+Everything else is refused: the same buses carry commands that reboot a board into its bootloader, erase its flash or
+rewrite its address. The list repeats what skin.commands encodes on purpose, so that a mistake there does not pass here.
 
 Source: robotology/icub-firmware, embot_prot_can_analog_polling.cpp, mtb3 can_interface.c; TSD-ICUBUNIT-canprotocol.
 """
@@ -33,7 +33,7 @@ _CDC_OFFSET = frozenset(byte for byte in _BYTE if not byte & 0x40)  # AD7147: bi
 
 _DISCOVERY_ID, _DISCOVERY = 0x70F, b"\xff"
 _COMMAND_IDS = range(0x201, 0x20F)  # 0 is the host, 15 everyone: a command always means one board
-_COMMANDS: dict[int, tuple[Container[int], ...]] = {  # first byte → what the bytes after it may be
+_COMMANDS: dict[int, tuple[Container[int], ...]] = {  # first byte → allowed values of the bytes after it
     0x07: (range(2),),
     0x1C: (_BYTE, _BYTE),
     0x39: (range(1, 2),),
@@ -41,7 +41,7 @@ _COMMANDS: dict[int, tuple[Container[int], ...]] = {  # first byte → what the 
     0x4D: ((0, 1, 2, 3, 7, 8), range(1, 210), range(1, 256)),  # above 209 ms an MTB3's register wraps
     0x50: (range(16), range(16), range(8), range(2), _CDC_OFFSET, _CDC_OFFSET),
 }
-_DANGER = {  # (class, first byte) of what must never be sent, to say why
+_DANGER = {  # (class, first byte) of forbidden commands → the reason
     (7, 0x00): "it reboots a board into its bootloader",
     (7, 0x01): "it writes a board's flash",
     (7, 0x02): "it writes a board's flash",
@@ -56,7 +56,7 @@ _NO_STANDARD_FRAME = "only standard data frames may be sent"
 
 
 def refusal(can_id: int, payload: bytes, flags: int = 0) -> str | None:
-    """Why this frame may not be sent, None if it may; `flags` as in FrameBatch."""
+    """Return why this frame may not be sent, None if it may; `flags` as in FrameBatch."""
     if flags:
         return _NO_STANDARD_FRAME
     if can_id == _DISCOVERY_ID:
@@ -77,18 +77,18 @@ def refusal(can_id: int, payload: bytes, flags: int = 0) -> str | None:
 
 
 def never_a_command(frames: FrameBatch) -> NDArray[np.bool_]:
-    """(n,) which frames no board can take for a command: what boards send, and other nodes' traffic.
+    """Return which frames no board can take for a command, (n,): those of boards and of other nodes.
 
-    Boards take commands in the classes 2 and 7, 29-bit identifiers and CAN FD are none of theirs. Of these classes only
-    what comes from a board passes: answers, which go to the host (class 2, destination 0; of class 7 those to discovery
-    alone, FF), and an MTB3's notice that it dropped its queue (class 7, type 5, no payload).
+    Boards receive commands in classes 2 and 7; they ignore 29-bit identifiers and CAN FD. Of these classes only frames
+    of boards pass: answers to the host (class 2, destination 0; in class 7 only those to discovery, FF), and an MTB3's
+    notice that it dropped its queue (class 7, type 5, no payload).
     """
     cls, source, destination = frames.can_id >> 8, frames.can_id >> 4 & 0xF, frames.can_id & 0xF
-    said = (frames.flags == 0) & (source >= 1) & (source <= 14)
-    answer = said & (cls == 2) & (destination == 0)
-    identity = said & (cls == 7) & (destination == 0) & (frames.data[:, 0] == 0xFF)
+    is_from_board = (frames.flags == 0) & (source >= 1) & (source <= 14)
+    answer = is_from_board & (cls == 2) & (destination == 0)
+    identity = is_from_board & (cls == 7) & (destination == 0) & (frames.data[:, 0] == 0xFF)
     identity &= (frames.dlc == 4) | (frames.dlc == 5)
-    overflow = said & (cls == 7) & (destination == 5) & (frames.dlc == 0)
+    overflow = is_from_board & (cls == 7) & (destination == 5) & (frames.dlc == 0)
     standard = (frames.flags & (ERROR | FD | EXTENDED) == 0) & (cls < 8)
     passes: NDArray[np.bool_] = standard & ((cls != 2) & (cls != 7) | answer | identity | overflow)
     return passes
@@ -99,7 +99,7 @@ def _danger(cls: int, payload: bytes) -> str | None:
 
 
 def check_may_leave(frames: FrameBatch) -> None:
-    """Raise BusError where one of them is neither on the list nor something that no board obeys."""
+    """Raise BusError if a frame may be taken for a command and is not on the list."""
     for row in np.flatnonzero(~never_a_command(frames)).tolist():
         can_id, payload = int(frames.can_id[row]), frames.data[row, : frames.dlc[row]].tobytes()
         why = refusal(can_id, payload, int(frames.flags[row]))
@@ -108,5 +108,5 @@ def check_may_leave(frames: FrameBatch) -> None:
 
 
 def not_sent(can_id: int, payload: bytes, why: str) -> BusError:
-    """The error of a frame that may not leave."""
+    """Return the error for a frame that may not be sent."""
     return BusError(f"the frame {can_id:03X} [{payload.hex(' ').upper()}] is not sent: {why}")

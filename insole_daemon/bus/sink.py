@@ -1,6 +1,6 @@
-"""The one contract of everything frames go to; who opened a bus, to read it or to send, closes it.
+"""Frame sinks: the interface that all have in common, and those of SocketCAN and python-can.
 
-Both sinks ask `rules` about every frame before the first one is sent.
+Whoever opened a bus closes it. Every sink checks all frames by `rules` before it sends the first one.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ..errors import BusError
 from .frames import ERROR, EXTENDED, REMOTE, FrameBatch
 from .rules import check_may_leave
 
-PATIENCE_S = 1.0  # a transmit queue that takes nothing for so long is stuck
+PATIENCE_S = 1.0  # a transmit queue that takes nothing for this long is stuck
 _RETRY_S = 0.0005  # some four frames of a 1 Mbit/s bus
 _FULL = (errno.ENOBUFS, errno.EAGAIN)  # the interface's queue; the socket's own
 
@@ -28,18 +28,18 @@ _CAN_FRAME = np.dtype(
 
 
 class FrameSink(Protocol):
-    """Takes frames, in order; their times are not looked at."""
+    """Accepts frames in order; their times are ignored."""
 
     def send(self, batch: FrameBatch) -> None:
-        """Hand the frames to the interface, all of them; raises BusError when it does not take them, or may not."""
+        """Send all frames; raises BusError if one may not be sent, or if the interface does not take them."""
         ...
 
 
 def can_frames(batch: FrameBatch) -> NDArray[np.uint8]:
-    """(n, 16) the frames as `struct can_frame` in the byte order of this machine."""
+    """Return the frames as `struct can_frame` in the byte order of this machine, (n, 16)."""
     frames = np.zeros(len(batch), _CAN_FRAME)
     frames["can_id"] = batch.can_id
-    # The flag bits stand at 31, 30 and 29 there; a CAN FD frame has another struct and is not meant here.
+    # The flags are bits 31, 30 and 29 of the identifier; CAN FD frames have another struct and are not supported.
     for flag, bit in ((EXTENDED, 31), (REMOTE, 30), (ERROR, 29)):
         frames["can_id"] |= ((batch.flags & flag) != 0).astype(np.uint32) << np.uint32(bit)
     frames["dlc"] = batch.dlc
@@ -57,7 +57,7 @@ class SocketCanSink:
         patience_s: float = PATIENCE_S,
         refused: Callable[[OSError], None] = lambda _: None,
     ) -> None:
-        """`channel` names it in errors; `patience_s`: how long a queue may be full; `refused` is told why it failed."""
+        """`channel`: name in errors; `patience_s`: longest time a queue may be full; `refused` gets a failure."""
         self._socket = sock
         self._channel = channel
         self._patience_s = patience_s
@@ -127,7 +127,7 @@ class PythonCanSink:
 
 
 def _cannot_send(channel: str, error: OSError, patience_s: float) -> BusError:
-    """What a person can do about an interface that takes no frames."""
+    """Return the error, with its remedy, for an interface that takes no frames."""
     if error.errno == errno.ENETDOWN:
         why = f"the interface is down. Bring it up with 'sudo ip link set {channel} up'"
     elif error.errno in (errno.ENODEV, errno.ENXIO):

@@ -1,7 +1,7 @@
-"""SocketCAN: opened through python-can, read in batches by our own reader.
+"""SocketCAN: opened through python-can, read in batches by `batched_socket`.
 
-python-can reads one frame a system call and loses the kernel's count of dropped frames
-(its `capture_message` asks for one control message only), so only its opening is used.
+python-can reads one frame per system call and loses the kernel's count of dropped frames (its `capture_message` asks
+for one control message only), so it is used only to open the socket.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ FILTERS: list[dict[str, Any]] = [
     {"can_id": 0x600, "can_mask": 0x700, "extended": False},
     {"can_id": 0x700, "can_mask": 0x700, "extended": False},
 ]
-# Those that boards listen to.
+# Identifiers that boards receive.
 COMMAND_FILTERS = [FILTERS[0], FILTERS[-1]]
 
 _LONGEST_NAME = 15  # IFNAMSIZ − 1
@@ -42,7 +42,7 @@ class SocketCanSource:
         self.counters = BusCounters()
         self._batched = BatchedSocket(sock, self.counters)
         self._socket = sock
-        self._lost: OSError | None = None  # as a sender was told
+        self._lost: OSError | None = None  # reported to a sender
 
     @property
     def exhausted(self) -> bool:
@@ -50,11 +50,11 @@ class SocketCanSource:
         return False
 
     def fileno(self) -> int:
-        """The socket's descriptor, readable when frames wait."""
+        """Return the socket's descriptor, which is readable when frames wait."""
         return self._socket.fileno()
 
     def receive(self) -> int:
-        """See FrameSource; raises BusError when the interface is lost, what came before it can be received after."""
+        """See FrameSource; raises BusError if the interface is lost; call it again for the frames before the loss."""
         try:
             if self._lost is not None:
                 lost, self._lost = self._lost, None
@@ -71,7 +71,7 @@ class SocketCanSource:
         return batch
 
     def sink(self, patience_s: float) -> SocketCanSink:
-        """A sink on the socket that is read here; a raw CAN socket does not receive its own frames."""
+        """Return a sink on this socket; a raw CAN socket does not receive its own frames."""
         return SocketCanSink(self._socket, self.interfaces[0], patience_s, self._sending_failed)
 
     clock_ns = staticmethod(time.monotonic_ns)
@@ -85,34 +85,34 @@ class SocketCanSource:
         self._socket.close()
 
     def _sending_failed(self, error: OSError) -> None:
-        """The kernel tells a socket once that its interface is lost: whoever sends may take it from who reads."""
+        """Keep an error of sending for the reader: the kernel reports a lost interface only once per socket."""
         if error.errno in (errno.ENETDOWN, errno.ENODEV, errno.ENXIO):
             self._lost = error
 
 
 def open_socketcan(channel: str, filters: list[dict[str, Any]] = FILTERS) -> SocketCanSource:
-    """The interface `channel` (can0, vcan0 …); raises BusError that names the remedy."""
+    """Open the interface `channel` (can0, vcan0 …); raises BusError with the remedy."""
     sock = open_socket(channel, can_filters=filters)
     sock.setblocking(False)
     return SocketCanSource(sock, channel)
 
 
 def open_socket(channel: str, **options: Any) -> socket.socket:
-    """A raw CAN socket bound to `channel` with python-can's `options`; raises BusError that names the remedy."""
+    """Open a raw CAN socket bound to `channel` with python-can's `options`; raises BusError with the remedy."""
     import can  # 0.1 s to import, so only where a bus is opened
 
     try:
         bus = can.Bus(interface="socketcan", channel=channel, **options)
     except (OSError, can.CanError) as error:
         raise cannot_open(channel, error) from error
-    # python-can closes the socket when the Bus object goes; a duplicate of the descriptor is ours to close.
-    own: socket.socket = bus.socket.dup()
+    # python-can closes its socket with the Bus object, so a duplicate of the descriptor is used.
+    duplicate: socket.socket = bus.socket.dup()
     bus.shutdown()
-    return own
+    return duplicate
 
 
 def cannot_open(channel: str, error: Exception) -> BusError:
-    """What a person can do about an interface that does not open."""
+    """Return the error, with its remedy, for an interface that cannot be opened."""
     number = getattr(error, "errno", None)
     gone = number in (errno.ENODEV, errno.ENXIO)
     permanent = number in (errno.EAFNOSUPPORT, errno.EPERM, errno.EACCES) or len(channel) > _LONGEST_NAME
@@ -139,7 +139,7 @@ def cannot_open(channel: str, error: Exception) -> BusError:
 
 
 def lost_interface(channel: str, error: OSError) -> BusError:
-    """What a person can do about an interface that failed while it was read."""
+    """Return the error, with its remedy, for an interface that failed while it was read."""
     gone = error.errno in (errno.ENODEV, errno.ENXIO)
     if error.errno == errno.ENETDOWN:
         why = f"the interface went down. Bring it up with 'sudo ip link set {channel} up'"

@@ -1,4 +1,4 @@
-"""The one contract of everything frames come from, and the wait that is fair to a CPU."""
+"""The interface of frame sources, and a wait for frames that needs little CPU."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from typing import Literal, Protocol
 
 from .frames import FRAME_TIME_NS, FrameBatch
 
-# With this few frames outstanding a sleep saves nothing over being woken by the frame itself.
+# With so few frames outstanding, a sleep saves nothing over being woken by the frame itself.
 _WOKEN_BELOW = 2
-# A process that has slept for milliseconds works three times as slowly at first: the frames that are there when it
-# wakes so early cost it the slow part, while the last ones are on the bus.
+# A process that has slept for milliseconds is three times as slow at first. Waking this early moves that slow part
+# to the frames that have already arrived, while the last ones are still on the bus.
 _EARLY_NS = 250_000
 
 
@@ -21,7 +21,7 @@ State = Literal["up", "down", "missing", "bus-off"]
 
 @dataclass(slots=True)
 class InterfaceState:
-    """How one interface is, and how it has been."""
+    """The state of one interface, and its history."""
 
     state: State
     since_ns: int  # CLOCK_REALTIME
@@ -31,7 +31,7 @@ class InterfaceState:
 
 @dataclass(slots=True)
 class BusCounters:
-    """What one source has seen and lost since it was opened."""
+    """Counters of one source since it was opened."""
 
     frames: int = 0
     overflows: int = 0  # frames the kernel dropped because its receive queue was full (SO_RXQ_OVFL)
@@ -40,7 +40,7 @@ class BusCounters:
     interfaces: dict[str, InterfaceState] = field(default_factory=dict)  # of a source that recovers them
 
     def add(self, other: BusCounters) -> None:
-        """Count what another source has counted."""
+        """Add the counts of another source."""
         self.frames += other.frames
         self.overflows += other.overflows
         self.clock_steps += other.clock_steps
@@ -51,37 +51,36 @@ class BusCounters:
 class FrameSource(Protocol):
     """Frames of one or several interfaces.
 
-    Taking in and handing over are two steps, so that a reader can wait until enough frames are there
-    without looking at any of them: `receive` takes in what has arrived and says how many frames are held,
-    `drain` hands them over as one batch.
+    Receiving and returning frames are two steps, so that a reader can wait for enough frames without decoding any:
+    `receive` takes in the frames that have arrived and returns how many are held, `drain` returns them as one batch.
     """
 
     interfaces: tuple[str, ...]
 
     @property
     def counters(self) -> BusCounters:
-        """What has been seen and lost."""
+        """The counters since the start."""
         ...
 
     def receive(self) -> int:
-        """Take in what has arrived, without blocking; the number of frames now held."""
+        """Receive the frames that have arrived, without blocking; return the number of frames now held."""
         ...
 
     def drain(self) -> FrameBatch:
-        """Hand over the frames held, oldest first; the batch is the caller's to keep."""
+        """Return the frames held, oldest first; the caller may keep the batch."""
         ...
 
     def wait(self, timeout_s: float) -> None:
-        """Block until at least one more frame can be received, or the time is over, or a signal came."""
+        """Block until another frame can be received, the time is over, or a signal arrives."""
         ...
 
     def clock_ns(self) -> int:
-        """The present on the clock of `t_mono_ns`: the monotonic clock of a bus, a log's own time of a log."""
+        """Return the current time on the clock of `t_mono_ns`: the monotonic clock, or a log's own time."""
         ...
 
     @property
     def exhausted(self) -> bool:
-        """Whether no frame can ever come again (the end of a log)."""
+        """Whether no further frame can arrive (the end of a log)."""
         ...
 
     def close(self) -> None:
@@ -94,21 +93,22 @@ _SLACK_NS = 1_000
 
 
 def sleep_precisely() -> None:
-    """Have this thread woken when its sleeps are over, and not up to 50 µs later, as the kernel does by default."""
+    """Set the timer slack of this thread to 1 µs; by default sleeps take up to 50 µs longer."""
     ctypes.CDLL(None).prctl(_PR_SET_TIMERSLACK, _SLACK_NS, 0, 0, 0)
 
 
 def collect(
     source: FrameSource, at_least: int, until_ns: int, promised_ns: int | None = None
 ) -> tuple[FrameBatch, int]:
-    """Frames of `source`, as soon as `at_least` are there and the promised time has come, or what there is at
-    `until_ns`, on the source's clock; and the time up to which every frame that had arrived is among them.
+    """Return frames of `source`, and the time up to which every frame that had arrived is among them.
 
-    Waking up costs more than reading, so it is done as seldom as can be. Where they are promised for a moment (boards
-    keep their rhythm), the process sleeps until _EARLY_NS before it and takes in what is there, which makes it warm;
-    then it sleeps until that moment, when the last ones are there as well. A bus needs FRAME_TIME_NS for a frame: while
-    many are outstanding it sleeps for as long as they cannot all have arrived. Only for the last ones does it ask to be
-    woken by each frame.
+    Returns as soon as `at_least` frames have arrived and `promised_ns` has come, at the latest at `until_ns`; both are
+    on the source's clock.
+
+    Waking up costs more than reading, so the process wakes as rarely as possible. If boards are periodic, it sleeps
+    until _EARLY_NS before the promised time, receives the frames that wait, which fills the CPU's caches, and sleeps
+    until the promised time, when the last frames have arrived. Without a promised time it sleeps as long as the
+    outstanding frames need on the bus (FRAME_TIME_NS each). Only for the last ones is it woken by each frame.
     """
     if promised_ns is not None:
         if _sleep_until(min(promised_ns - _EARLY_NS, until_ns), source):
@@ -129,7 +129,7 @@ def collect(
 
 
 def _sleep_until(wake_ns: int, source: FrameSource) -> bool:
-    """Sleep until `wake_ns` on the source's clock; whether that was still to come."""
+    """Sleep until `wake_ns` on the source's clock; return whether that was in the future."""
     pause_ns = wake_ns - source.clock_ns()
     if pause_ns <= 0:
         return False

@@ -34,7 +34,7 @@ def export(
     out: Annotated[
         Path,
         typer.Argument(
-            help="File to write; .csv has the forces alone. With --to csv and parquet, the folder to write."
+            help="File to write; .csv has forces and pressure by region. With --to csv and parquet, a folder."
         ),
     ],
     to: Annotated[Form | None, typer.Option(help="Format; default: by the ending of OUT.")] = None,
@@ -60,7 +60,7 @@ def export(
     try:
         with replaced, show_work(f"writing {out}") as work:
             write = {
-                Form.csv: export_tables.export_wrenches
+                Form.csv: export_tables.export_cycle_table
                 if suffix == "csv"
                 else partial(export_tables.export_csv, progress=work.done),
                 Form.npz: export_tables.export_npz,

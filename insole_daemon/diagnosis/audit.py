@@ -1,10 +1,10 @@
-"""Taxels and triangles without a contact: told from the readings themselves, before any physics.
+"""Find taxels and triangles without contact from the readings, before any physics is fitted.
 
-Everything is told from the counts and the cycles' own flags. The mean of the insole's readings stands for the load
-here: the reference's clock is not known yet.
+Only counts and flags of the cycles are used. The mean reading of the insole stands for the load, because the clock of
+the reference is not known yet.
 
-What is masked is readings, not taxels: one that stood at an end of its range for a while, or whose triangle had lost
-contact, is believed elsewhere.
+Readings are masked, not taxels: a taxel that was at an end of its range for a while, or whose triangle lost contact, is
+used at other times.
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ from .contact import intervals, joined
 from .finding import Finding
 from .places import said, where
 
-TALKS = 0.25  # as often as the liveliest taxels do: one that changes more seldom tells little of the load
-MOST_DEAD = 0.3  # of its cycles without a reading that can be believed: the taxel is called dead
-LEAST_BELIEVED = 0.5  # of its cycles in which it works and is within its range: less, and it is left out
-RAIL_READINGS, RAIL_CYCLES, MOST_ON_RAILS = 2, 15, 0.2  # at an end, of how many cycles, of how many taxels
-ALWAYS = 0.95  # of the time: from beginning to end
-MOST_LEAPING = 0.5  # of the taxels: as many loose contacts there are not
-FROZEN = 0.9  # of its readings repeat the one before: the triangle is not there, whatever it says
+TALKS = 0.25  # of the rate of change of the most active taxels: slower ones carry little information on the load
+MOST_DEAD = 0.3  # of the cycles without a usable reading: the taxel is reported as dead
+LEAST_BELIEVED = 0.5  # of the cycles in which a taxel works and is within its range; below this it is not used
+RAIL_READINGS, RAIL_CYCLES, MOST_ON_RAILS = 2, 15, 0.2  # readings at an end, cycles of the window, share of taxels
+ALWAYS = 0.95  # of the time: reported as lasting for the whole recording
+MOST_LEAPING = 0.5  # of the taxels: so many loose contacts are implausible
+FROZEN = 0.9  # of its readings repeat the one before: the triangle is not connected
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Audit:
-    """Which readings have a contact behind them, and what was found out about the others."""
+    """Which readings are usable, and findings on the others."""
 
     kept: NDArray[np.bool_]  # (n_triangles, 12)
     believed: NDArray[np.bool_]  # (n, n_triangles, 12) readings
@@ -46,28 +46,28 @@ class Audit:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Readings:
-    """Of one foot in n cycles: k triangles of twelve slots, s slots in all."""
+    """The readings of one foot: n cycles, k triangles, s = 12 k slots."""
 
     foot: FootRecording
     name: str  # of the recording
     t_s: Array  # (n,)
     counts: Array  # (n, s)
     valid: NDArray[np.bool_]  # (n, s)
-    asked: NDArray[np.intp]  # (m,) slots that have pressure to tell
-    mean: Array  # (n,) the load, as the insole tells it
-    old: NDArray[np.bool_]  # (n, k) nothing new was read
-    dead: NDArray[np.bool_]  # (n, s) says nothing of the load
-    railed: NDArray[np.bool_]  # (n,) many at an end of their range: the rest counts have wandered off, not the taxels
+    asked: NDArray[np.intp]  # (m,) slots of pressure taxels that are in use
+    mean: Array  # (n,) load estimated from the insole's readings
+    old: NDArray[np.bool_]  # (n, k) without a new reading
+    dead: NDArray[np.bool_]  # (n, s) does not follow the load
+    railed: NDArray[np.bool_]  # (n,) many taxels at an end of their range: their rest counts drifted, the taxels work
 
     @property
     def believed(self) -> NDArray[np.bool_]:
-        """(n, s) readings that are new, of taxels that work."""
+        """New readings of working taxels, (n, s)."""
         return self.valid & ~np.repeat(self.old, N_TAXELS, axis=1) & ~self.dead
 
     def finding(
         self, effect: str, place: Where | NDArray[np.intp], when: Iterable[tuple[float, float]], text: str
     ) -> Finding:
-        """Of the recording: `text` about a place, or about slots."""
+        """Return a finding of this recording with `text` on a place or on slots."""
         layout = self.foot.layout
         if not isinstance(place, Where):
             place = where(place, np.flatnonzero(np.tile(PRESSURE_TAXELS, len(layout))), layout)
@@ -78,7 +78,7 @@ class _Readings:
 
 
 def audit(foot: FootRecording, name: str, steps: bool = False) -> Audit:
-    """The readings of one foot in recording `name`; `steps`: it is walked on, and leaps that stay are none."""
+    """Audit the readings of one foot in recording `name`; `steps`: the load has steps, which are no faults."""
     seen = _readings(foot, name)
     gone, opened, findings = _without_contact(seen)
     gone |= _leaping(seen, steps)
@@ -90,7 +90,7 @@ def audit(foot: FootRecording, name: str, steps: bool = False) -> Audit:
 
 
 def _readings(foot: FootRecording, name: str) -> _Readings:
-    """The readings with what is told of each by itself."""
+    """Return the readings, with the properties that each taxel shows by itself."""
     n = len(foot)
     t_s = (foot.t_ns - foot.t_ns[0]) * 1e-9
     counts, valid = foot.counts.reshape(n, -1).astype(np.float64), foot.valid.reshape(n, -1)
@@ -101,21 +101,21 @@ def _readings(foot: FootRecording, name: str) -> _Readings:
     dead |= np.repeat(contact.at_both_ends(foot.counts), N_TAXELS, axis=1)
     came = arrived(foot.read_ns).sum(axis=0)
     frozen = foot.is_new.sum(axis=0) < (1.0 - FROZEN) * came
-    if not frozen.all():  # else the load never moved
+    if not frozen.all():  # otherwise the load never moved
         dead[:, asked] |= frozen[asked // N_TAXELS]
     return _Readings(foot, name, t_s, counts, valid, asked, mean, old, dead, _on_rails(counts[:, asked]))
 
 
 def _without_contact(seen: _Readings) -> tuple[NDArray[np.bool_], list[int], list[Finding]]:
-    """(s,) taxels that say nothing for long, rows of triangles that lost contact, and what is told of these."""
+    """Return taxels without usable readings (s,), rows of triangles that lost contact, and findings on these."""
     gone = seen.dead[~seen.railed].mean(axis=0) > MOST_DEAD
-    # Readings at the upper end are a rest count that has wandered off, not a line without a triangle.
+    # Readings at the upper end come from a drifted rest count, not from a missing triangle.
     silent = (seen.dead & (seen.counts < 255)).reshape(seen.foot.valid.shape)
     opened = contact.opened(silent, contact.at_both_ends(seen.counts.reshape(silent.shape)), seen.t_s)
     together: dict[tuple[tuple[float, float], ...], list[int]] = {}
     for row in opened:
         slots = row * N_TAXELS + np.flatnonzero(PRESSURE_TAXELS)
-        if gone[slots].sum() >= contact.OPEN_TAXELS:  # what its last taxels say is not to be believed either
+        if gone[slots].sum() >= contact.OPEN_TAXELS:  # the readings of its other taxels are not usable either
             gone[slots] = True
         fails = np.asarray(silent[:, row].sum(axis=1) >= contact.OPEN_TAXELS)
         when = joined(intervals(fails, seen.t_s), 1.0) if fails.mean() < ALWAYS else ()
@@ -129,17 +129,17 @@ def _without_contact(seen: _Readings) -> tuple[NDArray[np.bool_], list[int], lis
 
 
 def _leaping(seen: _Readings, steps: bool) -> NDArray[np.bool_]:
-    """(s,) taxels with a loose contact."""
-    found = np.zeros(seen.counts.shape[1], bool)
+    """Return which taxels have a loose contact, (s,)."""
+    is_loose = np.zeros(seen.counts.shape[1], bool)
     asked = seen.asked
     leaping = contact.loose(seen.counts[:, asked], seen.valid[:, asked], seen.mean, seen.t_s, asked // N_TAXELS, steps)
-    if leaping.mean() < MOST_LEAPING:  # else it is how this insole answers, and no contact
-        found[asked] = leaping
-    return found
+    if leaping.mean() < MOST_LEAPING:  # otherwise it is a property of the insole, not of its contacts
+        is_loose[asked] = leaping
+    return is_loose
 
 
 def _alone(seen: _Readings, gone: NDArray[np.bool_], opened: Sequence[int]) -> list[Finding]:
-    """What is told of taxels that are `gone` without their triangle."""
+    """Return the finding on taxels that are `gone` although their triangle has contact."""
     lone = np.array([slot for slot in np.flatnonzero(gone) if slot // N_TAXELS not in opened], np.intp)
     if not lone.size:
         return []
@@ -150,22 +150,22 @@ def _alone(seen: _Readings, gone: NDArray[np.bool_], opened: Sequence[int]) -> l
 
 
 def _asked(foot: FootRecording) -> NDArray[np.bool_]:
-    """(n_triangles, 12) taxels that have pressure to tell: all ten of a triangle, or what a calibration lists."""
+    """Return the taxels with pressure (n_triangles, 12): all ten of a triangle, or those in the calibration."""
     asked = np.tile(PRESSURE_TAXELS, (len(foot.layout), 1))
     return asked if foot.calibration is None else asked & foot.calibration.usable
 
 
 def _insole(counts: Array) -> Array:
-    """(n,) what a typical taxel says, over its range; most of an insole may not be there, and say one number."""
+    """Return the reading of a typical taxel over its range (n,); taxels that hardly change are left out."""
     often = np.mean(np.diff(counts, axis=0) != 0, axis=0)
     middle = np.median(counts[:, often >= TALKS * np.quantile(often, 0.95)], axis=1)
     span = float(np.ptp(middle)) or 1.0
-    found: Array = (middle.max() - middle) / span
-    return found
+    share_of_span: Array = (middle.max() - middle) / span
+    return share_of_span
 
 
 def _on_rails(counts: Array) -> NDArray[np.bool_]:
-    """(n,) cycles in which many taxels stand so near an end of their range that it cuts their noise off."""
+    """Return cycles in which many taxels are so near an end of their range that their noise is clipped, (n,)."""
     at_end = uniform_filter1d(((counts <= 0) | (counts >= 255)).astype(np.float64), RAIL_CYCLES, axis=0)
     cut: NDArray[np.bool_] = np.mean(at_end > (RAIL_READINGS - 0.5) / RAIL_CYCLES, axis=1) > MOST_ON_RAILS
     return cut if cut.mean() < 0.9 else np.zeros_like(cut)

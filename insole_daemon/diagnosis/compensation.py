@@ -1,4 +1,4 @@
-"""What a model, live and causal, would have made of the force in a recorded walk."""
+"""The force that the daemon would have published with a model for a recorded walk."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from ..recording.loading import as_configured, load
 
 
 def of_walk(model: Path, recording: Path) -> dict[str, tuple[Array, Array]]:
-    """By foot, when (s of the epoch, as the daemon stamps it) f_z was how much (N), of every cycle of the recording.
+    """Return (times in s of the epoch as the daemon stamps them, f_z in N) of every cycle of the recording, by foot.
 
-    It is what `insole run` publishes with `model` as calibration: its masks of faults, its curves, effects and wrench.
-    Feet that the model is not of are left out; DocumentError where it is wrong.
+    These are the values that `insole run` publishes with `model` as calibration, including its fault masks. A foot that
+    the model is not made for is left out. Raises DocumentError if the model is not valid.
     """
     of_foot = Reading(Path(model)).document.get("foot")
-    found: dict[str, tuple[Array, Array]] = {}
+    force_by_foot: dict[str, tuple[Array, Array]] = {}
     for foot in load(recording).feet:
         if foot.foot != of_foot:
             continue
         calibration = calibrations.load(model, foot.layout)
         valid, _ = screened(foot)
         boards = [as_configured(board) for board in foot.boards]
-        said = estimate(foot.layout, calibration, boards, foot.t_ns, foot.counts, valid, zeroed=False)
-        found[foot.foot] = said.t_ns.astype(np.float64) * 1e-9, said.wrench.f_z_n
-    return found
+        published = estimate(foot.layout, calibration, boards, foot.t_ns, foot.counts, valid, zeroed=False)
+        force_by_foot[foot.foot] = published.t_ns.astype(np.float64) * 1e-9, published.wrench.f_z_n
+    return force_by_foot

@@ -1,4 +1,4 @@
-"""Whether a load rises and falls often enough to tell physics by."""
+"""Check that a load rises and falls often enough to identify effects."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ import numpy as np
 from ..errors import UndecidableError
 from ..physics.law import Array
 
-HELD = 0.03  # of the span, within which a load stays that is held
+HELD = 0.03  # of the span: a load within this range counts as held
 STEP_S = 3.0  # the shortest hold between two steps
 LEAST_CYCLES = 3
-TURN = 0.15  # of the span: a reversal counts from there on
+TURN = 0.15  # of the span: smallest reversal that counts
 
 
 def require_cycles(name: str, loads: Sequence[Array], steps_s: Sequence[float], span: float) -> None:
-    """UndecidableError where loads (N,) of all recordings turn, and are held, too seldom to tell anything by.
+    """Raise UndecidableError if the loads (N,) of all recordings reverse and are held too rarely.
 
-    `steps_s`: between two rows of each; `span`: of all loads.
+    `steps_s`: time between two rows of each load; `span`: of all loads.
     """
     reversals = sum(_reversals(load, TURN * span) for load in loads)
     holds = [hold for load, step_s in zip(loads, steps_s, strict=True) for hold in _holds(load, step_s, span)]
@@ -32,7 +32,7 @@ def require_cycles(name: str, loads: Sequence[Array], steps_s: Sequence[float], 
 
 
 def _reversals(load: Array, least: float) -> int:
-    """How often `load` turns and goes back by `least`."""
+    """Return how often `load` reverses by at least `least`."""
     turns, rising = 0, None
     low = high = float(load[0])
     for value in load.tolist():
@@ -45,17 +45,17 @@ def _reversals(load: Array, least: float) -> int:
 
 
 def _holds(load: Array, step_s: float, span: float) -> list[tuple[float, float]]:
-    """How long, and at which share of the span, the load stays within HELD of it: one stretch after another.
+    """Return duration in s and level, as a share of the span, of each stretch in which the load stays within HELD.
 
-    A slow ramp stays so for a while too, but moves evenly: those are left out.
+    Slow ramps, which move evenly within a stretch, are left out.
     """
-    found = []
+    holds = []
     start, low, high = 0, float(load[0]), float(load[0])
     for row, value in enumerate([*load.tolist(), np.inf]):
         if max(high, value) - min(low, value) > HELD * span:
             quarter = (row - start) // 4
             if abs(load[row - 1 - quarter] - load[start + quarter]) < HELD / 4 * span:
-                found.append(((row - start) * step_s, (low + high) / 2 / span))
+                holds.append(((row - start) * step_s, (low + high) / 2 / span))
             start, low, high = row, value, value
         low, high = min(low, value), max(high, value)
-    return found
+    return holds

@@ -1,4 +1,4 @@
-"""Which foot of the recordings is diagnosed, and that they are of one insole."""
+"""Choose the foot to diagnose, and check that all recordings are of one insole."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from ..recording.loading import FootRecording, Recording
 
 
 def choose(recordings: Sequence[Recording], asked: Foot | None = None, simulated: bool = False) -> list[FootRecording]:
-    """The foot of every recording whose load is known, `asked` or the only one; DiagnosisError where none is.
+    """Return the foot with a known load of every recording: `asked`, or the only one. DiagnosisError if there is none.
 
-    Where the load is `simulated`, no reference is needed.
+    If the load is `simulated`, no reference is needed.
     """
-    feet = [_foot(each, asked, simulated) for each in recordings]
+    feet = [_foot(recording, asked, simulated) for recording in recordings]
     first = feet[0].layout
     for recording, foot in zip(recordings, feet, strict=True):
         if foot.foot != feet[0].foot:
@@ -34,10 +34,10 @@ def choose(recordings: Sequence[Recording], asked: Foot | None = None, simulated
 
 
 def _foot(recording: Recording, asked: Foot | None, simulated: bool) -> FootRecording:
-    there = [foot for foot in recording.feet if asked in (None, foot.foot)]
-    if not there:
+    feet = [foot for foot in recording.feet if asked in (None, foot.foot)]
+    if not feet:
         raise DiagnosisError(f"{recording.folder}: expected the {asked} foot, found only the other one")
-    known = [foot for foot in there if simulated or foot.reference is not None]
+    known = [foot for foot in feet if simulated or foot.reference is not None]
     if not known:
         raise DiagnosisError(
             f"{recording.folder}: expected a reference (kind chamber or shoe), found none: what was the load? Record "

@@ -1,4 +1,4 @@
-"""What a diagnosis says: the structs of `insole-diagnosis/1`."""
+"""Findings and their parameters: the structs of `insole-diagnosis/1`."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ class Quantity:
     unit: str
 
     def document(self) -> dict[str, Any]:
-        """As JSON has it."""
+        """Return the content for JSON."""
         return {"value": _plain(self.value), "std": _plain(self.std), "unit": self.unit}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Finding:
-    """One thing that was found, and how it is known."""
+    """An effect or fault that a diagnosis reports."""
 
     effect: str
     foot: Foot
@@ -42,15 +42,15 @@ class Finding:
     regime: Mapping[str, Any] = field(default_factory=dict)
     equation: str = ""
     parameters: Mapping[str, Quantity] = field(default_factory=dict)
-    explains: float = 0.0  # mean square of a reading it takes away, in counts², over all taxels: the findings' order
-    heldout_count: tuple[float, float] | None = None  # before and after it alone is left out
-    heldout_n: tuple[float, float] | None = None  # the same of a force, where no reading's load is known
+    explains: float = 0.0  # reduction of the mean square over all taxels, counts²; orders the findings
+    heldout_count: tuple[float, float] | None = None  # without and with this finding
+    heldout_n: tuple[float, float] | None = None  # the same of f_z, if the load of single taxels is not known
     confidence: float = 1.0
-    margin: float | None = None  # by which the best explanation without it is worse, in least gains of an effect
+    margin: float | None = None  # loss without it, in units of the least gain of an effect
 
     def document(self) -> dict[str, Any]:
-        """As `insole-diagnosis/1` has it."""
-        found: dict[str, Any] = {
+        """Return the content of the finding in `insole-diagnosis/1`."""
+        content: dict[str, Any] = {
             "effect": self.effect,
             "alternatives": list(self.alternatives),
             "foot": self.foot,
@@ -64,14 +64,14 @@ class Finding:
         }
         for unit, figures in (("count", self.heldout_count), ("N", self.heldout_n)):
             if figures is not None:
-                found["heldout"] = {"unit": unit, "before": round(figures[0], 4), "after": round(figures[1], 4)}
-        found["confidence"] = round(self.confidence, 3)
-        found["sentence"] = self.sentence
-        return found
+                content["heldout"] = {"unit": unit, "before": round(figures[0], 4), "after": round(figures[1], 4)}
+        content["confidence"] = round(self.confidence, 3)
+        content["sentence"] = self.sentence
+        return content
 
 
 def heldout_of(load_is_known: bool, before: float, after: float) -> dict[str, Any]:
-    """The field of a `Finding` that holds the errors before and after it, in the unit of its rows."""
+    """Return the field of a `Finding` for the errors before and after it, in the unit of its rows."""
     return {"heldout_count" if load_is_known else "heldout_n": (before, after)}
 
 

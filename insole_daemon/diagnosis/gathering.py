@@ -1,7 +1,7 @@
-"""Findings of one recording that are one effect at several places, as one finding.
+"""Join findings of one recording that are one effect at several places.
 
-A material that snaps has its thresholds in every triangle, and a memory is stronger at one place than at another: the
-search tells them apart, and whoever reads the findings wants the effect and where it is.
+A material that snaps has its own thresholds in every triangle, and a memory varies in strength across the insole. The
+search finds these as separate effects; the reader needs the effect and all its places.
 """
 
 from __future__ import annotations
@@ -17,28 +17,28 @@ from .model.placement import place_of
 from .observations.wrench import WrenchObservation
 from .places import said
 
-# What says how strong it is; of snaps every place has a strength of its own.
+# The strength of a finding by word; a snap may have any strength at each place.
 STRENGTHS: dict[str, Callable[[Finding], float]] = {
-    "gain": lambda each: float(each.parameters["gain"].value) - 1.0,
-    "baseline": lambda each: float(each.parameters["shift_count"].value),
-    "viscoelasticity": lambda each: float(each.parameters["a"].value),
-    "creep": lambda each: float(np.sum(each.parameters["a"].value)),
-    "hysteresis": lambda each: float(np.sum(each.parameters["w"].value)),
-    "snap": lambda each: 1.0,
+    "gain": lambda finding: float(finding.parameters["gain"].value) - 1.0,
+    "baseline": lambda finding: float(finding.parameters["shift_count"].value),
+    "viscoelasticity": lambda finding: float(finding.parameters["a"].value),
+    "creep": lambda finding: float(np.sum(finding.parameters["a"].value)),
+    "hysteresis": lambda finding: float(np.sum(finding.parameters["w"].value)),
+    "snap": lambda finding: 1.0,
 }
-MOST_APART = 2.5  # times as strong
+MOST_APART = 2.5  # largest ratio of strengths that are joined
 
 
 def join_places(findings: Sequence[Finding], seen: WrenchObservation) -> tuple[Finding, ...]:
-    """Each word once for all places where it is about as strong; what is left over as it was."""
-    found: list[Finding] = []
-    for each in sorted(findings, key=lambda each: -each.explains):
-        like = next((i for i, other in enumerate(found) if _is_same(other, each)), None)
+    """Join findings of one word with similar strength; return these and the others unchanged."""
+    joined: list[Finding] = []
+    for finding in sorted(findings, key=lambda finding: -finding.explains):
+        like = next((i for i, other in enumerate(joined) if _is_same(other, finding)), None)
         if like is None:
-            found.append(each)
+            joined.append(finding)
         else:
-            found[like] = _joined(found[like], each, seen)
-    return tuple(found)
+            joined[like] = _joined(joined[like], finding, seen)
+    return tuple(joined)
 
 
 def _is_same(one: Finding, other: Finding) -> bool:
@@ -52,12 +52,12 @@ def _is_same(one: Finding, other: Finding) -> bool:
 
 
 def _joined(strongest: Finding, other: Finding, seen: WrenchObservation) -> Finding:
-    """At both places; parameters of the one that explains most, as far off as the other's are."""
+    """Return a finding at both places, with the parameters of `strongest` and a std that covers those of `other`."""
     rows = np.zeros(len(seen.layout), bool)
-    for each in (strongest, other):
-        rows[each.where.slots(seen.layout) // N_TAXELS] = True
+    for finding in (strongest, other):
+        rows[finding.where.slots(seen.layout) // N_TAXELS] = True
     where = place_of(rows, seen)
-    parameters = {name: _wider(own, other.parameters[name]) for name, own in strongest.parameters.items()}
+    parameters = {name: _wider(quantity, other.parameters[name]) for name, quantity in strongest.parameters.items()}
     _, text = strongest.sentence.split(": ", 1)
     return replace(
         strongest, where=where, parameters=parameters, explains=strongest.explains + other.explains,
@@ -65,7 +65,7 @@ def _joined(strongest: Finding, other: Finding, seen: WrenchObservation) -> Find
     )  # fmt: skip
 
 
-def _wider(own: Quantity, other: Quantity) -> Quantity:
-    if np.ndim(own.value) or np.ndim(other.value) or np.ndim(own.std):
-        return own
-    return replace(own, std=max(float(own.std), abs(float(own.value) - float(other.value))))
+def _wider(quantity: Quantity, other: Quantity) -> Quantity:
+    if np.ndim(quantity.value) or np.ndim(other.value) or np.ndim(quantity.std):
+        return quantity
+    return replace(quantity, std=max(float(quantity.std), abs(float(quantity.value) - float(other.value))))

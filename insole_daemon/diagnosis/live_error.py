@@ -1,4 +1,4 @@
-"""What the daemon would publish of a recording of another day, against its reference: pressure, or f_z of a walk."""
+"""Error of what the daemon would publish of a recording on another day: pressure in a chamber, f_z of a walk."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from ..physics.law import Array
 from ..recording.estimate import estimate
 from ..recording.loading import Recording, as_configured
 
-LATER_NS = 2 * 86_400 * 10**9  # the day of the recording: what a model knows of the day it was made on means nothing
+LATER_NS = 2 * 86_400 * 10**9  # another day than that of the model: effects that hold for its own day must not apply
 
 
 @dataclass(frozen=True, slots=True)
 class LiveError:
-    """RMS error of what the daemon publishes by one model."""
+    """RMS error of the daemon's output with one model."""
 
     value: float
     unit: str  # kPa of every valid taxel in a chamber; N of f_z
@@ -31,39 +31,39 @@ class LiveError:
 
 
 def live_error(model: Path, recording: Recording, foot: Foot) -> LiveError:
-    """The error of the calibration in the file `model`, with its effects, at the clock that suits it best.
+    """Return the error of the calibration in the file `model`, with its effects, on the clock that fits it best.
 
-    DocumentError where the file is wrong, CalibrationError where the recording has no reference that goes with it, or
-    the daemon masks all of it.
+    Raises DocumentError if the file is not valid, CalibrationError if the recording has no suitable reference or the
+    daemon masks all of it.
     """
     (trial,), _ = prepare_trials([recording], foot)
     if not usable_slots(trial).any():
         raise CalibrationError(
             f"{trial.name}: the daemon masks every taxel for most of the time, because readings without load wander"
         )
-    own, layout = trial.foot, trial.layout
+    foot_recording, layout = trial.foot, trial.layout
     calibration = calibrations.load(model, layout)
-    boards = [as_configured(board) for board in own.boards]
-    t_ns = own.t_ns + LATER_NS
+    boards = [as_configured(board) for board in foot_recording.boards]
+    t_ns = foot_recording.t_ns + LATER_NS
     live = DynamicModel(layout, calibration, boards, int(t_ns[0]), zeroed=False)
-    valid = trial.valid.reshape(own.counts.shape) & calibration.usable
-    said = estimate(layout, calibration, boards, t_ns, own.counts, valid, zeroed=False)
+    valid = trial.valid.reshape(foot_recording.counts.shape) & calibration.usable
+    output = estimate(layout, calibration, boards, t_ns, foot_recording.counts, valid, zeroed=False)
     late_s = (live.late_ns - live.late_ns.min()) * 1e-9  # of each triangle, behind the stamp of the cycle
     if trial.kind == "shoe":
-        wrench = np.stack([said.wrench.f_z_n, said.wrench.m_x_nm, said.wrench.m_y_nm], axis=1).astype(np.float64)
+        wrench = np.stack([output.wrench.f_z_n, output.wrench.m_x_nm, output.wrench.m_y_nm], axis=1).astype(np.float64)
         clock = align_by_prediction(trial, np.nan_to_num(wrench))
-        off = wrench[:, 0] - _reference(trial, clock, trial.t_s)
-        return LiveError(float(np.sqrt(np.nanmean(off**2))), "N", live.left_out)
-    pressure_pa = np.where(said.valid, said.pressure_pa, np.nan)
+        deviation = wrench[:, 0] - _reference(trial, clock, trial.t_s)
+        return LiveError(float(np.sqrt(np.nanmean(deviation**2))), "N", live.left_out)
+    pressure_pa = np.where(output.valid, output.pressure_pa, np.nan)
     clock = align_by_prediction(trial, np.nan_to_num(np.nanmean(pressure_pa, axis=(1, 2)))[:, None])
     load = np.stack([_reference(trial, clock, trial.t_s - late) for late in late_s.tolist()], axis=1)
-    off = pressure_pa - load[:, :, None]
-    return LiveError(1e-3 * float(np.sqrt(np.nanmean(off**2))), "kPa", live.left_out)
+    deviation = pressure_pa - load[:, :, None]
+    return LiveError(1e-3 * float(np.sqrt(np.nanmean(deviation**2))), "kPa", live.left_out)
 
 
 def _reference(trial: CalibrationTrial, clock: Clock, t_s: Array) -> Array:
-    """(n,) the first column of the reference at times `t_s` (n,) of the recording; NaN outside it."""
+    """Return the first column of the reference at times `t_s` (n,) of the recording, (n,); NaN outside it."""
     read = trial.readings
-    there = np.isfinite(read.values[:, 0])
+    is_known = np.isfinite(read.values[:, 0])
     wanted_s = clock.reference_s(t_s)
-    return np.asarray(np.interp(wanted_s, read.t_s[there], read.values[there, 0], left=np.nan, right=np.nan))
+    return np.asarray(np.interp(wanted_s, read.t_s[is_known], read.values[is_known, 0], left=np.nan, right=np.nan))

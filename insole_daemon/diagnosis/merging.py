@@ -1,6 +1,7 @@
-"""Findings of several recordings of one insole as one list: what lasts is said once, with who confirms or denies it.
+"""Merge the findings of several recordings of one insole into one list.
 
-Where the load is known on every taxel, what a chamber can show is told from it: a walk sees the same through sums.
+A lasting effect is reported once, with the recordings that confirm or contradict it. A chamber, in which the load of
+every taxel is known, takes precedence over a walk, in which only sums are known.
 """
 
 from __future__ import annotations
@@ -10,17 +11,17 @@ from dataclasses import dataclass, replace
 
 from .finding import Finding
 
-# Of the insole and its material: there in every recording, or not at all.
+# Properties of the insole and its material, which are present in every recording or in none.
 LASTING = (
     "gain", "baseline", "stiffening", "bit_shift", "hysteresis", "viscoelasticity", "creep", "snap", "lag",
     "crosstalk", "map_transform", "swapped_triangles",
 )  # fmt: skip
-DENIED = 0.5  # times its confidence
+DENIED = 0.5  # factor on the confidence of a contradicted finding
 
 
 @dataclass(frozen=True, slots=True)
 class Said:
-    """What one recording says, and which words it cannot tell."""
+    """The findings of one recording, and the words that it cannot identify."""
 
     recording: str
     load_is_known: bool
@@ -28,34 +29,39 @@ class Said:
     cannot_tell: frozenset[str]
 
 
-def merge_findings(every: Sequence[Said]) -> tuple[Finding, ...]:
-    """Findings in the order of what they explain; those of a known load first."""
-    if len(every) == 1:
-        return tuple(sorted(every[0].findings, key=lambda each: -each.explains))
-    chambers = sorted(every, key=lambda said: not said.load_is_known)
-    found: list[Finding] = []
-    for said in chambers:
-        for each in sorted(said.findings, key=lambda each: -each.explains):
-            if each.effect not in LASTING:
-                found.append(each)
-            elif not _is_told(each, said, found):
-                found.append(_asked(each, said, every))
-    return tuple(found)
+def merge_findings(by_recording: Sequence[Said]) -> tuple[Finding, ...]:
+    """Return findings in the order of what they explain; those of a known load first."""
+    if len(by_recording) == 1:
+        return tuple(sorted(by_recording[0].findings, key=lambda finding: -finding.explains))
+    chambers = sorted(by_recording, key=lambda account: not account.load_is_known)
+    merged: list[Finding] = []
+    for account in chambers:
+        for finding in sorted(account.findings, key=lambda finding: -finding.explains):
+            if finding.effect not in LASTING:
+                merged.append(finding)
+            elif not _is_reported(finding, account, merged):
+                merged.append(_with_support(finding, account, by_recording))
+    return tuple(merged)
 
 
-def _is_told(each: Finding, said: Said, found: Sequence[Finding]) -> bool:
-    """Whether another recording has told it; of one recording, the same word at another place is another finding."""
-    same = [other for other in found if other.effect == each.effect]
-    return any(said.recording in other.recordings and other.recordings != (said.recording,) for other in same)
+def _is_reported(finding: Finding, account: Said, merged: Sequence[Finding]) -> bool:
+    """Return whether another recording already reported this effect; within one recording each place is a finding."""
+    same = [other for other in merged if other.effect == finding.effect]
+    return any(account.recording in other.recordings and other.recordings != (account.recording,) for other in same)
 
 
-def _asked(each: Finding, said: Said, every: Sequence[Said]) -> Finding:
-    """With the recordings that say it, too, and those that could and do not."""
-    names = {one.recording: {other.effect for other in one.findings} for one in every}
-    confirm = tuple(one.recording for one in every if one is said or each.effect in names[one.recording])
+def _with_support(finding: Finding, account: Said, by_recording: Sequence[Said]) -> Finding:
+    """Return the finding with the recordings that also report it, and those that could and do not."""
+    names = {other.recording: {reported.effect for reported in other.findings} for other in by_recording}
+    confirm = tuple(
+        other.recording for other in by_recording if other is account or finding.effect in names[other.recording]
+    )
     deny = tuple(
-        one.recording for one in every
-        if one.recording not in confirm and each.effect not in one.cannot_tell and "unknown" not in names[one.recording]
-    )  # fmt: skip
-    confidence = each.confidence * (DENIED if deny else 1.0)
-    return replace(each, recordings=confirm, contradicted_by=deny, confidence=confidence)
+        other.recording
+        for other in by_recording
+        if other.recording not in confirm
+        and finding.effect not in other.cannot_tell
+        and "unknown" not in names[other.recording]
+    )
+    confidence = finding.confidence * (DENIED if deny else 1.0)
+    return replace(finding, recordings=confirm, contradicted_by=deny, confidence=confidence)

@@ -1,4 +1,4 @@
-"""Recordings as observations of one kind and one model, or why they cannot be told anything from."""
+"""Turn recordings into observations of one kind and one model, or refuse them with a reason."""
 
 from __future__ import annotations
 
@@ -28,19 +28,19 @@ def observed(
     progress: Callable[[str], None],
     simulations: Sequence[Recording],
 ) -> list[WrenchObservation]:
-    """Every recording by the static model; of an insole without one in a chamber, by the curves that fit it best."""
-    is_chamber = not simulations and all(each.kind == "chamber" for each in recordings)
+    """Return an observation per recording, by the static model; in a chamber without one, by curves that fit best."""
+    is_chamber = not simulations and all(recording.kind == "chamber" for recording in recordings)
     if is_chamber and not has_model(feet[0], calibration):
-        return [with_warmth(each) for each in observe_uncalibrated(recordings, feet, progress)]
+        return [with_warmth(observation) for observation in observe_uncalibrated(recordings, feet, progress)]
     model = static_model(recordings[0], feet[0], calibration)
-    every: list[WrenchObservation] = []
+    observations: list[WrenchObservation] = []
     for i, (recording, foot) in enumerate(zip(recordings, feet, strict=True)):
         progress(f"reading {recording.folder.name}")
         if simulations:
-            every.append(observe_paired(recording, foot, model, simulations[i if len(simulations) > 1 else 0]))
+            observations.append(observe_paired(recording, foot, model, simulations[i if len(simulations) > 1 else 0]))
         else:
-            every.append(_observe(recording, foot, model))
-    return [with_warmth(each) for each in every]
+            observations.append(_observe(recording, foot, model))
+    return [with_warmth(observation) for observation in observations]
 
 
 def _observe(recording: Recording, foot: FootRecording, model: Calibration) -> WrenchObservation:
@@ -50,13 +50,13 @@ def _observe(recording: Recording, foot: FootRecording, model: Calibration) -> W
 
 
 def has_model(foot: FootRecording, calibration: Calibration | None) -> bool:
-    """Whether there is a calibration of this very insole, by which pressures are told."""
+    """Return whether there is a calibration of this insole, in contrast to the built-in default."""
     model = calibration if calibration is not None else foot.calibration
     return model is not None and not model.builtin
 
 
 def static_model(recording: Recording, foot: FootRecording, calibration: Calibration | None) -> Calibration:
-    """The model asked about: `calibration`, else that of `foot`; DiagnosisError where there is no static one."""
+    """Return the model to diagnose: `calibration`, else that of `foot`; DiagnosisError if none is static."""
     model = calibration if calibration is not None else foot.calibration
     if model is None or not has_model(foot, calibration):
         raise DiagnosisError(
@@ -64,20 +64,20 @@ def static_model(recording: Recording, foot: FootRecording, calibration: Calibra
             "Give one with --calibration; insole calibrate makes it"
         )
     if model.effects:
-        words = ", ".join(each.law.word for each in model.effects)
+        words = ", ".join(effect.law.word for effect in model.effects)
         raise DiagnosisError(f"the model has effects already ({words}), expected a static one: diagnose against that")
     return model
 
 
 def refuse_mixture(recordings: Sequence[Recording], simulations: Sequence[Recording]) -> None:
-    """DiagnosisError where recordings are not of one kind, or simulations do not go with them."""
+    """Raise DiagnosisError if the recordings are of different kinds, or the simulations do not match them."""
     if len(simulations) not in (0, 1, len(recordings)):
         raise DiagnosisError(
             f"{len(simulations)} simulations for {len(recordings)} recordings, expected one for each, in the same "
             "order, or one for all"
         )
-    others = [each for each in recordings if each.kind not in ("chamber", "shoe")]
-    if others and not simulations and len({each.kind for each in recordings}) > 1:
+    others = [recording for recording in recordings if recording.kind not in ("chamber", "shoe")]
+    if others and not simulations and len({recording.kind for recording in recordings}) > 1:
         raise DiagnosisError(
             f"{others[0].folder}: expected a chamber or a force shoe as in the other recordings, found kind "
             f"{others[0].kind}: leave it out"
@@ -85,15 +85,15 @@ def refuse_mixture(recordings: Sequence[Recording], simulations: Sequence[Record
 
 
 def refuse_still(chambers: Sequence[WrenchObservation]) -> None:
-    """UndecidableError where the pressure of all chambers together is hardly ever changed."""
+    """Raise UndecidableError if the pressure in all chambers together changes too rarely."""
     if chambers:
-        loads = [each.reference.at(each.reference_s)[:, 0] for each in chambers]
+        loads = [chamber.reference.at(chamber.reference_s)[:, 0] for chamber in chambers]
         span = max(float(np.ptp(load)) for load in loads)
-        require_cycles(chambers[0].name, loads, [each.step_s for each in chambers], span)
+        require_cycles(chambers[0].name, loads, [chamber.step_s for chamber in chambers], span)
 
 
 def refuse_unloaded(seen: WrenchObservation) -> None:
-    """UndecidableError where a foot takes too few steps and does not stand, either."""
+    """Raise UndecidableError if a foot takes too few steps and does not stand either."""
     force = seen.reference.at(seen.reference_s)[:, 0]
     if seen.load_is_known:
         return

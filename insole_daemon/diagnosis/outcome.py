@@ -1,4 +1,4 @@
-"""What every diagnosis comes to, whatever was known of the load: the content of `insole-diagnosis/1`."""
+"""The result of a diagnosis: the content of `insole-diagnosis/1`, its verdict and its shares."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from typing import Any, Literal
 from ..physics.law import Array
 from .finding import Finding, Verdict
 
-MOST_AFTER = 1.15  # times the floor: it is explained (formats.md)
-LEAST_EXPLAINED = 0.2  # of the mismatch: it is explained in part (formats.md)
+MOST_AFTER = 1.15  # times the floor: largest error of the verdict `explained` (formats.md)
+LEAST_EXPLAINED = 0.2  # of the mismatch: least for the verdict `partly explained` (formats.md)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Outcome:
-    """All that is said; `document` is its form as a file."""
+    """The result of a diagnosis; `document` is its content as a file."""
 
     recordings: tuple[str, ...]
     against: Literal["model", "simulation"]
@@ -28,12 +28,12 @@ class Outcome:
     model: Mapping[str, Any]
 
     def before_and_after(self) -> tuple[float, float]:
-        """RMS errors in the unit whose square the findings explain."""
+        """Return the RMS errors before and after, in the unit whose square the findings explain."""
         return float(self.heldout["before"]), float(self.heldout["after"])
 
     def document(self) -> dict[str, Any]:
-        """As `insole-diagnosis/1` has it."""
-        explained, aligned = shares([each.explains for each in self.findings], *self.before_and_after())
+        """Return the content of `insole-diagnosis/1`."""
+        explained, aligned = shares([finding.explains for finding in self.findings], *self.before_and_after())
         return {
             "format": "insole-diagnosis/1",
             "recordings": list(self.recordings),
@@ -46,22 +46,22 @@ class Outcome:
                 for name, (offset, rate) in zip(self.recordings, self.clocks.tolist(), strict=True)
             ],
             "findings": [
-                {**each.document(), "explains": round(share, 4)}
-                for each, share in zip(self.findings, explained, strict=True)
+                {**finding.document(), "explains": round(share, 4)}
+                for finding, share in zip(self.findings, explained, strict=True)
             ],
-            "rejected": [dict(each) for each in self.rejected],
-            "not_identifiable": [dict(each) for each in self.not_identifiable],
+            "rejected": [dict(entry) for entry in self.rejected],
+            "not_identifiable": [dict(entry) for entry in self.not_identifiable],
         }
 
 
 def verdict(
     before: float, after: float, floor: float, null_before: float, *, findings: int, unknown: int, undecided: bool
 ) -> Verdict:
-    """The verdict of formats.md, from numbers alone, for every kind of recording.
+    """Return the verdict of formats.md for any kind of recording.
 
     `before`, `after`, `floor`: RMS errors in one unit. `null_before`: the largest `before` that this recording shows
-    where nothing differs. `findings`: how many there are, `unknown` among them without a name. `undecided`: another set
-    of findings explains the data as well.
+    without any mismatch. `findings`: their number; `unknown`: number of those without a name. `undecided`: another set
+    of findings explains the data equally well.
     """
     if not findings:
         return "no mismatch" if before <= null_before else "unexplained"
@@ -76,15 +76,15 @@ def verdict(
 
 
 def shares(gains: Sequence[float], before: float, after: float) -> tuple[tuple[float, ...], float]:
-    """Of before² − after², what each finding explains, and what is left for clocks and priors; together they are 1.
+    """Return the share of before² − after² that each finding explains, and that of clocks and priors; their sum is 1.
 
-    `gains`: mean squares that the findings take away one after another, in the unit of `before`², none negative. Where
-    they overlap, and sum to more than the whole, each is reduced in proportion.
+    `gains`: mean squares by which the findings reduce the error in order, in the unit of `before`². If they sum to more
+    than the whole, because effects overlap, each is reduced in proportion.
     """
     whole = max(before**2 - after**2, 0.0)
-    kept = [max(each, 0.0) for each in gains]
-    scale = max(whole, sum(kept))
+    positive_gains = [max(gain, 0.0) for gain in gains]
+    scale = max(whole, sum(positive_gains))
     if not scale > 0:
-        return tuple(0.0 for _ in kept), 1.0
-    explained = tuple(each / scale for each in kept)
+        return tuple(0.0 for _ in positive_gains), 1.0
+    explained = tuple(gain / scale for gain in positive_gains)
     return explained, 1.0 - sum(explained)

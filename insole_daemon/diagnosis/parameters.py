@@ -1,4 +1,4 @@
-"""The law's parameters of what was found, with their standard deviations."""
+"""Parameters of the laws of selected effects, with standard deviations."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ MISFIT_OF_VALUES = 0.05  # of a parameter: materials follow a law only approxima
 
 
 def parameters_of(refined: Refined[Any], i: int, foot: FootRecording) -> dict[str, Quantity]:
-    """The law's parameters of candidate `i` with standard deviations, from the regression's covariance.
+    """Return the law's parameters of candidate `i` with standard deviations, from the regression's covariance.
 
-    Empty for a temperature known only from the thermal pads: how many counts a kelvin moves them is not known.
+    Empty for a temperature that is known only from the thermal pads, whose counts per kelvin are not known.
     """
     law = refined.of_laws
     inner, candidate = law.design, law.design.candidates[i]
@@ -40,21 +40,21 @@ def parameters_of(refined: Refined[Any], i: int, foot: FootRecording) -> dict[st
             for name, value in mapping(candidate.settings, nudged).items():
                 if np.size(np.asarray(value, float)) == np.size(np.asarray(values[name], float)):
                     spread[name] = spread[name] + (np.asarray(value, float) - np.asarray(values[name], float)) ** 2
-    found = {}
+    quantities = {}
     for name, value in values.items():
         size = np.asarray(value, float)
         relative = 0.0 if candidate.word == "bit_shift" or name in ("t_s",) else MISFIT_OF_VALUES
         scale = np.abs(size - 1.0) if name in ("gain", "scale") else np.abs(size)
-        found[name] = Quantity(value, np.sqrt(spread[name] + (relative * scale) ** 2), units.get(name, "1"))
+        quantities[name] = Quantity(value, np.sqrt(spread[name] + (relative * scale) ** 2), units.get(name, "1"))
     if candidate.word in LOOPS:
-        found["amplitude_fraction"] = amplitude_fraction(refined, i)
+        quantities["amplitude_fraction"] = amplitude_fraction(refined, i)
     if candidate.word == "bit_shift":
         known = {board.address: board.shift for board in foot.boards}
         believed = known.get(candidate.where.ids[0][0]) if candidate.where.ids else next(iter(known.values()))
         step = int(values["shift"])
-        found["shift"] = Quantity((believed or 0) + step, 0.0, "1")
+        quantities["shift"] = Quantity((believed or 0) + step, 0.0, "1")
     if candidate.word == "temperature":
         temperature = inner.load.observation.temperature_c
         assert temperature is not None
-        found["t0_c"] = Quantity(float(temperature.mean()), 0.0, "°C")
-    return found
+        quantities["t0_c"] = Quantity(float(temperature.mean()), 0.0, "°C")
+    return quantities

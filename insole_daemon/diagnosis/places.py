@@ -1,4 +1,4 @@
-"""Where on an insole: sets of taxels, and the largest parts that say the same."""
+"""Places on an insole: sets of taxels as whole insole, boards, triangles or taxels, and in words."""
 
 from __future__ import annotations
 
@@ -12,39 +12,39 @@ from ..physics.law import SCOPES
 from ..skin.geometry import N_TAXELS
 from ..skin.layout import Layout
 
-MOST_OF = 0.75  # of a part's usable taxels: the part is meant, not the taxels that are
+MOST_OF = 0.75  # of the usable taxels of a board or triangle: the place is then that board or triangle
 
 
 def where(slots: NDArray[np.intp], usable: NDArray[np.intp], layout: Layout) -> Where:
-    """The coarsest parts of the insole that `slots` are; `usable` are all that were asked."""
+    """Return the coarsest place that consists of `slots`; `usable` are all slots that were examined."""
     if len(slots) >= MOST_OF * len(usable):
         return Where()
     identities = layout.identities
     chosen = set(slots.tolist())
-    found: list[tuple[int, list[int]]] = []  # depth, slots
+    places: list[tuple[int, list[int]]] = []  # depth, slots
     for depth in (1, 2):  # board, triangle
-        parts: dict[tuple[int, ...], list[int]] = {}
+        groups: dict[tuple[int, ...], list[int]] = {}
         for slot in usable.tolist():
-            parts.setdefault(tuple(identities[slot // N_TAXELS].tolist()[:depth]), []).append(slot)
-        for own in parts.values():
-            inside = [slot for slot in own if slot in chosen]
-            if len(inside) >= MOST_OF * len(own) and len(own) > 1:
-                found.append((depth, own))
-                chosen -= set(own)
-    found += [(3, [slot]) for slot in sorted(chosen)]
-    finest = max(depth for depth, _ in found)
-    ids = sorted({_taxel(slot, layout)[:finest] for _, own in found for slot in own})
+            groups.setdefault(tuple(identities[slot // N_TAXELS].tolist()[:depth]), []).append(slot)
+        for group in groups.values():
+            inside = [slot for slot in group if slot in chosen]
+            if len(inside) >= MOST_OF * len(group) and len(group) > 1:
+                places.append((depth, group))
+                chosen -= set(group)
+    places += [(3, [slot]) for slot in sorted(chosen)]
+    finest = max(depth for depth, _ in places)
+    ids = sorted({_taxel(slot, layout)[:finest] for _, group in places for slot in group})
     return Where(SCOPES[finest], tuple(ids))
 
 
-def merged(parts: Iterable[NDArray[np.intp]]) -> NDArray[np.intp]:
-    """All slots of `parts`, each once."""
-    every = list(parts)
-    return np.unique(np.concatenate(every)) if every else np.empty(0, np.intp)
+def merged(sets: Iterable[NDArray[np.intp]]) -> NDArray[np.intp]:
+    """Return all slots of `sets`, each once."""
+    arrays = list(sets)
+    return np.unique(np.concatenate(arrays)) if arrays else np.empty(0, np.intp)
 
 
 def said(place: Where) -> str:
-    """`place` in words."""
+    """Return `place` in words."""
     if place.scope == "insole":
         return "the whole insole"
     names = [".".join(map(str, identity)) for identity in place.ids]

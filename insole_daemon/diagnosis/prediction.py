@@ -1,4 +1,4 @@
-"""What a model says the insole would read: `model.json` run forward on the load of a recording."""
+"""Predict the readings of an insole: run `model.json` forward on the load of a recording."""
 
 from __future__ import annotations
 
@@ -21,26 +21,26 @@ from .observations.chamber import ChamberObservation, observe_chamber
 from .observations.paired import load_at as simulated_load
 from .observations.paired import observe_paired
 
-_MOST_ALIGNED = 12  # times that the clock is moved by what the model leaves
-_ALIGNED_S = 5e-4  # by less it is not moved again
-MOST_LATER_S = 0.5  # in one go: edges tell a clock more nearly
-_FAR_S = 86_400.0  # a recording of another day: its times have nothing to do with the model's
+_MOST_ALIGNED = 12  # iterations of the alignment of the clock by the residual
+_ALIGNED_S = 5e-4  # the alignment ends at a smaller correction
+MOST_LATER_S = 0.5  # largest correction of one iteration: the edges have aligned the clock better than that
+_FAR_S = 86_400.0  # a recording of another day: its times are unrelated to those of the model
 
 
 def of_folder(model: Path, recording: Path, simulation: Path | None) -> dict[str, Array]:
-    """`counts` of the recording in a folder, for programs that know files alone."""
+    """Return `counts` of the recording in a folder, for programs that pass files."""
     return counts(model, load(recording), None if simulation is None else load(simulation))
 
 
 def counts(model: str | PathLike[str], recording: Recording, simulation: Recording | None = None) -> dict[str, Array]:
-    """By foot, (n, n_triangles, 12) mean counts that `model` expects in every cycle; NaN on thermal pads alone.
+    """Return the mean counts (n, n_triangles, 12) that `model` expects, by foot; NaN on thermal pads only.
 
-    Of a taxel that the model leaves out the recording's own calibration tells the curve, and of one that says nothing
-    to believe all through the recording, its usual count. Nothing is read beyond 0 and 255. The load is the
-    reference's, or that of a `simulation` of the same trial; a clock of its own is aligned by the edges, and then by
-    what the model itself says. DocumentError where the model is wrong.
+    A taxel that the model leaves out gets its curve from the recording's calibration. A taxel without a usable reading
+    in the whole recording gets its usual count. Counts are limited to 0 … 255. The load is that of the reference, or of
+    a `simulation` of the same trial. A reference on its own clock is aligned by the edges, then by the residual of the
+    model. Raises DocumentError if the model is not valid.
     """
-    found: dict[str, Array] = {}
+    counts_by_foot: dict[str, Array] = {}
     for foot in recording.feet:
         if foot.reference is None and simulation is None:
             continue
@@ -51,7 +51,7 @@ def counts(model: str | PathLike[str], recording: Recording, simulation: Recordi
         t_s = np.maximum.accumulate((foot.t_ns - foot.t_ns[0]) * 1e-9)
         began = (foot.t_ns[0] - int(calibration.provenance.get(BEGAN, foot.t_ns[0]))) * 1e-9
         origin = began if abs(began) < _FAR_S else 0.0
-        # Each triangle was read as long ago as it is old.
+        # Each triangle was read at the time of the cycle less its age.
         read_s = t_s[:, None] - foot.behind_ns * 1e-9
         own_clock, warm = True, None
         if simulation is not None:
@@ -69,22 +69,24 @@ def counts(model: str | PathLike[str], recording: Recording, simulation: Recordi
             late_s += later_s
             if np.abs(later_s).max() < _ALIGNED_S:
                 break
-        found[foot.foot] = np.clip(np.where(_silent(audited, calibration), _usual(foot), expected), 0.0, 255.0)
-    return found
+        counts_by_foot[foot.foot] = np.clip(np.where(_silent(audited, calibration), _usual(foot), expected), 0.0, 255.0)
+    return counts_by_foot
 
 
 def _completed(model: Calibration, calibration: Calibration | None) -> Calibration:
-    """`model` with the curves of `calibration` for the taxels that it does not list."""
+    """Return `model` with the curves of `calibration` for the taxels that it does not list."""
     if calibration is None:
         return model
-    coefficients = [each.coefficients_pa for each in (model, calibration)]
-    k = max(each.shape[-1] for each in coefficients)
-    own, other = (np.pad(each, ((0, 0), (0, 0), (0, k - each.shape[-1]))) for each in coefficients)
+    coefficients = [table.coefficients_pa for table in (model, calibration)]
+    k = max(table.shape[-1] for table in coefficients)
+    model_coefficients, other_coefficients = (
+        np.pad(table, ((0, 0), (0, 0), (0, k - table.shape[-1]))) for table in coefficients
+    )
     listed = model.usable
     return replace(
         model,
         baseline_count=np.where(listed, model.baseline_count, calibration.baseline_count),
-        coefficients_pa=np.where(listed[..., None], own, other),
+        coefficients_pa=np.where(listed[..., None], model_coefficients, other_coefficients),
         usable=listed | calibration.usable,
         covariance_pa2=None,
         highest_count=None,
@@ -92,33 +94,34 @@ def _completed(model: Calibration, calibration: Calibration | None) -> Calibrati
 
 
 def _silent(audited: Audit, calibration: Calibration) -> NDArray[np.bool_]:
-    """(n_triangles, 12) taxels of which no curve tells what they read."""
-    found: NDArray[np.bool_] = PRESSURE_TAXELS & ~(calibration.usable & audited.believed.any(axis=0))
-    return found
+    """Return the taxels whose readings no curve predicts, (n_triangles, 12)."""
+    is_silent: NDArray[np.bool_] = PRESSURE_TAXELS & ~(calibration.usable & audited.believed.any(axis=0))
+    return is_silent
 
 
 def _usual(foot: FootRecording) -> Array:
-    """(n_triangles, 12) the count that each taxel says most of the time."""
+    """Return the median count of each taxel, (n_triangles, 12)."""
     return np.asarray(np.median(foot.counts, axis=0), np.float64)
 
 
 def _everywhere(seen: ChamberObservation, read_s: Array) -> Array:
-    """(n, n_triangles, 12) Pa of a load that is the same on all taxels."""
+    """Return the pressure (n, n_triangles, 12) in Pa of a uniform load at times `read_s` (n, n_triangles)."""
     reference_s = seen.offset_s + (1.0 + seen.rate) * read_s.ravel()
     pressure = seen.reference.at(reference_s)[:, 0].reshape(read_s.shape)
     return np.repeat(pressure[..., None], N_TAXELS, axis=2)
 
 
 def _later_s(expected: Array, foot: FootRecording, kept: NDArray[np.bool_], t_s: Array) -> Array:
-    """(n,) how much later in the load's time the readings are than `expected`, by the mean of the taxels kept.
+    """Return the delay of the readings against `expected` on the load's clock (n,), by the mean of the `kept` taxels.
 
-    One time for all and one that grows: what is not in the model bends the edges by which clocks are told first.
+    The delay is a constant plus a linear term. It is estimated after the alignment by edges, because effects that are
+    not in the model distort edges.
     """
-    asked = kept & ~np.isnan(expected[0])
-    said, model = foot.counts[:, asked].mean(axis=1), expected[:, asked].mean(axis=1)
+    used = kept & ~np.isnan(expected[0])
+    read, model = foot.counts[:, used].mean(axis=1), expected[:, used].mean(axis=1)
     slope = np.gradient(model, t_s + 1e-9 * np.arange(len(t_s)))
     grows = np.stack([np.ones_like(t_s), t_s / max(float(t_s[-1]), 1e-9) - 0.5], axis=1)
     moves = slope[:, None] * grows
     design = np.concatenate([np.ones_like(grows[:, :1]), moves], axis=1)
-    shares = np.linalg.lstsq(design, said - model, rcond=None)[0]
+    shares = np.linalg.lstsq(design, read - model, rcond=None)[0]
     return np.asarray(np.clip(grows @ shares[1:], -MOST_LATER_S, MOST_LATER_S))

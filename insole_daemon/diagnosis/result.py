@@ -1,4 +1,4 @@
-"""What a diagnosis is told from: of each recording, and of all together."""
+"""Results of a diagnosis: of each recording, and of all together."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from .select.wrench_figures import Figures
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordingResult:
-    """What one recording came to."""
+    """The result of one recording."""
 
     faults: ReadingFaults
     design: Design | BlockDesign
@@ -38,19 +38,19 @@ class RecordingResult:
 
     @property
     def seen(self) -> WrenchObservation:
-        """Its rows."""
+        """The observation that the design was made of."""
         return self.design.load.observation
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Diagnosis(Outcome):
-    """What is said of recordings of one kind, and what it was told from."""
+    """The outcome for recordings of one kind, with the results that it is based on."""
 
     results: tuple[RecordingResult, ...]
     effects: tuple[Effect, ...]
 
     def static(self) -> dict[str, Any]:
-        """The static model that was asked about, as `insole-calibration/1`."""
+        """Return the static model that was diagnosed, as `insole-calibration/1`."""
         seen = self.results[0].seen
         nothing = np.zeros(seen.usable.shape, bool)
         return wrench_model.document(seen, (), (), {"made_by": f"insole diagnose {__version__}"}, None, nothing)

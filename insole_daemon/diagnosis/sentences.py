@@ -1,4 +1,4 @@
-"""Findings in one sentence each: where, what, and how much."""
+"""Describe each finding in one sentence: where, what, and how much."""
 
 from __future__ import annotations
 
@@ -12,32 +12,32 @@ from .finding import Quantity
 from .places import said
 
 IN_WORDS = {"1": "", "count": "counts", "count/K": "counts a kelvin", "1/K": "a kelvin"}
-SHOWN = 5  # of a list: more, and its range is told
-SUFFIXES = ("_pa", "_s", "_count", "_n", "_c", "_m")  # of a name, that the unit says
+SHOWN = 5  # values of a list; of a longer one the range is stated
+SUFFIXES = ("_pa", "_s", "_count", "_n", "_c", "_m")  # of a name that repeat the unit
 
 
 def of_effect(word: str, where: Where, parameters: Mapping[str, Quantity]) -> str:
-    """What an effect is, with its parameters."""
+    """Return the sentence of an effect with its parameters."""
     if word == "temperature" and not parameters:
         return (
             f"{said(where)}: temperature, by the thermal pads. Record temperature_c in the reference to have it in "
             "kelvins and in the model."
         )
-    told = {name: q for name, q in parameters.items() if name != "pair" and _is_told(name, q)}
-    numbers = ", ".join(_number(name, q) for name, q in told.items())
+    stated = {name: q for name, q in parameters.items() if name != "pair" and _is_stated(name, q)}
+    numbers = ", ".join(_number(name, q) for name, q in stated.items())
     return f"{said(where)}: {word.replace('_', ' ')}{f' ({numbers})' if numbers else ''}."
 
 
 def of_constant(offset: Sequence[float]) -> str:
-    """What a reference reads at all times."""
+    """Return the sentence of a constant offset of the reference."""
     return (
         f"The reference reads {offset[0]:+.1f} N, {offset[1]:+.2f} and {offset[2]:+.2f} N·m at all times, loaded or "
         "not: zero it, or take the baseline of the insole anew."
     )
 
 
-def _is_told(name: str, quantity: Quantity) -> bool:
-    """Not the times of a course, whose range is told."""
+def _is_stated(name: str, quantity: Quantity) -> bool:
+    """Return whether a parameter is stated; the times of a long course are not."""
     return name != "t_s" or np.size(quantity.value) <= SHOWN
 
 
@@ -46,7 +46,7 @@ def _number(name: str, quantity: Quantity) -> str:
     unit = IN_WORDS.get(quantity.unit, quantity.unit)
     if quantity.unit == "Pa":
         values, unit = values * 1e-3, "kPa"
-    suffix = next((each for each in SUFFIXES if name.endswith(each)), "")
+    suffix = next((ending for ending in SUFFIXES if name.endswith(ending)), "")
     called = "share of the range" if name == "amplitude_fraction" else name.removesuffix(suffix).replace("_", " ")
     return f"{called} {_plain(values)} {unit}".strip()
 

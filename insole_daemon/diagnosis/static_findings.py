@@ -1,4 +1,4 @@
-"""The finding on curves that are off by more than a memory that was at work in the calibration."""
+"""The finding on static curves that deviate by more than a memory during the calibration explains."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from .model.refine import Refined
 from .select.static_part import static_part
 from .select.wrench_figures import Figures
 
-CONFIDENCE = 0.7  # nothing but the law of the memory says how much of it the calibration contains
+CONFIDENCE = 0.7  # how much memory the calibration contains is known only from the law of the memory
 
 
-def static_findings(refined: Refined[BlockDesign], found: Figures) -> list[Finding]:
-    """What is said of curves that were refitted beside the memories of `refined`; empty where they say no more.
+def static_findings(refined: Refined[BlockDesign], figures: Figures) -> list[Finding]:
+    """Return the finding on curves that were refitted together with the memories of `refined`, if there is one.
 
-    The model has these curves, and so no effect for it.
+    The exported model contains these curves, so it has no effect for the finding.
     """
     part, seen = static_part(refined), refined.design.seen
     if part is None:
         return []
-    units = {each.name: each.unit for each in laws()[part.word].parameters}
+    units = {parameter.name: parameter.unit for parameter in laws()[part.word].parameters}
     parameters = {
         name: Quantity(value, part.std * abs(value - (name == "gain")), units[name])
         for name, value in part.values.items()
@@ -35,6 +35,6 @@ def static_findings(refined: Refined[BlockDesign], found: Figures) -> list[Findi
             effect=part.word, foot=seen.layout.foot, where=Where(), equation=laws()[part.word].equation,
             recordings=(seen.name,), parameters=parameters, explains=part.square, confidence=CONFIDENCE,
             sentence=f"{sentence} The calibration contains a part of the memory, so its share is a guess.",
-            **heldout_of(True, float(np.sqrt(found.after[0] ** 2 + part.square)), float(found.after[0])),
+            **heldout_of(True, float(np.sqrt(figures.after[0] ** 2 + part.square)), float(figures.after[0])),
         )
     ]  # fmt: skip

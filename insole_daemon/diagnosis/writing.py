@@ -1,4 +1,4 @@
-"""A diagnosis as the files that `insole diagnose` leaves."""
+"""Write a diagnosis as the files of `insole diagnose`."""
 
 from __future__ import annotations
 
@@ -12,22 +12,23 @@ from ..files import write_text
 from .reporting import wrench
 from .result import Diagnosis
 
-FILES = ("model.json", "report.html", "diagnosis.json")  # the last one says that all are there
+FILES = ("model.json", "report.html", "diagnosis.json")  # the last one is written after all others
 
 
 def refuse_taken(out: Path) -> None:
-    """FileError where `out` is no folder to write a diagnosis into; it may exist, but hold none yet."""
+    """Raise FileError if `out` is a file or a folder with a diagnosis."""
     if out.exists() and not out.is_dir():
         raise FileError(f"{out}: expected a folder, or nothing yet, found a file")
-    there = [name for name in FILES if (out / name).exists()]
-    if there:
+    present = [name for name in FILES if (out / name).exists()]
+    if present:
         raise FileError(
-            f"{out}: a diagnosis is already there ({', '.join(there)}); choose another name, or replace it with --force"
+            f"{out}: a diagnosis is already there ({', '.join(present)}); "
+            "choose another name, or replace it with --force"
         )
 
 
 def write(diagnosis: Diagnosis, out: Path) -> None:
-    """Write FILES into `out`; FileError where that fails, and then none of them stays."""
+    """Write FILES into `out`, all or none; raises FileError if that fails."""
     contents = dict(
         zip(FILES, (_json(diagnosis.model), wrench.html(diagnosis), _json(diagnosis.document())), strict=True)
     )

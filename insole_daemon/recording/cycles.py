@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from ..bus.candump import CandumpReader, LogCounters
 from ..config import Publish
-from ..skin.cycles import CycleAssembler, Cycles
+from ..skin.assembler import CycleAssembler
+from ..skin.cycles import Cycles
 from ..skin.layout import Layout
 from ..skin.reader import SkinReader
 from ..skin.streams import Streams

@@ -3,12 +3,15 @@
 | group          | content |
 |----------------|---------|
 | ANALOG         | Fx Fy Fz Mx My Mz of each foot, N and N·mm: the foot's action on the insole |
+|                | then peak and mean pressure in kPa: L_peak, L_mean of the left sole, L_heel_peak … of its regions |
 | FORCE_PLATFORM | type 2, one plate per foot; x forward, y to the wearer's right, z down; the insole's origin |
 | POINT          | the CoP of each foot in the insole's frame, mm; invalid where there is none |
 | EVENT          | Foot Strike and Foot Off of every stance, with side and label; from the 256th on in LABELS2 … |
 | INSOLE         | START_NS as text: epoch time of the first frame; RATE_HZ |
 
-Shear and the moment about z are not measured; their channels are 0. C3D needs frames at a uniform rate, so the cycles
+Shear and the moment about z are not measured; their channels are 0. Loads of cycles without a valid taxel are 0, too.
+A pressure of every taxel is in the other formats: C3D stores at most 255 labels in a parameter, an insole has more.
+ C3D needs frames at a uniform rate, so the cycles
 are interpolated linearly. The plate stands still in the insole's frame, because the foot's position is not measured.
 """
 
@@ -25,12 +28,14 @@ from ..errors import InsoleError
 from ..files import unfinished
 from .lab import need
 from .loading import FootRecording, Recording
+from .views import pressures_by_region
 
 AXES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 _MAX_FRAMES = 65_535  # the header's counter has 16 bits
 _MAX_ELEMENTS = 255  # elements along an axis; the format stores their number in one byte
 _MAX_BLOCKS = 255  # of parameters in total; the format stores the number in one byte
 _MM = 1e3
+_KPA = 1e-3
 
 
 def export_c3d(recording: Recording, out: Path) -> None:
@@ -44,11 +49,17 @@ def export_c3d(recording: Recording, out: Path) -> None:
         raise InsoleError(
             f"{recording.folder}: {len(t_ns)} frames, C3D holds at most {_MAX_FRAMES}: export it as MCAP or Parquet"
         )
-    analog = np.concatenate([_plate_channels(foot, t_ns) for foot in feet], axis=0)
+    plates = np.concatenate([_plate_channels(foot, t_ns) for foot in feet], axis=0)
+    pressures = {name: channel for foot in feet for name, channel in _pressure_channels(foot, t_ns).items()}
+    analog = np.concatenate([plates, np.stack(list(pressures.values()))], axis=0)
     points = np.stack([_cop_points(foot, t_ns) for foot in feet], axis=1)
     writer = c3d.Writer(point_rate=rate_hz, analog_rate=rate_hz, point_units="mm")
     writer.set_point_labels([f"{foot.foot[0].upper()}COP" for foot in feet])
-    writer.set_analog_labels([f"{foot.foot[0].upper()}_{axis}" for foot in feet for axis in AXES])
+    plate_labels = [f"{foot.foot[0].upper()}_{axis}" for foot in feet for axis in AXES]
+    writer.set_analog_labels([*plate_labels, *pressures])
+    _add_text(
+        writer.analog_group, "UNITS", [*("N", "N", "N", "Nmm", "Nmm", "Nmm") * len(feet), *["kPa"] * len(pressures)]
+    )
     writer.set_analog_scales(np.ones(len(analog)))
     writer.set_analog_offsets(np.zeros(len(analog), np.int16))
     for row in range(len(t_ns)):
@@ -94,6 +105,15 @@ def _plate_channels(foot: FootRecording, t_ns: NDArray[np.int64]) -> NDArray[np.
     return np.stack([zeros, zeros, f_z, -m_x * _MM, m_y * _MM, zeros])
 
 
+def _pressure_channels(foot: FootRecording, t_ns: NDArray[np.int64]) -> dict[str, NDArray[np.float64]]:
+    """Return the pressures of the sole and its regions in kPa, (n,) each, by label."""
+    side = foot.foot[0].upper()
+    return {
+        "_".join(filter(None, (side, *key))): np.nan_to_num(_interpolate(foot, t_ns, pressure_pa)) * _KPA
+        for key, pressure_pa in pressures_by_region(foot).items()
+    }
+
+
 def _cop_points(foot: FootRecording, t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
     """Return (n, 5): x, y, z in mm, residual (−1: invalid point) and camera mask."""
     wrench = foot.wrench
@@ -125,8 +145,6 @@ def _add_force_platforms(writer: Any, feet: list[FootRecording]) -> None:
     _add_array(group, "ORIGIN", np.array(origins, np.float32))
     channels = np.arange(1, 6 * n + 1, dtype=np.int16).reshape(n, 6)
     _add_array(group, "CHANNEL", channels)
-    units = ["N", "N", "N", "Nmm", "Nmm", "Nmm"] * n
-    _add_text(writer.analog_group, "UNITS", units)
 
 
 def _add_events(writer: Any, recording: Recording, start_ns: int) -> None:

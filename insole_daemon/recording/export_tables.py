@@ -1,4 +1,4 @@
-"""Export a recording as tables: a folder of CSV or Parquet, one CSV file of forces, .npz for numpy, .mat for MATLAB."""
+"""Export a recording as tables: a folder of CSV or Parquet, one CSV file, .npz for numpy, .mat for MATLAB."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from . import reference as references
 from .lab import need
 from .loading import FootRecording, Recording
 from .reference import TIME
+from .views import pressures_by_region
 from .writer import whole_folder
 
 
@@ -61,26 +62,36 @@ def export_csv(recording: Recording, out: Path, progress: Callable[[float], None
         write_text(folder / "steps.csv", format_steps(recording.steps))
 
 
-def export_wrenches(recording: Recording, out: Path) -> None:
-    """Write the wrenches as CSV, one row per foot and cycle in order of time; FileError if there are none."""
+def export_cycle_table(recording: Recording, out: Path) -> None:
+    """Write wrench and pressure by region as CSV, one row per foot and cycle in order of time.
+
+    Columns after those of the wrench: `peak_pa` and `mean_pa` of the sole, and `heel_peak_pa`, `heel_mean_pa` … of each
+    region. Raises FileError if no foot has a calibration.
+    """
     feet = [foot for foot in recording.feet if foot.wrench is not None]
     if not feet:
         raise FileError(
             f"{recording.folder}: no foot has a calibration, so there is no force for {out.name}; "
             f"'insole export {recording.folder} {out.stem} --to csv' writes the counts"
         )
-    names = WrenchSeries.__slots__
-    wrenches = [np.stack([getattr(foot.wrench, name) for name in names], axis=-1) for foot in feet]
+    columns_by_foot = [_cycle_columns(foot) for foot in feet]
     t_ns = np.concatenate([foot.t_ns for foot in feet])
     foot_of_row = np.concatenate([np.full(len(foot), foot.foot) for foot in feet])
-    rows = np.concatenate(wrenches)
+    rows = np.concatenate([np.stack(list(columns.values()), axis=-1) for columns in columns_by_foot])
     order = np.argsort(t_ns, kind="stable")
-    lines = [",".join((TIME, "foot", *names))]
+    lines = [",".join((TIME, "foot", *columns_by_foot[0]))]
     for time, foot, row in zip(
         _format_times(t_ns[order]), foot_of_row[order].tolist(), rows[order].tolist(), strict=True
     ):
         lines.append(",".join((time, foot, *("" if value != value else f"{value:.9g}" for value in row))))
     write_text(out, "\n".join(lines) + "\n")
+
+
+def _cycle_columns(foot: FootRecording) -> dict[str, NDArray[np.float64]]:
+    """Return the wrench and the pressures by region of a foot with a calibration, (n_cycles,) each, by column."""
+    wrench = {name: getattr(foot.wrench, name) for name in WrenchSeries.__slots__}
+    pressures = pressures_by_region(foot)
+    return wrench | {"_".join(filter(None, (*key, "pa"))): values for key, values in pressures.items()}
 
 
 def export_npz(recording: Recording, out: Path) -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..skin.cycles import TWICE_NS
+from ..skin.assembler import TWICE_NS
 
 OVERDUE = 1.5  # intervals without a reading after which one counts as lost; jitter is far smaller
 MIN_PROBABILITY = 0.9  # least probability that equal readings are of one conversion

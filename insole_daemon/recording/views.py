@@ -5,7 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from ..mechanics.region_map import load_regions, map_regions
+from ..mechanics.region_pressure import region_pressures
 from .lab import need
 
 if TYPE_CHECKING:
@@ -107,6 +110,15 @@ def foot_to_dataset(foot: FootRecording) -> xr.Dataset:
     }
     dataset: xr.Dataset = xarray.Dataset(variables, coordinates, {"foot": foot.foot})
     return dataset
+
+
+def pressures_by_region(foot: FootRecording) -> dict[tuple[str, str], NDArray[np.float64]]:
+    """Return `region_pressures` of a foot with a calibration, for the regions of the table of steps."""
+    spans = load_regions()
+    assert foot.pressure_pa is not None
+    return region_pressures(
+        foot.pressure_pa, foot.valid, map_regions(spans, foot.layout), [region.name for region in spans]
+    )
 
 
 def _unit_of(name: str) -> str:

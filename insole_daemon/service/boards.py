@@ -1,6 +1,7 @@
-"""What `insole boards` asks for: list, configure, start, stop, temperature of one foot's boards.
+"""The operations of `insole boards` on one foot's boards: list, configure, start, stop, temperature.
 
-Nothing that is set is acknowledged: whether it was done is read from the stream (skin.confirmation), and said.
+Boards do not acknowledge settings. Each operation therefore checks the stream (skin.confirmation) and replies whether
+it confirms them.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from .board_link import BoardLink
 from .load import FootLoad
 from .operations import Operation, Step, pause
 
-_TEMPERATURE_NS = 3_000_000_000  # it is asked for one reading a second
+_TEMPERATURE_NS = 3_000_000_000  # the boards are asked for one reading a second
 _STARTED_NS = 500_000_000
 _STOPPED_NS = 300_000_000
 
@@ -30,33 +31,33 @@ Tell = Callable[[str, str, Collection[int]], None]  # publishes an event: kind, 
 
 @dataclass(frozen=True, slots=True)
 class LoadBefore:
-    """What pressed on the foot before boards were told something that may take their baseline."""
+    """The load on the foot before a command that may make boards take a new baseline."""
 
     load: FootLoad
     known: bool
 
     @property
     def words(self) -> str:
-        """For the event."""
+        """The load in words, for an event."""
         if self.load.loaded:
             return f"{self.load.words}, forced"
         return self.load.words if self.known else "its load is not known, the boards were silent before"
 
     @property
     def reply(self) -> dict[str, Any]:
-        """For who asked."""
+        """The load as keys of the reply."""
         load = "loaded" if self.load.loaded else "none" if self.known else "not known"
         return {"load": load, "force_n": self.load.force_n}
 
 
 class BoardOperations:
-    """The requests for one foot's boards, and what this daemon has done to them."""
+    """Handles requests for one foot's boards, and remembers what this daemon has configured or stopped."""
 
     def __init__(self, link: BoardLink, tell: Tell) -> None:
         self.link, self.tell = link, tell
-        self.configured: set[int] = set()  # by this daemon
-        self.stopped = False  # by this daemon: boards that are silent are meant to be
-        self.occupied: str | None = None  # what is being done to the boards, for who comes second
+        self.configured: set[int] = set()  # addresses that this daemon has configured
+        self.stopped = False  # whether this daemon has stopped the streams: silence is then intended
+        self.occupied: str | None = None  # the operation in progress, for the refusal of a second one
         self._verbs: dict[str, tuple[Callable[..., Operation], set[str]]] = {
             "list": (self.list, set()),
             "configure": (self.configure, {"force"}),
@@ -66,7 +67,7 @@ class BoardOperations:
         }
 
     def handle(self, request: dict[str, Any]) -> Operation:
-        """The operation that a request asks for; raises WireError where there is none."""
+        """Return the operation for a request; raises WireError if there is no such operation."""
         verb, arguments = request.get("do"), {word: value for word, value in request.items() if word != "do"}
         if not isinstance(verb, str) or verb not in self._verbs:
             raise WireError(f"boards: expected do: one of {', '.join(self._verbs)}, found {quoted(verb)}")
@@ -80,14 +81,14 @@ class BoardOperations:
         return self._alone(verb, make(**arguments))
 
     def list(self) -> Operation:
-        """What every board says it is, and what it sends."""
+        """Reply with the identity and the stream of every board."""
         link = self.link
         step = yield
-        said: dict[int, Identity] = {}
+        identities: dict[int, Identity] = {}
         notes = []
         try:
             link.check_open()
-            step, said = yield from self._identify(step)
+            step, identities = yield from self._identify(step)
         except BusError as error:
             notes.append(f"boards were not asked what they are: {error}")
         survey, stale_after_ns = BoardSurvey(link.foot.layout), link.foot.stale_after_ns
@@ -99,7 +100,7 @@ class BoardOperations:
         for address, board in link.boards.items():
             report = reports.get(address)
             entries.append(
-                _identity(said.get(address))
+                _identity(identities.get(address))
                 | _entry(address, seen[address])
                 | {
                     "interface": board.interface,
@@ -113,19 +114,23 @@ class BoardOperations:
                     "differences": seen[address].differences(board, link.triangles[address]),
                 }
             )
-        strangers = [_identity(what) | {"address": a} for a, what in sorted(said.items()) if a not in configured]
+        strangers = [
+            _identity(identity) | {"address": address}
+            for address, identity in sorted(identities.items())
+            if address not in configured
+        ]
         return {"boards": entries, "strangers": strangers, "bus": _buses(link.loads()), "notes": notes}
 
     def configure(self, force: bool = False) -> Operation:
-        """Bring the boards to their settings, start them, and look whether they do what they were told.
+        """Send the boards their settings, start them, and check by their streams whether they apply them.
 
-        Refused where it does not fit on the bus, and while the foot is loaded unless `force`.
+        Refused if the streams do not fit on the bus, and while the foot is loaded unless `force`.
         """
         link = self.link
         step = yield
         link.check_open()
         for board in link.boards.values():
-            commands.configuration(board, link.triangles[board.address])  # refuses before anything is sent
+            commands.configuration(board, link.triangles[board.address])  # raises before anything is sent
         for load in link.loads():
             check_fits(load)
         step, before = yield from self._load_before(step, force, "Configuring takes the boards' hardware baseline anew")
@@ -137,7 +142,7 @@ class BoardOperations:
     def apply(
         self, step: Step, addresses: Collection[int], load_words: str
     ) -> Generator[None, Step, tuple[Step, dict[int, ObservedBoard]]]:
-        """Configure and start, saying so before; what the boards send afterwards."""
+        """Publish an event, configure and start the boards, and return what they send afterwards."""
         self.tell(
             "boards_configuring",
             f"{_boards(addresses)} {_are(addresses)} configured: the hardware baseline is taken anew, what presses on "
@@ -177,11 +182,12 @@ class BoardOperations:
     def stop(self) -> Operation:
         """Stop the streams; the boards keep their settings and baselines as long as they keep power.
 
-        Not refused under load: who sends has a baseline. Of who is silent an event says that it may take one now.
+        Not refused under load: a board that sends has a baseline already. For a silent board, an event states that it
+        may take one now.
         """
         step = yield
         self.link.check_open()
-        silent = [address for address in self.link.boards if not self.link.streaming(address, step.now_mono_ns)]
+        silent = [address for address in self.link.boards if not self.link.is_streaming(address, step.now_mono_ns)]
         if silent:
             self.tell(
                 "boards_stopping",
@@ -203,34 +209,35 @@ class BoardOperations:
         return {"confirmed": all(entry["confirmed"] for entry in entries), "boards": entries}
 
     def temperature(self) -> Operation:
-        """Read the thermometers that there are (MTB4)."""
+        """Read the thermometers of the boards that have one (MTB4)."""
         link = self.link
         step = yield
         link.check_open()
-        step, said = yield from self._identify(step)
-        asked = [a for a in link.boards if a in said and said[a].board_type not in commands.WITHOUT_THERMOMETER]
-        found: dict[int, float] = {}
+        step, identities = yield from self._identify(step)
+        answered = [address for address in link.boards if address in identities]
+        asked = [a for a in answered if identities[a].board_type not in commands.WITHOUT_THERMOMETER]
+        temperatures_c: dict[int, float] = {}
         if asked:
             step = yield from link.send_all(step, {a: [commands.thermometer_configuration(a)] for a in asked})
-            for address in asked:  # at once: an answer may come while the pace is waited for
+            for address in asked:  # all at once: an answer may arrive during the pauses of send_all
                 link.send(address, commands.thermometer_period(address, 1))
-            step, found = yield from link.answers(step, commands.read_temperature, asked, _TEMPERATURE_NS)
+            step, temperatures_c = yield from link.answers(step, commands.read_temperature, asked, _TEMPERATURE_NS)
             step = yield from link.send_all(step, {a: [commands.thermometer_period(a, 0)] for a in asked})
         entries = []
         for address in link.boards:
             why = (
-                None if address in found
-                else "does not answer" if address not in said
-                else f"type {said[address].name} has no thermometer" if address not in asked
+                None if address in temperatures_c
+                else "does not answer" if address not in identities
+                else f"type {identities[address].name} has no thermometer" if address not in asked
                 else "sends no temperature"
             )  # fmt: skip
-            entries.append(_identity(said.get(address)) | {"address": address, "why": why,
-                                                           "temperature_c": found.get(address)})  # fmt: skip
-        without = [a for a in link.boards if a in said and a not in asked]
-        return {"confirmed": len(found) + len(without) == len(link.boards), "boards": entries}
+            reading = {"address": address, "why": why, "temperature_c": temperatures_c.get(address)}
+            entries.append(_identity(identities.get(address)) | reading)
+        without = [address for address in answered if address not in asked]
+        return {"confirmed": len(temperatures_c) + len(without) == len(link.boards), "boards": entries}
 
     def _alone(self, verb: str, operation: Operation) -> Operation:
-        """`operation`, unless something is being done to the boards already."""
+        """Run `operation`; raises BusError if another one is in progress."""
         if self.occupied is not None:
             raise BusError(f"the boards are busy: {self.occupied}. Try again when that is done")
         self.occupied = f"{verb} runs"
@@ -240,24 +247,24 @@ class BoardOperations:
             self.occupied = None
 
     def _identify(self, step: Step) -> Generator[None, Step, tuple[Step, dict[int, Identity]]]:
-        """Discovery, then the version of every board of this foot; the latter says more where it is answered."""
+        """Return the identities by address, from discovery and, where a board answers it, from the version query."""
         self.link.discover()
-        # Boards that are not in the configuration may answer as well, so the time is waited for.
-        step, said = yield from self.link.answers(step, commands.read_discovery)
+        # Boards that are not in the configuration may answer as well, so the whole time is waited for.
+        step, identities = yield from self.link.answers(step, commands.read_discovery)
         for address in self.link.boards:
             self.link.send(address, commands.version_query(address))
         step, versions = yield from self.link.answers(step, commands.read_version, self.link.boards)
-        return step, said | versions
+        return step, identities | versions
 
     def _load_before(self, step: Step, force: bool, cost: str) -> Generator[None, Step, tuple[Step, LoadBefore]]:
-        """What presses on the foot; raises BusError, with the `cost` of going on, if something does, unless `force`.
+        """Return the load on the foot. Raises BusError, which states the `cost`, if the foot is loaded, unless `force`.
 
-        Where all boards are silent they are started for it: one that has a baseline shows the load against that. One
-        that was just powered takes its baseline with this first command, whatever the load, and shows none: an event
-        says so before.
+        If all boards are silent they are started first. A board with a baseline then shows the load relative to it. A
+        board that was just powered takes its baseline with this first command, whatever the load, and shows none; an
+        event is published before.
         """
         link = self.link
-        known = any(link.streaming(address, step.now_mono_ns) for address in link.boards)
+        known = any(link.is_streaming(address, step.now_mono_ns) for address in link.boards)
         if not known:
             self.tell(
                 "boards_starting",
@@ -286,12 +293,12 @@ class BoardOperations:
 
     def _verdicts(self, seen: dict[int, ObservedBoard], rest: bool) -> tuple[Sequence[dict[str, Any]], bool]:
         entries = []
-        for address, what in seen.items():
+        for address, observed in seen.items():
             board = self.link.boards[address]
-            differences = what.differences(board, self.link.triangles[address])
+            differences = observed.differences(board, self.link.triangles[address])
             if rest:
-                differences += what.rest_difference(board)
-            entries.append(_entry(address, what) | {"confirmed": not differences, "differences": differences})
+                differences += observed.rest_difference(board)
+            entries.append(_entry(address, observed) | {"confirmed": not differences, "differences": differences})
         return entries, all(entry["confirmed"] for entry in entries)
 
     def _tell_verdict(self, entries: Sequence[dict[str, Any]], confirmed: bool) -> None:
@@ -305,7 +312,7 @@ class BoardOperations:
 
 
 def _entry(address: int, seen: ObservedBoard) -> dict[str, Any]:
-    """What a reply says of a board's stream."""
+    """Return the keys of a reply that describe a board's stream."""
     return {
         "address": address,
         "triangles": list(seen.triangles),
@@ -316,14 +323,14 @@ def _entry(address: int, seen: ObservedBoard) -> dict[str, Any]:
     }
 
 
-def _identity(said: Identity | None) -> dict[str, Any]:
-    if said is None:
+def _identity(identity: Identity | None) -> dict[str, Any]:
+    if identity is None:
         return {"type": None, "firmware": None, "protocol": None, "bootloader": None}
     return {
-        "type": said.name,
-        "firmware": ".".join(map(str, said.firmware)),
-        "protocol": ".".join(map(str, said.protocol)) if said.protocol else None,
-        "bootloader": said.bootloader,
+        "type": identity.name,
+        "firmware": ".".join(map(str, identity.firmware)),
+        "protocol": ".".join(map(str, identity.protocol)) if identity.protocol else None,
+        "bootloader": identity.bootloader,
     }
 
 

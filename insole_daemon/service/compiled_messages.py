@@ -1,7 +1,7 @@
-"""The messages of a foot without effects, by the compiled kernel: from the record of a closed cycle to payloads.
+"""Make the messages of a foot without effects with the compiled kernel, from the record of a closed cycle to payloads.
 
-Two calls of the kernel and the arithmetic of the centre of pressure in between; no array is made. What comes out equals
-what `Foot.values` and `Message.encode` give, to the byte.
+The kernel is called twice, with the arithmetic of the centre of pressure in between, and no array is made. The payloads
+equal those of `Foot.values` and `Message.encode` to the byte.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ MESSAGES: tuple[type[Message], ...] = (Raw, Pressure, Wrench)
 
 
 class CycleReading(NamedTuple):
-    """What a cycle was read as, beside the arrays of CompiledMessages."""
+    """The scalar results of reading a cycle; the arrays are in CompiledMessages."""
 
     is_extrapolated: bool  # a valid taxel reads beyond what its curve was fitted to
     wrench: WrenchValues
 
 
 class CompiledMessages:
-    """Reads the cycles of one foot, and packs what was read last.
+    """Reads the cycles of one foot and packs the messages of the last one.
 
-    `pressure_pa` (n_triangles, 12) float32 and `valid` (n_triangles, 12) uint8 hold what was read last.
+    `pressure_pa` (n_triangles, 12) float32 and `valid` (n_triangles, 12) uint8 are those of the last cycle.
     """
 
     def __init__(
@@ -45,7 +45,7 @@ class CompiledMessages:
         watch: DeferredFaultWatch,
         constants: dict[str, Any],
     ) -> None:
-        """All of the same foot; `constants`: the fields of its messages that are the same in every cycle."""
+        """All arguments belong to one foot; `constants` are the fields of its messages that never change."""
         n = len(watch.masked)
         self._curve, self._wrench = curve, wrench
         self.valid = np.zeros((n, 12), np.uint8)
@@ -59,7 +59,7 @@ class CompiledMessages:
         )
 
     def read(self, cycle: ClosedCycle, is_screened: bool) -> CycleReading | None:
-        """Read a cycle that has a record; None where the fault watch must screen it first, and has not."""
+        """Read a cycle that has a record; return None if the fault watch must screen it first and has not."""
         sums = kernel.read_record(self._messages, cycle.record, is_screened)
         if sums is None:
             return None

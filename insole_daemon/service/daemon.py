@@ -1,4 +1,4 @@
-"""The loop: frames in, a cycle published the moment its last expected half is there."""
+"""The main loop: take in frames, publish each cycle as soon as its last expected half has arrived."""
 
 from __future__ import annotations
 
@@ -37,24 +37,23 @@ from .steps import StepEvents
 from .switching import model_handler
 from .zeroing import zero_handler
 
-_HEALTH_NS = 1_000_000_000  # of each foot, not all at the same moment
-_CALM_NS = 3_000_000  # health is made when no cycle is promised for so long,
-_MOST_DEFERRED_NS = 100_000_000  # or so long after it was due
-_IDLE_NS = 100_000_000  # how long the loop may wait for frames: signals and lost buses are seen so soon
-_BUSY_NS = 5_000_000  # the same while something is asked for or done to boards: that counts time in the loop's turns
-# The loop that sends is the loop that publishes: a queue of ten frames that takes none of our few for so long is
-# stuck, and waiting on would cost cycles.
+_HEALTH_NS = 1_000_000_000  # period for each foot; the feet take turns
+_CALM_NS = 3_000_000  # health is published when no cycle is expected for this long,
+_MOST_DEFERRED_NS = 100_000_000  # or this long after it was due
+_IDLE_NS = 100_000_000  # longest wait for frames, and so the delay before signals and lost buses are noticed
+_BUSY_NS = 5_000_000  # the same while a request is open: operations advance once per iteration
+# The loop also publishes, so waiting costs cycles. A transmit queue that accepts no frame for this long is stuck.
 _PATIENCE_S = 0.005
-_ANY = 1 << 30  # more frames than ever come at once: only the time ends the wait
+_ANY = 1 << 30  # more frames than ever arrive at once: only the time ends the wait
 
 _log = logging.getLogger(__name__)
 
 
 class Daemon:
-    """Reads `source`, publishes `feet` on `session`, and does what is asked of it there.
+    """Reads `source`, publishes `feet` on `session` and answers requests there.
 
-    `run` returns after `stop`, or at the end of a log. `config_file` is what a reload reads again. It sends, and
-    tells what becomes of interfaces, where the source is a RecoveringSource.
+    `run` returns after `stop`, or at the end of a log. A reload reads `config_file` again. Frames are sent to boards
+    and changes of interfaces are published only if the source is a RecoveringSource.
     """
 
     def __init__(
@@ -94,11 +93,11 @@ class Daemon:
         self._rates_hz = [0.0 for _ in feet]  # at which each was published last, for the status
 
     def stop(self) -> None:
-        """End `run` within a few hundredths of a second; safe from signal handlers and other threads."""
+        """Make `run` return within some hundredths of a second; safe in signal handlers and other threads."""
         self._stopping = True
 
     def reload(self) -> None:
-        """Read the configuration again, as far as it can change while the daemon runs; safe as `stop` is."""
+        """Read the configuration again and apply what can change in a running daemon; safe where `stop` is."""
         self._reload_asked = True
 
     def run(self, ready: Callable[[], None] = lambda: None) -> None:
@@ -114,7 +113,7 @@ class Daemon:
         if kernel is None:
             self._journal.tell(logging.INFO, "computing with numpy: the compiled kernel was not built")
         gc.collect()
-        gc.freeze()  # what is there now stays: the collector need not look at it again
+        gc.freeze()  # these objects live as long as the process: the collector skips them
         notify("READY=1", "STATUS=waiting for frames")
         ready()
         step_ns = _HEALTH_NS // len(self._feet)
@@ -128,7 +127,7 @@ class Daemon:
                 at_least = outstanding or _ANY
                 if self._backlog.pause_ns:
                     self._rest()
-                    at_least, promised_ns = 0, None  # what is there now
+                    at_least, promised_ns = 0, None  # those that have arrived
                 batch, looked_ns = collect(self._source, at_least, until_ns, promised_ns)
                 closed = self._skin.closed_cycles(batch)
                 self._publish(closed)
@@ -154,19 +153,19 @@ class Daemon:
                 publisher.close()
 
     def _is_busy(self) -> bool:
-        """Whether something is asked for, or done to boards."""
+        """Return whether a request is open or boards are being commanded."""
         is_busy = False
         for desk, boards in zip(self._desks, self._boards, strict=True):
             is_busy |= desk.busy or boards.occupied is not None
         return is_busy
 
     def _publish(self, closed_by_foot: list[list[ClosedCycle]]) -> None:
-        """Everything that is new; of repeats that piled up, or where it cannot keep up, only the newest."""
+        """Publish the closed cycles; of accumulated repeats, and if the loop is behind of all, only the newest."""
         closing_ns = [closed[0].t_mono_ns for closed in closed_by_foot if closed]
         if not closing_ns:
             return
         began_ns = self._source.clock_ns()
-        self._backlog.look(min(closing_ns), began_ns)
+        self._backlog.record_poll(min(closing_ns), began_ns)
         for foot, publisher, tally, closed in zip(
             self._feet, self._publishers, self._tallies, closed_by_foot, strict=True
         ):
@@ -176,7 +175,7 @@ class Daemon:
                 else:
                     self._publish_cycle(foot, publisher, tally, cycle)
         for foot in self._feet:
-            if foot.is_watch_due:  # the second foot's finds the caches warm
+            if foot.is_watch_due:  # both feet together: the second finds the caches warm
                 for other, publisher in zip(self._feet, self._publishers, strict=True):
                     self._tell_faults(other, publisher, early=True)
                 break
@@ -184,7 +183,7 @@ class Daemon:
     def _publish_older(
         self, foot: Foot, publisher: FootPublisher, tally: _Tally, cycle: ClosedCycle, began_ns: int
     ) -> None:
-        """Publish a cycle that is not the newest, unless it is one to leave out; publishing began at `began_ns`."""
+        """Publish or skip a cycle that is not the newest one; publishing began at `began_ns`."""
         if self._backlog.newest_only(self._source.clock_ns() - began_ns):
             tally.skipped += 1
             return
@@ -214,7 +213,7 @@ class Daemon:
             publisher.publish_latched("calibration", foot.calibration_in_use())
 
     def _follow_buses(self) -> None:
-        """Tell the feet that hang on an interface what has become of it."""
+        """Publish changes of interfaces as events of the feet whose boards are on them."""
         if not isinstance(self._source, RecoveringSource):
             return
         for change in self._source.changes():
@@ -226,7 +225,7 @@ class Daemon:
                     publisher.publish(Event(foot.name, change.t_ns, kind, change.text, boards))
 
     def _follow_reload(self) -> None:
-        """Begin a reload that was asked for, and take over what one brought: here no cycle is half published."""
+        """Start a requested reload, and apply the result of a finished one; no cycle is half published now."""
         reloader = self._reloader
         if not (self._reload_asked or reloader.busy):
             return
@@ -238,7 +237,7 @@ class Daemon:
         reloaded = reloader.take() if reloader.busy else None
         if reloaded is None:
             return
-        if reloaded.before != running:  # a zero was taken meanwhile: what was read may be older
+        if reloaded.before != running:  # a zero was taken meanwhile, and the file may have been read before
             reloader.start(running)
             return
         self._reloads_refused += reloaded.refused is not None
@@ -247,7 +246,7 @@ class Daemon:
             for foot, pipeline in zip(self._feet, reloaded.pipelines, strict=True):
                 foot.replace_pipeline(pipeline)
             self._publish_latched()
-        for kind, text in reloaded.told():
+        for kind, text in reloaded.events():
             level = logging.INFO if kind == "reloaded" else logging.WARNING
             self._journal.tell(level, f"{kind.replace('_', ' ')}: {text}")
             for foot, publisher in zip(self._feet, self._publishers, strict=True):
@@ -255,7 +254,7 @@ class Daemon:
         notify("READY=1")
 
     def _rest(self) -> None:
-        """Until the next look; health in the middle of it, when what was published last has left."""
+        """Sleep until the next poll; publish health half-way, when the last messages have been sent."""
         now_ns = self._source.clock_ns()
         look_ns = self._skin.best_poll_ns(now_ns + self._backlog.pause_ns)
         if min(self._health_due_ns) - time.monotonic_ns() < look_ns - now_ns:  # the clock of a log is another one
@@ -271,16 +270,16 @@ class Daemon:
         for place, due_ns in enumerate(self._health_due_ns):
             if due_ns <= now_ns:
                 self._report(place)
-                periods = (now_ns - due_ns) // _HEALTH_NS + 1  # what was slept through is not made up
+                periods = (now_ns - due_ns) // _HEALTH_NS + 1  # missed reports are not made up for
                 self._health_due_ns[place] += periods * _HEALTH_NS
 
     def _is_calm(self) -> bool:
-        """Whether no cycle is promised for _CALM_NS."""
+        """Return whether no cycle is expected within _CALM_NS."""
         promised_ns = self._skin.expected().promised_ns
         return promised_ns is None or promised_ns - self._source.clock_ns() > _CALM_NS
 
     def _report(self, place: int) -> None:
-        """Health of the foot at `place`, and the watchdog: it is fed by the loop that publishes, or not at all."""
+        """Publish the health of the foot at index `place`, and notify the watchdog of the service manager."""
         self._journal.sum_up()
         now_ns = self._source.clock_ns()
         bus = self._source.counters
@@ -334,12 +333,12 @@ class Daemon:
 
 
 def _with_text_keys(counts: dict[str, Any]) -> dict[str, Any]:
-    """The same with every key a text: what is counted by address is a map whose keys are numbers."""
-    return {str(key): _with_text_keys(each) if isinstance(each, dict) else each for key, each in counts.items()}
+    """Return a copy in which every key is text; counts by board address have numbers as keys."""
+    return {str(key): _with_text_keys(count) if isinstance(count, dict) else count for key, count in counts.items()}
 
 
 def _gates(source: FrameSource, feet: Sequence[Foot]) -> dict[str, Gate]:
-    """The way to the boards on each interface, by its name."""
+    """Return the gate to the boards of each interface, by the name of the interface."""
     configure = feet[0].config.boards.configure
     if isinstance(source, RecoveringSource):
         return {name: Gate(partial(source.sink, name, _PATIENCE_S), configure) for name in source.interfaces}
@@ -354,7 +353,7 @@ def _teller(foot: Foot, publisher: FootPublisher) -> Callable[[str, str, Collect
 
 
 class _Tally:
-    """Counters of one foot that the loop keeps for its health."""
+    """The counters of one foot that its health reports."""
 
     def __init__(self, period_ns: int) -> None:
         self.quality = QualityWindow(period_ns)
@@ -363,7 +362,7 @@ class _Tally:
         self._reported_ns = time.monotonic_ns()
 
     def count(self, cycle: ClosedCycle) -> None:
-        """One cycle has been put."""
+        """Count one published cycle."""
         self.quality.count(cycle.is_late, cycle.is_repeated)
         self.late += cycle.is_late
         if cycle.is_repeated:
@@ -372,7 +371,7 @@ class _Tally:
             self._latencies_ms.append((time.time_ns() - cycle.t_ns) * 1e-6)
 
     def since_last_report(self) -> tuple[float, dict[str, float | None]]:
-        """Seconds since the last call, and the latency of the cycles since."""
+        """Return the seconds since the last call, and the latencies of the cycles since then."""
         now_ns = time.monotonic_ns()
         elapsed_s, self._reported_ns = (now_ns - self._reported_ns) * 1e-9, now_ns
         if not self._latencies_ms:

@@ -22,13 +22,13 @@ from ..wire.messages import ModelName, Models, Raw
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DynamicEstimate:
-    """What one cycle is by the dynamic model."""
+    """The estimate of the dynamic model for one cycle."""
 
     t_ns: int  # of the load
-    age_ms: NDArray[np.float32]  # (n_triangles,) before t_ns; NaN: never received
+    age_ms: NDArray[np.float32]  # (n_triangles,) relative to t_ns; NaN: never received
     pressure_pa: NDArray[np.float64]  # (n_triangles, 12)
     valid: NDArray[np.bool_]
-    beyond: NDArray[np.bool_]  # more than the effects were identified to
+    beyond: NDArray[np.bool_]  # beyond the range on which the effects were identified
     wrench: Wrench
 
 
@@ -43,17 +43,17 @@ class DynamicFoot:
         self._threshold_count = config.contact.activation_threshold_count
         self.model = DynamicModel(layout, calibration, boards, self._began_ns, zeroed=zeroed)
         self.model.mask(self._threshold_count)
-        own = dataclasses.replace(layout, xy_m=self.model.xy_m)
-        self._wrench = WrenchEstimator(own, config.contact.min_force_n, config.contact.min_pressure_pa)
-        self._common_ns = int(self.model.late_ns.min())  # what all triangles are late by; the rest is their age
+        moved_layout = dataclasses.replace(layout, xy_m=self.model.xy_m)
+        self._wrench = WrenchEstimator(moved_layout, config.contact.min_force_n, config.contact.min_pressure_pa)
+        self._common_ns = int(self.model.late_ns.min())  # delay of all triangles; the rest counts as age
 
-    def go_on(self, before: DynamicFoot) -> None:
-        """With what `before` remembers, which is of the same layout and calibration."""
+    def take_state(self, before: DynamicFoot) -> None:
+        """Continue with the state of `before`, which has the same layout and calibration."""
         self.model, self._began_ns, self._origin = before.model, before._began_ns, before._origin
         self.model.mask(self._threshold_count)
 
     def __call__(self, cycles: Cycles, at: int, static: StaticEstimate) -> DynamicEstimate:
-        """Cycle `at`, which comes after all those before, and what it is by the static curves."""
+        """Return the estimate for row `at`, the next cycle in order; `static` is that of the static curves."""
         t_mono_ns, t_ns, age_ns = int(cycles.t_mono_ns[at]), int(cycles.t_ns[at]), cycles.age_ns[at]
         if self._origin is None:
             self._origin = t_mono_ns, (t_ns - self._began_ns) * 1e-9
@@ -64,7 +64,7 @@ class DynamicFoot:
             static.valid[None],
             np.array([second + (t_mono_ns - first_ns) * 1e-9]),
         )
-        pressure_pa, own = undone.pressure_pa[0], undone.valid[0]
+        pressure_pa, valid = undone.pressure_pa[0], undone.valid[0]
         variance_pa2 = static.variance_pa2
         if variance_pa2 is not None:
             variance_pa2 = self.model.at_places(variance_pa2[None])[0]
@@ -72,14 +72,14 @@ class DynamicFoot:
             t_ns - self._common_ns,
             age_in_ms(np.where(age_ns < 0, age_ns, age_ns + (self.model.late_ns - self._common_ns))),
             pressure_pa,
-            own,
+            valid,
             undone.beyond[0],
-            self._wrench(pressure_pa, own, variance_pa2),
+            self._wrench(pressure_pa, valid, variance_pa2),
         )
 
 
 def side_by_side(raw: Raw, model: ModelName, static: StaticEstimate, dynamic: DynamicEstimate) -> Models:
-    """The message with both estimates of the cycle of `raw`; `model` is the one in pressure and wrench."""
+    """Return the message with both estimates of the cycle of `raw`; `model` is the one in pressure and wrench."""
     a, b = static.wrench, dynamic.wrench
     return Models(
         foot=raw.foot,

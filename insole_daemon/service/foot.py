@@ -1,4 +1,4 @@
-"""One foot on the live path: its cycles into the three messages of a cycle."""
+"""One foot on the live path: turn its cycles into messages."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from .dynamic_foot import side_by_side
 from .foot_pipeline import FootPipeline
 from .foot_setup import FootSetup, load_setups
 
-_STANDS_OUT_COUNT = 12  # below what the least loaded tenth of the foot reads; at rest taxels differ by less
+_LOADED_COUNT = 12  # below the reading of the least loaded tenth of the foot; at rest taxels differ by less
 
 
 class CycleMessages(NamedTuple):
@@ -38,12 +38,12 @@ class CycleMessages(NamedTuple):
     models: Models | None  # None: the calibration has no effects
 
     def published(self) -> tuple[Message, ...]:
-        """Those there are, in the order in which they are published."""
+        """Return the messages in the order in which they are published."""
         return self[:3] if self.models is None else (self.models, *self[:3])
 
 
 class PublishedLoad(NamedTuple):
-    """What presses on a foot in one cycle, by the model in use."""
+    """The load on a foot in one cycle, by the model in use."""
 
     t_ns: int  # CLOCK_REALTIME
     f_z_n: float  # NaN: not known
@@ -56,13 +56,13 @@ class CyclePayloads(NamedTuple):
     """One cycle of one foot, ready to be published."""
 
     payloads: Sequence[tuple[type[Message], bytes]]  # kind and payload of each message, in the order of publishing
-    load: PublishedLoad  # whose arrays are those of the next cycle as soon as that is made
+    load: PublishedLoad  # its arrays are overwritten by the next cycle
 
 
 class CycleValues(NamedTuple):
-    """What the messages of one cycle say: the values of their fields, in order.
+    """The values of the fields of one cycle's messages, in order.
 
-    They are packed without an object of each message: making those takes as long as computing what they say.
+    They are packed without an object per message, which would take as long as computing the values.
     """
 
     raw: tuple[Any, ...]
@@ -72,7 +72,7 @@ class CycleValues(NamedTuple):
     load: PublishedLoad
 
     def payloads(self) -> list[tuple[type[Message], bytes]]:
-        """Kind and payload of each message, in the order in which they are published."""
+        """Return kind and payload of each message, in the order in which they are published."""
         models: list[tuple[type[Message], bytes]] = [] if self.models is None else [(Models, self.models.encode())]
         return [
             *models,
@@ -82,15 +82,15 @@ class CycleValues(NamedTuple):
         ]
 
     def messages(self) -> CycleMessages:
-        """The same as messages."""
+        """Return the values as messages."""
         return CycleMessages(Raw(*self.raw), Pressure(*self.pressure), Wrench(*self.wrench), self.models)
 
 
 class Foot:
-    """What the daemon holds for one foot: the pipeline in use, and how many cycles were published.
+    """The state of one foot in the daemon: the pipeline in use and the number of published cycles.
 
-    It stays the same object for as long as the daemon runs: whoever holds it reads with the setup of now.
-    `calibration` is the one in use: with the baselines of `zero`, where there is one.
+    The object stays the same as long as the daemon runs, and a reload replaces its pipeline. `calibration` is the one
+    in use, with the baselines of `zero` if there is a zero.
     """
 
     def __init__(self, setup: FootSetup) -> None:
@@ -98,8 +98,8 @@ class Foot:
         self.n_triangles = len(setup.layout.triangles)
         self.survey = BoardSurvey(setup.layout)
         self.seq = 0
-        self.extrapolated = 0  # cycles in which a taxel read beyond what its curve was fitted to
-        self.beyond = 0  # cycles of the dynamic model in which a taxel read beyond what its effects were identified to
+        self.extrapolated = 0  # cycles with a taxel beyond the range on which its curve was fitted
+        self.beyond = 0  # cycles of the dynamic model with a taxel beyond the range of its effects
         self._asked: ModelName = setup.insole.model
         self.started_ns = time.time_ns()
         pipeline = FootPipeline.of(setup)
@@ -107,18 +107,18 @@ class Foot:
         self._install(pipeline)
 
     def replace_pipeline(self, pipeline: FootPipeline) -> None:
-        """Read with `pipeline`, made to follow the setup in use, from the next cycle on.
+        """Use `pipeline`, which was made to follow the setup in use, from the next cycle on.
 
-        Sequence numbers, rates and fault state continue; the fault state is reset if taxels lie elsewhere now. The
-        state of the dynamic model continues unless layout, calibration or zero changed. Whoever publishes announces
-        it in `meta` and `calibration`.
+        Sequence numbers, rates and fault state continue; the fault state is reset if the layout moved taxels. The state
+        of the dynamic model continues unless layout, calibration or zero changed. The caller publishes `meta` and
+        `calibration` again.
         """
         setup, before = pipeline.setup, self.setup
         assert pipeline.before is before, "it was made to follow another setup"
         if setup.insole.model != before.insole.model:
             self._asked = setup.insole.model
         if pipeline.dynamic is not None and self._dynamic is not None and not pipeline.differences:
-            pipeline.dynamic.go_on(self._dynamic)
+            pipeline.dynamic.take_state(self._dynamic)
         self._dynamic = pipeline.dynamic
         if pipeline.moved:
             self._watch = pipeline.watch
@@ -127,7 +127,7 @@ class Foot:
         self._install(pipeline)
 
     def _install(self, pipeline: FootPipeline) -> None:
-        """Replace what has no state of its own."""
+        """Replace everything that has no state."""
         setup = self.setup = pipeline.setup
         self.config, self.insole, self.layout = setup.config, setup.insole, setup.layout
         self.calibration, self.zero, self.zero_source = pipeline.calibration, setup.zero, setup.zero_source
@@ -149,11 +149,11 @@ class Foot:
         return "static" if self._dynamic is None else self._asked
 
     def switch(self, model: ModelName) -> None:
-        """Publish by `model` from the next cycle on; without effects both are the static one."""
+        """Publish the estimates of `model` from the next cycle on; without effects, both are the static one."""
         self._asked = model
 
     def payloads(self, cycle: ClosedCycle) -> CyclePayloads:
-        """The payloads of `cycle`, which follows all taken in before; each call is one cycle published."""
+        """Return the payloads of `cycle`, the next one in order; each call counts as one published cycle."""
         compiled = self._compiled
         if compiled is None or cycle.record is None:
             values = self.values(*cycle.row)
@@ -172,11 +172,11 @@ class Foot:
         )
 
     def messages(self, cycles: Cycles, at: int) -> CycleMessages:
-        """The messages of cycle `at`; see `values`."""
+        """Return the messages of cycle `at`; see `values`."""
         return self.values(cycles, at).messages()
 
     def values(self, cycles: Cycles, at: int) -> CycleValues:
-        """What the messages of cycle `at` say, which follows all taken in before; each call is one cycle published."""
+        """Return the values of the messages of cycle `at`, the next in order; each call counts as a published cycle."""
         self._watch.take(cycles, at)
         counts, status, age_ns = cycles.counts[at], cycles.status[at], cycles.age_ns[at]
         static = self._static(counts, status, age_ns, self._watch.masked)
@@ -207,30 +207,30 @@ class Foot:
         return CycleValues(raw, pressure, wrench, models, PublishedLoad(t_ns, sums.f_z_n, pressure_pa, valid, repeated))
 
     def skip(self, cycle: ClosedCycle) -> None:
-        """Take in `cycle`, which is not published, for its faults."""
+        """Pass `cycle`, which is not published, to the fault watch."""
         self._watch.take(*cycle.row)
 
     @property
     def is_watch_due(self) -> bool:
-        """Whether `fault_events` looks at the cycles taken in."""
+        """Whether the next call of `fault_events` examines the cycles passed to the fault watch."""
         return self._watch.is_due
 
     def fault_events(self, early: bool = False) -> list[Event]:
-        """What has begun or healed in the cycles taken in; unless `early`, a later call may tell of the latest."""
+        """Return events of faults that began or ended; unless `early`, the latest may come with a later call."""
         return [
             Event(self.name, change.t_ns, change.event, change.text, [change.board], change.triangle, change.taxel)
             for change in self._watch.changes(early)
         ]
 
     def faults(self) -> list[dict[str, Any]]:
-        """What is wrong now, the longest first; as in health."""
+        """Return the present faults as in health, the longest-lasting first."""
         return [dataclasses.asdict(fault) for fault in self._watch.faults]
 
     def load(self, cycles: Cycles, at: int, without: Collection[int] = ()) -> tuple[float | None, float]:
-        """What presses on the foot in cycle `at`, boards `without` left out: (f_z, share of taxels that stand out).
+        """Return (f_z in N, share of loaded taxels) in cycle `at`, without the boards in `without`.
 
-        f_z in N is None where no taxel is valid. Taxels that stand out read far more pressure than the
-        least loaded ones; that holds whatever no-load and shift the boards run with, which f_z does not.
+        f_z is None if no taxel is valid. A loaded taxel reads far more pressure than the least loaded ones. Unlike f_z,
+        that share does not depend on the no-load and the shift that the boards run with.
         """
         counts, status, age_ns = cycles.counts[at], cycles.status[at], cycles.age_ns[at]
         asked = np.array([triangle.board not in without for triangle in self.layout.triangles])
@@ -239,11 +239,11 @@ class Foot:
         f_z_n = self._wrench(self._curve.pressure_pa(counts), valid, None).f_z_n
         read = counts[asked & (age_ns >= 0) & (age_ns <= self.stale_after_ns) & (status & 0xF == 0)]
         read = read[:, PRESSURE_TAXELS].astype(np.float64)
-        low = float(np.mean(read < np.percentile(read, 90) - _STANDS_OUT_COUNT)) if read.size else 0.0
+        low = float(np.mean(read < np.percentile(read, 90) - _LOADED_COUNT)) if read.size else 0.0
         return None if math.isnan(f_z_n) else f_z_n, low
 
     def meta(self) -> Meta:
-        """What one must know to read the messages."""
+        """Return what a subscriber needs to interpret the messages."""
         publish, contact = self.config.publish, self.config.contact
         dynamic = None if self._dynamic is None else self._dynamic.model
         xy_m = self.layout.xy_m if dynamic is None or self.model == "static" else dynamic.xy_m
@@ -286,7 +286,7 @@ class Foot:
         )
 
     def calibration_in_use(self) -> CalibrationInUse:
-        """The static curve as it is applied."""
+        """Return the static curve in use."""
         return CalibrationInUse(
             foot=self.name,
             n_triangles=self.n_triangles,
@@ -301,25 +301,25 @@ class Foot:
 
 
 def load_feet(config: Config) -> list[Foot]:
-    """The feet of `config` with their files; raises DocumentsError with what is wrong in any of them."""
+    """Load the feet of `config` with their files; raises DocumentsError with the problems of all files."""
     return [Foot(setup) for setup in load_setups(config)]
 
 
 def _effects(model: DynamicModel) -> list[dict[str, Any]]:
-    """As in meta."""
-    why = {each.effect: each.why for each in model.left_out}
+    """Return the effects of `model` as in meta."""
+    why = {left_out.effect: left_out.why for left_out in model.left_out}
     return [
         {
-            "effect": each.law.word,
-            "scope": each.where.scope,
-            "ids": [list(identity) for identity in each.where.ids],
-            "left_out": why.get(each),
+            "effect": effect.law.word,
+            "scope": effect.where.scope,
+            "ids": [list(identity) for identity in effect.where.ids],
+            "left_out": why.get(effect),
         }
-        for each in (*model.effects, *why)
+        for effect in (*model.effects, *why)
     ]
 
 
 def _share(beyond: NDArray[np.bool_], valid: NDArray[np.bool_]) -> float:
-    """Of the valid taxels."""
+    """Return the share of the valid taxels that are beyond."""
     n = int(np.count_nonzero(beyond))
     return n / int(np.count_nonzero(valid)) if n else 0.0

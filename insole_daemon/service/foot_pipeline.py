@@ -1,4 +1,4 @@
-"""What turns the cycles of a foot into messages; making it takes longer than a cycle, using it does not."""
+"""The objects that turn the cycles of a foot into messages; making them takes longer than a cycle."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from .foot_setup import FootSetup, differences
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FootPipeline:
-    """Of one foot, from `setup`, to follow the setup `before`; made in a thread where a foot is running."""
+    """The pipeline of one foot for `setup`, to replace that of `before`; made in a thread if the foot is running."""
 
     setup: FootSetup
     before: FootSetup  # the same one where nothing ran before
     differences: tuple[str, ...]  # which of calibration, zero and layout say something else than before
-    calibration: Calibration  # with the baselines of the zero, where there is one
+    calibration: Calibration  # with the baselines of the zero, if there is one
     validity: Validity
     curve: StaticCurve
     wrench: WrenchEstimator
@@ -34,7 +34,7 @@ class FootPipeline:
 
     @classmethod
     def of(cls, setup: FootSetup, before: FootSetup | None = None) -> FootPipeline:
-        """`before` is the setup in use; raises EffectError where the calibration's effects do not go together."""
+        """Make the pipeline; `before` is the setup in use. EffectError if the calibration's effects contradict."""
         before = before or setup
         config, layout, calibration = setup.config, setup.layout, setup.zeroed_calibration
         contact = config.contact

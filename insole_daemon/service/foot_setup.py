@@ -1,4 +1,4 @@
-"""Layout, calibration and settings that a foot is read with, as one object; a reload replaces it as a whole."""
+"""Layout, calibration, zero and settings of a foot, as one object that a reload replaces as a whole."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from .state import zero_path
 
 @dataclass(frozen=True, eq=False)
 class FootSetup:
-    """Of one foot; two of them are the same one only if they are the same object."""
+    """The setup of one foot, compared by identity."""
 
     config: Config
     insole: Insole
@@ -33,11 +33,11 @@ class FootSetup:
 
     @property
     def zeroed_calibration(self) -> Calibration:
-        """The calibration with the baselines of the zero, where there is one."""
+        """Return the calibration, with the baselines of the zero if there is one."""
         return self.calibration if self.zero is None else zeros.apply(self.calibration, self.zero)
 
     def with_zero(self, zero: Zero, source: str) -> FootSetup:
-        """The same with another zero, from the file `source`."""
+        """Return the setup with another zero, read from the file `source`."""
         return replace(self, zero=zero, zero_source=source)
 
 
@@ -49,18 +49,18 @@ _READ_WITH = (
 
 
 def differences(old: FootSetup, new: FootSetup) -> list[str]:
-    """Which of calibration, zero and layout say something else in `new`."""
+    """Return which of calibration, zero and layout differ between two setups."""
     if old is new:
         return []
-    found = []
+    changed = []
     for what, arrays in _READ_WITH:
         before, after = getattr(old, what), getattr(new, what)
         same = all(_same(getattr(before, name, None), getattr(after, name, None)) for name in arrays)
         if same and what == "calibration":
             same = document(before.effects, old.layout) == document(after.effects, new.layout)
         if not same:
-            found.append(what)
-    return found
+            changed.append(what)
+    return changed
 
 
 def _same(a: object, b: object) -> bool:
@@ -70,7 +70,7 @@ def _same(a: object, b: object) -> bool:
 
 
 def load_setups(config: Config) -> list[FootSetup]:
-    """The feet of `config` with their files; raises DocumentsError with what is wrong in any of them."""
+    """Load the setups of all feet of `config`; raises DocumentsError with the problems of all files."""
     setups: list[FootSetup] = []
     refused: list[InsoleError] = []
     for insole in config.insoles:
@@ -84,7 +84,7 @@ def load_setups(config: Config) -> list[FootSetup]:
 
 
 def _load_setup(config: Config, insole: Insole) -> FootSetup:
-    """The foot `insole` of `config`; a calibration and a zero are held against the layout, so that comes first."""
+    """Load the setup of one foot; the layout first, because calibration and zero are checked against it."""
     layout = load_layout(insole)
     refused: list[InsoleError] = []
     calibration = calibrations.default(layout, insole.boards)
@@ -92,7 +92,8 @@ def _load_setup(config: Config, insole: Insole) -> FootSetup:
     try:
         if insole.calibration is not None:
             calibration = calibrations.load(insole.calibration, layout)
-            DynamicModel(layout, calibration, insole.boards, 0, zeroed=False)  # what does not go together is said now
+            # Raises if the effects contradict each other.
+            DynamicModel(layout, calibration, insole.boards, 0, zeroed=False)
     except InsoleError as error:
         refused.append(error)
     try:
@@ -105,7 +106,7 @@ def _load_setup(config: Config, insole: Insole) -> FootSetup:
 
 
 def _load_zero(config: Config, insole: Insole, layout: Layout) -> tuple[Zero | None, str]:
-    """The zero that the configuration names, or else the one that was stored last; and where it is from."""
+    """Return the zero that the configuration names, or else the stored one, and its source."""
     named, stored = insole.zero, zero_path(config.rig, insole.foot)
     if named is not None:
         return zeros.load(named, layout), str(named)
@@ -120,7 +121,7 @@ def _load_zero(config: Config, insole: Insole, layout: Layout) -> tuple[Zero | N
 
 
 def load_layout(insole: Insole) -> Layout:
-    """The layout that `insole` names, or the built-in approximation for its three boards."""
+    """Return the layout that `insole` names, or the built-in approximation for its three boards."""
     if insole.layout is None:
         front, middle, rear = insole.addresses
         return layouts.builtin(insole.foot, (front, middle, rear))

@@ -1,4 +1,4 @@
-"""What the daemon tells its log: nothing over and over, and how often it would have."""
+"""The daemon's log, with repeated messages counted instead of written."""
 
 from __future__ import annotations
 
@@ -7,44 +7,44 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-QUIET_NS = 10_000_000_000  # in which the same is said once
+QUIET_NS = 10_000_000_000  # in which a text is written once
 
 
 @dataclass(slots=True)
-class _Said:
+class _WrittenText:
     level: int
-    until_ns: int  # monotonic; then it may be said again
-    held_back: int = 0
+    until_ns: int  # monotonic; then it may be written again
+    n_suppressed: int = 0
 
 
 class Journal:
-    """Says each text at most once in QUIET_NS, and then how often it was held back meanwhile.
+    """Writes each text at most once in QUIET_NS, and then how often it was suppressed meanwhile.
 
-    A bus whose plug is loose goes down and comes back many times a second. Whoever subscribes gets an event each
-    time; a log on a disk is not filled with it.
+    A bus with a loose plug goes down and comes back many times a second. Subscribers get an event each time, but the
+    log on the disk must not be filled.
     """
 
     def __init__(self, log: logging.Logger, clock_ns: Callable[[], int] = time.monotonic_ns) -> None:
         self._log, self._clock_ns = log, clock_ns
-        self._said: dict[str, _Said] = {}
+        self._written: dict[str, _WrittenText] = {}
 
     def tell(self, level: int, text: str) -> None:
-        """Say it, or count it where it was said a moment ago."""
-        said = self._said.get(text)
-        if said is not None:
-            said.held_back += 1
+        """Write `text`, or count it if it was written within QUIET_NS."""
+        written = self._written.get(text)
+        if written is not None:
+            written.n_suppressed += 1
             return
         self._log.log(level, "%s", text)
-        self._said[text] = _Said(level, self._clock_ns() + QUIET_NS)
+        self._written[text] = _WrittenText(level, self._clock_ns() + QUIET_NS)
 
     def sum_up(self) -> None:
-        """Say what was held back long enough; to be called every now and then."""
+        """Write how often texts were suppressed, for those older than QUIET_NS; call it about once a second."""
         now_ns = self._clock_ns()
-        for text, said in [*self._said.items()]:
-            if now_ns < said.until_ns:
+        for text, written in [*self._written.items()]:
+            if now_ns < written.until_ns:
                 continue
-            del self._said[text]
-            if said.held_back:
-                self._said[text] = _Said(said.level, now_ns + QUIET_NS)
-                again = "once more" if said.held_back == 1 else f"{said.held_back} times more"
-                self._log.log(said.level, "%s in %.0f s: %s", again, QUIET_NS * 1e-9, text)
+            del self._written[text]
+            if written.n_suppressed:
+                self._written[text] = _WrittenText(written.level, now_ns + QUIET_NS)
+                again = "once more" if written.n_suppressed == 1 else f"{written.n_suppressed} times more"
+                self._log.log(written.level, "%s in %.0f s: %s", again, QUIET_NS * 1e-9, text)

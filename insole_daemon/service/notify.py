@@ -7,7 +7,7 @@ import socket
 
 
 def notify(*assignments: str) -> None:
-    """Tell the service manager, for example "READY=1"; does nothing where there is none."""
+    """Send the service manager a message such as "READY=1"; does nothing if there is no service manager."""
     address = os.environ.get("NOTIFY_SOCKET")
     if not address:
         return

@@ -1,4 +1,4 @@
-"""How requests act on the loop, which alone owns the buses and all state.
+"""Run requests as generators on the main loop, which alone owns the buses and all state.
 
 An operation is a generator. The loop resumes it once an iteration with a `Step`, and what it returns is the reply:
 
@@ -9,7 +9,7 @@ An operation is a generator. The loop resumes it once an iteration with a `Step`
 
     desk.offer("blink", blink)        # answers queries on insole/<rig>/<foot>/blink
 
-An operation raises an InsoleError where it cannot do what was asked; its text is the reply's `error`.
+An operation raises an InsoleError if it cannot do what was requested; its text is the reply's `error`.
 """
 
 from __future__ import annotations
@@ -32,18 +32,18 @@ _HELD_UP_NS = 100_000_000  # as long as the loop may wait for frames
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """What an operation sees of one iteration of the loop."""
+    """The input of an operation in one iteration of the loop."""
 
     now_mono_ns: int  # on the clock of the source of frames
     closed: list[Cycles]  # of this foot, in order
     frames: FrameBatch  # of all buses, other traffic included
-    attended_ns: int  # what waits are measured by, see AttendedClock
+    attended_ns: int  # the clock for waits, see AttendedClock
 
 
 class AttendedClock:
-    """Time less what the loop was held up for: of a pause between two turns, at most _HELD_UP_NS count.
+    """A clock that excludes stalls of the loop: of the time between two turns, at most _HELD_UP_NS count.
 
-    A host that stops for a second has not given boards a second to answer, and what they sent in it may come late.
+    After a stall of the host, answers that the boards sent meanwhile may still be waiting to be read.
     """
 
     def __init__(self) -> None:
@@ -51,7 +51,7 @@ class AttendedClock:
         self._held_up_ns = 0
 
     def turn(self, now_mono_ns: int) -> int:
-        """The attended time at a turn of the loop."""
+        """Return the attended time at a turn of the loop."""
         if self._before_ns is not None:
             self._held_up_ns += max(0, now_mono_ns - self._before_ns - _HELD_UP_NS)
         self._before_ns = now_mono_ns
@@ -63,7 +63,7 @@ Handler = Callable[[dict[str, Any]], Operation]  # from the request's map
 
 
 def pause(step: Step, wait_ns: int) -> Generator[None, Step, Step]:
-    """Let at least `wait_ns` pass; the step in which they have."""
+    """Wait for at least `wait_ns`; return the step in which they have passed."""
     until_ns = step.attended_ns + wait_ns
     while step.attended_ns < until_ns:
         step = yield
@@ -71,7 +71,7 @@ def pause(step: Step, wait_ns: int) -> Generator[None, Step, Step]:
 
 
 class RequestDesk:
-    """Takes one foot's requests from Zenoh's threads, and runs at most one of every verb on the loop."""
+    """Takes one foot's requests from Zenoh's threads, and runs at most one of each verb on the loop."""
 
     def __init__(self, session: zenoh.Session, rig: str, foot: str) -> None:
         self.done = self.refused = 0
@@ -84,16 +84,16 @@ class RequestDesk:
 
     @property
     def idle(self) -> bool:
-        """Whether a step would do nothing."""
+        """Whether no request waits and no operation runs."""
         return not (self._running or self._background) and self._arrived.empty()
 
     @property
     def busy(self) -> bool:
-        """Whether a request runs or waits: then the loop should come by more often than frames make it."""
+        """Whether a request runs or waits; the loop then iterates more often than frames require."""
         return bool(self._running) or not self._arrived.empty()
 
     def offer(self, verb: str, handler: Handler) -> None:
-        """Answer queries on the foot's key `verb` by the operations that `handler` makes of them."""
+        """Answer queries on the foot's key `verb` with the operation that `handler` returns for each."""
         self._handlers[verb] = handler
         own_key = key(self._rig, self._foot, verb)
         self._queryables.append(
@@ -101,13 +101,13 @@ class RequestDesk:
         )
 
     def keep(self, operation: Operation) -> None:
-        """Run an operation that nobody asked for, until it returns."""
+        """Run an operation without a request, until it returns."""
         next(operation)
         self._background.append(operation)
 
     def step(self, step: Step) -> None:
-        """Begin what has been asked for, and resume everything that runs."""
-        while not self._arrived.empty():  # the loop alone takes from it
+        """Start the requests that have arrived, and resume every running operation."""
+        while not self._arrived.empty():  # only this thread takes from the queue
             self._begin(*self._arrived.get())
         for verb, (operation, query) in list(self._running.items()):
             reply = _resume(operation, step)
@@ -117,7 +117,7 @@ class RequestDesk:
         self._background = [operation for operation in self._background if _resume(operation, step) is None]
 
     def close(self) -> None:
-        """Take no more requests; who still waits is told that the daemon ends."""
+        """Take no more requests, and reply to open ones that the daemon ends."""
         for queryable in self._queryables:
             queryable.undeclare()
         waiting = [(verb, query) for verb, (_, query) in self._running.items()]
@@ -156,12 +156,12 @@ class RequestDesk:
         try:
             query.reply(key(self._rig, self._foot, verb), pack(reply), encoding=encoding(REPLY_SCHEMA))
         except zenoh.ZError:
-            pass  # who asked has gone
-        query.drop()  # the end of the answer: without it who asked waits for more until their time-out
+            pass  # the client has gone
+        query.drop()  # ends the answer; without it the client waits until its time-out
 
 
 def _resume(operation: Operation, step: Step) -> dict[str, Any] | None:
-    """What it returned, or why it ended; None while it runs."""
+    """Return the reply of an operation that has ended, with an error if it failed; None while it runs."""
     try:
         operation.send(step)
     except StopIteration as done:
@@ -173,7 +173,7 @@ def _resume(operation: Operation, step: Step) -> dict[str, Any] | None:
 
 
 def _apology(error: Exception) -> dict[str, Any]:
-    """What went wrong as a reply. A mistake in an operation must not end the acquisition, so nothing is let through."""
+    """Return an exception as a reply. No exception of an operation may end the acquisition."""
     if isinstance(error, InsoleError):
         return {"error": str(error)}
     return {"error": f"a mistake in insole-daemon, please report it: {type(error).__name__}: {error}"}

@@ -1,12 +1,12 @@
-"""Boards that forgot what this daemon had told them are told again.
+"""Configure boards again that were reset.
 
 A board that was reset has lost settings and baseline, and is silent until it is commanded (robotology/icub-firmware,
-theSkin's deferred initialisation). So one that falls silent is asked for its version, which sets nothing, again and
-again: when it answers and still sends nothing, it is alive and was reset. One that sends again, but not what it was
-told, was reset and started by another.
+theSkin's deferred initialisation). A board that falls silent is therefore asked for its version repeatedly, which sets
+nothing. If it answers and still sends nothing, it was reset. If it sends with other settings than it was given, it was
+reset and started by another host.
 
-It is configured again while the foot bears no load, as far as its other boards can tell, and an event says so. For one
-that was silent that is known already when it answers, so that it is back at full rate within a second.
+The board is configured again once the foot bears no load, by the foot's other boards, and an event reports it. The load
+is recorded while a board is silent, so that the board is back at its full rate within a second of its answer.
 """
 
 from __future__ import annotations
@@ -23,42 +23,42 @@ from .load import FootLoad, LoadRecord
 from .operations import Operation, Step, pause
 
 _EVERY_NS = 1_000_000_000
-_RATE_TOLERANCE = 0.25  # over a second, before the stream is looked at closely
+_RATE_TOLERANCE = 0.25  # over a second, before the stream is examined
 _SILENT_PERIODS = 10
-_ANSWER_NS = 50_000_000  # then it is asked again: an answer takes a board some 10 ms
-_QUIET_PERIODS = 3  # after the answer: an interface that was away brings answer and stream at the same time
-_REFUSED_NS = 250_000_000  # a queue that is full costs the loop 5 ms at every attempt
-MOST_ATTEMPTS = 3  # that the stream does not confirm
+_ANSWER_NS = 50_000_000  # before the board is asked again: an answer takes some 10 ms
+_QUIET_PERIODS = 3  # without a frame after the answer: an interface that was down delivers answer and stream together
+_REFUSED_NS = 250_000_000  # between attempts on a full queue, each of which costs the loop 5 ms
+MOST_ATTEMPTS = 3  # to configure a board whose stream does not confirm it
 
 _Counts = np.ndarray[tuple[int], np.dtype[np.int64]]
 
 
 def keep_configured(boards: BoardOperations) -> Operation:
-    """Runs as long as the daemon; does nothing to boards that this daemon has not configured, or has stopped."""
+    """Run as long as the daemon; boards that this daemon has not configured, or has stopped, are left alone."""
     keeper = _Keeper(boards)
     step = yield
     while True:
         try:
             step = yield from keeper.turn(step)
-        except InsoleError:  # the interface takes nothing now, and the source reports it
+        except InsoleError:  # the interface takes no frames now; the source reports that
             step = yield from pause(step, _REFUSED_NS)
 
 
 class _Keeper:
-    """What is known of the boards between two looks at them."""
+    """The state of the boards between two checks."""
 
     def __init__(self, boards: BoardOperations) -> None:
         self._boards, self._link = boards, boards.link
         self._load = LoadRecord(boards.link.foot)
-        self._counted: tuple[int, dict[int, _Counts]] | None = None  # since when, and what had arrived then
-        self._attempts: dict[int, int] = {}  # by address, that were not confirmed
+        self._counted: tuple[int, dict[int, _Counts]] | None = None  # time and arrivals at the last count
+        self._attempts: dict[int, int] = {}  # without confirmation, by address
         self._told_waiting: set[int] = set()
 
     def turn(self, step: Step) -> Generator[None, Step, Step]:
-        """One step, or all that follows from it."""
+        """Check the boards once, and configure again those that were reset."""
         boards = self._boards
         if not boards.configured or boards.stopped or boards.occupied is not None:
-            self._counted = None  # what was counted says nothing
+            self._counted = None  # the counts span a time in which boards may have been silent
             return (yield)
         self._load.add(step)
         silent = {address for address in boards.configured if self._silent(address, step.now_mono_ns)}
@@ -76,7 +76,7 @@ class _Keeper:
         return silence_ns is not None and silence_ns > _SILENT_PERIODS * period_ms * 1_000_000
 
     def _odd(self, now_ns: int) -> set[int]:
-        """Once a second, the boards of which halves came at other rates than they were told."""
+        """Return, once a second, the boards whose halves arrive at another rate than configured."""
         link = self._link
         if self._counted is not None and now_ns - self._counted[0] < _EVERY_NS:
             return set()
@@ -95,7 +95,7 @@ class _Keeper:
         return odd
 
     def _reset(self, step: Step, silent: set[int]) -> Generator[None, Step, tuple[Step, set[int]]]:
-        """The boards among `silent` that are there."""
+        """Return the boards among `silent` that answer and still send nothing."""
         link = self._link
         for address in silent:
             link.send(address, commands.version_query(address))
@@ -107,7 +107,7 @@ class _Keeper:
         return step, {address for address in alive if not seen[address].triangles}
 
     def _look_at(self, step: Step, odd: Collection[int]) -> Generator[None, Step, Step]:
-        """Those that send, but not what they were told, are told again."""
+        """Configure the boards in `odd` again whose streams show other settings than configured."""
         boards, link = self._boards, self._link
         boards.occupied = "boards that seem to have been reset are looked at"
         try:
@@ -121,7 +121,7 @@ class _Keeper:
         return step
 
     def _again(self, step: Step, forgot: set[int], load: FootLoad) -> Generator[None, Step, Step]:
-        """Configure them again, unless the foot is loaded; after some attempts without effect, no more."""
+        """Configure the boards again, unless the foot is loaded; give up after MOST_ATTEMPTS without confirmation."""
         boards = self._boards
         if load.loaded:
             if not forgot <= self._told_waiting:
@@ -144,7 +144,7 @@ class _Keeper:
             step, seen = yield from boards.apply(step, forgot, load.words)
         finally:
             boards.occupied = None
-            self._counted = None  # what came meanwhile is neither what it was nor what it will be
+            self._counted = None  # the counts span the old and the new settings
         for address in sorted(forgot):
             self._tell_verdict(address, seen[address])
         return step

@@ -1,7 +1,7 @@
-"""The configuration read again while the daemon runs: what can change between two cycles, and what cannot.
+"""Reload the configuration of a running daemon, as far as it can change between two cycles.
 
-Reading takes longer than a cycle lasts, and so does making of it what a foot is read with. A thread does both; the loop
-takes the result when it is whole. A file that is refused changes nothing.
+Reading the files and making pipelines of them takes longer than a cycle. A thread does both, and the loop takes the
+complete result. A file that is refused changes nothing.
 """
 
 from __future__ import annotations
@@ -20,32 +20,32 @@ from ..errors import InsoleError
 from .foot_pipeline import FootPipeline
 from .foot_setup import FootSetup, load_setups
 
-_CHANGES_RUNNING = frozenset({"extensions", "contact", "publish", "insoles"})  # these as far as said below
+_CHANGES_RUNNING = frozenset({"extensions", "contact", "publish", "insoles"})  # the last two only in part, see below
 _PUBLISH_CHANGES_RUNNING = frozenset({"extensions", "stale_after_ms"})
 
 
 @dataclass(frozen=True, slots=True)
 class Reloaded:
-    """What came of one reload: pipelines with what changed, or the reason why all stays as it is."""
+    """The result of one reload: the new pipelines, or the reason why nothing changes."""
 
-    before: tuple[FootSetup, ...]  # the ones that ran when it began
-    pipelines: tuple[FootPipeline, ...] = ()  # what takes their places; empty: nothing is taken over
+    before: tuple[FootSetup, ...]  # in use when the reload began
+    pipelines: tuple[FootPipeline, ...] = ()  # that replace those in use; empty: nothing is replaced
     changed: tuple[str, ...] = ()
     needs_restart: tuple[str, ...] = ()  # what changed in the file and cannot change in a running daemon
-    refused: str | None = None  # every problem, one a line
+    refused: str | None = None  # every problem of the files, one per line
 
-    def told(self) -> list[tuple[str, str]]:
-        """(kind, text) of the events that say so."""
+    def events(self) -> list[tuple[str, str]]:
+        """Return (kind, text) of the events that report the reload."""
         if self.refused is not None:
             return [("reload_refused", f"all stays as it was: {self.refused}")]
-        said = [("reloaded", "changed: " + (", ".join(self.changed) or "nothing"))]
+        events = [("reloaded", "changed: " + (", ".join(self.changed) or "nothing"))]
         if self.needs_restart:
-            said.append(("restart_needed", "changed in the file, needs a restart: " + ", ".join(self.needs_restart)))
-        return said
+            events.append(("restart_needed", "changed in the file, needs a restart: " + ", ".join(self.needs_restart)))
+        return events
 
 
 class Reloader:
-    """Reads `path` again on request, in a thread; `take` gives the result once."""
+    """Reads `path` again on request, in a thread; `take` returns each result once."""
 
     def __init__(self, path: Path | None) -> None:
         self._path = path
@@ -54,16 +54,16 @@ class Reloader:
 
     @property
     def busy(self) -> bool:
-        """Whether a reload is on its way or its result not yet taken."""
+        """Whether a reload runs or its result has not been taken yet."""
         return self._thread is not None
 
     def start(self, running: Sequence[FootSetup]) -> None:
-        """Begin to read, for the setups that run now; not while `busy`."""
+        """Start reading, to replace the setups in use; must not be called while `busy`."""
         self._thread = threading.Thread(target=self._read, args=(tuple(running),), name="reload", daemon=True)
         self._thread.start()
 
     def take(self) -> Reloaded | None:
-        """What came of it; None while it is not done."""
+        """Return the result of the reload; None while it runs."""
         result = self._result
         if result is not None:
             self._result = self._thread = None
@@ -78,20 +78,20 @@ class Reloader:
                 self._result = merge(running, *read(self._path))
         except InsoleError as error:
             self._result = Reloaded(running, refused=str(error))
-        except Exception as error:  # whatever it is, who asked gets an answer and the old stays in use
+        except Exception as error:  # of whatever kind: the reload must be answered, and the old setups stay in use
             self._result = Reloaded(running, refused=f"{self._path}: cannot be read again: {error!r}")
 
 
 def read(path: Path) -> tuple[Config, list[FootSetup]]:
-    """The configuration and its feet; raises InsoleError with the problems of all files."""
+    """Read the configuration and the setups of its feet; raises InsoleError with the problems of all files."""
     config = configs.load(path)
     return config, load_setups(config)
 
 
 def merge(running: Sequence[FootSetup], asked: Config, asked_setups: Sequence[FootSetup]) -> Reloaded:
-    """The `running` setups with all of what is `asked` that can change between two cycles.
+    """Return the `running` setups with every change in `asked` that can be made between two cycles.
 
-    That is layouts of the same triangles, calibrations, zeros, the thresholds of contact and the age of staleness.
+    These are layouts of the same triangles, calibrations, zeros, the thresholds of contact and the age of staleness.
     """
     before = running[0].config
     asked_by_foot = {setup.insole.foot: setup for setup in asked_setups}
@@ -120,7 +120,7 @@ def merge(running: Sequence[FootSetup], asked: Config, asked_setups: Sequence[Fo
 
 
 def _other_keys(before: Config, asked: Config) -> list[str]:
-    """The keys that differ and are not taken over: whatever is not known to be safe."""
+    """Return the keys that differ and need a restart: all that are not known to be safe to change."""
     keys = _differences("", before, asked, _CHANGES_RUNNING)
     return keys + _differences("publish.", before.publish, asked.publish, _PUBLISH_CHANGES_RUNNING)
 
@@ -131,7 +131,7 @@ def _differences(prefix: str, old: object, new: object, leave_out: frozenset[str
 
 
 def _why_not(old: FootSetup, new: FootSetup) -> str | None:
-    """Why the running foot cannot be read with the new setup."""
+    """Return why the running foot cannot change to the new setup; None if it can."""
     if old.insole.boards != new.insole.boards:
         return "boards"
     if not np.array_equal(old.layout.identities, new.layout.identities):

@@ -1,4 +1,4 @@
-"""Where the daemon keeps what it must find again after a restart."""
+"""The folder of the daemon's files that must survive a restart."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 
 def state_folder() -> Path:
-    """systemd's StateDirectory= where there is one, else the user's own (XDG Base Directory Specification)."""
+    """Return systemd's StateDirectory= if set, else the user's state folder (XDG Base Directory Specification)."""
     given = os.environ.get("STATE_DIRECTORY")
     if given:
         return Path(given.split(":")[0])  # systemd lists several like that
@@ -18,5 +18,5 @@ def state_folder() -> Path:
 
 
 def zero_path(rig: str, foot: str) -> Path:
-    """The file that `insole zero` stores, and every start and reload reads."""
+    """Return the file that `insole zero` writes and every start and reload reads."""
     return state_folder() / f"{rig}-{foot}-zero.json"

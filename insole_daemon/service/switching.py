@@ -1,4 +1,4 @@
-"""Which of the two models is published, asked for and switched while the daemon runs."""
+"""Requests that report or switch the published model, static or dynamic."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .zeroing import LatchingPublisher
 
 
 def model_handler(foot: Foot, publisher: LatchingPublisher) -> Callable[[dict[str, Any]], Operation]:
-    """What requests for `model` begin: `do` is `tell`, `static` or `dynamic`; InsoleError for anything else."""
+    """Return the handler of `model` requests: `do` is `tell`, `static` or `dynamic`; InsoleError for anything else."""
 
     def handle(request: dict[str, Any]) -> Operation:
         do = request.get("do")

@@ -1,4 +1,4 @@
-"""Taking a zero while the daemon runs: an operation of its loop, which loses no cycle to it."""
+"""Take a zero while the daemon runs, as an operation of its loop; no cycle is lost."""
 
 from __future__ import annotations
 
@@ -25,24 +25,24 @@ SECONDS_LEAST, SECONDS_MOST = 0.5, 60.0
 
 
 class ZeroingStep(Protocol):
-    """What an operation looks at in one turn of the loop."""
+    """The input of the operation in one iteration of the loop."""
 
     @property
     def now_mono_ns(self) -> int:
-        """The present, on the clock of the frames."""
+        """The current time on the clock of the frames."""
         ...
 
     @property
     def closed(self) -> Sequence[Cycles]:
-        """The cycles of this foot that closed in this turn."""
+        """The cycles of this foot that closed in this iteration."""
         ...
 
 
 class LatchingPublisher(Protocol):
-    """What an operation needs of a FootPublisher."""
+    """The part of a FootPublisher that the operation uses."""
 
     def publish(self, message: Event) -> None:
-        """Put an event."""
+        """Publish an event."""
 
     def publish_latched(self, what: str, message: Meta | CalibrationInUse) -> None:
         """Publish a message and keep it for late joiners."""
@@ -55,7 +55,7 @@ def zero(
     force: bool = False,
     clock_ns: Callable[[], int] = time.time_ns,
 ) -> Generator[None, ZeroingStep, dict[str, Any]]:
-    """Gather for `seconds`, then store and use the zero; the reply says `ok`, or why not and which taxels.
+    """Gather readings for `seconds`, then store and apply the zero; the reply has `ok`, or the reasons and taxels.
 
     On a refusal nothing is stored and nothing changes. Keys of the reply: see `_reply`.
     """
@@ -103,7 +103,7 @@ def zero(
 def zero_handler(
     foot: Foot, publisher: LatchingPublisher
 ) -> Callable[[dict[str, Any]], Generator[None, ZeroingStep, dict[str, Any]]]:
-    """What requests for `zero` begin: `seconds` and `force` are optional; raises InsoleError for anything else."""
+    """Return the handler of `zero` requests: `seconds` and `force` are optional; InsoleError for anything else."""
 
     def handle(request: dict[str, Any]) -> Generator[None, ZeroingStep, dict[str, Any]]:
         seconds, force = request.get("seconds", SECONDS), request.get("force", False)
@@ -121,7 +121,7 @@ def zero_handler(
 
 
 def _reply(foot: Foot, outcome: ZeroOutcome) -> dict[str, Any]:
-    """What travels back; taxels as [board, triangle, taxel]."""
+    """Return the reply; taxels are [board, triangle, taxel]."""
     n_taxels = int((outcome.zero.baseline_count >= 0).sum()) if outcome.zero is not None else 0
     return {
         "ok": outcome.zero is not None,
@@ -140,7 +140,7 @@ def _reply(foot: Foot, outcome: ZeroOutcome) -> dict[str, Any]:
 
 
 def _stored(foot: Foot, zero: Zero, path: Path) -> Generator[None, ZeroingStep, FootPipeline]:
-    """Write the zero; what the foot is to be read with then. Raises OSError where it cannot be written."""
+    """Write the zero and return the pipeline that uses it; raises OSError if the file cannot be written."""
     while True:
         storing = _Storing(path, zero, foot.setup)
         while not storing.done:
@@ -153,7 +153,7 @@ def _stored(foot: Foot, zero: Zero, path: Path) -> Generator[None, ZeroingStep, 
 
 
 class _Storing:
-    """A zero on its way to the disk and to use, on a thread: either may take longer than a cycle lasts."""
+    """Writes a zero and makes its pipeline in a thread, because either may take longer than a cycle."""
 
     def __init__(self, path: Path, zero: Zero, setup: FootSetup) -> None:
         self.error: Exception | None = None
@@ -168,7 +168,7 @@ class _Storing:
             pipeline = FootPipeline.of(setup.with_zero(zero, str(path)), setup)
             zeros.save(path, zero, setup.layout)
             self.pipeline = pipeline
-        except Exception as error:  # who asked is told
+        except Exception as error:  # reported in the reply
             self.error = error
 
     @property

@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from .cycles import CycleAssembler
+from .assembler import CycleAssembler
 from .layout import Layout
 
 _NEVER = -(1 << 62)  # so long ago that every rate since is 0

@@ -9,7 +9,8 @@ import numpy as np
 
 from ..bus.frames import FrameBatch, ReceivedFrames
 from ..compiled import kernel
-from .cycles import ClosedCycle, CycleAssembler, Cycles
+from .assembler import CycleAssembler
+from .cycles import ClosedCycle, Cycles
 from .layout import Layout
 from .streams import Streams
 

@@ -1,4 +1,4 @@
-"""What other programs import: the messages of a daemon, as they come.
+"""The client for other programs: iterate over the messages of a daemon.
 
     with insole_daemon.connect() as insole:
         for wrench in insole.wrenches("left"):
@@ -8,8 +8,8 @@
         async for wrench in insole.wrenches("left"):
             print(wrench.f_z_n, wrench.cop_x_m)
 
-The session reconnects by itself when the daemon restarts. A message's `lost` says how many cycles of its stream did
-not reach this program before it: dropped on the way, or pushed out of the queue because they were not taken in time.
+The session reconnects by itself when the daemon restarts. A message's `lost` is the number of cycles of its stream that
+did not reach this program before it: dropped by the network, or by a full queue because they were not taken in time.
 """
 
 from __future__ import annotations
@@ -44,13 +44,13 @@ _log = logging.getLogger(__name__)
 
 
 class Gaps:
-    """Counts what is missing between the sequence numbers of every stream."""
+    """Counts the missing sequence numbers of every stream."""
 
     def __init__(self) -> None:
-        self._next: dict[str, tuple[int, int]] = {}  # by key: the daemon's start, the number expected
+        self._next: dict[str, tuple[int, int]] = {}  # by key: start of the daemon, next expected number
 
     def mark(self, stream: str, message: M) -> M:
-        """The message with `lost` filled in; the first one of a daemon that restarted has lost nothing."""
+        """Return the message with `lost` filled in; it is 0 for the first message of a restarted daemon."""
         if not isinstance(message, (Raw, Pressure, Wrench, Models)):
             return message
         started_ns, expected = self._next.get(stream, (0, 0))
@@ -61,7 +61,7 @@ class Gaps:
 
 
 def _kind(key_expression: str) -> str:
-    """The last chunk, which says what a message is."""
+    """Return the last chunk of a key, which names the kind of message."""
     return key_expression.rpartition("/")[2]
 
 
@@ -73,7 +73,7 @@ def _unknown(key_expression: str) -> WireError:
 
 
 def decode_sample(sample: zenoh.Sample) -> Message:
-    """The message in a sample, by the last chunk of its key; raises WireError where it is none of ours."""
+    """Decode a sample by the last chunk of its key; raises WireError if it is not a message of this package."""
     cls = BY_KEY.get(_kind(str(sample.key_expr)))
     if cls is None:
         raise _unknown(str(sample.key_expr))
@@ -101,11 +101,11 @@ class Subscription(Generic[M]):
         if self._tell is not None:
             try:
                 self._tell()
-            except RuntimeError:  # the event loop has ended, and with it whoever waited
+            except RuntimeError:  # the event loop has ended, and with it the task that waited
                 self._tell = None
 
     def _decode(self, sample: zenoh.Sample) -> M | None:
-        """What the sample says; None passes over it."""
+        """Return the message in a sample; None skips it."""
         return self._gaps.mark(str(sample.key_expr), decode_sample(sample))  # type: ignore[return-value]
 
     def __iter__(self) -> Self:
@@ -141,7 +141,7 @@ class Subscription(Generic[M]):
                 return message
 
     def close(self) -> None:
-        """End the iteration once what has arrived is taken."""
+        """End the iteration after the messages that have arrived."""
         with self._arrived:
             if self._closed:
                 return
@@ -151,14 +151,14 @@ class Subscription(Generic[M]):
 
 
 class Messages(Subscription[Message]):
-    """Messages of every kind, from whoever publishes under the key expression.
+    """Messages of every kind under a key expression, whoever publishes them.
 
-    What others put there must not end it: a kind that this version does not know is ignored, as protocol/README.md
-    promises to newer daemons; a payload that is not what its key says is refused, told once a key, and passed over.
+    Unknown content does not end the iteration. A kind that this version does not know is ignored, as protocol/README.md
+    promises to newer daemons. A payload that does not match its key is skipped and logged once per key.
     """
 
     def __init__(self, session: zenoh.Session, key_expression: str) -> None:
-        self.refused = 0  # payloads that were passed over
+        self.refused = 0  # payloads that were skipped
         self._told: set[str] = set()
         super().__init__(session, key_expression)
 
@@ -177,7 +177,7 @@ class Messages(Subscription[Message]):
 
 
 class Payloads(Subscription[Any]):
-    """What other programs publish on a key, as bytes."""
+    """Payloads of other programs under a key expression, as bytes."""
 
     def _decode(self, sample: zenoh.Sample) -> bytes:
         payload: bytes = sample.payload.to_bytes()
@@ -197,33 +197,33 @@ class Client:
         self._subscriptions: list[Subscription[Any]] = []
 
     def raws(self, foot: str = "*") -> Subscription[Raw]:
-        """The counts of every cycle of `foot` ("left", "right", "*" for both)."""
+        """Subscribe to the counts of every cycle of `foot` ("left", "right", "*" for both)."""
         return self._subscribe(key(self.rig, foot, "raw"))
 
     def pressures(self, foot: str = "*") -> Subscription[Pressure]:
-        """The pressure map of every cycle."""
+        """Subscribe to the pressure map of every cycle."""
         return self._subscribe(key(self.rig, foot, "pressure"))
 
     def wrenches(self, foot: str = "*") -> Subscription[Wrench]:
-        """f_z, m_x, m_y and CoP of every cycle."""
+        """Subscribe to f_z, m_x, m_y and CoP of every cycle."""
         return self._subscribe(key(self.rig, foot, "wrench"))
 
     def models(self, foot: str = "*") -> Subscription[Models]:
-        """Pressure and wrench of every cycle by both models, of feet whose calibration has effects."""
+        """Subscribe to the estimates of both models in every cycle, of feet whose calibration has effects."""
         return self._subscribe(key(self.rig, foot, "models"))
 
     def healths(self, foot: str = "*", rig: str | None = None) -> Subscription[Health]:
-        """What runs and what is wrong, once a second; of `rig` where several have the foot: only the key tells."""
+        """Subscribe to the state and faults of the daemon, once a second; name the `rig` if several have the foot."""
         return self._subscribe(key(rig or self.rig, foot, "health"))
 
     def events(self, foot: str = "*") -> Subscription[Event]:
-        """What happens, when it happens."""
+        """Subscribe to events as they happen."""
         return self._subscribe(key(self.rig, foot, "event"))
 
     def messages(self, key_expression: str = f"{ROOT}/**") -> Messages:
-        """Everything under a key expression, each message of its own type; what is none of ours is passed over.
+        """Subscribe to all messages under a key expression, each of its own type; other content is skipped.
 
-        Raises WireError for a kind that is named and not known: nothing would ever come.
+        Raises WireError if the key expression names an unknown kind, of which no message would ever come.
         """
         kind = _kind(key_expression)
         if "*" not in kind and kind not in BY_KEY:
@@ -231,21 +231,21 @@ class Client:
         return self._keep(Messages(self._session, key_expression))
 
     def payloads(self, key_expression: str) -> Payloads:
-        """Everything under a key expression that is not ours, such as that of a reference instrument."""
+        """Subscribe to the payloads of other programs, such as a reference instrument."""
         return self._keep(Payloads(self._session, key_expression))
 
     def meta(self, foot: str, rig: str | None = None) -> Meta:
-        """Layout, boards and settings of `foot`, of `rig` where several have it; WireError where no daemon has it."""
+        """Return layout, boards and settings of `foot` (of `rig` if several have it); WireError if no daemon has it."""
         return self._get(key(rig or self.rig, foot, "meta"))  # type: ignore[return-value]
 
     def calibration(self, foot: str) -> CalibrationInUse:
-        """The static curve that `foot` is read with; raises WireError where no daemon has it."""
+        """Return the static curve in use for `foot`; raises WireError if no daemon has it."""
         return self._get(key(self.rig, foot, "calibration"))  # type: ignore[return-value]
 
     def request(self, foot: str, verb: str, **arguments: Any) -> dict[str, Any]:
-        """Ask the daemon of `foot` to do something, such as `request("left", "boards", do="list")`; its reply.
+        """Send the daemon of `foot` a request, such as `request("left", "boards", do="list")`; return its reply.
 
-        Raises WireError where no daemon has that foot, several have it, or it did not do it.
+        Raises WireError if no daemon has that foot, several have it, or the request failed.
         """
         rig = self.rig_of(foot)
         own_key = key(rig or self.rig, foot, verb)
@@ -255,18 +255,18 @@ class Client:
             )
             for reply in replies:
                 if reply.ok is not None:
-                    said = unpack(reply.ok.payload.to_bytes(), REPLY_SCHEMA)
-                    if "error" in said:
-                        raise WireError(str(said["error"]))
-                    return said
+                    content = unpack(reply.ok.payload.to_bytes(), REPLY_SCHEMA)
+                    if "error" in content:
+                        raise WireError(str(content["error"]))
+                    return content
         raise WireError(
             f"nobody answered for {own_key}: is that foot in the daemon's config, the daemon of the same version, and "
             "may this client ask it (access_control of the daemon's Zenoh)? 'insole status' lists what runs"
         )
 
     def rig_of(self, foot: str) -> str | None:
-        """The rig that has `foot`, None where none has; raises WireError where several do."""
-        rigs = [rig for rig, found in self.feet() if found == foot]
+        """Return the rig that has `foot`, None if none has; raises WireError if several have."""
+        rigs = [rig for rig, published_foot in self.feet() if published_foot == foot]
         if len(rigs) > 1:
             raise WireError(
                 f"{' and '.join(rigs)} have a {foot} foot: say which is meant with --rig, as --rig {rigs[0]} "
@@ -275,13 +275,13 @@ class Client:
         return rigs[0] if rigs else None
 
     def feet(self) -> list[tuple[str, str]]:
-        """(rig, foot) of every foot that a daemon publishes now."""
+        """Return (rig, foot) of every foot that a daemon publishes now."""
         replies = self._session.liveliness().get(key(self.rig, "*", "alive"), timeout=_ANSWER_S)
         chunks = [str(reply.ok.key_expr).split("/") for reply in replies if reply.ok is not None]
         return sorted((rig, foot) for _, rig, foot, _ in chunks)
 
     def open(self) -> Self:
-        """Connect; raises WireError where nobody answers on the endpoint."""
+        """Connect; raises WireError if nobody answers on the endpoint."""
         self._opened = open_session("client", connect=[self.endpoint], config_file=self._config_file, rules=False)
         return self
 
@@ -317,7 +317,7 @@ class Client:
         return self._keep(Subscription(self._session, key_expression))
 
     def _keep(self, subscription: S) -> S:
-        """It ends with the connection."""
+        """Register a subscription, so that it ends with the connection."""
         self._subscriptions.append(subscription)
         return subscription
 

@@ -1,7 +1,8 @@
-"""Who else can reach a session: what leaves this host unencrypted, or lets everybody in.
+"""Find endpoints of a session that are unencrypted or open to everybody.
 
-Zenoh without TLS has neither secrecy nor identity: whoever reaches the port reads everything, can publish in the
-daemon's name and can have the boards configured. A closed network may want exactly that, so it is said, not refused.
+Zenoh without TLS has neither secrecy nor identity: whoever reaches the port can read everything, publish in the
+daemon's name and have the boards configured. On a closed network that may be intended, so it is a warning, not an
+error.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ REMEDY = "docs/beyond-loopback.md has a worked example with certificates"
 
 
 def split(endpoint: str) -> tuple[str, str, str]:
-    """Protocol, host and port of an endpoint; the port is empty where the protocol has none."""
+    """Return protocol, host and port of an endpoint; the port is empty if the protocol has none."""
     protocol, _, rest = endpoint.partition("/")
     address = rest.partition("?")[0].partition("#")[0]
     if protocol in _LOCAL:
@@ -28,7 +29,7 @@ def split(endpoint: str) -> tuple[str, str, str]:
 
 
 def is_loopback(endpoint: str) -> bool:
-    """Whether only processes of this host are at the other end."""
+    """Return whether only processes of this host can be at the other end."""
     protocol, host, _ = split(endpoint)
     if protocol in _LOCAL or host == "localhost":
         return True
@@ -39,18 +40,18 @@ def is_loopback(endpoint: str) -> bool:
 
 
 def exposures(zenoh: Zenoh) -> list[str]:
-    """What a person should know who runs a daemon with this configuration; raises WireError for a refused file."""
-    found = []
+    """Return a warning for each exposure of a daemon with this configuration; raises WireError for a refused file."""
+    warnings = []
     listens = () if zenoh.mode == "client" else zenoh.listen  # a client listens nowhere
     for endpoint in listens:
         if not is_loopback(endpoint) and split(endpoint)[0] not in ENCRYPTED:
-            found.append(
+            warnings.append(
                 f"zenoh.listen: {endpoint} is open to the network without encryption: whoever reaches it can read "
                 "everything, publish false values and command the boards"
             )
     for endpoint in zenoh.connect:
         if not is_loopback(endpoint) and split(endpoint)[0] not in ENCRYPTED:
-            found.append(
+            warnings.append(
                 f"zenoh.connect: everything is sent to {endpoint} without encryption, and whoever is connected there "
                 "can read it, publish false values and command the boards"
             )
@@ -60,13 +61,13 @@ def exposures(zenoh: Zenoh) -> list[str]:
         tls = json.loads(config.get_json("transport/link/tls")) if config is not None else {}
         rules = json.loads(config.get_json("access_control")) if config is not None else {}
         if not tls.get("enable_mtls"):
-            found.append(
+            warnings.append(
                 f"zenoh.listen: {', '.join(open_tls)} asks nobody for a certificate: set enable_mtls: true under "
                 "transport.link.tls in the file that zenoh.config_file names"
             )
         elif not rules.get("enabled"):
-            found.append(
+            warnings.append(
                 f"zenoh.listen: {', '.join(open_tls)}: whoever has a certificate may do everything, also command the "
                 "boards: set access_control in the file that zenoh.config_file names"
             )
-    return found
+    return warnings

@@ -6,5 +6,5 @@ ROOT = "insole"
 
 
 def key(rig: str, foot: str, what: str) -> str:
-    """The key of one message; `*` for rig, foot or what makes it a key expression."""
+    """Return the key of one message; `*` for rig, foot or what makes it a key expression."""
     return f"{ROOT}/{rig}/{foot}/{what}"

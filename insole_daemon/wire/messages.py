@@ -48,12 +48,12 @@ class Message:
     foot: Foot
 
     def encode(self) -> bytes:
-        """The payload of this message."""
+        """Encode this message as a payload."""
         return self.encode_values(tuple([getattr(self, name) for name in wire_fields(type(self))]))
 
     @classmethod
     def encode_values(cls, values: tuple[Any, ...]) -> bytes:
-        """The payload of the message with these values of the fields that travel, in their order."""
+        """Encode the message with these values of the transmitted fields, in their order."""
         heads = _heads(cls)
         if kernel is not None and heads is not None:
             packed: bytes = kernel.pack(heads, values)
@@ -65,9 +65,9 @@ class Message:
 
     @classmethod
     def decode(cls, payload: bytes, encoding: str | None = None) -> Self:
-        """The message in `payload`; raises WireError where it is not what the schema says.
+        """Decode a message; raises WireError if `payload` does not match the schema.
 
-        `encoding` is Zenoh's; it tells another version of the message by its name.
+        `encoding` is Zenoh's; by it, another version of the message is recognised.
         """
         expected = f"application/msgpack;{cls.SCHEMA}"
         if encoding is not None and encoding != expected:
@@ -78,19 +78,19 @@ class Message:
         if len(payload) > MOST_BYTES:
             raise WireError(f"{cls.SCHEMA}: expected at most {MOST_BYTES} bytes, found {len(payload)}")
         try:
-            found = msgpack.unpackb(payload, raw=False, max_ext_len=0)
+            content = msgpack.unpackb(payload, raw=False, max_ext_len=0)
         except Exception as error:  # msgpack raises ValueError and half a dozen of its own
             raise WireError(f"{cls.SCHEMA}: expected a msgpack map, found {len(payload)} bytes: {error}") from error
-        if not isinstance(found, dict):
-            raise WireError(f"{cls.SCHEMA}: expected a msgpack map, found {type(found).__name__}")
+        if not isinstance(content, dict):
+            raise WireError(f"{cls.SCHEMA}: expected a msgpack map, found {type(content).__name__}")
         fields = wire_fields(cls)
-        if found.keys() != fields.keys():
+        if content.keys() != fields.keys():
             raise WireError(
                 f"{cls.SCHEMA}: expected the keys {sorted(fields)}, "
-                f"missing {sorted(fields.keys() - found.keys())}, "
-                f"unknown {quoted(sorted(map(str, found.keys() - fields.keys())))}"
+                f"missing {sorted(fields.keys() - content.keys())}, "
+                f"unknown {quoted(sorted(map(str, content.keys() - fields.keys())))}"
             )
-        return cls(**{name: _from_wire(cls, name, hint, found) for name, hint in fields.items()})
+        return cls(**{name: _from_wire(cls, name, hint, content) for name, hint in fields.items()})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -123,7 +123,7 @@ class Pressure(Message):
     foot: Foot
     seq: int
     started_ns: int
-    t_ns: int  # of the load: as in raw, less what the model says all of it comes late by
+    t_ns: int  # of the load: as in raw, less the delay of all triangles by the model
     t_published_ns: int
     n_triangles: int
     pressure_pa: PerTaxel  # NaN: thermal pad, or not in the calibration
@@ -131,8 +131,8 @@ class Pressure(Message):
     age_ms: PerTriangle
     missing: MarkPerTriangle
     repeated: bool
-    model: ModelName  # whose pressure it is
-    beyond: MarkPerTaxel  # 1: more than the effects of the dynamic model were identified to
+    model: ModelName  # that the pressure is of
+    beyond: MarkPerTaxel  # 1: beyond the range of the effects of the dynamic model
     lost: int = field(default=0, metadata={"local": True})
 
 
@@ -161,8 +161,8 @@ class Wrench(Message):
     age_ms: PerTriangle
     missing: MarkPerTriangle
     repeated: bool
-    model: ModelName  # whose pressure it sums up
-    beyond_fraction: float  # of the valid taxels: more than the effects of the dynamic model were identified to
+    model: ModelName  # whose pressure is summed
+    beyond_fraction: float  # share of the valid taxels beyond the range of the effects of the dynamic model
     lost: int = field(default=0, metadata={"local": True})
 
 
@@ -212,7 +212,7 @@ class Health(Message):
     quality: dict[str, Any]  # of the last 10 s: cycles expected, received, skipped, repeated, late, share, verdict
     latency_ms: dict[str, float | None]  # newest half → put, over the last second: p50, p99, max
     boards: list[dict[str, Any]]
-    faults: list[dict[str, Any]]  # that are there now: kind, board, triangle, taxel, since
+    faults: list[dict[str, Any]]  # present ones: kind, board, triangle, taxel, since
     bus: dict[str, Any]  # frames, overflows, error frames by kind, clock steps, state of every interface
     refused: dict[str, Any]  # frames that carried no half of a configured triangle, by reason
     asked: dict[str, int]  # requests and reloads, done and refused; commands to boards, sent and refused
@@ -228,7 +228,7 @@ class Event(Message):
     kind: str
     text: str
     boards: list[int]
-    triangle: int | None = None  # of the only board; None: what happens is not of one triangle
+    triangle: int | None = None  # of the only board; None: the event does not concern one triangle
     taxel: int | None = None
     figures: dict[str, float | None] = field(default_factory=dict)  # of a step; unit in the name, None: not known
 
@@ -248,15 +248,15 @@ class Meta(Message):
     xy_m: Annotated[NDArray[np.float32], Array("<f4", ("n_triangles", 12, 2))]
     taxel_area_m2: float
     area_meaning: str | None
-    layout: str  # the file, or what the built-in one is
+    layout: str  # the file, or a description of the built-in one
     layout_builtin: bool  # an approximation that knows nothing of this insole
-    calibration: str  # the file, or what the built-in one is
+    calibration: str  # the file, or a description of the built-in one
     calibration_builtin: bool  # a default that knows nothing of this insole
     zero_source: str  # the file, or why there is none
     zero: dict[str, Any] | None  # all of it, as in insole-zero/1: its baselines are in use
     model: ModelName  # the one in pressure and wrench
-    effects: list[dict[str, Any]]  # of the calibration: the effect, where it is, why it is not undone or null
-    late_ms: PerTriangle  # by how much older than its frames a load is that the dynamic model finds
+    effects: list[dict[str, Any]]  # of the calibration: the effect, its place, why it is not undone or null
+    late_ms: PerTriangle  # by how much the load of the dynamic model is older than its frames
     activation_threshold_count: float  # 0: off
     min_force_n: float
     min_pressure_pa: float
@@ -296,7 +296,7 @@ _FIELDS: dict[type[Message], dict[str, Any]] = {}
 
 
 def wire_fields(cls: type[Message]) -> dict[str, Any]:
-    """Name and annotation of the fields of a message that travel, in order."""
+    """Return name and annotation of the transmitted fields of a message, in order."""
     if cls not in _FIELDS:
         hints = get_type_hints(cls, include_extras=True)
         _FIELDS[cls] = {
@@ -311,7 +311,7 @@ _HEADS: dict[type[Message], tuple[bytes, ...] | None] = {}
 
 
 def _heads(cls: type[Message]) -> tuple[bytes, ...] | None:
-    """The bytes before each value, as the kernel packs them; None where a value is a map or a list."""
+    """Return the bytes before each value, for the compiled kernel; None if a value is a map or a list."""
     if cls not in _HEADS:
         fields = wire_fields(cls)
         heads = [msgpack.packb(name) for name in fields]
@@ -322,7 +322,7 @@ def _heads(cls: type[Message]) -> tuple[bytes, ...] | None:
 
 
 def _plain_hints(hints: Iterable[Any]) -> Iterator[Any]:
-    """The annotations, each option of a union on its own."""
+    """Yield the annotations, each option of a union separately."""
     for hint in hints:
         yield from get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
 
@@ -335,11 +335,11 @@ def _to_wire(value: Any) -> Any:
     return value
 
 
-def _from_wire(cls: type[Message], name: str, hint: Any, found: dict[str, Any]) -> Any:
-    value = found[name]
+def _from_wire(cls: type[Message], name: str, hint: Any, content: dict[str, Any]) -> Any:
+    value = content[name]
     if get_origin(hint) is Annotated:
         array = next(extra for extra in get_args(hint) if isinstance(extra, Array))
-        shape = [found.get(axis) if isinstance(axis, str) else axis for axis in array.shape]
+        shape = [content.get(axis) if isinstance(axis, str) else axis for axis in array.shape]
         if not isinstance(value, bytes) or not all(isinstance(n, int) and 1 <= n <= MOST_TRIANGLES for n in shape):
             raise WireError(
                 f"{cls.SCHEMA}: {name}: expected bytes of {array.dtype} {array.shape}, found {quoted(value)}, {shape}"
@@ -357,7 +357,7 @@ def _from_wire(cls: type[Message], name: str, hint: Any, found: dict[str, Any]) 
 
 
 def _is_of(value: Any, hint: Any) -> bool:
-    """Whether a decoded value is of the annotated type, and plain; of maps and lists only that is looked at."""
+    """Return whether a decoded value has the annotated type and is plain; fields of maps and lists are not checked."""
     origin = get_origin(hint)
     if origin is Literal:
         return value in get_args(hint)

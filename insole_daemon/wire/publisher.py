@@ -1,4 +1,4 @@
-"""The daemon's side of Zenoh: one foot's keys."""
+"""The daemon's side of Zenoh: publish one foot."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ def _encoding(message: type[Message]) -> zenoh.Encoding:
 
 
 class FootPublisher:
-    """Publishes one foot's messages, answers for `meta` and `calibration`, and holds the liveliness token.
+    """Publishes one foot's messages, answers queries for `meta` and `calibration`, and holds the liveliness token.
 
-    Whoever sees the token may ask at once, so `announce` comes last, when there is an answer to everything.
-    Cycle messages are dropped for a subscriber that does not read; nothing waits for it.
+    A client that sees the token may query at once, so call `announce` last, when all answers are available. Cycle
+    messages to a subscriber that does not read are dropped; the publisher never waits for it.
     """
 
     def __init__(self, session: zenoh.Session, rig: str, foot: str) -> None:
@@ -54,8 +54,8 @@ class FootPublisher:
     def put(self, payloads: Sequence[tuple[type[Message], bytes]]) -> None:
         """Put the payloads of messages on their keys.
 
-        All have been encoded before the first is put: what is put at once leaves in one packet, and Zenoh's thread,
-        which sends it, wakes once.
+        All are encoded before the first is put. Messages that are put in close succession leave in one packet, and
+        Zenoh's sending thread wakes once.
         """
         for message, payload in payloads:
             self._publishers[message].put(payload)
@@ -63,7 +63,7 @@ class FootPublisher:
     def publish_latched(self, what: str, message: Meta | CalibrationInUse) -> None:
         """Publish a message and keep it for late joiners: cached for advanced subscribers, returned to `get`.
 
-        The next call replaces it; a request in between gets one of the two.
+        The next call replaces it; a query during that call gets the old or the new one.
         """
         kind, payload = type(message), message.encode()
         self._payloads[kind] = payload
@@ -85,11 +85,11 @@ class FootPublisher:
         self._latched[kind][0].put(payload)
 
     def announce(self) -> None:
-        """Declare the liveliness token: the foot is there, and answers."""
+        """Declare the liveliness token of the foot."""
         self._token = self._session.liveliness().declare_token(key(self._rig, self.foot, "alive"))
 
     def close(self) -> None:
-        """Take everything back; the liveliness token first, so that nobody waits for a daemon that ends."""
+        """Undeclare everything; the liveliness token first, so that no client waits for a daemon that ends."""
         if self._token is not None:
             self._token.undeclare()
         for entities in self._latched.values():

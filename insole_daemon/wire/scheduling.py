@@ -1,4 +1,4 @@
-"""How the kernel schedules the threads beside the loop."""
+"""Scheduling policy of the threads beside the main loop."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from collections.abc import Iterator
 
 @contextlib.contextmanager
 def batch_threads() -> Iterator[None]:
-    """Within it, threads start with the policy SCHED_BATCH: they do not preempt the calling thread.
+    """Start threads within this context with the policy SCHED_BATCH, so that they do not preempt the calling thread.
 
-    Each `put` wakes Zenoh's sending thread twice. On the loop's CPU it ran at once, six times a cycle, in the midst of
-    the publishing; now it runs when the loop sleeps, or on another CPU, and sends all messages in one packet. A
-    real-time policy stays as it is: threads of one priority do not preempt each other. Where a sandbox refuses the
-    call, everything works with the ordinary policy.
+    Each `put` wakes Zenoh's sending thread twice. With the ordinary policy it preempts the loop six times a cycle while
+    that is publishing. With SCHED_BATCH it runs when the loop sleeps, or on another CPU, and sends all messages in one
+    packet. A real-time policy is kept, because threads of one priority do not preempt each other. If a sandbox refuses
+    the call, the ordinary policy is used.
     """
     ordinary = os.sched_getscheduler(0) == os.SCHED_OTHER
     if ordinary:

@@ -1,4 +1,4 @@
-"""A Zenoh session that needs neither multicast nor a router."""
+"""Open Zenoh sessions that need neither multicast nor a router."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ _OURS = {"mode": "mode", "listen/endpoints": "listen", "connect/endpoints": "con
 _FIXED = {
     "scouting/multicast/enabled": False,
     "scouting/delay": 0,
-    "transport/shared_memory/enabled": False,  # opening would fail where /dev/shm is not ours to write
+    "transport/shared_memory/enabled": False,  # opening would fail without write access to /dev/shm
     "timestamping/enabled": True,  # the publisher's cache for late joiners needs it
-    # A subscriber that stops reading may cost its own messages, never our time: nothing waits for room. The most
-    # room there can be then lets a slow one catch up; with the default of 2, cycles were lost to an idle one.
+    # A subscriber that stops reading loses its own messages, and the publisher never waits for room. The largest
+    # queue lets a slow subscriber catch up; with the default of 2, an idle one lost cycles.
     "transport/link/tx/queue/congestion_control/drop/wait_before_drop": 0,
     "transport/link/tx/queue/size/real_time": 16,
-    # After a cable was out TCP waits longer and longer before it tries again. So a side that has heard nothing for two
-    # seconds counts as gone, and is connected to anew, again and again, without pauses that grow; an attempt that the
-    # network swallowed is given up after TCP's second try, for the third would come two seconds later.
+    # After a cut cable TCP waits longer and longer before it retries. A side that was silent for two seconds is
+    # therefore taken as lost and connected to again at constant intervals. An attempt is given up after TCP's second
+    # try, because the third would follow two seconds later.
     "transport/link/tx/lease": 2000,
     "transport/unicast/open_timeout": 1500,
-    "transport/link/rx/max_message_size": 2 * MOST_BYTES,  # instead of 1 GB: what is larger is dropped as it comes
+    "transport/link/rx/max_message_size": 2 * MOST_BYTES,  # instead of 1 GB: larger messages are dropped on arrival
     "connect/retry": {"period_init_ms": 200, "period_max_ms": 400, "period_increase_factor": 2},
 }
 _TLS_FILES = (
@@ -45,9 +45,9 @@ _TLS_FILES = (
 
 
 def full_endpoint(text: str) -> str:
-    """Return `text` as an endpoint of Zenoh, with tcp/ and the default port where it has none.
+    """Return `text` as an endpoint of Zenoh, with tcp/ and the default port added if it has none.
 
-    Raises WireError where it is no endpoint: neither protocol/address nor host:port nor host.
+    Raises WireError if it is neither protocol/address nor host:port nor host.
     """
     if re.fullmatch(r"[a-z][a-z0-9_-]*/\S+", text):
         return text
@@ -67,12 +67,12 @@ def open_session(
     rules: bool = True,
     if_taken: str = ", or give this one another endpoint under zenoh.listen in its config",
 ) -> zenoh.Session:
-    """Open a session; raises WireError where an endpoint is taken or nobody answers.
+    """Open a session; raises WireError if an endpoint is in use or nobody answers.
 
-    `config_file` is a configuration of Zenoh's own (JSON5) for all that is not said here: certificates, access rules.
-    Without `rules` the file's access rules are left out: a daemon's are written from where it stands.
-    `if_taken`: what else can be done about an endpoint that is taken than to stop who has it.
-    The session must be closed by whoever opens it: one left open keeps the process from ending.
+    `config_file`: Zenoh's own configuration (JSON5) for everything else, such as certificates and access rules. Without
+    `rules`, the access rules of the file are left out, because they are written for the daemon. `if_taken`: a remedy
+    for an endpoint in use, besides stopping the program that uses it. The caller must close the session; an open
+    session keeps the process from ending.
     """
     config = zenoh.Config() if config_file is None else load_config(config_file)
     ours = {"mode": mode, "listen/endpoints": list(listen), "connect/endpoints": list(connect)}
@@ -87,15 +87,15 @@ def open_session(
 
 
 def open_daemon_session(settings: Zenoh) -> zenoh.Session:
-    """Open the session of a daemon, as `open_session` does; its threads do not preempt the loop that publishes."""
+    """Open the session of a daemon, as `open_session` does; its threads do not preempt the main loop."""
     with batch_threads():
         return open_session(settings.mode, settings.listen, settings.connect, settings.config_file)
 
 
 def load_config(path: Path) -> zenoh.Config:
-    """The Zenoh configuration in file `path`, file names in it relative to its folder; WireError where it is refused.
+    """Read the Zenoh configuration `path`; file names in it are relative to its folder. WireError if it is refused.
 
-    What config.yaml says or the daemon sets may not stand there as well: it would silently be without effect.
+    It may not contain what config.yaml or the daemon sets, which would silently have no effect.
     """
     try:
         config = zenoh.Config.from_json5(read_at_most(path, YAML_BYTES).decode())
@@ -122,20 +122,20 @@ def load_config(path: Path) -> zenoh.Config:
 
 
 def tls_files(path: Path, config: zenoh.Config) -> dict[str, Path]:
-    """The files that `config`, read from `path`, names for TLS, by the name of their key."""
+    """Return the TLS files that `config`, read from `path`, names, by key."""
     tls = json.loads(config.get_json("transport/link/tls"))
     return {name: path.absolute().parent / tls[name] for name in _TLS_FILES if tls[name] is not None}
 
 
 def _refused(path: Path, why: str) -> WireError:
-    """What is said of a Zenoh configuration that is not taken."""
+    """Return the error for a Zenoh configuration that is refused."""
     error = WireError(f"{path}: {why}")
-    error.exit_status = 4  # a file is refused: nothing that heals by itself
+    error.exit_status = 4  # a file is refused, which does not heal by itself
     return error
 
 
 def _words(error: Exception) -> str:
-    """What Zenoh says, without the line of its source where it says it."""
+    """Return the text of Zenoh's error without the line of its source."""
     return re.sub(r" at /\S+\.rs:\d+\.?$", "", str(error).strip())
 
 

@@ -1,7 +1,7 @@
-"""Prepared messages of a cycle: all that is the same in every cycle, and where the rest goes.
+"""Templates of cycle messages: the bytes that are the same in every cycle, and the places of the others.
 
-The compiled kernel fills a template in; what it makes equals `Message.encode` to the byte. A template is pieces of a
-length (2 bytes), so many bytes of the message, and one byte that says what value follows them.
+The compiled kernel fills a template in; the result equals `Message.encode` to the byte. A template is a sequence of
+pieces: a length (2 bytes), that many bytes of the message, and one byte with the code of the value that follows.
 """
 
 from __future__ import annotations

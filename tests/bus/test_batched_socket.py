@@ -20,6 +20,7 @@ from insole_daemon.bus.recovering import RecoveringSource
 from insole_daemon.bus.socketcan import SocketCanSource
 from insole_daemon.bus.source import BusCounters, collect
 from insole_daemon.config import Bus
+from tests.conftest import PATIENCE_S
 
 from ..implementations import numpy_and_compiled
 
@@ -183,7 +184,7 @@ def test_several_buses_are_one_in_the_order_of_time(pair, monkeypatch):
     several = RecoveringSource([Bus("stub", "can0"), Bus("stub", "can1")])
     for i in range(20):
         (sender.send if i % 2 else lambda data: sender.sendto(data, other.getsockname()))(frame(0x400 + i, bytes(8)))
-    deadline = time.monotonic() + 5
+    deadline = time.monotonic() + PATIENCE_S
     while several.receive() < 20 and time.monotonic() < deadline:
         several.wait(0.1)
     batch = several.drain()

@@ -12,6 +12,7 @@ from insole_daemon.bus.opening import open_bus, open_sink
 from insole_daemon.bus.sink import SocketCanSink, can_frames
 from insole_daemon.config import Bus
 from insole_daemon.errors import BusError
+from tests.conftest import PATIENCE_S
 
 
 def batch(n, **columns):
@@ -28,7 +29,7 @@ def batch(n, **columns):
 
 
 def received_of(source, n):
-    give_up = time.monotonic() + 5
+    give_up = time.monotonic() + PATIENCE_S
     while source.receive() < n and time.monotonic() < give_up:
         source.wait(0.1)
     return source.drain()

@@ -13,13 +13,13 @@ from pathlib import Path
 
 import pytest
 
+from tests.ports import free_port
+
 INSOLE = Path(sys.executable).with_name("insole")
 
 
-def insole(*arguments: object, timeout: float = 30) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [INSOLE, *map(str, arguments)], capture_output=True, text=True, timeout=timeout, stdin=subprocess.DEVNULL
-    )
+def insole(*arguments: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([INSOLE, *map(str, arguments)], capture_output=True, text=True, stdin=subprocess.DEVNULL)
 
 
 def test_help_names_every_verb_and_the_exit_status():
@@ -61,15 +61,17 @@ def test_help_loads_nothing_heavy():
 
 @pytest.fixture(scope="module")
 def demo():
-    """`insole demo` without a terminal, for as long as the tests that look at it."""
-    process = subprocess.Popen([INSOLE, "demo"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    """The endpoint of an `insole demo` without a terminal that runs as long as the tests that look at it."""
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    command = [INSOLE, "demo", "--listen", endpoint]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     first = process.stdout.readline()
     if not first:
         pytest.fail(f"insole demo: {process.stderr.read()}")
     time.sleep(2)
-    yield process
+    yield endpoint
     process.send_signal(signal.SIGINT)
-    rest, errors = process.communicate(timeout=10)
+    rest, errors = process.communicate()
     assert process.returncode == 0, errors
     assert re.search(r"left: \d+ cycles seen, \d+ lost", errors)
     assert "insole: next: " in errors
@@ -77,7 +79,7 @@ def demo():
 
 
 def test_status_in_one_screen(demo):
-    done = insole("status")
+    done = insole("status", "--connect", demo)
     assert done.returncode == 0, done.stderr
     # A busy host's boards are silent at times, which takes lines of its own.
     assert len([line for line in done.stdout.splitlines() if not re.match(r"  wrong |   ", line)]) < 24
@@ -89,15 +91,15 @@ def test_status_in_one_screen(demo):
 
 @pytest.mark.parametrize("verb", ["status", "boards", "model", "watch --count 8", "zero --no-wait --seconds 0.5"])
 def test_it_fits_a_terminal_of_80_columns(verb, demo):
-    command = f"stty columns 80; {INSOLE} {verb}"
-    done = subprocess.run(["script", "-qec", command, "/dev/null"], capture_output=True, text=True, timeout=30)
+    command = f"stty columns 80; {INSOLE} {verb} --connect {demo}"
+    done = subprocess.run(["script", "-qec", command, "/dev/null"], capture_output=True, text=True)
     assert done.returncode == (1 if "zero" in verb else 0), done.stdout  # of a foot that walks no zero is taken
     lines = re.sub(r"\x1b\[[\d;?]*[a-zA-Z]", "", done.stdout).splitlines()
     assert max(map(len, lines)) <= 80, done.stdout
 
 
 def test_watch_prints_json_lines_that_parse(demo):
-    done = insole("watch", "insole/demo/right/pressure", "--json", "--count", 3)
+    done = insole("watch", "insole/demo/right/pressure", "--json", "--count", 3, "--connect", demo)
     lines = [json.loads(line) for line in done.stdout.splitlines()]
     assert [line["schema"] for line in lines] == ["insole.pressure/2"] * 3
     assert len(lines[0]["pressure_pa"]) == 28
@@ -116,19 +118,19 @@ def test_watch_prints_json_lines_that_parse(demo):
     ],
 )
 def test_a_command_ends_by_naming_the_next_one(arguments, command, demo):
-    done = insole(*arguments)
+    done = insole(*arguments, "--connect", demo)
     assert re.match(f"insole: next: {command}", done.stderr.splitlines()[-1]), done.stderr
 
 
 def test_watch_prints_text_and_survives_a_reader_that_goes(demo):
-    command = f"{INSOLE} watch 'insole/demo/left/wrench' | head -n 2"
-    done = subprocess.run(["sh", "-c", command], capture_output=True, text=True, timeout=30)
+    command = f"{INSOLE} watch 'insole/demo/left/wrench' --connect {demo} | head -n 2"
+    done = subprocess.run(["sh", "-c", command], capture_output=True, text=True)
     assert [line.split()[0] for line in done.stdout.splitlines()] == ["insole.wrench/2"] * 2
     assert "Traceback" not in done.stderr
 
 
 def test_a_second_daemon_on_the_same_endpoint_gets_a_message(demo):
-    done = insole("demo", "--seconds", 2)
+    done = insole("demo", "--seconds", 2, "--listen", demo)
     assert done.returncode == 3
     assert "already in use" in done.stderr
     assert "Stop it" in done.stderr

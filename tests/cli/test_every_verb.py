@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 import shutil
 import signal
 import socket
 import subprocess
 import sys
-import time
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -16,7 +16,10 @@ import pytest
 import typer
 
 from insole_daemon import cli
+from insole_daemon.bus.opening import open_bus
+from insole_daemon.config import Bus
 
+from ..ports import free_port
 from . import test_failures as failures
 from .test_failures import INSOLE, NO_NETWORK, given, insole, not_ignoring_interrupts  # noqa: F401
 
@@ -41,13 +44,12 @@ ENDED = {  # what goes on until Ctrl-C, what it says when it does, and with whic
     "record": (("record", "new", "--config", "left.yaml", "--foot", "left"), "Ctrl-C ends", 0),
     "bring-up": (("bring-up", "--config", "left.yaml", "--foot", "left", "--out", "new"), "listening", 1),  # in vain
     "map": (("map", "--out", "new", "--config", "left.yaml", "--foot", "left"), "reading", 3),  # nothing is written
-    "simulate": (("simulate", "--bus", "udp_multicast:239.74.163.9"), "on udp_multicast", 0),
-    "replay": (("replay", "walk/can.log", "--bus", "udp_multicast:239.74.163.9", "--speed", "0.1"), None, 0),
-    "watch": (("watch", "--connect", "{endpoint}"), None, 0),
+    "simulate": (("simulate", "--bus", "udp_multicast:{group}"), "on udp_multicast", 0),
+    "replay": (("replay", "walk/can.log", "--bus", "udp_multicast:{group}", "--speed", "0.1"), None, 0),  # sends
+    "watch": (("watch", "--connect", "{endpoint}"), "insole.health", 0),
     "view": (("view", "--connect", "{endpoint}", "--port", "{port}"), "the page is on", 0),
     "zero": (("zero", "--connect", "{endpoint}", "--seconds", "50", "--no-wait"), "taking", 130),
 }
-BEGUN_S = 1.5  # of those that say nothing
 WRONG_FOOT = {
     "zero": ("zero", "--no-wait", "--foot", "right"),
     "boards": ("boards", "--foot", "right"),
@@ -168,7 +170,7 @@ def test_ctrl_c_ends_a_computation_with_one_word_and_leaves_nothing(verb, interr
 def daemon(given, tmp_path_factory):  # noqa: F811
     """A daemon of the left foot alone, whose boards are silent: its configuration and its endpoint."""
     folder = tmp_path_factory.mktemp("daemon")
-    endpoint = f"tcp/127.0.0.1:{failures.unused_port()}"
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
     config = folder / "config.yaml"
     config.write_text((given / "left.yaml").read_text() + f"zenoh: {{listen: [{endpoint}]}}\n")
     process = subprocess.Popen(
@@ -179,7 +181,7 @@ def daemon(given, tmp_path_factory):  # noqa: F811
     assert "reading virtual:fails" in said, said + process.stderr.read()
     yield config, endpoint
     process.terminate()
-    assert process.wait(10) == 0
+    assert process.wait() == 0
     process.stderr.close()
 
 
@@ -197,20 +199,23 @@ def test_ctrl_c_ends_what_goes_on_without_a_traceback(verb, daemon, given, tmp_p
     arguments, begun, expected = ENDED[verb]
     config, endpoint = daemon
     own = tmp_path / "own.yaml"
-    own.write_text(config.read_text().replace(endpoint, f"tcp/127.0.0.1:{failures.unused_port()}"))
-    words = [word.format(endpoint=endpoint, port=failures.unused_port(), daemon=own) for word in arguments]
-    with subprocess.Popen(
+    own.write_text(config.read_text().replace(endpoint, f"tcp/127.0.0.1:{free_port()}"))
+    port = free_port()
+    group = f"239.74.{port >> 8}.{port & 255}"
+    words = [word.format(endpoint=endpoint, port=port, group=group, daemon=own) for word in arguments]
+    with contextlib.closing(open_bus(Bus("udp_multicast", group))) as bus, subprocess.Popen(
         [INSOLE, *words], cwd=given, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL,
         text=True, preexec_fn=not_ignoring_interrupts,
     ) as process:  # fmt: skip
         said = ""
         try:
-            if begun is None:
-                time.sleep(BEGUN_S)
+            while begun is None and not bus.receive():
+                assert process.poll() is None, process.stdout.read()
+                bus.wait(0.1)
             while begun is not None and begun not in said:
                 said += process.stdout.readline() or pytest.fail(f"{verb} ended: {said}")
             process.send_signal(signal.SIGINT)
-            said += process.communicate(timeout=20)[0]
+            said += process.communicate()[0]
         finally:
             process.kill()
             for made in given.glob("new*"):

@@ -21,6 +21,7 @@ from insole_daemon.config import Config
 from insole_daemon.service.foot_setup import load_layout
 from insole_daemon.simulation.trial import Trial
 from insole_daemon.skin import layout as layouts
+from tests.conftest import PATIENCE_S
 
 INSOLE = Path(sys.executable).with_name("insole")
 USAGE, REFUSED, NO_NETWORK, DEFECT = 2, 4, 3, 70
@@ -292,12 +293,12 @@ def test_a_full_disk_under_stdout_is_reported(given):
 
 @pytest.mark.parametrize("verb", ["status", "watch", "boards", "zero", "model", "view", "record"])
 @pytest.mark.parametrize("prefix", ["tcp/", ""])
-def test_an_endpoint_may_leave_out_tcp(verb, prefix, monkeypatch, capsys, tmp_path, free_tcp_port):
+def test_an_endpoint_may_leave_out_tcp(verb, prefix, monkeypatch, capsys, tmp_path, endpoint):
     out = [tmp_path / "new", "--remote"] if verb == "record" else []
-    endpoint = f"{prefix}127.0.0.1:{free_tcp_port}"
-    status, said = insole(monkeypatch, capsys, verb, *out, "--connect", endpoint)
+    address = endpoint.removeprefix("tcp/")
+    status, said = insole(monkeypatch, capsys, verb, *out, "--connect", prefix + address)
     assert status == NO_NETWORK
-    assert f"nobody answers on tcp/127.0.0.1:{free_tcp_port}" in said
+    assert f"nobody answers on {endpoint}" in said
 
 
 @pytest.mark.parametrize("endpoint", ["a b", "tcp/", "://", "host:port:7"])
@@ -307,26 +308,14 @@ def test_an_endpoint_that_is_none_is_wrong_usage(endpoint, monkeypatch, capsys):
     assert "expected an endpoint such as tcp/127.0.0.1:7447" in said
 
 
-def unused_port() -> int:
-    with socket.socket() as listening:
-        listening.bind(("127.0.0.1", 0))
-        return int(listening.getsockname()[1])
-
-
-@pytest.fixture
-def free_tcp_port() -> int:
-    return unused_port()
-
-
 @pytest.fixture
 def taken_port():
     with socket.create_server(("127.0.0.1", 0)) as listening:
         yield listening.getsockname()[1]
 
 
-def test_a_taken_port_of_the_page_names_an_option_that_exists(taken_port, free_tcp_port, monkeypatch, capsys):
-    listen = f"127.0.0.1:{free_tcp_port}"
-    status, said = insole(monkeypatch, capsys, "demo", "--view", "--port", taken_port, "--listen", listen)
+def test_a_taken_port_of_the_page_names_an_option_that_exists(taken_port, endpoint, monkeypatch, capsys):
+    status, said = insole(monkeypatch, capsys, "demo", "--view", "--port", taken_port, "--listen", endpoint)
     assert status == NO_NETWORK
     assert f"--port {taken_port + 1}" in said
 
@@ -346,7 +335,7 @@ def test_interrupted_is_one_word_and_status_130(given):
         with open(given / "endless.log", "wb", buffering=0) as log:  # once it reads
             process.send_signal(signal.SIGINT)
             # A signal just before a read is only seen after it, and a read may wait for several bytes: the log goes on.
-            until = time.monotonic() + 30
+            until = time.monotonic() + PATIENCE_S
             with contextlib.suppress(BrokenPipeError):
                 while process.poll() is None and time.monotonic() < until:
                     log.write(b"\n")

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import pytest
 
 from insole_daemon.cli.options import on_end
+from tests.conftest import PATIENCE_S
 
 
 @pytest.fixture(autouse=True)
@@ -24,11 +25,11 @@ def test_a_signal_while_the_main_thread_holds_the_lock_that_stop_takes_ends_it(n
     lock, stopped = threading.Lock(), threading.Event()
 
     def stop() -> None:
-        if lock.acquire(timeout=10):
+        if lock.acquire(timeout=PATIENCE_S):
             stopped.set()
 
     on_end(stop)
     with lock:
         signal.raise_signal(number)
         assert not stopped.wait(0.05)
-    assert stopped.wait(10)
+    assert stopped.wait(PATIENCE_S)

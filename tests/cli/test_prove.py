@@ -20,7 +20,6 @@ INSOLE = Path(sys.executable).with_name("insole")
 ROOT = Path(__file__).parents[2]
 
 
-@pytest.mark.timeout(300)
 def test_a_case_from_seal_to_table_on_dask_workers(tmp_path):
     out = tmp_path / "proof"
     command = [INSOLE, "prove", "--cases", "1", "--suite", "bench", "--seed", "5", "--jobs", "2", "--out", out]

@@ -19,9 +19,7 @@ INSOLE = [sys.executable, "-c", "from insole_daemon.cli import main; main()"]
 
 
 def insole(*arguments):
-    return subprocess.run(
-        [*INSOLE, *map(str, arguments)], capture_output=True, text=True, timeout=30, stdin=subprocess.DEVNULL
-    )
+    return subprocess.run([*INSOLE, *map(str, arguments)], capture_output=True, text=True, stdin=subprocess.DEVNULL)
 
 
 def test_every_scenario_can_be_asked_for():

@@ -28,9 +28,7 @@ CAN0 = {"state": "up", "since_ns": 1, "reopened": 0, "error": None}
 
 
 def insole(*arguments: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [INSOLE, *map(str, arguments)], capture_output=True, text=True, timeout=30, stdin=subprocess.DEVNULL
-    )
+    return subprocess.run([INSOLE, *map(str, arguments)], capture_output=True, text=True, stdin=subprocess.DEVNULL)
 
 
 def health(state: str = "streaming", uptime_s: float = 3.0, interface: dict[str, object] = CAN0, **bus: int) -> Health:

@@ -42,7 +42,6 @@ def test_watch_continues_after_an_unknown_message(endpoint, key):
                 [INSOLE, "watch", key, "--connect", endpoint, "--json", "--count", "6"],
                 capture_output=True,
                 text=True,
-                timeout=30,
             )
         finally:
             stop.set()
@@ -61,7 +60,7 @@ def test_watch_continues_after_an_unknown_message(endpoint, key):
 def test_an_unknown_kind_in_a_key_is_reported(endpoint):
     with open_session("peer", [endpoint]):
         done = subprocess.run(
-            [INSOLE, "watch", "insole/*/left/novel", "--connect", endpoint], capture_output=True, text=True, timeout=30
+            [INSOLE, "watch", "insole/*/left/novel", "--connect", endpoint], capture_output=True, text=True
         )
     assert done.returncode == 3
     assert "expected a key ending in one of raw, pressure, wrench" in done.stderr

@@ -17,7 +17,6 @@ RIGHT = "experiment_2September_allTaxels_dynamic_pink_good"  # most triangles sa
 
 pytestmark = [
     pytest.mark.long,
-    pytest.mark.timeout(400),
     pytest.mark.skipif(not FILES.is_dir(), reason=f"the whole published files are not in {FILES}"),
 ]
 

@@ -16,6 +16,8 @@ from typing import NoReturn
 
 import pytest
 
+from tests.conftest import PATIENCE_S
+
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "docs" / "examples"
 STAND_IN = Path(__file__).parent / "stand_in"
@@ -42,7 +44,7 @@ class Lines:
         for line in self.process.stdout:
             self._lines.put(line)
 
-    def take(self, n: int, timeout_s: float = 20) -> list[str]:
+    def take(self, n: int, timeout_s: float = PATIENCE_S) -> list[str]:
         return [self._lines.get(timeout=timeout_s) for _ in range(n)]
 
     def drain(self) -> list[str]:

@@ -15,6 +15,7 @@ from insole_daemon.config import Config
 from insole_daemon.service.foot import load_feet
 from insole_daemon.wire.publisher import FootPublisher
 from insole_daemon.wire.session import open_session
+from tests.conftest import PATIENCE_S
 
 
 @contextlib.contextmanager
@@ -43,7 +44,7 @@ def test_every_wearer_is_seen_and_told_from_the_others(router, endpoint):
                 publisher = opened.enter_context(FootPublisher(session, rig, foot.name))
                 publisher.publish_latched("meta", foot.meta())
                 publisher.announce()
-        until = time.monotonic() + 10
+        until = time.monotonic() + PATIENCE_S
         while len(insole.feet()) < 4 and time.monotonic() < until:
             time.sleep(0.1)
         assert insole.feet() == [(rig, foot) for rig in ("rig-01", "rig-02") for foot in ("left", "right")]

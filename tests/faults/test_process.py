@@ -13,6 +13,7 @@ import insole_daemon
 from insole_daemon.config import Config
 from insole_daemon.service.foot_setup import load_layout
 from insole_daemon.skin.geometry import PRESSURE_TAXELS
+from tests.conftest import PATIENCE_S
 
 
 def test_stopped_and_continued_it_publishes_or_counts_what_has_waited(daemon):
@@ -40,7 +41,7 @@ def test_killed_and_started_again_subscribers_go_on(daemon):
         wrenches = insole.wrenches("left")
         before = list(itertools.islice(wrenches, 30))[-1]
         daemon.process.kill()
-        assert daemon.process.wait(10) == -signal.SIGKILL
+        assert daemon.process.wait() == -signal.SIGKILL
         daemon.process.stdout.close()
         daemon.start()
         after = next(wrench for wrench in wrenches if wrench.started_ns != before.started_ns)
@@ -90,7 +91,7 @@ def test_a_calibration_replaced_while_it_is_read_is_taken_whole_or_not_at_all(da
             seen |= now
         file.write_text(texts[1])
         daemon.process.send_signal(signal.SIGHUP)
-        until = time.monotonic() + 20
+        until = time.monotonic() + PATIENCE_S
         while in_use() != {9000.0} and time.monotonic() < until:
             time.sleep(0.1)
         assert in_use() == {9000.0}, "the last one, once it is whole"

@@ -92,6 +92,7 @@ def test_every_frame_of_minutes_with_faults_at_random_is_used_or_refused_and_cou
     finally:
         session.close()
         bus.close()
+    assert bus.clock_ns() >= end_ns, "the source's clock is the injected one, whatever time the host took"
     assert [(what, found) for what, _, found in rows] == [(what, put) for what, put, _ in rows], day.happened
     there = {what: put for what, put, _ in rows}
     assert there["used"] > 150 * SECONDS

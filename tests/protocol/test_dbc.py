@@ -14,7 +14,7 @@ from pipeline import GOLDEN, NAMES, log_of
 
 from insole_daemon.bus.candump import read
 from insole_daemon.bus.frames import FrameBatch
-from insole_daemon.skin.cycles import CycleAssembler
+from insole_daemon.skin.assembler import CycleAssembler
 from insole_daemon.skin.identifiers import CLASS_LEGACY_SKIN, CLASS_SECOND_HALF, CLASS_SKIN, TAG_A, TAG_B, skin_id
 from insole_daemon.skin.layout import load
 from insole_daemon.skin.streams import Streams

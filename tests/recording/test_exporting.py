@@ -19,7 +19,7 @@ import insole_daemon
 from insole_daemon.errors import FileError, InsoleError
 from insole_daemon.recording.counts import CountsTable
 from insole_daemon.recording.export_mcap import export_mcap
-from insole_daemon.recording.export_tables import export_csv, export_matlab, export_npz, export_wrenches
+from insole_daemon.recording.export_tables import export_csv, export_cycle_table, export_matlab, export_npz
 from insole_daemon.recording.importing import import_recording
 from insole_daemon.recording.lab import need
 from insole_daemon.recording.writer import ReferenceContents, write
@@ -165,19 +165,22 @@ def test_exported_csv_imports_as_the_same_counts(trial, tmp_path):
 
 def test_one_csv_file_has_the_forces_of_each_cycle(trial, tmp_path):
     loaded = insole_daemon.load(trial)
-    export_wrenches(loaded, tmp_path / "forces.csv")
+    export_cycle_table(loaded, tmp_path / "forces.csv")
     foot = loaded["left"]
     table = np.genfromtxt(tmp_path / "forces.csv", delimiter=",", names=True, dtype=None, encoding="utf-8")
     assert set(table["foot"].tolist()) == {"left"}
     np.testing.assert_allclose(table["time_s"], foot.t_ns * 1e-9, atol=1e-6)
     for name in ("f_z_n", "cop_x_m", "valid_fraction"):
         np.testing.assert_allclose(table[name], getattr(foot.wrench, name), rtol=1e-8)
+    pressure_pa = np.where(foot.valid, foot.pressure_pa, np.nan).reshape(len(foot), -1)
+    np.testing.assert_allclose(table["peak_pa"], np.nanmax(pressure_pa, axis=1), rtol=1e-6)
+    np.testing.assert_allclose(table["mean_pa"], np.nanmean(pressure_pa, axis=1), rtol=1e-5)
 
 
 def test_forces_of_both_feet_are_in_order_of_time(trial, tmp_path):
     left = insole_daemon.load(trial)["left"]
     right = replace(left, foot="right", t_ns=left.t_ns + 7_000_000)
-    export_wrenches(SimpleNamespace(feet=(left, right)), tmp_path / "forces.csv")
+    export_cycle_table(SimpleNamespace(feet=(left, right)), tmp_path / "forces.csv")
     rows = [line.split(",") for line in (tmp_path / "forces.csv").read_text().splitlines()[1:]]
     assert [row[1] for row in rows[:4]] == ["left", "right", "left", "right"]
     assert [float(row[0]) for row in rows] == sorted(float(row[0]) for row in rows)
@@ -187,7 +190,7 @@ def test_exporting_forces_without_a_calibration_is_refused_with_a_remedy(trial, 
     loaded = insole_daemon.load(trial)
     without = SimpleNamespace(feet=(replace(loaded["left"], wrench=None),), folder=trial)
     with pytest.raises(FileError, match="no foot has a calibration.*--to csv"):
-        export_wrenches(without, tmp_path / "forces.csv")
+        export_cycle_table(without, tmp_path / "forces.csv")
     assert not (tmp_path / "forces.csv").exists()
 
 

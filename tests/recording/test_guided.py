@@ -25,7 +25,8 @@ from insole_daemon.simulation.foot import Walk
 from insole_daemon.simulation.scenarios.chamber import Chamber, programme
 from insole_daemon.skin import layout as layouts
 
-from ..conftest import RunningDaemon, free_port
+from ..conftest import RunningDaemon
+from ..ports import free_port
 
 RECORDER = Path(__file__).with_name("recorder_process.py")
 INSOLE = Path(sys.executable).with_name("insole")
@@ -120,7 +121,7 @@ def test_a_chamber_without_a_gauge_is_covered_by_its_counts(tmp_path):
             if all(value == 1.0 for items in coverages[-1].values() for value in items.values()):
                 break
         process.send_signal(signal.SIGTERM)
-        _, errors = process.communicate(timeout=20)
+        _, errors = process.communicate()
     limit.cancel()
     assert process.returncode == 0, errors
     assert set(coverages[-1]) == {"left", "right"}
@@ -142,7 +143,7 @@ def test_guided_recording_over_the_network_reports_missing_phases(daemon, tmp_pa
         ended = subprocess.run(
             [INSOLE, "record", out, "--remote", "--connect", daemon.endpoint, "--foot", "left", "--guided",
              "--seconds", "3"],
-            capture_output=True, text=True, timeout=30,
+            capture_output=True, text=True,
         )  # fmt: skip
     assert ended.returncode == 0, ended.stderr
     lines = [json.loads(line) for line in ended.stdout.splitlines()]

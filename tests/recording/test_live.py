@@ -36,7 +36,8 @@ from insole_daemon.service.foot_setup import load_layout
 from insole_daemon.skin import layout as layouts
 from insole_daemon.wire.session import open_session
 
-from ..conftest import RunningDaemon, free_port
+from ..conftest import PATIENCE_S, RunningDaemon
+from ..ports import free_port
 
 RECORDER = Path(__file__).with_name("recorder_process.py")
 INSOLE = Path(sys.executable).with_name("insole")
@@ -65,7 +66,7 @@ class Recorder:
 
     def end(self, number: int = signal.SIGTERM) -> int:
         self.process.send_signal(number)
-        self.process.communicate(timeout=20)
+        self.process.communicate()
         return self.process.returncode
 
 
@@ -189,7 +190,7 @@ def test_recording_over_the_network_writes_the_same_cycles(daemon, tmp_path):
 
             thread = threading.Thread(target=walk)
             thread.start()
-            errors = process.communicate(timeout=20)[1]
+            errors = process.communicate()[1]
             stop.set()
             thread.join()
         published = {raw.seq: raw for raw in (next(raws) for _ in range(200))}
@@ -243,7 +244,7 @@ def test_a_starved_daemon_is_recorded_as_not_usable_with_the_true_share(daemon, 
         time.sleep(2.0)  # what had been received before is published
         done = subprocess.run(
             [INSOLE, "record", out, "--remote", "--connect", daemon.endpoint, "--foot", "left", "--seconds", "8"],
-            capture_output=True, text=True, timeout=60,
+            capture_output=True, text=True,
         )  # fmt: skip
         group.limit(1.0, 100)
         raws.close()
@@ -265,7 +266,7 @@ def test_a_killed_remote_recorder_leaves_a_file_that_numpy_reads(daemon, tmp_pat
     path = out / "counts" / "right.npy"
     with daemon.boards():
         process = subprocess.Popen([INSOLE, "record", out, "--remote", "--connect", daemon.endpoint, "--foot", "right"])
-        until = time.time() + 60
+        until = time.time() + PATIENCE_S
         growing = np.empty(0)
         while len(growing) < 50 or time.time_ns() - growing["t_ns"][-1] > 0.5e9:  # until it keeps up
             assert time.time() < until, f"{len(growing)} cycles"
@@ -273,7 +274,7 @@ def test_a_killed_remote_recorder_leaves_a_file_that_numpy_reads(daemon, tmp_pat
             growing = np.load(path) if path.exists() else growing
         killed_ns = time.time_ns()
         process.kill()
-        process.wait(10)
+        process.wait()
     trial = insole_daemon.load(out)
     assert [foot.foot for foot in trial.feet] == ["right"]
     assert len(trial["right"]) >= len(growing)
@@ -285,7 +286,7 @@ def test_an_existing_folder_is_not_overwritten(tmp_path):
     (tmp_path / "old" / "can.log").write_text("precious")
     done = subprocess.run(
         [INSOLE, "record", tmp_path / "old", "--seconds", "1"],
-        capture_output=True, text=True, timeout=20, check=False,
+        capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 4
     assert "already there" in done.stderr
@@ -375,7 +376,7 @@ def test_a_layout_is_reconstructed_from_its_taxel_positions(left):
 def test_contradicting_options_are_a_usage_error(tmp_path, arguments, words):
     done = subprocess.run(
         [INSOLE, "record", tmp_path / "x", *arguments],
-        capture_output=True, text=True, timeout=20, check=False,
+        capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 2
     assert words in done.stderr

@@ -27,7 +27,7 @@ from insole_daemon.errors import InsoleError
 from insole_daemon.recording import foxglove
 from insole_daemon.recording.export_c3d import export_c3d
 from insole_daemon.recording.export_mcap import export_mcap
-from insole_daemon.recording.export_tables import export_csv, export_matlab, export_parquet
+from insole_daemon.recording.export_tables import export_csv, export_cycle_table, export_matlab, export_parquet
 from insole_daemon.service.foot_setup import load_layout
 from insole_daemon.simulation.trial import Trial
 from insole_daemon.skin.geometry import PRESSURE_TAXELS
@@ -58,6 +58,29 @@ def test_pandas_reads_the_exported_csv(walk, tmp_path):
     pressure = pd.read_csv(tmp_path / "tables" / "left-pressure.csv").to_numpy()[:, 1:]
     left = walk["left"]
     np.testing.assert_allclose(pressure, left.pressure_pa.reshape(len(left), -1), rtol=1e-6)
+
+
+def heel_pressures_pa(foot) -> np.ndarray:
+    """(n, k) of the taxels in the rear 27 % of the sensed area's length; NaN where not valid."""
+    x = foot.layout.xy_m[..., 0]
+    low, high = x[:, PRESSURE_TAXELS].min(), x[:, PRESSURE_TAXELS].max()
+    is_heel = (x < low + 0.27 * (high - low)) & PRESSURE_TAXELS
+    return np.where(foot.valid, foot.pressure_pa, np.nan)[:, is_heel]
+
+
+def test_pandas_reads_force_and_pressure_of_both_feet_from_one_csv_file(walk, tmp_path):
+    export_cycle_table(walk, tmp_path / "walk.csv")
+    table = pd.read_csv(tmp_path / "walk.csv")
+    assert set(table.foot) == {"left", "right"}
+    for foot in walk.feet:
+        rows, heel_pa = table[table.foot == foot.foot], heel_pressures_pa(foot)
+        np.testing.assert_allclose(rows.f_z_n, foot.wrench.f_z_n, rtol=1e-8)
+        np.testing.assert_allclose(rows.heel_peak_pa, heel_pa.max(axis=1), rtol=1e-6)
+        np.testing.assert_allclose(rows.heel_mean_pa, heel_pa.mean(axis=1, dtype=np.float64), rtol=1e-6, atol=1e-3)
+        assert rows.heel_peak_pa.max() > 100e3, "a heel strike"
+        named = ["heel", "midfoot", *(f"metatarsal_{n}" for n in range(1, 6)), "hallux", "toes"]
+        peaks = rows[[f"{region}_peak_pa" for region in named]]
+        np.testing.assert_allclose(peaks.max(axis=1), rows.peak_pa, rtol=1e-6)  # the regions cover the sole
 
 
 def test_scipy_reads_the_exported_matlab_file(walk, tmp_path):
@@ -151,15 +174,18 @@ def test_the_c3d_package_reads_the_exported_c3d(walk, tmp_path):
         reader = c3d.Reader(file)
         assert reader.point_rate == 50.0
         labels = [label.strip() for label in reader.analog_labels]
-        f_z = np.concatenate([analog[labels.index("L_Fz")] for _, _, analog in reader.read_frames()])
+        frames = np.concatenate([analog for _, _, analog in reader.read_frames()], axis=1)
+    f_z, heel_kpa = frames[labels.index("L_Fz")], frames[labels.index("L_heel_peak")]
     left = walk["left"]
     t_ns = max(foot.t_ns[0] for foot in walk.feet) + np.arange(len(f_z)) * 20_000_000
     expected = np.interp(t_ns - t_ns[0], left.t_ns - t_ns[0], left.wrench.f_z_n)
     np.testing.assert_allclose(f_z, expected, rtol=1e-6, atol=1e-3)
+    expected_pa = np.interp(t_ns - t_ns[0], left.t_ns - t_ns[0], heel_pressures_pa(left).max(axis=1))
+    np.testing.assert_allclose(heel_kpa, expected_pa / 1e3, rtol=1e-6, atol=1e-3)
 
 
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="ezc3d has wheels for x86-64 alone; c3d reads it elsewhere")
-def test_ezc3d_reads_force_cop_and_events(walk, tmp_path):
+def test_ezc3d_reads_force_pressure_cop_and_events(walk, tmp_path):
     import ezc3d
 
     export_c3d(walk, tmp_path / "x.c3d")
@@ -173,6 +199,13 @@ def test_ezc3d_reads_force_cop_and_events(walk, tmp_path):
         cop = plate["center_of_pressure"][:, loaded]
         # both are interpolated between cycles: the ratio of what is interpolated is not the interpolated ratio
         assert np.nanmedian(np.abs(cop[:2] - points[:2, loaded])) < 0.5
+    analog = content["parameters"]["ANALOG"]
+    units = dict(zip(analog["LABELS"]["value"], analog["UNITS"]["value"], strict=True))
+    assert (units["L_Fz"], units["L_Mx"], units["R_mean"], units["R_toes_peak"]) == ("N", "Nmm", "kPa", "kPa")
+    channels = dict(zip(analog["LABELS"]["value"], content["data"]["analogs"][0], strict=True))
+    for foot in walk.feet:
+        peak_pa = np.nanmax(np.where(foot.valid, foot.pressure_pa, np.nan))
+        assert np.nanmax(channels[f"{foot.foot[0].upper()}_peak"]) == pytest.approx(peak_pa / 1e3, rel=0.03)
     events = content["parameters"]["EVENT"]
     minutes, seconds = events["TIMES"]["value"]
     strikes = [

@@ -10,7 +10,7 @@ CYCLE = SECOND // 50
 
 def look(backlog, t_ns, oldest_ns):
     """One look at the time t_ns; the rest it asks for."""
-    backlog.look(t_ns - oldest_ns, t_ns)
+    backlog.record_poll(t_ns - oldest_ns, t_ns)
     return backlog.pause_ns
 
 
@@ -67,7 +67,7 @@ def test_pauses_now_and_then_do_not_add_up():
 def test_where_nothing_closed_nothing_is_behind():
     backlog = Backlog()
     for t in range(0, 5 * SECOND, CYCLE):
-        backlog.look(t, t)
+        backlog.record_poll(t, t)
     assert not backlog.pause_ns
 
 

@@ -26,6 +26,7 @@ from insole_daemon.skin.identifiers import TAG_A, skin_id
 from insole_daemon.wire.keys import key
 from insole_daemon.wire.requests import REPLY_SCHEMA, unpack
 from insole_daemon.wire.session import open_session
+from tests.conftest import PATIENCE_S
 
 CHANNELS = itertools.count()
 
@@ -58,7 +59,7 @@ class Rig:
             thread.start()
             try:
                 with insole_daemon.connect(zenoh.listen[0]) as insole:
-                    until = time.monotonic() + 10
+                    until = time.monotonic() + PATIENCE_S
                     while not insole.feet() and time.monotonic() < until:
                         time.sleep(0.01)  # it announces its feet once all can be asked
                     yield insole
@@ -329,9 +330,9 @@ def test_one_request_at_a_time_and_words_for_a_wrong_one(endpoint):
                 insole.request("left", "boards", **arguments)
         with pytest.raises(WireError, match="nobody answered"):
             insole.request("right", "boards", do="list")
-        (reply,) = insole._session.get(key("*", "left", "boards"), payload=b"\xc1", timeout=5)
+        (reply,) = insole._session.get(key("*", "left", "boards"), payload=b"\xc1")
         assert "msgpack map" in unpack(reply.ok.payload.to_bytes(), REPLY_SCHEMA)["error"]
-        (reply,) = insole._session.get(key("*", "left", "boards"), timeout=5)
+        (reply,) = insole._session.get(key("*", "left", "boards"))
         assert "no payload" in unpack(reply.ok.payload.to_bytes(), REPLY_SCHEMA)["error"]
 
 

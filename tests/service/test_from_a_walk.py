@@ -32,7 +32,6 @@ zenoh:
 SOFT = effect("viscoelasticity", a=0.5, tau_s=0.3)
 
 
-@pytest.mark.timeout(300)
 @pytest.mark.xfail(reason="open: with half of the answer late, the regression's model is not yet checked live")
 def test_what_a_walk_shows_is_undone_on_another_walk_while_it_lasts(daemon, tmp_path):
     daemon.end()

@@ -37,6 +37,7 @@ from insole_daemon.simulation.foot import Stand
 from insole_daemon.skin.faults import FaultWatch
 from insole_daemon.wire.client import Subscription
 from insole_daemon.wire.session import open_session
+from tests.conftest import PATIENCE_S
 
 CONFIG = """\
 format: insole-config/1
@@ -157,7 +158,7 @@ def test_the_service_manager_is_told_of_a_reload(calibrated, tmp_path):
     calibrated.end()
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
         manager.bind(str(tmp_path / "notify"))
-        manager.settimeout(5)
+        manager.settimeout(PATIENCE_S)
         calibrated.environment = {"NOTIFY_SOCKET": str(tmp_path / "notify")}
         calibrated.start()
         calibrated.process.send_signal(signal.SIGHUP)
@@ -192,7 +193,7 @@ def test_boards_and_other_triangles_stay_until_a_restart(tmp_path):
     file.write_text(text + "\nextensions: {}\n".lstrip("\n") + "# nothing new\n")
     reloaded = merge(running, *read(file))
     assert (reloaded.changed, reloaded.needs_restart) == ((), ())
-    assert reloaded.told() == [("reloaded", "changed: nothing")]
+    assert reloaded.events() == [("reloaded", "changed: nothing")]
 
 
 def save_zero(path: Path, setup: FootSetup, baseline_count: float) -> None:

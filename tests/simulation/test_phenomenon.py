@@ -4,8 +4,6 @@ import pytest
 
 from benchmarks.physics.paper_phenomenon import experiment
 
-pytestmark = pytest.mark.timeout(600)  # two whole calibrations: 40 s of CPU, more on a machine that is busy
-
 
 @pytest.fixture(scope="module")
 def errors():

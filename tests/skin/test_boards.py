@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from insole_daemon.skin.assembler import CycleAssembler
 from insole_daemon.skin.boards import BoardReport, BoardSurvey
-from insole_daemon.skin.cycles import CycleAssembler
 from insole_daemon.skin.layout import builtin
 
 MS = 1_000_000

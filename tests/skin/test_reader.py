@@ -8,7 +8,7 @@ import pytest
 from insole_daemon.bus.frames import FrameBatch, ReceivedFrames
 from insole_daemon.compiled import kernel
 from insole_daemon.skin import layout as layouts
-from insole_daemon.skin.cycles import PATIENCE, TWICE_NS
+from insole_daemon.skin.assembler import PATIENCE, TWICE_NS
 from insole_daemon.skin.identifiers import TAG_A, TAG_B, skin_id
 from insole_daemon.skin.layout import Foot, Layout, Triangle
 from insole_daemon.skin.reader import JITTER_NS, SkinReader

@@ -26,7 +26,6 @@ from insole_daemon.study.scheduling import cluster, run_tasks
 
 INSOLE = Path(sys.executable).with_name("insole")
 SECONDS = 8.0
-pytestmark = pytest.mark.timeout(300)
 
 
 @pytest.fixture(scope="module")

@@ -17,8 +17,6 @@ from insole_daemon.simulation.effects_file import load as load_effects
 from insole_daemon.simulation.trial import Trial
 
 INSOLE = Path(sys.executable).with_name("insole")
-pytestmark = pytest.mark.timeout(300)
-
 EFFECTS = """format: insole-effects/1
 effects:
   - effect: viscoelasticity

@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.ports import free_port
+
 pytestmark = pytest.mark.vcan
 
 # One board's first triangle, both halves, and an empty frame; stamps 1 ms apart.
@@ -87,8 +89,7 @@ with zenoh.open(config("connect")) as session:
 
 
 def test_two_processes_talk_over_zenoh() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        endpoint = f"tcp/127.0.0.1:{free.getsockname()[1]}"
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
     with subprocess.Popen(
         [sys.executable, "-c", SUBSCRIBER, endpoint], stdout=subprocess.PIPE, text=True
     ) as subscriber:

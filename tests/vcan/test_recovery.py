@@ -33,6 +33,7 @@ from insole_daemon.service.foot_setup import load_layout
 from insole_daemon.simulation.emulator import Emulator
 from insole_daemon.simulation.foot import Stand
 from insole_daemon.wire.messages import Event, Health, Raw
+from tests.ports import free_port
 
 pytestmark = [pytest.mark.vcan, pytest.mark.timeout(300)]  # the kernel may be a slow one
 
@@ -311,8 +312,7 @@ class Rig:
     """A daemon on two interfaces, boards that send whenever theirs is up, and all raw cycles and healths."""
 
     def __init__(self, folder: Path, names: tuple[str, str]) -> None:
-        with socket.create_server(("127.0.0.1", 0)) as free:
-            self.endpoint = f"tcp/127.0.0.1:{free.getsockname()[1]}"
+        self.endpoint = f"tcp/127.0.0.1:{free_port()}"
         self.folder = folder
         lines = [f"format: insole-config/1\nrig: vcan\nzenoh: {{listen: [{self.endpoint}]}}"]
         # One slow processor for boards, daemon and test: a half that comes later than 5 ms is not lost.

@@ -18,10 +18,10 @@ from selenium import webdriver
 from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.common.by import By
 
-from tests.conftest import RunningDaemon, free_port
+from tests.conftest import PATIENCE_S, RunningDaemon
+from tests.ports import free_port
 
 INSOLE = Path(sys.executable).with_name("insole")
-PATIENCE_S = 20.0  # a loaded machine is slow, and who waits for something true does not wait long
 
 
 class Browser:

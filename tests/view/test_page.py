@@ -17,6 +17,7 @@ from insole_daemon.skin.geometry import PRESSURE_TAXELS
 from insole_daemon.wire.client import Client
 from insole_daemon.wire.messages import Pressure, Wrench
 from insole_daemon.wire.session import open_session
+from tests.conftest import PATIENCE_S
 
 PRESSED_PA = 200e3
 # viridis and the diverging scale where the tests look, from their published tables.
@@ -60,7 +61,7 @@ def colour(browser, foot, x_mm, y_mm=0.0):
 
 def becomes(browser, foot, wanted, x_mm, y_mm=0.0, within=22):
     """Wait until the map has that colour; sensors differ by some percent, and read to 8 kPa."""
-    end = time.monotonic() + 15
+    end = time.monotonic() + PATIENCE_S
     while np.abs(colour(browser, foot, x_mm, y_mm) - wanted).max() > within:
         found = colour(browser, foot, x_mm, y_mm)
         assert time.monotonic() < end, f"{foot} at {x_mm}, {y_mm}: expected about {wanted}, found {found}"
@@ -236,7 +237,7 @@ def test_steps_and_a_reference_are_shown(browser, page, live_daemon):
     with live_daemon.boards(), open_session("client", [], [live_daemon.endpoint]) as session:
         look(browser, page)
         browser.until("return Number(document.querySelector('#figures td').textContent) > 80")  # cadence of the left
-        end = time.monotonic() + 15
+        end = time.monotonic() + PATIENCE_S
         while "reference" not in text(browser, "#lines"):
             session.put("reference/left", b'{"fz_n": 321.0, "mx_nm": 1.0, "my_nm": -20.0}')
             assert time.monotonic() < end

@@ -46,7 +46,7 @@ def walk(tmp_path_factory):
 
 def test_the_command_writes_one_file_that_loads_nothing(walk, tmp_path):
     out = tmp_path / "walk.html"
-    done = subprocess.run([INSOLE, "report", walk, "--out", out], capture_output=True, text=True, timeout=60)
+    done = subprocess.run([INSOLE, "report", walk, "--out", out], capture_output=True, text=True)
     assert (done.returncode, done.stdout) == (0, "")
     html = out.read_text()
     assert not re.search(r"<script|<link|<img|@import|url\(", html.replace("url(#", ""))
@@ -97,7 +97,7 @@ def test_the_live_page_has_the_same_colours():
 
 
 def test_a_folder_without_a_recording_is_reported(tmp_path):
-    done = subprocess.run([INSOLE, "report", tmp_path], capture_output=True, text=True, timeout=60)
+    done = subprocess.run([INSOLE, "report", tmp_path], capture_output=True, text=True)
     assert done.returncode == 4
     assert "recording.yaml" in done.stderr
     assert not list(tmp_path.iterdir())

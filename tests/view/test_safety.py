@@ -12,6 +12,8 @@ from pathlib import Path
 import aiohttp
 import pytest
 
+from tests.conftest import PATIENCE_S
+
 INSOLE = Path(sys.executable).with_name("insole")
 PAGE = Path(__file__).parents[2] / "insole_daemon" / "view" / "page"
 
@@ -34,7 +36,7 @@ def first_word(url, origin, **options):
         async with aiohttp.ClientSession(**options) as session:
             try:
                 async with session.ws_connect(f"{url}live", headers=headers) as live:
-                    return await live.receive_json(timeout=10)
+                    return await live.receive_json(timeout=PATIENCE_S)
             except aiohttp.WSServerHandshakeError as error:
                 return error.status
 
@@ -141,7 +143,7 @@ def test_a_port_in_use_and_a_missing_daemon_are_reported(page, live_daemon):
         (["--connect", live_daemon.endpoint, "--rig", "nobody"], "no insole daemon of rig nobody is behind it"),
         (["--connect", live_daemon.endpoint, "--reference", "middle=x"], "expected left=KEY or right=KEY"),
     ]:
-        done = subprocess.run([INSOLE, "view", *options], capture_output=True, text=True, timeout=30)
+        done = subprocess.run([INSOLE, "view", *options], capture_output=True, text=True)
         assert done.returncode in (2, 3)
         assert words in " ".join(done.stderr.split())
         assert "Traceback" not in done.stderr

@@ -22,7 +22,8 @@ from insole_daemon.config import Zenoh
 from insole_daemon.errors import WireError
 from insole_daemon.wire.exposure import exposures
 from insole_daemon.wire.session import open_session
-from tests.conftest import RunningDaemon, free_port
+from tests.conftest import RunningDaemon
+from tests.ports import free_port
 
 DOC = Path(__file__).resolve().parents[2] / "docs" / "beyond-loopback.md"
 INSOLE = Path(sys.executable).with_name("insole")
@@ -116,9 +117,9 @@ def test_the_pages_program_reads_a_walk(example):
 
 def test_the_pages_commands(example):
     status, boards = (line.split()[1:] for line in example.local(blocks("sh")[1]).splitlines())
-    done = subprocess.run([INSOLE, *status], cwd=example.folder, capture_output=True, text=True, timeout=30)
+    done = subprocess.run([INSOLE, *status], cwd=example.folder, capture_output=True, text=True)
     assert "test left: ok" in done.stdout, done.stderr
-    done = subprocess.run([INSOLE, *boards], cwd=example.folder, capture_output=True, text=True, timeout=30)
+    done = subprocess.run([INSOLE, *boards], cwd=example.folder, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert re.search(r"5 +can0 .* streaming ", done.stdout)
 
@@ -188,7 +189,7 @@ def test_the_example_is_not_warned_about(example):
 
 def test_the_doctor_finds_nothing_wrong_with_it(example):
     command = [INSOLE, "doctor", "--config", example.daemon.config_file]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
     assert re.search(r"^ok +certificates +.*zenoh.json5", done.stdout, re.MULTILINE)
     said = " ".join(done.stdout.split())  # it is folded
@@ -203,7 +204,7 @@ def test_an_open_daemon_says_so_when_it_starts(tmp_path):
         f"format: insole-config/1\nbuses: [socketcan:nocan7]\ninsoles:\n  - foot: left\n    boards:\n{boards}"
         "zenoh: {listen: [tcp/0.0.0.0:7447]}\n"
     )
-    done = subprocess.run([INSOLE, "run", "--config", config], capture_output=True, text=True, timeout=30)
+    done = subprocess.run([INSOLE, "run", "--config", config], capture_output=True, text=True)
     assert "insole: warning: zenoh.listen: tcp/0.0.0.0:7447 is open to the network" in done.stderr
 
 

@@ -19,7 +19,7 @@ from insole_daemon.errors import WireError
 from insole_daemon.service import daemon as daemon_module
 from insole_daemon.wire.requests import REPLY_SCHEMA, encoding, pack
 from insole_daemon.wire.session import open_session
-from tests.conftest import free_port
+from tests.ports import free_port
 from tests.wire.test_beyond_loopback import blocks, certificate
 
 FOR_DAEMON, FOR_VIEWER = blocks("json5")

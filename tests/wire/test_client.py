@@ -21,6 +21,7 @@ from insole_daemon.service.foot import load_feet
 from insole_daemon.wire.messages import BY_KEY, Meta, Wrench
 from insole_daemon.wire.publisher import FootPublisher
 from insole_daemon.wire.session import open_session
+from tests.conftest import PATIENCE_S
 
 
 def take(messages, n):
@@ -155,7 +156,7 @@ def test_a_foot_is_seen_once_it_can_be_asked(endpoint):
         assert insole.feet() == []
         publisher.publish_latched("meta", left.meta())
         publisher.announce()
-        until = time.monotonic() + 10
+        until = time.monotonic() + PATIENCE_S
         while not insole.feet() and time.monotonic() < until:
             pass
         assert insole.meta("left").rig == left.config.rig

@@ -16,7 +16,8 @@ import insole_daemon
 from insole_daemon.config import load
 from insole_daemon.errors import DocumentError, WireError
 from insole_daemon.wire.session import open_session
-from tests.conftest import RunningDaemon, free_port
+from tests.conftest import PATIENCE_S, RunningDaemon
+from tests.ports import free_port
 
 ROUTER = """
 import sys
@@ -73,7 +74,7 @@ def test_a_payload_beyond_all_measure_is_dropped_and_costs_nothing_else():
 def works(endpoint):
     """What a subscriber wants: feet, cycles without a gap, what is behind them, and requests."""
     with insole_daemon.connect(endpoint) as insole:
-        until = time.monotonic() + 10
+        until = time.monotonic() + PATIENCE_S
         while len(insole.feet()) < 2 and time.monotonic() < until:  # a peer or router finds its router by itself
             time.sleep(0.1)
         assert insole.feet() == [("test", "left"), ("test", "right")]
@@ -93,7 +94,7 @@ def test_a_daemon_that_is_a_router_carries_what_others_say_to_each_other(tmp_pat
         seen = []
         with open_session("client", connect=[endpoint]) as one, open_session("client", connect=[endpoint]) as other:
             one.declare_subscriber("lab/temperature", lambda sample: seen.append(sample.payload.to_string()))
-            until = time.monotonic() + 5
+            until = time.monotonic() + PATIENCE_S
             while not seen and time.monotonic() < until:
                 other.put("lab/temperature", "21")
                 time.sleep(0.05)

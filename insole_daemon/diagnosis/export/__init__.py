@@ -1,1 +1,1 @@
-"""A diagnosis as a model the daemon runs."""
+"""Export a diagnosis as a model that the daemon runs."""

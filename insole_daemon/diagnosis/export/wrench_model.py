@@ -1,4 +1,4 @@
-"""The model of recordings: the calibration handed in, less what it had absorbed of effects, with the effects found."""
+"""The exported model: the calibration, corrected for effects it had absorbed, with the effects that were found."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ..terms.stiffening import SCALE_PA
 
 @dataclass(frozen=True, slots=True)
 class Absorbed:
-    """A share of a static term by which the curves of a place are off, because they were fitted with an effect."""
+    """The share of a static term by which curves of a place deviate, because an effect acted in their calibration."""
 
     word: str
     where: Where
@@ -35,20 +35,21 @@ def document(
     recalibrated: CurveShares | None,
     broken: NDArray[np.bool_],
 ) -> dict[str, Any]:
-    """An `insole-calibration/1`; `recalibrated`: what curves are off by that were fitted with a memory at work.
+    """Return an `insole-calibration/1`.
 
-    Taxels that are `broken` (T, 12) are not listed: nothing they read is a pressure.
+    `recalibrated`: corrections of curves that were fitted while a memory acted. Taxels that are `broken` (T, 12) are
+    not listed.
     """
     layout, calibration = seen.layout, seen.calibration
-    places = [(each, set(each.where.slots(layout).tolist())) for each in absorbed]
+    places = [(correction, set(correction.where.slots(layout).tolist())) for correction in absorbed]
     taxels = []
     for slot in np.flatnonzero((calibration.usable & ~broken).ravel()).tolist():
         row, taxel = divmod(slot, N_TAXELS)
         board, triangle = layout.identities[row].tolist()
         curve = calibration.coefficients_pa[row, taxel]
-        for each, slots in places:
+        for correction, slots in places:
             if slot in slots:
-                curve = _changed(curve, each)
+                curve = _changed(curve, correction)
         if recalibrated is not None:
             curve = recalibrated.changed(curve, row, taxel)
         taxels.append(
@@ -56,19 +57,19 @@ def document(
              "baseline_count": round(float(calibration.baseline_count[row, taxel]), 4),
              "coefficients_pa": [float(f"{value:.9g}") for value in curve]}
         )  # fmt: skip
-    taxels.sort(key=lambda each: (each["board"], each["triangle"], each["taxel"]))
+    taxels.sort(key=lambda entry: (entry["board"], entry["triangle"], entry["taxel"]))
     return {
         "format": "insole-calibration/1", "foot": layout.foot, "taxels": taxels,
         "effects": effects_document.document(list(effects), layout), "provenance": dict(provenance),
     }  # fmt: skip
 
 
-def _changed(curve: Array, each: Absorbed) -> Array:
-    """(k,) of the curve g(a) of which the columns of static terms are made (`terms`)."""
+def _changed(curve: Array, absorbed: Absorbed) -> Array:
+    """Return the coefficients (k,) of the curve, corrected by the static term `absorbed` (see `terms`)."""
     slope = np.polynomial.polynomial.polyder(curve)
-    if each.word == "gain":
-        return np.asarray(curve - each.share * np.polynomial.polynomial.polymulx(slope)[: len(curve)])
-    if each.word == "baseline":
-        return np.asarray(np.polynomial.polynomial.polyadd(curve, each.share * slope))
-    more = np.polynomial.polynomial.polymul(curve, curve) * (each.share / SCALE_PA)
+    if absorbed.word == "gain":
+        return np.asarray(curve - absorbed.share * np.polynomial.polynomial.polymulx(slope)[: len(curve)])
+    if absorbed.word == "baseline":
+        return np.asarray(np.polynomial.polynomial.polyadd(curve, absorbed.share * slope))
+    more = np.polynomial.polynomial.polymul(curve, curve) * (absorbed.share / SCALE_PA)
     return np.asarray(np.polynomial.polynomial.polyadd(curve, more))

@@ -1,1 +1,1 @@
-"""report.html: page one for whoever knows gait, then every number for a reviewer."""
+"""report.html: a first page for gait scientists, then all figures for a reviewer."""

@@ -1,4 +1,4 @@
-"""Page one: what was found, where, and what it is worth, for a person who knows gait and no statistics."""
+"""The first page: verdict and findings, for a person who knows gait and no statistics."""
 
 from __future__ import annotations
 
@@ -20,20 +20,22 @@ _VERDICTS = {
 
 
 def verdict_sentence(diagnosis: Outcome) -> str:
-    """One sentence."""
+    """Return the verdict as a sentence."""
     return _VERDICTS[diagnosis.verdict]
 
 
 def findings(diagnosis: Outcome) -> str:
-    """Their sentences."""
+    """Return the findings as HTML; faults of one kind together."""
     if not diagnosis.findings:
         return page.paragraph("Nothing was found that moves the readings by more than their noise hides.")
-    physics = [_item(_meant(each), _said(each)) for each in diagnosis.findings if each.effect not in FAULTS]
+    physics = [
+        _item(_meaning(finding), _text(finding)) for finding in diagnosis.findings if finding.effect not in FAULTS
+    ]
     faults: dict[str, list[Finding]] = {}
-    for each in diagnosis.findings:
-        if each.effect in FAULTS:
-            faults.setdefault(each.effect, []).append(each)
-    broken = [_item(_meant(own[0]), _places(own)) for own in faults.values()]
+    for finding in diagnosis.findings:
+        if finding.effect in FAULTS:
+            faults.setdefault(finding.effect, []).append(finding)
+    broken = [_item(_meaning(of_kind[0]), _places(of_kind)) for of_kind in faults.values()]
     return f"<dl>{''.join(physics + broken)}</dl>"
 
 
@@ -41,15 +43,15 @@ def _item(head: str, text: str) -> str:
     return f"<dt>{escape(head[:1].upper() + head[1:])}</dt><dd>{escape(text[:1].upper() + text[1:])}</dd>"
 
 
-def _meant(found: Finding) -> str:
-    words = [found.effect, *found.alternatives]
+def _meaning(finding: Finding) -> str:
+    words = [finding.effect, *finding.alternatives]
     return "; or ".join(f"{word.replace('_', ' ')}: {MEANINGS[word]}" for word in words)
 
 
-def _said(found: Finding) -> str:
-    return f"{found.sentence} Confidence {found.confidence:.0%}."
+def _text(finding: Finding) -> str:
+    return f"{finding.sentence} Confidence {finding.confidence:.0%}."
 
 
-def _places(found: Sequence[Finding]) -> str:
-    """The sentences of one fault, each with its place."""
-    return " ".join(f"{each.sentence[:1].upper()}{each.sentence[1:]}" for each in found)
+def _places(findings_of_kind: Sequence[Finding]) -> str:
+    """Return the sentences of one kind of fault, which state the places."""
+    return " ".join(f"{finding.sentence[:1].upper()}{finding.sentence[1:]}" for finding in findings_of_kind)

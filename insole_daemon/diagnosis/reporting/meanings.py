@@ -1,4 +1,4 @@
-"""What the words for effects mean, for whoever has not read the table of laws."""
+"""The meaning of each effect's word, for the first page."""
 
 from __future__ import annotations
 
@@ -6,29 +6,29 @@ from collections.abc import Mapping
 
 MEANINGS: Mapping[str, str] = {
     "hysteresis": "under the same load it reads more while unloading than while loading, at any speed",
-    "snap": "at one load something snaps to, and lets go only at a lower one",
-    "viscoelasticity": "a part of the answer comes late, with one time constant, and then is complete",
+    "snap": "the reading jumps at one load, and jumps back only at a lower one",
+    "viscoelasticity": "a part of the response comes late, with one time constant",
     "creep": "under a constant load the reading goes on growing for minutes, and takes as long to come back",
-    "lag": "the whole answer follows the load with one time constant",
-    "delay": "the whole answer comes later, unchanged",
+    "lag": "the whole response follows the load with one time constant",
+    "delay": "the whole response comes later, unchanged",
     "temperature": "warmth alone changes the reading",
     "drift": "the reading wanders slowly in time, whatever the load and the temperature",
     "rezero": "a board took a new zero in the middle of the recording",
-    "gain": "it answers more or less than it was calibrated for, by one factor",
+    "gain": "it reads more or less than its calibration says, by one factor",
     "preload": "the strap or the shoe presses on it all the time, and the reference does not feel that",
     "baseline": "without load it rests at another count than when it was calibrated",
-    "bit_shift": "the board divides its readings by another power of two than it was told",
-    "stiffening": "beyond some load it answers ever less, as a sole does that is compressed through",
+    "bit_shift": "the board divides its readings by another power of two than configured",
+    "stiffening": "beyond some load it responds less and less, as a sole that is fully compressed",
     "swapped_triangles": "two triangles report under each other's name: the map, or the wiring, confuses them",
     "map_transform": "the insole does not lie where its map says: it is turned, shifted or of another size",
     "crosstalk": "the cover spreads a load: a taxel feels some of what lies on its neighbours",
     "clock": "the clock of the reference runs faster or slower than that of the insole",
-    "dead_taxels": "taxels that do not answer",
+    "dead_taxels": "taxels that do not respond",
     "open_triangle": "a triangle that has lost contact",
     "noise_burst": "a time in which readings are far noisier than usual",
     "frame_loss": "readings that did not arrive, or arrived again unchanged",
-    "reference_fault": "the reference itself said what cannot have been",
-    "unknown": "something that is there, and is none of the effects known here",
+    "reference_fault": "the reference itself has readings that are impossible",
+    "unknown": "a mismatch that none of the known effects explains",
 }
 
 FAULTS = ("dead_taxels", "open_triangle", "noise_burst", "frame_loss", "reference_fault")  # of readings, not physics

@@ -1,4 +1,4 @@
-"""For a reviewer: parameters, and what the recordings cannot tell."""
+"""Tables for a reviewer: parameters, and effects that the recordings cannot identify."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ LOOPS = ("hysteresis", "creep", "viscoelasticity")
 
 
 def parameters(diagnosis: Outcome) -> str:
-    """Of every finding, with standard deviations."""
+    """Return the table of the parameters of every finding, with standard deviations."""
     rows = [
-        (each.effect, name, _values(quantity), quantity.unit)
-        for each in diagnosis.findings
-        for name, quantity in each.parameters.items()
+        (finding.effect, name, _values(quantity), quantity.unit)
+        for finding in diagnosis.findings
+        for name, quantity in finding.parameters.items()
     ]
     if not rows:
-        return page.paragraph("There are no parameters to tell.")
-    note = "± is one standard deviation (jackknife over the folds: it sees what the family misses, too)."
-    if any(each.effect in LOOPS for each in diagnosis.findings):
+        return page.paragraph("The findings have no parameters.")
+    note = "± is one standard deviation, from the covariance of the regression and 5 % for the misfit of the law."
+    if any(finding.effect in LOOPS for finding in diagnosis.findings):
         note += " amplitude_fraction: half the peak-to-peak of what the effect adds, over the span of the load."
     return page.table(("effect", "parameter", "value ± σ", "unit"), rows, (0, 1, 2, 3)) + page.paragraph(note)
 
 
 def limits(diagnosis: Outcome) -> str:
-    """What these recordings cannot tell, and what to record instead."""
-    rows = [(each["effect"], each["why"], each["record_instead"]) for each in diagnosis.not_identifiable]
-    return page.table(("effect", "why it cannot be told", "record instead"), rows, range(3))
+    """Return the table of effects that these recordings cannot identify, and what to record instead."""
+    rows = [(limit["effect"], limit["why"], limit["record_instead"]) for limit in diagnosis.not_identifiable]
+    return page.table(("effect", "why it cannot be identified", "record instead"), rows, range(3))
 
 
 def _values(quantity: Quantity) -> str:

@@ -1,4 +1,4 @@
-"""What to do now, for whoever reads page one: in commands with this person's own names."""
+"""The section "What to do now": a remedy per finding, with the commands for this foot and these recordings."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from ..result import Diagnosis
 
-# By word; {insole} is the foot, {recordings} the folders that were diagnosed.
+# By word; {foot} is the foot, {recordings} the folders that were diagnosed.
 REMEDIES: Mapping[str, str] = {
     "gain": "Calibrate again: insole calibrate {recordings} --out calibration.json",
     "baseline": "Take the zero with the foot in the air: insole zero --foot {foot}",
@@ -32,11 +32,13 @@ THEN = "; then name it as the insole's calibration in config.yaml, and the daemo
 
 
 def what_now(diagnosis: Diagnosis) -> list[str]:
-    """Sentences, each with its command; empty where nothing was found."""
-    words = list(dict.fromkeys(each.effect for each in diagnosis.findings))
+    """Return sentences, each with its command; empty if there is no finding."""
+    words = list(dict.fromkeys(finding.effect for finding in diagnosis.findings))
     names = {
         "foot": diagnosis.results[0].seen.layout.foot, "recordings": " ".join(diagnosis.recordings),
     }  # fmt: skip
-    modelled = list(dict.fromkeys(each.law.word for each in diagnosis.effects))
-    found = [MODELLED.format(words=" and ".join(modelled)) + VERIFY + THEN] if modelled else []
-    return found + [f"{word.replace('_', ' ')}: {REMEDIES[word].format(**names)}" for word in words if word in REMEDIES]
+    modelled = list(dict.fromkeys(effect.law.word for effect in diagnosis.effects))
+    modelled_first = [MODELLED.format(words=" and ".join(modelled)) + VERIFY + THEN] if modelled else []
+    return modelled_first + [
+        f"{word.replace('_', ' ')}: {REMEDIES[word].format(**names)}" for word in words if word in REMEDIES
+    ]

@@ -1,4 +1,4 @@
-"""The page of a diagnosis: what was found and what to do first, then figures for a reviewer."""
+"""The report of a diagnosis: findings and remedies first, then figures for a reviewer."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ from .physical_units import course_pa, rms_force_n, rms_kpa
 from .what_now import what_now
 
 CHANNELS = ["f_z", "m_x", "m_y"]
-NO_PLACE_OF_PHYSICS = ("frame_loss", "noise_burst", "reference_fault", "clock")  # they stand in the text
-SHOWN_S = 6.0  # of the trace: so that a heel strike can be seen
+NO_PLACE_OF_PHYSICS = ("frame_loss", "noise_burst", "reference_fault", "clock")  # reported in the text only
+SHOWN_S = 6.0  # length of the trace; a heel strike is visible
 
 
 def html(diagnosis: Diagnosis) -> str:
-    """One file, complete in itself."""
+    """Return the report as one self-contained HTML file."""
     foot = diagnosis.results[0].seen.layout.foot
     lead = f"{first_page.verdict_sentence(diagnosis)} Recorded in {', '.join(diagnosis.recordings)}."
-    known = {each.seen.load_is_known for each in diagnosis.results}
+    known = {result.seen.load_is_known for result in diagnosis.results}
     what = "a simulation" if diagnosis.against == "simulation" else "a known pressure" if known == {True} else "a force"
-    return page.page(f"Diagnosis of the {foot} insole against {what}", lead, parts(diagnosis), _about(diagnosis))
+    return page.page(f"Diagnosis of the {foot} insole against {what}", lead, _sections(diagnosis), _about(diagnosis))
 
 
 def _about(diagnosis: Diagnosis) -> list[str]:
-    """Of which insole, and by which calibration."""
+    """Return the insole and the calibration in words."""
     seen = diagnosis.results[0].seen
     insole = page.insole_label(seen.layout.foot, seen.layout.identities[:, 0].tolist())
     if seen.has_own_curves:
@@ -46,37 +46,37 @@ def _about(diagnosis: Diagnosis) -> list[str]:
     return [insole, calibration]
 
 
-def parts(diagnosis: Diagnosis) -> list[str]:
-    """Its sections."""
+def _sections(diagnosis: Diagnosis) -> list[str]:
+    """Return the sections of the report."""
     return [
         _facts(diagnosis),
         page.section("What was found", first_page.findings(diagnosis)),
         *([page.section("What to do now", page.items(now))] if (now := what_now(diagnosis)) else []),
         *([page.section("Where", _places(diagnosis))] if diagnosis.findings else []),
         *(
-            page.section(f"Before and after, on rows that were held out: {each.seen.name}", _trace(each))
-            for each in diagnosis.results
+            page.section(f"Before and after, on rows that were held out: {result.seen.name}", _trace(result))
+            for result in diagnosis.results
         ),
         page.section("What these recordings cannot tell", numbers.limits(diagnosis)),
         page.section("What each term explains alone", _singles(diagnosis.results[0])),
         page.section("Parameters", numbers.parameters(diagnosis)),
-        page.section("Noise and what is left", _noise(diagnosis)),
+        page.section("Noise and residual", _noise(diagnosis)),
     ]
 
 
 def _places(diagnosis: Diagnosis) -> str:
-    """What was found at which taxel, toes up."""
+    """Return the map of the findings by taxel, toes up."""
     layout = diagnosis.results[0].seen.layout
     words: dict[int, list[str]] = {}
     everywhere = []
-    for each in diagnosis.findings:
-        if each.effect in NO_PLACE_OF_PHYSICS:
+    for finding in diagnosis.findings:
+        if finding.effect in NO_PLACE_OF_PHYSICS:
             continue
-        if each.where.scope == "insole":
-            everywhere.append(each.effect.replace("_", " "))
+        if finding.where.scope == "insole":
+            everywhere.append(finding.effect.replace("_", " "))
             continue
-        for slot in each.where.slots(layout).tolist():
-            words.setdefault(slot, []).append(each.effect.replace("_", " "))
+        for slot in finding.where.slots(layout).tolist():
+            words.setdefault(slot, []).append(finding.effect.replace("_", " "))
     text = "What explains most at single places. Toes are up, the wearer's left is left."
     if everywhere:
         text += f" Everywhere: {', '.join(dict.fromkeys(everywhere))}."
@@ -89,7 +89,7 @@ def _places(diagnosis: Diagnosis) -> str:
 
 def _facts(diagnosis: Diagnosis) -> str:
     heldout = diagnosis.heldout
-    known = [each for each in diagnosis.results if each.seen.load_is_known]
+    known = [result for result in diagnosis.results if result.seen.load_is_known]
     shown = []
     for of in (heldout, heldout["f_z"]) if "f_z" in heldout else (heldout,):
         before, after, floor = (_error(of, name, known) for name in ("before", "after", "floor"))
@@ -107,38 +107,40 @@ def _facts(diagnosis: Diagnosis) -> str:
 
 
 def _error(of: Mapping[str, Any], name: str, known: Sequence[RecordingResult]) -> str:
-    """An error in its unit; counts with what they are in kPa by the curves in use."""
+    """Return an error in its unit; counts also in kPa, by the curves in use."""
     if of["unit"] != "count":
         return f"{of[name]:.1f} {of['unit']}"
     return f"{of[name]:.1f} counts, {rms_kpa(known, of[name]):.2f} kPa"
 
 
 def _trace(result: RecordingResult) -> str:
-    """The force and its error where the findings change most, over a few seconds."""
-    seen, found = result.seen, result.figures
+    """Return the plots of the load and the error over the SHOWN_S in which the findings change most."""
+    seen, figures = result.seen, result.figures
     size = max(round(SHOWN_S / seen.step_s), 10)
-    gained = np.cumsum(np.where(found.known, found.course_before[:, 0] ** 2 - found.course_after[:, 0] ** 2, 0.0))
+    gained = np.cumsum(np.where(figures.known, figures.course_before[:, 0] ** 2 - figures.course_after[:, 0] ** 2, 0.0))
     start = int(np.argmax(gained[size:] - gained[:-size])) if len(gained) > size else 0
     rows = slice(start, start + size)
     t_s, force = seen.t_s[rows], seen.reference.at(seen.reference_s)[rows, 0]
-    before, after = found.course_before[rows, 0], found.course_after[rows, 0]
+    before, after = figures.course_before[rows, 0], figures.course_after[rows, 0]
     time = axis("time, s", t_s)
     errors = [("N", before, after)]
     load_name = "force, N"
     if seen.load_is_known:
         force, load_name = force * 1e-3, "pressure, kPa"
-        before_pa, after_pa = (course_pa(result, each)[rows] for each in (found.course_before, found.course_after))
+        before_pa, after_pa = (
+            course_pa(result, course)[rows] for course in (figures.course_before, figures.course_after)
+        )
         errors = [("counts", before, after), ("kPa", before_pa * 1e-3, after_pa * 1e-3)]
     load = Plot(time, axis(load_name, force), height=150)
     load.line(t_s, force, 2)
     drawn = [load.svg("load over time")]
     for unit, was, became in errors:
-        left = Plot(time, axis(f"error, {unit}", was, became), height=220)
-        left.line(t_s, was, 1, "the model as handed in")
+        plot = Plot(time, axis(f"error, {unit}", was, became), height=220)
+        plot.line(t_s, was, 1, "the model as handed in")
         if result.refined.shares:
-            left.line(t_s, became, 0, "with what was found")
-        drawn.append(left.svg(f"error before and after in {unit}"))
-    of_curves = " A count is worth what the curves in use say where it was read." if seen.load_is_known else ""
+            plot.line(t_s, became, 0, "with what was found")
+        drawn.append(plot.svg(f"error before and after in {unit}"))
+    of_curves = " Counts are converted by the slope of the curves in use at each reading." if seen.load_is_known else ""
     return page.figure(
         "".join(drawn),
         f"The load by the reference and the model's error on held-out rows: the {t_s[-1] - t_s[0]:.0f} s in which the "
@@ -150,19 +152,21 @@ def _singles(result: RecordingResult) -> str:
     if not result.candidates:
         return page.paragraph("No term explains more than noise does.")
     rows = [(word.replace("_", " "), f"{gain:.2f}", f"{score:.2f}") for word, gain, score in result.candidates]
-    text = "Squared error a row that a term takes away by itself, in variances of the noise, and less its price."
-    return page.paragraph(text) + page.table(("term", "takes away", "after its price"), rows)
+    text = "Mean squared error that a term removes by itself, in variances of the noise, and the same less its penalty."
+    return page.paragraph(text) + page.table(("term", "removes", "less its penalty"), rows)
 
 
 def _noise(diagnosis: Diagnosis) -> str:
     rows = []
-    for each in diagnosis.results:
-        names = [f"{b}.{t}" for b, t in each.seen.layout.identities.tolist()] if each.seen.load_is_known else CHANNELS
-        noise, excess = each.figures.left.noise, each.figures.left.excess
+    for result in diagnosis.results:
+        names = (
+            [f"{b}.{t}" for b, t in result.seen.layout.identities.tolist()] if result.seen.load_is_known else CHANNELS
+        )
+        noise, excess = result.figures.left.noise, result.figures.left.excess
         for name, level, slow in zip(names, noise.tolist(), excess.tolist(), strict=True):
-            rows.append((each.seen.name, name, f"{np.sqrt(level):.2f}", f"{np.sqrt(slow):.2f}"))
+            rows.append((result.seen.name, name, f"{np.sqrt(level):.2f}", f"{np.sqrt(slow):.2f}"))
     text = (
-        "What is left, in units of the noise expected from counts, stamps and the reference: its fast part, which is "
-        "noise, and its slow part, which is not."
+        "The residual, in units of the noise expected from counts, time stamps and the reference: its fast part, which "
+        "is noise, and its slow part, which is not."
     )
     return page.paragraph(text) + page.table(("recording", "channel", "fast", "slow"), rows)

@@ -1,7 +1,7 @@
-"""The doctor: why it does not work, or will not, with the remedy of each finding.
+"""The doctor: list setup problems and how to fix each.
 
-One file for each thing that is looked at. Nothing is changed: no interface is set up, no adapter opened, no file
-written. Boards are asked what they are by the running daemon, if it may.
+Each subject has a file. Nothing is changed: no interface is configured, no adapter opened, no file written. A running
+daemon asks its boards for their identity, if its configuration allows that.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ __all__ = ["CheckResult", "examine"]
 
 
 def examine(config_file: Path | None) -> Iterator[CheckResult]:
-    """Everything there is to say about running a daemon here with this configuration, as it is found."""
+    """Check this host and `config_file` for running a daemon, and yield each result as soon as it is known."""
     clock = host.ClockWatch()
-    settings, found = files.check_configuration(config_file)
-    yield from found
+    settings, results = files.check_configuration(config_file)
+    yield from results
     yield from host.check_receive_buffer()
     if settings is None:
         yield from clock.findings()
@@ -28,8 +28,8 @@ def examine(config_file: Path | None) -> Iterator[CheckResult]:
         yield from can.check_kernel()
     for bus in settings.buses:
         yield from can.check_interface(bus, settings.boards.configure)
-    daemon, found = network.check_daemon(settings)
-    yield from found
+    daemon, results = network.check_daemon(settings)
+    yield from results
     yield from network.check_connects(settings)
     yield from network.check_exposure(settings)
     with boards.Running(settings, daemon, config_file) as running:

@@ -1,4 +1,4 @@
-"""What the daemon that runs knows: its version, its bus, and the boards with their firmware."""
+"""Checks through the running daemon: its version, its bus, and the boards with their firmware."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from ...wire.messages import CalibrationInUse, Health, Meta
 from .files import RESTART
 from .finding import CheckResult, ok, problem, warning
 
-_HEALTH_WITHIN_S = 3.0  # it comes once a second
-_OLDEST_MTB = (2, 10, 16)  # the first that knows the commands 4D and 50, by the boards' own host
+_HEALTH_WITHIN_S = 3.0  # health is published once a second
+_OLDEST_MTB = (2, 10, 16)  # first firmware with the commands 4D and 50, according to the robot's own host software
 
 
 class Running:
-    """The daemon behind `endpoint`; None where there is none, and then there is little to say."""
+    """The running daemon behind `endpoint`; None: no daemon runs, and only that is reported."""
 
     def __init__(self, settings: Config, endpoint: str | None, config_file: Path | None) -> None:
         self._settings, self._config_file = settings, config_file
@@ -47,11 +47,11 @@ class Running:
             self._client.close()
 
     def meta(self, foot: str) -> tuple[Meta, CalibrationInUse] | None:
-        """What the daemon works with for `foot`."""
+        """Return the setup and calibration that the daemon uses for `foot`; None if no daemon has the foot."""
         return self._known.get(foot)
 
     def findings(self) -> Iterator[CheckResult]:
-        """All that only a daemon that runs can tell."""
+        """Check the version of the daemon, its buses and its boards."""
         if self._client is None:
             run = "insole run" + (f" --config {self._config_file}" if self._config_file else "")
             yield warning(
@@ -77,7 +77,7 @@ class Running:
                 yield from findings
 
     def _bus(self, client: Client) -> Iterator[CheckResult]:
-        """What is counted on the buses since the daemon's start."""
+        """Check the daemon's counters of its buses since its start."""
         healths = client.healths()
         end = threading.Timer(_HEALTH_WITHIN_S, healths.close)
         end.start()
@@ -102,15 +102,15 @@ class Running:
             yield ok("bus", f"{bus['frames']} frames, none lost")
 
     def _boards(self, foot: str) -> list[CheckResult]:
-        """The boards of one foot, asked by the daemon what they are."""
+        """Check the boards of one foot, which the daemon asks for their identity."""
         assert self._client is not None
         try:
             reply = self._client.request(foot, "boards", do="list")
         except WireError as error:
             return [problem(f"{foot} boards", str(error), RESTART)]
         configure = self._settings.boards.configure
-        found = [finding for board in reply["boards"] for finding in judge_board(board, foot, configure)]
-        found += [
+        results = [result for board in reply["boards"] for result in judge_board(board, foot, configure)]
+        results += [
             warning(
                 f"board {stranger['address']}",
                 f"{stranger['type']} answers, and is not in the configuration",
@@ -118,14 +118,14 @@ class Running:
             )
             for stranger in reply["strangers"]
         ]
-        return found
+        return results
 
 
 def judge_board(board: dict[str, Any], foot: str, configure: bool) -> Iterator[CheckResult]:
-    """One board, as a reply to `boards` says it."""
-    name, told = f"board {board['address']}", f"insole boards configure --foot {foot}"
+    """Check one board, by its entry in the reply to a `boards` request."""
+    name, remedy = f"board {board['address']}", f"insole boards configure --foot {foot}"
     if not configure:
-        told = f"config.yaml: boards: {{configure: true}}, then {told}"
+        remedy = f"config.yaml: boards: {{configure: true}}, then {remedy}"
     who = "not asked what it is (boards: {configure: false})"
     if board["type"] is not None:
         who = f"{board['type']} with firmware {board['firmware']}"
@@ -137,7 +137,7 @@ def judge_board(board: dict[str, Any], foot: str, configure: bool) -> Iterator[C
         )
         return
     if board["state"] != "streaming":
-        yield problem(name, f"{who}; {board['state']}: is it powered and connected?", told)
+        yield problem(name, f"{who}; {board['state']}: is it powered and connected?", remedy)
         return
     if board["type"] == "MTB" and tuple(map(int, board["firmware"].split("."))) < _OLDEST_MTB:
         oldest = ".".join(map(str, _OLDEST_MTB))
@@ -148,5 +148,5 @@ def judge_board(board: dict[str, Any], foot: str, configure: bool) -> Iterator[C
         numbers = ", ".join(map(str, board["open_triangles"]))
         yield warning(name, f"triangle {numbers}: not connected", "check the flat cable of that triangle")
     if board["differences"]:
-        yield warning(name, f"not as configured: {'; '.join(board['differences'])}", told)
+        yield warning(name, f"not as configured: {'; '.join(board['differences'])}", remedy)
     yield ok(name, f"{who}, sends {board['rate_hz']:.1f} Hz, new values {board['change_rate_hz']:.1f} Hz")

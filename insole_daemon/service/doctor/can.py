@@ -1,4 +1,4 @@
-"""CAN: whether the kernel has it, and the state, the bit rate and the permission of every interface."""
+"""Checks of CAN: support by the kernel; state, bit rate and permission of every interface."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _NETS = Path("/sys/class/net")
 
 
 def check_kernel() -> Iterator[CheckResult]:
-    """Whether raw CAN sockets can be had at all."""
+    """Check that the kernel has raw CAN sockets."""
     try:
         socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
     except OSError as error:
@@ -35,7 +35,7 @@ def check_kernel() -> Iterator[CheckResult]:
 
 
 def module_remedy(release: str, modules: Path = Path("/lib/modules")) -> str:
-    """How this kernel gets CAN."""
+    """Return the command that gives this kernel raw CAN sockets."""
     names = ("modules.dep", "modules.builtin")
     for name in names:
         try:
@@ -49,7 +49,7 @@ def module_remedy(release: str, modules: Path = Path("/lib/modules")) -> str:
 
 
 def check_interface(bus: Bus, configure: bool) -> Iterator[CheckResult]:
-    """One bus of the configuration; `configure`: boards are sent to on it."""
+    """Check one bus of the configuration; `configure`: commands to boards are sent on it."""
     if bus.driver != "socketcan":
         yield from _driver(bus)
         return
@@ -70,27 +70,27 @@ def check_interface(bus: Bus, configure: bool) -> Iterator[CheckResult]:
 
 
 def _link(name: str) -> dict[str, Any] | None:
-    """What `ip` says of an interface, None where it cannot be asked."""
+    """Return the description of an interface by `ip`; None if it cannot be had."""
     program = shutil.which("ip", path=os.environ.get("PATH", os.defpath) + ":/usr/sbin:/sbin")
     if program is None:
         return None
     command = [program, "-json", "-details", "link", "show", "dev", name]
     done = subprocess.run(command, capture_output=True, text=True, timeout=10, check=False)
     try:
-        found: dict[str, Any] = json.loads(done.stdout)[0]
+        link: dict[str, Any] = json.loads(done.stdout)[0]
     except (ValueError, LookupError):
         return None
-    return found
+    return link
 
 
 def _from_sysfs(folder: Path) -> dict[str, Any]:
-    """What little of it stands in /sys."""
+    """Return the part of that description that is in /sys."""
     up = int((folder / "flags").read_text(), 16) & _FLAG_UP
     return {"flags": ["UP"] if up else []}
 
 
 def judge_interface(name: str, link: dict[str, Any], configure: bool) -> Iterator[CheckResult]:
-    """What `link`, as `ip -json -details link show` says it, means for the insole."""
+    """Check an interface by `link`, its description by `ip -json -details link show`."""
     info = link.get("linkinfo", {})
     data = info.get("info_data", {})
     kind = info.get("info_kind")
@@ -139,7 +139,7 @@ def judge_interface(name: str, link: dict[str, Any], configure: bool) -> Iterato
 
 
 def _permission(name: str) -> Iterator[CheckResult]:
-    """Whether this user may read it; the kernel asks for no privilege, but a sandbox may."""
+    """Check that this user may read the interface; the kernel requires no privilege, but a sandbox may."""
     try:
         with socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW) as sock:
             sock.bind((name,))
@@ -159,7 +159,7 @@ def _forbidden(subject: str) -> CheckResult:
 
 
 def _driver(bus: Bus) -> Iterator[CheckResult]:
-    """A driver of python-can; the adapter is not opened, for that takes it away from a daemon that runs."""
+    """Check a driver of python-can; the adapter is not opened, which would take it from a running daemon."""
     import importlib
 
     from can.interfaces import BACKENDS

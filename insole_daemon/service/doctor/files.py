@@ -1,4 +1,4 @@
-"""The files: the configuration with all its errors; layout, calibration and zero of every foot."""
+"""Checks of files: the configuration with all its errors; layout, calibration and zero of every foot."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ RESTART = "sudo systemctl restart insole-daemon   # or end 'insole run' and star
 
 
 def check_configuration(path: Path | None) -> tuple[Config | None, list[CheckResult]]:
-    """The configuration, None where it is refused, and what there is to say about it."""
+    """Return the configuration, None if it is refused, and the results."""
     if path is None:
         return Config(), [warning("config", "none named: the built-in one is looked at", "insole doctor --config FILE")]
     try:
@@ -35,7 +35,7 @@ def check_configuration(path: Path | None) -> tuple[Config | None, list[CheckRes
 
 
 def check_foot(insole: Insole, rig: str, in_use: tuple[Meta, CalibrationInUse] | None) -> Iterator[CheckResult]:
-    """The files of one foot; `in_use` is what the daemon that runs says of them."""
+    """Check the files of one foot; `in_use`: setup and calibration of the running daemon, None if there is none."""
     name = f"{insole.foot} layout"
     try:
         layout = load_layout(insole)
@@ -83,7 +83,7 @@ def _zero(
     insole: Insole, rig: str, layout: Layout, in_use: tuple[Meta, CalibrationInUse] | None
 ) -> Iterator[CheckResult]:
     name, take = f"{insole.foot} zero", f"insole zero --foot {insole.foot}"
-    if in_use is not None:  # it may be another user's, whose files are not ours to see
+    if in_use is not None:  # the daemon may be another user's, whose files this user may not read
         meta = in_use[0]
         source, t_ns = meta.zero_source, meta.zero["t_ns"] if meta.zero is not None else None
     else:
@@ -108,10 +108,10 @@ def _zero(
 
 
 def _refused(subject: str, error: InsoleError) -> list[CheckResult]:
-    """A finding for everything that is wrong with a file."""
+    """Return a result for each problem of a file."""
     if not isinstance(error, DocumentError):
         return [problem(subject, str(error), "correct the configuration")]
-    return [problem(subject, each.message, _edit(error.path, each)) for each in error.problems]
+    return [problem(subject, defect.message, _edit(error.path, defect)) for defect in error.problems]
 
 
 def _edit(path: str, wrong: Problem) -> str:

@@ -1,4 +1,4 @@
-"""What the doctor says of one thing."""
+"""The result of one check of the doctor."""
 
 from __future__ import annotations
 
@@ -8,24 +8,24 @@ from typing import Literal
 
 @dataclass(frozen=True, slots=True)
 class CheckResult:
-    """One thing that was looked at; `remedy` is a command or a line of a configuration."""
+    """The result of one check; `remedy` is a command or a line of a configuration."""
 
-    level: Literal["ok", "warning", "problem"]  # problem: it does not work so; warning: it works, and a person may mind
+    level: Literal["ok", "warning", "problem"]  # problem: does not work; warning: works with a limitation
     subject: str
     text: str
     remedy: str = ""
 
 
 def ok(subject: str, text: str) -> CheckResult:
-    """As it should be."""
+    """Return a result without a defect."""
     return CheckResult("ok", subject, text)
 
 
 def warning(subject: str, text: str, remedy: str = "") -> CheckResult:
-    """It works, and a person may mind."""
+    """Return a result for something that works with a limitation."""
     return CheckResult("warning", subject, text, remedy)
 
 
 def problem(subject: str, text: str, remedy: str) -> CheckResult:
-    """It does not work so."""
+    """Return a result for something that does not work."""
     return CheckResult("problem", subject, text, remedy)

@@ -1,4 +1,4 @@
-"""The host: its clock, how much the kernel keeps for a daemon that is late, and where the daemon keeps its files."""
+"""Checks of the host: its clock, the size of the receive buffer, and the folder of the daemon's files."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ _RAISE = (
 )
 _STEP_NS = 1_000_000
 _UNSYNCHRONISED = 0x40  # STA_UNSYNC of linux/timex.h
-_NO_SOONER_THAN_S = 1_750_000_000  # 2025: a host without a battery begins in 1970, or when its disk was last written
+_NO_SOONER_THAN_S = 1_750_000_000  # 2025; a host without a clock battery starts in 1970 or at its last shutdown
 
 
 def check_receive_buffer(limit: Path = _RMEM_MAX) -> Iterator[CheckResult]:
-    """How many bytes of frames the kernel may keep while the daemon does not read."""
+    """Check how many bytes of frames the kernel may buffer while the daemon does not read."""
     try:
         most = int(limit.read_text())
     except (OSError, ValueError) as error:
@@ -41,27 +41,27 @@ def check_receive_buffer(limit: Path = _RMEM_MAX) -> Iterator[CheckResult]:
 
 
 def check_state_folder() -> Iterator[CheckResult]:
-    """Whether a zero could be stored by this user."""
+    """Check that this user may store a zero."""
     folder = folder_of_state()
-    there = next(each for each in (folder, *folder.parents) if os.path.lexists(each))
-    if os.access(there, os.W_OK | os.X_OK) and there.is_dir():
+    nearest = next(path for path in (folder, *folder.parents) if os.path.lexists(path))
+    if os.access(nearest, os.W_OK | os.X_OK) and nearest.is_dir():
         yield ok("state", f"zeros are kept in {folder}")
     else:
         yield problem(
             "state",
             f"zeros are kept in {folder}, where this user may not write",
-            f'sudo chown "$USER" {there}   # or set STATE_DIRECTORY to another folder',
+            f'sudo chown "$USER" {nearest}   # or set STATE_DIRECTORY to another folder',
         )
 
 
 class ClockWatch:
-    """Looks at the clocks from its making until it is asked."""
+    """Observes the clocks from its construction until `findings` is called."""
 
     def __init__(self) -> None:
         self._offset_ns = _offset_ns()
 
     def findings(self) -> Iterator[CheckResult]:
-        """Whether the wall clock is right, and goes evenly."""
+        """Check that the wall clock is synchronised and did not step."""
         step_ns = _offset_ns() - self._offset_ns
         if time.time() < _NO_SOONER_THAN_S:
             yield problem("clock", f"the date is {time.strftime('%Y-%m-%d')}: t_ns is wrong", _SET)
@@ -87,7 +87,7 @@ def _offset_ns() -> int:
 
 
 def _synchronised() -> bool | None:
-    """What the kernel's clock discipline says (adjtimex(2), which changes nothing with modes = 0)."""
+    """Return whether the kernel reports a synchronised clock (adjtimex(2) with modes = 0 changes nothing)."""
     timex = ctypes.create_string_buffer(256)  # struct timex is 208 bytes
     if ctypes.CDLL(None).adjtimex(timex) < 0:
         return None

@@ -1,4 +1,4 @@
-"""Zenoh: whether the daemon's endpoints are free or answered, whom it connects to, and who else can reach it."""
+"""Checks of Zenoh: the daemon's endpoints, the endpoints it connects to, and who else can reach it."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from .finding import CheckResult, ok, problem, warning
 
 _STREAMS = ("tcp", "tls", "ws")
 _KNOCK_S = 2.0
-_ANY_HOST = {"0.0.0.0": "127.0.0.1", "::": "::1"}  # listened on → where this host reaches it
+_ANY_HOST = {"0.0.0.0": "127.0.0.1", "::": "::1"}  # address listened on → address by which this host reaches it
 
 
 def check_daemon(settings: Config) -> tuple[str | None, list[CheckResult]]:
-    """The endpoint on which the daemon of this configuration answers, None if it does not run; and what was found."""
-    zenoh, reached, found = settings.zenoh, None, []
+    """Return the endpoint on which the configured daemon answers, None if it does not run, and the results."""
+    zenoh, reached, results = settings.zenoh, None, []
     unanswered = []
     for endpoint in zenoh.connect if zenoh.mode == "client" else zenoh.listen:
         here = _from_here(endpoint)
@@ -32,19 +32,19 @@ def check_daemon(settings: Config) -> tuple[str | None, list[CheckResult]]:
         elif settings.rig in rigs:
             reached = reached or here
             names = " and ".join(foot for rig, foot in feet if rig == settings.rig)
-            found.append(ok(endpoint, f"the daemon answers: rig {settings.rig}, {names}"))
+            results.append(ok(endpoint, f"the daemon answers: rig {settings.rig}, {names}"))
         elif zenoh.mode != "client":
             who = f"the daemon of rig {', '.join(rigs)}" if rigs else "a Zenoh node that is no insole daemon"
-            found.append(
+            results.append(
                 problem(endpoint, f"{who} listens there already", "config.yaml: zenoh: {listen: [another endpoint]}")
             )
     if zenoh.mode != "client":
-        found += [_port(endpoint, reached) for endpoint in unanswered]
-    return reached, found
+        results += [_port(endpoint, reached) for endpoint in unanswered]
+    return reached, results
 
 
 def check_connects(settings: Config) -> Iterator[CheckResult]:
-    """Whether those answer whom the daemon is to connect to."""
+    """Check that the endpoints answer to which the daemon connects."""
     if settings.zenoh.mode == "peer" and settings.zenoh.connect and settings.zenoh.listen:
         # seen with Zenoh 1.10.2: one liveliness query in sixty stays without answer, which a router's never does
         yield warning(
@@ -68,7 +68,7 @@ def check_connects(settings: Config) -> Iterator[CheckResult]:
 
 
 def check_exposure(settings: Config) -> Iterator[CheckResult]:
-    """Who else can reach the daemon, and whether its certificates can be used."""
+    """Check who else can reach the daemon, and whether its certificates can be used."""
     file = settings.zenoh.config_file
     try:
         if file is not None:
@@ -77,22 +77,22 @@ def check_exposure(settings: Config) -> Iterator[CheckResult]:
             for name, path in tls_files(file, config).items():
                 if name.endswith("private_key") and os.stat(path).st_mode & 0o077:
                     yield warning("certificates", f"other users may read the private key {path}", f"chmod 600 {path}")
-        for said in exposures(settings.zenoh):
-            yield warning("exposure", said, REMEDY)
+        for exposure in exposures(settings.zenoh):
+            yield warning("exposure", exposure, REMEDY)
     except WireError as error:
         yield problem("certificates", str(error), REMEDY)
 
 
 def _from_here(endpoint: str) -> str:
-    """The endpoint that reaches who listens on `endpoint`."""
+    """Return the endpoint by which this host reaches a listener on `endpoint`."""
     _, host, _ = split(endpoint)
     return endpoint.replace(host, _ANY_HOST[host], 1) if host in _ANY_HOST else endpoint
 
 
 def _feet(endpoint: str, zenoh: Zenoh) -> list[tuple[str, str]] | None:
-    """(rig, foot) of all that can be reached through `endpoint`, None where no Zenoh node lets us in."""
+    """Return (rig, foot) of all feet behind `endpoint`; None if no Zenoh node accepts the connection."""
     protocol, host, port = split(endpoint)
-    if protocol in _STREAMS:  # Zenoh would wait for 10 s where a packet is dropped on the way
+    if protocol in _STREAMS:  # Zenoh would wait for 10 s if a firewall drops the packets
         try:
             socket.create_connection((host, int(port)), _KNOCK_S).close()
         except (OSError, ValueError):
@@ -105,7 +105,7 @@ def _feet(endpoint: str, zenoh: Zenoh) -> list[tuple[str, str]] | None:
 
 
 def _port(endpoint: str, reached: str | None) -> CheckResult:
-    """Whether a daemon could listen on `endpoint`, which answers nobody."""
+    """Check that a daemon could listen on `endpoint`, on which nobody answers."""
     protocol, host, port = split(endpoint)
     if not port.isdigit():
         return warning(endpoint, f"cannot be looked at: {protocol} has no port")
@@ -113,7 +113,7 @@ def _port(endpoint: str, reached: str | None) -> CheckResult:
     try:
         family, _, _, _, address = socket.getaddrinfo(host, int(port), type=kind)[0]
         with socket.socket(family, kind) as sock:
-            if kind == socket.SOCK_STREAM:  # as Zenoh does: what a daemon that just ended left behind does not matter
+            if kind == socket.SOCK_STREAM:  # as Zenoh does: connections of a daemon that has just ended do not matter
                 sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             sock.bind(address)
     except OSError as error:

@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from insole_daemon.skin import cycles as module
-from insole_daemon.skin.cycles import PATIENCE, TWICE_NS, CycleAssembler, Cycles
+from insole_daemon.skin import assembler as module
+from insole_daemon.skin.assembler import PATIENCE, TWICE_NS, CycleAssembler
+from insole_daemon.skin.cycles import Cycles
 
 from ..implementations import numpy_and_compiled
 
