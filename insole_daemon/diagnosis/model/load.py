@@ -79,11 +79,6 @@ class LoadEstimate:
         return self.wrench_of(self.pressure_pa)
 
     @cached_property
-    def read_by_triangle(self) -> Array:
-        """(N, T, 3) wrench of each triangle by readings, with noise reduced."""
-        return self.wrench_of(self.read_pa)
-
-    @cached_property
     def slope_pa(self) -> Array:
         """Pa a count, no flatter than a share of its mean."""
         return self.observation.where_answering(self.observation.slope_at(self.activation_count))

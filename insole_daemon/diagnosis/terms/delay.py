@@ -14,15 +14,14 @@ DELAYS_S = (0.004, 0.008, 0.015, 0.025, 0.04, 0.06, 0.09, 0.14, 0.22, 0.35, 0.5)
 
 
 def _column(load: LoadEstimate, setting: Setting) -> TermColumns:
-    """One column: what each triangle will say `delay_s` later, less what it says."""
-    seen = load.observation
-    # Ten taxels and more that bear the same load leave next to no noise.
-    own = load.read_by_triangle if seen.load_is_known else seen.by_triangle
-    later = seen.t_s + setting["delay_s"]
-    position = np.clip((later - seen.t_s[0]) / seen.step_s, 1, len(seen.t_s) - 2.001)
+    """One column: the load less what it was `delay_s` before; where it is not known, readings then less those now."""
+    seen, own, shift_s = load.observation, load.by_triangle, -setting["delay_s"]
+    if not seen.load_is_known:
+        own, shift_s = seen.by_triangle, setting["delay_s"]
+    position = np.clip((seen.t_s + shift_s - seen.t_s[0]) / seen.step_s, 1, len(seen.t_s) - 2.001)
     column = (cubic_at(own, position) - own)[..., None]
     if seen.load_is_known:
-        return TermColumns((setting,), by_triangle=column)
+        return TermColumns((setting,), by_triangle=-column)
     # The noise of a reading stands in the residual with −1; here with what the cubic takes of it, less 1.
     shift = setting["delay_s"] / seen.step_s
     taken = cubic_at(np.eye(9)[4], np.array([4.0 - shift if shift < 4 else 0.5]))[0] if shift < 4 else 0.0

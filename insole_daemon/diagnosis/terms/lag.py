@@ -8,15 +8,17 @@ import numpy as np
 
 from ...physics.law import Array
 from ..model.load import LoadEstimate
+from ..operators import low_pass
 from .term import Setting, Term, TermColumns
 
 
 def _column(load: LoadEstimate, setting: Setting) -> TermColumns:
-    """One column: τ·dq/dt of every triangle."""
+    """One column: the load less what follows it; where it is not known, τ·dq/dt of every triangle."""
     seen = load.observation
     if seen.load_is_known:
-        slope = np.gradient(load.read_by_triangle, seen.step_s, axis=0)
-        return TermColumns((setting,), by_triangle=(setting["tau_s"] * slope)[..., None])
+        own = load.by_triangle
+        late = low_pass(own[..., 0], seen.step_s, setting["tau_s"])[..., None]
+        return TermColumns((setting,), by_triangle=(own - late)[..., None])
     slope = np.gradient(seen.by_triangle, seen.step_s, axis=0)
     square = seen.counting_variance[..., None] * 0.5 * (setting["tau_s"] / seen.step_s) ** 2
     echo = (np.zeros_like(square), square)
