@@ -2,7 +2,8 @@
 
 A calibration that was made with a memory at work contains up to all of its mean curve, and loose curves take that and
 any recalibration alike. By the load they are off by c·m(P) + s(P), 0 ≤ c ≤ 1: m is what the memory moves readings by
-on average at that load, and s what one static word does. A word is named that c·m alone does not replace.
+on average at that load, and s what one static word does. A word is named that c·m alone does not replace, and that
+moves readings by more than the memory does at any load: a calibration made in another course contains another mean.
 """
 
 from __future__ import annotations
@@ -41,10 +42,11 @@ def static_part(refined: Refined[BlockDesign]) -> StaticPart | None:
         return None
     off = off_by_load(refined)
     weights = np.sqrt(off.rows / off.rows.sum())
+    moved = float(np.abs(off.moved).max())
     best, least = None, MOST_LEFT * _left(off, np.zeros_like(off.after), weights)
     for part, column in _parts(off, weights):
         square = float(np.sum((weights * column) ** 2))
-        if square < (LEAST_SIZE * off.noise_count) ** 2:
+        if np.sqrt(square) < max(LEAST_SIZE * off.noise_count, moved):
             continue
         left = _left(off, column, weights)
         if left < least * (CLEARER if best is not None and len(part.values) > len(best.values) else 1.0):
