@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 import typer
 
 from ..config import DEFAULT_ENDPOINT
+from ..errors import BusError
 from .options import ConfigFile, Connect, Seconds, Which, name_next, on_end
 
 if TYPE_CHECKING:
@@ -97,7 +98,10 @@ def record(
             insoles = insoles_of(settings, foot)
         instruments = _instruments([item.foot for item in insoles], kind, reference or [], shoe or [])
         if not remote:
-            source = RecoveringSource(settings.buses)
+            try:
+                source = RecoveringSource(settings.buses)
+            except BusError as error:
+                raise BusError(f"{error}. To record what a running daemon or demo publishes, add --remote") from error
             opened.callback(source.close)
             interfaces = source.interfaces
         rotate_bytes = None if rotate_mb is None else round(rotate_mb * 1e6)
