@@ -35,6 +35,7 @@ UNRESOLVED_STD = 0.5  # of the share of the load that a board carries while a cu
 CURVE_STD_COUNT, CURVE_KNOTS = 0.05, 7
 CURVE_STD_AT_REST_COUNT = 0.015  # of the first knot: a baseline is read, not fitted
 SUBSTITUTED_STD = 0.5  # of the share of a triangle whose dead taxels are stood in for by their neighbours
+NEIGHBOURS = 6  # each of which a triangle without a working taxel may bear the load of, by as much
 STATIC = frozenset({"gain", "baseline", "stiffening", "preload", "bit_shift"})  # what a calibration would contain
 
 
@@ -187,6 +188,10 @@ def base_terms(load: LoadEstimate, weights: Array, substituted: NDArray[np.bool_
         std = SUBSTITUTED_STD if substituted[row] else GAIN_STD
         add(f"gain_{board}_{triangle}", gain[:, row], std)
     for row, readings in enumerate(seen.readings):
+        if seen.stood_in is not None and seen.stood_in[row]:
+            for donor in _nearest(seen, row, ~seen.stood_in & seen.usable.any(axis=1))[:NEIGHBOURS].tolist():
+                mean_pa = np.mean(load.read_pa[:, donor, seen.usable[donor]], axis=1)
+                add(f"like_{row}_{donor}", mean_pa[:, None] * seen.arms[row].sum(axis=0), SUBSTITUTED_STD)
         if readings.latest_s:
             rate = np.gradient(load.by_triangle[:, row], seen.step_s, axis=0)
             add(f"time_{row}", rate, readings.latest_s / np.sqrt(12.0))
@@ -240,6 +245,13 @@ def _stood_in(seen: WrenchObservation, substituted: NDArray[np.bool_]) -> set[tu
     apart = np.linalg.norm(centres[substituted][:, None] - centres, axis=-1)
     near = np.argsort(apart, axis=1)[:, : 1 + DONORS].ravel()
     return {tuple(identity) for identity in seen.layout.identities[near].tolist()}
+
+
+def _nearest(seen: WrenchObservation, row: int, among: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Triangles `among` (T,) all, the nearest to triangle `row` first."""
+    centres = seen.layout.xy_m.mean(axis=1)
+    order = np.argsort(np.linalg.norm(centres - centres[row], axis=1))
+    return np.asarray(order[among[order]])
 
 
 def _is_estimated(place: Where, seen: WrenchObservation) -> bool:

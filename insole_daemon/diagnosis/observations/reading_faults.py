@@ -40,6 +40,7 @@ SPIKE_SIGMAS, LEAST_SPIKES, LEAST_LEAPS = 9.0, 4, 3  # leaps: that no pressure c
 LEAP_ROWS = 3  # of the reference, that it is away for at the most
 NEAR_S = 0.1  # readings and reference may be apart by as much
 MOST_RESTING_COUNT = 30.0  # of activation that a shift of the baseline can hide
+LEAST_WORKING = 3  # taxels of a triangle, whose mean stands in for its others
 DONORS = 3  # triangles nearby, that stand in for one that hardly works
 APART_S = 1.0  # of two times that are told as one
 MOST_SILENT = 0.5  # of a window's readings, that are cut off
@@ -168,15 +169,16 @@ def _substitute(
     seen: WrenchObservation, working: NDArray[np.bool_], substituted: NDArray[np.bool_]
 ) -> WrenchObservation:
     """`seen` with the mean of working taxels nearby in the place of those that do not work."""
-    activation = seen.activation_count.copy()
+    activation, stood_in = seen.activation_count.copy(), np.zeros(len(substituted), bool)
     centres = seen.layout.xy_m.mean(axis=1)
     for row in np.flatnonzero(substituted):
         near = np.argsort(np.linalg.norm(centres - centres[row], axis=1))
         donors = [j for j in near if working[j].any()]
-        donors = [row] if working[row].sum() >= 3 else [j for j in donors if j != row][:DONORS]
+        stood_in[row] = working[row].sum() < LEAST_WORKING
+        donors = [j for j in donors if j != row][:DONORS] if stood_in[row] else [row]
         mean = np.mean([activation[:, j][:, working[j]].mean(axis=1) for j in donors], axis=0)
         activation[:, row][:, seen.usable[row] & ~working[row]] = mean[:, None]
-    return replace(seen, activation_count=activation)
+    return replace(seen, activation_count=activation, stood_in=stood_in)
 
 
 def _finding(

@@ -148,6 +148,7 @@ class WrenchObservation:
     readings: tuple[TriangleReadings, ...]
     loudness: Array | None = None  # (N, T) times that the noise of readings is larger than `noise_count`
     rezeroed: NDArray[np.bool_] | None = None  # (N, T) rows since a board took its baselines anew, already corrected
+    stood_in: NDArray[np.bool_] | None = None  # (T,) triangles whose readings are the mean of others'
     unloaded: NDArray[np.bool_] | None = None  # (N, T, 12) readings at the top of their range: no load, activation 0
     rate_std: float = 0.0  # of the clock's rate, where it is the reference's own
     warmth_is_of_pads: bool = False
