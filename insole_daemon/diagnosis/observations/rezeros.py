@@ -28,6 +28,7 @@ LEAST_READ = 50  # rows that are not cut off, to ask that of
 STEP_S = 0.12  # that it takes at the most, each way
 STEPS_S, LEAST_STEPS = 2.0, 3  # in which a foot is lifted once, and as many before and after
 ENOUGH_S = 20.0  # of a walk, to leave out the rest
+LOWEST = 0.1  # of the rows of a stretch, in which a foot that walks is in the air
 AIR_QUANTILE = 0.25  # of the lowest readings of stretches: those in which the foot was lifted
 CLEAR = 1.5  # times what the lowest readings of stretches in which it was lifted differ by, before and after
 
@@ -151,10 +152,15 @@ def _step_of_walk(seen: WrenchObservation, own: np.ndarray[tuple[int], np.dtype[
 
 
 def _last_drop(level: Array, floor: float, least: float, width: int) -> int:
-    """The row of the last drop of at least `least` before `level` falls below `floor` for the first time."""
+    """The row of the last drop of at least `least` until `level` falls below `floor` for the first time.
+
+    A board that says nothing while the foot rolls off it falls from the load to below no load at once.
+    """
     first = int(np.argmax(level < floor))
-    rows = np.arange(max(first - width, 1))
-    drop = level[rows] - level[rows + width]
+    if first and level[first - 1] > floor + 2.0 * least:
+        return first + width // 2
+    rows = np.arange(max(first, 1))
+    drop = level[rows] - level[np.minimum(rows + width, rows[-1])]
     falls = rows[drop > least]
     if not len(falls):
         return first
@@ -163,5 +169,5 @@ def _last_drop(level: Array, floor: float, least: float, width: int) -> int:
 
 
 def _lowest(level: Array, rows: int) -> Array:
-    """Of each stretch of so many rows."""
-    return np.asarray(level[: len(level) // rows * rows].reshape(-1, rows).min(axis=1))
+    """A low quantile of each stretch of so many rows: cubics through edges of the load fall lower for a moment."""
+    return np.asarray(np.quantile(level[: len(level) // rows * rows].reshape(-1, rows), LOWEST, axis=1))

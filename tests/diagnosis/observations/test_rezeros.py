@@ -45,3 +45,12 @@ def test_rezero_under_a_standing_foot_is_detected_when_it_happened(walk):
 
 def test_a_stand_alone_is_no_rezero(walk):
     assert with_rezeros(*walk)[1] == []
+
+
+def test_dips_where_a_cubic_goes_through_edges_are_no_rezero(walk):
+    foot, seen = walk
+    own = (seen.layout.identities[:, 0] == BOARD)[:, None] & seen.usable
+    activation, after = seen.activation_count.copy(), np.flatnonzero(seen.t_s > STANDS_S[1])
+    for k in (0, 1):  # two rows of a step of 50
+        activation[after[k::50]] -= np.where(own, 8.0, 0.0)
+    assert with_rezeros(foot, replace(seen, activation_count=activation))[1] == []
