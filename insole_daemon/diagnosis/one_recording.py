@@ -97,7 +97,7 @@ def diagnose_one(seen: WrenchObservation, foot: FootRecording, progress: Callabl
         elif (effect := effect_of(words[i], where, parameters[i], seen)) is not None:
             effects.append(effect)
         findings.append(_finding(words[i], where, parameters[i], gain, seen, found, search, kept.best, i))
-    if isinstance(whole, BlockDesign) and order and not is_unknown and not {*words} & {*RECALIBRATIONS, "preload"}:
+    if isinstance(whole, BlockDesign) and whole.priors.has_loose_curves and not is_unknown and order:
         findings += static_findings(refined, found)
     findings = list(join_places(findings, seen))
     effects.sort(key=lambda each: np.inf if each.law.order is None else each.law.order)  # the order of the signal path

@@ -25,7 +25,6 @@ PER_TAXEL = 4.0  # a taxel's share of a triangle's excess that counts as much as
 UNKNOWN_EXCESS = 1.0  # mean squares of the noise that are left
 UNKNOWN_SHARE = 0.08  # of what a set explains, that it may leave: no law is met exactly
 UNKNOWN_OF_MEMORY = 0.12  # the same with a memory, where the load is known: materials follow their laws less nearly
-LEAST_BY_LAWS = 0.6  # of the error, that the law of a memory takes away: real materials differ, but not in so much
 STRONGER = 4.0  # times what is left without a name, that an effect beside it explains
 MOST_NULL = 1.12  # times the noise floor: what a recording without a mismatch may leave
 
@@ -36,8 +35,6 @@ def is_unexplained(found: Figures, whole: Design | BlockDesign, refined: Refined
         return True
     explained = refined.gain + timing_energy(whole, timing)
     has_memory = any(each.term.is_memory for each in refined.design.candidates)
-    if has_memory and share_explained(found) < LEAST_BY_LAWS and isinstance(whole, BlockDesign):
-        return True
     share = UNKNOWN_OF_MEMORY if has_memory and isinstance(whole, BlockDesign) else UNKNOWN_SHARE
     return bool(excess(found, whole).max() > UNKNOWN_EXCESS and squared_rest(found, whole) > share * explained)
 
@@ -46,13 +43,8 @@ def explains_little(found: Figures, whole: Design | BlockDesign) -> bool:
     """Whether so little is better on held-out rows of a known load that the verdict is `unexplained`."""
     if not isinstance(whole, BlockDesign):
         return False  # the force may be right and the moments wrong
-    return share_explained(found) < outcome.LEAST_EXPLAINED
-
-
-def share_explained(found: Figures) -> float:
-    """Of the mean square error beyond the noise, what the laws of a set take away on rows that were held out."""
     before, after, floor = (float(each[0]) for each in (found.before, found.after, found.floor))
-    return (before**2 - after**2) / max(before**2 - floor**2, 1e-12)
+    return before**2 - after**2 < outcome.LEAST_EXPLAINED * (before**2 - floor**2)
 
 
 def most_null(every: Iterable[tuple[Figures, Design | BlockDesign]]) -> float:

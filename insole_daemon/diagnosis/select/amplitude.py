@@ -22,8 +22,8 @@ INNER = (0.002, 0.998)  # quantiles that stand for the ends: single rows are noi
 def amplitude_fraction(refined: Refined[Any], i: int) -> Quantity:
     """Half the peak-to-peak of what candidate `i` contributes and no static curve could, over the span of the reading.
 
-    With what a load before the recording has left in it and with what it has and its law has not. Of the mean reading
-    at its place in counts where the load is known, else of f_z in N.
+    With what a load before the recording has left in it and with what it has and its law has not. In Pa of the mean
+    load at its place where that is known, because a curve that is off or flat would multiply it in counts; else in N.
     """
     moved, reading = _courses(refined, i)
     if len(reading) < LEAST_ROWS:
@@ -38,7 +38,7 @@ def amplitude_fraction(refined: Refined[Any], i: int) -> Quantity:
 
 
 def _courses(refined: Refined[Any], i: int) -> tuple[Array, Array]:
-    """(n,) what the effect contributes, and the reading."""
+    """(n,) what the effect contributes, and the load or the reading."""
     design, candidate, shares = refined.design, refined.design.candidates[i], refined.shares[i]
     seen = design.load.observation
     if not isinstance(design, BlockDesign):
@@ -57,7 +57,5 @@ def _courses(refined: Refined[Any], i: int) -> tuple[Array, Array]:
     columns = design.rows_of(np.array([*candidate.columns, *internal]))[at]  # (t, k, N)
     every = np.concatenate([shares, companion_shares[np.isin(beside, internal)]])
     moved_pa = np.matmul(every, columns).T[known] / design.weights[known][:, at]
-    slope = design.load.slope_pa[:, at][known]
-    usable = seen.usable[at]
-    counts = np.mean(moved_pa[..., None] / np.maximum(slope, 1e-9), axis=(1, 2), where=usable)
-    return counts, np.mean(seen.activation_count[:, at][known], axis=(1, 2), where=usable)
+    load_pa = np.broadcast_to(seen.reference.at(seen.reference_s), design.weights.shape)
+    return moved_pa.mean(axis=1), load_pa[known][:, at].mean(axis=1)

@@ -2,8 +2,7 @@
 
 A calibration that was made with a memory at work contains up to all of its mean curve, and loose curves take that and
 any recalibration alike. By the load they are off by c·m(P) + s(P), 0 ≤ c ≤ 1: m is what the memory moves readings by
-on average at that load, and s what one static word does. A word is named that c·m alone does not replace, and that
-moves readings by more than the memory does at any load: a calibration made in another course contains another mean.
+on average at that load, and s what one static word does. A word is named that c·m alone does not replace.
 """
 
 from __future__ import annotations
@@ -21,7 +20,6 @@ from .count_figures import OffByLoad, off_by_load
 
 LEAST_SIZE = 2.0  # of a reading's noise, RMS over the rows
 MOST_LEFT = 0.5  # of the mean square that the memory's mean curve leaves, that the word may leave
-CLEARER = 0.5  # of what a word with one parameter leaves, that one with two may leave to be believed
 KNEES = np.array([0.0, 0.15, 0.3, 0.4, 0.5, 0.65])  # of the largest load
 SPANS = np.geomspace(0.3, 30.0, 15)  # times the largest load
 
@@ -38,18 +36,15 @@ class StaticPart:
 
 def static_part(refined: Refined[BlockDesign]) -> StaticPart | None:
     """The static word beside the memories of `refined`; None where none is needed, or none is enough."""
-    if not any(each.term.is_memory for each in refined.design.candidates):
-        return None
     off = off_by_load(refined)
     weights = np.sqrt(off.rows / off.rows.sum())
-    moved = float(np.abs(off.moved).max())
     best, least = None, MOST_LEFT * _left(off, np.zeros_like(off.after), weights)
     for part, column in _parts(off, weights):
         square = float(np.sum((weights * column) ** 2))
-        if np.sqrt(square) < max(LEAST_SIZE * off.noise_count, moved):
+        if square < (LEAST_SIZE * off.noise_count) ** 2:
             continue
         left = _left(off, column, weights)
-        if left < least * (CLEARER if best is not None and len(part.values) > len(best.values) else 1.0):
+        if left < least:
             best, least = replace(part, square=square, std=float(np.sqrt(left / square / len(column)))), left
     # What creep has kept of loads before the recording hardly changes while that lasts, and is no new baseline.
     has_creep = any(each.word == "creep" for each in refined.design.candidates)
