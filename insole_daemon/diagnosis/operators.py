@@ -56,7 +56,7 @@ def frictions(x: Array, widths_pa: Array) -> Array:
 
 
 def activated(x: Array, step_s: float, tau_s: float, scale_pa: float) -> Array:
-    """(N, m) z with τ·dz/dt = s·sinh((x − z)/s), at rest at x[0] before; exact for x constant between rows.
+    """(N, ...) z with τ·dz/dt = s·sinh((x − z)/s), at rest at x[0] before; exact for x constant between rows.
 
     Flow over energy barriers that load lowers (H. Eyring, J. Chem. Phys. 4 (1936) 283): tanh((x − z)/2s) decays with τ.
     """

@@ -25,7 +25,6 @@ from .select.wrench_figures import Figures
 from .terms.clock import LEAST_RATE
 
 LEAST_DELAY_S = 0.003  # three standard deviations of a declared clock's offset
-MOST_RATE = 1e-4  # of a clock of the reference's own: more is a finding (formats.md)
 LEAST_LATE_S = 0.05  # that it makes by the end, at the least
 LEAST_ROWS_OFF_S = 0.1  # of a reference whose rows were to go with the cycles
 
@@ -142,7 +141,7 @@ def own_clock(result: RecordingResult) -> list[Finding]:
     offset_s, rate = clock_of(result)
     late_s = abs(rate) * float(seen.t_s[-1])
     by_row = not seen.reference.has_times
-    runs = abs(rate) > MOST_RATE + 3.0 * seen.rate_std and late_s > LEAST_LATE_S
+    runs = abs(rate) > LEAST_RATE + 3.0 * seen.rate_std and late_s > LEAST_LATE_S
     is_stated = by_row or seen.declared_offset_s is not None
     if not (runs or (is_stated and max(abs(offset_s), late_s) > LEAST_ROWS_OFF_S)):
         return []

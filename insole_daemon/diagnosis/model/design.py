@@ -189,7 +189,8 @@ def base_terms(load: LoadEstimate, weights: Array, substituted: NDArray[np.bool_
         add(f"gain_{board}_{triangle}", gain[:, row], std)
     for row, readings in enumerate(seen.readings):
         if seen.stood_in is not None and seen.stood_in[row]:
-            for donor in _nearest(seen, row, ~seen.stood_in & seen.usable.any(axis=1))[:NEIGHBOURS].tolist():
+            bears = ~seen.stood_in & seen.usable.any(axis=1)
+            for donor in [each for each in seen.nearest(row).tolist() if bears[each]][:NEIGHBOURS]:
                 mean_pa = np.mean(load.read_pa[:, donor, seen.usable[donor]], axis=1)
                 add(f"like_{row}_{donor}", mean_pa[:, None] * seen.arms[row].sum(axis=0), SUBSTITUTED_STD)
         if readings.latest_s:
@@ -241,17 +242,8 @@ def place_terms(
 
 def _stood_in(seen: WrenchObservation, substituted: NDArray[np.bool_]) -> set[tuple[int, ...]]:
     """Triangles that others stand in for, and those others: what is wrong there would be told of a neighbour."""
-    centres = seen.layout.xy_m.mean(axis=1)
-    apart = np.linalg.norm(centres[substituted][:, None] - centres, axis=-1)
-    near = np.argsort(apart, axis=1)[:, : 1 + DONORS].ravel()
+    near = [row for lost in np.flatnonzero(substituted).tolist() for row in seen.nearest(lost)[: 1 + DONORS].tolist()]
     return {tuple(identity) for identity in seen.layout.identities[near].tolist()}
-
-
-def _nearest(seen: WrenchObservation, row: int, among: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """Triangles `among` (T,) all, the nearest to triangle `row` first."""
-    centres = seen.layout.xy_m.mean(axis=1)
-    order = np.argsort(np.linalg.norm(centres - centres[row], axis=1))
-    return np.asarray(order[among[order]])
 
 
 def _is_estimated(place: Where, seen: WrenchObservation) -> bool:

@@ -96,6 +96,10 @@ class LoadEstimate:
         """(N, T, 3) of pressures (N, T, 12)."""
         return self.observation.wrench_of(pressure_pa)
 
+    def wrench_of_courses(self, courses_pa: Array) -> Array:
+        """(N, T, 3) of pressures that broadcast to (N, T, 12), as `courses_pa` does."""
+        return self.wrench_of(np.broadcast_to(courses_pa, self.pressure_pa.shape))
+
 
 @dataclass(frozen=True, eq=False)
 class KnownLoad(LoadEstimate):

@@ -27,7 +27,7 @@ def stuck_bit(own: TriangleReadings, usable: NDArray[np.bool_]) -> int | None:
 
     `usable` (12,): its taxels.
     """
-    as_read = own.valid if own.is_outlier is None else own.valid & ~own.is_outlier
+    as_read = own.as_read
     for bit in range(N_BITS):
         weight, agreeing = 1 << bit, 0
         for taxel in np.flatnonzero(usable).tolist():
@@ -48,8 +48,7 @@ def stuck_bit(own: TriangleReadings, usable: NDArray[np.bool_]) -> int | None:
 
 def never_has(own: TriangleReadings, usable: NDArray[np.bool_], bit: int) -> bool:
     """Whether a bit is the same in all readings of a triangle, however far its counts reach."""
-    as_read = own.valid if own.is_outlier is None else own.valid & ~own.is_outlier
-    counts = own.counts.astype(np.int64)[:, usable][as_read[:, usable]]
+    counts = own.counts[own.as_read & usable].astype(np.int64)
     return bool(len(counts) and not np.ptp((counts >> bit) & 1))
 
 

@@ -170,10 +170,8 @@ def _substitute(
 ) -> WrenchObservation:
     """`seen` with the mean of working taxels nearby in the place of those that do not work."""
     activation, stood_in = seen.activation_count.copy(), np.zeros(len(substituted), bool)
-    centres = seen.layout.xy_m.mean(axis=1)
-    for row in np.flatnonzero(substituted):
-        near = np.argsort(np.linalg.norm(centres - centres[row], axis=1))
-        donors = [j for j in near if working[j].any()]
+    for row in np.flatnonzero(substituted).tolist():
+        donors = [j for j in seen.nearest(row) if working[j].any()]
         stood_in[row] = working[row].sum() < LEAST_WORKING
         donors = [j for j in donors if j != row][:DONORS] if stood_in[row] else [row]
         mean = np.mean([activation[:, j][:, working[j]].mean(axis=1) for j in donors], axis=0)

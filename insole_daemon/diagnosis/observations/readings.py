@@ -53,6 +53,11 @@ class TriangleReadings:
     latest_s: float = 0.0  # by which all may have been taken earlier, where a host's rows are all that was kept
     is_outlier: NDArray[np.bool_] | None = None  # (k, 12) readings that are wrong, and interpolated in `counts`
 
+    @property
+    def as_read(self) -> NDArray[np.bool_]:
+        """(k, 12) valid readings that are not interpolated."""
+        return self.valid if self.is_outlier is None else self.valid & ~self.is_outlier
+
     def at(self, grid_s: Array) -> Array:
         """Counts (N, 12) at the times `grid_s` (N,), by a cubic through the valid readings of a taxel; NaN: none.
 

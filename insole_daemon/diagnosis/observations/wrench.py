@@ -202,6 +202,11 @@ class WrenchObservation:
             return self
         return replace(self, activation_count=np.where(unloaded, 0.0, self.activation_count), unloaded=unloaded)
 
+    def nearest(self, row: int) -> NDArray[np.intp]:
+        """(T,) triangles by how far their centres are from that of triangle `row`, itself first."""
+        centres = self.layout.xy_m.mean(axis=1)
+        return np.asarray(np.argsort(np.linalg.norm(centres - centres[row], axis=1)))
+
     def where_answering(self, values: Array) -> Array:
         """(N, T, 12) `values`, 0 at readings at the top of their range, which no small shift changes."""
         return values if self.unloaded is None else np.where(self.unloaded, 0.0, values)

@@ -12,7 +12,7 @@ from ..model.regression import LEAST_SIZE
 from ..observations.wrench import WrenchObservation
 from .term import Setting, Term, TermColumns
 
-LEAST_RATE = 1e-4  # that is a finding (formats.md)
+LEAST_RATE = 1e-4  # that is a finding, of a declared clock and of the reference's own (formats.md)
 RATES = (-3e-3, -1e-3, -3e-4, 3e-4, 1e-3, 3e-3)
 EARLY_S = (0.005, 0.015, 0.04)
 

@@ -45,13 +45,10 @@ def _columns(load: LoadEstimate) -> list[TermColumns]:
 def _activated(load: LoadEstimate, longest_s: float) -> tuple[list[dict[str, float]], list[Array]]:
     """Settings and columns of P − z, with z the activated flow towards the load."""
     pressure = load.courses_pa
-    flat, top_pa = pressure.reshape(len(pressure), -1), float(pressure.max())
+    top_pa = float(pressure.max())
     settings = [{"tau_s": length * longest_s, "scale_pa": s * top_pa} for s in SCALES for length in LENGTHS]
-    shape, columns = load.pressure_pa.shape, []
-    for each in settings:
-        late = flat - activated(flat, load.step_s, each["tau_s"], each["scale_pa"])
-        columns.append(load.wrench_of(np.broadcast_to(late.reshape(pressure.shape), shape)))
-    return settings, columns
+    flows = (activated(pressure, load.step_s, each["tau_s"], each["scale_pa"]) for each in settings)
+    return settings, [load.wrench_of_courses(pressure - flow) for flow in flows]
 
 
 def _parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:
@@ -85,8 +82,8 @@ def forward(b: Array, tau_s: Array) -> tuple[list[float], list[float]]:
 
 
 def _known_parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:
-    """a_k and τ_k of the law, whose columns these are, but for activated ones."""
-    a = np.where([_is_in_law(setting) for setting in settings], np.maximum(np.asarray(shares, float), 0.0), 0.0)
+    """a_k and τ_k of the law, whose columns these are."""
+    a = np.maximum(np.asarray(shares, float), 0.0)
     kept = a > 1e-3 * max(float(a.max()), 1e-9)
     return {"a": a[kept].tolist(), "tau_s": [s["tau_s"] for s, yes in zip(settings, kept, strict=True) if yes]}
 

@@ -22,9 +22,9 @@ def _columns(load: LoadEstimate) -> list[TermColumns]:
     radii_pa = RADII_PA
     if load.is_known:  # a play of half the range does not come back: that is a step in time, and no loop
         radii_pa = [r for r in RADII_PA if r < WIDEST * float(np.ptp(pressure))]
-    shape, flat = load.pressure_pa.shape, pressure.reshape(len(pressure), -1)
+    flat = pressure.reshape(len(pressure), -1)
     loops = (-plays(flat, np.array([radius_pa]))[0].reshape(pressure.shape) for radius_pa in radii_pa)
-    found = [load.wrench_of(np.broadcast_to(each, shape)) for each in loops]
+    found = [load.wrench_of_courses(each) for each in loops]
     return [TermColumns(tuple({"r_pa": r} for r in radii_pa), by_triangle=np.stack(found, axis=-1), joint=True)]
 
 

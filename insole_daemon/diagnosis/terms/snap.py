@@ -25,9 +25,7 @@ def _column(load: LoadEstimate, setting: Setting) -> TermColumns:
     """One column of two thresholds: the wrench of −1 kPa while the relay is on."""
     pressure = load.courses_pa
     on = relay(pressure.reshape(len(pressure), -1), setting["up_pa"], setting["down_pa"]).reshape(pressure.shape)
-    return TermColumns(
-        (setting,), by_triangle=load.wrench_of(np.broadcast_to(-SCALE_PA * on, load.pressure_pa.shape))[..., None]
-    )
+    return TermColumns((setting,), by_triangle=load.wrench_of_courses(-SCALE_PA * on)[..., None])
 
 
 def _columns(load: LoadEstimate) -> list[TermColumns]:

@@ -72,8 +72,7 @@ def _cut(load: LoadEstimate) -> list[Array]:
 
 
 def _joint(load: LoadEstimate, settings: Sequence[Setting], columns: Iterable[Array]) -> list[TermColumns]:
-    shape = load.pressure_pa.shape
-    found = [load.wrench_of(np.broadcast_to(each, shape)) for each in columns]
+    found = [load.wrench_of_courses(each) for each in columns]
     return [TermColumns(tuple(settings), by_triangle=np.stack(found, axis=-1), joint=True)]
 
 
