@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -178,7 +178,7 @@ def _with_curves(seen: ChamberObservation, faults: ReadingFaults) -> Searched:
     noise = float(np.count_nonzero(_weights(seen, faults)))
     if not found.has_memory or found.unexplained < WELL * noise:
         return found
-    loose = _under(Priors(curve_count=LOOSE), seen, faults)
+    loose = _under(Priors(curve_count=LOOSE), seen, faults, (found.first, *found.others))
     clearer = loose.unexplained - noise < CLEARER * (found.unexplained - noise)
     simpler = loose.n_terms < found.n_terms and loose.unexplained < found.unexplained
     # What a law fails to describe anyway is no reason to give up every recalibration, but for one that fits far worse.
@@ -208,8 +208,8 @@ def _weights(seen: WrenchObservation, faults: ReadingFaults) -> Array:
     return weights
 
 
-def _under(priors: Priors, seen: WrenchObservation, faults: ReadingFaults) -> Searched:
-    """Every hypothesis on the timing under `priors`, best first."""
+def _under(priors: Priors, seen: WrenchObservation, faults: ReadingFaults, known: Sequence[Timed] = ()) -> Searched:
+    """Every hypothesis on the timing under `priors`, best first; `known`: those of a search under other priors."""
     weights = _weights(seen, faults)
     if not weights.any():
         raise DiagnosisError(
@@ -231,7 +231,7 @@ def _under(priors: Priors, seen: WrenchObservation, faults: ReadingFaults) -> Se
             events, thresholds = best_events(whole), best_thresholds(whole)
         return with_events(whole.with_settings(thresholds), events).released()
 
-    best, others = search_timings(under, seen.offset_is_free)
+    best, others = search_timings(under, seen.offset_is_free, known)
     return Searched(_in_order(best, under), others, priors=priors)
 
 

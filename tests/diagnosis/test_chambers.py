@@ -134,6 +134,19 @@ def test_a_lag_beside_a_memory_is_no_delay_of_boards(tmp_path):
     assert lag.parameters["tau_s"].value == pytest.approx(0.15, rel=0.2)
 
 
+@pytest.mark.parametrize(("tau_s", "loop"), [(0.2, (2.0, 0.4, 40e3)), (0.3, (1.2, 0.3, 60e3))])
+def test_a_long_lag_beside_a_strong_loop_is_measured(tmp_path, tau_s, loop):
+    """Without terms, the loop of a slow load would move the beginning of the search by more than it finds back."""
+
+    def effect(t_s: Array, p: Array) -> Array:
+        return relaxing(1.0, tau_s)(t_s, rubbing(*loop)(t_s, p))
+
+    found = diagnose(write(tmp_path / "bag", effect))
+    by_word = {each.effect: each for each in found.findings}
+    assert {"hysteresis", "lag"} <= set(by_word)
+    assert by_word["lag"].parameters["tau_s"].value == pytest.approx(tau_s, rel=0.1)
+
+
 def test_a_gain_of_a_board_is_named_beside_a_memory_of_all(tmp_path):
     def weaker(t_s: Array, counts: Array) -> None:
         own = of_rows(2, 3)

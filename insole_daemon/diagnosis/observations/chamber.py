@@ -75,6 +75,19 @@ class ChamberObservation(WrenchObservation):
         period_s = float(np.median(self.period_s[np.isfinite(self.period_s)]))
         return max(LEAST_LAG_S, BENT * period_s) if self.offset_is_free else LEAST_LAG_S
 
+    @cached_property
+    def edge_delay_s(self) -> float:
+        """By how much the edges of the readings are later than those of the load, with memory and warmth beside them.
+
+        At the middle of the recording; 0 where the edges do not tell.
+        """
+        try:
+            clock = _edge_clock(self)
+        except CalibrationError:
+            return 0.0
+        middle_s = np.array([(self.t_s[0] + self.t_s[-1]) / 2])
+        return float(self.offset_s + middle_s[0] - clock.reference_s(middle_s)[0])
+
     def load_pa(self, at_s: Array) -> Array:
         """(n, 1, 1) pressure on every taxel at times (n,) of the reference's clock."""
         return self.reference.smooth_at(at_s, self.lag_s)[:, :, None]
@@ -232,10 +245,19 @@ def _agreement(found: ChamberObservation) -> float:
 
 
 def _aligned(recording: Recording, found: ChamberObservation) -> ChamberObservation:
+    """On the clock by which the edges agree."""
+    try:
+        fitted = _edge_clock(found)
+    except CalibrationError as error:
+        raise DiagnosisError(f"{recording.folder}: {error}") from error
+    return replace(found.with_clock(fitted.offset_s, fitted.rate), rate_std=fitted.rate_std)
+
+
+def _edge_clock(found: ChamberObservation) -> Clock:
     """The clock by which the edges agree, with what memory and warmth do to readings fitted beside it.
 
     Of the taxels that answer the load, all together or those of one board: where a board steps or is late by itself,
-    the others say when it was.
+    the others say when it was. CalibrationError where no group of taxels follows the load.
     """
     span = _span_count(found)
     answers = found.usable & (span > LEAST_ANSWER * np.quantile(span[found.usable], 0.95))
@@ -253,7 +275,6 @@ def _aligned(recording: Recording, found: ChamberObservation) -> ChamberObservat
         except CalibrationError as error:
             why = error
     if not every:
-        raise DiagnosisError(f"{recording.folder}: {why}") from why
+        raise why
     best = max(every[1:], key=lambda each: each.explained, default=every[0])
-    fitted = best if 1.0 - best.explained < CLEARER * (1.0 - every[0].explained) else every[0]
-    return replace(found.with_clock(fitted.offset_s, fitted.rate), rate_std=fitted.rate_std)
+    return best if 1.0 - best.explained < CLEARER * (1.0 - every[0].explained) else every[0]

@@ -168,6 +168,11 @@ class WrenchObservation:
         return LEAST_LAG_S
 
     @property
+    def edge_delay_s(self) -> float:
+        """By how much the readings' edges are later than those of the load; 0 where nothing tells it."""
+        return 0.0
+
+    @property
     def latest_s(self) -> float:
         """By which readings may have been taken earlier than they say: a delay that is none of the insole."""
         return max(each.latest_s for each in self.readings)

@@ -15,7 +15,7 @@ from ..model.load import TaxelLoad
 from ..model.refine import Refined
 from ..model.regression import Timing
 from ..model.signal_path import pressure_removed
-from ..model.solve import absorbed_std
+from ..model.solve import absorbed_std, bounded
 from .residual_tests import lack_of_fit
 from .wrench_figures import FOLD_S, N_FOLDS, Figures
 
@@ -37,24 +37,24 @@ def count_figures(refined: Refined[BlockDesign], order: Sequence[int]) -> Figure
     n = len(design.weights)
     known = design.weights > 0
     law = refined.of_laws
-    x, prior, fixed_sum, own_columns = _columns(law)
+    active, none = _columns(law), _Columns.none(design)
     aligning = np.array([name in ALIGNING for name in nuisance.shared_names])
     as_read = residual(design, Timing())
     # A clock of its own is aligned, whatever is found.
     aligned = residual(design, Timing(design.timing.delay_s if seen.offset_is_free else 0.0))
-    y = design.y - fixed_sum
+    x, y = active.rows, design.y - active.fixed_sum
     fold = (np.arange(n) * seen.step_s // FOLD_S).astype(int) % N_FOLDS
     left = np.empty_like(y)
     for k in range(N_FOLDS):
         held = fold == k
-        theta, shift, _ = _fit(x, y, prior, design, ~held)
+        theta, shift, _ = _fit(active, y, design, ~held)
         # Recalibration within its prior is a nuisance: it is no part of the model that is handed out.
         rest = y - nuisance.shared_sum(shift * aligning)
         for t, columns in enumerate(x):
             left[t, held] = rest[t, held] - theta @ columns[:, held]
     every_row = np.ones(n, bool)
-    every, shared, _ = _fit(x, y, prior, design, every_row)
-    _, unmoved, _ = _fit(x[:, :0], aligned, prior[:0], design, every_row)
+    every, shared, _ = _fit(active, y, design, every_row)
+    _, unmoved, _ = _fit(none, aligned, design, every_row)
     moved = nuisance.shared_sum(unmoved * aligning)
     before = aligned - moved
     apart = [_apart_pa(law, i) for i in order]
@@ -79,7 +79,7 @@ def count_figures(refined: Refined[BlockDesign], order: Sequence[int]) -> Figure
     explained = np.zeros_like(y)
     for m, i in enumerate(order, start=1):
         explained += design.moved_by(law.design.candidates[i], law.shares[i])
-        _, shift, _ = _fit(x[:, :0], design.y - explained, prior[:0], design, every_row)
+        _, shift, _ = _fit(none, design.y - explained, design, every_row)
         rest = design.y - explained - nuisance.shared_sum(shift * aligning)
         off = _off(design, as_read, rest, sum(apart[:m]))
         if recalibrated is not None and is_loose:
@@ -96,7 +96,7 @@ def count_figures(refined: Refined[BlockDesign], order: Sequence[int]) -> Figure
         for each in (before, left)
     ]
     beside = {
-        int(k): float(share) for k, share in zip(own_columns, every[len(every) - len(own_columns) :], strict=True)
+        int(k): float(share) for k, share in zip(active.beside, every[len(every) - len(active.beside) :], strict=True)
     }
     return Figures(
         rms[:1], rms[1:], np.minimum(noise, rms[1:]), counts[0], counts[1], np.asarray(known.any(axis=1)),
@@ -145,60 +145,86 @@ def off_by_load(refined: Refined[BlockDesign]) -> OffByLoad:
     )  # fmt: skip
 
 
-def _columns(
-    refined: Refined[BlockDesign],
-) -> tuple[NDArray[np.float32], Array, Array, NDArray[np.intp]]:
-    """(T, k, N) of what is at work and its priors (k,), the sum of what of it has no share (T, N), and the companions.
+@dataclass(frozen=True, slots=True, eq=False)
+class _Columns:
+    """The k columns of a refined set that have shares: those of its candidates that are not 0, and their companions."""
 
-    Those are numbers of columns of the design.
-    """
+    rows: NDArray[np.float32]  # (T, k, N)
+    prior: Array  # (k,) standard deviations of the shares
+    positive: NDArray[np.bool_]  # (k,) shares that have a sign
+    sums: list[tuple[slice, float]]  # of shares whose sum has a bound, and the bound
+    fixed_sum: Array  # (T, N) of the columns without a share
+    beside: NDArray[np.intp]  # the companions' numbers in the design, which are the last columns
+
+    @classmethod
+    def none(cls, design: BlockDesign) -> _Columns:
+        """No columns of `design`."""
+        empty = np.empty(0)
+        return cls(
+            design.rows_of(empty.astype(np.intp)), empty, empty.astype(bool), [], np.zeros_like(design.y),
+            empty.astype(np.intp),
+        )  # fmt: skip
+
+
+def _columns(refined: Refined[BlockDesign]) -> _Columns:
     design = refined.design
-    own = np.concatenate([each.columns for each in design.candidates] or [np.empty(0, np.intp)]).astype(np.intp)
-    beside = np.setdiff1d(np.arange(len(design.atom)), own)
-    theta = np.concatenate([*refined.shares, np.empty(0)])
+    own, fixed, positive, sums = [], [], [], []
+    n = 0
+    for candidate, shares in zip(design.candidates, refined.shares, strict=True):
+        at = candidate.columns[shares != 0]
+        if candidate.term.share == "whole":
+            fixed.append(at)
+            continue
+        own.append(at)
+        positive.append(np.full(len(at), candidate.term.share == "positive"))
+        if np.isfinite(most := candidate.term.most(design.load.is_known)) and len(at):
+            sums.append((slice(n, n + len(at)), most))
+        n += len(at)
+    every = np.concatenate([each.columns for each in design.candidates] or [np.empty(0, np.intp)])
+    beside = np.setdiff1d(np.arange(len(design.atom)), every)
     strengths = [float(np.abs(each).sum()) for each in refined.shares]
-    whole = np.concatenate(
-        [np.full(len(c.columns), c.term.share == "whole") for c in design.candidates] or [np.empty(0, bool)]
-    )[theta != 0]
-    active = np.concatenate([own[theta != 0], beside]).astype(np.intp)
-    fixed = np.concatenate([whole, np.zeros(len(beside), bool)])
-    prior = np.concatenate([np.full(len(whole), np.inf), absorbed_std(design.candidates, strengths, beside)])
-    x = design.rows_of(active[~fixed])
-    return x, prior[~fixed], design.rows_of(active[fixed]).sum(axis=1, dtype=float), beside
+    active = np.concatenate([*own, beside]).astype(np.intp)
+    return _Columns(
+        design.rows_of(active),
+        np.concatenate([np.full(n, np.inf), absorbed_std(design.candidates, strengths, beside)]),
+        np.concatenate([*positive, np.zeros(len(beside), bool)]).astype(bool),
+        sums,
+        design.rows_of(np.concatenate([*fixed, np.empty(0, np.intp)]).astype(np.intp)).sum(axis=1, dtype=float),
+        beside,
+    )
 
 
 def _settled(refined: Refined[BlockDesign]) -> Array:
     """(T, N) of all rows, what laws, what they leave out and nuisances leave."""
     design, nuisance = refined.design, refined.design.nuisance
-    x, prior, fixed_sum, _ = _columns(refined)
-    y = design.y - fixed_sum
-    theta, shift, own = _fit(x, y, prior, design, np.ones(y.shape[1], bool))
+    active = _columns(refined)
+    y = design.y - active.fixed_sum
+    theta, shift, own = _fit(active, y, design, np.ones(y.shape[1], bool))
     y -= nuisance.shared_sum(shift) + np.matmul(own[:, None], nuisance.own)[:, 0]
-    for rest, columns in zip(y, x, strict=True):
+    for rest, columns in zip(y, active.rows, strict=True):
         rest -= theta @ columns
     return y
 
 
-def _fit(
-    x: NDArray[np.float32], y: Array, prior: Array, design: BlockDesign, rows: NDArray[np.bool_]
-) -> tuple[Array, Array, Array]:
-    """Shares (k,) of columns (T, k, N), of the reference's (s,) and of each triangle's own (T, b), on `rows` (N,)."""
+def _fit(active: _Columns, y: Array, design: BlockDesign, rows: NDArray[np.bool_]) -> tuple[Array, Array, Array]:
+    """Shares (k,) of `active`, of the reference's (s,) and of each triangle's own (T, b) nuisances, on `rows` (N,)."""
     nuisance, own_prior = design.nuisance, np.diag(design.nuisance.own_std**-2.0)
-    gram = np.diag(np.concatenate([prior, nuisance.shared_std]) ** -2.0)
+    gram = np.diag(np.concatenate([active.prior, nuisance.shared_std]) ** -2.0)
     right = np.zeros(len(gram))
     solved = []  # of each triangle's own columns: with y, and with all others
     for t, left in enumerate(y[:, rows]):
         own = nuisance.own[t][:, rows]
-        both = np.concatenate([x[t][:, rows], nuisance.shared_of(t)[:, rows]])
+        both = np.concatenate([active.rows[t][:, rows], nuisance.shared_of(t)[:, rows]])
         with_own = own @ np.column_stack([left, both.T])
         through = np.linalg.solve(own @ own.T + own_prior, with_own)
         gram += both @ both.T - with_own[:, 1:].T @ through[:, 1:]
         right += both @ left - with_own[:, 1:].T @ through[:, 0]
         solved.append(through)
-    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    found = np.linalg.solve(gram / scale[:, None] / scale + 1e-12 * np.eye(len(gram)), right / scale) / scale
+    gram += np.diag(1e-12 * np.diag(gram) + 1e-300)
+    positive = np.concatenate([active.positive, np.zeros(len(nuisance.shared_std), bool)])
+    found = bounded(gram, right, positive, active.sums)
     per_triangle = np.stack([through[:, 0] - through[:, 1:] @ found for through in solved])
-    return found[: x.shape[1]], found[x.shape[1] :], per_triangle
+    return found[: len(active.prior)], found[len(active.prior) :], per_triangle
 
 
 def _apart_pa(refined: Refined[BlockDesign], i: int) -> Array | float:

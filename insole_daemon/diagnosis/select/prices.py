@@ -22,8 +22,13 @@ WITHIN_PRIORS = 4.0  # times the misfit of others: a share of it that nuisances 
 MISSED_OF_MEMORY = (
     0.1  # of a memory, that another family's law leaves, squared: plays of Dahl's, sums of activated creep
 )
+# Of a static word, that another one at the same place may take, squared: what changes a curve has one cause, which is
+# no word exactly. Times WITHIN_PRIORS, a tenth.
+MISSED_OF_STATIC = 0.025
 # Of it, that a likelier effect may leave and still be it: a drift can have any course, and creep is a wider family.
 WIDER = {"drift": 0.01, "creep": 0.002}
+# Of what a law misses, that a term on less than a SMALL part of its triangles may take: the others miss the same.
+LOCAL, SMALL = 0.25, 0.5
 ODDS = 8.0  # that the choice among the terms costs
 
 
@@ -216,20 +221,30 @@ class BlockPrices:
         return WIDER.get(candidate.word, 0.0) * self.design.size_of_loop(candidate, shares)
 
     def _misfit(self, every: Sequence[PlacedTerm], shares: Sequence[Array], i: int) -> float:
-        """What the others of a set may fail to describe where number `i` is at work, squared.
+        """What number `i` may take of what the others of a set fail to describe where it is at work, squared.
 
         A memory beside another loop at the same place is the likeliest to describe what the law of one of them misses
         of both: they share what it would have been alone.
         """
-        one, found = every[i], 0.0
+        one, missed = every[i], 0.0
         for j, (other, own) in enumerate(zip(every, shares, strict=True)):
             if j == i:
                 continue
-            found += other.term.misfit_of(True) * self.design.overlap(one, other, own)
+            are_static = self.design.is_within_priors(one) and self.design.is_within_priors(other)
+            part = MISSED_OF_STATIC if are_static else other.term.misfit_of(True)
+            alike = LOCAL if self._is_small_beside(one, other) else 1.0
+            missed += alike * part * self.design.overlap(one, other, own)
             if one.term.is_memory and other.term.is_loop:
                 part = MISSED_OF_MEMORY / (2.0 if other.term.is_memory else 1.0)
-                found += part * self.design.overlap_of_both(one, other, shares[i], own)
-        return found
+                missed += alike * part * self.design.overlap_of_both(one, other, shares[i], own)
+        return one.term.likeness * missed
+
+    def _is_small_beside(self, one: PlacedTerm, other: PlacedTerm) -> bool:
+        """Whether `other` is at work on far more triangles, and could not be in their calibrations, one by one."""
+        if self.design.is_within_priors(one):
+            return False
+        mask = self.design.mask
+        return bool(mask[one.columns[0]].sum() <= SMALL * mask[other.columns[0]].sum())
 
     def _is_seen(self, k: int) -> bool:
         if k not in self._seen:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Generic
 
@@ -13,7 +13,8 @@ from ..model.timing import MOST_S, START_S, TOLERANCE_S, fit_timing
 from .search import FittedSet, SubsetSearch
 
 ROUNDS = 4
-UNMOVED_S, UNLAGGED_S = 0.008, 0.03  # of a delay and of a lag, that terms need not follow
+NEAR = Timing(0.008, 0.03)  # changes of the timing that terms need not follow
+NEARER = Timing(0.001, 0.004)  # the same of the hypothesis that is the best
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,21 +34,25 @@ class TimedSet(Timed, Generic[D]):
     best: FittedSet
 
 
-def search_timings(make: Callable[[Timing], D], is_free_clock: bool) -> tuple[TimedSet[D], tuple[Timed, ...]]:
+def search_timings(
+    make: Callable[[Timing], D], is_free_clock: bool, known: Sequence[Timed] = ()
+) -> tuple[TimedSet[D], tuple[Timed, ...]]:
     """The best hypothesis on the timing with its best set, and the others, best first.
 
     `make` gives the design of rows under the load of a timing: terms that act on it are late with it. On a clock whose
     offset is free a delay is no hypothesis: its time is fitted in all of them. Where readings seem to come early,
-    because a declared clock is wrong, terms are computed at the times that they have then.
+    because a declared clock is wrong, terms are computed at the times that they have then. `known`: the hypotheses of a
+    search of the same rows under other priors, from whose times this one begins.
     """
     hypotheses: list[tuple[str, ...]] = [("lag",)] if is_free_clock else [("delay",), ("lag",)]
     first = make(Timing())
-    best = _one(first, make, (), is_free_clock)
+    before = {each.words: each.timing for each in known}
+    best = _best_of(first, make, (), is_free_clock, before.get(()))
     others: list[Timed] = []
 
     def add(words: tuple[str, ...]) -> None:
         nonlocal best
-        one = _one(first, make, words, is_free_clock)
+        one = _best_of(first, make, words, is_free_clock, before.get(words))
         best, other = (one, best) if one.left < best.left else (best, one)
         others.append(Timed(other.words, other.timing, other.left))  # designs are large
 
@@ -56,25 +61,49 @@ def search_timings(make: Callable[[Timing], D], is_free_clock: bool) -> tuple[Ti
     if not is_free_clock:
         if best.words:
             add(("delay", "lag"))  # both are worth it where one of them is
-        early = fit_timing(first, (), Timing(), (True, False), (-MOST_S, 0.0))
-        if early.delay_s < -UNMOVED_S:
+        if _start(first, (True, False), (-MOST_S, 0.0), is_free_clock).delay_s < -NEAR.delay_s:
             add(("clock",))
+    if best.words:
+        start, words = best.timing, best.words
+        del best  # designs are large: this one goes before the next is made
+        best = _from(start, first, make, words, *_freedom(words, is_free_clock), NEARER)
     return best, tuple(sorted(others, key=lambda each: each.left))
 
 
-def _one(first: D, make: Callable[[Timing], D], words: tuple[str, ...], is_free_clock: bool) -> TimedSet[D]:
+def _best_of(
+    first: D, make: Callable[[Timing], D], words: tuple[str, ...], is_free_clock: bool, start: Timing | None
+) -> TimedSet[D]:
+    """The best timing and set of a hypothesis, from `start` or from what the rows suggest."""
+    free, within_s = _freedom(words, is_free_clock)
+    if start is None:
+        start = _start(first, free, within_s, is_free_clock)
+    return _from(start, first, make, words, free, within_s)
+
+
+def _freedom(words: tuple[str, ...], is_free_clock: bool) -> tuple[tuple[bool, bool], tuple[float, float]]:
+    """Whether delay and lag are searched for, and between which delays."""
     free = ("delay" in words or "clock" in words or is_free_clock, "lag" in words)
-    within_s = (0.0 if "delay" in words else -MOST_S, 0.0 if "clock" in words else MOST_S)
+    return free, (0.0 if "delay" in words else -MOST_S, 0.0 if "clock" in words else MOST_S)
+
+
+def _from(
+    timing: Timing,
+    first: D,
+    make: Callable[[Timing], D],
+    words: tuple[str, ...],
+    free: tuple[bool, bool],
+    within_s: tuple[float, float],
+    near: Timing = NEAR,
+) -> TimedSet[D]:
+    """The best timing and set that are reached from `timing`, the terms and the times fitted in turn.
+
+    Terms follow the timing where it changes by more than `near`.
+    """
     # Readings that come early could undo a delay again.
     barred = frozenset({"clock"}) if "delay" in words or "clock" in words else frozenset()
     design, made_for = first, Timing()
-    if is_free_clock and design.load.observation.is_uniform:
-        # Edges have aligned it with memories beside them; without any, the loop of a slow load would move it.
-        timing = Timing(0.0, START_S if "lag" in words else 0.0)
-    else:
-        timing = fit_timing(design, (), Timing(), free, within_s)
     for round_ in range(ROUNDS):
-        if _is_moved(made_for, timing):
+        if _is_moved(made_for, timing, near):
             design, made_for = make(timing), timing
         search = SubsetSearch(design.retimed(timing), barred)
         best = search.run()[0]
@@ -84,7 +113,7 @@ def _one(first: D, make: Callable[[Timing], D], words: tuple[str, ...], is_free_
         if max(abs(again.delay_s - timing.delay_s), abs(again.lag_s - timing.lag_s)) < TOLERANCE_S:
             break
         timing = again
-        if _is_moved(made_for, timing):
+        if _is_moved(made_for, timing, near):
             design = first
             del search  # designs are large: this one goes before the next is made
     if "lag" in words and timing.lag_s < design.load.observation.least_lag_s:
@@ -94,6 +123,20 @@ def _one(first: D, make: Callable[[Timing], D], words: tuple[str, ...], is_free_
     return TimedSet(words, timing, search.design.total - best.score + price, search, best)
 
 
-def _is_moved(one: Timing, other: Timing) -> bool:
+def _start(design: D, free: tuple[bool, bool], within_s: tuple[float, float], is_free_clock: bool) -> Timing:
+    """The timing without any terms, from which the search begins; `free`, `within_s`: as in `fit_timing`.
+
+    Under a uniform load edges tell by how much readings are late, with memories beside them: without any, the loop of a
+    slow load would move it by more than the search can find back. A delay and a lag share it. A free clock is aligned
+    by them already.
+    """
+    observation = design.load.observation
+    if not observation.is_uniform:
+        return fit_timing(design, (), Timing(), free, within_s)
+    late_s = 0.0 if is_free_clock else float(np.clip(observation.edge_delay_s, *within_s)) / max(sum(free), 1)
+    return Timing(late_s if free[0] else 0.0, max(late_s, START_S) if free[1] else 0.0)
+
+
+def _is_moved(one: Timing, other: Timing, near: Timing) -> bool:
     """Whether terms of a design that was made for `one` need to follow `other`."""
-    return abs(other.delay_s - one.delay_s) > UNMOVED_S or abs(other.lag_s - one.lag_s) > UNLAGGED_S
+    return abs(other.delay_s - one.delay_s) > near.delay_s or abs(other.lag_s - one.lag_s) > near.lag_s

@@ -59,4 +59,5 @@ TERM = Term(
     record_instead="an insole that warms up and cools down, with temperature_c in the reference",
     absorbs={"baseline": ABSORBED_K, "gain": ABSORBED_K * 0.01},
     misfit=0.01,
+    likeness=0.3,
 )

@@ -60,6 +60,7 @@ class Term:
     limit: float = np.inf  # of a share's size: beyond it the law makes no sense
     known_most: float = np.inf  # of the sum of its shares where the load is known: they are the law's own
     misfit: float = 0.002
+    likeness: float = 1.0  # share of what other laws miss that it may take: less, where it has a course of its own
     known_misfit: float | None = None  # where the load is known, and columns are made of it and not of readings
     is_of_load: bool = False  # columns are the law's own, though the load of single taxels is not known
     is_internal: bool = False  # beside others only, never named, and in no model

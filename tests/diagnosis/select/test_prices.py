@@ -1,0 +1,73 @@
+"""What a term has to explain beside others, where the load is known on every taxel."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import insole_daemon
+from insole_daemon.diagnosis.model.blocks import BlockDesign, block_design
+from insole_daemon.diagnosis.model.load import KnownLoad
+from insole_daemon.diagnosis.observing import observed
+from insole_daemon.diagnosis.select.prices import BlockPrices
+
+from ..chamber import Array, relaxing, write
+
+
+@pytest.fixture(scope="module")
+def design(tmp_path_factory: pytest.TempPathFactory) -> BlockDesign:
+    def warm(t_s: Array) -> Array:
+        return 25.0 + 5.0 * np.sin(2 * np.pi * t_s / 30.0)
+
+    folder = write(tmp_path_factory.mktemp("prices") / "bag", relaxing(0.2, 2.0), seconds=40.0, temperature=warm)
+    recording = insole_daemon.load(folder)
+    (seen,) = observed([recording], recording.feet, None, lambda text: None, ())
+    return block_design(KnownLoad(seen), seen.weight_variance**-0.5)
+
+
+def number(design: BlockDesign, word: str, scope: str = "insole") -> int:
+    return next(k for k, each in enumerate(design.candidates) if each.word == word and each.where.scope == scope)
+
+
+def price(design: BlockDesign, shares: dict[int, Array]) -> float:
+    chosen = sorted(shares)
+    return BlockPrices(design).of_set(chosen, [design.candidates[k] for k in chosen], [shares[k] for k in chosen])
+
+
+def full(design: BlockDesign, k: int, share: float) -> Array:
+    return np.full(len(design.candidates[k].columns), share)
+
+
+@pytest.mark.parametrize(("counts", "is_possible"), [(0.5, False), (8.0, True)])
+def test_a_small_static_word_beside_a_large_one_is_a_part_of_it(design, counts, is_possible):
+    gain, baseline = number(design, "gain"), number(design, "baseline")
+    beside = {gain: full(design, gain, 0.3), baseline: full(design, baseline, counts)}
+    assert np.isfinite(price(design, {baseline: full(design, baseline, counts)}))
+    assert np.isfinite(price(design, beside)) == is_possible
+
+
+def test_what_a_memory_misses_is_less_like_a_measured_temperature_than_like_a_drift(design):
+    memory = number(design, "viscoelasticity")
+    own = full(design, memory, 0.3)
+
+    def raised_by(word: str) -> float:
+        k = number(design, word)
+        tiny = full(design, k, 1e-6)
+        return price(design, {memory: own, k: tiny}) - price(design, {memory: own}) - price(design, {k: tiny})
+
+    assert 0.0 < raised_by("temperature") == pytest.approx(0.3 * raised_by("drift"), rel=1e-3)
+
+
+def test_what_a_memory_misses_is_missed_by_triangles_at_which_nothing_else_is(design):
+    memory, on_all = number(design, "viscoelasticity"), number(design, "drift")
+    own = full(design, memory, 0.3)
+    places = [number(design, "drift", "triangle"), on_all]
+    raised = []
+    for k in places:
+        tiny = full(design, k, 1e-6)
+        raised.append(price(design, {memory: own, k: tiny}) - price(design, {memory: own}) - price(design, {k: tiny}))
+    there = design.mask[design.candidates[places[0]].columns[0]]
+    size = design.overlap(design.candidates[places[0]], design.candidates[memory], own)
+    whole = design.overlap(design.candidates[on_all], design.candidates[memory], own)
+    assert there.sum() == 1
+    assert raised[0] / size == pytest.approx(0.25 * raised[1] / whole, rel=1e-3)
