@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
-import platform
 import sys
-import tempfile
 import threading
 import time
 import traceback
@@ -59,6 +57,9 @@ def _summary(error: BaseException) -> str:
 
 def _written(error: BaseException) -> str:
     """Write the crash report and return its location, as the second half of a sentence."""
+    import platform
+    import tempfile
+
     from .. import __version__
     from ..service.state import state_folder
 

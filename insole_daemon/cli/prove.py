@@ -5,10 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import re
-import secrets
-import subprocess
 import sys
-import tempfile
 from collections.abc import Callable, Iterator
 from enum import StrEnum
 from pathlib import Path
@@ -54,6 +51,8 @@ def prove(
     Generator and scorer share no module with this package. The seal is printed first and the tables last; cases,
     truth, every run and its log stay in the folder.
     """
+    import secrets
+
     from ..errors import FileError
 
     out = out.resolve()
@@ -130,6 +129,9 @@ def _run(report_share: Callable[[float], None], program: str, *arguments: object
 
     `report_share` is called with the share of the work that is done.
     """
+    import subprocess
+    import tempfile
+
     from ..errors import FileError, InsoleError
 
     package, root = _benchmark()

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import asyncio
 import signal
 import sys
-import webbrowser
 from pathlib import Path
 from typing import Annotated
 
@@ -39,6 +37,9 @@ def view(
     zenoh_config: ZenohFile = None,
 ) -> None:
     """Serve a page that shows a running daemon live, in any browser."""
+    import asyncio
+    import webbrowser
+
     from ..errors import WireError
     from ..view.other_sources import OtherSources
     from ..view.safety import Safety

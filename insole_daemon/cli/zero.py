@@ -5,8 +5,6 @@ from __future__ import annotations
 import sys
 import threading
 import time
-from concurrent.futures import ThreadPoolExecutor
-from concurrent.futures import wait as wait_for
 from typing import Annotated, Any
 
 import typer
@@ -35,6 +33,9 @@ def zero(
 
     Exit status 1: refused, and nothing changed.
     """
+    from concurrent.futures import ThreadPoolExecutor
+    from concurrent.futures import wait as wait_for
+
     from ..errors import WireError
     from ..wire.client import Client
 

@@ -37,7 +37,7 @@ M = TypeVar("M", bound=Message)
 S = TypeVar("S", bound="Subscription[Any]")
 
 QUEUE_LENGTH = 500  # messages kept for a program that is busy: 10 s of one stream
-_ANSWER_S = 2.0
+_ANSWER_S = 10.0  # a daemon with too little CPU needs seconds; where nobody has the foot, that is said at once
 _DONE_S = 60.0  # a request may take that long
 
 _log = logging.getLogger(__name__)

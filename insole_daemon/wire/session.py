@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import time
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -18,6 +19,9 @@ from .messages import MOST_BYTES
 from .scheduling import batch_threads
 
 _OURS = {"mode": "mode", "listen/endpoints": "listen", "connect/endpoints": "connect"}  # Zenoh's key → config.yaml's
+_HANDSHAKE_MS = 1500
+_HANDSHAKE_S = _HANDSHAKE_MS * 1e-3
+_PATIENCE_S = 8.0  # for a daemon that has too little CPU to answer
 _FIXED = {
     "scouting/multicast/enabled": False,
     "scouting/delay": 0,
@@ -31,7 +35,7 @@ _FIXED = {
     # therefore taken as lost and connected to again at constant intervals. An attempt is given up after TCP's second
     # try, because the third would follow two seconds later.
     "transport/link/tx/lease": 2000,
-    "transport/unicast/open_timeout": 1500,
+    "transport/unicast/open_timeout": _HANDSHAKE_MS,
     "transport/link/rx/max_message_size": 2 * MOST_BYTES,  # instead of 1 GB: larger messages are dropped on arrival
     "connect/retry": {"period_init_ms": 200, "period_max_ms": 400, "period_increase_factor": 2},
 }
@@ -76,14 +80,29 @@ def open_session(
     """
     config = zenoh.Config() if config_file is None else load_config(config_file)
     ours = {"mode": mode, "listen/endpoints": list(listen), "connect/endpoints": list(connect)}
+    began_s = time.monotonic()
     try:
         for path, value in (ours | _FIXED).items():
             config.insert_json5(path, json.dumps(value))
         if not rules:
             config.insert_json5("access_control/enabled", "false")
-        return zenoh.open(config)
+        return _open(config, mode)
     except zenoh.ZError as error:
-        raise WireError(_explain(mode, listen, connect, _words(error), if_taken)) from error
+        waited_s = time.monotonic() - began_s
+        raise WireError(_explain(mode, listen, connect, _words(error), if_taken, waited_s)) from error
+
+
+def _open(config: zenoh.Config, mode: str) -> zenoh.Session:
+    """Open a session; a client tries again while the other side accepts connections and has no time to answer."""
+    give_up_s = time.monotonic() + _PATIENCE_S
+    while True:
+        began_s = time.monotonic()
+        try:
+            return zenoh.open(config)
+        except zenoh.ZError:
+            ended_s = time.monotonic()
+            if mode != "client" or ended_s - began_s < _HANDSHAKE_S or ended_s > give_up_s:
+                raise
 
 
 def open_daemon_session(settings: Zenoh) -> zenoh.Session:
@@ -139,7 +158,9 @@ def _words(error: Exception) -> str:
     return re.sub(r" at /\S+\.rs:\d+\.?$", "", str(error).strip())
 
 
-def _explain(mode: str, listen: Sequence[str], connect: Sequence[str], error: str, if_taken: str) -> str:
+def _explain(
+    mode: str, listen: Sequence[str], connect: Sequence[str], error: str, if_taken: str, waited_s: float
+) -> str:
     if "in use" in error:
         return (
             f"Zenoh cannot listen on {', '.join(listen)}: the address is already in use. Does another insole daemon "
@@ -151,6 +172,12 @@ def _explain(mode: str, listen: Sequence[str], connect: Sequence[str], error: st
             if any(endpoint.startswith(("tls/", "quic/")) for endpoint in connect)
             else ""
         )
+        if waited_s > _PATIENCE_S:
+            return (
+                f"{', '.join(connect)} gave no answer for {waited_s:.0f} s, and did not refuse either. Look at that "
+                "host: does its daemon run with too little CPU, or stopped, does another program have the port, or a "
+                f"firewall stand between{certificate}?"
+            )
         return (
             f"nobody answers on {', '.join(connect)}. Start the daemon ('insole run', or 'insole demo' without "
             f"hardware) or the router that is meant, or name the endpoint it listens on{certificate}"

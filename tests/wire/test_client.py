@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import itertools
+import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -165,6 +167,24 @@ def test_a_foot_is_seen_once_it_can_be_asked(endpoint):
 def test_nobody_there_is_said_with_what_to_do():
     with pytest.raises(WireError, match="nobody answers on tcp/127.0.0.1:9.*insole run"):
         insole_daemon.connect("tcp/127.0.0.1:9").open()
+
+
+def test_a_daemon_that_cannot_answer_for_seconds_is_waited_for(daemon):
+    daemon.process.send_signal(signal.SIGSTOP)
+    resume = threading.Timer(3.5, daemon.process.send_signal, [signal.SIGCONT])
+    resume.start()
+    try:
+        with insole_daemon.connect(daemon.endpoint) as insole:
+            assert insole.feet() == [("test", "left"), ("test", "right")]
+    finally:
+        resume.join()
+
+
+def test_a_port_that_accepts_and_never_answers_is_told_from_one_where_nobody_listens():
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        endpoint = f"tcp/127.0.0.1:{silent.getsockname()[1]}"
+        with pytest.raises(WireError, match=f"{endpoint} gave no answer for .*too little CPU"):
+            insole_daemon.connect(endpoint).open()
 
 
 def test_a_foot_nobody_has_is_said(daemon):
