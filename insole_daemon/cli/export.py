@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from .options import Force, name_next, refuse_existing_file, replace_folder
+from .options import Calibrations, Force, name_next, refuse_existing_file, replace_folder
 from .progress import show_work
 from .recordings import load_recordings
 
@@ -38,6 +38,7 @@ def export(
         ),
     ],
     to: Annotated[Form | None, typer.Option(help="Format; default: by the ending of OUT.")] = None,
+    calibration: Calibrations = None,
     force: Force = False,
 ) -> None:
     """Write a recording as CSV, npz, MATLAB, MCAP, Parquet or C3D; all but npz contain the steps."""
@@ -56,7 +57,7 @@ def export(
     else:
         refuse_existing_file(out, force)
         replaced = nullcontext()
-    loaded = load_recordings([recording])[0]
+    loaded = load_recordings([recording], calibration or ())[0]
     try:
         with replaced, show_work(f"writing {out}") as work:
             write = {
