@@ -6,6 +6,7 @@ import re
 import shutil
 
 import numpy as np
+import pytest
 from processes import ROOT
 
 from insole_daemon.config import Config
@@ -35,7 +36,8 @@ def test_the_calls_of_the_document_run(tmp_path, monkeypatch, capsys):
     names = {"insole_markers_s": own_s, "camera_markers_s": 0.8 + own_s * (1 + 80e-6)}
     for block in blocks:
         exec(compile(block, "docs/gait.md", "exec"), names)  # noqa: S102
-    assert "times 1.0" in names["scaled"].remarks[-1]
+    (gain,) = re.findall(r"forces and pressures times ([\d.]+):", names["scaled"].remarks[-1])
+    assert float(gain) == pytest.approx(1.0, abs=0.02)
     assert "steady" in capsys.readouterr().out
     assert len(names["steps"]) == len(names["table"])
     assert len(names["other"].steady) > 10
