@@ -40,5 +40,6 @@ def test_the_calls_of_the_document_run(tmp_path, monkeypatch, capsys):
     assert float(gain) == pytest.approx(1.0, abs=0.02)
     assert "steady" in capsys.readouterr().out
     assert len(names["steps"]) == len(names["table"])
+    assert len(names["corrected"].steady) > 10
     assert len(names["other"].steady) > 10
     assert abs(names["clock"].offset_s - 0.8) < 0.002
