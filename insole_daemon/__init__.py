@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 from .config import DEFAULT_ENDPOINT
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from os import PathLike
 
     from .recording.loading import Recording
@@ -40,8 +41,11 @@ def connect(endpoint: str = DEFAULT_ENDPOINT, rig: str = "*", config_file: str |
     return Client(endpoint, rig, Path(config_file) if config_file is not None else None)
 
 
-def load(folder: str | PathLike[str]) -> Recording:
-    """Return the recording in `folder` as numpy arrays; RecordingError lists all problems of its files."""
+def load(folder: str | PathLike[str], calibrations: Sequence[str | PathLike[str]] = ()) -> Recording:
+    """Return the recording in `folder` as numpy arrays; RecordingError lists all problems of its files.
+
+    `calibrations` are files, one a foot, that replace those of the recording.
+    """
     from .recording.loading import load as load_recording
 
-    return load_recording(folder)
+    return load_recording(folder, calibration_files=calibrations)

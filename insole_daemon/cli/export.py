@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from .options import Force, name_next, refuse_existing_file, replace_folder
+from .options import Calibrations, Force, name_next, refuse_existing_file, replace_folder
 from .progress import show_work
 from .recordings import load_recordings
 
@@ -38,9 +38,13 @@ def export(
         ),
     ],
     to: Annotated[Form | None, typer.Option(help="Format; default: by the ending of OUT.")] = None,
+    calibration: Calibrations = None,
     force: Force = False,
 ) -> None:
-    """Write a recording as CSV, npz, MATLAB, MCAP, Parquet or C3D; all but npz contain the steps."""
+    """Write a recording as CSV, npz, MATLAB, MCAP, Parquet or C3D.
+
+    All but npz and a single .csv file contain the steps; `--to csv` writes a folder with steps.csv.
+    """
     from ..errors import FileError
     from ..recording import export_c3d, export_mcap, export_tables, foxglove
     from ..recording.quality import quality
@@ -56,7 +60,7 @@ def export(
     else:
         refuse_existing_file(out, force)
         replaced = nullcontext()
-    loaded = load_recordings([recording])[0]
+    loaded = load_recordings([recording], calibration or ())[0]
     try:
         with replaced, show_work(f"writing {out}") as work:
             write = {
@@ -77,7 +81,8 @@ def export(
     print(f"{out}: {form.value}, {', '.join(f'{foot_data.foot} {len(foot_data)} cycles' for foot_data in loaded.feet)}")
     if form is Form.mcap:
         print(f"insole: Foxglove: open {out}, then import the layout {foxglove.LAYOUT}", file=sys.stderr)
-    name_next(f"the same in Python: insole_daemon.load({str(recording)!r})")
+    replaced_by = f", {[str(file) for file in calibration]}" if calibration else ""
+    name_next(f"the same in Python: insole_daemon.load({str(recording)!r}{replaced_by})")
 
 
 def _is_export(folder: Path) -> bool:

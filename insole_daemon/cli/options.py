@@ -26,6 +26,10 @@ ZenohFile = Annotated[
 ]
 RigName = Annotated[str, typer.Option("--rig", help="Name of the rig, if one endpoint leads to several.")]
 Force = Annotated[bool, typer.Option("--force", help="Replace what this command wrote there before.")]
+Calibrations = Annotated[
+    list[Path] | None,
+    typer.Option("--calibration", help="In place of the recording's own: calibration or model.json, one a foot."),
+]
 Seconds = Annotated[float | None, typer.Option("--seconds", min=0.1, help="End after this time.")]
 Scheduler = Annotated[
     str | None,

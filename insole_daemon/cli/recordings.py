@@ -13,14 +13,17 @@ if TYPE_CHECKING:
     from ..recording.loading import Recording
 
 
-def load_recordings(folders: Sequence[Path]) -> list[Recording]:
-    """Return the recordings in `folders` and print their warnings; RecordingError lists all problems of one."""
+def load_recordings(folders: Sequence[Path], calibration_files: Sequence[Path] = ()) -> list[Recording]:
+    """Return the recordings in `folders` and print their warnings; RecordingError lists all problems of one.
+
+    `calibration_files`, one a foot, replace those of the recordings.
+    """
     from ..recording.loading import load
 
     loaded = []
     for folder in folders:
         with show_work(f"reading {folder}") as work:
-            loaded.append(load(folder, work.done))
+            loaded.append(load(folder, work.done, calibration_files))
     for warning in (warning for recording in loaded for warning in recording.warnings):
         print(f"insole: {warning}", file=sys.stderr)
     return loaded

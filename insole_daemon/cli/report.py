@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from .options import Force, name_next, refuse_existing_file, write_whole
+from .options import Calibrations, Force, name_next, refuse_existing_file, write_whole
 from .progress import show_work
 from .recordings import load_recordings
 
@@ -24,6 +24,7 @@ def report(
         Path | None,
         typer.Option("--out", help="Where to write it; left out: report.html in the folder, which is replaced."),
     ] = None,
+    calibration: Calibrations = None,
     force: Force = False,
 ) -> None:
     """Draw a recording: pressure, forces, steps and health, as one HTML file that needs no internet."""
@@ -34,7 +35,7 @@ def report(
     refuse_existing_file(out, force)
     folder = recording or newest_recording()
     file = out or folder / "report.html"
-    loaded = load_recordings([folder])[0]
+    loaded = load_recordings([folder], calibration or ())[0]
     with show_work(f"drawing {folder}"):
         write_whole(file, recorded_page(loaded))
     print(f"insole: wrote {file}", file=sys.stderr)

@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from os import PathLike
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -22,7 +23,7 @@ from numpy.typing import NDArray
 
 from ..config import Board
 from ..documents import Key, Reading, Section, at_least, entries, read, spell, within
-from ..errors import InsoleError
+from ..errors import CalibrationError, InsoleError
 from ..skin.geometry import N_TAXELS, PRESSURE_TAXELS, THERMAL_PADS
 from ..skin.layout import Layout
 from . import effects_document
@@ -83,6 +84,20 @@ class _File(Section):
     taxels: Annotated[tuple[_Taxel, ...], at_least(1)]
     effects: tuple[Mapping[str, Any], ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
+
+
+def files_by_foot(paths: Sequence[Path]) -> dict[Foot, Path]:
+    """Return the calibration files `paths` by foot; CalibrationError where one names no foot, or two the same."""
+    by_foot: dict[Foot, Path] = {}
+    for path in paths:
+        document = Reading(path).document
+        foot = document.get("foot") if isinstance(document, dict) else None
+        if foot != "left" and foot != "right":
+            raise CalibrationError(f"{path}: expected a calibration, {FORMAT}, with its foot, left or right")
+        if foot in by_foot:
+            raise CalibrationError(f"{path}: the {foot} foot has a calibration already, {by_foot[foot]}: leave one out")
+        by_foot[foot] = path
+    return by_foot
 
 
 def load(path: str | PathLike[str], layout: Layout) -> Calibration:

@@ -31,12 +31,12 @@ def bundle_files(recording: Recording) -> dict[str, bytes]:
         files["counts.npz"] = _counts_npz(folder / document["counts"], recording)
         document["counts"] = "counts.npz"
     for entry in document["insoles"]:
-        for key in ("layout", "calibration", "zero"):
-            if entry.get(key) is not None:
-                suffix = "yaml" if key == "layout" else "json"
-                name = f"{entry['foot']}-{key}.{suffix}"
-                files[name] = (folder / entry[key]).read_bytes()
-                entry[key] = name
+        sources = {key: folder / entry[key] for key in ("layout", "calibration", "zero") if entry.get(key) is not None}
+        if entry["foot"] in recording.calibration_files:
+            sources["calibration"] = recording.calibration_files[entry["foot"]]
+        for key, source in sources.items():
+            entry[key] = f"{entry['foot']}-{key}.{'yaml' if key == 'layout' else 'json'}"
+            files[entry[key]] = source.read_bytes()
     for entry in document.get("reference", ()):
         name = f"{entry['foot']}-reference.csv"
         files[name] = (folder / entry["file"]).read_bytes()

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn, TypeVar
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..config import Board, Foot, Publish
 from ..documents import Reading
 from ..documents import read as read_document
-from ..errors import DocumentError, InsoleError, Problem, RecordingError
+from ..errors import CalibrationError, DocumentError, InsoleError, Problem, RecordingError
 from ..mechanics.wrench import WrenchSeries
 from ..physics import calibration as calibrations
 from ..physics import zero as zeros
@@ -112,6 +112,7 @@ class Recording:
     feet: tuple[FootRecording, ...]
     warnings: tuple[str, ...]  # a sentence per irregularity
     log: Path | None  # the CAN log; None if the recording has counts only
+    calibration_files: Mapping[Foot, Path] = field(default_factory=dict)  # by foot, in place of the recording's own
 
     def __getitem__(self, foot: str) -> FootRecording:
         """Return the recording of the "left" or "right" foot; InsoleError if that foot is not recorded."""
@@ -150,20 +151,32 @@ class _InsoleFiles:
     reference: Reference | None = None
 
 
-def load(folder: str | os.PathLike[str], progress: Callable[[float], None] = lambda share: None) -> Recording:
+def load(
+    folder: str | os.PathLike[str],
+    progress: Callable[[float], None] = lambda share: None,
+    calibration_files: Sequence[str | os.PathLike[str]] = (),
+) -> Recording:
     """Load the recording in `folder`; RecordingError lists all problems of its files together.
 
-    `progress` is called with the fraction of the log that has been read.
+    `progress` is called with the fraction of the log that has been read. `calibration_files`, one a foot, replace those
+    of the recording.
     """
-    return _Loader(Path(folder), progress).recording()
+    by_foot = calibrations.files_by_foot([Path(file) for file in calibration_files])
+    recording = _Loader(Path(folder), progress, by_foot).recording()
+    recorded = {foot.foot for foot in recording.feet}
+    for foot, file in by_foot.items():
+        if foot not in recorded:
+            raise CalibrationError(f"{file}: a calibration of the {foot} foot, which {folder} does not have")
+    return recording
 
 
 class _Loader:
     """Reads one folder, and continues after an error in order to report all of them."""
 
-    def __init__(self, folder: Path, progress: Callable[[float], None]) -> None:
+    def __init__(self, folder: Path, progress: Callable[[float], None], calibration_files: Mapping[Foot, Path]) -> None:
         self._folder = folder
         self._progress = progress
+        self._calibration_files = calibration_files
         self._errors: list[InsoleError] = []
         self._warnings: list[str] = []
         self._insoles: list[_InsoleFiles] = []
@@ -188,7 +201,7 @@ class _Loader:
         self._warn_about_unnamed_files(document)
         return Recording(
             self._folder, document.kind, document.can_origin, document.invented, tuple(cycles), tuple(self._warnings),
-            document.can,
+            document.can, self._calibration_files,
         )  # fmt: skip
 
     def _refuse(self, message: str) -> NoReturn:
@@ -209,8 +222,9 @@ class _Loader:
             if layout is None:
                 continue
             files = _InsoleFiles(insole, layout)
-            if insole.calibration is not None:
-                files.calibration = self._collect_errors(partial(calibrations.load, insole.calibration, layout))
+            calibration = self._calibration_files.get(insole.foot, insole.calibration)
+            if calibration is not None:
+                files.calibration = self._collect_errors(partial(calibrations.load, calibration, layout))
             if insole.zero is not None:
                 files.zero = self._collect_errors(partial(zeros.load, insole.zero, layout))
             self._insoles.append(files)

@@ -53,7 +53,9 @@ def align(foot: FootRecording) -> AlignedFoot:
         t_ns = t_ns - common_ns
         _interpolate(foot, age_ns, t_ns, pressure_pa, valid)
     contact = Contact()
-    estimator = WrenchEstimator(foot.layout, contact.min_force_n, contact.min_pressure_pa)
+    places = [effect for effect in foot.calibration.effects if effect.law.domain == "place"]
+    layout = replace(foot.layout, xy_m=Chain(places, foot.layout).xy_m)
+    estimator = WrenchEstimator(layout, contact.min_force_n, contact.min_pressure_pa)
     wrench = estimator.series(pressure_pa.astype(np.float64), valid, None)
     std = {name: getattr(foot.wrench, name)[cycle] for name in ("f_z_std_n", "m_x_std_nm", "m_y_std_nm")}
     return AlignedFoot(cycle, t_ns, pressure_pa, valid, replace(wrench, **std))

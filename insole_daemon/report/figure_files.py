@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import importlib.util
 import re
+import threading
 from base64 import b64encode
 from dataclasses import dataclass
 from html import escape, unescape
+from typing import Any
 
 from .colours import CATEGORIES, LIGHT
 
@@ -23,6 +25,7 @@ _ONE_PAGE = b"""\
 #image(bytes(sys.inputs.drawing), format: "svg")
 """
 PDF_PACKAGE = "typst"
+_of_thread = threading.local()
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,10 +65,17 @@ def has_pdf() -> bool:
 
 def to_pdf(svg: str) -> bytes:
     """Return a standalone SVG as a PDF of one page, with text as text; the same SVG always gives the same bytes."""
+    document: bytes = _compiler().compile(_ONE_PAGE, sys_inputs={"drawing": svg})
+    return document
+
+
+def _compiler() -> Any:
+    """Return the compiler of this thread: it searches the fonts once, which takes twice as long as a figure."""
     import typst
 
-    document: bytes = typst.compile(_ONE_PAGE, sys_inputs={"drawing": svg})
-    return document
+    if not hasattr(_of_thread, "compiler"):
+        _of_thread.compiler = typst.Compiler()
+    return _of_thread.compiler
 
 
 def _link(name: str, kind: str, content: bytes) -> str:

@@ -6,6 +6,7 @@ import base64
 import importlib.util
 import re
 import zlib
+from concurrent.futures import ThreadPoolExecutor
 from xml.etree import ElementTree
 
 import numpy as np
@@ -69,6 +70,13 @@ def test_a_pdf_is_one_page_of_the_drawings_size_with_text() -> None:
         drawn = b"".join(zlib.decompressobj().decompress(stream) for stream in streams if stream[:1] == b"\x78")
         assert b"Tf" in drawn, "text, not outlines of letters"
         assert not re.search(rb"/Subtype\s*/Image", pdf), "no pixels"
+
+
+def test_figures_are_the_same_bytes_in_any_thread_and_in_any_order() -> None:
+    drawings = [figure_files.standalone(drawing(name)) for name in ("plot", "value map", "word map")]
+    expected = [figure_files.to_pdf(svg) for svg in drawings]
+    with ThreadPoolExecutor(3) as threads:
+        assert list(threads.map(figure_files.to_pdf, drawings[::-1] * 3)) == expected[::-1] * 3
 
 
 def test_without_typst_a_page_has_svg_only_and_states_the_remedy(monkeypatch) -> None:

@@ -103,6 +103,13 @@ def test_any_number_of_workers_gives_the_same_bytes_and_what_is_done_is_not_done
     assert [path.parent.name for path in changed] == ["0001-p0-slow"], "worked out anew, since its content changed"
 
 
+def test_a_worker_has_one_thread_of_arithmetic_and_keeps_its_memory():
+    with cluster(None, 1) as client:
+        (environment,) = client.run(lambda: dict(os.environ)).values()
+    assert environment["OMP_NUM_THREADS"] == environment["OPENBLAS_NUM_THREADS"] == "1"
+    assert "MALLOC_TRIM_THRESHOLD_" not in environment, "a third of the CPU time would be page faults"
+
+
 def test_a_worker_that_is_killed_loses_nothing_and_doubles_nothing(folder, tmp_path):
     other = Path(shutil.copytree(folder, tmp_path / "other"))
     with cluster(None, 2) as client:

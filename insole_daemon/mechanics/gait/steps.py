@@ -136,6 +136,12 @@ def find_steps(courses: Sequence[FootCourse], start_ns: int, remarks: Sequence[s
                 f"{foot.foot}: the material remembers: {foot.memory.fraction:.0%} of a load comes late, with a time "
                 f"constant of {foot.memory.tau_s:.2g} s, as its swings show; the steps are without that"
             )
+    labels, counts = np.unique(columns["label"], return_counts=True)
+    if len(labels) and "steady" not in labels:
+        kinds = ", ".join(f"{count} {label}" for label, count in zip(labels, counts, strict=True))
+        all_remarks.append(
+            f"no steady step, so no mean, symmetry or comparison: {kinds}; the table has the figures of each stance"
+        )
     for course in courses:
         if course.regions.too_small:
             all_remarks.append(f"{course.foot}: too few taxels for {', '.join(course.regions.too_small)}")

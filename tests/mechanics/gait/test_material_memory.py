@@ -7,7 +7,10 @@ import dataclasses
 import numpy as np
 import pytest
 
+from insole_daemon.mechanics.gait.contacts import find_contacts
+from insole_daemon.mechanics.gait.material_memory import estimate_memory
 from insole_daemon.mechanics.gait.steps import find_steps
+from insole_daemon.mechanics.gait.swing_offset import swing_samples
 from insole_daemon.physics.law import Moments
 from insole_daemon.physics.relaxation import Relaxation
 from insole_daemon.simulation.foot import Walk
@@ -52,6 +55,23 @@ def test_a_memory_is_undone_to_a_hundredth_of_force_and_pressure(fraction, tau_s
 def test_noise_and_drift_are_not_taken_for_a_memory(noise_pa):
     course = remembering(course_of(WALK, "left", SECONDS, noise_pa=noise_pa), 0.0, 1.0, drift_n_per_s=1.5)
     assert "remembers" not in " ".join(find_steps([course], 0).remarks)
+
+
+def test_a_light_persons_short_walk_shows_a_memory_of_5_percent_and_none_where_there_is_none():
+    """At the threshold of 9, 93 % of such walks show it, with 25 half of them; none of 30 without a memory does."""
+    t_s = np.arange(0, 20.0, 0.02)
+    force = Walk(list(LAYOUTS.values()), body_mass_kg=50.0, cadence_per_min=100.0, seed=3).force_n("left", t_s)
+    moments = Moments(t_s, np.diff(t_s, prepend=t_s[0]), None)
+    counts = []
+    for fraction in (0.0, 0.05):
+        law = Relaxation(np.array([1 - fraction]), np.array([[fraction]]), np.array([[0.3]]))
+        read = law(force[:, None], moments)[:, 0]
+        noisy = [read + np.random.default_rng(seed).normal(0, 4.5, len(t_s)) for seed in range(12)]
+        in_swing = np.zeros(len(t_s), np.bool_)
+        in_swing[np.concatenate(swing_samples(t_s, find_contacts(t_s, read)))] = True
+        counts.append(sum(estimate_memory(t_s, force_n, in_swing) is not None for force_n in noisy))
+    assert counts[0] == 0
+    assert counts[1] >= 10
 
 
 def test_a_foot_that_is_touched_in_two_swings_does_not_pull_the_memory():

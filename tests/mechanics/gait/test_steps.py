@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from insole_daemon.errors import InsoleError
 from insole_daemon.mechanics.gait.contacts import find_contacts
-from insole_daemon.mechanics.gait.steps import mean_curve
+from insole_daemon.mechanics.gait.steps import find_steps, mean_curve
 from insole_daemon.simulation.foot import STANCE, Stand, Walk
 
-from .walked import LAYOUTS, steps_of
+from .walked import LAYOUTS, course_of, steps_of
 
 SECONDS = 24.0
 
@@ -176,3 +178,14 @@ def test_a_gap_in_a_stance_leaves_it_out():
 @pytest.mark.parametrize("n", [0, 1, 2])
 def test_hardly_any_cycles_are_no_steps(n):
     assert len(find_contacts(np.arange(n) * 0.02, np.full(n, 500.0))) == 0
+
+
+def test_a_person_who_only_stands_is_told_that_nothing_is_steady():
+    standing = course_of(Stand(list(LAYOUTS.values())), "left", 12.0)
+    force = np.where((standing.t_s > 2) & (standing.t_s < 10), standing.wrench.f_z_n, 0.0)
+    steps = find_steps([replace(standing, wrench=replace(standing.wrench, f_z_n=force))], 0)
+    assert len(steps) == 1
+    assert "no steady step, so no mean, symmetry or comparison: 1 standing" in " ".join(steps.remarks)
+    assert "no steady step" not in " ".join(
+        steps_of(Walk(list(LAYOUTS.values()), seed=2), 12.0, feet=("left",)).remarks
+    )
