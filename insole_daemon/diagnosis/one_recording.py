@@ -129,7 +129,7 @@ def _finding(
     return Finding(
         effect=word, alternatives=tuple(other for other, _ in alternatives[:1]), foot=seen.layout.foot, where=where,
         equation=laws()[word].equation if word in laws() else "", recordings=(seen.name,), parameters=parameters,
-        explains=gain, confidence=confidence.confidence(margin, bool(alternatives)), margin=margin, sentence=said,
+        explains=gain, confidence=confidence.confidence(margin, found.left_share), margin=margin, sentence=said,
         **heldout_of(seen.load_is_known, float(np.sqrt(found.after[0] ** 2 + gain)), float(found.after[0])),
     )  # fmt: skip
 
@@ -151,7 +151,7 @@ def _placed(searched: Searched, seen: WrenchObservation, found: Figures) -> tupl
             Finding(
                 effect=each.word, foot=seen.layout.foot, where=each.where, equation=laws()[each.word].equation,
                 recordings=(seen.name,), parameters=each.parameters, explains=gained, margin=each.margin,
-                confidence=confidence.confidence(each.margin, False),
+                confidence=confidence.confidence(each.margin, found.left_share),
                 sentence=sentences.of_effect(each.word, each.where, each.parameters),
                 **heldout_of(seen.load_is_known, float(np.sqrt(found.after[0] ** 2 + gained)), float(found.after[0])),
             )
