@@ -10,7 +10,7 @@ import math
 
 CLOSE = 0.5  # of the least gain of an effect: a set with fewer columns that is no worse than that is preferred
 SAME = 0.15  # of the least gain: sets that are no worse than that are alternatives
-COEFFICIENTS = (0.87, 0.48, -0.94)  # of `features`
+COEFFICIENTS = (0.96, 0.39, -1.13)  # of `features`
 MOST_MARGIN = 100.0  # more says no more
 LEAST, MOST = 0.02, 0.98  # what so few cases can tell
 
