@@ -1,11 +1,12 @@
-"""How often findings on walks are right, by their margin: fits the logistic regression behind `confidence`.
+"""How often findings are right, by their margin and by what is left: fits the logistic regression behind `confidence`.
 
 Takes some 10 s a case.
 
-    python -m benchmarks.diagnosis.blind make --suite walk --seed N --cases 60 --out cases --sealed sealed
+    python -m benchmarks.diagnosis.blind make --suite all --seed N --cases 100 --out cases --sealed sealed
     python -m benchmarks.diagnosis.confidence cases sealed
 
-The seed may serve nothing else. Prints the coefficients for `insole_daemon/diagnosis/select/confidence.py`, and how
+The seed may serve nothing else. All findings of a case together have a weight of 1, because they are right or wrong
+together. Prints the coefficients for `insole_daemon/diagnosis/select/confidence.py`, and how
 often findings were right, by what they are given.
 """
 
@@ -22,9 +23,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from insole_daemon.diagnosis.finding import Finding
-from insole_daemon.diagnosis.observations.walk import observe_walk
-from insole_daemon.diagnosis.observing import static_model
-from insole_daemon.diagnosis.one_recording import diagnose_one
+from insole_daemon.diagnosis.pipeline import diagnose
 from insole_daemon.diagnosis.select.confidence import features
 from insole_daemon.errors import InsoleError
 from insole_daemon.recording.loading import load
@@ -42,17 +41,20 @@ def main() -> None:
     truth = json.loads((asked.sealed / "truth.json").read_text())["cases"]
     rows: list[tuple[float, float, float]] = []
     right: list[bool] = []
+    weights: list[float] = []
     for name, case in sorted(truth.items()):
-        if case["recording"] != "walk" or case["against"] != "reference":
-            continue
-        accepted = {word for each in case["effects"] for word in each["accept"]}
-        for finding in _findings(asked.cases / name / "recording"):
-            if finding.margin is not None and (finding.effect not in case["tolerated"] or finding.effect in accepted):
-                rows.append(features(finding.margin, bool(finding.alternatives)))
-                right.append(finding.effect in accepted or bool(accepted & set(finding.alternatives)))
+        accepted = {word for each in case["effects"] for word in each["accept"]} | set(case["equivalent"])
+        judged = [
+            (features(finding.margin, left_share), bool(accepted & {finding.effect, *finding.alternatives}))
+            for finding, left_share in _findings(asked.cases / name)
+            if finding.margin is not None and (finding.effect not in case["tolerated"] or finding.effect in accepted)
+        ]
+        rows += [x for x, _ in judged]
+        right += [was for _, was in judged]
+        weights += [1.0 / len(judged)] * len(judged)
         sys.stderr.write(f"\r{len(rows)} findings")
-    x, y = np.array(rows), np.array(right, float)
-    found = fit(x, y)
+    x, y, weight = np.array(rows), np.array(right, float), np.array(weights)
+    found = fit(x, y, weight * len(weight) / weight.sum())
     probability = 1.0 / (1.0 + np.exp(-x @ found))
     print(f"COEFFICIENTS = ({', '.join(f'{c:.2f}' for c in found)})  # {len(y)} findings, {int(y.sum())} right")
     base_rate = np.full_like(y, y.mean())
@@ -64,23 +66,25 @@ def main() -> None:
             print(f"{low:.2f} to {high:.2f}: said {said:.2f}, right {was:.2f} of {group.sum()}")
 
 
-def fit(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(k,) coefficients of the logistic regression of y (n,), 0 or 1, on x (n, k), with a normal prior."""
+def fit(x: NDArray[np.float64], y: NDArray[np.float64], weight: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(k,) coefficients of the logistic regression of y (n,), 0 or 1, on x (n, k), weighted, with a normal prior."""
 
     def loss(c: NDArray[np.float64]) -> float:
         z = x @ c
-        return float(np.sum(np.logaddexp(0.0, z) - y * z) + 0.5 * np.sum((c / PRIOR_STD) ** 2))
+        return float(np.sum(weight * (np.logaddexp(0.0, z) - y * z)) + 0.5 * np.sum((c / PRIOR_STD) ** 2))
 
     return np.asarray(minimize(loss, np.zeros(x.shape[1])).x)
 
 
-def _findings(folder: Path) -> tuple[Finding, ...]:
-    recording = load(folder)
-    foot = recording.feet[0]
+def _findings(folder: Path) -> list[tuple[Finding, float]]:
+    """Of a case, each with the share of the mismatch that all of them leave."""
+    simulated = folder / "simulation"
     try:
-        return diagnose_one(observe_walk(recording, foot, static_model(recording, foot, None)), foot, _silent).findings
+        simulations = [load(simulated)] if simulated.exists() else []
+        (result,) = diagnose([load(folder / "recording")], None, _silent, simulations).results
     except InsoleError:
-        return ()
+        return []
+    return [(finding, result.figures.left_share) for finding in result.findings]
 
 
 def _silent(text: str) -> None:

@@ -42,11 +42,17 @@ class Finding:
     regime: Mapping[str, Any] = field(default_factory=dict)
     equation: str = ""
     parameters: Mapping[str, Quantity] = field(default_factory=dict)
-    explains: float = 0.0  # reduction of the mean square over all taxels, counts²; orders the findings
+    explains: float = 0.0  # reduction of the mean square over all taxels, counts²
+    left: float = 0.0  # mean square beyond the noise that `unknown` stands for, in the same unit
     heldout_count: tuple[float, float] | None = None  # without and with this finding
     heldout_n: tuple[float, float] | None = None  # the same of f_z, if the load of single taxels is not known
     confidence: float = 1.0
     margin: float | None = None  # loss without it, in units of the least gain of an effect
+
+    @property
+    def size(self) -> float:
+        """Mean square that it explains, or leaves unexplained: orders the findings."""
+        return max(self.explains, self.left)
 
     def document(self) -> dict[str, Any]:
         """Return the content of the finding in `insole-diagnosis/1`."""

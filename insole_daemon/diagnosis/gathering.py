@@ -32,7 +32,7 @@ MOST_APART = 2.5  # largest ratio of strengths that are joined
 def join_places(findings: Sequence[Finding], seen: WrenchObservation) -> tuple[Finding, ...]:
     """Join findings of one word with similar strength; return these and the others unchanged."""
     joined: list[Finding] = []
-    for finding in sorted(findings, key=lambda finding: -finding.explains):
+    for finding in sorted(findings, key=lambda finding: -finding.size):
         like = next((i for i, other in enumerate(joined) if _is_same(other, finding)), None)
         if like is None:
             joined.append(finding)

@@ -30,13 +30,13 @@ class Said:
 
 
 def merge_findings(by_recording: Sequence[Said]) -> tuple[Finding, ...]:
-    """Return findings in the order of what they explain; those of a known load first."""
+    """Return findings in the order of their size; those of a known load first."""
     if len(by_recording) == 1:
-        return tuple(sorted(by_recording[0].findings, key=lambda finding: -finding.explains))
+        return tuple(sorted(by_recording[0].findings, key=lambda finding: -finding.size))
     chambers = sorted(by_recording, key=lambda account: not account.load_is_known)
     merged: list[Finding] = []
     for account in chambers:
-        for finding in sorted(account.findings, key=lambda finding: -finding.explains):
+        for finding in sorted(account.findings, key=lambda finding: -finding.size):
             if finding.effect not in LASTING:
                 merged.append(finding)
             elif not _is_reported(finding, account, merged):

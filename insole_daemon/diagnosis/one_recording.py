@@ -38,6 +38,7 @@ from .unexplained import (
     STRONGER,
     explains_little,
     is_unexplained,
+    least_beside,
     most_null,
     squared_rest,
     timing_energy,
@@ -58,9 +59,7 @@ def diagnose_one(seen: WrenchObservation, foot: FootRecording, progress: Callabl
     kept = trimmed(search, search.simplified(first.best, confidence.CLOSE), timing)
     is_unknown = is_unexplained(kept.figures, whole, kept.refined, timing)
     if is_unknown:
-        # What explains hardly more than is left without a name may be a part of that.
-        least = np.inf if explains_little(kept.figures, whole) else STRONGER * squared_rest(kept.figures, whole)
-        kept = stronger(search, kept, least, timing)
+        kept = stronger(search, kept, least_beside(kept.figures, whole, kept.refined), timing)
     refined, order, found = kept.refined, kept.order, kept.figures
     parameters = [parameters_of(refined, i, foot) for i in range(len(order))]
     words = [each.word for each in refined.design.candidates]
@@ -75,7 +74,7 @@ def diagnose_one(seen: WrenchObservation, foot: FootRecording, progress: Callabl
     effects += [e for e in (effect_of(f.effect, f.where, f.parameters, seen) for f in put_right) if e is not None]
     if findings and not found.after[0] < found.before[0]:
         findings, effects, is_unknown = [], [], True  # what makes held-out rows worse explains nothing
-    if not (findings or order or first.words or faults.findings):
+    if not (findings or order or first.words or _explain(faults, found, whole)):
         is_unknown |= float(min(found.before[0], found.after[0])) > most_null([(found, whole)]) * float(found.floor[0])
     if is_unknown:
         findings.append(unknown(seen, found, whole))
@@ -130,7 +129,7 @@ def _finding(
     return Finding(
         effect=word, alternatives=tuple(other for other, _ in alternatives[:1]), foot=seen.layout.foot, where=where,
         equation=laws()[word].equation if word in laws() else "", recordings=(seen.name,), parameters=parameters,
-        explains=gain, confidence=confidence.confidence(margin, bool(alternatives)), margin=margin, sentence=said,
+        explains=gain, confidence=confidence.confidence(margin, found.left_share), margin=margin, sentence=said,
         **heldout_of(seen.load_is_known, float(np.sqrt(found.after[0] ** 2 + gain)), float(found.after[0])),
     )  # fmt: skip
 
@@ -152,7 +151,7 @@ def _placed(searched: Searched, seen: WrenchObservation, found: Figures) -> tupl
             Finding(
                 effect=each.word, foot=seen.layout.foot, where=each.where, equation=laws()[each.word].equation,
                 recordings=(seen.name,), parameters=each.parameters, explains=gained, margin=each.margin,
-                confidence=confidence.confidence(each.margin, False),
+                confidence=confidence.confidence(each.margin, found.left_share),
                 sentence=sentences.of_effect(each.word, each.where, each.parameters),
                 **heldout_of(seen.load_is_known, float(np.sqrt(found.after[0] ** 2 + gained)), float(found.after[0])),
             )
@@ -163,6 +162,12 @@ def _placed(searched: Searched, seen: WrenchObservation, found: Figures) -> tupl
 def _with_faults(found: Figures, faults: ReadingFaults) -> Figures:
     """With what was put right before the regression: the model as handed in knows nothing of it."""
     return replace(found, before=np.sqrt(found.before**2 + faults.explained))
+
+
+def _explain(faults: ReadingFaults, found: Figures, whole: Design | BlockDesign) -> bool:
+    """Whether faults of the readings stand for the mismatch: they are there, and not beside a larger one."""
+    is_unknown = any(each.effect == "unknown" for each in faults.findings)
+    return is_unknown or (bool(faults.findings) and not explains_little(found, whole))
 
 
 def _is_next_to_nothing(each: Finding, found: Figures) -> bool:

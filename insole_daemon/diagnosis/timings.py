@@ -69,7 +69,7 @@ def timing_findings(
                 effect=word, alternatives=() if other is None else (other,), foot=seen.layout.foot, where=Where(),
                 equation=laws()[word].equation, recordings=(seen.name,), parameters=parameters,
                 explains=found.timing_gain / len(first.words),
-                confidence=confidence.confidence(margin, other is not None), margin=margin,
+                confidence=confidence.confidence(margin, found.left_share), margin=margin,
                 sentence=sentences.of_effect(word, Where(), parameters),
                 **heldout_of(seen.load_is_known, float(np.sqrt(after**2 + found.timing_gain)), after),
             )

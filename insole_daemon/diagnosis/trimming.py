@@ -59,9 +59,9 @@ def trimmed(search: SubsetSearch[Any], best: FittedSet, timing: Timing) -> Kept:
 
 
 def stronger(search: SubsetSearch[Any], kept: Kept, least: float, timing: Timing) -> Kept:
-    """What of a set explains more than `least` variances of the noise by itself."""
-    best, refined = kept.best, kept.refined
-    strong = [k for i, k in enumerate(best.chosen) if refined.gain - refined.gain_without(i) > least]
+    """What of a set explains more than `least` variances of the noise by itself, with its family's own columns."""
+    best, families = kept.best, kept.refined.of_families
+    strong = [k for i, k in enumerate(best.chosen) if families.gain - families.gain_without(i) > least]
     if len(strong) == len(best.chosen):
         return kept
     fitted = search.fit(strong)

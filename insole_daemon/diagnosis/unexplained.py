@@ -25,6 +25,7 @@ PER_TAXEL = 4.0  # a taxel's share of a triangle's excess that counts as much as
 UNKNOWN_EXCESS = 1.0  # mean squares of the noise that are left
 UNKNOWN_SHARE = 0.08  # of what a set explains, that it may leave: no law is met exactly
 UNKNOWN_OF_MEMORY = 0.12  # the same with a memory, where the load is known: materials follow their laws less nearly
+UNKNOWN_TO_FAMILIES = 0.3  # of the mismatch, that the families of a set with a memory may leave to what stands beside
 STRONGER = 4.0  # times what is left without a name, that an effect beside it explains
 MOST_NULL = 1.12  # times the noise floor: what a recording without a mismatch may leave
 
@@ -35,8 +36,33 @@ def is_unexplained(found: Figures, whole: Design | BlockDesign, refined: Refined
         return True
     explained = refined.gain + timing_energy(whole, timing)
     has_memory = any(each.term.is_memory for each in refined.design.candidates)
+    if has_memory and left_by_families(refined, whole) > UNKNOWN_TO_FAMILIES * mismatch(whole):
+        return True
     share = UNKNOWN_OF_MEMORY if has_memory and isinstance(whole, BlockDesign) else UNKNOWN_SHARE
     return bool(excess(found, whole).max() > UNKNOWN_EXCESS and squared_rest(found, whole) > share * explained)
+
+
+def least_beside(found: Figures, whole: Design | BlockDesign, refined: Refined[Any]) -> float:
+    """Squared sum that an effect has to explain to be named beside `unknown`: less may be a part of that."""
+    if explains_little(found, whole):
+        return float(np.inf)
+    return STRONGER * max(squared_rest(found, whole), left_by_families(refined, whole))
+
+
+def mismatch(whole: Design | BlockDesign) -> float:
+    """Squared residual of the static model beyond the noise, in its variances."""
+    return whole.total - float(np.count_nonzero(whole.weights))
+
+
+def left_by_families(refined: Refined[Any], whole: Design | BlockDesign) -> float:
+    """Squared residual beyond the noise that a set leaves by itself, in variances of the noise; 0 where it is small.
+
+    Without the columns for uneven materials and for a load before the recording. These are many and free: they describe
+    most of what decays or depends on the load, whatever it is.
+    """
+    noise = float(np.count_nonzero(whole.weights))
+    left = mismatch(whole) - refined.of_families.gain
+    return left if isinstance(whole, BlockDesign) and left > UNKNOWN_EXCESS * noise else 0.0
 
 
 def explains_little(found: Figures, whole: Design | BlockDesign) -> bool:
@@ -96,8 +122,10 @@ def unknown(seen: WrenchObservation, found: Figures, whole: Design | BlockDesign
         of, unit = (1e-3, "kPa") if seen.load_is_known else (1.0, "N")
         text += f"; most of it is there while {phase} between {low * of:.0f} and {high * of:.0f} {unit}"
     place = said(where)
+    before, after, floor = (float(each[0]) for each in (found.before, found.after, found.floor))
     return Finding(
-        effect="unknown", foot=seen.layout.foot, where=where, recordings=(seen.name,), confidence=0.8, explains=0.0,
+        effect="unknown", foot=seen.layout.foot, where=where, recordings=(seen.name,), confidence=0.8,
+        left=after**2 - floor**2,
         regime=regime, equation=equation, sentence=f"{place[0].upper()}{place[1:]}: {text}.",
-        **heldout_of(seen.load_is_known, float(found.before[0]), float(found.after[0])),
+        **heldout_of(seen.load_is_known, before, after),
     )  # fmt: skip

@@ -284,7 +284,12 @@ class BlockDesign:
 
         Without what they leave out of real materials, and what a load before the recording has left.
         """
-        candidates = tuple(each.of_law(IN_NO_MODEL) for each in self.candidates)
+        candidates = tuple(each.of_law().without(IN_NO_MODEL) for each in self.candidates)
+        return self._changed(self.atoms, slice(None), candidates=candidates)
+
+    def of_families(self) -> BlockDesign:
+        """With all columns of its candidates, but without what stands for real materials and for an earlier load."""
+        candidates = tuple(each.without(IN_NO_MODEL) for each in self.candidates)
         return self._changed(self.atoms, slice(None), candidates=candidates)
 
     def with_settings(self, found: Sequence[tuple[int, Setting]]) -> BlockDesign:

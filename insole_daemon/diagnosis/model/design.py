@@ -122,6 +122,10 @@ class Design:
         """Itself: of a load that readings tell, nothing beside the laws is fitted."""
         return self
 
+    def of_families(self) -> Design:
+        """Itself, for the same reason."""
+        return self
+
     def exchanged(self, i: int, setting: Setting) -> Design:
         """With another setting of candidate `i`."""
         candidate = self.candidates[i]

@@ -32,6 +32,12 @@ class Refined(Generic[D]):
         alone = self.design.of_laws()
         return Refined(alone, *solve_shares(alone, alone.candidates))
 
+    @cached_property
+    def of_families(self) -> Refined[D]:
+        """The same set with its families' own columns, and nothing beside them that a family alone does not say."""
+        alone = self.design.of_families()
+        return Refined(alone, *solve_shares(alone, alone.candidates))
+
     def gain_without(self, i: int) -> float:
         """What the others take away without candidate `i`, their parameters kept."""
         return solve_shares(self.design, [c for j, c in enumerate(self.design.candidates) if j != i])[1]

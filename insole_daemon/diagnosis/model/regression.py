@@ -46,13 +46,17 @@ class PlacedTerm:
         """Of its term."""
         return self.term.word
 
-    def of_law(self, words: Collection[str]) -> PlacedTerm:
-        """Its law's own columns, without companions of these `words`."""
+    def of_law(self) -> PlacedTerm:
+        """The columns of its law, of those of the whole family."""
         own = [k for k, setting in enumerate(self.settings) if self.term.is_in_law(setting)]
+        return replace(self, settings=tuple(self.settings[k] for k in own), columns=self.columns[own])
+
+    def without(self, words: Collection[str]) -> PlacedTerm:
+        """The same without companions of these `words`."""
         kept = [i for i, word in enumerate(self.companion_words) if word not in words]
         return replace(
-            self, settings=tuple(self.settings[k] for k in own), columns=self.columns[own],
-            companions=self.companions[kept], companion_words=tuple(self.companion_words[i] for i in kept),
+            self, companions=self.companions[kept],
+            companion_words=tuple(self.companion_words[i] for i in kept),
             companion_std=tuple(self.companion_std[i] for i in kept),
         )  # fmt: skip
 
@@ -113,6 +117,9 @@ class Regression(Protocol):
 
     def of_laws(self) -> Self:
         """Without what the laws of its candidates leave out of real materials."""
+
+    def of_families(self) -> Self:
+        """The same, but with all columns of its candidates: a family may have more than the law of a model."""
 
 
 def with_companions(every: Sequence[PlacedTerm], rest: Mapping[str, float] = NOTHING) -> tuple[PlacedTerm, ...]:

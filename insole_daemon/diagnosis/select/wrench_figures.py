@@ -37,6 +37,14 @@ class Figures:
     companion_shares: dict[int, float]  # by column of the refined design
     recalibrated: CurveShares | None = None  # what curves are off by that contain the mean curve of a memory
 
+    @property
+    def left_share(self) -> float:
+        """Share of the mean square of f_z or of the counts beyond the noise that the set leaves, 0 to 1."""
+        before, after, floor = (float(each[0]) for each in (self.before, self.after, self.floor))
+        if before <= floor:
+            return 0.0
+        return min(max(after**2 - floor**2, 0.0) / (before**2 - floor**2), 1.0)
+
 
 def figures(
     design: Design,
