@@ -24,7 +24,7 @@ from ..skin.geometry import N_TAXELS, PRESSURE_TAXELS
 from . import contact
 from .contact import intervals, joined
 from .finding import Finding
-from .places import said, where
+from .places import place_in_words, where
 
 TALKS = 0.25  # of the rate of change of the most active taxels: slower ones carry little information on the load
 MOST_DEAD = 0.3  # of the cycles without a usable reading: the taxel is reported as dead
@@ -72,7 +72,7 @@ class _Readings:
         if not isinstance(place, Where):
             place = where(place, np.flatnonzero(np.tile(PRESSURE_TAXELS, len(layout))), layout)
         return Finding(
-            effect=effect, foot=self.foot.foot, where=place, sentence=f"{said(place)}: {text}.",
+            effect=effect, foot=self.foot.foot, where=place, sentence=f"{place_in_words(place)}: {text}.",
             recordings=(self.name,), when_s=tuple(when),
         )  # fmt: skip
 

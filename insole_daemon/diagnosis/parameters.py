@@ -23,7 +23,7 @@ def parameters_of(refined: Refined[Any], i: int, foot: FootRecording) -> dict[st
     """
     law = refined.of_laws
     inner, candidate = law.design, law.design.candidates[i]
-    if candidate.word == "temperature" and inner.load.observation.warmth_is_of_pads:
+    if candidate.word == "temperature" and inner.load.observation.temperature_is_in_counts:
         return {}
     shares = law.shares[i]
     mapping = candidate.term.parameters_of(inner.load.observation.load_is_known or candidate.term.is_of_load)

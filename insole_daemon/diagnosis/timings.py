@@ -120,7 +120,7 @@ def off_by_clock(seen: WrenchObservation) -> Array:
 
 def _square(seen: WrenchObservation) -> Array:
     if not isinstance(seen, ChamberObservation):
-        return seen.square_error
+        return seen.mean_square_error
     known = seen.reference.is_known(seen.reference_s)[:, None, None] & seen.usable
     off_count = seen.expected_count - seen.activation_count
     return np.array([np.mean(np.square(off_count), where=known)])

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 import insole_daemon
-from insole_daemon.diagnosis.observations.own_curves import observe_uncalibrated
+from insole_daemon.diagnosis.observations.fitted_curves import observe_uncalibrated
 from insole_daemon.diagnosis.observations.reading_faults import reading_faults
 from insole_daemon.diagnosis.pipeline import diagnose
 from insole_daemon.recording.import_matlab import import_matlab

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import insole_daemon
-from insole_daemon.diagnosis.observations.own_curves import turned_round
+from insole_daemon.diagnosis.observations.fitted_curves import invert_curve
 from insole_daemon.diagnosis.pipeline import diagnose
 from insole_daemon.diagnosis.result import Diagnosis
 
@@ -60,10 +60,10 @@ def test_a_board_that_switches_with_the_load_is_a_snap_with_its_thresholds(tmp_p
     assert finding.parameters["down_pa"].value == pytest.approx(35e3, rel=0.15)
 
 
-def test_a_curve_turned_round_rises_and_says_the_load_again() -> None:
+def test_an_inverted_curve_rises_and_returns_the_load() -> None:
     loads = np.linspace(0.0, 3e5, 200)
     activation = 60.0 * loads / (loads + 4e5)
-    back = turned_round(activation, loads)
+    back = invert_curve(activation, loads)
     assert np.abs(np.polynomial.polynomial.polyval(activation, back) - loads).max() < 1.5e3
     beyond = np.polynomial.polynomial.polyval(np.linspace(-2.0, 1.05 * activation[-1], 400), back)
     assert (np.diff(beyond) > 0).all()

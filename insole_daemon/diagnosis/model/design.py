@@ -178,7 +178,7 @@ def base_terms(load: LoadEstimate, weights: Array, substituted: NDArray[np.bool_
         add("offset_s", -slope, OWN_OFFSET_STD_S)
         if seen.rate_is_free:
             add("rate", -slope * (seen.t_s - seen.t_s.mean())[:, None], OWN_RATE_STD)
-    for board, error in seen.unresolved.items():
+    for board, error in seen.interpolation_error.items():
         add(f"unresolved_{board}", error, UNRESOLVED_STD)
     for channel, std in enumerate(ZERO_STD):
         add(f"zero_{channel}", np.broadcast_to(np.eye(3)[channel], slope.shape), std)
@@ -188,8 +188,8 @@ def base_terms(load: LoadEstimate, weights: Array, substituted: NDArray[np.bool_
         std = SUBSTITUTED_STD if substituted[row] else GAIN_STD
         add(f"gain_{board}_{triangle}", gain[:, row], std)
     for row, readings in enumerate(seen.readings):
-        if seen.stood_in is not None and seen.stood_in[row]:
-            bears = ~seen.stood_in & seen.usable.any(axis=1)
+        if seen.is_wholly_substituted is not None and seen.is_wholly_substituted[row]:
+            bears = ~seen.is_wholly_substituted & seen.usable.any(axis=1)
             for donor in [each for each in seen.nearest(row).tolist() if bears[each]][:NEIGHBOURS]:
                 mean_pa = np.mean(load.read_pa[:, donor, seen.usable[donor]], axis=1)
                 add(f"like_{row}_{donor}", mean_pa[:, None] * seen.arms[row].sum(axis=0), SUBSTITUTED_STD)

@@ -56,7 +56,7 @@ class LoadEstimate:
             shifted_pa = self.slope_pa
             if shift_count:
                 differs = self.static_pa(self.activation_count + shift_count) - self.read_pa
-                shifted_pa = self.observation.where_answering(differs / shift_count)
+                shifted_pa = self.observation.zero_where_unloaded(differs / shift_count)
             self._shifted[shift_count] = self.wrench_of(shifted_pa)
         return self._shifted[shift_count]
 
@@ -81,7 +81,7 @@ class LoadEstimate:
     @cached_property
     def slope_pa(self) -> Array:
         """Pa a count, no flatter than a share of its mean."""
-        return self.observation.where_answering(self.observation.slope_at(self.activation_count))
+        return self.observation.zero_where_unloaded(self.observation.slope_at(self.activation_count))
 
     def released(self) -> Self:
         """The same, without the arrays that were computed of it and of its observation."""

@@ -12,7 +12,7 @@ from ...report.insole_map import word_map
 from ...report.plot import Plot, axis
 from ...skin.geometry import PRESSURE_TAXELS
 from ..model.placement import place_of
-from ..places import said
+from ..places import place_in_words
 from ..result import Diagnosis, RecordingResult
 from . import first_page, numbers
 from .physical_units import course_pa, rms_force_n, rms_kpa
@@ -41,7 +41,7 @@ def _about(diagnosis: Diagnosis) -> list[str]:
     made_of = ", ".join(map(str, seen.calibration.provenance.get("recordings", ())))
     calibration = f"calibration made of {made_of}" if made_of else "calibration of unknown recordings"
     if seen.is_estimated is not None:
-        place = said(place_of(seen.is_estimated, seen))
+        place = place_in_words(place_of(seen.is_estimated, seen))
         calibration += f"; it does not list {place}, whose load is estimated from the readings there"
     return [insole, calibration]
 

@@ -5,7 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from insole_daemon.diagnosis.observations.hidden_faults import never_has, pick_up, stuck_bit, together
+from insole_daemon.diagnosis.observations.hidden_faults import (
+    common_variance_ratio,
+    detect_pick_up,
+    is_bit_constant,
+    stuck_bit,
+)
 from insole_daemon.diagnosis.observations.readings import TriangleReadings, _without_frozen
 from insole_daemon.skin.geometry import PRESSURE_TAXELS
 
@@ -34,8 +39,8 @@ def test_a_stuck_bit_is_found(bit, value):
 
 def test_a_bit_that_counts_never_reach_is_never_had_and_one_that_changes_is():
     own = walking()  # between 150 and 240 counts: the highest bit is always there
-    assert never_has(own, USABLE, 7)
-    assert not never_has(own, USABLE, 4)
+    assert is_bit_constant(own, USABLE, 7)
+    assert not is_bit_constant(own, USABLE, 4)
 
 
 def test_pick_up_of_one_triangle_is_told_from_a_walk():
@@ -43,9 +48,9 @@ def test_pick_up_of_one_triangle_is_told_from_a_walk():
     hum = 3.0 * np.sin(2 * np.pi * 13.0 * every[2].t_s)[:, None]
     own = every[2]
     every[2] = TriangleReadings(own.t_s, np.rint(own.counts + hum), own.valid, own.period_s)
-    shares = np.array([together(each, USABLE) for each in every])
-    assert pick_up(shares).tolist() == [False, False, True, False, False, False]
-    assert not pick_up(np.delete(shares, 2)).any()
+    shares = np.array([common_variance_ratio(each, USABLE) for each in every])
+    assert detect_pick_up(shares).tolist() == [False, False, True, False, False, False]
+    assert not detect_pick_up(np.delete(shares, 2)).any()
 
 
 def test_a_conversion_that_is_repeated_while_the_rest_moves_is_no_reading():

@@ -28,8 +28,8 @@ def test_what_the_board_bears_is_in_the_wrench(tmp_path):
     without = observed(tmp_path)
     found = with_uncalibrated(without)
     assert found.is_estimated.tolist() == OWN.tolist()
-    assert np.sqrt(without.square_error[0]) > 20.0
-    assert np.sqrt(found.square_error[0]) < 2.5
+    assert np.sqrt(without.mean_square_error[0]) > 20.0
+    assert np.sqrt(found.mean_square_error[0]) < 2.5
     assert not found.calibration.usable[OWN].any()
 
 

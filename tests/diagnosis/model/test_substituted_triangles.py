@@ -24,9 +24,9 @@ def seen(tmp_path_factory):
     return each
 
 
-def kept(seen, stood_in) -> float:
+def kept(seen, is_wholly_substituted) -> float:
     """Returns the share of a load that is a neighbour's, at the lost triangle, which the base terms leave."""
-    load = LoadEstimate(replace(seen, stood_in=stood_in))
+    load = LoadEstimate(replace(seen, is_wholly_substituted=is_wholly_substituted))
     weights = np.where(np.isfinite(seen.weight_variance), seen.weight_variance, np.inf) ** -0.5
     substituted = np.arange(len(seen.layout)) == LOST
     base = base_terms(load, weights, substituted)
