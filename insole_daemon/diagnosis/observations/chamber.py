@@ -263,6 +263,6 @@ def _with_fitted_clock(recording: Recording, observation: ChamberObservation) ->
             why = error
     if not clocks:
         raise DiagnosisError(f"{recording.folder}: {why}") from why
-    best_board = max(clocks[1:], key=lambda each: each.explained, default=clocks[0])
+    best_board = max(clocks[1:], key=lambda candidate: candidate.explained, default=clocks[0])
     clock = best_board if 1.0 - best_board.explained < LESS_UNEXPLAINED * (1.0 - clocks[0].explained) else clocks[0]
     return replace(observation.with_clock(clock.offset_s, clock.rate), rate_std=clock.rate_std)

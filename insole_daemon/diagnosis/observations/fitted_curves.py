@@ -70,19 +70,19 @@ def fitted_curves(foot: FootRecording, observed: Sequence[ChamberObservation]) -
     board switches with the load (`_find_relay`), the curve is that of its lower state.
     """
     provisional = observed[0].calibration
-    load_pa = np.concatenate([each.reference.at(each.reference_s)[:, 0] for each in observed])
-    known = np.concatenate([np.isfinite(each.weight_variance) for each in observed])
-    activation = np.concatenate([each.activation_count for each in observed])
-    usable = np.all([each.usable for each in observed], axis=0)
+    load_pa = np.concatenate([seen.reference.at(seen.reference_s)[:, 0] for seen in observed])
+    known = np.concatenate([np.isfinite(seen.weight_variance) for seen in observed])
+    activation = np.concatenate([seen.activation_count for seen in observed])
+    usable = np.all([seen.usable for seen in observed], axis=0)
     grid_pa = np.linspace(float(load_pa.min()), float(load_pa.max()), N_LOADS)
     baseline = np.full(provisional.baseline_count.shape, np.nan)
     highest = np.full(baseline.shape, np.inf)
     coefficients = np.full((*baseline.shape, MOST_DEGREE + 1), np.nan)
     boards = observed[0].layout.identities[:, 0]
     relays = {
-        board: _find_relay(load_pa, activation[:, own], known[:, own], usable[own])
+        board: _find_relay(load_pa, activation[:, of_board], known[:, of_board], usable[of_board])
         for board in np.unique(boards).tolist()
-        for own in (boards == board,)
+        for of_board in (boards == board,)
     }
     for row in np.flatnonzero(usable.any(axis=1)).tolist():
         row_known = known[:, row]
@@ -151,7 +151,7 @@ def invert_curve(activation_count: Array, load_pa: Array) -> Array:
     pieces = [(load_pa[0] - extension_pa[::-1], activation_count[0] - extension_pa[::-1] * slope[0]),
             (load_pa, activation_count),
             (load_pa[-1] + extension_pa, activation_count[-1] + extension_pa * slope[-1])]  # fmt: skip
-    load, activation = (np.concatenate(each) for each in zip(*pieces, strict=True))
+    load, activation = (np.concatenate(piece) for piece in zip(*pieces, strict=True))
     weight = np.concatenate([np.full(len(extension_pa), slope[0]), slope, np.full(len(extension_pa), slope[-1])])
     scale = max(float(np.abs(activation).max()), 1e-9)
     grid = np.linspace(float(activation.min()), float(activation.max()), N_LOADS) / scale

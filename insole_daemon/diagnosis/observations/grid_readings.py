@@ -47,24 +47,24 @@ def read_rows(
     Raises DiagnosisError if the foot sent no reading, or its time stamps cover more than a day.
     """
     readings = read_triangles(recording, foot)
-    periods = np.array([each.period_s for each in readings])
+    periods = np.array([triangle.period_s for triangle in readings])
     is_sending = np.isfinite(periods)
     if not is_sending.any():
         raise DiagnosisError(f"{recording.folder}: no triangle of the {foot.foot} foot has sent a reading")
     step_s = float(np.clip(period_of(periods[is_sending]), FASTEST_S, SLOWEST_S))
-    first = max((each.t_s[0] for each in readings if len(each.t_s) and each.t_s[0] < 5.0), default=0.0)
-    last = float(np.median([each.t_s[-1] for each in readings if len(each.t_s)]))
+    first = max((triangle.t_s[0] for triangle in readings if len(triangle.t_s) and triangle.t_s[0] < 5.0), default=0.0)
+    last = float(np.median([triangle.t_s[-1] for triangle in readings if len(triangle.t_s)]))
     if last - first > LONGEST_S:
         raise DiagnosisError(
             f"{recording.folder}: its frames are stamped over {(last - first) / 86_400:.0f} days, expected one trial "
             "of at most a day: the clock of the log was set anew on the way; diagnose the part before or after it"
         )
     grid_s = np.arange(first, last, step_s)
-    counts = np.stack([each.at(grid_s) for each in readings], axis=1)
+    counts = np.stack([triangle.at(grid_s) for triangle in readings], axis=1)
     usable = is_sending[:, None] & calibration.usable & PRESSURE_TAXELS & np.isfinite(counts).all(axis=0)
     activation = np.where(usable, calibration.baseline_count - counts, 0.0)
-    missing = np.stack([each.in_gap(grid_s) for each in readings], axis=1)
-    noise = np.where(usable, np.stack([noise_of_triangle(each) for each in readings]), 0.0)
+    missing = np.stack([triangle.in_gap(grid_s) for triangle in readings], axis=1)
+    noise = np.where(usable, np.stack([noise_of_triangle(triangle) for triangle in readings]), 0.0)
     return GridReadings(grid_s, periods, activation, usable, missing, noise, tuple(readings))
 
 

@@ -144,11 +144,11 @@ class GaussianProcess:
 
 def same_foot(simulation: Recording, foot: FootRecording) -> FootRecording:
     """Return the foot of the simulation that is compared with `foot`; DiagnosisError if it is of another insole."""
-    simulated = next((each for each in simulation.feet if each.foot == foot.foot), None)
+    simulated = next((own for own in simulation.feet if own.foot == foot.foot), None)
     if simulated is None:
         raise DiagnosisError(
             f"{simulation.folder}: expected a simulation of the {foot.foot} foot, found the "
-            f"{' and the '.join(each.foot for each in simulation.feet)}: simulate the insole that was recorded"
+            f"{' and the '.join(own.foot for own in simulation.feet)}: simulate the insole that was recorded"
         )
     if not np.array_equal(simulated.layout.identities, foot.layout.identities) or not np.allclose(
         simulated.layout.xy_m, foot.layout.xy_m, atol=PLACE_TOLERANCE_M
@@ -160,7 +160,7 @@ def same_foot(simulation: Recording, foot: FootRecording) -> FootRecording:
     if simulated.calibration is None:
         raise DiagnosisError(f"{simulation.folder}: expected a calibration, which tells the load of its counts")
     if simulated.calibration.effects:
-        words = ", ".join(each.law.word for each in simulated.calibration.effects)
+        words = ", ".join(effect.law.word for effect in simulated.calibration.effects)
         raise DiagnosisError(f"{simulation.folder}: its calibration has effects ({words}), expected a static one")
     return simulated
 

@@ -38,7 +38,7 @@ def outliers(t_s: Array, counts: Array, valid: NDArray[np.bool_]) -> NDArray[np.
     noise = _noise_nearby(counts)
 
     def significant(deviations: Array, changes: Array) -> Array:  # (k, 12); 0 where load or noise may explain them
-        shared_level = [np.sort(each[:, live], axis=1)[:, -rank_shared, None] for each in (deviations, changes)]
+        shared_level = [np.sort(values[:, live], axis=1)[:, -rank_shared, None] for values in (deviations, changes)]
         threshold = np.maximum(LEAST_RATIO * shared_level[0], LEAST_MOVE_SHARE * shared_level[1])
         return np.where(deviations > np.maximum(threshold, LEAST_SIGMAS * noise), deviations, 0.0)
 
@@ -56,7 +56,7 @@ def outliers(t_s: Array, counts: Array, valid: NDArray[np.bool_]) -> NDArray[np.
     known = valid & ~is_outlier & _is_brief(t_s, before, later)
     next_counts = np.take_along_axis(counts, after, axis=0)
     first_is_far, second_is_far = (
-        significant(*_beyond_neighbours(each, counts, known, before, later)) > 0 for each in (counts, next_counts)
+        significant(*_beyond_neighbours(judged, counts, known, before, later)) > 0 for judged in (counts, next_counts)
     )
     rows, taxels = np.nonzero(first_is_far & second_is_far)
     is_outlier[rows, taxels] = True
@@ -64,22 +64,22 @@ def outliers(t_s: Array, counts: Array, valid: NDArray[np.bool_]) -> NDArray[np.
     return np.asarray(is_outlier & (is_outlier.mean(axis=0) <= MOST_FRACTION * valid.mean(axis=0)))
 
 
-def interpolated(t_s: Array, counts: Array, good: NDArray[np.bool_], wrong: NDArray[np.bool_]) -> Array:
-    """Return `counts` (k, 12) with cubics through the `good` readings (k, 12) of each taxel where they are `wrong`."""
+def interpolated(t_s: Array, counts: Array, is_good: NDArray[np.bool_], wrong: NDArray[np.bool_]) -> Array:
+    """Return `counts` (k, 12) with `wrong` readings replaced by cubics through those that are `is_good` (k, 12)."""
     corrected = counts.copy()
     for taxel in np.flatnonzero(wrong.any(axis=0)):
-        good_s, good_counts = t_s[good[:, taxel]], counts[good[:, taxel], taxel]
+        good_s, good_counts = t_s[is_good[:, taxel]], counts[is_good[:, taxel], taxel]
         values = CubicSpline(good_s, good_counts)(np.clip(t_s[wrong[:, taxel]], good_s[0], good_s[-1]))
         corrected[wrong[:, taxel], taxel] = np.clip(values, good_counts.min(), good_counts.max())
     return corrected
 
 
-def _good_neighbours(good: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _good_neighbours(is_good: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Return the rows (k, 12) of the `good` readings before and after each; at an end the one neighbour twice."""
-    k = len(good)
-    rows = np.where(good, np.arange(k)[:, None], -1)
+    k = len(is_good)
+    rows = np.where(is_good, np.arange(k)[:, None], -1)
     before = np.maximum.accumulate(np.concatenate([np.full_like(rows[:1], -1), rows[:-1]]), axis=0)
-    rows = np.where(good, rows, k)
+    rows = np.where(is_good, rows, k)
     after = np.minimum.accumulate(np.concatenate([rows[1:], np.full_like(rows[:1], k)])[::-1], axis=0)[::-1]
     return np.where(before < 0, after, before).clip(0, k - 1), np.where(after == k, before, after).clip(0, k - 1)
 
@@ -91,20 +91,20 @@ def _is_brief(t_s: Array, before: NDArray[np.intp], after: NDArray[np.intp]) -> 
 
 
 def _beyond_neighbours(
-    own: Array, counts: Array, known: NDArray[np.bool_], before: NDArray[np.intp], after: NDArray[np.intp]
+    judged: Array, counts: Array, known: NDArray[np.bool_], before: NDArray[np.intp], after: NDArray[np.intp]
 ) -> tuple[Array, Array]:
-    """Return by how much `own` lies outside the readings `before` and `after`, and their difference, (k, 12) each.
+    """Return by how much `judged` lies outside the readings `before` and `after`, and their difference, (k, 12) each.
 
     Both are 0 where not `known`.
     """
-    first, second = (np.take_along_axis(counts, each, axis=0) for each in (before, after))
-    outside = np.abs(own - np.clip(own, np.minimum(first, second), np.maximum(first, second)))
+    first, second = (np.take_along_axis(counts, rows, axis=0) for rows in (before, after))
+    outside = np.abs(judged - np.clip(judged, np.minimum(first, second), np.maximum(first, second)))
     return np.where(known, outside, 0.0), np.where(known, np.abs(second - first), 0.0)
 
 
 def _noise_nearby(counts: Array) -> Array:
     """Return the standard deviation (k, 12) of readings: the largest of a stretch and those beside it."""
     stretches = np.array_split(counts, len(counts) // NOISE_READINGS)
-    level = maximum_filter1d(np.stack([noise_of_blocks(each) for each in stretches]), 3, axis=0)
-    nearby = np.repeat(level, [len(each) for each in stretches], axis=0)
+    level = maximum_filter1d(np.stack([noise_of_blocks(stretch) for stretch in stretches]), 3, axis=0)
+    nearby = np.repeat(level, [len(stretch) for stretch in stretches], axis=0)
     return np.asarray(np.maximum(nearby, LEAST_NOISE_COUNT))

@@ -180,22 +180,24 @@ def _match_s(seen: PairedObservation, missing_s: float) -> float:
 
 
 def _with_fitted_clock(
-    found: PairedObservation, recording: Recording, foot: FootRecording, simulation: Recording
+    observation: PairedObservation, recording: Recording, foot: FootRecording, simulation: Recording
 ) -> PairedObservation:
     """Return the observation on the simulation's clock, by edges of a reference on the CAN clock, else of readings.
 
     Regressors for the memory of a sensor are fitted beside the edges of the load.
     """
-    by_reference = _clock_by_reference(found, foot)
+    by_reference = _clock_by_reference(observation, foot)
     if by_reference is not None:
         offset_s, rate = by_reference
         return replace(
-            found.with_clock(offset_s, rate), declared_offset_s=offset_s, offset_is_free=False, rate_is_free=True
+            observation.with_clock(offset_s, rate), declared_offset_s=offset_s, offset_is_free=False, rate_is_free=True
         )
-    boards = found.layout.identities[:, 0]
-    of_board = [found.usable & (boards == board)[:, None] for board in np.unique(boards)]
-    simulated_s = np.arange(0, len(found.reference.fine), 4, dtype=np.float64) * FINE_S
-    load = np.stack([found.reference.fine[::4][:, taxels.any(axis=1)].mean(axis=1) for taxels in of_board], axis=1)
+    boards = observation.layout.identities[:, 0]
+    of_board = [observation.usable & (boards == board)[:, None] for board in np.unique(boards)]
+    simulated_s = np.arange(0, len(observation.reference.fine), 4, dtype=np.float64) * FINE_S
+    load = np.stack(
+        [observation.reference.fine[::4][:, taxels.any(axis=1)].mean(axis=1) for taxels in of_board], axis=1
+    )
     scaled_load = (load - load.mean(axis=0)) / np.maximum(load.std(axis=0), 1e-9)
     features = np.concatenate(
         [
@@ -206,32 +208,32 @@ def _with_fitted_clock(
         ],
         axis=1,
     )
-    mean_count = np.stack([found.activation_count[:, taxels].mean(axis=1) for taxels in of_board], axis=1)
-    most_offset_s = MOST_START_S + abs(float(np.ptp(found.t_s)) - float(simulated_s[-1]))
+    mean_count = np.stack([observation.activation_count[:, taxels].mean(axis=1) for taxels in of_board], axis=1)
+    most_offset_s = MOST_START_S + abs(float(np.ptp(observation.t_s)) - float(simulated_s[-1]))
     try:
-        fitted = _fit_clock(simulated_s, features, found.t_s, mean_count, most_offset_s)
+        fitted = _fit_clock(simulated_s, features, observation.t_s, mean_count, most_offset_s)
     except CalibrationError as error:
         raise DiagnosisError(
             f"{simulation.folder}: no stretch of it goes with {recording.folder} ({error}): expected a simulation of "
             f"the same trial, which starts at the same instant within {MOST_START_S:.0f} s or covers a part of it"
         ) from error
     offset_s, rate = _inverted(fitted)
-    return replace(found.with_clock(offset_s, rate), rate_std=fitted.rate_std)
+    return replace(observation.with_clock(offset_s, rate), rate_std=fitted.rate_std)
 
 
-def _clock_by_reference(found: PairedObservation, foot: FootRecording) -> tuple[float, float] | None:
+def _clock_by_reference(observation: PairedObservation, foot: FootRecording) -> tuple[float, float] | None:
     """Return offset and rate of the simulation's clock by a reference on the CAN clock, or None without one.
 
     The reference has no delay of the sensor, so a delay of the whole insole can be identified.
     """
-    reference, field = foot.reference, found.field
+    reference, field = foot.reference, observation.field
     assert field is not None
     if reference is None or reference.time_s is None or reference.clock != "can":
         return None
     xy = field.xy_m
     ones = np.ones(xy.shape[:2])
     names = [name for name in ("pressure_pa", *CHANNELS) if name in reference.columns]
-    arms = np.stack([ones, xy[..., 1], -xy[..., 0]][: max(len(names), 1)], axis=-1) * found.usable[..., None]
+    arms = np.stack([ones, xy[..., 1], -xy[..., 0]][: max(len(names), 1)], axis=-1) * observation.usable[..., None]
     simulated_load = np.asarray(field.courses[::2] @ np.einsum("tkc,tkr->rc", arms, field.shapes), np.float64)
     simulated_s = np.arange(len(simulated_load), dtype=np.float64) * 2 * FINE_S
     recorded_s = reference.time_s - foot.t_ns[0] * 1e-9

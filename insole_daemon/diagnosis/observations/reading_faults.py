@@ -118,10 +118,10 @@ def _error_removed(before: WrenchObservation, after: WrenchObservation) -> Array
 
 def _stuck_bit_findings(seen: WrenchObservation) -> list[Finding]:
     """Return a finding for each bit that never changes in the counts of some triangles."""
-    bits = [stuck_bit(stuck_value, usable) for stuck_value, usable in zip(seen.readings, seen.usable, strict=True)]
+    bits = [stuck_bit(readings, usable) for readings, usable in zip(seen.readings, seen.usable, strict=True)]
     findings = []
     for bit in sorted({bit for bit in bits if bit is not None}):
-        rows = [row for row, stuck_value in enumerate(bits) if stuck_value == bit]
+        rows = [row for row, bit_of_row in enumerate(bits) if bit_of_row == bit]
         rows = _with_whole_boards(seen, rows, bit)
         text = f"bit {bit} of the counts never changes, although they pass both of its values: look at the digitiser"
         findings.append(_finding(seen, "unknown", _triangles(seen, rows), (), text))
@@ -143,7 +143,7 @@ def _with_whole_boards(seen: WrenchObservation, rows: Sequence[int], bit: int) -
 def _pick_up(seen: WrenchObservation) -> tuple[Array, list[Finding]]:
     """Return the noise of triangles with electrical pick-up as a multiple of the usual (T,), and a finding."""
     ratios = np.array(
-        [common_variance_ratio(own, usable) for own, usable in zip(seen.readings, seen.usable, strict=True)]
+        [common_variance_ratio(readings, usable) for readings, usable in zip(seen.readings, seen.usable, strict=True)]
     )
     has_pick_up = detect_pick_up(ratios)
     if not has_pick_up.any():

@@ -205,7 +205,7 @@ def _without_frozen(triangles: Sequence[TriangleReadings]) -> list[TriangleReadi
     An unloaded triangle may stay the same for long, too: its probability to do so is taken from its readings at a
     similar level.
     """
-    mean_counts = [each.counts[:, PRESSURE_TAXELS].mean(axis=1) for each in triangles]
+    mean_counts = [triangle.counts[:, PRESSURE_TAXELS].mean(axis=1) for triangle in triangles]
     kept_triangles = []
     for row, readings in enumerate(triangles):
         if len(readings.t_s) < LEAST_READINGS:

@@ -103,16 +103,16 @@ def _find_rezero(
     if not usable.any():
         return None
     activation = seen.activation_count[:, of_board][:, usable]
-    rest = seen.calibration.baseline_count[of_board][usable] - landing_count
-    has_landed = np.abs(activation - rest) < LANDING_COUNT + 3.0 * seen.noise_count[of_board][usable]
+    landing_activation = seen.calibration.baseline_count[of_board][usable] - landing_count
+    has_landed = np.abs(activation - landing_activation) < LANDING_COUNT + 3.0 * seen.noise_count[of_board][usable]
     mostly_landed = has_landed.mean(axis=1) > 1.0 - MOST_ELSEWHERE
-    is_loaded = (activation - rest).mean(axis=1) > LEAST_LOAD_COUNT
-    expected = (seen.expected_count[:, of_board][:, usable] - rest).mean(axis=1)
+    is_loaded = (activation - landing_activation).mean(axis=1) > LEAST_LOAD_COUNT
+    expected = (seen.expected_count[:, of_board][:, usable] - landing_activation).mean(axis=1)
     rows = np.arange(width, len(activation) - width)
     stays_loaded = np.minimum(expected[rows - width], expected[rows + width]) > LEAST_LOAD_COUNT
     candidate_rows = rows[is_loaded[rows - width] & mostly_landed[rows + width] & stays_loaded]
     cut_off = seen.cut_off[:, of_board][:, usable].mean(axis=1) > MOST_ELSEWHERE
-    missing_count = expected - (activation - rest).mean(axis=1)  # what readings miss
+    missing_count = expected - (activation - landing_activation).mean(axis=1)  # what readings miss
     for row in candidate_rows.tolist():
         if missing_count[row + width] - missing_count[row - width] < LEAST_LOAD_COUNT:
             continue  # the load itself changed

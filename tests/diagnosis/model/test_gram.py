@@ -45,7 +45,7 @@ def test_the_diagonal_of_a_gram_matrix_is_the_one_given(dense_and_lazy):
     assert lazy.diagonal() == pytest.approx(np.diag(dense))
 
 
-def test_sums_over_the_triangles_of_each_column(dense_and_lazy):
+def test_values_of_atoms_are_summed_over_each_columns_triangles(dense_and_lazy):
     values = np.arange(float(N_TRIANGLES * N_ATOMS)).reshape(N_TRIANGLES, N_ATOMS)
     columns = PlacedColumns(np.array([1, 3, 3]), PLACES[[0, 3, 1]])
     assert columns.summed(values).tolist() == [values[:, 1].sum(), values[4, 3], values[:2, 3].sum()]
