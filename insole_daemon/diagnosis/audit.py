@@ -26,7 +26,7 @@ from .contact import intervals, joined
 from .finding import Finding
 from .places import place_in_words, where
 
-TALKS = 0.25  # of the rate of change of the most active taxels: slower ones carry little information on the load
+LEAST_CHANGE_RATE = 0.25  # of that of the most active taxels: slower ones carry little information on the load
 MOST_DEAD = 0.3  # of the cycles without a usable reading: the taxel is reported as dead
 LEAST_BELIEVED = 0.5  # of the cycles in which a taxel works and is within its range; below this it is not used
 RAIL_READINGS, RAIL_CYCLES, MOST_ON_RAILS = 2, 15, 0.2  # readings at an end, cycles of the window, share of taxels
@@ -158,7 +158,7 @@ def _asked(foot: FootRecording) -> NDArray[np.bool_]:
 def _insole(counts: Array) -> Array:
     """Return the reading of a typical taxel over its range (n,); taxels that hardly change are left out."""
     often = np.mean(np.diff(counts, axis=0) != 0, axis=0)
-    middle = np.median(counts[:, often >= TALKS * np.quantile(often, 0.95)], axis=1)
+    middle = np.median(counts[:, often >= LEAST_CHANGE_RATE * np.quantile(often, 0.95)], axis=1)
     span = float(np.ptp(middle)) or 1.0
     share_of_span: Array = (middle.max() - middle) / span
     return share_of_span
