@@ -22,7 +22,7 @@ def without_calibration(folder: Path) -> Diagnosis:
     return diagnose([insole_daemon.load(folder)], None, lambda text: None)
 
 
-def test_nothing_is_found_where_nothing_is_and_no_static_word_can_be_told(tmp_path: Path) -> None:
+def test_a_null_has_no_finding_and_no_static_effect_is_identifiable(tmp_path: Path) -> None:
     found = without_calibration(write(tmp_path / "null"))
     assert (found.verdict, found.findings) == ("no mismatch", ())
     assert found.heldout["before"] == pytest.approx(1.08, rel=0.03)  # the noise and its rounding
@@ -31,7 +31,7 @@ def test_nothing_is_found_where_nothing_is_and_no_static_word_can_be_told(tmp_pa
         assert "no calibration" in untold[word]
 
 
-def test_a_memory_is_named_measured_and_its_model_tells_the_load(tmp_path: Path) -> None:
+def test_a_memory_is_named_and_its_model_gives_the_load(tmp_path: Path) -> None:
     found = without_calibration(write(tmp_path / "solid", relaxing(0.3, 0.8)))
     (finding,) = found.findings
     assert (finding.effect, finding.where.scope) == ("viscoelasticity", "insole")

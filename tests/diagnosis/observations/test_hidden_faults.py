@@ -37,13 +37,13 @@ def test_a_stuck_bit_is_found(bit, value):
     assert stuck_bit(own, USABLE) is None
 
 
-def test_a_bit_that_counts_never_reach_is_never_had_and_one_that_changes_is():
+def test_a_bit_beyond_the_range_of_counts_is_constant_and_one_that_changes_is_not():
     own = walking()  # between 150 and 240 counts: the highest bit is always there
     assert is_bit_constant(own, USABLE, 7)
     assert not is_bit_constant(own, USABLE, 4)
 
 
-def test_pick_up_of_one_triangle_is_told_from_a_walk():
+def test_pick_up_of_one_triangle_is_detected_and_a_walk_is_none():
     every = [walking(seed) for seed in range(6)]
     hum = 3.0 * np.sin(2 * np.pi * 13.0 * every[2].t_s)[:, None]
     own = every[2]
@@ -53,7 +53,7 @@ def test_pick_up_of_one_triangle_is_told_from_a_walk():
     assert not detect_pick_up(np.delete(shares, 2)).any()
 
 
-def test_a_conversion_that_is_repeated_while_the_rest_moves_is_no_reading():
+def test_a_conversion_repeated_while_others_move_is_dropped():
     every = [walking(seed) for seed in range(4)]
     counts = every[1].counts.copy()
     counts[1000:1060] = counts[999]
@@ -65,7 +65,7 @@ def test_a_conversion_that_is_repeated_while_the_rest_moves_is_no_reading():
     assert [each.held_fraction for k, each in enumerate(found) if k != 1] == [0.0] * 3
 
 
-def test_an_open_contact_at_the_end_of_the_range_stays_what_it_reads():
+def test_constant_readings_at_an_end_of_the_range_are_kept():
     every = [walking(seed) for seed in range(4)]
     counts = every[1].counts.copy()
     counts[1000:1060] = 0.0

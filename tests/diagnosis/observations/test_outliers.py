@@ -32,7 +32,7 @@ def found_in(counts: Array, period_s: float = 0.02) -> NDArray[np.bool_]:
 
 
 @pytest.mark.parametrize("period_s", [0.02, 0.05])
-def test_one_reading_of_a_hundred_that_says_anything_is_told_and_interpolated(period_s):
+def test_random_readings_one_in_a_hundred_are_outliers_and_interpolated(period_s):
     rng = np.random.default_rng(1)
     right, struck = read(steps(period_s)), rng.random((N, N_TAXELS)) < 0.01
     counts = np.where(struck, rng.integers(0, 256, struck.shape), right)
@@ -50,13 +50,13 @@ def test_steps_have_no_outliers(period_s):
 
 
 @pytest.mark.parametrize("wrong", [[90.0, 140.0], [90.0, 90.0], [90.0, 255.0]])
-def test_two_wrong_readings_side_by_side_are_both_told(wrong):
+def test_two_adjacent_wrong_readings_are_both_outliers(wrong):
     counts = read()
     counts[[700, 701], 2] = wrong
     assert set(zip(*np.nonzero(found_in(counts)), strict=True)) == {(700, 2), (701, 2)}
 
 
-def test_what_half_of_a_triangle_shows_for_one_reading_is_load():
+def test_a_change_of_half_of_a_triangle_is_load():
     load = np.zeros((N, N_TAXELS))
     load[500::55, :5] = 50.0
     assert not found_in(read(load)).any()
@@ -79,20 +79,20 @@ def test_a_load_beyond_the_range_is_no_outlier():
     assert not found_in(read(load)).any()
 
 
-def test_a_taxel_that_is_often_elsewhere_is_left_as_it_is():
+def test_a_taxel_with_frequent_deviations_has_no_outliers():
     counts = read()
     counts[::10, 6] = 100.0
     assert MOST < 0.1
     assert not found_in(counts).any()
 
 
-def test_readings_a_tenth_of_a_second_apart_are_left_as_they_are():
+def test_readings_a_tenth_of_a_second_apart_have_no_outliers():
     counts = read()
     counts[300, 5] = 20.0
     assert not found_in(counts, 0.1).any()
 
 
-def test_a_live_taxel_of_a_dead_triangle_is_left_as_it_is():
+def test_a_live_taxel_of_a_dead_triangle_has_no_outliers():
     counts = read()
     counts[:, 1:] = 240.0
     counts[300, 0] = 120.0

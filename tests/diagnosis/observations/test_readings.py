@@ -35,7 +35,7 @@ def test_conversions_of_a_slow_converter_get_regular_times(conversion_s):
     assert np.std(late_s[60:-60]) < 0.002
 
 
-def test_frames_that_repeat_are_no_slow_converter():
+def test_repeated_frames_are_no_slow_converter():
     repeats = np.random.default_rng(2).random(3000) < 0.3
     found = _without_held(held(np.cumsum(~repeats)))
     assert not found.is_converter_slow
@@ -67,13 +67,13 @@ def test_frames_of_a_log_that_is_not_in_time_order_give_the_same_readings(tmp_pa
         assert np.array_equal(one.counts, other.counts)
 
 
-def test_conversions_at_a_multiple_of_the_boards_pace_may_be_older_by_a_period_of_the_board():
+def test_conversions_at_a_multiple_of_the_boards_period_may_be_a_period_older():
     found = _without_held(held(np.arange(3000) // 2))
     assert found.is_converter_slow
     assert np.allclose(found.t_s, np.arange(1500) * 2 * SENT_S, atol=1e-3)
     assert found.latest_s == pytest.approx(SENT_S, rel=0.01)
 
 
-def test_how_old_conversions_are_is_known_where_their_waits_differ():
+def test_the_age_of_conversions_is_known_if_their_waiting_times_vary():
     number = np.floor(np.arange(3000) * SENT_S / 0.037).astype(int)
     assert _without_held(held(number)).latest_s < 0.1 * SENT_S

@@ -43,11 +43,11 @@ def test_rezero_under_a_standing_foot_is_detected_when_it_happened(walk):
     assert finding.parameters["t_s"].value == pytest.approx(seen.t_s[at], abs=0.2)
 
 
-def test_a_stand_alone_is_no_rezero(walk):
+def test_standing_is_no_rezero(walk):
     assert correct_rezeros(*walk)[1] == []
 
 
-def test_dips_where_a_cubic_goes_through_edges_are_no_rezero(walk):
+def test_undershoot_of_cubics_at_edges_is_no_rezero(walk):
     foot, seen = walk
     own = (seen.layout.identities[:, 0] == BOARD)[:, None] & seen.usable
     activation, after = seen.activation_count.copy(), np.flatnonzero(seen.t_s > STANDS_S[1])
