@@ -65,7 +65,7 @@ def counts(model: str | PathLike[str], recording: Recording, simulation: Recordi
         delay_s = np.zeros(len(t_s))
         for _ in range(_MOST_ALIGNED if own_clock else 1):
             expected = chain.forward()(load_at(read_s + delay_s[:, None]), t_s + origin_s, temperature_c)
-            later_s = _later_s(expected, foot, audited.kept, t_s)
+            later_s = _later_s(expected, foot, audited.usable_taxels, t_s)
             delay_s += later_s
             if np.abs(later_s).max() < _ALIGNED_S:
                 break
@@ -95,7 +95,7 @@ def _completed(model: Calibration, calibration: Calibration | None) -> Calibrati
 
 def _silent(audited: Audit, calibration: Calibration) -> NDArray[np.bool_]:
     """Return the taxels whose readings no curve predicts, (n_triangles, 12)."""
-    is_silent: NDArray[np.bool_] = PRESSURE_TAXELS & ~(calibration.usable & audited.believed.any(axis=0))
+    is_silent: NDArray[np.bool_] = PRESSURE_TAXELS & ~(calibration.usable & audited.usable_readings.any(axis=0))
     return is_silent
 
 
@@ -111,13 +111,13 @@ def _everywhere(seen: ChamberObservation, read_s: Array) -> Array:
     return np.repeat(pressure[..., None], N_TAXELS, axis=2)
 
 
-def _later_s(expected: Array, foot: FootRecording, kept: NDArray[np.bool_], t_s: Array) -> Array:
-    """Return the delay of the readings against `expected` on the load's clock (n,), by the mean of the `kept` taxels.
+def _later_s(expected: Array, foot: FootRecording, used_taxels: NDArray[np.bool_], t_s: Array) -> Array:
+    """Return the delay of the readings against `expected` on the load's clock (n,), by the mean of `used_taxels`.
 
     The delay is a constant plus a linear term. It is estimated after the alignment by edges, because effects that are
     not in the model distort edges.
     """
-    used = kept & ~np.isnan(expected[0])
+    used = used_taxels & ~np.isnan(expected[0])
     read, model = foot.counts[:, used].mean(axis=1), expected[:, used].mean(axis=1)
     slope = np.gradient(model, t_s + 1e-9 * np.arange(len(t_s)))
     basis = np.stack([np.ones_like(t_s), t_s / max(float(t_s[-1]), 1e-9) - 0.5], axis=1)

@@ -25,7 +25,7 @@ def test_taxels_with_baselines_beyond_the_range_are_not_dead(tmp_path: Path) -> 
 
     recording = load(chamber.write(tmp_path / "railed", touch=wandered))
     found = audit(recording.feet[0], "railed")
-    assert found.kept.sum() == len(chamber.SLOTS)
+    assert found.usable_taxels.sum() == len(chamber.SLOTS)
 
 
 def test_noise_of_all_taxels_is_no_loose_contact(tmp_path: Path) -> None:
@@ -34,7 +34,7 @@ def test_noise_of_all_taxels_is_no_loose_contact(tmp_path: Path) -> None:
         counts[loaded] += np.random.default_rng(6).normal(0.0, 14.0, loaded.sum())
 
     recording = load(chamber.write(tmp_path / "rough", touch=rough))
-    assert audit(recording.feet[0], "rough").kept.sum() == len(chamber.SLOTS)
+    assert audit(recording.feet[0], "rough").usable_taxels.sum() == len(chamber.SLOTS)
 
 
 def test_a_burst_of_noise_of_one_triangle_is_no_loose_contact(tmp_path: Path) -> None:
@@ -45,7 +45,7 @@ def test_a_burst_of_noise_of_one_triangle_is_no_loose_contact(tmp_path: Path) ->
     recording = load(chamber.write(tmp_path / "loud", touch=loud))
     found = audit(recording.feet[0], "loud")
     assert found.findings == ()
-    assert found.kept.sum() == len(chamber.SLOTS)
+    assert found.usable_taxels.sum() == len(chamber.SLOTS)
 
 
 def test_a_mostly_unconnected_insole_gives_one_finding(tmp_path: Path) -> None:
@@ -59,8 +59,8 @@ def test_a_mostly_unconnected_insole_gives_one_finding(tmp_path: Path) -> None:
     identities = [tuple(identity) for identity in recording.feet[0].layout.identities.tolist()]
     assert (told.effect, told.where.ids, told.when_s) == ("open_triangle", tuple(identities[2:]), ())
     assert "all along" in told.sentence
-    assert not found.kept[2:].any()
-    assert found.kept[:2].sum() == 20
+    assert not found.usable_taxels[2:].any()
+    assert found.usable_taxels[:2].sum() == 20
 
 
 def test_a_taxel_beyond_its_range_for_a_while_is_used_at_other_times(tmp_path: Path) -> None:
@@ -72,8 +72,8 @@ def test_a_taxel_beyond_its_range_for_a_while_is_used_at_other_times(tmp_path: P
     assert found.findings == ()
     at_the_end = recording.feet[0].counts[:, 0, 0] == 0
     assert at_the_end.mean() > 0.3  # what a dead taxel is called from
-    assert not found.believed[at_the_end, 0, 0].any()
-    assert found.believed[~at_the_end, 0, 0].all()
+    assert not found.usable_readings[at_the_end, 0, 0].any()
+    assert found.usable_readings[~at_the_end, 0, 0].all()
 
 
 def test_a_leap_with_the_load_is_no_loose_contact_and_one_without_is(tmp_path: Path) -> None:
@@ -95,8 +95,8 @@ def test_an_open_triangle_is_used_while_it_has_contact(tmp_path: Path) -> None:
     audited = audit(recording.feet[0], "open")
     (finding,) = audited.findings
     assert finding.effect == "open_triangle"
-    assert audited.kept.sum() == len(chamber.SLOTS)
-    out = ~audited.believed[:, 1, 0]
+    assert audited.usable_taxels.sum() == len(chamber.SLOTS)
+    out = ~audited.usable_readings[:, 1, 0]
     assert 0.06 < out.mean() < 0.1
 
 
@@ -108,4 +108,4 @@ def test_a_blow_to_all_taxels_of_a_triangle_is_no_loose_contact(tmp_path: Path, 
             counts[row, 15] -= 70.0 - others
 
     foot = load(chamber.write(tmp_path / "blows", touch=touch, seconds=40.0)).feet[0]
-    assert audit(foot, "blows", steps=True).kept[1, 3] == kept
+    assert audit(foot, "blows", steps=True).usable_taxels[1, 3] == kept

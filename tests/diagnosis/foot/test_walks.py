@@ -250,7 +250,7 @@ def test_a_heel_strike_is_no_loose_contact_and_a_leap_that_reverses_at_once_is(t
         counts[begin : begin + cycles, 0, :3] = 100
     audited = audit(replace(foot, counts=counts), "walk", steps=True)
     assert [each.effect for each in audited.findings] == found
-    assert audited.kept[0, :3].all() == (not found)
+    assert audited.usable_taxels[0, :3].all() == (not found)
 
 
 def test_bad_walks_are_refused_with_a_sentence(tmp_path):
