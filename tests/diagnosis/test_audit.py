@@ -1,4 +1,4 @@
-"""The audit on taxels that have a contact, and on those that have none."""
+"""The audit on taxels with and without contact."""
 
 from __future__ import annotations
 

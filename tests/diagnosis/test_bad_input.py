@@ -1,4 +1,4 @@
-"""Bad input gets a sentence that says so, the exit status of the format, and leaves nothing."""
+"""Bad input gives one sentence and the exit status of the format, and no file is written."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .chamber import KEPT, LAYOUT, WHOLE, write
 
 
 def refused(status: int, *arguments: object, out: Path) -> str:
-    """What `insole diagnose` says when it refuses."""
+    """Return the message of `insole diagnose` when it refuses."""
     done = CliRunner().invoke(app, ["diagnose", *map(str, arguments), "--out", str(out)])
     assert isinstance(done.exception, InsoleError), done.output
     assert done.exception.exit_status == status

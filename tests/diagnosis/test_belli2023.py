@@ -1,4 +1,4 @@
-"""The published chamber recordings, uncalibrated: nobody planted anything in them."""
+"""Published chamber recordings of an uncalibrated insole, without concealed effects."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Effects put on chamber recordings by hand, and what is said of them by the engine that walks go through, too."""
+"""Effects applied to chamber recordings by hand, and the findings on them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def diagnose(*folders: Path) -> Diagnosis:
 
 
 def loaded(folder: Path) -> tuple[FootRecording, Array]:
-    """The foot in `folder`, and (n,) the reference's pressure at its cycles, Pa."""
+    """Return the foot in `folder`, and the reference's pressure at its cycles (n,), Pa."""
     foot = insole_daemon.load(folder).feet[0]
     reference = foot.reference
     assert reference is not None
@@ -32,7 +32,7 @@ def loaded(folder: Path) -> tuple[FootRecording, Array]:
 
 
 def calibrate(folder: Path, trial: Path) -> None:
-    """Give `folder` the curves that go through the middle of what is read in `trial`."""
+    """Give `folder` a calibration with the mean curves of the readings in `trial`."""
     foot, pressure = loaded(trial)
     document = json.loads((folder / "calibration.json").read_text())
     rows = {tuple(identity): row for row, identity in enumerate(foot.layout.identities.tolist())}
@@ -44,7 +44,7 @@ def calibrate(folder: Path, trial: Path) -> None:
 
 
 def of_rows(*rows: int) -> np.ndarray:
-    """(72,) the taxels of these triangles of LAYOUT."""
+    """Return the taxels (72,) of these triangles of LAYOUT."""
     return np.isin(np.arange(72) // 12, rows)
 
 
@@ -69,7 +69,7 @@ def test_a_memory_of_three_triangles_is_placed_and_measured(tmp_path):
 
 
 def test_a_strong_memory_is_found_although_the_calibration_contains_it(tmp_path):
-    """Its curves are those that go through the middle of what the memory did: no gain, no baseline is named."""
+    """The calibration has the mean curves of readings with memory, which must not be named gain or baseline."""
     folder = write(tmp_path / "bag", relaxing(0.45, 3.0))
     calibrate(folder, folder)
     found = diagnose(folder)
@@ -81,7 +81,7 @@ def test_a_strong_memory_is_found_although_the_calibration_contains_it(tmp_path)
 
 
 def rubbing(up: float, down: float, widest_pa: float) -> Callable[[Array, Array], Array]:
-    """Dry friction after Dahl, of another stiffness going up than down, that grows with the load (1968)."""
+    """Dry friction after Dahl (1968) with different stiffness up and down, which grows with the load."""
 
     def effect(t_s: Array, p: Array) -> Array:
         force, found, n = 0.0, np.empty_like(p), 20
@@ -264,7 +264,7 @@ def test_strong_snaps_between_searched_thresholds_are_snaps_and_nothing_else(tmp
 
 
 def test_a_wrong_declared_clock_is_corrected_beside_hysteresis(tmp_path):
-    """The loop is computed from the load: at the wrong times it would be another loop, and a creep beside it."""
+    """Hysteresis is computed from the load: at wrong times it would be different, with a creep beside it."""
 
     def late(t_s: Array, p: Array) -> Array:
         return np.interp(t_s - 0.23, t_s, p)

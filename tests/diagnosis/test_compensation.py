@@ -1,4 +1,4 @@
-"""A model by hand, run live and causally over a simulated walk that has its physics."""
+"""A model written by hand, applied causally to a simulated walk with its effects."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ EFFECTS = (
 
 @pytest.fixture(scope="module")
 def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Twelve seconds of walking, the shoe on the frames' clock."""
+    """Return twelve seconds of walking; the shoe has the clock of the frames."""
     folder = tmp_path_factory.mktemp("walks") / "walk"
     exact = InstrumentConditions(offset_s=0.0, rate_ppm=0.0, force_noise_n=0.0, force_drift_n=0.0)
     conditions = Conditions(length_s=12.0, reference=exact)
@@ -39,7 +39,7 @@ def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def model(walk: Path, out: Path, *effects: object) -> Path:
-    """The true curves with `effects`."""
+    """Write the true curves with `effects`."""
     said = json.loads(next(walk.glob("*calibration.json")).read_text())
     said["effects"] = effects_document.document(effects, LAYOUT)  # type: ignore[arg-type]
     out.write_text(json.dumps(said))

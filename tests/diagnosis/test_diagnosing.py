@@ -1,4 +1,4 @@
-"""What is concealed is found, placed and modelled; what is not there is not found."""
+"""Concealed effects are found, placed and modelled, and nothing else is found."""
 
 import json
 

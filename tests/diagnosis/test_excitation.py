@@ -1,4 +1,4 @@
-"""What a load has to do before anything is told from it: rise and fall, or stay on steps."""
+"""Loads that are sufficient for a diagnosis: they rise and fall, or are held on steps."""
 
 import numpy as np
 import pytest

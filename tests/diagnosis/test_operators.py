@@ -1,4 +1,4 @@
-"""Operators on whole signals, against the equations they solve."""
+"""Operators on whole signals, compared with the equations that they solve."""
 
 from __future__ import annotations
 

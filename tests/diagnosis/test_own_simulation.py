@@ -1,4 +1,4 @@
-"""`insole diagnose --simulate`: a chamber beside the model's own simulation of its trial."""
+"""`insole diagnose --simulate`: a chamber against the model's own simulation of its trial."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The page is complete, of one piece, and shows what the files say."""
+"""The report is complete, one file, and has the content of the other files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A walk beside a simulated one of the same trial: who and where the taxels are, nulls, the model, bad input."""
+"""A walk against a simulated one of the same trial: placement, nulls, the model, bad input."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A chamber and a force shoe of one insole, explained together: what each shows, and what it says of the other."""
+"""A chamber and a force shoe of one insole, diagnosed together: confirmation and contradiction."""
 
 from __future__ import annotations
 

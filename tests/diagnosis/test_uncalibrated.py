@@ -1,4 +1,4 @@
-"""Chambers without a calibration: the curves that fit the recording best stand for one."""
+"""Chambers without a calibration: curves are fitted to the recording."""
 
 from __future__ import annotations
 

@@ -126,7 +126,7 @@ def _fit_clock(observation: WrenchObservation, most_offset_s: float) -> Clock:
 def _with_refined_clock(observation: WrenchObservation, rate_is_free: bool) -> WrenchObservation:
     """Return the observation with offset and rate by Gauss-Newton on the residual of the static model.
 
-    The scale of the wrench is free, too; rows with large residuals get smaller weights (Huber).
+    The scale of the wrench is free, too; rows with large residuals get smaller weights.
     """
     centred_s = observation.t_s - observation.t_s.mean()
     for _ in range(6):

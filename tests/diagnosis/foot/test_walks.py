@@ -1,4 +1,4 @@
-"""Walks with a force shoe: what is concealed in them is named, placed and modelled; what is not there is not found."""
+"""Walks with a force shoe: concealed effects are named, placed and modelled, and nothing else is found."""
 
 from __future__ import annotations
 

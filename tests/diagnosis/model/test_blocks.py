@@ -1,4 +1,4 @@
-"""Designs made from one another without computing everything anew."""
+"""Designs that are derived from others without computing all columns again."""
 
 from __future__ import annotations
 
@@ -44,12 +44,12 @@ def assert_like(one, other) -> None:
 
 
 def columns_of(design):
-    """Returns the columns of all candidates and their companions, in the order of the candidates."""
+    """Return the columns of all candidates and their companions, in the order of the candidates."""
     return np.concatenate([[*each.columns, *each.companions] for each in design.candidates]).astype(int)
 
 
 def number(design, word: str) -> int:
-    """Returns the number of the first candidate of the whole insole with this word."""
+    """Return the number of the first candidate of the whole insole with this word."""
     return next(k for k, c in enumerate(design.candidates) if c.word == word and c.where.scope == "insole")
 
 

@@ -1,4 +1,4 @@
-"""Curves that are off by a smooth function of their readings, as polynomials again."""
+"""Curves with a smooth deviation, fitted and converted to polynomials."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Inner products that are computed where they are asked for."""
+"""Inner products that are computed on demand."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ INVERSE = np.array([[0.2, 0.05], [0.05, 0.1]])
 
 @pytest.fixture(scope="module")
 def dense_and_lazy():
-    """Returns all inner products of 12 columns computed from their rows, and the matrix that computes them itself."""
+    """Return all inner products of 12 columns, from their rows and from the matrix that computes them on demand."""
     rng = np.random.default_rng(3)
     x, shared = rng.normal(size=(N_TRIANGLES, N_ATOMS, N_ROWS)), rng.normal(size=(N_TRIANGLES, 2, N_ROWS))
     atom, mask = np.tile(np.arange(N_ATOMS), 3), np.repeat(PLACES[[0, 2, 1]], N_ATOMS, axis=0)

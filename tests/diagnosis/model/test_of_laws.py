@@ -1,4 +1,4 @@
-"""The laws of a set alone, as a model has them."""
+"""Sets of terms with their laws only, as the exported model has them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ..chamber import DT_S, Array, write
 
 
 def creeping_faster_under_load(t_s: Array, p: Array) -> Array:
-    """A tenth of the answer comes late, on two time scales, each a tenth as long under the full load as under none."""
+    """Creep of a tenth of the load on two time scales, which are a tenth as long under full load as without."""
     z, out = np.zeros(2), np.empty_like(p)
     for i, now in enumerate(p):
         z += (now - z) * DT_S / (np.array([6.0, 60.0]) * 10.0 ** (-now / p.max()))

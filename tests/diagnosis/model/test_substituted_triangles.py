@@ -1,4 +1,4 @@
-"""A triangle without a working taxel on a walk: its load may be like that of any neighbour."""
+"""A triangle without working taxels on a walk: its load may equal that of a neighbour."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def seen(tmp_path_factory):
 
 
 def kept(seen, is_wholly_substituted) -> float:
-    """Returns the share of a load that is a neighbour's, at the lost triangle, which the base terms leave."""
+    """Return the share of a neighbour's load on the dead triangle that the nuisance columns leave."""
     load = LoadEstimate(replace(seen, is_wholly_substituted=is_wholly_substituted))
     weights = np.where(np.isfinite(seen.weight_variance), seen.weight_variance, np.inf) ** -0.5
     substituted = np.arange(len(seen.layout)) == LOST

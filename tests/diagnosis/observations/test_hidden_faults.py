@@ -1,4 +1,4 @@
-"""Faults without a word of their own: a bit that never changes, and pick-up that all taxels of a triangle have."""
+"""Faults without an effect word: a bit that never changes, and pick-up of all taxels of a triangle."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which readings are outliers, and which are load, or an effect."""
+"""Outliers of single taxels, in contrast to load and effects."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ NOISE_COUNT = 0.8
 
 
 def read(load: Array | float = 0.0, noise: Array | float = NOISE_COUNT, seed: int = 0) -> Array:
-    """(N, 12) readings under a load (N, 12), counts."""
+    """Return readings (N, 12) under a load (N, 12), counts."""
     rng = np.random.default_rng(seed)
     return np.clip(np.rint(240.0 - load + noise * rng.normal(size=(N, N_TAXELS))), 0, 255)
 
 
 def steps(period_s: float = 0.02) -> Array:
-    """(N, 12) of a foot, up to 60 counts; every other taxel is loaded later."""
+    """Return the load (N, 12) of steps, up to 60 counts; every other taxel is loaded later."""
     t_s = np.arange(N) * period_s
     phase = (t_s[:, None] - 0.1 * (np.arange(N_TAXELS) % 2)) % 1.1 / 0.6
     return np.where(phase < 1, 60.0 * np.minimum(1.0, 10 * np.minimum(phase, 1 - phase)), 0.0)

@@ -1,4 +1,4 @@
-"""Faults of readings and of the reference, told without a model."""
+"""Faults of readings and of the reference, detected without a model."""
 
 from __future__ import annotations
 

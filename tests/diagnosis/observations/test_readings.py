@@ -1,4 +1,4 @@
-"""Repeated readings: a slow converter is regular by itself, and frames that repeat are not."""
+"""Repeated readings of a slow converter, which are regular, and repeated frames, which are not."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SENT_S = 0.02
 
 
 def held(number: np.ndarray) -> TriangleReadings:
-    """Readings sent every 20 ms, of which those with the same `number` (k,) are the same."""
+    """Return readings sent every 20 ms; those with the same `number` (k,) are equal."""
     rng = np.random.default_rng(1)
     t_s = np.arange(len(number)) * SENT_S
     load = 40.0 * np.sin(2.0 * t_s[np.searchsorted(number, number)])[:, None]

@@ -1,4 +1,4 @@
-"""A board that takes its baseline anew on a walk in which the person also stands."""
+"""A board that is re-zeroed on a walk in which the person also stands."""
 
 from __future__ import annotations
 

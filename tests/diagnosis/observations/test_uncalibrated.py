@@ -1,4 +1,4 @@
-"""A board that the calibration does not list, below a foot: its load comes from its readings and the others' curve."""
+"""An uncalibrated board on a walk: its load is estimated from its readings and the others' curves."""
 
 from __future__ import annotations
 

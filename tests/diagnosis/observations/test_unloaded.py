@@ -1,4 +1,4 @@
-"""Readings at the top of their range, which say that there is no load."""
+"""Readings at the top of their range, which are unloaded."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ MOVED_COUNT = 20.0  # by which all readings are higher: without a load beyond th
 
 @pytest.fixture(scope="module")
 def moved(tmp_path_factory):
-    """A walk whose readings are all moved up, and cut off at 255."""
+    """Return a walk whose readings are all moved up and clipped at 255."""
     recording = insole_daemon.load(write(tmp_path_factory.mktemp("walk") / "walk"))
     (seen,) = observed([recording], recording.feet, None, lambda text: None, ())
     top = seen.calibration.baseline_count - 255.0
