@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from insole_daemon.diagnosis.observations.outliers import MOST, interpolated, outliers
+from insole_daemon.diagnosis.observations.outliers import MOST_FRACTION, interpolated, outliers
 from insole_daemon.skin.geometry import N_TAXELS
 
 Array = NDArray[np.float64]
@@ -82,7 +82,7 @@ def test_a_load_beyond_the_range_is_no_outlier():
 def test_a_taxel_with_frequent_deviations_has_no_outliers():
     counts = read()
     counts[::10, 6] = 100.0
-    assert MOST < 0.1
+    assert MOST_FRACTION < 0.1
     assert not found_in(counts).any()
 
 
