@@ -24,12 +24,12 @@ from ..skin.geometry import N_TAXELS, PRESSURE_TAXELS
 from . import contact
 from .contact import intervals, joined
 from .finding import Finding
-from .places import said, where
+from .places import place_in_words, where
 
-TALKS = 0.25  # of the rate of change of the most active taxels: slower ones carry little information on the load
+LEAST_CHANGE_RATE = 0.25  # of that of the most active taxels: slower ones carry little information on the load
 MOST_DEAD = 0.3  # of the cycles without a usable reading: the taxel is reported as dead
-LEAST_BELIEVED = 0.5  # of the cycles in which a taxel works and is within its range; below this it is not used
-RAIL_READINGS, RAIL_CYCLES, MOST_ON_RAILS = 2, 15, 0.2  # readings at an end, cycles of the window, share of taxels
+LEAST_USABLE = 0.5  # share of the cycles in which a taxel works and is within its range; below it the taxel is not used
+END_READINGS, END_CYCLES, MOST_AT_ENDS = 2, 15, 0.2  # readings at an end, cycles of the window, share of taxels
 ALWAYS = 0.95  # of the time: reported as lasting for the whole recording
 MOST_LEAPING = 0.5  # of the taxels: so many loose contacts are implausible
 FROZEN = 0.9  # of its readings repeat the one before: the triangle is not connected
@@ -39,8 +39,8 @@ FROZEN = 0.9  # of its readings repeat the one before: the triangle is not conne
 class Audit:
     """Which readings are usable, and findings on the others."""
 
-    kept: NDArray[np.bool_]  # (n_triangles, 12)
-    believed: NDArray[np.bool_]  # (n, n_triangles, 12) readings
+    usable_taxels: NDArray[np.bool_]  # (n_triangles, 12)
+    usable_readings: NDArray[np.bool_]  # (n, n_triangles, 12)
     findings: tuple[Finding, ...]
 
 
@@ -53,16 +53,16 @@ class _Readings:
     t_s: Array  # (n,)
     counts: Array  # (n, s)
     valid: NDArray[np.bool_]  # (n, s)
-    asked: NDArray[np.intp]  # (m,) slots of pressure taxels that are in use
+    in_use: NDArray[np.intp]  # (m,) slots of pressure taxels that are in use
     mean: Array  # (n,) load estimated from the insole's readings
-    old: NDArray[np.bool_]  # (n, k) without a new reading
+    is_repeated: NDArray[np.bool_]  # (n, k) without a new reading
     dead: NDArray[np.bool_]  # (n, s) does not follow the load
-    railed: NDArray[np.bool_]  # (n,) many taxels at an end of their range: their rest counts drifted, the taxels work
+    is_at_ends: NDArray[np.bool_]  # (n,) many taxels at an end of their range: their baselines drifted, they work
 
     @property
-    def believed(self) -> NDArray[np.bool_]:
-        """New readings of working taxels, (n, s)."""
-        return self.valid & ~np.repeat(self.old, N_TAXELS, axis=1) & ~self.dead
+    def usable(self) -> NDArray[np.bool_]:
+        """Return which readings are new and of working taxels, (n, s)."""
+        return self.valid & ~np.repeat(self.is_repeated, N_TAXELS, axis=1) & ~self.dead
 
     def finding(
         self, effect: str, place: Where | NDArray[np.intp], when: Iterable[tuple[float, float]], text: str
@@ -72,7 +72,7 @@ class _Readings:
         if not isinstance(place, Where):
             place = where(place, np.flatnonzero(np.tile(PRESSURE_TAXELS, len(layout))), layout)
         return Finding(
-            effect=effect, foot=self.foot.foot, where=place, sentence=f"{said(place)}: {text}.",
+            effect=effect, foot=self.foot.foot, where=place, sentence=f"{place_in_words(place)}: {text}.",
             recordings=(self.name,), when_s=tuple(when),
         )  # fmt: skip
 
@@ -81,12 +81,12 @@ def audit(foot: FootRecording, name: str, steps: bool = False) -> Audit:
     """Audit the readings of one foot in recording `name`; `steps`: the load has steps, which are no faults."""
     seen = _readings(foot, name)
     gone, opened, findings = _without_contact(seen)
-    gone |= _leaping(seen, steps)
-    findings += _alone(seen, gone, opened)
-    unfit = gone.copy()
-    unfit[seen.asked] |= (seen.valid & ~seen.dead)[~seen.railed][:, seen.asked].mean(axis=0) < LEAST_BELIEVED
-    kept = ~unfit.reshape(foot.valid.shape[1:]) & _asked(foot)
-    return Audit(kept, seen.believed.reshape(foot.valid.shape), tuple(findings))
+    gone |= _loose_contacts(seen, steps)
+    findings += _dead_taxel_findings(seen, gone, opened)
+    is_unusable = gone.copy()
+    is_unusable[seen.in_use] |= (seen.valid & ~seen.dead)[~seen.is_at_ends][:, seen.in_use].mean(axis=0) < LEAST_USABLE
+    usable_taxels = ~is_unusable.reshape(foot.valid.shape[1:]) & _taxels_in_use(foot)
+    return Audit(usable_taxels, seen.usable.reshape(foot.valid.shape), tuple(findings))
 
 
 def _readings(foot: FootRecording, name: str) -> _Readings:
@@ -94,78 +94,82 @@ def _readings(foot: FootRecording, name: str) -> _Readings:
     n = len(foot)
     t_s = (foot.t_ns - foot.t_ns[0]) * 1e-9
     counts, valid = foot.counts.reshape(n, -1).astype(np.float64), foot.valid.reshape(n, -1)
-    asked = np.flatnonzero(_asked(foot).ravel())
-    mean, old = _insole(counts[:, asked]), ~foot.is_new
+    in_use = np.flatnonzero(_taxels_in_use(foot).ravel())
+    mean_reading, is_repeated = _median_reading(counts[:, in_use]), ~foot.is_new
     dead = np.zeros(counts.shape, bool)
-    dead[:, asked] = contact.silent(counts[:, asked], valid[:, asked], t_s, mean)
+    dead[:, in_use] = contact.silent(counts[:, in_use], valid[:, in_use], t_s, mean_reading)
     dead |= np.repeat(contact.at_both_ends(foot.counts), N_TAXELS, axis=1)
-    came = arrived(foot.read_ns).sum(axis=0)
-    frozen = foot.is_new.sum(axis=0) < (1.0 - FROZEN) * came
+    n_received = arrived(foot.read_ns).sum(axis=0)
+    frozen = foot.is_new.sum(axis=0) < (1.0 - FROZEN) * n_received
     if not frozen.all():  # otherwise the load never moved
-        dead[:, asked] |= frozen[asked // N_TAXELS]
-    return _Readings(foot, name, t_s, counts, valid, asked, mean, old, dead, _on_rails(counts[:, asked]))
+        dead[:, in_use] |= frozen[in_use // N_TAXELS]
+    return _Readings(
+        foot, name, t_s, counts, valid, in_use, mean_reading, is_repeated, dead, _many_at_ends(counts[:, in_use])
+    )
 
 
 def _without_contact(seen: _Readings) -> tuple[NDArray[np.bool_], list[int], list[Finding]]:
     """Return taxels without usable readings (s,), rows of triangles that lost contact, and findings on these."""
-    gone = seen.dead[~seen.railed].mean(axis=0) > MOST_DEAD
+    gone = seen.dead[~seen.is_at_ends].mean(axis=0) > MOST_DEAD
     # Readings at the upper end come from a drifted rest count, not from a missing triangle.
     silent = (seen.dead & (seen.counts < 255)).reshape(seen.foot.valid.shape)
     opened = contact.opened(silent, contact.at_both_ends(seen.counts.reshape(silent.shape)), seen.t_s)
-    together: dict[tuple[tuple[float, float], ...], list[int]] = {}
+    rows_by_times: dict[tuple[tuple[float, float], ...], list[int]] = {}
     for row in opened:
         slots = row * N_TAXELS + np.flatnonzero(PRESSURE_TAXELS)
         if gone[slots].sum() >= contact.OPEN_TAXELS:  # the readings of its other taxels are not usable either
             gone[slots] = True
         fails = np.asarray(silent[:, row].sum(axis=1) >= contact.OPEN_TAXELS)
         when = joined(intervals(fails, seen.t_s), 1.0) if fails.mean() < ALWAYS else ()
-        together.setdefault(when, []).append(row)
+        rows_by_times.setdefault(when, []).append(row)
     findings = []
-    for when, rows in together.items():
+    for when, rows in rows_by_times.items():
         text = "lost contact: " + ("its taxels fail" if len(rows) == 1 else "the taxels of each fail") + " together"
         place = Where("triangle", tuple(tuple(identity) for identity in seen.foot.layout.identities[rows].tolist()))
         findings.append(seen.finding("open_triangle", place, when, text + ("" if when else ", all along")))
     return gone, opened, findings
 
 
-def _leaping(seen: _Readings, steps: bool) -> NDArray[np.bool_]:
+def _loose_contacts(seen: _Readings, steps: bool) -> NDArray[np.bool_]:
     """Return which taxels have a loose contact, (s,)."""
     is_loose = np.zeros(seen.counts.shape[1], bool)
-    asked = seen.asked
-    leaping = contact.loose(seen.counts[:, asked], seen.valid[:, asked], seen.mean, seen.t_s, asked // N_TAXELS, steps)
+    in_use = seen.in_use
+    leaping = contact.loose(
+        seen.counts[:, in_use], seen.valid[:, in_use], seen.mean, seen.t_s, in_use // N_TAXELS, steps
+    )
     if leaping.mean() < MOST_LEAPING:  # otherwise it is a property of the insole, not of its contacts
-        is_loose[asked] = leaping
+        is_loose[in_use] = leaping
     return is_loose
 
 
-def _alone(seen: _Readings, gone: NDArray[np.bool_], opened: Sequence[int]) -> list[Finding]:
+def _dead_taxel_findings(seen: _Readings, gone: NDArray[np.bool_], opened: Sequence[int]) -> list[Finding]:
     """Return the finding on taxels that are `gone` although their triangle has contact."""
-    lone = np.array([slot for slot in np.flatnonzero(gone) if slot // N_TAXELS not in opened], np.intp)
-    if not lone.size:
+    single = np.array([slot for slot in np.flatnonzero(gone) if slot // N_TAXELS not in opened], np.intp)
+    if not single.size:
         return []
-    when = intervals(np.asarray(seen.dead[:, lone].any(axis=1)), seen.t_s)
-    always = seen.dead[:, lone].mean() > ALWAYS
+    when = intervals(np.asarray(seen.dead[:, single].any(axis=1)), seen.t_s)
+    always = seen.dead[:, single].mean() > ALWAYS
     text = "say the same number while the load moves, leap, or say none that can be believed"
-    return [seen.finding("dead_taxels", lone, () if always else when, text)]
+    return [seen.finding("dead_taxels", single, () if always else when, text)]
 
 
-def _asked(foot: FootRecording) -> NDArray[np.bool_]:
+def _taxels_in_use(foot: FootRecording) -> NDArray[np.bool_]:
     """Return the taxels with pressure (n_triangles, 12): all ten of a triangle, or those in the calibration."""
-    asked = np.tile(PRESSURE_TAXELS, (len(foot.layout), 1))
-    return asked if foot.calibration is None else asked & foot.calibration.usable
+    in_use = np.tile(PRESSURE_TAXELS, (len(foot.layout), 1))
+    return in_use if foot.calibration is None else in_use & foot.calibration.usable
 
 
-def _insole(counts: Array) -> Array:
+def _median_reading(counts: Array) -> Array:
     """Return the reading of a typical taxel over its range (n,); taxels that hardly change are left out."""
-    often = np.mean(np.diff(counts, axis=0) != 0, axis=0)
-    middle = np.median(counts[:, often >= TALKS * np.quantile(often, 0.95)], axis=1)
-    span = float(np.ptp(middle)) or 1.0
-    share_of_span: Array = (middle.max() - middle) / span
+    change_rate = np.mean(np.diff(counts, axis=0) != 0, axis=0)
+    median_count = np.median(counts[:, change_rate >= LEAST_CHANGE_RATE * np.quantile(change_rate, 0.95)], axis=1)
+    span = float(np.ptp(median_count)) or 1.0
+    share_of_span: Array = (median_count.max() - median_count) / span
     return share_of_span
 
 
-def _on_rails(counts: Array) -> NDArray[np.bool_]:
+def _many_at_ends(counts: Array) -> NDArray[np.bool_]:
     """Return cycles in which many taxels are so near an end of their range that their noise is clipped, (n,)."""
-    at_end = uniform_filter1d(((counts <= 0) | (counts >= 255)).astype(np.float64), RAIL_CYCLES, axis=0)
-    cut: NDArray[np.bool_] = np.mean(at_end > (RAIL_READINGS - 0.5) / RAIL_CYCLES, axis=1) > MOST_ON_RAILS
-    return cut if cut.mean() < 0.9 else np.zeros_like(cut)
+    at_end = uniform_filter1d(((counts <= 0) | (counts >= 255)).astype(np.float64), END_CYCLES, axis=0)
+    is_cut_off: NDArray[np.bool_] = np.mean(at_end > (END_READINGS - 0.5) / END_CYCLES, axis=1) > MOST_AT_ENDS
+    return is_cut_off if is_cut_off.mean() < 0.9 else np.zeros_like(is_cut_off)

@@ -1,4 +1,4 @@
-"""Taxels and triangles without a contact: what says one number for ever, leaps, or fails all together."""
+"""Detect taxels and triangles without contact: constant readings, leaps, and common failures of a triangle."""
 
 from __future__ import annotations
 
@@ -15,105 +15,114 @@ from ..skin.geometry import PRESSURE_TAXELS
 
 Times = tuple[tuple[float, float], ...]
 
-SAME_S = 4.0  # a working taxel does not say one number for so long while the load moves
-MOVED = 0.15  # of the insole's range: the load moved
-OPEN_S = 0.3  # how long a triangle is silent before it is called open
-OPEN_TAXELS = 8  # of a triangle's ten that fail together: the triangle has lost contact
-# Further than the other taxels from one cycle to the next, and how often: a loose contact.
-LEAP_COUNT, LEAPS = 45.0, 2
-LEAPS_BY_CHANCE = 1e-3  # of a taxel of the insole, more leaps than if all leapt alike
-ALONE = 4.0  # times the change of a triangle's other taxels: they have no part in it
-SCATTER, SCATTER_S = 8.0, 1.0  # times what its triangle's taxels change by at their loudest: no leap but noise
-MOVES_S, MOVES = 0.2, 0.02  # before and after a leap, by what part of the insole's range the load moves
+CONSTANT_S = 4.0  # longest constant reading of a working taxel while the load changes
+LEAST_LOAD_CHANGE = 0.15  # of the insole's range
+OPEN_S = 0.3  # shortest failure of an open triangle
+OPEN_TAXELS = 8  # of a triangle's ten that fail together
+# Change beyond that of the other taxels from one cycle to the next, and number of such leaps: a loose contact.
+LEAST_LEAP_COUNT, LEAPS = 45.0, 2
+FALSE_ALARM_PROBABILITY = 1e-3  # that one of all taxels has more leaps, if all leap alike
+LEAST_RATIO = 4.0  # of a leap to the change of the triangle's other taxels
+LEAST_NOISE_RATIO, NOISE_WINDOW_S = 8.0, 1.0  # of a leap to the largest mean change of its triangle in a window
+LOAD_WINDOW_S, LEAST_LOAD_MOVE = 0.2, 0.02  # before and after a leap; share of the insole's range: the load moves
 
 
 def silent(counts: Array, valid: NDArray[np.bool_], t_s: Array, mean: Array) -> NDArray[np.bool_]:
-    """(n, m) not to be believed, or one number for long while the load moved, and not for the load's sake."""
+    """Return which readings (n, m) are invalid, or part of a constant stretch while the load, `mean` (n,), changed.
+
+    Constant readings at an end of the range are left out if the load explains them.
+    """
     dead = ~valid
     for i in range(counts.shape[1]):
         change = np.flatnonzero(np.diff(counts[:, i]) != 0)
         starts, ends = np.append(0, change + 1), np.append(change, len(t_s) - 1)
-        for a, b in zip(starts[t_s[ends] - t_s[starts] > SAME_S], ends[t_s[ends] - t_s[starts] > SAME_S], strict=True):
-            if np.ptp(mean[a : b + 1]) > MOVED:
-                dead[a : b + 1, i] = True
-        dead[_beyond(counts[:, i], mean), i] = False
+        for first, last in zip(
+            starts[t_s[ends] - t_s[starts] > CONSTANT_S], ends[t_s[ends] - t_s[starts] > CONSTANT_S], strict=True
+        ):
+            if np.ptp(mean[first : last + 1]) > LEAST_LOAD_CHANGE:
+                dead[first : last + 1, i] = True
+        dead[_is_out_of_range(counts[:, i], mean), i] = False
     return dead
 
 
-def _beyond(count: Array, mean: Array) -> NDArray[np.bool_]:
-    """(n,) cycles in which a taxel stands at an end of its range because the load, or its rest count, is beyond it.
+def _is_out_of_range(count: Array, mean: Array) -> NDArray[np.bool_]:
+    """Return the cycles (n,) in which a taxel is at an end of its range because of its load or its baseline.
 
-    It comes there and leaves step by step, where a line that breaks gets there in one leap, and is at 0 while the
-    insole bears more than else, `mean` (n,) of its range, and at 255 while it bears less.
+    Its readings reach and leave the end in small steps, whereas those of a broken line leap. It is at 0 while the load,
+    `mean` (n,) as a share of its range, is high, and at 255 while it is low.
     """
-    found = np.zeros(len(count), bool)
+    out_of_range = np.zeros(len(count), bool)
     for end, sign in ((0, 1), (255, -1)):
-        there = np.zeros(len(count), bool)
-        for a, b in stretches(count == end):
-            sides = [count[row] for row in (a - 1, b + 1) if 0 <= row < len(count)]
-            there[a : b + 1] = bool(sides) and all(abs(side - end) <= LEAP_COUNT for side in sides)
-        if there.any() and not there.all() and sign * (np.median(mean[there]) - np.median(mean[~there])) > 0:
-            found |= there
-    return found
+        at_end = np.zeros(len(count), bool)
+        for first, last in stretches(count == end):
+            sides = [count[row] for row in (first - 1, last + 1) if 0 <= row < len(count)]
+            at_end[first : last + 1] = bool(sides) and all(abs(side - end) <= LEAST_LEAP_COUNT for side in sides)
+        if at_end.any() and not at_end.all() and sign * (np.median(mean[at_end]) - np.median(mean[~at_end])) > 0:
+            out_of_range |= at_end
+    return out_of_range
 
 
 def loose(
     counts: Array, valid: NDArray[np.bool_], mean: Array, t_s: Array, triangle: NDArray[np.intp], steps: bool
 ) -> NDArray[np.bool_]:
-    """(m,) taxels that leapt alone from one cycle to the next, several times, and half of the time not with the load.
+    """Return the taxels (m,) with a loose contact: they leap alone, repeatedly, and half of the time not with the load.
 
-    What snaps leaps as well, but down in counts while it is loaded, and up while it is unloaded. Where a heel strikes,
-    some taxels leap and the others do not; but then they bear that load for a while: of `steps` only what leaps back at
-    once counts. Where readings are seldom a blow lasts no longer than one of them, but the taxels around feel it: what
-    leaps counts only if it leaps much further than those of its `triangle` (m,) do. Glitches make any taxel leap for a
-    reading: a loose contact leaps more often than chance lets one of all taxels do that leap alike.
+    A snap leaps, too, but down in counts while loading and up while unloading. At a heel strike some taxels leap and
+    others do not, but these bear the load for a while: with `steps`, only leaps that reverse in the next cycle count,
+    and only if they are much larger than those of the taxel's `triangle` (m,). Glitches make any taxel leap once; a
+    loose contact leaps more often than one of m equal taxels does with FALSE_ALARM_PROBABILITY (Poisson).
     """
     change = np.diff(counts, axis=0)
     change -= np.median(change, axis=1, keepdims=True)
-    leaps = (np.abs(change) > LEAP_COUNT) & valid[1:] & valid[:-1]
+    leaps = (np.abs(change) > LEAST_LEAP_COUNT) & valid[1:] & valid[:-1]
     period_s = float(np.median(np.diff(t_s)))
     for row in np.unique(triangle):
-        own = triangle == row
-        course = np.median(np.abs(change[:, own]), axis=1)
-        loudest = float(uniform_filter1d(course, max(round(SCATTER_S / period_s), 1)).max())
-        leaps[:, own] &= np.abs(change[:, own]) > SCATTER * loudest
+        of_triangle = triangle == row
+        median_change = np.median(np.abs(change[:, of_triangle]), axis=1)
+        largest_noise = float(uniform_filter1d(median_change, max(round(NOISE_WINDOW_S / period_s), 1)).max())
+        leaps[:, of_triangle] &= np.abs(change[:, of_triangle]) > LEAST_NOISE_RATIO * largest_noise
     if steps:
         leaps[1:] &= leaps[:-1] & (change[1:] * change[:-1] < 0)
         leaps[0] = False
         for row in np.unique(triangle):
-            own = triangle == row
-            leaps[:, own] &= np.abs(change[:, own]) > ALONE * np.median(np.abs(change[:, own]), axis=1, keepdims=True)
-    side = max(round(MOVES_S / period_s), 1)
+            of_triangle = triangle == row
+            leaps[:, of_triangle] &= np.abs(change[:, of_triangle]) > LEAST_RATIO * np.median(
+                np.abs(change[:, of_triangle]), axis=1, keepdims=True
+            )
+    window = max(round(LOAD_WINDOW_S / period_s), 1)
     rows = np.arange(len(change))
-    went = mean[np.minimum(rows + 1 + side, len(mean) - 1)] - mean[np.maximum(rows - side, 0)]
-    along = leaps & (change * went[:, None] < 0) & (np.abs(went) > MOVES)[:, None]
+    load_change = mean[np.minimum(rows + 1 + window, len(mean) - 1)] - mean[np.maximum(rows - window, 0)]
+    with_load = leaps & (change * load_change[:, None] < 0) & (np.abs(load_change) > LEAST_LOAD_MOVE)[:, None]
     number = leaps.sum(axis=0)
     events = number / (1 if steps else 2)  # away, and back
     is_often = (number >= LEAPS) & (events > _most_by_chance(events))
-    return np.asarray(is_often & (2 * along.sum(axis=0) <= number))
+    return np.asarray(is_often & (2 * with_load.sum(axis=0) <= number))
 
 
 def _most_by_chance(events: Array) -> float:
-    """Most events of one of m taxels, if all have them alike; a few that have many hardly change what most have."""
+    """Return the largest number of events that one of m equal taxels has by chance, by the Poisson distribution.
+
+    Its mean is estimated from the share without events and the median, which few taxels with many events hardly change.
+    """
     without = max(float(np.mean(events == 0)), 1.0 / len(events))
     usual = max(-np.log(without), float(np.median(events)))
-    return float(poisson.isf(LEAPS_BY_CHANCE / len(events), usual))
+    return float(poisson.isf(FALSE_ALARM_PROBABILITY / len(events), usual))
 
 
 def at_both_ends(counts: NDArray[Any]) -> NDArray[np.bool_]:
-    """(n, n_triangles) cycles in which all pressure taxels of `counts` (n, n_triangles, 12) read 0 or 255, some each.
+    """Return the cycles (n, n_triangles) in which all pressure taxels of a triangle read 0 or 255, and both occur.
 
-    No load does that: a board that lost its triangle reads so, because the open line is pulled up.
+    `counts` (n, n_triangles, 12). No load does that, but a board with an open line, which is pulled up.
     """
     low, high = counts[..., PRESSURE_TAXELS] == 0, counts[..., PRESSURE_TAXELS] == 255
     return np.asarray((low | high).all(axis=2) & low.any(axis=2) & high.any(axis=2))
 
 
 def opened(open_now: NDArray[np.bool_], at_ends: NDArray[np.bool_], t_s: Array) -> list[int]:
-    """Rows of triangles that lost contact.
+    """Return the rows of triangles that lost contact.
 
-    Most of their taxels `open_now` (n, n_triangles, 12) say nothing for OPEN_S at a stretch, or they are `at_ends`
-    (n, n_triangles) for as long in all: a line may open with every step, for a shorter time than that.
+    Most of their taxels are `open_now` (n, n_triangles, 12) for OPEN_S without interruption, or they are `at_ends` (n,
+    n_triangles) for OPEN_S in total: a line may open briefly at every step.
     """
     together = open_now.sum(axis=2) >= OPEN_TAXELS
     least_cycles = OPEN_S / float(np.median(np.diff(t_s)))
@@ -125,22 +134,22 @@ def opened(open_now: NDArray[np.bool_], at_ends: NDArray[np.bool_], t_s: Array) 
 
 
 def stretches(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """First and last row of every run of set `flags` (n,)."""
+    """Return first and last row of every run of set `flags` (n,)."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
     return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
 def intervals(flags: NDArray[np.bool_], t_s: Array) -> Times:
-    """From when to when `flags` (n,) are set."""
+    """Return begin and end, s, of every run of set `flags` (n,)."""
     return tuple((float(t_s[a]), float(t_s[b])) for a, b in stretches(flags))
 
 
 def joined(when: Sequence[tuple[float, float]], gap_s: float) -> Times:
-    """Intervals closer than `gap_s` as one."""
-    found: list[tuple[float, float]] = []
+    """Return the intervals `when`, those closer than `gap_s` joined."""
+    intervals_joined: list[tuple[float, float]] = []
     for a, b in when:
-        if found and a - found[-1][1] < gap_s:
-            found[-1] = (found[-1][0], b)
+        if intervals_joined and a - intervals_joined[-1][1] < gap_s:
+            intervals_joined[-1] = (intervals_joined[-1][0], b)
         else:
-            found.append((a, b))
-    return tuple(found)
+            intervals_joined.append((a, b))
+    return tuple(intervals_joined)

@@ -15,7 +15,7 @@ from ..skin.geometry import N_TAXELS
 from .finding import Finding, Quantity
 from .model.placement import place_of
 from .observations.wrench import WrenchObservation
-from .places import said
+from .places import place_in_words
 
 # The strength of a finding by word; a snap may have any strength at each place.
 STRENGTHS: dict[str, Callable[[Finding], float]] = {
@@ -61,7 +61,7 @@ def _joined(strongest: Finding, other: Finding, seen: WrenchObservation) -> Find
     _, text = strongest.sentence.split(": ", 1)
     return replace(
         strongest, where=where, parameters=parameters, explains=strongest.explains + other.explains,
-        sentence=f"{said(where)}: {text}",
+        sentence=f"{place_in_words(where)}: {text}",
     )  # fmt: skip
 
 

@@ -1,14 +1,14 @@
-"""The stages of `insole diagnose` for one recording."""
+"""Diagnose one recording: the stages of `insole diagnose` up to its findings and effects."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from ..physics.effect import Effect, Where
+from ..physics.effect import Effect
 from ..physics.effects import laws
 from ..recording.loading import FootRecording
 from . import sentences
@@ -19,6 +19,7 @@ from .model.blocks import RECALIBRATIONS, BlockDesign
 from .model.design import Design
 from .model.nuisance import Priors
 from .model.refine import refine
+from .model.regression import Timing
 from .observations.reading_faults import ReadingFaults, reading_faults
 from .observations.wrench import WrenchObservation
 from .observing import refuse_unloaded
@@ -32,8 +33,8 @@ from .select.search import FittedSet, SubsetSearch
 from .select.wrench_figures import Figures
 from .static_findings import static_findings
 from .terms import TERMS
-from .timings import LEAST_DELAY_S, is_nuisance, off_by_clock, own_clock, timing_effects, timing_findings
-from .trimming import LEAST_GAINED, figures_of, stronger, trimmed
+from .timings import LEAST_DELAY_S, clock_findings, is_nuisance, off_by_clock, timing_effects, timing_findings
+from .trimming import LEAST_GAINED, Kept, figures_of, stronger, trimmed
 from .unexplained import (
     STRONGER,
     explains_little,
@@ -47,7 +48,7 @@ from .unexplained import (
 
 
 def diagnose_one(seen: WrenchObservation, foot: FootRecording, progress: Callable[[str], None]) -> RecordingResult:
-    """Faults of readings, regression, search, refinement, figures, findings."""
+    """Return the result of one recording: faults of readings, search of effects, refinement, figures and findings."""
     refuse_unloaded(seen)
     faults = reading_faults(foot, seen)
     seen = faults.observation
@@ -56,142 +57,206 @@ def diagnose_one(seen: WrenchObservation, foot: FootRecording, progress: Callabl
     first = searched.first
     whole, search, timing = first.search.design, first.search, first.timing
     progress("measuring the error on blocks that were held out")
-    kept = trimmed(search, search.simplified(first.best, confidence.CLOSE), timing)
-    is_unknown = is_unexplained(kept.figures, whole, kept.refined, timing)
+    kept, is_unknown = _kept_terms(search, first.best, timing)
+    selection = _selection(kept, timing, seen, foot)
+    figures, findings, effects = _placement_findings(searched, seen, selection.figures)
+    figures = _with_corrections(figures, faults, seen)
+    effects += _bit_shift_effects(faults, seen)
+    if findings and not figures.after[0] < figures.before[0]:
+        findings, effects, is_unknown = [], [], True  # what makes held-out rows worse explains nothing
+    if not (findings or kept.order or first.words or _explain(faults, figures, whole)):
+        is_unknown |= float(min(figures.before[0], figures.after[0])) > most_null([(figures, whole)]) * float(
+            figures.floor[0]
+        )
     if is_unknown:
-        kept = stronger(search, kept, least_beside(kept.figures, whole, kept.refined), timing)
-    refined, order, found = kept.refined, kept.order, kept.figures
-    parameters = [parameters_of(refined, i, foot) for i in range(len(order))]
-    words = [each.word for each in refined.design.candidates]
-    nuisances = [i for i in order if is_nuisance(words[i], parameters[i])]
+        findings.append(unknown(seen, figures, whole))
+    reported_timings = selection.reported_timings(first.words)
+    if not is_unknown or timing_energy(whole, timing) > STRONGER * squared_rest(figures, whole):
+        findings += timing_findings(seen, first, searched.others, reported_timings, figures, float(whole.least.max()))
+    effects += timing_effects(first, reported_timings)
+    effects += _term_effects(selection, seen)
+    findings += _term_findings(selection, seen, figures, search)
+    if isinstance(whole, BlockDesign) and whole.priors.has_loose_curves and not is_unknown and kept.order:
+        findings += static_findings(kept.refined, figures)
+    findings = list(join_places(findings, seen))
+    effects.sort(key=lambda effect: np.inf if effect.law.order is None else effect.law.order)  # signal path
+    findings += [finding for finding in faults.findings if not _is_negligible(finding, figures)]
+    result = RecordingResult(
+        faults, whole, kept.refined, figures, (), tuple(effects), _single_terms(search),
+        tuple(not_identifiable(whole, {finding.effect for finding in findings}, searched.priors)), is_unknown, timing,
+    )  # fmt: skip
+    return replace(result, findings=(*findings, *clock_findings(result)))
+
+
+def _kept_terms(search: SubsetSearch[Any], best: FittedSet, timing: Timing) -> tuple[Kept, bool]:
+    """Return the terms that lower the held-out error, and whether the rest is an unknown effect.
+
+    Beside an unknown effect, a term that explains hardly more than it may be a part of it and is left out.
+    """
+    kept = trimmed(search, search.simplified(best, confidence.CLOSE), timing)
+    design = search.design
+    if not is_unexplained(kept.figures, design, kept.refined, timing):
+        return kept, False
+    return stronger(search, kept, least_beside(kept.figures, design, kept.refined), timing), True
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Selection:
+    """The selected terms of a recording with their parameters, by number of the candidate in the refined design."""
+
+    kept: Kept
+    parameters: tuple[dict[str, Quantity], ...]
+    nuisances: tuple[int, ...]  # terms within the tolerance of a declared clock: not reported
+    is_late: bool  # by more than the tolerance of the times
+    figures: Figures  # with nuisances in the model as handed in
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """The effect word of each candidate."""
+        return tuple(candidate.word for candidate in self.kept.refined.design.candidates)
+
+    @property
+    def reported(self) -> list[tuple[int, float]]:
+        """Numbers and gains of the terms that are reported, the largest gain first."""
+        gains = zip(self.kept.order, self.figures.gains, strict=True)
+        return [(i, gain) for i, gain in gains if i not in self.nuisances]
+
+    def reported_timings(self, words: Sequence[str]) -> tuple[str, ...]:
+        """Return which of the timings `words` are reported: beside a wrong clock, a delay is a part of its offset."""
+        has_clock = any(word == "clock" for i, word in enumerate(self.words) if i not in self.nuisances)
+        return tuple(word for word in words if word == "lag" or (self.is_late and not has_clock))
+
+
+def _selection(kept: Kept, timing: Timing, seen: WrenchObservation, foot: FootRecording) -> _Selection:
+    refined, figures = kept.refined, kept.figures
+    parameters = [parameters_of(refined, i, foot) for i in range(len(kept.order))]
+    words = [candidate.word for candidate in refined.design.candidates]
+    nuisances = tuple(i for i in kept.order if is_nuisance(words[i], parameters[i]))
     is_late = abs(timing.delay_s) >= LEAST_DELAY_S + seen.latest_s
     if nuisances or not is_late:
-        found = figures_of(refined, order, timing, nuisances, 0.0 if is_late else timing.delay_s)
-    found, findings, effects = _placed(searched, seen, found)
-    found = _with_faults(found, faults)
-    found = replace(found, before=np.sqrt(found.before**2 + off_by_clock(seen)))
-    put_right = [each for each in faults.findings if each.effect == "bit_shift"]
-    effects += [e for e in (effect_of(f.effect, f.where, f.parameters, seen) for f in put_right) if e is not None]
-    if findings and not found.after[0] < found.before[0]:
-        findings, effects, is_unknown = [], [], True  # what makes held-out rows worse explains nothing
-    if not (findings or order or first.words or _explain(faults, found, whole)):
-        is_unknown |= float(min(found.before[0], found.after[0])) > most_null([(found, whole)]) * float(found.floor[0])
-    if is_unknown:
-        findings.append(unknown(seen, found, whole))
-    # Beside a wrong clock a delay is a part of that clock's offset.
-    has_clock = any(word == "clock" for i, word in enumerate(words) if i not in nuisances)
-    named = tuple(word for word in first.words if word == "lag" or (is_late and not has_clock))
-    if not is_unknown or timing_energy(whole, timing) > STRONGER * squared_rest(found, whole):
-        findings += timing_findings(seen, first, searched.others, named, found, float(whole.least.max()))
-    effects += timing_effects(first, named)
-    for i, gain in zip(order, found.gains, strict=True):
-        if i in nuisances:
-            continue
-        if words[i] == "clock":
+        figures = figures_of(refined, kept.order, timing, nuisances, 0.0 if is_late else timing.delay_s)
+    for i in kept.order:
+        if words[i] == "clock" and i not in nuisances:
             offset = parameters[i]["offset_s"]
             parameters[i]["offset_s"] = replace(offset, value=offset.value - timing.delay_s)
+    return _Selection(kept, tuple(parameters), nuisances, is_late, figures)
+
+
+def _term_effects(selection: _Selection, seen: WrenchObservation) -> list[Effect]:
+    """Return the effects of the model that the reported terms make."""
+    effects: list[Effect] = []
+    refined = selection.kept.refined
+    for i, _ in selection.reported:
         where = refined.design.candidates[i].where
-        if words[i] == "preload" and seen.load_is_known:
+        if selection.words[i] == "preload" and seen.load_is_known:
             effects += preloads(where, refined.of_laws.shares[i], seen)
-        elif (effect := effect_of(words[i], where, parameters[i], seen)) is not None:
+        elif (effect := effect_of(selection.words[i], where, selection.parameters[i], seen)) is not None:
             effects.append(effect)
-        findings.append(_finding(words[i], where, parameters[i], gain, seen, found, search, kept.best, i))
-    if isinstance(whole, BlockDesign) and whole.priors.has_loose_curves and not is_unknown and order:
-        findings += static_findings(refined, found)
-    findings = list(join_places(findings, seen))
-    effects.sort(key=lambda each: np.inf if each.law.order is None else each.law.order)  # the order of the signal path
-    findings += [each for each in faults.findings if not _is_next_to_nothing(each, found)]
-    result = RecordingResult(
-        faults, whole, refined, found, (), tuple(effects), _singles(search),
-        tuple(not_identifiable(whole, {each.effect for each in findings}, searched.priors)), is_unknown, timing,
-    )  # fmt: skip
-    return replace(result, findings=(*findings, *own_clock(result)))
+    return effects
 
 
-def _finding(
-    word: str,
-    where: Where,
-    parameters: dict[str, Quantity],
-    gain: float,
-    seen: WrenchObservation,
-    found: Figures,
-    search: SubsetSearch[Any],
-    best: FittedSet,
-    i: int,
-) -> Finding:
-    """What is said of candidate `i` of a set, which takes away `gain` of the mean square."""
-    alternatives, margin = search.alternatives(best, i, confidence.SAME), search.margin(best, i)
-    said = (
-        sentences.of_constant(parameters["offset"].value)
-        if "offset" in parameters
-        else sentences.of_effect(word, where, parameters)
-    )
-    return Finding(
-        effect=word, alternatives=tuple(other for other, _ in alternatives[:1]), foot=seen.layout.foot, where=where,
-        equation=laws()[word].equation if word in laws() else "", recordings=(seen.name,), parameters=parameters,
-        explains=gain, confidence=confidence.confidence(margin, found.left_share), margin=margin, sentence=said,
-        **heldout_of(seen.load_is_known, float(np.sqrt(found.after[0] ** 2 + gain)), float(found.after[0])),
-    )  # fmt: skip
+def _term_findings(
+    selection: _Selection, seen: WrenchObservation, figures: Figures, search: SubsetSearch[Any]
+) -> list[Finding]:
+    """Return the findings of the reported terms, the largest gain first."""
+    best = selection.kept.best
+    findings = []
+    for i, gain in selection.reported:
+        word, parameters = selection.words[i], selection.parameters[i]
+        where = selection.kept.refined.design.candidates[i].where
+        alternatives, margin = search.alternatives(best, i, confidence.SAME), search.margin(best, i)
+        sentence = (
+            sentences.of_constant(parameters["offset"].value)
+            if "offset" in parameters
+            else sentences.of_effect(word, where, parameters)
+        )
+        findings.append(
+            Finding(
+                effect=word, alternatives=tuple(other for other, _ in alternatives[:1]), foot=seen.layout.foot,
+                where=where, equation=laws()[word].equation if word in laws() else "", recordings=(seen.name,),
+                parameters=parameters, explains=gain, margin=margin,
+                confidence=confidence.confidence(margin, figures.left_share), sentence=sentence,
+                **heldout_of(
+                    seen.load_is_known, float(np.sqrt(figures.after[0] ** 2 + gain)), float(figures.after[0])
+                ),
+            )
+        )  # fmt: skip
+    return findings
 
 
-def _placed(searched: Searched, seen: WrenchObservation, found: Figures) -> tuple[Figures, list[Finding], list[Effect]]:
-    """What is said of where the taxels are, as findings and effects; figures with the model as handed in before it."""
+def _bit_shift_effects(faults: ReadingFaults, seen: WrenchObservation) -> list[Effect]:
+    """Return the effects of bit shifts that were corrected before the regression."""
+    shifts = [finding for finding in faults.findings if finding.effect == "bit_shift"]
+    effects = [effect_of(finding.effect, finding.where, finding.parameters, seen) for finding in shifts]
+    return [effect for effect in effects if effect is not None]
+
+
+def _placement_findings(
+    searched: Searched, seen: WrenchObservation, figures: Figures
+) -> tuple[Figures, list[Finding], list[Effect]]:
+    """Return figures, findings and effects of the insole's placement, which the search fitted before the terms.
+
+    The figures have the error of the model as handed in, which does not know the placement.
+    """
     unplaced = searched.unplaced
     if not searched.placed or unplaced is None:
-        return found, [], []
+        return figures, [], []
     before = count_figures(refine(unplaced.search.design, ()), ()).before
-    gained = max(float(before[0] ** 2 - found.before[0] ** 2), 0.0) / len(searched.placed)
+    gain = max(float(before[0] ** 2 - figures.before[0] ** 2), 0.0) / len(searched.placed)
     findings, effects = [], []
-    found = replace(found, before=before)
-    for each in searched.placed:
-        effect = effect_of(each.word, each.where, each.parameters, seen)
+    figures = replace(figures, before=before)
+    for placement in searched.placed:
+        effect = effect_of(placement.word, placement.where, placement.parameters, seen)
         if effect is not None:
             effects.append(effect)
         findings.append(
             Finding(
-                effect=each.word, foot=seen.layout.foot, where=each.where, equation=laws()[each.word].equation,
-                recordings=(seen.name,), parameters=each.parameters, explains=gained, margin=each.margin,
-                confidence=confidence.confidence(each.margin, found.left_share),
-                sentence=sentences.of_effect(each.word, each.where, each.parameters),
-                **heldout_of(seen.load_is_known, float(np.sqrt(found.after[0] ** 2 + gained)), float(found.after[0])),
+                effect=placement.word, foot=seen.layout.foot, where=placement.where,
+                equation=laws()[placement.word].equation, recordings=(seen.name,),
+                parameters=placement.parameters, explains=gain, margin=placement.margin,
+                confidence=confidence.confidence(placement.margin, figures.left_share),
+                sentence=sentences.of_effect(placement.word, placement.where, placement.parameters),
+                **heldout_of(seen.load_is_known, float(np.sqrt(figures.after[0] ** 2 + gain)), float(figures.after[0])),
             )
         )  # fmt: skip
-    return found, findings, effects
+    return figures, findings, effects
 
 
-def _with_faults(found: Figures, faults: ReadingFaults) -> Figures:
-    """With what was put right before the regression: the model as handed in knows nothing of it."""
-    return replace(found, before=np.sqrt(found.before**2 + faults.explained))
+def _with_corrections(figures: Figures, faults: ReadingFaults, seen: WrenchObservation) -> Figures:
+    """Return `figures` of the model as handed in: before corrections of readings and of a declared clock."""
+    before = np.sqrt(figures.before**2 + faults.explained)
+    return replace(figures, before=np.sqrt(before**2 + off_by_clock(seen)))
 
 
-def _explain(faults: ReadingFaults, found: Figures, whole: Design | BlockDesign) -> bool:
-    """Whether faults of the readings stand for the mismatch: they are there, and not beside a larger one."""
-    is_unknown = any(each.effect == "unknown" for each in faults.findings)
-    return is_unknown or (bool(faults.findings) and not explains_little(found, whole))
+def _explain(faults: ReadingFaults, figures: Figures, design: Design | BlockDesign) -> bool:
+    """Return whether faults of the readings stand for the mismatch: they are there, and not beside a larger one."""
+    is_unknown = any(finding.effect == "unknown" for finding in faults.findings)
+    return is_unknown or (bool(faults.findings) and not explains_little(figures, design))
 
 
-def _is_next_to_nothing(each: Finding, found: Figures) -> bool:
-    """Whether single taxels take away so little that a material which differs from taxel to taxel does as much."""
-    whole = float(found.before[0] ** 2 - found.after[0] ** 2)
-    return each.where.scope == "taxel" and bool(each.parameters) and each.explains < LEAST_GAINED * whole
+def _is_negligible(finding: Finding, figures: Figures) -> bool:
+    """Return whether single taxels explain so little that the variation of the material between taxels does as much."""
+    explained = float(figures.before[0] ** 2 - figures.after[0] ** 2)
+    return finding.where.scope == "taxel" and bool(finding.parameters) and finding.explains < LEAST_GAINED * explained
 
 
-def _singles(search: SubsetSearch[Any]) -> tuple[tuple[str, float, float], ...]:
+def _single_terms(search: SubsetSearch[Any]) -> tuple[tuple[str, float, float], ...]:
+    """Return word, gain and score per row of the terms that explain most alone."""
     n = search.design.n_rows
-    found: dict[str, tuple[float, float]] = {}
-    for each in search.singles():
-        word = search.design.candidates[each.chosen[0]].word
-        if np.isfinite(each.score) and (word not in found or each.score / n > found[word][1]):
-            found[word] = (each.gain / n, each.score / n)
-    ordered = sorted(found.items(), key=lambda item: -item[1][1])[:8]
-    return tuple((word, gain, score) for word, (gain, score) in ordered)
+    best_by_word: dict[str, tuple[float, float]] = {}
+    for single in search.singles():
+        word = search.design.candidates[single.chosen[0]].word
+        if np.isfinite(single.score) and (word not in best_by_word or single.score / n > best_by_word[word][1]):
+            best_by_word[word] = (single.gain / n, single.score / n)
+    by_score = sorted(best_by_word.items(), key=lambda item: -item[1][1])[:8]
+    return tuple((word, gain, score) for word, (gain, score) in by_score)
 
 
-def not_identifiable(whole: Design | BlockDesign, found: set[str], priors: Priors) -> list[dict[str, str]]:
-    """Terms whose share this recording does not determine: its standard deviation is over a third of the prior's."""
+def not_identifiable(whole: Design | BlockDesign, reported: set[str], priors: Priors) -> list[dict[str, str]]:
+    """Return the terms that this recording does not determine: their std is over a third of the plausible size."""
     rows = []
     for term in TERMS:
-        if term.word in found or term.is_internal or term.is_of_load:
+        if term.word in reported or term.is_internal or term.is_of_load:
             continue
         why = term.needs(whole.load)
         if why is None and priors.share and term.word in ("gain", "stiffening"):
@@ -199,16 +264,16 @@ def not_identifiable(whole: Design | BlockDesign, found: set[str], priors: Prior
         if why is None and priors.has_loose_curves and term.word in RECALIBRATIONS:
             why = "the calibration was made with the memory at work, and its curves contain a part of it"
         if why is None:
-            own = [c for c in whole.candidates if c.word == term.word]
+            candidates = [candidate for candidate in whole.candidates if candidate.word == term.word]
             if term.word == "delay" and whole.load.observation.offset_is_free:
                 why = "the clock's offset is free, and a delay of all boards looks the same"
-            elif term.plausible and own:
-                k = own[0].columns[0]
+            elif term.plausible and candidates:
+                k = candidates[0].columns[0]
                 std = 1.0 / np.sqrt(max(float(whole.gram[k, k]), 1e-300))
                 if std > term.plausible / 3.0:
-                    what = "readings depend" if whole.load.is_known else "the wrench depends"
-                    why = f"{what} little on it here, or on other terms in the same way"
-            elif not own:
+                    dependence = "readings depend" if whole.load.is_known else "the wrench depends"
+                    why = f"{dependence} little on it here, or on other terms in the same way"
+            elif not candidates:
                 why = "the recording is too short, or has nothing to show it by"
         if why is not None:
             rows.append({"effect": term.word, "why": why, "record_instead": term.shown_by(whole.load)})

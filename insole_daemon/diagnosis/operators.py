@@ -1,6 +1,6 @@
-"""Memory on a regular grid, whole signals at once: what the search evaluates ten thousand times.
+"""Operators with memory on a regular grid, vectorised over whole signals for the search.
 
-The equations are those of `physics`, which a test holds them to.
+The equations are those of `physics`; a test compares both.
 """
 
 from __future__ import annotations
@@ -13,74 +13,77 @@ from scipy.signal import lfilter
 from ..physics.first_order import steps
 from ..physics.law import Array
 
-AT_ONCE = 128  # rows of all taxels, that a processor keeps in its cache
+AT_ONCE = 128  # rows of all taxels that fit in the processor's cache
 
 
 def low_pass(x: Array, step_s: float, tau_s: float) -> Array:
-    """(N, m) z with τ·dz/dt = x − z, at rest at x[0] before; exact for x linear between rows (`first_order`)."""
+    """Return z (N, m) with τ·dz/dt = x − z, at rest at x[0] before; exact for x linear between rows (`first_order`)."""
     decay, before, now = _step(step_s, tau_s)
-    rest = x[:1]
-    z: Array = lfilter([now, before], [1.0, -decay], x - rest, axis=0)
-    return z + rest
+    initial = x[:1]
+    z: Array = lfilter([now, before], [1.0, -decay], x - initial, axis=0)
+    return z + initial
 
 
 @lru_cache(maxsize=4096)
 def _step(step_s: float, tau_s: float) -> tuple[float, float, float]:
-    decay, before, now = (float(each[0, 0]) for each in steps(np.array([step_s]), np.array([tau_s])))
+    decay, before, now = (float(weight[0, 0]) for weight in steps(np.array([step_s]), np.array([tau_s])))
     return decay, before, now
 
 
 def plays(x: Array, radii_pa: Array) -> Array:
-    """(k, N, m) play_r[x] − x for each radius, no load before the first row (`effects.hysteresis`)."""
-    found = np.empty((len(x), len(radii_pa), x.shape[1]))
+    """Return play_r[x] − x (k, N, m) for each radius r, without load before the first row (`effects.hysteresis`)."""
+    play = np.empty((len(x), len(radii_pa), x.shape[1]))
     radius = radii_pa[:, None]
-    last = np.zeros(found.shape[1:])
-    for row, low, high in zip(found, x[:, None] - radius, x[:, None] + radius, strict=True):
-        last = np.maximum(np.minimum(last, high, out=row), low, out=row)
-    found -= x[:, None]
-    return np.moveaxis(found, 1, 0)
+    state = np.zeros(play.shape[1:])
+    for row, low, high in zip(play, x[:, None] - radius, x[:, None] + radius, strict=True):
+        state = np.maximum(np.minimum(state, high, out=row), low, out=row)
+    play -= x[:, None]
+    return np.moveaxis(play, 1, 0)
 
 
 def frictions(x: Array, widths_pa: Array) -> Array:
-    """(k, N, m) what friction takes of x for each width s, none before the first row: dz = (1 − sgn(dx)·z/s)·dx.
+    """Return the part of x that friction takes, (k, N, m), for each width s: dz = (1 − sgn(dx)·z/s)·dx, z = 0 at first.
 
-    P. R. Dahl 1968; exact for x monotonic between rows. A play takes the same of a long way, but all of a short one.
+    P. R. Dahl, A solid friction model, Aerospace Corp. TOR-0158 (1968); exact for x monotonic between rows. On a long
+    way friction takes as much as a play of the same width, on a short one the whole way.
     """
     width = widths_pa[:, None]
-    found = np.empty((len(x), len(widths_pa), x.shape[1]))
-    last = np.zeros(found.shape[1:])
-    for row, way in zip(found, np.diff(x, axis=0, prepend=0.0)[:, None], strict=True):
-        end = np.copysign(width, way)
-        last = np.add(end, (last - end) * np.exp(-np.abs(way) / width), out=row)
-    return np.moveaxis(found, 1, 0)
+    friction = np.empty((len(x), len(widths_pa), x.shape[1]))
+    state = np.zeros(friction.shape[1:])
+    for row, way in zip(friction, np.diff(x, axis=0, prepend=0.0)[:, None], strict=True):
+        limit = np.copysign(width, way)
+        state = np.add(limit, (state - limit) * np.exp(-np.abs(way) / width), out=row)
+    return np.moveaxis(friction, 1, 0)
 
 
 def activated(x: Array, step_s: float, tau_s: float, scale_pa: float) -> Array:
-    """(N, ...) z with τ·dz/dt = s·sinh((x − z)/s), at rest at x[0] before; exact for x constant between rows.
+    """Return z (N, ...) with τ·dz/dt = s·sinh((x − z)/s), at rest at x[0] before; exact for x constant between rows.
 
-    Flow over energy barriers that load lowers (H. Eyring, J. Chem. Phys. 4 (1936) 283): tanh((x − z)/2s) decays with τ.
+    Thermally activated flow (H. Eyring, J. Chem. Phys. 4 (1936) 283). tanh((x − z)/2s) decays with τ.
     """
-    found = np.empty_like(x)
-    decay, last = np.exp(-step_s / tau_s), x[0]
-    for row, now in zip(found, x, strict=True):
-        last = np.subtract(now, 2.0 * scale_pa * np.arctanh(decay * np.tanh((now - last) / (2.0 * scale_pa))), out=row)
-    return found
+    flow = np.empty_like(x)
+    decay, state = np.exp(-step_s / tau_s), x[0]
+    for row, now in zip(flow, x, strict=True):
+        state = np.subtract(
+            now, 2.0 * scale_pa * np.arctanh(decay * np.tanh((now - state) / (2.0 * scale_pa))), out=row
+        )
+    return flow
 
 
 def polynomial(x: Array, coefficients: Array) -> Array:
-    """(N, ...) values at x (N, ...) of polynomials with coefficients (k, ...), lowest power first."""
-    found = np.empty(x.shape)
+    """Return values (N, ...) at x (N, ...) of polynomials with coefficients (k, ...), lowest power first (Horner)."""
+    values = np.empty(x.shape)
     for first in range(0, len(x), AT_ONCE):
-        own, at = found[first : first + AT_ONCE], x[first : first + AT_ONCE]
-        own[:] = coefficients[-1]
-        for each in coefficients[-2::-1]:
-            own *= at
-            own += each
-    return found
+        rows, x_rows = values[first : first + AT_ONCE], x[first : first + AT_ONCE]
+        rows[:] = coefficients[-1]
+        for coefficient in coefficients[-2::-1]:
+            rows *= x_rows
+            rows += coefficient
+    return values
 
 
 def relay(x: Array, up_pa: float, down_pa: float) -> Array:
-    """(N, m) 1 from x ≥ up until x ≤ down, 0 before the first."""
+    """Return 1 (N, m) from x ≥ up until x ≤ down, 0 before the first; `physics.effects.snap`."""
     event = np.where(x >= up_pa, 1, np.where(x <= down_pa, -1, 0))
     row = np.where(event != 0, np.arange(len(x))[:, None], 0)
     np.maximum.accumulate(row, axis=0, out=row)

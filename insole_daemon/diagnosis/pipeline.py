@@ -1,4 +1,4 @@
-"""`insole diagnose`: what several recordings of one insole say together."""
+"""Diagnose several recordings of one insole: the functions behind `insole diagnose`."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from .result import Diagnosis, RecordingResult
 from .timings import clock_of
 from .unexplained import most_null
 
-OF_THE_INSOLE = (*merging.LASTING, "delay")  # of several recordings
-NEVER_TELL = ("dead_taxels", "open_triangle")  # where they are there all the time
+LASTING_EFFECTS = (*merging.LASTING, "delay")  # that any recording may add to the model
+PERMANENT_FAULTS = ("dead_taxels", "open_triangle")  # of taxels, if they last for the whole recording
 
 
 def diagnose(
@@ -35,30 +35,23 @@ def diagnose(
     simulations: Sequence[Recording] = (),
     asked: Foot | None = None,
 ) -> Diagnosis:
-    """What differs between recordings and the static model, under the load of their references.
+    """Return what differs between recordings and the static model under the load of their references.
 
-    The model is `calibration`, else the first recording's own, else the curves that fit chambers best. `simulations`:
-    of their trials, one for each or one for all, whose load then stands for the references'. `asked`: the foot, where
-    there are two. DiagnosisError where the recordings do not belong together or cannot show anything, UndecidableError
-    where the insole is loaded too seldom.
+    The model is `calibration`, else the first recording's own, else curves fitted to chambers. `simulations` of the
+    trials, one for each or one for all, replace the references. `asked` is the foot, if there are two. Raises
+    DiagnosisError if the recordings do not belong together or have no usable reference, UndecidableError if the load
+    changes too rarely.
     """
     refuse_mixture(recordings, simulations)
     feet = choose(recordings, asked, bool(simulations))
-    every = observed(recordings, feet, calibration, progress, simulations)
-    refuse_still([each for each in every if each.is_uniform])
-    # Observations are large: each goes once it is replaced by one without the faults of its readings.
-    results = [diagnose_one(every.pop(0), foot, progress) for foot in feet]
-    findings = merging.merge_findings(
-        [
-            merging.Said(
-                r.seen.name, r.seen.load_is_known, r.findings, frozenset(x["effect"] for x in r.not_identifiable)
-            )
-            for r in results
-        ]
-    )
-    names = tuple(each.folder.name for each in recordings)
+    observations = observed(recordings, feet, calibration, progress, simulations)
+    refuse_still([observation for observation in observations if observation.is_uniform])
+    # Observations are large, so each is freed as soon as it is replaced by its corrected copy.
+    results = [diagnose_one(observations.pop(0), foot, progress) for foot in feet]
+    findings = merging.merge_findings([_findings_of(result) for result in results])
+    names = tuple(recording.folder.name for recording in recordings)
     heldout = _heldout(results)
-    first = next((each for each in results if each.seen.load_is_known), results[0])
+    first = next((result for result in results if result.seen.load_is_known), results[0])
     effects = _effects(results, first, findings)
     provenance = {"made_by": f"insole diagnose {__version__}", "recordings": list(names), BEGAN: int(feet[0].t_ns[0])}
     return Diagnosis(
@@ -66,43 +59,58 @@ def diagnose(
         against="simulation" if simulations else "model",
         verdict=_verdict(heldout, findings, results),
         heldout=heldout,
-        clocks=np.array([clock_of(each) for each in results]),
+        clocks=np.array([clock_of(result) for result in results]),
         findings=findings,
         rejected=_rejected(first),
-        not_identifiable=_never_told(results),
+        not_identifiable=_not_identifiable_by_any(results),
         model=wrench_model.document(
-            first.seen, effects, _absorbed(first), provenance, first.figures.recalibrated, _broken(first)
+            first.seen,
+            effects,
+            _absorbed_by_curves(first),
+            provenance,
+            first.figures.recalibrated,
+            _without_contact(first),
         ),
         results=tuple(results),
         effects=effects,
     )
 
 
+def _findings_of(result: RecordingResult) -> merging.RecordingFindings:
+    cannot_tell = frozenset(entry["effect"] for entry in result.not_identifiable)
+    return merging.RecordingFindings(result.seen.name, result.seen.load_is_known, result.findings, cannot_tell)
+
+
 def _effects(
     results: Sequence[RecordingResult], first: RecordingResult, findings: Sequence[Finding]
 ) -> tuple[Effect, ...]:
-    """Of the model: what the result `first` has, and what lasts and only others tell; nothing that as many deny."""
-    denied = {each.effect for each in findings if len(each.contradicted_by) >= len(each.recordings)}
-    found = [each for each in first.effects if each.law.word not in denied]
+    """Return the effects of the model: those of `first`, and lasting ones of other recordings.
+
+    Effects that as many recordings contradict as confirm are left out.
+    """
+    contradicted = {item.effect for item in findings if len(item.contradicted_by) >= len(item.recordings)}
+    effects = [item for item in first.effects if item.law.word not in contradicted]
     for result in results:
-        words = {each.law.word for each in found}
-        found += [
-            each for each in result.effects
-            if result is not first and each.law.word in OF_THE_INSOLE and each.law.word not in words | denied
+        words = {item.law.word for item in effects}
+        effects += [
+            item for item in result.effects
+            if result is not first and item.law.word in LASTING_EFFECTS and item.law.word not in words | contradicted
         ]  # fmt: skip
-    return tuple(sorted(found, key=lambda each: np.inf if each.law.order is None else each.law.order))
+    return tuple(sorted(effects, key=lambda item: np.inf if item.law.order is None else item.law.order))
 
 
-def _never_told(results: Sequence[RecordingResult]) -> tuple[dict[str, str], ...]:
-    """What none of the recordings can tell."""
-    others = [{row["effect"] for row in each.not_identifiable} for each in results[1:]]
-    return tuple(row for row in results[0].not_identifiable if all(row["effect"] in other for other in others))
+def _not_identifiable_by_any(results: Sequence[RecordingResult]) -> tuple[dict[str, str], ...]:
+    """Return the effects that none of the recordings identifies."""
+    words_of_others = [{entry["effect"] for entry in result.not_identifiable} for result in results[1:]]
+    return tuple(
+        entry for entry in results[0].not_identifiable if all(entry["effect"] in words for words in words_of_others)
+    )
 
 
 def _heldout(results: Sequence[RecordingResult]) -> dict[str, Any]:
-    """Of all taxels in counts where the load is known, and of the wrench, each over all its recordings."""
-    known = [each for each in results if each.seen.load_is_known]
-    walks = [each for each in results if not each.seen.load_is_known]
+    """Return the held-out errors, pooled over recordings: of counts if the load is known, else of the wrench."""
+    known = [result for result in results if result.seen.load_is_known]
+    walks = [result for result in results if not result.seen.load_is_known]
     moments = {"m_x": _pooled(walks, 1, "N·m"), "m_y": _pooled(walks, 2, "N·m")} if walks else {}
     if not known:
         return {**_pooled(walks, 0, "N"), **moments}
@@ -110,9 +118,15 @@ def _heldout(results: Sequence[RecordingResult]) -> dict[str, Any]:
 
 
 def _pooled(results: Sequence[RecordingResult], channel: int, unit: str) -> dict[str, Any]:
-    weights = [int(each.figures.known.sum()) for each in results]
+    weights = [int(result.figures.known.sum()) for result in results]
     figures_of = {
-        name: float(np.sqrt(np.average([getattr(r.figures, name)[channel] ** 2 for r in results], weights=weights)))
+        name: float(
+            np.sqrt(
+                np.average(
+                    [getattr(pooled_result.figures, name)[channel] ** 2 for pooled_result in results], weights=weights
+                )
+            )
+        )
         for name in ("before", "after", "floor")
     }
     return {"unit": unit, **{name: round(value, 4) for name, value in figures_of.items()}}
@@ -120,37 +134,37 @@ def _pooled(results: Sequence[RecordingResult], channel: int, unit: str) -> dict
 
 def _verdict(heldout: dict[str, Any], findings: Sequence[Finding], results: Sequence[RecordingResult]) -> Verdict:
     before, after, floor = (float(heldout[name]) for name in ("before", "after", "floor"))
-    null_before = most_null((each.figures, each.design) for each in results) * floor
+    null_before = most_null((item.figures, item.design) for item in results) * floor
     return outcome.verdict(
         before if findings else min(before, after), after, floor, null_before,
-        findings=len(findings), unknown=sum(each.effect == "unknown" for each in findings),
-        undecided=any(each.alternatives for each in findings),
+        findings=len(findings), unknown=sum(item.effect == "unknown" for item in findings),
+        undecided=any(item.alternatives for item in findings),
     )  # fmt: skip
 
 
-def _absorbed(result: RecordingResult) -> list[wrench_model.Absorbed]:
-    """What the curves handed in had absorbed of the effects found."""
-    inner, found = result.refined.design, {}
-    for candidate in inner.candidates:
+def _absorbed_by_curves(result: RecordingResult) -> list[wrench_model.Absorbed]:
+    """Return the parts of the selected effects that the calibration's curves contain."""
+    design, absorbed = result.refined.design, {}
+    for candidate in design.candidates:
         for word, column in zip(candidate.companion_words, candidate.companions.tolist(), strict=True):
             if word not in RECALIBRATIONS:
-                continue  # what an earlier load has left is no part of a curve
+                continue  # the memory of an earlier load is not part of a curve
             share = result.figures.companion_shares.get(column, 0.0)
-            found[column] = wrench_model.Absorbed(word, candidate.where, share)
-    return list(found.values())
+            absorbed[column] = wrench_model.Absorbed(word, candidate.where, share)
+    return list(absorbed.values())
 
 
-def _broken(result: RecordingResult) -> NDArray[np.bool_]:
-    """(T, 12) taxels that never tell the load."""
-    found = np.zeros(result.seen.usable.shape, bool)
-    for each in result.findings:
-        if each.effect in NEVER_TELL and not each.when_s:
-            found.reshape(-1)[each.where.slots(result.seen.layout)] = True
-    return found
+def _without_contact(result: RecordingResult) -> NDArray[np.bool_]:
+    """Return the taxels (T, 12) that lack contact for the whole recording."""
+    is_broken = np.zeros(result.seen.usable.shape, bool)
+    for finding in result.findings:
+        if finding.effect in PERMANENT_FAULTS and not finding.when_s:
+            is_broken.reshape(-1)[finding.where.slots(result.seen.layout)] = True
+    return is_broken
 
 
 def _rejected(result: RecordingResult) -> tuple[dict[str, str], ...]:
-    chosen = {each.effect for each in result.findings}
+    chosen = {finding.effect for finding in result.findings}
     return tuple(
         {"effect": word, "why": f"alone it takes away {gain:.2f} noise variances a row, {score:.2f} after its price"}
         for word, gain, score in result.candidates

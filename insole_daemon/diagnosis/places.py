@@ -43,7 +43,7 @@ def merged(sets: Iterable[NDArray[np.intp]]) -> NDArray[np.intp]:
     return np.unique(np.concatenate(arrays)) if arrays else np.empty(0, np.intp)
 
 
-def said(place: Where) -> str:
+def place_in_words(place: Where) -> str:
     """Return `place` in words."""
     if place.scope == "insole":
         return "the whole insole"

@@ -49,24 +49,24 @@ def counts(model: str | PathLike[str], recording: Recording, simulation: Recordi
         chain = Chain(calibration.effects, layout, calibration, [as_configured(board) for board in foot.boards])
         audited = audit(foot, recording.folder.name, simulation is not None)
         t_s = np.maximum.accumulate((foot.t_ns - foot.t_ns[0]) * 1e-9)
-        began = (foot.t_ns[0] - int(calibration.provenance.get(BEGAN, foot.t_ns[0]))) * 1e-9
-        origin = began if abs(began) < _FAR_S else 0.0
+        began_s = (foot.t_ns[0] - int(calibration.provenance.get(BEGAN, foot.t_ns[0]))) * 1e-9
+        origin_s = began_s if abs(began_s) < _FAR_S else 0.0
         # Each triangle was read at the time of the cycle less its age.
         read_s = t_s[:, None] - foot.behind_ns * 1e-9
-        own_clock, warm = True, None
+        own_clock, temperature_c = True, None
         if simulation is not None:
             paired = observe_paired(recording, foot, foot.calibration or calibration, simulation)
             load_at = simulated_load(paired, chain.xy_m)
         else:
             seen = observe_chamber(recording, foot, foot.calibration or calibration)
             own_clock = seen.declared_offset_s is None
-            warm = None if seen.temperature_c is None else np.interp(t_s, seen.t_s, seen.temperature_c)
+            temperature_c = None if seen.temperature_c is None else np.interp(t_s, seen.t_s, seen.temperature_c)
             load_at = partial(_everywhere, seen)
-        late_s = np.zeros(len(t_s))
+        delay_s = np.zeros(len(t_s))
         for _ in range(_MOST_ALIGNED if own_clock else 1):
-            expected = chain.forward()(load_at(read_s + late_s[:, None]), t_s + origin, warm)
-            later_s = _later_s(expected, foot, audited.kept, t_s)
-            late_s += later_s
+            expected = chain.forward()(load_at(read_s + delay_s[:, None]), t_s + origin_s, temperature_c)
+            later_s = _later_s(expected, foot, audited.usable_taxels, t_s)
+            delay_s += later_s
             if np.abs(later_s).max() < _ALIGNED_S:
                 break
         counts_by_foot[foot.foot] = np.clip(np.where(_silent(audited, calibration), _usual(foot), expected), 0.0, 255.0)
@@ -95,7 +95,7 @@ def _completed(model: Calibration, calibration: Calibration | None) -> Calibrati
 
 def _silent(audited: Audit, calibration: Calibration) -> NDArray[np.bool_]:
     """Return the taxels whose readings no curve predicts, (n_triangles, 12)."""
-    is_silent: NDArray[np.bool_] = PRESSURE_TAXELS & ~(calibration.usable & audited.believed.any(axis=0))
+    is_silent: NDArray[np.bool_] = PRESSURE_TAXELS & ~(calibration.usable & audited.usable_readings.any(axis=0))
     return is_silent
 
 
@@ -111,17 +111,17 @@ def _everywhere(seen: ChamberObservation, read_s: Array) -> Array:
     return np.repeat(pressure[..., None], N_TAXELS, axis=2)
 
 
-def _later_s(expected: Array, foot: FootRecording, kept: NDArray[np.bool_], t_s: Array) -> Array:
-    """Return the delay of the readings against `expected` on the load's clock (n,), by the mean of the `kept` taxels.
+def _later_s(expected: Array, foot: FootRecording, used_taxels: NDArray[np.bool_], t_s: Array) -> Array:
+    """Return the delay of the readings against `expected` on the load's clock (n,), by the mean of `used_taxels`.
 
     The delay is a constant plus a linear term. It is estimated after the alignment by edges, because effects that are
     not in the model distort edges.
     """
-    used = kept & ~np.isnan(expected[0])
+    used = used_taxels & ~np.isnan(expected[0])
     read, model = foot.counts[:, used].mean(axis=1), expected[:, used].mean(axis=1)
     slope = np.gradient(model, t_s + 1e-9 * np.arange(len(t_s)))
-    grows = np.stack([np.ones_like(t_s), t_s / max(float(t_s[-1]), 1e-9) - 0.5], axis=1)
-    moves = slope[:, None] * grows
-    design = np.concatenate([np.ones_like(grows[:, :1]), moves], axis=1)
+    basis = np.stack([np.ones_like(t_s), t_s / max(float(t_s[-1]), 1e-9) - 0.5], axis=1)
+    delay_columns = slope[:, None] * basis
+    design = np.concatenate([np.ones_like(basis[:, :1]), delay_columns], axis=1)
     shares = np.linalg.lstsq(design, read - model, rcond=None)[0]
-    return np.asarray(np.clip(grows @ shares[1:], -MOST_LATER_S, MOST_LATER_S))
+    return np.asarray(np.clip(basis @ shares[1:], -MOST_LATER_S, MOST_LATER_S))

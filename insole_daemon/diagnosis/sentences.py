@@ -9,7 +9,7 @@ import numpy as np
 
 from ..physics.effect import Where
 from .finding import Quantity
-from .places import said
+from .places import place_in_words
 
 IN_WORDS = {"1": "", "count": "counts", "count/K": "counts a kelvin", "1/K": "a kelvin"}
 SHOWN = 5  # values of a list; of a longer one the range is stated
@@ -20,12 +20,12 @@ def of_effect(word: str, where: Where, parameters: Mapping[str, Quantity]) -> st
     """Return the sentence of an effect with its parameters."""
     if word == "temperature" and not parameters:
         return (
-            f"{said(where)}: temperature, by the thermal pads. Record temperature_c in the reference to have it in "
-            "kelvins and in the model."
+            f"{place_in_words(where)}: temperature, by the thermal pads. Record temperature_c in the reference to have "
+            "it in kelvins and in the model."
         )
     stated = {name: q for name, q in parameters.items() if name != "pair" and _is_stated(name, q)}
     numbers = ", ".join(_number(name, q) for name, q in stated.items())
-    return f"{said(where)}: {word.replace('_', ' ')}{f' ({numbers})' if numbers else ''}."
+    return f"{place_in_words(where)}: {word.replace('_', ' ')}{f' ({numbers})' if numbers else ''}."
 
 
 def of_constant(offset: Sequence[float]) -> str:

@@ -17,7 +17,7 @@ from .model.placement import place_of
 from .model.refine import Refined
 from .model.regression import Timing
 from .observations.wrench import WrenchObservation
-from .places import said
+from .places import place_in_words
 from .select import left_over
 from .select.wrench_figures import Figures
 
@@ -121,7 +121,7 @@ def unknown(seen: WrenchObservation, found: Figures, whole: Design | BlockDesign
         (low, high), phase = list(regime.values())
         of, unit = (1e-3, "kPa") if seen.load_is_known else (1.0, "N")
         text += f"; most of it is there while {phase} between {low * of:.0f} and {high * of:.0f} {unit}"
-    place = said(where)
+    place = place_in_words(where)
     before, after, floor = (float(each[0]) for each in (found.before, found.after, found.floor))
     return Finding(
         effect="unknown", foot=seen.layout.foot, where=where, recordings=(seen.name,), confidence=0.8,

@@ -1,4 +1,4 @@
-"""Chamber recordings for the tests: a few triangles, a load at two speeds with holds, and effects put on by hand."""
+"""Chamber recordings for the tests: a few triangles, a load at two speeds with holds, and effects applied by hand."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ SLOTS = np.flatnonzero(np.tile(PRESSURE_TAXELS, len(LAYOUT)))
 
 @dataclass(frozen=True)
 class Sensors:
-    """Taxels of an insole, all 72 slots of LAYOUT: what they read of a load, and the model that says so."""
+    """Taxels of an insole, all 72 slots of LAYOUT: their readings under a load, and their calibration."""
 
     sensitivity: Array  # counts a pascal, at first
     bend: Array  # Pa
@@ -46,7 +46,7 @@ class Sensors:
         return cls(rng.normal(1.6e-4, 1e-5, n), rng.normal(900e3, 50e3, n), rng.normal(240.5, 1.0, n))
 
     def read(self, q: Array) -> Array:
-        """(n, 72) mean counts."""
+        """Return mean counts (n, 72)."""
         return self.rest - self.sensitivity * q / (1 + q / self.bend)
 
     def model(self, layout: Layout) -> dict[str, Any]:
@@ -64,7 +64,7 @@ class Sensors:
 
 
 def load(seconds: float = 90.0, top_pa: float = 300e3) -> tuple[Array, Array]:
-    """(N,) s and (N,) Pa: rest, then fast and slow cycles, minor loops and holds in turn."""
+    """Return times (N,) s and pressures (N,) Pa: rest, then fast and slow cycles, minor loops and holds in turn."""
     corners = [(0.0, 0.0), (2.0, 0.0)]
     tops = [1.0, 0.7, 0.9, 0.5, 1.0, 0.8, 0.6, 1.0]
     for i in range(40):
@@ -92,7 +92,7 @@ def write(
     temperature: Callable[[Array], Array] | None = lambda t_s: np.full_like(t_s, 25.0),
     layout: Layout = LAYOUT,
 ) -> Path:
-    """A recording whose taxels feel `effect(t, load)`; `touch` changes the counts in place.
+    """Write a recording whose taxels bear `effect(t, load)`; `touch` changes the counts in place.
 
     `where` (6·12,): which of them, or by how much each. `temperature`: None, and no thermometer is recorded.
     """
@@ -142,7 +142,7 @@ def relaxing(share: float, tau_s: float) -> Callable[[Array, Array], Array]:
 
 
 def bouc_wen(share: float, width_pa: float) -> Callable[[Array, Array], Array]:
-    """A loop of another family than the tool's."""
+    """Hysteresis by another law than those of the diagnosis."""
 
     def effect(t_s: Array, p: Array) -> Array:
         h, out = 0.0, np.empty_like(p)

@@ -1,4 +1,4 @@
-"""The audit on taxels that have a contact, and on those that have none."""
+"""The audit on taxels with and without contact."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ from . import chamber
 from .chamber import Array
 
 
-def test_readings_in_which_nothing_is_wrong(tmp_path: Path) -> None:
+def test_working_taxels_give_no_finding(tmp_path: Path) -> None:
     recording = load(chamber.write(tmp_path / "quiet", layout=chamber.WHOLE))
     assert audit(recording.feet[0], "quiet").findings == ()
 
 
-def test_rest_counts_beyond_the_range_make_no_taxel_dead(tmp_path: Path) -> None:
+def test_taxels_with_baselines_beyond_the_range_are_not_dead(tmp_path: Path) -> None:
     def wandered(t_s: chamber.Array, counts: chamber.Array) -> None:
         counts[t_s > 55] += 25.0
 
     recording = load(chamber.write(tmp_path / "railed", touch=wandered))
     found = audit(recording.feet[0], "railed")
-    assert found.kept.sum() == len(chamber.SLOTS)
+    assert found.usable_taxels.sum() == len(chamber.SLOTS)
 
 
-def test_noise_that_makes_all_leap_is_no_loose_contact(tmp_path: Path) -> None:
+def test_noise_of_all_taxels_is_no_loose_contact(tmp_path: Path) -> None:
     def rough(t_s: chamber.Array, counts: chamber.Array) -> None:
         loaded = counts < 215
         counts[loaded] += np.random.default_rng(6).normal(0.0, 14.0, loaded.sum())
 
     recording = load(chamber.write(tmp_path / "rough", touch=rough))
-    assert audit(recording.feet[0], "rough").kept.sum() == len(chamber.SLOTS)
+    assert audit(recording.feet[0], "rough").usable_taxels.sum() == len(chamber.SLOTS)
 
 
 def test_a_burst_of_noise_of_one_triangle_is_no_loose_contact(tmp_path: Path) -> None:
@@ -45,10 +45,10 @@ def test_a_burst_of_noise_of_one_triangle_is_no_loose_contact(tmp_path: Path) ->
     recording = load(chamber.write(tmp_path / "loud", touch=loud))
     found = audit(recording.feet[0], "loud")
     assert found.findings == ()
-    assert found.kept.sum() == len(chamber.SLOTS)
+    assert found.usable_taxels.sum() == len(chamber.SLOTS)
 
 
-def test_an_insole_most_of_which_is_not_there_is_one_finding(tmp_path: Path) -> None:
+def test_a_mostly_unconnected_insole_gives_one_finding(tmp_path: Path) -> None:
     def absent(t_s: chamber.Array, counts: chamber.Array) -> None:
         counts[:, 24:] = 240.0  # one number, as a host sends it for what is not connected
         counts[:, 24:26] += np.random.default_rng(7).normal(0.0, 1.0, (len(t_s), 2))  # lines that pick something up
@@ -59,11 +59,11 @@ def test_an_insole_most_of_which_is_not_there_is_one_finding(tmp_path: Path) -> 
     identities = [tuple(identity) for identity in recording.feet[0].layout.identities.tolist()]
     assert (told.effect, told.where.ids, told.when_s) == ("open_triangle", tuple(identities[2:]), ())
     assert "all along" in told.sentence
-    assert not found.kept[2:].any()
-    assert found.kept[:2].sum() == 20
+    assert not found.usable_taxels[2:].any()
+    assert found.usable_taxels[:2].sum() == 20
 
 
-def test_what_is_beyond_the_range_for_a_while_is_not_dead_and_is_believed_elsewhere(tmp_path: Path) -> None:
+def test_a_taxel_beyond_its_range_for_a_while_is_used_at_other_times(tmp_path: Path) -> None:
     def too_sensitive(t_s: chamber.Array, counts: chamber.Array) -> None:
         counts[:, :3] -= 5.0 * (240.0 - counts[:, :3]) + 170.0  # at 0 beyond a quarter of the load
 
@@ -72,11 +72,11 @@ def test_what_is_beyond_the_range_for_a_while_is_not_dead_and_is_believed_elsewh
     assert found.findings == ()
     at_the_end = recording.feet[0].counts[:, 0, 0] == 0
     assert at_the_end.mean() > 0.3  # what a dead taxel is called from
-    assert not found.believed[at_the_end, 0, 0].any()
-    assert found.believed[~at_the_end, 0, 0].all()
+    assert not found.usable_readings[at_the_end, 0, 0].any()
+    assert found.usable_readings[~at_the_end, 0, 0].all()
 
 
-def test_what_snaps_with_the_load_is_no_loose_contact_and_what_leaps_without_is(tmp_path: Path) -> None:
+def test_a_leap_with_the_load_is_no_loose_contact_and_one_without_is(tmp_path: Path) -> None:
     def snapping(t_s: chamber.Array, counts: chamber.Array) -> None:
         counts[:, :12] -= 60.0 * (np.interp(t_s, *chamber.load()) > 150e3)[:, None]
         counts[(t_s % 9.0) < 0.3, 12] -= 60.0
@@ -87,7 +87,7 @@ def test_what_snaps_with_the_load_is_no_loose_contact_and_what_leaps_without_is(
     assert (found.effect, found.where.ids) == ("dead_taxels", (identity,))
 
 
-def test_an_open_triangle_is_believed_while_it_has_contact(tmp_path: Path) -> None:
+def test_an_open_triangle_is_used_while_it_has_contact(tmp_path: Path) -> None:
     def opened(t_s: chamber.Array, counts: chamber.Array) -> None:
         counts[(t_s > 30) & (t_s < 37), 12:24] = -9.0
 
@@ -95,17 +95,17 @@ def test_an_open_triangle_is_believed_while_it_has_contact(tmp_path: Path) -> No
     audited = audit(recording.feet[0], "open")
     (finding,) = audited.findings
     assert finding.effect == "open_triangle"
-    assert audited.kept.sum() == len(chamber.SLOTS)
-    out = ~audited.believed[:, 1, 0]
+    assert audited.usable_taxels.sum() == len(chamber.SLOTS)
+    out = ~audited.usable_readings[:, 1, 0]
     assert 0.06 < out.mean() < 0.1
 
 
 @pytest.mark.parametrize(("others", "kept"), [(30.0, True), (0.0, False)])
-def test_a_blow_that_the_taxels_around_feel_is_no_loose_contact(tmp_path: Path, others: float, kept: bool) -> None:
+def test_a_blow_to_all_taxels_of_a_triangle_is_no_loose_contact(tmp_path: Path, others: float, kept: bool) -> None:
     def touch(t_s: Array, counts: Array) -> None:
         for row in range(400, 1600, 200):
             counts[row, 12:24] -= others
             counts[row, 15] -= 70.0 - others
 
     foot = load(chamber.write(tmp_path / "blows", touch=touch, seconds=40.0)).feet[0]
-    assert audit(foot, "blows", steps=True).kept[1, 3] == kept
+    assert audit(foot, "blows", steps=True).usable_taxels[1, 3] == kept

@@ -1,4 +1,4 @@
-"""Bad input gets a sentence that says so, the exit status of the format, and leaves nothing."""
+"""Bad input gives one sentence and the exit status of the format, and no file is written."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .chamber import KEPT, LAYOUT, WHOLE, write
 
 
 def refused(status: int, *arguments: object, out: Path) -> str:
-    """What `insole diagnose` says when it refuses."""
+    """Return the message of `insole diagnose` when it refuses."""
     done = CliRunner().invoke(app, ["diagnose", *map(str, arguments), "--out", str(out)])
     assert isinstance(done.exception, InsoleError), done.output
     assert done.exception.exit_status == status
@@ -41,7 +41,7 @@ CREEP = {
 
 
 @pytest.mark.parametrize("own", [True, False])
-def test_a_calibration_whose_effects_are_unknown(tmp_path, own):
+def test_a_calibration_with_unknown_effects_is_refused(tmp_path, own):
     folder = write(tmp_path / "trial", seconds=40.0)
     if own:
         with_effects(folder / "calibration.json", [MAGIC])
@@ -54,7 +54,7 @@ def test_a_calibration_whose_effects_are_unknown(tmp_path, own):
     assert "effects" in said
 
 
-def test_a_calibration_that_has_physics_already(tmp_path):
+def test_a_calibration_with_effects_is_refused(tmp_path):
     folder = write(tmp_path / "trial", seconds=40.0)
     other = tmp_path / "other.json"
     other.write_text((folder / "calibration.json").read_text())
@@ -63,7 +63,7 @@ def test_a_calibration_that_has_physics_already(tmp_path):
     assert "static" in said
 
 
-def test_a_calibration_of_another_insole(tmp_path):
+def test_a_calibration_of_another_insole_is_refused(tmp_path):
     folder = write(tmp_path / "trial", seconds=40.0)
     document = json.loads((folder / "calibration.json").read_text())
     board = int(LAYOUT.identities[0, 0])
@@ -81,14 +81,14 @@ def test_a_reference_that_never_moves(tmp_path):
     assert "expected one that rises and falls" in refused(4, folder, out=tmp_path / "out")
 
 
-def test_two_insoles(tmp_path):
+def test_recordings_of_two_insoles_are_refused(tmp_path):
     folders = [write(tmp_path / name, seconds=30.0) for name in ("first", "second")]
     layout = folders[1] / "layout.yaml"
     layout.write_text(re.sub(r"x_mm: ([0-9.]+)", lambda found: f"x_mm: {float(found[1]) + 5}", layout.read_text()))
     assert "these are two insoles" in refused(4, *folders, out=tmp_path / "out")
 
 
-def test_two_feet(tmp_path):
+def test_a_recording_of_two_feet_needs_the_foot_stated(tmp_path):
     right = replace(LAYOUT, foot="right")
     folders = [write(tmp_path / "left", seconds=30.0), write(tmp_path / "right", seconds=30.0, layout=right)]
     for path in folders[1].iterdir():
@@ -110,25 +110,25 @@ def test_a_simulation_of_another_layout(tmp_path):
     assert "layout" in said
 
 
-def test_a_simulation_of_another_duration(tmp_path):
+def test_a_simulation_of_another_duration_is_refused(tmp_path):
     folder = write(tmp_path / "trial", seconds=30.0)
     said = refused(4, folder, "--simulation", write(tmp_path / "longer", seconds=70.0), out=tmp_path / "out")
     assert "no stretch of it goes with" in said
 
 
-def test_a_recording_without_a_reference(tmp_path):
+def test_a_recording_without_a_reference_is_refused(tmp_path):
     folder = write(tmp_path / "free", seconds=40.0)
     document = (folder / "recording.yaml").read_text()
     (folder / "recording.yaml").write_text(document[: document.index("reference:")].replace("chamber", "free"))
     assert "expected a reference" in refused(4, folder, out=tmp_path / "out")
 
 
-def test_fewer_than_three_cycles(tmp_path):
+def test_fewer_than_three_cycles_are_refused(tmp_path):
     folder = write(tmp_path / "short", seconds=9.0)
     assert "at least 3 cycles" in refused(3, folder, out=tmp_path / "out")
 
 
-def test_a_clock_that_was_set_anew_on_the_way(tmp_path):
+def test_a_log_whose_clock_was_set_during_the_recording_is_refused(tmp_path):
     folder = write(tmp_path / "bag", seconds=40.0)
     table = counts_file.read(folder / "counts.npz", {"left": len(LAYOUT)})["left"]
     t_ns = table.t_ns.copy()
@@ -137,7 +137,7 @@ def test_a_clock_that_was_set_anew_on_the_way(tmp_path):
     assert "stamped over 11574 days" in refused(4, folder, out=tmp_path / "out")
 
 
-def test_a_folder_that_holds_a_diagnosis(tmp_path):
+def test_a_folder_with_a_diagnosis_is_not_overwritten(tmp_path):
     folder = write(tmp_path / "trial", seconds=40.0)
     out = tmp_path / "out"
     out.mkdir()
@@ -147,5 +147,5 @@ def test_a_folder_that_holds_a_diagnosis(tmp_path):
     assert (out / "report.html").read_text() == "mine"
 
 
-def test_a_recording_that_is_not_there(tmp_path):
+def test_a_missing_recording_is_refused(tmp_path):
     assert "nowhere" in refused(4, tmp_path / "nowhere", out=tmp_path / "out")

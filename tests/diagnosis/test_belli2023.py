@@ -1,11 +1,11 @@
-"""The published chamber recordings, uncalibrated: nobody planted anything in them."""
+"""Published chamber recordings of an uncalibrated insole, without concealed effects."""
 
 from pathlib import Path
 
 import pytest
 
 import insole_daemon
-from insole_daemon.diagnosis.observations.own_curves import observe_uncalibrated
+from insole_daemon.diagnosis.observations.fitted_curves import observe_uncalibrated
 from insole_daemon.diagnosis.observations.reading_faults import reading_faults
 from insole_daemon.diagnosis.pipeline import diagnose
 from insole_daemon.recording.import_matlab import import_matlab
@@ -38,7 +38,7 @@ def test_the_published_recording_is_diagnosed(tmp_path):
     assert diagnosis.heldout["after"] < 0.9 * diagnosis.heldout["before"]
 
 
-def test_what_is_left_of_an_insole_most_of_which_is_not_there_is_looked_at(tmp_path):
+def test_the_connected_part_of_a_mostly_unconnected_insole_is_diagnosed(tmp_path):
     recording = insole_daemon.load(
         import_matlab(FILES / "right_insole" / f"{RIGHT}.mat", tmp_path / RIGHT, "right", None)
     )

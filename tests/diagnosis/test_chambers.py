@@ -1,4 +1,4 @@
-"""Effects put on chamber recordings by hand, and what is said of them by the engine that walks go through, too."""
+"""Effects applied to chamber recordings by hand, and the findings on them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def diagnose(*folders: Path) -> Diagnosis:
 
 
 def loaded(folder: Path) -> tuple[FootRecording, Array]:
-    """The foot in `folder`, and (n,) the reference's pressure at its cycles, Pa."""
+    """Return the foot in `folder`, and the reference's pressure at its cycles (n,), Pa."""
     foot = insole_daemon.load(folder).feet[0]
     reference = foot.reference
     assert reference is not None
@@ -32,7 +32,7 @@ def loaded(folder: Path) -> tuple[FootRecording, Array]:
 
 
 def calibrate(folder: Path, trial: Path) -> None:
-    """Give `folder` the curves that go through the middle of what is read in `trial`."""
+    """Give `folder` a calibration with the mean curves of the readings in `trial`."""
     foot, pressure = loaded(trial)
     document = json.loads((folder / "calibration.json").read_text())
     rows = {tuple(identity): row for row, identity in enumerate(foot.layout.identities.tolist())}
@@ -44,7 +44,7 @@ def calibrate(folder: Path, trial: Path) -> None:
 
 
 def of_rows(*rows: int) -> np.ndarray:
-    """(72,) the taxels of these triangles of LAYOUT."""
+    """Return the taxels (72,) of these triangles of LAYOUT."""
     return np.isin(np.arange(72) // 12, rows)
 
 
@@ -52,7 +52,7 @@ def identities(*rows: int) -> set[tuple[int, ...]]:
     return {tuple(LAYOUT.identities[row].tolist()) for row in rows}
 
 
-def test_nothing_is_found_where_nothing_is(tmp_path):
+def test_a_null_has_no_finding(tmp_path):
     found = diagnose(write(tmp_path / "bag"))
     assert [each.sentence for each in found.findings] == []
     assert found.verdict == "no mismatch"
@@ -68,8 +68,8 @@ def test_a_memory_of_three_triangles_is_placed_and_measured(tmp_path):
     assert found.verdict == "explained"
 
 
-def test_a_calibration_that_contains_a_strong_memory_hides_no_memory(tmp_path):
-    """Its curves are those that go through the middle of what the memory did: no gain, no baseline is named."""
+def test_a_strong_memory_is_found_although_the_calibration_contains_it(tmp_path):
+    """The calibration has the mean curves of readings with memory, which must not be named gain or baseline."""
     folder = write(tmp_path / "bag", relaxing(0.45, 3.0))
     calibrate(folder, folder)
     found = diagnose(folder)
@@ -81,7 +81,7 @@ def test_a_calibration_that_contains_a_strong_memory_hides_no_memory(tmp_path):
 
 
 def rubbing(up: float, down: float, widest_pa: float) -> Callable[[Array, Array], Array]:
-    """Dry friction after Dahl, of another stiffness going up than down, that grows with the load (1968)."""
+    """Dry friction after Dahl (1968) with different stiffness up and down, which grows with the load."""
 
     def effect(t_s: Array, p: Array) -> Array:
         force, found, n = 0.0, np.empty_like(p), 20
@@ -117,14 +117,14 @@ def test_a_stiffening_is_named_beside_a_memory_that_the_calibration_contains(tmp
     assert stiffening.parameters["knee_pa"].value == pytest.approx(120e3, abs=60e3)
 
 
-def test_loops_that_no_sum_of_plays_has_are_hysteresis_and_nothing_else(tmp_path):
+def test_loops_of_another_law_are_hysteresis_and_nothing_else(tmp_path):
     found = diagnose(write(tmp_path / "bag", rubbing(1.2, 0.3, 60e3)))
     assert [each.effect for each in found.findings] == ["hysteresis"]
     before, after, floor = (found.heldout[name] ** 2 for name in ("before", "after", "floor"))
     assert before - after > 0.8 * (before - floor)
 
 
-def test_a_lag_beside_a_memory_is_no_delay_of_boards(tmp_path):
+def test_a_lag_beside_a_memory_is_not_named_delay(tmp_path):
     def effect(t_s: Array, p: Array) -> Array:
         return relaxing(1.0, 0.15)(t_s, rubbing(0.5, 0.5, 30e3)(t_s, p))
 
@@ -160,7 +160,7 @@ def test_a_gain_of_a_board_is_named_beside_a_memory_of_all(tmp_path):
     assert by_word["viscoelasticity"].where.scope == "insole"
 
 
-def test_a_digitiser_that_shifts_by_a_bit_more_is_told_beside_a_strong_loop(tmp_path):
+def test_a_bit_shift_is_named_beside_strong_hysteresis(tmp_path):
     def shifted(t_s: Array, counts: Array) -> None:
         own = of_rows(2, 3)
         counts[:, own] = 240.5 - 0.5 * (240.5 - counts[:, own])  # and the noise with it
@@ -175,7 +175,7 @@ def test_a_digitiser_that_shifts_by_a_bit_more_is_told_beside_a_strong_loop(tmp_
     assert "bit_shift" in {effect.law.word for effect in own.effects}
 
 
-def test_sensors_that_answer_half_as_much_shift_by_no_bit(tmp_path):
+def test_a_gain_of_one_half_is_no_bit_shift(tmp_path):
     def weaker(t_s: Array, counts: Array) -> None:
         own = of_rows(2, 3)
         counts[:, own] += 0.5 * np.round(240.5 - counts[:, own].mean(axis=1, keepdims=True))  # the noise stays
@@ -188,7 +188,7 @@ def test_sensors_that_answer_half_as_much_shift_by_no_bit(tmp_path):
 
 
 @pytest.mark.parametrize("count_per_pad_count", [0.0, 0.8])
-def test_where_no_thermometer_was_recorded_the_thermal_pads_tell_how_warm_it_is(tmp_path, count_per_pad_count):
+def test_without_a_thermometer_the_thermal_pads_give_the_temperature(tmp_path, count_per_pad_count):
     pads = np.setdiff1d(np.arange(72), SLOTS)
 
     def warm(t_s: Array, counts: Array) -> None:
@@ -203,7 +203,7 @@ def test_where_no_thermometer_was_recorded_the_thermal_pads_tell_how_warm_it_is(
         assert "thermal pads" in each.sentence
 
 
-def test_a_board_that_is_zeroed_under_load_is_told_with_its_moment(tmp_path):
+def test_a_rezero_under_load_is_found_with_its_time(tmp_path):
     def zeroed(t_s: Array, counts: Array) -> None:
         own = of_rows(4, 5)
         at = int(np.argmax(t_s > 4.5))
@@ -234,14 +234,14 @@ def test_before_is_the_error_of_the_calibration_on_the_readings(tmp_path):
     assert diagnose(folder).heldout["before"] == pytest.approx(before, rel=0.04)
 
 
-def test_two_recordings_of_which_one_lacks_an_effect_say_so(tmp_path):
+def test_a_recording_without_the_effect_of_another_contradicts_it(tmp_path):
     folders = write(tmp_path / "with", relaxing(0.3, 0.8)), write(tmp_path / "without", seed=1)
     (finding,) = diagnose(*folders).findings
     assert finding.recordings == ("with",)
     assert finding.contradicted_by == ("without",)
 
 
-def test_an_insole_of_which_few_triangles_are_calibrated_is_looked_at_there(tmp_path):
+def test_only_calibrated_triangles_are_diagnosed(tmp_path):
     def drift(t_s: Array, counts: Array) -> None:
         counts += 6.0 * np.minimum(t_s / 60.0, 1.0)[:, None]
 
@@ -251,7 +251,7 @@ def test_an_insole_of_which_few_triangles_are_calibrated_is_looked_at_there(tmp_
     assert found.verdict == "explained"
 
 
-def test_a_recording_of_which_no_reading_can_be_used_is_refused(tmp_path):
+def test_a_recording_without_usable_readings_is_refused(tmp_path):
     def silent(t_s: Array, counts: Array) -> None:
         counts[:] = 240.0
 
@@ -259,7 +259,7 @@ def test_a_recording_of_which_no_reading_can_be_used_is_refused(tmp_path):
         diagnose(write(tmp_path / "silent", touch=silent))
 
 
-def test_strong_snaps_between_the_thresholds_of_a_grid_are_snaps_and_nothing_else(tmp_path):
+def test_strong_snaps_between_searched_thresholds_are_snaps_and_nothing_else(tmp_path):
     def snapping(t_s: Array, p: Array) -> Array:
         on, q = False, p.copy()
         for k, value in enumerate(p.tolist()):
@@ -276,8 +276,8 @@ def test_strong_snaps_between_the_thresholds_of_a_grid_are_snaps_and_nothing_els
     assert values["step_pa"] == pytest.approx(60e3, rel=0.1)
 
 
-def test_a_declared_clock_that_is_wrong_beside_a_loop(tmp_path):
-    """The loop is computed from the load: at the wrong times it would be another loop, and a creep beside it."""
+def test_a_wrong_declared_clock_is_corrected_beside_hysteresis(tmp_path):
+    """Hysteresis is computed from the load: at wrong times it would be different, with a creep beside it."""
 
     def late(t_s: Array, p: Array) -> Array:
         return np.interp(t_s - 0.23, t_s, p)
@@ -288,7 +288,7 @@ def test_a_declared_clock_that_is_wrong_beside_a_loop(tmp_path):
     assert clock.parameters["offset_s"].value == pytest.approx(0.23, abs=0.02)
 
 
-def test_a_declared_clock_that_is_seconds_off_is_a_clock_and_nothing_else(tmp_path):
+def test_a_declared_clock_that_is_seconds_off_is_the_only_finding(tmp_path):
     found = diagnose(write(tmp_path / "bag", reference=lambda t_s, p: np.interp(t_s - 3.0, t_s, p)))
     (finding,) = found.findings
     assert finding.effect == "clock"
@@ -297,7 +297,7 @@ def test_a_declared_clock_that_is_seconds_off_is_a_clock_and_nothing_else(tmp_pa
     assert found.heldout["before"] > 5.0 * found.heldout["after"]
 
 
-def test_a_pressure_that_turns_round_sharply_does_not_leap_and_one_that_leaps_does(tmp_path):
+def test_a_sharp_turning_point_of_the_pressure_is_no_leap_and_a_spike_is(tmp_path):
     def zigzag(t_s: Array, p: Array) -> Array:
         return 150e3 * np.abs((t_s / 0.9) % 2.0 - 1.0)  # 167 kPa/s up and down
 

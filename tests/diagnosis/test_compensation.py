@@ -1,4 +1,4 @@
-"""A model by hand, run live and causally over a simulated walk that has its physics."""
+"""A model written by hand, applied causally to a simulated walk with its effects."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ EFFECTS = (
 
 @pytest.fixture(scope="module")
 def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Twelve seconds of walking, the shoe on the frames' clock."""
+    """Return twelve seconds of walking; the shoe has the clock of the frames."""
     folder = tmp_path_factory.mktemp("walks") / "walk"
     exact = InstrumentConditions(offset_s=0.0, rate_ppm=0.0, force_noise_n=0.0, force_drift_n=0.0)
     conditions = Conditions(length_s=12.0, reference=exact)
@@ -39,7 +39,7 @@ def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def model(walk: Path, out: Path, *effects: object) -> Path:
-    """The true curves with `effects`."""
+    """Write the true curves with `effects`."""
     said = json.loads(next(walk.glob("*calibration.json")).read_text())
     said["effects"] = effects_document.document(effects, LAYOUT)  # type: ignore[arg-type]
     out.write_text(json.dumps(said))
@@ -55,14 +55,14 @@ def error_n(walk: Path, made: Path) -> float:
     return float(np.sqrt(np.mean((f_z_n - np.interp(t_s - 0.01, shoe.time_s, shoe["fz_n"])) ** 2)))
 
 
-def test_the_error_of_a_walk_falls(walk: Path, tmp_path: Path) -> None:
+def test_a_model_with_effects_lowers_the_error_of_a_walk(walk: Path, tmp_path: Path) -> None:
     static = error_n(walk, model(walk, tmp_path / "static.json"))
     dynamic = error_n(walk, model(walk, tmp_path / "dynamic.json", *EFFECTS))
     assert static > 60
     assert dynamic < 0.2 * static
 
 
-def test_it_is_what_loading_gives_and_stamps_what_is_late(walk: Path, tmp_path: Path) -> None:
+def test_force_equals_that_of_the_daemon_and_delayed_values_have_earlier_stamps(walk: Path, tmp_path: Path) -> None:
     made = model(walk, tmp_path / "model.json", *EFFECTS)
     plain = insole_daemon.load(walk)["left"]
     t_s, _ = of_walk(made, walk)["left"]
@@ -75,7 +75,7 @@ def test_it_is_what_loading_gives_and_stamps_what_is_late(walk: Path, tmp_path: 
     np.testing.assert_allclose(found.f_z_n, of_walk(next(own.glob("*calibration.json")), own)["left"][1])
 
 
-def test_feet_that_the_model_is_not_of_are_left_out(walk: Path, tmp_path: Path) -> None:
+def test_a_foot_without_model_is_left_out(walk: Path, tmp_path: Path) -> None:
     made = model(walk, tmp_path / "model.json")
     made.write_text(made.read_text().replace('"left"', '"right"'))
     assert of_walk(made, walk) == {}

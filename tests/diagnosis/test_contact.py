@@ -1,4 +1,4 @@
-"""Which readings show that a triangle has lost contact."""
+"""Detection of triangles that lost contact."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ OPEN_LINE = np.array([0, 0, 0, 0, 0, 0, 250, 0, 0, 255, 250, 0], np.uint8)  # th
 
 
 def walk(n_cycles: int) -> tuple[np.ndarray, np.ndarray]:
-    """Returns (n,) s and (n, 2, 12) counts of two triangles that are pressed once a second."""
+    """Return (n,) s and (n, 2, 12) counts of two triangles that are pressed once a second."""
     t_s = PERIOD_S * np.arange(n_cycles)
     pressed = 90.0 * np.clip(np.sin(2 * np.pi * t_s / STEP_S), 0.0, None)
     counts = np.repeat((250.0 - pressed)[:, None, None], 24, axis=1).reshape(n_cycles, 2, 12)
@@ -21,7 +21,7 @@ def walk(n_cycles: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def opened(t_s: np.ndarray, counts: np.ndarray) -> list[int]:
-    """Returns the triangles that are open, of readings whose status is good but for those at both ends."""
+    """Return the triangles that are open, of readings whose status is good but for those at both ends."""
     at_ends = contact.at_both_ends(counts)
     silent = np.repeat(at_ends[..., None], 12, axis=2) & PRESSURE_TAXELS
     return contact.opened(silent, at_ends, t_s)
@@ -49,7 +49,7 @@ def test_a_load_beyond_the_range_of_all_taxels_is_no_open_triangle():
 
 @pytest.mark.parametrize("steps", [False, True])
 @pytest.mark.parametrize("rate", [1e-5, 2e-4, 1e-3, 1e-2])
-def test_glitches_of_all_taxels_are_no_loose_contact_and_one_beside_them_is(rate, steps):
+def test_glitches_of_all_taxels_are_no_loose_contact_but_a_real_one_is_found(rate, steps):
     rng = np.random.default_rng(3)
     t_s, counts = walk(3000)
     counts = np.tile(counts.reshape(len(t_s), -1), (1, 5)).astype(float) + rng.normal(0.0, 1.0, (len(t_s), 120))

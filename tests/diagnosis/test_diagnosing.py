@@ -1,4 +1,4 @@
-"""What is concealed is found, placed and modelled; what is not there is not found."""
+"""Concealed effects are found, placed and modelled, and nothing else is found."""
 
 import json
 
@@ -26,7 +26,7 @@ def words(diagnosis: Diagnosis) -> list[str]:
 
 
 @pytest.mark.parametrize("clock", ["can", "own"])
-def test_nothing_is_found_where_nothing_is(tmp_path, clock):
+def test_a_null_has_no_finding(tmp_path, clock):
     diagnosis = found(write(tmp_path / "null", clock=clock))
     assert diagnosis.verdict == "no mismatch"
     assert not diagnosis.findings
@@ -51,13 +51,13 @@ def test_a_lag_is_a_lag_beside_a_reference_with_a_clock_of_its_own(tmp_path):
     assert finding.parameters["tau_s"].value == pytest.approx(0.4, rel=0.05)
 
 
-def test_hysteresis_of_another_family_is_hysteresis(tmp_path):
+def test_hysteresis_of_another_law_is_named_hysteresis(tmp_path):
     diagnosis = found(write(tmp_path / "loop", bouc_wen(0.4, 60e3)))
     assert words(diagnosis) == ["hysteresis"]
     assert diagnosis.findings[0].where == Where()
 
 
-def test_strengths_that_scatter_are_no_other_physics(tmp_path):
+def test_strengths_that_vary_between_taxels_are_no_second_effect(tmp_path):
     strength = np.random.default_rng(3).normal(1.0, 0.1, len(LAYOUT) * 12)
     diagnosis = found(write(tmp_path / "solid", relaxing(0.4, 0.8), strength, clock="own"))
     assert words(diagnosis) == ["viscoelasticity"]
@@ -65,7 +65,7 @@ def test_strengths_that_scatter_are_no_other_physics(tmp_path):
     assert diagnosis.heldout["after"] < 1.02 * diagnosis.heldout["floor"] < 0.8 * diagnosis.heldout["before"]
 
 
-def test_a_drift_everywhere_and_a_relaxation_of_one_board_have_each_their_place(tmp_path):
+def test_a_drift_of_all_and_a_relaxation_of_one_board_are_placed_correctly(tmp_path):
     def drift(t_s, counts):
         counts += 6.0 * np.minimum(t_s / 60.0, 1.0)[:, None]
 
@@ -75,7 +75,7 @@ def test_a_drift_everywhere_and_a_relaxation_of_one_board_have_each_their_place(
     assert places == {"viscoelasticity": Where("board", ((6,),)), "drift": Where()}
 
 
-def test_a_board_that_took_its_baselines_anew_beside_memory(tmp_path):
+def test_a_rezero_of_a_board_is_found_beside_memory(tmp_path):
     def anew(t_s, counts):
         counts[np.ix_(t_s >= 41.0, np.repeat(LAYOUT.identities[:, 0] == 6, 12))] += 8.0
 
@@ -87,7 +87,7 @@ def test_a_board_that_took_its_baselines_anew_beside_memory(tmp_path):
     assert rezero.parameters["shift_count"].value == pytest.approx(8.0, abs=0.5)
 
 
-def test_a_board_that_is_read_late_beside_one_that_relaxes(tmp_path):
+def test_a_delay_of_a_board_is_found_beside_a_relaxation_of_another(tmp_path):
     def late(t_s, counts):
         own = np.repeat(LAYOUT.identities[:, 0] == 5, 12)
         later = np.searchsorted(t_s, np.maximum(t_s - 0.12, t_s[0]))
@@ -102,7 +102,7 @@ def test_a_board_that_is_read_late_beside_one_that_relaxes(tmp_path):
     assert delay.parameters["delay_s"].value == pytest.approx(0.12, abs=0.01)
 
 
-def test_what_no_name_fits_is_unknown_with_an_equation(tmp_path):
+def test_an_effect_without_a_law_is_unknown_with_an_equation(tmp_path):
     def stiffer_the_faster(t_s, p):
         return p * (1 + 0.25 * np.tanh(np.abs(np.gradient(p, t_s)) / 40e3))
 
@@ -125,7 +125,7 @@ def test_the_model_predicts_the_counts(tmp_path):
     assert np.sqrt(np.mean(off[:, SLOTS] ** 2)) == pytest.approx(said["heldout"]["after"], rel=0.03)
 
 
-def test_taxels_that_are_not_believed_are_predicted_by_what_is_known_of_them(tmp_path):
+def test_taxels_without_usable_readings_are_predicted_by_their_usual_count(tmp_path):
     def touch(t_s, counts):
         counts[:, 0] = 97.0  # dead
         counts[(t_s > 30) & (t_s < 37), 12:24] = -9.0  # no contact
@@ -144,7 +144,7 @@ def test_taxels_that_are_not_believed_are_predicted_by_what_is_known_of_them(tmp
     assert np.sqrt(np.mean((whole - expected[:500, 12]) ** 2)) < 1.2 * NOISE_COUNT
 
 
-def test_a_board_that_took_its_baselines_anew(tmp_path):
+def test_a_rezero_of_a_board_is_found(tmp_path):
     def touch(t_s, counts):
         counts[np.ix_(t_s > 41.0, np.repeat(LAYOUT.identities[:, 0] == 7, 12))] += 4.0
 
@@ -165,7 +165,7 @@ def test_dead_taxels_are_left_out_and_reported(tmp_path):
     assert finding.where == Where("taxel", ((*LAYOUT.identities[0].tolist(), 3), (board, triangle, 3)))
 
 
-def test_a_triangle_that_is_not_there_costs_no_cycle(tmp_path):
+def test_a_missing_triangle_removes_no_cycle(tmp_path):
     def touch(t_s, counts):
         counts[:, :12] = 0.0
 
@@ -177,7 +177,7 @@ def test_a_triangle_that_is_not_there_costs_no_cycle(tmp_path):
     )
 
 
-def test_a_board_that_is_loud_for_more_than_half_of_the_time_is_told_with_its_times(tmp_path):
+def test_a_burst_of_more_than_half_of_the_time_is_found_with_its_times(tmp_path):
     rng = np.random.default_rng(2)
     board = np.repeat(LAYOUT.identities[:, 0] == 6, 12)
 
@@ -203,7 +203,7 @@ def test_a_taxel_that_leaps_is_left_out(tmp_path):
     )
 
 
-def test_spikes_of_the_reference_are_its_own_fault(tmp_path):
+def test_spikes_of_the_reference_are_a_reference_fault(tmp_path):
     def reference(t_s, p):
         for at in (1500, 3200, 5100):
             p[at : at + 4] += 80e3
@@ -214,7 +214,7 @@ def test_spikes_of_the_reference_are_its_own_fault(tmp_path):
     assert [round(start) for start, _ in finding.when_s] == [15, 32, 51]
 
 
-def test_too_few_cycles_decide_nothing(tmp_path):
+def test_too_few_cycles_are_undecidable(tmp_path):
     folder = write(tmp_path / "short", seconds=14.0)
     with pytest.raises(UndecidableError, match="expected at least 3 cycles"):
         found(folder)
@@ -239,7 +239,7 @@ def test_two_recordings_of_one_insole_share_the_physics(tmp_path):
     assert len(diagnosis.document()["alignment"]) == 2
 
 
-def test_single_taxels_are_told_with_what_is_wrong_of_each_and_nobody_elses(tmp_path):
+def test_single_faulty_taxels_are_found_with_their_own_effect(tmp_path):
     """Beside a memory of the whole insole, which all taxels share."""
 
     def touch(t_s, counts):

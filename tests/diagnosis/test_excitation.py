@@ -1,4 +1,4 @@
-"""What a load has to do before anything is told from it: rise and fall, or stay on steps."""
+"""Loads that are sufficient for a diagnosis: they rise and fall, or are held on steps."""
 
 import numpy as np
 import pytest
@@ -31,6 +31,6 @@ def test_a_slow_ramp_is_neither_step_nor_hold():
     require(np.concatenate([slow] * 3))
 
 
-def test_stairs_that_only_rise_decide_nothing():
+def test_stairs_that_only_rise_are_undecidable():
     with pytest.raises(UndecidableError, match="turns 0 times"):
         require(stairs([0, 1e5, 2e5, 3e5, 4e5, 5e5, 6e5]))

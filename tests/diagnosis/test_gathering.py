@@ -42,7 +42,7 @@ def test_snaps_of_triangles_are_one_finding_with_the_thresholds_of_the_strongest
     assert found.sentence.startswith("triangles ")
 
 
-def test_gains_of_unlike_strength_or_sign_stay_apart() -> None:
+def test_gains_of_different_strength_or_sign_are_not_joined() -> None:
     found = join_places([gain(FIRST, 1.2, 3.0), gain(SECOND, 1.05, 2.0), gain(THIRD, 0.8, 1.0)], SEEN)
     assert [each.where.ids for each in found] == [(FIRST,), (SECOND,), (THIRD,)]
     (joined,) = join_places([gain(FIRST, 1.2, 3.0), gain(SECOND, 1.15, 2.0)], SEEN)

@@ -1,4 +1,4 @@
-"""Operators on whole signals, against the equations they solve."""
+"""Operators on whole signals, compared with the equations that they solve."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ FINE = 20_000
 
 
 @pytest.mark.parametrize("width_pa", [5e3, 60e3, 400e3])
-def test_friction_is_dahls(width_pa):
+def test_friction_solves_dahls_equation(width_pa):
     """Against small steps of dz = (1 − sgn(dx)·z/s)·dx."""
     (found,) = frictions(WAYS_PA[:, None], np.array([width_pa]))
     z, expected = 0.0, [0.0]
@@ -25,7 +25,7 @@ def test_friction_is_dahls(width_pa):
 
 
 @pytest.mark.parametrize("scale_pa", [15e3, 40e3, 1e9])
-def test_activated_flow_is_eyrings(scale_pa):
+def test_activated_flow_solves_eyrings_equation(scale_pa):
     """Against small steps of τ·dz/dt = s·sinh((x − z)/s)."""
     step_s, tau_s, fine = 0.5, 40.0, 20_000
     (found,) = activated(WAYS_PA[:, None], step_s, tau_s, scale_pa).T

@@ -31,7 +31,7 @@ def test_the_verdict_follows_from_the_numbers(
     assert verdict(before, after, 1.0, 1.1, findings=findings, unknown=unknown, undecided=undecided) == expected
 
 
-def test_shares_and_what_alignment_took_sum_to_one() -> None:
+def test_shares_of_findings_and_alignment_sum_to_one() -> None:
     explained, aligned = shares([6.0, 3.0, 0.0], before=4.0, after=1.0)
     assert explained == pytest.approx((0.4, 0.2, 0.0))
     assert aligned == pytest.approx(0.4)
@@ -43,6 +43,6 @@ def test_gains_that_overlap_are_reduced_in_proportion() -> None:
     assert aligned == pytest.approx(0.0)
 
 
-def test_without_a_gain_all_is_alignment() -> None:
+def test_without_findings_the_alignment_has_the_whole_share() -> None:
     assert shares([], before=1.0, after=1.0) == ((), 1.0)
     assert shares([-1.0], before=1.0, after=1.2) == ((0.0,), 1.0)

@@ -1,4 +1,4 @@
-"""`insole diagnose --simulate`: a chamber beside the model's own simulation of its trial."""
+"""`insole diagnose --simulate`: a chamber against the model's own simulation of its trial."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ def late(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write(tmp_path_factory.mktemp("late") / "bag", relaxing(0.2, 1.2))
 
 
-def test_nothing_is_found_where_the_insole_is_as_its_calibration(tmp_path):
+def test_an_insole_that_matches_its_calibration_has_no_finding(tmp_path):
     found = diagnose(write(tmp_path / "bag"), tmp_path / "out")
     assert (found["against"], found["verdict"], found["findings"]) == ("simulation", "no mismatch", [])
     assert (tmp_path / "out" / "simulation" / "recording.yaml").exists()
 
 
-def test_a_memory_that_the_calibration_lacks_is_named_then_simulated_and_nothing_is_left(tmp_path, late):
+def test_a_found_memory_added_to_the_simulation_leaves_no_finding(tmp_path, late):
     found = diagnose(late, tmp_path / "first")
     (named,) = found["findings"]
     assert (named["effect"], named["where"]["scope"]) == ("viscoelasticity", "insole")

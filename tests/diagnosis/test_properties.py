@@ -75,7 +75,7 @@ def recordings(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     ("kind", "variation"),
     cases(["chamber", "walk"], VARIATIONS, {}),
 )
-def test_names_are_the_same_however_it_is_recorded(recordings, tmp_path, kind, variation):
+def test_names_do_not_depend_on_how_the_trial_is_recorded(recordings, tmp_path, kind, variation):
     found = diagnose(varied(recordings[kind], tmp_path / "varied", VARIATIONS[variation]), tmp_path / "out")
     assert words(found) == {"viscoelasticity"}
     (finding,) = found["findings"]
@@ -83,7 +83,7 @@ def test_names_are_the_same_however_it_is_recorded(recordings, tmp_path, kind, v
 
 
 @pytest.mark.parametrize(("kind", "variation"), cases(["null chamber", "null walk"], VARIATIONS, {}))
-def test_nothing_stays_nothing_however_it_is_recorded(recordings, tmp_path, kind, variation):
+def test_a_null_has_no_finding_however_it_is_recorded(recordings, tmp_path, kind, variation):
     found = diagnose(varied(recordings[kind], tmp_path / "varied", VARIATIONS[variation]), tmp_path / "out")
     assert (words(found), found["verdict"]) == (set(), "no mismatch")
 
@@ -110,7 +110,7 @@ def of_loading(read: Array, pressure: Array) -> Array:
 
 
 @pytest.mark.parametrize("protocol", [through_the_middle, of_holds, of_loading])
-def test_a_memory_that_the_calibration_was_made_with_casts_no_shadow_of_static_words(tmp_path, protocol):
+def test_a_memory_in_the_calibration_causes_no_static_finding(tmp_path, protocol):
     folder = chamber.write(tmp_path / "bag", relaxing(0.3, 2.0), seconds=SECONDS)
     calibrate(folder, protocol)
     found = diagnose(folder, tmp_path / "out")
@@ -255,13 +255,13 @@ def rms(folder: Path, model: Path) -> float:
     return float(np.sqrt(np.mean((foot.counts - expected)[inside][:, usable] ** 2)))
 
 
-def test_before_and_after_are_what_the_files_give(both):
+def test_before_and_after_are_the_errors_of_the_written_files(both):
     heldout = json.loads((both / "out" / "diagnosis.json").read_text())["heldout"]
     assert rms(both / "bag", both / "bag" / "calibration.json") == pytest.approx(heldout["before"], rel=0.03)
     assert rms(both / "bag", both / "out" / "model.json") == pytest.approx(heldout["after"], rel=0.03)
 
 
-def test_shares_are_what_the_findings_gain_as_they_enter_in_their_order(both, tmp_path):
+def test_shares_are_the_gains_of_findings_in_their_order(both, tmp_path):
     found = json.loads((both / "out" / "diagnosis.json").read_text())
     model = json.loads((both / "out" / "model.json").read_text())
     own = json.loads((both / "bag" / "calibration.json").read_text())
@@ -303,7 +303,7 @@ def test_shares_sum_to_one_and_the_verdict_follows_from_the_numbers(both, record
 # ---- evidence: nothing rests on readings that another finding takes away
 
 
-def test_a_board_that_is_dead_is_the_only_thing_said_of_it(tmp_path):
+def test_a_dead_board_has_no_other_finding(tmp_path):
     def die(t_s: Array, counts: Array) -> None:
         counts[:, ON_BOARD] = 240.0
 
@@ -312,7 +312,7 @@ def test_a_board_that_is_dead_is_the_only_thing_said_of_it(tmp_path):
     assert words(found) <= NEVER_ANSWERING
 
 
-def test_what_a_burst_of_noise_hides_is_no_further_finding(tmp_path):
+def test_a_burst_of_noise_causes_no_further_finding(tmp_path):
     rng = np.random.default_rng(4)
 
     def burst(t_s: Array, counts: Array) -> None:
@@ -323,7 +323,7 @@ def test_what_a_burst_of_noise_hides_is_no_further_finding(tmp_path):
     assert words(found) == {"noise_burst"}
 
 
-def test_a_memory_is_found_beside_a_board_that_is_dead_and_never_on_it(tmp_path):
+def test_a_memory_is_found_beside_a_dead_board_and_not_on_it(tmp_path):
     dead = np.repeat(LAYOUT.identities[:, 0] == MASKED, 12)
 
     def die(t_s: Array, counts: Array) -> None:

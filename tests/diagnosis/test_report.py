@@ -1,4 +1,4 @@
-"""The page is complete, of one piece, and shows what the files say."""
+"""The report is complete, one file, and has the content of the other files."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def diagnosed(tmp_path_factory) -> Diagnosis:
     return diagnose([insole_daemon.load(folder)], None, lambda text: None)
 
 
-def test_it_loads_nothing_and_every_drawing_is_well_formed(diagnosed):
+def test_the_page_loads_nothing_and_its_drawings_are_well_formed(diagnosed):
     page = html(diagnosed)
     assert not re.search(r'(src|href)="(?!data:)|<script|@import|url\((?!#)', page)  # figures to keep are in the page
     drawings = re.findall(r"<svg.*?</svg>", page, re.DOTALL)
@@ -44,7 +44,7 @@ def test_it_loads_nothing_and_every_drawing_is_well_formed(diagnosed):
     assert len(clips) == len(set(clips))
 
 
-def test_what_the_file_says_stands_on_the_page(diagnosed):
+def test_the_page_has_the_content_of_the_file(diagnosed):
     page = html(diagnosed)
     (finding,) = diagnosed.findings
     assert finding.sentence[1:] in page
@@ -54,14 +54,14 @@ def test_what_the_file_says_stands_on_the_page(diagnosed):
         assert limit["record_instead"] in page
 
 
-def test_it_says_what_to_do_now_and_of_which_insole_it_is(diagnosed):
+def test_the_page_has_remedies_and_the_insole(diagnosed):
     page = html(diagnosed)
     assert "The model beside this page undoes viscoelasticity" in page
     assert "insole validate OTHER-RECORDING --calibration model.json" in page
     assert "left: boards 5, 6, 7; calibration" in page
 
 
-def test_errors_in_counts_stand_beside_kpa_and_n_by_the_calibration(diagnosed):
+def test_errors_in_counts_are_also_in_kpa_and_n(diagnosed):
     page = html(diagnosed)
     (result,) = diagnosed.results
     seen = result.seen
@@ -84,7 +84,7 @@ def test_errors_in_counts_stand_beside_kpa_and_n_by_the_calibration(diagnosed):
     assert "error before and after in kPa" in page
 
 
-def test_every_remedy_is_of_a_word_and_a_command_that_exist():
+def test_every_remedy_has_an_existing_effect_and_command():
     assert REMEDIES.keys() <= MEANINGS.keys()
     assert MEANINGS.keys() - REMEDIES.keys() <= {term.word for term in TERMS}  # physics is in the model
     verbs = {match for each in REMEDIES.values() for match in re.findall(r": insole ([a-z]+)", each)}
@@ -92,14 +92,14 @@ def test_every_remedy_is_of_a_word_and_a_command_that_exist():
     assert verbs <= set(typer.main.get_command(app).commands)
 
 
-def test_a_page_of_a_null_says_that_nothing_was_found(tmp_path):
+def test_the_page_of_a_null_states_no_finding(tmp_path):
     page = html(diagnose([insole_daemon.load(write(tmp_path / "null", seconds=40.0))], None, lambda text: None))
     assert "what is left is noise" in page
     assert "Nothing was found" in page
     assert "What to do now" not in page
 
 
-def test_faults_of_a_kind_are_one_entry_with_every_place(tmp_path):
+def test_faults_of_one_kind_are_one_entry_with_all_places(tmp_path):
     def touch(t_s, counts):
         counts[:, :12] = 0.0
         counts[t_s > 20.0, 12:24] = 0.0  # what fails at another time is another finding

@@ -1,4 +1,4 @@
-"""A walk beside a simulated one of the same trial: who and where the taxels are, nulls, the model, bad input."""
+"""A walk against a simulated one of the same trial: placement, nulls, the model, bad input."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def diagnosed(folder: Path, simulation: Path, out: Path) -> list[dict]:
     return said["findings"]
 
 
-def test_nothing_is_found_where_nothing_is_and_the_model_tells_the_counts(tmp_path, plain):
+def test_a_null_has_no_finding_and_its_model_predicts_the_counts(tmp_path, plain):
     folder, out = walk(tmp_path / "walk"), tmp_path / "out"
     assert [each["sentence"] for each in diagnosed(folder, plain, out)] == []
     told = json.loads((out / "diagnosis.json").read_text())["not_identifiable"]
@@ -59,7 +59,7 @@ def test_nothing_is_found_where_nothing_is_and_the_model_tells_the_counts(tmp_pa
     assert np.sqrt(np.nanmean(left**2)) < 1.2
 
 
-def test_a_map_that_lies_askew(tmp_path, plain):
+def test_a_displaced_map_is_found(tmp_path, plain):
     askew = effect("map_transform", Where(), x_mm=5.0, y_mm=-3.0, rotation_deg=2.0, scale=1.0)
     found, *others = diagnosed(walk(tmp_path / "walk", askew), plain, tmp_path / "out")
     assert found["effect"] == "map_transform"
@@ -71,7 +71,7 @@ def test_a_map_that_lies_askew(tmp_path, plain):
     assert values["scale"] == pytest.approx(1.0, abs=0.02)
 
 
-def test_beyond_the_end_of_a_simulation_the_walk_is_foretold_to_go_on(tmp_path):
+def test_counts_after_the_end_of_a_simulation_are_predicted_by_continuing_the_walk(tmp_path):
     short, folder = walk(tmp_path / "simulation", take=0, seconds=17.2), walk(tmp_path / "walk", seconds=18.0)
     foot = load(folder).feet[0]
     (calibration,) = folder.glob("*calibration*")
@@ -84,7 +84,7 @@ def test_beyond_the_end_of_a_simulation_the_walk_is_foretold_to_go_on(tmp_path):
     assert left < 0.6 * still, (left, still)
 
 
-def test_triangles_that_are_each_other(tmp_path, plain):
+def test_swapped_triangles_are_found(tmp_path, plain):
     out = tmp_path / "out"
     (found,) = diagnosed(walk(tmp_path / "walk", effect("swapped_triangles", Where(), pair=SWAP)), plain, out)
     assert found["effect"] == "swapped_triangles"
@@ -95,7 +95,7 @@ def test_triangles_that_are_each_other(tmp_path, plain):
     assert effect_of_model.where.ids == SWAP
 
 
-def test_what_all_taxels_share_is_named_for_the_whole_insole_and_is_no_map_that_lies_askew(tmp_path, plain):
+def test_an_effect_of_all_taxels_is_placed_on_the_insole_and_is_no_displaced_map(tmp_path, plain):
     folder = walk(tmp_path / "walk", effect("viscoelasticity", Where(), a=0.12, tau_s=0.4))
     (found,) = diagnosed(folder, plain, tmp_path / "out")
     assert found["effect"] == "viscoelasticity"
@@ -104,7 +104,7 @@ def test_what_all_taxels_share_is_named_for_the_whole_insole_and_is_no_map_that_
     assert found["parameters"]["tau_s"]["value"] == pytest.approx(0.4, rel=0.3)
 
 
-def test_straps_press_more_under_them_than_elsewhere(tmp_path, plain):
+def test_a_preload_is_placed_under_the_straps(tmp_path, plain):
     along = LAYOUT.xy_m[..., 0].mean(axis=1)
     p0_pa = 15e3 + 25e3 * np.exp(-(((along - np.median(along)) / 0.06) ** 2))
     places = [Where("triangle", (tuple(identity),)) for identity in LAYOUT.identities.tolist()]
@@ -118,7 +118,7 @@ def test_straps_press_more_under_them_than_elsewhere(tmp_path, plain):
     assert np.abs(np.array(ours) / p0_pa - 1.0).max() < 0.3
 
 
-def test_a_digitiser_that_shifts_by_a_bit_less(tmp_path, plain):
+def test_a_smaller_bit_shift_is_found(tmp_path, plain):
     board = int(LAYOUT.identities[0, 0])
     shifted = effect("bit_shift", Where("board", ((board,),)), shift=2)
     (found,) = diagnosed(walk(tmp_path / "walk", shifted), plain, tmp_path / "out")
@@ -126,20 +126,20 @@ def test_a_digitiser_that_shifts_by_a_bit_less(tmp_path, plain):
     assert found["parameters"]["shift"]["value"] == 2
 
 
-def test_a_board_that_answers_half_as_much_with_the_noise_of_the_others_is_no_shift(tmp_path, plain):
+def test_half_the_gain_with_usual_noise_is_no_bit_shift(tmp_path, plain):
     board = int(LAYOUT.identities[0, 0])
     half = effect("gain", Where("board", ((board,),)), gain=0.5)
     (found,) = diagnosed(walk(tmp_path / "walk", half), plain, tmp_path / "out")
     assert (found["effect"], found["where"]) == ("gain", {"scope": "board", "ids": [[board]]})
 
 
-def test_a_cover_that_spreads_load_further_than_to_the_next_taxels(tmp_path, plain):
+def test_crosstalk_beyond_the_next_taxels_is_found(tmp_path, plain):
     spread = [effect("crosstalk", Where(), k=0.4)] * 4
     (found,) = diagnosed(walk(tmp_path / "walk", *spread), plain, tmp_path / "out")
     assert found["effect"] == "crosstalk"
 
 
-def test_a_simulation_that_covers_a_part_of_the_trial(tmp_path):
+def test_a_simulation_of_a_part_of_the_trial_is_used(tmp_path):
     part = walk(tmp_path / "simulation", take=0, seconds=20.0)
     assert diagnosed(walk(tmp_path / "walk"), part, tmp_path / "out") == []
 

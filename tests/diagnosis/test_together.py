@@ -1,4 +1,4 @@
-"""A chamber and a force shoe of one insole, explained together: what each shows, and what it says of the other."""
+"""A chamber and a force shoe of one insole, diagnosed together: confirmation and contradiction."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def off_n(model: Path, folder: Path) -> float:
     return float(np.sqrt(np.mean((f_z_n - np.interp(t_s, reference.time_s, reference["fz_n"])) ** 2)))
 
 
-def test_what_both_show_is_one_finding_and_what_only_the_walk_can_is_beside_it(tmp_path):
+def test_an_effect_in_chamber_and_walk_is_one_finding_and_one_of_the_walk_alone_another(tmp_path):
     folders = bag(tmp_path, relaxing(0.3, 0.8)), walk(tmp_path, solid, delay_s=0.03)
     found = diagnose(tmp_path / "out", *folders)
     assert found["verdict"] == "explained"
@@ -73,7 +73,7 @@ def test_what_both_show_is_one_finding_and_what_only_the_walk_can_is_beside_it(t
     assert "held out: walk" in report
 
 
-def test_a_walk_that_does_not_have_what_the_chamber_shows_is_named_and_its_model_has_it_not(tmp_path):
+def test_a_walk_that_contradicts_the_chamber_is_named_and_the_model_lacks_the_effect(tmp_path):
     found = diagnose(tmp_path / "out", bag(tmp_path, relaxing(0.3, 0.8)), walk(tmp_path))
     (finding,) = found["findings"]
     assert finding["effect"] == "viscoelasticity"
@@ -82,7 +82,7 @@ def test_a_walk_that_does_not_have_what_the_chamber_shows_is_named_and_its_model
     assert json.loads((tmp_path / "out" / "model.json").read_text())["effects"] == []
 
 
-def test_a_chamber_that_would_show_what_only_the_walk_has_is_named(tmp_path):
+def test_a_chamber_that_contradicts_the_walk_is_named(tmp_path):
     found = diagnose(tmp_path / "out", walk(tmp_path, solid), bag(tmp_path))
     (finding,) = found["findings"]
     assert finding["effect"] == "viscoelasticity"
@@ -90,7 +90,7 @@ def test_a_chamber_that_would_show_what_only_the_walk_has_is_named(tmp_path):
     assert finding["contradicted_by"] == ["bag"]
 
 
-def test_nothing_is_found_where_nothing_is(tmp_path):
+def test_a_null_has_no_finding(tmp_path):
     stands = shoe.write(tmp_path / "stands", seconds=12.0, sensors=SENSORS, stands_s=11.0, clock="own")
     found = diagnose(tmp_path / "out", bag(tmp_path), stands, walk(tmp_path))
     assert [each["sentence"] for each in found["findings"]] == []
@@ -111,7 +111,7 @@ def test_the_model_of_one_recording_is_verified_on_others(tmp_path):
         assert f"verified on {new.name}: {said['before']:.2f} → {said['after']:.2f}" in done.output
 
 
-def test_a_recording_that_the_model_is_made_of_verifies_nothing(tmp_path):
+def test_a_recording_that_the_model_is_made_of_is_refused_for_verification(tmp_path):
     only = bag(tmp_path, relaxing(0.3, 0.8))
     done = CliRunner().invoke(app, ["diagnose", str(only), "--out", str(tmp_path / "out"), "--verify", str(only)])
     assert isinstance(done.exception, DiagnosisError)

@@ -1,4 +1,4 @@
-"""Which terms of a set are left out because they may describe what the set as a whole leaves."""
+"""Terms that are removed because they may describe the residual of the whole set."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def design(tmp_path_factory) -> BlockDesign:
 
 
 def doubtful(design: BlockDesign, drift: float, misfit: float) -> str | None:
-    """Returns the word left out of {memory, drift} where rows have both, and a ripple of 3 Hz that neither describes.
+    """Return the word left out of {memory, drift} where rows have both, and a ripple of 3 Hz that neither describes.
 
     `drift` and `misfit`: root mean square of the drift and of the ripple, in standard deviations of the rows' noise.
     """

@@ -1,4 +1,4 @@
-"""Chambers without a calibration: the curves that fit the recording best stand for one."""
+"""Chambers without a calibration: curves are fitted to the recording."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import insole_daemon
-from insole_daemon.diagnosis.observations.own_curves import turned_round
+from insole_daemon.diagnosis.observations.fitted_curves import invert_curve
 from insole_daemon.diagnosis.pipeline import diagnose
 from insole_daemon.diagnosis.result import Diagnosis
 
@@ -22,7 +22,7 @@ def without_calibration(folder: Path) -> Diagnosis:
     return diagnose([insole_daemon.load(folder)], None, lambda text: None)
 
 
-def test_nothing_is_found_where_nothing_is_and_no_static_word_can_be_told(tmp_path: Path) -> None:
+def test_a_null_has_no_finding_and_no_static_effect_is_identifiable(tmp_path: Path) -> None:
     found = without_calibration(write(tmp_path / "null"))
     assert (found.verdict, found.findings) == ("no mismatch", ())
     assert found.heldout["before"] == pytest.approx(1.08, rel=0.03)  # the noise and its rounding
@@ -31,7 +31,7 @@ def test_nothing_is_found_where_nothing_is_and_no_static_word_can_be_told(tmp_pa
         assert "no calibration" in untold[word]
 
 
-def test_a_memory_is_named_measured_and_its_model_tells_the_load(tmp_path: Path) -> None:
+def test_a_memory_is_named_and_its_model_gives_the_load(tmp_path: Path) -> None:
     found = without_calibration(write(tmp_path / "solid", relaxing(0.3, 0.8)))
     (finding,) = found.findings
     assert (finding.effect, finding.where.scope) == ("viscoelasticity", "insole")
@@ -60,10 +60,10 @@ def test_a_board_that_switches_with_the_load_is_a_snap_with_its_thresholds(tmp_p
     assert finding.parameters["down_pa"].value == pytest.approx(35e3, rel=0.15)
 
 
-def test_a_curve_turned_round_rises_and_says_the_load_again() -> None:
+def test_an_inverted_curve_rises_and_returns_the_load() -> None:
     loads = np.linspace(0.0, 3e5, 200)
     activation = 60.0 * loads / (loads + 4e5)
-    back = turned_round(activation, loads)
+    back = invert_curve(activation, loads)
     assert np.abs(np.polynomial.polynomial.polyval(activation, back) - loads).max() < 1.5e3
     beyond = np.polynomial.polynomial.polyval(np.linspace(-2.0, 1.05 * activation[-1], 400), back)
     assert (np.diff(beyond) > 0).all()

@@ -126,7 +126,7 @@ VARIATIONS: Mapping[str, Change] = {
 
 
 def with_reference(folder: Path, change: Callable[[dict[str, np.ndarray]], None]) -> None:
-    """`change` is given the columns of the reference and changes them in place."""
+    """Apply `change` to the columns of the reference, in place."""
     path = folder / "reference.csv"
     head, *rows = path.read_text().splitlines()
     table = np.array([[float(cell) for cell in row.split(",")] for row in rows])
@@ -136,7 +136,7 @@ def with_reference(folder: Path, change: Callable[[dict[str, np.ndarray]], None]
 
 
 def with_taxels(folder: Path, change: Callable[[dict[str, Any]], None]) -> None:
-    """`change` is given every taxel of the calibration and changes it in place."""
+    """Apply `change` to every taxel of the calibration, in place."""
 
     def each(model: Any) -> Any:
         for taxel in model["taxels"]:

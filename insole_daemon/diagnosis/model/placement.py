@@ -1,4 +1,4 @@
-"""The places that terms are tried at where triangles have rows of their own: insole, boards, triangles, or sets."""
+"""Place terms in a block design: on the insole, on each board or triangle, or on given sets of triangles."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ class Placement:
 
     @property
     def atom(self) -> NDArray[np.intp]:
-        """(p,) of each column."""
+        """Return the atom of each column (p,)."""
         return np.array(self._atom, np.intp)
 
     @property
     def mask(self) -> NDArray[np.bool_]:
-        """(p, T) triangles that each column is at."""
+        """Return the triangles of each column (p, T)."""
         return np.array(self._mask)
 
     def add(self, term: Term, block: TermColumns) -> None:
-        """Candidates of one block, whose columns are the next atoms."""
+        """Add the candidates of one block, whose columns are the next atoms."""
         k = len(block.settings)
         groups = [list(range(k))] if block.joint else [[j] for j in range(k)]
         for where, rows, n_places in self._places(term, block):
@@ -53,7 +53,7 @@ class Placement:
         self._n_atoms += k
 
     def _places(self, term: Term, block: TermColumns) -> Iterator[tuple[Where, NDArray[np.bool_], int]]:
-        if block.places is not None:  # columns say it themselves
+        if block.places is not None:  # each column has a place of its own
             yield Where(), np.empty(0, np.bool_), block.n_searched
             return
         identities = [tuple(identity) for identity in self._seen.layout.identities.tolist()]
@@ -70,13 +70,13 @@ class Placement:
                     yield (Where(scope, (part,)) if depth else Where()), rows, len(parts)
 
     def _of_column(self, triangles: tuple[tuple[int, ...], ...]) -> tuple[Where, NDArray[np.bool_]]:
-        """The place of a column that says it itself."""
+        """Return the place of a column that has one of its own."""
         identities = [tuple(identity) for identity in self._seen.layout.identities.tolist()]
-        return Where("triangle", triangles), np.array([each in triangles for each in identities])
+        return Where("triangle", triangles), np.array([identity in triangles for identity in identities])
 
 
 def place_of(rows: NDArray[np.bool_], seen: WrenchObservation) -> Where:
-    """The coarsest place that is the triangles `rows` (T,)."""
+    """Return the coarsest place that consists of the triangles `rows` (T,)."""
     works = seen.usable.any(axis=1)
     if np.array_equal(rows & works, works):
         return Where()

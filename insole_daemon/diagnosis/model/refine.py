@@ -1,4 +1,4 @@
-"""Non-linear parameters of a selected set, refined one after the other on the same rows."""
+"""Refine the non-linear parameters of a selected set of terms, one after the other, on the same rows."""
 
 from __future__ import annotations
 
@@ -9,18 +9,21 @@ from typing import Generic
 import numpy as np
 
 from ...physics.law import Array
+from ..terms.term import Setting
 from .regression import D
 from .solve import is_possible, solve_shares
 
-FACTORS = (0.55, 0.7, 0.84, 1.19, 1.43, 1.8)  # of a parameter, in the first round; half as far in the next
+FACTORS = (0.55, 0.7, 0.84, 1.19, 1.43, 1.8)  # on a parameter in the first round
 SHIFTS_S = (-2.0, -1.0, -0.5, -0.2, 0.2, 0.5, 1.0, 2.0)  # of the time of an event
 ROUNDS = 4
-EDGE_S = 2.0  # from the ends of a recording, that an event is
+NARROWER = 2.2  # factor by which each round searches a smaller range
+LEAST_IMPROVEMENT = 0.5  # of the gain, in variances of the noise
+EDGE_S = 2.0  # distance of an event from the ends of a recording
 
 
 @dataclass(frozen=True, eq=False)
 class Refined(Generic[D]):
-    """A set with columns of its own."""
+    """A set of terms with refined parameters, and a design of its columns."""
 
     design: D  # of the set's columns and their companions alone
     shares: tuple[Array, ...]
@@ -28,7 +31,7 @@ class Refined(Generic[D]):
 
     @cached_property
     def of_laws(self) -> Refined[D]:
-        """The laws alone, as a model has them: shares without what they leave out beside them."""
+        """Return the laws alone, as the exported model has them: without companions for the misfit of laws."""
         alone = self.design.of_laws()
         return Refined(alone, *solve_shares(alone, alone.candidates))
 
@@ -39,46 +42,72 @@ class Refined(Generic[D]):
         return Refined(alone, *solve_shares(alone, alone.candidates))
 
     def gain_without(self, i: int) -> float:
-        """What the others take away without candidate `i`, their parameters kept."""
+        """Return the gain of the others without candidate `i`, with their parameters kept."""
         return solve_shares(self.design, [c for j, c in enumerate(self.design.candidates) if j != i])[1]
 
 
 def refine(design: D, chosen: tuple[int, ...]) -> Refined[D]:
-    """The set `chosen` of `design` with its non-linear parameters where they explain most."""
-    current = design.subset(chosen)
-    shares, gain = solve_shares(current, current.candidates)
-    width, t_s = 1.0, design.load.observation.t_s
+    """Return the set `chosen` of `design` with the non-linear parameters that maximise its gain.
+
+    In each round every parameter of Term.refine is tried at other values and kept if the gain rises; then parameters at
+    which a regressor was linearised (Term.linear_at) are set to the fitted coefficient.
+    """
+    small = design.subset(chosen)
+    current = Refined(small, *solve_shares(small, small.candidates))
+    width = 1.0
     for _ in range(ROUNDS):
-        for i, candidate in enumerate(current.candidates):
+        for i, candidate in enumerate(current.design.candidates):
             if candidate.term.column is None:
                 continue
             for name in candidate.term.refine:
-                start = float(candidate.settings[0].get(name, 0.0))
-                if not start or np.isnan(start):
-                    continue
-                for value in _values(name, start, width):
-                    setting = {**current.candidates[i].settings[0], name: value}
-                    if name == "t_s" and not t_s[0] + EDGE_S < value < t_s[-1] - EDGE_S:
-                        continue
-                    if setting.get("down_pa", 0.0) > 0.98 * setting.get("up_pa", np.inf):
-                        continue
-                    tried = current.exchanged(i, setting)
-                    own_shares, own_gain = solve_shares(tried, tried.candidates)
-                    if own_gain > gain + 0.5 and is_possible(tried.candidates, own_shares, design.load.is_known):
-                        current, shares, gain = tried, own_shares, own_gain
-        for i, candidate in enumerate(current.candidates):
-            name, share = candidate.term.linear_at, float(shares[i][0])
-            if name and abs(float(candidate.settings[0].get(name, 0.0)) - share) > 1e-3 * abs(share):
-                tried = current.exchanged(i, {**candidate.settings[0], name: share})
-                own_shares, own_gain = solve_shares(tried, tried.candidates)
-                # Where nuisances hold nearly all of it, what is left of a curved column may have the other sign.
-                if float(own_shares[i][0]) * share > 0:
-                    current, shares, gain = tried, own_shares, own_gain
-        width /= 2.2
-    return Refined(current, shares, gain)
+                current = _with_best_value(current, i, name, float(candidate.settings[0].get(name, 0.0)), width)
+        for i in range(len(current.design.candidates)):
+            current = _relinearised(current, i)
+        width /= NARROWER
+    return current
 
 
-def _values(name: str, value: float, width: float) -> list[float]:
+def _with_best_value(current: Refined[D], i: int, name: str, start: float, width: float) -> Refined[D]:
+    """Return the set with the value of one parameter near `start` that has the largest gain, if it is possible."""
+    if not start or np.isnan(start):
+        return current
+    load = current.design.load
+    for value in _values_to_try(name, start, width):
+        setting = {**current.design.candidates[i].settings[0], name: value}
+        if not _is_valid(setting, name, load.observation.t_s):
+            continue
+        tried = _exchanged(current, i, setting)
+        if tried.gain > current.gain + LEAST_IMPROVEMENT and is_possible(
+            tried.design.candidates, tried.shares, load.is_known
+        ):
+            current = tried
+    return current
+
+
+def _is_valid(setting: Setting, name: str, t_s: Array) -> bool:
+    """Return whether an event is within the recording, and a snap switches off below the load that switches it on."""
+    if name == "t_s" and not t_s[0] + EDGE_S < setting[name] < t_s[-1] - EDGE_S:
+        return False
+    return not setting.get("down_pa", 0.0) > 0.98 * setting.get("up_pa", np.inf)
+
+
+def _relinearised(current: Refined[D], i: int) -> Refined[D]:
+    """Return the set with the regressor of candidate `i` linearised at its fitted coefficient, if its sign stays."""
+    candidate, share = current.design.candidates[i], float(current.shares[i][0])
+    name = candidate.term.linear_at
+    if not (name and abs(float(candidate.settings[0].get(name, 0.0)) - share) > 1e-3 * abs(share)):
+        return current
+    tried = _exchanged(current, i, {**candidate.settings[0], name: share})
+    # If nuisance columns explain nearly all of a regressor, the coefficient of the rest may have the other sign.
+    return tried if float(tried.shares[i][0]) * share > 0 else current
+
+
+def _exchanged(current: Refined[D], i: int, setting: Setting) -> Refined[D]:
+    design = current.design.exchanged(i, setting)
+    return Refined(design, *solve_shares(design, design.candidates))
+
+
+def _values_to_try(name: str, value: float, width: float) -> list[float]:
     if name == "t_s":
         return [value + width * shift for shift in SHIFTS_S]
     return [value * factor**width for factor in FACTORS]

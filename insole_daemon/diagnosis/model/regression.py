@@ -1,4 +1,4 @@
-"""What the search needs of the regression of a recording, whatever is known of its load."""
+"""The interface of a recording's regression that the search uses, whether the load is known or only the wrench."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from ..terms.term import Setting, Term
 from .load import LoadEstimate
 
 NOTHING: Mapping[str, float] = {}
-LEAST_SIZE = 0.15  # of a reading's noise, RMS over the taxels it is at: less is no effect worth a name
+LEAST_SIZE = 0.15  # smallest effect: RMS over its taxels, in the noise of a reading
 
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """Seconds by which readings come late, and the time constant of the lag before that."""
+    """Delay of the readings, and time constant of the lag before it, s."""
 
     delay_s: float = 0.0
     lag_s: float = 0.0
@@ -28,59 +28,61 @@ class Timing:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlacedTerm:
-    """One term at one place with one setting (or several joint ones)."""
+    """A candidate: one term at one place with one setting, or several joint ones."""
 
     term: Term
     where: Where
     settings: tuple[Setting, ...]
-    columns: NDArray[np.intp]  # in the design
-    n_places: int  # how many places of this scope were searched
-    companions: NDArray[np.intp]  # columns of the static part that a calibration may have absorbed
-    is_recalibration: bool = False  # nuisances hold the same within their priors
-    in_means: float = 1.0  # of its mean square over taxels, that rows which are means of triangles show
+    columns: NDArray[np.intp]  # numbers in the design
+    n_places: int  # searched places of this scope
+    companions: NDArray[np.intp]  # columns of static terms that a calibration may have absorbed
+    is_recalibration: bool = False  # within their priors, nuisance columns explain the same
+    in_means: float = 1.0  # ratio of its mean square in triangle means to that over taxels
     companion_words: tuple[str, ...] = ()
-    companion_std: tuple[float, ...] = ()  # of their shares, for a share of 1 of the term
+    companion_std: tuple[float, ...] = ()  # prior of their coefficients, per coefficient of the term
 
     @property
     def word(self) -> str:
-        """Of its term."""
+        """Return the effect word of the term."""
         return self.term.word
 
     def of_law(self) -> PlacedTerm:
-        """The columns of its law, of those of the whole family."""
-        own = [k for k, setting in enumerate(self.settings) if self.term.is_in_law(setting)]
-        return replace(self, settings=tuple(self.settings[k] for k in own), columns=self.columns[own])
+        """Return the candidate with the columns of its law only."""
+        law_settings = [k for k, setting in enumerate(self.settings) if self.term.is_in_law(setting)]
+        return replace(self, settings=tuple(self.settings[k] for k in law_settings), columns=self.columns[law_settings])
 
     def without(self, words: Collection[str]) -> PlacedTerm:
-        """The same without companions of these `words`."""
+        """Return the candidate without companions of these `words`."""
         kept = [i for i, word in enumerate(self.companion_words) if word not in words]
         return replace(
-            self, companions=self.companions[kept],
-            companion_words=tuple(self.companion_words[i] for i in kept),
+            self, companions=self.companions[kept], companion_words=tuple(self.companion_words[i] for i in kept),
             companion_std=tuple(self.companion_std[i] for i in kept),
         )  # fmt: skip
 
 
 class Gram(Protocol):
-    """(p, p) inner products, indexed as an array is."""
+    """Inner products (p, p), indexed as an array."""
 
     def __getitem__(self, index: Any, /) -> Any:
-        """Those of rows and columns."""
+        """Return the inner products of rows and columns."""
 
     def diagonal(self) -> Array:
-        """(p,)"""
+        """Return the diagonal (p,)."""
 
 
 class Regression(Protocol):
-    """Candidates and their inner products, nuisances projected out: y the static model's residual, p columns."""
+    """Candidates and inner products of their p columns with nuisance columns projected out.
+
+    y is the residual of the static model.
+    """
 
     @property
     def load(self) -> LoadEstimate:
-        """What the columns were made of."""
+        """The load of which the regressors are computed."""
 
     @property
     def weights(self) -> Array:
-        """(N, c) one over the standard deviation of a row in each of c channels; 0: unknown."""
+        """One over the standard deviation of a row (N, c) in each of c channels; 0 if unknown."""
 
     @property
     def candidates(self) -> tuple[PlacedTerm, ...]:
@@ -96,53 +98,55 @@ class Regression(Protocol):
 
     @property
     def total(self) -> float:
-        """Squared sum of y."""
+        """Sum of squares of y."""
 
     @property
     def n_rows(self) -> int:
-        """Rows with a weight, of one channel."""
+        """Number of rows with a weight, in one channel."""
 
     @property
     def least(self) -> Array:
-        """(c,) squared sum, in variances of the noise, of the smallest effect worth a name, of each candidate."""
+        """Gain (c,) of the smallest effect that each candidate may report, in variances of the noise."""
 
     def retimed(self, timing: Timing) -> Self:
-        """Against the reference after `timing`."""
+        """Return the regression on the reference after `timing`."""
 
     def subset(self, chosen: Sequence[int]) -> Self:
-        """With the columns of `chosen` candidates and their companions alone."""
+        """Return the regression with the columns of `chosen` candidates and their companions."""
 
     def exchanged(self, i: int, setting: Setting) -> Self:
-        """With another setting of candidate `i`."""
+        """Return the regression with another setting of candidate `i`."""
 
     def of_laws(self) -> Self:
-        """Without what the laws of its candidates leave out of real materials."""
+        """Return the regression without companions for the misfit of laws."""
 
     def of_families(self) -> Self:
-        """The same, but with all columns of its candidates: a family may have more than the law of a model."""
+        """Return the same, with all columns of its candidates: a family may have more than the law of a model."""
 
 
-def with_companions(every: Sequence[PlacedTerm], rest: Mapping[str, float] = NOTHING) -> tuple[PlacedTerm, ...]:
-    """Terms that a calibration may have absorbed a static part of get the static columns of their place.
+def with_companions(
+    candidates: Sequence[PlacedTerm], of_memories: Mapping[str, float] = NOTHING
+) -> tuple[PlacedTerm, ...]:
+    """Return the candidates with companions: static terms at the same place that a calibration may have absorbed.
 
-    `rest`: what memories have beside what `Term.absorbs` says.
+    `of_memories`: companions of memories beside those of `Term.absorbs`, with their prior standard deviations.
     """
-    static: dict[tuple[Where, str], list[int]] = {}
-    for each in every:
-        static.setdefault((each.where, each.word), each.columns.tolist())
-    found = []
-    for each in every:
-        absorbs = {**rest, **each.term.absorbs} if each.term.is_memory else each.term.absorbs
-        beside = [
+    static_columns: dict[tuple[Where, str], list[int]] = {}
+    for candidate in candidates:
+        static_columns.setdefault((candidate.where, candidate.word), candidate.columns.tolist())
+    with_companion = []
+    for candidate in candidates:
+        absorbs = {**of_memories, **candidate.term.absorbs} if candidate.term.is_memory else candidate.term.absorbs
+        companions = [
             (column, word, std)
             for word, std in absorbs.items()
-            for column in static.get((each.where, word), ())
+            for column in static_columns.get((candidate.where, word), ())
         ]  # fmt: skip
-        columns, words, stds = zip(*beside, strict=True) if beside else ((), (), ())
-        found.append(
-            replace(each, companions=np.array(columns, np.intp), companion_words=words, companion_std=stds)
+        columns, words, stds = zip(*companions, strict=True) if companions else ((), (), ())
+        with_companion.append(
+            replace(candidate, companions=np.array(columns, np.intp), companion_words=words, companion_std=stds)
         )  # fmt: skip
-    return tuple(found)
+    return tuple(with_companion)
 
 
 D = TypeVar("D", bound=Regression)

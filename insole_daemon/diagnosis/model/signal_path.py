@@ -1,7 +1,7 @@
-"""How the terms of a set change the load on its way to the readings.
+"""Changes of the load by the terms of a set along the signal path.
 
-A term acts on what those before it on the signal path have made of the load: with q₀ the reference and Δ the change
-that a term makes, qₖ = qₖ₋₁ + Δₖ[qₖ₋₁] (formats.md, table of effects).
+A term acts on the load as the terms before it on the path have changed it: with q₀ the reference and Δ the change by a
+term, qₖ = qₖ₋₁ + Δₖ[qₖ₋₁] (formats.md, table of effects).
 """
 
 from __future__ import annotations
@@ -15,13 +15,16 @@ from .blocks import BlockDesign
 from .load import KnownLoad, TaxelLoad
 from .regression import PlacedTerm
 
-ACTING_ON_LOAD = range(2, 6)  # places on the signal path: the lag after them is a timing, the static curve ends it
+ACTING_ON_LOAD = range(2, 6)  # places on the signal path before the lag, which is a timing, and the static curve
 
 Changes = tuple[tuple[int, Array], ...]
 
 
 def load_changes(design: BlockDesign, chosen: Sequence[PlacedTerm], shares: Sequence[Array]) -> Changes:
-    """Returns by how much each of `chosen` changes the load, Pa, arrays that broadcast to (N, T, 12), by its order."""
+    """Return the change of the load by each of `chosen`, with its place on the path.
+
+    The changes, in Pa, broadcast to (N, T, 12).
+    """
     known = design.known_load
     load = known if design.seen.is_uniform else TaxelLoad(design.seen, known.changes)
     changes = []
@@ -33,9 +36,10 @@ def load_changes(design: BlockDesign, chosen: Sequence[PlacedTerm], shares: Sequ
 
 
 def pressure_removed(design: BlockDesign, load: KnownLoad, candidate: PlacedTerm, shares: Array) -> Array:
-    """Returns what a candidate takes of the load, Pa: (N, T, 1) of a `KnownLoad`, (N, T, 12) of a `TaxelLoad`.
+    """Return the pressure by which a candidate reduces the load, Pa.
 
-    0 of a term that has no columns by triangle.
+    Its shape is (N, T, 1) for a `KnownLoad`, (N, T, 12) for a `TaxelLoad`. It is 0 for a term without columns by
+    triangle.
     """
     term, settings = candidate.term, candidate.settings
     blocks = term.placed_columns(load) if term.column is None else [term.column_of(load, settings[0])]

@@ -1,6 +1,7 @@
-"""Faults that readings show by themselves and that no word of the vocabulary describes: reported as `unknown`.
+"""Detect faults that have no effect word, from the readings alone; they are reported as `unknown`.
 
-A bit that never changes, and pick-up that all taxels of a triangle have at once (a hum, folded down by the sampling).
+These are a bit of the counts that never changes, and electrical pick-up: a swing that all taxels of a triangle have at
+once, such as hum of the mains aliased by the sampling.
 """
 
 from __future__ import annotations
@@ -12,67 +13,71 @@ from ...physics.law import Array
 from .readings import TriangleReadings
 from .wrench import LARGEST, SMALLEST
 
-N_BITS = 7  # of a count, that can be told: the highest needs more than its range
-SPANNED = 4  # times its weight, that a taxel's counts span where a bit has to change
-LEAST_INSIDE = 100  # readings between the ends of that span
+N_BITS = 7  # lowest bits of a count that can be judged: the highest bit needs more than the range of a count
+LEAST_SPAN = 4  # range of a taxel's counts, in values of the bit, within which the bit has to change
+LEAST_READINGS = 100  # between the ends of that range
 LEAST_TAXELS = 3  # of a triangle
-WINDOW = 8  # readings, less than a step
-CALM = 0.25  # quantile over windows: an edge of the load moves all taxels at once, too
-LEAST_COUNT2 = 0.05  # of noise, counts²: rounding alone
-MOST_TOGETHER, USUAL_TOGETHER = 6.0, 1.5  # of a triangle; of most: independent noise has 1
+WINDOW_READINGS = 8  # shorter than a step
+CALM_QUANTILE = 0.25  # over windows: an edge of the load moves all taxels at once, too
+LEAST_VARIANCE = 0.05  # of noise, counts²: rounding alone
+LEAST_RATIO, MOST_USUAL_RATIO = 6.0, 1.5  # of a triangle with pick-up, and of most triangles; independent noise has 1
 
 
-def stuck_bit(own: TriangleReadings, usable: NDArray[np.bool_]) -> int | None:
-    """The bit that is the same in all readings of a triangle although its counts pass both values; None: there is none.
+def stuck_bit(readings: TriangleReadings, usable: NDArray[np.bool_]) -> int | None:
+    """Return the bit that never changes in a triangle although its counts pass both of its values, or None.
 
-    `usable` (12,): its taxels.
+    `usable` (12,) are the taxels that are judged.
     """
-    as_read = own.as_read
+    as_read = readings.as_read
     for bit in range(N_BITS):
-        weight, agreeing = 1 << bit, 0
+        bit_value, constant_taxels = 1 << bit, 0
         for taxel in np.flatnonzero(usable).tolist():
-            counts = own.counts[as_read[:, taxel], taxel].astype(np.int64)
-            if not len(counts) or np.ptp(counts) < SPANNED * weight:
+            counts = readings.counts[as_read[:, taxel], taxel].astype(np.int64)
+            if not len(counts) or np.ptp(counts) < LEAST_SPAN * bit_value:
                 continue
-            inside = (counts > counts.min() + weight) & (counts < counts.max() - weight)
-            if np.count_nonzero(inside) < LEAST_INSIDE:
+            inside = (counts > counts.min() + bit_value) & (counts < counts.max() - bit_value)
+            if np.count_nonzero(inside) < LEAST_READINGS:
                 continue
             if np.ptp((counts >> bit) & 1):
-                agreeing = 0
+                constant_taxels = 0
                 break
-            agreeing += 1
-        if agreeing >= LEAST_TAXELS:
+            constant_taxels += 1
+        if constant_taxels >= LEAST_TAXELS:
             return bit
     return None
 
 
-def never_has(own: TriangleReadings, usable: NDArray[np.bool_], bit: int) -> bool:
-    """Whether a bit is the same in all readings of a triangle, however far its counts reach."""
-    counts = own.counts[own.as_read & usable].astype(np.int64)
+def is_bit_constant(readings: TriangleReadings, usable: NDArray[np.bool_], bit: int) -> bool:
+    """Return whether a bit is the same in all readings of a triangle, whatever the range of its counts."""
+    counts = readings.counts[readings.as_read & usable].astype(np.int64)
     return bool(len(counts) and not np.ptp((counts >> bit) & 1))
 
 
-def together(own: TriangleReadings, usable: NDArray[np.bool_]) -> float:
-    """Variance of the mean of a triangle's taxels over that of independent ones, of what is fast; NaN: not known."""
-    counts = own.counts[:, usable]
-    room = ((counts > SMALLEST) & (counts < LARGEST)).mean(axis=0) > 0.5
-    n = (len(counts) - 3) // WINDOW
-    if room.sum() < LEAST_TAXELS or n < 4:
-        return np.nan
-    fast = np.diff(counts[:, room], n=3, axis=0)[: n * WINDOW] / np.sqrt(20.0)
-    k = fast.shape[1]
-    mean = fast.mean(axis=1)
-    shared = np.mean(mean.reshape(n, WINDOW) ** 2, axis=1)
-    apart = np.mean((fast - mean[:, None]).reshape(n, -1) ** 2, axis=1) * k / (k - 1)
-    return float(np.quantile(k * shared / np.maximum(apart, LEAST_COUNT2), CALM))
+def common_variance_ratio(readings: TriangleReadings, usable: NDArray[np.bool_]) -> float:
+    """Return the variance of the mean of a triangle's taxels over that of independent taxels; NaN if it is unknown.
 
-
-def pick_up(shares: Array) -> NDArray[np.bool_]:
-    """(T,) triangles whose taxels swing at once, by `shares` (T,) as `together` has them.
-
-    None where the load itself moves most of them so.
+    The variances are of third differences, which contain noise and hardly any load. A low quantile over windows is
+    taken.
     """
-    known = np.isfinite(shares)
-    if not known.any() or float(np.median(shares[known])) > USUAL_TOGETHER:
-        return np.zeros(len(shares), bool)
-    return np.asarray(known & (np.where(known, shares, 0.0) > MOST_TOGETHER))
+    counts = readings.counts[:, usable]
+    in_range = ((counts > SMALLEST) & (counts < LARGEST)).mean(axis=0) > 0.5
+    n_windows = (len(counts) - 3) // WINDOW_READINGS
+    if in_range.sum() < LEAST_TAXELS or n_windows < 4:
+        return np.nan
+    fast = np.diff(counts[:, in_range], n=3, axis=0)[: n_windows * WINDOW_READINGS] / np.sqrt(20.0)
+    n_taxels = fast.shape[1]
+    mean = fast.mean(axis=1)
+    shared = np.mean(mean.reshape(n_windows, WINDOW_READINGS) ** 2, axis=1)
+    independent = np.mean((fast - mean[:, None]).reshape(n_windows, -1) ** 2, axis=1) * n_taxels / (n_taxels - 1)
+    return float(np.quantile(n_taxels * shared / np.maximum(independent, LEAST_VARIANCE), CALM_QUANTILE))
+
+
+def detect_pick_up(ratios: Array) -> NDArray[np.bool_]:
+    """Return the triangles (T,) whose taxels swing at once, by their `ratios` (T,) from `common_variance_ratio`.
+
+    None if most triangles have a high ratio: then the load itself moves the taxels together.
+    """
+    known = np.isfinite(ratios)
+    if not known.any() or float(np.median(ratios[known])) > MOST_USUAL_RATIO:
+        return np.zeros(len(ratios), bool)
+    return np.asarray(known & (np.where(known, ratios, 0.0) > LEAST_RATIO))

@@ -1,8 +1,8 @@
-"""The load that a simulated recording tells, with places: a few courses in time, each with a shape over the insole.
+"""The load field of a simulated recording: courses over time, each with a shape over the insole.
 
-What presses on a sole is a handful of regions whose force changes, so the pressures of all taxels are few courses
-mixed. A simulation's readings have noise of their own; as a regressor it would pass for physics. Keeping the mixtures
-that stand out of white noise takes most of it away without touching time.
+A foot loads the insole in a few regions whose forces change, so the matrix of pressures has a low rank. The readings of
+a simulation have noise, which must not enter regressors; singular vectors that stand out of white noise keep the load
+and lose most of the noise, without any filtering in time.
 """
 
 from __future__ import annotations
@@ -18,20 +18,22 @@ from ...errors import DiagnosisError
 from ...physics.law import Array
 from ...recording.loading import FootRecording, Recording
 from ...skin.geometry import PRESSURE_TAXELS
-from .wrench import FINE_S, LARGEST, SMALLEST, read_rows
+from .grid_readings import read_rows
+from .reference_wrench import FINE_S
+from .wrench import LARGEST, SMALLEST
 
-EDGE = 1.03  # times the largest singular value of white noise
+NOISE_EDGE = 1.03  # factor on the largest singular value of white noise
 MOST_COURSES = 40
-MOST_BARE = 0.2  # of the taxels, that a simulation may know nothing of
-SAME_PLACE_M = 1e-6
-LENGTHS_M = np.geomspace(0.006, 0.05, 8)  # of the interpolation
+MOST_UNKNOWN = 0.2  # share of the taxels whose load the simulation may lack
+PLACE_TOLERANCE_M = 1e-6
+LENGTHS_M = np.geomspace(0.006, 0.05, 8)  # of the covariance of the Gaussian process
 NUGGETS = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1)
-CENTRE = 3  # the taxel in the middle of a triangle
+CENTRE_TAXEL = 3  # in the middle of a triangle
 
 
 @dataclass(frozen=True, slots=True)
 class Move:
-    """Where the insole lies against its map: millimetres forward and to the left, degrees, logarithm of its scale."""
+    """Displacement of the insole against its map: mm forward and to the left, degrees, logarithm of its scale."""
 
     x_mm: float = 0.0
     y_mm: float = 0.0
@@ -39,66 +41,66 @@ class Move:
     log_scale: float = 0.0
 
     def further(self, x_mm: float, y_mm: float, rotation_deg: float, scale: float) -> Move:
-        """By as much more."""
+        """Return the displacement moved by as much more."""
         return Move(
             self.x_mm + x_mm, self.y_mm + y_mm, self.rotation_deg + rotation_deg, self.log_scale + float(np.log(scale))
         )
 
     @property
     def parameters(self) -> dict[str, float]:
-        """As the law `map_transform` has them."""
+        """Return the parameters of the law `map_transform`."""
         return {
             "x_mm": self.x_mm, "y_mm": self.y_mm, "rotation_deg": self.rotation_deg,
             "scale": float(np.exp(self.log_scale)),
         }  # fmt: skip
 
     def places_m(self, xy_m: Array) -> Array:
-        """(T, 12, 2) where taxels are that are believed to be at `xy_m`; the law `map_transform`."""
-        pivot = xy_m[:, CENTRE].mean(axis=0)
+        """Return the places (T, 12, 2), m, of taxels that are at `xy_m` by the map; the law `map_transform`."""
+        pivot = xy_m[:, CENTRE_TAXEL].mean(axis=0)
         angle = np.deg2rad(self.rotation_deg)
-        turn = np.exp(self.log_scale) * np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-        return np.asarray((xy_m - pivot) @ turn.T + pivot + np.array([self.x_mm, self.y_mm]) * 1e-3)
+        rotation = np.exp(self.log_scale) * np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        return np.asarray((xy_m - pivot) @ rotation.T + pivot + np.array([self.x_mm, self.y_mm]) * 1e-3)
 
 
 @dataclass(frozen=True, eq=False)
 class LoadField:
-    """Pressure on taxels: `courses` (M, r) every FINE_S of the simulation's clock, times `shapes` (T, 12, r), Pa.
+    """Pressure on taxels, Pa: `courses` (M, r) every FINE_S of the simulation's clock, times `shapes` (T, 12, r).
 
-    Its times count from its first row.
+    Times count from the first row of the simulation.
     """
 
     courses: Array
     shapes: Array
-    known: NDArray[np.bool_]  # (T, 12) taxels that the simulation tells; others are interpolated
-    spoiled: NDArray[np.bool_]  # (M, T) where a simulated reading is at the end of its range
-    noise_pa: Array  # (T, 12) standard deviation that noise of the simulation leaves
-    period_s: float  # between two of its readings
+    known: NDArray[np.bool_]  # (T, 12) taxels whose load the simulation has; that of others is interpolated
+    spoiled: NDArray[np.bool_]  # (M, T) where a simulated reading is at an end of its range
+    noise_pa: Array  # (T, 12) standard deviation of what is left of the simulation's noise
+    period_s: float  # between two readings of the simulation
     xy_m: Array  # (T, 12, 2)
 
     def at(self, at_s: Array) -> Array:
-        """(n, T, 12) Pa at times (n,) of its clock."""
+        """Return the pressure (n, T, 12), Pa, at times (n,) of the simulation's clock."""
         position = np.clip(at_s / FINE_S, 0, len(self.courses) - 1.001)
-        left = position.astype(np.intp)
-        share = (position - left)[:, None]
-        courses = self.courses[left] * (1 - share) + self.courses[left + 1] * share
+        row = position.astype(np.intp)
+        fraction = (position - row)[:, None]
+        courses = self.courses[row] * (1 - fraction) + self.courses[row + 1] * fraction
         flat = courses @ self.shapes.reshape(-1, self.shapes.shape[-1]).T
         return np.asarray(flat.reshape(len(at_s), *self.shapes.shape[:2]))
 
     def felt_at(self, places_m: Array) -> LoadField:
-        """As felt by taxels that are at `places_m` (T, 12, 2)."""
-        if np.allclose(places_m, self.xy_m, atol=SAME_PLACE_M):
+        """Return the field for taxels that are at `places_m` (T, 12, 2)."""
+        if np.allclose(places_m, self.xy_m, atol=PLACE_TOLERANCE_M):
             return self
         return replace(self, shapes=self.shapes + self.between(places_m) - self.between(self.xy_m))
 
     def moved(self, move: Move, rows: NDArray[np.intp]) -> LoadField:
-        """As felt by an insole that lies at `move`, its triangles in the places of the triangles `rows` (T,)."""
+        """Return the field for an insole displaced by `move`, with triangles in the places of `rows` (T,)."""
         if move == Move() and np.array_equal(rows, np.arange(len(rows))):
             return self
         felt = self.felt_at(move.places_m(self.xy_m))
         return replace(felt, shapes=felt.shapes[rows], known=self.known[rows])
 
     def between(self, places_m: Array) -> Array:
-        """(T, 12, r) shapes at `places_m` (T, 12, 2), by Gaussian processes through what is known."""
+        """Return the shapes (T, 12, r) at `places_m` (T, 12, 2), interpolated by Gaussian processes."""
         return self._process.shapes(places_m.reshape(-1, 2)).reshape(*places_m.shape[:2], -1)
 
     @cached_property
@@ -107,95 +109,106 @@ class LoadField:
 
 
 class GaussianProcess:
-    """The load between the taxels that a simulation knows: of each shape the mean of all fields that go with it.
+    """Interpolates shapes of the load between the taxels that a simulation has: posterior mean of a Gaussian process.
 
-    Its length and what of it is noise maximise the marginal likelihood (Rasmussen & Williams 2006, section 5.4).
+    Length scale and noise share of each shape maximise the marginal likelihood (Rasmussen & Williams 2006, section
+    5.4).
     """
 
     def __init__(self, xy_m: Array, shapes: Array) -> None:
         self._xy_m = xy_m
-        k, r = shapes.shape
-        square = np.sum((xy_m[:, None] - xy_m) ** 2, axis=-1)
-        best = np.full(r, -np.inf)
-        self._length_m, self._weights = np.empty(r), np.empty((k, r))
+        n_taxels, n_shapes = shapes.shape
+        square_distance = np.sum((xy_m[:, None] - xy_m) ** 2, axis=-1)
+        best = np.full(n_shapes, -np.inf)
+        self._length_m, self._weights = np.empty(n_shapes), np.empty((n_taxels, n_shapes))
         for length in LENGTHS_M:
-            value, vector = np.linalg.eigh(np.exp(-0.5 * square / length**2))
-            turned = vector.T @ shapes
+            eigenvalues, eigenvectors = np.linalg.eigh(np.exp(-0.5 * square_distance / length**2))
+            projected = eigenvectors.T @ shapes
             for nugget in NUGGETS:
-                inverse = 1.0 / (np.maximum(value, 0.0) + nugget)
-                power = np.maximum(np.sum(turned**2 * inverse[:, None], axis=0), 1e-300)
-                likelihood = np.sum(np.log(inverse)) - k * np.log(power)
+                inverse = 1.0 / (np.maximum(eigenvalues, 0.0) + nugget)
+                power = np.maximum(np.sum(projected**2 * inverse[:, None], axis=0), 1e-300)
+                likelihood = np.sum(np.log(inverse)) - n_taxels * np.log(power)
                 better = likelihood > best
                 best[better], self._length_m[better] = likelihood[better], length
-                self._weights[:, better] = vector @ (inverse[:, None] * turned[:, better])
+                self._weights[:, better] = eigenvectors @ (inverse[:, None] * projected[:, better])
 
     def shapes(self, xy_m: Array) -> Array:
-        """(m, r) at the places (m, 2)."""
-        square = np.sum((xy_m[:, None] - self._xy_m) ** 2, axis=-1)
-        found = np.empty((len(xy_m), self._weights.shape[1]))
+        """Return the shapes (m, r) at the places `xy_m` (m, 2)."""
+        square_distance = np.sum((xy_m[:, None] - self._xy_m) ** 2, axis=-1)
+        shapes = np.empty((len(xy_m), self._weights.shape[1]))
         for length in np.unique(self._length_m):
-            which = self._length_m == length
-            found[:, which] = np.exp(-0.5 * square / length**2) @ self._weights[:, which]
-        return found
+            has_length = self._length_m == length
+            shapes[:, has_length] = np.exp(-0.5 * square_distance / length**2) @ self._weights[:, has_length]
+        return shapes
 
 
 def same_foot(simulation: Recording, foot: FootRecording) -> FootRecording:
-    """The foot of the simulation that `foot` is compared with; DiagnosisError where it is another insole."""
-    same = next((each for each in simulation.feet if each.foot == foot.foot), None)
-    if same is None:
+    """Return the foot of the simulation that is compared with `foot`; DiagnosisError if it is of another insole."""
+    simulated = next((own for own in simulation.feet if own.foot == foot.foot), None)
+    if simulated is None:
         raise DiagnosisError(
             f"{simulation.folder}: expected a simulation of the {foot.foot} foot, found the "
-            f"{' and the '.join(each.foot for each in simulation.feet)}: simulate the insole that was recorded"
+            f"{' and the '.join(own.foot for own in simulation.feet)}: simulate the insole that was recorded"
         )
-    if not np.array_equal(same.layout.identities, foot.layout.identities) or not np.allclose(
-        same.layout.xy_m, foot.layout.xy_m, atol=SAME_PLACE_M
+    if not np.array_equal(simulated.layout.identities, foot.layout.identities) or not np.allclose(
+        simulated.layout.xy_m, foot.layout.xy_m, atol=PLACE_TOLERANCE_M
     ):
         raise DiagnosisError(
             f"{simulation.folder}: expected a simulation with the layout of the recording, found another: simulate the "
             "insole that was recorded, with the map it is believed to have"
         )
-    if same.calibration is None:
+    if simulated.calibration is None:
         raise DiagnosisError(f"{simulation.folder}: expected a calibration, which tells the load of its counts")
-    if same.calibration.effects:
-        words = ", ".join(each.law.word for each in same.calibration.effects)
+    if simulated.calibration.effects:
+        words = ", ".join(effect.law.word for effect in simulated.calibration.effects)
         raise DiagnosisError(f"{simulation.folder}: its calibration has effects ({words}), expected a static one")
-    return same
+    return simulated
 
 
 def load_field(simulation: Recording, foot: FootRecording) -> LoadField:
-    """The load that `simulation` tells; DiagnosisError as `same_foot`, and where it knows too few taxels."""
-    same = same_foot(simulation, foot)
-    calibration = same.calibration
+    """Return the load of `simulation`.
+
+    Raises DiagnosisError as `same_foot`, and if it lacks the load of too many taxels.
+    """
+    simulated = same_foot(simulation, foot)
+    calibration = simulated.calibration
     assert calibration is not None
-    rows = read_rows(simulation, same, calibration, np.median)
-    there = PRESSURE_TAXELS & np.ones_like(rows.usable)
-    if rows.usable.sum() < (1 - MOST_BARE) * there.sum():
+    rows = read_rows(simulation, simulated, calibration, np.median)
+    is_pressure_taxel = PRESSURE_TAXELS & np.ones_like(rows.usable)
+    n_usable, n_pressure = int(rows.usable.sum()), int(is_pressure_taxel.sum())
+    if n_usable < (1 - MOST_UNKNOWN) * n_pressure:
         raise DiagnosisError(
-            f"{simulation.folder}: it knows the load of {int(rows.usable.sum())} taxels of {int(there.sum())}, "
-            f"expected at least {1 - MOST_BARE:.0%} of them: its calibration lists too few, or their readings are not "
-            "valid"
+            f"{simulation.folder}: it knows the load of {n_usable} taxels of {n_pressure}, "
+            f"expected at least {1 - MOST_UNKNOWN:.0%} of them: its calibration lists too few, or their readings "
+            "are not valid"
         )
     coefficients = np.where(rows.usable, np.moveaxis(calibration.coefficients_pa, -1, 0), 0.0)
-    pressure = np.polynomial.polynomial.polyval(rows.activation_count, coefficients, tensor=False)[:, rows.usable]
-    middle = np.sqrt(np.mean(rows.activation_count**2, axis=0))
-    half = [np.polynomial.polynomial.polyval(middle + side, coefficients, tensor=False) for side in (0.5, -0.5)]
-    noise_pa = rows.noise_count * np.maximum(half[0] - half[1], 1.0)
-    scale = noise_pa[rows.usable]
-    left, size, right = np.linalg.svd(pressure / scale, full_matrices=False)
-    n, m = pressure.shape
-    r = int(np.clip(np.count_nonzero(size > EDGE * (np.sqrt(n) + np.sqrt(m))), 1, MOST_COURSES))
-    courses = CubicSpline(rows.t_s, left[:, :r] * np.sqrt(n))(np.arange(rows.t_s[0], rows.t_s[-1], FINE_S))
-    shapes = np.zeros((*rows.usable.shape, r))
-    shapes[rows.usable] = right[:r].T * size[:r] / np.sqrt(n) * scale[:, None]
+    pressure_pa = np.polynomial.polynomial.polyval(rows.activation_count, coefficients, tensor=False)[:, rows.usable]
+    rms_count = np.sqrt(np.mean(rows.activation_count**2, axis=0))
+    half_count_pa = [
+        np.polynomial.polynomial.polyval(rms_count + side, coefficients, tensor=False) for side in (0.5, -0.5)
+    ]
+    noise_pa = rows.noise_count * np.maximum(half_count_pa[0] - half_count_pa[1], 1.0)
+    noise_scale_pa = noise_pa[rows.usable]
+    time_vectors, singular, taxel_vectors = np.linalg.svd(pressure_pa / noise_scale_pa, full_matrices=False)
+    n_rows, n_taxels = pressure_pa.shape
+    rank = int(
+        np.clip(np.count_nonzero(singular > NOISE_EDGE * (np.sqrt(n_rows) + np.sqrt(n_taxels))), 1, MOST_COURSES)
+    )
+    courses = CubicSpline(rows.t_s, time_vectors[:, :rank] * np.sqrt(n_rows))(
+        np.arange(rows.t_s[0], rows.t_s[-1], FINE_S)
+    )
+    shapes = np.zeros((*rows.usable.shape, rank))
+    shapes[rows.usable] = taxel_vectors[:rank].T * singular[:rank] / np.sqrt(n_rows) * noise_scale_pa[:, None]
     counts = calibration.baseline_count - rows.activation_count
     cut_off = ((counts > LARGEST) & (calibration.baseline_count < LARGEST)) | (counts < SMALLEST)
     spoiled = np.asarray((cut_off & rows.usable).any(axis=2))
-    nearest = np.clip(np.rint(np.arange(len(courses)) * FINE_S / float(rows.t_s[1] - rows.t_s[0])), 0, n - 1)
-    found = LoadField(
-        courses, shapes, rows.usable, spoiled[nearest.astype(np.intp)], noise_pa * np.sqrt(r / m),
-        float(np.median(rows.period_s[np.isfinite(rows.period_s)])), same.layout.xy_m,
+    nearest_row = np.clip(np.rint(np.arange(len(courses)) * FINE_S / float(rows.t_s[1] - rows.t_s[0])), 0, n_rows - 1)
+    field = LoadField(
+        courses, shapes, rows.usable, spoiled[nearest_row.astype(np.intp)], noise_pa * np.sqrt(rank / n_taxels),
+        float(np.median(rows.period_s[np.isfinite(rows.period_s)])), simulated.layout.xy_m,
     )  # fmt: skip
-    bare = there & ~rows.usable
-    if bare.any():
-        shapes[bare] = found.between(found.xy_m)[bare]
-    return found
+    is_unknown = is_pressure_taxel & ~rows.usable
+    if is_unknown.any():
+        shapes[is_unknown] = field.between(field.xy_m)[is_unknown]
+    return field

@@ -1,7 +1,7 @@
-"""A recording beside a simulated one of the same trial: the load of every taxel is what simulated counts say.
+"""Observe a recording against a simulated one of the same trial, whose counts give the load of every taxel.
 
 Rows are the triangles' mean pressures, as in a chamber. The clock between both is found by the edges that all boards
-see; the simulation may cover a part of the trial, and what it does not tell is not known.
+have. The simulation may cover a part of the trial; the load outside it is unknown.
 """
 
 from __future__ import annotations
@@ -20,232 +20,255 @@ from ...physics.calibration import Calibration
 from ...physics.law import Array
 from ...recording.loading import FootRecording, Recording
 from ..operators import low_pass
-from .alignment import SHARPER, SURE, late_parts
-from .chamber import LEAST_TOLD, ChamberObservation
+from .alignment import CLEARLY_LESS, GOOD_FIT, memory_regressors
+from .chamber import LEAST_COVERED, ChamberObservation
+from .grid_readings import read_rows, temperature_at
 from .load_field import LoadField, Move, load_field
-from .wrench import (
-    CHANNELS,
-    CLEAR,
-    FINE_S,
-    TEMPERATURE,
-    UNRESOLVED,
-    ReferenceWrench,
-    foretold,
-    read_rows,
-    row_times,
-)  # fmt: skip
+from .reference_wrench import FINE_S, ReferenceWrench
+from .wrench import BETWEEN_ROWS, CHANNELS, CLEAR, cubic_error
 
-START_S = 20.0  # by which both may begin apart, beside what one is longer than the other
-ALIKE_S = 0.5  # some of a step
-UNIFORM = 0.15  # of the load's range, between taxels: a simulated chamber differs by less
+MOST_START_S = 20.0  # between the starts of both recordings, beside the difference of their lengths
+MATCH_S = 0.5  # of the readings by which a stretch is matched: a part of a step
+MOST_UNEVEN = 0.15  # of the load's range, between taxels: in a simulated chamber they differ by less
 
 
 @dataclass(frozen=True, eq=False)
 class PairedObservation(ChamberObservation):
-    """One foot beside the simulation of its trial; `reference` has the mean load of each of the T triangles."""
+    """One foot against the simulation of its trial; `reference` is the mean load of each of the T triangles, Pa."""
 
     field: LoadField | None = None
 
     @cached_property
     def is_uniform(self) -> bool:  # type: ignore[override]
-        """Whether all taxels bear the same load, as in a simulated chamber."""
+        """Return whether all taxels bear the same load, as in a simulated chamber."""
         load = self.load_pa(self.reference_s)[:, self.usable]
         mean = load.mean(axis=1, keepdims=True)
         loaded = mean[:, 0] > 0.5 * float(mean.max())
-        return bool(np.median(np.abs(load - mean)[loaded]) < UNIFORM * np.ptp(mean))
+        return bool(np.median(np.abs(load - mean)[loaded]) < MOST_UNEVEN * np.ptp(mean))
 
     @property
     def least_lag_s(self) -> float:
-        """As long as two readings of either are apart: the course between them is a guess on both sides."""
+        """Return the shortest lag that can be identified: the longer period of readings and simulation.
+
+        Between two readings the load is interpolated on both sides.
+        """
         assert self.field is not None
         return max(float(np.median(self.period_s[np.isfinite(self.period_s)])), self.field.period_s)
 
     def load_pa(self, at_s: Array) -> Array:
-        """(n, T, 12) pressure on the taxels at times (n,) of the simulation's clock, as far apart as rows are."""
+        """Return the pressure (n, T, 12), Pa, at times (n,) of the simulation's clock, spaced as the rows are."""
         assert self.field is not None
-        found = self.field.at(at_s)
+        pressure_pa = self.field.at(at_s)
         if not self.lag_s:
-            return found
-        return low_pass(found.reshape(len(found), -1), self.step_s, self.lag_s).reshape(found.shape)
+            return pressure_pa
+        return low_pass(pressure_pa.reshape(len(pressure_pa), -1), self.step_s, self.lag_s).reshape(pressure_pa.shape)
 
     def load_less(self, moved_pa: Array, apart_pa: Array | float = 0.0) -> Array:
-        """(N, T, 12) load of every taxel at its rows, less what its triangle is moved by (N, T), and what it is itself.
+        """Return the load (N, T, 12) of every taxel, Pa, less the change of its triangle `moved_pa` (N, T) and its own.
 
-        `apart_pa` (N, T, 12): by which taxels are moved more than their triangle.
+        `apart_pa` (N, T, 12) is the change of a taxel beyond that of its triangle.
         """
         return np.asarray(self.load_pa(self.reference_s) - moved_pa[:, :, None] - apart_pa)
 
     @cached_property
     def expected_count(self) -> Array:
-        """(N, T, 12) activation by the static curves under the simulated load."""
+        """Return the activation (N, T, 12) in counts that the static curves have under the simulated load."""
         return self.activation_at(self.load_pa(self.reference_s))
 
     @cached_property
     def weight_variance(self) -> Array:
-        """(N, T) as in a chamber, and what is not known of edges between two readings."""
+        """Return the variance (N, T) of a row, Pa²: as in a chamber, plus the error of interpolation at edges."""
         assert self.field is not None
-        found = super().weight_variance
-        course = self.reference.at(self.reference_s)
+        variance = super().weight_variance
+        load_pa = self.reference.at(self.reference_s)
         period_s = max(float(np.median(self.period_s[np.isfinite(self.period_s)])), self.field.period_s)
-        error = np.abs(foretold(course, self.step_s, period_s))
-        error = np.maximum(error - CLEAR * np.sqrt(self.counting_variance[..., 0] + self.reference.noise**2), 0.0)
-        found = found + (UNRESOLVED * maximum_filter1d(error, 3, axis=0)) ** 2
-        nearest = np.clip(np.rint(self.reference_s / FINE_S), 0, len(self.field.spoiled) - 1).astype(np.intp)
-        return np.where(self.field.spoiled[nearest], np.inf, found)
+        interpolation_error = np.abs(cubic_error(load_pa, self.step_s, period_s))
+        interpolation_error = np.maximum(
+            interpolation_error - CLEAR * np.sqrt(self.counting_variance[..., 0] + self.reference.noise**2), 0.0
+        )
+        variance = variance + (BETWEEN_ROWS * maximum_filter1d(interpolation_error, 3, axis=0)) ** 2
+        field_row = np.clip(np.rint(self.reference_s / FINE_S), 0, len(self.field.spoiled) - 1).astype(np.intp)
+        return np.where(self.field.spoiled[field_row], np.inf, variance)
 
     def replaced(self, move: Move, swapped: Sequence[tuple[int, int]]) -> PairedObservation:
-        """The same rows against what the simulation's field says where the taxels are; pairs of rows that `swapped`.
+        """Return the same rows against the field of an insole displaced by `move`, with pairs of triangles `swapped`.
 
-        Of the field as loaded: moves do not add up over calls.
+        The displacement is that from the simulation's own layout; displacements of several calls do not add up.
         """
         assert self.field is not None
-        rows = np.arange(len(self.layout))
+        place_of_row = np.arange(len(self.layout))
         for a, b in swapped:
-            rows[[a, b]] = b, a
-        return _with_means(self, self.field.moved(move, rows))
+            place_of_row[[a, b]] = b, a
+        return _with_field(self, self.field.moved(move, place_of_row))
 
 
-def _with_means(seen: PairedObservation, field: LoadField) -> PairedObservation:
+def _with_field(seen: PairedObservation, field: LoadField) -> PairedObservation:
+    """Return the observation against `field`, with the mean loads of triangles as its reference."""
     weights = seen.arms[..., 0]
-    means = field.courses @ np.einsum("tk,tkr->rt", weights, field.shapes)
-    noise = np.sqrt(np.sum((weights * field.noise_pa) ** 2, axis=1))
-    known = np.ones(len(means), bool)
-    reference = ReferenceWrench(0.0, means, known, noise, "own", True, field.period_s)
+    mean_pa = field.courses @ np.einsum("tk,tkr->rt", weights, field.shapes)
+    noise_pa = np.sqrt(np.sum((weights * field.noise_pa) ** 2, axis=1))
+    known = np.ones(len(mean_pa), bool)
+    reference = ReferenceWrench(0.0, mean_pa, known, noise_pa, "own", True, field.period_s)
     return replace(seen, field=field, reference=reference)
 
 
 def observe_paired(
     recording: Recording, foot: FootRecording, calibration: Calibration, simulation: Recording
 ) -> PairedObservation:
-    """What is looked at of `foot` beside `simulation`; DiagnosisError where that is not of the same trial."""
+    """Return the observation of `foot` against `simulation`.
+
+    Raises DiagnosisError if the simulation is not of the same insole and trial, or covers too little of it.
+    """
     rows = read_rows(recording, foot, calibration, np.median)
     field = load_field(simulation, foot)
-    nothing = ReferenceWrench(0.0, np.zeros((2, 1)), np.zeros(2, bool), np.zeros(1), "own", True, field.period_s)
-    found = PairedObservation(
-        recording.folder.name, foot.layout, calibration, rows.t_s, rows.period_s, rows.activation_count, rows.usable,
-        rows.missing, rows.noise_count, nothing, 0.0, 0.0, None, True, True, None, rows.readings,
+    no_reference = ReferenceWrench(0.0, np.zeros((2, 1)), np.zeros(2, bool), np.zeros(1), "own", True, field.period_s)
+    observation = PairedObservation(
+        name=recording.folder.name, layout=foot.layout, calibration=calibration, t_s=rows.t_s, period_s=rows.period_s,
+        activation_count=rows.activation_count, usable=rows.usable, missing=rows.missing, noise_count=rows.noise_count,
+        reference=no_reference, offset_s=0.0, rate=0.0, declared_offset_s=None, offset_is_free=True, rate_is_free=True,
+        temperature_c=None, readings=rows.readings,
     )  # fmt: skip
-    found = _aligned(_with_means(found, field), recording, foot, simulation)
-    told = float(found.reference.is_known(found.reference_s).mean())
-    if told < LEAST_TOLD:
+    observation = _with_fitted_clock(_with_field(observation, field), recording, foot, simulation)
+    covered = float(observation.reference.is_known(observation.reference_s).mean())
+    if covered < LEAST_COVERED:
         raise DiagnosisError(
-            f"{simulation.folder}: it covers {told:.0%} of the recording {recording.folder.name}, expected at least "
-            f"{LEAST_TOLD:.0%}: simulate the trial that was recorded"
+            f"{simulation.folder}: it covers {covered:.0%} of the recording {recording.folder.name}, expected at least "
+            f"{LEAST_COVERED:.0%}: simulate the trial that was recorded"
         )
-    reference = foot.reference
-    if reference is not None and TEMPERATURE in reference.columns and reference.clock == "can":
-        values = reference[TEMPERATURE]
-        known = np.isfinite(values)
-        if known.any():
-            times_s = row_times(foot, reference.time_s, len(values)) - foot.t_ns[0] * 1e-9
-            found = replace(found, temperature_c=np.interp(found.t_s, times_s[known], values[known]))
-    return found
+    if foot.reference is not None and foot.reference.clock == "can":
+        temperature_c = temperature_at(foot, foot.t_ns[0] * 1e-9, observation.t_s)
+        observation = replace(observation, temperature_c=temperature_c)
+    return observation
 
 
 def load_at(seen: PairedObservation, places_m: Array) -> Callable[[Array], Array]:
-    """What gives the (n, T, 12) Pa at the places (T, 12, 2), of (n, T) moments since the recording's first frame.
+    """Return a function from times (n, T) since the recording's first frame, s, to pressures (n, T, 12), Pa.
 
-    What comes after the end of the simulation is a guess: the load of that earlier stretch whose readings were most
-    alike.
+    The pressures are those at the places `places_m` (T, 12, 2). After the end of the simulation they are extrapolated:
+    the load of that earlier stretch whose readings were most similar.
     """
     assert seen.field is not None
     field = seen.field.felt_at(places_m)
     last_s = (len(field.courses) - 1) * FINE_S
     missing_s = float(seen.reference_s[-1]) - last_s
-    back_s = _alike_s(seen, missing_s) if missing_s > 0 else 0.0
+    back_s = _match_s(seen, missing_s) if missing_s > 0 else 0.0
 
-    def at(read_s: Array) -> Array:
-        its_s = seen.offset_s + (1.0 + seen.rate) * read_s
-        its_s = np.clip(np.where(its_s > last_s, its_s - back_s, its_s), 0.0, last_s)
-        every = [field.at(its_s[:, row])[:, row] for row in range(its_s.shape[1])]
-        return np.stack(every, axis=1)
+    def pressure_at(read_s: Array) -> Array:
+        simulated_s = seen.offset_s + (1.0 + seen.rate) * read_s
+        simulated_s = np.clip(np.where(simulated_s > last_s, simulated_s - back_s, simulated_s), 0.0, last_s)
+        by_triangle = [field.at(simulated_s[:, row])[:, row] for row in range(simulated_s.shape[1])]
+        return np.stack(by_triangle, axis=1)
 
-    return at
+    return pressure_at
 
 
-def _alike_s(seen: PairedObservation, missing_s: float) -> float:
-    """How long before its end the recording read what is most like its last `missing_s` with ALIKE_S before."""
-    read = seen.activation_count[:, seen.usable]
-    n = len(read)
-    last, rows = (int(np.count_nonzero(seen.t_s > seen.t_s[-1] - s)) for s in (missing_s, missing_s + ALIKE_S))
-    back = range(last, n - rows)
-    if not back:
+def _match_s(seen: PairedObservation, missing_s: float) -> float:
+    """Return the time from the stretch of readings most similar to the last `missing_s` + MATCH_S back to the end."""
+    count = seen.activation_count[:, seen.usable]
+    n_rows = len(count)
+    missing_rows, match_rows = (
+        int(np.count_nonzero(seen.t_s > seen.t_s[-1] - s)) for s in (missing_s, missing_s + MATCH_S)
+    )
+    lags = range(missing_rows, n_rows - match_rows)
+    if not lags:
         return 0.0
-    apart = [float(np.sum((read[n - rows - each : n - each] - read[n - rows :]) ** 2)) for each in back]
-    return float(seen.t_s[-1] - seen.t_s[-1 - back[int(np.argmin(apart))]])
+    square_distance = [
+        float(np.sum((count[n_rows - match_rows - lag : n_rows - lag] - count[n_rows - match_rows :]) ** 2))
+        for lag in lags
+    ]
+    return float(seen.t_s[-1] - seen.t_s[-1 - lags[int(np.argmin(square_distance))]])
 
 
-def _aligned(
-    found: PairedObservation, recording: Recording, foot: FootRecording, simulation: Recording
+def _with_fitted_clock(
+    observation: PairedObservation, recording: Recording, foot: FootRecording, simulation: Recording
 ) -> PairedObservation:
-    """The simulation's clock: by the edges of a reference on the CAN clock, else by those of readings.
+    """Return the observation on the simulation's clock, by edges of a reference on the CAN clock, else of readings.
 
-    What a sensor with memory may add to the load is fitted beside its edges.
+    Regressors for the memory of a sensor are fitted beside the edges of the load.
     """
-    by_reference = _by_reference(found, foot)
+    by_reference = _clock_by_reference(observation, foot)
     if by_reference is not None:
         offset_s, rate = by_reference
         return replace(
-            found.with_clock(offset_s, rate), declared_offset_s=offset_s, offset_is_free=False, rate_is_free=True
+            observation.with_clock(offset_s, rate), declared_offset_s=offset_s, offset_is_free=False, rate_is_free=True
         )
-    boards = found.layout.identities[:, 0]
-    own = [found.usable & (boards == board)[:, None] for board in np.unique(boards)]
-    its_s = np.arange(0, len(found.reference.fine), 4, dtype=np.float64) * FINE_S
-    load = np.stack([found.reference.fine[::4][:, part.any(axis=1)].mean(axis=1) for part in own], axis=1)
-    x = (load - load.mean(axis=0)) / np.maximum(load.std(axis=0), 1e-9)
-    features = np.concatenate([np.ones((len(x), 1)), x, x**2, late_parts(its_s, x.mean(axis=1))], axis=1)
-    read = np.stack([found.activation_count[:, part].mean(axis=1) for part in own], axis=1)
-    most_s = START_S + abs(float(np.ptp(found.t_s)) - float(its_s[-1]))
+    boards = observation.layout.identities[:, 0]
+    of_board = [observation.usable & (boards == board)[:, None] for board in np.unique(boards)]
+    simulated_s = np.arange(0, len(observation.reference.fine), 4, dtype=np.float64) * FINE_S
+    load = np.stack(
+        [observation.reference.fine[::4][:, taxels.any(axis=1)].mean(axis=1) for taxels in of_board], axis=1
+    )
+    scaled_load = (load - load.mean(axis=0)) / np.maximum(load.std(axis=0), 1e-9)
+    features = np.concatenate(
+        [
+            np.ones((len(scaled_load), 1)),
+            scaled_load,
+            scaled_load**2,
+            memory_regressors(simulated_s, scaled_load.mean(axis=1)),
+        ],
+        axis=1,
+    )
+    mean_count = np.stack([observation.activation_count[:, taxels].mean(axis=1) for taxels in of_board], axis=1)
+    most_offset_s = MOST_START_S + abs(float(np.ptp(observation.t_s)) - float(simulated_s[-1]))
     try:
-        fitted = _fitted(its_s, features, found.t_s, read, most_s)
+        fitted = _fit_clock(simulated_s, features, observation.t_s, mean_count, most_offset_s)
     except CalibrationError as error:
         raise DiagnosisError(
             f"{simulation.folder}: no stretch of it goes with {recording.folder} ({error}): expected a simulation of "
-            f"the same trial, which starts at the same instant within {START_S:.0f} s or covers a part of it"
+            f"the same trial, which starts at the same instant within {MOST_START_S:.0f} s or covers a part of it"
         ) from error
     offset_s, rate = _inverted(fitted)
-    return replace(found.with_clock(offset_s, rate), rate_std=fitted.rate_std)
+    return replace(observation.with_clock(offset_s, rate), rate_std=fitted.rate_std)
 
 
-def _by_reference(found: PairedObservation, foot: FootRecording) -> tuple[float, float] | None:
-    """Offset and rate of the simulation's clock where a reference on the CAN clock has its edges; None: there is none.
+def _clock_by_reference(observation: PairedObservation, foot: FootRecording) -> tuple[float, float] | None:
+    """Return offset and rate of the simulation's clock by a reference on the CAN clock, or None without one.
 
-    A reference is not late with the sensor, so what all of the insole is late by can then be told.
+    The reference has no delay of the sensor, so a delay of the whole insole can be identified.
     """
-    reference, field = foot.reference, found.field
+    reference, field = foot.reference, observation.field
     assert field is not None
     if reference is None or reference.time_s is None or reference.clock != "can":
         return None
     xy = field.xy_m
     ones = np.ones(xy.shape[:2])
     names = [name for name in ("pressure_pa", *CHANNELS) if name in reference.columns]
-    arms = np.stack([ones, xy[..., 1], -xy[..., 0]][: max(len(names), 1)], axis=-1) * found.usable[..., None]
-    load = np.asarray(field.courses[::2] @ np.einsum("tkc,tkr->rc", arms, field.shapes), np.float64)
-    its_s = np.arange(len(load), dtype=np.float64) * 2 * FINE_S
-    my_s = reference.time_s - foot.t_ns[0] * 1e-9
-    read = np.stack([reference[name] for name in names], axis=1)
-    most_s = START_S + abs(float(np.ptp(my_s)) - float(np.ptp(its_s)))
+    arms = np.stack([ones, xy[..., 1], -xy[..., 0]][: max(len(names), 1)], axis=-1) * observation.usable[..., None]
+    simulated_load = np.asarray(field.courses[::2] @ np.einsum("tkc,tkr->rc", arms, field.shapes), np.float64)
+    simulated_s = np.arange(len(simulated_load), dtype=np.float64) * 2 * FINE_S
+    recorded_s = reference.time_s - foot.t_ns[0] * 1e-9
+    reference_values = np.stack([reference[name] for name in names], axis=1)
+    most_offset_s = MOST_START_S + abs(float(np.ptp(recorded_s)) - float(np.ptp(simulated_s)))
     try:
-        return _inverted(_fitted(its_s, load, np.asarray(my_s, dtype=np.float64), read, most_s))
+        return _inverted(
+            _fit_clock(
+                simulated_s, simulated_load, np.asarray(recorded_s, dtype=np.float64), reference_values, most_offset_s
+            )
+        )
     except CalibrationError:
         return None
 
 
-def _fitted(its_s: Array, features: Array, my_s: Array, read: Array, most_s: float) -> clocks.Clock:
-    """The recording's clock by the simulation's; a rate only where it explains clearly more."""
-    held = clocks.fit_clock(its_s, features, my_s, read, most_offset_s=most_s, most_rate=0.0)
-    if held.explained > SURE:
-        return held
-    free = clocks.fit_clock(its_s, features, my_s, read, most_offset_s=most_s)
-    return free if 1.0 - free.explained < SHARPER * (1.0 - held.explained) else held
+def _fit_clock(
+    simulated_s: Array, features: Array, recorded_s: Array, values: Array, most_offset_s: float
+) -> clocks.Clock:
+    """Return the recording's clock by the simulation's, with a rate only if that explains clearly more of the edges."""
+    without_rate = clocks.fit_clock(
+        simulated_s, features, recorded_s, values, most_offset_s=most_offset_s, most_rate=0.0
+    )
+    if without_rate.explained > GOOD_FIT:
+        return without_rate
+    with_rate = clocks.fit_clock(simulated_s, features, recorded_s, values, most_offset_s=most_offset_s)
+    return with_rate if 1.0 - with_rate.explained < CLEARLY_LESS * (1.0 - without_rate.explained) else without_rate
 
 
 def _inverted(clock: clocks.Clock) -> tuple[float, float]:
+    """Return offset and rate of the inverse of a clock."""
     rate = 1.0 / (1.0 + clock.rate) - 1.0
     return -clock.offset_s * (1.0 + rate), rate
 
 
 def swapped_rows(identities: NDArray[np.integer], ids: Sequence[tuple[int, ...]]) -> tuple[int, int]:
-    """Rows of the two triangles `ids`."""
-    every = [tuple(each) for each in identities.tolist()]
-    return every.index(tuple(ids[0])), every.index(tuple(ids[1]))
+    """Return the rows of the two triangles `ids`."""
+    triangles = [tuple(identity) for identity in identities.tolist()]
+    return triangles.index(tuple(ids[0])), triangles.index(tuple(ids[1]))

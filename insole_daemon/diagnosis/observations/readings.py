@@ -1,4 +1,4 @@
-"""Readings of every triangle at the times they were taken, straight from the frames."""
+"""Read the counts of every triangle at the times they were taken, from the frames."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ from ...skin.streams import Streams
 from ...skin.validity import Validity
 from .outliers import interpolated, outliers
 
-WORKS = 0.02  # of its readings, that are valid where a taxel works at all
+LEAST_VALID = 0.02  # share of a working taxel's readings that are valid
 MOST_COUNT = 255
-BUSY_READINGS = 5  # around one that moves the load, over which chance is told
-LEAST_READINGS = 4  # of a triangle: fewer make no curve in time
-LEAST_STEP_S = 1e-3  # two readings of a triangle are further apart
+CHANGE_READINGS = 5  # around a change of the load, in which the probability of equal readings is estimated
+LEAST_READINGS = 4  # of a triangle for an interpolation
+LEAST_STEP_S = 1e-3  # between two readings of a triangle
 GAP_PERIODS = 1.6  # a longer pause between two readings is a gap
 JITTER_READINGS = 51  # of the window in which a board's clock is taken as regular
-MOST_JITTER = 0.15  # median, of a period: a board that does not keep its period is believed stamp by stamp
-WAIT_JITTER = 0.35  # median, of a period of the board: how long conversions of a regular converter wait for it
-LEAST_SLOWER = 1.1  # periods of the board: what repeats at the board's own pace are frames, not conversions
-HELD_ODDS = 3.0  # identical readings this many times more frequent than chance: the converter repeats old values
-HELD_LEAST = 0.02
-FROZEN_ODDS = 1e-6  # of a stretch of identical readings in a whole recording, by chance
-FROZEN_LEAST = 8  # readings of such a stretch
-FROZEN_ROOM = 0.5  # of the taxels, that are valid and not at the end of their range
-SAME_LEVEL_COUNT = 2.0  # readings that differ by no more on the average are as likely to stay the same
-MOVES_COUNT = 3.0  # by which half of all triangles move meanwhile
+MOST_JITTER = 0.15  # median, as share of the period: beyond it time stamps are used as they are
+WAIT_JITTER = 0.35  # median, as share of the board's period, that conversions of a slower converter wait at most
+LEAST_PERIOD_RATIO = 1.1  # of converter to board: below it frames are repeated, not conversions
+REPEAT_RATIO = 3.0  # of identical readings to those by chance: the converter repeats old values
+LEAST_REPEATED = 0.02  # share of readings
+FROZEN_ODDS = 1e-6  # expected number of such stretches by chance in a whole recording
+FROZEN_READINGS = 8  # shortest stretch of identical readings
+LEAST_IN_RANGE = 0.5  # of the taxels, valid and not at an end of their range
+SIMILAR_COUNT = 2.0  # difference of mean readings below which their probability to repeat is the same
+LEAST_MOVE_COUNT = 3.0  # median range of all other triangles during such a stretch
 
 Raw: TypeAlias = tuple[Array, NDArray[np.uint8], NDArray[np.uint16]]  # times (k,), counts (k, 12), status words (k,)
 
@@ -47,49 +47,50 @@ class TriangleReadings:
     t_s: Array  # (k,) when they were taken, since the recording's first cycle
     counts: Array  # (k, 12)
     valid: NDArray[np.bool_]  # (k, 12)
-    period_s: float  # between two readings; inf: there are none
-    held_fraction: float = 0.0  # of all readings that came: repeats of an old conversion, left out here
-    is_converter_slow: bool = False  # these repeats come regularly, from a converter that has a period of its own
-    latest_s: float = 0.0  # by which all may have been taken earlier, where a host's rows are all that was kept
-    is_outlier: NDArray[np.bool_] | None = None  # (k, 12) readings that are wrong, and interpolated in `counts`
+    period_s: float  # between two readings; inf without readings
+    held_fraction: float = 0.0  # of all readings that came: repeats of an old conversion, which are left out
+    is_converter_slow: bool = False  # repeats are regular: the converter has a longer period than the board
+    latest_s: float = 0.0  # by which all readings may have been taken earlier
+    is_outlier: NDArray[np.bool_] | None = None  # (k, 12) outliers, interpolated in `counts`
 
     @property
     def as_read(self) -> NDArray[np.bool_]:
-        """(k, 12) valid readings that are not interpolated."""
+        """Return which readings (k, 12) are valid and not interpolated."""
         return self.valid if self.is_outlier is None else self.valid & ~self.is_outlier
 
     def at(self, grid_s: Array) -> Array:
-        """Counts (N, 12) at the times `grid_s` (N,), by a cubic through the valid readings of a taxel; NaN: none.
+        """Return the counts (N, 12) at times `grid_s` (N,), by a cubic through the valid readings of each taxel.
 
-        Through a pause goes a straight line.
+        In gaps, and for taxels with invalid readings, the interpolation is linear. NaN for a taxel without valid
+        readings.
         """
-        found = np.full((len(grid_s), N_TAXELS), np.nan)
+        counts = np.full((len(grid_s), N_TAXELS), np.nan)
         if len(self.t_s) < LEAST_READINGS:
-            return found
+            return counts
         at_s = np.clip(grid_s, self.t_s[0], self.t_s[-1])
-        whole = self.valid.all(axis=0)
-        if whole.any():
-            found[:, whole] = CubicSpline(self.t_s, self.counts[:, whole])(at_s)
-            paused = self.in_gap(grid_s)
-            if paused.any():
-                straight = interp1d(self.t_s, self.counts[:, whole], axis=0)(at_s[paused])
-                found[np.ix_(paused, whole)] = straight
-        for taxel in np.flatnonzero(~whole):
-            good = self.valid[:, taxel]
-            if good.sum() >= LEAST_READINGS:
-                found[:, taxel] = np.interp(at_s, self.t_s[good], self.counts[good, taxel])
-        return found
+        always_valid = self.valid.all(axis=0)
+        if always_valid.any():
+            counts[:, always_valid] = CubicSpline(self.t_s, self.counts[:, always_valid])(at_s)
+            is_gap = self.in_gap(grid_s)
+            if is_gap.any():
+                linear = interp1d(self.t_s, self.counts[:, always_valid], axis=0)(at_s[is_gap])
+                counts[np.ix_(is_gap, always_valid)] = linear
+        for taxel in np.flatnonzero(~always_valid):
+            is_valid = self.valid[:, taxel]
+            if is_valid.sum() >= LEAST_READINGS:
+                counts[:, taxel] = np.interp(at_s, self.t_s[is_valid], self.counts[is_valid, taxel])
+        return counts
 
-    def is_refused(self, grid_s: Array) -> NDArray[np.bool_]:
-        """(N, 12) where the readings beside the times `grid_s` (N,) are not valid, of taxels that work."""
+    def is_invalid_near(self, grid_s: Array) -> NDArray[np.bool_]:
+        """Return where the readings around the times `grid_s` (N,) are not valid, for taxels that work, (N, 12)."""
         if len(self.t_s) < LEAST_READINGS:
             return np.zeros((len(grid_s), N_TAXELS), bool)
         after = np.searchsorted(self.t_s, grid_s).clip(1, len(self.t_s) - 1)
-        works = self.valid.mean(axis=0) > WORKS
+        works = self.valid.mean(axis=0) > LEAST_VALID
         return np.asarray(works & ~(self.valid[after] & self.valid[after - 1]))
 
     def in_gap(self, grid_s: Array, least_s: float = 0.0) -> NDArray[np.bool_]:
-        """Which of the times `grid_s` (N,) lie in a pause without readings, of at least `least_s`."""
+        """Return which of the times `grid_s` (N,) are in a gap of at least `least_s` between readings, (N,)."""
         if len(self.t_s) < LEAST_READINGS:
             return np.ones(len(grid_s), bool)
         after = np.searchsorted(self.t_s, grid_s).clip(1, len(self.t_s) - 1)
@@ -99,138 +100,144 @@ class TriangleReadings:
 
 
 def read_triangles(recording: Recording, foot: FootRecording) -> list[TriangleReadings]:
-    """New readings of every triangle of `foot`, in the layout's order; a triangle that never sent has none."""
+    """Return the new readings of every triangle of `foot`, in the layout's order; a triangle may have none."""
     raw = _from_frames(recording, foot) if recording.log is not None else _from_cycles(foot)
-    # Rows of a host without ages: a reading came at any moment since the row before.
+    # Without ages in the rows of a host, a reading came at any time since the row before.
     row_s = 0.0 if recording.log is not None or foot.age_ns.any() else float(np.median(np.diff(foot.t_ns))) * 1e-9
-    longest = max(len(t_s) for t_s, _, _ in raw)
-    counts = np.zeros((longest, len(raw), N_TAXELS), np.uint8)
-    status = np.zeros((longest, len(raw)), np.uint16)
-    for row, (t_s, own, words) in enumerate(raw):
-        counts[: len(t_s), row], status[: len(t_s), row] = own, words
+    most_readings = max(len(t_s) for t_s, _, _ in raw)
+    counts = np.zeros((most_readings, len(raw), N_TAXELS), np.uint8)
+    status = np.zeros((most_readings, len(raw)), np.uint16)
+    for row, (t_s, counts_of_triangle, status_words) in enumerate(raw):
+        counts[: len(t_s), row], status[: len(t_s), row] = counts_of_triangle, status_words
     settings = {board.address: as_configured(board) for board in foot.boards}
     valid = Validity(foot.layout, settings, 1)(counts, status, np.zeros(status.shape, np.int64))
     if foot.calibration is not None:
         usable = foot.calibration.usable
-        valid &= usable | ~usable.any(axis=1, keepdims=True)  # what nobody calibrated may be told by others' curves
-    found = []
-    for row, (t_s, own, _) in enumerate(raw):
-        k = len(t_s)
-        if k < LEAST_READINGS:
-            found.append(TriangleReadings(np.empty(0), np.empty((0, N_TAXELS)), np.empty((0, N_TAXELS), bool), np.inf))
+        valid &= usable | ~usable.any(axis=1, keepdims=True)  # an uncalibrated triangle may use the curves of others
+    triangles = []
+    for row, (t_s, counts_of_triangle, _) in enumerate(raw):
+        n = len(t_s)
+        if n < LEAST_READINGS:
+            triangles.append(
+                TriangleReadings(np.empty(0), np.empty((0, N_TAXELS)), np.empty((0, N_TAXELS), bool), np.inf)
+            )
             continue
         period_s = float(np.median(np.diff(t_s)))
-        regular_s, jitter_s = _regular(t_s, period_s)
+        regular_s, jitter_s = _without_jitter(t_s, period_s)
         times_s = regular_s if jitter_s < MOST_JITTER * period_s else t_s
-        found.append(TriangleReadings(times_s, own.astype(np.float64), valid[:k, row], period_s, latest_s=row_s))
-    return [_without_outliers(_without_held(each)) for each in _without_frozen(found)]
+        triangles.append(
+            TriangleReadings(times_s, counts_of_triangle.astype(np.float64), valid[:n, row], period_s, latest_s=row_s)
+        )
+    return [_without_outliers(_without_repeats(readings)) for readings in _without_frozen(triangles)]
 
 
 def _from_frames(recording: Recording, foot: FootRecording) -> list[Raw]:
-    """Per triangle the times (k,), counts (k, 12) and status words (k,) of readings of which both halves came."""
+    """Return the readings of each triangle of which both halves came."""
     assert recording.log is not None
     streams = Streams([foot.layout])
     slots, data, t_ns = [], [], []
     with CandumpReader(recording.log) as reader:
         for batch in reader.pieces():
             slot = streams.slots(batch)
-            own = slot >= 0
-            slots.append(slot[own])
-            data.append(batch.data[own])
-            t_ns.append(batch.t_ns[own])
+            is_of_foot = slot >= 0
+            slots.append(slot[is_of_foot])
+            data.append(batch.data[is_of_foot])
+            t_ns.append(batch.t_ns[is_of_foot])
     slot, payload = np.concatenate(slots), np.concatenate(data)
     t_s = (np.concatenate(t_ns) - foot.t_ns[0]) * 1e-9
-    order = np.lexsort((t_s, slot))  # a log that was put together may not be in time order
+    order = np.lexsort((t_s, slot))  # a log that was joined from several may not be in time order
     starts = np.searchsorted(slot[order], np.arange(2 * len(foot.layout) + 1))
-    found = []
+    raw = []
     for row in range(len(foot.layout)):
-        a, b = (order[starts[2 * row + half] : starts[2 * row + half + 1]] for half in (0, 1))
-        found.append(_paired(t_s[a], payload[a], t_s[b], payload[b]))
-    return found
+        half_a, half_b = (order[starts[2 * row + half] : starts[2 * row + half + 1]] for half in (0, 1))
+        raw.append(_join_halves(t_s[half_a], payload[half_a], t_s[half_b], payload[half_b]))
+    return raw
 
 
-def _paired(
-    a_s: Array, a: NDArray[np.uint8], b_s: Array, b: NDArray[np.uint8]
+def _join_halves(
+    a_s: Array, half_a: NDArray[np.uint8], b_s: Array, half_b: NDArray[np.uint8]
 ) -> tuple[Array, NDArray[np.uint8], NDArray[np.uint16]]:
-    """Halves A and B that belong together: those nearest in time, within half a period."""
+    """Return the readings of which halves A and B belong together: nearest in time, within half a period."""
     if not len(a_s) or len(b_s) < 2:
         return np.empty(0), np.empty((0, N_TAXELS), np.uint8), np.empty(0, np.uint16)
     after = np.searchsorted(b_s, a_s).clip(1, len(b_s) - 1)
-    near = np.where(np.abs(b_s[after] - a_s) < np.abs(b_s[after - 1] - a_s), after, after - 1)
+    nearest = np.where(np.abs(b_s[after] - a_s) < np.abs(b_s[after - 1] - a_s), after, after - 1)
     most_s = 0.5 * float(np.median(np.diff(b_s)))
-    good = np.abs(b_s[near] - a_s) < most_s
-    near, a_s, a = near[good], a_s[good], a[good]
-    t_s = np.minimum(a_s, b_s[near])
-    new = np.diff(t_s, prepend=-np.inf) > LEAST_STEP_S
-    other = b[near]
-    counts = np.concatenate([a[:, 1:8], other[:, 1:6]], axis=1)
-    status = (other[:, 6].astype(np.uint16) << 8 | other[:, 7]).astype(np.uint16)
-    return t_s[new], counts[new], status[new]
+    is_pair = np.abs(b_s[nearest] - a_s) < most_s
+    nearest, a_s, half_a = nearest[is_pair], a_s[is_pair], half_a[is_pair]
+    t_s = np.minimum(a_s, b_s[nearest])
+    is_new = np.diff(t_s, prepend=-np.inf) > LEAST_STEP_S
+    half_b_data = half_b[nearest]
+    counts = np.concatenate([half_a[:, 1:8], half_b_data[:, 1:6]], axis=1)
+    status = (half_b_data[:, 6].astype(np.uint16) << 8 | half_b_data[:, 7]).astype(np.uint16)
+    return t_s[is_new], counts[is_new], status[is_new]
 
 
 def _from_cycles(foot: FootRecording) -> list[Raw]:
-    """The same where no frames were kept: cycles in which the triangle's reading was not older than the last cycle."""
+    """Return the readings of a recording without frames: cycles whose reading is newer than that of the last cycle."""
     t_s = (foot.t_ns - foot.t_ns[0]) * 1e-9
-    found = []
+    raw = []
     for row in range(len(foot.layout)):
         taken_s = t_s - np.maximum(foot.age_ns[:, row], 0) * 1e-9
-        new = (np.diff(np.maximum.accumulate(taken_s), prepend=-np.inf) > LEAST_STEP_S) & ~foot.missing[:, row]
-        new &= ~foot.repeated & (foot.age_ns[:, row] >= 0)
-        found.append((taken_s[new], foot.counts[new, row], foot.status[new, row]))
-    return found
+        is_new = (np.diff(np.maximum.accumulate(taken_s), prepend=-np.inf) > LEAST_STEP_S) & ~foot.missing[:, row]
+        is_new &= ~foot.repeated & (foot.age_ns[:, row] >= 0)
+        raw.append((taken_s[is_new], foot.counts[is_new, row], foot.status[is_new, row]))
+    return raw
 
 
-def _regular(t_s: Array, period_s: float) -> tuple[Array, float]:
-    """Times (k,) without the jitter of their stamps, and the median of that jitter.
+def _without_jitter(t_s: Array, period_s: float) -> tuple[Array, float]:
+    """Return times (k,) without the jitter of their stamps, and the median of that jitter, s.
 
-    A board reads by a crystal, a stamp comes when a host looks; a converter is regular, and its board is late.
+    A board or converter is regular by its crystal; stamps and transmission are late by varying times.
     """
     number = np.concatenate([[0.0], np.cumsum(np.maximum(np.rint(np.diff(t_s) / period_s), 1.0))])
-    late_s = t_s - number * period_s
+    lateness_s = t_s - number * period_s
     window = min(JITTER_READINGS, len(t_s))
-    smooth = uniform_filter1d(median_filter(late_s, 3, mode="nearest"), window, mode="nearest")
-    regular = number * period_s + smooth
-    jitter_s = float(np.median(np.abs(late_s - smooth)))
-    return regular, jitter_s if bool(np.all(np.diff(regular) > 0)) else np.inf
+    smooth_s = uniform_filter1d(median_filter(lateness_s, 3, mode="nearest"), window, mode="nearest")
+    regular_s = number * period_s + smooth_s
+    jitter_s = float(np.median(np.abs(lateness_s - smooth_s)))
+    return regular_s, jitter_s if bool(np.all(np.diff(regular_s) > 0)) else np.inf
 
 
-def _without_frozen(every: Sequence[TriangleReadings]) -> list[TriangleReadings]:
-    """Readings without stretches in which all of a triangle stays the same while the rest of the insole moves.
+def _without_frozen(triangles: Sequence[TriangleReadings]) -> list[TriangleReadings]:
+    """Return readings without stretches in which a triangle stays the same while the rest of the insole moves.
 
-    A triangle in the air may stay the same for long, too: how often it does so at the same level elsewhere is its
-    chance.
+    An unloaded triangle may stay the same for long, too: its probability to do so is taken from its readings at a
+    similar level.
     """
-    level = [each.counts[:, PRESSURE_TAXELS].mean(axis=1) for each in every]
-    found = []
-    for row, own in enumerate(every):
-        if len(own.t_s) < LEAST_READINGS:
-            found.append(own)
+    mean_counts = [triangle.counts[:, PRESSURE_TAXELS].mean(axis=1) for triangle in triangles]
+    kept_triangles = []
+    for row, readings in enumerate(triangles):
+        if len(readings.t_s) < LEAST_READINGS:
+            kept_triangles.append(readings)
             continue
-        kept = np.ones(len(own.t_s), bool)
-        same = np.concatenate([[False], np.all(np.diff(own.counts[:, PRESSURE_TAXELS], axis=0) == 0, axis=1)])
-        for a, b in np.flatnonzero(np.diff(same, prepend=False, append=False)).reshape(-1, 2).tolist():
-            room = own.valid[a] & (own.counts[a] > 0) & (own.counts[a] < MOST_COUNT)
-            if b - a < FROZEN_LEAST or np.mean(room[PRESSURE_TAXELS]) < FROZEN_ROOM:
+        is_kept = np.ones(len(readings.t_s), bool)
+        is_repeat = np.concatenate([[False], np.all(np.diff(readings.counts[:, PRESSURE_TAXELS], axis=0) == 0, axis=1)])
+        for a, b in np.flatnonzero(np.diff(is_repeat, prepend=False, append=False)).reshape(-1, 2).tolist():
+            in_range = readings.valid[a] & (readings.counts[a] > 0) & (readings.counts[a] < MOST_COUNT)
+            if b - a < FROZEN_READINGS or np.mean(in_range[PRESSURE_TAXELS]) < LEAST_IN_RANGE:
                 continue  # an open contact reads the ends of the range
-            alike = np.abs(level[row] - level[row][a]) < SAME_LEVEL_COUNT
-            alike[a:b] = False
-            chance = (np.count_nonzero(same[alike]) + 1) / (np.count_nonzero(alike) + 2)
-            if len(same) * chance ** (b - a) < FROZEN_ODDS and _moves(every, level, row, own.t_s[a], own.t_s[b - 1]):
-                kept[a:b] = False
-        if kept.all() or kept.sum() < LEAST_READINGS:
-            found.append(own)
+            is_similar = np.abs(mean_counts[row] - mean_counts[row][a]) < SIMILAR_COUNT
+            is_similar[a:b] = False
+            repeat_probability = (np.count_nonzero(is_repeat[is_similar]) + 1) / (np.count_nonzero(is_similar) + 2)
+            if len(is_repeat) * repeat_probability ** (b - a) < FROZEN_ODDS and _do_others_move(
+                triangles, mean_counts, row, readings.t_s[a], readings.t_s[b - 1]
+            ):
+                is_kept[a:b] = False
+        if is_kept.all() or is_kept.sum() < LEAST_READINGS:
+            kept_triangles.append(readings)
             continue
-        found.append(
+        kept_triangles.append(
             replace(
-                own, t_s=own.t_s[kept], counts=own.counts[kept], valid=own.valid[kept],
-                held_fraction=float(np.mean(~kept)),
+                readings, t_s=readings.t_s[is_kept], counts=readings.counts[is_kept], valid=readings.valid[is_kept],
+                held_fraction=float(np.mean(~is_kept)),
             )
         )  # fmt: skip
-    return found
+    return kept_triangles
 
 
 def _without_outliers(readings: TriangleReadings) -> TriangleReadings:
-    """Readings with what single taxels cannot have read interpolated."""
+    """Return readings with outliers of single taxels interpolated."""
     wrong = outliers(readings.t_s, readings.counts, readings.valid)
     if not wrong.any():
         return readings
@@ -239,64 +246,72 @@ def _without_outliers(readings: TriangleReadings) -> TriangleReadings:
     )
 
 
-def _moves(every: Sequence[TriangleReadings], level: Sequence[Array], row: int, from_s: float, to_s: float) -> bool:
-    """Whether half of the triangles other than `row` move between two moments."""
+def _do_others_move(
+    triangles: Sequence[TriangleReadings], mean_counts: Sequence[Array], row: int, from_s: float, to_s: float
+) -> bool:
+    """Return whether half of the triangles other than `row` change by LEAST_MOVE_COUNT between two times."""
     spans = [
-        float(np.ptp(course[during]))
-        for other, (each, course) in enumerate(zip(every, level, strict=True))
-        if other != row and (during := (each.t_s >= from_s) & (each.t_s <= to_s)).any()
+        float(np.ptp(mean_count[during]))
+        for other, (readings, mean_count) in enumerate(zip(triangles, mean_counts, strict=True))
+        if other != row and (during := (readings.t_s >= from_s) & (readings.t_s <= to_s)).any()
     ]
-    return bool(spans) and float(np.median(spans)) > MOVES_COUNT
+    return bool(spans) and float(np.median(spans)) > LEAST_MOVE_COUNT
 
 
-def _without_held(readings: TriangleReadings) -> TriangleReadings:
-    """Readings without those that repeat the conversion before them, at the times of the conversions.
+def _without_repeats(readings: TriangleReadings) -> TriangleReadings:
+    """Return readings without repeats of the conversion before, at the times of the conversions.
 
-    A converter is regular by itself, and its values wait until the board sends. How long is told as far as waits
-    differ: where the pace of the converter is a multiple of the board's they are all the same, and all readings may
-    have been taken earlier by up to the board's period. Where new values are not regular, frames were repeated, and
-    the times are those of the board.
+    Noisy taxels stay the same together only if the converter had no new value; more identical readings than their
+    single probabilities allow are taken for repeats.
 
-    Taxels that are noisy by themselves stay the same together only where the converter had nothing new: what happens
-    more often than their own rates allow is taken for held.
+    A converter slower than its board is regular, and its values wait until the board sends. The waiting time is known
+    as far as it varies: if the converter's period is a multiple of the board's, it is constant, and all readings may
+    have been taken earlier by up to the board's period. If new values are not regular, frames were repeated, and the
+    times are those of the board.
     """
-    if len(readings.t_s) < BUSY_READINGS:
+    if len(readings.t_s) < CHANGE_READINGS:
         return readings
-    pressure = readings.counts[:, PRESSURE_TAXELS]
-    same = np.zeros(pressure.shape, bool)
-    # Readings at the end of their range are the same because there is no more room.
-    same[1:] = (pressure[1:] == pressure[:-1]) & (pressure[1:] > 0) & (pressure[1:] < MOST_COUNT)
-    lively = same.mean(axis=0) < 0.95
-    if lively.sum() < 3:
+    pressure_counts = readings.counts[:, PRESSURE_TAXELS]
+    is_equal = np.zeros(pressure_counts.shape, bool)
+    # Readings at an end of their range are equal whatever the load.
+    is_equal[1:] = (
+        (pressure_counts[1:] == pressure_counts[:-1]) & (pressure_counts[1:] > 0) & (pressure_counts[1:] < MOST_COUNT)
+    )
+    is_noisy = is_equal.mean(axis=0) < 0.95
+    if is_noisy.sum() < 3:
         return readings
-    together = np.asarray(same[:, lively].all(axis=1))
-    moving = ~together
-    # Chance is told where the load moves: at rest all of a quiet triangle may stay the same.
-    busy = np.zeros(len(same), bool)
-    busy[1:] = np.abs(np.diff(pressure[:, lively].mean(axis=1))) > 1.0
-    window = np.convolve(busy, np.ones(BUSY_READINGS), "same") > 0
-    if window.sum() < 50:
-        window[:] = True
-    by_chance = float(np.prod(same[moving & window][:, lively].mean(axis=0))) if (moving & window).sum() > 10 else 1.0
-    if together[window].mean() <= HELD_ODDS * by_chance + HELD_LEAST:
+    all_equal = np.asarray(is_equal[:, is_noisy].all(axis=1))
+    is_new = ~all_equal
+    # The probability of equal readings is estimated where the load changes: at rest a quiet triangle may not change.
+    is_change = np.zeros(len(is_equal), bool)
+    is_change[1:] = np.abs(np.diff(pressure_counts[:, is_noisy].mean(axis=1))) > 1.0
+    near_change = np.convolve(is_change, np.ones(CHANGE_READINGS), "same") > 0
+    if near_change.sum() < 50:
+        near_change[:] = True
+    chance = (
+        float(np.prod(is_equal[is_new & near_change][:, is_noisy].mean(axis=0)))
+        if (is_new & near_change).sum() > 10
+        else 1.0
+    )
+    if all_equal[near_change].mean() <= REPEAT_RATIO * chance + LEAST_REPEATED:
         return readings
-    kept = ~together
-    if kept.sum() < LEAST_READINGS:
+    is_kept = ~all_equal
+    if is_kept.sum() < LEAST_READINGS:
         return readings
-    t_s = readings.t_s[kept]
+    t_s = readings.t_s[is_kept]
     steps_s = np.diff(t_s)
     period_s = float(steps_s[steps_s < 2.5 * np.median(steps_s)].mean())
-    regular_s, jitter_s = _regular(t_s, period_s)
-    found = replace(
-        readings, t_s=t_s, counts=readings.counts[kept], valid=readings.valid[kept],
-        held_fraction=readings.held_fraction + float(together.mean()),
+    regular_s, jitter_s = _without_jitter(t_s, period_s)
+    without_repeats = replace(
+        readings, t_s=t_s, counts=readings.counts[is_kept], valid=readings.valid[is_kept],
+        held_fraction=readings.held_fraction + float(all_equal.mean()),
     )  # fmt: skip
     step_s = float(np.median(np.diff(regular_s)))
-    if jitter_s > WAIT_JITTER * readings.period_s or step_s < LEAST_SLOWER * readings.period_s:
-        return found
-    # Waits that are spread evenly are on the median a quarter of the longest away from their mean.
+    if jitter_s > WAIT_JITTER * readings.period_s or step_s < LEAST_PERIOD_RATIO * readings.period_s:
+        return without_repeats
+    # The median deviation of a uniform distribution is a quarter of its width.
     spread_s = min(4.0 * jitter_s, readings.period_s)
     return replace(
-        found, t_s=regular_s - spread_s / 2, period_s=step_s, is_converter_slow=True,
+        without_repeats, t_s=regular_s - spread_s / 2, period_s=step_s, is_converter_slow=True,
         latest_s=readings.latest_s + readings.period_s - spread_s,
     )  # fmt: skip

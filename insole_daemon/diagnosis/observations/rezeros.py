@@ -1,6 +1,7 @@
-"""Boards that took their baselines anew under a load: from one reading to the next all taxels say that there is none.
+"""Detect boards that took new baselines under load, and correct their readings.
 
-`no_load` is where the firmware lands; what the load was then is missing from every later reading.
+A re-zero sets the counts of all taxels to `no_load` from one reading to the next; later readings lack the load of that
+moment.
 """
 
 from __future__ import annotations
@@ -14,160 +15,171 @@ from ...physics.effects import laws
 from ...physics.law import Array
 from ...recording.loading import FootRecording
 from ..finding import Finding, Quantity
-from ..places import said
+from ..places import place_in_words
 from .wrench import WrenchObservation
 
-LEAST_COUNT = 5.0  # of load, on the average of a board: less is no step that could be told
-LEAST_STEP_COUNT = 2.0  # the same on a walk, of the lowest readings
-NEAR_COUNT = 2.5  # of a taxel to where a rezero lands, beside three standard deviations of its noise
-MOST_OFF = 0.1  # of the taxels, that land elsewhere
-MOST_LOST = 0.3  # of what is read afterwards: the rest is the load's peaks alone
-LASTS_S = 3.0
-MISSING = (0.5, 1.6)  # times what the step took, that is missing on the median until the end
-LEAST_READ = 50  # rows that are not cut off, to ask that of
-STEP_S = 0.12  # that it takes at the most, each way
-STEPS_S, LEAST_STEPS = 2.0, 3  # in which a foot is lifted once, and as many before and after
-ENOUGH_S = 20.0  # of a walk, to leave out the rest
-LOWEST = 0.1  # of the rows of a stretch, in which a foot that walks is in the air
-AIR_QUANTILE = 0.25  # of the lowest readings of stretches: those in which the foot was lifted
-CLEAR = 1.5  # times what the lowest readings of stretches in which it was lifted differ by, before and after
+LEAST_LOAD_COUNT = 5.0  # mean activation of a board at which a re-zero can be detected
+LEAST_WALK_STEP_COUNT = 2.0  # the same on a walk, of the lowest readings
+LANDING_COUNT = 2.5  # largest distance from `no_load` after a re-zero, beside three standard deviations of noise
+MOST_ELSEWHERE = 0.1  # share of the taxels that are further from it
+MOST_CUT_OFF = 0.3  # share of later readings at an end of their range: beyond it only the load's peaks are read
+LEAST_DURATION_S = 3.0  # for which readings lack the load
+MISSING_RATIO = (0.5, 1.6)  # range of the median that later readings lack, over the size of the step
+LEAST_ROWS = 50  # within range, to judge that
+MOST_STEP_S = 0.12  # duration of the step, each way
+STRETCH_S, LEAST_STRETCHES = 2.0, 3  # of a walk, with at least one swing; number of stretches before and after
+LEAST_WALK_S = 20.0  # of a walk before the re-zero, to leave out the rest
+LOW_QUANTILE = 0.1  # of a stretch's rows, in which a foot that walks is in the air
+AIR_QUANTILE = 0.25  # of the lowest readings of stretches: those with a swing
+LEAST_RATIO = 1.5  # of the step to the scatter of the lowest readings before and after
 
 
-def with_rezeros(foot: FootRecording, seen: WrenchObservation) -> tuple[WrenchObservation, list[Finding]]:
-    """`seen` with what later readings miss added again, and what is said of it.
+def correct_rezeros(foot: FootRecording, seen: WrenchObservation) -> tuple[WrenchObservation, list[Finding]]:
+    """Return `seen` with the missing load added to later readings of re-zeroed boards, and a finding for each board.
 
-    On a walk the foot rolls on while the board says nothing, and what is missing is known roughly: later rows are left
-    out where enough are left.
+    On a walk the foot rolls on during the re-zero, so the missing load is known only roughly: later rows are dropped if
+    LEAST_WALK_S are left.
     """
     findings: list[Finding] = []
     boards = seen.layout.identities[:, 0]
     no_load = {board.address: board.no_load for board in foot.boards if board.no_load is not None}
-    width = max(round(STEP_S / seen.step_s), 2)
-    for board, lands in sorted(no_load.items()):
-        own = boards == board
-        at = _step(seen, own, float(lands), width) if seen.load_is_known else _step_of_walk(seen, own, width)
-        if at is None:
+    width = max(round(MOST_STEP_S / seen.step_s), 2)
+    for board, landing_count in sorted(no_load.items()):
+        of_board = boards == board
+        row = (
+            _find_rezero(seen, of_board, float(landing_count), width)
+            if seen.load_is_known
+            else _find_rezero_of_walk(seen, of_board, width)
+        )
+        if row is None:
             continue
-        shift = seen.activation_count[at - width, own] - seen.activation_count[at + width, own]
-        shift = np.where(seen.usable[own], shift, 0.0)
-        size, t_s, n = float(shift[seen.usable[own]].mean()), float(seen.t_s[at]), len(seen.t_s)
-        right = _put_right(seen, own, at, width, shift)
+        shift = seen.activation_count[row - width, of_board] - seen.activation_count[row + width, of_board]
+        shift = np.where(seen.usable[of_board], shift, 0.0)
+        mean_shift = float(shift[seen.usable[of_board]].mean())
+        corrected = _corrected(seen, of_board, row, width, shift)
         if seen.load_is_known:
-            explains = size**2 * float(np.mean(own)) * (1.0 - at / n)
+            explains = mean_shift**2 * float(np.mean(of_board)) * (1.0 - row / len(seen.t_s))
         else:
-            explains = float(np.mean((right.wrench[:, 0] - seen.wrench[:, 0]) ** 2))
-        findings.append(
-            Finding(
-                effect="rezero", foot=seen.layout.foot, where=Where("board", ((int(board),),)),
-                recordings=(seen.name,), when_s=((t_s, float(seen.t_s[-1])),), equation=laws()["rezero"].equation,
-                parameters={"t_s": Quantity(t_s, seen.step_s, "s"), "shift_count": Quantity(size, 0.3, "count")},
-                explains=explains,
-                sentence=f"{said(Where('board', ((int(board),),)))} took its baselines anew at {t_s:.1f} s under load: "
-                f"{size:+.1f} counts are missing since.",
-            )
-        )  # fmt: skip
-        is_enough = not seen.load_is_known and seen.t_s[at - width] - seen.t_s[0] > ENOUGH_S
-        seen = seen.until(at - width) if is_enough else right
+            explains = float(np.mean((corrected.wrench[:, 0] - seen.wrench[:, 0]) ** 2))
+        findings.append(_finding(seen, int(board), float(seen.t_s[row]), mean_shift, explains))
+        is_enough = not seen.load_is_known and seen.t_s[row - width] - seen.t_s[0] > LEAST_WALK_S
+        seen = seen.rows_before(row - width) if is_enough else corrected
     return seen, findings
 
 
-def _put_right(
-    seen: WrenchObservation, own: np.ndarray[tuple[int], np.dtype[np.bool_]], at: int, width: int, shift: Array
+def _finding(seen: WrenchObservation, board: int, t_s: float, mean_shift_count: float, explains: float) -> Finding:
+    where = Where("board", ((board,),))
+    return Finding(
+        effect="rezero", foot=seen.layout.foot, where=where, recordings=(seen.name,),
+        when_s=((t_s, float(seen.t_s[-1])),), equation=laws()["rezero"].equation, explains=explains,
+        parameters={"t_s": Quantity(t_s, seen.step_s, "s"), "shift_count": Quantity(mean_shift_count, 0.3, "count")},
+        sentence=f"{place_in_words(where)} took its baselines anew at {t_s:.1f} s under load: "
+        f"{mean_shift_count:+.1f} counts are missing since.",
+    )  # fmt: skip
+
+
+def _corrected(
+    seen: WrenchObservation, of_board: np.ndarray[tuple[int], np.dtype[np.bool_]], row: int, width: int, shift: Array
 ) -> WrenchObservation:
-    """With the counts `shift` (k, 12) added to the triangles `own` from row `at` on."""
+    """Return `seen` with `shift` (k, 12) counts added to the k triangles `of_board` (T,) from `row` on."""
     activation, missing = seen.activation_count.copy(), seen.missing.copy()
-    cut_off = seen.cut_off[at:, own]
-    lost = cut_off.any(axis=2)
-    missing[at:, own] |= lost | (seen.load_is_known and lost.mean() > MOST_LOST)
-    missing[at - width : at + width, own] = True
-    later = activation[at:, own] + shift
-    # Less than was taken presses there; on a walk mostly nothing, for the foot has rolled off it.
-    activation[at:, own] = later if seen.load_is_known else np.where(cut_off, 0.0, later)
+    cut_off = seen.cut_off[row:, of_board]
+    is_cut_off = cut_off.any(axis=2)
+    missing[row:, of_board] |= is_cut_off | (seen.load_is_known and is_cut_off.mean() > MOST_CUT_OFF)
+    missing[row - width : row + width, of_board] = True
+    activation_later = activation[row:, of_board] + shift
+    # A reading at an end of the range bears less than the missing load; on a walk mostly none.
+    activation[row:, of_board] = activation_later if seen.load_is_known else np.where(cut_off, 0.0, activation_later)
     rezeroed = np.zeros(missing.shape, bool) if seen.rezeroed is None else seen.rezeroed.copy()
-    rezeroed[at:, own] = True
+    rezeroed[row:, of_board] = True
     return replace(seen, activation_count=activation, missing=missing, rezeroed=rezeroed)
 
 
-def _step(
-    seen: WrenchObservation, own: np.ndarray[tuple[int], np.dtype[np.bool_]], lands: float, width: int
+def _find_rezero(
+    seen: WrenchObservation, of_board: np.ndarray[tuple[int], np.dtype[np.bool_]], landing_count: float, width: int
 ) -> int | None:
-    """The row from which on a board's taxels start anew at the count `lands`; None: they never do."""
-    usable = seen.usable[own]
+    """Return the row at which a board's taxels jump to the count `lands` under a known load, or None."""
+    usable = seen.usable[of_board]
     if not usable.any():
         return None
-    activation = seen.activation_count[:, own][:, usable]
-    rest = seen.calibration.baseline_count[own][usable] - lands
-    near = np.abs(activation - rest) < NEAR_COUNT + 3.0 * seen.noise_count[own][usable]
-    landed = near.mean(axis=1) > 1.0 - MOST_OFF
-    loaded = (activation - rest).mean(axis=1) > LEAST_COUNT
-    expected = (seen.expected_count[:, own][:, usable] - rest).mean(axis=1)
+    activation = seen.activation_count[:, of_board][:, usable]
+    landing_activation = seen.calibration.baseline_count[of_board][usable] - landing_count
+    has_landed = np.abs(activation - landing_activation) < LANDING_COUNT + 3.0 * seen.noise_count[of_board][usable]
+    mostly_landed = has_landed.mean(axis=1) > 1.0 - MOST_ELSEWHERE
+    is_loaded = (activation - landing_activation).mean(axis=1) > LEAST_LOAD_COUNT
+    expected = (seen.expected_count[:, of_board][:, usable] - landing_activation).mean(axis=1)
     rows = np.arange(width, len(activation) - width)
-    loads = np.minimum(expected[rows - width], expected[rows + width]) > LEAST_COUNT
-    steps = rows[loaded[rows - width] & landed[rows + width] & loads]
-    cut_off = seen.cut_off[:, own][:, usable].mean(axis=1) > MOST_OFF
-    away = expected - (activation - rest).mean(axis=1)  # what readings miss
-    for row in steps.tolist():
-        if away[row + width] - away[row - width] < LEAST_COUNT:
-            continue  # the load did it
-        # A pulse is over at once, readings that come late catch up; what a rezero takes is missing from then on.
-        taken = float(np.mean(activation[row - width] - activation[row + width]))
-        later, reads = away[row + width :], ~cut_off[row + width :]
-        soon = later[: round(LASTS_S / seen.step_s)]
+    stays_loaded = np.minimum(expected[rows - width], expected[rows + width]) > LEAST_LOAD_COUNT
+    candidate_rows = rows[is_loaded[rows - width] & mostly_landed[rows + width] & stays_loaded]
+    cut_off = seen.cut_off[:, of_board][:, usable].mean(axis=1) > MOST_ELSEWHERE
+    missing_count = expected - (activation - landing_activation).mean(axis=1)  # what readings miss
+    for row in candidate_rows.tolist():
+        if missing_count[row + width] - missing_count[row - width] < LEAST_LOAD_COUNT:
+            continue  # the load itself changed
+        # A pulse ends and late readings catch up; after a re-zero the load is missing until the end.
+        step_count = float(np.mean(activation[row - width] - activation[row + width]))
+        missing_later, in_range = missing_count[row + width :], ~cut_off[row + width :]
+        missing_soon = missing_later[: round(LEAST_DURATION_S / seen.step_s)]
         if (
-            taken < LEAST_COUNT
-            or np.median(soon) < LEAST_COUNT
-            or abs(float(np.median(away[: row - width]))) > LEAST_COUNT
+            step_count < LEAST_LOAD_COUNT
+            or np.median(missing_soon) < LEAST_LOAD_COUNT
+            or abs(float(np.median(missing_count[: row - width]))) > LEAST_LOAD_COUNT
         ):
             continue
-        if reads.sum() < LEAST_READ or MISSING[0] * taken < np.median(later[reads]) < MISSING[1] * taken:
+        if (
+            in_range.sum() < LEAST_ROWS
+            or MISSING_RATIO[0] * step_count < np.median(missing_later[in_range]) < MISSING_RATIO[1] * step_count
+        ):
             return int(row) + width // 2
     return None
 
 
-def _step_of_walk(seen: WrenchObservation, own: np.ndarray[tuple[int], np.dtype[np.bool_]], width: int) -> int | None:
-    """As `_step` where the load is not known: what is taken on the ground is missing in the air from then on.
+def _find_rezero_of_walk(
+    seen: WrenchObservation, of_board: np.ndarray[tuple[int], np.dtype[np.bool_]], width: int
+) -> int | None:
+    """Return the row at which a board re-zeroes on a walk, or None.
 
-    By readings alone, for the reference's clock is told by them. Where it lands nobody sees: the foot rolls on while
-    the board says nothing.
+    From then on its readings in the air are below those of no load. Only readings are used, because the clock of the
+    reference is not known yet. The count it lands on is not used: the foot rolls on during the re-zero.
     """
-    usable = seen.usable[own]
+    usable = seen.usable[of_board]
     if not usable.any():
         return None
-    level = seen.activation_count[:, own][:, usable].mean(axis=1)
-    long = round(STEPS_S / seen.step_s)
-    lowest = _lowest(level, long)
-    for k in range(LEAST_STEPS, len(lowest) - LEAST_STEPS):
-        # In the air before, however long the person stood there; and soon after, below what no load reads.
-        air, after = float(lowest[:k].min()), lowest[k : k + LEAST_STEPS]
-        scatter = max(float(np.quantile(lowest[:k], AIR_QUANTILE)) - air, float(np.ptp(after)))
-        taken = air - float(after.max())
+    level = seen.activation_count[:, of_board][:, usable].mean(axis=1)
+    stretch_rows = round(STRETCH_S / seen.step_s)
+    low_count = _low_readings(level, stretch_rows)
+    for k in range(LEAST_STRETCHES, len(low_count) - LEAST_STRETCHES):
+        # The lowest reading before, however long the person stood, and those of the first stretches after.
+        air_before, air_after = float(low_count[:k].min()), low_count[k : k + LEAST_STRETCHES]
+        scatter = max(float(np.quantile(low_count[:k], AIR_QUANTILE)) - air_before, float(np.ptp(air_after)))
+        step_count = air_before - float(air_after.max())
         if (
-            taken > max(LEAST_STEP_COUNT, CLEAR * scatter)
-            and float(np.median(lowest[k:])) < air - 0.5 * taken
-            and air < LEAST_COUNT
-            and after.max() < -LEAST_STEP_COUNT
+            step_count > max(LEAST_WALK_STEP_COUNT, LEAST_RATIO * scatter)
+            and float(np.median(low_count[k:])) < air_before - 0.5 * step_count
+            and air_before < LEAST_LOAD_COUNT
+            and air_after.max() < -LEAST_WALK_STEP_COUNT
         ):
-            return _last_drop(level, air - 0.5 * taken, 0.5 * taken, width)
+            return _last_drop(level, air_before - 0.5 * step_count, 0.5 * step_count, width)
     return None
 
 
 def _last_drop(level: Array, floor: float, least: float, width: int) -> int:
-    """The row of the last drop of at least `least` until `level` falls below `floor` for the first time.
+    """Return the row of the last drop of at least `least` before `level` (N,) first falls below `floor`.
 
-    A board that says nothing while the foot rolls off it falls from the load to below no load at once.
+    A board that re-zeroes while the foot rolls off it falls from the load to below no load in one step.
     """
     first = int(np.argmax(level < floor))
     if first and level[first - 1] > floor + 2.0 * least:
         return first + width // 2
     rows = np.arange(max(first, 1))
-    drop = level[rows] - level[np.minimum(rows + width, rows[-1])]
-    falls = rows[drop > least]
-    if not len(falls):
+    drop_count = level[rows] - level[np.minimum(rows + width, rows[-1])]
+    drop_rows = rows[drop_count > least]
+    if not len(drop_rows):
         return first
-    last = rows[max(int(falls[-1]) - width, 0) : int(falls[-1]) + 1]
-    return int(last[np.argmax(drop[last])]) + width // 2
+    rows_before = rows[max(int(drop_rows[-1]) - width, 0) : int(drop_rows[-1]) + 1]
+    return int(rows_before[np.argmax(drop_count[rows_before])]) + width // 2
 
 
-def _lowest(level: Array, rows: int) -> Array:
-    """A low quantile of each stretch of so many rows: cubics through edges of the load fall lower for a moment."""
-    return np.asarray(np.quantile(level[: len(level) // rows * rows].reshape(-1, rows), LOWEST, axis=1))
+def _low_readings(level: Array, rows: int) -> Array:
+    """Return a low quantile of each stretch of `rows` rows: interpolation of steep edges undershoots the minimum."""
+    return np.asarray(np.quantile(level[: len(level) // rows * rows].reshape(-1, rows), LOW_QUANTILE, axis=1))

@@ -1,7 +1,7 @@
-"""Single taxels that answer more or less than they were calibrated for, or rest at another count.
+"""Detect single taxels with another gain or baseline than calibrated, under a known load.
 
-Where the load is known, all taxels of a triangle are off by the same pressure, whatever memory it goes through: what
-one says otherwise than their median is its own. The regression sees means of triangles, in which a taxel is a tenth.
+The taxels of a triangle share its load and memory, so the deviation of one from their median is its own. The regression
+uses means of triangles, in which a taxel has a tenth of the weight.
 """
 
 from __future__ import annotations
@@ -16,123 +16,134 @@ from ...physics.effects import laws
 from ...physics.law import Array
 from ...skin.geometry import N_TAXELS
 from ..finding import Finding, Quantity
-from ..places import said
+from ..places import place_in_words
 from .chamber import ChamberObservation
 from .spread import spread
 from .wrench import WrenchObservation
 
-LEAST_TAXELS = 6  # of a triangle, that a median is taken of
-MOST_ODD = 0.35  # of them, that may be off: with half of them nobody knows which half
-LEAST_SIZE = 0.6  # of a reading's noise: what a correction moves its readings by, RMS
-CLEAR = 8.0  # times what most taxels are off by (median absolute deviation as a standard deviation)
-LEAST_SHARE = 0.6  # of what is off beyond noise, that one static word explains
+LEAST_TAXELS = 6  # of a triangle, for a median
+MOST_ODD_SHARE = 0.35  # of them: with half of them odd, the right half is unknown
+LEAST_NOISE_RATIO = 0.6  # RMS of a correction over the noise of a reading
+LEAST_DEVIATION = 8.0  # from the median of all taxels, in median absolute deviations as standard deviations
+LEAST_EXPLAINED = 0.6  # of the mean square deviation beyond noise, by one effect
 LEAST_ROWS = 200
 
 
-def with_taxels(seen: WrenchObservation, working: NDArray[np.bool_]) -> tuple[WrenchObservation, list[Finding]]:
-    """`seen` with the readings of such taxels put right, among the `working` ones (T, 12), and what is said of them."""
+def correct_taxels(seen: WrenchObservation, working: NDArray[np.bool_]) -> tuple[WrenchObservation, list[Finding]]:
+    """Return `seen` with such taxels among the `working` ones (T, 12) corrected, and findings on them."""
     if not isinstance(seen, ChamberObservation) or seen.has_own_curves:
         return seen, []
-    off, known = _off_count(seen, working), np.isfinite(seen.weight_variance)
-    expected, beside = seen.expected_count, _spread_count(seen)
+    deviation, known = _deviation_count(seen, working), np.isfinite(seen.weight_variance)
+    expected, spread_count = seen.expected_count, _spread_deviation_count(seen)
     shape = seen.usable.shape
     gain, shift = np.full(shape, np.nan), np.full(shape, np.nan)
     for row, taxel in np.argwhere(working).tolist():
-        rows = known[:, row] & np.isfinite(off[:, row, taxel])
-        if rows.sum() > LEAST_ROWS:
-            gain[row, taxel], shift[row, taxel] = _static(expected[rows, row, taxel], off[rows, row, taxel])
+        used = known[:, row] & np.isfinite(deviation[:, row, taxel])
+        if used.sum() > LEAST_ROWS:
+            gain[row, taxel], shift[row, taxel] = _fit_gain_and_baseline(
+                expected[used, row, taxel], deviation[used, row, taxel]
+            )
     findings: list[Finding] = []
     activation = seen.activation_count.copy()
-    words: dict[str, list[tuple[int, float, float]]] = {"gain": [], "baseline": []}
-    odd = _odd(gain) | _odd(shift)
-    odd &= odd.sum(axis=1, keepdims=True) <= MOST_ODD * working.sum(axis=1, keepdims=True)
-    for row, taxel in np.argwhere(odd).tolist():
-        rows = known[:, row] & np.isfinite(off[:, row, taxel])
+    by_effect: dict[str, list[tuple[int, float, float]]] = {"gain": [], "baseline": []}
+    is_odd = _is_odd(gain) | _is_odd(shift)
+    is_odd &= is_odd.sum(axis=1, keepdims=True) <= MOST_ODD_SHARE * working.sum(axis=1, keepdims=True)
+    for row, taxel in np.argwhere(is_odd).tolist():
+        used = known[:, row] & np.isfinite(deviation[:, row, taxel])
         noise_count = float(seen.noise_count[row, taxel])
-        told = _told(expected[rows, row, taxel], beside[rows, row, taxel], off[rows, row, taxel], noise_count)
-        if told is None:
+        explanation = _explanation(
+            expected[used, row, taxel], spread_count[used, row, taxel], deviation[used, row, taxel], noise_count
+        )
+        if explanation is None:
             continue
-        word, value, square = told
-        words[word].append((row * N_TAXELS + taxel, value, square))
-        own = activation[:, row, taxel]
-        activation[:, row, taxel] = own / (1.0 + value) if word == "gain" else own + value
+        effect, value, square = explanation
+        by_effect[effect].append((row * N_TAXELS + taxel, value, square))
+        reading = activation[:, row, taxel]
+        activation[:, row, taxel] = reading / (1.0 + value) if effect == "gain" else reading + value
     total = max(int(seen.usable.sum()), 1)
-    for word, every in words.items():
-        if every:
-            findings.append(_finding(seen, word, every, total))
+    for effect, corrections in by_effect.items():
+        if corrections:
+            findings.append(_finding(seen, effect, corrections, total))
     return replace(seen, activation_count=activation) if findings else seen, findings
 
 
-def _off_count(seen: ChamberObservation, working: NDArray[np.bool_]) -> Array:
-    """(N, T, 12) counts by which taxels read more than their triangle's others say; NaN where too few do."""
-    above = seen.pressure_pa - seen.load_pa(seen.reference_s)
-    above = np.where(working & ~seen.cut_off, above, np.nan)
-    enough = np.isfinite(above).sum(axis=2, keepdims=True) >= LEAST_TAXELS
-    middle = np.nanmedian(np.where(enough, above, 0.0), axis=2, keepdims=True)
-    return np.asarray(np.where(enough, above - middle, np.nan) / np.maximum(seen.slope_pa, 1e-9))
+def _deviation_count(seen: ChamberObservation, working: NDArray[np.bool_]) -> Array:
+    """Return by how many counts taxels deviate from the median of their triangle, (N, T, 12); NaN if unknown."""
+    excess_pa = seen.pressure_pa - seen.load_pa(seen.reference_s)
+    excess_pa = np.where(working & ~seen.cut_off, excess_pa, np.nan)
+    is_enough = np.isfinite(excess_pa).sum(axis=2, keepdims=True) >= LEAST_TAXELS
+    median_pa = np.nanmedian(np.where(is_enough, excess_pa, 0.0), axis=2, keepdims=True)
+    return np.asarray(np.where(is_enough, excess_pa - median_pa, np.nan) / np.maximum(seen.slope_pa, 1e-9))
 
 
-def _spread_count(seen: ChamberObservation) -> Array:
-    """(N, T, 12, k) counts by which taxels would read more, other than their triangle, if load were spread so far."""
+def _spread_deviation_count(seen: ChamberObservation) -> Array:
+    """Return the deviations (N, T, 12, k) in counts that spreading the load over k numbers of steps would cause."""
     if seen.is_uniform:
         return np.zeros((*seen.slope_pa.shape, 0))
     load, *further = spread(seen, seen.load_pa(seen.reference_s))
-    more = [np.where(seen.usable, each - load, 0.0) for each in further]
-    apart = np.stack([each - np.median(each, axis=2, keepdims=True) for each in more], axis=-1)
-    return np.asarray(apart / np.maximum(seen.slope_pa, 1e-9)[..., None])
+    changes_pa = [np.where(seen.usable, spread_pa - load, 0.0) for spread_pa in further]
+    deviation_pa = np.stack([change - np.median(change, axis=2, keepdims=True) for change in changes_pa], axis=-1)
+    return np.asarray(deviation_pa / np.maximum(seen.slope_pa, 1e-9)[..., None])
 
 
-def _static(expected: Array, off: Array) -> tuple[float, float]:
-    """How much more than 1 the gain is, and the counts that are missing at rest."""
+def _fit_gain_and_baseline(expected: Array, deviation: Array) -> tuple[float, float]:
+    """Return the gain less 1 and the counts missing at rest, by least squares."""
     design = np.stack([expected, -np.ones_like(expected)], axis=1)
-    found = np.linalg.lstsq(design, off, rcond=None)[0]
-    return float(found[0]), float(found[1])
+    coefficients = np.linalg.lstsq(design, deviation, rcond=None)[0]
+    return float(coefficients[0]), float(coefficients[1])
 
 
-def _odd(values: Array) -> NDArray[np.bool_]:
-    """(T, 12) far from what most are."""
+def _is_odd(values: Array) -> NDArray[np.bool_]:
+    """Return which values (T, 12) are outliers among all."""
     known = values[np.isfinite(values)]
     if known.size < LEAST_TAXELS:
         return np.zeros(values.shape, bool)
-    away = np.abs(values - np.median(known))
-    scale = 1.4826 * float(np.median(away[np.isfinite(values)]))
-    return np.asarray(np.nan_to_num(away) > CLEAR * max(scale, 1e-9))
+    distance = np.abs(values - np.median(known))
+    scale = 1.4826 * float(np.median(distance[np.isfinite(values)]))
+    return np.asarray(np.nan_to_num(distance) > LEAST_DEVIATION * max(scale, 1e-9))
 
 
-def _told(expected: Array, beside: Array, off: Array, noise_count: float) -> tuple[str, float, float] | None:
-    """The one static word that explains what a taxel is off by, its value and mean square; None: none does.
+def _explanation(
+    expected: Array, spread: Array, deviation: Array, noise_count: float
+) -> tuple[str, float, float] | None:
+    """Return the one effect that explains the deviation of a taxel, its value and mean square; None if none does.
 
-    Nor where load of its neighbours explains as much, `beside` (n, k): that a cover spreads, or another shoe.
+    None also if load from its neighbours explains as much, `spread` (n, k): a cover or another shoe spreads it.
     """
-    whole = float(np.mean(off**2))
-    noise = float(np.mean(np.diff(off) ** 2) / 2.0)
-    gain = float(expected @ off / max(float(expected @ expected), 1e-12))
-    shift = -float(np.mean(off))
+    mean_square = float(np.mean(deviation**2))
+    noise = float(np.mean(np.diff(deviation) ** 2) / 2.0)
+    gain = float(expected @ deviation / max(float(expected @ expected), 1e-12))
+    shift = -float(np.mean(deviation))
     squares = {"gain": gain**2 * float(np.mean(expected**2)), "baseline": shift**2}
-    word = max(squares, key=lambda each: squares[each])
-    by_spread = (off @ beside) ** 2 / np.maximum(np.sum(beside**2, axis=0), 1e-12) / len(off)
-    if np.any(by_spread >= squares[word]):
+    effect = max(squares, key=lambda name: squares[name])
+    by_spread = (deviation @ spread) ** 2 / np.maximum(np.sum(spread**2, axis=0), 1e-12) / len(deviation)
+    if np.any(by_spread >= squares[effect]):
         return None
-    if squares[word] < (LEAST_SIZE * noise_count) ** 2 or squares[word] < LEAST_SHARE * (whole - noise):
+    if squares[effect] < (LEAST_NOISE_RATIO * noise_count) ** 2 or squares[effect] < LEAST_EXPLAINED * (
+        mean_square - noise
+    ):
         return None
-    return word, gain if word == "gain" else shift, squares[word]
+    return effect, gain if effect == "gain" else shift, squares[effect]
 
 
-def _finding(seen: WrenchObservation, word: str, every: list[tuple[int, float, float]], total: int) -> Finding:
+def _finding(seen: WrenchObservation, effect: str, corrections: list[tuple[int, float, float]], total: int) -> Finding:
     identities = seen.layout.identities
     where = Where(
-        "taxel", tuple((*(int(x) for x in identities[slot // N_TAXELS]), slot % N_TAXELS) for slot, _, _ in every)
+        "taxel",
+        tuple(
+            (*(int(number) for number in identities[slot // N_TAXELS]), slot % N_TAXELS) for slot, _, _ in corrections
+        ),
     )
-    values = np.array([value for _, value, _ in every])
-    middle, spread = float(np.median(values)), float(np.std(values))
-    if word == "gain":
-        parameters = {"gain": Quantity(1.0 + middle, max(spread, 0.01), "1")}
-        text = f"answers {1.0 + middle:.2f} times as much as calibrated"
+    values = np.array([value for _, value, _ in corrections])
+    median, std = float(np.median(values)), float(np.std(values))
+    if effect == "gain":
+        parameters = {"gain": Quantity(1.0 + median, max(std, 0.01), "1")}
+        text = f"answers {1.0 + median:.2f} times as much as calibrated"
     else:
-        parameters = {"shift_count": Quantity(middle, max(spread, 0.1), "count")}
-        text = f"rests {middle:+.1f} counts from where it was calibrated"
+        parameters = {"shift_count": Quantity(median, max(std, 0.1), "count")}
+        text = f"rests {median:+.1f} counts from where it was calibrated"
     return Finding(
-        effect=word, foot=seen.layout.foot, where=where, equation=laws()[word].equation, recordings=(seen.name,),
-        parameters=parameters, explains=sum(square for _, _, square in every) / total, confidence=0.95,
-        sentence=f"{said(where)}: {text}, other than the rest of its triangle.",
+        effect=effect, foot=seen.layout.foot, where=where, equation=laws()[effect].equation, recordings=(seen.name,),
+        parameters=parameters, explains=sum(square for _, _, square in corrections) / total, confidence=0.95,
+        sentence=f"{place_in_words(where)}: {text}, other than the rest of its triangle.",
     )  # fmt: skip

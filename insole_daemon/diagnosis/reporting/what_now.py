@@ -37,8 +37,8 @@ def what_now(diagnosis: Diagnosis) -> list[str]:
     names = {
         "foot": diagnosis.results[0].seen.layout.foot, "recordings": " ".join(diagnosis.recordings),
     }  # fmt: skip
-    modelled = list(dict.fromkeys(effect.law.word for effect in diagnosis.effects))
-    modelled_first = [MODELLED.format(words=" and ".join(modelled)) + VERIFY + THEN] if modelled else []
+    modelled_words = list(dict.fromkeys(effect.law.word for effect in diagnosis.effects))
+    modelled_first = [MODELLED.format(words=" and ".join(modelled_words)) + VERIFY + THEN] if modelled_words else []
     return modelled_first + [
         f"{word.replace('_', ' ')}: {REMEDIES[word].format(**names)}" for word in words if word in REMEDIES
     ]

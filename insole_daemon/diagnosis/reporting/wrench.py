@@ -12,7 +12,7 @@ from ...report.insole_map import word_map
 from ...report.plot import Plot, axis
 from ...skin.geometry import PRESSURE_TAXELS
 from ..model.placement import place_of
-from ..places import said
+from ..places import place_in_words
 from ..result import Diagnosis, RecordingResult
 from . import first_page, numbers
 from .physical_units import course_pa, rms_force_n, rms_kpa
@@ -28,8 +28,10 @@ def html(diagnosis: Diagnosis) -> str:
     foot = diagnosis.results[0].seen.layout.foot
     lead = f"{first_page.verdict_sentence(diagnosis)} Recorded in {', '.join(diagnosis.recordings)}."
     known = {result.seen.load_is_known for result in diagnosis.results}
-    what = "a simulation" if diagnosis.against == "simulation" else "a known pressure" if known == {True} else "a force"
-    return page.page(f"Diagnosis of the {foot} insole against {what}", lead, _sections(diagnosis), _about(diagnosis))
+    against = (
+        "a simulation" if diagnosis.against == "simulation" else "a known pressure" if known == {True} else "a force"
+    )
+    return page.page(f"Diagnosis of the {foot} insole against {against}", lead, _sections(diagnosis), _about(diagnosis))
 
 
 def _about(diagnosis: Diagnosis) -> list[str]:
@@ -38,10 +40,10 @@ def _about(diagnosis: Diagnosis) -> list[str]:
     insole = page.insole_label(seen.layout.foot, seen.layout.identities[:, 0].tolist())
     if seen.has_own_curves:
         return [insole, "no calibration: the curves that fit these recordings best"]
-    made_of = ", ".join(map(str, seen.calibration.provenance.get("recordings", ())))
-    calibration = f"calibration made of {made_of}" if made_of else "calibration of unknown recordings"
+    recordings = ", ".join(map(str, seen.calibration.provenance.get("recordings", ())))
+    calibration = f"calibration made of {recordings}" if recordings else "calibration of unknown recordings"
     if seen.is_estimated is not None:
-        place = said(place_of(seen.is_estimated, seen))
+        place = place_in_words(place_of(seen.is_estimated, seen))
         calibration += f"; it does not list {place}, whose load is estimated from the readings there"
     return [insole, calibration]
 
@@ -90,35 +92,41 @@ def _places(diagnosis: Diagnosis) -> str:
 def _facts(diagnosis: Diagnosis) -> str:
     heldout = diagnosis.heldout
     known = [result for result in diagnosis.results if result.seen.load_is_known]
-    shown = []
-    for of in (heldout, heldout["f_z"]) if "f_z" in heldout else (heldout,):
-        before, after, floor = (_error(of, name, known) for name in ("before", "after", "floor"))
-        what = "a reading" if of["unit"] == "count" else "the force"
-        shown += [(before, f"error of {what} before"), (after, "error after"), (floor, "noise: no model gets below")]
+    facts = []
+    for errors in (heldout, heldout["f_z"]) if "f_z" in heldout else (heldout,):
+        before, after, floor = (_error(errors, name, known) for name in ("before", "after", "floor"))
+        quantity = "a reading" if errors["unit"] == "count" else "the force"
+        facts += [
+            (before, f"error of {quantity} before"),
+            (after, "error after"),
+            (floor, "noise: no model gets below"),
+        ]
     if known:
         before_n, after_n = rms_force_n(known)
-        shown.append((f"{before_n:.1f} → {after_n:.1f} N", "of the force of all taxels under the known pressure"))
-    shown += [
+        facts.append((f"{before_n:.1f} → {after_n:.1f} N", "of the force of all taxels under the known pressure"))
+    facts += [
         (f"{heldout[name]['before']:.2f} → {heldout[name]['after']:.2f} N·m", f"of the moment {name}")
         for name in ("m_x", "m_y")
         if name in heldout
     ]
-    return page.facts(*shown)
+    return page.facts(*facts)
 
 
-def _error(of: Mapping[str, Any], name: str, known: Sequence[RecordingResult]) -> str:
+def _error(errors: Mapping[str, Any], name: str, known: Sequence[RecordingResult]) -> str:
     """Return an error in its unit; counts also in kPa, by the curves in use."""
-    if of["unit"] != "count":
-        return f"{of[name]:.1f} {of['unit']}"
-    return f"{of[name]:.1f} counts, {rms_kpa(known, of[name]):.2f} kPa"
+    if errors["unit"] != "count":
+        return f"{errors[name]:.1f} {errors['unit']}"
+    return f"{errors[name]:.1f} counts, {rms_kpa(known, errors[name]):.2f} kPa"
 
 
 def _trace(result: RecordingResult) -> str:
     """Return the plots of the load and the error over the SHOWN_S in which the findings change most."""
     seen, figures = result.seen, result.figures
     size = max(round(SHOWN_S / seen.step_s), 10)
-    gained = np.cumsum(np.where(figures.known, figures.course_before[:, 0] ** 2 - figures.course_after[:, 0] ** 2, 0.0))
-    start = int(np.argmax(gained[size:] - gained[:-size])) if len(gained) > size else 0
+    cumulative_gain = np.cumsum(
+        np.where(figures.known, figures.course_before[:, 0] ** 2 - figures.course_after[:, 0] ** 2, 0.0)
+    )
+    start = int(np.argmax(cumulative_gain[size:] - cumulative_gain[:-size])) if len(cumulative_gain) > size else 0
     rows = slice(start, start + size)
     t_s, force = seen.t_s[rows], seen.reference.at(seen.reference_s)[rows, 0]
     before, after = figures.course_before[rows, 0], figures.course_after[rows, 0]
@@ -133,16 +141,16 @@ def _trace(result: RecordingResult) -> str:
         errors = [("counts", before, after), ("kPa", before_pa * 1e-3, after_pa * 1e-3)]
     load = Plot(time, axis(load_name, force), height=150)
     load.line(t_s, force, 2)
-    drawn = [load.svg("load over time")]
-    for unit, was, became in errors:
-        plot = Plot(time, axis(f"error, {unit}", was, became), height=220)
-        plot.line(t_s, was, 1, "the model as handed in")
+    plots = [load.svg("load over time")]
+    for unit, before_values, after_values in errors:
+        plot = Plot(time, axis(f"error, {unit}", before_values, after_values), height=220)
+        plot.line(t_s, before_values, 1, "the model as handed in")
         if result.refined.shares:
-            plot.line(t_s, became, 0, "with what was found")
-        drawn.append(plot.svg(f"error before and after in {unit}"))
+            plot.line(t_s, after_values, 0, "with what was found")
+        plots.append(plot.svg(f"error before and after in {unit}"))
     of_curves = " Counts are converted by the slope of the curves in use at each reading." if seen.load_is_known else ""
     return page.figure(
-        "".join(drawn),
+        "".join(plots),
         f"The load by the reference and the model's error on held-out rows: the {t_s[-1] - t_s[0]:.0f} s in which the "
         f"findings change most.{of_curves}",
     )
@@ -160,7 +168,9 @@ def _noise(diagnosis: Diagnosis) -> str:
     rows = []
     for result in diagnosis.results:
         names = (
-            [f"{b}.{t}" for b, t in result.seen.layout.identities.tolist()] if result.seen.load_is_known else CHANNELS
+            [f"{board}.{triangle}" for board, triangle in result.seen.layout.identities.tolist()]
+            if result.seen.load_is_known
+            else CHANNELS
         )
         noise, excess = result.figures.left.noise, result.figures.left.excess
         for name, level, slow in zip(names, noise.tolist(), excess.tolist(), strict=True):

@@ -275,8 +275,8 @@ def _noise(design: BlockDesign) -> float:
     """RMS noise of the readings, bursts included, counts."""
     seen = design.seen
     noise = np.broadcast_to(seen.noise_count, seen.activation_count.shape)
-    if seen.loudness is not None:
-        noise = noise * seen.loudness[..., None]
+    if seen.noise_ratio is not None:
+        noise = noise * seen.noise_ratio[..., None]
     return float(np.sqrt(_square(design, noise)))
 
 

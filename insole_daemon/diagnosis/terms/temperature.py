@@ -35,7 +35,7 @@ def _needs(load: LoadEstimate) -> str | None:
     if load.observation.temperature_c is None:
         return "the reference has no temperature_c, and the thermal pads do not agree on one"
     moves = float(np.ptp(load.observation.temperature_c))
-    if load.observation.warmth_is_of_pads:
+    if load.observation.temperature_is_in_counts:
         return None if moves >= LEAST_COUNT else f"the thermal pads move by less than {LEAST_COUNT:g} count"
     if moves < LEAST_K:
         return f"the temperature moves by less than {LEAST_K} K"

@@ -1,4 +1,4 @@
-"""What a diagnosis found, as the effects that a model has and that a file of them says."""
+"""Findings as effects of a model and of its file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Walks for the tests: a few triangles, steps from heel to toe, effects put on by hand, and a force shoe."""
+"""Walks for the tests: a few triangles, steps from heel to toe, effects applied by hand, and a force shoe."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ PA_PER_COUNT = 7e3
 
 
 def load(seconds: float, seed: int, layout: Layout = LAYOUT) -> tuple[Array, Array]:
-    """(N,) s and (N, 72) Pa: a second in the air, then steps of about 1.1 s, no two alike."""
+    """Return times (N,) s and pressures (N, 72) Pa: a second in the air, then different steps of about 1.1 s."""
     rng = np.random.default_rng(seed)
     t_s = np.arange(0.0, seconds, DT_S)
     x = layout.xy_m[..., 0].ravel()[:, None]
@@ -45,7 +45,7 @@ def load(seconds: float, seed: int, layout: Layout = LAYOUT) -> tuple[Array, Arr
 
 
 def late(p: Array, tau_s: float) -> Array:
-    """(N, m) after a first-order low pass, by the trapezoidal rule."""
+    """Return `p` (N, m) after a first-order low pass, by the trapezoidal rule."""
     k = DT_S / (2 * tau_s)
     return np.asarray(lfilter([k / (1 + k), k / (1 + k)], [1.0, -(1 - k) / (1 + k)], p, axis=0))
 
@@ -64,7 +64,7 @@ def write(
     sensors: Sensors | None = None,
     touch: Callable[[Array, Array], None] = lambda t_s, read: None,
 ) -> Path:
-    """A recording whose taxels `where` (72,) feel `effect(load)` and are read `delay_s` late; it begins standing.
+    """Write a recording whose taxels `where` (72,) bear `effect(load)` and are read `delay_s` late; it begins standing.
 
     `sensors`: of the insole, else straight ones. `touch` changes what is read (n, 72) at times (n,) in place.
     """

@@ -1,4 +1,4 @@
-"""Walks with a force shoe: what is concealed in them is named, placed and modelled; what is not there is not found."""
+"""Walks with a force shoe: concealed effects are named, placed and modelled, and nothing else is found."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def test_effects_together_are_named_modelled_and_shown(tmp_path):
     assert "error of the force" in (tmp_path / "out" / "report.html").read_text()
 
 
-def test_a_quick_viscoelasticity_is_named_beside_a_lag(tmp_path):
+def test_a_fast_viscoelasticity_is_named_beside_a_lag(tmp_path):
     folder = write(tmp_path / "walk", lambda p: late(0.87 * p + 0.13 * late(p, 0.1), 0.035), seconds=40.0)
     found = diagnose(folder, tmp_path / "out")
     by_word = {each["effect"]: each["parameters"] for each in found["findings"]}
@@ -73,18 +73,18 @@ def test_a_quick_viscoelasticity_is_named_beside_a_lag(tmp_path):
 
 
 @pytest.mark.parametrize("clock", ["can", "own"])
-def test_nothing_is_found_where_nothing_is(tmp_path, clock):
+def test_a_null_has_no_finding(tmp_path, clock):
     found = diagnose(write(tmp_path / "walk", clock=clock), tmp_path / "out")
     assert found["verdict"] == "no mismatch"
     assert not found["findings"]
 
 
-def test_a_walk_after_a_while_on_the_foot_is_no_board_zeroed(tmp_path):
+def test_standing_before_a_walk_is_no_rezero(tmp_path):
     found = diagnose(write(tmp_path / "walk", seconds=40.0, stands_s=9.0), tmp_path / "out")
     assert not found["findings"]
 
 
-def test_a_shoe_whose_clock_runs_away_is_reported_with_its_rate(tmp_path):
+def test_a_wrong_rate_of_the_shoes_clock_is_reported(tmp_path):
     walk = write(tmp_path / "walk", clock="own", seconds=40.0)
     rows = (walk / "reference.csv").read_text().splitlines()
     at = rows[0].split(",").index("time_s")
@@ -98,7 +98,7 @@ def test_a_shoe_whose_clock_runs_away_is_reported_with_its_rate(tmp_path):
     assert finding["parameters"]["rate"]["value"] == pytest.approx(0.004, abs=2e-4)
 
 
-def test_what_one_part_of_the_insole_does_is_placed_there(tmp_path):
+def test_an_effect_of_one_part_of_the_insole_is_placed_there(tmp_path):
     where = np.repeat(LAYOUT.identities[:, 0] == 7, 12)
     found = diagnose(write(tmp_path / "walk", solid, where), tmp_path / "out")
     (finding,) = found["findings"]
@@ -107,7 +107,7 @@ def test_what_one_part_of_the_insole_does_is_placed_there(tmp_path):
     assert finding["where"] == {"scope": "board", "ids": [[7]]}
 
 
-def test_a_constant_of_the_reference_is_reported(tmp_path):
+def test_an_offset_of_the_reference_is_reported(tmp_path):
     walk = write(tmp_path / "walk")
     rows = (walk / "reference.csv").read_text().splitlines()
     f_z = rows[0].split(",").index("fz_n")
@@ -122,14 +122,14 @@ def test_a_constant_of_the_reference_is_reported(tmp_path):
     assert said_n == pytest.approx(5.0, abs=0.5)
 
 
-def test_straps_that_press_are_no_constant_of_a_reference_that_is_zero_in_the_air(tmp_path):
+def test_a_preload_is_no_offset_of_a_reference_that_is_zero_in_the_air(tmp_path):
     found = diagnose_any(write(tmp_path / "walk", lambda p: p + 5e3), tmp_path / "out")
     (finding,) = found["findings"]
     assert finding["effect"] == "preload"
     assert finding["parameters"]["p0_pa"]["value"] == pytest.approx(5e3, rel=0.15)
 
 
-def test_a_creep_that_most_of_the_answer_comes_with_is_undone(tmp_path):
+def test_a_creep_larger_than_the_immediate_response_is_undone(tmp_path):
     def creeping(p: Array) -> Array:
         return 0.25 * p + 0.25 * (late(p, 0.7) + late(p, 6.0) + late(p, 30.0))
 
@@ -141,7 +141,7 @@ def test_a_creep_that_most_of_the_answer_comes_with_is_undone(tmp_path):
     assert found["heldout"]["after"] < 0.08 * found["heldout"]["before"]
 
 
-def test_a_board_zeroed_under_the_foot_is_told_and_the_rest_is_judged_before_it(tmp_path):
+def test_a_rezero_under_the_foot_is_found_and_only_earlier_rows_are_used(tmp_path):
     own = np.repeat(LAYOUT.identities[:, 0] == 6, 12)
 
     def anew(t_s: Array, read: Array) -> None:
@@ -161,7 +161,7 @@ def test_a_board_zeroed_under_the_foot_is_told_and_the_rest_is_judged_before_it(
     assert found["heldout"]["after"] < 0.1 * found["heldout"]["before"]
 
 
-def test_a_digitiser_that_shifts_by_one_bit_less_is_told_and_a_gain_of_two_is_not(tmp_path):
+def test_a_smaller_bit_shift_is_named_and_a_gain_of_two_is_none(tmp_path):
     own = np.repeat(LAYOUT.identities[:, 0] == 6, 12)
 
     def shifted(t_s: Array, read: Array) -> None:
@@ -187,7 +187,7 @@ def test_hysteresis_is_found_in_a_walk_that_begins_on_the_foot(tmp_path):
     assert found["heldout"]["after"] < 0.3 * found["heldout"]["before"]
 
 
-def test_walks_are_explained_together(tmp_path):
+def test_several_walks_give_one_diagnosis(tmp_path):
     walks = [write(tmp_path / name, solid, seed=seed, clock="own") for name, seed in (("one", 1), ("two", 2))]
     found = diagnose(walks[0], tmp_path / "out", str(walks[1]))
     (finding,) = found["findings"]
@@ -199,7 +199,7 @@ def test_walks_are_explained_together(tmp_path):
     assert [each["offset_s"] for each in found["alignment"]] == pytest.approx([3.1, 3.1], abs=0.05)
 
 
-def test_walks_that_contradict_each_other_are_named_and_most_of_them_have_the_model(tmp_path):
+def test_contradicting_walks_are_named_and_the_majority_has_the_model(tmp_path):
     sensors = Sensors.drawn(np.random.default_rng(1))
     one, two, three = (
         write(tmp_path / name, effect, seed=seed, seconds=16.0, sensors=sensors)
@@ -217,7 +217,7 @@ def test_walks_that_contradict_each_other_are_named_and_most_of_them_have_the_mo
     assert effect["effect"] == "viscoelasticity"
 
 
-def test_a_simulated_trial_from_frames_to_what_is_named(tmp_path):
+def test_a_simulated_trial_is_diagnosed_from_its_frames(tmp_path):
     trial, effects, walk = tmp_path / "trial.yaml", tmp_path / "effects.yaml", tmp_path / "walk"
     reference = {"offset_s": 0, "rate_ppm": 0}
     trial.write_text(json.dumps({"format": "insole-trial/1", "length_s": 30, "reference": reference}))
@@ -243,17 +243,17 @@ def test_a_simulated_trial_from_frames_to_what_is_named(tmp_path):
 
 
 @pytest.mark.parametrize(("cycles", "found"), [(6, []), (1, ["dead_taxels"])])
-def test_a_heel_strike_is_no_loose_contact_and_a_leap_that_comes_back_at_once_is(tmp_path, cycles, found):
+def test_a_heel_strike_is_no_loose_contact_and_a_leap_that_reverses_at_once_is(tmp_path, cycles, found):
     foot = load(write(tmp_path / "walk", seconds=12.0)).feet[0]
     counts = foot.counts.copy()
     for begin in range(100, 500, 60):
         counts[begin : begin + cycles, 0, :3] = 100
     audited = audit(replace(foot, counts=counts), "walk", steps=True)
     assert [each.effect for each in audited.findings] == found
-    assert audited.kept[0, :3].all() == (not found)
+    assert audited.usable_taxels[0, :3].all() == (not found)
 
 
-def test_bad_input_is_refused_with_a_sentence(tmp_path):
+def test_bad_walks_are_refused_with_a_sentence(tmp_path):
     def refused(kind: type[Exception], *folders: Path) -> str:
         done = CliRunner().invoke(app, ["diagnose", *map(str, folders), "--out", str(tmp_path / "out")])
         assert isinstance(done.exception, kind), (done.output, done.exception)
@@ -270,7 +270,7 @@ def test_bad_input_is_refused_with_a_sentence(tmp_path):
     assert "leave it out" in refused(DiagnosisError, walk, free)
 
 
-def test_a_curve_that_bends_beyond_its_chamber_is_bent_back(tmp_path):
+def test_a_curve_that_stiffens_beyond_its_calibration_is_corrected(tmp_path):
     def error_n(folder: Path, model: Path) -> float:
         t_s, f_z_n = of_walk(model, folder)["left"]
         shoe = insole_daemon.load(folder)["left"].reference
@@ -285,7 +285,7 @@ def test_a_curve_that_bends_beyond_its_chamber_is_bent_back(tmp_path):
     assert error_n(bent, tmp_path / "out" / "model.json") < 1.2 * usual
 
 
-def test_a_board_that_is_not_calibrated_makes_no_finding_and_is_in_the_report(tmp_path):
+def test_an_uncalibrated_board_gives_no_finding_and_is_in_the_report(tmp_path):
     folder = varied(write(tmp_path / "walk"), tmp_path / "masked", without_a_board)
     found = diagnose(folder, tmp_path / "out")
     assert (found["verdict"], found["findings"]) == ("no mismatch", [])

@@ -1,4 +1,4 @@
-"""Designs made from one another without computing everything anew."""
+"""Designs that are derived from others without computing all columns again."""
 
 from __future__ import annotations
 
@@ -44,16 +44,16 @@ def assert_like(one, other) -> None:
 
 
 def columns_of(design):
-    """Returns the columns of all candidates and their companions, in the order of the candidates."""
+    """Return the columns of all candidates and their companions, in the order of the candidates."""
     return np.concatenate([[*each.columns, *each.companions] for each in design.candidates]).astype(int)
 
 
 def number(design, word: str) -> int:
-    """Returns the number of the first candidate of the whole insole with this word."""
+    """Return the number of the first candidate of the whole insole with this word."""
     return next(k for k, c in enumerate(design.candidates) if c.word == word and c.where.scope == "insole")
 
 
-def test_a_design_under_other_priors_is_the_one_made_under_them(design, seen):
+def test_changing_priors_equals_a_new_design_with_them(design, seen):
     priors = Priors(0.015, 0.06)
     again = design.under(priors)
     made = block_design(KnownLoad(seen), seen.weight_variance**-0.5, priors)
@@ -62,12 +62,12 @@ def test_a_design_under_other_priors_is_the_one_made_under_them(design, seen):
     assert_like(again.subset(chosen), made.subset(chosen))
 
 
-def test_a_set_has_the_inner_products_that_it_has_among_all_candidates(design):
+def test_a_subset_has_the_inner_products_of_the_whole_design(design):
     chosen = [number(design, word) for word in ("viscoelasticity", "baseline")]
     assert_like(design.subset(chosen), replace(design, candidates=tuple(design.candidates[k] for k in chosen)))
 
 
-def test_a_setting_exchanged_is_a_setting_added(design):
+def test_an_exchanged_setting_equals_an_added_one(design):
     k = number(design, "snap")
     setting = {"up_pa": 90e3, "down_pa": 55e3}
     exchanged = design.subset([number(design, "hysteresis"), k]).exchanged(1, setting)
@@ -80,7 +80,7 @@ def test_a_released_design_has_the_same_candidates_and_makes_the_same_columns(de
     assert_like(design.subset([k]).exchanged(0, setting), design.released().subset([k]).exchanged(0, setting))
 
 
-def test_a_load_goes_with_the_last_that_refers_to_it(seen):
+def test_a_load_is_freed_with_its_last_reference(seen):
     load = KnownLoad(seen)
     assert load.before(3) is load.unchanged
     known = weakref.ref(load)

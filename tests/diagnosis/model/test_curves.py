@@ -1,4 +1,4 @@
-"""Curves that are off by a smooth function of their readings, as polynomials again."""
+"""Curves with a smooth deviation, fitted and converted to polynomials."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import pytest
 from insole_daemon.diagnosis.model.curves import curve_splines, fit_curves
 
 
-def test_a_curve_that_is_off_is_fitted_and_written_as_a_polynomial():
+def test_the_deviation_of_a_curve_is_fitted_and_exported_as_a_polynomial():
     rng = np.random.default_rng(1)
     activation = rng.uniform(-5.0, 90.0, (4000, 1, 12))
     usable = np.ones((1, 12), bool)

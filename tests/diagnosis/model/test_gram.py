@@ -1,4 +1,4 @@
-"""Inner products that are computed where they are asked for."""
+"""Inner products that are computed on demand."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ INVERSE = np.array([[0.2, 0.05], [0.05, 0.1]])
 
 @pytest.fixture(scope="module")
 def dense_and_lazy():
-    """Returns all inner products of 12 columns computed from their rows, and the matrix that computes them itself."""
+    """Return all inner products of 12 columns, from their rows and from the matrix that computes them on demand."""
     rng = np.random.default_rng(3)
     x, shared = rng.normal(size=(N_TRIANGLES, N_ATOMS, N_ROWS)), rng.normal(size=(N_TRIANGLES, 2, N_ROWS))
     atom, mask = np.tile(np.arange(N_ATOMS), 3), np.repeat(PLACES[[0, 2, 1]], N_ATOMS, axis=0)
@@ -45,7 +45,7 @@ def test_the_diagonal_of_a_gram_matrix_is_the_one_given(dense_and_lazy):
     assert lazy.diagonal() == pytest.approx(np.diag(dense))
 
 
-def test_sums_over_the_triangles_of_each_column(dense_and_lazy):
+def test_values_of_atoms_are_summed_over_each_columns_triangles(dense_and_lazy):
     values = np.arange(float(N_TRIANGLES * N_ATOMS)).reshape(N_TRIANGLES, N_ATOMS)
     columns = PlacedColumns(np.array([1, 3, 3]), PLACES[[0, 3, 1]])
     assert columns.summed(values).tolist() == [values[:, 1].sum(), values[4, 3], values[:2, 3].sum()]

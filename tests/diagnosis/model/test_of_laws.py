@@ -1,4 +1,4 @@
-"""The laws of a set alone, as a model has them."""
+"""Sets of terms with their laws only, as the exported model has them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ..chamber import DT_S, Array, write
 
 
 def creeping_faster_under_load(t_s: Array, p: Array) -> Array:
-    """A tenth of the answer comes late, on two time scales, each a tenth as long under the full load as under none."""
+    """Creep of a tenth of the load on two time scales, which are a tenth as long under full load as without."""
     z, out = np.zeros(2), np.empty_like(p)
     for i, now in enumerate(p):
         z += (now - z) * DT_S / (np.array([6.0, 60.0]) * 10.0 ** (-now / p.max()))
@@ -26,7 +26,7 @@ def creeping_faster_under_load(t_s: Array, p: Array) -> Array:
     return out
 
 
-def test_creep_that_depends_on_the_load_is_named_and_the_law_nearest_to_it_helps(tmp_path):
+def test_load_dependent_creep_is_named_and_its_nearest_law_lowers_the_error(tmp_path):
     folder = write(tmp_path / "bag", creeping_faster_under_load)
     done = CliRunner().invoke(app, ["diagnose", str(folder), "--out", str(tmp_path / "out")])
     assert done.exit_code in (0, 1), done.output
@@ -36,7 +36,7 @@ def test_creep_that_depends_on_the_load_is_named_and_the_law_nearest_to_it_helps
     assert heldout["after"] ** 2 - heldout["floor"] ** 2 < 0.3 * (heldout["before"] ** 2 - heldout["floor"] ** 2)
 
 
-def test_a_model_has_none_of_the_columns_that_describe_what_laws_leave_out(tmp_path):
+def test_a_model_has_no_columns_for_the_misfit_of_laws(tmp_path):
     recording = insole_daemon.load(write(tmp_path / "bag", creeping_faster_under_load, seconds=40.0))
     (seen,) = observed([recording], recording.feet, None, lambda text: None, ())
     design = block_design(KnownLoad(seen), seen.weight_variance**-0.5)

@@ -1,4 +1,4 @@
-"""Terms that act on what the terms before them on the signal path make of the load."""
+"""Terms act on the load as the terms before them on the signal path have changed it."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def design(tmp_path_factory):
 
 
 def candidate(design, word: str):
-    """Returns the first candidate of the whole insole with this word."""
+    """Return the first candidate of the whole insole with this word."""
     return next(c for c in design.candidates if c.word == word and c.where.scope == "insole")
 
 

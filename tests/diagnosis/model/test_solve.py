@@ -1,4 +1,4 @@
-"""Shares within their bounds: of what a calibration absorbed of a memory, and of what can be undone."""
+"""Bounds of coefficients: of companions of a memory, and of effects that can be undone."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from insole_daemon.physics.law import MOST_SHARED
 
 
 def design(memory: float, gain: float, load_is_known: bool = False) -> tuple[Any, PlacedTerm]:
-    """Columns of a memory and of a gain, nearly orthogonal, in a residual with these shares of them."""
+    """Return columns of a memory and a gain, nearly orthogonal, and a residual with these coefficients."""
     x = np.random.default_rng(1).normal(size=(4000, 3))
     y = x @ np.array([memory, 0.0, gain])
     candidate = PlacedTerm(

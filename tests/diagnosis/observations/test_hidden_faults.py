@@ -1,11 +1,16 @@
-"""Faults without a word of their own: a bit that never changes, and pick-up that all taxels of a triangle have."""
+"""Faults without an effect word: a bit that never changes, and pick-up of all taxels of a triangle."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from insole_daemon.diagnosis.observations.hidden_faults import never_has, pick_up, stuck_bit, together
+from insole_daemon.diagnosis.observations.hidden_faults import (
+    common_variance_ratio,
+    detect_pick_up,
+    is_bit_constant,
+    stuck_bit,
+)
 from insole_daemon.diagnosis.observations.readings import TriangleReadings, _without_frozen
 from insole_daemon.skin.geometry import PRESSURE_TAXELS
 
@@ -32,23 +37,23 @@ def test_a_stuck_bit_is_found(bit, value):
     assert stuck_bit(own, USABLE) is None
 
 
-def test_a_bit_that_counts_never_reach_is_never_had_and_one_that_changes_is():
+def test_a_bit_beyond_the_range_of_counts_is_constant_and_one_that_changes_is_not():
     own = walking()  # between 150 and 240 counts: the highest bit is always there
-    assert never_has(own, USABLE, 7)
-    assert not never_has(own, USABLE, 4)
+    assert is_bit_constant(own, USABLE, 7)
+    assert not is_bit_constant(own, USABLE, 4)
 
 
-def test_pick_up_of_one_triangle_is_told_from_a_walk():
+def test_pick_up_of_one_triangle_is_detected_and_a_walk_is_none():
     every = [walking(seed) for seed in range(6)]
     hum = 3.0 * np.sin(2 * np.pi * 13.0 * every[2].t_s)[:, None]
     own = every[2]
     every[2] = TriangleReadings(own.t_s, np.rint(own.counts + hum), own.valid, own.period_s)
-    shares = np.array([together(each, USABLE) for each in every])
-    assert pick_up(shares).tolist() == [False, False, True, False, False, False]
-    assert not pick_up(np.delete(shares, 2)).any()
+    shares = np.array([common_variance_ratio(each, USABLE) for each in every])
+    assert detect_pick_up(shares).tolist() == [False, False, True, False, False, False]
+    assert not detect_pick_up(np.delete(shares, 2)).any()
 
 
-def test_a_conversion_that_is_repeated_while_the_rest_moves_is_no_reading():
+def test_a_conversion_repeated_while_others_move_is_dropped():
     every = [walking(seed) for seed in range(4)]
     counts = every[1].counts.copy()
     counts[1000:1060] = counts[999]
@@ -60,7 +65,7 @@ def test_a_conversion_that_is_repeated_while_the_rest_moves_is_no_reading():
     assert [each.held_fraction for k, each in enumerate(found) if k != 1] == [0.0] * 3
 
 
-def test_an_open_contact_at_the_end_of_the_range_stays_what_it_reads():
+def test_constant_readings_at_an_end_of_the_range_are_kept():
     every = [walking(seed) for seed in range(4)]
     counts = every[1].counts.copy()
     counts[1000:1060] = 0.0

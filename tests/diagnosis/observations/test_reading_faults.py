@@ -1,4 +1,4 @@
-"""Faults of readings and of the reference, told without a model."""
+"""Faults of readings and of the reference, detected without a model."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def test_a_burst_of_one_triangle_is_placed_and_its_rows_weigh_less(tmp_path):
 
 
 @pytest.mark.parametrize("delay_s", [0.0, 0.06])
-def test_spikes_of_the_reference_are_found_and_a_heel_strike_that_comes_late_is_none(tmp_path, delay_s):
+def test_spikes_of_the_reference_are_found_and_a_late_heel_strike_is_none(tmp_path, delay_s):
     assert not faults_of(write(tmp_path / "calm", delay_s=delay_s)).spikes.any()
     walk = write(tmp_path / "walk", delay_s=delay_s)
     rows = (walk / "reference.csv").read_text().splitlines()

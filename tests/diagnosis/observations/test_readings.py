@@ -1,4 +1,4 @@
-"""Repeated readings: a slow converter is regular by itself, and frames that repeat are not."""
+"""Repeated readings of a slow converter, which are regular, and repeated frames, which are not."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ import pytest
 
 import insole_daemon
 from benchmarks.diagnosis.mutated_recordings import simulate
-from insole_daemon.diagnosis.observations.readings import TriangleReadings, _without_held, read_triangles
+from insole_daemon.diagnosis.observations.readings import TriangleReadings, _without_repeats, read_triangles
 
 SENT_S = 0.02
 
 
 def held(number: np.ndarray) -> TriangleReadings:
-    """Readings sent every 20 ms, of which those with the same `number` (k,) are the same."""
+    """Return readings sent every 20 ms; those with the same `number` (k,) are equal."""
     rng = np.random.default_rng(1)
     t_s = np.arange(len(number)) * SENT_S
     load = 40.0 * np.sin(2.0 * t_s[np.searchsorted(number, number)])[:, None]
@@ -27,7 +27,7 @@ def held(number: np.ndarray) -> TriangleReadings:
 @pytest.mark.parametrize("conversion_s", [0.03, 0.037, 0.05])
 def test_conversions_of_a_slow_converter_get_regular_times(conversion_s):
     number = np.floor(np.arange(3000) * SENT_S / conversion_s).astype(int)
-    found = _without_held(held(number))
+    found = _without_repeats(held(number))
     assert found.is_converter_slow
     assert found.period_s == pytest.approx(conversion_s, rel=0.02)
     converted_s = np.round(found.t_s / conversion_s) * conversion_s
@@ -35,9 +35,9 @@ def test_conversions_of_a_slow_converter_get_regular_times(conversion_s):
     assert np.std(late_s[60:-60]) < 0.002
 
 
-def test_frames_that_repeat_are_no_slow_converter():
+def test_repeated_frames_are_no_slow_converter():
     repeats = np.random.default_rng(2).random(3000) < 0.3
-    found = _without_held(held(np.cumsum(~repeats)))
+    found = _without_repeats(held(np.cumsum(~repeats)))
     assert not found.is_converter_slow
     assert found.held_fraction == pytest.approx(0.3, abs=0.03)
     assert np.allclose(found.t_s / SENT_S, np.round(found.t_s / SENT_S))
@@ -45,7 +45,7 @@ def test_frames_that_repeat_are_no_slow_converter():
 
 @pytest.mark.parametrize("n", range(1, 8))
 def test_a_triangle_that_sent_a_few_readings_keeps_them(n):
-    found = _without_held(held(np.arange(n)))
+    found = _without_repeats(held(np.arange(n)))
     assert len(found.t_s) == n
 
 
@@ -67,13 +67,13 @@ def test_frames_of_a_log_that_is_not_in_time_order_give_the_same_readings(tmp_pa
         assert np.array_equal(one.counts, other.counts)
 
 
-def test_conversions_at_a_multiple_of_the_boards_pace_may_be_older_by_a_period_of_the_board():
-    found = _without_held(held(np.arange(3000) // 2))
+def test_conversions_at_a_multiple_of_the_boards_period_may_be_a_period_older():
+    found = _without_repeats(held(np.arange(3000) // 2))
     assert found.is_converter_slow
     assert np.allclose(found.t_s, np.arange(1500) * 2 * SENT_S, atol=1e-3)
     assert found.latest_s == pytest.approx(SENT_S, rel=0.01)
 
 
-def test_how_old_conversions_are_is_known_where_their_waits_differ():
+def test_the_age_of_conversions_is_known_if_their_waiting_times_vary():
     number = np.floor(np.arange(3000) * SENT_S / 0.037).astype(int)
-    assert _without_held(held(number)).latest_s < 0.1 * SENT_S
+    assert _without_repeats(held(number)).latest_s < 0.1 * SENT_S

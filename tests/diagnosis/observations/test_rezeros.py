@@ -1,4 +1,4 @@
-"""A board that takes its baseline anew on a walk in which the person also stands."""
+"""A board that is re-zeroed on a walk in which the person also stands."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import insole_daemon
-from insole_daemon.diagnosis.observations.rezeros import with_rezeros
+from insole_daemon.diagnosis.observations.rezeros import correct_rezeros
 from insole_daemon.diagnosis.observing import observed
 
 from ..foot import shoe
@@ -37,20 +37,20 @@ def test_rezero_under_a_standing_foot_is_detected_when_it_happened(walk):
     step = np.flatnonzero((seen.t_s > ZEROED_S[0]) & (seen.t_s < ZEROED_S[1]))
     at = int(step[np.argmax(activation[step][:, own].mean(axis=1))])
     activation[at:] -= np.where(own, activation[at], 0.0)
-    _, findings = with_rezeros(foot, replace(seen, activation_count=activation))
+    _, findings = correct_rezeros(foot, replace(seen, activation_count=activation))
     (finding,) = findings
     assert finding.where.ids == ((BOARD,),)
     assert finding.parameters["t_s"].value == pytest.approx(seen.t_s[at], abs=0.2)
 
 
-def test_a_stand_alone_is_no_rezero(walk):
-    assert with_rezeros(*walk)[1] == []
+def test_standing_is_no_rezero(walk):
+    assert correct_rezeros(*walk)[1] == []
 
 
-def test_dips_where_a_cubic_goes_through_edges_are_no_rezero(walk):
+def test_undershoot_of_cubics_at_edges_is_no_rezero(walk):
     foot, seen = walk
     own = (seen.layout.identities[:, 0] == BOARD)[:, None] & seen.usable
     activation, after = seen.activation_count.copy(), np.flatnonzero(seen.t_s > STANDS_S[1])
     for k in (0, 1):  # two rows of a step of 50
         activation[after[k::50]] -= np.where(own, 8.0, 0.0)
-    assert with_rezeros(foot, replace(seen, activation_count=activation))[1] == []
+    assert correct_rezeros(foot, replace(seen, activation_count=activation))[1] == []

@@ -1,4 +1,4 @@
-"""A board that the calibration does not list, below a foot: its load comes from its readings and the others' curve."""
+"""An uncalibrated board on a walk: its load is estimated from its readings and the others' curves."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ def observed(tmp_path, touch=lambda t_s, read: None, stands_s: float = 0.0) -> W
     return observe_walk(recording, foot, foot.calibration)
 
 
-def test_what_the_board_bears_is_in_the_wrench(tmp_path):
+def test_the_load_of_an_uncalibrated_board_is_in_the_wrench(tmp_path):
     without = observed(tmp_path)
     found = with_uncalibrated(without)
     assert found.is_estimated.tolist() == OWN.tolist()
-    assert np.sqrt(without.square_error[0]) > 20.0
-    assert np.sqrt(found.square_error[0]) < 2.5
+    assert np.sqrt(without.mean_square_error[0]) > 20.0
+    assert np.sqrt(found.mean_square_error[0]) < 2.5
     assert not found.calibration.usable[OWN].any()
 
 
-def test_boards_that_answer_more_than_the_others_are_scaled_to_the_reference(tmp_path):
+def test_more_sensitive_uncalibrated_boards_are_scaled_to_the_reference(tmp_path):
     def stronger(t_s: Array, read: Array) -> None:
         own = np.repeat(OWN, 12)
         read[:, own] = 240.0 - 1.4 * (240.0 - read[:, own])
@@ -43,7 +43,7 @@ def test_boards_that_answer_more_than_the_others_are_scaled_to_the_reference(tmp
     assert found.coefficients[1][OWN].max() == pytest.approx(others / 1.4, rel=0.05)
 
 
-def test_a_board_that_says_nothing_is_not_estimated(tmp_path):
+def test_a_dead_uncalibrated_board_is_not_estimated(tmp_path):
     def die(t_s: Array, read: Array) -> None:
         read[:, np.repeat(OWN, 12)] = 240.0
 
@@ -51,7 +51,7 @@ def test_a_board_that_says_nothing_is_not_estimated(tmp_path):
     assert with_uncalibrated(seen) is seen
 
 
-def test_a_whole_calibration_is_left_as_it_is(tmp_path):
+def test_an_observation_with_complete_calibration_is_unchanged(tmp_path):
     recording = insole_daemon.load(shoe.write(tmp_path / "walk"))
     foot = recording.feet[0]
     seen = observe_walk(recording, foot, foot.calibration)

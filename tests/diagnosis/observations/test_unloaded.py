@@ -1,4 +1,4 @@
-"""Readings at the top of their range, which say that there is no load."""
+"""Readings at the top of their range, which are unloaded."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ MOVED_COUNT = 20.0  # by which all readings are higher: without a load beyond th
 
 @pytest.fixture(scope="module")
 def moved(tmp_path_factory):
-    """A walk whose readings are all moved up, and cut off at 255."""
+    """Return a walk whose readings are all moved up and clipped at 255."""
     recording = insole_daemon.load(write(tmp_path_factory.mktemp("walk") / "walk"))
     (seen,) = observed([recording], recording.feet, None, lambda text: None, ())
     top = seen.calibration.baseline_count - 255.0
@@ -26,7 +26,7 @@ def moved(tmp_path_factory):
     return replace(seen, activation_count=activation)
 
 
-def test_readings_at_the_top_of_their_range_bear_no_load_and_tell_no_shift(moved):
+def test_readings_at_the_top_of_their_range_have_no_load_and_no_sensitivity_to_shifts(moved):
     found = moved.with_unloaded()
     at_top = moved.usable & (moved.calibration.baseline_count - moved.activation_count > 254.4)
     assert 0.5 < at_top[:, moved.usable].mean() < 0.95
@@ -43,6 +43,6 @@ def test_readings_at_the_top_of_their_range_bear_no_load_and_tell_no_shift(moved
     assert np.median(answers[force > 0.6 * force.max()]) > 0.0
 
 
-def test_readings_within_their_range_stay_as_they_are(moved):
+def test_readings_within_their_range_are_unchanged(moved):
     within = replace(moved, activation_count=np.maximum(moved.activation_count, -3.0))
     assert within.with_unloaded() is within

@@ -1,4 +1,4 @@
-"""A triangle without a working taxel on a walk: its load may be like that of any neighbour."""
+"""A triangle without working taxels on a walk: its load may equal that of a neighbour."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import insole_daemon
-from insole_daemon.diagnosis.model.design import apply_weights, base_terms, project
+from insole_daemon.diagnosis.model.design import apply_weights, nuisance_columns, project
 from insole_daemon.diagnosis.model.load import LoadEstimate
 from insole_daemon.diagnosis.observing import observed
 
@@ -24,18 +24,18 @@ def seen(tmp_path_factory):
     return each
 
 
-def kept(seen, stood_in) -> float:
-    """Returns the share of a load that is a neighbour's, at the lost triangle, which the base terms leave."""
-    load = LoadEstimate(replace(seen, stood_in=stood_in))
+def kept(seen, is_wholly_substituted) -> float:
+    """Return the share of a neighbour's load on the dead triangle that the nuisance columns leave."""
+    load = LoadEstimate(replace(seen, is_wholly_substituted=is_wholly_substituted))
     weights = np.where(np.isfinite(seen.weight_variance), seen.weight_variance, np.inf) ** -0.5
     substituted = np.arange(len(seen.layout)) == LOST
-    base = base_terms(load, weights, substituted)
+    base = nuisance_columns(load, weights, substituted)
     neighbour_pa = load.read_pa[:, 0, seen.usable[0]].mean(axis=1)
     column = apply_weights((neighbour_pa[:, None] * seen.arms[LOST].sum(axis=0))[..., None], weights)
     return float(np.sum(project(base, column) ** 2) / np.sum(column**2))
 
 
-def test_the_load_of_a_lost_triangle_may_be_a_neighbours(seen):
+def test_the_load_of_a_dead_triangle_may_equal_a_neighbours(seen):
     none, lost = np.zeros(len(seen.layout), bool), np.arange(len(seen.layout)) == LOST
     assert kept(seen, lost) < 0.01
     assert kept(seen, none) > 0.05

@@ -1,0 +1,94 @@
+"""The reference of a recording on a fine grid of its own clock."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
+
+from ...physics.law import Array
+from ...recording.document import Clock
+from ..operators import low_pass
+
+FINE_S = 0.005  # step of the grid
+SMOOTH_S = 0.012  # standard deviation of the kernel that removes the noise of single rows from regressors
+
+
+@dataclass(frozen=True, eq=False)
+class ReferenceWrench:
+    """The reference, interpolated by cubics on a fine regular grid of its own clock.
+
+    A wrench has three channels, f_z in N and m_x, m_y in N·m; a pressure has one, or one per triangle, in Pa.
+    """
+
+    start_s: float  # its clock at the first row; times count from here
+    fine: Array  # (M, c) every FINE_S
+    known: NDArray[np.bool_]  # (M,) not in a gap
+    noise: Array  # (c,) standard deviation of a row
+    clock: Clock
+    has_times: bool
+    row_s: float  # between two rows
+    leaps_s: tuple[tuple[float, float], ...] = ()  # times of leaps, which are left out
+
+    def at(self, t_s: Array, lag_s: float = 0.0) -> Array:
+        """Return the values (n, c) at times `t_s` (n,) of its clock, after a first-order lag."""
+        values = self.fine if lag_s < FINE_S / 50 else low_pass(self.fine, FINE_S, lag_s)
+        return self._interpolated(values, t_s)
+
+    def smooth_at(self, t_s: Array, lag_s: float = 0.0) -> Array:
+        """Return the values (n, c) as `at`, but without the noise of single rows, for regressors.
+
+        A regressor with the noise of the row that it explains would fit that noise.
+        """
+        values = self._smooth if lag_s < FINE_S / 50 else low_pass(self._smooth, FINE_S, lag_s)
+        return self._interpolated(values, t_s)
+
+    @cached_property
+    def _smooth(self) -> Array:
+        return np.asarray(gaussian_filter1d(self.fine, SMOOTH_S / FINE_S, axis=0, mode="nearest"))
+
+    def slope(self, t_s: Array) -> Array:
+        """Return the rate of change (n, c) at times `t_s` (n,), per second."""
+        return self._interpolated(np.gradient(self._smooth, FINE_S, axis=0), t_s)
+
+    def is_known(self, t_s: Array) -> NDArray[np.bool_]:
+        """Return whether the reference was recorded at times `t_s` (n,)."""
+        position = t_s / FINE_S
+        inside = (position >= 1) & (position <= len(self.fine) - 2)
+        near = np.rint(np.clip(position, 0, len(self.fine) - 1)).astype(np.intp)
+        return np.asarray(inside & self.known[near])
+
+    def noise_kept(self, lag_s: float) -> float:
+        """Return the share of white row noise's variance that a first-order lag τ keeps: tanh(T/2τ), T between rows."""
+        if lag_s < FINE_S / 50:
+            return 1.0
+        periods = self.row_s / lag_s
+        return float(np.tanh(periods / 2.0)) if periods < 30 else 1.0
+
+    def echo(self, shift_s: Array, lag_s: float = 0.0) -> tuple[Array, Array]:
+        """Return how row noise enters a regressor smooth_at(t) − smooth_at(t − shift) after a lag, (n,) each.
+
+        For noise of variance 1, the first is its covariance with the noise of the row at t, the second its variance.
+        """
+        kernel_s = np.arange(-400, 801) * (SMOOTH_S / 40)
+        kernel = np.exp(-0.5 * (kernel_s / SMOOTH_S) ** 2) / (SMOOTH_S * np.sqrt(2 * np.pi))
+        lagged = kernel if lag_s < FINE_S / 50 else low_pass(kernel, float(kernel_s[1] - kernel_s[0]), lag_s)
+        step_s = float(kernel_s[1] - kernel_s[0])
+        covariance, variance = np.empty(len(shift_s)), np.empty(len(shift_s))
+        by_shift: dict[float, tuple[float, float]] = {}
+        for i, shift in enumerate(np.round(shift_s, 4).tolist()):
+            if shift not in by_shift:
+                shifted = np.interp(kernel_s - shift, kernel_s, lagged, 0.0, 0.0)
+                difference = kernel - shifted
+                by_shift[shift] = (float(np.interp(0.0, kernel_s, difference)), float(np.sum(difference**2) * step_s))
+            covariance[i], variance[i] = by_shift[shift]
+        return covariance * self.row_s, variance * self.row_s
+
+    def _interpolated(self, values: Array, t_s: Array) -> Array:
+        position = np.clip(t_s / FINE_S, 0, len(values) - 1.001)
+        row = position.astype(np.intp)
+        fraction = (position - row)[:, None]
+        return np.asarray(values[row] * (1 - fraction) + values[row + 1] * fraction)
