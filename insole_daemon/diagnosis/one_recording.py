@@ -18,7 +18,6 @@ from .gathering import join_places
 from .model.blocks import RECALIBRATIONS, BlockDesign
 from .model.design import Design
 from .model.nuisance import Priors
-from .model.refine import refine
 from .model.regression import Timing
 from .observations.reading_faults import ReadingFaults, reading_faults
 from .observations.wrench import WrenchObservation
@@ -28,7 +27,6 @@ from .result import RecordingResult
 from .searching import Searched
 from .searching import search as search_terms
 from .select import confidence
-from .select.count_figures import count_figures
 from .select.search import FittedSet, SubsetSearch
 from .select.wrench_figures import Figures
 from .static_findings import static_findings
@@ -38,8 +36,10 @@ from .trimming import LEAST_GAINED, Kept, figures_of, stronger, trimmed
 from .unexplained import (
     STRONGER,
     explains_little,
+    is_left_by_families,
     is_unexplained,
     least_beside,
+    left_by_families,
     most_null,
     squared_rest,
     timing_energy,
@@ -95,9 +95,14 @@ def _kept_terms(search: SubsetSearch[Any], best: FittedSet, timing: Timing) -> t
     """
     kept = trimmed(search, search.simplified(best, confidence.CLOSE), timing)
     design = search.design
-    if not is_unexplained(kept.figures, design, kept.refined, timing):
+    figures, refined = kept.figures, kept.refined
+    if is_unexplained(figures, design, refined, timing):
+        measured, left = refined, squared_rest(figures, design)
+    elif is_left_by_families(design, refined):
+        measured, left = refined.of_families, left_by_families(refined, design)
+    else:
         return kept, False
-    return stronger(search, kept, least_beside(kept.figures, design, kept.refined), timing), True
+    return stronger(search, kept, measured, least_beside(figures, design, left), timing), True
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -198,10 +203,9 @@ def _placement_findings(
 
     The figures have the error of the model as handed in, which does not know the placement.
     """
-    unplaced = searched.unplaced
-    if not searched.placed or unplaced is None:
+    before = searched.before
+    if not searched.placed or before is None:
         return figures, [], []
-    before = count_figures(refine(unplaced.search.design, ()), ()).before
     gain = max(float(before[0] ** 2 - figures.before[0] ** 2), 0.0) / len(searched.placed)
     findings, effects = [], []
     figures = replace(figures, before=before)

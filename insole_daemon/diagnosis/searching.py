@@ -65,7 +65,7 @@ class Searched:
     others: tuple[Timed, ...]
     placed: tuple[Placed, ...] = ()
     priors: Priors = USUAL  # under which they were searched for
-    unplaced: TimedSet[Any] | None = None  # the best under the load of where they are believed to be
+    before: Array | None = None  # (1,) RMS counts of the model as handed in, where the taxels are believed to be
 
     @property
     def left(self) -> float:
@@ -117,7 +117,7 @@ def _at_its_place(seen: PairedObservation, faults: ReadingFaults, foot: FootReco
     What acts on the load needs to know it: the search is made again once a triangle is somewhere else.
     """
     found = _under(_likeliest(seen, faults), seen, faults)
-    unplaced, move = found.first, Move()
+    before, move = None, Move()
     for _ in range(PLACED_ROUNDS):
         first = found.first
         refined = refine(first.search.design, first.best.chosen)
@@ -130,19 +130,22 @@ def _at_its_place(seen: PairedObservation, faults: ReadingFaults, foot: FootReco
             if candidate.word == ASKEW:
                 move = move.further(**{name: float(each.value) for name, each in parameters.items()})
                 parameters = {name: replace(each, value=move.parameters[name]) for name, each in parameters.items()}
-            before = placed.get(key)
+            known = placed.get(key)
             placed[key] = Placed(
                 candidate.word, candidate.where, parameters,
-                first.search.margin(first.best, i) if before is None else before.margin,
+                first.search.margin(first.best, i) if known is None else known.margin,
                 first.search.prices.least_price(k, candidate, refined.design.candidates),
             )  # fmt: skip
         if len(placed) == len(found.placed) and not any(each.word == ASKEW for each in refined.design.candidates):
             break
         every = placed.values()
         pairs = [swapped_rows(seen.layout.identities, each.where.ids) for each in every if each.word == SWAPPED]
+        if before is None:
+            before = count_figures(refine(first.search.design, ()), ()).before
+        del first, refined  # designs are large
         moved = seen.replaced(move, pairs)
         again = _under(_likeliest(moved, faults), moved, faults)
-        again = replace(again, placed=tuple(every), unplaced=unplaced)
+        again = replace(again, placed=tuple(every), before=before)
         # The same hypothesis, as a column and as it is: no worse by more than noise varies over so many rows.
         if again.left > found.left + np.sqrt(2.0 * found.left):
             break

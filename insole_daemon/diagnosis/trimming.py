@@ -58,10 +58,13 @@ def trimmed(search: SubsetSearch[Any], best: FittedSet, timing: Timing) -> Kept:
         best = lighter
 
 
-def stronger(search: SubsetSearch[Any], kept: Kept, least: float, timing: Timing) -> Kept:
-    """What of a set explains more than `least` variances of the noise by itself, with its family's own columns."""
-    best, families = kept.best, kept.refined.of_families
-    strong = [k for i, k in enumerate(best.chosen) if families.gain - families.gain_without(i) > least]
+def stronger(search: SubsetSearch[Any], kept: Kept, measured: Refined[Any], least: float, timing: Timing) -> Kept:
+    """What of a set explains more than `least` variances of the noise by itself.
+
+    `measured`: the set with the columns that count, all of them or those of its families.
+    """
+    best = kept.best
+    strong = [k for i, k in enumerate(best.chosen) if measured.gain - measured.gain_without(i) > least]
     if len(strong) == len(best.chosen):
         return kept
     fitted = search.fit(strong)

@@ -25,7 +25,7 @@ PER_TAXEL = 4.0  # a taxel's share of a triangle's excess that counts as much as
 UNKNOWN_EXCESS = 1.0  # mean squares of the noise that are left
 UNKNOWN_SHARE = 0.08  # of what a set explains, that it may leave: no law is met exactly
 UNKNOWN_OF_MEMORY = 0.12  # the same with a memory, where the load is known: materials follow their laws less nearly
-UNKNOWN_TO_FAMILIES = 0.3  # of the mismatch, that the families of a set with a memory may leave to what stands beside
+UNKNOWN_TO_FAMILIES = 0.4  # of the mismatch, that the families of a set with a memory may leave to what stands beside
 STRONGER = 4.0  # times what is left without a name, that an effect beside it explains
 MOST_NULL = 1.12  # times the noise floor: what a recording without a mismatch may leave
 
@@ -35,18 +35,22 @@ def is_unexplained(found: Figures, whole: Design | BlockDesign, refined: Refined
     if refined.shares and explains_little(found, whole):
         return True
     explained = refined.gain + timing_energy(whole, timing)
-    has_memory = any(each.term.is_memory for each in refined.design.candidates)
-    if has_memory and left_by_families(refined, whole) > UNKNOWN_TO_FAMILIES * mismatch(whole):
-        return True
-    share = UNKNOWN_OF_MEMORY if has_memory and isinstance(whole, BlockDesign) else UNKNOWN_SHARE
+    share = UNKNOWN_OF_MEMORY if _has_memory(refined) and isinstance(whole, BlockDesign) else UNKNOWN_SHARE
     return bool(excess(found, whole).max() > UNKNOWN_EXCESS and squared_rest(found, whole) > share * explained)
 
 
-def least_beside(found: Figures, whole: Design | BlockDesign, refined: Refined[Any]) -> float:
-    """Squared sum that an effect has to explain to be named beside `unknown`: less may be a part of that."""
-    if explains_little(found, whole):
-        return float(np.inf)
-    return STRONGER * max(squared_rest(found, whole), left_by_families(refined, whole))
+def is_left_by_families(whole: Design | BlockDesign, refined: Refined[Any]) -> bool:
+    """Whether a set with a memory explains the readings only together with the columns that stand beside its terms."""
+    return _has_memory(refined) and left_by_families(refined, whole) > UNKNOWN_TO_FAMILIES * mismatch(whole)
+
+
+def _has_memory(refined: Refined[Any]) -> bool:
+    return any(each.term.is_memory for each in refined.design.candidates)
+
+
+def least_beside(found: Figures, whole: Design | BlockDesign, left: float) -> float:
+    """Squared sum that an effect has to explain to be named beside `unknown`: less may be a part of what is `left`."""
+    return float(np.inf) if explains_little(found, whole) else STRONGER * left
 
 
 def mismatch(whole: Design | BlockDesign) -> float:

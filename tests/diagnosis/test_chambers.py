@@ -203,6 +203,17 @@ def test_without_a_thermometer_the_thermal_pads_give_the_temperature(tmp_path, c
         assert "thermal pads" in each.sentence
 
 
+@pytest.mark.parametrize(("kelvin", "word"), [(0.6, "drift"), (4.0, "temperature")])
+def test_a_drift_is_temperature_only_if_the_thermometer_moves_enough(tmp_path, kelvin, word):
+    """Six counts in 0.6 K are ten times as much as a sensor of this kind has."""
+
+    def drifting(t_s: Array, counts: Array) -> None:
+        counts += 6.0 * t_s[:, None] / 90.0
+
+    found = diagnose(write(tmp_path / "bag", touch=drifting, temperature=lambda t_s: 25.0 + kelvin * t_s / 90.0))
+    assert [each.effect for each in found.findings] == [word]
+
+
 def test_a_rezero_under_load_is_found_with_its_time(tmp_path):
     def zeroed(t_s: Array, counts: Array) -> None:
         own = of_rows(4, 5)

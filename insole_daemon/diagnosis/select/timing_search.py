@@ -50,9 +50,9 @@ def search_timings(
     best = _best_of(first, make, (), is_free_clock, before.get(()))
     others: list[Timed] = []
 
-    def add(words: tuple[str, ...]) -> None:
+    def add(words: tuple[str, ...], start: Timing | None = None) -> None:
         nonlocal best
-        one = _best_of(first, make, words, is_free_clock, before.get(words))
+        one = _best_of(first, make, words, is_free_clock, before.get(words, start))
         best, other = (one, best) if one.left < best.left else (best, one)
         others.append(Timed(other.words, other.timing, other.left))  # designs are large
 
@@ -61,8 +61,10 @@ def search_timings(
     if not is_free_clock:
         if best.words:
             add(("delay", "lag"))  # both are worth it where one of them is
-        if _start(first, (True, False), (-MOST_S, 0.0), is_free_clock).delay_s < -NEAR.delay_s:
-            add(("clock",))
+        # A loop beside a wrong clock can hold the edges where they are.
+        early = fit_timing(first, (), Timing(), *_freedom(("clock",), is_free_clock))
+        if early.delay_s < -NEAR.delay_s:
+            add(("clock",), early)
     if best.words:
         start, words = best.timing, best.words
         del best  # designs are large: this one goes before the next is made

@@ -14,6 +14,8 @@ from ..model.load import LoadEstimate
 from .term import Setting, Term, TermColumns
 
 ABSORBED_K = 5.0  # between the temperature of the calibration and that of the recording
+# Ten per cent of the range in 8 K are a count a kelvin; a multiple of it over a fraction of a kelvin is a drift.
+MOST_COUNT_PER_K = 4.0
 LEAST_K, LEAST_COUNT = 0.5, 1.0  # by which the temperature, or the pads, move: less shows nothing
 
 
@@ -47,6 +49,10 @@ def _parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]
     return {"count_per_k": float(shares[0]), "gain_per_k": 0.01 * float(shares[1])}
 
 
+def _is_possible(settings: Sequence[Setting], shares: Array, load_is_known: bool) -> bool:
+    return abs(float(shares[0])) <= MOST_COUNT_PER_K
+
+
 TERM = Term(
     word="temperature",
     scopes=("insole", "board", "triangle"),
@@ -55,6 +61,7 @@ TERM = Term(
     parameters=_parameters,
     plausible=0.05,
     limit=8.0,  # counts a kelvin, per cent of gain a kelvin
+    is_possible=_is_possible,
     needs=_needs,
     record_instead="an insole that warms up and cools down, with temperature_c in the reference",
     absorbs={"baseline": ABSORBED_K, "gain": ABSORBED_K * 0.01},
