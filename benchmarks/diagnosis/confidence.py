@@ -1,4 +1,4 @@
-"""How often findings are right, by their margin and by what is left: fits the logistic regression behind `confidence`.
+"""Fits the probability that a finding is right to its margin and to the share of the mismatch that stays unexplained.
 
 Takes some 10 s a case.
 

@@ -43,7 +43,7 @@ class Finding:
     equation: str = ""
     parameters: Mapping[str, Quantity] = field(default_factory=dict)
     explains: float = 0.0  # reduction of the mean square over all taxels, counts²
-    left: float = 0.0  # mean square beyond the noise that `unknown` stands for, in the same unit
+    left: float = 0.0  # of an `unknown`: the mean square beyond the noise that no effect explains, in the same unit
     heldout_count: tuple[float, float] | None = None  # without and with this finding
     heldout_n: tuple[float, float] | None = None  # the same of f_z, if the load of single taxels is not known
     confidence: float = 1.0

@@ -288,7 +288,7 @@ class BlockDesign:
         return self._changed(self.atoms, slice(None), candidates=candidates)
 
     def of_families(self) -> BlockDesign:
-        """With all columns of its candidates, but without what stands for real materials and for an earlier load."""
+        """Return it with all columns of its candidates, without companions for uneven materials and earlier loads."""
         candidates = tuple(each.without(IN_NO_MODEL) for each in self.candidates)
         return self._changed(self.atoms, slice(None), candidates=candidates)
 

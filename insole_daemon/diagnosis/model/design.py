@@ -125,7 +125,7 @@ class Design:
         return self
 
     def of_families(self) -> Design:
-        """Itself, for the same reason."""
+        """Return the regression itself, for the same reason."""
         return self
 
     def exchanged(self, i: int, setting: Setting) -> Design:

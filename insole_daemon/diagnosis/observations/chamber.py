@@ -254,7 +254,7 @@ def _with_fitted_clock(recording: Recording, observation: ChamberObservation) ->
 
 
 def _edge_clock(observation: ChamberObservation) -> Clock:
-    """Return the clock on which the edges of readings and load agree, with memory and temperature fitted beside it.
+    """Return the clock on which the edges of readings and load agree; memory and temperature are fitted with it.
 
     The edges are those of all responsive taxels, or of one board if these fit clearly better: where a board has a step
     or a delay of its own, the others have the right times. Raises CalibrationError if no taxels follow the load.
