@@ -25,6 +25,8 @@ CHUNK_FRAMES: Final = 1 << 16  # frames of a batch, more or less
 _PIECE_BYTES = 1 << 19  # decoded at a time: small enough for its columns to stay in the cache of one core
 _RECENT_FRAMES = 1000  # remembered to judge the last line by
 _LATEST_NS = 9_223_372_036_000_000_000  # nearly what int64 holds
+# Steps backwards of a clock that is set, in all. Those of lines in no order would make hours of a log of seconds.
+_MOST_REMOVED_NS, _MOST_REMOVED_SPANS = 60_000_000_000, 3
 _EXAMPLE = "(1741532714.334381) can0 470#40EEEFF1EFF1F1F0"
 _SCREEN_OUTPUT = re.compile(rb"\s*(\(.*\))?\s*\S+\s+[0-9A-F]{3,8}\s+\[\d+\]")
 
@@ -81,6 +83,7 @@ class CandumpReader:
         self._lines = 0  # before the piece at hand
         self._last_ns: int | None = None  # time of the frame before
         self._removed_ns = 0  # sum of the steps backwards so far
+        self._earliest_ns, self._latest_ns = _LATEST_NS, 0  # of the frames so far
         self._recent = FrameBatch.empty()
 
     @property
@@ -184,6 +187,8 @@ class CandumpReader:
         t_ns = piece.frames.t_ns
         step_ns = np.diff(t_ns, prepend=t_ns[0] if self._last_ns is None else self._last_ns)
         self._last_ns = int(t_ns[-1])
+        self._earliest_ns = min(self._earliest_ns, int(t_ns.min()))
+        self._latest_ns = max(self._latest_ns, int(t_ns.max()))
         backwards = np.flatnonzero(step_ns < 0)
         if not len(backwards) and self._last_ns + self._removed_ns < _LATEST_NS:
             return t_ns + self._removed_ns
@@ -204,6 +209,13 @@ class CandumpReader:
         self.counters = replace(self.counters, clock_steps=self.counters.clock_steps + len(backwards))
         removed_ns: NDArray[np.int64] = self._removed_ns + np.cumsum(steps_ns)
         self._removed_ns = int(removed_ns[-1])
+        span_ns = self._latest_ns - self._earliest_ns
+        if self._removed_ns > _MOST_REMOVED_NS + _MOST_REMOVED_SPANS * span_ns:
+            raise LogError(
+                f"{self._path}: expected frames in the order of their times, found that time goes back "
+                f"{self.counters.clock_steps} times by {self._removed_ns / 1e9:.0f} s in all, in a log of "
+                f"{span_ns / 1e9:.0f} s; sort its lines by their times and try again"
+            )
         return t_ns + removed_ns
 
     def _is_whole(self, rest: bytes) -> bool:

@@ -125,11 +125,11 @@ def opened(open_now: NDArray[np.bool_], at_ends: NDArray[np.bool_], t_s: Array) 
     n_triangles) for OPEN_S in total: a line may open briefly at every step.
     """
     together = open_now.sum(axis=2) >= OPEN_TAXELS
-    least_cycles = OPEN_S / float(np.median(np.diff(t_s)))
+    cycle_s = float(np.median(np.diff(t_s)))
     return [
         row for row in range(together.shape[1])
         if any(t_s[b] - t_s[a] >= OPEN_S for a, b in stretches(together[:, row]))
-        or at_ends[:, row].sum() >= least_cycles
+        or at_ends[:, row].sum() * cycle_s >= OPEN_S
     ]  # fmt: skip
 
 

@@ -15,7 +15,7 @@ from .model.refine import Refined, refine
 from .model.regression import Timing
 from .model.solve import solve_shares
 from .searching import WELL
-from .select.count_figures import count_figures
+from .select.count_figures import count_figures, square_by_triangle
 from .select.search import FittedSet, SubsetSearch
 from .select.wrench_figures import Figures, figures
 
@@ -122,7 +122,7 @@ def _lighter(search: SubsetSearch[Any], kept: Kept, timing: Timing) -> FittedSet
 
 
 def doubtful_word(whole: Design | BlockDesign, refined: Refined[Any]) -> str | None:
-    """Returns the word that explains least of those that explain less than the set leaves beyond the noise.
+    """Return the word that explains least of those that explain less than the set leaves beyond the noise where it is.
 
     Such a word may describe a part of the lack of fit, as in an F-test, whose scale is what the model leaves. A
     recalibration counts with its whole size, because nuisances take up most of it. A clock only aligns.
@@ -132,18 +132,25 @@ def doubtful_word(whole: Design | BlockDesign, refined: Refined[Any]) -> str | N
     if lack_of_fit < (WELL - 1.0) * noise:
         return None
     candidates = refined.design.candidates
-    explained: dict[str, float] = {}
+    lack_by_triangle = None
+    if isinstance(refined.design, BlockDesign):
+        lack_by_triangle = square_by_triangle(refined) - np.count_nonzero(refined.design.weights, axis=0)
+    doubtful: dict[str, float] = {}
     for word in {candidate.word for candidate in candidates} - {"clock"}:
+        of_word = [i for i, candidate in enumerate(candidates) if candidate.word == word]
         others = [candidate for candidate in candidates if candidate.word != word]
-        explained[word] = refined.gain - solve_shares(refined.design, others)[1]
-        if isinstance(refined.design, BlockDesign):
-            explained[word] += sum(
-                refined.design.size(candidate, shares)
-                for candidate, shares in zip(candidates, refined.shares, strict=True)
-                if candidate.word == word and refined.design.is_within_priors(candidate)
+        explained, lack = refined.gain - solve_shares(refined.design, others)[1], lack_of_fit
+        if lack_by_triangle is not None:
+            explained += sum(
+                refined.design.size(candidates[i], refined.shares[i])
+                for i in of_word
+                if refined.design.is_within_priors(candidates[i])
             )
-    least = min(explained, key=explained.__getitem__, default=None)
-    return least if least is not None and explained[least] < lack_of_fit else None
+            at = np.any([refined.design.mask[candidates[i].columns[0]] for i in of_word], axis=0)
+            lack = min(lack, float(np.sum(lack_by_triangle[at])))
+        if explained < lack:
+            doubtful[word] = explained
+    return min(doubtful, key=doubtful.__getitem__, default=None)
 
 
 def _idle(search: SubsetSearch[Any], chosen: Sequence[int], refined: Refined[Any]) -> int | None:

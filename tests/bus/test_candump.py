@@ -197,6 +197,13 @@ def test_time_that_leaves_what_64_bits_hold_is_refused(
     )
 
 
+def test_lines_in_no_order_of_time_are_refused(tmp_path: Path) -> None:
+    times = [100 + 37 * k % 20 for k in range(60)]
+    assert "sort its lines by their times" in refusal(
+        tmp_path, "".join(f"(0000000{t}.000000) can0 123#\n" for t in times)
+    )
+
+
 def test_notes_of_dropped_frames(tmp_path: Path) -> None:
     note = "DROPCOUNT: dropped {} CAN frame{} on 'can0' socket (total drops {})\n"
     log = read(log_file(tmp_path, LINE + note.format(3, "s", 3) + LINE + note.format(1, "", 4)[:-1]))

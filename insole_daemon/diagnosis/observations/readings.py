@@ -158,11 +158,13 @@ def _join_halves(
     a_s: Array, half_a: NDArray[np.uint8], b_s: Array, half_b: NDArray[np.uint8]
 ) -> tuple[Array, NDArray[np.uint8], NDArray[np.uint16]]:
     """Return the readings of which halves A and B belong together: nearest in time, within half a period."""
-    if not len(a_s) or len(b_s) < 2:
+    steps_s = np.diff(b_s)
+    steps_s = steps_s[steps_s > LEAST_STEP_S]  # a frame may be in the log twice
+    if not len(a_s) or not len(steps_s):
         return np.empty(0), np.empty((0, N_TAXELS), np.uint8), np.empty(0, np.uint16)
     after = np.searchsorted(b_s, a_s).clip(1, len(b_s) - 1)
     nearest = np.where(np.abs(b_s[after] - a_s) < np.abs(b_s[after - 1] - a_s), after, after - 1)
-    most_s = 0.5 * float(np.median(np.diff(b_s)))
+    most_s = 0.5 * float(np.median(steps_s))
     is_pair = np.abs(b_s[nearest] - a_s) < most_s
     nearest, a_s, half_a = nearest[is_pair], a_s[is_pair], half_a[is_pair]
     t_s = np.minimum(a_s, b_s[nearest])

@@ -194,6 +194,11 @@ def _columns(refined: Refined[BlockDesign]) -> _Columns:
     )
 
 
+def square_by_triangle(refined: Refined[BlockDesign]) -> Array:
+    """Return the squared residual (T,) of a refined set with what laws leave out, in variances of the noise."""
+    return np.asarray(np.sum(_settled(refined) ** 2, axis=1))
+
+
 def _settled(refined: Refined[BlockDesign]) -> Array:
     """(T, N) of all rows, what laws, what they leave out and nuisances leave."""
     design, nuisance = refined.design, refined.design.nuisance

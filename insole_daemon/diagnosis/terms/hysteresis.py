@@ -22,6 +22,8 @@ def _columns(load: LoadEstimate) -> list[TermColumns]:
     radii_pa = RADII_PA
     if load.is_known:  # a play of half the range does not come back: that is a step in time, and no loop
         radii_pa = [r for r in RADII_PA if r < WIDEST * float(np.ptp(pressure))]
+        if not radii_pa:
+            return []
     flat = pressure.reshape(len(pressure), -1)
     loops = (-plays(flat, np.array([radius_pa]))[0].reshape(pressure.shape) for radius_pa in radii_pa)
     found = [load.wrench_of_courses(each) for each in loops]
