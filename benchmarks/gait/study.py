@@ -36,7 +36,7 @@ from insole_daemon.study.collecting import collect_rows, write_tables
 from insole_daemon.study.document import load_study
 from insole_daemon.study.page import study_page
 from insole_daemon.study.scheduling import cluster, results_of, run_tasks
-from insole_daemon.study.tasks import TaskResult, do_tasks
+from insole_daemon.study.tasks import Given, TaskResult, do_tasks
 
 SECONDS = 10.0
 SPUN_S = 3.0
@@ -130,7 +130,7 @@ def main() -> None:
 def _warm(recording: Path) -> None:
     """Analyse a recording, as workers of a long study have: imports and what is computed once are done then."""
     with tempfile.TemporaryDirectory() as results:
-        do_tasks(str(recording), results, ("report", "steps"), ())
+        do_tasks(str(recording), results, ("report", "steps"), Given())
 
 
 def spin(processes: int) -> float:

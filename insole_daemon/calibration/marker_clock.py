@@ -24,7 +24,7 @@ _MIN_STD_S = 1e-6
 def fit_marker_clock(own_s: Array, other_s: Array) -> Clock:
     """Fit the clock of `other_s` (m,) relative to that of `own_s` (n,), both increasing.
 
-    Raises CalibrationError if too few events agree on one offset.
+    Raises CalibrationError if too few events agree on one offset, or on a rate that two crystal clocks do not have.
     """
     paired_own, paired_other = _pair_events(own_s, other_s)
     if len(paired_own) < MIN_PAIRS:
@@ -45,19 +45,29 @@ def fit_marker_clock(own_s: Array, other_s: Array) -> Clock:
     covariance = (
         np.linalg.inv(design.T @ (design * weight[:, None])) * float((weight * residual**2).sum()) / degrees_of_freedom
     )
+    rate, rate_std = float(solution[1]), float(np.sqrt(covariance[1, 1]))
+    if abs(rate) > MAX_RATE:
+        raise CalibrationError(
+            f"the clocks cannot be aligned: {len(paired_own)} markers agree on one offset, but on a rate of "
+            f"{1e6 * rate:.0f} ± {1e6 * rate_std:.0f} ppm, and two clocks differ by {1e6 * MAX_RATE:.0f} at most: "
+            "expected markers from the beginning to the end of the trial"
+        )
     to_zero = np.array([1.0, -middle])
     variance = float(((difference - difference.mean()) ** 2).sum())
     return Clock(
         offset_s=float(to_zero @ solution),
-        rate=float(solution[1]),
+        rate=rate,
         offset_std_s=float(np.sqrt(to_zero @ covariance @ to_zero)),
-        rate_std=float(np.sqrt(covariance[1, 1])),
+        rate_std=rate_std,
         explained=1.0 - float((residual**2).sum()) / variance if variance > 0 else 1.0,
     )
 
 
 def _pair_events(own_s: Array, other_s: Array) -> tuple[Array, Array]:
-    """Return the events of both sides that belong together; none if two offsets are equally good."""
+    """Return the events of both sides that belong together, one to one; none if two offsets are nearly as good.
+
+    Of a regular series one event less agrees at the next offset: which one is right depends on what was missed.
+    """
     if not len(own_s) or not len(other_s):
         return np.empty(0), np.empty(0)
     reach_s = NEAR_S + MAX_RATE * max(float(np.ptp(own_s)), float(np.ptp(other_s)))
@@ -66,8 +76,10 @@ def _pair_events(own_s: Array, other_s: Array) -> tuple[Array, Array]:
     best = int(n_agreeing.argmax())
     offset_s = float(np.median(offsets[best : best + int(n_agreeing[best])]))
     rivals = n_agreeing[np.abs(offsets - offset_s) > 2 * reach_s]
-    if len(rivals) and int(rivals.max()) >= n_agreeing[best]:
+    if len(rivals) and int(rivals.max()) >= n_agreeing[best] - 1:
         return np.empty(0), np.empty(0)
-    nearest = np.abs(other_s[None, :] - own_s[:, None] - offset_s).argmin(axis=1)
-    is_close = np.abs(other_s[nearest] - own_s - offset_s) <= reach_s
-    return own_s[is_close], other_s[nearest[is_close]]
+    distance_s = np.abs(other_s[None, :] - own_s[:, None] - offset_s)
+    nearest, nearest_own = distance_s.argmin(axis=1), distance_s.argmin(axis=0)
+    own = np.arange(len(own_s))
+    belongs = (nearest_own[nearest] == own) & (distance_s[own, nearest] <= reach_s)
+    return own_s[belongs], other_s[nearest[belongs]]

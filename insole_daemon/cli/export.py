@@ -78,6 +78,10 @@ def export(
         raise FileError(f"{out}: cannot be written: {error.strerror or error}") from error
     for foot, data_quality in quality(loaded).items():
         print(f"insole: {foot}: {data_quality.sentence}", file=sys.stderr)
+    has_steps = form is not Form.npz and (form, suffix) != (Form.csv, "csv")
+    if has_steps:
+        for remark in loaded.steps.remarks:
+            print(f"insole: steps: {remark}", file=sys.stderr)
     print(f"{out}: {form.value}, {', '.join(f'{foot_data.foot} {len(foot_data)} cycles' for foot_data in loaded.feet)}")
     if form is Form.mcap:
         print(f"insole: Foxglove: open {out}, then import the layout {foxglove.LAYOUT}", file=sys.stderr)

@@ -81,10 +81,10 @@ def _on_can_clock(
     own_origin_s, other_origin_s = (float(moments_s[0]) if len(moments_s) else 0.0 for moments_s in (own_s, other_s))
     clock = fit_marker_clock(own_s - own_origin_s, other_s - other_origin_s)
     time_s = (columns["time_s"] - other_origin_s - clock.offset_s) / (1.0 + clock.rate) + own_origin_s
-    offset_s = clock.offset_s + other_origin_s - own_origin_s
     return columns | {"time_s": time_s}, (
-        f"aligned by the markers: at the first one the other clock is ahead by {offset_s:.4f} s "
-        f"(± {1e3 * clock.offset_std_s:.1f} ms), and fast by {1e6 * clock.rate:.1f} ± {1e6 * clock.rate_std:.1f} ppm"
+        f"aligned by the markers: at {own_origin_s:.4f} s of our clock, the first of them, the other one shows "
+        f"{other_origin_s + clock.offset_s:.4f} s (± {1e3 * clock.offset_std_s:.1f} ms), and it is fast by "
+        f"{1e6 * clock.rate:.1f} ± {1e6 * clock.rate_std:.1f} ppm"
     )
 
 

@@ -37,6 +37,7 @@ def study(
     from ..study.document import load_study
     from ..study.page import study_page
     from ..study.scheduling import cluster, run_tasks
+    from ..study.tasks import describe_problems
 
     document = load_study(folder)
     tls = tls_of(tls_ca, tls_cert, tls_key)
@@ -45,8 +46,7 @@ def study(
     with cluster(scheduler, workers or os.cpu_count() or 1, tls) as client, show_work(f"analysing {folder}") as work:
 
         def report_recording(number: int, results: list[TaskResult]) -> None:
-            problems = "; ".join(f"{row.task}: {row.problem}" for row in results if row.file is None)
-            work(f"{document.recordings[number].folder}: {problems or 'done'}")
+            work(f"{document.recordings[number].folder}: {describe_problems(results) or 'done'}")
             work.done(next(numbers) / len(document.recordings))
 
         results = run_tasks(client, folder, document, folder / RESULTS, report_recording)

@@ -81,7 +81,7 @@ def read_force_plates(source: Path) -> list[ForcePlate]:
     except OSError as error:
         raise FileError(f"{source}: {unreadable(error)}") from error
     except Exception as error:  # c3d raises exceptions of many types
-        what = f"{type(error).__name__}: {error}"
+        what = str(error) or type(error).__name__
         raise FileError(
             f"{source}: expected a C3D file with force plates, found one that cannot be read: {what}"
         ) from error

@@ -14,6 +14,7 @@ from ..mechanics.gait import Gait, GaitEvent
 from ..mechanics.gait.figures import FootCourse
 from ..mechanics.gait.steps import Steps, find_steps
 from ..mechanics.region_map import RegionSpan, load_regions, map_regions
+from ..physics.calibration import Calibration
 from ..physics.static_curve import StaticCurve
 from .loading import FootRecording
 from .time_alignment import AlignedFoot, align
@@ -29,14 +30,17 @@ def step_table(feet: Sequence[FootRecording], regions: tuple[RegionSpan, ...] | 
     courses, remarks = [], []
     for foot in feet:
         if foot.calibration is None:
-            remarks.append(f"the {foot.foot} foot has no calibration: its counts give no force to detect steps by")
+            remarks.append(
+                f"the {foot.foot} foot has no calibration: its counts give no force to detect steps by; calibrate it, "
+                "and read the recording with that file"
+            )
         elif not len(foot):
             remarks.append(f"the {foot.foot} foot has no cycles")
         else:
             courses.append(_foot_course(foot, spans, start_ns))
     if len(feet) == 1:
         remarks.append(f"only the {feet[0].foot} foot is recorded")
-    return find_steps(courses, start_ns, remarks)
+    return find_steps(courses, start_ns, remarks, [span.name for span in spans])
 
 
 def _foot_course(foot: FootRecording, regions: tuple[RegionSpan, ...], start_ns: int) -> FootCourse:
@@ -53,8 +57,18 @@ def _foot_course(foot: FootRecording, regions: tuple[RegionSpan, ...], start_ns:
         regions=map_regions(regions, foot.layout),
         taxel_area_m2=foot.layout.taxel_area_m2,
         min_pressure_pa=Contact().min_pressure_pa,
-        calibration=hashlib.sha256(foot.calibration.coefficients_pa.tobytes()).hexdigest(),
+        calibration=_digest(foot.calibration),
     )
+
+
+def _digest(calibration: Calibration) -> str:
+    """Return a digest of curves and effects: feet with the same have the same errors."""
+    digest = hashlib.sha256(calibration.coefficients_pa.tobytes())
+    for effect in calibration.effects:
+        digest.update(f"{effect.law.word} {effect.where}".encode())
+        for name, value in effect.values.items():
+            digest.update(name.encode() + value.tobytes())
+    return digest.hexdigest()
 
 
 def _variance_pa2(foot: FootRecording, aligned: AlignedFoot, rows: slice) -> NDArray[np.float64] | None:

@@ -18,7 +18,7 @@ from ..mechanics.gait.symmetry import symmetry
 from ..recording.lab import need
 from .document import Study
 from .scheduling import results_of
-from .tasks import TaskResult
+from .tasks import TaskResult, describe_problems
 
 FIGURES = ("stance_s", "swing_s", "stride_s", "double_support_s", "cadence_per_min", "peak_force_n", "impulse_n_s",
            "loading_rate_n_s", "cop_path_m", "cop_width_m", "contact_area_m2")  # fmt: skip
@@ -46,13 +46,12 @@ def collect_rows(
     for number, (recording, outcome) in enumerate(zip(study.recordings, outcomes, strict=True)):
         place = results_of(results, number, recording.folder)
         files = {done.task: place / done.file for done in outcome if done.file is not None}
-        problems = [f"{failed.task}: {failed.problem}" for failed in outcome if failed.file is None]
         row: dict[str, Any] = {
             "recording": str(recording.folder),
             "person": recording.person,
             "session": recording.session,
             "condition": recording.condition,
-            "missing": "; ".join(problems),
+            "missing": describe_problems(outcome),
         }
         steps = load_steps(files["steps"]) if "steps" in files else None
         if steps is not None:
@@ -94,7 +93,8 @@ def _gait(steps: Steps) -> dict[str, Any]:
 
 def _validation(documents: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     return {
-        f"validation_{document['foot']}": json.dumps(document["recordings"], sort_keys=True, ensure_ascii=False)
+        f"validation_{document['foot']}": document.get("missing")
+        or json.dumps(document["recordings"], sort_keys=True, ensure_ascii=False)
         for document in documents
     }
 
@@ -102,8 +102,8 @@ def _validation(documents: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 def _diagnosis(documents: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     row = {}
     for document in documents:
-        row[f"diagnosis_{document['foot']}"] = document["verdict"]
-        row[f"findings_{document['foot']}"] = " ".join(finding["effect"] for finding in document["findings"])
+        row[f"diagnosis_{document['foot']}"] = document.get("missing") or document["verdict"]
+        row[f"findings_{document['foot']}"] = " ".join(finding["effect"] for finding in document.get("findings", ()))
     return row
 
 

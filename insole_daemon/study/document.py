@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal, get_args
 
-from ..documents import Reading, Section, at_least, read
+from ..documents import Key, Reading, Section, at_least, read, within
 from ..errors import FileError
 
 FORMAT = "insole-study/1"
@@ -26,6 +26,8 @@ class StudyRecording(Section):
     person: str
     session: str
     condition: str = ""
+    mass_kg: Annotated[float, within(2.0, 500.0)] | None = None  # that forces of its steps are scaled to
+    analysed_with: tuple[Path, ...] = ()  # calibrations in place of the recording's own, one a foot
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,6 +57,25 @@ def _check(reading: Reading) -> None:
     for name, count in named.items():
         if count > 1:
             reading.problem(("recordings",), f"expected each recording once, found {name} {count} times")
+    recordings = reading.of(StudyRecording)
+    weighed, unweighed = (
+        {recording.person for _, recording in recordings if (recording.mass_kg is None) is unknown}
+        for unknown in (False, True)
+    )
+    for person in sorted(weighed & unweighed):
+        message = f"expected mass_kg in every recording of {person}, or in none: scaled forces compare with scaled ones"
+        reading.problem(("recordings",), message)
+    files: list[tuple[Key, Path]] = [
+        ((*key, "analysed_with", at), file)
+        for key, recording in recordings
+        for at, file in enumerate(recording.analysed_with)
+    ]
+    files += [
+        (("calibrations", at), file) for _, study in reading.of(Study) for at, file in enumerate(study.calibrations)
+    ]
+    for key, file in files:
+        if not file.is_file():
+            reading.problem(key, f"expected a calibration, found that there is no file {file}")
     tasks = reading.document.get("tasks")
     if isinstance(tasks, list) and "validation" in tasks and not reading.document.get("calibrations"):
         reading.problem(("calibrations",), "missing key: validation judges calibrations: list them, or leave it out")

@@ -1,4 +1,4 @@
-"""The study as one HTML page: steps_of_recordings recording, what is missing and why, and sessions compared."""
+"""The study as one HTML page: every recording, what is missing and why, and sessions and conditions compared."""
 
 from __future__ import annotations
 
@@ -21,6 +21,8 @@ from ..mechanics.gait.steps import Steps, mean_curve
 from ..report.page import facts, figure, page, paragraph, row, section, table
 from ..report.plot import Axis, Plot, axis
 from .document import Study
+
+Setting = tuple[str, str]  # session and condition
 
 _FIGURES = {
     "stance_s": ("stance, s", 1.0, 3),
@@ -56,8 +58,10 @@ def study_page(
                 ),
             )
         )
-    sessions = list(dict.fromkeys(recording.session for recording in study.recordings))
-    parts += [_comparison(study, steps_of_recordings, *pair) for pair in combinations(sessions, 2)]
+    remarks = [(line["recording"], line["remarks"]) for line in rows if line.get("remarks")]
+    if remarks:
+        parts.append(section("Remarks", table(("recording", "its steps"), remarks, (0, 1))))
+    parts += [_comparison(study, steps_of_recordings, *pair) for pair in _compared_settings(study)]
     about = [f"calibrations {', '.join(map(str, study.calibrations))}"] if study.calibrations else []
     return page(f"Study {name}", "Means are of steady steps, ± is a standard deviation over steps", parts, about)
 
@@ -81,16 +85,36 @@ def _recordings(rows: Sequence[Mapping[str, Any]], steps_of_recordings: Sequence
     )
 
 
-def _comparison(study: Study, steps_of_recordings: Sequence[Steps | None], first: str, second: str) -> str:
-    """Return the section that compares two sessions: over persons where FEWEST have both, else of each person alone."""
-    sessions: dict[tuple[str, str], Steps] = {}
+def _compared_settings(study: Study) -> list[tuple[Setting, Setting]]:
+    """Return the settings that somebody has both of: differing in session or condition alone; where none do, all."""
+    persons: dict[Setting, set[str]] = {}
+    for recording in study.recordings:
+        persons.setdefault((recording.session, recording.condition), set()).add(recording.person)
+    pairs = [pair for pair in combinations(persons, 2) if persons[pair[0]] & persons[pair[1]]]
+    return [pair for pair in pairs if pair[0][0] == pair[1][0] or pair[0][1] == pair[1][1]] or pairs
+
+
+def _comparison(study: Study, steps_of_recordings: Sequence[Steps | None], first: Setting, second: Setting) -> str:
+    """Return the section that compares two settings: over persons where FEWEST have both, else of each person alone."""
+    sessions: dict[tuple[str, Setting], Steps] = {}
+    repeated = []
     for recording, steps in zip(study.recordings, steps_of_recordings, strict=True):
-        if steps is not None:  # of several recordings of one session, the first
-            sessions.setdefault((recording.person, recording.session), steps)
+        setting = (recording.session, recording.condition)
+        if steps is None or setting not in (first, second):
+            continue
+        if (recording.person, setting) in sessions:
+            repeated.append(str(recording.folder))
+        else:
+            sessions[recording.person, setting] = steps
     persons = [
         p for p in dict.fromkeys(r.person for r in study.recordings) if {(p, first), (p, second)} <= sessions.keys()
     ]
+    names = [", ".join(filter(None, setting)) for setting in (first, second)]
     parts = []
+    if repeated:
+        parts.append(
+            paragraph(f"Not compared, since the person has an earlier recording of the same: {', '.join(repeated)}")
+        )
     mixed = [p for p in persons if sessions[p, first].calibrations != sessions[p, second].calibrations]
     if mixed:
         parts.append(
@@ -108,19 +132,25 @@ def _comparison(study: Study, steps_of_recordings: Sequence[Steps | None], first
         }
         pairs = list(pair_of_person.values())
         if not pairs:
-            parts.append(paragraph(f"{foot}: nobody has {FEWEST} steady steps in both sessions"))
+            parts.append(paragraph(f"{foot}: nobody has {FEWEST} steady steps in both"))
         elif len(pairs) >= FEWEST:
             differences = {name: paired_difference(pairs, name) for name in _FIGURES}
-            parts.append(_compared(f"{foot}, {len(pairs)} persons", differences, compare_paired_curves(pairs), pairs))
+            parts.append(
+                _compared(f"{foot}, {len(pairs)} persons", names, differences, compare_paired_curves(pairs), pairs)
+            )
         else:
             for person, pair in pair_of_person.items():
                 differences = {name: difference_of_sessions(*pair, name) for name in _FIGURES}
-                parts.append(_compared(f"{foot}, {person}", differences, compare_curves(*pair), [pair]))
-    return section(f"{second} less {first}", *parts)
+                parts.append(_compared(f"{foot}, {person}", names, differences, compare_curves(*pair), [pair]))
+    return section(f"{names[1]} less {names[0]}", *parts)
 
 
 def _compared(
-    title: str, differences: Mapping[str, Interval], test: CurveTest, pairs: Sequence[tuple[Steps, Steps]]
+    title: str,
+    names: Sequence[str],
+    differences: Mapping[str, Interval],
+    test: CurveTest,
+    pairs: Sequence[tuple[Steps, Steps]],
 ) -> str:
     lines = []
     for name, interval in differences.items():
@@ -130,7 +160,7 @@ def _compared(
     spans = ", ".join(f"{low:.0f} to {high:.0f} %" for low, high in test.spans_percent) or "nowhere"
     means = [np.mean([mean_curve(pair[at].steady.curves["f_z_n"])[0] for pair in pairs], axis=0) for at in (0, 1)]
     plot = Plot(Axis("% of stance", 0.0, 100.0), axis("f_z, N", *means), height=260)
-    for at, (curve, words) in enumerate(zip(means, ("first session", "second session"), strict=True)):
+    for at, (curve, words) in enumerate(zip(means, names, strict=True)):
         plot.line(PERCENT, np.asarray(curve, np.float64), at, words)
     caption = f"f_z over stance, {title}: differs {spans} (p = {test.p_whole:.4f}, {test.n_permutations} permutations)"
     return row(figure(plot.svg(caption), caption)) + table(("figure", "difference", "95 % interval"), lines)

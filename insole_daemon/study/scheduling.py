@@ -5,14 +5,14 @@ from __future__ import annotations
 import contextlib
 import logging
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from ..errors import InsoleError
 from ..recording.lab import need
 from .document import Study
-from .tasks import TaskResult, do_tasks
+from .tasks import Given, TaskResult, do_tasks
 
 TIMES_TRIED = 3  # after so many workers died with a recording, it is given up
 # Dask's own adds MALLOC_TRIM_THRESHOLD_, with which glibc returns every array above 128 kB to the kernel at once: page
@@ -80,12 +80,13 @@ def run_tasks(
     `report_done` is called with the number of each recording and its results as they come.
     """
     distributed = need("distributed", "distributed", "a study")
-    judged = [str(path.resolve()) for path in study.calibrations]
+    judged = _whole_paths(study.calibrations)
     futures = {}
     for number, recording in enumerate(study.recordings):
         place = folder / recording.folder
+        given = Given(judged, _whole_paths(recording.analysed_with), recording.mass_kg)
         future = client.submit(
-            do_tasks, str(place.resolve()), str(results_of(results, number, recording.folder)), study.tasks, judged,
+            do_tasks, str(place.resolve()), str(results_of(results, number, recording.folder)), study.tasks, given,
             key=f"insole-study-{number}-{place}", pure=False,
         )  # fmt: skip
         futures[future] = number
@@ -99,6 +100,10 @@ def run_tasks(
             outcomes[number] = [TaskResult(task, None, problem) for task in study.tasks]
         report_done(number, outcomes[number])
     return outcomes
+
+
+def _whole_paths(paths: Sequence[Path]) -> tuple[str, ...]:
+    return tuple(str(path.resolve()) for path in paths)
 
 
 def results_of(results: Path, number: int, folder: Path) -> Path:

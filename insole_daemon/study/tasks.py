@@ -15,17 +15,20 @@ import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from .. import __version__
 from ..errors import InsoleError
 from ..files import unfinished, write_text
+from ..mechanics.gait.body_weight import scale_to_body_weight
 from ..physics import calibration as calibrations
 from ..recording.loading import Recording, load
 from .document import Task
 
 SUFFIXES: Mapping[Task, str] = {"report": "html", "steps": "npz", "validation": "json", "diagnosis": "json"}
+NO_REFERENCE = "no reference"  # in place of a verdict on a foot
 _VERDICT_STATUSES = (0, 1, 3)  # of `insole diagnose`: it has come to a verdict
 _KEY_DIGITS = 16
 _OF_RECORDINGS = (".yaml", ".log", ".gz", ".zst", ".csv", ".json", ".npz")  # not a report.html that is in the folder
@@ -40,34 +43,53 @@ class TaskResult:
     problem: str
 
 
-def do_tasks(folder: str, results: str, tasks: Sequence[Task], judged: Sequence[str]) -> list[TaskResult]:
+@dataclass(frozen=True, slots=True)
+class Given:
+    """What study.yaml gives beyond a recording: paths of calibrations, and the mass of the person."""
+
+    judged: tuple[str, ...] = ()  # by validation
+    analysed_with: tuple[str, ...] = ()  # in place of the recording's own, one a foot
+    mass_kg: float | None = None
+
+
+def do_tasks(folder: str, results: str, tasks: Sequence[Task], given: Given) -> list[TaskResult]:
     """Do the tasks that are not done yet with the recording `folder`; return the result of each of them.
 
-    `judged` are calibrations that validation compares. A task that fails says why, and the others go on.
+    A task that fails says why, and the others go on.
     """
     loaded: list[Recording] = []
     outcomes = []
     for task in tasks:
         try:
-            file = Path(results) / f"{task}-{content_key(Path(folder), task, judged)}.{SUFFIXES[task]}"
+            file = Path(results) / f"{task}-{content_key(Path(folder), task, given)}.{SUFFIXES[task]}"
             if not file.exists():
                 Path(results).mkdir(parents=True, exist_ok=True)
                 if not loaded:
-                    loaded.append(load(folder))
-                _DO[task](loaded[0], file, [Path(calibration) for calibration in judged])
+                    loaded.append(load(folder, calibration_files=given.analysed_with))
+                _DO[task](loaded[0], file, given)
             outcomes.append(TaskResult(task, file.name, ""))
         except (InsoleError, OSError, ValueError, ArithmeticError, subprocess.SubprocessError) as error:
             outcomes.append(TaskResult(task, None, _words(error).replace("\n", " ")))
     return outcomes
 
 
-def content_key(folder: Path, task: Task, judged: Sequence[str]) -> str:
+def describe_problems(outcomes: Sequence[TaskResult]) -> str:
+    """Return what is missing and why, once for all tasks with the same reason; an empty text where nothing is."""
+    tasks_of_problem: dict[str, list[str]] = {}
+    for outcome in outcomes:
+        if outcome.file is None:
+            tasks_of_problem.setdefault(outcome.problem, []).append(outcome.task)
+    return "; ".join(f"{', '.join(tasks)}: {problem}" for problem, tasks in tasks_of_problem.items())
+
+
+def content_key(folder: Path, task: Task, given: Given) -> str:
     """Return a digest of everything that the result of `task` depends on; InsoleError: the recording is not there."""
     if not folder.is_dir():
         raise InsoleError(f"{folder}: there is no such folder; check its line in study.yaml")
-    digest = hashlib.sha256(f"{__version__} {task}".encode())
+    scaled = given.mass_kg if task == "steps" else None
+    digest = hashlib.sha256(f"{__version__} {task} {scaled}".encode())
     files = sorted(path for path in folder.iterdir() if path.is_file() and path.suffix in _OF_RECORDINGS)
-    for path in [*files, *map(Path, judged if task == "validation" else ())]:
+    for path in [*files, *map(Path, given.judged if task == "validation" else given.analysed_with)]:
         content = path.read_bytes()
         digest.update(f"{path.name} {len(content)}\n".encode())
         digest.update(content)
@@ -82,16 +104,21 @@ def _words(error: Exception) -> str:
     return f"{type(error).__name__}: {error}"
 
 
-def _report(recording: Recording, file: Path, judged: Sequence[Path]) -> None:
+def _report(recording: Recording, file: Path, given: Given) -> None:
     from ..view.recorded import recorded_page
 
     write_text(file, recorded_page(recording))
 
 
-def _steps(recording: Recording, file: Path, judged: Sequence[Path]) -> None:
+def _steps(recording: Recording, file: Path, given: Given) -> None:
     steps = recording.steps
     if not len(steps):
         raise InsoleError(f"no steps: {'; '.join(steps.remarks) or 'nobody walks'}")
+    if given.mass_kg is not None:
+        try:
+            steps = scale_to_body_weight(steps, given.mass_kg)
+        except InsoleError as error:
+            raise InsoleError(f"{error}; without mass_kg in study.yaml, steps keep the forces as measured") from error
     arrays = {f"column_{name}": column for name, column in steps.columns.items()}
     arrays |= {f"curve_{name}": curve for name, curve in steps.curves.items()}
     arrays |= {"start_ns": np.array(steps.start_ns), "remarks": np.array("\n".join(steps.remarks))}
@@ -100,40 +127,57 @@ def _steps(recording: Recording, file: Path, judged: Sequence[Path]) -> None:
         np.savez(handle, **arrays)  # type: ignore[arg-type]
 
 
-def _validation(recording: Recording, file: Path, judged: Sequence[Path]) -> None:
+def _validation(recording: Recording, file: Path, given: Given) -> None:
     from ..calibration.validation import validate, validation_document
     from ..documents import Reading
 
-    documents = []
-    for path in judged:
+    _check_references(recording)
+    documents: list[dict[str, Any]] = []
+    for path in map(Path, given.judged):
         document = Reading(path).document
-        foot = document.get("foot") if isinstance(document, dict) else None
-        layout = next((side.layout for side in recording.feet if side.foot == foot), None)
-        if layout is not None:
-            results, _ = validate([recording], calibrations.load(path, layout))
+        of_foot = document.get("foot") if isinstance(document, dict) else None
+        for foot in recording.feet:
+            if foot.foot != of_foot:
+                continue
+            if foot.reference is None:
+                documents.append({"foot": foot.foot, "missing": NO_REFERENCE})
+                continue
+            results, _ = validate([recording], calibrations.load(path, foot.layout))
             documents.append(validation_document(results, path.name))
     if not documents:
         raise InsoleError("no calibration of a recorded foot is listed under calibrations")
     write_text(file, json.dumps(documents, indent=1, ensure_ascii=False) + "\n")
 
 
-def _diagnosis(recording: Recording, file: Path, judged: Sequence[Path]) -> None:
-    documents = []
+def _check_references(recording: Recording) -> None:
+    """Raise InsoleError where no foot has a reference, which validation and diagnosis compare with."""
+    if all(foot.reference is None for foot in recording.feet):
+        raise InsoleError("no foot has a reference, so the true load is not known: add one with 'insole reference'")
+
+
+def _diagnosis(recording: Recording, file: Path, given: Given) -> None:
+    _check_references(recording)
+    documents: list[dict[str, Any]] = []
     for foot in recording.feet:
+        if foot.reference is None:
+            documents.append({"foot": foot.foot, "missing": NO_REFERENCE})
+            continue
         with tempfile.TemporaryDirectory() as made:
             out = Path(made, "diagnosis")
             command = [sys.executable, "-c", "from insole_daemon.cli import main; main()", "diagnose"]
-            side = ["--foot", foot.foot] if len(recording.feet) > 1 else []
-            done = subprocess.run(
-                [*command, str(recording.folder), "--out", str(out), *side], capture_output=True, text=True, check=False
-            )
+            command += [str(recording.folder), "--out", str(out)]
+            command += ["--foot", foot.foot] if len(recording.feet) > 1 else []
+            replacement = recording.calibration_files.get(foot.foot)
+            command += [] if replacement is None else ["--calibration", str(replacement)]
+            done = subprocess.run(command, capture_output=True, text=True, check=False)
             if done.returncode not in _VERDICT_STATUSES:
-                raise InsoleError((done.stderr.strip().splitlines() or ["no message"])[-1])
+                words = (done.stderr.strip().splitlines() or ["no message"])[-1]
+                raise InsoleError(f"{foot.foot} foot: {words.removeprefix('insole: ')}")
             documents.append({"foot": foot.foot, **json.loads((out / "diagnosis.json").read_text())})
     write_text(file, json.dumps(documents, indent=1, ensure_ascii=False) + "\n")
 
 
-_DO: Mapping[Task, Callable[[Recording, Path, Sequence[Path]], None]] = {
+_DO: Mapping[Task, Callable[[Recording, Path, Given], None]] = {
     "report": _report,
     "steps": _steps,
     "validation": _validation,

@@ -44,11 +44,19 @@ def test_three_markers_align_clocks_an_hour_apart():
         (np.arange(20.0), 3.3 + np.arange(15.0)),  # regular, and some missing: every whole second fits
         (np.array([1.0, 2.0]), np.array([1.5, 2.5])),
         (np.empty(0), np.arange(3.0)),
+        (np.arange(29.0), np.arange(1.0, 30.0)),  # regular: the first of one side, the last of the other are missed
+        (np.array([10.0, 10.2, 200.0, 400.0]), np.array([10.8, 200.8])),  # two pairs: no marker counts twice
     ],
 )
 def test_ambiguous_markers_are_refused(own_s, other_s):
     with pytest.raises(CalibrationError, match="cannot be aligned"):
         fit_marker_clock(own_s, other_s)
+
+
+def test_markers_that_are_too_close_for_a_rate_are_refused():
+    own_s = np.array([10.0, 10.2, 10.5])
+    with pytest.raises(CalibrationError, match=r"3 markers agree .* on a rate of .* ppm"):
+        fit_marker_clock(own_s, own_s + np.array([0.5, 0.5, 0.502]))
 
 
 def test_forces_of_a_force_plate_give_the_same_planted_clock():

@@ -69,6 +69,8 @@ def test_one_calibration_replaces_that_of_its_foot_alone(walked):
     own, replaced = insole_daemon.load(folder), insole_daemon.load(folder, models[:1])
     assert not np.array_equal(own["left"].pressure_pa, replaced["left"].pressure_pa, equal_nan=True)
     assert np.array_equal(own["right"].pressure_pa, replaced["right"].pressure_pa, equal_nan=True)
+    assert own.steps.calibrations["left"] != replaced.steps.calibrations["left"], "other effects are other errors"
+    assert own.steps.calibrations["right"] == replaced.steps.calibrations["right"]
 
 
 def test_an_exported_mcap_has_the_calibration_it_was_exported_with(walked, tmp_path, monkeypatch):

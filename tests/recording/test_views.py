@@ -9,6 +9,7 @@ import pytest
 
 import insole_daemon
 from insole_daemon.config import Config
+from insole_daemon.mechanics.gait.symmetry import symmetry
 from insole_daemon.service.foot_setup import load_layout
 from insole_daemon.simulation.trial import START_NS, Trial
 
@@ -82,8 +83,13 @@ def test_without_calibration_only_counts_are_described(walk):
     assert "no calibration" in repr(raw)
     assert len(raw.steps) == 0
     assert "no calibration" in " ".join(raw.steps.remarks)
+    assert "no calibration" in repr(raw.steps)
+    assert raw.steps.to_dataframe().columns.tolist() == recording.steps.to_dataframe().columns.tolist()
+    assert np.isnan(symmetry(raw.steps, "peak_force_n").value)
+    assert raw.steps.steady.curves["f_z_n"].shape == (0, 101)
     assert "valid_fraction" in raw.to_dataframe()
     assert "pressure_pa" not in raw.to_xarray()["left"]
     half = replace(recording, feet=(recording["left"], blind[1]))
     assert set(half.steps["foot"]) == {"left"}
     assert np.isnan(half.steps["double_support_s"]).all()
+    assert "no symmetry" in " ".join(half.steps.remarks)

@@ -23,6 +23,7 @@ from insole_daemon.study.collecting import collect_rows, write_tables
 from insole_daemon.study.document import load_study
 from insole_daemon.study.page import study_page
 from insole_daemon.study.scheduling import cluster, run_tasks
+from insole_daemon.study.tasks import TaskResult, describe_problems
 
 INSOLE = Path(sys.executable).with_name("insole")
 SECONDS = 8.0
@@ -249,3 +250,85 @@ def test_a_scheduler_that_exists_is_used(folder):
         command = [INSOLE, "study", folder, "--scheduler", existing.scheduler_address]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert "6 recordings" in done.stdout, done.stderr
+
+
+def lines_of(*recordings):
+    lines = "".join(f"  - {{{words}}}\n" for words in recordings)
+    return "format: insole-study/1\ntasks: [steps]\nrecordings:\n" + lines
+
+
+def test_a_mass_scales_the_steps_and_other_calibrations_replace_the_recordings_own(folder):
+    shutil.copy(folder / "p1-fast" / "left-calibration.json", folder / "copy.json")
+    text = lines_of("folder: p0-fast, person: p0, session: fast", "folder: p1-fast, person: p1, session: fast")
+    (folder / "study.yaml").write_text(text)
+    with cluster(None, 1) as client:
+        analysed(folder, client)
+        measured, made = pd.read_csv(folder / "table.csv").set_index("recording"), files_of(folder)
+        text = lines_of(
+            "folder: p0-fast, person: p0, session: fast, mass_kg: 66",
+            "folder: p1-fast, person: p1, session: fast, analysed_with: [copy.json], mass_kg: 20",
+        )
+        (folder / "study.yaml").write_text(text)
+        analysed(folder, client)
+    table = pd.read_csv(folder / "table.csv").set_index("recording")
+    ratio = table.left_peak_force_n["p0-fast"] / measured.left_peak_force_n["p0-fast"]
+    assert f"times {ratio:.3f}: both feet bear 66 kg" in table.remarks["p0-fast"]
+    assert ratio > 1.02
+    assert table.left_stance_s["p0-fast"] == measured.left_stance_s["p0-fast"]
+    assert "% of the weight of 20 kg" in table.missing["p1-fast"]
+    assert "without mass_kg in study.yaml" in table.missing["p1-fast"]
+    assert len(files_of(folder)) == len(made) + 1, "the unscaled steps stay beside the scaled ones"
+
+
+def test_a_recording_without_calibration_is_analysed_with_the_one_that_is_given(folder):
+    path = folder / "p0-slow" / "recording.yaml"
+    lines = path.read_text().splitlines(keepends=True)
+    path.write_text("".join(line for line in lines if "calibration:" not in line))
+    (folder / "study.yaml").write_text(lines_of("folder: p0-slow, person: p0, session: slow"))
+    with cluster(None, 1) as client:
+        analysed(folder, client)
+        assert "has no calibration" in pd.read_csv(folder / "table.csv").missing[0]
+        given = ", ".join(f"p0-slow/{foot}-calibration.json" for foot in ("left", "right"))
+        text = lines_of(f"folder: p0-slow, person: p0, session: slow, analysed_with: [{given}]")
+        (folder / "study.yaml").write_text(text)
+        analysed(folder, client)
+    table = pd.read_csv(folder / "table.csv")
+    assert table.missing.isna().all()
+    assert table.left_steady_steps[0] >= 3
+
+
+def test_conditions_are_compared_within_a_session_and_repeats_are_named(folder):
+    shutil.copytree(folder / "p0-slow", folder / "p0-again")
+    text = lines_of(
+        "folder: p0-slow, person: p0, session: day, condition: slow",
+        "folder: p0-again, person: p0, session: day, condition: slow",
+        "folder: p0-fast, person: p0, session: day, condition: fast",
+        "folder: p1-slow, person: p1, session: other, condition: alone",
+    )
+    (folder / "study.yaml").write_text(text)
+    with cluster(None, 1) as client:
+        analysed(folder, client)
+    page = (folder / "study.html").read_text()
+    assert "day, fast less day, slow" in page
+    assert "an earlier recording of the same: p0-again" in page
+    assert "other, alone" not in page, "nobody has both"
+
+
+def test_the_same_reason_of_several_tasks_is_stated_once():
+    outcomes = [TaskResult("report", None, "broken"), TaskResult("steps", None, "broken"),
+                TaskResult("validation", None, "no reference"), TaskResult("diagnosis", "d.json", "")]  # fmt: skip
+    assert describe_problems(outcomes) == "report, steps: broken; validation: no reference"
+
+
+def test_masses_of_some_recordings_of_a_person_and_files_that_are_not_there_are_refused(tmp_path):
+    text = lines_of(
+        "folder: a, person: p, session: s, mass_kg: 63",
+        "folder: b, person: p, session: t, analysed_with: [none.json]",
+    )
+    (tmp_path / "study.yaml").write_text(text + "calibrations: [nowhere.json]\n")
+    with pytest.raises(DocumentError) as refused:
+        load_study(tmp_path)
+    message = str(refused.value)
+    assert "expected mass_kg in every recording of p, or in none" in message
+    assert "analysed_with[0]: expected a calibration, found that there is no file" in message
+    assert "calibrations[0]: expected a calibration" in message

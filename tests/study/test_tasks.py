@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
+import yaml
 
 from insole_daemon.config import Config
 from insole_daemon.service.foot_setup import load_layout
@@ -79,3 +80,25 @@ def test_all_tasks_are_collected_and_only_the_judgement_of_a_changed_calibration
     assert made.items() <= again.items()
     new = sorted(f"{path.parent.name} {path.name.partition('-')[0]}" for path in again.keys() - made.keys())
     assert new == ["0001-walk validation", "0002-chamber validation"]
+
+
+def test_a_foot_without_reference_does_not_take_the_judgement_of_the_other_foot_away(tmp_path):
+    config = Config()
+    layouts = [load_layout(insole) for insole in config.insoles]
+    folder = Trial("t4", config, layouts, seed=7).write(tmp_path / "walk", 12.0)
+    about = folder / "recording.yaml"
+    document = yaml.safe_load(about.read_text())
+    document["reference"] = [entry for entry in document["reference"] if entry["foot"] == "left"]
+    about.write_text(yaml.safe_dump(document))
+    (tmp_path / "study.yaml").write_text(
+        "format: insole-study/1\ntasks: [validation, diagnosis]\n"
+        "calibrations: [walk/left-calibration.json, walk/right-calibration.json]\n"
+        "recordings:\n  - {folder: walk, person: p01, session: one}\n"
+    )
+    table, _ = run(tmp_path)
+    row = table.loc["walk"]
+    assert pd.isna(row.missing)
+    assert json.loads(row.validation_left)
+    assert isinstance(row.diagnosis_left, str)
+    assert row.diagnosis_left != "no reference"
+    assert row.validation_right == row.diagnosis_right == "no reference"

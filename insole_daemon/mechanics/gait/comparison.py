@@ -29,7 +29,7 @@ SIGNIFICANT_P = 0.05
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class CurveTest:
     """The difference of two curves over stance, second less first."""
 
@@ -37,6 +37,11 @@ class CurveTest:
     t: Array  # (101,) NaN where nothing is known
     p: Array  # (101,) of the largest |t| of the curve: corrected for all 101
     n_permutations: int
+
+    def __repr__(self) -> str:
+        """Describe the result in one line."""
+        spans = ", ".join(f"{low:.0f} to {high:.0f} %" for low, high in self.spans_percent) or "nowhere"
+        return f"CurveTest: differs {spans} of stance, p = {self.p_whole:.4f} of {self.n_permutations} permutations"
 
     @property
     def p_whole(self) -> float:
@@ -145,12 +150,14 @@ def _result(difference: Array, known: NDArray[np.bool_], t: Array, largest_t: Ar
 def _welch_t(curves: Array, in_second: NDArray[np.bool_]) -> Array:
     groups = curves[~in_second], curves[in_second]
     variance = sum(group.var(axis=0, ddof=1) / len(group) for group in groups)
-    return np.asarray((groups[1].mean(axis=0) - groups[0].mean(axis=0)) / np.sqrt(variance + np.finfo(float).tiny))
+    with np.errstate(over="ignore"):
+        return np.asarray((groups[1].mean(axis=0) - groups[0].mean(axis=0)) / np.sqrt(variance + np.finfo(float).tiny))
 
 
 def _one_sample_t(curves: Array) -> Array:
     error = curves.std(axis=0, ddof=1) / np.sqrt(len(curves))
-    return np.asarray(curves.mean(axis=0) / (error + np.finfo(float).tiny))
+    with np.errstate(over="ignore"):  # where all curves are the same
+        return np.asarray(curves.mean(axis=0) / (error + np.finfo(float).tiny))
 
 
 def _mean(steps: Steps, figure: str) -> float:

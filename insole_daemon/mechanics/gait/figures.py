@@ -7,7 +7,7 @@ deviations, not variances, and a mean over steps does not shrink them. NaN: the 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,6 +23,7 @@ from .swing_offset import swing_offset, swing_samples
 PERCENT: NDArray[np.float64] = np.linspace(0.0, 100.0, 101)  # of stance
 COP_FRACTION = 0.1  # of the peak force: where less is borne, the CoP is mostly noise
 COP_FIGURES = ("cop_path_m", "cop_path_std_m", "cop_width_m", "cop_width_std_m", "cop_mean_y_m", "cop_mean_y_std_m")
+CURVES = ("f_z_n", "f_z_std_n", "cop_x_m", "cop_y_m")
 OF_REGION = ("peak_pa", "peak_std_pa", "integral_pa_s", "integral_std_pa_s", "area_m2", "area_std_m2")
 RATE_FROM, RATE_TO = 0.2, 0.8  # of the first peak's force
 FIRST_PEAK_WITHIN = 0.5  # of stance
@@ -77,22 +78,31 @@ def stances(course: FootCourse) -> Stances:
     offset = swing_offset(t_s, loads, swings)
     contacts = find_contacts(t_s, loads[0], wrench.f_z_std_n, offset[0])
     rows = [_stance(course, loads - offset, contacts, number) for number in range(len(contacts))]
-    names = _figure_names(course.regions)
+    names = _figure_names(course.regions.names)
     columns = {name: np.array([figures[name] for figures, _ in rows], np.float64) for name in names}
     curves = {
-        name: np.array([curve[name] for _, curve in rows], np.float64).reshape(-1, len(PERCENT))
-        for name in ("f_z_n", "f_z_std_n", "cop_x_m", "cop_y_m")
+        name: np.array([curve[name] for _, curve in rows], np.float64).reshape(-1, len(PERCENT)) for name in CURVES
     }
     return Stances(course.foot, memory, contacts, t_s[contacts.first], t_s[contacts.last], columns, curves)
 
 
-def _figure_names(regions: RegionMap) -> list[str]:
+def no_stances(region_names: Sequence[str]) -> Stances:
+    """Return the stances of a recording without force: none, with all columns and curves."""
+    nothing, no_rows = np.empty(0), np.empty(0, np.intp)
+    contacts = Contacts(nothing, nothing, nothing, nothing, no_rows, no_rows)
+    columns = dict.fromkeys(_figure_names(region_names), nothing)
+    return Stances(
+        "left", None, contacts, nothing, nothing, columns, dict.fromkeys(CURVES, np.empty((0, len(PERCENT))))
+    )
+
+
+def _figure_names(region_names: Sequence[str]) -> list[str]:
     """Return the columns of one foot, in the order of the table."""
     names = [
         *("peak_force_n", "peak_force_std_n", "impulse_n_s", "impulse_std_n_s", "loading_rate_n_s"),
         *("loading_rate_std_n_s", *COP_FIGURES, "contact_area_m2", "contact_area_std_m2", "valid_fraction"),
     ]
-    for region in regions.names:
+    for region in region_names:
         names += [f"{region}_{figure}" for figure in OF_REGION]
     return names
 

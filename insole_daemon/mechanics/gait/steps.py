@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ...errors import InsoleError
 from .contacts import Contacts
-from .figures import PERCENT, FootCourse, Stances, stances
+from .figures import PERCENT, FootCourse, Stances, no_stances, stances
 from .labels import Walking, label_steps
 
 if TYPE_CHECKING:
@@ -115,21 +115,25 @@ class Steps:
         )
 
 
-def find_steps(courses: Sequence[FootCourse], start_ns: int, remarks: Sequence[str] = ()) -> Steps:
+def find_steps(
+    courses: Sequence[FootCourse], start_ns: int, remarks: Sequence[str] = (), region_names: Sequence[str] = ()
+) -> Steps:
     """Return the table of steps in `courses`, of one foot or both, whose t_s count from `start_ns` (epoch time).
 
-    `remarks` are what the caller has to say of the recording; they come first in the table's.
+    `remarks` are what the caller has to say of the recording; they come first in the table's. `region_names` name the
+    regions of a table without courses, which has no row but all columns.
     """
     feet = [stances(course) for course in courses]
-    columns, curves = _joined(feet)
+    columns, curves = _joined(feet or [no_stances(region_names)])
     order = np.argsort(_begin_s(columns), kind="stable")
     columns = {name: column[order] for name, column in columns.items()}
     curves = {name: curve[order] for name, curve in curves.items()}
     columns = _with_both_feet(columns, both=len(feet) == 2)
     columns["label"] = label_steps(_walking(columns))
     all_remarks = [*remarks]
-    if len(feet) == 1 and not remarks:
-        all_remarks.append(f"only the {feet[0].foot} foot is there: no double support, no step time, no symmetry")
+    if len(feet) == 1:
+        other = "right" if feet[0].foot == "left" else "left"
+        all_remarks.append(f"without steps of the {other} foot: no double support, no step time, no symmetry")
     for foot in feet:
         if foot.memory is not None:
             all_remarks.append(
@@ -149,7 +153,7 @@ def find_steps(courses: Sequence[FootCourse], start_ns: int, remarks: Sequence[s
             all_remarks.append(
                 f"no step of the {course.foot} foot: its force never rises from rest and falls to it again"
             )
-    columns = {name: columns[name] for name in ("foot", "number", "label", *columns) if name in columns}
+    columns = {name: columns[name] for name in ("foot", "number", "label", *columns)}
     hidden = {"first_s", "last_s"}
     return Steps(
         {name: column for name, column in columns.items() if name not in hidden},
@@ -186,14 +190,6 @@ def _joined(feet: Sequence[Stances]) -> tuple[dict[str, NDArray[Any]], dict[str,
             "cadence_std_per_min": 120.0 / stride_s**2 * stride_std_s,
             **foot.columns,
         })  # fmt: skip
-    if not by_foot:
-        nothing = np.empty(0)
-        return {
-            "foot": np.empty(0, "<U5"),
-            "number": np.empty(0, np.intp),
-            "contact_s": nothing,
-            "toe_off_s": nothing,
-        }, {}
     columns: dict[str, NDArray[Any]] = {
         name: np.concatenate([of_foot[name] for of_foot in by_foot]) for name in by_foot[0]
     }
@@ -215,8 +211,6 @@ def _to_next(from_s: Array, from_std_s: Array, to_s: Array, contacts: Contacts) 
 
 
 def _begin_s(columns: Mapping[str, NDArray[Any]]) -> Array:
-    if not len(columns["foot"]):
-        return np.empty(0)
     return np.where(np.isnan(columns["contact_s"]), columns["first_s"], columns["contact_s"])
 
 
@@ -257,11 +251,10 @@ def _with_both_feet(columns: dict[str, NDArray[Any]], *, both: bool) -> dict[str
 
 
 def _walking(columns: Mapping[str, NDArray[Any]]) -> Walking:
-    n = len(columns["foot"])
     names = ("stance_s", "step_s", "peak_force_n", "impulse_n_s", "cop_mean_y_m")
-    cut = np.isnan(columns["contact_s"]) | np.isnan(columns["toe_off_s"]) if n else np.empty(0, np.bool_)
-    end_s = np.where(np.isnan(columns["toe_off_s"]), columns["last_s"], columns["toe_off_s"]) if n else np.empty(0)
-    figures = {name: columns.get(name, np.empty(0)) for name in names}
+    cut = np.isnan(columns["contact_s"]) | np.isnan(columns["toe_off_s"])
+    end_s = np.where(np.isnan(columns["toe_off_s"]), columns["last_s"], columns["toe_off_s"])
+    figures = {name: columns[name] for name in names}
     return Walking(columns["foot"] == "left", _begin_s(columns), end_s, cut, figures)
 
 

@@ -79,3 +79,19 @@ def test_too_few_steps_or_persons_are_said():
     assert np.isnan(difference_of_sessions(session(random, 2), session(random), "peak_force_n").value)
     with pytest.raises(InsoleError, match="f_z_n"):
         compare_curves(session(random), session(random), "f_x_n")
+
+
+def test_a_result_is_described_in_one_line():
+    random = np.random.default_rng(0)
+    described = repr(compare_curves(session(random), session(random, more_n=40.0)))
+    assert "differs" in described
+    assert "%" in described
+    assert "\n" not in described
+
+
+def test_persons_without_any_scatter_are_compared_without_a_warning():
+    """One recording listed for each person, by mistake: the difference is the same in all of them."""
+    random = np.random.default_rng(0)
+    pair = session(random), session(random, more_n=40.0)
+    test = compare_paired_curves([pair] * 3)
+    assert test.p_whole == pytest.approx(1 / 3), "of 8 signs, two are as large, and the measured one counts once more"

@@ -136,7 +136,7 @@ def test_one_foot_alone_says_what_is_missing(walk):
     alone = steps_of(walk, 12.0, feet=("right",))
     assert len(alone.steady) > 5
     assert np.isnan(alone["double_support_s"]).all()
-    assert "only the right foot" in " ".join(alone.remarks)
+    assert "without steps of the left foot" in " ".join(alone.remarks)
 
 
 def test_standing_is_labelled_and_no_step():
