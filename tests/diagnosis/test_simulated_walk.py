@@ -14,8 +14,11 @@ from typer.testing import CliRunner
 from insole_daemon import config as configs
 from insole_daemon.cli import app
 from insole_daemon.diagnosis import prediction
+from insole_daemon.diagnosis.model.load import TaxelLoad
 from insole_daemon.diagnosis.observations.rezeros import correct_rezeros
 from insole_daemon.diagnosis.observing import observed
+from insole_daemon.diagnosis.operators import low_pass
+from insole_daemon.diagnosis.terms import lag
 from insole_daemon.errors import DiagnosisError
 from insole_daemon.physics import calibration as calibrations
 from insole_daemon.physics.effect import Where, effect
@@ -158,6 +161,18 @@ def test_a_load_that_ends_after_the_simulation_is_no_rezero(tmp_path, plain):
     seen = replace(seen, activation_count=activation)
     vars(seen)["expected_count"] = expected  # the last simulated load, as beyond its end
     assert correct_rezeros(recording.feet[0], seen)[1] == []
+
+
+def test_the_lag_of_a_board_follows_the_load_of_each_of_its_taxels(tmp_path, plain):
+    recording = load(plain)
+    (seen,) = observed([recording], list(recording.feet), None, lambda text: None, [load(plain)])
+    setting = {"tau_s": 0.02}
+    column = lag.TERM.column_of(TaxelLoad(seen), setting).by_triangle[..., 0]
+    own = TaxelLoad(seen).by_triangle
+    for triangle, taxel in np.argwhere(seen.usable)[[0, 7, 40]]:
+        course = own[:, triangle, [taxel]]
+        expected = course - low_pass(course, seen.step_s, setting["tau_s"])
+        assert column[:, triangle, [taxel]] == pytest.approx(expected)
 
 
 def test_a_simulation_of_another_trial(tmp_path, plain):
