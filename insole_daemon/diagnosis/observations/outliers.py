@@ -31,8 +31,10 @@ MOST_FRACTION = 0.05  # of a taxel's readings: more are an effect
 def outliers(t_s: Array, counts: Array, valid: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return the outliers (k, 12) among the `valid` readings `counts` (k, 12) of one triangle at times (k,)."""
     is_outlier = np.zeros(counts.shape, bool)
+    if len(counts) < 2 * NOISE_READINGS:
+        return is_outlier
     live = PRESSURE_TAXELS & valid.any(axis=0) & (np.ptp(counts, axis=0) > 0)
-    if len(counts) < 2 * NOISE_READINGS or live.sum() < LEAST_LIVE:
+    if live.sum() < LEAST_LIVE:
         return is_outlier
     rank_shared = round(SHARED * live.sum())
     noise = _noise_nearby(counts)
