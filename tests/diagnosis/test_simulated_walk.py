@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,11 @@ from typer.testing import CliRunner
 from insole_daemon import config as configs
 from insole_daemon.cli import app
 from insole_daemon.diagnosis import prediction
+from insole_daemon.diagnosis.model.load import TaxelLoad
+from insole_daemon.diagnosis.observations.rezeros import correct_rezeros
+from insole_daemon.diagnosis.observing import observed
+from insole_daemon.diagnosis.operators import low_pass
+from insole_daemon.diagnosis.terms import lag
 from insole_daemon.errors import DiagnosisError
 from insole_daemon.physics import calibration as calibrations
 from insole_daemon.physics.effect import Where, effect
@@ -142,6 +148,31 @@ def test_crosstalk_beyond_the_next_taxels_is_found(tmp_path, plain):
 def test_a_simulation_of_a_part_of_the_trial_is_used(tmp_path):
     part = walk(tmp_path / "simulation", take=0, seconds=20.0)
     assert diagnosed(walk(tmp_path / "walk"), part, tmp_path / "out") == []
+
+
+def test_a_load_that_ends_after_the_simulation_is_no_rezero(tmp_path, plain):
+    part = walk(tmp_path / "simulation", take=0, seconds=20.0)
+    recording, simulation = load(plain), load(part)
+    (seen,) = observed([recording], list(recording.feet), None, lambda text: None, [simulation])
+    known = seen.reference.is_known(seen.reference_s)
+    end = int(np.flatnonzero(known)[-1])
+    expected = np.where(seen.usable, 20.0, 0.0) * np.ones_like(seen.activation_count)
+    activation = np.where((np.arange(len(known)) <= end + 1)[:, None, None], expected, 0.0)
+    seen = replace(seen, activation_count=activation)
+    vars(seen)["expected_count"] = expected  # the last simulated load, as beyond its end
+    assert correct_rezeros(recording.feet[0], seen)[1] == []
+
+
+def test_the_lag_of_a_board_follows_the_load_of_each_of_its_taxels(tmp_path, plain):
+    recording = load(plain)
+    (seen,) = observed([recording], list(recording.feet), None, lambda text: None, [load(plain)])
+    setting = {"tau_s": 0.02}
+    column = lag.TERM.column_of(TaxelLoad(seen), setting).by_triangle[..., 0]
+    own = TaxelLoad(seen).by_triangle
+    for triangle, taxel in np.argwhere(seen.usable)[[0, 7, 40]]:
+        course = own[:, triangle, [taxel]]
+        expected = course - low_pass(course, seen.step_s, setting["tau_s"])
+        assert column[:, triangle, [taxel]] == pytest.approx(expected)
 
 
 def test_a_simulation_of_another_trial(tmp_path, plain):

@@ -76,9 +76,9 @@ class Placement:
 
 
 def place_of(rows: NDArray[np.bool_], seen: WrenchObservation) -> Where:
-    """Return the coarsest place that consists of the triangles `rows` (T,)."""
+    """Return the coarsest place that consists of the triangles `rows` (T,); the insole if there are none."""
     works = seen.usable.any(axis=1)
-    if np.array_equal(rows & works, works):
+    if np.array_equal(rows & works, works) or not rows.any():
         return Where()
     identities = seen.layout.identities
     boards = np.unique(identities[rows, 0])

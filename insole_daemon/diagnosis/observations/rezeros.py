@@ -16,6 +16,7 @@ from ...physics.law import Array
 from ...recording.loading import FootRecording
 from ..finding import Finding, Quantity
 from ..places import place_in_words
+from .paired import PairedObservation
 from .wrench import WrenchObservation
 
 LEAST_LOAD_COUNT = 5.0  # mean activation of a board at which a re-zero can be detected
@@ -24,6 +25,7 @@ LANDING_COUNT = 2.5  # largest distance from `no_load` after a re-zero, beside t
 MOST_ELSEWHERE = 0.1  # share of the taxels that are further from it
 MOST_CUT_OFF = 0.3  # share of later readings at an end of their range: beyond it only the load's peaks are read
 LEAST_DURATION_S = 3.0  # for which readings lack the load
+BELOW_QUANTILE = 0.02  # of later readings, that is below no load if the load of a re-zero is removed
 MISSING_RATIO = (0.5, 1.6)  # range of the median that later readings lack, over the size of the step
 LEAST_ROWS = 50  # within range, to judge that
 MOST_STEP_S = 0.12  # duration of the step, each way
@@ -98,7 +100,11 @@ def _corrected(
 def _find_rezero(
     seen: WrenchObservation, of_board: np.ndarray[tuple[int], np.dtype[np.bool_]], landing_count: float, width: int
 ) -> int | None:
-    """Return the row at which a board's taxels jump to the count `lands` under a known load, or None."""
+    """Return the row at which a board's taxels jump to `landing_count` under a known load, or None.
+
+    Only rows whose load is known count. A simulated load may stay where the person's ends; beside one, later readings
+    also have to be below those of no load, which no load can cause.
+    """
     usable = seen.usable[of_board]
     if not usable.any():
         return None
@@ -106,25 +112,32 @@ def _find_rezero(
     landing_activation = seen.calibration.baseline_count[of_board][usable] - landing_count
     has_landed = np.abs(activation - landing_activation) < LANDING_COUNT + 3.0 * seen.noise_count[of_board][usable]
     mostly_landed = has_landed.mean(axis=1) > 1.0 - MOST_ELSEWHERE
-    is_loaded = (activation - landing_activation).mean(axis=1) > LEAST_LOAD_COUNT
+    above_landing = (activation - landing_activation).mean(axis=1)
     expected = (seen.expected_count[:, of_board][:, usable] - landing_activation).mean(axis=1)
+    is_known = seen.reference.is_known(seen.reference_s)
     rows = np.arange(width, len(activation) - width)
+    rows = rows[is_known[rows - width] & is_known[rows + width]]
     stays_loaded = np.minimum(expected[rows - width], expected[rows + width]) > LEAST_LOAD_COUNT
-    candidate_rows = rows[is_loaded[rows - width] & mostly_landed[rows + width] & stays_loaded]
+    is_loaded = above_landing[rows - width] > LEAST_LOAD_COUNT
+    candidate_rows = rows[is_loaded & mostly_landed[rows + width] & stays_loaded]
     cut_off = seen.cut_off[:, of_board][:, usable].mean(axis=1) > MOST_ELSEWHERE
-    missing_count = expected - (activation - landing_activation).mean(axis=1)  # what readings miss
+    missing_count = np.where(is_known, expected - above_landing, np.nan)  # what readings miss
     for row in candidate_rows.tolist():
         if missing_count[row + width] - missing_count[row - width] < LEAST_LOAD_COUNT:
             continue  # the load itself changed
         # A pulse ends and late readings catch up; after a re-zero the load is missing until the end.
-        step_count = float(np.mean(activation[row - width] - activation[row + width]))
-        missing_later, in_range = missing_count[row + width :], ~cut_off[row + width :]
-        missing_soon = missing_later[: round(LEAST_DURATION_S / seen.step_s)]
+        step_count = float(above_landing[row - width] - above_landing[row + width])
+        is_later = is_known[row + width :]
+        missing_later, in_range = missing_count[row + width :][is_later], ~cut_off[row + width :][is_later]
+        least_rows = round(LEAST_DURATION_S / seen.step_s)
         if (
-            step_count < LEAST_LOAD_COUNT
-            or np.median(missing_soon) < LEAST_LOAD_COUNT
-            or abs(float(np.median(missing_count[: row - width]))) > LEAST_LOAD_COUNT
+            len(missing_later) < least_rows
+            or step_count < LEAST_LOAD_COUNT
+            or np.median(missing_later[:least_rows]) < LEAST_LOAD_COUNT
+            or abs(float(np.nanmedian(missing_count[: row - width]))) > LEAST_LOAD_COUNT
         ):
+            continue
+        if isinstance(seen, PairedObservation) and not _falls_below_no_load(activation[row + width :]):
             continue
         if (
             in_range.sum() < LEAST_ROWS
@@ -132,6 +145,11 @@ def _find_rezero(
         ):
             return int(row) + width // 2
     return None
+
+
+def _falls_below_no_load(activation: Array) -> bool:
+    """Return whether activations (N, k) of a board are below those of no load for some of the time."""
+    return bool(np.quantile(activation.mean(axis=1), BELOW_QUANTILE) < -LANDING_COUNT)
 
 
 def _find_rezero_of_walk(

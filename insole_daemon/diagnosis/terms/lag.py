@@ -17,7 +17,7 @@ def _column(load: LoadEstimate, setting: Setting) -> TermColumns:
     seen = load.observation
     if seen.load_is_known:
         own = load.by_triangle
-        late = low_pass(own[..., 0], seen.step_s, setting["tau_s"])[..., None]
+        late = low_pass(own, seen.step_s, setting["tau_s"])
         return TermColumns((setting,), by_triangle=(own - late)[..., None])
     slope = np.gradient(seen.by_triangle, seen.step_s, axis=0)
     square = seen.counting_variance[..., None] * 0.5 * (setting["tau_s"] / seen.step_s) ** 2

@@ -97,3 +97,8 @@ def test_a_live_taxel_of_a_dead_triangle_has_no_outliers():
     counts[:, 1:] = 240.0
     counts[300, 0] = 120.0
     assert not found_in(counts).any()
+
+
+def test_a_triangle_without_readings_has_no_outliers():
+    nothing = np.zeros((0, N_TAXELS))
+    assert outliers(np.zeros(0), nothing, nothing.astype(bool)).shape == nothing.shape
