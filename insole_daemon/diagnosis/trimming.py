@@ -116,9 +116,17 @@ def _lighter(search: SubsetSearch[Any], kept: Kept, timing: Timing) -> FittedSet
         others = search.singles() if len(rest) == 1 else []
         without = max([search.fit(rest), *others], key=lambda each: each.score)
         left = square(_kept(without, refine(whole, without.chosen), timing).figures.after)
-        if best.chosen[i] not in without.chosen and left - after < least_needed * (before - after):
+        needed = least_needed * (before - after) * _share_of_insole(whole, best.chosen[i])
+        if best.chosen[i] not in without.chosen and left - after < needed:
             return without
     return None
+
+
+def _share_of_insole(whole: Design | BlockDesign, k: int) -> float:
+    """Return the share of the triangles that candidate `k` is at; 1 where only the whole load is known."""
+    if not isinstance(whole, BlockDesign):
+        return 1.0
+    return float(np.mean(whole.mask[whole.candidates[k].columns[0]][whole.weights.any(axis=0)]))
 
 
 def doubtful_word(whole: Design | BlockDesign, refined: Refined[Any]) -> str | None:

@@ -224,7 +224,7 @@ class BlockPrices:
         """What number `i` may take of what the others of a set fail to describe where it is at work, squared.
 
         A memory beside another loop at the same place is the likeliest to describe what the law of one of them misses
-        of both: they share what it would have been alone.
+        of both: they share what it would have been alone. A memory that is at work on far more triangles is not.
         """
         one, missed = every[i], 0.0
         for j, (other, own) in enumerate(zip(every, shares, strict=True)):
@@ -234,7 +234,7 @@ class BlockPrices:
             part = MISSED_OF_STATIC if are_static else other.term.misfit_of(True)
             alike = LOCAL if self._is_small_beside(one, other) else 1.0
             missed += alike * part * self.design.overlap(one, other, own)
-            if one.term.is_memory and other.term.is_loop:
+            if one.term.is_memory and other.term.is_loop and not self._is_small_beside(other, one):
                 part = MISSED_OF_MEMORY / (2.0 if other.term.is_memory else 1.0)
                 missed += alike * part * self.design.overlap_of_both(one, other, shares[i], own)
         return one.term.likeness * missed
