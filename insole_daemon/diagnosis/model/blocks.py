@@ -19,15 +19,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...physics.law import Array
+from ..load_estimate import KnownLoad, LoadEstimate
 from ..observations.chamber import ChamberObservation
 from ..terms import TERMS
-from ..terms.term import Setting, TermColumns
+from ..terms.term import LEAST_SIZE, Setting, TermColumns
 from .atoms import Atoms, make_atoms, projected
 from .gram import GramMatrix, PlacedColumns
-from .load import KnownLoad, LoadEstimate
 from .nuisance import USUAL, Nuisance, Priors, nuisance_of
 from .placement import Placement, place_of
-from .regression import LEAST_SIZE, Gram, PlacedTerm, Timing, with_companions
+from .regression import Gram, PlacedTerm, Timing, with_companions
 from .solve import RIDGE
 
 RECALIBRATIONS = ("gain", "baseline", "stiffening")

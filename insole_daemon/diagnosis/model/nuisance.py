@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...physics.law import Array
+from ..load_estimate import LoadEstimate
 from ..observations.chamber import ChamberObservation
 from ..observations.paired import PairedObservation
 from .curves import curve_splines
-from .load import LoadEstimate
 
 GAIN_STD = 0.003  # of a triangle's calibration
 BASELINE_STD_COUNT = 0.05  # of a triangle's

@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 
 from ...physics.effect import Where
 from ...physics.law import Array
+from ..load_estimate import LoadEstimate
 from ..terms.term import Setting, Term
-from .load import LoadEstimate
 
 NOTHING: Mapping[str, float] = {}
-LEAST_SIZE = 0.15  # smallest effect: RMS over its taxels, in the noise of a reading
 
 
 @dataclass(frozen=True, slots=True)

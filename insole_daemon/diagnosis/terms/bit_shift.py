@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ...physics.law import Array
-from ..model.load import LoadEstimate
+from ..load_estimate import LoadEstimate
 from .term import Setting, Term, TermColumns, needs_calibration
 
 STEPS = (-2, -1, 1, 2)  # the real shift less the believed one

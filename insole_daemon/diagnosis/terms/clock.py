@@ -7,10 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...physics.law import Array
-from ..model.load import LoadEstimate
-from ..model.regression import LEAST_SIZE
+from ..load_estimate import LoadEstimate
 from ..observations.wrench import WrenchObservation
-from .term import Setting, Term, TermColumns
+from .term import LEAST_SIZE, Setting, Term, TermColumns
 
 LEAST_RATE = 1e-4  # that is a finding, of a declared clock and of the reference's own (formats.md)
 RATES = (-3e-3, -1e-3, -3e-4, 3e-4, 1e-3, 3e-3)

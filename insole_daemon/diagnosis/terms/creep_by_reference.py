@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...physics.law import Array
-from ..model.load import LoadEstimate
+from ..load_estimate import LoadEstimate
 from . import creep
 from .term import Setting, Term, TermColumns
 

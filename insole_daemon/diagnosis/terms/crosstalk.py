@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 
 from ...physics.law import Array
-from ..model.load import LoadEstimate
+from ..load_estimate import LoadEstimate
 from ..observations.spread import STEPS, spread
 from .term import Setting, Term, TermColumns, in_means
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...physics.law import Array
-from ..model.load import LoadEstimate
+from ..load_estimate import LoadEstimate
 from .term import Setting, Term, TermColumns
 
 DELAYS_S = (0.004, 0.008, 0.015, 0.025, 0.04, 0.06, 0.09, 0.14, 0.22, 0.35, 0.5)

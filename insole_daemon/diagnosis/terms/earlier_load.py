@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...physics.law import Array
-from ..model.load import LoadEstimate
+from ..load_estimate import LoadEstimate
 from .term import Setting, Term, TermColumns
 
 TAUS_S = (3.0, 12.0, 48.0)

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...physics.law import Array
-from ..model.load import LoadEstimate
+from ..load_estimate import LoadEstimate
 from ..observations.load_field import Move
 from ..observations.paired import PairedObservation
 from .term import Setting, Term, TermColumns, in_means

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...physics.law import Array
 from ...skin.layout import Layout
-from ..model.load import LoadEstimate
+from ..load_estimate import LoadEstimate
 from .term import Setting, Term, TermColumns
 
 HATS = 5  # along the foot, between which the pressure of straps is straight

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...physics.law import Array
-from ..model.load import LoadEstimate
+from ..load_estimate import LoadEstimate
 from ..observations.paired import PairedObservation
 from .term import Setting, Term, TermColumns, moments_s
 

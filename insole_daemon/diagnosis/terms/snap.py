@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...physics.law import Array
-from ..model.load import LoadEstimate
+from ..load_estimate import LoadEstimate
 from ..operators import relay
 from .term import Setting, Term, TermColumns
 

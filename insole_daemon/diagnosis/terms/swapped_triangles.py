@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 
 from ...physics.law import Array
-from ..model.load import LoadEstimate
+from ..load_estimate import LoadEstimate
 from ..observations.paired import PairedObservation
 from .term import Setting, Term, TermColumns
 

@@ -10,9 +10,11 @@ import numpy as np
 
 from ...physics.effects import laws
 from ...physics.law import Array, Scope
-from ..model.load import LoadEstimate
+from ..load_estimate import LoadEstimate
 
 Setting = Mapping[str, float]  # non-linear parameters by name
+
+LEAST_SIZE = 0.15  # smallest effect: RMS over its taxels, in the noise of a reading
 
 
 @dataclass(frozen=True, slots=True, eq=False)

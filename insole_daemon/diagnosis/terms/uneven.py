@@ -13,7 +13,7 @@ from itertools import chain, pairwise
 import numpy as np
 
 from ...physics.law import Array
-from ..model.load import LoadEstimate
+from ..load_estimate import LoadEstimate
 from ..operators import frictions, low_pass, plays
 from .creep import TERM as CREEPS
 from .hysteresis import TERM as HYSTERESIS

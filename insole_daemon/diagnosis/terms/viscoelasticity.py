@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...physics.law import MOST_SHARED, Array
-from ..model.load import LoadEstimate
+from ..load_estimate import LoadEstimate
 from ..operators import low_pass
 from .term import ABSORBED, Setting, Term, TermColumns, geometric
 
