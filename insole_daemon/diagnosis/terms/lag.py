@@ -1,4 +1,4 @@
-"""`lag`: readings follow the load with a time constant. τ·dq/dt = P − q, so P = q + τ·dq/dt."""
+"""`lag`: a first-order low-pass between load and reading. τ·dq/dt = P − q, so P = q + τ·dq/dt."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from .term import Setting, Term, TermColumns
 
 
 def _column(load: LoadEstimate, setting: Setting) -> TermColumns:
-    """One column: the load less what follows it; where it is not known, τ·dq/dt of every triangle."""
+    """Return one column: the load minus its low pass; if it is not known, τ·dq/dt of the readings."""
     seen = load.observation
     if seen.load_is_known:
-        own = load.by_triangle
-        late = low_pass(own[..., 0], seen.step_s, setting["tau_s"])[..., None]
-        return TermColumns((setting,), by_triangle=(own - late)[..., None])
+        wrench = load.by_triangle
+        late = low_pass(wrench[..., 0], seen.step_s, setting["tau_s"])[..., None]
+        return TermColumns((setting,), by_triangle=(wrench - late)[..., None])
     slope = np.gradient(seen.by_triangle, seen.step_s, axis=0)
     square = seen.counting_variance[..., None] * 0.5 * (setting["tau_s"] / seen.step_s) ** 2
     echo = (np.zeros_like(square), square)
@@ -26,12 +26,12 @@ def _column(load: LoadEstimate, setting: Setting) -> TermColumns:
 
 
 def _columns(load: LoadEstimate) -> list[TermColumns]:
-    """A column of boards, which is linear in τ; the lag of the whole insole is a timing of the reference."""
+    """Return a column for boards, linear in τ; a lag of the whole insole is a timing (`model.timing`)."""
     return [_column(load, {"tau_s": 0.02})]
 
 
 def _parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:
-    """The time constant in s."""
+    """Return the time constant, s."""
     return {"tau_s": float(settings[0]["tau_s"] * shares[0])}
 
 
