@@ -195,7 +195,7 @@ class BlockDesign:
         return {}
 
     def _products_of(self, candidate: PlacedTerm, raw: bool) -> Array:
-        """Return the products (T, k, k) of a candidate's atoms; unless `raw`, own nuisance columns are projected out."""
+        """Return the products (T, k, k) of a candidate's atoms; unless `raw`, own nuisance columns projected out."""
         atoms = self.atom[candidate.columns]
         key = int(atoms[0]), len(atoms), raw
         if key not in self._products:

@@ -16,9 +16,9 @@ def _column(load: LoadEstimate, setting: Setting) -> TermColumns:
     """Return one column: the load minus its low pass; if it is not known, τ·dq/dt of the readings."""
     seen = load.observation
     if seen.load_is_known:
-        wrench = load.by_triangle
-        late = low_pass(wrench[..., 0], seen.step_s, setting["tau_s"])[..., None]
-        return TermColumns((setting,), by_triangle=(wrench - late)[..., None])
+        own = load.by_triangle
+        late = low_pass(own[..., 0], seen.step_s, setting["tau_s"])[..., None]
+        return TermColumns((setting,), by_triangle=(own - late)[..., None])
     slope = np.gradient(seen.by_triangle, seen.step_s, axis=0)
     square = seen.counting_variance[..., None] * 0.5 * (setting["tau_s"] / seen.step_s) ** 2
     echo = (np.zeros_like(square), square)
