@@ -8,7 +8,7 @@ import numpy as np
 
 from ...physics.law import Array
 from ..load_estimate import LoadEstimate
-from .term import Setting, Term, TermColumns
+from .term import Setting, Term, TermColumns, needs_known_load
 
 TAUS_S = (3.0, 12.0, 48.0)
 SCALE_PA = 1e3
@@ -27,17 +27,12 @@ def _parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]
     return {}
 
 
-def _needs(load: LoadEstimate) -> str | None:
-    """Return the reason why a recording cannot show the effect."""
-    return None if load.is_known else "the load of single taxels is not known"
-
-
 TERM = Term(
     word="earlier_load",
     scopes=("insole", "board", "triangle"),
     share="free",
     columns=_columns,
     parameters=_parameters,
-    needs=_needs,
+    needs=needs_known_load,
     is_internal=True,
 )

@@ -166,3 +166,8 @@ def needs_calibration(load: LoadEstimate) -> str | None:
     if not load.observation.has_own_curves:
         return None
     return "no calibration was handed in: the curves are those that fit these recordings best"
+
+
+def needs_known_load(load: LoadEstimate) -> str | None:
+    """Return the reason why no term of single taxels' loads can be identified if these are unknown; None: it can."""
+    return None if load.is_known else "the load of single taxels is not known"

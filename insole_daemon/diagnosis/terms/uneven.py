@@ -17,7 +17,7 @@ from ..load_estimate import LoadEstimate
 from ..operators import frictions, low_pass, plays
 from .creep import TERM as CREEPS
 from .hysteresis import TERM as HYSTERESIS
-from .term import Setting, Term, TermColumns
+from .term import Setting, Term, TermColumns, needs_known_load
 
 PARTS = 3  # of the range of the load
 RADII = (0.02, 0.06, 0.15)  # of plays, relative to the range
@@ -77,11 +77,6 @@ def _joint(load: LoadEstimate, settings: Sequence[Setting], columns: Iterable[Ar
     return [TermColumns(tuple(settings), by_triangle=np.stack(wrenches, axis=-1), joint=True)]
 
 
-def _needs(load: LoadEstimate) -> str | None:
-    """Return the reason why a recording cannot show the effect."""
-    return None if load.is_known else "the load of single taxels is not known"
-
-
 def _term(word: str, acts_at: int | None, columns: Callable[[LoadEstimate], list[TermColumns]]) -> Term:
     return Term(
         word=word,
@@ -90,7 +85,7 @@ def _term(word: str, acts_at: int | None, columns: Callable[[LoadEstimate], list
         share="free",
         columns=columns,
         parameters=lambda settings, shares: {},  # never reported
-        needs=_needs,
+        needs=needs_known_load,
         is_internal=True,
     )
 
