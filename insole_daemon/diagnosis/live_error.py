@@ -1,4 +1,4 @@
-"""Error of what the daemon would publish of a recording on another day: pressure in a chamber, f_z of a walk."""
+"""Error of what the daemon would publish on another day for a recording: pressure in a chamber, f_z of a walk."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ..physics.law import Array
 from ..recording.estimate import estimate
 from ..recording.loading import Recording, as_configured
 
-LATER_NS = 2 * 86_400 * 10**9  # another day than that of the model: effects that hold for its own day must not apply
+LATER_NS = 2 * 86_400 * 10**9  # after the recording, so that effects of one day (a re-zero, a drift) do not apply
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,11 +13,11 @@ from scipy.signal import lfilter
 from ..physics.first_order import steps
 from ..physics.law import Array
 
-AT_ONCE = 128  # rows of all taxels that fit in the processor's cache
+AT_ONCE = 128  # rows of all taxels that fit in the cache of the processor
 
 
 def low_pass(x: Array, step_s: float, tau_s: float) -> Array:
-    """Return z (N, m) with τ·dz/dt = x − z, at rest at x[0] before; exact for x linear between rows (`first_order`)."""
+    """Return z (N, m) with τ·dz/dt = x − z, z = x in the first row; exact for x linear between rows (`first_order`)."""
     decay, before, now = _step(step_s, tau_s)
     initial = x[:1]
     z: Array = lfilter([now, before], [1.0, -decay], x - initial, axis=0)
@@ -44,8 +44,8 @@ def plays(x: Array, radii_pa: Array) -> Array:
 def frictions(x: Array, widths_pa: Array) -> Array:
     """Return the part of x that friction takes, (k, N, m), for each width s: dz = (1 − sgn(dx)·z/s)·dx, z = 0 at first.
 
-    P. R. Dahl, A solid friction model, Aerospace Corp. TOR-0158 (1968); exact for x monotonic between rows. On a long
-    way friction takes as much as a play of the same width, on a short one the whole way.
+    Exact for x monotonic between rows. After a long change of x in one direction z is ±s, as of a play of that width;
+    for a short change dz is dx. Source: P. R. Dahl, A solid friction model, Aerospace Corp. TOR-0158 (1968).
     """
     width = widths_pa[:, None]
     friction = np.empty((len(x), len(widths_pa), x.shape[1]))
@@ -57,9 +57,10 @@ def frictions(x: Array, widths_pa: Array) -> Array:
 
 
 def activated(x: Array, step_s: float, tau_s: float, scale_pa: float) -> Array:
-    """Return z (N, ...) with τ·dz/dt = s·sinh((x − z)/s), at rest at x[0] before; exact for x constant between rows.
+    """Return z (N, ...) with τ·dz/dt = s·sinh((x − z)/s), z = x in the first row; exact for x constant between rows.
 
-    Thermally activated flow (H. Eyring, J. Chem. Phys. 4 (1936) 283). tanh((x − z)/2s) decays with τ.
+    Thermally activated flow: with x constant, tanh((x − z)/2s) decays with τ. `scale_pa`: s.
+    Source: H. Eyring, J. Chem. Phys. 4 (1936) 283.
     """
     flow = np.empty_like(x)
     decay, state = np.exp(-step_s / tau_s), x[0]
@@ -83,7 +84,7 @@ def polynomial(x: Array, coefficients: Array) -> Array:
 
 
 def relay(x: Array, up_pa: float, down_pa: float) -> Array:
-    """Return 1 (N, m) from x ≥ up until x ≤ down, 0 before the first; `physics.effects.snap`."""
+    """Return 1 (N, m) from x ≥ up until x ≤ down, else 0, also before x first reaches up (`physics.effects.snap`)."""
     event = np.where(x >= up_pa, 1, np.where(x <= down_pa, -1, 0))
     row = np.where(event != 0, np.arange(len(x))[:, None], 0)
     np.maximum.accumulate(row, axis=0, out=row)

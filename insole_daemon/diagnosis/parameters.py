@@ -12,15 +12,15 @@ from .finding import Quantity
 from .model.refine import Refined
 from .select.amplitude import amplitude_fraction
 
-LOOPS = ("viscoelasticity", "creep", "hysteresis")
+LOOPS = ("viscoelasticity", "creep", "hysteresis")  # effects with an `amplitude_fraction`
 MISFIT_OF_VALUES = 0.05  # relative: materials follow a law only approximately
 
 
 def parameters_of(refined: Refined[Any], i: int, foot: FootRecording) -> dict[str, Quantity]:
-    """Return the law's parameters of candidate `i` with standard deviations.
+    """Return the parameters of the law of candidate `i`, by name, with standard deviations.
 
-    These combine the covariance of the regression, propagated by finite differences, and MISFIT_OF_VALUES. Empty for a
-    temperature in counts of the thermal pads, whose counts per kelvin are unknown.
+    A standard deviation combines the covariance of the regression, propagated by finite differences, and
+    MISFIT_OF_VALUES. There are no parameters for a temperature that is known only in counts of the thermal pads.
     """
     law = refined.of_laws
     design, candidate = law.design, law.design.candidates[i]

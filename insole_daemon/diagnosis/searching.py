@@ -13,9 +13,9 @@ from ..physics.effect import Where
 from ..physics.law import Array
 from ..recording.loading import FootRecording
 from .finding import Quantity
+from .load_estimate import KnownLoad, LoadEstimate
 from .model.blocks import BlockDesign, block_design
 from .model.design import design
-from .model.load import KnownLoad, LoadEstimate
 from .model.nuisance import USUAL, Priors
 from .model.refine import refine
 from .model.regression import Timing

@@ -1,4 +1,4 @@
-"""The finding on static curves that deviate by more than a memory during the calibration explains."""
+"""The finding on static curves that deviate by more than the mean curve of a memory explains."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .model.refine import Refined
 from .select.static_part import static_part
 from .select.wrench_figures import Figures
 
-CONFIDENCE = 0.7  # how much memory the calibration contains is known only from the law of the memory
+CONFIDENCE = 0.7  # the part of the memory that the calibration contains is estimated from the memory's law
 
 
 def static_findings(refined: Refined[BlockDesign], figures: Figures) -> list[Finding]:

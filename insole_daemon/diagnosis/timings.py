@@ -30,7 +30,7 @@ LEAST_ROWS_OFF_S = 0.1  # of a reference whose rows should match the cycles
 
 
 def is_nuisance(word: str, parameters: dict[str, Quantity]) -> bool:
-    """Return whether a term is within the tolerance of a declared clock."""
+    """Return whether a delay or a clock is within the tolerance of a declared clock."""
     if word == "delay":
         return float(parameters["delay_s"].value) < LEAST_DELAY_S
     if word == "clock":
@@ -47,10 +47,10 @@ def timing_findings(
     figures: Figures,
     least_gain: float,
 ) -> list[Finding]:
-    """Return the findings on delay and lag of the whole insole that are in `named`.
+    """Return the findings on those of delay, lag and clock of the whole insole whose words are in `named`.
 
-    `further` hypotheses that fit as well give the alternatives. `least_gain`: of the smallest effect, in variances of
-    the noise.
+    `first`: the best timing hypothesis; `further`: the others, of which those that fit as well give the alternatives.
+    `least_gain`: gain of the smallest effect, in variances of the noise.
     """
     findings, after = [], float(figures.after[0])
     values = {
@@ -100,7 +100,7 @@ def clock_of(result: RecordingResult) -> tuple[float, float]:
     declared_s = seen.declared_offset_s
     offset_s = seen.reference.start_s + seen.offset_s if declared_s is None else seen.offset_s - declared_s
     rate = seen.rate
-    if seen.offset_is_free:  # the load of the rows may have been moved already
+    if seen.offset_is_free:  # the rows may already be shifted by a part of the delay
         moved_s = result.design.moved_s if isinstance(result.design, BlockDesign) else 0.0
         offset_s -= result.timing.delay_s - moved_s
     nuisance_names = _nuisance_names(result.design)
@@ -115,9 +115,10 @@ def clock_of(result: RecordingResult) -> tuple[float, float]:
 
 
 def off_by_clock(seen: WrenchObservation) -> Array:
-    """Return the mean square error of the static curves by a wrong declared clock, (1,) counts² or (3,) N² and N²·m².
+    """Return the mean square error of the static curves that a wrong declared clock causes, (1,) or (3,).
 
-    0 if no clock was declared, or the declared one is near.
+    Its unit is counts² if the load is known, else N² and N²·m². It is 0 without a declared clock, or if its offset was
+    kept.
     """
     declared_s = seen.declared_offset_s
     if declared_s is None or not seen.offset_is_free:

@@ -20,13 +20,13 @@ gives the same cycles as the live run.
 
 from __future__ import annotations
 
-from typing import Any, TypeVar
-
 import numpy as np
 from numpy.typing import NDArray
 
 from ..compiled import kernel
+from .assembler_state import NEVER, AssemblerState
 from .cycles import ClosedCycle, Cycles
+from .half_arrays import decode_counts, decode_status, previous_rows, previous_values, row_offsets
 
 PATIENCE = 3  # cycles a half may miss before it is no longer waited for
 
@@ -34,46 +34,10 @@ TWICE_NS = 500_000  # four frames; boards read a half once a millisecond at the 
 
 GAP_NS = 60_000_000_000  # a silence longer than this is not filled with repeats
 
-S = TypeVar("S", np.int16, np.int64, np.uint64)
-
-_NEVER = -(1 << 62)  # receive time of a half that has never arrived
 _WINDOW_CYCLES = 4  # frames of this many cycles are searched for the end of one
 _FRAME_BY_FRAME_CYCLES = 12  # frames of up to this many cycles go to the kernel one by one; more go to numpy in blocks
 _INTERVALS = 8  # in the mean interval between cycles: a single one has the jitter of both its ends
-_N_SCALARS = 10  # of an assembler
 _BLOCK_CYCLES, _BLOCK_CYCLES_MOST = 4, 256  # fewest (unless there are fewer) and most complete cycles of a block
-
-
-def _row(n: int, length: int) -> NDArray[np.int64]:
-    """Return the flat index (n, 1) at which each row of a table with `length` columns begins."""
-    return (np.arange(n) * length)[:, None]
-
-
-def _before(stored: NDArray[S], rows: NDArray[S]) -> NDArray[S]:
-    """Return the row before each of the n rows, (n, …); `stored` for the first."""
-    return stored[None] if len(rows) == 1 else np.concatenate([stored[None], rows[:-1]])
-
-
-def _one_before(keys: NDArray[Any], values: NDArray[S], stored: NDArray[S]) -> NDArray[S]:
-    """Return the previous value with the same key for each of n values, (n,); `stored` (k,) for the first of a key."""
-    before: NDArray[S] = stored[keys]
-    order = np.argsort(keys, kind="stable")
-    later = np.flatnonzero(keys[order[1:]] == keys[order[:-1]]) + 1
-    before[order[later]] = values[order[later - 1]]
-    return before
-
-
-def _counts(halves: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return counts (n, n_triangles, 12) of halves (n, n_triangles, 16): seven after the tag of A, five after B's."""
-    counts = np.empty((*halves.shape[:2], 12), np.uint8)
-    counts[:, :, :7] = halves[:, :, 1:8]
-    counts[:, :, 7:] = halves[:, :, 9:14]
-    return counts
-
-
-def _status(halves: NDArray[np.uint8]) -> NDArray[np.uint16]:
-    """Return the status words (n, n_triangles) of halves (n, n_triangles, 16), which have the high byte first."""
-    return halves[:, :, 14:].view(">u2")[:, :, 0].astype(np.uint16)
 
 
 # slots, payload, t_ns, t_mono_ns of n frames
@@ -81,81 +45,25 @@ _Frames = tuple[NDArray[np.int16], NDArray[np.uint64], NDArray[np.int64], NDArra
 _Held = tuple[NDArray[np.bool_], NDArray[np.int16], NDArray[np.uint64], NDArray[np.int64], NDArray[np.int64]]
 
 
-class _StoredInt:
-    """A number of a CycleAssembler, in the array where the kernel reads and writes it too."""
-
-    def __init__(self, place: int) -> None:
-        self._place = place
-
-    def __get__(self, assembler: CycleAssembler, _: type) -> int:
-        return int(assembler.scalars[self._place])
-
-    def __set__(self, assembler: CycleAssembler, value: int) -> None:
-        assembler.scalars[self._place] = value
-
-
-class _StoredTime:
-    """The same of a time that there may not be."""
-
-    def __init__(self, place: int) -> None:
-        self._place = place
-
-    def __get__(self, assembler: CycleAssembler, _: type) -> int | None:
-        time_ns = int(assembler.scalars[self._place])
-        return None if time_ns == _NEVER else time_ns
-
-    def __set__(self, assembler: CycleAssembler, time_ns: int | None) -> None:
-        assembler.scalars[self._place] = _NEVER if time_ns is None else time_ns
-
-
-class CycleAssembler:
+class CycleAssembler(AssemblerState):
     """Closes the cycles of one foot.
 
     `boards` (n_triangles,) has the address of the board of each triangle, `period_ns` is the publish period, `slack_ns`
     the longest delay of a cycle by a missing half. `first_slot` is the first slot of this foot among those of all feet.
     """
 
-    _due_ns = _StoredTime(0)  # when the open cycle is closed by time; None before the first frame
-    _outstanding = _StoredInt(1)  # halves expected and not seen
-    _waiting = _StoredInt(2)  # whether any half is expected in the open cycle
-    _newest_t_ns = _StoredInt(3)
-    _fresh = _StoredInt(4)  # whether some half was seen since the last close
-    superseded = _StoredInt(5)  # halves overwritten by a second arrival within a cycle
-    _complete_ns = _StoredTime(6)  # when the last cycle closed, if it was complete
-    _interval_ns = _StoredTime(7)  # running mean between complete cycles, while they follow each other
-    _promised_ns = _StoredTime(8)
-    skipped = _StoredInt(9)  # repeats left out of a silence longer than GAP_NS
-
     def __init__(self, boards: NDArray[np.uint8], period_ns: int, slack_ns: int, first_slot: int = 0) -> None:
-        n_slots = 2 * len(boards)
+        super().__init__(boards)
         self._first_slot = first_slot
         self.n_triangles = len(boards)
-        self.arrivals = np.zeros(n_slots, np.int64)  # of every half since the start
-        self.changes = np.zeros(n_slots, np.int64)  # arrivals whose bytes differed from the ones before
-        self.missed = np.zeros(n_slots, np.int64)  # cycles that closed late without this expected half
         self._period_ns = period_ns
         self._limit_ns = period_ns + slack_ns
-        self._bytes = np.zeros(n_slots, np.uint64)  # newest payload of every half
-        self._t_ns = np.zeros(n_slots, np.int64)
-        self._t_mono_ns = np.full(n_slots, _NEVER)
-        self._seen = np.zeros(n_slots, np.bool_)  # since the last close
-        addresses, of_triangles = np.unique(boards, return_inverse=True)
-        self._board = np.repeat(of_triangles, 2).astype(np.int64)  # of every slot
-        self._newest_slot = np.full(len(addresses), -1, np.int16)  # which half of each board came last
-        self._expected = np.ones(n_slots, np.bool_)
-        self._misses = np.zeros(n_slots, np.int64)  # late closings missed since the half last came in time
-        self._returning = np.zeros(n_slots, np.bool_)  # came in time while not expected
-        self.scalars = np.zeros(_N_SCALARS, np.int64)  # the numbers above, for the kernel
-        self._due_ns = self._complete_ns = self._interval_ns = self._promised_ns = None
-        self._outstanding = n_slots
-        self._waiting = True
         self._held: list[_Held] = []  # fed and not looked at: fewer than outstanding, all in time
         self.n_held = 0
         self._block_pause = 0  # cycles to take the careful way before blocks are tried again
         self._block_failures = 0
         self.compiled = None if kernel is None else kernel.assembly(
-            (self._seen, self._expected, self._returning, self._misses, self.missed, self.arrivals, self.changes,
-             self._bytes, self._t_ns, self._t_mono_ns, self._newest_slot, self._board, self.scalars),
+            self.kernel_arrays,
             (first_slot, period_ns, self._limit_ns, TWICE_NS, GAP_NS, PATIENCE, _INTERVALS),
         )  # fmt: skip
 
@@ -280,7 +188,7 @@ class CycleAssembler:
         assert self._due_ns is not None
         in_time = int(np.searchsorted(t_mono_ns, self._due_ns, side="right"))
         first = np.full(len(self._seen), len(slots))
-        since_ns = t_mono_ns - _one_before(slots, t_mono_ns, self._t_mono_ns)
+        since_ns = t_mono_ns - previous_values(slots, t_mono_ns, self._t_mono_ns)
         rows = np.flatnonzero(~self._is_retransmission(slots, since_ns))[::-1]
         first[slots[rows]] = rows  # the earliest arrival is written last
         needed = first[self._expected & ~self._seen]
@@ -290,7 +198,7 @@ class CycleAssembler:
         """Return which of these halves are retransmissions, (n,); `since_ns` is the time since the half before."""
         soon = since_ns < TWICE_NS
         if np.count_nonzero(soon):
-            soon &= _one_before(self._board[slots], slots, self._newest_slot) == slots
+            soon &= previous_values(self._board[slots], slots, self._newest_slot) == slots
         return soon
 
     def _absorb(
@@ -306,7 +214,7 @@ class CycleAssembler:
             return
         self._newest_t_ns = int(t_ns[-1])
         n_slots = len(self._seen)
-        since_ns = t_mono_ns - _one_before(slots, t_mono_ns, self._t_mono_ns)
+        since_ns = t_mono_ns - previous_values(slots, t_mono_ns, self._t_mono_ns)
         new = ~self._is_retransmission(slots, since_ns)
         n_seen_before = int(np.count_nonzero(self._seen))
         self._seen[slots[new]] = True
@@ -318,7 +226,7 @@ class CycleAssembler:
         self._misses[in_time] = 0
         self._returning[in_time] = True
         self.arrivals += np.bincount(slots, minlength=n_slots)
-        self.changes += np.bincount(slots[payload != _one_before(slots, payload, self._bytes)], minlength=n_slots)
+        self.changes += np.bincount(slots[payload != previous_values(slots, payload, self._bytes)], minlength=n_slots)
         self._bytes[slots] = payload  # repeated slots: the last assignment stands
         self._t_ns[slots] = t_ns
         self._t_mono_ns[slots] = t_mono_ns
@@ -360,10 +268,10 @@ class CycleAssembler:
         cycle = Cycles(
             t_mono_ns=np.array([t_close_ns]),
             t_ns=np.array([self._newest_t_ns]),
-            counts=_counts(halves),
-            status=_status(halves),
+            counts=decode_counts(halves),
+            status=decode_status(halves),
             triangle_t_ns=np.where(t_a <= t_b, self._t_ns[::2], self._t_ns[1::2])[None],  # 0 where never received
-            age_ns=np.where(t_older == _NEVER, -1, t_close_ns - t_older)[None],
+            age_ns=np.where(t_older == NEVER, -1, t_close_ns - t_older)[None],
             arrivals=(self.arrivals[::2] + self.arrivals[1::2])[None],
             missing=(absent[::2] | absent[1::2])[None],
             late=np.array([late]),
@@ -406,16 +314,18 @@ class CycleAssembler:
             self._block_pause -= 1
             return None
         n = min(len(slots) // size, _BLOCK_CYCLES_MOST)
-        place = slots[: n * size] if n == 1 else (slots[: n * size].reshape(n, size) + _row(n, n_slots)).reshape(-1)
+        place = (
+            slots[: n * size] if n == 1 else (slots[: n * size].reshape(n, size) + row_offsets(n, n_slots)).reshape(-1)
+        )
         stamp_mono = np.empty((n, n_slots), np.int64)
-        stamp_mono.fill(_NEVER)
+        stamp_mono.fill(NEVER)
         stamp_mono.reshape(-1)[place] = t_mono_ns[: n * size]
         t_close = t_mono_ns[: n * size].reshape(n, size)[:, -1]
         since_ns = t_close.copy()
         since_ns[1:] -= t_close[:-1]
         since_ns[0] -= self._due_ns - self._limit_ns
-        intervals = stamp_mono - _before(self._t_mono_ns, stamp_mono)
-        in_time, complete = since_ns <= self._limit_ns, ((stamp_mono != _NEVER) & (intervals >= TWICE_NS)) == expected
+        intervals = stamp_mono - previous_rows(self._t_mono_ns, stamp_mono)
+        in_time, complete = since_ns <= self._limit_ns, ((stamp_mono != NEVER) & (intervals >= TWICE_NS)) == expected
         if np.count_nonzero(in_time) < n or np.count_nonzero(complete) < n * n_slots:
             n_good = int((in_time & complete.all(axis=1)).argmin())
             if n_good < min(n, _BLOCK_CYCLES):
@@ -434,7 +344,7 @@ class CycleAssembler:
         stamp.reshape(-1)[place] = t_ns[:used]
         if np.count_nonzero(self._misses):
             self._misses[expected & (intervals <= self._limit_ns).any(axis=0)] = 0
-        self.changes += np.add.reduce(table != _before(self._bytes, table), axis=0)
+        self.changes += np.add.reduce(table != previous_rows(self._bytes, table), axis=0)
         arrivals = self.arrivals + np.arange(1, n + 1)[:, None] * expected
         self.arrivals[:] = arrivals[-1]
         self._bytes[:], self._t_ns[:], self._t_mono_ns[:] = table[-1], stamp[-1], stamp_mono[-1]
@@ -446,7 +356,7 @@ class CycleAssembler:
         t_older = np.minimum(t_a, t_b)
         triangle_t_ns, age_ns = np.where(t_a <= t_b, stamp[:, ::2], stamp[:, 1::2]), t_close[:, None] - t_older
         if size < n_slots:
-            age_ns[t_older == _NEVER] = -1
+            age_ns[t_older == NEVER] = -1
         halves = table.view(np.uint8).reshape(n, -1, 16)
         if n > 1:
             self._complete_ns = int(t_close[-2])
@@ -454,8 +364,8 @@ class CycleAssembler:
         return Cycles(
             t_mono_ns=t_close.copy(),
             t_ns=t_newest.copy(),
-            counts=_counts(halves),
-            status=_status(halves),
+            counts=decode_counts(halves),
+            status=decode_status(halves),
             triangle_t_ns=triangle_t_ns,
             age_ns=age_ns,
             arrivals=arrivals[:, ::2] + arrivals[:, 1::2],

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import insole_daemon
+from insole_daemon.diagnosis.load_estimate import KnownLoad
 from insole_daemon.diagnosis.model.blocks import BlockDesign, block_design
-from insole_daemon.diagnosis.model.load import KnownLoad
 from insole_daemon.diagnosis.model.refine import refine
 from insole_daemon.diagnosis.observing import observed
 from insole_daemon.diagnosis.trimming import doubtful_word

@@ -1,1 +1,1 @@
-"""The regression: the load that columns are made from, base terms with their priors, weights, and the fit."""
+"""The regression: candidates, nuisance columns with their priors, row weights, and the fit."""

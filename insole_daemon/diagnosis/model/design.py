@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 from ...physics.effect import Where
 from ...physics.law import SCOPES, Array
 from ...skin.geometry import N_TAXELS
+from ..load_estimate import LoadEstimate
 from ..observations.reading_faults import DONORS
 from ..observations.wrench import WrenchObservation
 from ..terms import TERMS
 from ..terms.term import Setting, Term, TermColumns
-from .load import LoadEstimate
 from .regression import PlacedTerm, Timing, with_companions
 
 LEAST_SHARE = 0.1  # smallest gain of an effect, in the noise's sum of squares of one channel

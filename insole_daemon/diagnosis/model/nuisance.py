@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...physics.law import Array
+from ..load_estimate import LoadEstimate
 from ..observations.chamber import ChamberObservation
 from ..observations.paired import PairedObservation
 from .curves import curve_splines
-from .load import LoadEstimate
 
 GAIN_STD = 0.003  # of a triangle's calibration
 BASELINE_STD_COUNT = 0.05  # of a triangle's
@@ -109,7 +109,7 @@ class Nuisance:
         shared = -np.linalg.slogdet(self.shared_inverse)[1] + 2.0 * np.log(self.shared_std).sum()
         return float(own + shared)
 
-    def left_of(self, y: Array) -> Array:
+    def residual_of(self, y: Array) -> Array:
         """Return the residual (T, N) of `y` (T, N) after regression on the own columns."""
         shares = np.matmul(self.inverse, np.matmul(self.own, y[..., None]))
         return np.asarray(y - np.matmul(shares.transpose(0, 2, 1), self.own)[:, 0])

@@ -37,7 +37,7 @@ class Refined(Generic[D]):
 
     @cached_property
     def of_families(self) -> Refined[D]:
-        """The same set with its families' own columns, and nothing beside them that a family alone does not say."""
+        """Return the set with all columns of its terms, without companions that are in no model."""
         alone = self.design.of_families()
         return Refined(alone, *solve_shares(alone, alone.candidates))
 

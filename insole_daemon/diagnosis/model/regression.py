@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 
 from ...physics.effect import Where
 from ...physics.law import Array
+from ..load_estimate import LoadEstimate
 from ..terms.term import Setting, Term
-from .load import LoadEstimate
 
 NOTHING: Mapping[str, float] = {}
-LEAST_SIZE = 0.15  # smallest effect: RMS over its taxels, in the noise of a reading
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +77,7 @@ class Regression(Protocol):
 
     @property
     def load(self) -> LoadEstimate:
-        """The load of which the regressors are computed."""
+        """The load from which the regressors are computed."""
 
     @property
     def weights(self) -> Array:
@@ -118,10 +117,10 @@ class Regression(Protocol):
         """Return the regression with another setting of candidate `i`."""
 
     def of_laws(self) -> Self:
-        """Return the regression without companions for the misfit of laws."""
+        """Return the regression with the laws alone, without columns and companions for their misfit."""
 
     def of_families(self) -> Self:
-        """Return the same, with all columns of its candidates: a family may have more than the law of a model."""
+        """Return the regression with all columns of its candidates, without companions that are in no model."""
 
 
 def with_companions(

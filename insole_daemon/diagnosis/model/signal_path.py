@@ -11,8 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...physics.law import Array
+from ..load_estimate import KnownLoad, TaxelLoad
 from .blocks import BlockDesign
-from .load import KnownLoad, TaxelLoad
 from .regression import PlacedTerm
 
 ACTING_ON_LOAD = range(2, 6)  # places on the signal path before the lag, which is a timing, and the static curve

@@ -1,4 +1,4 @@
-"""Shares of a set of candidates: a small least squares problem with signs."""
+"""Fit the shares of a set of candidates: a small least squares problem with constraints of sign and sum."""
 
 from __future__ import annotations
 
@@ -11,25 +11,25 @@ from scipy.optimize import nnls
 from ...physics.law import Array
 from .regression import PlacedTerm, Regression
 
-LEAST_EIGENVALUE = 1e-4  # of columns scaled to 1: what is less is not determined
-RIDGE = 1e-6  # of a column's own square: what is not determined stays near 0
-FIRST_SHARE = 0.06  # of a term, for the prior of the static part it may have left, before its shares are known
-SETTLED = 0.05  # by which shares may still change
-PULL, TOLERANCE = 100.0, 1e-3  # towards the bound on a sum, of a column's size; what is over it by less is at it
-MOST_ABSORBED = 2.0  # standard deviations: the mean curve of a memory is no larger than the memory
+LEAST_EIGENVALUE = 1e-4  # of the Gram matrix of columns scaled to 1; smaller ones are raised to it
+RIDGE = 1e-6  # relative to a column's square: coefficients that the data do not determine stay near 0
+FIRST_SHARE = 0.06  # of a term, for the prior of its companions, before its shares are known
+SETTLED = 0.05  # relative change of shares at which the iteration ends
+PULL, TOLERANCE = 100.0, 1e-3  # weight of a row that holds a sum at its bound, and tolerance of the bound
+MOST_ABSORBED = 2.0  # largest companion, in prior standard deviations: no larger than the memory itself
 
 
 def solve_shares(design: Regression, chosen: Sequence[PlacedTerm]) -> tuple[tuple[Array, ...], float]:
-    """Shares of `chosen` within their signs, and the squared residual they take away.
+    """Return the shares of `chosen`, and the reduction of the residual sum of squares by them and their companions.
 
-    The static part that a calibration may have absorbed of a term is fitted beside it, within a prior as wide as
-    the term's own shares make it, and never larger than these.
+    Companions, the static part of a term that a calibration may have absorbed, have priors proportional to the term's
+    shares, so priors and shares are fitted in turn. A companion is at most MOST_ABSORBED standard deviations.
     """
     if not chosen:
         return (), 0.0
     shares: list[Array] = [np.empty(0)] * len(chosen)
     cross, gain = design.cross, 0.0
-    whole = [i for i, each in enumerate(chosen) if each.term.share == "whole"]
+    whole = [i for i, candidate in enumerate(chosen) if candidate.term.share == "whole"]
     fixed = np.concatenate([chosen[i].columns for i in whole] or [np.empty(0, np.intp)])
     if len(fixed):
         gain += float(2 * cross[fixed].sum() - design.gram[np.ix_(fixed, fixed)].sum())
@@ -39,125 +39,136 @@ def solve_shares(design: Regression, chosen: Sequence[PlacedTerm]) -> tuple[tupl
     rest = [i for i in range(len(chosen)) if i not in whole]
     if rest:
         own_columns = np.concatenate([chosen[i].columns for i in rest])
-        beside = [chosen[i].companions for i in rest if len(chosen[i].companions)]
-        extra = np.setdiff1d(np.concatenate(beside), own_columns) if beside else np.empty(0, np.intp)
-        columns = np.concatenate([own_columns, extra])
+        of_terms = [chosen[i].companions for i in rest if len(chosen[i].companions)]
+        companions = np.setdiff1d(np.concatenate(of_terms), own_columns) if of_terms else np.empty(0, np.intp)
+        columns = np.concatenate([own_columns, companions])
         positive = np.concatenate([np.full(len(chosen[i].columns), chosen[i].term.share == "positive") for i in rest])
-        positive = np.concatenate([positive, np.zeros(len(extra), bool)])
-        plain = design.gram[np.ix_(columns, columns)]
-        plain = plain + np.diag(RIDGE * np.diag(plain) + 1e-12)
-        strengths = [FIRST_SHARE * (1.0 if not each.term.plausible else each.term.plausible / 0.1) for each in chosen]
+        positive = np.concatenate([positive, np.zeros(len(companions), bool)])
+        gram = design.gram[np.ix_(columns, columns)]
+        gram = gram + np.diag(RIDGE * np.diag(gram) + 1e-12)
+        strengths = [
+            FIRST_SHARE * (1.0 if not candidate.term.plausible else candidate.term.plausible / 0.1)
+            for candidate in chosen
+        ]
         k = len(own_columns)
         sums = _sums([chosen[i] for i in rest], design.load.is_known)
-        for _ in range(3 if len(extra) else 1):
-            std = absorbed_std(chosen, strengths, extra)
-            own = plain + np.diag(np.concatenate([np.zeros(k), std**-2.0]))
-            found = bounded(own, cross[columns], positive, sums)
-            _hand_out(found, chosen, rest, shares)
+        for _ in range(3 if len(companions) else 1):
+            std = absorbed_std(chosen, strengths, companions)
+            with_priors = gram + np.diag(np.concatenate([np.zeros(k), std**-2.0]))
+            coefficients = bounded(with_priors, cross[columns], positive, sums)
+            _assign_shares(coefficients, chosen, rest, shares)
             before = [strengths[i] for i in rest]
             for i in rest:
                 strengths[i] = float(np.abs(shares[i]).sum())
             if np.allclose(before, [strengths[i] for i in rest], rtol=SETTLED):
                 break
-        most = MOST_ABSORBED * absorbed_std(chosen, strengths, extra)
-        held = np.zeros(len(found), bool)
-        most = np.concatenate([np.full(k, np.inf), most])
-        while np.any(over := ~held & (np.abs(found) > most)):
+        bound = MOST_ABSORBED * absorbed_std(chosen, strengths, companions)
+        held = np.zeros(len(coefficients), bool)
+        bound = np.concatenate([np.full(k, np.inf), bound])
+        while np.any(over := ~held & (np.abs(coefficients) > bound)):
             held |= over
-            found[held] = np.clip(found[held], -most[held], most[held])
-            left = cross[columns] - own[:, held] @ found[held]
-            found[~held] = bounded(own[np.ix_(~held, ~held)], left[~held], positive[~held], sums)
-        _hand_out(found, chosen, rest, shares)
-        gain += float(2 * found @ cross[columns] - found @ own @ found)
+            coefficients[held] = np.clip(coefficients[held], -bound[held], bound[held])
+            remainder = cross[columns] - with_priors[:, held] @ coefficients[held]
+            coefficients[~held] = bounded(with_priors[np.ix_(~held, ~held)], remainder[~held], positive[~held], sums)
+        _assign_shares(coefficients, chosen, rest, shares)
+        gain += float(2 * coefficients @ cross[columns] - coefficients @ with_priors @ coefficients)
     return tuple(shares), gain
 
 
 def _sums(chosen: Sequence[PlacedTerm], load_is_known: bool) -> list[tuple[slice, float]]:
-    """Where the shares of each of `chosen` stand whose sum has a bound, and the bound."""
-    found, at = [], 0
-    for each in chosen:
-        own = slice(at, at + len(each.columns))
-        at = own.stop
-        if np.isfinite(most := each.term.most(load_is_known)):
-            found.append((own, most))
-    return found
+    """Return the slice of the shares of each candidate whose sum has a bound, and the bound."""
+    sums, start = [], 0
+    for candidate in chosen:
+        shares = slice(start, start + len(candidate.columns))
+        start = shares.stop
+        if np.isfinite(bound := candidate.term.most(load_is_known)):
+            sums.append((shares, bound))
+    return sums
 
 
-def _hand_out(found: Array, chosen: Sequence[PlacedTerm], rest: Sequence[int], shares: list[Array]) -> None:
-    """Put the shares of the candidates `rest` of `chosen`, one after the other in `found`, into `shares`."""
-    at = 0
+def _assign_shares(coefficients: Array, chosen: Sequence[PlacedTerm], rest: Sequence[int], shares: list[Array]) -> None:
+    """Set `shares` of the candidates numbered `rest`, whose `coefficients` follow each other."""
+    start = 0
     for i in rest:
-        shares[i] = found[at : at + len(chosen[i].columns)]
-        at += len(chosen[i].columns)
+        shares[i] = coefficients[start : start + len(chosen[i].columns)]
+        start += len(chosen[i].columns)
 
 
 def solve_companions(
     design: Regression, chosen: Sequence[PlacedTerm], shares: Sequence[Array]
 ) -> tuple[NDArray[np.intp], Array]:
-    """Columns of what is fitted beside `chosen`, whose shares are known, and its own (k,) shares."""
-    own = np.concatenate([each.columns for each in chosen])
-    beside = np.setdiff1d(np.concatenate([each.companions for each in chosen]), own).astype(np.intp)
-    std = absorbed_std(chosen, [float(np.abs(each).sum()) for each in shares], beside)
-    left = design.cross[beside] - design.gram[np.ix_(beside, own)] @ np.concatenate(shares)
-    gram = design.gram[np.ix_(beside, beside)]
-    found = np.linalg.solve(gram + np.diag(RIDGE * np.diag(gram) + std**-2.0), left) if len(beside) else left
-    return beside, np.clip(found, -MOST_ABSORBED * std, MOST_ABSORBED * std)
+    """Return the columns (k,) of the companions of `chosen` and their coefficients (k,), for given `shares`."""
+    own = np.concatenate([candidate.columns for candidate in chosen])
+    companions = np.setdiff1d(np.concatenate([candidate.companions for candidate in chosen]), own).astype(np.intp)
+    std = absorbed_std(chosen, [float(np.abs(of_term).sum()) for of_term in shares], companions)
+    remainder = design.cross[companions] - design.gram[np.ix_(companions, own)] @ np.concatenate(shares)
+    gram = design.gram[np.ix_(companions, companions)]
+    coefficients = (
+        np.linalg.solve(gram + np.diag(RIDGE * np.diag(gram) + std**-2.0), remainder) if len(companions) else remainder
+    )
+    return companions, np.clip(coefficients, -MOST_ABSORBED * std, MOST_ABSORBED * std)
 
 
 def is_possible(chosen: Sequence[PlacedTerm], shares: Sequence[Array], load_is_known: bool) -> bool:
-    """Whether all shares are within what the terms' laws make sense for."""
+    """Return whether the laws of all terms are valid with these shares (`Term.limit`, `Term.is_possible`)."""
     return all(
-        float(np.abs(own).max()) <= each.term.limit
-        and each.term.is_possible(each.settings, own, load_is_known or each.term.is_of_load)
-        for own, each in zip(shares, chosen, strict=True)
+        float(np.abs(own).max()) <= candidate.term.limit
+        and candidate.term.is_possible(candidate.settings, own, load_is_known or candidate.term.is_of_load)
+        for own, candidate in zip(shares, chosen, strict=True)
     )
 
 
 def absorbed_std(chosen: Sequence[PlacedTerm], strengths: Sequence[float], columns: NDArray[np.intp]) -> Array:
-    """(k,) prior standard deviations of static parts that terms of these `strengths` (sums of shares) have left."""
-    square = np.full(len(columns), 1e-8)
-    for each, strength in zip(chosen, strengths, strict=True):
-        for column, std in zip(each.companions.tolist(), each.companion_std, strict=True):
-            square[columns == column] += (std * strength) ** 2
-    return np.asarray(np.sqrt(square))
+    """Return the prior standard deviations (k,) of the companions `columns` (k,) of terms.
+
+    `strengths`: sum of the absolute shares of each term. Variances of a companion of several terms add up.
+    """
+    variance = np.full(len(columns), 1e-8)
+    for candidate, strength in zip(chosen, strengths, strict=True):
+        for column, std in zip(candidate.companions.tolist(), candidate.companion_std, strict=True):
+            variance[columns == column] += (std * strength) ** 2
+    return np.asarray(np.sqrt(variance))
 
 
 def bounded(gram: Array, cross: Array, positive: NDArray[np.bool_], sums: Sequence[tuple[slice, float]] = ()) -> Array:
-    """θ that minimises θᵀ·gram·θ − 2·crossᵀθ with θ ≥ 0 where `positive`, and sums of slices of θ up to a bound each.
+    """Return θ (p,) that minimises θᵀ·gram·θ − 2·crossᵀ·θ under the constraints θ ≥ 0 where `positive`, and `sums`.
 
-    A slice whose sum has a bound is of positive ones.
+    `sums`: slices of θ, all positive, with the upper bound of the sum of each. Free coefficients are eliminated; the
+    rest is a problem of non-negative least squares (Lawson and Hanson, Solving least squares problems, 1974). A sum
+    above its bound is held there by a heavily weighted row.
     """
     scale = np.sqrt(np.diag(gram))
     gram, cross = gram / scale[:, None] / scale, cross / scale
     free = ~positive
-    found = np.empty(len(cross))
-    inner, r = gram[np.ix_(positive, positive)], cross[positive]
+    theta = np.empty(len(cross))
+    reduced, right = gram[np.ix_(positive, positive)], cross[positive]
     if free.any():
-        through = np.linalg.solve(
+        of_free = np.linalg.solve(
             gram[np.ix_(free, free)], np.column_stack([gram[np.ix_(free, positive)], cross[free]])
         )
-        inner = inner - gram[np.ix_(positive, free)] @ through[:, :-1]
-        r = r - gram[np.ix_(positive, free)] @ through[:, -1]
+        reduced = reduced - gram[np.ix_(positive, free)] @ of_free[:, :-1]
+        right = right - gram[np.ix_(positive, free)] @ of_free[:, -1]
     if positive.any():
-        values, vectors = np.linalg.eigh(inner)
+        values, vectors = np.linalg.eigh(reduced)
         root = np.sqrt(np.maximum(values, LEAST_EIGENVALUE))
-        rows, target = root[:, None] * vectors.T, (vectors.T @ r) / root
-        found[positive] = nnls(rows, target)[0]
+        rows, target = root[:, None] * vectors.T, (vectors.T @ right) / root
+        theta[positive] = nnls(rows, target)[0]
         held: set[int] = set()
-        while over := {k for k, (own, most) in enumerate(sums) if _sum(found, scale, own) > most * (1.0 + TOLERANCE)}:
+        while over := {k for k, (own, bound) in enumerate(sums) if _sum(theta, scale, own) > bound * (1.0 + TOLERANCE)}:
             if over <= held:
                 break
             held |= over
-            for own, most in (sums[k] for k in over):
+            for own, bound in (sums[k] for k in over):
                 pull = np.zeros(len(cross))
                 pull[own] = 1.0 / scale[own]
                 size = PULL / float(np.linalg.norm(pull))
-                rows, target = np.vstack([rows, size * pull[positive]]), np.append(target, size * most)
-            found[positive] = nnls(rows, target)[0]
+                rows, target = np.vstack([rows, size * pull[positive]]), np.append(target, size * bound)
+            theta[positive] = nnls(rows, target)[0]
     if free.any():
-        found[free] = through[:, -1] - through[:, :-1] @ found[positive]
-    return found / scale
+        theta[free] = of_free[:, -1] - of_free[:, :-1] @ theta[positive]
+    return theta / scale
 
 
 def _sum(scaled: Array, scale: Array, own: slice) -> float:
+    """Return the sum of the coefficients in a slice, from those of columns scaled to 1."""
     return float(np.sum(scaled[own] / scale[own]))

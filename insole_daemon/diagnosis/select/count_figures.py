@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...physics.law import Array
+from ..load_estimate import TaxelLoad
 from ..model.blocks import BlockDesign, residual
 from ..model.curves import CurveSplines, curve_splines, fit_curves, heldout_rest
-from ..model.load import TaxelLoad
 from ..model.refine import Refined
 from ..model.regression import Timing
 from ..model.signal_path import pressure_removed

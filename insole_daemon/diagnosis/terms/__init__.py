@@ -1,4 +1,4 @@
-"""The library: one file a term, with its columns in the regression and what its shares mean in the law's parameters."""
+"""All terms of the regression, one file each: the columns of an effect, and its parameters from their coefficients."""
 
 from __future__ import annotations
 

@@ -1,27 +1,27 @@
-"""`baseline`: counts shifted by a constant. P ≈ q + g′(a)·shift."""
+"""`baseline`: counts shifted by a constant. P ≈ q + g′(a)·shift, with g the static curve and a the activation."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 from ...physics.law import Array
-from ..model.load import LoadEstimate
+from ..load_estimate import LoadEstimate
 from .term import Setting, Term, TermColumns, needs_calibration
 
 
 def _column(load: LoadEstimate, setting: Setting) -> TermColumns:
-    """One column: the wrench of (g(a + shift) − g(a))/shift."""
-    own = load.shifted_by_triangle(setting["shift_count"])[..., None]
-    return TermColumns((setting,), by_triangle=own, is_recalibration=True)
+    """Return one column: the wrench of (g(a + shift) − g(a))/shift."""
+    change = load.shifted_by_triangle(setting["shift_count"])[..., None]
+    return TermColumns((setting,), by_triangle=change, is_recalibration=True)
 
 
 def _columns(load: LoadEstimate) -> list[TermColumns]:
-    """One column: the wrench of g′(a)."""
+    """Return one column: the wrench of g′(a)."""
     return [_column(load, {"shift_count": 0.0})]
 
 
 def _parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:
-    """The shift in counts."""
+    """Return the shift in counts."""
     return {"shift_count": float(shares[0])}
 
 

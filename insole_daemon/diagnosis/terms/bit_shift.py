@@ -1,32 +1,32 @@
-"""`bit_shift`: a board's digitiser shifts by another number of bits, and activation is 2^k times too large."""
+"""`bit_shift`: a board drops k bits fewer than its configuration says, so the activation is 2^k times too large."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 from ...physics.law import Array
-from ..model.load import LoadEstimate
+from ..load_estimate import LoadEstimate
 from .term import Setting, Term, TermColumns, needs_calibration
 
-STEPS = (-2, -1, 1, 2)  # the real shift less the believed one
+STEPS = (-2, -1, 1, 2)  # −k: real minus configured shift
 
 
 def _columns(load: LoadEstimate) -> list[TermColumns]:
-    """A column for each step: the wrench of g(a·2^step) − g(a), with more or less of the readings' noise."""
+    """Return a column for each step, the wrench of g(a·2^step) − g(a), with the echo of the readings' noise."""
     seen = load.observation
     activation, noise = seen.activation_count, seen.noise_count
-    found, before = [], seen.slope_at(activation)
+    columns, slope = [], seen.slope_at(activation)
     for step in STEPS:
         times = 2.0**step
         column = load.wrench_of(seen.static_pa(activation * times) - seen.pressure_pa)[..., None]
-        more = times * seen.slope_at(activation * times) - before
-        echo = -seen.variance_of(before * more * noise**2), seen.variance_of((more * noise) ** 2)
-        found.append(TermColumns(({"step": float(step)},), column, echo=(echo[0][..., None], echo[1][..., None])))
-    return found
+        added_slope = times * seen.slope_at(activation * times) - slope
+        echo = -seen.variance_of(slope * added_slope * noise**2), seen.variance_of((added_slope * noise) ** 2)
+        columns.append(TermColumns(({"step": float(step)},), column, echo=(echo[0][..., None], echo[1][..., None])))
+    return columns
 
 
 def _parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:
-    """By how much the real shift differs; the board's own shift is added where it is known."""
+    """Return real minus configured shift; `diagnosis.parameters` adds the configured one."""
     return {"shift": int(settings[0]["step"])}
 
 

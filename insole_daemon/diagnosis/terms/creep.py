@@ -1,8 +1,10 @@
-"""`creep`: shares of the answer that come late on many time scales. q = (1 − Σ a_k)·P + Σ a_k·z_k.
+"""`creep`: parts of the response are delayed by many time constants.
 
-Undone on readings it is again such a sum, whose shares and time constants follow from the poles of the inverse. Of a
-load that is known it may also be activated flow, which is fast far from its end and has no time scale of its own; a
-model gets the sum that comes nearest to it.
+q = (1 − Σ a_k)·P + Σ a_k·z_k, τ_k·dz_k/dt = P − z_k.
+
+The inverse, computed from readings, is a sum of the same form: P = q + Σ b_k·(q − z′_k), τ′_k·dz′_k/dt = q − z′_k. Its
+poles and residues give a_k and τ_k (`forward`). If the load is known, columns of activated flow are offered too: a flow
+that is fast far from equilibrium and has no single time constant. The exported model contains only the sum.
 """
 
 from __future__ import annotations
@@ -12,32 +14,32 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...physics.law import Array
-from ..model.load import LoadEstimate
+from ..load_estimate import LoadEstimate
 from ..operators import activated, low_pass
 from .term import ABSORBED, Setting, Term, TermColumns
 
 RATIO = 4.0  # between time constants
-FASTEST_S = 0.5
-SLOW_S = 5.0  # a viscoelasticity of foams and skins is complete after a few seconds
-LEAST_SLOW = 0.1  # of the shares, that take longer
-UNEVEN = 0.5
-SCALES = (0.05, 0.1)  # of the range, of activated flow
-LENGTHS = (1.0, 8.0)  # its time constants, of the recording
-# Of the answer, that comes late: foams relax by a fifth to a half. Of nearly all of it the sum describes any loop.
+FASTEST_S = 0.5  # smallest time constant
+SLOW_S = 5.0  # longer than the viscoelasticity of foams and skins, which ends after a few seconds
+LEAST_SLOW = 0.1  # smallest fraction of the shares with time constants above SLOW_S
+UNEVEN = 0.5  # prior standard deviation of the companion `uneven_creep`
+SCALES = (0.05, 0.1)  # pressure scales of activated flow, relative to the largest load
+LENGTHS = (1.0, 8.0)  # time constants of activated flow, relative to the recording
+# Largest delayed part of the response: foams relax by a fifth to a half. A larger one could describe any loop.
 MOST_LATE = 0.7
-EARLIER = 100.0  # kPa, of a load before the recording
+EARLIER = 100.0  # prior standard deviation of the load before the recording, kPa
 
 
 def _columns(load: LoadEstimate) -> list[TermColumns]:
-    """Joint columns: q − z′ for time constants from half a second to the recording's length, and activated flow."""
+    """Return joint columns: q − z′ for time constants from FASTEST_S to the recording's length, and activated flow."""
     seen = load.observation
-    own = load.by_triangle
-    # Of a load that is known, what is slower than the recording would stand for the load itself.
+    wrench = load.by_triangle
+    # If the load is known, a time constant longer than the recording would be a regressor like the load itself.
     longest_s = float(np.ptp(seen.t_s)) * (1.0 if load.is_known else 2.0)
     number = np.log(max(longest_s, FASTEST_S * RATIO) / FASTEST_S) / np.log(RATIO)
     taus_s = FASTEST_S * RATIO ** np.arange((np.floor(number) if load.is_known else np.ceil(number)) + 1)
     settings = [{"tau_s": float(tau_s)} for tau_s in taus_s]
-    late = [own - low_pass(own, seen.step_s, tau_s) for tau_s in taus_s]
+    late = [wrench - low_pass(wrench, seen.step_s, tau_s) for tau_s in taus_s]
     if load.is_known:
         flows, flowing = _activated(load, longest_s)
         settings, late = settings + flows, late + flowing
@@ -45,7 +47,7 @@ def _columns(load: LoadEstimate) -> list[TermColumns]:
 
 
 def _activated(load: LoadEstimate, longest_s: float) -> tuple[list[dict[str, float]], list[Array]]:
-    """Settings and columns of P − z, with z the activated flow towards the load."""
+    """Return settings and columns of P − z, with z the activated flow towards the load (`operators.activated`)."""
     pressure = load.courses_pa
     top_pa = float(pressure.max())
     settings = [{"tau_s": length * longest_s, "scale_pa": s * top_pa} for s in SCALES for length in LENGTHS]
@@ -54,7 +56,7 @@ def _activated(load: LoadEstimate, longest_s: float) -> tuple[list[dict[str, flo
 
 
 def _parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:
-    """a_k and τ_k of the forward law."""
+    """Return a_k and τ_k of the law."""
     b = np.maximum(np.asarray(shares, float), 0.0)
     tau = np.array([setting["tau_s"] for setting in settings])
     kept = b > 1e-3 * max(float(b.max()), 1e-9)
@@ -62,9 +64,11 @@ def _parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]
 
 
 def forward(b: Array, tau_s: Array) -> tuple[list[float], list[float]]:
-    """a_k and τ_k with 1/(1 + Σ b_k·τ′_k·s/(1 + τ′_k·s)) = 1 − Σ a_k + Σ a_k/(1 + τ_k·s).
+    """Return a_k and τ_k with 1/(1 + Σ b_k·τ′_k·s/(1 + τ′_k·s)) = 1 − Σ a_k + Σ a_k/(1 + τ_k·s).
 
-    The poles of the left side lie between those of the sum; the residues give the shares.
+    `b` (k,): shares of the inverse; `tau_s` (k,): its time constants τ′_k.
+
+    The poles of the left side are −1/τ_k and lie between those of the sum; its residues give a_k.
     """
     numerator = np.array([1.0])
     for tau in tau_s:
@@ -79,19 +83,18 @@ def forward(b: Array, tau_s: Array) -> tuple[list[float], list[float]]:
     poles = np.sort(np.real(np.roots(whole)))
     slope = np.polyder(whole)
     a = np.array([np.polyval(numerator, pole) / np.polyval(slope, pole) / -pole for pole in poles])
-    found = np.clip(a, 0.0, None)
-    return found.tolist(), (-1.0 / poles).tolist()
+    return np.clip(a, 0.0, None).tolist(), (-1.0 / poles).tolist()
 
 
 def _known_parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:
-    """a_k and τ_k of the law, whose columns these are."""
+    """Return a_k and τ_k, which are shares and settings themselves if the load is known."""
     a = np.maximum(np.asarray(shares, float), 0.0)
     kept = a > 1e-3 * max(float(a.max()), 1e-9)
     return {"a": a[kept].tolist(), "tau_s": [s["tau_s"] for s, yes in zip(settings, kept, strict=True) if yes]}
 
 
 def _is_possible(settings: Sequence[Setting], shares: Array, load_is_known: bool) -> bool:
-    """Whether it goes on for longer than a viscoelasticity does; readings tell that less well than a load."""
+    """Return whether enough of it is slower than viscoelasticity; asked only if the load is known."""
     slow = np.array([setting["tau_s"] for setting in settings]) > SLOW_S
     return not load_is_known or bool(shares[slow].sum() > LEAST_SLOW * shares.sum())
 

@@ -1,4 +1,4 @@
-"""What a load before the recording has left in a memory: it dies away from the first row on, beside creep."""
+"""Remainder of a load before the recording in a memory; it decays from the first row on. A companion of creep."""
 
 from __future__ import annotations
 
@@ -7,29 +7,24 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...physics.law import Array
-from ..model.load import LoadEstimate
-from .term import Setting, Term, TermColumns
+from ..load_estimate import LoadEstimate
+from .term import Setting, Term, TermColumns, needs_known_load
 
 TAUS_S = (3.0, 12.0, 48.0)
 SCALE_PA = 1e3
 
 
 def _columns(load: LoadEstimate) -> list[TermColumns]:
-    """Joint columns: 1 kPa that dies away with each time constant."""
+    """Return joint columns: a pressure of 1 kPa that decays with each time constant."""
     t_s = load.observation.t_s - load.observation.t_s[0]
-    own = load.wrench_of(np.full_like(load.pressure_pa, SCALE_PA))
-    late = np.stack([own * np.exp(-t_s / tau_s)[:, None, None] for tau_s in TAUS_S], axis=-1)
-    return [TermColumns(tuple({"tau_s": tau_s} for tau_s in TAUS_S), by_triangle=late, joint=True)]
+    wrench = load.wrench_of(np.full_like(load.pressure_pa, SCALE_PA))
+    columns = np.stack([wrench * np.exp(-t_s / tau_s)[:, None, None] for tau_s in TAUS_S], axis=-1)
+    return [TermColumns(tuple({"tau_s": tau_s} for tau_s in TAUS_S), by_triangle=columns, joint=True)]
 
 
 def _parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:
-    """None: it is of the past."""
+    """Return no parameters: the term is never reported."""
     return {}
-
-
-def _needs(load: LoadEstimate) -> str | None:
-    """Why a recording cannot show it."""
-    return None if load.is_known else "the load of single taxels is not known"
 
 
 TERM = Term(
@@ -38,6 +33,6 @@ TERM = Term(
     share="free",
     columns=_columns,
     parameters=_parameters,
-    needs=_needs,
+    needs=needs_known_load,
     is_internal=True,
 )

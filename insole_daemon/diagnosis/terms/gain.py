@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ...physics.law import Array
-from ..model.load import LoadEstimate
+from ..load_estimate import LoadEstimate
 from .term import Setting, Term, TermColumns, needs_calibration
 
 
 def _column(load: LoadEstimate, setting: Setting) -> TermColumns:
-    """One column: the wrench of (g(a/(1 + more)) − g(a))/more."""
+    """Return one column: the wrench of (g(a/(1 + more)) − g(a))/more, or its limit −g′(a)·a for `more` near 0."""
     more = max(setting["more"], -0.8)
     activation = load.activation_count
     if abs(more) < 1e-3:
@@ -22,12 +22,12 @@ def _column(load: LoadEstimate, setting: Setting) -> TermColumns:
 
 
 def _columns(load: LoadEstimate) -> list[TermColumns]:
-    """One column: the wrench of −g′(a)·a."""
+    """Return one column: the wrench of −g′(a)·a."""
     return [_column(load, {"more": 0.0})]
 
 
 def _parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:
-    """The gain."""
+    """Return the gain."""
     return {"gain": 1.0 + float(shares[0])}
 
 

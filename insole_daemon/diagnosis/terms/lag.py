@@ -1,4 +1,4 @@
-"""`lag`: readings follow the load with a time constant. τ·dq/dt = P − q, so P = q + τ·dq/dt."""
+"""`lag`: a first-order low-pass between load and reading. τ·dq/dt = P − q, so P = q + τ·dq/dt."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...physics.law import Array
-from ..model.load import LoadEstimate
+from ..load_estimate import LoadEstimate
 from ..operators import low_pass
 from .term import Setting, Term, TermColumns
 
 
 def _column(load: LoadEstimate, setting: Setting) -> TermColumns:
-    """One column: the load less what follows it; where it is not known, τ·dq/dt of every triangle."""
+    """Return one column: the load minus its low pass; if it is not known, τ·dq/dt of the readings."""
     seen = load.observation
     if seen.load_is_known:
         own = load.by_triangle
@@ -26,12 +26,12 @@ def _column(load: LoadEstimate, setting: Setting) -> TermColumns:
 
 
 def _columns(load: LoadEstimate) -> list[TermColumns]:
-    """A column of boards, which is linear in τ; the lag of the whole insole is a timing of the reference."""
+    """Return a column for boards, linear in τ; a lag of the whole insole is a timing (`model.timing`)."""
     return [_column(load, {"tau_s": 0.02})]
 
 
 def _parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:
-    """The time constant in s."""
+    """Return the time constant, s."""
     return {"tau_s": float(settings[0]["tau_s"] * shares[0])}
 
 

@@ -1,4 +1,4 @@
-"""`preload`: straps press where the reference sees nothing, more under them than elsewhere. q = P + p0."""
+"""`preload`: straps press on the insole, mostly under them, and the reference does not measure it. q = P + p0."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ import numpy as np
 
 from ...physics.law import Array
 from ...skin.layout import Layout
-from ..model.load import LoadEstimate
+from ..load_estimate import LoadEstimate
 from .term import Setting, Term, TermColumns
 
-HATS = 5  # along the foot, between which the pressure of straps is straight
+HATS = 5  # knots along the foot, between which the pressure of straps is linear
 
 
 def _columns(load: LoadEstimate) -> list[TermColumns]:
-    """The wrench of −1 Pa everywhere; where the load is known, of −1 Pa at places along the foot: joint hats."""
+    """Return the wrench of −1 Pa everywhere; if the load is known, joint columns of hat functions along the foot."""
     everywhere = -np.ones_like(load.slope_pa)
     if not load.is_known:
         return [TermColumns(({},), by_triangle=load.wrench_of(everywhere)[..., None], is_recalibration=True)]
@@ -26,20 +26,20 @@ def _columns(load: LoadEstimate) -> list[TermColumns]:
 
 
 def profile(layout: Layout, shares: Array) -> Array:
-    """(T,) of every triangle, straight between the places along the foot that have `shares` (HATS,)."""
+    """Return the value (T,) of each triangle, linear between equidistant knots along the foot with `shares` (HATS,)."""
     along = layout.xy_m[..., 0].mean(axis=1)
     return np.asarray(np.interp(along, np.linspace(along.min(), along.max(), HATS), shares))
 
 
 def _parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:
-    """The pressure in Pa, on the mean."""
+    """Return the mean pressure, Pa."""
     means = [setting.get("mean", 1.0) for setting in settings]
     return {"p0_pa": float(np.dot(means, shares))}
 
 
 def _needs(load: LoadEstimate) -> str | None:
-    """Why a recording cannot show it."""
-    return "a constant load is a part of the static curve here" if load.observation.is_uniform else None
+    """Return the reason why a recording cannot show the effect."""
+    return "a uniform load cannot separate it from the static curve" if load.observation.is_uniform else None
 
 
 TERM = Term(

@@ -1,6 +1,6 @@
-"""`reference_fault`: the reference is off, steps or wanders, whatever the insole bears.
+"""`reference_fault`: the reference has an offset, a step or a drift, independent of the load.
 
-Spikes are found apart, in its rows.
+Its spikes are detected in its rows, not here.
 """
 
 from __future__ import annotations
@@ -10,25 +10,25 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...physics.law import Array
-from ..model.load import LoadEstimate
+from ..load_estimate import LoadEstimate
 from ..observations.paired import PairedObservation
 from .term import Setting, Term, TermColumns, moments_s
 
-IN_AIR = 0.05  # of the force's range above its least: the foot is lifted
-NOTHING = 1.5  # times the noise of a row
+IN_AIR = 0.05  # of the force's range above its minimum: below it the foot is in the air
+ZERO = 1.5  # times the noise of a row: an offset below it is none
 
 
 def _column(load: LoadEstimate, setting: Setting) -> TermColumns:
-    """Joint columns: a step of 1 in each channel of the reference (N and N·m, or Pa)."""
+    """Return joint columns: a step of 1 in each channel of the reference (N and N·m, or Pa)."""
     channels = len(load.observation.reference.noise)
     since = (load.observation.t_s >= setting["t_s"]).astype(float)
     return TermColumns((setting,) * channels, whole=since[:, None, None] * np.eye(channels), joint=True)
 
 
 def _columns(load: LoadEstimate) -> list[TermColumns]:
-    """Columns of steps at every moment, of a reference that wanders, and, where readings tell the load, a constant.
+    """Return columns of steps at all moments, of a drift and, if the load is not known, of a constant offset.
 
-    Where the load is known, a reference that wanders begins anywhere.
+    The drift is a cubic in time (Legendre polynomials). If the load is known, the offset is a part of the drift.
     """
     t_s, channels = load.observation.t_s, len(load.observation.reference.noise)
     steps = [_column(load, {"t_s": float(at)}) for at in moments_s(load)]
@@ -36,30 +36,30 @@ def _columns(load: LoadEstimate) -> list[TermColumns]:
     powers = np.stack([np.ones_like(x), x, 1.5 * x**2 - 0.5, 2.5 * x**3 - 1.5 * x], axis=-1)
     if not load.is_known:
         powers = powers[:, 1:]
-    wander = (powers[:, None, :, None] * np.eye(channels)[None, :, None, :]).reshape(len(t_s), channels, -1)
-    found = [*steps, TermColumns(({"t_s": np.nan},) * wander.shape[-1], whole=wander, joint=True)]
+    drift = (powers[:, None, :, None] * np.eye(channels)[None, :, None, :]).reshape(len(t_s), channels, -1)
+    blocks = [*steps, TermColumns(({"t_s": np.nan},) * drift.shape[-1], whole=drift, joint=True)]
     if load.is_known or _is_zero_in_air(load):
-        return found
+        return blocks
     constant = np.broadcast_to(np.eye(channels), (len(t_s), channels, channels))
-    return [TermColumns(({"always": 1.0},) * channels, whole=constant, joint=True, is_recalibration=True), *found]
+    return [TermColumns(({"always": 1.0},) * channels, whole=constant, joint=True, is_recalibration=True), *blocks]
 
 
 def _is_zero_in_air(load: LoadEstimate) -> bool:
-    """Whether the reference says nothing while the foot is lifted: then no constant is wrong with it."""
+    """Return whether the reference is zero while the foot is in the air, so that it has no offset."""
     reference = load.observation.reference
-    said = reference.at(load.observation.reference_s)
-    low, high = np.quantile(said[:, 0], (0.01, 0.99))
-    in_air = said[:, 0] < low + IN_AIR * (high - low)
-    return bool(np.all(np.abs(np.median(said[in_air], axis=0)) < NOTHING * reference.noise))
+    wrench = reference.at(load.observation.reference_s)
+    low, high = np.quantile(wrench[:, 0], (0.01, 0.99))
+    in_air = wrench[:, 0] < low + IN_AIR * (high - low)
+    return bool(np.all(np.abs(np.median(wrench[in_air], axis=0)) < ZERO * reference.noise))
 
 
 def _needs(load: LoadEstimate) -> str | None:
-    """Why a recording cannot show it."""
-    return "a simulation stands for the reference" if isinstance(load.observation, PairedObservation) else None
+    """Return the reason why a recording cannot show the effect."""
+    return "a simulation takes the place of the reference" if isinstance(load.observation, PairedObservation) else None
 
 
 def _parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:
-    """When it stepped, and by how much; nothing where it wandered."""
+    """Return time and size of a step, or the offset; a drift has no parameters."""
     if "always" in settings[0]:
         return {"offset": [float(share) for share in shares]}
     if np.isnan(settings[0]["t_s"]):

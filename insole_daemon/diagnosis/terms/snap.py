@@ -1,6 +1,6 @@
-"""`snap`: part of the insole snaps over with the load. q = P + A·R[P], R a relay: 1 from P ≥ up until P ≤ down.
+"""`snap`: a contact closes and opens with the load. q = P + A·R[P], R a relay: 1 from P ≥ up until P ≤ down.
 
-On readings the way back is seen at down + A, so P = q − A·R′[q] with R′ switching at up and down′ = down + A.
+Readings fall from down + A when the contact opens, so P = q − A·R′[q], with R′ switching at up and down′ = down + A.
 """
 
 from __future__ import annotations
@@ -10,26 +10,26 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...physics.law import Array
-from ..model.load import LoadEstimate
+from ..load_estimate import LoadEstimate
 from ..operators import relay
 from .term import Setting, Term, TermColumns
 
 SCALE_PA = 1e3
-UPS = (0.15, 0.25, 0.45)  # of the range of pressures
-DOWNS = (0.4, 0.75)  # of the upper threshold
-KNOWN_UPS = tuple(0.1 * k for k in range(1, 10))  # of a load that is known
+UPS = (0.15, 0.25, 0.45)  # upper thresholds, relative to the range of pressures
+DOWNS = (0.4, 0.75)  # lower thresholds, relative to the upper one
+KNOWN_UPS = tuple(0.1 * k for k in range(1, 10))  # if the load is known
 KNOWN_DOWNS = (0.3, 0.5, 0.7, 0.85)
 
 
 def _column(load: LoadEstimate, setting: Setting) -> TermColumns:
-    """One column of two thresholds: the wrench of −1 kPa while the relay is on."""
+    """Return one column for two thresholds: the wrench of −1 kPa while the relay is on."""
     pressure = load.courses_pa
     on = relay(pressure.reshape(len(pressure), -1), setting["up_pa"], setting["down_pa"]).reshape(pressure.shape)
     return TermColumns((setting,), by_triangle=load.wrench_of_courses(-SCALE_PA * on)[..., None])
 
 
 def _columns(load: LoadEstimate) -> list[TermColumns]:
-    """A column for each pair of thresholds."""
+    """Return a column for each pair of thresholds."""
     highest = float(np.quantile(load.pressure_pa.max(axis=0)[load.observation.usable], 0.9))
     return [
         _column(load, {"up_pa": up * highest, "down_pa": down * up * highest})
@@ -39,14 +39,14 @@ def _columns(load: LoadEstimate) -> list[TermColumns]:
 
 
 def _parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:
-    """Thresholds and step in Pa."""
+    """Return thresholds and step of the law, Pa, from the thresholds of readings."""
     step_pa = SCALE_PA * float(shares[0])
     up_pa = float(settings[0]["up_pa"])
     return {"up_pa": up_pa, "down_pa": min(float(settings[0]["down_pa"]) - step_pa, 0.99 * up_pa), "step_pa": step_pa}
 
 
 def _known_parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:
-    """Thresholds and step in Pa; the columns switch where the load does."""
+    """Return thresholds and step, Pa; if the load is known, the thresholds are those of the law."""
     return {
         "up_pa": float(settings[0]["up_pa"]), "down_pa": float(settings[0]["down_pa"]),
         "step_pa": SCALE_PA * float(shares[0]),
@@ -54,7 +54,7 @@ def _known_parameters(settings: Sequence[Setting], shares: Array) -> dict[str, o
 
 
 def _is_possible(settings: Sequence[Setting], shares: Array, load_is_known: bool) -> bool:
-    """Whether it snaps back before the load is gone; where that is known, the columns say so."""
+    """Return whether the contact opens at a load above zero; if the load is known, the settings ensure it."""
     return load_is_known or SCALE_PA * float(shares[0]) < float(settings[0]["down_pa"])
 
 

@@ -10,31 +10,33 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...physics.law import Array
-from ..model.load import LoadEstimate
+from ..load_estimate import LoadEstimate
 from .term import Setting, Term, TermColumns, needs_calibration
 
 SCALE_PA = 1e5
-LEAST_LEFT = 0.2  # of the span: readings that nearly do not grow any more tell no load
-KNEE_QUANTILES = (0.0, 0.3, 0.5, 0.65, 0.8)  # of the range of pressures the walk reaches
+LEAST_LEFT = 0.2  # of the span: readings closer to its end hardly depend on the load
+KNEES = (0.0, 0.3, 0.5, 0.65, 0.8)  # relative to the largest pressures
 
 
 def _column(load: LoadEstimate, setting: Setting) -> TermColumns:
-    """One column of a knee: (q − knee)²/(100 kPa − share·(q − knee)) beyond it."""
+    """Return one column for a knee: the wrench of (q − knee)²/(100 kPa − share·(q − knee)) beyond it.
+
+    If the load is known, of x − x·span/(span + x) = x²/(span + x) with x = P − knee, times span/100 kPa.
+    """
     over = np.maximum(load.pressure_pa - setting["knee_pa"], 0.0) / SCALE_PA
     share = setting.get("share", 0.0)
-    # Of a load that is known: x − x·span/(span + x).
-    left = 1.0 + over * share if load.is_known else np.maximum(1.0 - over * share, LEAST_LEFT)
-    return TermColumns((setting,), by_triangle=load.wrench_of(SCALE_PA * over**2 / left)[..., None])
+    span_left = 1.0 + over * share if load.is_known else np.maximum(1.0 - over * share, LEAST_LEFT)
+    return TermColumns((setting,), by_triangle=load.wrench_of(SCALE_PA * over**2 / span_left)[..., None])
 
 
 def _columns(load: LoadEstimate) -> list[TermColumns]:
-    """A column for each knee."""
+    """Return a column for each knee."""
     highest = float(np.quantile(load.pressure_pa.max(axis=0)[load.observation.usable], 0.95))
-    return [_column(load, {"knee_pa": share * highest}) for share in KNEE_QUANTILES]
+    return [_column(load, {"knee_pa": share * highest}) for share in KNEES]
 
 
 def _parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:
-    """Knee and span in Pa."""
+    """Return knee and span, Pa."""
     return {"knee_pa": float(settings[0]["knee_pa"]), "span_pa": SCALE_PA / max(float(shares[0]), 1e-4)}
 
 

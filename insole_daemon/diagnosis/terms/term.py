@@ -1,4 +1,8 @@
-"""What a term is: an effect as columns of a regression on the wrench."""
+"""A term: an effect as columns (regressors) of the regression.
+
+Columns are computed from the load and from settings of the law's non-linear parameters. The fitted coefficient of a
+column is called its share.
+"""
 
 from __future__ import annotations
 
@@ -10,31 +14,34 @@ import numpy as np
 
 from ...physics.effects import laws
 from ...physics.law import Array, Scope
-from ..model.load import LoadEstimate
+from ..load_estimate import LoadEstimate
 
 Setting = Mapping[str, float]  # non-linear parameters by name
+
+LEAST_SIZE = 0.15  # smallest effect: RMS over its taxels, in the noise of a reading
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TermColumns:
-    """k columns of one term: what it changes of the wrench, as load − what the static curves say, for a share of 1.
+    """k columns of one term: its change of the load minus the reading by the static curves, for a share of 1.
 
-    `by_triangle` (N, T, 3, k) where the term can be at work on a part of the insole, else `whole` (N, 3, k). With
-    `joint`, all columns enter together; otherwise each is a candidate of its own.
+    `by_triangle` (N, T, c, k) for a term that can act on a part of the insole, else `whole` (N, c, k). The c channels
+    are f_z, m_x and m_y, or the mean pressure of a triangle where the load is known. With `joint`, all columns enter
+    together; otherwise each is a candidate of its own.
     """
 
     settings: tuple[Setting, ...]
     by_triangle: Array | None = None
     whole: Array | None = None
     joint: bool = False
-    # Noise of the rows comes back in some columns, and averaging it would pass for an effect: its mean product with
-    # the residual's noise, and its mean square, shaped as the columns.
+    # Noise echo, shaped as the columns: mean product of the noise in a column with that of the residual, and its mean
+    # square. A column that contains the noise of the rows would otherwise explain that noise.
     echo: tuple[Array, Array] | None = None
-    places: tuple[tuple[tuple[int, ...], ...], ...] | None = None  # of each column, where the column says it itself
-    n_searched: int = 0  # places, of which `places` are the likeliest; 0: all stand there
-    in_means: float = 1.0  # of the mean square of what it moves taxels by, that means of triangles show
-    # The base terms hold the same within their priors: a recalibration. Judged by its whole size, not by what is left
-    # of it once the base has absorbed its part.
+    places: tuple[tuple[tuple[int, ...], ...], ...] | None = None  # triangles of each column, if they differ
+    n_searched: int = 0  # number of places of which `places` are the most likely; 0: `places` are all
+    in_means: float = 1.0  # mean square of the changed pressure in triangle means, relative to that over taxels
+    # Within their priors, nuisance columns explain the same. The term is judged by its full size, not by the remainder
+    # after the nuisance columns are projected out.
     is_recalibration: bool = False
 
 
@@ -42,69 +49,70 @@ class TermColumns:
 class Term:
     """An effect in the regression.
 
-    `share`: "positive" (shares are at least 0), "free", or "whole" (the effect is there as it is, or not at all).
-    `misfit`: mean square share of the effect that its columns may fail to describe, because real materials follow the
-    law only approximately.
+    `share`: "positive" (shares are at least 0), "free" (of either sign), or "whole" (every share is 1). `misfit`:
+    fraction of the effect's mean square that its columns may fail to describe, because real materials follow the law
+    only approximately.
     """
 
     word: str
     scopes: tuple[Scope, ...]
     share: Literal["positive", "free", "whole"]
     columns: Callable[[LoadEstimate], Sequence[TermColumns]]
-    # Of the law, from settings and shares (k,); of columns computed from readings, and from a load that is known.
+    # Parameters of the law from settings and shares (k,), the first function for columns computed from readings, the
+    # second, if it differs, for columns computed from a known load.
     parameters: Callable[[Sequence[Setting], Array], dict[str, object]]
     known_parameters: Callable[[Sequence[Setting], Array], dict[str, object]] | None = None
-    # A calibration made with it at work contains a static part of it: words of that part, and the standard deviation
-    # of each one's share, for a share of 1.
+    # A calibration made while the effect acted contains a static part of it: the words of the terms that describe this
+    # part, with the prior standard deviation of their shares per share of the effect.
     absorbs: Mapping[str, float] = field(default_factory=dict)
-    limit: float = np.inf  # of a share's size: beyond it the law makes no sense
-    known_most: float = np.inf  # of the sum of its shares where the load is known: they are the law's own
+    limit: float = np.inf  # largest absolute share for which the law is valid
+    known_most: float = np.inf  # largest sum of shares if the load is known: they are then the law's parameters
     misfit: float = 0.002
-    likeness: float = 1.0  # share of what other laws miss that it may take: less, where it has a course of its own
-    known_misfit: float | None = None  # where the load is known, and columns are made of it and not of readings
-    is_of_load: bool = False  # columns are the law's own, though the load of single taxels is not known
-    is_internal: bool = False  # beside others only, never named, and in no model
-    acts_at: int | None = None  # on the signal path, of a term that has no law
-    yields_to: tuple[str, ...] = ()  # terms that are likelier by themselves, where they explain nearly as much
-    refine: tuple[str, ...] = ()  # settings that are refined once the term is selected
-    linear_at: str = ""  # the setting that says at which share the columns are taken, where they are not linear
-    column: Callable[[LoadEstimate, Setting], TermColumns] | None = None  # of one setting, to refine it
-    chamber_scopes: tuple[Scope, ...] = ()  # further ones where the load is the same on all taxels
-    plausible: float = 0.0  # a typical share, as literature and data sheets have it; 0: not asked
-    # Whether the law makes sense with settings and shares (k,), of a load that is known or not, beyond `limit`.
+    likeness: float = 1.0  # fraction of other laws' misfit that it can describe
+    known_misfit: float | None = None  # `misfit` of columns computed from a known load; None: the same
+    is_of_load: bool = False  # shares are the law's parameters even if the load is not known
+    is_internal: bool = False  # only a companion of other terms: never reported or exported
+    acts_at: int | None = None  # place on the signal path of a term without a law
+    yields_to: tuple[str, ...] = ()  # terms that are preferred if they explain nearly as much
+    refine: tuple[str, ...] = ()  # settings that are refined after selection
+    linear_at: str = ""  # setting with the share at which a non-linear column is linearised
+    column: Callable[[LoadEstimate, Setting], TermColumns] | None = None  # computes the column of one setting
+    chamber_scopes: tuple[Scope, ...] = ()  # further scopes under a known load
+    plausible: float = 0.0  # typical share by literature and data sheets; 0: unknown
+    # Whether settings and shares (k,) are valid for the law, beside `limit`; the last argument: the load is known.
     is_possible: Callable[[Sequence[Setting], Array, bool], bool] = lambda settings, shares, load_is_known: True
-    # Whether a column is the law's own; others describe what real materials do, and are in no model.
+    # Whether a column belongs to the law; others describe how real materials deviate from it, and are not exported.
     is_in_law: Callable[[Setting], bool] = lambda setting: True
-    record_instead: str = ""  # what shows it; empty: a load that is known on every taxel, at several speeds
-    needs: Callable[[LoadEstimate], str | None] = lambda load: None  # why a recording cannot show it
+    record_instead: str = ""  # recording that shows the effect; empty: a known load at several speeds
+    needs: Callable[[LoadEstimate], str | None] = lambda load: None  # reason why a recording cannot show the effect
 
     @property
     def is_memory(self) -> bool:
-        """Whether a calibration made with it at work contains its mean curve."""
+        """Return whether a calibration made while the effect acted contains its mean curve."""
         return self.is_of_load or all(self.absorbs.get(word) == std for word, std in ABSORBED.items())
 
     @property
     def is_loop(self) -> bool:
-        """Whether readings depend on the load before: memories, and taxels that snap."""
+        """Return whether readings depend on earlier loads: a memory, or a snap."""
         return self.is_memory or self.word == "snap"
 
     @property
     def order(self) -> int | None:
-        """Its place on the signal path (formats.md); None: beside it."""
+        """Return the place on the signal path (table of effects in formats.md); None: not on it."""
         law = laws().get(self.word)
         return self.acts_at if law is None else law.order
 
     def placed_columns(self, load: LoadEstimate) -> Sequence[TermColumns]:
-        """Its columns under the load that the terms before it on the signal path leave."""
+        """Return the columns under the load as the terms before this one on the signal path have changed it."""
         return self.columns(load.before(self.order))
 
     def column_of(self, load: LoadEstimate, setting: Setting) -> TermColumns:
-        """The same, of one setting."""
+        """Return the columns of one setting, under the same load as `placed_columns`."""
         assert self.column is not None
         return self.column(load.before(self.order), setting)
 
     def shown_by(self, load: LoadEstimate) -> str:
-        """What to record where a recording under `load` does not show it."""
+        """Return what to record if a recording under `load` does not show the effect, as part of a message."""
         if needs_calibration(load) is not None and self.needs is needs_calibration:
             return "a calibration of this insole (insole calibrate), and diagnose against that"
         if self.record_instead:
@@ -112,20 +120,20 @@ class Term:
         return SPEEDS if load.is_known else f"the insole in a chamber, where the load is known on every taxel: {SPEEDS}"
 
     def misfit_of(self, load_is_known: bool) -> float:
-        """What its columns may fail to describe of it."""
+        """Return the fraction of the effect's mean square that its columns may fail to describe."""
         return self.known_misfit if load_is_known and self.known_misfit is not None else self.misfit
 
     def most(self, load_is_known: bool) -> float:
-        """Of the sum of its shares."""
+        """Return the upper bound of the sum of its shares."""
         return self.known_most if load_is_known or self.is_of_load else np.inf
 
     def parameters_of(self, load_is_known: bool) -> Callable[[Sequence[Setting], Array], dict[str, object]]:
-        """The law's parameters from settings and shares (k,)."""
+        """Return the function from settings and shares (k,) to the law's parameters."""
         return self.known_parameters if load_is_known and self.known_parameters is not None else self.parameters
 
 
 def in_means(load: LoadEstimate, moved_pa: Array) -> float:
-    """Share of the mean square of `moved_pa` (N, T, 12) that means of triangles show."""
+    """Return the mean square of `moved_pa` (N, T, 12) in triangle means, relative to that over taxels, at most 1."""
     usable = load.observation.usable
     means = load.wrench_of(moved_pa)[..., 0][..., None]
     whole = float(np.sum(moved_pa**2 * usable))
@@ -133,28 +141,33 @@ def in_means(load: LoadEstimate, moved_pa: Array) -> float:
 
 
 SPEEDS = "cycles at two speeds, minor loops and holds of a minute, loaded and unloaded"
-EVERY_S, KNOWN_EVERY_S = 3.0, 5.0  # between moments
-EDGE_S = 3.0  # an event at the very beginning or end shows too little
-ABSORBED = {"gain": 0.5, "stiffening": 0.5}  # by a memory whose shares are shares of the answer
+EVERY_S, KNOWN_EVERY_S = 3.0, 5.0  # between possible times of an event, if the load is unknown or known
+EDGE_S = 3.0  # from the ends of a recording, where too few rows show an event
+ABSORBED = {"gain": 0.5, "stiffening": 0.5}  # `absorbs` of memories whose shares are fractions of the response
 
 
 def geometric(low: float, high: float, number: int) -> list[float]:
-    """`number` values from `low` to `high` in equal ratios."""
-    found: list[float] = np.geomspace(low, high, number).tolist()
-    return found
+    """Return `number` values from `low` to `high` in equal ratios."""
+    values: list[float] = np.geomspace(low, high, number).tolist()
+    return values
 
 
 def moments_s(load: LoadEstimate) -> list[float]:
-    """At which an event is looked for; where the load is known, the best of them is sharpened (`select.events`)."""
+    """Return the times at which an event is looked for; `select.events` refines the best if the load is known."""
     t_s = load.observation.t_s
-    found: list[float] = np.arange(
+    times_s: list[float] = np.arange(
         t_s[0] + EDGE_S, t_s[-1] - EDGE_S, KNOWN_EVERY_S if load.is_known else EVERY_S
     ).tolist()
-    return found
+    return times_s
 
 
 def needs_calibration(load: LoadEstimate) -> str | None:
-    """Why nothing of a static curve can be told where the curves are fitted to the recordings themselves."""
+    """Return why no static effect can be identified if the curves were fitted to the recordings; None: it can."""
     if not load.observation.has_own_curves:
         return None
     return "no calibration was handed in: the curves are those that fit these recordings best"
+
+
+def needs_known_load(load: LoadEstimate) -> str | None:
+    """Return the reason why no term of single taxels' loads can be identified if these are unknown; None: it can."""
+    return None if load.is_known else "the load of single taxels is not known"

@@ -1,6 +1,6 @@
-"""`viscoelasticity`: a share of the answer comes late. q = (1 − a)·P + a·z, τ·dz/dt = P − z.
+"""`viscoelasticity`: a part of the response is delayed. q = (1 − a)·P + a·z, τ·dz/dt = P − z.
 
-Undone on readings: P = q + b·(q − z′), τ′·dz′/dt = q − z′, with a = b/(1 + b) and τ = τ′·(1 + b).
+The inverse, from readings: P = q + b·(q − z′), τ′·dz′/dt = q − z′, with a = b/(1 + b) and τ = τ′·(1 + b).
 """
 
 from __future__ import annotations
@@ -10,21 +10,21 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...physics.law import MOST_SHARED, Array
-from ..model.load import LoadEstimate
+from ..load_estimate import LoadEstimate
 from ..operators import low_pass
 from .term import ABSORBED, Setting, Term, TermColumns, geometric
 
 TAUS_S = geometric(0.04, 4.0, 6)
-FAST_S, MOST_FAST = 0.3, 0.5  # of the answer, that may come late by less
+FAST_S, MOST_FAST = 0.3, 0.5  # the part of the response that is delayed by less than FAST_S is below MOST_FAST
 
 
 def _columns(load: LoadEstimate) -> list[TermColumns]:
-    """Joint columns, q − z′ for neighbouring time constants: between them lies the one that is there.
+    """Return joint columns q − z′ for each pair of neighbouring time constants, which describe those in between.
 
-    Where the load is known, also for all of them: a material may have two, and none is as the law has it.
+    If the load is known, also for all time constants together: real materials have more than one.
     """
-    own = load.by_triangle
-    late = [own - low_pass(own, load.step_s, tau_s) for tau_s in TAUS_S]
+    wrench = load.by_triangle
+    late = [wrench - low_pass(wrench, load.step_s, tau_s) for tau_s in TAUS_S]
     spans = [(k, k + 2) for k in range(len(TAUS_S) - 1)] + [(0, len(TAUS_S))] * load.is_known
     return [
         TermColumns(
@@ -35,7 +35,7 @@ def _columns(load: LoadEstimate) -> list[TermColumns]:
 
 
 def _parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:
-    """a and τ of the forward law; the two shares together, at their mean time constant."""
+    """Return a and τ, s, of the law: the sum of the shares, at their geometric mean time constant."""
     b = np.maximum(np.asarray(shares, float), 0.0)
     taus_s = np.array([setting["tau_s"] for setting in settings])
     total = float(b.sum())
@@ -44,7 +44,7 @@ def _parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]
 
 
 def _known_parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:
-    """a and τ of the law, whose columns these are: all shares together, at their mean time constant."""
+    """Return a and τ, s, if the load is known: the sum of the shares, at their geometric mean time constant."""
     a = np.maximum(np.asarray(shares, float), 0.0)
     total = max(float(a.sum()), 1e-9)
     tau_s = float(np.exp(np.sum(a * np.log([setting["tau_s"] for setting in settings])) / total))
@@ -52,7 +52,7 @@ def _known_parameters(settings: Sequence[Setting], shares: Array) -> dict[str, o
 
 
 def _is_possible(settings: Sequence[Setting], shares: Array, load_is_known: bool) -> bool:
-    """Whether a good part of the answer comes at once: what nearly all comes late by so little is a lag or a delay."""
+    """Return whether enough of the response is immediate, if the load is known: otherwise it is a lag or a delay."""
     fast = np.array([setting["tau_s"] for setting in settings]) < FAST_S
     return not load_is_known or float(np.asarray(shares)[fast].sum()) < MOST_FAST
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import insole_daemon
+from insole_daemon.diagnosis.load_estimate import KnownLoad
 from insole_daemon.diagnosis.model.blocks import block_design
-from insole_daemon.diagnosis.model.load import KnownLoad
 from insole_daemon.diagnosis.model.nuisance import Priors
 from insole_daemon.diagnosis.observing import observed
 

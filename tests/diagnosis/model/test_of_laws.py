@@ -9,8 +9,8 @@ from typer.testing import CliRunner
 
 import insole_daemon
 from insole_daemon.cli import app
+from insole_daemon.diagnosis.load_estimate import KnownLoad
 from insole_daemon.diagnosis.model.blocks import block_design
-from insole_daemon.diagnosis.model.load import KnownLoad
 from insole_daemon.diagnosis.model.refine import refine
 from insole_daemon.diagnosis.observing import observed
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import insole_daemon
+from insole_daemon.diagnosis.load_estimate import KnownLoad
 from insole_daemon.diagnosis.model.atoms import make_atoms
 from insole_daemon.diagnosis.model.blocks import block_design
-from insole_daemon.diagnosis.model.load import KnownLoad
 from insole_daemon.diagnosis.model.signal_path import load_changes
 from insole_daemon.diagnosis.observing import observed
 from insole_daemon.diagnosis.operators import low_pass, relay

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import insole_daemon
+from insole_daemon.diagnosis.load_estimate import LoadEstimate
 from insole_daemon.diagnosis.model.design import apply_weights, nuisance_columns, project
-from insole_daemon.diagnosis.model.load import LoadEstimate
 from insole_daemon.diagnosis.observing import observed
 
 from ..foot.shoe import write

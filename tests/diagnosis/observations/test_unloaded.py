@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import insole_daemon
-from insole_daemon.diagnosis.model.load import LoadEstimate
+from insole_daemon.diagnosis.load_estimate import LoadEstimate
 from insole_daemon.diagnosis.observing import observed
 
 from ..foot.shoe import write

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 import insole_daemon
+from insole_daemon.diagnosis.load_estimate import KnownLoad
 from insole_daemon.diagnosis.model.blocks import block_design
-from insole_daemon.diagnosis.model.load import KnownLoad
 from insole_daemon.diagnosis.model.refine import refine
 from insole_daemon.diagnosis.observing import observed
 from insole_daemon.diagnosis.select import count_figures

@@ -12,9 +12,9 @@ from typing import Self
 
 import numpy as np
 
-from ...physics.law import Array
-from ..observations.chamber import ChamberObservation
-from ..observations.wrench import WrenchObservation
+from ..physics.law import Array
+from .observations.chamber import ChamberObservation
+from .observations.wrench import WrenchObservation
 
 LINEAR_COUNT = 0.1  # shift below which a curve is taken as straight
 
