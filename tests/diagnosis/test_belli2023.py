@@ -38,6 +38,16 @@ def test_the_published_recording_is_diagnosed(tmp_path):
     assert diagnosis.heldout["after"] < 0.9 * diagnosis.heldout["before"]
 
 
+def test_a_board_that_switches_is_named_beside_a_loop_of_the_other_boards(tmp_path):
+    name = "calibration_dataset"
+    recording = insole_daemon.load(import_matlab(FILES / "left_insole" / f"{name}.mat", tmp_path / name, "left", None))
+    diagnosis = diagnose([recording], None, lambda text: None)
+    (snap,) = [each for each in diagnosis.findings if each.effect == "snap"]
+    assert snap.where.ids == ((6,),)
+    # By the mean of its readings: up at 34.6 to 40.6 kPa.
+    assert snap.parameters["up_pa"].value == pytest.approx(37e3, rel=0.15)
+
+
 def test_the_connected_part_of_a_mostly_unconnected_insole_is_diagnosed(tmp_path):
     recording = insole_daemon.load(
         import_matlab(FILES / "right_insole" / f"{RIGHT}.mat", tmp_path / RIGHT, "right", None)

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from insole_daemon import config as configs
 from insole_daemon.cli import app
 from insole_daemon.diagnosis import prediction
-from insole_daemon.diagnosis.model.load import TaxelLoad
+from insole_daemon.diagnosis.load_estimate import TaxelLoad
 from insole_daemon.diagnosis.observations.rezeros import correct_rezeros
 from insole_daemon.diagnosis.observing import observed
 from insole_daemon.diagnosis.operators import low_pass
