@@ -25,7 +25,7 @@ PER_TAXEL = 4.0  # a taxel's share of a triangle's excess that counts as much as
 UNKNOWN_EXCESS = 1.0  # mean squares of the noise that are left
 UNKNOWN_SHARE = 0.08  # of what a set explains, that it may leave: no law is met exactly
 UNKNOWN_OF_MEMORY = 0.12  # the same with a memory, where the load is known: materials follow their laws less nearly
-UNKNOWN_TO_FAMILIES = 0.4  # of the mismatch, that the families of a set with a memory may leave to what stands beside
+UNKNOWN_TO_FAMILIES = 0.4  # of the mismatch: more than this not explained by the memories themselves is `unknown`
 STRONGER = 4.0  # times what is left without a name, that an effect beside it explains
 MOST_NULL = 1.12  # times the noise floor: what a recording without a mismatch may leave
 

@@ -242,7 +242,7 @@ def count_new(raws, from_ns):
 
 
 def starve(group, share, raws):
-    """Lower the quota of CPU from `share` on until fewer than three of five cycles are published anew, twice in a row.
+    """Lower the quota of CPU from `share` on until two counts in a row find less than 60 % of the cycles new.
 
     How much of what it takes at leisure a daemon can do without depends on the host: it saves much by doing it at once.
     Just after the quota is lowered it publishes less than it does later.
