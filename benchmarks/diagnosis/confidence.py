@@ -45,8 +45,8 @@ def main() -> None:
     for name, case in sorted(truth.items()):
         accepted = {word for each in case["effects"] for word in each["accept"]} | set(case["equivalent"])
         judged = [
-            (features(finding.margin, left_share), bool(accepted & {finding.effect, *finding.alternatives}))
-            for finding, left_share in _findings(asked.cases / name)
+            (features(finding.margin, residual_fraction), bool(accepted & {finding.effect, *finding.alternatives}))
+            for finding, residual_fraction in _findings(asked.cases / name)
             if finding.margin is not None and (finding.effect not in case["tolerated"] or finding.effect in accepted)
         ]
         rows += [x for x, _ in judged]
@@ -84,7 +84,7 @@ def _findings(folder: Path) -> list[tuple[Finding, float]]:
         (result,) = diagnose([load(folder / "recording")], None, _silent, simulations).results
     except InsoleError:
         return []
-    return [(finding, result.figures.left_share) for finding in result.findings]
+    return [(finding, result.figures.residual_fraction) for finding in result.findings]
 
 
 def _silent(text: str) -> None:

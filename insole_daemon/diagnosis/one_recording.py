@@ -12,6 +12,7 @@ from ..physics.effect import Effect
 from ..physics.effects import laws
 from ..recording.loading import FootRecording
 from . import sentences
+from .backward_elimination import LEAST_GAINED, ValidatedSet, eliminate_backward, heldout_errors, keep_strong
 from .export.as_effect import effect_of, preloads
 from .finding import Finding, Quantity, heldout_of
 from .gathering import join_places
@@ -24,26 +25,25 @@ from .observations.wrench import WrenchObservation
 from .observing import refuse_unloaded
 from .parameters import parameters_of
 from .result import RecordingResult
-from .searching import Searched
+from .searching import SearchResult
 from .searching import search as search_terms
 from .select import confidence
 from .select.search import FittedSet, SubsetSearch
-from .select.wrench_figures import Figures
+from .select.wrench_errors import HeldoutErrors
 from .static_findings import static_findings
 from .terms import TERMS
 from .timings import LEAST_DELAY_S, clock_findings, is_nuisance, off_by_clock, timing_effects, timing_findings
-from .trimming import LEAST_GAINED, Kept, figures_of, stronger, trimmed
 from .unexplained import (
     STRONGER,
+    excess_square,
     explains_little,
-    is_left_by_families,
     is_unexplained,
-    least_beside,
-    left_by_families,
-    most_null,
-    squared_rest,
+    lack_of_fit_without_companions,
+    least_gain_beside_unknown,
+    null_bound,
+    relies_on_companions,
     timing_energy,
-    unknown,
+    unknown_finding,
 )
 
 
@@ -57,21 +57,21 @@ def diagnose_one(seen: WrenchObservation, foot: FootRecording, progress: Callabl
     first = searched.first
     whole, search, timing = first.search.design, first.search, first.timing
     progress("measuring the error on blocks that were held out")
-    kept, is_unknown = _kept_terms(search, first.best, timing)
+    kept, is_unknown = _validated_terms(search, first.best, timing)
     selection = _selection(kept, timing, seen, foot)
     figures, findings, effects = _placement_findings(searched, seen, selection.figures)
     figures = _with_corrections(figures, faults, seen)
     effects += _bit_shift_effects(faults, seen)
     if findings and not figures.after[0] < figures.before[0]:
-        findings, effects, is_unknown = [], [], True  # what makes held-out rows worse explains nothing
+        findings, effects, is_unknown = [], [], True  # a placement that raises the held-out error explains nothing
     if not (findings or kept.order or first.words or _explain(faults, figures, whole)):
-        is_unknown |= float(min(figures.before[0], figures.after[0])) > most_null([(figures, whole)]) * float(
+        is_unknown |= float(min(figures.before[0], figures.after[0])) > null_bound([(figures, whole)]) * float(
             figures.floor[0]
         )
     if is_unknown:
-        findings.append(unknown(seen, figures, whole))
+        findings.append(unknown_finding(seen, figures, whole))
     reported_timings = selection.reported_timings(first.words)
-    if not is_unknown or timing_energy(whole, timing) > STRONGER * squared_rest(figures, whole):
+    if not is_unknown or timing_energy(whole, timing) > STRONGER * excess_square(figures, whole):
         findings += timing_findings(seen, first, searched.others, reported_timings, figures, float(whole.least.max()))
     effects += timing_effects(first, reported_timings)
     effects += _term_effects(selection, seen)
@@ -88,32 +88,33 @@ def diagnose_one(seen: WrenchObservation, foot: FootRecording, progress: Callabl
     return replace(result, findings=(*findings, *clock_findings(result)))
 
 
-def _kept_terms(search: SubsetSearch[Any], best: FittedSet, timing: Timing) -> tuple[Kept, bool]:
-    """Return the terms that lower the held-out error, and whether the rest is an unknown effect.
+def _validated_terms(search: SubsetSearch[Any], best: FittedSet, timing: Timing) -> tuple[ValidatedSet, bool]:
+    """Return the terms that lower the held-out error, and whether the residual is an unknown effect.
 
-    Beside an unknown effect, a term that explains hardly more than it may be a part of it and is left out.
+    Beside an unknown effect, weak terms are removed, because they may describe a part of it.
     """
-    kept = trimmed(search, search.simplified(best, confidence.CLOSE), timing)
+    kept = eliminate_backward(search, search.simplify(best, confidence.CLOSE_SCORE), timing)
     design = search.design
     figures, refined = kept.figures, kept.refined
     if is_unexplained(figures, design, refined, timing):
-        measured, left = refined, squared_rest(figures, design)
-    elif is_left_by_families(design, refined):
-        measured, left = refined.of_families, left_by_families(refined, design)
+        measured, unexplained = refined, excess_square(figures, design)
+    elif relies_on_companions(design, refined):
+        measured = refined.without_internal_companions
+        unexplained = lack_of_fit_without_companions(refined, design)
     else:
         return kept, False
-    return stronger(search, kept, measured, least_beside(figures, design, left), timing), True
+    return keep_strong(search, kept, measured, least_gain_beside_unknown(figures, design, unexplained), timing), True
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Selection:
     """The selected terms of a recording with their parameters, by number of the candidate in the refined design."""
 
-    kept: Kept
+    kept: ValidatedSet
     parameters: tuple[dict[str, Quantity], ...]
     nuisances: tuple[int, ...]  # terms within the tolerance of a declared clock: not reported
-    is_late: bool  # by more than the tolerance of the times
-    figures: Figures  # with nuisances in the model as handed in
+    is_late: bool  # delay of the whole insole above the tolerance of the times
+    figures: HeldoutErrors  # with nuisances in the model as handed in
 
     @property
     def words(self) -> tuple[str, ...]:
@@ -132,14 +133,14 @@ class _Selection:
         return tuple(word for word in words if word == "lag" or (self.is_late and not has_clock))
 
 
-def _selection(kept: Kept, timing: Timing, seen: WrenchObservation, foot: FootRecording) -> _Selection:
+def _selection(kept: ValidatedSet, timing: Timing, seen: WrenchObservation, foot: FootRecording) -> _Selection:
     refined, figures = kept.refined, kept.figures
     parameters = [parameters_of(refined, i, foot) for i in range(len(kept.order))]
     words = [candidate.word for candidate in refined.design.candidates]
     nuisances = tuple(i for i in kept.order if is_nuisance(words[i], parameters[i]))
     is_late = abs(timing.delay_s) >= LEAST_DELAY_S + seen.latest_s
     if nuisances or not is_late:
-        figures = figures_of(refined, kept.order, timing, nuisances, 0.0 if is_late else timing.delay_s)
+        figures = heldout_errors(refined, kept.order, timing, nuisances, 0.0 if is_late else timing.delay_s)
     for i in kept.order:
         if words[i] == "clock" and i not in nuisances:
             offset = parameters[i]["offset_s"]
@@ -161,7 +162,7 @@ def _term_effects(selection: _Selection, seen: WrenchObservation) -> list[Effect
 
 
 def _term_findings(
-    selection: _Selection, seen: WrenchObservation, figures: Figures, search: SubsetSearch[Any]
+    selection: _Selection, seen: WrenchObservation, figures: HeldoutErrors, search: SubsetSearch[Any]
 ) -> list[Finding]:
     """Return the findings of the reported terms, the largest gain first."""
     best = selection.kept.best
@@ -169,7 +170,7 @@ def _term_findings(
     for i, gain in selection.reported:
         word, parameters = selection.words[i], selection.parameters[i]
         where = selection.kept.refined.design.candidates[i].where
-        alternatives, margin = search.alternatives(best, i, confidence.SAME), search.margin(best, i)
+        alternatives, margin = search.alternatives(best, i, confidence.EQUAL_SCORE), search.margin(best, i)
         sentence = (
             sentences.of_constant(parameters["offset"].value)
             if "offset" in parameters
@@ -180,7 +181,7 @@ def _term_findings(
                 effect=word, alternatives=tuple(other for other, _ in alternatives[:1]), foot=seen.layout.foot,
                 where=where, equation=laws()[word].equation if word in laws() else "", recordings=(seen.name,),
                 parameters=parameters, explains=gain, margin=margin,
-                confidence=confidence.confidence(margin, figures.left_share), sentence=sentence,
+                confidence=confidence.confidence(margin, figures.residual_fraction), sentence=sentence,
                 **heldout_of(
                     seen.load_is_known, float(np.sqrt(figures.after[0] ** 2 + gain)), float(figures.after[0])
                 ),
@@ -197,8 +198,8 @@ def _bit_shift_effects(faults: ReadingFaults, seen: WrenchObservation) -> list[E
 
 
 def _placement_findings(
-    searched: Searched, seen: WrenchObservation, figures: Figures
-) -> tuple[Figures, list[Finding], list[Effect]]:
+    searched: SearchResult, seen: WrenchObservation, figures: HeldoutErrors
+) -> tuple[HeldoutErrors, list[Finding], list[Effect]]:
     """Return figures, findings and effects of the insole's placement, which the search fitted before the terms.
 
     The figures have the error of the model as handed in, which does not know the placement.
@@ -218,7 +219,7 @@ def _placement_findings(
                 effect=placement.word, foot=seen.layout.foot, where=placement.where,
                 equation=laws()[placement.word].equation, recordings=(seen.name,),
                 parameters=placement.parameters, explains=gain, margin=placement.margin,
-                confidence=confidence.confidence(placement.margin, figures.left_share),
+                confidence=confidence.confidence(placement.margin, figures.residual_fraction),
                 sentence=sentences.of_effect(placement.word, placement.where, placement.parameters),
                 **heldout_of(seen.load_is_known, float(np.sqrt(figures.after[0] ** 2 + gain)), float(figures.after[0])),
             )
@@ -226,19 +227,19 @@ def _placement_findings(
     return figures, findings, effects
 
 
-def _with_corrections(figures: Figures, faults: ReadingFaults, seen: WrenchObservation) -> Figures:
+def _with_corrections(figures: HeldoutErrors, faults: ReadingFaults, seen: WrenchObservation) -> HeldoutErrors:
     """Return `figures` of the model as handed in: before corrections of readings and of a declared clock."""
     before = np.sqrt(figures.before**2 + faults.explained)
     return replace(figures, before=np.sqrt(before**2 + off_by_clock(seen)))
 
 
-def _explain(faults: ReadingFaults, figures: Figures, design: Design | BlockDesign) -> bool:
-    """Return whether faults of the readings stand for the mismatch: they are there, and not beside a larger one."""
+def _explain(faults: ReadingFaults, figures: HeldoutErrors, design: Design | BlockDesign) -> bool:
+    """Return whether faults of the readings explain the mismatch; they do not beside a larger one."""
     is_unknown = any(finding.effect == "unknown" for finding in faults.findings)
     return is_unknown or (bool(faults.findings) and not explains_little(figures, design))
 
 
-def _is_negligible(finding: Finding, figures: Figures) -> bool:
+def _is_negligible(finding: Finding, figures: HeldoutErrors) -> bool:
     """Return whether single taxels explain so little that the variation of the material between taxels does as much."""
     explained = float(figures.before[0] ** 2 - figures.after[0] ** 2)
     return finding.where.scope == "taxel" and bool(finding.parameters) and finding.explains < LEAST_GAINED * explained

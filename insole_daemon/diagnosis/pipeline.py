@@ -22,7 +22,7 @@ from .observing import observed, refuse_mixture, refuse_still
 from .one_recording import diagnose_one
 from .result import Diagnosis, RecordingResult
 from .timings import clock_of
-from .unexplained import most_null
+from .unexplained import null_bound
 
 LASTING_EFFECTS = (*merging.LASTING, "delay")  # that any recording may add to the model
 PERMANENT_FAULTS = ("dead_taxels", "open_triangle")  # of taxels, if they last for the whole recording
@@ -134,7 +134,7 @@ def _pooled(results: Sequence[RecordingResult], channel: int, unit: str) -> dict
 
 def _verdict(heldout: dict[str, Any], findings: Sequence[Finding], results: Sequence[RecordingResult]) -> Verdict:
     before, after, floor = (float(heldout[name]) for name in ("before", "after", "floor"))
-    null_before = most_null((item.figures, item.design) for item in results) * floor
+    null_before = null_bound((item.figures, item.design) for item in results) * floor
     return outcome.verdict(
         before if findings else min(before, after), after, floor, null_before,
         findings=len(findings), unknown=sum(item.effect == "unknown" for item in findings),

@@ -18,7 +18,7 @@ from .model.regression import Timing
 from .observations.reading_faults import ReadingFaults
 from .observations.wrench import WrenchObservation
 from .outcome import Outcome
-from .select.wrench_figures import Figures
+from .select.wrench_errors import HeldoutErrors
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,7 +28,7 @@ class RecordingResult:
     faults: ReadingFaults
     design: Design | BlockDesign
     refined: Refined[Any]
-    figures: Figures
+    figures: HeldoutErrors
     findings: tuple[Finding, ...]
     effects: tuple[Effect, ...]
     candidates: tuple[tuple[str, float, float], ...]  # best single sets: words, gain and score in units of the rows

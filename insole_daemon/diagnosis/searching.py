@@ -1,4 +1,4 @@
-"""From the rows of one recording to the set of terms that explains them best, with its timing and places."""
+"""Search for the set of terms that explains one recording best, with the timing and the places of the terms."""
 
 from __future__ import annotations
 
@@ -26,102 +26,109 @@ from .observations.paired import PairedObservation, swapped_rows
 from .observations.reading_faults import ReadingFaults
 from .observations.wrench import WrenchObservation
 from .parameters import parameters_of
-from .select.count_figures import count_figures
-from .select.events import Events, best_events, with_events
+from .select.count_errors import count_errors
+from .select.events import Events, refine_events, with_events
 from .select.groups import with_groups
 from .select.search import SubsetSearch
-from .select.thresholds import best_thresholds
-from .select.timing_search import Timed, TimedSet, search_timings
+from .select.thresholds import refine_thresholds
+from .select.timing_search import TimingFit, TimingHypothesis, search_timings
 from .terms.term import Setting
 
-# Of nothing, of a trial that was measured, of a model of the person, and of a model of any person.
+# Possible errors of a simulated load: none, a measured trial, a model of the person, and a model of another person.
 LOAD_ERRORS = (USUAL, Priors(0.005, 0.02), Priors(0.015, 0.06), Priors(0.05, 0.2))
-LOOSE = 5.0  # counts that a curve may be off by which a memory was calibrated into
-OWN = 0.3  # the same of curves that were fitted to the recordings themselves
-WELL = 1.15  # times the noise: what leaves no more is explained
-FAR_CLEARER = 0.25  # the same where no more is left than the law of the memory may fail to describe
-CLEARER = 0.6  # of what usual curves leave beyond the noise, that loose ones may
-PLACED_ROUNDS = 3
-ORDERED_ROUNDS = 2
+LOOSE_COUNT = 5.0  # prior standard deviation of a curve that contains the mean curve of a memory (loose curve)
+OWN_CURVE_COUNT = 0.3  # the same of a curve that was fitted to the recordings themselves
+GOOD_FIT = 1.15  # squared residual of a good fit, relative to the noise
+CLEARER = 0.6  # excess over the noise with loose curves, relative to usual ones, for loose curves to be used
+FAR_CLEARER = 0.25  # the same if usual curves leave no more than the possible misfit of the laws
+PLACED_ROUNDS = 3  # of searches after the taxels were moved to fitted places
+ORDERED_ROUNDS = 2  # of searches with terms that act on each other's output
 SWAPPED, ASKEW = "swapped_triangles", "map_transform"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Placed:
-    """What a simulated load is looked up by: triangles that report as each other, or how the insole lies."""
+class FittedPlacement:
+    """A selected term for the places of taxels: swapped triangles, or a shift, turn and scale of the insole.
+
+    The simulated load is computed at these places.
+    """
 
     word: str
     where: Where
     parameters: dict[str, Quantity]
-    margin: float
-    price: float
+    margin: float  # loss of score without it, in least gains
+    penalty: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Searched:
-    """The hypotheses on the timing of one recording, under the load of where the taxels are."""
+class SearchResult:
+    """The best timing hypothesis of one recording with its set, and the other hypotheses."""
 
-    first: TimedSet[Any]  # the best
-    others: tuple[Timed, ...]
-    placed: tuple[Placed, ...] = ()
-    priors: Priors = USUAL  # under which they were searched for
-    before: Array | None = None  # (1,) RMS counts of the model as handed in, where the taxels are believed to be
+    first: TimingFit[Any]  # the best hypothesis
+    others: tuple[TimingHypothesis, ...]
+    placed: tuple[FittedPlacement, ...] = ()
+    priors: Priors = USUAL  # of the nuisances in the search
+    before: Array | None = None  # (1,) RMS error of the model as handed in, with taxels at the layout's places, counts
 
     @property
-    def left(self) -> float:
-        """Squared residual and prices."""
+    def criterion(self) -> float:
+        """Squared residual plus penalties plus log determinant of the nuisances, to compare searches."""
         first = self.first
         return float(
-            first.left + first.search.design.nuisance.log_determinant + sum(each.price for each in self.placed)
+            first.criterion + first.search.design.nuisance.log_determinant + sum(each.penalty for each in self.placed)
         )
 
     @property
-    def unexplained(self) -> float:
-        """Squared residual, and what the freedom of nuisances costs."""
+    def deviance(self) -> float:
+        """Squared residual plus log determinant of the nuisances: −2 ln of the likelihood, plus a constant."""
         first = self.first
         return float(first.search.design.total - first.best.gain + first.search.design.nuisance.log_determinant)
 
     @property
-    def of_laws(self) -> float:
-        """What the laws of the best set may fail to describe."""
+    def misfit(self) -> float:
+        """Sum of squares that the laws of the best set may fail to describe."""
         first = self.first
         every = [first.search.design.candidates[k] for k in first.best.chosen]
-        return first.search.prices.of_laws(every, first.best.shares)
+        return first.search.penalties.misfit(every, first.best.shares)
 
     @property
     def n_terms(self) -> int:
-        """Of the best set, with its timing."""
+        """Number of terms of the best set, including delay and lag of the whole insole."""
         return len(self.first.best.chosen) + len(self.first.words)
 
     @property
     def has_memory(self) -> bool:
-        """Whether the best set has one."""
+        """Whether the best set contains a memory."""
         first = self.first
         return any(first.search.design.candidates[k].term.is_memory for k in first.best.chosen)
 
 
-def search(seen: WrenchObservation, faults: ReadingFaults, foot: FootRecording) -> Searched:
-    """The best sets for what is `seen` of `foot`, its places sharpened where the load is known."""
-    if isinstance(seen, PairedObservation):
-        found = _at_its_place(seen, faults, foot)
-    elif isinstance(seen, ChamberObservation):
-        found = _with_curves(seen, faults)
-    else:
-        found = _under(USUAL, seen, faults)
-    return replace(found, first=_sharpened(found.first))
+def search(seen: WrenchObservation, faults: ReadingFaults, foot: FootRecording) -> SearchResult:
+    """Return the best set for the observation `seen` of `foot`.
 
-
-def _at_its_place(seen: PairedObservation, faults: ReadingFaults, foot: FootRecording) -> Searched:
-    """With the error of the simulated load that makes the rows likeliest, under the load of where the taxels are.
-
-    What acts on the load needs to know it: the search is made again once a triangle is somewhere else.
+    Raises DiagnosisError if no reading can be compared with the reference.
     """
-    found = _under(_likeliest(seen, faults), seen, faults)
+    if isinstance(seen, PairedObservation):
+        result = _search_with_placement(seen, faults, foot)
+    elif isinstance(seen, ChamberObservation):
+        result = _search_with_curves(seen, faults)
+    else:
+        result = _search_under(USUAL, seen, faults)
+    return replace(result, first=_refined_places(result.first))
+
+
+def _search_with_placement(seen: PairedObservation, faults: ReadingFaults, foot: FootRecording) -> SearchResult:
+    """Return the best set beside a simulation, with the load at the fitted places of the taxels.
+
+    A selected swap of triangles or placement of the insole is applied to the load, and the search runs again, because
+    terms that act on the load need the load at the true places.
+    """
+    result = _search_under(_most_likely_priors(seen, faults), seen, faults)
     before, move = None, Move()
     for _ in range(PLACED_ROUNDS):
-        first = found.first
+        first = result.first
         refined = refine(first.search.design, first.best.chosen)
-        placed = {(each.word, each.where): each for each in found.placed}
+        placed = {(each.word, each.where): each for each in result.placed}
         for i, candidate in enumerate(refined.design.candidates):
             if candidate.word not in (SWAPPED, ASKEW):
                 continue
@@ -131,79 +138,82 @@ def _at_its_place(seen: PairedObservation, faults: ReadingFaults, foot: FootReco
                 move = move.further(**{name: float(each.value) for name, each in parameters.items()})
                 parameters = {name: replace(each, value=move.parameters[name]) for name, each in parameters.items()}
             known = placed.get(key)
-            placed[key] = Placed(
+            placed[key] = FittedPlacement(
                 candidate.word, candidate.where, parameters,
                 first.search.margin(first.best, i) if known is None else known.margin,
-                first.search.prices.least_price(k, candidate, refined.design.candidates),
+                first.search.penalties.term_penalty(k, candidate, refined.design.candidates),
             )  # fmt: skip
-        if len(placed) == len(found.placed) and not any(each.word == ASKEW for each in refined.design.candidates):
+        if len(placed) == len(result.placed) and not any(each.word == ASKEW for each in refined.design.candidates):
             break
         every = placed.values()
         pairs = [swapped_rows(seen.layout.identities, each.where.ids) for each in every if each.word == SWAPPED]
         if before is None:
-            before = count_figures(refine(first.search.design, ()), ()).before
+            before = count_errors(refine(first.search.design, ()), ()).before
         del first, refined  # designs are large
         moved = seen.replaced(move, pairs)
-        again = _under(_likeliest(moved, faults), moved, faults)
+        again = _search_under(_most_likely_priors(moved, faults), moved, faults)
         again = replace(again, placed=tuple(every), before=before)
-        # The same hypothesis, as a column and as it is: no worse by more than noise varies over so many rows.
-        if again.left > found.left + np.sqrt(2.0 * found.left):
+        # The column was the linearisation of this placement. The criterion may rise by its standard deviation under
+        # noise, √(2n) with n rows, and it is about n.
+        if again.criterion > result.criterion + np.sqrt(2.0 * result.criterion):
             break
-        found = again
-    return found
+        result = again
+    return result
 
 
-def _likeliest(seen: PairedObservation, faults: ReadingFaults) -> Priors:
-    """The error of the simulated load under which the rows are likeliest, each beside its best set.
+def _most_likely_priors(seen: PairedObservation, faults: ReadingFaults) -> Priors:
+    """Return the smallest error of the simulated load whose likelihood equals that of any other.
 
-    The smallest that does as well but for what the laws of that set may fail to describe.
+    Likelihoods are those of the best set under each error, and equal up to the possible misfit of its laws.
     """
-    left, least = [], []
+    criteria, criteria_without_misfit = [], []
     whole = block_design(KnownLoad(seen), _weights(seen, faults))
     for priors in LOAD_ERRORS:
         whole = whole.under(priors)
         among = SubsetSearch(whole)
         best = among.run()[0]
         every = [whole.candidates[k] for k in best.chosen]
-        left.append(whole.total - best.score + whole.nuisance.log_determinant)
-        least.append(left[-1] - among.prices.of_laws(every, best.shares))
-    return LOAD_ERRORS[next(i for i, each in enumerate(least) if each <= min(left))]
+        criteria.append(whole.total - best.score + whole.nuisance.log_determinant)
+        criteria_without_misfit.append(criteria[-1] - among.penalties.misfit(every, best.shares))
+    return LOAD_ERRORS[next(i for i, each in enumerate(criteria_without_misfit) if each <= min(criteria))]
 
 
-def _with_curves(seen: ChamberObservation, faults: ReadingFaults) -> Searched:
-    """With curves as good as a calibration is, or with loose ones.
+def _search_with_curves(seen: ChamberObservation, faults: ReadingFaults) -> SearchResult:
+    """Return the best set with curves of usual accuracy, or with loose ones.
 
-    Where a memory then leaves clearly less, or less with fewer terms.
+    Loose curves are used if a memory then leaves clearly less, or less with fewer terms: the calibration probably
+    contains the memory's mean curve.
     """
     if seen.has_own_curves:
-        return _under(Priors(curve_count=OWN), seen, faults)
-    found = _under(USUAL, seen, faults)
+        return _search_under(Priors(curve_count=OWN_CURVE_COUNT), seen, faults)
+    usual = _search_under(USUAL, seen, faults)
     noise = float(np.count_nonzero(_weights(seen, faults)))
-    if not found.has_memory or found.unexplained < WELL * noise:
-        return found
-    loose = _under(Priors(curve_count=LOOSE), seen, faults, (found.first, *found.others))
-    clearer = loose.unexplained - noise < CLEARER * (found.unexplained - noise)
-    simpler = loose.n_terms < found.n_terms and loose.unexplained < found.unexplained
-    # What a law fails to describe anyway is no reason to give up every recalibration, but for one that fits far worse.
-    if found.unexplained < noise + found.of_laws:
-        clearer, simpler = False, simpler and loose.unexplained - noise < FAR_CLEARER * (found.unexplained - noise)
+    if not usual.has_memory or usual.deviance < GOOD_FIT * noise:
+        return usual
+    loose = _search_under(Priors(curve_count=LOOSE_COUNT), seen, faults, (usual.first, *usual.others))
+    clearer = loose.deviance - noise < CLEARER * (usual.deviance - noise)
+    simpler = loose.n_terms < usual.n_terms and loose.deviance < usual.deviance
+    # With loose curves the search has no static effect. The possible misfit of a law is not reason enough for them,
+    # unless they fit far better.
+    if usual.deviance < noise + usual.misfit:
+        clearer, simpler = False, simpler and loose.deviance - noise < FAR_CLEARER * (usual.deviance - noise)
     if not (loose.has_memory and (clearer or simpler)):
-        return found
-    if found.n_terms > 1:
+        return usual
+    if usual.n_terms > 1:
         return loose
-    # A memory of nearly all of the load says that nearly nothing is read at once, and leaves little load whatever is
-    # wrong: readings show it, and the one term that explains most with usual curves is believed instead.
+    # A memory of nearly the whole response leaves a small residual of the load in any case. Held-out errors of the
+    # readings decide between it and the single term that was selected with usual curves.
     design, best = loose.first.search.design, loose.first.best
-    return loose if _after_count(design, best.chosen) < _after_count(design, ()) else found
+    return loose if _heldout_count(design, best.chosen) < _heldout_count(design, ()) else usual
 
 
-def _after_count(design: BlockDesign, chosen: tuple[int, ...]) -> float:
-    """Error of the readings that the laws of a set leave, on blocks that they were not fitted to."""
-    return float(count_figures(refine(design, chosen), ()).after[0])
+def _heldout_count(design: BlockDesign, chosen: tuple[int, ...]) -> float:
+    """Return the held-out RMS error of the readings with the laws of the set `chosen`, counts."""
+    return float(count_errors(refine(design, chosen), ()).after[0])
 
 
 def _weights(seen: WrenchObservation, faults: ReadingFaults) -> Array:
-    """(N, c) one over the standard deviation of a row in each channel; 0: unknown."""
+    """Return one over the standard deviation of a row (N, c) in each channel; 0 if unknown."""
     variance = np.where(faults.spikes[:, None], np.inf, seen.weight_variance)
     weights = np.asarray(np.where(np.isfinite(variance), variance, np.inf) ** -0.5)
     if seen.load_is_known:  # channels are triangles
@@ -211,8 +221,10 @@ def _weights(seen: WrenchObservation, faults: ReadingFaults) -> Array:
     return weights
 
 
-def _under(priors: Priors, seen: WrenchObservation, faults: ReadingFaults, known: Sequence[Timed] = ()) -> Searched:
-    """Every hypothesis on the timing under `priors`, best first; `known`: those of a search under other priors."""
+def _search_under(
+    priors: Priors, seen: WrenchObservation, faults: ReadingFaults, known: Sequence[TimingHypothesis] = ()
+) -> SearchResult:
+    """Return the timing hypotheses with nuisances under `priors`; `known`: those of a search under other priors."""
     weights = _weights(seen, faults)
     if not weights.any():
         raise DiagnosisError(
@@ -221,56 +233,60 @@ def _under(priors: Priors, seen: WrenchObservation, faults: ReadingFaults, known
         )
     if not isinstance(seen, ChamberObservation):
         whole = design(LoadEstimate(seen), weights, faults.substituted)
-        return Searched(*search_timings(lambda timing: whole, seen.offset_is_free))
+        return SearchResult(*search_timings(lambda timing: whole, seen.offset_is_free))
 
-    events: Events | None = None  # of the first timing: later ones move them by less than they are long
+    # Refined once, with the first timing: later timings differ by less than the duration of an event.
+    events: Events | None = None
     thresholds: list[tuple[int, Setting]] = []
 
-    def under(timing: Timing, changes: Changes = ()) -> BlockDesign:
+    def design_after(timing: Timing, changes: Changes = ()) -> BlockDesign:
         nonlocal events, thresholds
         moved = seen.timed(offset_s=seen.offset_s - timing.delay_s, lag_s=timing.lag_s) if timing != Timing() else seen
         whole = replace(block_design(KnownLoad(moved, changes), weights, priors), moved_s=timing.delay_s)
         if events is None:
-            events, thresholds = best_events(whole), best_thresholds(whole)
+            events, thresholds = refine_events(whole), refine_thresholds(whole)
         return with_events(whole.with_settings(thresholds), events).released()
 
-    best, others = search_timings(under, seen.offset_is_free, known)
-    return Searched(_in_order(best, under), others, priors=priors)
+    best, others = search_timings(design_after, seen.offset_is_free, known)
+    return SearchResult(_on_signal_path(best, design_after), others, priors=priors)
 
 
-def _in_order(first: TimedSet[BlockDesign], make: Callable[[Timing, Changes], BlockDesign]) -> TimedSet[BlockDesign]:
-    """The set once more with every term acting on what those before it on the signal path make of the load.
+def _on_signal_path(
+    first: TimingFit[BlockDesign], make: Callable[[Timing, Changes], BlockDesign]
+) -> TimingFit[BlockDesign]:
+    """Return the best set of a search in which each term acts on the load as the terms before it have changed it.
 
-    `make` returns the design of a timing and of changes of the load. Nothing is searched anew where a single term
-    explains the rows, or where the order leaves more.
+    `make` returns the design of a timing and of changes of the load, in the order of the signal path. The set stays if
+    a single term explains the rows, or if the new search has a larger criterion.
     """
     for _ in range(ORDERED_ROUNDS):
         design, best = first.search.design, first.best
         chosen = [design.candidates[k] for k in best.chosen]
-        if len(chosen) < 2 and design.total - best.gain < WELL * first.search.noise:
+        if len(chosen) < 2 and design.total - best.gain < GOOD_FIT * first.search.noise:
             break
         changes = load_changes(design, chosen, best.shares)
         if not changes:
             break
-        among = SubsetSearch(make(first.timing, changes).retimed(first.timing), first.search.barred)
+        among = SubsetSearch(make(first.timing, changes).retimed(first.timing), first.search.excluded_words)
         ordered = among.run()[0]
         gained = (among.design.total - ordered.score) - (design.total - best.score)
         if gained >= 0.0:
             break
-        first = replace(first, left=first.left + gained, search=among, best=ordered)
+        first = replace(first, criterion=first.criterion + gained, search=among, best=ordered)
     return first
 
 
-def _sharpened(first: TimedSet[Any]) -> TimedSet[Any]:
-    """Where the load is known on every taxel: any set of triangles can be a place, and terms are as exact as can be.
+def _refined_places(first: TimingFit[Any]) -> TimingFit[Any]:
+    """Return the best set of a search with any set of triangles as a place, and with refined parameters.
 
-    What a coarse grid of thresholds and moments misses of a strong effect would pass for further ones.
+    Only if the load is known on every taxel. The error of the grid of thresholds and times leaves a residual of a
+    strong effect, which would otherwise be selected as further effects.
     """
     if not isinstance(first.search.design, BlockDesign):
         return first
-    whole, barred = first.search.design, first.search.barred
-    whole = with_events(whole, best_events(whole, first.best.chosen))
-    among = SubsetSearch(with_groups(whole, first.best), barred)
+    whole, excluded_words = first.search.design, first.search.excluded_words
+    whole = with_events(whole, refine_events(whole, first.best.chosen))
+    among = SubsetSearch(with_groups(whole, first.best), excluded_words)
     best = max([*among.run()[:1], first.best], key=lambda each: each.score)
     sharp = refine(among.design, best.chosen).design.candidates
     sharper = [
@@ -279,6 +295,6 @@ def _sharpened(first: TimedSet[Any]) -> TimedSet[Any]:
         if each.settings is not among.design.candidates[k].settings
     ]
     if sharper:
-        among = SubsetSearch(among.design.with_settings(sharper), barred)
+        among = SubsetSearch(among.design.with_settings(sharper), excluded_words)
         best = max([*among.run()[:1], best], key=lambda each: each.score)
     return replace(first, search=among, best=among.fit(best.chosen))

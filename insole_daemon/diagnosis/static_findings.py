@@ -11,12 +11,12 @@ from .finding import Finding, Quantity, heldout_of
 from .model.blocks import BlockDesign
 from .model.refine import Refined
 from .select.static_part import static_part
-from .select.wrench_figures import Figures
+from .select.wrench_errors import HeldoutErrors
 
 CONFIDENCE = 0.7  # the part of the memory that the calibration contains is estimated from the memory's law
 
 
-def static_findings(refined: Refined[BlockDesign], figures: Figures) -> list[Finding]:
+def static_findings(refined: Refined[BlockDesign], figures: HeldoutErrors) -> list[Finding]:
     """Return the finding on curves that were refitted together with the memories of `refined`, if there is one.
 
     The exported model contains these curves, so it has no effect for the finding.

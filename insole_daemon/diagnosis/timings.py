@@ -20,8 +20,8 @@ from .observations.paired import PairedObservation
 from .observations.wrench import WrenchObservation
 from .result import RecordingResult
 from .select import confidence
-from .select.timing_search import Timed, TimedSet
-from .select.wrench_figures import Figures
+from .select.timing_search import TimingFit, TimingHypothesis
+from .select.wrench_errors import HeldoutErrors
 from .terms.clock import LEAST_RATE
 
 LEAST_DELAY_S = 0.003  # three standard deviations of a declared clock's offset
@@ -41,10 +41,10 @@ def is_nuisance(word: str, parameters: dict[str, Quantity]) -> bool:
 
 def timing_findings(
     seen: WrenchObservation,
-    first: TimedSet[Any],
-    further: Sequence[Timed],
+    first: TimingFit[Any],
+    further: Sequence[TimingHypothesis],
     named: Sequence[str],
-    figures: Figures,
+    figures: HeldoutErrors,
     least_gain: float,
 ) -> list[Finding]:
     """Return the findings on those of delay, lag and clock of the whole insole whose words are in `named`.
@@ -58,11 +58,11 @@ def timing_findings(
         "clock": {"offset_s": -first.timing.delay_s},
     }  # fmt: skip
     for word in named:
-        residual_without = min((timed.left for timed in further if word not in timed.words), default=np.inf)
-        margin = (residual_without - first.left) / least_gain
+        residual_without = min((timed.criterion for timed in further if word not in timed.words), default=np.inf)
+        margin = (residual_without - first.criterion) / least_gain
         as_good = [
             timed for timed in further
-            if word not in timed.words and timed.left - first.left < confidence.SAME * least_gain
+            if word not in timed.words and timed.criterion - first.criterion < confidence.EQUAL_SCORE * least_gain
         ]  # fmt: skip
         alternative = next(
             (word_of_other for timed in as_good for word_of_other in timed.words if word_of_other not in first.words),
@@ -76,7 +76,7 @@ def timing_findings(
                 effect=word, alternatives=() if alternative is None else (alternative,), foot=seen.layout.foot,
                 where=Where(), equation=laws()[word].equation, recordings=(seen.name,), parameters=parameters,
                 explains=figures.timing_gain / len(first.words),
-                confidence=confidence.confidence(margin, figures.left_share), margin=margin,
+                confidence=confidence.confidence(margin, figures.residual_fraction), margin=margin,
                 sentence=sentences.of_effect(word, Where(), parameters),
                 **heldout_of(seen.load_is_known, float(np.sqrt(after**2 + figures.timing_gain)), after),
             )
@@ -84,7 +84,7 @@ def timing_findings(
     return findings
 
 
-def timing_effects(first: TimedSet[Any], named: Sequence[str]) -> list[Effect]:
+def timing_effects(first: TimingFit[Any], named: Sequence[str]) -> list[Effect]:
     """Return the effects of the model for the timings that are in `named`."""
     effects = []
     if "lag" in named:

@@ -1,4 +1,4 @@
-"""What no set of terms explains: how much it is, and the finding that says so."""
+"""The mismatch that no set of terms explains: its size, and the finding `unknown`."""
 
 from __future__ import annotations
 
@@ -18,115 +18,123 @@ from .model.refine import Refined
 from .model.regression import Timing
 from .observations.wrench import WrenchObservation
 from .places import place_in_words
-from .select import left_over
-from .select.wrench_figures import Figures
+from .select import residual_description
+from .select.wrench_errors import HeldoutErrors
 
-PER_TAXEL = 4.0  # a taxel's share of a triangle's excess that counts as much as a channel's of a wrench
-UNKNOWN_EXCESS = 1.0  # mean squares of the noise that are left
-UNKNOWN_SHARE = 0.08  # of what a set explains, that it may leave: no law is met exactly
-UNKNOWN_OF_MEMORY = 0.12  # the same with a memory, where the load is known: materials follow their laws less nearly
-UNKNOWN_TO_FAMILIES = 0.4  # of the mismatch: more than this not explained by the memories themselves is `unknown`
-STRONGER = 4.0  # times what is left without a name, that an effect beside it explains
-MOST_NULL = 1.12  # times the noise floor: what a recording without a mismatch may leave
+PER_TAXEL = 4.0  # weight of the excess of a triangle per taxel, against that of a channel of the wrench
+UNKNOWN_EXCESS = 1.0  # excess in variances of the noise above which a residual is `unknown`
+UNKNOWN_SHARE = 0.08  # of the gain of a set: a smaller residual may be the misfit of its laws
+UNKNOWN_OF_MEMORY = 0.12  # the same with a memory under a known load: materials follow these laws less closely
+LEAST_RELIANCE = 0.4  # of the mismatch: `unknown` if the terms without internal companions leave more
+STRONGER = 4.0  # least gain of an effect that is reported beside `unknown`, relative to the unexplained part
+MOST_NULL = 1.12  # error of a recording without a mismatch, relative to the noise floor
 
 
-def is_unexplained(found: Figures, whole: Design | BlockDesign, refined: Refined[Any], timing: Timing) -> bool:
-    """Whether a mismatch is left that no set of terms explains."""
-    if refined.shares and explains_little(found, whole):
+def is_unexplained(errors: HeldoutErrors, whole: Design | BlockDesign, refined: Refined[Any], timing: Timing) -> bool:
+    """Return whether the selected set leaves a mismatch that no set of terms explains."""
+    if refined.shares and explains_little(errors, whole):
         return True
     explained = refined.gain + timing_energy(whole, timing)
     share = UNKNOWN_OF_MEMORY if _has_memory(refined) and isinstance(whole, BlockDesign) else UNKNOWN_SHARE
-    return bool(excess(found, whole).max() > UNKNOWN_EXCESS and squared_rest(found, whole) > share * explained)
+    return bool(excess(errors, whole).max() > UNKNOWN_EXCESS and excess_square(errors, whole) > share * explained)
 
 
-def is_left_by_families(whole: Design | BlockDesign, refined: Refined[Any]) -> bool:
-    """Whether a set with a memory explains the readings only together with the columns that stand beside its terms."""
-    return _has_memory(refined) and left_by_families(refined, whole) > UNKNOWN_TO_FAMILIES * mismatch(whole)
+def relies_on_companions(whole: Design | BlockDesign, refined: Refined[Any]) -> bool:
+    """Return whether a set with a memory explains the readings only together with its internal companions."""
+    return _has_memory(refined) and lack_of_fit_without_companions(refined, whole) > LEAST_RELIANCE * mismatch(whole)
 
 
 def _has_memory(refined: Refined[Any]) -> bool:
     return any(each.term.is_memory for each in refined.design.candidates)
 
 
-def least_beside(found: Figures, whole: Design | BlockDesign, left: float) -> float:
-    """Squared sum that an effect has to explain to be named beside `unknown`: less may be a part of what is `left`."""
-    return float(np.inf) if explains_little(found, whole) else STRONGER * left
+def least_gain_beside_unknown(errors: HeldoutErrors, whole: Design | BlockDesign, unexplained: float) -> float:
+    """Return the least gain of an effect that is reported beside `unknown`: a weaker one may be a part of that.
+
+    `unexplained`: squared residual beyond the noise. Gains are in variances of the noise.
+    """
+    return float(np.inf) if explains_little(errors, whole) else STRONGER * unexplained
 
 
 def mismatch(whole: Design | BlockDesign) -> float:
-    """Squared residual of the static model beyond the noise, in its variances."""
+    """Return the squared residual of the static model beyond the noise, in variances of the noise."""
     return whole.total - float(np.count_nonzero(whole.weights))
 
 
-def left_by_families(refined: Refined[Any], whole: Design | BlockDesign) -> float:
-    """Squared residual beyond the noise that a set leaves by itself, in variances of the noise; 0 where it is small.
+def lack_of_fit_without_companions(refined: Refined[Any], whole: Design | BlockDesign) -> float:
+    """Return the squared residual beyond the noise of a set without internal companions, in variances of the noise.
 
-    Without the columns for uneven materials and for a load before the recording. These are many and free: they describe
-    most of what decays or depends on the load, whatever it is.
+    Internal companions describe uneven materials and loads before the recording. They are many and nearly free, so they
+    can describe most mismatches that decay or depend on the load, whatever the cause. 0 if the residual is small, or if
+    only the wrench is known.
     """
     noise = float(np.count_nonzero(whole.weights))
-    left = mismatch(whole) - refined.of_families.gain
-    return left if isinstance(whole, BlockDesign) and left > UNKNOWN_EXCESS * noise else 0.0
+    lack = mismatch(whole) - refined.without_internal_companions.gain
+    return lack if isinstance(whole, BlockDesign) and lack > UNKNOWN_EXCESS * noise else 0.0
 
 
-def explains_little(found: Figures, whole: Design | BlockDesign) -> bool:
-    """Whether so little is better on held-out rows of a known load that the verdict is `unexplained`."""
+def explains_little(errors: HeldoutErrors, whole: Design | BlockDesign) -> bool:
+    """Return whether a set lowers the held-out error of a known load so little that the verdict is `unexplained`."""
     if not isinstance(whole, BlockDesign):
-        return False  # the force may be right and the moments wrong
-    before, after, floor = (float(each[0]) for each in (found.before, found.after, found.floor))
+        return False  # an effect may change the moments and not the force
+    before, after, floor = (float(each[0]) for each in (errors.before, errors.after, errors.floor))
     return before**2 - after**2 < outcome.LEAST_EXPLAINED * (before**2 - floor**2)
 
 
-def most_null(every: Iterable[tuple[Figures, Design | BlockDesign]]) -> float:
-    """The largest error before, in floors, that recordings show where nothing differs.
+def null_bound(every: Iterable[tuple[HeldoutErrors, Design | BlockDesign]]) -> float:
+    """Return the largest error of the model handed in, relative to the noise floor, that is no mismatch.
 
-    A clock that is off within its prior leaves as much, but nowhere more than noise.
+    It is above 1 only if no residual has an excess over the noise: a clock error within its prior raises the error
+    without one.
     """
-    is_calm = all(float(np.max(excess(found, whole))) < UNKNOWN_EXCESS for found, whole in every)
-    return MOST_NULL if is_calm else 1.0
+    is_noise = all(float(np.max(excess(errors, whole))) < UNKNOWN_EXCESS for errors, whole in every)
+    return MOST_NULL if is_noise else 1.0
 
 
-def squared_rest(found: Figures, whole: Design | BlockDesign) -> float:
-    """Squared residual beyond the noise, in its variances."""
-    return float(whole.n_rows * found.left.excess.sum())
+def excess_square(errors: HeldoutErrors, whole: Design | BlockDesign) -> float:
+    """Return the slow part of the squared residual beyond the noise, in variances of the noise."""
+    return float(whole.n_rows * errors.lack_of_fit.excess.sum())
 
 
 def timing_energy(whole: Design | BlockDesign, timing: Timing) -> float:
-    """Squared residual that a delay and a lag of the whole insole take away; a clock's free offset is neither."""
+    """Return the reduction of the squared residual by delay and lag of the whole insole, not by a free clock offset."""
     aligned = Timing(timing.delay_s if whole.load.observation.offset_is_free else 0.0)
     return float(whole.retimed(aligned).total - whole.total)
 
 
-def excess(found: Figures, whole: Design | BlockDesign) -> Array:
-    """(c,) of what is left, by channel, in mean squares of its noise; of one taxel's where channels are triangles."""
-    noise = np.where(found.left.noise > 0, found.left.noise, np.inf)
+def excess(errors: HeldoutErrors, whole: Design | BlockDesign) -> Array:
+    """Return the excess (c,) of the residual over the noise, in variances of the noise of each channel.
+
+    If channels are triangles, it is per taxel: the mean of n taxels has 1/n of the noise variance of one.
+    """
+    noise = np.where(errors.lack_of_fit.noise > 0, errors.lack_of_fit.noise, np.inf)
     if not isinstance(whole, BlockDesign):
-        return np.asarray(found.left.excess / noise)
+        return np.asarray(errors.lack_of_fit.excess / noise)
     taxels = np.maximum(whole.seen.usable.sum(axis=1), 1)
-    return np.asarray(found.left.excess / noise / taxels * PER_TAXEL)
+    return np.asarray(errors.lack_of_fit.excess / noise / taxels * PER_TAXEL)
 
 
-def unknown(seen: WrenchObservation, found: Figures, whole: Design | BlockDesign) -> Finding:
-    """The finding on what is left, with the place and the part of the load where it is largest."""
+def unknown_finding(seen: WrenchObservation, errors: HeldoutErrors, whole: Design | BlockDesign) -> Finding:
+    """Return the finding `unknown`, with the place and the regime of the load where the residual is largest."""
     channel = 0
     if isinstance(whole, BlockDesign):
-        left_there = excess(found, whole)
-        where = place_of(left_there > 0.3 * float(left_there.max()), whole.seen)
+        by_triangle = excess(errors, whole)
+        where = place_of(by_triangle > 0.3 * float(by_triangle.max()), whole.seen)
         text = "readings differ from the model by more than noise; no known effect explains it"
     else:
-        channel = int(np.argmax(excess(found, whole)))
+        channel = int(np.argmax(excess(errors, whole)))
         name = ("the force", "the moment m_x", "the moment m_y")[channel]
         where, text = Where(), f"{name} differs from the model by more than noise; no known effect explains it"
     load = seen.reference.at(seen.reference_s)
     load = load.mean(axis=1) if seen.load_is_known else load[:, 0]
-    left = np.where(found.known, found.course_after[:, channel], 0.0)
-    regime, equation = left_over.regime_and_equation(load, left, seen.step_s, seen.load_is_known)
+    residual = np.where(errors.known, errors.course_after[:, channel], 0.0)
+    regime, equation = residual_description.regime_and_equation(load, residual, seen.step_s, seen.load_is_known)
     if regime:
         (low, high), phase = list(regime.values())
         of, unit = (1e-3, "kPa") if seen.load_is_known else (1.0, "N")
         text += f"; most of it is there while {phase} between {low * of:.0f} and {high * of:.0f} {unit}"
     place = place_in_words(where)
-    before, after, floor = (float(each[0]) for each in (found.before, found.after, found.floor))
+    before, after, floor = (float(each[0]) for each in (errors.before, errors.after, errors.floor))
     return Finding(
         effect="unknown", foot=seen.layout.foot, where=where, recordings=(seen.name,), confidence=0.8,
         left=after**2 - floor**2,

@@ -88,7 +88,7 @@ class BlockDesign:
         rows *= self.mask[columns].T[..., None]
         return rows
 
-    def moved_by(self, candidate: PlacedTerm, shares: Array) -> Array:
+    def contribution(self, candidate: PlacedTerm, shares: Array) -> Array:
         """Return the weighted rows (T, N) of a candidate's effect with `shares`."""
         return np.stack([shares @ rows for rows in self.rows_of(candidate.columns)])
 
@@ -140,14 +140,14 @@ class BlockDesign:
         return np.maximum(without_echo, LEAST_KEPT * self._columns.summed(np.einsum("tkk->tk", self.atoms.raw)))
 
     @cached_property
-    def left_of_atoms(self) -> Array:
+    def atom_cross(self) -> Array:
         """Return the inner products (T, K) of the atoms with y, own nuisance columns projected out."""
         return self.atoms.products_with(self._y_residual) - self.atoms.product
 
     @cached_property
     def cross(self) -> Array:
         """Return the inner products (p,) of the columns with y, nuisance columns projected out."""
-        products = self._columns.summed(self.left_of_atoms)
+        products = self._columns.summed(self.atom_cross)
         return np.asarray(products - self._with_shared @ self.nuisance.shared_inverse @ self._y_with_shared)
 
     @cached_property
@@ -220,10 +220,10 @@ class BlockDesign:
         """Return a regression on the same rows with other `atoms`: those `kept` of this one, then new ones."""
         changed = replace(self, atoms=atoms, **changes)
         vars(changed).update(_y_residual=self._y_residual, _y_with_shared=self._y_with_shared, total=self.total)
-        if "left_of_atoms" in vars(self):
-            known = self.left_of_atoms[:, kept]
+        if "atom_cross" in vars(self):
+            known = self.atom_cross[:, kept]
             new = atoms.products_with(self._y_residual, known.shape[1]) - atoms.product[:, known.shape[1] :]
-            vars(changed).update(left_of_atoms=np.concatenate([known, new], axis=1))
+            vars(changed).update(atom_cross=np.concatenate([known, new], axis=1))
         return changed
 
     def under(self, priors: Priors) -> BlockDesign:
@@ -291,7 +291,7 @@ class BlockDesign:
         candidates = tuple(candidate.of_law().without(IN_NO_MODEL) for candidate in self.candidates)
         return self._changed(self.atoms, slice(None), candidates=candidates)
 
-    def of_families(self) -> BlockDesign:
+    def without_internal_companions(self) -> BlockDesign:
         """Return the regression with all columns of its candidates, without companions that are in no model."""
         candidates = tuple(candidate.without(IN_NO_MODEL) for candidate in self.candidates)
         return self._changed(self.atoms, slice(None), candidates=candidates)

@@ -124,7 +124,7 @@ class Design:
         """Return the regression itself: on a walk there are no companions for the misfit of laws."""
         return self
 
-    def of_families(self) -> Design:
+    def without_internal_companions(self) -> Design:
         """Return the regression itself, for the same reason."""
         return self
 

@@ -36,9 +36,9 @@ class Refined(Generic[D]):
         return Refined(alone, *solve_shares(alone, alone.candidates))
 
     @cached_property
-    def of_families(self) -> Refined[D]:
+    def without_internal_companions(self) -> Refined[D]:
         """Return the set with all columns of its terms, without companions that are in no model."""
-        alone = self.design.of_families()
+        alone = self.design.without_internal_companions()
         return Refined(alone, *solve_shares(alone, alone.candidates))
 
     def gain_without(self, i: int) -> float:

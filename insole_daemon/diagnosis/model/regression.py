@@ -119,7 +119,7 @@ class Regression(Protocol):
     def of_laws(self) -> Self:
         """Return the regression with the laws alone, without columns and companions for their misfit."""
 
-    def of_families(self) -> Self:
+    def without_internal_companions(self) -> Self:
         """Return the regression with all columns of its candidates, without companions that are in no model."""
 
 

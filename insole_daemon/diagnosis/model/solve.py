@@ -81,7 +81,7 @@ def _sums(chosen: Sequence[PlacedTerm], load_is_known: bool) -> list[tuple[slice
     for candidate in chosen:
         shares = slice(start, start + len(candidate.columns))
         start = shares.stop
-        if np.isfinite(bound := candidate.term.most(load_is_known)):
+        if np.isfinite(bound := candidate.term.sum_bound(load_is_known)):
             sums.append((shares, bound))
     return sums
 

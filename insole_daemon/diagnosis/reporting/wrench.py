@@ -172,7 +172,7 @@ def _noise(diagnosis: Diagnosis) -> str:
             if result.seen.load_is_known
             else CHANNELS
         )
-        noise, excess = result.figures.left.noise, result.figures.left.excess
+        noise, excess = result.figures.lack_of_fit.noise, result.figures.lack_of_fit.excess
         for name, level, slow in zip(names, noise.tolist(), excess.tolist(), strict=True):
             rows.append((result.seen.name, name, f"{np.sqrt(level):.2f}", f"{np.sqrt(slow):.2f}"))
     text = (

@@ -1,4 +1,8 @@
-"""Steps at the very moment at which they explain most: a grid of moments leaves much of a large one."""
+"""Refine the times of events (steps of the baseline or of the reference) before the search.
+
+Candidates have events on a grid of times (`terms.term.moments_s`). The error of the grid leaves a large residual of a
+large step, which the search would otherwise take for further effects.
+"""
 
 from __future__ import annotations
 
@@ -15,28 +19,28 @@ MOMENT = "t_s"
 Events = Mapping[tuple[str, Where], Setting]
 
 
-def best_events(design: BlockDesign, beside: Sequence[int] = ()) -> Events:
-    """Of every kind of event at every place, the setting at its best moment.
+def refine_events(design: BlockDesign, selected: Sequence[int] = ()) -> Events:
+    """Return, for every event word and place, the setting with the time of the largest gain, refined.
 
-    `beside`: numbers of the candidates that are taken to be there, too.
+    `selected`: numbers of candidates that are fitted together with each event.
     """
     best: dict[tuple[str, Where], tuple[float, int]] = {}
     for k, candidate in enumerate(design.candidates):
-        if k in beside or not _is_event(candidate):
+        if k in selected or not _is_event(candidate):
             continue
-        part = design.subset([*beside, k])
-        key, gain = (candidate.word, candidate.where), solve_shares(part, part.candidates)[1]
+        subset = design.subset([*selected, k])
+        key, gain = (candidate.word, candidate.where), solve_shares(subset, subset.candidates)[1]
         if key not in best or gain > best[key][0]:
             best[key] = (gain, k)
     return {
-        key: refine(design, (*beside, k)).design.candidates[-1].settings[0] for key, (_, k) in best.items()
+        key: refine(design, (*selected, k)).design.candidates[-1].settings[0] for key, (_, k) in best.items()
     }  # fmt: skip
 
 
 def with_events(design: BlockDesign, events: Events) -> BlockDesign:
-    """`design` with a further candidate for each of `events`."""
-    like = {(each.word, each.where): k for k, each in enumerate(design.candidates) if _is_event(each)}
-    return design.with_settings([(like[key], setting) for key, setting in events.items()])
+    """Return `design` with a further candidate for each of `events`."""
+    on_grid = {(event.word, event.where): k for k, event in enumerate(design.candidates) if _is_event(event)}
+    return design.with_settings([(on_grid[key], setting) for key, setting in events.items()])
 
 
 def _is_event(candidate: PlacedTerm) -> bool:

@@ -1,4 +1,8 @@
-"""Sets of triangles that are neither a board nor one triangle: for every term, those that gain by it together."""
+"""Add candidates at sets of triangles that are neither a board nor a single triangle.
+
+For every term, the triangles are ordered by the gain of the term in each, and the m best are a set; m has the highest
+gain after the penalty. The order needs one solution per triangle instead of one per subset.
+"""
 
 from __future__ import annotations
 
@@ -12,65 +16,71 @@ from ..model.blocks import BlockDesign
 from .search import FittedSet, SubsetSearch
 
 MOST_GROUPS = 16
-LEAST_BETTER = 1.02  # times what the best board, triangle or the insole gains
+LEAST_BETTER = 1.02  # times the gain at the insole or at the best board
 
 
 def with_groups(design: BlockDesign, best: FittedSet) -> BlockDesign:
-    """`design` with further candidates, beside `best` and in the place of each of its candidates."""
-    found: dict[tuple[int, bytes], tuple[float, NDArray[np.bool_]]] = {}
+    """Return `design` with up to MOST_GROUPS further candidates at sets of triangles.
+
+    Sets are looked for in the residual of `best`, and in that of `best` without one of its words, or without all
+    memories: an effect on a set may have been selected as several effects, with one word or with two.
+    """
+    groups: dict[tuple[int, bytes], tuple[float, NDArray[np.bool_]]] = {}
     search = SubsetSearch(design)
-    every = [design.candidates[k] for k in best.chosen]
-    memories = frozenset(each.word for each in every if each.term.absorbs)
-    # What stands at several places may be one effect, under one name or, by chance, under two.
-    for words in {frozenset(), memories, *(frozenset({each.word}) for each in every)}:
-        rest = search.fit([k for k, each in zip(best.chosen, every, strict=True) if each.word not in words])
-        for k, rows, score in _groups(design, rest, words):
-            found[k, rows.tobytes()] = (score, rows)
-    ordered = sorted(found.items(), key=lambda item: -item[1][0])[:MOST_GROUPS]
-    return design.extended([(k, rows) for (k, _), (_, rows) in ordered])
+    selected = [design.candidates[k] for k in best.chosen]
+    memories = frozenset(candidate.word for candidate in selected if candidate.term.absorbs)
+    for words in {frozenset(), memories, *(frozenset({candidate.word}) for candidate in selected)}:
+        rest = search.fit([k for k, one in zip(best.chosen, selected, strict=True) if one.word not in words])
+        for k, triangles, score in _groups(design, rest, words):
+            groups[k, triangles.tobytes()] = (score, triangles)
+    ordered = sorted(groups.items(), key=lambda item: -item[1][0])[:MOST_GROUPS]
+    return design.extended([(k, triangles) for (k, _), (_, triangles) in ordered])
 
 
 def _groups(design: BlockDesign, rest: FittedSet, words: frozenset[str]) -> list[tuple[int, NDArray[np.bool_], float]]:
-    """Candidates' numbers, triangles (T,) and what they gain less their price."""
-    left = _left(design, rest)
+    """Return (k, triangles (T,), gain less penalty) of sets in the residual of `rest`; with `words`, of these only."""
+    cross = _residual_cross(design, rest)
     works = np.asarray(design.seen.usable.any(axis=1))
     taxels = design.seen.usable.sum(axis=1)
-    found = []
+    groups = []
     for k, candidate in enumerate(design.candidates):
         if candidate.where.scope != "insole" or "triangle" not in candidate.term.scopes or candidate.term.is_internal:
             continue
         if words and candidate.word not in words:
             continue
         atoms = design.atom[candidate.columns]
-        r, gram = left[:, atoms], design.atoms.gram[:, atoms][:, :, atoms]
+        r, gram = cross[:, atoms], design.atoms.gram[:, atoms][:, :, atoms]
         ridge = 1e-6 * np.einsum("tkk->tk", gram)[..., None] * np.eye(len(atoms)) + 1e-12 * np.eye(len(atoms))
         shares = np.linalg.solve(gram + ridge, r[..., None])[..., 0]
         gains = np.where(works, np.einsum("tk,tk->t", r, shares), -np.inf)
         if candidate.term.share == "positive":
             gains = np.where((r > 0).any(axis=1), gains, -np.inf)
-        # Triangles that have the same effect have it with the same sign.
+        # One effect has the same sign in all triangles.
         strongest = shares[int(np.argmax(gains))]
         gains = np.where(shares @ strongest > 0, gains, -np.inf)
         order = [t for t in np.argsort(-gains).tolist() if np.isfinite(gains[t])]
-        each = design.least[k] / max(float(taxels.sum()), 1.0)
+        least_per_taxel = design.least[k] / max(float(taxels.sum()), 1.0)
         scores = []
         for m in range(1, len(order) + 1):
-            part = order[:m]
-            r_sum, gram_sum = r[part].sum(axis=0), (gram + ridge)[part].sum(axis=0)
-            price = each * float(taxels[part].sum()) + 2 * math.log(math.comb(int(works.sum()), m))
-            scores.append(float(r_sum @ np.linalg.solve(gram_sum, r_sum)) - price)
+            group = order[:m]
+            r_sum, gram_sum = r[group].sum(axis=0), (gram + ridge)[group].sum(axis=0)
+            penalty = least_per_taxel * float(taxels[group].sum()) + 2 * math.log(math.comb(int(works.sum()), m))
+            scores.append(float(r_sum @ np.linalg.solve(gram_sum, r_sum)) - penalty)
         if not scores or max(scores) <= 0:
             continue
         m = int(np.argmax(scores)) + 1
-        rows = np.zeros(len(works), np.bool_)
-        rows[order[:m]] = True
-        if 1 < m < works.sum() and scores[m - 1] > LEAST_BETTER * _best_usual(design, r, gram + ridge, works):
-            found.append((k, rows, scores[m - 1]))
-    return found
+        triangles = np.zeros(len(works), np.bool_)
+        triangles[order[:m]] = True
+        if 1 < m < works.sum() and scores[m - 1] > LEAST_BETTER * _best_regular_gain(design, r, gram + ridge, works):
+            groups.append((k, triangles, scores[m - 1]))
+    return groups
 
 
-def _best_usual(design: BlockDesign, r: Array, gram: Array, works: NDArray[np.bool_]) -> float:
-    """What the best board or triangle, or the whole insole, gains, without a price."""
+def _best_regular_gain(design: BlockDesign, r: Array, gram: Array, works: NDArray[np.bool_]) -> float:
+    """Return the largest gain at one of the places that are candidates anyway: the insole, and each board.
+
+    `r` (T, k): inner products of a term's columns with the residual; `gram` (T, k, k): among themselves; `works` (T,).
+    """
     boards = design.seen.layout.identities[:, 0]
     places = [works, *(works & (boards == board) for board in np.unique(boards))]
     return max(
@@ -78,10 +88,10 @@ def _best_usual(design: BlockDesign, r: Array, gram: Array, works: NDArray[np.bo
     )
 
 
-def _left(design: BlockDesign, rest: FittedSet) -> Array:
-    """(T, K) inner products of all atoms with what `rest` leaves, by triangle."""
-    left = design.left_of_atoms.copy()
+def _residual_cross(design: BlockDesign, rest: FittedSet) -> Array:
+    """Return the inner products (T, K) of all atoms with the residual of the set `rest`, by triangle."""
+    cross = design.atom_cross.copy()
     for k, shares in zip(rest.chosen, rest.shares, strict=True):
         for column, share in zip(design.candidates[k].columns, shares, strict=True):
-            left -= design.atoms.gram[:, design.atom[column]] * (share * design.mask[column])[:, None]
-    return left
+            cross -= design.atoms.gram[:, design.atom[column]] * (share * design.mask[column])[:, None]
+    return cross

@@ -1,4 +1,4 @@
-"""What a set of terms leaves of the residual, against white noise: is there something that no term describes?"""
+"""Lack of fit: the slow part of a residual beyond white noise, which no selected term describes."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ from scipy.ndimage import uniform_filter1d
 
 from ...physics.law import Array
 
-SLOW_S = (0.2, 1.0, 5.0)  # windows over which noise averages out and a mismatch does not
-LEAST_EXCESS = 0.2  # of the noise's mean square, in one channel: less is noise that is not quite white
+SLOW_S = (0.2, 1.0, 5.0)  # windows of moving averages: noise averages out, a mismatch does not
 
 
 @dataclass(frozen=True, slots=True)
 class LackOfFit:
-    """Mean squares in units of the noise, by channel (c,)."""
+    """Mean squares (c,) of a weighted residual in c channels, in variances of the expected noise."""
 
-    noise: Array  # of the residual's fast part
-    excess: Array  # of its slow part, beyond what white noise has there
+    noise: Array  # of white noise, from differences of neighbouring rows
+    excess: Array  # of the slow part, beyond that of white noise
 
 
 def lack_of_fit(z: Array, step_s: float, expected: float = 0.0) -> LackOfFit:
-    """Of a weighted residual (N, c) in time order.
+    """Return noise and excess of a weighted residual `z` (N, c) with rows every `step_s`.
 
-    The level of the noise comes from differences of neighbouring rows; the excess is the largest, over a few windows,
-    of what averages keep beyond that noise, and beyond what of the mean square that is `expected` is slow.
+    noise = mean of (z_{k+1} − z_k)²/2 (von Neumann, Ann. Math. Stat. 12 (1941) 367). excess = the largest, over the
+    windows SLOW_S of n rows, of mean(moving average²) − 1.5·noise/n. If the expected mean square of a row,
+    `expected`, is above `noise`, the difference is slow noise that the weights account for, and is subtracted.
     """
     noise = np.mean(np.diff(z, axis=0) ** 2, axis=0) / 2.0
     excess = np.zeros(z.shape[1])

@@ -1,7 +1,9 @@
-"""The set of candidates that explains a recording best for its price.
+"""Subset selection: the set of candidates with the highest score on one recording.
 
-A set's score is the squared residual it takes away less the penalties of its candidates. The search goes forward with a
-beam, and after every step tries to leave out and to exchange what is in a set.
+The score of a set is its gain, the reduction of the squared residual, minus its penalty (`penalties.py`), both in
+variances of the noise. The search is a forward selection with a beam; after every step it tries to remove and to
+exchange the candidates of a set (similar to the floating search of Pudil, Novovičová & Kittler, Pattern Recognit. Lett.
+15 (1994) 1119).
 """
 
 from __future__ import annotations
@@ -17,52 +19,52 @@ from ...physics.effect import Where
 from ...physics.law import Array
 from ..model.regression import D, PlacedTerm
 from ..model.solve import RIDGE, is_possible, solve_shares
-from .prices import prices_of
+from .penalties import penalties_of
 
-BEAM = 3
-TRIED = 12  # exchanges of a candidate
-LEAST_OF_REST = 0.05  # of what a set leaves beyond the noise: a step that explains less ends the search
-SHORTLIST = 40  # candidates a step that are solved exactly, after a bound on what each can gain
+BEAM = 3  # sets that every step extends
+TRIED = 12  # exchanges that are tried for a candidate
+LEAST_OF_REST = 0.05  # of the residual beyond the noise: a step with a smaller gain ends the search
+SHORTLIST = 40  # candidates that are solved exactly in a step: those with the highest approximate gains
 SCALES = ("gain", "stiffening", "bit_shift")
 LATE = ("delay", "lag")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FittedSet:
-    """A set of candidates, fitted."""
+    """A set of candidates with its fit."""
 
-    chosen: tuple[int, ...]  # candidates' numbers, sorted
-    shares: tuple[Array, ...]  # of each
-    gain: float  # squared residual taken away
-    score: float  # less penalties
+    chosen: tuple[int, ...]  # numbers of the candidates, sorted
+    shares: tuple[Array, ...]  # (k,) for each candidate with k columns
+    gain: float  # reduction of the squared residual, variances of the noise
+    score: float  # gain minus penalty; -inf if the set is no valid model
 
 
 class SubsetSearch(Generic[D]):
-    """All sets that were fitted on one design."""
+    """Search on one design; fitted sets are cached."""
 
-    def __init__(self, design: D, barred: frozenset[str] = frozenset()) -> None:
-        """`barred`: words that no set may have, because the timing of the design stands for them."""
-        self.design, self.barred = design, barred
-        self.prices = prices_of(design)
-        self.noise = float(np.count_nonzero(design.weights))  # squared sum of what noise alone leaves
+    def __init__(self, design: D, excluded_words: frozenset[str] = frozenset()) -> None:
+        """Prepare the search; `excluded_words` are in no set, because the timing of the design describes them."""
+        self.design, self.excluded_words = design, excluded_words
+        self.penalties = penalties_of(design)
+        self.noise = float(np.count_nonzero(design.weights))  # expected squared residual of noise alone
         self._fitted: dict[tuple[int, ...], FittedSet] = {}
         self._starts = np.array([each.columns[0] for each in design.candidates])
         self._joint = self._joint_candidates()
         kinds = {"free": 0, "positive": 1, "whole": 2}
         self._kind = np.concatenate([np.full(len(c.columns), kinds[c.term.share]) for c in design.candidates])
-        self._surcharges = np.array([self.prices.surcharge(each) for each in design.candidates])
+        self._complexity_penalties = np.array([self.penalties.complexity_penalty(each) for each in design.candidates])
 
     def run(self) -> list[FittedSet]:
-        """The best sets, best first; the empty one is among them."""
+        """Return the sets of the beams, the highest score first; the empty set is one of them."""
         empty = self.fit(())
         beam: list[FittedSet] = [empty]
         best: dict[tuple[int, ...], FittedSet] = {(): empty}
-        for _ in range(self.prices.most_terms):
+        for _ in range(self.penalties.most_terms):
             grown: dict[tuple[int, ...], FittedSet] = {}
             for start in beam:
-                for found in self._grow(start)[: BEAM + 2]:
-                    polished = self._polish(found)
-                    grown[polished.chosen] = polished
+                for extended in self._extensions(start)[: BEAM + 2]:
+                    improved = self._improve(extended)
+                    grown[improved.chosen] = improved
             if not grown:
                 break
             previous = max(each.score for each in beam)
@@ -75,67 +77,69 @@ class SubsetSearch(Generic[D]):
         return sorted(best.values(), key=lambda each: -each.score)
 
     def fit(self, chosen: Sequence[int]) -> FittedSet:
-        """The set `chosen`, with its score."""
+        """Return the fit of the candidates numbered `chosen`."""
         key = tuple(sorted(chosen))
         if key not in self._fitted:
             every = [self.design.candidates[k] for k in key]
             shares, gain = solve_shares(self.design, every) if _is_a_model(every) else ((), 0.0)
             possible = len(shares) == len(every) and is_possible(every, shares, self.design.load.is_known)
-            score = gain - self.prices.of_set(key, every, shares) if possible else -np.inf
+            score = gain - self.penalties.set_penalty(key, every, shares) if possible else -np.inf
             self._fitted[key] = FittedSet(key, shares, gain, score)
         return self._fitted[key]
 
     def alternatives(self, best: FittedSet, position: int, share: float) -> list[tuple[str, float]]:
-        """Words that may stand in the place of one candidate of `best`, with how much worse the set is then.
+        """Return words that may replace the candidate at `position` in `best`, with the loss of score, smallest first.
 
-        By less than a `share` of the least that the candidate has to gain.
+        The loss is less than `share` times the least gain of the candidate.
         """
-        within = share * self.prices.least(best.chosen[position])
+        within = share * self.penalties.least_gain(best.chosen[position])
         rest = [k for k in best.chosen if k != best.chosen[position]]
         own = self.design.candidates[best.chosen[position]].word
-        found: dict[str, float] = {}
-        for k in self._short(rest):
+        losses: dict[str, float] = {}
+        for k in self._shortlist(rest):
             word = self.design.candidates[k].word
             if word == own or k in rest or own in self.design.candidates[k].term.yields_to:
-                continue  # what yields to it is a wider family, and describes it, too
-            worse = best.score - self.fit([*rest, k]).score
-            if worse < within and worse < found.get(word, np.inf):
-                found[word] = worse
-        return sorted(found.items(), key=lambda item: item[1])
+                continue  # a term that yields to this one is a wider family and describes the same effect
+            loss = best.score - self.fit([*rest, k]).score
+            if loss < within and loss < losses.get(word, np.inf):
+                losses[word] = loss
+        return sorted(losses.items(), key=lambda item: item[1])
 
-    def simplified(self, best: FittedSet, share: float) -> FittedSet:
-        """`best` with terms exchanged for likelier ones that explain as much, but for their misfit and for a `share`
-        of the least that a term has to gain.
+    def simplify(self, best: FittedSet, share: float) -> FittedSet:
+        """Return `best` with terms replaced by preferred ones (Term.yields_to) if the score falls little.
+
+        It may fall by `share` times the least gain of the term, plus the tolerated loss of its law.
         """
         current = best
         for k in best.chosen:
-            if k not in current.chosen:  # a likelier term at a larger place has taken it in
+            if k not in current.chosen:  # replaced together with an earlier one, by a term at a larger place
                 continue
             candidate = self.design.candidates[k]
             rest = [j for j in current.chosen if j != k]
             others = [
                 j
-                for j in self._short(rest)
+                for j in self._shortlist(rest)
                 if self.design.candidates[j].word in candidate.term.yields_to and j not in rest
             ]
             own_shares = current.shares[current.chosen.index(k)]
-            loss = share * self.prices.least(k) + self.prices.loose(candidate, own_shares)
+            loss = share * self.penalties.least_gain(k) + self.penalties.tolerated_loss(candidate, own_shares)
             least = max(current.score - loss, self.fit(rest).score)
-            near = [each for each in (self.fit([*self._beside(rest, j), j]) for j in others) if each.score > least]
+            near = [each for each in (self.fit([*self._compatible(rest, j), j]) for j in others) if each.score > least]
             if near:
                 current = max(near, key=lambda each: each.score)
         return current
 
-    def _beside(self, chosen: Sequence[int], k: int) -> list[int]:
-        """Of `chosen` what can stand beside candidate `k`: its own word at a part of its place is a part of it."""
+    def _compatible(self, chosen: Sequence[int], k: int) -> list[int]:
+        """Return `chosen` without candidates that have the word of candidate `k` at an overlapping place."""
         own = self.design.candidates[k]
         every = [(j, self.design.candidates[j]) for j in chosen]
         return [j for j, each in every if each.word != own.word or not _overlap(each.where, own.where)]
 
     def margin(self, best: FittedSet, position: int) -> float:
-        """How much worse the best set without this candidate's word is, with anything else in its place or nothing.
+        """Return the loss of score of the best set without the word of the candidate at `position` in `best`.
 
-        In units of the least that the candidate has to gain; 0 of a set that makes no sense.
+        The candidate is left out or replaced by one with another word. In units of its least gain; 0 if `best` is no
+        valid model.
         """
         if not np.isfinite(best.score):
             return 0.0
@@ -144,55 +148,60 @@ class SubsetSearch(Generic[D]):
         others = [self.fit(rest).score]
         others += [
             self.fit([*rest, k]).score
-            for k in self._short(rest)
+            for k in self._shortlist(rest)
             if self.design.candidates[k].word != own and k not in rest
         ]
-        return float(best.score - max(others)) / self.prices.least(best.chosen[position])
+        return float(best.score - max(others)) / self.penalties.least_gain(best.chosen[position])
 
     def singles(self) -> list[FittedSet]:
-        """Sets of one candidate."""
-        return [self.fit((k,)) for k in self._short(())]
+        """Return the sets of one candidate, of all candidates on the shortlist."""
+        return [self.fit((k,)) for k in self._shortlist(())]
 
-    def _grow(self, start: FittedSet) -> list[FittedSet]:
+    def _extensions(self, start: FittedSet) -> list[FittedSet]:
+        """Return `start` with one more candidate, the highest score first, at most one set for each added word."""
         words = {(self.design.candidates[k].word, self.design.candidates[k].where) for k in start.chosen}
-        found = []
-        for k in self._short(start.chosen):
+        extended = []
+        for k in self._shortlist(start.chosen):
             candidate = self.design.candidates[k]
             if k in start.chosen or (candidate.word, candidate.where) in words:
                 continue
             if candidate.where.scope != "insole" and (candidate.word, type(candidate.where)()) in words:
                 continue
-            found.append(self.fit([*start.chosen, k]))
-        found = [each for each in found if np.isfinite(each.score)]
-        # One of each word: a beam of three places of one term would be no beam.
+            extended.append(self.fit([*start.chosen, k]))
+        valid = [fitted for fitted in extended if np.isfinite(fitted.score)]
+        # One set for each word: otherwise the beam would hold one term at three places.
         best: dict[str, FittedSet] = {}
-        for each in sorted(found, key=lambda each: -each.score):
-            new = (set(each.chosen) - set(start.chosen)).pop()
-            best.setdefault(self.design.candidates[new].word, each)
+        for fitted in sorted(valid, key=lambda fitted: -fitted.score):
+            new = (set(fitted.chosen) - set(start.chosen)).pop()
+            best.setdefault(self.design.candidates[new].word, fitted)
         return list(best.values())
 
-    def _polish(self, start: FittedSet) -> FittedSet:
-        """`start` with candidates left out or exchanged as long as that helps."""
+    def _improve(self, start: FittedSet) -> FittedSet:
+        """Return `start` with candidates removed or exchanged as long as the score rises, at most four times."""
         current = start
         for _ in range(4):
             options = [self.fit([j for j in current.chosen if j != k]) for k in current.chosen]
             for k in current.chosen:
                 rest = [j for j in current.chosen if j != k]
                 if rest:
-                    options += [self.fit([*rest, j]) for j in self._short(rest)[:TRIED] if j not in rest]
+                    options += [self.fit([*rest, j]) for j in self._shortlist(rest)[:TRIED] if j not in rest]
             better = max(options, key=lambda each: each.score, default=current)
             if better.score <= current.score + 1e-6:
                 break
             current = better
         return current
 
-    def _short(self, chosen: Sequence[int]) -> list[int]:
-        """Candidates by what each gains beside `chosen` without bounds on its shares, the most first."""
+    def _shortlist(self, chosen: Sequence[int]) -> list[int]:
+        """Return up to SHORTLIST candidates by their approximate gain beside `chosen` less penalty, the highest first.
+
+        The gain is that of a candidate with free shares, companions left out, on the residual of `chosen`; at most six
+        candidates have the same word.
+        """
         design = self.design
         taken = self.fit(chosen)
         columns = np.concatenate([design.candidates[k].columns for k in taken.chosen] or [np.empty(0, np.intp)])
         shares = np.concatenate([*taken.shares, np.empty(0)])
-        left = design.cross - design.gram[:, columns] @ shares
+        cross = design.cross - design.gram[:, columns] @ shares
         if len(columns):
             own = design.gram[np.ix_(columns, columns)]
             own = own + np.diag(RIDGE * np.diag(own) + 1e-12)
@@ -202,55 +211,59 @@ class SubsetSearch(Generic[D]):
             diagonal = design.gram.diagonal().copy()
         diagonal = np.maximum(diagonal, 1e-3 * design.gram.diagonal() + 1e-12)
         kind, own_square = self._kind, design.gram.diagonal()
-        per_column = np.where(kind == 1, np.maximum(left, 0.0), left) ** 2 / diagonal
-        per_column = np.where(kind == 2, 2 * left - own_square, per_column)
-        gains = np.add.reduceat(per_column, self._starts) - self._surcharges
+        per_column = np.where(kind == 1, np.maximum(cross, 0.0), cross) ** 2 / diagonal
+        per_column = np.where(kind == 2, 2 * cross - own_square, per_column)
+        gains = np.add.reduceat(per_column, self._starts) - self._complexity_penalties
         for numbers, columns_of, inverses in self._joint:
-            r = left[columns_of]
-            bound = np.einsum("mi,mij,mj->m", r, inverses, r) - self._surcharges[numbers]
+            r = cross[columns_of]
+            bound = np.einsum("mi,mij,mj->m", r, inverses, r) - self._complexity_penalties[numbers]
             gains[numbers] = np.minimum(gains[numbers], bound)
         order: list[int] = np.argsort(-gains)[: 6 * SHORTLIST].tolist()
-        # The best few of every word, and the best of all.
-        seen: dict[str, int] = {}
-        short = []
+        n_of_word: dict[str, int] = {}
+        shortlist = []
         for k in order:
             word = design.candidates[k].word
-            seen[word] = seen.get(word, 0) + 1
+            n_of_word[word] = n_of_word.get(word, 0) + 1
             if (
-                seen[word] <= 6
+                n_of_word[word] <= 6
                 and gains[k] > 0
-                and word not in self.barred
+                and word not in self.excluded_words
                 and not design.candidates[k].term.is_internal
             ):
-                short.append(k)
-        return short[:SHORTLIST]
+                shortlist.append(k)
+        return shortlist[:SHORTLIST]
 
     def _joint_candidates(self) -> list[tuple[NDArray[np.intp], NDArray[np.intp], Array]]:
-        """Of candidates with k > 1 columns, by k: their m numbers, their columns (m, k), and inverses (m, k, k)."""
-        found = []
+        """Return, for each k > 1, the numbers (m,) of candidates with k columns, their columns, and inverses.
+
+        Columns are (m, k), the inverses of their Gram matrices (m, k, k).
+        """
+        joint = []
         sizes = np.array([len(each.columns) for each in self.design.candidates])
         for k in np.unique(sizes[sizes > 1]).tolist():
             numbers = np.flatnonzero(sizes == k)
             columns = np.stack([self.design.candidates[n].columns for n in numbers])
             own = self.design.gram[columns[:, :, None], columns[:, None, :]]
             own = own + (RIDGE * np.einsum("mkk->mk", own) + 1e-12)[..., None] * np.eye(k)
-            found.append((numbers, columns, np.linalg.inv(own)))
-        return found
+            joint.append((numbers, columns, np.linalg.inv(own)))
+        return joint
 
 
 def _is_a_model(chosen: Sequence[PlacedTerm]) -> bool:
-    """Whether no term stands twice at a place, no bits are shifted by a part, and not all boards are late.
+    """Return whether a set can be a model.
 
-    Readings of all boards that come late are late on the whole insole: that is a timing of the reference.
+    It is not if all boards have a delay or lag, because that is a timing of the whole insole; if a bit shift and a gain
+    overlap; if terms computed from the reference stand beside terms that change the whole load, because the columns of
+    the former then contain the error; or if a word is twice at one place.
     """
     late = [each for each in chosen if each.word in LATE and each.where.scope == "board"]
     if late and len({each.where for each in late}) == late[0].n_places:
         return False
     exact = [each for each in chosen if each.word == "bit_shift"]
     if any(_overlap(one.where, each.where) for one in exact for each in chosen if each.word == "gain"):
-        return False  # a shift by bits is a gain of a power of two, and no other
-    if any(each.term.is_of_load for each in chosen) and any(_stands_for_load(each) for each in chosen):
-        return False  # what is made of the load differs from what is made of readings by the error itself
+        return False  # a bit shift is exactly a gain of a power of two
+    if any(each.term.is_of_load for each in chosen) and any(_changes_load(each) for each in chosen):
+        return False
     return not any(
         one.word == other.word and _overlap(one.where, other.where)
         for i, one in enumerate(chosen)
@@ -258,14 +271,15 @@ def _is_a_model(chosen: Sequence[PlacedTerm]) -> bool:
     )
 
 
-def _stands_for_load(each: PlacedTerm) -> bool:
-    """Whether it changes the readings of a good part of the insole as a whole."""
-    if each.word in SCALES:
-        return each.where.scope in ("insole", "board")
-    return each.term.is_memory and not each.term.is_of_load and each.where.scope == "insole"
+def _changes_load(candidate: PlacedTerm) -> bool:
+    """Return whether a term changes the readings of the insole or of a board in proportion to the load."""
+    if candidate.word in SCALES:
+        return candidate.where.scope in ("insole", "board")
+    return candidate.term.is_memory and not candidate.term.is_of_load and candidate.where.scope == "insole"
 
 
 def _overlap(one: Where, other: Where) -> bool:
+    """Return whether two places have triangles in common."""
     if "insole" in (one.scope, other.scope):
         return True
     depth = min(len(one.ids[0]), len(other.ids[0]))

@@ -1,4 +1,8 @@
-"""Strong snaps at the very thresholds at which they explain most: beside a grid's, others would describe the rest."""
+"""Refine the thresholds of strong snaps before the search.
+
+Candidates have snaps at a grid of thresholds. The error of the grid leaves a residual of a strong snap, which the
+search would otherwise take for further effects.
+"""
 
 from __future__ import annotations
 
@@ -8,16 +12,17 @@ from ..model.refine import refine
 from ..terms.term import Setting
 
 UPPER = "up_pa"
-LEAST_SHARE = 0.05  # of the squared residual, that the strongest explains alone
-COMPARABLE = 0.1  # of the strongest, that another place's explains
-STARTS = 2  # of the grid at a place: between them a better one may lie behind a worse
+LEAST_SHARE = 0.05  # of the squared residual: gain of the strongest snap alone, for any to be refined
+COMPARABLE = 0.1  # of the gain of the strongest snap: gain at another place for that one to be refined
+STARTS = 2  # best grid points of a place that are refined: the gain has several maxima in the thresholds
 MOST_PLACES = 8
 
 
-def best_thresholds(design: BlockDesign) -> list[tuple[int, Setting]]:
-    """Numbers of candidates, one at each place where a snap explains much, and their best settings.
+def refine_thresholds(design: BlockDesign) -> list[tuple[int, Setting]]:
+    """Return (k, setting) for each place where a snap explains much: a candidate and its refined setting.
 
-    Under a load that is the same everywhere: another one has all thresholds on the way, each at its own time.
+    Empty unless the load is uniform: otherwise the taxels of a triangle pass a threshold at
+    different times.
     """
     if not design.seen.is_uniform:
         return []
@@ -32,9 +37,9 @@ def best_thresholds(design: BlockDesign) -> list[tuple[int, Setting]]:
     strongest = starts[0][0][0] if starts else 0.0
     if strongest < LEAST_SHARE * design.total:
         return []
-    found = []
-    for each in starts:
-        if each[0][0] > COMPARABLE * strongest:
-            refined = max((refine(design, (k,)) for _, k in each), key=lambda one: one.gain)
-            found.append((each[0][1], refined.design.candidates[0].settings[0]))
-    return found
+    settings = []
+    for of_place in starts:
+        if of_place[0][0] > COMPARABLE * strongest:
+            refined = max((refine(design, (k,)) for _, k in of_place), key=lambda one: one.gain)
+            settings.append((of_place[0][1], refined.design.candidates[0].settings[0]))
+    return settings

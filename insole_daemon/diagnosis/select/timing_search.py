@@ -1,4 +1,4 @@
-"""The best set of terms for every combination of a delay and a lag of the whole insole, and the best of these."""
+"""Search for delay and lag of the whole insole: the best set of terms under each timing hypothesis."""
 
 from __future__ import annotations
 
@@ -12,83 +12,84 @@ from ..model.regression import D, Timing
 from ..model.timing import MOST_S, START_S, TOLERANCE_S, fit_timing
 from .search import FittedSet, SubsetSearch
 
-ROUNDS = 4
-NEAR = Timing(0.008, 0.03)  # changes of the timing that terms need not follow
-NEARER = Timing(0.001, 0.004)  # the same of the hypothesis that is the best
+ROUNDS = 4  # of fitting terms and timing in turn
+NEAR = Timing(0.008, 0.03)  # smaller changes of the timing do not require new columns
+NEARER = Timing(0.001, 0.004)  # the same for the final fit of the best hypothesis
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Timed:
-    """A hypothesis on the timing."""
+class TimingHypothesis:
+    """A hypothesis on the timing, with its fitted times."""
 
     words: tuple[str, ...]  # "delay", "lag", or "clock" where readings come early
     timing: Timing
-    left: float  # squared residual and prices of its best set
+    criterion: float  # squared residual plus penalties of its best set, variances of the noise
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TimedSet(Timed, Generic[D]):
-    """The same with its best set."""
+class TimingFit(TimingHypothesis, Generic[D]):
+    """A timing hypothesis with its search and best set."""
 
     search: SubsetSearch[D]
     best: FittedSet
 
 
 def search_timings(
-    make: Callable[[Timing], D], is_free_clock: bool, known: Sequence[Timed] = ()
-) -> tuple[TimedSet[D], tuple[Timed, ...]]:
-    """The best hypothesis on the timing with its best set, and the others, best first.
+    make: Callable[[Timing], D], is_free_clock: bool, known: Sequence[TimingHypothesis] = ()
+) -> tuple[TimingFit[D], tuple[TimingHypothesis, ...]]:
+    """Return the timing hypothesis with the smallest criterion, and the other hypotheses, best first.
 
-    `make` gives the design of rows under the load of a timing: terms that act on it are late with it. On a clock whose
-    offset is free a delay is no hypothesis: its time is fitted in all of them. Where readings seem to come early,
-    because a declared clock is wrong, terms are computed at the times that they have then. `known`: the hypotheses of a
-    search of the same rows under other priors, from whose times this one begins.
+    The hypotheses are: none, delay, lag, both; and clock, if readings seem to come before their load because a
+    declared clock is wrong. If the clock's offset is free (`is_free_clock`), a time shift is fitted in every
+    hypothesis, so delay is none of them. `make` returns the design under the load after a timing: the columns of its
+    terms are computed from the shifted and filtered load. `known`: hypotheses of a search on the same rows under other
+    priors, whose times are the initial values.
     """
     hypotheses: list[tuple[str, ...]] = [("lag",)] if is_free_clock else [("delay",), ("lag",)]
     first = make(Timing())
     before = {each.words: each.timing for each in known}
     best = _best_of(first, make, (), is_free_clock, before.get(()))
-    others: list[Timed] = []
+    others: list[TimingHypothesis] = []
 
     def add(words: tuple[str, ...], start: Timing | None = None) -> None:
         nonlocal best
         one = _best_of(first, make, words, is_free_clock, before.get(words, start))
-        best, other = (one, best) if one.left < best.left else (best, one)
-        others.append(Timed(other.words, other.timing, other.left))  # designs are large
+        best, other = (one, best) if one.criterion < best.criterion else (best, one)
+        others.append(TimingHypothesis(other.words, other.timing, other.criterion))  # designs are large
 
     for words in hypotheses:
         add(words)
     if not is_free_clock:
         if best.words:
-            add(("delay", "lag"))  # both are worth it where one of them is
-        # A loop beside a wrong clock can hold the edges where they are.
+            add(("delay", "lag"))  # both together only if one of them lowers the criterion
+        # The edges alone may not show a wrong clock beside a memory, so all rows are fitted.
         early = fit_timing(first, (), Timing(), *_freedom(("clock",), is_free_clock))
         if early.delay_s < -NEAR.delay_s:
             add(("clock",), early)
     if best.words:
         start, words = best.timing, best.words
         del best  # designs are large: this one goes before the next is made
-        best = _from(start, first, make, words, *_freedom(words, is_free_clock), NEARER)
-    return best, tuple(sorted(others, key=lambda each: each.left))
+        best = _fit_from(start, first, make, words, *_freedom(words, is_free_clock), NEARER)
+    return best, tuple(sorted(others, key=lambda each: each.criterion))
 
 
 def _best_of(
     first: D, make: Callable[[Timing], D], words: tuple[str, ...], is_free_clock: bool, start: Timing | None
-) -> TimedSet[D]:
-    """The best timing and set of a hypothesis, from `start` or from what the rows suggest."""
+) -> TimingFit[D]:
+    """Return the fit of the hypothesis `words`, from the timing `start` or from an estimate without terms."""
     free, within_s = _freedom(words, is_free_clock)
     if start is None:
         start = _start(first, free, within_s, is_free_clock)
-    return _from(start, first, make, words, free, within_s)
+    return _fit_from(start, first, make, words, free, within_s)
 
 
 def _freedom(words: tuple[str, ...], is_free_clock: bool) -> tuple[tuple[bool, bool], tuple[float, float]]:
-    """Whether delay and lag are searched for, and between which delays."""
+    """Return whether delay and lag are free parameters, and the bounds of the delay, s."""
     free = ("delay" in words or "clock" in words or is_free_clock, "lag" in words)
     return free, (0.0 if "delay" in words else -MOST_S, 0.0 if "clock" in words else MOST_S)
 
 
-def _from(
+def _fit_from(
     timing: Timing,
     first: D,
     make: Callable[[Timing], D],
@@ -96,18 +97,18 @@ def _from(
     free: tuple[bool, bool],
     within_s: tuple[float, float],
     near: Timing = NEAR,
-) -> TimedSet[D]:
-    """The best timing and set that are reached from `timing`, the terms and the times fitted in turn.
+) -> TimingFit[D]:
+    """Return the fit that is reached from `timing` by fitting the terms and the times in turn.
 
-    Terms follow the timing where it changes by more than `near`.
+    The columns of the terms are computed anew if the timing changes by more than `near`.
     """
-    # Readings that come early could undo a delay again.
-    barred = frozenset({"clock"}) if "delay" in words or "clock" in words else frozenset()
+    # A clock term could compensate the delay of the hypothesis.
+    excluded_words = frozenset({"clock"}) if "delay" in words or "clock" in words else frozenset()
     design, made_for = first, Timing()
     for round_ in range(ROUNDS):
         if _is_moved(made_for, timing, near):
             design, made_for = make(timing), timing
-        search = SubsetSearch(design.retimed(timing), barred)
+        search = SubsetSearch(design.retimed(timing), excluded_words)
         best = search.run()[0]
         if not any(free) or round_ == ROUNDS - 1:
             break
@@ -119,18 +120,18 @@ def _from(
             design = first
             del search  # designs are large: this one goes before the next is made
     if "lag" in words and timing.lag_s < design.load.observation.least_lag_s:
-        return TimedSet(words, timing, np.inf, search, best)
+        return TimingFit(words, timing, np.inf, search, best)
     every = [search.design.candidates[k] for k in best.chosen]
-    price = len(words) * search.prices.of_timing(every, best.shares)
-    return TimedSet(words, timing, search.design.total - best.score + price, search, best)
+    penalty = len(words) * search.penalties.timing_penalty(every, best.shares)
+    return TimingFit(words, timing, search.design.total - best.score + penalty, search, best)
 
 
 def _start(design: D, free: tuple[bool, bool], within_s: tuple[float, float], is_free_clock: bool) -> Timing:
-    """The timing without any terms, from which the search begins; `free`, `within_s`: as in `fit_timing`.
+    """Return the initial timing of the search; `free`, `within_s`: as in `fit_timing`.
 
-    Under a uniform load edges tell by how much readings are late, with memories beside them: without any, the loop of a
-    slow load would move it by more than the search can find back. A delay and a lag share it. A free clock is aligned
-    by them already.
+    Under a uniform load it is the delay of the edges, which was estimated with memories as regressors. A timing fitted
+    to all rows without them would be biased by the loop of a slow load, by more than the search can correct. If delay
+    and lag are both free, each is half of the delay of the edges. A free clock was aligned by the edges before.
     """
     observation = design.load.observation
     if not observation.is_uniform:
@@ -140,5 +141,5 @@ def _start(design: D, free: tuple[bool, bool], within_s: tuple[float, float], is
 
 
 def _is_moved(one: Timing, other: Timing, near: Timing) -> bool:
-    """Whether terms of a design that was made for `one` need to follow `other`."""
+    """Return whether two timings differ by more than `near`, so that columns must be computed anew."""
     return abs(other.delay_s - one.delay_s) > near.delay_s or abs(other.lag_s - one.lag_s) > near.lag_s

@@ -69,7 +69,7 @@ TERM = Term(
     known_parameters=_known_parameters,
     plausible=0.1,
     limit=4.0,
-    known_most=MOST_SHARED,
+    known_sum_bound=MOST_SHARED,
     absorbs={**ABSORBED, "uneven_loops": UNEVEN},
     misfit=0.03,
 )

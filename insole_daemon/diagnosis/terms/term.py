@@ -66,7 +66,7 @@ class Term:
     # part, with the prior standard deviation of their shares per share of the effect.
     absorbs: Mapping[str, float] = field(default_factory=dict)
     limit: float = np.inf  # largest absolute share for which the law is valid
-    known_most: float = np.inf  # largest sum of shares if the load is known: they are then the law's parameters
+    known_sum_bound: float = np.inf  # largest sum of shares if the load is known: they are then the law's parameters
     misfit: float = 0.002
     likeness: float = 1.0  # fraction of other laws' misfit that it can describe
     known_misfit: float | None = None  # `misfit` of columns computed from a known load; None: the same
@@ -123,9 +123,9 @@ class Term:
         """Return the fraction of the effect's mean square that its columns may fail to describe."""
         return self.known_misfit if load_is_known and self.known_misfit is not None else self.misfit
 
-    def most(self, load_is_known: bool) -> float:
+    def sum_bound(self, load_is_known: bool) -> float:
         """Return the upper bound of the sum of its shares."""
-        return self.known_most if load_is_known or self.is_of_load else np.inf
+        return self.known_sum_bound if load_is_known or self.is_of_load else np.inf
 
     def parameters_of(self, load_is_known: bool) -> Callable[[Sequence[Setting], Array], dict[str, object]]:
         """Return the function from settings and shares (k,) to the law's parameters."""

@@ -9,7 +9,7 @@ import insole_daemon
 from insole_daemon.diagnosis.load_estimate import KnownLoad
 from insole_daemon.diagnosis.model.blocks import BlockDesign, block_design
 from insole_daemon.diagnosis.observing import observed
-from insole_daemon.diagnosis.select.prices import BlockPrices
+from insole_daemon.diagnosis.select.penalties import BlockPenalties
 
 from ..chamber import Array, relaxing, write
 
@@ -19,7 +19,7 @@ def design(tmp_path_factory: pytest.TempPathFactory) -> BlockDesign:
     def warm(t_s: Array) -> Array:
         return 25.0 + 5.0 * np.sin(2 * np.pi * t_s / 30.0)
 
-    folder = write(tmp_path_factory.mktemp("prices") / "bag", relaxing(0.2, 2.0), seconds=40.0, temperature=warm)
+    folder = write(tmp_path_factory.mktemp("penalties") / "bag", relaxing(0.2, 2.0), seconds=40.0, temperature=warm)
     recording = insole_daemon.load(folder)
     (seen,) = observed([recording], recording.feet, None, lambda text: None, ())
     return block_design(KnownLoad(seen), seen.weight_variance**-0.5)
@@ -31,7 +31,9 @@ def number(design: BlockDesign, word: str, scope: str = "insole") -> int:
 
 def price(design: BlockDesign, shares: dict[int, Array]) -> float:
     chosen = sorted(shares)
-    return BlockPrices(design).of_set(chosen, [design.candidates[k] for k in chosen], [shares[k] for k in chosen])
+    return BlockPenalties(design).set_penalty(
+        chosen, [design.candidates[k] for k in chosen], [shares[k] for k in chosen]
+    )
 
 
 def full(design: BlockDesign, k: int, share: float) -> Array:

@@ -1,4 +1,4 @@
-"""Errors of the wrench before and after, on blocks of rows that no share was fitted to."""
+"""Cross-validated errors of the wrench with the model as handed in and with the selected set of terms."""
 
 from __future__ import annotations
 
@@ -16,54 +16,60 @@ from ..model.regression import Timing
 from ..model.solve import absorbed_std
 from .residual_tests import LackOfFit, lack_of_fit
 
-FOLD_S = 4.0
+FOLD_S = 4.0  # length of a held-out block
 N_FOLDS = 5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Figures:
-    """RMS errors (3,) of f_z (N), m_x and m_y (N·m), and the courses behind them."""
+class HeldoutErrors:
+    """Held-out RMS errors (c,), and the errors of all rows (N, c).
 
-    before: Array
-    after: Array
-    floor: Array
-    course_before: Array  # (N, 3) N and N·m
+    If only the wrench is known, the c = 3 channels are f_z (N), m_x and m_y (N·m). If the load of every taxel is known
+    (`count_errors`), there is c = 1 channel in counts: the RMS over all taxels, and the mean error of a row.
+    """
+
+    before: Array  # of the model as handed in
+    after: Array  # of the selected set
+    floor: Array  # of a correct model
+    course_before: Array  # (N, c) errors of the rows
     course_after: Array
-    known: NDArray[np.bool_]  # (N,) rows of which the reference is known
-    left: LackOfFit  # of what is left on held-out rows
-    gains: tuple[float, ...]  # mean square of f_z that each candidate takes away as they enter in order, N²
-    timing_gain: float  # the same of delay and lag of the whole insole, which come first
-    base_shares: Array  # of the base terms, with the whole set
+    known: NDArray[np.bool_]  # (N,) rows with a known reference
+    lack_of_fit: LackOfFit  # of the residual of the selected set
+    gains: tuple[
+        float, ...
+    ]  # reduction of the mean square by each candidate, added in `order`: of f_z in N², or counts²
+    timing_gain: float  # reduction of the mean square by delay and lag of the whole insole, which enter first
+    base_shares: Array  # (b,) of the nuisance columns in the fit of the selected set
     companion_shares: dict[int, float]  # by column of the refined design
-    recalibrated: CurveShares | None = None  # what curves are off by that contain the mean curve of a memory
+    recalibrated: CurveShares | None = None  # errors of curves that contain the mean curve of a memory
 
     @property
-    def left_share(self) -> float:
-        """Share of the mean square of f_z or of the counts beyond the noise that the set leaves, 0 to 1."""
+    def residual_fraction(self) -> float:
+        """Return the fraction, 0 to 1, of the mean square beyond the floor that the set leaves, of f_z or counts."""
         before, after, floor = (float(each[0]) for each in (self.before, self.after, self.floor))
         if before <= floor:
             return 0.0
         return min(max(after**2 - floor**2, 0.0) / (before**2 - floor**2), 1.0)
 
 
-def figures(
+def wrench_errors(
     design: Design,
     refined: Refined[Design],
     order: Sequence[int],
     timing: Timing,
     nuisances: Sequence[int] = (),
     uncertain_s: float = 0.0,
-) -> Figures:
-    """Of a refined set whose candidates enter in `order`.
+) -> HeldoutErrors:
+    """Return the held-out errors of the wrench by a refined set whose candidates are added in `order`.
 
-    `before` has the model as handed in, after the alignment that the clocks allow: an offset, the candidates
-    `nuisances`, and `uncertain_s` of the delay.
+    `timing`: delay and lag of the whole insole. `before` has the model as handed in, after the alignment that the
+    tolerance of the clocks permits: a free offset, the candidates `nuisances`, and a delay of `uncertain_s`.
     """
     seen, base = design.load.observation, design.base
     weights = design.weights
     n, known = len(seen.t_s), weights[:, 0] > 0
     size = np.where(weights > 0, 1.0 / np.maximum(weights, 1e-300), 0.0)
-    # A clock of its own is aligned, whatever is found.
+    # A free clock is aligned in the model as handed in, too: its offset is no effect.
     aligned_s = seen.reference_s - (timing.delay_s if seen.offset_is_free else uncertain_s)
     as_read = ((seen.reference.at(aligned_s) - seen.wrench) * weights).ravel()
     late = seen.reference.at(seen.reference_s - timing.delay_s, timing.lag_s)
@@ -90,7 +96,7 @@ def figures(
     for k in range(N_FOLDS):
         held = fold == k
         shares = ridge(columns[~held], prior, (y - fixed)[~held])
-        # Recalibration within its prior is a nuisance: it is no part of the model that is handed out.
+        # Recalibration within its prior is a nuisance and is not in the exported model.
         after[held] = (y - fixed - columns[:, kept] @ shares[kept])[held]
     every = ridge(columns, prior, y - fixed)
     for i in nuisances:
@@ -110,22 +116,22 @@ def figures(
         gains.append(max(previous - square, 0.0))
         previous = min(previous, square)
     whole_fit = (y - fixed - columns @ every).reshape(n, 3)
-    left_over = lack_of_fit(whole_fit[known], seen.step_s)
+    lack = lack_of_fit(whole_fit[known], seen.step_s)
     courses = [each.reshape(n, 3) * size for each in (before, after)]
     rms = [np.sqrt(np.mean(course[known] ** 2, axis=0)) for course in courses]
-    # The floor has the noise, and what a calibration may be off by within its prior; not what is left and is no noise.
+    # The floor contains the noise and the error of a calibration within its prior, but not the lack of fit.
     settled = (y - fixed - columns[:, kept] @ every[kept]).reshape(n, 3) * size
-    unexplained = np.minimum(left_over.excess / np.maximum(np.mean(whole_fit[known] ** 2, axis=0), 1e-12), 0.95)
+    unexplained = np.minimum(lack.excess / np.maximum(np.mean(whole_fit[known] ** 2, axis=0), 1e-12), 0.95)
     floor = np.sqrt(np.mean(settled[known] ** 2, axis=0) * (1.0 - unexplained))
-    return Figures(
-        rms[0], rms[1], np.minimum(floor, rms[1]), courses[0], courses[1], known, left_over, tuple(gains), timing_gain,
+    return HeldoutErrors(
+        rms[0], rms[1], np.minimum(floor, rms[1]), courses[0], courses[1], known, lack, tuple(gains), timing_gain,
         every[:b],
         dict(zip(beside.tolist(), every[len(every) - len(beside) :].tolist(), strict=True)),
     )  # fmt: skip
 
 
 def ridge(columns: Array, prior_std: Array, y: Array) -> Array:
-    """(k,) shares that minimise |y − X·θ|² + Σ (θ/σ)²."""
+    """Return the coefficients θ (k,) that minimise |y − X·θ|² + Σ (θ/σ)², with X (N, k) and prior_std σ (k,)."""
     if not columns.shape[1]:
         return np.empty(0)
     gram = columns.T @ columns + np.diag(prior_std**-2.0)

@@ -1,4 +1,4 @@
-"""Errors of all taxels in counts before and after, on blocks of rows that no share was fitted to."""
+"""Cross-validated errors of all taxels in counts, with the model as handed in and with the selected set of terms."""
 
 from __future__ import annotations
 
@@ -17,20 +17,21 @@ from ..model.regression import Timing
 from ..model.signal_path import pressure_removed
 from ..model.solve import absorbed_std, bounded
 from .residual_tests import lack_of_fit
-from .wrench_figures import FOLD_S, N_FOLDS, Figures
+from .wrench_errors import FOLD_S, N_FOLDS, HeldoutErrors
 
-REFITTED_COUNT = 5.0  # standard deviation of what a memory leaves in the curve of a taxel, at the most
-LEAST_REFITTED_COUNT = 1e-3  # where no memory is: as good as nothing
-OUTER = 0.998  # quantile that stands for the largest
-ALIGNING = ("offset_s", "rate")
-EXPECTED = 1.0  # mean square of weighted rows: the reference's noise and the stamps' jitter are a slow part of it
-N_CLASSES, LEAST_READINGS = 24, 50  # of the load; in one, for a mean
+REFITTED_COUNT = 5.0  # upper bound of the prior standard deviation of a curve's error that a memory caused
+LEAST_REFITTED_COUNT = 1e-3  # the same without a memory
+OUTER = 0.998  # quantile that stands for the maximum
+ALIGNING = ("offset_s", "rate")  # shared nuisances that only align the clocks
+EXPECTED = 1.0  # mean square of weighted rows; noise of the reference and jitter of time stamps are its slow part
+N_CLASSES, LEAST_READINGS = 24, 50  # number of load classes, and of readings in a class for a mean
 
 
-def count_figures(refined: Refined[BlockDesign], order: Sequence[int]) -> Figures:
-    """Of a refined set whose candidates enter in `order`: RMS over usable taxels and known rows, counts.
+def count_errors(refined: Refined[BlockDesign], order: Sequence[int]) -> HeldoutErrors:
+    """Return the errors of a refined set over usable taxels, in counts; its candidates are added in `order`.
 
-    `before` has the model as handed in, after the alignment that a clock of its own allows; `after` the laws alone.
+    `before` has the model as handed in, after the alignment of a free clock. `after` has the laws alone, without
+    companions for their misfit, on held-out blocks with coefficients from the other blocks.
     """
     design = refined.design
     seen, nuisance = design.seen, design.nuisance
@@ -40,48 +41,48 @@ def count_figures(refined: Refined[BlockDesign], order: Sequence[int]) -> Figure
     active, none = _columns(law), _Columns.none(design)
     aligning = np.array([name in ALIGNING for name in nuisance.shared_names])
     as_read = residual(design, Timing())
-    # A clock of its own is aligned, whatever is found.
+    # A free clock is aligned in the model as handed in, too: its offset is no effect.
     aligned = residual(design, Timing(design.timing.delay_s if seen.offset_is_free else 0.0))
     x, y = active.rows, design.y - active.fixed_sum
     fold = (np.arange(n) * seen.step_s // FOLD_S).astype(int) % N_FOLDS
-    left = np.empty_like(y)
+    residual_rows = np.empty_like(y)
     for k in range(N_FOLDS):
         held = fold == k
         theta, shift, _ = _fit(active, y, design, ~held)
-        # Recalibration within its prior is a nuisance: it is no part of the model that is handed out.
+        # Recalibration within its prior is a nuisance and is not in the exported model.
         rest = y - nuisance.shared_sum(shift * aligning)
         for t, columns in enumerate(x):
-            left[t, held] = rest[t, held] - theta @ columns[:, held]
+            residual_rows[t, held] = rest[t, held] - theta @ columns[:, held]
     every_row = np.ones(n, bool)
     every, shared, _ = _fit(active, y, design, every_row)
     _, unmoved, _ = _fit(none, aligned, design, every_row)
     moved = nuisance.shared_sum(unmoved * aligning)
     before = aligned - moved
-    apart = [_apart_pa(law, i) for i in order]
-    off = _off(design, as_read, left, sum(apart))
+    deviations = [_deviation_from_mean(law, i) for i in order]
+    off = _error_count(design, as_read, residual_rows, sum(deviations))
     recalibrated = None
     is_loose = design.priors.has_loose_curves
     every_curve = np.full(len(known.T), max(design.priors.curve_count, REFITTED_COUNT))
     std_count = every_curve if is_loose else _absorbed_count(law)
     if is_loose or any(each.term.is_memory for each in design.candidates):
-        # The calibration may have been made with the memory at work.
+        # The calibration may have been made while the memory acted.
         splines = curve_splines(seen.expected_count, seen.usable)
         recalibrated = fit_curves(splines, off, off + seen.activation_count, known, std_count, seen.noise_count)
         off = _heldout(design, off, splines, fold, std_count)
-    static = _off(design, as_read, before)
-    if seen.has_own_curves:  # nothing was handed in: it is compared with the static curves that fit best
+    static = _error_count(design, as_read, before)
+    if seen.has_own_curves:  # no calibration was handed in: `before` has the best static curves
         splines = curve_splines(seen.expected_count, seen.usable)
         static = _heldout(design, static, splines, fold, every_curve)
     squares = [_square(design, static), _square(design, off)]
     gains: list[float] = []
-    previous = _square(design, _off(design, as_read, design.y - moved))
+    previous = _square(design, _error_count(design, as_read, design.y - moved))
     timing_gain = max(squares[0] - previous, 0.0)
     explained = np.zeros_like(y)
     for m, i in enumerate(order, start=1):
-        explained += design.moved_by(law.design.candidates[i], law.shares[i])
+        explained += design.contribution(law.design.candidates[i], law.shares[i])
         _, shift, _ = _fit(none, design.y - explained, design, every_row)
         rest = design.y - explained - nuisance.shared_sum(shift * aligning)
-        off = _off(design, as_read, rest, sum(apart[:m]))
+        off = _error_count(design, as_read, rest, sum(deviations[:m]))
         if recalibrated is not None and is_loose:
             at_count = off + seen.activation_count
             off -= fit_curves(splines, off, at_count, known, std_count, seen.noise_count).off_at(at_count)
@@ -93,53 +94,56 @@ def count_figures(refined: Refined[BlockDesign], order: Sequence[int]) -> Figure
     slope = np.sum(seen.slope_pa * seen.usable, axis=(0, 2)) / (len(seen.t_s) * np.maximum(seen.usable.sum(axis=1), 1))
     counts = [
         np.mean(each.T / np.where(known, design.weights, np.inf) / np.maximum(slope, 1e-9), axis=1, keepdims=True)
-        for each in (before, left)
+        for each in (before, residual_rows)
     ]
-    beside = {
-        int(k): float(share) for k, share in zip(active.beside, every[len(every) - len(active.beside) :], strict=True)
+    companion_shares = {
+        int(k): float(share)
+        for k, share in zip(active.companions, every[len(every) - len(active.companions) :], strict=True)
     }
-    return Figures(
+    return HeldoutErrors(
         rms[:1], rms[1:], np.minimum(noise, rms[1:]), counts[0], counts[1], np.asarray(known.any(axis=1)),
-        lack_of_fit(_settled(refined).T, seen.step_s, EXPECTED), tuple(gains), timing_gain, shared, beside,
-        recalibrated,
+        lack_of_fit(_residual_with_companions(refined).T, seen.step_s, EXPECTED), tuple(gains), timing_gain, shared,
+        companion_shares, recalibrated,
     )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class OffByLoad:
-    """What readings of all taxels are off by on average, in k classes of the load."""
+class ErrorByLoad:
+    """Mean errors of the readings of all taxels in k classes of the load."""
 
-    rows: Array  # (k,) readings in each class
+    rows: Array  # (k,) number of readings
     load_pa: Array  # (k,)
-    activation_count: Array  # (k,) that the static curves expect
-    after: Array  # (k,) counts that the laws of a set leave, with the curves as handed in
-    moved: Array  # (k,) counts that the memories of it move readings by
+    activation_count: Array  # (k,) by the static curves
+    after: Array  # (k,) error with the laws of a set and the curves as handed in, counts
+    memory: Array  # (k,) change of the readings by the memories of the set, counts
     noise_count: float  # of a reading
 
 
-def off_by_load(refined: Refined[BlockDesign]) -> OffByLoad:
-    """Of a refined set, under a load that is known."""
+def error_by_load(refined: Refined[BlockDesign]) -> ErrorByLoad:
+    """Return the mean errors by load class of a refined set. Classes have equal widths of load."""
     design, law = refined.design, refined.of_laws
     seen, as_read = design.unmoved, residual(design, Timing())
     moved = np.zeros_like(design.y)
     after = design.y
     for candidate, shares in zip(law.design.candidates, law.shares, strict=True):
-        column = law.design.moved_by(candidate, shares)
+        column = law.design.contribution(candidate, shares)
         after = after - column
         moved = moved + column * candidate.term.is_memory
-    as_handed_in, of_memories, of_all = (_off(design, as_read, rest) for rest in (design.y, design.y - moved, after))
+    as_handed_in, of_memories, of_all = (
+        _error_count(design, as_read, rest) for rest in (design.y, design.y - moved, after)
+    )
     load = np.broadcast_to(seen.load_pa(seen.reference_s), of_all.shape)
     known = np.broadcast_to((design.weights > 0)[..., None], of_all.shape) & seen.usable
     edges = np.linspace(float(load[known].min()), float(load[known].max()), N_CLASSES + 1)
     of = np.clip(np.digitize(load[known], edges) - 1, 0, N_CLASSES - 1)
     rows = np.bincount(of, minlength=N_CLASSES).astype(float)
-    # Unloaded readings have a range of their own, which curves that tell a load by its reading do not describe.
+    # Without the class of unloaded readings: a curve from reading to load has no range of readings at load 0.
     kept = (rows > LEAST_READINGS) & (np.arange(N_CLASSES) > 0)
 
     def mean(values: Array) -> Array:
         return np.asarray(np.bincount(of, values[known], N_CLASSES)[kept] / rows[kept])
 
-    return OffByLoad(
+    return ErrorByLoad(
         rows[kept], mean(load), mean(seen.expected_count), mean(of_all), mean(of_memories - as_handed_in),
         _noise(design),
     )  # fmt: skip
@@ -147,18 +151,18 @@ def off_by_load(refined: Refined[BlockDesign]) -> OffByLoad:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Columns:
-    """The k columns of a refined set that have shares: those of its candidates that are not 0, and their companions."""
+    """The k columns of a refined set with coefficients: of candidates if not 0, and of companions."""
 
-    rows: NDArray[np.float32]  # (T, k, N)
-    prior: Array  # (k,) standard deviations of the shares
-    positive: NDArray[np.bool_]  # (k,) shares that have a sign
-    sums: list[tuple[slice, float]]  # of shares whose sum has a bound, and the bound
-    fixed_sum: Array  # (T, N) of the columns without a share
-    beside: NDArray[np.intp]  # the companions' numbers in the design, which are the last columns
+    rows: NDArray[np.float32]  # (T, k, N) weighted
+    prior: Array  # (k,) prior standard deviations of the coefficients
+    positive: NDArray[np.bool_]  # (k,) coefficients that are at least 0
+    sums: list[tuple[slice, float]]  # coefficients whose sum is bounded, and the bound
+    fixed_sum: Array  # (T, N) sum of the columns with a fixed share of 1
+    companions: NDArray[np.intp]  # numbers in the design of the companions, which are the last columns
 
     @classmethod
     def none(cls, design: BlockDesign) -> _Columns:
-        """No columns of `design`."""
+        """Return an empty set of columns of `design`."""
         empty = np.empty(0)
         return cls(
             design.rows_of(empty.astype(np.intp)), empty, empty.astype(bool), [], np.zeros_like(design.y),
@@ -167,6 +171,7 @@ class _Columns:
 
 
 def _columns(refined: Refined[BlockDesign]) -> _Columns:
+    """Return the columns of a refined set, with the bounds and priors that its search had."""
     design = refined.design
     own, fixed, positive, sums = [], [], [], []
     n = 0
@@ -177,30 +182,30 @@ def _columns(refined: Refined[BlockDesign]) -> _Columns:
             continue
         own.append(at)
         positive.append(np.full(len(at), candidate.term.share == "positive"))
-        if np.isfinite(most := candidate.term.most(design.load.is_known)) and len(at):
+        if np.isfinite(most := candidate.term.sum_bound(design.load.is_known)) and len(at):
             sums.append((slice(n, n + len(at)), most))
         n += len(at)
     every = np.concatenate([each.columns for each in design.candidates] or [np.empty(0, np.intp)])
-    beside = np.setdiff1d(np.arange(len(design.atom)), every)
+    companions = np.setdiff1d(np.arange(len(design.atom)), every)
     strengths = [float(np.abs(each).sum()) for each in refined.shares]
-    active = np.concatenate([*own, beside]).astype(np.intp)
+    active = np.concatenate([*own, companions]).astype(np.intp)
     return _Columns(
         design.rows_of(active),
-        np.concatenate([np.full(n, np.inf), absorbed_std(design.candidates, strengths, beside)]),
-        np.concatenate([*positive, np.zeros(len(beside), bool)]).astype(bool),
+        np.concatenate([np.full(n, np.inf), absorbed_std(design.candidates, strengths, companions)]),
+        np.concatenate([*positive, np.zeros(len(companions), bool)]).astype(bool),
         sums,
         design.rows_of(np.concatenate([*fixed, np.empty(0, np.intp)]).astype(np.intp)).sum(axis=1, dtype=float),
-        beside,
+        companions,
     )
 
 
-def square_by_triangle(refined: Refined[BlockDesign]) -> Array:
-    """Return the squared residual (T,) of a refined set with what laws leave out, in variances of the noise."""
-    return np.asarray(np.sum(_settled(refined) ** 2, axis=1))
+def residual_squares(refined: Refined[BlockDesign]) -> Array:
+    """Return the squared residual (T,) of a refined set with its companions, in variances of the noise."""
+    return np.asarray(np.sum(_residual_with_companions(refined) ** 2, axis=1))
 
 
-def _settled(refined: Refined[BlockDesign]) -> Array:
-    """(T, N) of all rows, what laws, what they leave out and nuisances leave."""
+def _residual_with_companions(refined: Refined[BlockDesign]) -> Array:
+    """Return the weighted residual (T, N) of laws, companions and nuisances fitted to all rows."""
     design, nuisance = refined.design, refined.design.nuisance
     active = _columns(refined)
     y = design.y - active.fixed_sum
@@ -212,28 +217,34 @@ def _settled(refined: Refined[BlockDesign]) -> Array:
 
 
 def _fit(active: _Columns, y: Array, design: BlockDesign, rows: NDArray[np.bool_]) -> tuple[Array, Array, Array]:
-    """Shares (k,) of `active`, of the reference's (s,) and of each triangle's own (T, b) nuisances, on `rows` (N,)."""
+    """Return the coefficients (k,) of `active`, (s,) of shared and (T, b) of own nuisances, fitted to `rows` (N,).
+
+    `y`: (T, N). A triangle's own nuisances are eliminated block by block (Schur complement).
+    """
     nuisance, own_prior = design.nuisance, np.diag(design.nuisance.own_std**-2.0)
     gram = np.diag(np.concatenate([active.prior, nuisance.shared_std]) ** -2.0)
     right = np.zeros(len(gram))
-    solved = []  # of each triangle's own columns: with y, and with all others
+    solved = []  # for each triangle: regression of y and of all other columns on its own nuisances
     for t, left in enumerate(y[:, rows]):
         own = nuisance.own[t][:, rows]
-        both = np.concatenate([active.rows[t][:, rows], nuisance.shared_of(t)[:, rows]])
-        with_own = own @ np.column_stack([left, both.T])
+        other_columns = np.concatenate([active.rows[t][:, rows], nuisance.shared_of(t)[:, rows]])
+        with_own = own @ np.column_stack([left, other_columns.T])
         through = np.linalg.solve(own @ own.T + own_prior, with_own)
-        gram += both @ both.T - with_own[:, 1:].T @ through[:, 1:]
-        right += both @ left - with_own[:, 1:].T @ through[:, 0]
+        gram += other_columns @ other_columns.T - with_own[:, 1:].T @ through[:, 1:]
+        right += other_columns @ left - with_own[:, 1:].T @ through[:, 0]
         solved.append(through)
     gram += np.diag(1e-12 * np.diag(gram) + 1e-300)
     positive = np.concatenate([active.positive, np.zeros(len(nuisance.shared_std), bool)])
-    found = bounded(gram, right, positive, active.sums)
-    per_triangle = np.stack([through[:, 0] - through[:, 1:] @ found for through in solved])
-    return found[: len(active.prior)], found[len(active.prior) :], per_triangle
+    theta = bounded(gram, right, positive, active.sums)
+    per_triangle = np.stack([through[:, 0] - through[:, 1:] @ theta for through in solved])
+    return theta[: len(active.prior)], theta[len(active.prior) :], per_triangle
 
 
-def _apart_pa(refined: Refined[BlockDesign], i: int) -> Array | float:
-    """(N, T, 12) by which candidate `i` moves taxels more than their triangle; 0 where all bear the same load."""
+def _deviation_from_mean(refined: Refined[BlockDesign], i: int) -> Array | float:
+    """Return the effect of candidate `i` on each taxel minus that on its triangle's mean (N, T, 12), Pa.
+
+    0 if the load is uniform.
+    """
     design, candidate = refined.design, refined.design.candidates[i]
     if design.seen.is_uniform:
         return 0.0
@@ -243,32 +254,35 @@ def _apart_pa(refined: Refined[BlockDesign], i: int) -> Array | float:
     return np.asarray(np.where(design.seen.usable, moved - mean[:, :, None], 0.0))
 
 
-def _off(design: BlockDesign, as_read: Array, left: Array, apart_pa: Array | float = 0.0) -> Array:
-    """(N, T, 12) counts that the model is off by: each taxel keeps what makes it differ from its triangle."""
+def _error_count(design: BlockDesign, as_read: Array, residual_rows: Array, deviation_pa: Array | float = 0.0) -> Array:
+    """Return the error (N, T, 12) of the model in counts; the deviation of a taxel from its triangle's mean is kept.
+
+    `as_read`, `residual_rows`: (T, N) weighted residuals of the static model without a timing, and of the model.
+    """
     seen = design.unmoved
     size = np.where(design.weights > 0, 1.0 / np.maximum(design.weights, 1e-300), 0.0)
-    moved = (as_read - left).T * size  # Pa, that the model says otherwise
-    return np.asarray(seen.activation_at(seen.load_less(moved, apart_pa)) - seen.activation_count)
+    change_pa = (as_read - residual_rows).T * size  # of the load by the model, against the static model
+    return np.asarray(seen.activation_at(seen.load_less(change_pa, deviation_pa)) - seen.activation_count)
 
 
 def _absorbed_count(law: Refined[BlockDesign]) -> Array:
-    """(T,) counts that the curves of a calibration may contain of the memories: no more than these move readings."""
-    design, found = law.design, np.zeros(len(law.design.seen.layout))
+    """Return the prior standard deviation (T,) of curve errors: the largest effect of the memories, counts."""
+    design, largest = law.design, np.zeros(len(law.design.seen.layout))
     usable = design.seen.usable
     slope = np.sum(design.seen.slope_pa * usable, axis=2) / np.maximum(usable.sum(axis=1), 1)  # (N, T) Pa a count
     for candidate, shares in zip(design.candidates, law.shares, strict=True):
         if candidate.term.is_memory:
-            columns = design.moved_by(candidate, shares)
+            columns = design.contribution(candidate, shares)
             size = np.where(design.weights > 0, 1.0 / np.maximum(design.weights * slope, 1e-12), 0.0)
             moved = np.abs(columns.T * size)
-            found += np.quantile(moved, OUTER, axis=0)
-    return np.asarray(np.clip(found, LEAST_REFITTED_COUNT, REFITTED_COUNT))
+            largest += np.quantile(moved, OUTER, axis=0)
+    return np.asarray(np.clip(largest, LEAST_REFITTED_COUNT, REFITTED_COUNT))
 
 
 def _heldout(design: BlockDesign, off: Array, splines: CurveSplines, fold: NDArray[np.intp], std_count: Array) -> Array:
-    """`off` less what each taxel's own curve is off by, fitted to the other folds of rows.
+    """Return the error `off` (N, T, 12) minus the curve error of each taxel, fitted to the other folds of rows.
 
-    Curves are functions of what the model says is read: of readings, they would follow their noise.
+    Curve errors are functions of the modelled reading: as functions of the reading they would follow its noise.
     """
     seen = design.seen
     return heldout_rest(
@@ -277,7 +291,7 @@ def _heldout(design: BlockDesign, off: Array, splines: CurveSplines, fold: NDArr
 
 
 def _noise(design: BlockDesign) -> float:
-    """RMS noise of the readings, bursts included, counts."""
+    """Return the RMS noise of the readings with noise bursts, counts."""
     seen = design.seen
     noise = np.broadcast_to(seen.noise_count, seen.activation_count.shape)
     if seen.noise_ratio is not None:
@@ -286,5 +300,5 @@ def _noise(design: BlockDesign) -> float:
 
 
 def _square(design: BlockDesign, off: Array) -> float:
-    """Mean square of `off` over taxels and rows, counts²."""
+    """Return the mean square of `off` (N, T, 12) over usable taxels and known rows, counts²."""
     return float(np.mean(np.square(off), where=(design.weights > 0)[..., None] & design.seen.usable))

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import insole_daemon
+from insole_daemon.diagnosis.backward_elimination import insignificant_word
 from insole_daemon.diagnosis.load_estimate import KnownLoad
 from insole_daemon.diagnosis.model.blocks import BlockDesign, block_design
 from insole_daemon.diagnosis.model.refine import refine
 from insole_daemon.diagnosis.observing import observed
-from insole_daemon.diagnosis.trimming import doubtful_word
 
 from .chamber import write
 
@@ -41,7 +41,7 @@ def doubtful(design: BlockDesign, drift: float, misfit: float) -> str | None:
     y += MEMORY_SHARE * columns[MEMORY] + drift * columns[DRIFT] / np.sqrt(np.mean(columns[DRIFT] ** 2))
     y += misfit * np.sqrt(2.0) * np.sin(2 * np.pi * 3.0 * design.seen.t_s)
     rows = replace(design, y=y)
-    return doubtful_word(rows, refine(rows, tuple(sorted(numbers.values()))))
+    return insignificant_word(rows, refine(rows, tuple(sorted(numbers.values()))))
 
 
 def test_a_term_that_explains_less_than_is_left_is_doubtful(design):

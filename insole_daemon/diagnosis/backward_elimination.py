@@ -1,0 +1,196 @@
+"""Backward elimination: remove the terms of a selected set that do not lower the held-out error."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..physics.law import Array
+from .model.blocks import BlockDesign
+from .model.design import Design
+from .model.refine import Refined, refine
+from .model.regression import Timing
+from .model.solve import solve_shares
+from .searching import GOOD_FIT
+from .select.count_errors import count_errors, residual_squares
+from .select.search import FittedSet, SubsetSearch
+from .select.wrench_errors import HeldoutErrors, wrench_errors
+
+LEAST_GAINED = 0.001  # gain of a term when it is added, relative to the sum of the gains of the set
+LEAST_NEEDED = 0.05  # loss of held-out gain without a term that gains less, relative to the set's, for it to stay
+MOST_WORSE = np.array([1.02, 1.1, 1.1])  # held-out error of f_z, m_x and m_y, relative to that of the model handed in
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ValidatedSet:
+    """A set of terms that lower the held-out error, with its refinement and its errors."""
+
+    best: FittedSet
+    refined: Refined[Any]
+    order: tuple[int, ...]  # of its candidates, the largest sum of squares first
+    figures: HeldoutErrors
+
+
+def eliminate_backward(search: SubsetSearch[Any], best: FittedSet, timing: Timing) -> ValidatedSet:
+    """Return `best` without terms that are not worth their penalty after refinement, or on held-out rows.
+
+    One term is removed at a time, in this order of rules: its gain is below its penalty; its word explains less than
+    the lack of fit; the set makes held-out rows worse; its held-out gain is negligible.
+    """
+    while True:
+        refined = refine(search.design, best.chosen)
+        idle = _idle(search, best.chosen, refined)
+        if idle is not None:
+            best = search.fit([k for i, k in enumerate(best.chosen) if i != idle])
+            continue
+        doubtful = insignificant_word(search.design, refined)
+        if doubtful is not None:
+            words = [search.design.candidates[k].word for k in best.chosen]
+            best = search.fit([k for k, word in zip(best.chosen, words, strict=True) if word != doubtful])
+            continue
+        kept = _validated(best, refined, timing)
+        if kept.order and not _is_better(kept.figures):
+            best = search.fit([k for i, k in enumerate(best.chosen) if i != kept.order[-1]])
+            continue
+        reduced = _without_negligible(search, kept, timing)
+        if reduced is None:
+            return kept
+        best = reduced
+
+
+def keep_strong(
+    search: SubsetSearch[Any], kept: ValidatedSet, measured: Refined[Any], least: float, timing: Timing
+) -> ValidatedSet:
+    """Return the terms of a set whose gain is above `least`, in variances of the noise.
+
+    `measured`: the same set with the columns whose gain counts, with or without internal companions.
+    """
+    best = kept.best
+    strong = [k for i, k in enumerate(best.chosen) if measured.gain - measured.gain_without(i) > least]
+    if len(strong) == len(best.chosen):
+        return kept
+    fitted = search.fit(strong)
+    return _validated(fitted, refine(search.design, fitted.chosen), timing)
+
+
+def _validated(best: FittedSet, refined: Refined[Any], timing: Timing) -> ValidatedSet:
+    """Return a refined set with its held-out errors."""
+    order = sorted(range(len(refined.shares)), key=lambda i: -_energy(refined, i))
+    return ValidatedSet(best, refined, tuple(order), heldout_errors(refined, order, timing))
+
+
+def heldout_errors(
+    refined: Refined[Any],
+    order: Sequence[int],
+    timing: Timing,
+    nuisances: Sequence[int] = (),
+    uncertain_s: float = 0.0,
+) -> HeldoutErrors:
+    """Return the held-out errors of a refined set: in counts if the load of every taxel is known, else of the wrench.
+
+    Its candidates are added in `order`. `nuisances`, `uncertain_s`: see `wrench_errors`.
+    """
+    if isinstance(refined.design, BlockDesign):
+        return count_errors(refined, order)
+    return wrench_errors(refined.design, refined, order, timing, nuisances, uncertain_s)
+
+
+def _is_better(errors: HeldoutErrors) -> bool:
+    """Return whether the held-out error is smaller over all channels, and clearly larger in none."""
+    level = np.maximum(errors.floor, 1e-12)
+    is_smaller = np.sum((errors.after / level) ** 2) < np.sum((errors.before / level) ** 2)
+    return bool(is_smaller and np.all(errors.after <= MOST_WORSE[: len(errors.after)] * errors.before))
+
+
+def _without_negligible(search: SubsetSearch[Any], kept: ValidatedSet, timing: Timing) -> FittedSet | None:
+    """Return the set without a candidate whose held-out gain is negligible; None if there is none.
+
+    It is negligible if it is small both when the candidate is added after stronger ones and when it is removed from the
+    complete set. A clock is never removed, because it only aligns.
+    """
+    whole, best, errors = search.design, kept.best, kept.figures
+    least_needed = LEAST_NEEDED if isinstance(whole, BlockDesign) else LEAST_GAINED
+    unit = np.maximum(errors.floor, 1e-12)  # of each channel
+
+    def square(rms: Array) -> float:
+        return float(np.sum((rms / unit) ** 2))
+
+    before, after = square(errors.before), square(errors.after)
+    for i, gain in reversed(list(zip(kept.order, errors.gains, strict=True))):
+        if gain > LEAST_GAINED * sum(errors.gains) or whole.candidates[best.chosen[i]].word == "clock":
+            continue
+        rest = [k for j, k in enumerate(best.chosen) if j != i]
+        others = search.singles() if len(rest) == 1 else []
+        without = max([search.fit(rest), *others], key=lambda each: each.score)
+        after_without = square(_validated(without, refine(whole, without.chosen), timing).figures.after)
+        needed = least_needed * (before - after) * _share_of_insole(whole, best.chosen[i])
+        if best.chosen[i] not in without.chosen and after_without - after < needed:
+            return without
+    return None
+
+
+def _share_of_insole(whole: Design | BlockDesign, k: int) -> float:
+    """Return the share of the triangles that candidate `k` is at; 1 where only the whole load is known."""
+    if not isinstance(whole, BlockDesign):
+        return 1.0
+    return float(np.mean(whole.mask[whole.candidates[k].columns[0]][whole.weights.any(axis=0)]))
+
+
+def insignificant_word(whole: Design | BlockDesign, refined: Refined[Any]) -> str | None:
+    """Return the word that explains least of those that explain less than the set leaves beyond the noise where it is.
+
+    Such a word may describe a part of the lack of fit, as in an F-test, whose scale is what the model leaves. A
+    recalibration counts with its whole size, because nuisances take up most of it. A clock only aligns.
+    """
+    noise = float(np.count_nonzero(whole.weights))
+    lack_of_fit = whole.total - refined.gain - noise
+    if lack_of_fit < (GOOD_FIT - 1.0) * noise:
+        return None
+    candidates = refined.design.candidates
+    lack_by_triangle = None
+    if isinstance(refined.design, BlockDesign):
+        lack_by_triangle = residual_squares(refined) - np.count_nonzero(refined.design.weights, axis=0)
+    doubtful: dict[str, float] = {}
+    for word in {candidate.word for candidate in candidates} - {"clock"}:
+        of_word = [i for i, candidate in enumerate(candidates) if candidate.word == word]
+        others = [candidate for candidate in candidates if candidate.word != word]
+        explained, lack = refined.gain - solve_shares(refined.design, others)[1], lack_of_fit
+        if lack_by_triangle is not None:
+            explained += sum(
+                refined.design.size(candidates[i], refined.shares[i])
+                for i in of_word
+                if refined.design.is_within_priors(candidates[i])
+            )
+            at = np.any([refined.design.mask[candidates[i].columns[0]] for i in of_word], axis=0)
+            lack = min(lack, float(np.sum(lack_by_triangle[at])))
+        if explained < lack:
+            doubtful[word] = explained
+    return min(doubtful, key=doubtful.__getitem__, default=None)
+
+
+def _idle(search: SubsetSearch[Any], chosen: Sequence[int], refined: Refined[Any]) -> int | None:
+    """Return the position of a candidate whose gain is below its penalty after refinement; None if there is none.
+
+    Of several, the one without which the others have the highest score after they are refined again.
+    """
+    every = [search.design.candidates[k] for k in chosen]
+    penalties = [search.penalties.term_penalty(k, each, every) for k, each in zip(chosen, every, strict=True)]
+    idle = [i for i, penalty in enumerate(penalties) if refined.gain - refined.gain_without(i) < penalty]
+    if len(idle) < 2:
+        return idle[0] if idle else None
+
+    def score_without(i: int) -> float:
+        others = tuple(j for j in range(len(every)) if j != i)
+        return refine(refined.design, others).gain - sum(penalties[j] for j in others)
+
+    return max(idle, key=score_without)
+
+
+def _energy(refined: Refined[Any], i: int) -> float:
+    """Return the sum of squares of the effect of candidate `i`, in variances of the noise."""
+    columns = refined.design.candidates[i].columns
+    share = refined.shares[i]
+    return float(share @ refined.design.gram[np.ix_(columns, columns)] @ share)
