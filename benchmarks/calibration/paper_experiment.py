@@ -1,4 +1,4 @@
-"""The paper's experiment with the whole of `insole calibrate` and `insole validate`, on a simulated insole.
+"""Errors of `insole calibrate` and `insole validate` in the experiment of Sorrentino et al. 2020, simulated.
 
     python -m benchmarks.calibration.paper_experiment
 

@@ -1,4 +1,4 @@
-"""How fast a candump log becomes paired arrays of counts, with python-can's reader of the same format beside it.
+"""Speed of decoding a candump log into arrays of counts, and of python-can reading the same log.
 
     python -m benchmarks.decode.candump
 

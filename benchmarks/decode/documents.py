@@ -1,4 +1,4 @@
-"""What the most costly documents that are read at all take: as large as allowed, of many small things.
+"""CPU time to read the most expensive documents that the size limits permit.
 
     python -m benchmarks.decode.documents
 

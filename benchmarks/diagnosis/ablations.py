@@ -1,4 +1,4 @@
-"""Is every part of the diagnosis needed? The blind benchmark with one part of it taken out at a time.
+"""Ablation study of the diagnosis: scores of the blind benchmark with one part of the method removed at a time.
 
     python -m benchmarks.diagnosis.ablations --seed N --cases 24 --out OUT
     python -m benchmarks.diagnosis.ablations --seed N --cases 120 --kinds triple --only whole greedy --out OUT

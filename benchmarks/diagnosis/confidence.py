@@ -1,4 +1,4 @@
-"""Fits the probability that a finding is right to its margin and to the share of the mismatch that stays unexplained.
+"""Logistic regression for the confidence of a finding, fitted to cases of the blind benchmark.
 
 Takes some 10 s a case.
 

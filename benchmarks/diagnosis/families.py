@@ -1,4 +1,4 @@
-"""By how much parameters are off where the material is of another family than the one that is fitted to it.
+"""Errors of estimated parameters if the material follows a law of another family than the one fitted.
 
     python -m benchmarks.diagnosis.families [--draws 4]
 

@@ -1,4 +1,4 @@
-"""Recordings that were damaged at random: `insole diagnose` answers or refuses each, and never ends in a defect.
+"""Robustness of `insole diagnose` to randomly damaged recordings: it must answer or refuse each with a message.
 
     python -m benchmarks run diagnosis.mutated_recordings 1000 SEED --out FOLDER
 

@@ -1,4 +1,4 @@
-"""What `insole diagnose` says of the published chamber recordings of Belli et al. 2023: nobody planted anything there.
+"""Results of `insole diagnose` on the published chamber recordings of Belli et al. 2023, where nothing was concealed.
 
     python -m benchmarks.diagnosis.published_chambers [--folder ../shared/data/belli2023]
 

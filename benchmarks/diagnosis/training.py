@@ -1,4 +1,4 @@
-"""Chamber recordings with physics concealed in them: what the thresholds of `insole diagnose` were developed on.
+"""Generator of chamber recordings with concealed effects, on which the thresholds of the diagnosis were chosen.
 
     python -m benchmarks.diagnosis.training OUT --seed 1 --cases 40
 

@@ -1,4 +1,4 @@
-"""What undoing a lag on readings with noise can reach at best: beside `f_z … against the oracle` of the walking proof.
+"""Lower bound of the error that remains on walks after the best linear compensation of a lag.
 
     python -m benchmarks.diagnosis.walking_bound PROOF  # the folder made by `insole prove --suite walking --out PROOF`
 

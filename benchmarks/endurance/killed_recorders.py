@@ -1,4 +1,4 @@
-"""Recorders killed at random moments: is what they leave whole, and how much of it is missing?
+"""Loss of data if `insole record` is killed at random moments.
 
     python -m benchmarks.endurance.killed_recorders                # 200 of them, four at a time: some ten minutes
     python -m benchmarks.endurance.killed_recorders --kills 8

@@ -1,4 +1,4 @@
-"""A simulated day of both feet through the live path, faults at random: does anything leak, slow down or go missing?
+"""Leaks, slow-down and lost frames of the live path in a simulated day with random faults.
 
     python -m benchmarks.endurance.soak              # 24 hours, at up to 20 times real time: 72 minutes or more
     python -m benchmarks.endurance.soak --hours 0.5  # less of it; SIGTERM ends it sooner, with the report so far

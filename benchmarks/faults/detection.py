@@ -1,4 +1,4 @@
-"""How surely and how soon faults are found in the counts alone, and how often one is reported that is not there.
+"""Detection rate, delay and false alarms of the faults that are detected in the counts alone.
 
     python -m benchmarks.faults.detection [--cases 100] [--hours 4] [--seed 1000]
 

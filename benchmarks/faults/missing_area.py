@@ -1,4 +1,4 @@
-"""The wrench with 3 of 28 triangles loose: how wrong it is, and whether it says so.
+"""Error of the wrench with 3 of 28 triangles loose, and whether the stated uncertainty covers it.
 
     python -m benchmarks.faults.missing_area [cases, 40] [first seed, 1000]
 

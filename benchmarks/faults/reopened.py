@@ -1,4 +1,4 @@
-"""How soon a CAN interface that was unplugged is read again, once it is back under another index and up.
+"""Time until a CAN interface is read again that was unplugged and came back under another index.
 
     python tests/vcan/uml.py -- .venv/bin/python -m benchmarks.faults.reopened
 

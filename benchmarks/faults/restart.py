@@ -1,4 +1,4 @@
-"""How long subscribers go without after the daemon was killed, with systemd's timing, on this kernel.
+"""Time without messages for subscribers after the daemon was killed, with the restart delay of systemd.
 
     python -m benchmarks.faults.restart [--rounds 5]
 

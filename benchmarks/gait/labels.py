@@ -1,4 +1,4 @@
-"""Labels of steps in simulated walks with turns, stumbles, standing and a lifted foot, through the whole sensor.
+"""Accuracy of step labels in simulated walks with turns, stumbles, standing and a lifted foot.
 
     python -m benchmarks run gait.labels [SEEDS]
 

@@ -1,4 +1,4 @@
-"""A study of many recordings on 1, 2 and 4 Dask workers, and with a worker killed at a random moment.
+"""Speed of a study on 1, 2 and 4 Dask workers, and its result if a worker is killed at a random moment.
 
     python -m benchmarks run gait.study [RECORDINGS] [KILLS]
 

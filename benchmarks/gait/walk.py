@@ -1,4 +1,4 @@
-"""Steps of simulated steady walking against the person's own: times, forces, impulses, path of the CoP.
+"""Errors of step times, forces, impulses and CoP paths in simulated steady walking.
 
     python -m benchmarks run gait.walk
 

@@ -1,4 +1,4 @@
-"""What each part of a cycle costs when caches are cold, as they are after every sleep, and when they are warm.
+"""Cost of each part of a cycle with cold caches, as after a sleep, and with warm ones.
 
     python -m benchmarks.live.cold [--cycles 300]
 

@@ -1,4 +1,4 @@
-"""Four saturated buses of 1 Mbit/s into one daemon on one core: is anything lost?
+"""Lost frames with four saturated buses of 1 Mbit/s into one daemon on one core.
 
     python -m benchmarks.live.four_buses [--seconds 60]
 

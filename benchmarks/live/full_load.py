@@ -1,4 +1,4 @@
-"""The daemon beside the floor and the peer, at the load of both feet; or the daemon alone for a long time.
+"""CPU and latency of the daemon at the load of both feet, beside a minimal reader and a python-can reader.
 
     python -m benchmarks.live.full_load                   # interleaved rounds, medians and ratios
     python -m benchmarks.live.full_load --soak 600        # losses, rate and memory of the daemon

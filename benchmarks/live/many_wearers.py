@@ -1,4 +1,4 @@
-"""A lab of many wearers: 20 rigs through one router to one recorder of all and one viewer of all.
+"""Losses, latency and CPU of 20 rigs through one router to one recorder and one viewer of all.
 
     python -m benchmarks.live.many_wearers [--rigs 20] [--seconds 20]
 

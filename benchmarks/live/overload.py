@@ -1,4 +1,4 @@
-"""The daemon on a third of the CPU it needs: how old is what it publishes, at what rate, and is what it drops counted?
+"""Age, rate and counted losses of messages if the daemon gets a third of the CPU time it needs.
 
     python -m benchmarks.live.overload [--seconds 20] [--percent 4.2] [--one-cpu]
 

@@ -1,4 +1,4 @@
-"""The page in a real browser at full load; what viewers cost the daemon; and a slow link.
+"""Frame rate and latency of the web page in a real browser, its cost for the daemon, and a slow link.
 
     python -m benchmarks.live.page                    # all of it, some five minutes
     python -m benchmarks.live.page --seconds 60 page  # or one of: page, viewers, slow

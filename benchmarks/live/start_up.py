@@ -1,4 +1,4 @@
-"""How soon it is there: `insole --help`, and a daemon's first cycle on a bus that is already busy.
+"""Start-up time of `insole --help`, and of a daemon until its first cycle on a busy bus.
 
     python -m benchmarks.live.start_up
 

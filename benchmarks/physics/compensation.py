@@ -1,4 +1,4 @@
-"""The dynamic model live: what it costs, whether it is stable, and how near it brings a walk to its load.
+"""CPU time, stability and accuracy of live compensation with the dynamic model.
 
     python -m benchmarks.physics.compensation              # cost of a cycle, walks
     python -m benchmarks.physics.compensation --day        # a simulated day, too

@@ -1,4 +1,4 @@
-"""How fast the physics runs: the compensator live, and ten minutes of one foot with every effect.
+"""Speed of the sensor model: the live compensator, and ten minutes of one foot with every effect.
 
     python -m benchmarks.physics.effects
 

@@ -1,4 +1,4 @@
-"""Steps found in simulated walking, against the load that made them, and none found in standing.
+"""Accuracy of detected steps in simulated walking, and false steps in standing.
 
     python -m benchmarks.physics.gait
 

@@ -1,4 +1,4 @@
-"""The published phenomenon in simulation: a static calibration that is right for standing is wrong for walking.
+"""The published phenomenon, simulated: a static calibration that is right for standing is wrong for walking.
 
     python -m benchmarks.physics.paper_phenomenon
 

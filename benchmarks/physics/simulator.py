@@ -1,4 +1,4 @@
-"""How fast the simulator is: ten minutes of one foot with every effect on, and the live emulator of both feet.
+"""Speed of the simulator: ten minutes of one foot with every effect, and both feet live.
 
     python -m benchmarks.physics.simulator
 

@@ -1,4 +1,4 @@
-"""Calibrations of the published chamber data compared: the published model, its retraining, a plain cubic, ours.
+"""Errors of four calibrations on published chamber data: the published model, the same refitted, a cubic, ours.
 
     python -m benchmarks.published_data.calibration [--folder ../shared/data/belli2023] [--judge FILE.mat ...]
         [--out calibration.json] [--picture docs/evidence/calibration-belli2023.svg]

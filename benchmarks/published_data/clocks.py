@@ -1,4 +1,4 @@
-"""Offset and rate of the gauge's clock in every published file that is there, against pairing by row.
+"""Offset and rate of the gauge's clock in every published file, compared with pairing by row.
 
     python -m benchmarks.published_data.clocks [folder with the data, ../shared/data/belli2023]
 

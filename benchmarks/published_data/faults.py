@@ -1,4 +1,4 @@
-"""The public insole recording with all 576 words (Belli et al. 2023) as frames through the reader and the watch.
+"""Faults that the daemon detects in the published insole recording of Belli et al. 2023, replayed as frames.
 
     python -m benchmarks.published_data.faults [folder with the data, ../shared/data/belli2023]
 

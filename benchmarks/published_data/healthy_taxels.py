@@ -1,4 +1,4 @@
-"""Which taxels of the published left insole are worth judging, and which of their samples: from calibration data alone.
+"""Taxels and samples of the published left insole that are fit to judge models, chosen by calibration data alone.
 
     python -m benchmarks.published_data.healthy_taxels [folder with the data, ../shared/data/belli2023]
 

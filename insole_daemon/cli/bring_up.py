@@ -30,7 +30,7 @@ _LISTEN_S = 10.0
 
 def bring_up(
     config: ConfigFile = None,
-    foot: Annotated[Which, typer.Option("--foot", help="Which insole is there.")] = Which.both,
+    foot: Annotated[Which, typer.Option("--foot", help="Insoles to check.")] = Which.both,
     out: Annotated[
         Path | None, typer.Option("--out", help="Folder of the report; left out: bring-up- and the time.")
     ] = None,

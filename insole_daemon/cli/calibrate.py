@@ -32,9 +32,11 @@ _STAGES = {Method.default: (2, 3, 8, 3, 3, 5, 1, 1), Method.paper: (2, 3, 8, 2)}
 
 def calibrate(
     recordings: Annotated[list[Path], typer.Argument(help="Folders of recordings: chamber, force shoe, or both.")],
-    out: Annotated[Path, typer.Option("--out", help="The calibration that is written.")],
-    report: Annotated[Path | None, typer.Option("--report", help="An HTML page about it, in one file.")] = None,
-    foot: Annotated[OneFoot | None, typer.Option("--foot", help="Needed where the recordings have both.")] = None,
+    out: Annotated[Path, typer.Option("--out", help="Calibration file to write.")],
+    report: Annotated[Path | None, typer.Option("--report", help="Report to write, one HTML file.")] = None,
+    foot: Annotated[
+        OneFoot | None, typer.Option("--foot", help="Foot to calibrate; needed if the recordings have both.")
+    ] = None,
     method: Annotated[
         Method,
         typer.Option(

@@ -46,22 +46,25 @@ def demo(
         typer.Option(
             "--hide",
             metavar="EFFECT",
-            help="Instead: record a trial in which this effect is concealed, or nothing, and diagnose it.",
+            help="Instead: simulate a trial with this effect concealed, or with 'nothing', and diagnose it.",
         ),
     ] = None,
     trial: Annotated[
         HiddenIn | None,
-        typer.Option("--in", help="With --hide: in which trial; without it a chamber, where that shows the effect."),
+        typer.Option(
+            "--in", help="With --hide: kind of trial; without it a chamber if that can show the effect, else a walk."
+        ),
     ] = None,
     seed: Annotated[
         int | None, typer.Option("--seed", min=0, help="With --hide: seed of place and strength; drawn by default.")
     ] = None,
 ) -> None:
-    """See it work without hardware: a simulated walk, live; or something concealed, found.
+    """Run without hardware: a simulated walk, live; or a test of the diagnosis.
 
-    Emulated boards of both feet on an in-process bus, the real daemon, Zenoh, and a view in the terminal. With --hide
-    the exit status is 0 where the diagnosis names what was concealed first, else 1; the last lines say what the daemon
-    would publish of another trial, before and after.
+    Live: emulated boards of both feet on an in-process bus, the real daemon, Zenoh, and a view in the terminal. With
+    --hide: a simulated trial with a concealed effect is diagnosed, and the last lines have the daemon's error on
+    another trial, with the calibration and with the new model. Exit status then: 0 if the diagnosis names the
+    concealed effect first, else 1.
     """
     if hide is not None:
         if seconds is not None or view or port is not None or listen != DEFAULT_ENDPOINT:
@@ -70,7 +73,7 @@ def demo(
 
         raise typer.Exit(0 if hide_and_seek(hide, seed, None if trial is None else trial.value) else 1)
     if seed is not None or trial is not None:
-        raise typer.BadParameter("--seed and --in are of --hide: say what to conceal")
+        raise typer.BadParameter("--seed and --in need --hide EFFECT")
     if port is not None and not view:
         raise typer.BadParameter("--port needs --view")
     from ..bus.opening import open_sink

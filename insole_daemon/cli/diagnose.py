@@ -59,7 +59,9 @@ def diagnose(
             "--verify", help="A recording that is not diagnosed; the model's error before and after is measured on it."
         ),
     ] = None,
-    foot: Annotated[OneFoot | None, typer.Option("--foot", help="Needed where the recordings have both.")] = None,
+    foot: Annotated[
+        OneFoot | None, typer.Option("--foot", help="Foot to diagnose; needed if the recordings have both.")
+    ] = None,
     force: Force = False,
 ) -> None:
     """Detect effects that the model of recordings left out, and write a model that has them.

@@ -27,7 +27,7 @@ _PICTURE_MM = (11.0, 6.0)  # height of a line, width of a character
 
 def map_(
     out: Annotated[Path, typer.Option("--out", help="Folder for left-layout.yaml and right-layout.yaml.")],
-    foot: Annotated[Which, typer.Option("--foot", help="Which insole is pressed.")] = Which.both,
+    foot: Annotated[Which, typer.Option("--foot", help="Insole to map.")] = Which.both,
     config: ConfigFile = None,
     template: Annotated[
         Path | None,

@@ -21,7 +21,7 @@ class Model(StrEnum):
 
 def model(
     switch: Annotated[Model | None, typer.Argument(help="Model to use; without it, nothing changes.")] = None,
-    foot: Annotated[Which, typer.Option("--foot", help="Which insole.")] = Which.both,
+    foot: Annotated[Which, typer.Option("--foot", help="Insole to list or switch.")] = Which.both,
     rig: RigName = "*",
     connect: Connect = DEFAULT_ENDPOINT,
     zenoh_config: ZenohFile = None,

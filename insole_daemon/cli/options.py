@@ -37,7 +37,7 @@ Scheduler = Annotated[
 ]
 TlsCa = Annotated[Path | None, typer.Option("--tls-ca", help="Certificate authority of the scheduler.")]
 TlsCert = Annotated[Path | None, typer.Option("--tls-cert", help="Certificate of this client.")]
-TlsKey = Annotated[Path | None, typer.Option("--tls-key", help="Its key.")]
+TlsKey = Annotated[Path | None, typer.Option("--tls-key", help="Key of that certificate.")]
 
 
 class Which(StrEnum):
@@ -62,7 +62,7 @@ def _bus(text: str) -> Bus:
     return bus
 
 
-_BUS = typer.Option("--bus", parser=_bus, metavar="DRIVER:CHANNEL", help="Where the frames go.")
+_BUS = typer.Option("--bus", parser=_bus, metavar="DRIVER:CHANNEL", help="Bus on which the frames are sent.")
 BusName = Annotated[Bus, _BUS]
 OptionalBusName = Annotated[Bus | None, _BUS]
 

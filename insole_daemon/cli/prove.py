@@ -35,12 +35,12 @@ class Suite(StrEnum):
 
 def prove(
     out: Annotated[Path, typer.Option("--out", help="Folder for cases, truth, answers and tables; it must not exist.")],
-    cases: Annotated[int, typer.Option("--cases", min=1, help="How many.")] = 120,
+    cases: Annotated[int, typer.Option("--cases", min=1, help="Number of cases.")] = 120,
     seed: Annotated[int | None, typer.Option("--seed", min=0, help="Seed of the cases; drawn by default.")] = None,
     suite: Annotated[Suite, typer.Option("--suite", help="Which kinds of cases; bench is a short fixed list.")] = (
         Suite.all
     ),
-    jobs: Annotated[int, typer.Option("--jobs", min=1, help="How many at a time, on local Dask workers.")] = 1,
+    jobs: Annotated[int, typer.Option("--jobs", min=1, help="Cases to run at a time, on local Dask workers.")] = 1,
     scheduler: Scheduler = None,
     tls_ca: TlsCa = None,
     tls_cert: TlsCert = None,

@@ -45,7 +45,7 @@ def record(
     ] = False,
     connect: Connect = DEFAULT_ENDPOINT,
     rig: Annotated[str, typer.Option(help="With --remote: which wearer, if there are several.")] = "*",
-    foot: Annotated[Which, typer.Option("--foot", help="Which insoles to record.")] = Which.both,
+    foot: Annotated[Which, typer.Option("--foot", help="Insoles to record.")] = Which.both,
     kind: Annotated[RecordKind, typer.Option(help="Kind of reference; free: none.")] = (RecordKind.free),
     reference: Annotated[
         list[str] | None,

@@ -22,7 +22,7 @@ def report(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option("--out", help="Where to write it; left out: report.html in the folder, which is replaced."),
+        typer.Option("--out", help="File to write; left out: report.html in the folder, which is replaced."),
     ] = None,
     calibration: Calibrations = None,
     force: Force = False,

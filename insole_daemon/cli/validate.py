@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 def validate(
     recordings: Annotated[list[Path], typer.Argument(help="Folders of recordings with a reference.")],
     calibration: Annotated[Path, typer.Option("--calibration", help="The calibration to validate.")],
-    out: Annotated[Path | None, typer.Option("--json", help="All figures, as insole-validation/2.")] = None,
-    report: Annotated[Path | None, typer.Option("--report", help="An HTML page, in one file.")] = None,
+    out: Annotated[Path | None, typer.Option("--json", help="File for all errors, insole-validation/2.")] = None,
+    report: Annotated[Path | None, typer.Option("--report", help="Report to write, one HTML file.")] = None,
     force: Force = False,
 ) -> None:
     """Measure the errors of a calibration on recordings with a known load, as in the published tables."""

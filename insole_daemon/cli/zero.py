@@ -21,7 +21,7 @@ _TRIANGLES_SHOWN = 12
 
 
 def zero(
-    foot: Annotated[Which, typer.Option("--foot", help="Which insole; both at once if nobody stands.")] = Which.both,
+    foot: Annotated[Which, typer.Option("--foot", help="Insole to zero; for both, lift both feet.")] = Which.both,
     seconds: Annotated[float, typer.Option(min=0.5, max=60, help="How long the readings are averaged.")] = 3.0,
     force: Annotated[bool, typer.Option("--force", help="Also zero a foot that seems loaded or moves.")] = False,
     wait: Annotated[bool, typer.Option(help="Count down first.")] = True,

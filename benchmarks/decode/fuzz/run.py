@@ -1,4 +1,4 @@
-"""Coverage-guided fuzzing of the targets with atheris (libFuzzer), one process a target; the figures as a table.
+"""Coverage-guided fuzzing of every parser with atheris (libFuzzer), one process for each target.
 
     pip install -e '.[test,fuzz]'      # atheris has wheels for x86-64
     python -m benchmarks.decode.fuzz.run                      # every target: 10 million inputs for a byte parser, for

@@ -1,4 +1,4 @@
-"""The blind benchmark: make a set of cases with physics concealed, run a tool on it, score its answers.
+"""Blind benchmark of the diagnosis: generate cases with concealed effects, run a tool on them, score its answers.
 
 Its verbs are make, run and score; `insole prove` runs all three.
 

@@ -1,4 +1,4 @@
-"""The fault matrix: every fault on a real vcan, what subscribers saw, how long it took, what was lost.
+"""Fault matrix: what subscribers see, how long recovery takes and what is lost, for each fault on a real vcan.
 
     python -m benchmarks.faults.matrix [WORD...] [--out docs/evidence/fault-matrix.md]
 
