@@ -2,10 +2,10 @@
 
     python -m benchmarks.calibration.fused_problem [--clarabel]
 
-1 120 unknowns, 2 520 slopes that may not be negative, and a chamber beside the shoe. Timed is what `insole calibrate`
-does once the samples are there: the sums, the equations, the solution. With --clarabel the same scaled equations are
-handed to that solver too. Exits with 1 where it takes longer than 10 s of wall clock, 1 GB, or ends with a KKT residual
-above 1e-6.
+The problem has 1 120 unknowns, 2 520 constraints that a slope is not negative, and a chamber in addition to the shoe.
+The time is that of `insole calibrate` after the samples were read: sums, equations and solution. With --clarabel that
+solver gets the same scaled equations. Exits with 1 if it takes more than 10 s of wall clock or 1 GB, or if the residual
+of the optimality (KKT) conditions is above 1e-6.
 
 Takes about 15 seconds.
 """

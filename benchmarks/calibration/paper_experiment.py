@@ -2,11 +2,11 @@
 
     python -m benchmarks.calibration.paper_experiment
 
-63 kg calibrate (bag, T1 to T3), 54 kg validate (T1 to T6), as in Sorrentino et al. 2020, on an insole with ordinary
-viscoelasticity, hysteresis, hold and delay (paper_phenomenon.py). Beside it what noise alone would leave: the true
-curves, on the same trials without that physics. Standing is judged while the reference is steady, walking in every
-cycle; once with the clock that fits best, as `validate` does, and once with the true one, where the insole's own delay
-counts in full. Exits with 1 where standing is worse than 1.5 times what noise leaves.
+A person of 63 kg calibrates (bag, T1 to T3), one of 54 kg validates (T1 to T6). The insole has usual viscoelasticity,
+hysteresis, sample-and-hold and delay (paper_phenomenon.py). For comparison, the error of noise alone: the true curves
+on the same trials without these effects. Errors of standing are those while the reference is steady, errors of walking
+those of every cycle; with the clock that fits best, as `validate` uses, and with the true clock, which includes the
+insole's delay. Exits with 1 if the error of standing is above 1.5 times that of noise alone.
 
 Takes about 10 minutes.
 """

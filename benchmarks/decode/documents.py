@@ -2,7 +2,8 @@
 
     python -m benchmarks.decode.documents
 
-CPU seconds of one reading, the least of five; wanted is less than 1 s.
+The documents are as large as permitted and consist of many small items. Prints the CPU time of one reading, the least
+of five; the target is less than 1 s.
 
 Takes about half a minute.
 """

@@ -3,17 +3,17 @@
     python -m benchmarks.diagnosis.ablations --seed N --cases 24 --out OUT
     python -m benchmarks.diagnosis.ablations --seed N --cases 120 --kinds triple --only whole greedy --out OUT
 
-Generator and scorer are the blind benchmark's own programs (`benchmarks/diagnosis/blind`), run as they are: the seal
-is printed first, every run is logged. Only what answers is patched, here and nowhere in the package:
+Generator and scorer are the unchanged programs of the blind benchmark (`benchmarks/diagnosis/blind`): the seal is
+printed first, and every run is logged. Only the diagnosis is patched, in this program and nowhere in the package:
 
-- greedy: sets grow one term at a time, and no term of a set is left out or exchanged again;
-- no groups: places are the insole, a board or one triangle;
-- exact laws: a law is taken to describe its material without any misfit;
-- exact calibration: gains, baselines and curves are what the calibration says;
+- greedy: forward selection without a beam; no term of a set is removed or exchanged again;
+- no groups: places are the insole, a board or one triangle, not other sets of triangles;
+- exact laws: laws have no misfit;
+- exact calibration: gains, baselines and curves of the calibration have no error;
 - no refinement: parameters are those of the coarse grid.
 
-`--kinds`: only cases of these kinds are answered, those that a part is there for: what greedy selection cannot do shows
-in triples, where the best single effect is none of the three. What kind a case is only this program is told.
+`--kinds` restricts the cases to those that show a part's use: greedy selection fails on triples, where the best single
+effect may be none of the three. Only this program reads the kind of a case, never the diagnosis.
 
 Takes about an hour, and needs --seed and --out.
 """

@@ -5,9 +5,9 @@ Takes some 10 s a case.
     python -m benchmarks.diagnosis.blind make --suite all --seed N --cases 100 --out cases --sealed sealed
     python -m benchmarks.diagnosis.confidence cases sealed
 
-The seed may serve nothing else. All findings of a case together have a weight of 1, because they are right or wrong
-together. Prints the coefficients for `insole_daemon/diagnosis/select/confidence.py`, and how
-often findings were right, by what they are given.
+Use a seed that no other evaluation uses. All findings of a case together have a weight of 1, because they are right or
+wrong together. Prints the coefficients for `insole_daemon/diagnosis/select/confidence.py`, and the fraction of correct
+findings for each level of confidence.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
     python -m benchmarks.diagnosis.families [--draws 4]
 
-Trials of the tests' own kind: a snap of nine domains whose thresholds spread, a power law of creep, a Bouc–Wen loop, a
-relaxation over a spectrum of times. `select.amplitude.STD` is what comes out here, as a standard deviation.
+Materials: a snap of nine domains with different thresholds, creep by a power law, a Bouc–Wen loop, a relaxation with a
+spectrum of times. Prints the relative standard deviation of the parameters, which is `select.amplitude.STD`.
 
 Takes about 20 minutes.
 """

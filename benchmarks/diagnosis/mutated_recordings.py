@@ -2,9 +2,9 @@
 
     python -m benchmarks run diagnosis.mutated_recordings 1000 SEED --out FOLDER
 
-Two simulated trials, a chamber and a walk, with one to three changes each: rows and frames that are lost, come twice,
-in another order, at other times or with other bytes, numbers that are none, other keys and values in the documents,
-files that are cut off, empty or gone. An interrupted run goes on where it was. Every defect keeps its recording.
+Two simulated trials, a chamber and a walk, with one to three changes each: rows and frames that are lost, doubled,
+reordered, shifted in time or changed, invalid numbers, other keys and values in the documents, files that are
+truncated, empty or missing. An interrupted run continues where it stopped. Recordings that caused a defect are kept.
 
 Takes about an hour for 1 000 on one core.
 """

@@ -2,11 +2,11 @@
 
     python -m benchmarks.diagnosis.published_chambers [--folder ../shared/data/belli2023]
 
-Every file by itself, imported and diagnosed without a calibration: the curves that fit it best stand for one. Errors
-are those of blocks of rows that neither curves nor effects were fitted to; the static model's curves are the best
-polynomials and splines of the load for every taxel. Printed of each file: verdict, errors, what is named where, the
-thresholds of boards that switch with the load, seconds; then how far thresholds are apart across files, and how many
-files have a memory named of those in which all that is named leaves a fifth less than static curves.
+Each file is imported and diagnosed by itself, without a calibration: the curves that fit it best replace one. Errors
+are those of held-out blocks; the curves of the static model are the best polynomials and splines of the load for every
+taxel. Prints for each file: verdict, errors, findings with their places, thresholds of boards that switch with the
+load, and run time; then the spread of thresholds across files, and, of the files in which the findings lower the error
+of static curves by a fifth, the number with a memory among them.
 
 Takes about 10 minutes.
 """

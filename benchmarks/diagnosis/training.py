@@ -2,10 +2,10 @@
 
     python -m benchmarks.diagnosis.training OUT --seed 1 --cases 40
 
-Not the blind benchmark (`benchmarks/diagnosis/blind`, which the thresholds have never seen): the same person
-wrote this and the tool. Its families differ from the tool's where the field knows others: Bouc–Wen where the tool has
-plays, a Preisach density, a fractional power law where it has a spectrum of exponentials. Each case is a folder;
-`truth.json` beside them says what is in it.
+This is not the blind benchmark (`benchmarks/diagnosis/blind`), which no threshold was chosen on: this generator has the
+same author as the diagnosis. Its laws differ from those of the diagnosis: Bouc–Wen instead of plays, a Preisach
+density, a fractional power law instead of a spectrum of exponentials. Each case is a folder; `truth.json` beside the
+folders lists the concealed effects.
 
 Takes about a minute, and needs OUT.
 """

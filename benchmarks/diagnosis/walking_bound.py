@@ -2,11 +2,12 @@
 
     python -m benchmarks.diagnosis.walking_bound PROOF  # the folder made by `insole prove --suite walking --out PROOF`
 
-The oracle of that row reads an insole in which nothing was concealed. Who knows the truth cannot read as well as that:
-a lag takes the edges of a step below the noise. So of every walk with a lag the true force of the part kept back is
-put through the true lag alone, read every 20 ms with white noise as large as the oracle's error, and undone by the
-best linear filter there is: TAPS readings and a constant, fitted by least squares to the very truth it is judged by.
-No causal filter of the summed force does better. Stamped without delay, and √(τ · 8 ms) earlier, as the daemon does.
+It belongs to the row `f_z … against the oracle` of the walking proof, whose oracle reads an insole without the
+concealed effect. A lag filters the edges of a step below the noise, so even with the true law the oracle's error cannot
+be reached. For every walk with a lag, the true force of the held-out part is filtered by the true lag, sampled every 20
+ms, and white noise of the oracle's RMS error is added. The bound is the error of the best linear filter of TAPS
+readings and a constant, fitted by least squares to the same true force, with the time stamp of the reading and √(τ · 8
+ms) before it, as the daemon stamps.
 
 Takes about a minute, and needs a proof.
 """

@@ -3,9 +3,9 @@
     python -m benchmarks.endurance.killed_recorders                # 200 of them, four at a time: some ten minutes
     python -m benchmarks.endurance.killed_recorders --kills 8
 
-Three of four record a bus, some of these into a new folder every 100 kB; every fourth is `insole record --remote` and
-takes the cycles of a daemon. Every folder must open. The frames that are there must be the first that were sent, one by
-one, and the last line must be whole. Recorders and daemon have precedence over whatever else runs on the host.
+Three of four recorders read a bus, some of these with a new folder every 100 kB; the fourth is `insole record --remote`
+and reads the cycles of a daemon. Every folder must open as a recording. Its frames must be the first that were sent,
+without a gap, and its last line must be complete. Recorders and daemon have priority over other programs of the host.
 
 Takes about 10 minutes.
 """

@@ -3,16 +3,16 @@
     python -m benchmarks.endurance.soak              # 24 hours, at up to 20 times real time: 72 minutes or more
     python -m benchmarks.endurance.soak --hours 0.5  # less of it; SIGTERM ends it sooner, with the report so far
 
-Time is injected for frames, cycles, health and clock steps. At real speed run Zenoh and the subscriber, in a process
-of its own, and the attempts to open a lost interface again. Of the receiving side only `recvmmsg` is replaced.
+Frames, cycles, health and clock steps use injected time. Zenoh, the subscriber (a separate process) and the attempts to
+reopen a lost interface run at real speed. On the receiving side only the system call `recvmmsg` is replaced.
 
-Every frame's kind is known from how it was made; in the end every one must be found again, as used or as refused for
-that reason.
+The kind of every frame is known, because the benchmark made it. At the end every frame must be counted, as used or as
+refused for its reason.
 
-Latency is real time, from the frames in hand to the end of the last `put` of their cycle. What has waited while the
-process was stopped (two of the faults) is handed over as one batch of up to 400 cycles, all published: there the
-latency of a cycle is the work on all before it. Those cycles are counted by themselves: about a hundredth of an hour's
-cycles, they made its 99th percentile jump whenever an hour had a stop or two more than others.
+Latency is real time, from the arrival of the frames in the process to the end of the last `put` of their cycle. Frames
+that waited while the process was stopped (two of the faults) come as one batch of up to 400 cycles, all of which are
+published, so the latency of a cycle includes the work on all cycles before it. Those cycles, a hundredth of all, have
+figures of their own; otherwise the 99th percentile of an hour would depend on its number of stops.
 
 Takes about 94 minutes.
 """

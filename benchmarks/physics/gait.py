@@ -2,12 +2,11 @@
 
     python -m benchmarks.physics.gait
 
-Truth is the force of the simulated person: contact is when it leaves 0, toe-off when it is 0 again; steps that hardly
-press because the person is being let down to the ground or lifted off it count as well. Standing is what lies between
-those two: who is let down or lifted does touch and leave the ground. Everything between load and steps is there:
-boards,
-bus, digitiser, noise, the daemon's reader, a true static calibration; `ordinary` adds viscoelasticity, hysteresis, a
-late bus and the converters' 27 Hz hold, which no static calibration knows of.
+The truth is the force of the simulated person: contact is when it rises from 0, toe-off when it returns to 0. Light
+steps count too, at the start and end of a trial when the person is lowered to the ground and lifted off it. Standing is
+the time between. The simulation has boards, bus, digitiser, noise, the daemon's reader and the true static calibration;
+`ordinary` adds viscoelasticity, hysteresis, a delay of the bus and the converters' 27 Hz hold, which are not in the
+calibration.
 
 Takes about 10 minutes.
 """

@@ -2,18 +2,18 @@
 
     python -m benchmarks.physics.paper_phenomenon
 
-Sorrentino et al. 2020 fitted a cubic a taxel to a vacuum bag and to slow trials in force shoes (T1 to T3) together, and
-validated standing and walking (T4 to T6): the error of f_z grew from 8 N to 95 N. Here the same is done to the same
-insole twice: with nothing but noise and digitisation, and with ordinary viscoelasticity, hysteresis and timing (a late
-bus, the converters' 27 Hz hold) on. Each is calibrated anew by `insole calibrate --method paper` on bag, T1, T2 and T3
-of a person of 63 kg; validated are T1 to T6 of one of 54 kg, with noise of their own, all samples unsmoothed.
+Sorrentino et al. 2020 fitted a cubic for each taxel to a vacuum bag and to slow trials in force shoes (T1 to T3), and
+validated standing and walking (T4 to T6): the RMSE of f_z rose from 8 N to 95 N. This benchmark repeats it with one
+simulated insole in two versions: with noise and digitisation only, and with usual viscoelasticity, hysteresis and
+timing (a delay of the bus, the converters' 27 Hz hold). Each version is calibrated by `insole calibrate --method paper`
+on the bag and T1 to T3 of a person of 63 kg, and validated on T1 to T6 of one of 54 kg, with other noise and without
+smoothing.
 
-The reference's clock is set right in all of them, so that what is late is the insole. With physics, a row of counts is
-taken for what was there when it came, as published, although boards tick when they like. That is timing too, so with
-noise only each triangle is brought to the moment it was read; `as rows` leaves that out. `delay removed`: with
-physics, after the one shift of all of T4 to T6 that suits f_z best, which anybody who aligns two recordings by their
-shape does unawares. Where standing is concerned, what counts is standing still, as in the paper: not the steps on and
-off.
+The clock of the reference is corrected in all trials, so the remaining delay is the insole's. With physics, all counts
+of a row have the row's time, as published, although boards are not synchronised. This is an error of timing, too; with
+noise only, each triangle therefore has its own acquisition time, and `as rows` shows the error without that. `delay
+removed` is the error with physics after the one shift of T4 to T6 that fits f_z best, as when two recordings are
+aligned by their shape. Standing means standing still, as in the paper, without the steps on and off.
 
 Takes about 10 minutes.
 """
