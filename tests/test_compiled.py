@@ -23,7 +23,7 @@ HEADERS = Path(sysconfig.get_path("include")) / "Python.h"
 CAN_BE_BUILT = bool(shutil.which("cc")) and HEADERS.exists() and os.environ.get("INSOLE_KERNEL") != "0"
 
 
-def test_where_there_is_a_compiler_there_is_the_kernel():
+def test_with_a_compiler_the_compiled_kernel_is_built():
     assert (kernel is not None) or not CAN_BE_BUILT, (
         "there is a compiler, and no kernel, or one of another source: 'python hatch_build.py' builds it"
     )
@@ -41,7 +41,7 @@ def test_without_the_kernel_the_package_computes_with_numpy():
     assert done.stdout == "None\n"
 
 
-def test_without_a_compiler_the_build_says_why_and_goes_on(tmp_path):
+def test_without_a_compiler_the_build_reports_it_and_continues(tmp_path):
     copy = tmp_path / "insole_daemon"
     copy.mkdir()
     shutil.copy(HERE / "hatch_build.py", tmp_path)
@@ -70,7 +70,7 @@ def test_without_a_compiler_the_build_says_why_and_goes_on(tmp_path):
         min_size=1, max_size=30,
     )
 )  # fmt: skip
-def test_what_the_kernel_packs_is_what_msgpack_packs(values):
+def test_the_compiled_kernel_packs_the_same_bytes_as_msgpack(values):
     names = [f"value_{number}" for number in range(len(values))]
     heads = [msgpack.packb(name) for name in names]
     heads[0] = msgpack.Packer().pack_map_header(len(names)) + heads[0]

@@ -36,7 +36,7 @@ def problems(path: Path) -> list[tuple[int | None, str, str]]:
     return [(problem.line, problem.key, problem.message) for problem in caught.value.problems]
 
 
-def test_the_repositorys_file_says_what_is_built_in() -> None:
+def test_the_repositorys_config_equals_the_built_in_one() -> None:
     assert load(ROOT / "config.yaml") == load() == Config()
 
 
@@ -49,7 +49,7 @@ def test_the_repositorys_file_mentions_every_key() -> None:
             assert f"{key}:" in text
 
 
-def test_built_in() -> None:
+def test_the_built_in_configuration() -> None:
     config = load()
     assert config.rig == "insole1"
     assert config.buses == (Bus("socketcan", "can0"),)
@@ -67,7 +67,7 @@ def test_built_in() -> None:
     assert config.zenoh.connect == ()
 
 
-def test_what_is_left_out_is_what_is_built_in(write: Write) -> None:
+def test_omitted_keys_have_the_built_in_values(write: Write) -> None:
     assert load(write("")) == Config()
     config = load(write("publish: {rate_hz: 100}\n"))
     assert (config.publish.rate_hz, config.publish.slack_ms) == (100, 5)

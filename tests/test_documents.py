@@ -167,7 +167,7 @@ def test_unknown_key_proposes_the_one_that_was_meant(write: Write) -> None:
     assert message == 'unknown key: did you mean "parts"?'  # and no second problem about `parts` missing
 
 
-def test_unknown_key_like_no_other_names_those_there_are(write: Write) -> None:
+def test_the_error_of_an_unknown_key_lists_the_known_ones(write: Write) -> None:
     message = only(write(f"format: {TAG}\nparts: [{{number: 1}}]\nzzz: 1\n"))[2]
     assert message.startswith("unknown key: known here are ")
     assert "slack_ms" in message
@@ -328,14 +328,14 @@ def test_no_file(tmp_path: Path) -> None:
         ("document.json", JSON_BYTES, "cannot be read: expected at most 1.0 MB, found 3.0 MB: is this the right file"),
     ],
 )
-def test_a_document_has_a_most_size(write: Write, name: str, most: int, message: str) -> None:
+def test_a_document_has_a_maximum_size(write: Write, name: str, most: int, message: str) -> None:
     head = b'{"format": "test-whole/1", "parts": [{"number": 1}]'
     assert load(write(head + b" " * (most - len(head) - 1) + b"}", name)).parts[0].number == 1
     assert "expected at most" in only(write(head + b" " * (most - len(head)) + b"}", name))[2]
     assert message in only(write(b" " * (most + 2_000_000), name))[2]
 
 
-def test_a_document_without_an_end_is_not_read_for_ever(tmp_path: Path) -> None:
+def test_an_endless_document_is_refused(tmp_path: Path) -> None:
     (tmp_path / "document.yaml").symlink_to("/dev/zero")
     assert "expected at most 0.3 MB" in only(tmp_path / "document.yaml")[2]
 
@@ -362,7 +362,7 @@ def test_byte_order_mark_is_read_over(write: Write) -> None:
     assert load(write(b"\xef\xbb\xbf" + f"format: {TAG}\nparts: [{{number: 1}}]\n".encode())).parts[0].number == 1
 
 
-def test_checks_see_what_is_right_beside_what_is_wrong(write: Write) -> None:
+def test_checks_get_the_valid_parts_beside_invalid_ones(write: Write) -> None:
     seen = []
 
     def check(reading: Reading) -> None:
@@ -405,7 +405,7 @@ class Spans(Section):
     spans: tuple[Span, ...]
 
 
-def test_a_struct_whose_keys_do_not_fit_together_is_refused_where_it_stands(write: Write) -> None:
+def test_a_struct_with_inconsistent_keys_is_refused_with_its_line(write: Write) -> None:
     path = write(f"format: {TAG}\nspans:\n- {{first: 1, last: 2}}\n- {{first: 3, last: 2}}\n")
     with pytest.raises(DocumentError, match=r"line 4: spans\[1\]: expected last after 3, found 2"):
         read(path, Spans, TAG)

@@ -57,7 +57,7 @@ def test_all_locks_name_the_same_versions():
     assert {package: found for package, found in versions.items() if len(found) > 1} == {}
 
 
-def test_bootstrap_installs_what_is_locked_and_nothing_else():
+def test_bootstrap_installs_only_locked_packages():
     text = (ROOT / "bootstrap.py").read_text()
     installs = re.findall(r'pip\("install".*\)', text)
     assert len(installs) == 3

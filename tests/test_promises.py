@@ -20,7 +20,7 @@ def test_every_promise_is_shown_by_something(line):
 
 
 @pytest.mark.parametrize("name", sorted(set(NAMED.findall(TEXT))))
-def test_what_is_named_exists(name):
+def test_the_named_tests_and_programs_exist(name):
     path, _, function = name.partition("::")
     assert (ROOT / path).exists()
     if function:
@@ -28,5 +28,5 @@ def test_what_is_named_exists(name):
         assert function in {node.name for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)}
 
 
-def test_there_are_promises():
+def test_the_page_of_guarantees_is_not_empty():
     assert len(LINES) > 40

@@ -116,7 +116,7 @@ def test_a_wrong_bit_rate_by_error_frames_without_data():
     assert "bitrate 1000000" in found[0].remedy
 
 
-def test_a_wrong_bit_rate_by_what_the_kernel_says():
+def test_a_wrong_bit_rate_of_the_interface_is_a_problem():
     link = {
         "flags": ["UP"],
         "linkinfo": {"info_kind": "can", "info_data": {"state": "ERROR-ACTIVE", "bittiming": {"bitrate": 500_000}}},

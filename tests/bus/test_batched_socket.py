@@ -63,7 +63,7 @@ def test_frames_come_in_order_with_kernel_time_in_integer_ns(pair):
     assert counters.frames == 300
 
 
-def test_a_batch_stays_what_it_was_when_more_is_received(pair):
+def test_a_batch_does_not_change_when_more_is_received(pair):
     receiver, sender = pair
     batched = BatchedSocket(receiver, BusCounters())
     sender.send(frame(0x451, b"\x40" * 8))
@@ -159,7 +159,7 @@ def test_another_process_that_runs_between_two_clocks_is_no_step(pair, monkeypat
     assert batch.t_mono_ns[0] < before_ns, "the frame had come before"
 
 
-def test_collect_waits_for_what_is_asked_and_no_longer_than_said(pair):
+def test_collect_waits_for_the_answers_and_at_most_the_timeout(pair):
     receiver, sender = pair
     source = SocketCanSource(receiver, "can0")
     for _ in range(5):

@@ -187,9 +187,7 @@ def test_a_step_backwards_is_counted_and_taken_out(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("piece_bytes", [30, 1 << 19])
-def test_time_that_leaves_what_64_bits_hold_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, piece_bytes: int
-) -> None:
+def test_a_time_beyond_64_bits_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, piece_bytes: int) -> None:
     monkeypatch.setattr(candump, "_PIECE_BYTES", piece_bytes)
     text = "(9223372035.0) can0 123#\n(0.0) can0 123#\n(9223372035.0) can0 123#\n"
     assert "line 3: expected times that go on, found them go back and forth over more than 292" in refusal(
@@ -317,7 +315,7 @@ def test_fast_and_careful_reading_agree_on_good_lines(folder: Path, text: list[s
 
 @settings(max_examples=300, deadline=None)
 @given(st.lists(good_lines, max_size=4), lines, st.lists(good_lines, max_size=4))
-def test_fast_and_careful_reading_agree_on_what_may_be_bad(
+def test_fast_and_careful_reading_agree_on_damaged_lines(
     folder: Path, before: list[str], line: str, after: list[str]
 ) -> None:
     check_fast_against_slow(folder, "".join(f"{each}\n" for each in [*before, line, *after]).encode())
@@ -383,7 +381,7 @@ def test_zeros_after_a_power_loss_are_a_torn_line(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("lost_bytes", [1, 8, 200])
-def test_truncated_gzip_keeps_what_is_there(tmp_path: Path, lost_bytes: int) -> None:
+def test_a_truncated_gzip_is_read_up_to_its_end(tmp_path: Path, lost_bytes: int) -> None:
     text = ordinary_text(500)
     log = read(log_file(tmp_path, gzip.compress(text.encode())[:-lost_bytes], "can.log.gz"))
     assert 0 < len(log.frames) <= 500
@@ -416,7 +414,9 @@ def test_damaged_gzip_is_refused(tmp_path: Path) -> None:
     assert "copy the file again" in message
 
 
-def test_zstd_without_a_module_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_error_of_zstd_without_its_module_names_the_package(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def none_installed(name: str) -> None:
         raise ImportError(name)
 

@@ -85,7 +85,7 @@ def frame(draw: st.DrawFn) -> tuple[int, int, int, int, str, int]:
 
 @settings(max_examples=200, deadline=None)
 @given(frames=st.lists(frame(), min_size=1, max_size=30))
-def test_what_is_written_is_read_back(
+def test_written_values_are_read_back(
     tmp_path_factory: pytest.TempPathFactory, frames: list[tuple[int, int, int, int, str, int]]
 ) -> None:
     # The steps backwards of random times would add up to more than 64 bits hold.
@@ -117,7 +117,7 @@ def test_files(tmp_path: Path) -> None:
             assert file.read() == b"(1741532714.334381) can0 470#40EEEFF1EFF1F1F0\n"
 
 
-def test_what_a_log_cannot_hold_is_refused(tmp_path: Path) -> None:
+def test_frames_that_a_log_cannot_hold_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "can.log"
     cases = [
         (replace(ONE, flags=np.array([FD], np.uint8)), "expected classic CAN frames, found CAN FD"),

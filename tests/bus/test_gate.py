@@ -100,7 +100,7 @@ def test_identifiers_beyond_11_bits_do_not_wrap_into_the_list():
         (0x20F, "32 06", "address"),
     ],
 )
-def test_what_must_never_leave_is_named(can_id, payload, why):
+def test_fatal_commands_are_refused_by_name(can_id, payload, why):
     sink = Sink()
     gate = Gate(lambda: sink, configure=True)
     with pytest.raises(BusError, match=rf"{can_id:03X}.*is not sent: .*{why}"):
@@ -129,7 +129,7 @@ def test_no_command_to_everyone_but_discovery():
     assert all(refusal(0x20F, payload) is not None for payload in GOOD.values())
 
 
-def test_what_is_played_again_is_no_command_at_any_identifier_with_any_first_byte():
+def test_no_replayed_frame_is_a_command_for_any_identifier_and_first_byte():
     board_sends = {0x200 | address << 4 for address in range(1, 15)}  # its answers
     for dlc in (0, 1, 8):
         for first in range(256 if dlc else 1):
@@ -143,7 +143,7 @@ def test_what_is_played_again_is_no_command_at_any_identifier_with_any_first_byt
             assert len(passed - board_sends - overflow) == 6 * 256, "what boards stream, and other nodes"
 
 
-def test_of_class_7_boards_say_who_they_are_and_nothing_else():
+def test_of_class_7_boards_send_only_answers_to_discovery():
     for dlc, first in itertools.product(range(9), range(256)):
         passed = {
             can_id for can_id in np.flatnonzero(never_a_command(all_ids(dlc, first))).tolist() if can_id >> 8 == 7
@@ -177,7 +177,7 @@ def test_nothing_at_all_unless_the_configuration_says_so():
     assert (sink.sent, gate.refused) == ([], len(ALLOWED))
 
 
-def test_nowhere_to_send_to_is_said():
+def test_sending_without_a_writable_bus_is_refused():
     gate = Gate(None, configure=True)
     with pytest.raises(BusError, match="does not read a bus that can be sent to"):
         gate.send(0x70F, b"\xff")
@@ -253,7 +253,7 @@ class Bus11:
 
 
 @pytest.mark.parametrize("sink_of", [lambda bus: SocketCanSink(bus, "can0"), lambda bus: PythonCanSink(bus, "can0")])
-def test_no_sink_lets_a_fatal_command_out(sink_of):
+def test_no_sink_sends_a_fatal_command(sink_of):
     for (cls, first), source, destination in itertools.product(FATAL, range(16), range(16)):
         answer = cls == 2 and destination == 0 and 1 <= source <= 14  # of a board, to the host
         for dlc in range(1, 9):
@@ -267,7 +267,7 @@ def test_no_sink_lets_a_fatal_command_out(sink_of):
             assert bus.left == []
 
 
-def test_what_leaves_a_sink_of_every_identifier_with_every_first_byte_at_every_length():
+def test_a_sink_sends_only_listed_frames_for_every_identifier_first_byte_and_length():
     commands = set()
     for dlc, first in itertools.product(range(9), range(256)):
         if dlc == 0 and first:

@@ -55,7 +55,7 @@ def powers(x):
     ("offset_s", "rate", "hz"), [(0.0, 0.0, 50.0), (1.37, 0.006, 50.0), (-7.9, -0.011, 23.0), (12.0, 5e-5, 200.0)]
 )
 @pytest.mark.parametrize("memory", [(), MEMORY], ids=["static", "memory"])
-def test_planted_offset_and_rate_are_found(offset_s, rate, hz, memory):
+def test_simulated_offset_and_rate_are_estimated(offset_s, rate, hz, memory):
     fitted = clock.fit_clock(T_S, powers(activation(*memory)), *gauge(offset_s, rate, hz))
     assert fitted.offset_s == pytest.approx(offset_s, abs=0.1)
     assert fitted.rate == pytest.approx(rate, abs=0.001)

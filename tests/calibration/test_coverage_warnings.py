@@ -40,7 +40,7 @@ def test_the_speed_of_every_ramp():
         ([3e3, 12e3], ["chamber", "shoe"], 400e3, 60, ["60 of 280 taxels have no curve"]),
     ],
 )
-def test_what_is_not_covered_is_warned_about_and_nothing_else(speeds, kinds, known_pa, n_left_out, beginnings):
+def test_only_uncovered_loads_are_warned_about(speeds, kinds, known_pa, n_left_out, beginnings):
     t_s, pressure_pa = triangle_wave(speeds)
     samples = [samples_of(kind, t_s, pressure_pa) for kind in kinds]
     warnings = coverage_warnings(samples, np.full(280 - n_left_out, known_pa), n_left_out)

@@ -20,7 +20,7 @@ def markers(random, n=60, seconds=600.0, jitter_s=0.001):
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_a_planted_offset_and_rate_are_found_within_2_ms_and_5_ppm(seed):
+def test_a_simulated_clock_is_estimated_within_2_ms_and_5_ppm(seed):
     random = np.random.default_rng(seed)
     own_s, other_s = markers(random)
     own_s = np.delete(own_s, [3, 20])  # missed by us

@@ -44,7 +44,7 @@ def test_the_daemons_error_falls_by_the_model_of_what_was_concealed(tmp_path, mo
     assert after < most * before
 
 
-def test_what_cannot_be_undone_live_is_said_with_the_reason(tmp_path, monkeypatch):
+def test_effects_without_live_compensation_are_listed_with_the_reason(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     output, _, _ = hide("drift", "--in", "walk", "--seed", "7")
     assert "drift is not undone live: its times are those of a recording of another day" in output
@@ -60,7 +60,7 @@ def test_an_effect_that_a_chamber_cannot_show_is_refused_with_the_list(tmp_path,
     assert not list(tmp_path.iterdir())
 
 
-def test_a_word_that_nobody_knows_is_refused(tmp_path, monkeypatch):
+def test_an_unknown_word_is_refused(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     done = RUNNER.invoke(app, ["demo", "--hide", "rust"])
     assert isinstance(done.exception, SimulationError)

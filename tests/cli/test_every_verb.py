@@ -195,7 +195,7 @@ def test_a_foot_that_the_daemon_does_not_have_is_reported(verb, daemon, tmp_path
 
 
 @pytest.mark.parametrize("verb", ENDED)
-def test_ctrl_c_ends_what_goes_on_without_a_traceback(verb, daemon, given, tmp_path):  # noqa: F811
+def test_ctrl_c_ends_a_running_command_without_a_traceback(verb, daemon, given, tmp_path):  # noqa: F811
     arguments, begun, expected = ENDED[verb]
     config, endpoint = daemon
     own = tmp_path / "own.yaml"

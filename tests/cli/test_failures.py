@@ -138,7 +138,7 @@ def test_doctor_reports_a_configuration_that_is_none_as_a_problem(bad, given, mo
     assert f"→ correct {bad}, or name another file" in capsys.readouterr().out
 
 
-def test_an_effect_that_a_chamber_cannot_show_is_said_before_anything_is_recorded(given, monkeypatch, capsys):
+def test_an_effect_that_a_chamber_cannot_show_is_refused_before_the_simulation(given, monkeypatch, capsys):
     monkeypatch.chdir(given)
     status, said = insole(monkeypatch, capsys, "demo", "--hide", "crosstalk", "--in", "chamber")
     assert status == USAGE
@@ -232,7 +232,7 @@ def test_force_replaces_a_folder_that_the_command_made_and_no_other(verb, given,
     assert sorted(path.name for path in tmp_path.iterdir()) == ["made", "others"]
 
 
-def test_what_force_takes_away_comes_back_where_the_new_one_fails(given, tmp_path, monkeypatch, capsys):
+def test_output_replaced_with_force_is_restored_if_the_new_one_fails(given, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(given)
     out = tmp_path / "made"
     assert insole(monkeypatch, capsys, "simulate", "stand", "--seconds", "0.5", "--out", out)[0] == 0
@@ -244,7 +244,7 @@ def test_what_force_takes_away_comes_back_where_the_new_one_fails(given, tmp_pat
 
 
 @pytest.mark.parametrize("verb", FORCED)
-def test_force_replaces_what_is_there(verb, given, tmp_path, monkeypatch, capsys):
+def test_the_option_force_replaces_existing_output(verb, given, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(given)
     arguments, name, begins = FORCED[verb]
     out = tmp_path / name

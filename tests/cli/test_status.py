@@ -117,7 +117,7 @@ def test_one_rig_can_be_asked_for(two_rigs):
 
 
 @pytest.mark.parametrize("verb", ["zero", "boards"])
-def test_what_must_not_reach_the_wrong_wearer_asks_for_the_rig(two_rigs, verb):
+def test_commands_need_the_rig_if_there_are_several_wearers(two_rigs, verb):
     done = insole(verb, "--connect", two_rigs)
     assert done.returncode == 3
     assert "a and b have a left foot" in done.stderr

@@ -48,9 +48,9 @@ def test_a_term_that_explains_less_than_is_left_is_doubtful(design):
     assert doubtful(design, drift=1.0, misfit=2.0) == DRIFT
 
 
-def test_a_term_that_explains_more_than_is_left_is_kept(design):
+def test_a_term_that_explains_more_than_the_lack_of_fit_is_kept(design):
     assert doubtful(design, drift=4.0, misfit=2.0) is None
 
 
-def test_a_small_term_beside_one_that_fits_is_kept(design):
+def test_a_small_term_beside_a_good_fit_is_kept(design):
     assert doubtful(design, drift=0.5, misfit=0.0) is None

@@ -38,7 +38,7 @@ def test_the_published_recording_is_diagnosed(tmp_path):
     assert diagnosis.heldout["after"] < 0.9 * diagnosis.heldout["before"]
 
 
-def test_a_board_that_switches_is_named_beside_a_loop_of_the_other_boards(tmp_path):
+def test_a_snap_of_a_board_is_reported_beside_hysteresis_of_the_others(tmp_path):
     name = "calibration_dataset"
     recording = insole_daemon.load(import_matlab(FILES / "left_insole" / f"{name}.mat", tmp_path / name, "left", None))
     diagnosis = diagnose([recording], None, lambda text: None)

@@ -68,7 +68,7 @@ def test_a_memory_of_three_triangles_is_placed_and_measured(tmp_path):
     assert found.verdict == "explained"
 
 
-def test_a_strong_memory_is_found_although_the_calibration_contains_it(tmp_path):
+def test_a_strong_memory_is_detected_although_the_calibration_contains_it(tmp_path):
     """The calibration has the mean curves of readings with memory, which must not be named gain or baseline."""
     folder = write(tmp_path / "bag", relaxing(0.45, 3.0))
     calibrate(folder, folder)
@@ -108,7 +108,7 @@ def knee(knee_pa: float, span_pa: float, before: Callable[[Array, Array], Array]
     return effect
 
 
-def test_a_stiffening_is_named_beside_a_memory_that_the_calibration_contains(tmp_path):
+def test_a_stiffening_is_reported_beside_a_memory_that_the_calibration_contains(tmp_path):
     memory = relaxing(0.45, 3.0)
     calibrate(folder := write(tmp_path / "bag", knee(120e3, 250e3, memory)), write(tmp_path / "before", memory))
     found = diagnose(folder)
@@ -135,7 +135,7 @@ def test_a_lag_beside_a_memory_is_not_named_delay(tmp_path):
 
 
 @pytest.mark.parametrize(("tau_s", "loop"), [(0.2, (2.0, 0.4, 40e3)), (0.3, (1.2, 0.3, 60e3))])
-def test_a_long_lag_beside_a_strong_loop_is_measured(tmp_path, tau_s, loop):
+def test_a_long_lag_beside_strong_hysteresis_is_measured(tmp_path, tau_s, loop):
     """Without terms, the loop of a slow load would move the beginning of the search by more than it finds back."""
 
     def effect(t_s: Array, p: Array) -> Array:
@@ -147,7 +147,7 @@ def test_a_long_lag_beside_a_strong_loop_is_measured(tmp_path, tau_s, loop):
     assert by_word["lag"].parameters["tau_s"].value == pytest.approx(tau_s, rel=0.1)
 
 
-def test_a_gain_of_a_board_is_named_beside_a_memory_of_all(tmp_path):
+def test_a_gain_of_a_board_is_reported_beside_a_memory_of_the_insole(tmp_path):
     def weaker(t_s: Array, counts: Array) -> None:
         own = of_rows(2, 3)
         counts[:, own] = 240.5 - 0.85 * (240.5 - counts[:, own])
@@ -160,7 +160,7 @@ def test_a_gain_of_a_board_is_named_beside_a_memory_of_all(tmp_path):
     assert by_word["viscoelasticity"].where.scope == "insole"
 
 
-def test_a_bit_shift_is_named_beside_strong_hysteresis(tmp_path):
+def test_a_bit_shift_is_reported_beside_strong_hysteresis(tmp_path):
     def shifted(t_s: Array, counts: Array) -> None:
         own = of_rows(2, 3)
         counts[:, own] = 240.5 - 0.5 * (240.5 - counts[:, own])  # and the noise with it
@@ -214,7 +214,7 @@ def test_a_drift_is_temperature_only_if_the_thermometer_moves_enough(tmp_path, k
     assert [each.effect for each in found.findings] == [word]
 
 
-def test_a_rezero_under_load_is_found_with_its_time(tmp_path):
+def test_a_rezero_under_load_is_detected_with_its_time(tmp_path):
     def zeroed(t_s: Array, counts: Array) -> None:
         own = of_rows(4, 5)
         at = int(np.argmax(t_s > 4.5))

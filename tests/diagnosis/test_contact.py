@@ -49,7 +49,7 @@ def test_a_load_beyond_the_range_of_all_taxels_is_no_open_triangle():
 
 @pytest.mark.parametrize("steps", [False, True])
 @pytest.mark.parametrize("rate", [1e-5, 2e-4, 1e-3, 1e-2])
-def test_glitches_of_all_taxels_are_no_loose_contact_but_a_real_one_is_found(rate, steps):
+def test_glitches_of_all_taxels_are_no_loose_contact_but_a_real_one_is_detected(rate, steps):
     rng = np.random.default_rng(3)
     t_s, counts = walk(3000)
     counts = np.tile(counts.reshape(len(t_s), -1), (1, 5)).astype(float) + rng.normal(0.0, 1.0, (len(t_s), 120))

@@ -75,7 +75,7 @@ def test_a_drift_of_all_and_a_relaxation_of_one_board_are_placed_correctly(tmp_p
     assert places == {"viscoelasticity": Where("board", ((6,),)), "drift": Where()}
 
 
-def test_a_rezero_of_a_board_is_found_beside_memory(tmp_path):
+def test_a_rezero_of_a_board_is_detected_beside_memory(tmp_path):
     def anew(t_s, counts):
         counts[np.ix_(t_s >= 41.0, np.repeat(LAYOUT.identities[:, 0] == 6, 12))] += 8.0
 
@@ -87,7 +87,7 @@ def test_a_rezero_of_a_board_is_found_beside_memory(tmp_path):
     assert rezero.parameters["shift_count"].value == pytest.approx(8.0, abs=0.5)
 
 
-def test_a_delay_of_a_board_is_found_beside_a_relaxation_of_another(tmp_path):
+def test_a_delay_of_a_board_is_detected_beside_viscoelasticity_of_another(tmp_path):
     def late(t_s, counts):
         own = np.repeat(LAYOUT.identities[:, 0] == 5, 12)
         later = np.searchsorted(t_s, np.maximum(t_s - 0.12, t_s[0]))
@@ -144,7 +144,7 @@ def test_taxels_without_usable_readings_are_predicted_by_their_usual_count(tmp_p
     assert np.sqrt(np.mean((whole - expected[:500, 12]) ** 2)) < 1.2 * NOISE_COUNT
 
 
-def test_a_rezero_of_a_board_is_found(tmp_path):
+def test_a_rezero_of_a_board_is_detected(tmp_path):
     def touch(t_s, counts):
         counts[np.ix_(t_s > 41.0, np.repeat(LAYOUT.identities[:, 0] == 7, 12))] += 4.0
 
@@ -177,7 +177,7 @@ def test_a_missing_triangle_removes_no_cycle(tmp_path):
     )
 
 
-def test_a_burst_of_more_than_half_of_the_time_is_found_with_its_times(tmp_path):
+def test_a_noise_burst_over_half_of_the_time_is_detected_with_its_times(tmp_path):
     rng = np.random.default_rng(2)
     board = np.repeat(LAYOUT.identities[:, 0] == 6, 12)
 
@@ -239,7 +239,7 @@ def test_two_recordings_of_one_insole_share_the_physics(tmp_path):
     assert len(diagnosis.document()["alignment"]) == 2
 
 
-def test_single_faulty_taxels_are_found_with_their_own_effect(tmp_path):
+def test_single_faulty_taxels_are_reported_with_their_effect(tmp_path):
     """Beside a memory of the whole insole, which all taxels share."""
 
     def touch(t_s, counts):

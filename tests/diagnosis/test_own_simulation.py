@@ -39,7 +39,7 @@ def test_an_insole_that_matches_its_calibration_has_no_finding(tmp_path):
     assert (tmp_path / "out" / "simulation" / "recording.yaml").exists()
 
 
-def test_a_found_memory_added_to_the_simulation_leaves_no_finding(tmp_path, late):
+def test_simulated_with_the_reported_memory_nothing_more_is_reported(tmp_path, late):
     found = diagnose(late, tmp_path / "first")
     (named,) = found["findings"]
     assert (named["effect"], named["where"]["scope"]) == ("viscoelasticity", "insole")

@@ -323,7 +323,7 @@ def test_a_burst_of_noise_causes_no_further_finding(tmp_path):
     assert words(found) == {"noise_burst"}
 
 
-def test_a_memory_is_found_beside_a_dead_board_and_not_on_it(tmp_path):
+def test_a_memory_is_detected_beside_a_dead_board_and_not_placed_on_it(tmp_path):
     dead = np.repeat(LAYOUT.identities[:, 0] == MASKED, 12)
 
     def die(t_s: Array, counts: Array) -> None:

@@ -65,7 +65,7 @@ def test_a_null_has_no_finding_and_its_model_predicts_the_counts(tmp_path, plain
     assert np.sqrt(np.nanmean(left**2)) < 1.2
 
 
-def test_a_displaced_map_is_found(tmp_path, plain):
+def test_a_displaced_map_is_detected(tmp_path, plain):
     askew = effect("map_transform", Where(), x_mm=5.0, y_mm=-3.0, rotation_deg=2.0, scale=1.0)
     found, *others = diagnosed(walk(tmp_path / "walk", askew), plain, tmp_path / "out")
     assert found["effect"] == "map_transform"
@@ -90,7 +90,7 @@ def test_counts_after_the_end_of_a_simulation_are_predicted_by_continuing_the_wa
     assert left < 0.6 * still, (left, still)
 
 
-def test_swapped_triangles_are_found(tmp_path, plain):
+def test_swapped_triangles_are_detected(tmp_path, plain):
     out = tmp_path / "out"
     (found,) = diagnosed(walk(tmp_path / "walk", effect("swapped_triangles", Where(), pair=SWAP)), plain, out)
     assert found["effect"] == "swapped_triangles"
@@ -124,7 +124,7 @@ def test_a_preload_is_placed_under_the_straps(tmp_path, plain):
     assert np.abs(np.array(ours) / p0_pa - 1.0).max() < 0.3
 
 
-def test_a_smaller_bit_shift_is_found(tmp_path, plain):
+def test_a_smaller_bit_shift_is_detected(tmp_path, plain):
     board = int(LAYOUT.identities[0, 0])
     shifted = effect("bit_shift", Where("board", ((board,),)), shift=2)
     (found,) = diagnosed(walk(tmp_path / "walk", shifted), plain, tmp_path / "out")
@@ -139,7 +139,7 @@ def test_half_the_gain_with_usual_noise_is_no_bit_shift(tmp_path, plain):
     assert (found["effect"], found["where"]) == ("gain", {"scope": "board", "ids": [[board]]})
 
 
-def test_crosstalk_beyond_the_next_taxels_is_found(tmp_path, plain):
+def test_crosstalk_beyond_the_next_taxels_is_detected(tmp_path, plain):
     spread = [effect("crosstalk", Where(), k=0.4)] * 4
     (found,) = diagnosed(walk(tmp_path / "walk", *spread), plain, tmp_path / "out")
     assert found["effect"] == "crosstalk"

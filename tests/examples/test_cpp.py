@@ -87,7 +87,7 @@ def test_every_field_of_every_cycle_of_a_daemon(samples, decode):
     assert any(fields["cop_x_m"] is None for fields in found), "a foot in the air"
 
 
-def test_what_is_not_known_is_not_0(decode):
+def test_unknown_values_are_not_0(decode):
     one = np.zeros(1, np.float32)
     unknown = Wrench(
         "right",
@@ -115,7 +115,7 @@ def test_what_is_not_known_is_not_0(decode):
         assert_same(found, wrench)
 
 
-def test_what_is_no_such_message_is_refused(samples, decode):
+def test_payloads_that_are_no_message_are_refused(samples, decode):
     encoding, payload = samples[0]
     fields = msgpack.unpackb(payload)
     spoilt = [

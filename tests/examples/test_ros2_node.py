@@ -57,7 +57,7 @@ def test_both_feet_are_published(daemon):
         assert all(math.isnan(value) for value in (force["x"], force["y"], torque["z"]))
 
 
-def test_it_ends_with_an_error_shown_where_nobody_answers(endpoint):
+def test_without_an_answering_daemon_it_ends_with_an_error(endpoint):
     with python(EXAMPLES / "ros2_node.py", endpoint, PYTHONPATH=path_with(ROS2)) as lines:
         assert lines.process.wait() == 1
 
@@ -106,7 +106,7 @@ def test_a_whole_number_is_made_the_float_that_ros_wants(node):
     assert published[0][1].wrench.force.z == 1
 
 
-def test_lost_cycles_are_said(node):
+def test_lost_cycles_are_reported(node):
     node, published = node
     node.publish_wrench(wrench(lost=3))
     assert published[0] == ("warning", "3 cycles of the left foot did not arrive")

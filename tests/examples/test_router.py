@@ -34,7 +34,7 @@ def documented(endpoint):
 
 
 @pytest.mark.parametrize("router", [example, documented])
-def test_every_wearer_is_seen_and_told_from_the_others(router, endpoint):
+def test_every_wearer_is_received_and_distinguished(router, endpoint):
     left, right = load_feet(Config())
     with router(endpoint), contextlib.ExitStack() as opened:
         insole = opened.enter_context(insole_daemon.connect(endpoint))

@@ -61,7 +61,7 @@ def mangled(batch: FrameBatch, how: str) -> tuple[FrameBatch, int]:
 
 
 @pytest.mark.parametrize("how", ["lost", "doubled", "in any order", "spoiled", "cut"])
-def test_afterwards_nothing_is_lost_and_each_is_counted(frames, how):
+def test_after_damaged_frames_nothing_is_lost_and_they_are_counted(frames, how):
     batch, struck = mangled(frames, how)
     reader = SkinReader([LAYOUT], period_ns=20_000_000, slack_ns=5_000_000)
     closed: list[Cycles] = []

@@ -36,7 +36,7 @@ def test_stopped_and_continued_it_publishes_or_counts_what_has_waited(daemon):
     assert after.bus["clock_steps"] == 0
 
 
-def test_killed_and_started_again_subscribers_go_on(daemon):
+def test_after_a_restart_of_the_daemon_subscribers_continue(daemon):
     with daemon.boards(), insole_daemon.connect(daemon.endpoint) as insole:
         wrenches = insole.wrenches("left")
         before = list(itertools.islice(wrenches, 30))[-1]

@@ -10,7 +10,7 @@ import insole_daemon
 from insole_daemon.errors import WireError
 
 
-def test_what_was_asked_is_counted(daemon):
+def test_requests_are_counted(daemon):
     text = daemon.config_file.read_text()
     with insole_daemon.connect(daemon.endpoint) as insole:
         healths, events = insole.healths("left"), insole.events("left")

@@ -65,7 +65,7 @@ def layouts():
 
 @settings(max_examples=12, deadline=None)
 @given(st.integers(0, 2**32))
-def test_whatever_is_on_the_bus_is_accounted_for_and_what_comes_of_it_is_taken(layouts, seed):
+def test_every_frame_on_the_bus_is_counted_and_every_message_is_accepted(layouts, seed):
     random, feet = Random(seed), load_feet(Config())
     skin, steps = SkinReader(layouts, 20 * MS, 5 * MS), StepEvents(feet)
     frames = list(traffic(random, [each for layout in layouts for each in layout.triangles]))

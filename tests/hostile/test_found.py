@@ -66,7 +66,7 @@ def field(kind, name, value):
         ("zero-json", b"[" * 100_000, "not JSON that can be read"),
     ],
 )
-def test_it_is_refused_in_our_words(target, data, words):
+def test_input_of_earlier_findings_is_refused_with_a_message(target, data, words):
     with pytest.raises(InsoleError, match=words):
         TARGETS[target].take(data)
 
@@ -103,7 +103,7 @@ def test_it_is_passed_over(target, data):
         ("meta", "zero", {"a": {"b": b""}}),
     ],
 )
-def test_what_no_schema_has_is_no_message(kind, name, value):
+def test_a_payload_outside_every_schema_is_no_message(kind, name, value):
     with pytest.raises(WireError, match=rf"insole\.{kind}/\d: {name}: expected"):
         seeds.BY_KEY[kind].decode(field(kind, name, value))
 
@@ -113,7 +113,7 @@ def test_there_are_not_more_triangles_than_boards_have():
         Raw.decode(field("raw", "n_triangles", 65_536))
 
 
-def test_a_message_has_a_most_size():
+def test_a_message_has_a_maximum_size():
     payload = field("health", "boards", [{}] * (1 << 20))
     with pytest.raises(WireError, match=r"insole\.health/\d: expected at most 1048576 bytes, found 10"):
         Health.decode(payload)
@@ -180,7 +180,7 @@ def test_a_verb_that_is_no_text_is_no_mistake_of_ours():
         unpack(b"\x80" * (1 << 21), REQUEST_SCHEMA)
 
 
-def test_a_cycle_whose_messages_do_not_fit_together_is_not_shown():
+def test_a_cycle_with_inconsistent_messages_is_not_shown():
     from insole_daemon.view.viewer import Viewer
 
     meta, raw, pressure, wrench = (
@@ -231,7 +231,7 @@ def test_a_json_file_of_many_keys_is_refused_at_once(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["../out.txt", ".hidden", "a/b", "a\0b", ""])
-def test_no_file_of_an_mcap_lands_elsewhere(tmp_path, name):
+def test_no_file_of_an_mcap_is_written_outside_its_folder(tmp_path, name):
     from mcap.writer import Writer
 
     with open(tmp_path / "x.mcap", "wb") as file:

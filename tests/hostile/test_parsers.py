@@ -33,13 +33,13 @@ def taken(name: str, data: bytes) -> str | None:
 
 
 @pytest.mark.parametrize("name", TARGETS)
-def test_what_is_good_is_taken(name):
+def test_valid_input_is_accepted(name):
     for seed in TARGETS[name].seeds():
         assert taken(name, seed) is None
 
 
 @pytest.mark.parametrize("name", TARGETS)
-def test_what_is_bad_is_refused_in_our_words(name):
+def test_invalid_input_is_refused_with_a_message(name):
     @settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
     @given(damaged(TARGETS[name].seeds()))
     def refuses(data):
@@ -49,7 +49,7 @@ def test_what_is_bad_is_refused_in_our_words(name):
 
 
 @pytest.mark.parametrize("name", ["config-yaml", "recording-yaml", "layout-yaml", "calibration-json", "zero-json"])
-def test_documents_that_say_something_else_are_refused_in_our_words(name):
+def test_documents_with_other_content_are_refused_with_a_message(name):
     """JSON is YAML; of damaged bytes few are one any more."""
     documents = [yaml.safe_load(seed) for seed in TARGETS[name].seeds()]
 

@@ -36,7 +36,7 @@ def literally(pressure: np.ndarray, valid: np.ndarray) -> list[float]:
 
 @settings(max_examples=8, deadline=None)
 @given(st.integers(0, 2**32), st.integers(1, 20))
-def test_as_the_module_says(seed: int, n_missing: int) -> None:
+def test_the_uncertainty_equals_the_formula_of_the_docstring(seed: int, n_missing: int) -> None:
     rng = np.random.default_rng(seed)
     pressure = np.where(VALID, rng.uniform(-1e4, 3e5, VALID.shape), np.nan)
     valid = VALID.copy()

@@ -42,7 +42,7 @@ def write(tmp_path, *lines):
     return path
 
 
-def test_a_region_that_the_layout_hardly_has_is_said(tmp_path):
+def test_a_region_with_too_few_taxels_is_listed(tmp_path):
     path = write(
         tmp_path,
         "  - {name: all, along: [0.0, 0.999], across: [0, 1]}",

@@ -148,7 +148,7 @@ def test_standard_deviations_are_those_of_independent_taxels() -> None:
     assert wrench.m_y_std_nm == pytest.approx(AREA * np.sqrt((x**2 * std_pa[VALID] ** 2).sum()))
 
 
-def test_a_taxel_whose_uncertainty_is_not_said_is_no_certainty() -> None:
+def test_a_taxel_without_a_stated_uncertainty_is_not_certain() -> None:
     """A calibration may give a covariance for some taxels only: the sum is then unknown, not small."""
     variance = np.where(VALID, 1e6, np.nan)
     variance[0, 0] = np.nan
@@ -186,7 +186,7 @@ def test_a_series_is_its_wrenches_one_by_one() -> None:
     assert len(WrenchSeries.concatenate([])) == 0
 
 
-def test_a_series_is_what_its_cycles_are_at_every_limit() -> None:
+def test_a_series_equals_its_cycles_at_every_limit() -> None:
     """Exactly the least force and pressure of contact; one valid taxel, all, none; with and without variance."""
     one = np.zeros_like(VALID)
     one[3, 4] = True

@@ -89,7 +89,7 @@ def test_live(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_golden_files_are_what_the_oracle_says(name: str) -> None:
+def test_golden_files_equal_the_oracle(name: str) -> None:
     file = golden(name)
     insoles = [{key: foot[key] for key in ("foot", "layout", "boards", "calibration")} for foot in file["feet"]]
     text = regenerate.expected(log_of(name), file["about"], file["settings"], insoles)

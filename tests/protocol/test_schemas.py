@@ -128,7 +128,7 @@ def assert_valid(what: str, payload: bytes) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_what_the_daemon_publishes_is_valid(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_published_messages_follow_their_schemas(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     published = live(name, monkeypatch)
     what_of = {cls: what for what, cls in BY_KEY.items()}
     cycles = [message for foot in published.cycles for cycle in foot for message in cycle]
@@ -141,7 +141,7 @@ def test_what_the_daemon_publishes_is_valid(name: str, monkeypatch: pytest.Monke
     assert seen == set(BY_KEY.values()) - {Models}, "its calibrations have no effects"
 
 
-def test_what_a_foot_with_effects_says_is_valid() -> None:
+def test_messages_of_a_foot_with_effects_are_valid() -> None:
     swap = Where("triangle", ((5, 0), (5, 1)))
     effects = (
         effect("hysteresis", r_pa=[5e3], w=[0.1]),
@@ -164,7 +164,7 @@ def last_health(name: str, monkeypatch: pytest.MonkeyPatch) -> Health:
 
 
 @pytest.mark.parametrize("name", ["faults", "mtb3"])
-def test_health_that_tells_of_addresses_is_valid(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_health_with_addresses_is_valid(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     health = last_health(name, monkeypatch)
     assert Health.decode(health.encode()).refused == golden(name)["refused"]
     assert_valid("health", health.encode())
@@ -194,7 +194,7 @@ def test_events_tell_of_boards_that_come_and_go(monkeypatch: pytest.MonkeyPatch)
     assert set(map(tuple, kinds.values())) == {came_back}
 
 
-def test_meta_says_how_the_golden_log_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_meta_has_the_settings_of_the_golden_log(monkeypatch: pytest.MonkeyPatch) -> None:
     (meta,) = [message for message in live("mtb3", monkeypatch).others if isinstance(message, Meta)]
     assert meta.rig == "golden"
     assert not meta.layout_builtin

@@ -49,7 +49,7 @@ def test_a_pause_that_takes_long_to_make_up_for_is_not():
     assert backlog.newest_only(PATIENCE_NS + 1)
 
 
-def test_who_rests_publishes_what_is_newest():
+def test_between_pauses_the_newest_cycle_is_published():
     backlog = Backlog()
     assert not backlog.newest_only(0)
     driven(backlog, 0, behind, PAUSES_NS[1])
@@ -71,7 +71,7 @@ def test_where_nothing_closed_nothing_is_behind():
     assert not backlog.pause_ns
 
 
-def test_who_is_behind_rests_longer_and_longer_and_says_so_once():
+def test_a_daemon_that_is_behind_pauses_longer_each_time_and_logs_it_once():
     said: list[str] = []
     backlog, t = Backlog(said.append), 0
     for pause_ns in PAUSES_NS[1:]:
@@ -87,7 +87,7 @@ def test_on_time_again_it_is_back_at_full_rate_within_seconds():
     assert driven(backlog, t, on_time, 0) - t < (len(PAUSES_NS) - 1) * (TRIAL_NS + 2 * CYCLE)
 
 
-def test_on_time_again_it_tries_to_look_more_often_and_waits_longer_after_each_time_in_vain():
+def test_on_time_again_full_rate_is_tried_after_a_wait_that_grows_with_each_failure():
     backlog, waited = Backlog(), []
     t = driven(backlog, 0, behind, PAUSES_NS[1])
     for _ in range(9):

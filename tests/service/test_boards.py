@@ -282,7 +282,7 @@ def test_a_loaded_foot_is_not_started_unless_forced(endpoint):
         assert "forced" in told(events, "boards_starting").text
 
 
-def test_what_does_not_fit_on_the_bus_is_refused_before_anything_is_sent(endpoint):
+def test_a_configuration_beyond_the_buss_capacity_is_refused_before_sending(endpoint):
     rig = Rig(endpoint, period_ms=5)
     with rig.running() as insole:
         rig.power(streaming=False)
@@ -291,7 +291,7 @@ def test_what_does_not_fit_on_the_bus_is_refused_before_anything_is_sent(endpoin
     assert rig.seen == []
 
 
-def test_a_board_that_is_not_there_is_not_confirmed(endpoint):
+def test_an_absent_board_is_not_confirmed(endpoint):
     rig = Rig(endpoint)
     with rig.running() as insole:
         rig.power(streaming=False, only=(5, 7))
@@ -336,7 +336,7 @@ def test_one_request_at_a_time_and_words_for_a_wrong_one(endpoint):
         assert "no payload" in unpack(reply.ok.payload.to_bytes(), REPLY_SCHEMA)["error"]
 
 
-def test_who_waits_is_told_that_the_daemon_ends(endpoint):
+def test_waiting_requests_are_answered_when_the_daemon_ends(endpoint):
     rig = Rig(endpoint)
     answers = []
 
@@ -411,7 +411,7 @@ def test_a_board_that_was_reset_is_configured_again(endpoint):
         assert [b["differences"] for b in listed["boards"]] == [[]] * 3
 
 
-def test_a_board_that_sends_but_not_what_it_was_told_is_told_again(endpoint):
+def test_a_board_that_sends_with_other_settings_is_configured_again(endpoint):
     """It was reset, and started by somebody else: it never was silent for long enough to be asked."""
     rig = Rig(endpoint)
     with rig.running() as insole:
@@ -468,7 +468,7 @@ def test_a_board_that_restarts_is_back_within_a_second_and_costs_the_others_noth
     raise AssertionError(f"{meaning}: {attempts}")
 
 
-def test_a_reset_board_waits_while_the_foot_is_loaded(endpoint):
+def test_a_reset_board_is_not_configured_while_the_foot_is_loaded(endpoint):
     class StandUp(Stand):
         """As much of somebody as `weight` says."""
 

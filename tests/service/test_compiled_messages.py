@@ -91,7 +91,7 @@ def test_payloads_are_equal_with_an_uncertain_calibration_and_one_that_lists_few
     compare(dataclasses.replace(SETUP, calibration=uncertain), closed([], 1.0))
 
 
-def test_what_the_kernel_packs_can_be_decoded():
+def test_messages_packed_by_the_compiled_kernel_can_be_decoded():
     foot, cycle = Foot(SETUP), closed([], 1.0)[30]
     for kind, payload in foot.payloads(cycle).payloads:
         message = kind.decode(payload)

@@ -29,7 +29,7 @@ def test_sigterm_ends_it_cleanly_within_a_second(daemon):
     assert min(took_s) < 1.0, took_s
 
 
-def test_service_manager_is_told(daemon, tmp_path):
+def test_the_service_manager_gets_readiness_and_watchdog(daemon, tmp_path):
     daemon.end()
     manager = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
     manager.bind(str(tmp_path / "notify"))
@@ -100,6 +100,6 @@ def test_boards_that_fall_silent_leave_no_force_behind(daemon):
     assert {event.boards[0] for event in told[3:]} == {5, 6, 7}
 
 
-def test_zenoh_port_taken_is_said(daemon):
+def test_a_zenoh_port_in_use_is_reported(daemon):
     with pytest.raises(WireError, match="already in use.*zenoh.listen"):
         open_session("peer", [daemon.endpoint])

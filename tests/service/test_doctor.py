@@ -61,7 +61,7 @@ def test_how_a_kernel_gets_can(tmp_path):
     assert can.module_remedy("6.1.0", tmp_path) == "sudo modprobe can-raw"
 
 
-def test_an_interface_that_is_not_there_and_one_that_is_no_can():
+def test_a_missing_interface_and_one_that_is_not_can_are_refused():
     assert "no such interface" in only(can.check_interface(Bus("socketcan", "nocan7"), False)).text
     assert "no CAN interface" in only(can.check_interface(Bus("socketcan", "lo"), False)).text
 
@@ -159,7 +159,7 @@ def test_every_error_of_a_configuration_is_a_problem(tmp_path):
     assert {finding.subject for finding in examine(config)} == {"config", "receive buffer", "clock"}, "nothing guessed"
 
 
-def test_what_is_built_in_is_a_warning():
+def test_a_built_in_calibration_is_a_warning():
     (left, _) = Config().insoles
     assert [finding.level for finding in files.check_foot(left, "rig", None)] == ["warning"] * 3
 

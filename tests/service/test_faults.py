@@ -52,7 +52,7 @@ def test_a_loose_triangle_never_enters_pressure_and_wrench() -> None:
     }  # fmt: skip
 
 
-def test_what_presses_is_asked_without_loose_triangles() -> None:
+def test_the_load_is_judged_without_loose_triangles() -> None:
     triangle = load_feet(Config())[0].layout.triangles[11]
     foot, cycles = stand([InjectedFault("loose", 1.0, None, triangle.board, triangle.triangle)])
     before, after = 40, len(cycles) - 1

@@ -33,7 +33,7 @@ SOFT = effect("viscoelasticity", a=0.5, tau_s=0.3)
 
 
 @pytest.mark.xfail(reason="open: with half of the answer late, the regression's model is not yet checked live")
-def test_what_a_walk_shows_is_undone_on_another_walk_while_it_lasts(daemon, tmp_path):
+def test_an_effect_diagnosed_on_one_walk_is_compensated_on_another(daemon, tmp_path):
     daemon.end()
     daemon.config_file.write_text(CONFIG.format(endpoint=daemon.endpoint))
     config = configs.load(daemon.config_file)

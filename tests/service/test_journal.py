@@ -14,7 +14,7 @@ def journal(caplog):
     return Journal(logging.getLogger("journal"), lambda: now[0]), now
 
 
-def test_a_bus_that_flaps_for_a_minute_says_so_a_few_times_and_how_often(caplog):
+def test_a_bus_that_flaps_for_a_minute_is_logged_a_few_times_with_the_count(caplog):
     log, now = journal(caplog)
     told = 0
     for now[0] in range(0, 6 * QUIET_NS, 50_000_000):
@@ -32,7 +32,7 @@ def test_a_bus_that_flaps_for_a_minute_says_so_a_few_times_and_how_often(caplog)
     assert {record.levelno for record in caplog.records} == {logging.WARNING, logging.INFO}
 
 
-def test_what_is_new_is_said_at_once_and_what_comes_back_later_is_new(caplog):
+def test_new_events_are_logged_at_once_and_again_after_a_pause(caplog):
     log, now = journal(caplog)
     log.tell(logging.INFO, "up")
     log.tell(logging.INFO, "down")

@@ -66,7 +66,7 @@ def test_without_effects_there_is_one_model() -> None:
     assert foot.meta().late_ms.tolist() == [0.0] * len(LAYOUT)
 
 
-def test_what_is_published_is_the_load_at_its_own_time_and_both_are_said() -> None:
+def test_the_published_load_has_its_own_time_and_both_models_are_reported() -> None:
     foot, plain = Foot(SETUP), Foot(STATIC)
     closed = cycles(COUNTS)
     for at in range(N):
@@ -84,7 +84,7 @@ def test_what_is_published_is_the_load_at_its_own_time_and_both_are_said() -> No
             assert at > 20 or (static.f_z_n or 0.0) < 0.85 * load_n
 
 
-def test_what_it_remembers_survives_a_reload_of_anything_else_and_not_of_what_it_reads_with() -> None:
+def test_memory_state_survives_a_reload_unless_effects_or_zero_changed() -> None:
     kept, again, zeroed = Foot(SETUP), Foot(SETUP), Foot(SETUP)
     before = [force_n(foot, 0, 20) for foot in (kept, again, zeroed)]
     assert before[0] == before[1] == before[2]
@@ -125,7 +125,7 @@ def test_the_configuration_chooses_and_changes_the_choice_only_where_it_changes(
     assert foot.model == "static"
 
 
-def test_beyond_what_was_identified_is_marked_and_counted() -> None:
+def test_loads_beyond_the_identified_range_are_marked_and_counted() -> None:
     limited = replace(EFFECTS[0], valid_range={"pressure_pa": (0.0, 1e5)})
     foot = Foot(replace(SETUP, calibration=replace(SETUP.calibration, effects=(limited,))))
     closed = cycles(COUNTS)
@@ -162,7 +162,7 @@ def asked(foot: Foot, ear: Ear, request: dict[str, Any]) -> dict[str, Any]:
     return reply
 
 
-def test_the_switch_tells_what_there_is_and_what_it_did() -> None:
+def test_the_switch_replies_with_the_models_and_the_one_in_use() -> None:
     foot, ear = Foot(SETUP), Ear()
     reply = asked(foot, ear, {"do": "tell"})
     assert (reply["model"], reply["late_ms"], ear.events) == ("dynamic", 30.0, [])
@@ -172,7 +172,7 @@ def test_the_switch_tells_what_there_is_and_what_it_did() -> None:
 
 
 @pytest.mark.parametrize("request_map", [{}, {"do": "off"}, {"do": "static", "seconds": 3}])
-def test_the_switch_refuses_what_it_does_not_know(request_map: dict[str, Any]) -> None:
+def test_the_switch_refuses_an_unknown_model(request_map: dict[str, Any]) -> None:
     with pytest.raises(InsoleError, match="one of tell, static, dynamic"):
         asked(Foot(SETUP), Ear(), request_map)
 

@@ -118,7 +118,7 @@ def test_a_new_calibration_counts_from_one_cycle_to_the_next(calibrated):
     assert np.nanmax(calibration.coefficients_pa) == 3000
 
 
-def test_a_wrong_file_changes_nothing_and_every_problem_is_told(calibrated):
+def test_a_wrong_file_changes_nothing_and_every_problem_is_reported(calibrated):
     with calibrated.boards(), insole_daemon.connect(calibrated.endpoint) as insole:
         events = insole.events("left")
         time.sleep(0.5)
@@ -139,7 +139,7 @@ def test_a_wrong_file_changes_nothing_and_every_problem_is_told(calibrated):
     assert "left.json" in refused_too.text
 
 
-def test_what_needs_a_restart_is_told_and_the_rest_is_taken(calibrated):
+def test_settings_that_need_a_restart_are_reported_and_the_others_applied(calibrated):
     with insole_daemon.connect(calibrated.endpoint) as insole:
         events = insole.events("left")
         time.sleep(0.3)
@@ -154,7 +154,7 @@ def test_what_needs_a_restart_is_told_and_the_rest_is_taken(calibrated):
     assert meta.rate_hz == 50
 
 
-def test_the_service_manager_is_told_of_a_reload(calibrated, tmp_path):
+def test_the_service_manager_is_notified_of_a_reload(calibrated, tmp_path):
     calibrated.end()
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
         manager.bind(str(tmp_path / "notify"))
@@ -269,7 +269,7 @@ def test_a_zero_that_is_taken_during_a_reload_is_not_undone(tmp_path, monkeypatc
     assert feet[0].zero_source == str(zero_path("test", "left"))
 
 
-def test_what_a_foot_is_read_with_is_made_beside_the_loop(tmp_path, monkeypatch, endpoint):
+def test_a_reloads_tables_are_prepared_outside_the_loop(tmp_path, monkeypatch, endpoint):
     """With effects it takes longer than a cycle lasts; the loop takes over what is whole."""
     file = tmp_path / "config.yaml"
     write(file, endpoint, 1000)
@@ -318,7 +318,7 @@ def test_without_a_file_there_is_nothing_to_read(tmp_path):
     assert not reloader.busy
 
 
-def test_a_daemon_that_starts_tells_what_is_wrong_in_all_files(tmp_path: Path) -> None:
+def test_a_starting_daemon_reports_the_problems_of_all_files(tmp_path: Path) -> None:
     (tmp_path / "left.json").write_text("{}")
     (tmp_path / "zero.json").write_text("[]")
     config = configs.Config()

@@ -59,14 +59,14 @@ def test_exposure_is_2_at_most() -> None:
         ("real-time.conf", "CPUSchedulingPolicy=fifo", "CPUSchedulingPolicy=fifi"),
     ],
 )
-def test_a_typo_in_the_unit_is_found(copy: Path, file: str, right: str, wrong: str) -> None:
+def test_a_typo_in_the_unit_file_is_detected(copy: Path, file: str, right: str, wrong: str) -> None:
     mistake(copy / file, right, wrong)
     result = check(copy)
     assert result.returncode == 1
     assert file in result.stderr
 
 
-def test_a_sandbox_that_is_too_open_is_found(copy: Path) -> None:
+def test_a_sandbox_that_is_too_open_is_detected(copy: Path) -> None:
     unit = copy / UNIT.name
     unit.write_text(re.sub(r"^(Protect|Private|Restrict|SystemCall)\w+=.*$", "", unit.read_text(), flags=re.MULTILINE))
     result = check(copy)
@@ -82,7 +82,7 @@ def test_a_sandbox_that_is_too_open_is_found(copy: Path) -> None:
         ("70-insole-can.link", "TransmitQueueLength=128", "TransmitQueueLength=many"),
     ],
 )
-def test_a_typo_in_a_network_file_is_found(copy: Path, file: str, right: str, wrong: str) -> None:
+def test_a_typo_in_a_network_file_is_detected(copy: Path, file: str, right: str, wrong: str) -> None:
     mistake(copy / file, right, wrong)
     result = check(copy)
     if "not checked: .link and .network" in result.stdout:

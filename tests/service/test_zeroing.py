@@ -127,7 +127,7 @@ def test_a_reload_that_comes_in_while_it_is_stored_is_not_undone(monkeypatch):
     assert foot.meta().min_force_n == 35
 
 
-def test_what_goes_wrong_while_it_is_stored_changes_nothing_and_is_told(monkeypatch, state):
+def test_a_failure_to_store_a_zero_changes_nothing_and_is_reported(monkeypatch, state):
     feet = load_feet(Config())
     monkeypatch.setattr(FootPipeline, "of", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):  # the desk makes a reply of it
@@ -160,7 +160,7 @@ def test_a_full_disk_is_a_refusal(state):
     assert ear.events == ["zero_refused"]
 
 
-def test_the_configured_zero_comes_first_and_it_is_said(tmp_path):
+def test_the_configured_zero_has_precedence_and_the_reply_states_it(tmp_path):
     feet = load_feet(Config())
     baseline = np.where(feet[0].calibration.usable, 230.0, np.nan)
     named = tmp_path / "named.json"

@@ -222,7 +222,7 @@ def test_no_bus_carries_more_than_its_bit_rate():
     assert set(run.bus.lost) == {8, 9, 10}  # the highest identifiers starve
 
 
-def test_silent_boards_are_found_configured_and_started():
+def test_silent_boards_are_discovered_configured_and_started():
     run = emulator(Unloaded(LAYOUTS), streaming=False).run(START_NS)
     assert not len(run.advance(START_NS + SECOND))
     run.obey(commands((0x70F, b"\xff")))

@@ -276,7 +276,7 @@ def test_a_half_that_its_controller_sent_twice_moves_no_cycle(which):
     assert assembler.superseded == 1
 
 
-def test_what_an_adapter_held_up_and_hands_on_at_once_loses_no_cycle():
+def test_frames_that_an_adapter_delivers_in_one_batch_lose_no_cycle():
     slots, data, t_ns, t_mono_ns = regular(2, 30)
     tick = np.arange(len(slots)) // 4
     held_up = (tick >= 10) & (tick < 13)
@@ -310,7 +310,7 @@ def test_a_half_that_comes_once_after_it_was_missed_has_not_made_good_for_it():
     assert not assembler.expected[3]
 
 
-def test_boards_told_50_ms_are_repeated_on_a_steady_grid_with_their_true_age():
+def test_boards_at_50_ms_are_repeated_on_a_steady_grid_with_their_true_age():
     assembler = assembling(of_four(2))
     cycles = run(assembler, regular(2, 40, period=50 * MS), [])
     assert assembler.outstanding == 0
@@ -347,7 +347,7 @@ def test_a_long_silence_is_skipped_not_filled():
     assert assembler.skipped == pytest.approx(module.GAP_NS * 100 // PERIOD, rel=1e-3)
 
 
-def test_time_alone_closes_what_is_due():
+def test_time_alone_closes_a_due_cycle():
     slots, data, t_ns, t_mono_ns = regular(2, 3)
     assembler = assembling(of_four(2))
     assert assembler.advance(START) == []

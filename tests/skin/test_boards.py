@@ -45,7 +45,7 @@ class Bench:
         return {report.address: report for report in self.survey(self.assembler, end_ns, STALE)}
 
 
-def test_a_board_at_50_ms_is_told_apart() -> None:
+def test_a_board_with_a_period_of_50_ms_is_distinguished() -> None:
     reports = Bench().run(2.0, {5: 20, 6: 50, 7: 20})
     assert list(reports) == [5, 6, 7]
     assert {report.state for report in reports.values()} == {"streaming"}
@@ -54,7 +54,7 @@ def test_a_board_at_50_ms_is_told_apart() -> None:
     assert reports[6].missed == 3 * 2 * 5, "of five triangles both halves, until they are given up"
 
 
-def test_content_of_27_hz_sent_at_50_hz_is_told_apart() -> None:
+def test_values_of_27_hz_sent_at_50_hz_are_distinguished() -> None:
     reports = Bench().run(4.0, dict.fromkeys((5, 6, 7), 20.0), new_every_ms=36.864)
     for report in reports.values():
         assert report.rate_hz == pytest.approx(50, abs=0.3)

@@ -125,7 +125,7 @@ def test_a_board_that_was_hardly_heard_has_no_period() -> None:
     ]
 
 
-def test_everything_that_differs_is_told() -> None:
+def test_every_difference_is_reported() -> None:
     assert replace(GOOD, legacy=True, period_ms=40.26).differences(BOARD, [0, 3, 4]) == [
         "sends in class 3, as an MTB3 does that was never configured in the new style",
         "triangles missing: 4",
@@ -145,7 +145,7 @@ def test_a_rest_differs_once_it_is_beyond_the_tolerance(no_load: int, sign: int)
     ]
 
 
-def test_a_rest_is_told_in_whole_counts() -> None:
+def test_a_baseline_is_reported_in_whole_counts() -> None:
     (told,) = replace(GOOD, rest_count=99.7).rest_difference(BOARD)
     assert told.startswith("its taxels are at 100 counts,")
 
@@ -168,7 +168,7 @@ def test_a_board_that_was_not_heard_sends_nothing(fed: list[list[Row]]) -> None:
     assert watch.observed() == {5: SILENT, 6: replace(SILENT, address=6)}
 
 
-def test_each_board_is_seen_by_itself() -> None:
+def test_boards_are_judged_independently() -> None:
     watch = StreamWatch([7, 5])
     watch.feed(frames([
         half_a(0, 7, 15, 200, CLASS_LEGACY_SKIN), half_a(1, 5, 4, 240), half_a(2, 6, 9, 100),
@@ -224,14 +224,14 @@ def test_one_half_in_class_3_is_enough() -> None:
     assert seen(half_a(0), half_b(1), half_a(20, cls=CLASS_LEGACY_SKIN), half_b(21)).legacy
 
 
-def test_triangles_are_told_once_and_in_order() -> None:
+def test_triangles_are_reported_once_and_in_order() -> None:
     found = seen(half_b(0, triangle=15), half_a(1, triangle=0), half_a(2, triangle=9), half_a(3, triangle=0))
     assert found.triangles == (0, 9, 15)
 
 
 @pytest.mark.parametrize("flags", [0, OUT_OF_RANGE])
 @pytest.mark.parametrize("error", range(16))
-def test_a_triangle_is_open_that_says_so(flags: int, error: int) -> None:
+def test_a_triangle_that_reports_itself_open_is_open(flags: int, error: int) -> None:
     assert seen(half_b(0, status=flags | error)).open_triangles == ((3,) if error == ERROR_NOT_CONNECTED else ())
 
 

@@ -118,7 +118,7 @@ def right(found, truth) -> int:
 
 
 @pytest.mark.parametrize(("seed", "across"), [(1, False), (2, False), (3, True)])
-def test_a_random_assignment_of_both_feet_is_found_in_one_pass(seed, across, tmp_path):
+def test_a_random_assignment_of_both_feet_is_mapped_in_one_pass(seed, across, tmp_path):
     truth = assignment(seed, across)
     found, _, lines, times, took_s = mapped(truth, seed=seed)
     assert right(found, truth) == 56

@@ -391,7 +391,7 @@ def test_the_margin_is_enough() -> None:
     assert [(prompt.kind, prompt.identity) for prompt in said] == [("lift", A), ("answered", A), ("press", None)]
 
 
-def test_a_rise_takes_nothing_from_what_fell() -> None:
+def test_a_rise_does_not_reduce_the_largest_fall() -> None:
     person = ready()
     person.presses({A: DEEP, B: DEEP / MARGIN})
     person.shows({A: -10 * DEEP})
@@ -429,7 +429,7 @@ def test_two_that_answer_every_time_leave_the_position_in_doubt() -> None:
     assert person.mapping.results() == [PositionResult(FIRST, "unclear", None), PositionResult(THIRD, "answered", B)]
 
 
-def test_a_clear_answer_makes_good_what_was_unclear() -> None:
+def test_a_clear_response_replaces_an_ambiguous_one() -> None:
     person = ready([FIRST, SECOND])
     both = {A: DEEP, B: DEEP}
     person.answers(*[both] * (MAX_UNCLEAR - 1), {A: DEEP})
@@ -515,7 +515,7 @@ def test_the_same_answer_time_and_again_is_doubled_and_not_asked_a_third_time(as
     ]
 
 
-def test_a_board_of_elsewhere_and_a_second_answer_are_both_told_of() -> None:
+def test_a_board_of_the_other_foot_and_a_second_response_are_both_reported() -> None:
     person = ready([THIRD, FIRST])
     person.answers({B: DEEP})
     assert person.answers({B: DEEP})[1].text == (

@@ -81,7 +81,7 @@ def test_a_layout_is_of_one_foot_and_without_the_positions_in_doubt() -> None:
         ],
     ],
 )
-def test_without_a_position_that_answered_there_is_no_layout(found: list[PositionResult]) -> None:
+def test_without_a_position_with_a_response_no_layout_is_written(found: list[PositionResult]) -> None:
     assert layout_of(TEMPLATE, found) is None
 
 
@@ -94,7 +94,7 @@ def test_a_complete_mapping_gives_no_sentence() -> None:
     assert lines() == []
 
 
-def test_missing_and_in_doubt_are_told_in_the_order_asked() -> None:
+def test_missing_and_doubtful_positions_are_reported_in_the_order_asked() -> None:
     assert lines(
         PositionResult(LEFT[1], "unclear", None), answered(LEFT[0], 5), PositionResult(LEFT[2], "missing", None)
     ) == [
@@ -103,7 +103,7 @@ def test_missing_and_in_doubt_are_told_in_the_order_asked() -> None:
     ]
 
 
-def test_every_doubled_triangle_is_told_once_with_all_places_where_it_answered() -> None:
+def test_a_triangle_with_several_responses_is_reported_once_with_all_places() -> None:
     found = [
         PositionResult(LEFT[0], "doubled", (5, 1), (LEFT[2], LEFT[1])),
         PositionResult(RIGHT[0], "doubled", (9, 7), (RIGHT[1],)),
@@ -134,7 +134,7 @@ def test_a_board_that_lies_in_both_feet_is_swapped_in_part() -> None:
     ]
 
 
-def test_a_doubled_answer_tells_too_in_which_foot_a_board_lies() -> None:
+def test_a_second_response_also_shows_in_which_foot_a_board_lies() -> None:
     found = [
         PositionResult(LEFT[0], "doubled", (9, 1), (LEFT[1],)),
         PositionResult(LEFT[1], "doubled", (9, 1), (LEFT[0],)),
@@ -142,7 +142,7 @@ def test_a_doubled_answer_tells_too_in_which_foot_a_board_lies() -> None:
     assert [line.split(",")[0] for line in lines(*found)][1:] == ["swapped: board 9 lies in the left foot"]
 
 
-def test_a_board_that_the_configuration_does_not_know_is_told_with_its_feet() -> None:
+def test_a_board_that_is_not_configured_is_reported_with_its_feet() -> None:
     found = [answered(RIGHT[0], 12), answered(RIGHT[1], 12, 1), answered(LEFT[0], 5)]
     assert lines(*found) == ["unknown: board 12 lies in the right foot: add it to the boards there"]
     assert lines(*found, answered(LEFT[1], 12, 2)) == [
@@ -150,13 +150,13 @@ def test_a_board_that_the_configuration_does_not_know_is_told_with_its_feet() ->
     ]
 
 
-def test_what_reports_itself_open_or_dead_is_told_by_board_and_triangle() -> None:
+def test_triangles_that_report_themselves_open_or_dead_are_listed() -> None:
     assert lines(streaming=[(6, 2), (5, 11)], faulty=[(6, 2), (5, 11)]) == [
         "open or dead by their own report: board 5 triangle 11, board 6 triangle 2"
     ]
 
 
-def test_what_streams_and_was_found_nowhere_is_told_unless_it_is_faulty() -> None:
+def test_streaming_triangles_without_a_position_are_reported_unless_faulty() -> None:
     found = [
         answered(LEFT[0], 5, 1),
         PositionResult(LEFT[1], "doubled", (6, 2), (LEFT[2],)),

@@ -41,7 +41,7 @@ def test_one_cycle_across_the_edge_is_not_missing():
     assert Quality.over(SECOND_NS, PERIOD_NS, 48, 0, 0).verdict == "usable"
 
 
-def test_boards_that_are_told_to_send_less_often_are_expected_less_often():
+def test_boards_configured_to_a_longer_period_are_expected_less_often():
     boards = [Board(address=address, interface="can0", period_ms=50) for address in (5, 6)]
     assert period_ns_of(boards) == 50_000_000
     assert period_ns_of([]) == PERIOD_NS
@@ -54,7 +54,7 @@ def test_no_cycle_is_not_usable():
     assert (quality.share, quality.verdict, quality.sentence) == (0.0, "not usable", "not usable: no cycle")
 
 
-def test_a_document_reads_as_what_was_written():
+def test_a_written_document_reads_back_the_same():
     quality = Quality.over(10 * SECOND_NS, PERIOD_NS, 480, 5, 2)
     assert Quality.of(quality.document()) == quality
 

@@ -92,9 +92,7 @@ def test_each_foot_closes_its_own_cycle_when_it_is_complete(order: list[Layout])
 @pytest.mark.parametrize(
     ("between", "closes"), [((7, 1, TAG_A), False), ((5, 0, TAG_A), True)], ids=["another board", "the same board"]
 )
-def test_a_half_sent_once_more_is_known_by_what_its_board_sent_between(
-    reader: SkinReader, between: Half, closes: bool
-) -> None:
+def test_a_repeated_half_is_recognised_by_the_frames_between(reader: SkinReader, between: Half, closes: bool) -> None:
     again = (5, 1, TAG_B)
     reader.feed(frames(*((0, half) for half in halves(LEFT) if half != again), (0, again)))
     reader.feed(frames((TWICE_NS // 3, between), (TWICE_NS // 2, again)))
@@ -103,7 +101,7 @@ def test_a_half_sent_once_more_is_known_by_what_its_board_sent_between(
     assert [len(each) for each in closed] == [1] * closes
 
 
-def test_frames_of_nobody_close_nothing_and_are_counted(reader: SkinReader) -> None:
+def test_frames_of_unknown_boards_close_no_cycle_and_are_counted(reader: SkinReader) -> None:
     assert reader.feed(frames((0, (9, 0, TAG_A)), (0, (8, 5, TAG_A)))) == [[], []]
     assert reader.streams.refused.unconfigured_board == {9: 1}
     assert reader.streams.refused.unconfigured_triangle == 1

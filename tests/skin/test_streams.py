@@ -147,7 +147,7 @@ def test_a_skin_frame_has_8_bytes(can_id: int) -> None:
     assert refused(streams) == {"bad_dlc": 8}
 
 
-def test_an_mtb3_says_that_its_queue_overflowed() -> None:
+def test_an_mtb3_reports_that_its_queue_overflowed() -> None:
     streams = Streams([LEFT])
     streams.slots(frames((0x755, b""), (0x755, b""), (0x7C5, b"")))
     assert refused(streams) == {"overflow": {5: 2, 12: 1}}

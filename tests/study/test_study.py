@@ -130,7 +130,7 @@ def test_a_worker_that_is_killed_loses_nothing_and_doubles_nothing(folder, tmp_p
     assert sorted(table.recording) == sorted({*table.recording})
 
 
-def test_broken_recordings_are_named_and_the_rest_goes_on(folder):
+def test_damaged_recordings_are_reported_and_the_others_analysed(folder):
     (folder / "p0-slow" / "recording.yaml").write_text("format: insole-recording/9\n")
     shutil.rmtree(folder / "p1-slow")
     done = subprocess.run([INSOLE, "study", folder, "--workers", "2"], capture_output=True, text=True, check=False)
@@ -171,7 +171,7 @@ def test_a_person_without_steps_in_both_sessions_does_not_give_another_one_their
     assert "f_z over stance, left, p2" not in page
 
 
-def test_sessions_of_different_calibrations_are_said(folder):
+def test_sessions_with_different_calibrations_are_reported(folder):
     path = folder / "p1-fast" / "left-calibration.json"
     path.write_text(path.read_text().replace("[0.0, ", "[0.5, "))
     with cluster(None, 2) as client:
@@ -195,7 +195,7 @@ def test_a_scheduler_beyond_loopback_needs_tls(address):
         pass
 
 
-def test_a_scheduler_with_tls_lets_in_its_authoritys_certificates_and_nobody_else(folder, certificates):
+def test_a_scheduler_with_tls_accepts_only_certificates_of_its_authority(folder, certificates):
     from distributed import LocalCluster, Security
 
     ca, certificate, key = (str(certificates / name) for name in ("lab-ca.pem", "lab.pem", "lab.key"))
@@ -226,7 +226,7 @@ def test_a_scheduler_with_tls_lets_in_its_authoritys_certificates_and_nobody_els
     assert not (folder / "results").exists(), "nothing was done for a stranger"
 
 
-def test_a_full_disk_is_named_and_what_fits_is_kept(folder):
+def test_a_full_disk_is_reported_and_complete_files_are_kept(folder):
     def smaller_files():
         resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))
 

@@ -484,7 +484,7 @@ def test_the_daemon_starts_without_its_interfaces_and_finds_them(rig, names):
 
 
 @pytest.mark.parametrize("how", ["down and up", "deleted and created"])
-def test_the_daemon_is_back_at_full_rate_and_the_other_foot_goes_on(rig, names, how):
+def test_the_daemon_is_back_at_full_rate_and_the_other_foot_continues(rig, names, how):
     for name in names:
         create(name)
     rig.start()
@@ -569,7 +569,7 @@ def test_a_reload_loses_no_cycle_and_counts_from_one_to_the_next(rig, names):
     rig.check_numbers()
 
 
-def test_a_daemon_without_any_interface_ends_when_it_is_told(rig):
+def test_a_daemon_without_any_interface_ends_on_a_signal(rig):
     rig.start()
     rig.process.terminate()
     assert rig.process.wait(90) == 0, "what waits for an interface is not waited for"

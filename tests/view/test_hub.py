@@ -87,7 +87,7 @@ def test_the_model_that_is_not_in_use_is_drawn_beside_the_one_that_is():
     assert (used, shown, beside) == (static, pytest.approx(static), pytest.approx(dynamic))
 
 
-def test_steps_reach_those_who_look():
+def test_steps_reach_subscribers():
     async def run():
         hub, viewer = Hub(Client(), "test", OtherSources("simulation", {})), Viewer()
         hub.join(viewer)

@@ -44,7 +44,7 @@ def packet(beside=NOTHING, **change):
     return HEAD.unpack(found[: HEAD.size]), *arrays[0].reshape(2, N, 12), *arrays[1].reshape(2, N, 12)
 
 
-def test_the_page_reads_what_is_written():
+def test_the_page_decodes_published_messages():
     head, units, predicted, counts, flags = packet()
     assert head[:6] == (1, 1, N, 7, 2.0, 3.0)
     assert head[6:9] == (500.0, 1.5, -20.0)

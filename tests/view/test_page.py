@@ -107,7 +107,7 @@ def test_the_scale_rises_to_the_peak_until_a_person_chooses_one(browser, page, l
         assert browser.js("return document.querySelector('#range').value") == "100"
 
 
-def test_the_residual_is_what_is_measured_less_what_is_simulated(browser, page, live_daemon):
+def test_the_residual_is_measured_minus_simulated(browser, page, live_daemon):
     with live_daemon.boards(load=Pressed), Client(live_daemon.endpoint) as insole:
         look(browser, page)
         browser.find("body").send_keys("3")

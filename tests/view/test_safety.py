@@ -43,7 +43,7 @@ def first_word(url, origin, **options):
     return asyncio.run(ask())
 
 
-def test_on_loopback_only_this_servers_own_page_listens(page):
+def test_on_loopback_only_the_servers_own_page_connects(page):
     own = page.rstrip("/")
     assert first_word(page, own)["kind"] == "hello"
     for origin in (None, "null", "http://evil.example", own.replace("http", "https"), f"{own}.evil.example"):
@@ -87,7 +87,7 @@ def test_files_beside_the_page_are_not_served(page):
         assert fetch(page + path)[0] in (403, 404), path
 
 
-def test_beyond_loopback_nothing_is_had_without_the_token(live_daemon, serve):
+def test_beyond_loopback_every_access_needs_the_token(live_daemon, serve):
     url = serve(live_daemon.endpoint, "--listen", "0.0.0.0")
     base, token = re.fullmatch(r"(http://0\.0\.0\.0:\d+/)\?token=([\w-]{32})", url).groups()
     base = base.replace("0.0.0.0", "127.0.0.1")
@@ -132,7 +132,7 @@ async def _closed_after(url, message):
         "x" * 5000,
     ],
 )
-def test_what_the_page_never_sends_ends_the_connection(page, message):
+def test_an_unexpected_message_from_a_browser_ends_the_connection(page, message):
     assert asyncio.run(asyncio.wait_for(_closed_after(page, message), 10)) in (1008, 1009)
 
 

@@ -124,7 +124,7 @@ def test_the_pages_commands(example):
     assert re.search(r"5 +can0 .* streaming ", done.stdout)
 
 
-def test_a_viewer_may_look_and_not_command(example):
+def test_a_viewer_may_subscribe_and_not_command(example):
     with example.connect("viewer") as insole:
         assert insole.feet() == [("test", "left"), ("test", "right")]
         assert insole.meta("left").rig == "test"
@@ -146,7 +146,7 @@ def test_so_may_a_process_of_this_host_without_certificate(example):
 
 
 @pytest.mark.parametrize("name", ["viewer", "operator", "stranger"])
-def test_nobody_publishes_in_the_daemons_name(example, name):
+def test_only_the_daemon_can_publish_under_its_keys(example, name):
     with open_session("client", connect=[example.loopback]) as here:
         seen = []
         here.declare_subscriber("insole/test/left/wrench", lambda sample: seen.append(sample.payload.to_bytes()))
@@ -172,12 +172,12 @@ def test_a_certificate_with_another_name_gets_nothing(example):
 
 
 @pytest.mark.parametrize("name", ["nobody", "forged", "expired"])
-def test_without_a_certificate_of_the_authority_nobody_comes_in(example, name):
+def test_without_a_certificate_of_the_authority_no_client_connects(example, name):
     with pytest.raises(WireError, match="certificate"), example.connect(name):
         pass
 
 
-def test_plain_tcp_does_not_come_in_either(example):
+def test_plain_tcp_does_not_connect(example):
     with pytest.raises(WireError), insole_daemon.connect(example.endpoint.replace("tls/", "tcp/")):
         pass
 
@@ -197,7 +197,7 @@ def test_the_doctor_finds_nothing_wrong_with_it(example):
     assert "exposure" not in done.stdout
 
 
-def test_an_open_daemon_says_so_when_it_starts(tmp_path):
+def test_a_daemon_open_to_the_network_warns_when_it_starts(tmp_path):
     config = tmp_path / "config.yaml"
     boards = "".join(f"      - {{address: {address}, interface: nocan7}}\n" for address in (5, 6, 7))
     config.write_text(
@@ -218,7 +218,7 @@ def test_an_open_daemon_says_so_when_it_starts(tmp_path):
         (Zenoh(listen=("tls/0.0.0.0:7448",)), "enable_mtls"),
     ],
 )
-def test_what_is_open_is_said(zenoh, words):
+def test_access_open_to_others_is_reported(zenoh, words):
     (said,) = exposures(zenoh)
     assert re.search(words, said)
 
@@ -228,7 +228,7 @@ def test_loopback_is_not_warned_about(endpoint):
     assert exposures(Zenoh(listen=(endpoint,))) == []
 
 
-def test_certificates_without_rules_are_said(example, tmp_path):
+def test_certificates_without_access_rules_are_warned_about(example, tmp_path):
     text = (example.folder / "zenoh.json5").read_text().replace("enabled: true", "enabled: false")
     for file in ("ca.pem", "daemon.pem", "daemon.key"):
         shutil.copy(example.folder / file, tmp_path)

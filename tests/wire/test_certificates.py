@@ -74,7 +74,7 @@ def _answer(query: zenoh.Query) -> None:
 
 
 @pytest.mark.parametrize("name", ["stolen-name", "elsewhere", "ended", "a-client"])
-def test_who_connects_refuses_a_daemon_that_is_not_what_it_says(folder, name):
+def test_a_client_refuses_a_daemon_with_a_wrong_certificate(folder, name):
     false = FOR_DAEMON.replace('"daemon.pem"', f'"{name}.pem"').replace('"daemon.key"', f'"{name}.key"')
     with standing_in(folder, false) as endpoint:
         with pytest.raises(WireError, match="this program that of the other side"):
@@ -92,7 +92,7 @@ def permitted(folder, configuration, name):
             return done
 
 
-def test_the_pages_rules_permit_what_they_say(folder):
+def test_the_documented_access_rules_permit_what_the_page_states(folder):
     assert permitted(folder, FOR_DAEMON, "operator") == set(VERBS)
     assert permitted(folder, FOR_DAEMON, "viewer") == set()
 
@@ -104,7 +104,7 @@ def test_a_command_is_permitted_alone(folder, verb):
     assert permitted(folder, alone, "operator") == {verb}
 
 
-def test_the_rules_know_every_command_there_is():
+def test_the_rules_list_every_command():
     offered = set(re.findall(r'\.offer\("(\w+)"', Path(daemon_module.__file__).read_text()))
     assert offered == set(VERBS)
     (command,) = re.findall(r'id: "command".*?key_exprs: \[(.*?)\]', FOR_DAEMON, re.DOTALL)

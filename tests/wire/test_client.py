@@ -135,7 +135,7 @@ def wrench(seq: int, started_ns: int = 1) -> Wrench:
     )
 
 
-def test_gaps_are_told(endpoint):
+def test_gaps_in_the_sequence_are_counted_as_lost(endpoint):
     with (
         open_session("peer", [endpoint]) as session,
         FootPublisher(session, "gaps", "left") as publisher,
@@ -164,7 +164,7 @@ def test_a_foot_is_seen_once_it_can_be_asked(endpoint):
         assert insole.meta("left").rig == left.config.rig
 
 
-def test_nobody_there_is_said_with_what_to_do():
+def test_a_missing_daemon_is_reported_with_a_remedy():
     with pytest.raises(WireError, match="nobody answers on tcp/127.0.0.1:9.*insole run"):
         insole_daemon.connect("tcp/127.0.0.1:9").open()
 
@@ -180,20 +180,20 @@ def test_a_daemon_that_cannot_answer_for_seconds_is_waited_for(daemon):
         resume.join()
 
 
-def test_a_port_that_accepts_and_never_answers_is_told_from_one_where_nobody_listens():
+def test_a_port_that_never_answers_is_distinguished_from_a_closed_one():
     with socket.create_server(("127.0.0.1", 0)) as silent:
         endpoint = f"tcp/127.0.0.1:{silent.getsockname()[1]}"
         with pytest.raises(WireError, match=f"{endpoint} gave no answer for .*too little CPU"):
             insole_daemon.connect(endpoint).open()
 
 
-def test_a_foot_nobody_has_is_said(daemon):
+def test_a_missing_foot_is_reported(daemon):
     with insole_daemon.connect(daemon.endpoint, rig="other") as insole:
         with pytest.raises(WireError, match="insole/other/left/meta"):
             insole.meta("left")
 
 
-def test_used_before_it_is_open_is_said():
+def test_use_before_opening_is_refused_with_a_message():
     with pytest.raises(WireError, match="with insole_daemon.connect"):
         insole_daemon.connect().wrenches("left")
 
@@ -247,7 +247,7 @@ def mixed(endpoint):
         yield insole, put
 
 
-def test_whoever_takes_everything_passes_over_what_is_none_of_ours(mixed, caplog):
+def test_a_subscription_to_all_keys_ignores_foreign_messages(mixed, caplog):
     insole, put = mixed
     messages = insole.messages("insole/**")
     time.sleep(0.2)
@@ -268,7 +268,7 @@ def test_async_twin_passes_over_the_same(mixed):
     assert messages.refused == 2
 
 
-def test_whoever_asks_for_one_kind_is_told_of_another_version_of_it(mixed):
+def test_a_subscription_to_one_message_reports_another_version_of_it(mixed):
     insole, put = mixed
     wrenches = insole.wrenches("left")
     time.sleep(0.2)

@@ -98,7 +98,7 @@ def test_round_trip(message: Message) -> None:
             assert after == before, name
 
 
-def test_what_is_unknown_is_nil_on_the_wire_and_none_here() -> None:
+def test_unknown_values_are_nil_on_the_wire_and_none_in_python() -> None:
     _, _, wrench, _ = cycle(0)
     assert np.isnan(wrench.f_z_std_n)
     assert msgpack.unpackb(wrench.encode())["f_z_std_n"] is None
@@ -185,13 +185,13 @@ def test_a_whole_number_is_a_number() -> None:
 
 
 @pytest.mark.parametrize("said", ["application/msgpack;insole.wrench/1", "application/msgpack", "zenoh/bytes", ""])
-def test_another_version_is_told_by_its_encoding(said: str) -> None:
+def test_another_version_is_recognised_by_its_encoding(said: str) -> None:
     found = refusal(cycle()[2].encode(), Wrench, said)
     assert found.startswith(f"expected a message 'application/msgpack;insole.wrench/2', found '{said}'")
     assert "install the same insole-daemon on both sides" in found
 
 
-def test_of_the_kinds_each_refuses_the_others() -> None:
+def test_a_message_class_refuses_the_other_kinds() -> None:
     for message in MESSAGES:
         for cls in BY_KEY.values():
             if cls is not type(message):

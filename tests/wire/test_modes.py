@@ -55,7 +55,7 @@ def daemon(tmp_path, zenoh):
     assert status == 0
 
 
-def test_a_payload_beyond_all_measure_is_dropped_and_costs_nothing_else():
+def test_an_oversized_payload_is_dropped_and_other_messages_arrive():
     endpoint, got = f"tcp/127.0.0.1:{free_port()}", []
     with open_session("peer", [endpoint]) as ours, open_session("client", connect=[endpoint]) as theirs:
 
@@ -89,7 +89,7 @@ def test_subscribers_connect_to_the_daemon(tmp_path, endpoint, mode):
         works(endpoint)
 
 
-def test_a_daemon_that_is_a_router_carries_what_others_say_to_each_other(tmp_path, endpoint):
+def test_a_daemon_in_mode_router_forwards_messages_between_clients(tmp_path, endpoint):
     with daemon(tmp_path, f"{{mode: router, listen: [{endpoint}]}}"):
         seen = []
         with open_session("client", connect=[endpoint]) as one, open_session("client", connect=[endpoint]) as other:
@@ -114,7 +114,7 @@ def test_subscribers_connect_to_a_router(tmp_path, endpoint, mode):
 
 
 @pytest.mark.parametrize("mode", ["peer", "router", "client"])
-def test_a_router_that_comes_later_or_comes_back_is_found(tmp_path, endpoint, mode):
+def test_a_router_that_starts_later_or_restarts_is_connected(tmp_path, endpoint, mode):
     own = f"tcp/127.0.0.1:{free_port()}"
     with contextlib.ExitStack() as first:
         if mode == "client":
@@ -126,7 +126,7 @@ def test_a_router_that_comes_later_or_comes_back_is_found(tmp_path, endpoint, mo
 
 
 @pytest.mark.parametrize("mode", ["peer", "client"])
-def test_who_was_connected_through_a_killed_router_is_so_again_within_a_second(tmp_path, endpoint, mode):
+def test_clients_of_a_killed_router_reconnect_within_a_second_of_its_return(tmp_path, endpoint, mode):
     """Daemon, router and subscriber stay the same processes but the router; one of three attempts has to be in time."""
     own = f"tcp/127.0.0.1:{free_port()}"
     took_s = []
@@ -153,7 +153,7 @@ def test_who_was_connected_through_a_killed_router_is_so_again_within_a_second(t
     assert min(took_s) < 1, took_s
 
 
-def test_a_client_must_be_told_where_its_router_is(tmp_path):
+def test_mode_client_needs_the_endpoint_of_a_router(tmp_path):
     config = tmp_path / "config.yaml"
     config.write_text("format: insole-config/1\nzenoh: {mode: client}\n")
     with pytest.raises(DocumentError, match=r"zenoh\.connect: a daemon in mode client needs the endpoint"):

@@ -62,7 +62,7 @@ def test_effects_together_are_named_modelled_and_shown(tmp_path):
     assert "error of the force" in (tmp_path / "out" / "report.html").read_text()
 
 
-def test_a_fast_viscoelasticity_is_named_beside_a_lag(tmp_path):
+def test_fast_viscoelasticity_is_reported_beside_a_lag(tmp_path):
     folder = write(tmp_path / "walk", lambda p: late(0.87 * p + 0.13 * late(p, 0.1), 0.035), seconds=40.0)
     found = diagnose(folder, tmp_path / "out")
     by_word = {each["effect"]: each["parameters"] for each in found["findings"]}
@@ -98,7 +98,7 @@ def test_a_wrong_rate_of_the_shoes_clock_is_reported(tmp_path):
     assert finding["parameters"]["rate"]["value"] == pytest.approx(0.004, abs=2e-4)
 
 
-def test_an_effect_of_one_part_of_the_insole_is_placed_there(tmp_path):
+def test_an_effect_of_one_board_is_placed_at_that_board(tmp_path):
     where = np.repeat(LAYOUT.identities[:, 0] == 7, 12)
     found = diagnose(write(tmp_path / "walk", solid, where), tmp_path / "out")
     (finding,) = found["findings"]
@@ -141,7 +141,7 @@ def test_a_creep_larger_than_the_immediate_response_is_undone(tmp_path):
     assert found["heldout"]["after"] < 0.08 * found["heldout"]["before"]
 
 
-def test_a_rezero_under_the_foot_is_found_and_only_earlier_rows_are_used(tmp_path):
+def test_a_rezero_under_the_foot_is_detected_and_only_earlier_rows_are_used(tmp_path):
     own = np.repeat(LAYOUT.identities[:, 0] == 6, 12)
 
     def anew(t_s: Array, read: Array) -> None:
@@ -178,7 +178,7 @@ def test_a_smaller_bit_shift_is_named_and_a_gain_of_two_is_none(tmp_path):
     assert (finding["effect"], finding["where"]) == ("gain", {"scope": "board", "ids": [[6]]})
 
 
-def test_hysteresis_is_found_in_a_walk_that_begins_on_the_foot(tmp_path):
+def test_hysteresis_is_detected_in_a_walk_that_begins_on_the_foot(tmp_path):
     walk = write(tmp_path / "walk", lambda p: p + 0.3 * plays(p, np.array([20e3]))[0], stands_s=1.0)
     found = diagnose(walk, tmp_path / "out")
     (finding,) = found["findings"]

@@ -28,7 +28,7 @@ def walking(seed: int = 1, n: int = 3000) -> TriangleReadings:
 
 @pytest.mark.parametrize("bit", [0, 2, 3, 4])
 @pytest.mark.parametrize("value", [0, 1])
-def test_a_stuck_bit_is_found(bit, value):
+def test_a_stuck_bit_is_detected(bit, value):
     own = walking()
     counts = own.counts.astype(int)
     stuck = counts | 1 << bit if value else counts & ~(1 << bit)

@@ -42,7 +42,7 @@ def test_a_burst_of_one_triangle_is_placed_and_its_rows_weigh_less(tmp_path):
 
 
 @pytest.mark.parametrize("delay_s", [0.0, 0.06])
-def test_spikes_of_the_reference_are_found_and_a_late_heel_strike_is_none(tmp_path, delay_s):
+def test_spikes_of_the_reference_are_detected_and_a_late_heel_strike_is_none(tmp_path, delay_s):
     assert not faults_of(write(tmp_path / "calm", delay_s=delay_s)).spikes.any()
     walk = write(tmp_path / "walk", delay_s=delay_s)
     rows = (walk / "reference.csv").read_text().splitlines()

@@ -41,14 +41,14 @@ def full(design: BlockDesign, k: int, share: float) -> Array:
 
 
 @pytest.mark.parametrize(("counts", "is_possible"), [(0.5, False), (8.0, True)])
-def test_a_small_static_word_beside_a_large_one_is_a_part_of_it(design, counts, is_possible):
+def test_a_static_effect_beside_a_large_one_needs_a_minimum_size(design, counts, is_possible):
     gain, baseline = number(design, "gain"), number(design, "baseline")
     beside = {gain: full(design, gain, 0.3), baseline: full(design, baseline, counts)}
     assert np.isfinite(price(design, {baseline: full(design, baseline, counts)}))
     assert np.isfinite(price(design, beside)) == is_possible
 
 
-def test_what_a_memory_misses_is_less_like_a_measured_temperature_than_like_a_drift(design):
+def test_the_misfit_of_a_memory_resembles_drift_more_than_temperature(design):
     memory = number(design, "viscoelasticity")
     own = full(design, memory, 0.3)
 
@@ -60,7 +60,7 @@ def test_what_a_memory_misses_is_less_like_a_measured_temperature_than_like_a_dr
     assert 0.0 < raised_by("temperature") == pytest.approx(0.3 * raised_by("drift"), rel=1e-3)
 
 
-def test_what_a_memory_misses_is_missed_by_triangles_at_which_nothing_else_is(design):
+def test_a_local_term_may_explain_only_a_part_of_a_memorys_misfit(design):
     memory, on_all = number(design, "viscoelasticity"), number(design, "drift")
     own = full(design, memory, 0.3)
     places = [number(design, "drift", "triangle"), on_all]

@@ -32,7 +32,7 @@ def session(random, n=24, more_n=0.0, person_n=0.0, calibration="first"):
     return Steps(columns, {"f_z_n": curves}, 0, (), {"left": calibration})
 
 
-def test_a_planted_difference_is_found_where_it_is():
+def test_a_simulated_difference_is_detected_at_its_place():
     random = np.random.default_rng(0)
     test = compare_curves(session(random), session(random, more_n=40.0))
     assert test.p_whole < 0.01
@@ -70,7 +70,7 @@ def test_persons_are_their_own_comparison():
     assert interval.high - interval.low < 30, "less than the persons differ from each other"
 
 
-def test_too_few_steps_or_persons_are_said():
+def test_too_few_steps_or_persons_are_reported():
     random = np.random.default_rng(4)
     with pytest.raises(InsoleError, match="needs 3 steady steps a session, found 2 and 24"):
         compare_curves(session(random, 2), session(random))

@@ -54,7 +54,7 @@ def seconds_of(events, foot, kind):
 
 @pytest.mark.parametrize("cadence", [60.0, 84.0, 110.0, 140.0])
 @pytest.mark.parametrize("offset_n", [0.0, 35.0, -20.0])
-def test_every_step_of_a_walk_is_told_once_and_when_it_was(cadence, offset_n):
+def test_every_step_of_a_walk_is_reported_once_with_its_time(cadence, offset_n):
     walk = Walk(LAYOUTS, cadence_per_min=cadence)
     events = told(walk, 20.0, offset_n=offset_n)
     for row, foot in enumerate(("left", "right")):
@@ -149,7 +149,7 @@ def test_noise_on_an_empty_insole_is_no_step(offset_n):
     assert told(Nobody(LAYOUTS), 30.0, noise_n=10.0, offset_n=offset_n) == []
 
 
-def test_what_lies_before_a_gap_is_not_known():
+def test_readings_before_a_gap_are_unknown():
     events = told(Walk(LAYOUTS), 12.0, skip=lambda t_s: 5.0 < t_s < 5.5)
     after = [e for e in events if e.foot == "left" and e.t_ns > START_NS + 5_500_000_000]
     assert after[0].figures.get("stance_s", after[0].figures.get("swing_s")) is None
@@ -172,7 +172,7 @@ def test_one_foot_alone_has_no_figures_of_both():
     assert {each["stance_symmetry_percent"] for each in lifts} == {None}
 
 
-def test_invalid_taxels_press_nothing_and_are_said():
+def test_invalid_taxels_have_no_pressure_and_lower_the_valid_fraction():
     gait = FootGait(LEFT)
     half = VALID & (regions(LEFT) > 0)
     found = []

@@ -38,7 +38,7 @@ def test_labels_of_a_planned_walk_are_right(name):
     assert {said for _, said in every} <= set(LABELS)
 
 
-def test_what_is_no_steady_step_is_not_in_the_means():
+def test_means_use_only_steady_steps():
     plan = list(plan_walk(PLANS["turns"], 1))
     steps = steps_of(PlannedWalk(list(LAYOUTS.values()), plan, seed=1), plan[-1].toe_off_s + 2.0)
     planned = sum(stance.label == "steady" for stance in plan)

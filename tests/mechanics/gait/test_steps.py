@@ -132,7 +132,7 @@ def test_mean_curves_have_101_points_and_the_spread_of_the_steps(steps):
     assert 0 < np.nanmedian(spread) < 40
 
 
-def test_one_foot_alone_says_what_is_missing(walk):
+def test_one_foot_alone_is_reported_with_the_missing_foot(walk):
     alone = steps_of(walk, 12.0, feet=("right",))
     assert len(alone.steady) > 5
     assert np.isnan(alone["double_support_s"]).all()
@@ -145,7 +145,7 @@ def test_standing_is_labelled_and_no_step():
     assert len(still.steady) == 0
 
 
-def test_insoles_that_nobody_wears_have_no_steps_and_say_so():
+def test_unworn_insoles_have_no_steps_and_a_remark():
     class Nobody(Stand):
         def region_n(self, foot, t_s):
             return 0.0 * super().region_n(foot, t_s)
@@ -180,7 +180,7 @@ def test_hardly_any_cycles_are_no_steps(n):
     assert len(find_contacts(np.arange(n) * 0.02, np.full(n, 500.0))) == 0
 
 
-def test_a_person_who_only_stands_is_told_that_nothing_is_steady():
+def test_standing_alone_is_reported_as_no_steady_step():
     standing = course_of(Stand(list(LAYOUTS.values())), "left", 12.0)
     force = np.where((standing.t_s > 2) & (standing.t_s < 10), standing.wrench.f_z_n, 0.0)
     steps = find_steps([replace(standing, wrench=replace(standing.wrench, f_z_n=force))], 0)

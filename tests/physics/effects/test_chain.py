@@ -278,7 +278,7 @@ def refused(message: str, effects: list[Effect], calibration: Calibration | None
         Chain(effects, LAYOUT, calibration).inverse()
 
 
-def test_an_effect_without_inverse_says_what_to_do_instead() -> None:
+def test_the_error_of_an_effect_without_inverse_names_a_remedy() -> None:
     refused("delay has no inverse: none: it would need future readings. Stamp the readings with t − delay_s", LOSSY[1:])
 
 

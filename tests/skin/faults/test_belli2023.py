@@ -12,7 +12,7 @@ from insole_daemon.skin.geometry import PRESSURE_TAXELS
 EXCERPT = Path(__file__).parents[2] / "data" / "belli2023"
 
 
-def test_loose_triangles_are_told_and_never_valid() -> None:
+def test_loose_triangles_are_reported_and_never_valid() -> None:
     found = faults.play(EXCERPT)
     rails = faults.on_rails(found.counts)
     assert rails.sum() > 3000

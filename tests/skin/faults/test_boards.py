@@ -174,7 +174,7 @@ def test_each_board_has_the_limit_of_its_own_period() -> None:
     assert foot.wrong == {"silent": [9, 5, 7]}
 
 
-def test_a_board_never_heard_is_silent_as_long_after_the_first_cycle() -> None:
+def test_a_board_that_never_sent_becomes_silent_as_long_after_the_first_cycle() -> None:
     foot = Foot()
     foot.close(0, {9: 2})
     assert not foot.close(SILENT_NS, {9: 2})
@@ -254,7 +254,7 @@ def test_a_board_paused_that_sent_nothing_for_longer_than_jitter_explains(
 
 
 @every_board
-def test_a_pause_is_remembered_until_somebody_has_looked(board: int) -> None:
+def test_a_pause_is_kept_until_it_was_read(board: int) -> None:
     foot = streaming()
     foot.stream(round(PAUSE_PERIODS) + 1, but(board))
     foot.stream(WINDOW_CYCLES)
@@ -289,7 +289,7 @@ def test_one_triangle_is_enough_to_be_crowded(row: int, start_ns: int) -> None:
 
 
 @every_board
-def test_what_comes_first_of_a_board_is_no_crowd(board: int) -> None:
+def test_the_first_frames_of_a_board_are_no_crowding(board: int) -> None:
     foot = Foot()
     foot.close(0, but(board))
     foot.close(PERIOD_NS, but(board, 10))
@@ -297,7 +297,7 @@ def test_what_comes_first_of_a_board_is_no_crowd(board: int) -> None:
 
 
 @every_board
-def test_crowded_is_over_when_no_clash_was_found(board: int) -> None:
+def test_crowded_ends_when_no_address_clash_was_detected(board: int) -> None:
     foot = streaming()
     foot.close(PERIOD_NS, but(board, 4))
     assert not foot.close(PERIOD_NS, but(board, 4))
@@ -332,7 +332,7 @@ def test_a_clash_is_a_rate_of_one_triangle_that_no_board_alone_has(row: int, abo
 
 
 @every_board
-def test_twice_the_rate_is_a_clash_as_soon_as_the_window_tells(board: int) -> None:
+def test_twice_the_rate_is_an_address_clash_after_one_window(board: int) -> None:
     foot = streaming()
     changed = foot.stream(WINDOW_CYCLES, but(board, 4))
     assert changed.index(True) + 1 == TO_CLASH // 2
@@ -350,7 +350,7 @@ def test_a_window_that_has_only_begun_counts_as_a_whole_one(board: int, start_ns
 
 
 @every_board
-def test_what_was_held_up_and_came_at_once_is_no_clash(board: int) -> None:
+def test_delayed_frames_in_one_batch_are_no_address_clash(board: int) -> None:
     foot = streaming()
     held_up = 2 * WINDOW_CYCLES
     assert not foot.close(held_up * PERIOD_NS, {a: 2 * held_up + 2 * (a == board) for a in ADDRESSES.tolist()})
@@ -360,7 +360,7 @@ def test_what_was_held_up_and_came_at_once_is_no_clash(board: int) -> None:
 
 @every_board
 @pytest.mark.parametrize("pause_cycles", [5, 25, 100])
-def test_what_a_pause_held_up_and_came_in_some_cycles_is_no_clash(board: int, pause_cycles: int) -> None:
+def test_frames_delayed_by_a_pause_are_no_address_clash(board: int, pause_cycles: int) -> None:
     """A host that was held up: one board's readings come after the others'."""
     foot = streaming()
     foot.stream(pause_cycles, but(board))
@@ -371,7 +371,7 @@ def test_what_a_pause_held_up_and_came_in_some_cycles_is_no_clash(board: int, pa
 
 
 @every_board
-def test_a_clash_after_a_pause_is_found_a_window_later(board: int) -> None:
+def test_an_address_clash_after_a_pause_is_detected_a_window_later(board: int) -> None:
     foot = streaming()
     foot.stream(25, but(board))
     found = (WINDOW_NS + HANDED_ON_NS) // PERIOD_NS
@@ -413,7 +413,9 @@ def test_a_clash_is_over_when_the_rate_was_that_of_one_board_for_long_enough(boa
 
 @every_board
 @pytest.mark.parametrize(("above", "stays"), [(TO_STAY - 1, False), (TO_STAY, True)])
-def test_a_clash_goes_on_while_more_comes_than_the_jitter_of_one_board(board: int, above: int, stays: bool) -> None:
+def test_an_address_clash_lasts_while_the_rate_exceeds_the_jitter_of_one_board(
+    board: int, above: int, stays: bool
+) -> None:
     foot = streaming()
     foot.close(PERIOD_NS, but(board, 2 + TO_CLASH))
     for _ in range(2 * SINGLE_NS // WINDOW_NS):
@@ -461,7 +463,7 @@ def test_a_silent_board_does_not_count_among_all(board: int) -> None:
 
 
 @pytest.mark.parametrize(("board", "other"), [*permutations(ALL, 2)])
-def test_what_becomes_of_a_board_is_told_also_while_another_is_crowded(board: int, other: int) -> None:
+def test_the_state_of_a_board_is_reported_while_another_is_crowded(board: int, other: int) -> None:
     foot = streaming()
     assert not foot.close(SILENT_NS, but(board))
     assert foot.close(PERIOD_NS, but(board) | {other: 4})

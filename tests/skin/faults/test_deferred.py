@@ -37,7 +37,7 @@ def walked(faults: Sequence[InjectedFault], seconds: float = 4.0) -> Cycles:
 
 
 @pytest.mark.parametrize("kind", FAULTS)
-def test_the_same_is_told_at_the_most_gather_ns_later(kind):
+def test_a_fault_is_reported_at_most_gather_ns_later(kind):
     cycles = walked(FAULTS[kind])
     watch, deferred = FaultWatch(LAYOUT, BOARDS), DeferredFaultWatch(FaultWatch(LAYOUT, BOARDS))
     expected, found, told_ns = [], [], []
@@ -80,7 +80,7 @@ def test_changes_that_are_fetched_late_are_complete():
     assert deferred.changes() == expected
 
 
-def test_a_zero_is_told_with_the_next_cycle_and_nothing_gathered_is_lost():
+def test_a_zero_first_processes_the_gathered_cycles():
     cycles = walked([])
     deferred = DeferredFaultWatch(FaultWatch(LAYOUT, BOARDS))
     deferred.take(cycles, 0)
@@ -100,7 +100,7 @@ def test_cycles_that_are_not_due_are_worked_off_early_when_asked_to():
     assert deferred._gathered == []
 
 
-def test_cycles_are_due_after_gather_ns_and_what_is_found_is_due_until_it_is_told():
+def test_cycles_are_due_after_gather_ns_and_a_fault_until_it_is_reported():
     cycles = walked([])
     deferred = DeferredFaultWatch(FaultWatch(LAYOUT, BOARDS))
     due = []

@@ -57,7 +57,7 @@ def test_each_board_has_its_own_settings(places: Places) -> None:
     ("of_triangle", "of_board"),
     [([1, 2, 3, 4, 5], [3, 5, 4]), ([5, 4, 3, 2, 1], [5, 4, 2]), ([-1, -2, -3, -4, -5], [-1, -2, -4])],
 )
-def test_the_most_of_a_board_is_that_of_its_highest_triangle(
+def test_the_maximum_of_a_board_is_that_of_its_highest_triangle(
     places: Places, of_triangle: list[int], of_board: list[int]
 ) -> None:
     assert places.most_of_board(np.array(of_triangle)).tolist() == of_board

@@ -126,7 +126,7 @@ def test_only_usable_taxels_count() -> None:
         (255, 255, False),
     ],
 )
-def test_255_is_a_rail_unless_a_taxel_may_rest_there(no_load: int, count: int, pinned: bool) -> None:
+def test_255_is_the_end_of_the_range_unless_it_is_a_possible_baseline(no_load: int, count: int, pinned: bool) -> None:
     rest = rest_of(no_load)
     rest.update(counts_of({5: count}))
     assert rest.at_top.tolist() == (OF[5] & pinned).tolist()
@@ -212,7 +212,7 @@ def test_faulty_taxels_that_are_believed_are_learned_too() -> None:
 
 
 @pytest.mark.parametrize("sign", [-1, 1])
-def test_what_is_too_far_from_the_level_is_no_rest(sign: int) -> None:
+def test_counts_far_from_the_level_are_no_baseline(sign: int) -> None:
     rest = rest_of()
     away = NEAR_NO_LOAD_COUNT + np.array([-1, 0, 0.25, 1, 30, -1, 0, 0.25, 1, 30])
     learn(rest, {5: NO_LOAD + sign * away})

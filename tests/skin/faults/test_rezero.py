@@ -111,7 +111,7 @@ def test_every_board_is_used_at_first() -> None:
 
 
 @each_board
-def test_a_board_whose_load_vanishes_while_the_others_bear_theirs_was_zeroed(address: int) -> None:
+def test_a_board_whose_load_vanishes_while_the_others_are_loaded_was_rezeroed(address: int) -> None:
     foot = Foot()
     foot.stand()
     assert not foot.look({address: 0})
@@ -175,7 +175,7 @@ def test_before_the_first_check_a_board_has_no_load(load: ArrayLike, found: bool
         ((250, 250), (350, 350), True), ((250, 250), (350, 351), False),
     ],
 )  # fmt: skip
-def test_the_others_must_go_on_bearing_what_they_bore(
+def test_a_jump_counts_only_if_the_other_boards_keep_their_load(
     before: tuple[int, int], after: tuple[int, int], found: bool
 ) -> None:
     foot = Foot()
@@ -230,7 +230,7 @@ def test_a_board_is_judged_by_its_usable_taxels_if_they_are_many(n: int, found: 
     assert foot.jumps({5: taxels((n, 0), (N_TAXELS - n, 30))}) is found
 
 
-def test_a_change_of_what_is_usable_is_no_jump() -> None:
+def test_a_change_of_the_usable_taxels_is_no_jump() -> None:
     foot = Foot()
     foot.stand()
     foot.use(5, N_TAXELS - 1)
@@ -258,7 +258,7 @@ def well_again(foot: Foot) -> None:
 
 
 @spoilt
-def test_a_jump_says_nothing_if_the_board_turns_out_not_to_be_heard_well(spoil: Callable[[Foot], None]) -> None:
+def test_a_jump_is_no_evidence_if_the_board_turns_out_to_lose_frames(spoil: Callable[[Foot], None]) -> None:
     foot = Foot()
     foot.stand()
     foot.look({5: 0})
@@ -270,7 +270,7 @@ def test_a_jump_says_nothing_if_the_board_turns_out_not_to_be_heard_well(spoil: 
 
 
 @spoilt
-def test_what_is_missing_must_be_missing_while_the_board_is_heard_well(spoil: Callable[[Foot], None]) -> None:
+def test_a_negative_load_counts_only_while_the_board_loses_no_frames(spoil: Callable[[Foot], None]) -> None:
     foot = Foot()
     foot.look({5: -3})
     spoil(foot)
@@ -281,7 +281,7 @@ def test_what_is_missing_must_be_missing_while_the_board_is_heard_well(spoil: Ca
 
 
 @pytest.mark.parametrize("state", ["silent", "crowded", "clash"])
-def test_a_board_that_is_not_heard_well_says_nothing_of_the_others(state: str) -> None:
+def test_a_board_with_lost_frames_is_no_evidence_about_the_others(state: str) -> None:
     foot = Foot()
     getattr(foot.streams, state)[:] = [True, False, True]
     foot.stand()
@@ -296,7 +296,7 @@ def test_a_board_that_is_late_does_not_keep_the_next_from_being_judged() -> None
     assert foot.found == [5]
 
 
-def test_a_second_board_is_found_after_the_first() -> None:
+def test_a_rezero_of_a_second_board_is_detected_after_the_first() -> None:
     foot = rezeroed(7)
     foot.stand()
     assert foot.jumps({5: 0})
@@ -328,7 +328,7 @@ def test_some_taxels_at_255_are_enough_even_if_the_mean_is_not(n: int, found: bo
     assert foot.stays({5: taxels((n, -10), (N_TAXELS - n, 0))}) is found
 
 
-def test_with_a_no_load_of_255_to_stand_there_is_to_rest() -> None:
+def test_with_a_no_load_of_255_constant_readings_there_are_no_evidence() -> None:
     foot = Foot(no_load=255)
     assert not foot.stays(NOBODY)
     assert foot.watch.suspect == [False, False, False]
@@ -447,7 +447,7 @@ def test_a_faulty_taxel_does_not_keep_its_board_from_healing() -> None:
     assert foot.look(loads, HEALED_NS)
 
 
-def test_each_board_heals_by_itself() -> None:
+def test_boards_become_healthy_independently() -> None:
     foot = rezeroed(7, 5)
     foot.look(NOBODY | {5: taxels((20, 2), (20, -2))})
     foot.look(NOBODY, 1)
@@ -483,7 +483,7 @@ def test_all_boards_are_believed_again_after_a_person_took_a_new_zero() -> None:
     assert not foot.look(NOBODY)
 
 
-def test_a_new_zero_by_a_person_ends_what_was_not_yet_found() -> None:
+def test_a_new_zero_ends_evidence_for_a_rezero() -> None:
     foot = Foot()
     foot.stand()
     foot.look({5: 0, 6: -3})

@@ -131,7 +131,7 @@ def test_an_even_load_of_any_size_is_no_fault(load: float, missing: Collection[T
 
 
 @pytest.mark.parametrize("activation", [DEAD_UNDER_LOAD, STUCK_ALONE, {ONE: BOTTOM}, {ONE: TOP}])
-def test_what_is_not_live_is_not_judged(activation: Counts) -> None:
+def test_taxels_that_are_not_live_are_not_judged(activation: Counts) -> None:
     foot = Foot()
     assert foot.looks(30, activation, missing=[ONE]) == [False] * 30
     assert foot.states == {}
@@ -184,7 +184,7 @@ def test_neighbours_may_be_on_another_triangle_and_board() -> None:
     ],
 )
 @somebody_missing
-def test_dead_is_what_bears_less_than_a_share_of_its_neighbours(
+def test_a_taxel_with_less_than_a_share_of_its_neighbours_load_is_dead(
     load: float, own: float, says: float, missing: Collection[Taxel]
 ) -> None:
     foot = Foot()
@@ -211,13 +211,13 @@ def test_the_least_loaded_neighbour_decides(least: Taxel, missing: Collection[Ta
     assert foot.looks(10, activation, missing) == changes_at(looks_for(SHARE * LOADED_COUNT), 10)
 
 
-def test_dead_taxels_are_found_each_by_itself() -> None:
+def test_dead_taxels_are_detected_one_by_one() -> None:
     foot = Foot()
     foot.looks(FULL, {**pressed(0, 1), ONE: 0.0, FAR: 0.0})
     assert foot.states == {ONE: DEAD, FAR: DEAD}
 
 
-def test_what_speaks_for_a_dead_taxel_is_kept_while_nothing_loads_its_neighbours() -> None:
+def test_evidence_for_a_dead_taxel_is_kept_while_its_neighbours_are_unloaded() -> None:
     foot = Foot()
     foot.looks(FULL - 1, DEAD_UNDER_LOAD)
     foot.looks(10, {})
@@ -226,7 +226,7 @@ def test_what_speaks_for_a_dead_taxel_is_kept_while_nothing_loads_its_neighbours
     assert foot.look(DEAD_UNDER_LOAD)
 
 
-def test_a_dead_taxel_heals_once_what_spoke_for_it_is_gone() -> None:
+def test_a_dead_taxel_is_healthy_again_once_the_evidence_is_gone() -> None:
     foot = Foot()
     foot.looks(20, DEAD_UNDER_LOAD)
     bears = {**pressed(0), ONE: SHARE * LOAD + 2.5}
@@ -258,7 +258,7 @@ def test_a_dead_taxel_stays_dead_while_nothing_loads_its_neighbours() -> None:
     ],
 )
 @somebody_missing
-def test_stuck_is_what_stands_out_above_or_below_its_neighbours(
+def test_a_taxel_far_above_or_below_its_neighbours_is_stuck(
     sign: int, beside: float, contrast: float, says: float, missing: Collection[Taxel]
 ) -> None:
     foot = Foot()
@@ -277,7 +277,9 @@ def test_stuck_is_what_stands_out_above_or_below_its_neighbours(
     ],
 )
 @somebody_missing
-def test_what_a_cover_lets_through_is_not_stuck(beside: float, contrast: float, missing: Collection[Taxel]) -> None:
+def test_a_contrast_that_a_cover_permits_is_not_stuck(
+    beside: float, contrast: float, missing: Collection[Taxel]
+) -> None:
     foot = Foot()
     assert not any(foot.looks(60, {**pressed(0, by=beside), ONE: beside + contrast}, missing))
 
@@ -295,7 +297,7 @@ def test_the_contrast_is_to_the_mean_of_the_neighbours_and_the_highest_says_how_
     assert foot.looks(10, {**around, ONE: no_more + 2}, missing) == changes_at(looks_for(2), 10)
 
 
-def test_stuck_taxels_are_found_each_by_itself() -> None:
+def test_stuck_taxels_are_detected_one_by_one() -> None:
     foot = Foot()
     foot.looks(FULL, {ONE: 10.0, FAR: -10.0})
     assert foot.states == {ONE: STUCK, FAR: STUCK}
@@ -328,7 +330,7 @@ def test_under_load_a_stuck_taxel_does_not_heal_among_the_counts_of_its_neighbou
     assert foot.look({})
 
 
-def test_under_load_what_speaks_for_a_stuck_taxel_still_adds_up() -> None:
+def test_under_load_evidence_for_a_stuck_taxel_accumulates() -> None:
     foot = Foot()
     foot.looks(FULL, STUCK_ALONE)
     healing = looks_for(CONTRAST_COUNT)
@@ -337,7 +339,7 @@ def test_under_load_what_speaks_for_a_stuck_taxel_still_adds_up() -> None:
     assert foot.looks(10, {}) == changes_at(healing, 10)
 
 
-def test_under_load_what_spoke_for_a_stuck_taxel_that_is_none_yet_goes() -> None:
+def test_under_load_evidence_for_a_taxel_not_yet_stuck_decays() -> None:
     foot = Foot()
     foot.looks(FULL - 1, STUCK_ALONE)
     foot.look(pressed(0))
@@ -351,7 +353,7 @@ def test_a_stuck_taxel_heals_beside_neighbours_that_are_just_idle() -> None:
     assert foot.states == {}
 
 
-def test_another_fault_far_away_does_not_hold_what_speaks_for_a_stuck_taxel() -> None:
+def test_a_distant_fault_does_not_keep_the_evidence_for_a_stuck_taxel() -> None:
     foot = Foot()
     foot.looks(FULL, {FAR: 10.0})
     foot.looks(FULL - 1, {FAR: 10.0, **STUCK_ALONE})
@@ -360,7 +362,7 @@ def test_another_fault_far_away_does_not_hold_what_speaks_for_a_stuck_taxel() ->
 
 
 @pytest.mark.parametrize(("fault", "well"), [(DEAD_UNDER_LOAD, pressed(0)), (STUCK_ALONE, {})])
-def test_what_is_not_live_does_not_heal(fault: Counts, well: Counts) -> None:
+def test_taxels_that_are_not_live_do_not_become_healthy(fault: Counts, well: Counts) -> None:
     foot = Foot()
     foot.looks(FULL, fault)
     assert not any(foot.looks(20, well, missing=[ONE]))
@@ -369,7 +371,7 @@ def test_what_is_not_live_does_not_heal(fault: Counts, well: Counts) -> None:
 
 
 @pytest.mark.parametrize("fault", [DEAD_UNDER_LOAD, STUCK_ALONE])
-def test_what_speaks_for_a_fault_is_kept_while_the_taxel_is_not_live(fault: Counts) -> None:
+def test_evidence_for_a_fault_is_kept_while_the_taxel_is_not_live(fault: Counts) -> None:
     foot = Foot()
     foot.looks(FULL - 1, fault)
     foot.looks(10, fault, missing=[ONE])
@@ -422,7 +424,7 @@ def test_a_stuck_or_saturated_neighbour_does_not_keep_a_taxel_from_being_stuck(l
 
 
 @pytest.mark.parametrize("rail", [BOTTOM, TOP])
-def test_saturated_is_what_stays_on_a_rail(rail: float) -> None:
+def test_a_taxel_that_stays_at_an_end_of_its_range_is_saturated(rail: float) -> None:
     foot = Foot()
     assert not foot.look({ONE: rail}, after_ns=0)
     assert not foot.look({ONE: rail}, after_ns=SATURATED_NS - 1)
@@ -447,7 +449,7 @@ def test_the_top_is_a_rail_only_where_it_is_not_the_rest_level(no_load: int, sta
 
 
 @whenever_it_began
-def test_saturated_taxels_are_found_each_by_itself(t_ns: int) -> None:
+def test_saturated_taxels_are_detected_one_by_one(t_ns: int) -> None:
     foot = Foot(t_ns=t_ns)
     assert any(foot.looks(2, {ONE: BOTTOM}))
     assert not foot.look({ONE: BOTTOM, FAR: TOP}, after_ns=1)

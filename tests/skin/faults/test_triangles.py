@@ -61,7 +61,7 @@ every_counts = arrays(np.uint8, (N, 12), elements=st.sampled_from([0, 1, 17, 239
 
 
 @given(every_counts, st.integers(0, N - 1), st.sampled_from(OPEN_OR_DEAD))
-def test_what_the_firmware_makes_of_an_open_line_is_loose(counts, row, fingerprint):
+def test_the_firmwares_counts_of_an_open_line_are_loose(counts, row, fingerprint):
     counts[row] = fingerprint
     assert loose_of(counts)[row]
 
@@ -137,7 +137,7 @@ def test_only_the_triangle_that_came_loose_is_loose(row, fingerprint):
 
 @pytest.mark.parametrize("half", [range(7), range(7, 12)], ids="ab")
 @pytest.mark.parametrize("rail", [0, 255])
-def test_a_half_of_which_one_word_is_in_range_is_there(half, rail):
+def test_a_half_with_one_count_in_range_is_connected(half, rail):
     assert rows_found(small_foot(), counts_with(1, with_on_rails([*half], rail))) == [1]
     for word in half:
         assert rows_found(small_foot(), counts_with(1, with_on_rails([*set(half) - {word}], rail))) == []
@@ -154,7 +154,7 @@ def test_one_word_of_each_half_may_be_in_range_but_not_both_pads(of_a, of_b):
 
 
 @pytest.mark.parametrize("in_range", [(0, 1, 11), (5, 8, 9), (0, 6, 7), (3, 10, 11)])
-def test_three_words_in_range_are_a_triangle_that_is_there(in_range):
+def test_three_counts_in_range_are_a_connected_triangle(in_range):
     on_rails = [word for word in range(12) if word not in in_range]
     assert len(on_rails) == ON_RAILS - 1
     assert rows_found(small_foot(), counts_with(2, with_on_rails(on_rails))) == []
@@ -175,7 +175,7 @@ def test_next_to_a_rail_is_not_on_it(almost):
 
 
 @pytest.mark.parametrize(("no_load", "is_loose"), [(255 - TOP_MARGIN, True), (256 - TOP_MARGIN, False), (255, False)])
-def test_255_is_no_rail_where_a_triangle_may_rest_there(no_load, is_loose):
+def test_255_is_not_the_end_of_the_range_for_a_triangle_with_that_baseline(no_load, is_loose):
     found = small_foot(no_load={4: no_load})
     assert rows_found(found, counts_with(1, ALL_AT_255)) == ([1] if is_loose else [])
     assert rows_found(found, counts_with(0, ALL_AT_255)) == ([0, 1] if is_loose else [0]), "another board"
@@ -221,7 +221,7 @@ def test_counts_need_a_look_where_a_pad_is_on_a_rail(word, count, on_rail):
         assert small_foot().must_update(counts) == (on_rail and word in THERMAL_PADS)
 
 
-def test_what_is_not_fresh_is_not_judged():
+def test_taxels_without_a_new_reading_are_not_judged():
     found = small_foot()
     both = counts_with(1, NO_CONTACT)
     both[3] = NO_CONTACT
@@ -318,7 +318,7 @@ def test_a_triangle_that_is_heard_again_heals_as_others_do():
     assert not found.must_update(AT_REST)
 
 
-def test_one_without_noise_stays_loose_while_nothing_comes_of_it():
+def test_a_triangle_without_noise_stays_loose_while_it_sends_nothing():
     found = small_foot()
     assert listen(found, DEAF_LOOKS, only(2), t_ns=START_NS) == [2]
     assert listen(found, 1, only(2), fresh=only(0, 1, 3, 4), t_ns=START_NS + 2 * GOOD_NS) == [2]

@@ -131,7 +131,7 @@ def test_one_contact_in_twenty_is_masked_throughout(generation: str) -> None:
     assert found.told() == [("triangle_loose", HEEL.board, HEEL.triangle, None)]
 
 
-def test_a_triangle_without_noise_is_not_there() -> None:
+def test_a_triangle_without_noise_is_not_connected() -> None:
     """Open when its board was zeroed, so that it sends the no-load for ever."""
     cycles = cycles_of([], 6, WALKS)
     cycles.counts[:, 4] = 240
@@ -192,7 +192,7 @@ def test_board_zeroed_under_load_until_it_is_zeroed_without(generation: str, loa
 
 
 @pytest.mark.parametrize("board", [5, 7])
-def test_a_board_whose_rest_drifts_while_somebody_walks_was_not_zeroed(board: int) -> None:
+def test_a_drift_of_the_baseline_during_walking_is_no_rezero(board: int) -> None:
     cycles = cycles_of([], 14.0, WALKS)
     t_s = (cycles.t_mono_ns - START_NS) * 1e-9
     dither = np.random.default_rng(0).random(cycles.counts.shape)
@@ -263,7 +263,7 @@ def test_every_board_never_heard_is_silent() -> None:
     assert [(f.kind, f.board) for f in watch(cycles).watch.faults] == [("board_silent", 6)]
 
 
-def test_faults_are_those_told_and_not_yet_over() -> None:
+def test_faults_lists_reported_faults_that_have_not_ended() -> None:
     faults = [InjectedFault("silent", 3.0, 4.0, 6), InjectedFault("loose", 3.2, None, HEEL.board, HEEL.triangle)]
     watching = FaultWatch(LAYOUT, BOARDS)
     cycles = cycles_of(faults, 7, WALKS)
@@ -337,7 +337,7 @@ def test_any_counts_at_all_are_survived(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", [7, 10])
-def test_a_walk_whose_frames_are_held_up_and_come_at_once_zeroes_no_board(seed: int) -> None:
+def test_frames_of_a_walk_that_come_late_in_one_batch_show_no_rezero(seed: int) -> None:
     """By these two a board was taken for re-zeroed: its heel had risen while nothing came from any board."""
     frames = Emulator(CONFIG, LAYOUTS[:1], Walk(LAYOUTS[:1], seed=seed), seed=seed).frames(START_NS, 20)
     rng = np.random.default_rng(seed)

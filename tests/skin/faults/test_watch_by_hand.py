@@ -129,7 +129,7 @@ def told(kind: str, row: int | None = None, taxel: int | None = None, board: int
 # ---- boards
 
 
-def test_each_board_is_told_of_once_when_it_is_first_heard() -> None:
+def test_a_board_is_reported_once_when_it_first_sends() -> None:
     foot = Foot()
     foot.halves[:] = 2 * rows_of(9)
     assert foot.run() == [told("board_streaming", board=9)]
@@ -146,7 +146,7 @@ def test_nothing_is_wrong_before_the_first_cycle() -> None:
     assert (~Foot().watch.masked).all()
 
 
-def test_a_board_that_was_silent_from_the_beginning_is_told_of_once_when_it_comes() -> None:
+def test_a_board_that_was_silent_from_the_start_is_reported_once_when_it_sends() -> None:
     foot = Foot()
     foot.halves[rows_of(4)] = 0
     foot.run()
@@ -236,7 +236,7 @@ def test_a_new_zero_by_a_person_ends_the_mask_at_once(foot: Foot) -> None:
     assert not foot.watch.masked.any()
 
 
-def test_a_new_zero_by_a_person_is_told_as_the_end_of_it(foot: Foot) -> None:
+def test_a_new_zero_is_reported_as_the_end_of_a_rezero(foot: Foot) -> None:
     """Protocol, keys.md: board_rezeroed_over, or a person took a new zero."""
     rezero(foot)
     foot.off[:] = 0
@@ -269,7 +269,7 @@ def test_a_triangle_that_is_stale_is_no_longer_waited_for(foot: Foot) -> None:
     assert foot.run(cycles_in(NEGATIVE_NS) + 2 * LOOK_CYCLES) == [told("board_rezeroed")]
 
 
-def test_a_board_whose_parts_come_in_turns_is_judged_when_all_came(foot: Foot) -> None:
+def test_a_board_whose_triangles_come_in_turns_is_judged_when_all_have_come(foot: Foot) -> None:
     above_rest(foot)
     found = []
     for _ in range(4 * cycles_in(NEGATIVE_NS) // LOOK_CYCLES):
@@ -397,7 +397,7 @@ def test_a_loose_triangle_is_masked_before_anybody_reads_the_cycle(foot: Foot, r
     assert over == f"{who} is connected again, after {GOOD_NS * 1e-9:.1f} s"
 
 
-def test_two_that_come_loose_one_after_the_other_are_told_once_each(foot: Foot) -> None:
+def test_two_triangles_that_come_loose_in_turn_are_reported_once_each(foot: Foot) -> None:
     foot.off[2] = -NO_LOAD - 1
     assert foot.run() == [told("triangle_loose", 2)]
     foot.off[7] = -NO_LOAD - 1
@@ -407,13 +407,13 @@ def test_two_that_come_loose_one_after_the_other_are_told_once_each(foot: Foot) 
 
 
 @pytest.mark.parametrize(("older_ns", "is_judged"), [(int(STALE_NS) - 1, True), (int(STALE_NS), False)])
-def test_what_is_stale_is_not_judged(foot: Foot, older_ns: int, is_judged: bool) -> None:
+def test_stale_taxels_are_not_judged(foot: Foot, older_ns: int, is_judged: bool) -> None:
     foot.halves[3], foot.older_ns[3] = 1, older_ns
     foot.off[3] = -NO_LOAD - 1
     assert foot.run(4) == ([told("triangle_loose", 3)] if is_judged else [])
 
 
-def test_what_was_never_received_is_not_judged() -> None:
+def test_taxels_that_were_never_received_are_not_judged() -> None:
     foot = Foot()
     foot.halves[3] = 0
     assert len(foot.run(LOOK_CYCLES)) == 3, "its counts are zeros"
@@ -431,7 +431,7 @@ def test_a_silent_triangle_does_not_count_as_one_without_noise(foot: Foot) -> No
     assert foot.look(DEAF_LOOKS + 3) == []
 
 
-def test_what_came_in_the_cycle_of_a_look_counts_in_that_look(foot: Foot) -> None:
+def test_halves_in_the_cycle_of_a_check_count_in_that_check(foot: Foot) -> None:
     foot.noise[5] = 0
     assert foot.look(DEAF_LOOKS) == []
     foot.halves[5] = 0
@@ -480,7 +480,7 @@ def test_a_taxel_that_bears_nothing_among_loaded_ones_is_dead_and_masked_alone(
 
 
 @pytest.mark.parametrize(("row", "taxel"), [(0, 0), (3, 5), (6, 8), (8, 11)])
-def test_a_saturated_taxel_is_told_and_not_masked(foot: Foot, row: int, taxel: int) -> None:
+def test_a_saturated_taxel_is_reported_and_not_masked(foot: Foot, row: int, taxel: int) -> None:
     foot.off[row, taxel] = -NO_LOAD - 1
     assert foot.run(cycles_in(SATURATED_NS) + LOOK_CYCLES) == [told("taxel_saturated", row, taxel)]
     assert not foot.watch.masked.any()
@@ -488,7 +488,7 @@ def test_a_saturated_taxel_is_told_and_not_masked(foot: Foot, row: int, taxel: i
     assert foot.run(cycles_in(UNSATURATED_NS) + LOOK_CYCLES) == [told("taxel_saturated_over", row, taxel)]
 
 
-def test_a_triangle_whose_counts_stand_still_says_nothing_of_its_taxels(foot: Foot) -> None:
+def test_constant_counts_of_a_triangle_are_no_evidence_about_its_taxels(foot: Foot) -> None:
     foot.noise[3] = 0
     foot.look()
     foot.off[3, 2] = -FAR
@@ -584,7 +584,7 @@ def test_boards_come_before_triangles_and_triangles_before_taxels(foot: Foot) ->
     ]  # fmt: skip
 
 
-def test_what_healed_is_told_before_what_began(foot: Foot) -> None:
+def test_ended_faults_are_reported_before_new_ones(foot: Foot) -> None:
     foot.off[0] = -NO_LOAD - 1
     foot.run()
     foot.off[0] = 0

@@ -76,7 +76,7 @@ def test_a_null_may_not_be_unexplained():
     assert judge(truth("null"), answer(verdict="no mismatch"))["false_alarm"] is False
 
 
-def test_nothing_said_is_wrong():
+def test_no_answer_is_wrong():
     assert judge(truth("null"), None)["false_alarm"] is True
     assert judge(truth("single", "creep"), None)["points"] == 0.0
     assert judge(truth("pair", "creep", "lag"), None)["exact"] is False

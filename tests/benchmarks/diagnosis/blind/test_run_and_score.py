@@ -96,7 +96,7 @@ def test_a_run_that_never_ends_is_stopped(made, tmp_path):
     assert {entry["ended"] for entry in log} == {"stopped at the time limit"}
 
 
-def test_an_interrupted_run_goes_on_where_it_stopped(made, tmp_path, monkeypatch):
+def test_an_interrupted_run_continues_where_it_stopped(made, tmp_path, monkeypatch):
     answers, command = tmp_path / "answers", [sys.executable, "-c", "print(1)"]
     one, ran = runner.run_case, []
 
@@ -157,7 +157,7 @@ def test_a_truth_changed_afterwards_is_refused(made, tmp_path):
         seal.open_(kept, printed)
 
 
-def test_force_is_compared_at_the_times_it_is_said_for(tmp_path):
+def test_force_is_compared_at_the_stated_times(tmp_path):
     t_s = 1.6e9 + np.arange(500) * 0.02
     force = 300 + 300 * np.sin(np.arange(500) * 0.1)
     noise = np.random.default_rng(4).standard_normal((2, 500))
