@@ -43,7 +43,7 @@ _SMOOTHED_S = 0.5
 _BETTER_BY = 0.5  # the unexplained fraction must be smaller by this factor to prefer the other start
 _MAX_STEPS = 20  # Gauss–Newton usually converges in three to six
 _SMALL_STEP_S = 1e-5
-_TUKEY = 4.685  # robust standard deviations beyond which a weight is 0; 95 % efficient for normal errors
+TUKEY = 4.685  # robust standard deviations beyond which a weight is 0; 95 % efficient for normal errors
 _BLOCK_S, _BLOCKS = 20.0, (6, 30)  # longer than the residual's correlation; least and most blocks
 _MIN_OVERLAP = 0.5  # fraction of the taxels' samples; less may agree by chance
 _MIN_EXPLAINED = 0.25  # fraction of the variance of the reference's edges; unrelated signals explain up to 0.2
@@ -243,6 +243,6 @@ def _sliding_sums(columns: Array, n: int) -> Array:
 
 def tukey_weights(residual: Array, least_std: float = np.finfo(float).tiny) -> Array:
     """Return (n,) weights for residuals (n, c), whose robust standard deviation is at least `least_std`."""
-    size = np.abs(residual) / (np.maximum(1.4826 * np.median(np.abs(residual), axis=0), least_std) * _TUKEY)
+    size = np.abs(residual) / (np.maximum(1.4826 * np.median(np.abs(residual), axis=0), least_std) * TUKEY)
     weight: Array = (1.0 - np.minimum(size.max(axis=1), 1.0) ** 2) ** 2
     return weight

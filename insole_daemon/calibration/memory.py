@@ -32,12 +32,12 @@ from ..physics.effect import Effect, Where, effect
 from ..physics.law import MOST_SHARED
 from ..skin.geometry import N_TAXELS
 from ..skin.layout import Layout
+from .clock import TUKEY
 
 Array: TypeAlias = NDArray[np.float64]
 
 _DEGREE = 3
 _SHARE = 0.5  # share with which a memory term is computed before it is divided by it
-_TUKEY = 4.685  # robust standard deviations beyond which a weight is 0; 95 % efficient for normal errors
 _ROUNDS = 4  # iterations of the weights
 _MIN_SAMPLES = 50
 
@@ -178,5 +178,5 @@ def _robust_nnls(design: Array, target: Array, stiffness: float) -> Array:
         rows = np.concatenate([design * root[:, None], penalty_rows])
         coefficients: Array = nnls(rows, np.concatenate([target * root, np.zeros(len(penalty_rows))]))[0]
         residual = np.abs(target - design @ coefficients)
-        weight = (1.0 - np.minimum(residual / (1.4826 * np.median(residual) * _TUKEY), 1.0) ** 2) ** 2
+        weight = (1.0 - np.minimum(residual / (1.4826 * np.median(residual) * TUKEY), 1.0) ** 2) ** 2
     return coefficients

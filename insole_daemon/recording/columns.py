@@ -27,7 +27,7 @@ from .copies import InsoleContents
 from .document import RecordedBoard
 
 _SLOTS = 16 * N_TAXELS  # per board
-_LATEST_S = 9.2e9  # in the year 2261
+LATEST_S = 9.2e9  # latest time whose nanoseconds fit into 64 bits: in the year 2261
 _ADDRESSES: dict[Foot, tuple[int, int, int]] = {"left": (5, 6, 7), "right": (8, 9, 10)}
 _PADS = f"thermal pads of the {{foot}} foot (taxels {' and '.join(map(str, np.flatnonzero(~PRESSURE_TAXELS)))}): 0"
 
@@ -92,12 +92,10 @@ def to_bytes(values: NDArray[np.float64], where: str, names: Sequence[str] | Non
 
 def to_nanoseconds(time_s: NDArray[np.float64], where: str) -> NDArray[np.int64]:
     """Convert times in s (n,) to integer ns; FileError if one is not finite or does not fit into 64 bits."""
-    wrong = ~(np.abs(time_s) <= _LATEST_S)
+    wrong = ~(np.abs(time_s) <= LATEST_S)
     if wrong.any():
         row = int(wrong.argmax())
-        raise FileError(
-            f"{where}: expected times in seconds, up to {_LATEST_S:.0f}, found {time_s[row]:g} in row {row}"
-        )
+        raise FileError(f"{where}: expected times in seconds, up to {LATEST_S:.0f}, found {time_s[row]:g} in row {row}")
     return np.round(time_s * 1e9).astype(np.int64)
 
 

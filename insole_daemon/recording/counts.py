@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from ..errors import DocumentError, Problem
 from ..files import unfinished, unreadable
 from ..skin.geometry import N_TAXELS
+from .columns import LATEST_S
 
 # What a daemon publishes with every cycle besides t_s and counts: name → type and axes; n: cycles, k: triangles.
 OPTIONAL: Mapping[str, tuple[str, tuple[str, ...]]] = {
@@ -31,7 +32,6 @@ OPTIONAL: Mapping[str, tuple[str, tuple[str, ...]]] = {
     "late": ("|u1", ("n",)),
     "repeated": ("|u1", ("n",)),
 }
-_LATEST_S = 9.2e9  # latest time that fits into 64 bits of nanoseconds
 _MAGIC = b"\x93NUMPY\x01\x00"
 
 
@@ -180,7 +180,7 @@ def _find_problems(
         yield Problem(
             None, _array_name(foot, "counts", feet), f"expected whole numbers of one byte, found {counts.dtype}"
         )
-    if t_s.shape != counts.shape[:1] or t_s.dtype.kind != "f" or not (np.abs(t_s) <= _LATEST_S).all():
+    if t_s.shape != counts.shape[:1] or t_s.dtype.kind != "f" or not (np.abs(t_s) <= LATEST_S).all():
         yield Problem(
             None, _array_name(foot, "t_s", feet),
             f"expected a finite time in seconds for each of the {counts.shape[0] if counts.ndim else 0} cycles, "

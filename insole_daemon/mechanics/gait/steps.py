@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from ...errors import InsoleError
 from .contacts import Contacts
+from .events import LONGEST_STRIDE_S
 from .figures import PERCENT, FootCourse, Stances, no_stances, stances
 from .labels import Walking, label_steps
 
 if TYPE_CHECKING:
     import pandas as pd
 
-LONGEST_STRIDE_S = 3.0  # more is a pause
 TEXT_COLUMNS = ("foot", "label")
 
 Array = NDArray[np.float64]

@@ -16,8 +16,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from .events import LONGEST_STRIDE_S
 from .intervals import FEWEST, NORMAL_QUANTILE, Interval, mean_variance, t_quantile
-from .steps import LONGEST_STRIDE_S, Steps
+from .steps import Steps
 
 Array = NDArray[np.float64]
 

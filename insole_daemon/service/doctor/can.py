@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any
 
 from ...config import Bus
+from ...skin.bus_load import BIT_RATE_HZ
 from .finding import CheckResult, ok, problem, warning
 
-BIT_RATE_HZ = 1_000_000
 _TYPE_CAN = "280"  # ARPHRD_CAN of linux/if_arp.h
 _FLAG_UP = 1  # IFF_UP
 _NETS = Path("/sys/class/net")
