@@ -69,9 +69,9 @@ def demo(
     if hide is not None:
         if seconds is not None or view or port is not None or listen != DEFAULT_ENDPOINT:
             raise typer.BadParameter("--seconds, --view, --port and --listen belong to the live demo, not to --hide")
-        from .demo_hide import hide_and_seek
+        from .demo_hide import demonstrate_diagnosis
 
-        raise typer.Exit(0 if hide_and_seek(hide, seed, None if trial is None else trial.value) else 1)
+        raise typer.Exit(0 if demonstrate_diagnosis(hide, seed, None if trial is None else trial.value) else 1)
     if seed is not None or trial is not None:
         raise typer.BadParameter("--seed and --in need --hide EFFECT")
     if port is not None and not view:

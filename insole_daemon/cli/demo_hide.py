@@ -1,6 +1,6 @@
-"""`insole demo --hide`: conceal something in a simulated trial, diagnose the recording, and then say what it was.
+"""`insole demo --hide`: conceal an effect in a simulated trial, diagnose the recording, and print what was concealed.
 
-At last, what the daemon would publish of another trial of the same insole, with the calibration and with the model.
+The last lines have the daemon's error on another trial of the same insole, with the calibration and with the model.
 """
 
 from __future__ import annotations
@@ -22,28 +22,29 @@ if TYPE_CHECKING:
     from ..diagnosis.outcome import Outcome
     from ..simulation.concealed import TrialKind
 
-_PASSED_OVER = ("gain", "baseline")  # as the benchmark does: other effects bring them along, as warmth moves the rest
-_LEAST_BETTER = 0.95  # times the error before: more, and nothing was undone
+_IGNORED = ("gain", "baseline")  # as in the benchmark: other effects cause them, for example temperature a baseline
+_LARGEST_RATIO = 0.95  # of the errors with the model and with the calibration, for an effect to count as undone
 _NOT_UNDONE = {
-    "clock": "it is the reference's clock, which the daemon does not read",
-    "reference_fault": "it is the reference that is off, which the daemon does not read",
-    "noise_burst": "noise of a moment can be told and not undone",
-    "frame_loss": "what was never sent cannot be undone; the daemon marks it as missing",
-    "open_triangle": "the daemon masks a triangle without contact by itself, with any model",
-    "dead_taxels": "the daemon masks taxels that rest by itself once their neighbours are loaded, with any model",
+    "clock": "the daemon does not read the reference's clock",
+    "reference_fault": "the daemon does not read the reference",
+    "noise_burst": "noise can be detected, but not removed",
+    "frame_loss": "lost frames cannot be restored; the daemon marks their triangles as missing",
+    "open_triangle": "with any model, the daemon masks a triangle without contact",
+    "dead_taxels": "with any model, the daemon masks dead taxels once their neighbours are loaded",
     "temperature": "boards do not send their temperature with the counts",
-    "baseline": "the daemon masks a board whose readings are off without load; take a zero instead",
-    "delay": "a delay of some boards alone is told by age_ms; the force is of what each of them said last",
-    "lag": "of a single taxel it makes more noise than it takes away; forces, sums of many, gain",
-    "drift": "its course is that of the trial it was found in; take a zero instead",
-    "rezero": "it happened in the trial it was found in; take a zero instead",
+    "baseline": "the daemon masks a board whose readings without load have shifted; take a zero instead",
+    "delay": "a delay of single boards is in age_ms; the force uses the last reading of each board",
+    "lag": "on single taxels, compensation adds more noise than it removes error; forces, which are sums, improve",
+    "drift": "its time course is that of this trial alone; take a zero instead",
+    "rezero": "it happened in this trial alone; take a zero instead",
 }
 
 
-def hide_and_seek(word: str, seed: int | None, trial: TrialKind | None) -> bool:
-    """Whether the diagnosis names `word` first; it is given the folder of the recording and nothing else.
+def demonstrate_diagnosis(word: str, seed: int | None, trial: TrialKind | None) -> bool:
+    """Conceal the effect `word` in a trial, diagnose the recording, and return whether the diagnosis names it first.
 
-    `trial` None: a chamber where it can show the word, else a walk.
+    The diagnosis gets the folder of the recording alone. `trial` None: a chamber if that can show the effect, else a
+    walk.
     """
     from .. import config as configs
     from ..recording.writer import refuse_existing
@@ -78,19 +79,19 @@ def hide_and_seek(word: str, seed: int | None, trial: TrialKind | None) -> bool:
         print(f"insole: only a simulation of the trial shows it: writing one into {simulation}", file=sys.stderr)
         conceal(NOTHING, simulation, config, layout, drawn, trial=kind, take=2)
         simulations = [simulation]
-    told = "".join(f" --simulation {each}" for each in simulations)
-    print(f"insole: diagnosing it: insole diagnose {recording}{told} --out {out}", file=sys.stderr, flush=True)
-    found = diagnosed([recording], out, simulations=simulations)
-    words = [finding.effect for finding in found.findings]
-    named = next((each for each in words if each == word or each not in _PASSED_OVER), NOTHING)
+    options = "".join(f" --simulation {path}" for path in simulations)
+    print(f"insole: diagnosing it: insole diagnose {recording}{options} --out {out}", file=sys.stderr, flush=True)
+    outcome = diagnosed([recording], out, simulations=simulations)
+    words = [finding.effect for finding in outcome.findings]
+    named = next((effect for effect in words if effect == word or effect not in _IGNORED), NOTHING)
     print(f"What was concealed: {hidden} (seed {drawn}); named first: {named}")
-    _print_live_errors(word, found, recording, again, out, layout.foot)
+    _print_live_errors(word, outcome, recording, again, out, layout.foot)
     print(f"insole: {time.monotonic() - began:.0f} s from start to report", file=sys.stderr)
     name_next(f"open {out / 'report.html'}")
     return named == word
 
 
-def _print_live_errors(word: str, found: Outcome, recording: Path, again: Path, out: Path, foot: Foot) -> None:
+def _print_live_errors(word: str, outcome: Outcome, recording: Path, again: Path, out: Path, foot: Foot) -> None:
     from ..diagnosis.live_error import live_error
     from ..errors import CalibrationError
     from ..recording.loading import load
@@ -100,23 +101,23 @@ def _print_live_errors(word: str, found: Outcome, recording: Path, again: Path, 
     try:
         before, after = (live_error(model, trial, foot) for model in (calibration, out / "model.json"))
     except CalibrationError as error:
-        print(fold(f"The daemon on {again}: nothing can be undone live: {error}", 4))
+        print(fold(f"The daemon on {again}: no effect can be undone live: {error}", 4))
         return
     what = "pressure" if after.unit == "kPa" else "f_z"
     print(
         f"The daemon on {again}: {what} off by {before.value:.2f} {before.unit} with the calibration, "
         f"{after.value:.2f} {after.unit} with {out / 'model.json'}"
     )
-    why = _why_not_undone(word, found, before, after)
+    why = _why_not_undone(word, outcome, before, after)
     if why is not None:
         print(fold(f"  {word} is not undone live: {why}", 4))
 
 
-def _why_not_undone(word: str, found: Outcome, before: LiveError, after: LiveError) -> str | None:
-    """None where the model makes the daemon's error smaller, or where nothing was concealed."""
-    if word == "nothing" or after.value < _LEAST_BETTER * before.value:
+def _why_not_undone(word: str, outcome: Outcome, before: LiveError, after: LiveError) -> str | None:
+    """Return why the model does not lower the daemon's error; None if it does, or if nothing was concealed."""
+    if word == "nothing" or after.value < _LARGEST_RATIO * before.value:
         return None
-    if word not in {finding.effect for finding in found.findings}:
-        return "the diagnosis did not find it"
-    left_out = [each.why for each in after.left_out if each.effect.law.word == word]
-    return left_out[0] if left_out else _NOT_UNDONE.get(word, "the daemon's error is of other causes")
+    if word not in {finding.effect for finding in outcome.findings}:
+        return "the diagnosis did not detect it"
+    reasons = [omitted.why for omitted in after.left_out if omitted.effect.law.word == word]
+    return reasons[0] if reasons else _NOT_UNDONE.get(word, "the daemon's error has other causes")

@@ -1,4 +1,4 @@
-"""`insole diagnose --simulate`: the model's own simulations of chamber trials, to diagnose recordings beside them."""
+"""`insole diagnose --simulate`: simulations of chamber trials by the model, with which recordings are compared."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ _NAME = "simulation"
 
 
 def simulation_folders(out: Path, n: int) -> list[Path]:
-    """Where the simulations of `n` recordings are written."""
+    """Return the folders for the simulations of `n` recordings."""
     return [out / _NAME] if n == 1 else [out / f"{_NAME}-{i + 1}" for i in range(n)]
 
 
 def model_to_simulate(
     recordings: Sequence[Recording], feet: Sequence[FootRecording], calibration: Calibration | None
 ) -> Calibration:
-    """The model asked about, with its effects; SimulationError where there is none, or a load is not known."""
+    """Return the model to simulate, with its effects; SimulationError if there is none, or if a load is not known."""
     from ..errors import SimulationError
     from ..simulation.recorded_chamber import refuse_unknown_load
 
@@ -47,7 +47,7 @@ def model_to_simulate(
 def simulated(
     recordings: Sequence[Recording], feet: Sequence[FootRecording], model: Calibration, out: Path, work: Work
 ) -> Iterator[list[Recording]]:
-    """Write the simulation of every recording by `model` into `out`; none of them stays where the block fails."""
+    """Write the simulation of every recording by `model` into `out`, and remove all of them if the block fails."""
     from ..simulation.recorded_chamber import simulate_recorded
 
     folders = simulation_folders(out, len(recordings))
@@ -64,29 +64,30 @@ def simulated(
 
 
 def without_effects(model: Calibration) -> Calibration:
-    """`model` without its effects."""
+    """Return `model` without its effects."""
     return replace(model, effects=())
 
 
 def beside_effects(recordings: Sequence[Recording], model: Calibration) -> list[Recording]:
-    """The recordings as they are diagnosed beside simulations by `model`.
+    """Return the recordings for a comparison with simulations by `model`.
 
-    The load that a simulation with effects tells comes late with them, so the edges of a reference would tell another
-    clock than those of the readings: it is not believed to be on the clock of the frames then.
+    Effects delay the load that a simulation reads, so the edges of the reference would give another clock than those of
+    the readings. With effects, the reference therefore counts as one with a clock of its own.
     """
     if not model.effects:
         return list(recordings)
-    return [replace(each, feet=tuple(map(_with_own_clock, each.feet))) for each in recordings]
+    return [replace(recording, feet=tuple(map(_with_own_clock, recording.feet))) for recording in recordings]
 
 
 def _with_own_clock(foot: FootRecording) -> FootRecording:
     return foot if foot.reference is None else replace(foot, reference=replace(foot.reference, clock="own"))
 
 
-def with_simulated_effects(found: Diagnosis, model: Calibration) -> Diagnosis:
-    """The diagnosis whose model has the effects that the simulated insole had, and those that were found beside it."""
+def with_simulated_effects(diagnosis: Diagnosis, model: Calibration) -> Diagnosis:
+    """Return the diagnosis with a model that has both the simulated effects and the reported ones."""
     from ..physics import effects_document
     from ..simulation.recorded_chamber import effects_of_the_insole
 
-    had: list[dict[str, Any]] = effects_document.document(effects_of_the_insole(model), found.results[0].seen.layout)
-    return replace(found, model={**found.model, "effects": [*had, *found.model["effects"]]})
+    layout = diagnosis.results[0].seen.layout
+    simulated_effects: list[dict[str, Any]] = effects_document.document(effects_of_the_insole(model), layout)
+    return replace(diagnosis, model={**diagnosis.model, "effects": [*simulated_effects, *diagnosis.model["effects"]]})

@@ -124,7 +124,7 @@ def _without_negligible(search: SubsetSearch[Any], kept: ValidatedSet, timing: T
             continue
         rest = [k for j, k in enumerate(best.chosen) if j != i]
         others = search.singles() if len(rest) == 1 else []
-        without = max([search.fit(rest), *others], key=lambda each: each.score)
+        without = max([search.fit(rest), *others], key=lambda fitted: fitted.score)
         after_without = square(_validated(without, refine(whole, without.chosen), timing).figures.after)
         needed = least_needed * (before - after) * _share_of_insole(whole, best.chosen[i])
         if best.chosen[i] not in without.chosen and after_without - after < needed:
@@ -176,14 +176,14 @@ def _idle(search: SubsetSearch[Any], chosen: Sequence[int], refined: Refined[Any
 
     Of several, the one without which the others have the highest score after they are refined again.
     """
-    every = [search.design.candidates[k] for k in chosen]
-    penalties = [search.penalties.term_penalty(k, each, every) for k, each in zip(chosen, every, strict=True)]
+    terms = [search.design.candidates[k] for k in chosen]
+    penalties = [search.penalties.term_penalty(k, term, terms) for k, term in zip(chosen, terms, strict=True)]
     idle = [i for i, penalty in enumerate(penalties) if refined.gain - refined.gain_without(i) < penalty]
     if len(idle) < 2:
         return idle[0] if idle else None
 
     def score_without(i: int) -> float:
-        others = tuple(j for j in range(len(every)) if j != i)
+        others = tuple(j for j in range(len(terms)) if j != i)
         return refine(refined.design, others).gain - sum(penalties[j] for j in others)
 
     return max(idle, key=score_without)

@@ -166,7 +166,7 @@ def _without_contact(result: RecordingResult) -> NDArray[np.bool_]:
 def _rejected(result: RecordingResult) -> tuple[dict[str, str], ...]:
     chosen = {finding.effect for finding in result.findings}
     return tuple(
-        {"effect": word, "why": f"alone it takes away {gain:.2f} noise variances a row, {score:.2f} after its price"}
+        {"effect": word, "why": f"alone it explains {gain:.2f} noise variances a row, {score:.2f} after its penalty"}
         for word, gain, score in result.candidates
         if word not in chosen
     )

@@ -75,7 +75,9 @@ class SearchResult:
         """Squared residual plus penalties plus log determinant of the nuisances, to compare searches."""
         first = self.first
         return float(
-            first.criterion + first.search.design.nuisance.log_determinant + sum(each.penalty for each in self.placed)
+            first.criterion
+            + first.search.design.nuisance.log_determinant
+            + sum(placement.penalty for placement in self.placed)
         )
 
     @property
@@ -128,31 +130,35 @@ def _search_with_placement(seen: PairedObservation, faults: ReadingFaults, foot:
     for _ in range(PLACED_ROUNDS):
         first = result.first
         refined = refine(first.search.design, first.best.chosen)
-        placed = {(each.word, each.where): each for each in result.placed}
+        placed = {(placement.word, placement.where): placement for placement in result.placed}
         for i, candidate in enumerate(refined.design.candidates):
             if candidate.word not in (SWAPPED, ASKEW):
                 continue
             parameters, key = parameters_of(refined, i, foot), (candidate.word, candidate.where)
             k = first.best.chosen[i]
             if candidate.word == ASKEW:
-                move = move.further(**{name: float(each.value) for name, each in parameters.items()})
-                parameters = {name: replace(each, value=move.parameters[name]) for name, each in parameters.items()}
+                move = move.further(**{name: float(quantity.value) for name, quantity in parameters.items()})
+                parameters = {
+                    name: replace(quantity, value=move.parameters[name]) for name, quantity in parameters.items()
+                }
             known = placed.get(key)
             placed[key] = FittedPlacement(
                 candidate.word, candidate.where, parameters,
                 first.search.margin(first.best, i) if known is None else known.margin,
                 first.search.penalties.term_penalty(k, candidate, refined.design.candidates),
             )  # fmt: skip
-        if len(placed) == len(result.placed) and not any(each.word == ASKEW for each in refined.design.candidates):
+        if len(placed) == len(result.placed) and not any(
+            candidate.word == ASKEW for candidate in refined.design.candidates
+        ):
             break
-        every = placed.values()
-        pairs = [swapped_rows(seen.layout.identities, each.where.ids) for each in every if each.word == SWAPPED]
+        swaps = [placement for placement in placed.values() if placement.word == SWAPPED]
+        pairs = [swapped_rows(seen.layout.identities, swap.where.ids) for swap in swaps]
         if before is None:
             before = count_errors(refine(first.search.design, ()), ()).before
         del first, refined  # designs are large
         moved = seen.replaced(move, pairs)
         again = _search_under(_most_likely_priors(moved, faults), moved, faults)
-        again = replace(again, placed=tuple(every), before=before)
+        again = replace(again, placed=tuple(placed.values()), before=before)
         # The column was the linearisation of this placement. The criterion may rise by its standard deviation under
         # noise, √(2n) with n rows, and it is about n.
         if again.criterion > result.criterion + np.sqrt(2.0 * result.criterion):
@@ -175,7 +181,7 @@ def _most_likely_priors(seen: PairedObservation, faults: ReadingFaults) -> Prior
         every = [whole.candidates[k] for k in best.chosen]
         criteria.append(whole.total - best.score + whole.nuisance.log_determinant)
         criteria_without_misfit.append(criteria[-1] - among.penalties.misfit(every, best.shares))
-    return LOAD_ERRORS[next(i for i, each in enumerate(criteria_without_misfit) if each <= min(criteria))]
+    return LOAD_ERRORS[next(i for i, value in enumerate(criteria_without_misfit) if value <= min(criteria))]
 
 
 def _search_with_curves(seen: ChamberObservation, faults: ReadingFaults) -> SearchResult:
@@ -287,14 +293,14 @@ def _refined_places(first: TimingFit[Any]) -> TimingFit[Any]:
     whole, excluded_words = first.search.design, first.search.excluded_words
     whole = with_events(whole, refine_events(whole, first.best.chosen))
     among = SubsetSearch(with_groups(whole, first.best), excluded_words)
-    best = max([*among.run()[:1], first.best], key=lambda each: each.score)
+    best = max([*among.run()[:1], first.best], key=lambda fitted: fitted.score)
     sharp = refine(among.design, best.chosen).design.candidates
     sharper = [
-        (k, each.settings[0])
-        for k, each in zip(best.chosen, sharp, strict=True)
-        if each.settings is not among.design.candidates[k].settings
+        (k, refined.settings[0])
+        for k, refined in zip(best.chosen, sharp, strict=True)
+        if refined.settings is not among.design.candidates[k].settings
     ]
     if sharper:
         among = SubsetSearch(among.design.with_settings(sharper), excluded_words)
-        best = max([*among.run()[:1], best], key=lambda each: each.score)
+        best = max([*among.run()[:1], best], key=lambda fitted: fitted.score)
     return replace(first, search=among, best=among.fit(best.chosen))

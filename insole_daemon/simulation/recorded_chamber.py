@@ -1,6 +1,6 @@
-"""A chamber trial that was recorded, simulated: a model's insole under the pressure that the reference told.
+"""Simulate a recorded chamber trial: an insole with the model's curves and effects under the recorded pressure.
 
-The load is the reference's own, smoothed by local cubics, because its noise would be a load of the simulated insole.
+The pressure of the reference is smoothed by local cubics, because its noise would act on the simulated insole.
 The boards are emulated and send as often as those of the recording had new readings.
 """
 
@@ -30,10 +30,10 @@ from .sensed import SensedLoad, SimulatedInsole
 from .sensors import Temperature
 from .trial import START_NS, check_boards_and_bus, with_progress
 
-OF_THE_TRIAL = ("drift", "rezero")  # effects that a model has from the trial it was made of, not of its insole
+OF_THE_TRIAL = ("drift", "rezero")  # effects that belong to one trial and not to the insole
 SMOOTH_S, LEAST_ROWS = 0.06, 3  # half the window of a cubic
-DITHER_COUNT = 0.35  # standard deviation of noise with which rounding is off by 0.03 counts on average, at the most
-GAP_S, GAP_ROWS = 0.5, 3  # without a pressure: longer, and what happened there is not known
+DITHER_COUNT = 0.35  # standard deviation of added noise; the mean rounding error is then at most 0.03 counts
+GAP_S, GAP_ROWS = 0.5, 3  # longest gap of the pressure that is interpolated
 TEMPERATURE = "temperature_c"
 _INTERFACE = "can0"
 _MOST_PERIOD_MS = 255
@@ -48,10 +48,10 @@ def simulate_recorded(
     folder: Path,
     progress: Callable[[float], None] = lambda share: None,
 ) -> Path:
-    """Write the trial as the recording `folder`, and return where it is.
+    """Write the simulated trial as the recording `folder`, and return its path.
 
-    The sensors have the curves and the effects of `model`. SimulationError where `recording` is no chamber, so that the
-    load of its taxels is not known, or has no pressure.
+    The sensors have the curves and the effects of `model`. Raises SimulationError if `recording` is not of a chamber,
+    because the load of its taxels is then unknown, or has no pressure.
     """
     refuse_unknown_load(recording, foot)
     reference = foot.reference
@@ -82,12 +82,12 @@ def simulate_recorded(
 
 
 def effects_of_the_insole(model: Calibration) -> list[Effect]:
-    """The effects of `model` that a simulated insole has."""
-    return [each for each in model.effects if each.law.word not in OF_THE_TRIAL]
+    """Return the effects of `model` that belong to the insole."""
+    return [effect for effect in model.effects if effect.law.word not in OF_THE_TRIAL]
 
 
 def refuse_unknown_load(recording: Recording, foot: FootRecording) -> None:
-    """SimulationError where no reference tells the load of every taxel."""
+    """Raise SimulationError if no reference gives the load of every taxel."""
     if recording.kind == "shoe":
         taxels = int(np.count_nonzero(PRESSURE_TAXELS)) * len(foot.layout)
         raise SimulationError(
@@ -102,9 +102,9 @@ def refuse_unknown_load(recording: Recording, foot: FootRecording) -> None:
 
 
 def _course(recording: Recording, foot: FootRecording, reference: Reference) -> tuple[Array, Array, Temperature | None]:
-    """Times (n,) s and pressures (n,) Pa of the longest stretch without a gap, and the temperature where it is known.
+    """Return times (n,) in s, pressures (n,) in Pa and, if known, the temperature of the longest part without a gap.
 
-    Rows without times were read with the cycles of their numbers.
+    If the reference has no times, its rows are spread evenly over the cycles.
     """
     pressure = reference["pressure_pa"]
     time_s = reference.time_s
@@ -122,19 +122,19 @@ def _course(recording: Recording, foot: FootRecording, reference: Reference) -> 
     edges = np.flatnonzero(np.diff(t) > max(GAP_S, GAP_ROWS * row_s)) + 1
     first, end = max(zip([0, *edges], [*edges, len(t)], strict=True), key=lambda each: t[each[1] - 1] - t[each[0]])
     grid_s = np.arange(t[first], t[end - 1], row_s)
-    found = _smoothed(np.interp(grid_s, t[first:end], p[first:end]), max(round(SMOOTH_S / row_s), LEAST_ROWS))
-    return grid_s, found, _temperature(reference, time_s, float(grid_s[0]))
+    smooth_pa = _smoothed(np.interp(grid_s, t[first:end], p[first:end]), max(round(SMOOTH_S / row_s), LEAST_ROWS))
+    return grid_s, smooth_pa, _temperature(reference, time_s, float(grid_s[0]))
 
 
 def _smoothed(values: Array, half: int) -> Array:
-    """(n,) each by a cubic through `half` values on both sides (Savitzky & Golay 1964); the ends as they are."""
+    """Return values (n,) smoothed by cubics over `half` values on both sides (Savitzky & Golay 1964), but the ends."""
     if len(values) <= 2 * half:
         return values
     x = np.arange(-half, half + 1) / half
     weights = np.linalg.pinv(np.vander(x, 4, increasing=True))[0]
-    found = values.copy()
-    found[half:-half] = np.convolve(values, weights, mode="valid")
-    return found
+    smoothed = values.copy()
+    smoothed[half:-half] = np.convolve(values, weights, mode="valid")
+    return smoothed
 
 
 def _temperature(reference: Reference, time_s: Array, began_s: float) -> Temperature | None:

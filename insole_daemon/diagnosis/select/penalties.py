@@ -111,7 +111,7 @@ class WrenchPenalties:
 
         Beside a memory it is not lower, because the calibration may contain the memory's mean curve.
         """
-        is_alone = not any(each.term.absorbs for each in terms)
+        is_alone = not any(one.term.absorbs for one in terms)
         least_gain = self._least_gain_of(candidate) if is_alone else self._smallest_gain
         return least_gain + self.complexity_penalty(candidate)
 
@@ -130,14 +130,14 @@ class WrenchPenalties:
         """
         if not terms:
             return 0.0
-        effect = self.design.gram[:, np.concatenate([each.columns for each in terms])]
-        starts = np.cumsum([0, *(len(each.columns) for each in terms)])
+        effect = self.design.gram[:, np.concatenate([one.columns for one in terms])]
+        starts = np.cumsum([0, *(len(one.columns) for one in terms)])
         products = np.zeros((len(terms), len(terms)))  # of the effects of two candidates
         for i, own in enumerate(terms):
             weighted = shares[i] @ effect[own.columns] * np.concatenate(shares)
             products[i] = np.add.reduceat(weighted, starts[:-1])
-        misfits = np.array([each.term.misfit_of(each.term.is_of_load) for each in terms])
-        words = np.array([each.word for each in terms])
+        misfits = np.array([one.term.misfit_of(one.term.is_of_load) for one in terms])
+        words = np.array([one.word for one in terms])
         penalty = 0.0
         for i, candidate in enumerate(terms):
             other = words != words[i]
@@ -156,7 +156,7 @@ class WrenchPenalties:
 
     def misfit(self, terms: Sequence[PlacedTerm], shares: Sequence[Array]) -> float:
         """Return the sum of the misfits of the terms."""
-        return sum(self.tolerated_loss(each, own) for each, own in zip(terms, shares, strict=True))
+        return sum(self.tolerated_loss(one, own) for one, own in zip(terms, shares, strict=True))
 
     def tolerated_loss(self, candidate: PlacedTerm, shares: Array) -> float:
         """Return the misfit of the candidate."""
@@ -173,8 +173,8 @@ class BlockPenalties:
         self.design = design
         self._seen: dict[int, bool] = {}
         self._least = [
-            LEAST_GAIN if design.is_within_priors(each) else least
-            for each, least in zip(design.candidates, design.least.tolist(), strict=True)
+            LEAST_GAIN if design.is_within_priors(candidate) else least
+            for candidate, least in zip(design.candidates, design.least.tolist(), strict=True)
         ]
 
     def least_gain(self, k: int) -> float:
@@ -219,9 +219,9 @@ class BlockPenalties:
         for i, one in enumerate(terms):
             if one.term.absorbs and one.word != "snap" and any(other.word == one.word for other in terms[:i]):
                 whole = sum(
-                    self.design.size(each, own)
-                    for each, own in zip(terms, shares, strict=True)
-                    if each.word == one.word
+                    self.design.size(sibling, own)
+                    for sibling, own in zip(terms, shares, strict=True)
+                    if sibling.word == one.word
                 )
                 penalty += one.term.misfit_of(True) * whole
         return penalty
@@ -233,8 +233,8 @@ class BlockPenalties:
     def misfit(self, terms: Sequence[PlacedTerm], shares: Sequence[Array]) -> float:
         """Return the sum of squares that the laws of the set `terms` may fail to describe."""
         return sum(
-            each.term.misfit_of(True) * self.design.size_of_loop(each, own)
-            for each, own in zip(terms, shares, strict=True)
+            one.term.misfit_of(True) * self.design.size_of_loop(one, own)
+            for one, own in zip(terms, shares, strict=True)
         )
 
     def tolerated_loss(self, candidate: PlacedTerm, shares: Array) -> float:

@@ -48,11 +48,13 @@ class SubsetSearch(Generic[D]):
         self.penalties = penalties_of(design)
         self.noise = float(np.count_nonzero(design.weights))  # expected squared residual of noise alone
         self._fitted: dict[tuple[int, ...], FittedSet] = {}
-        self._starts = np.array([each.columns[0] for each in design.candidates])
+        self._starts = np.array([candidate.columns[0] for candidate in design.candidates])
         self._joint = self._joint_candidates()
         kinds = {"free": 0, "positive": 1, "whole": 2}
         self._kind = np.concatenate([np.full(len(c.columns), kinds[c.term.share]) for c in design.candidates])
-        self._complexity_penalties = np.array([self.penalties.complexity_penalty(each) for each in design.candidates])
+        self._complexity_penalties = np.array(
+            [self.penalties.complexity_penalty(candidate) for candidate in design.candidates]
+        )
 
     def run(self) -> list[FittedSet]:
         """Return the sets of the beams, the highest score first; the empty set is one of them."""
@@ -67,14 +69,14 @@ class SubsetSearch(Generic[D]):
                     grown[improved.chosen] = improved
             if not grown:
                 break
-            previous = max(each.score for each in beam)
-            gained = max(each.gain for each in beam)
-            beam = sorted(grown.values(), key=lambda each: -each.score)[:BEAM]
-            best.update({each.chosen: each for each in beam})
+            previous = max(fitted.score for fitted in beam)
+            gained = max(fitted.gain for fitted in beam)
+            beam = sorted(grown.values(), key=lambda fitted: -fitted.score)[:BEAM]
+            best.update({fitted.chosen: fitted for fitted in beam})
             gained = beam[0].gain - gained
             if beam[0].score <= previous or gained < LEAST_OF_REST * (self.design.total - beam[0].gain - self.noise):
                 break
-        return sorted(best.values(), key=lambda each: -each.score)
+        return sorted(best.values(), key=lambda fitted: -fitted.score)
 
     def fit(self, chosen: Sequence[int]) -> FittedSet:
         """Return the fit of the candidates numbered `chosen`."""
@@ -124,16 +126,17 @@ class SubsetSearch(Generic[D]):
             own_shares = current.shares[current.chosen.index(k)]
             loss = share * self.penalties.least_gain(k) + self.penalties.tolerated_loss(candidate, own_shares)
             least = max(current.score - loss, self.fit(rest).score)
-            near = [each for each in (self.fit([*self._compatible(rest, j), j]) for j in others) if each.score > least]
+            replaced = (self.fit([*self._compatible(rest, j), j]) for j in others)
+            near = [fitted for fitted in replaced if fitted.score > least]
             if near:
-                current = max(near, key=lambda each: each.score)
+                current = max(near, key=lambda fitted: fitted.score)
         return current
 
     def _compatible(self, chosen: Sequence[int], k: int) -> list[int]:
         """Return `chosen` without candidates that have the word of candidate `k` at an overlapping place."""
         own = self.design.candidates[k]
-        every = [(j, self.design.candidates[j]) for j in chosen]
-        return [j for j, each in every if each.word != own.word or not _overlap(each.where, own.where)]
+        others = [(j, self.design.candidates[j]) for j in chosen]
+        return [j for j, other in others if other.word != own.word or not _overlap(other.where, own.where)]
 
     def margin(self, best: FittedSet, position: int) -> float:
         """Return the loss of score of the best set without the word of the candidate at `position` in `best`.
@@ -185,7 +188,7 @@ class SubsetSearch(Generic[D]):
                 rest = [j for j in current.chosen if j != k]
                 if rest:
                     options += [self.fit([*rest, j]) for j in self._shortlist(rest)[:TRIED] if j not in rest]
-            better = max(options, key=lambda each: each.score, default=current)
+            better = max(options, key=lambda fitted: fitted.score, default=current)
             if better.score <= current.score + 1e-6:
                 break
             current = better
@@ -239,7 +242,7 @@ class SubsetSearch(Generic[D]):
         Columns are (m, k), the inverses of their Gram matrices (m, k, k).
         """
         joint = []
-        sizes = np.array([len(each.columns) for each in self.design.candidates])
+        sizes = np.array([len(candidate.columns) for candidate in self.design.candidates])
         for k in np.unique(sizes[sizes > 1]).tolist():
             numbers = np.flatnonzero(sizes == k)
             columns = np.stack([self.design.candidates[n].columns for n in numbers])
@@ -256,13 +259,13 @@ def _is_a_model(chosen: Sequence[PlacedTerm]) -> bool:
     overlap; if terms computed from the reference stand beside terms that change the whole load, because the columns of
     the former then contain the error; or if a word is twice at one place.
     """
-    late = [each for each in chosen if each.word in LATE and each.where.scope == "board"]
-    if late and len({each.where for each in late}) == late[0].n_places:
+    late = [term for term in chosen if term.word in LATE and term.where.scope == "board"]
+    if late and len({term.where for term in late}) == late[0].n_places:
         return False
-    exact = [each for each in chosen if each.word == "bit_shift"]
-    if any(_overlap(one.where, each.where) for one in exact for each in chosen if each.word == "gain"):
+    exact = [term for term in chosen if term.word == "bit_shift"]
+    if any(_overlap(shift.where, term.where) for shift in exact for term in chosen if term.word == "gain"):
         return False  # a bit shift is exactly a gain of a power of two
-    if any(each.term.is_of_load for each in chosen) and any(_changes_load(each) for each in chosen):
+    if any(placed.term.is_of_load for placed in chosen) and any(_changes_load(placed) for placed in chosen):
         return False
     return not any(
         one.word == other.word and _overlap(one.where, other.where)
@@ -283,4 +286,4 @@ def _overlap(one: Where, other: Where) -> bool:
     if "insole" in (one.scope, other.scope):
         return True
     depth = min(len(one.ids[0]), len(other.ids[0]))
-    return bool({each[:depth] for each in one.ids} & {each[:depth] for each in other.ids})
+    return bool({identity[:depth] for identity in one.ids} & {identity[:depth] for identity in other.ids})
