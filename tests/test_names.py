@@ -20,7 +20,6 @@ REASONED = {
     "diagnose": "the verb's function, and what it calls",
     "validate": "the verb's function, and what it calls",
     "zero": "the verb's function, and what it calls",
-    "report": "the verb's function, and what prints a result",
     "Wrench": "the quantity, and the message that carries it",
 }
 

@@ -37,11 +37,11 @@ def model(
             raise WireError(f"no daemon behind {connect} has the foot that is meant ({foot.value})")
         for name in feet:
             reply = insole.request(name, "model", do="tell" if switch is None else switch.value)
-            print("\n".join(fold(line, 4) for line in report(reply)), flush=True)
+            print("\n".join(fold(line, 4) for line in _reply_lines(reply)), flush=True)
     name_next("insole view --open" if switch is not None else "insole model static, or dynamic: switches")
 
 
-def report(reply: dict[str, Any]) -> list[str]:
+def _reply_lines(reply: dict[str, Any]) -> list[str]:
     """Format the reply of one foot as lines."""
     lines = [f"{reply['foot']}: {reply['model']} model of {reply['calibration']}"]
     lines += [f"  loads are {reply['late_ms']:.0f} ms older than their frames"] if reply["late_ms"] else []

@@ -61,14 +61,14 @@ def zero(
         for job in jobs:
             reply = job.result()
             refused |= not reply["ok"]
-            print("\n".join(fold(line, 4) for line in report(reply)), flush=True)
+            print("\n".join(fold(line, 4) for line in _reply_lines(reply)), flush=True)
     if refused:
         name_next("insole zero, with the foot in the air")
         raise typer.Exit(1)
     name_next("insole record walk-1 --remote, or insole view --open")
 
 
-def report(reply: dict[str, Any]) -> list[str]:
+def _reply_lines(reply: dict[str, Any]) -> list[str]:
     """Format the reply of one foot as lines."""
     foot = reply["foot"]
     if reply["ok"]:
