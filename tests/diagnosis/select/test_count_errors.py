@@ -30,8 +30,8 @@ def test_shares_of_held_out_rows_have_the_bounds_of_the_law(tmp_path):
     def shares(y):
         return count_errors._fit(active, y, law.design, rows)[0][:n]
 
-    most = law.design.candidates[0].term.sum_bound(True)
+    bound = law.design.candidates[0].term.sum_bound(True)
     explained = law.design.contribution(law.design.candidates[0], law.shares[0])
     np.testing.assert_allclose(shares(explained).sum(), law.shares[0].sum(), rtol=0.05)
     assert np.all(shares(-explained) >= 0.0)
-    assert shares(20.0 * explained).sum() <= 1.05 * most  # the bound is a strong pull
+    assert shares(20.0 * explained).sum() <= 1.05 * bound  # the bound is enforced by a heavily weighted row

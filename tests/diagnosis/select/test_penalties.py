@@ -29,7 +29,7 @@ def number(design: BlockDesign, word: str, scope: str = "insole") -> int:
     return next(k for k, each in enumerate(design.candidates) if each.word == word and each.where.scope == scope)
 
 
-def price(design: BlockDesign, shares: dict[int, Array]) -> float:
+def penalty(design: BlockDesign, shares: dict[int, Array]) -> float:
     chosen = sorted(shares)
     return BlockPenalties(design).set_penalty(
         chosen, [design.candidates[k] for k in chosen], [shares[k] for k in chosen]
@@ -44,8 +44,8 @@ def full(design: BlockDesign, k: int, share: float) -> Array:
 def test_a_static_effect_beside_a_large_one_needs_a_minimum_size(design, counts, is_possible):
     gain, baseline = number(design, "gain"), number(design, "baseline")
     beside = {gain: full(design, gain, 0.3), baseline: full(design, baseline, counts)}
-    assert np.isfinite(price(design, {baseline: full(design, baseline, counts)}))
-    assert np.isfinite(price(design, beside)) == is_possible
+    assert np.isfinite(penalty(design, {baseline: full(design, baseline, counts)}))
+    assert np.isfinite(penalty(design, beside)) == is_possible
 
 
 def test_the_misfit_of_a_memory_resembles_drift_more_than_temperature(design):
@@ -55,7 +55,7 @@ def test_the_misfit_of_a_memory_resembles_drift_more_than_temperature(design):
     def raised_by(word: str) -> float:
         k = number(design, word)
         tiny = full(design, k, 1e-6)
-        return price(design, {memory: own, k: tiny}) - price(design, {memory: own}) - price(design, {k: tiny})
+        return penalty(design, {memory: own, k: tiny}) - penalty(design, {memory: own}) - penalty(design, {k: tiny})
 
     assert 0.0 < raised_by("temperature") == pytest.approx(0.3 * raised_by("drift"), rel=1e-3)
 
@@ -67,7 +67,9 @@ def test_a_local_term_may_explain_only_a_part_of_a_memorys_misfit(design):
     raised = []
     for k in places:
         tiny = full(design, k, 1e-6)
-        raised.append(price(design, {memory: own, k: tiny}) - price(design, {memory: own}) - price(design, {k: tiny}))
+        raised.append(
+            penalty(design, {memory: own, k: tiny}) - penalty(design, {memory: own}) - penalty(design, {k: tiny})
+        )
     there = design.mask[design.candidates[places[0]].columns[0]]
     size = design.overlap(design.candidates[places[0]], design.candidates[memory], own)
     whole = design.overlap(design.candidates[on_all], design.candidates[memory], own)
