@@ -99,16 +99,28 @@ def _from(
 ) -> TimedSet[D]:
     """The best timing and set that are reached from `timing`, the terms and the times fitted in turn.
 
-    Terms follow the timing where it changes by more than `near`.
+    Terms follow the timing where it changes by more than `near`. Where a round leaves more than the one before, the
+    search ends with that: where the whole insole and every board may be late, times alone say little.
     """
     # Readings that come early could undo a delay again.
     barred = frozenset({"clock"}) if "delay" in words or "clock" in words else frozenset()
     design, made_for = first, Timing()
+    nearest: tuple[Timing, float] | None = None  # of the rounds before, with the score's residual
     for round_ in range(ROUNDS):
         if _is_moved(made_for, timing, near):
             design, made_for = make(timing), timing
         search = SubsetSearch(design.retimed(timing), barred)
         best = search.run()[0]
+        left = search.design.total - best.score
+        if nearest is not None and left > nearest[1]:
+            timing = nearest[0]
+            if _is_moved(made_for, timing, near):
+                del search
+                design = make(timing)
+            search = SubsetSearch(design.retimed(timing), barred)
+            best = search.run()[0]
+            break
+        nearest = timing, left
         if not any(free) or round_ == ROUNDS - 1:
             break
         again = fit_timing(design, best.chosen, timing, free, within_s)
