@@ -19,6 +19,7 @@ from ...physics.effect import Where
 from ...physics.law import SCOPES, Array
 from ...skin.geometry import N_TAXELS
 from ..load_estimate import LoadEstimate
+from ..observations.pad_temperature import rounding_of_compensation
 from ..observations.reading_faults import DONORS
 from ..observations.wrench import WrenchObservation
 from ..terms import TERMS
@@ -31,8 +32,10 @@ LEAST_GAIN = (
 )
 GAIN_STD = 0.005  # of a triangle's calibration
 BASELINE_STD_COUNT = 0.02  # of a board, common to its taxels
+COMPENSATION_STD_COUNT = 0.25  # of all boards, at the largest rounding error of the firmware's compensation
 ZERO_STD = (0.5, 0.02, 0.05)  # of the reference, N and N·m
 OWN_OFFSET_STD_S, OWN_RATE_STD = 1.0, 0.1  # of a reference's own clock
+MOST_NOISE = 0.5  # of the sum of squares of a column beside the nuisance columns
 INTERPOLATION_STD = 0.5  # of a board's share of the load, times the interpolation error of the reference
 CURVE_STD_COUNT, CURVE_KNOTS = 0.05, 7  # misfit of the static curves, and number of knots
 CURVE_STD_AT_REST_COUNT = 0.015  # of the first knot: a baseline is measured, not fitted
@@ -193,6 +196,7 @@ def nuisance_columns(load: LoadEstimate, weights: Array, substituted: NDArray[np
     for row, (board, triangle) in enumerate(seen.layout.identities.tolist()):
         std = SUBSTITUTED_STD if substituted[row] else GAIN_STD
         add(f"gain_{board}_{triangle}", gain[:, row], std)
+    rate = np.gradient(load.by_triangle, seen.step_s, axis=0)
     for row, readings in enumerate(seen.readings):
         if seen.is_wholly_substituted is not None and seen.is_wholly_substituted[row]:
             bears = ~seen.is_wholly_substituted & seen.usable.any(axis=1)
@@ -200,8 +204,7 @@ def nuisance_columns(load: LoadEstimate, weights: Array, substituted: NDArray[np
                 mean_pa = np.mean(load.read_pa[:, donor, seen.usable[donor]], axis=1)
                 add(f"like_{row}_{donor}", mean_pa[:, None] * seen.arms[row].sum(axis=0), SUBSTITUTED_STD)
         if readings.latest_s:
-            rate = np.gradient(load.by_triangle[:, row], seen.step_s, axis=0)
-            add(f"time_{row}", rate, readings.latest_s / np.sqrt(12.0))
+            add(f"time_{row}", rate[:, row], readings.latest_s / np.sqrt(12.0))
     # The misfit of the calibration's polynomials is taken as common to all taxels.
     highest = float(np.quantile(seen.activation_count[:, seen.usable], 0.999))
     knots = np.linspace(0.0, max(highest, 1.0), CURVE_KNOTS)
@@ -212,6 +215,12 @@ def nuisance_columns(load: LoadEstimate, weights: Array, substituted: NDArray[np
     boards = seen.layout.identities[:, 0]
     for board in np.unique(boards):
         add(f"baseline_{board}", offset[:, boards == board].sum(axis=1), BASELINE_STD_COUNT)
+        waited_s = max(seen.readings[row].waited_s for row in np.flatnonzero(boards == board).tolist())
+        if waited_s:
+            add(f"time_of_board_{board}", rate[:, boards == board].sum(axis=1), waited_s / np.sqrt(3.0))
+    rounding = rounding_of_compensation(seen)
+    if rounding.any():
+        add("compensation", offset.sum(axis=1) * rounding[:, None], COMPENSATION_STD_COUNT)
     matrix = apply_weights(np.stack(columns, axis=-1), weights)
     return NuisanceColumns(tuple(names), matrix, np.array(stds))
 
@@ -319,9 +328,12 @@ def design(load: LoadEstimate, weights: Array, substituted: NDArray[np.bool_]) -
     target = project(base, apply_weights(residual[..., None], weights))[:, 0]
     gram = (matrix.T @ matrix).astype(np.float64)
     cross = (matrix.T @ target.astype(np.float32)).astype(np.float64) - np.concatenate(product)
-    diagonal = np.diag(gram) - np.minimum(np.concatenate(square), 0.9 * np.diag(gram))
-    np.fill_diagonal(gram, diagonal)
-    return Design(
+    noise = np.concatenate(square)
+    # Where nuisance columns leave more noise than signal of a column, its share would be that of the noise.
+    is_noise = noise > MOST_NOISE * np.diag(gram)
+    shown = [k for k, each in enumerate(candidates) if not is_noise[each.columns].any()]
+    np.fill_diagonal(gram, np.diag(gram) - np.minimum(noise, 0.9 * np.diag(gram)))
+    whole = Design(
         load,
         weights,
         base,
@@ -334,6 +346,7 @@ def design(load: LoadEstimate, weights: Array, substituted: NDArray[np.bool_]) -
         np.concatenate(product),
         float(target @ target),
     )
+    return whole if len(shown) == len(candidates) else whole.subset(shown)
 
 
 def _columns_at(block: TermColumns, where: Where, design: Design) -> Array:

@@ -17,6 +17,7 @@ from ...recording.loading import FootRecording, Recording, as_configured
 from ...skin.geometry import N_TAXELS, PRESSURE_TAXELS
 from ...skin.streams import Streams
 from ...skin.validity import Validity
+from .bus_waits import bus_waits
 from .outliers import interpolated, outliers
 
 LEAST_VALID = 0.02  # share of a working taxel's readings that are valid
@@ -26,6 +27,7 @@ LEAST_READINGS = 4  # of a triangle for an interpolation
 LEAST_STEP_S = 1e-3  # between two readings of a triangle
 GAP_PERIODS = 1.6  # a longer pause between two readings is a gap
 JITTER_READINGS = 51  # of the window in which a board's clock is taken as regular
+LEAST_PROMPT = 0.1  # share of readings that did not wait, from which the times of the others are told
 MOST_JITTER = 0.15  # median, as share of the period: beyond it time stamps are used as they are
 WAIT_JITTER = 0.35  # median, as share of the board's period, that conversions of a slower converter wait at most
 LEAST_PERIOD_RATIO = 1.1  # of converter to board: below it frames are repeated, not conversions
@@ -37,7 +39,8 @@ LEAST_IN_RANGE = 0.5  # of the taxels, valid and not at an end of their range
 SIMILAR_COUNT = 2.0  # difference of mean readings below which their probability to repeat is the same
 LEAST_MOVE_COUNT = 3.0  # median range of all other triangles during such a stretch
 
-Raw: TypeAlias = tuple[Array, NDArray[np.uint8], NDArray[np.uint16]]  # times (k,), counts (k, 12), status words (k,)
+# Times (k,), counts (k, 12), status words (k,), and how long readings can have waited for the bus (k,).
+Raw: TypeAlias = tuple[Array, NDArray[np.uint8], NDArray[np.uint16], Array]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,6 +54,7 @@ class TriangleReadings:
     held_fraction: float = 0.0  # of all readings that came: repeats of an old conversion, which are left out
     is_converter_slow: bool = False  # repeats are regular: the converter has a longer period than the board
     latest_s: float = 0.0  # by which all readings may have been taken earlier
+    waited_s: float = 0.0  # by which they may have been, with all of their board, because the bus was busy
     is_outlier: NDArray[np.bool_] | None = None  # (k, 12) outliers, interpolated in `counts`
 
     @property
@@ -104,10 +108,10 @@ def read_triangles(recording: Recording, foot: FootRecording) -> list[TriangleRe
     raw = _from_frames(recording, foot) if recording.log is not None else _from_cycles(foot)
     # Without ages in the rows of a host, a reading came at any time since the row before.
     row_s = 0.0 if recording.log is not None or foot.age_ns.any() else float(np.median(np.diff(foot.t_ns))) * 1e-9
-    most_readings = max(len(t_s) for t_s, _, _ in raw)
+    most_readings = max(len(t_s) for t_s, *_ in raw)
     counts = np.zeros((most_readings, len(raw), N_TAXELS), np.uint8)
     status = np.zeros((most_readings, len(raw)), np.uint16)
-    for row, (t_s, counts_of_triangle, status_words) in enumerate(raw):
+    for row, (t_s, counts_of_triangle, status_words, _) in enumerate(raw):
         counts[: len(t_s), row], status[: len(t_s), row] = counts_of_triangle, status_words
     settings = {board.address: as_configured(board) for board in foot.boards}
     valid = Validity(foot.layout, settings, 1)(counts, status, np.zeros(status.shape, np.int64))
@@ -115,7 +119,7 @@ def read_triangles(recording: Recording, foot: FootRecording) -> list[TriangleRe
         usable = foot.calibration.usable
         valid &= usable | ~usable.any(axis=1, keepdims=True)  # an uncalibrated triangle may use the curves of others
     triangles = []
-    for row, (t_s, counts_of_triangle, _) in enumerate(raw):
+    for row, (t_s, counts_of_triangle, _, waits_s) in enumerate(raw):
         n = len(t_s)
         if n < LEAST_READINGS:
             triangles.append(
@@ -123,11 +127,16 @@ def read_triangles(recording: Recording, foot: FootRecording) -> list[TriangleRe
             )
             continue
         period_s = float(np.median(np.diff(t_s)))
-        regular_s, jitter_s = _without_jitter(t_s, period_s)
+        is_prompt = waits_s <= 0.0
+        is_known = bool(is_prompt.mean() >= LEAST_PROMPT)
+        regular_s, jitter_s = _without_jitter(t_s, period_s, is_prompt if is_known else None)
         times_s = regular_s if jitter_s < MOST_JITTER * period_s else t_s
         triangles.append(
-            TriangleReadings(times_s, counts_of_triangle.astype(np.float64), valid[:n, row], period_s, latest_s=row_s)
-        )
+            TriangleReadings(
+                times_s, counts_of_triangle.astype(np.float64), valid[:n, row], period_s, latest_s=row_s,
+                waited_s=0.0 if is_known else float(np.median(waits_s)),
+            )
+        )  # fmt: skip
     return [_without_outliers(_without_repeats(readings)) for readings in _without_frozen(triangles)]
 
 
@@ -135,29 +144,42 @@ def _from_frames(recording: Recording, foot: FootRecording) -> list[Raw]:
     """Return the readings of each triangle of which both halves came."""
     assert recording.log is not None
     streams = Streams([foot.layout])
-    slots, data, t_ns = [], [], []
+    slots, data, times_ns, interfaces = [], [], [], []
     with CandumpReader(recording.log) as reader:
         for batch in reader.pieces():
-            slot = streams.slots(batch)
-            is_of_foot = slot >= 0
-            slots.append(slot[is_of_foot])
-            data.append(batch.data[is_of_foot])
-            t_ns.append(batch.t_ns[is_of_foot])
-    slot, payload = np.concatenate(slots), np.concatenate(data)
-    t_s = (np.concatenate(t_ns) - foot.t_ns[0]) * 1e-9
+            slots.append(streams.slots(batch))
+            data.append(batch.data[slots[-1] >= 0])
+            times_ns.append(batch.t_ns)
+            interfaces.append(batch.interface)
+    slot, payload, interface = np.concatenate(slots), np.concatenate(data), np.concatenate(interfaces)
+    t_s = (np.concatenate(times_ns) - foot.t_ns[0]) * 1e-9
+    boards = foot.layout.identities[:, 0]
+    before_s, sent_s = np.zeros(len(t_s)), t_s.copy()
+    for board in np.unique(boards):
+        rows = np.flatnonzero(boards == board)
+        waits = bus_waits(t_s, interface, np.isin(slot // 2, rows), slot == 2 * rows[0])
+        sent_s -= waits[0]
+        before_s += waits[1]
+    t_s, before_s, slot = sent_s[slot >= 0], before_s[slot >= 0], slot[slot >= 0]
     order = np.lexsort((t_s, slot))  # a log that was joined from several may not be in time order
     starts = np.searchsorted(slot[order], np.arange(2 * len(foot.layout) + 1))
     raw = []
     for row in range(len(foot.layout)):
         half_a, half_b = (order[starts[2 * row + half] : starts[2 * row + half + 1]] for half in (0, 1))
-        raw.append(_join_halves(t_s[half_a], payload[half_a], t_s[half_b], payload[half_b]))
+        taken_s, counts, status = _join_halves(t_s[half_a], payload[half_a], t_s[half_b], payload[half_b])
+        sent_in = np.maximum(np.searchsorted(t_s[half_a], taken_s, "right") - 1, 0)
+        waits_s = before_s[half_a][sent_in]
+        raw.append((taken_s, counts, status, waits_s))
     return raw
 
 
 def _join_halves(
     a_s: Array, half_a: NDArray[np.uint8], b_s: Array, half_b: NDArray[np.uint8]
 ) -> tuple[Array, NDArray[np.uint8], NDArray[np.uint16]]:
-    """Return the readings of which halves A and B belong together: nearest in time, within half a period."""
+    """Return times, counts and status words of readings, of the halves A and B that belong together.
+
+    These are nearest in time, within half a period.
+    """
     steps_s = np.diff(b_s)
     steps_s = steps_s[steps_s > LEAST_STEP_S]  # a frame may be in the log twice
     if not len(a_s) or not len(steps_s):
@@ -183,17 +205,23 @@ def _from_cycles(foot: FootRecording) -> list[Raw]:
         taken_s = t_s - np.maximum(foot.age_ns[:, row], 0) * 1e-9
         is_new = (np.diff(np.maximum.accumulate(taken_s), prepend=-np.inf) > LEAST_STEP_S) & ~foot.missing[:, row]
         is_new &= ~foot.repeated & (foot.age_ns[:, row] >= 0)
-        raw.append((taken_s[is_new], foot.counts[is_new, row], foot.status[is_new, row]))
+        waits_s = np.zeros(int(is_new.sum()))
+        raw.append((taken_s[is_new], foot.counts[is_new, row], foot.status[is_new, row], waits_s))
     return raw
 
 
-def _without_jitter(t_s: Array, period_s: float) -> tuple[Array, float]:
+def _without_jitter(t_s: Array, period_s: float, is_prompt: NDArray[np.bool_] | None = None) -> tuple[Array, float]:
     """Return times (k,) without the jitter of their stamps, and the median of that jitter, s.
 
-    A board or converter is regular by its crystal; stamps and transmission are late by varying times.
+    A board or converter is regular by its crystal; stamps and transmission are late by varying times. `is_prompt` (k,):
+    readings that did not wait for the bus, whose stamps tell the times of the others.
     """
     number = np.concatenate([[0.0], np.cumsum(np.maximum(np.rint(np.diff(t_s) / period_s), 1.0))])
     lateness_s = t_s - number * period_s
+    if is_prompt is not None and not is_prompt.all():
+        trend_s = number * np.polyfit(number[is_prompt], lateness_s[is_prompt], 1)[0]
+        steady_s = (lateness_s - trend_s)[is_prompt]
+        lateness_s = trend_s + np.interp(number, number[is_prompt], steady_s)
     window = min(JITTER_READINGS, len(t_s))
     smooth_s = uniform_filter1d(median_filter(lateness_s, 3, mode="nearest"), window, mode="nearest")
     regular_s = number * period_s + smooth_s

@@ -100,16 +100,29 @@ def _fit_from(
 ) -> TimingFit[D]:
     """Return the fit that is reached from `timing` by fitting the terms and the times in turn.
 
-    The columns of the terms are computed anew if the timing changes by more than `near`.
+    The columns of the terms are computed anew if the timing changes by more than `near`. If a round has a larger
+    criterion than the round before, the fit of the round before is the result: with a delay of the whole insole and of
+    every board as candidates, the times alone are poorly determined.
     """
     # A clock term could compensate the delay of the hypothesis.
     excluded_words = frozenset({"clock"}) if "delay" in words or "clock" in words else frozenset()
     design, made_for = first, Timing()
+    before: tuple[Timing, float] | None = None  # timing of the round before, and its squared residual plus penalties
     for round_ in range(ROUNDS):
         if _is_moved(made_for, timing, near):
             design, made_for = make(timing), timing
         search = SubsetSearch(design.retimed(timing), excluded_words)
         best = search.run()[0]
+        criterion = search.design.total - best.score
+        if before is not None and criterion > before[1]:
+            timing = before[0]
+            if _is_moved(made_for, timing, near):
+                del search
+                design = make(timing)
+            search = SubsetSearch(design.retimed(timing), excluded_words)
+            best = search.run()[0]
+            break
+        before = timing, criterion
         if not any(free) or round_ == ROUNDS - 1:
             break
         again = fit_timing(design, best.chosen, timing, free, within_s)
