@@ -158,12 +158,12 @@ def insignificant_word(whole: Design | BlockDesign, refined: Refined[Any]) -> st
         of_word = [i for i, candidate in enumerate(candidates) if candidate.word == word]
         others = [candidate for candidate in candidates if candidate.word != word]
         explained, lack = refined.gain - solve_shares(refined.design, others)[1], lack_of_fit
+        explained += sum(
+            refined.design.size(candidates[i], refined.shares[i])
+            for i in of_word
+            if refined.design.is_within_priors(candidates[i])
+        )
         if lack_by_triangle is not None:
-            explained += sum(
-                refined.design.size(candidates[i], refined.shares[i])
-                for i in of_word
-                if refined.design.is_within_priors(candidates[i])
-            )
             at = np.any([refined.design.mask[candidates[i].columns[0]] for i in of_word], axis=0)
             lack = min(lack, float(np.sum(lack_by_triangle[at])))
         if explained < lack:

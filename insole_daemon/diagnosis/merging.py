@@ -21,12 +21,13 @@ DENIED = 0.5  # factor on the confidence of a contradicted finding
 
 @dataclass(frozen=True, slots=True)
 class RecordingFindings:
-    """The findings of one recording, and the effects that it cannot identify."""
+    """The findings of one recording, the effects that it cannot identify, and those without which it was read."""
 
     name: str  # of the recording
     load_is_known: bool
     findings: tuple[Finding, ...]
     cannot_tell: frozenset[str]
+    undone: frozenset[str] = frozenset()
 
 
 def merge_findings(by_recording: Sequence[RecordingFindings]) -> tuple[Finding, ...]:
@@ -52,7 +53,9 @@ def _is_reported(finding: Finding, recording: RecordingFindings, merged: Sequenc
 
 def _with_support(finding: Finding, recording: RecordingFindings, by_recording: Sequence[RecordingFindings]) -> Finding:
     """Return the finding with the recordings that also report it, and those that could and do not."""
-    words_by_recording = {other.name: {reported.effect for reported in other.findings} for other in by_recording}
+    words_by_recording = {
+        other.name: {reported.effect for reported in other.findings} | other.undone for other in by_recording
+    }
     confirm = tuple(
         other.name for other in by_recording if other is recording or finding.effect in words_by_recording[other.name]
     )

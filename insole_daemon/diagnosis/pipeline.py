@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,19 +13,23 @@ from .. import __version__
 from ..config import Foot
 from ..physics.calibration import BEGAN, Calibration
 from ..physics.effect import Effect
-from ..recording.loading import Recording
+from ..recording.loading import FootRecording, Recording
 from . import merging, outcome
 from .export import wrench_model
 from .feet import choose
 from .finding import Finding, Verdict
 from .model.blocks import RECALIBRATIONS
+from .observations.wrench import WrenchObservation
 from .observing import observed, refuse_mixture, refuse_still
 from .one_recording import diagnose_one
+from .read_by_model import MEMORIES, ChamberModel, read_by
 from .result import Diagnosis, RecordingResult
 from .timings import clock_of
 from .unexplained import null_bound
 
 LASTING_EFFECTS = (*merging.LASTING, "delay")  # that any recording may add to the model
+REACHED = 0.999  # quantile of the activations in a chamber, up to which its curves are known
+LESS = 0.5  # of the squared error: a walk is read by the model of a chamber if that leaves no more
 PERMANENT_FAULTS = ("dead_taxels", "open_triangle")  # of taxels, if they last for the whole recording
 
 
@@ -46,9 +51,8 @@ def diagnose(
     feet = choose(recordings, asked, bool(simulations))
     observations = observed(recordings, feet, calibration, progress, simulations)
     refuse_still([observation for observation in observations if observation.is_uniform])
-    # Observations are large, so each is freed as soon as it is replaced by its corrected copy.
-    results = [diagnose_one(observations.pop(0), foot, progress) for foot in feet]
-    findings = merging.merge_findings([_findings_of(result) for result in results])
+    results, undone = _diagnose_each(observations, feet, progress)
+    findings = merging.merge_findings([_findings_of(*each) for each in zip(results, undone, strict=True)])
     names = tuple(recording.folder.name for recording in recordings)
     heldout = _heldout(results)
     first = next((result for result in results if result.seen.load_is_known), results[0])
@@ -76,9 +80,56 @@ def diagnose(
     )
 
 
-def _findings_of(result: RecordingResult) -> merging.RecordingFindings:
+def _diagnose_each(
+    observations: list[WrenchObservation], feet: Sequence[FootRecording], progress: Callable[[str], None]
+) -> tuple[list[RecordingResult], list[frozenset[str]]]:
+    """Return the result of each recording, and the words of the memories without which it was read.
+
+    A walk beside a chamber that shows memories is also read by the model of the chamber, and stays so if that leaves
+    far less. `observations` is emptied, because they are large.
+    """
+    order = sorted(range(len(feet)), key=lambda i: not observations[i].load_is_known)
+    by_recording = dict(zip(range(len(feet)), observations, strict=True))
+    observations.clear()
+    results: dict[int, RecordingResult] = {}
+    undone = [frozenset[str]()] * len(feet)
+    model: ChamberModel | None = None
+    for i in order:
+        seen, foot = by_recording.pop(i), feet[i]
+        results[i] = diagnose_one(seen, foot, progress)
+        if seen.load_is_known:
+            model = model or _model_of_memories(results[i])
+        elif model is not None:
+            progress(f"reading {seen.name} by the model of the chamber")
+            again = diagnose_one(read_by(model, seen, foot), foot, progress)
+            if _is_better(again, results[i]):
+                figures = replace(again.figures, before=results[i].figures.before)
+                results[i] = replace(again, figures=figures)
+                undone[i] = model.words
+    return [results[i] for i in range(len(feet))], undone
+
+
+def _is_better(by_model: RecordingResult, plain: RecordingResult) -> bool:
+    """Return whether a walk read by the model of a chamber leaves far less, with one more effect at the most."""
+    unit = np.maximum(plain.figures.before, 1e-12)
+    left = [float(np.sum((result.figures.after / unit) ** 2)) for result in (by_model, plain)]
+    words = [len({finding.effect for finding in result.findings}) for result in (by_model, plain)]
+    return left[0] < LESS * left[1] and words[0] <= words[1] + 1
+
+
+def _model_of_memories(result: RecordingResult) -> ChamberModel | None:
+    """Return the model of a recording whose load is known, with its memories alone; None if it has none."""
+    memories = [effect for effect in result.effects if effect.law.word in MEMORIES]
+    if not memories or result.is_unknown:
+        return None
+    absorbed, broken = _absorbed_by_curves(result), _without_contact(result)
+    document = wrench_model.document(result.seen, memories, absorbed, {}, result.figures.recalibrated, broken)
+    return ChamberModel(document, np.quantile(result.seen.activation_count, REACHED, axis=0))
+
+
+def _findings_of(result: RecordingResult, undone: frozenset[str]) -> merging.RecordingFindings:
     cannot_tell = frozenset(entry["effect"] for entry in result.not_identifiable)
-    return merging.RecordingFindings(result.seen.name, result.seen.load_is_known, result.findings, cannot_tell)
+    return merging.RecordingFindings(result.seen.name, result.seen.load_is_known, result.findings, cannot_tell, undone)
 
 
 def _effects(

@@ -116,3 +116,30 @@ def test_a_recording_that_the_model_is_made_of_is_refused_for_verification(tmp_p
     done = CliRunner().invoke(app, ["diagnose", str(only), "--out", str(tmp_path / "out"), "--verify", str(only)])
     assert isinstance(done.exception, DiagnosisError)
     assert "verify on another recording" in str(done.exception)
+
+
+def loop(p: Array) -> Array:
+    """Return half of `p` (N, m) and plays of 48 and 96 kPa, from rest: Prandtl's law."""
+    out = 0.5 * p
+    for share, radius_pa in ((0.3, 48e3), (0.2, 96e3)):
+        state = np.zeros(p.shape[1:])
+        for i, now in enumerate(p):
+            state = np.clip(state, now - radius_pa, now + radius_pa)
+            out[i] += share * state
+    return out
+
+
+def test_a_preload_beside_a_strong_loop_shows_once_the_walk_is_read_by_the_model_of_the_chamber(tmp_path):
+    folders = bag(tmp_path, lambda t_s, p: loop(p)), walk(tmp_path, lambda p: loop(p + 6e3))
+    done = CliRunner().invoke(app, ["diagnose", *map(str, folders), "--out", str(tmp_path / "out")])
+    assert done.exit_code in (0, 3), (done.output, done.exception)  # 3: not decidable
+    found = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
+    hysteresis, constant = found["findings"]
+    assert hysteresis["effect"] == "hysteresis"
+    assert hysteresis["recordings"] == ["bag", "walk"]
+    assert hysteresis["contradicted_by"] == []
+    # Straight curves cannot tell a constant pressure from constant counts.
+    assert {constant["effect"], *constant["alternatives"]} >= {"preload"} or constant["effect"] == "baseline"
+    assert constant["recordings"] == ["walk"]
+    force = found["heldout"]["f_z"]
+    assert force["after"] < 0.15 * force["before"]  # 0.4 where the walk has to tell the loop itself

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ...physics.effect import Where
 from ...physics.law import SCOPES, Array
-from ...skin.geometry import N_TAXELS
+from ...skin.geometry import N_TAXELS, PRESSURE_TAXELS
 from ..load_estimate import LoadEstimate
 from ..observations.pad_temperature import rounding_of_compensation
 from ..observations.reading_faults import DONORS
@@ -39,6 +39,7 @@ MOST_NOISE = 0.5  # of the sum of squares of a column beside the nuisance column
 INTERPOLATION_STD = 0.5  # of a board's share of the load, times the interpolation error of the reference
 CURVE_STD_COUNT, CURVE_KNOTS = 0.05, 7  # misfit of the static curves, and number of knots
 CURVE_STD_AT_REST_COUNT = 0.015  # of the first knot: a baseline is measured, not fitted
+UNKNOWN_TAXEL_STD = 0.05  # of a triangle's share of the load, for each of its ten taxels that does not work
 SUBSTITUTED_STD = 0.5  # of the share of the load of a triangle with substituted taxels
 NEIGHBOURS = 6  # nearest triangles whose load a triangle without working taxels may have
 STATIC = frozenset({"gain", "baseline", "stiffening", "preload", "bit_shift"})  # effects that a calibration contains
@@ -89,6 +90,14 @@ class Design:
     def least(self) -> Array:
         """Return the gain (c,) of the smallest effect that each candidate may report, in variances of the noise."""
         return np.full(len(self.candidates), max(LEAST_GAIN, LEAST_SHARE * self.n_rows))
+
+    def is_within_priors(self, candidate: PlacedTerm) -> bool:
+        """Return whether nuisance columns, all together, explain the same within their priors."""
+        return candidate.is_recalibration and candidate.where.scope == "insole"
+
+    def size(self, candidate: PlacedTerm, shares: Array) -> float:
+        """Return the sum of squares of what `candidate` changes, before nuisance columns are projected out."""
+        return float(np.sum((self.raw[:, candidate.columns].astype(np.float64) @ shares) ** 2))
 
     def retimed(self, timing: Timing) -> Design:
         """Return the regression on the reference after `timing`.
@@ -193,8 +202,9 @@ def nuisance_columns(load: LoadEstimate, weights: Array, substituted: NDArray[np
         add(f"zero_{channel}", np.broadcast_to(np.eye(3)[channel], slope.shape), std)
     gain = load.wrench_of(-load.slope_pa * load.activation_count)
     offset = load.wrench_of(load.slope_pa)
+    n_unknown = np.sum(seen.calibration.usable & PRESSURE_TAXELS & ~seen.usable, axis=1)
     for row, (board, triangle) in enumerate(seen.layout.identities.tolist()):
-        std = SUBSTITUTED_STD if substituted[row] else GAIN_STD
+        std = SUBSTITUTED_STD if substituted[row] else np.hypot(GAIN_STD, UNKNOWN_TAXEL_STD * n_unknown[row])
         add(f"gain_{board}_{triangle}", gain[:, row], std)
     rate = np.gradient(load.by_triangle, seen.step_s, axis=0)
     for row, readings in enumerate(seen.readings):

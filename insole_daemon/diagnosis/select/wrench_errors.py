@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ...physics.law import Array
 from ..model.curves import CurveShares
-from ..model.design import SUBSTITUTED_STD, Design
+from ..model.design import UNKNOWN_TAXEL_STD, Design
 from ..model.refine import Refined
 from ..model.regression import Timing
 from ..model.solve import absorbed_std
@@ -18,6 +18,7 @@ from .residual_tests import LackOfFit, lack_of_fit
 
 FOLD_S = 4.0  # length of a held-out block
 N_FOLDS = 5
+SHARES = ("gain_", "like_")  # beginnings of the names of nuisance columns for taxels that do not work
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,7 +76,7 @@ def wrench_errors(
     late = seen.reference.at(seen.reference_s - timing.delay_s, timing.lag_s)
     y = ((late - seen.wrench) * weights).ravel()
     aligning = np.array([name in ("offset_s", "rate") or name.startswith("time_") for name in base.names])
-    substituted = base.prior_std == SUBSTITUTED_STD
+    substituted = (base.prior_std >= UNKNOWN_TAXEL_STD) & np.array([each.startswith(SHARES) for each in base.names])
     raw = refined.design.raw.astype(np.float64)
     own = np.concatenate([each.columns for each in refined.design.candidates] or [np.empty(0, np.intp)])
     beside = np.setdiff1d(np.arange(raw.shape[1]), own)
