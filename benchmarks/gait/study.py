@@ -33,6 +33,7 @@ from insole_daemon.service.foot_setup import load_layout
 from insole_daemon.simulation.conditions import Conditions
 from insole_daemon.simulation.trial import Trial
 from insole_daemon.study.collecting import collect_rows, write_tables
+from insole_daemon.study.content import program_digest
 from insole_daemon.study.document import load_study
 from insole_daemon.study.page import study_page
 from insole_daemon.study.scheduling import cluster, results_of, run_tasks
@@ -130,7 +131,7 @@ def main() -> None:
 def _warm(recording: Path) -> None:
     """Analyse a recording, as workers of a long study have: imports and what is computed once are done then."""
     with tempfile.TemporaryDirectory() as results:
-        do_tasks(str(recording), results, ("report", "steps"), Given())
+        do_tasks(str(recording), results, ("report", "steps"), Given(), program_digest())
 
 
 def spin(processes: int) -> float:
