@@ -100,16 +100,17 @@ def _read_content(source: Path) -> _Content:
             analog = np.concatenate([values for _, _, values in reader.read_frames()], axis=1).astype(np.float64)
             kinds = reader.get("FORCE_PLATFORM:TYPE")  # for one plate some writers store a scalar
             types = kinds.int16_array.ravel() if kinds.dimensions else np.array([kinds.int16_value])
-            matrices = reader.get("FORCE_PLATFORM:CAL_MATRIX")
-            stored = np.zeros((0, 0)) if matrices is None else matrices.float_array
+            matrices = reader.get("FORCE_PLATFORM:CAL_MATRIX") if WITH_MATRIX in types else None
+            stored = np.zeros((0, 0), np.float32) if matrices is None else matrices.float_array
+            used = reader.get("FORCE_PLATFORM:USED")  # a file may describe more plates than it has signals of
             return _Content(
                 analog,
                 float(reader.analog_rate),
                 _lowercase_words(reader.get("ANALOG:UNITS")),
-                types.tolist(),
+                types.tolist()[: None if used is None else used.int16_value],
                 reader.get("FORCE_PLATFORM:CHANNEL").int16_array.reshape(len(types), -1),
                 reader.get("FORCE_PLATFORM:ORIGIN").float_array.reshape(len(types), -1),
-                stored.reshape(-1, *stored.shape[-2:]) if stored.ndim > 1 and stored.size else np.zeros((0, 0, 0)),
+                stored.reshape(-1, *stored.shape[-2:]) if stored.size else np.zeros((0, 0, 0), np.float32),
                 1.0 if _lowercase_words(reader.get("POINT:UNITS"))[:1] == ["m"] else _MM,
             )
     except OSError as error:

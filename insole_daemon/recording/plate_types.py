@@ -29,7 +29,8 @@ Array = NDArray[np.float64]
 def load_of_type_1(channels: Array, origin_m: Array) -> Array:
     """Return (3, n) Fz, Mx and My about the centre of the surface; `channels` (6, n) hold N and m."""
     f_z, x_m, y_m = channels[2:5]
-    return np.nan_to_num(np.stack([f_z, y_m * f_z, -x_m * f_z]))  # without a load some files have no centre
+    load: Array = np.nan_to_num(np.stack([f_z, y_m * f_z, -x_m * f_z]))  # without a load some files have no centre
+    return load
 
 
 def load_of_type_2(channels: Array, origin_m: Array) -> Array:

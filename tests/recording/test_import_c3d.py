@@ -100,7 +100,7 @@ def test_shear_and_transducer_depth_agree_with_ezc3d(tmp_path, z_mm):
     np.testing.assert_allclose(cop_of(plate.columns(), slice(None)), theirs["center_of_pressure"][:2] * 1e-3, atol=1e-6)
 
 
-def write_plates(file, plates, origins_mm, matrices=()):
+def write_plates(file, plates, origins_mm, matrices=(), used=None):
     """Write a C3D file with `plates`: (type, signals (channels, n), units). x is the laboratory's, z points down."""
     import ezc3d
 
@@ -115,7 +115,8 @@ def write_plates(file, plates, origins_mm, matrices=()):
     made["data"]["points"] = np.zeros((4, 1, analog.shape[1] // 10))
     made["data"]["analogs"] = analog[None]
     parameters = made["parameters"]["FORCE_PLATFORM"]
-    parameters["USED"]["value"], parameters["TYPE"]["value"] = [len(plates)], [kind for kind, _, _ in plates]
+    parameters["USED"]["value"] = [len(plates) if used is None else used]
+    parameters["TYPE"]["value"] = [kind for kind, _, _ in plates]
     channels, begin = np.zeros((max(len(signals) for _, signals, _ in plates), len(plates))), 1
     for at, (_, signals, _) in enumerate(plates):
         channels[: len(signals), at] = np.arange(begin, begin + len(signals))
@@ -214,6 +215,13 @@ def test_plates_keep_their_number_beside_one_of_a_type_that_is_not_read(tmp_path
     write_plates(tmp_path / "x.c3d", [other], [(0, 0, -40.0)])
     with pytest.raises(FileError, match="expected a force plate of types 1 to 4, found types: 5"):
         read_force_plates(tmp_path / "x.c3d")
+
+
+@WITH_EZC3D
+def test_a_plate_that_is_described_but_not_used_is_left_out(tmp_path, known_load):
+    plate = (1, *signals_of_type_1(*known_load))
+    write_plates(tmp_path / "x.c3d", [plate, plate], [(0, 0, -40.0)] * 2, used=1)
+    assert list(read_force_plates(tmp_path / "x.c3d")) == [1]
 
 
 @WITH_EZC3D
