@@ -74,18 +74,19 @@ def analyse(folder: Path, client: Any) -> tuple[float, float, str]:
 def collect(folder: Path, times: int) -> tuple[float, float]:
     """Seconds, and MB at most, of collecting each recording's results `times` times, as of a study so much larger."""
     study = load_study(folder)
-    larger, results = replace(study, recordings=study.recordings * times), folder / f"results-{times}"
-    results.mkdir()
+    larger, out = replace(study, recordings=study.recordings * times), folder / f"larger-{times}"
+    out.mkdir()
     outcomes = []
-    for number, recording in enumerate(larger.recordings):
-        made = results_of(folder / "results", number % len(study.recordings), recording.folder)
-        results_of(results, number, recording.folder).symlink_to(made)
-        files = {path.name.partition("-")[0]: path.name for path in made.iterdir()}
+    for recording in larger.recordings:
+        files = {
+            path.name.partition("-")[0]: path.name
+            for path in results_of(folder / "results", recording.folder).iterdir()
+        }
         outcomes.append([TaskResult(task, files[task], "") for task in study.tasks])
     began = time.perf_counter()
-    rows, steps_of_recordings = collect_rows(larger, results, outcomes)
-    write_tables(larger, rows, steps_of_recordings, results)
-    (results / "study.html").write_text(study_page("larger", larger, rows, steps_of_recordings))
+    rows, steps_of_recordings = collect_rows(larger, folder / "results", outcomes)
+    write_tables(larger, rows, steps_of_recordings, out)
+    (out / "study.html").write_text(study_page("larger", larger, rows, steps_of_recordings))
     return time.perf_counter() - began, _peak_mb()
 
 

@@ -121,7 +121,7 @@ def run_tasks(
         place = folder / recording.folder
         given = Given(judged, _whole_paths(recording.analysed_with), recording.mass_kg)
         future = client.submit(
-            do_tasks, str(place.resolve()), str(results_of(results, number, recording.folder)), study.tasks, given,
+            do_tasks, str(place.resolve()), str(results_of(results, recording.folder)), study.tasks, given,
             program_digest(), key=f"insole-study-{number}-{place}", pure=False,
         )  # fmt: skip
         futures[future] = number
@@ -153,6 +153,9 @@ def _whole_paths(paths: Sequence[Path]) -> tuple[str, ...]:
     return tuple(str(path.resolve()) for path in paths)
 
 
-def results_of(results: Path, number: int, folder: Path) -> Path:
-    """Return the folder of the result files of recording `number`, which no other recording has."""
-    return (results / f"{number + 1:04d}-{folder.name}").resolve()
+def results_of(results: Path, folder: Path) -> Path:
+    """Return the folder of the result files of the recording in `folder`, wherever it stands in study.yaml.
+
+    Results of two recordings with the same name have different keys, or the same content.
+    """
+    return (results / "-".join(part for part in folder.parts if part != "..")).resolve()

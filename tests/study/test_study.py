@@ -104,7 +104,23 @@ def test_any_number_of_workers_gives_the_same_bytes_and_what_is_done_is_not_done
         analysed(folder, client)
     assert one == two == again
     changed = files_of(folder).keys() - before.keys()
-    assert [path.parent.name for path in changed] == ["0001-p0-slow"], "worked out anew, since its content changed"
+    assert [path.parent.name for path in changed] == ["p0-slow"], "worked out anew, since its content changed"
+
+
+def test_a_line_before_the_others_computes_its_recording_alone(folder):
+    study = folder / "study.yaml"
+    head, _, listed = study.read_text().partition("recordings:\n")
+    lines = listed.splitlines(keepends=True)
+    with cluster(None, 1) as client:
+        study.write_text(head + "recordings:\n" + "".join(lines[1:3]))
+        analysed(folder, client)
+        before = files_of(folder)
+        study.write_text(head + "recordings:\n" + "".join(lines[:3]))
+        analysed(folder, client)
+    after = files_of(folder)
+    assert before.items() <= after.items()
+    assert [path.parent.name for path in after.keys() - before.keys()] == ["p0-slow"]
+    assert pd.read_csv(folder / "table.csv").recording.tolist() == ["p0-slow", "p0-fast", "p1-slow"]
 
 
 def test_a_worker_has_one_thread_of_arithmetic_and_keeps_its_memory():

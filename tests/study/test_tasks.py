@@ -69,8 +69,8 @@ def test_all_tasks_are_collected_and_only_the_judgement_of_a_changed_calibration
     assert json.loads(chamber.validation_left)
     tasks = sorted(f"{path.parent.name} {path.name.partition('-')[0]}" for path in made)
     assert tasks == [
-        "0001-walk diagnosis", "0001-walk report", "0001-walk steps", "0001-walk validation",
-        "0002-chamber diagnosis", "0002-chamber report", "0002-chamber steps", "0002-chamber validation",
+        "chamber diagnosis", "chamber report", "chamber steps", "chamber validation",
+        "walk diagnosis", "walk report", "walk steps", "walk validation",
     ]  # fmt: skip
 
     calibration = study / "other.json"
@@ -79,7 +79,7 @@ def test_all_tasks_are_collected_and_only_the_judgement_of_a_changed_calibration
     _, again = run(study)
     assert made.items() <= again.items()
     new = sorted(f"{path.parent.name} {path.name.partition('-')[0]}" for path in again.keys() - made.keys())
-    assert new == ["0001-walk validation", "0002-chamber validation"]
+    assert new == ["chamber validation", "walk validation"]
 
 
 def test_a_foot_without_reference_does_not_take_the_judgement_of_the_other_foot_away(tmp_path):
