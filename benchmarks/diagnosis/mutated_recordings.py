@@ -26,7 +26,7 @@ from typing import Any
 
 import yaml
 
-COMMAND = [sys.executable, "-c", "from insole_daemon.cli import main; main()"]
+COMMAND = [sys.executable, "-m", "insole_daemon"]
 TRIALS = {"vacuum": 25, "walk": 12}  # s
 MOST_S = 300.0  # of a diagnosis
 MORE = 4  # times as often as a document, whose damage is refused before it is looked at

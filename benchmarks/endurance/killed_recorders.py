@@ -175,10 +175,8 @@ class RemoteVictim(Victim):
     RECORDS = "a daemon"
 
     def __init__(self, folder: Path, after_s: float, endpoint: str) -> None:
-        command = "from insole_daemon.cli import main; main()"
-        super().__init__(
-            folder, after_s, ["-c", command, "record", str(folder / "trial"), "--remote", "--connect", endpoint]
-        )
+        command = ["-m", "insole_daemon", "record", str(folder / "trial"), "--remote", "--connect", endpoint]
+        super().__init__(folder, after_s, command)
 
     def look(self, folder: Path, trial: Any, left: Killed) -> None:
         for foot in trial.feet:

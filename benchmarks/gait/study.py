@@ -33,6 +33,7 @@ from insole_daemon.service.foot_setup import load_layout
 from insole_daemon.simulation.conditions import Conditions
 from insole_daemon.simulation.trial import Trial
 from insole_daemon.study.collecting import collect_rows, write_tables
+from insole_daemon.study.content import program_digest
 from insole_daemon.study.document import load_study
 from insole_daemon.study.page import study_page
 from insole_daemon.study.scheduling import cluster, results_of, run_tasks
@@ -73,18 +74,19 @@ def analyse(folder: Path, client: Any) -> tuple[float, float, str]:
 def collect(folder: Path, times: int) -> tuple[float, float]:
     """Seconds, and MB at most, of collecting each recording's results `times` times, as of a study so much larger."""
     study = load_study(folder)
-    larger, results = replace(study, recordings=study.recordings * times), folder / f"results-{times}"
-    results.mkdir()
+    larger, out = replace(study, recordings=study.recordings * times), folder / f"larger-{times}"
+    out.mkdir()
     outcomes = []
-    for number, recording in enumerate(larger.recordings):
-        made = results_of(folder / "results", number % len(study.recordings), recording.folder)
-        results_of(results, number, recording.folder).symlink_to(made)
-        files = {path.name.partition("-")[0]: path.name for path in made.iterdir()}
+    for recording in larger.recordings:
+        files = {
+            path.name.partition("-")[0]: path.name
+            for path in results_of(folder / "results", recording.folder).iterdir()
+        }
         outcomes.append([TaskResult(task, files[task], "") for task in study.tasks])
     began = time.perf_counter()
-    rows, steps_of_recordings = collect_rows(larger, results, outcomes)
-    write_tables(larger, rows, steps_of_recordings, results)
-    (results / "study.html").write_text(study_page("larger", larger, rows, steps_of_recordings))
+    rows, steps_of_recordings = collect_rows(larger, folder / "results", outcomes)
+    write_tables(larger, rows, steps_of_recordings, out)
+    (out / "study.html").write_text(study_page("larger", larger, rows, steps_of_recordings))
     return time.perf_counter() - began, _peak_mb()
 
 
@@ -130,7 +132,7 @@ def main() -> None:
 def _warm(recording: Path) -> None:
     """Analyse a recording, as workers of a long study have: imports and what is computed once are done then."""
     with tempfile.TemporaryDirectory() as results:
-        do_tasks(str(recording), results, ("report", "steps"), Given())
+        do_tasks(str(recording), results, ("report", "steps"), Given(), program_digest())
 
 
 def spin(processes: int) -> float:

@@ -145,7 +145,7 @@ def diagnose(config: Config, layouts: Sequence[Layout], effects: Sequence[Effect
     models = []
     for layout in layouts:
         out = folder / f"diagnosis-{layout.foot}"
-        command = [sys.executable, "-c", "from insole_daemon.cli import main; main()", "diagnose", str(written)]
+        command = [sys.executable, "-m", "insole_daemon", "diagnose", str(written)]
         done = subprocess.run([*command, "--foot", layout.foot, "--out", str(out)], capture_output=True, text=True)
         models.append(out / "model.json")
         if not models[-1].exists():

@@ -92,4 +92,5 @@ if __name__ == "__main__":
         threading.Thread(target=node.relay, args=[zip(insole.wrenches(), strict=True), node.publish_wrench]).start()
         threading.Thread(target=node.relay, args=[place_pressures(insole), node.publish_pressure]).start()
         with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
-            rclpy.spin(ros)
+            while rclpy.ok():  # and not spin(): a shutdown by another thread does not always wake it
+                rclpy.spin_once(ros, timeout_sec=0.5)

@@ -30,11 +30,10 @@ def open_page(endpoint: str, rig: str, port: int) -> Iterator[str]:
     """Run `insole view --open` until the block ends; yield its first message. InsoleError if it does not start."""
     from ..errors import InsoleError
 
-    command = "from insole_daemon.cli import main; main()"
+    command = [sys.executable, "-m", "insole_daemon", "view", "--open", "--connect", endpoint]
     process = subprocess.Popen(
-        [sys.executable, "-c", command, "view", "--open", "--connect", endpoint, "--rig", rig, "--port", str(port)],
-        stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
+        [*command, "--rig", rig, "--port", str(port)], stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+    )
     assert process.stderr is not None
     try:
         line = process.stderr.readline()

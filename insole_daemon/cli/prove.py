@@ -16,7 +16,7 @@ import typer
 from .options import Scheduler, TlsCa, TlsCert, TlsKey, name_next, tls_of, write_whole
 from .progress import show_work
 
-_TOOL = (sys.executable, "-c", "from insole_daemon.cli import main; main()", "diagnose", "{recording}", "{simulation}")
+_TOOL = (sys.executable, "-m", "insole_daemon", "diagnose", "{recording}", "{simulation}")
 _PREDICTOR = "insole_daemon.diagnosis.prediction:of_folder"
 _REFUSED = 4  # exit status of the benchmark's programs where a file cannot be written
 _DONE = re.compile(rb"\r(\d+) of (\d+) \w+")  # progress lines of the benchmark's programs on stderr

@@ -96,13 +96,13 @@ def _plate_columns(
 
     plates = read_force_plates(source)
     if number is None and len(plates) > 1:
-        numbers = ", ".join(
-            f"--plate {at} (up to {candidate.f_z_n.max():.0f} N)" for at, candidate in enumerate(plates, 1)
-        )
+        numbers = ", ".join(f"--plate {at} (up to {candidate.f_z_n.max():.0f} N)" for at, candidate in plates.items())
         raise typer.BadParameter(f"{source} has {len(plates)} plates: choose one of {numbers}")
-    if number is not None and number > len(plates):
-        raise typer.BadParameter(f"{source} has {len(plates)} plates, found --plate {number}")
-    columns = plates[(number or 1) - 1].contact_columns((origin_mm[0] * 1e-3, origin_mm[1] * 1e-3), heading_deg)
+    if number is not None and number not in plates:
+        known = ", ".join(map(str, plates))
+        raise typer.BadParameter(f"{source}: expected --plate {known}, of types 1 to 4, found --plate {number}")
+    plate = next(iter(plates.values())) if number is None else plates[number]
+    columns = plate.contact_columns((origin_mm[0] * 1e-3, origin_mm[1] * 1e-3), heading_deg)
     if not len(columns["fz_n"]):
         raise FileError(f"{source}: nobody stood on that plate: its force stays below 20 N")
     return columns

@@ -49,6 +49,8 @@ def study(
             work(f"{document.recordings[number].folder}: {describe_problems(results) or 'done'}")
             work.done(next(numbers) / len(document.recordings))
 
+        if not client.scheduler_info()["workers"]:
+            work(f"{scheduler} has no workers: waiting for one; dask worker {scheduler} starts one")
         results = run_tasks(client, folder, document, folder / RESULTS, report_recording)
     rows, steps = collect_rows(document, folder / RESULTS, results)
     write_tables(document, rows, steps, folder)

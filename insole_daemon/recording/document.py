@@ -77,6 +77,13 @@ class Document(Section):
     insoles: Annotated[tuple[RecordedInsole, ...], at_least(1)]
     reference: tuple[RecordedReference, ...] = ()
 
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """Return every file that is named, in the order of the file; counts may be a folder."""
+        of_insoles = [path for insole in self.insoles for path in (insole.layout, insole.calibration, insole.zero)]
+        named = [self.can, self.counts, *of_insoles, *(reference.file for reference in self.reference)]
+        return tuple(path for path in named if path is not None)
+
 
 def check(reading: Reading) -> None:
     """Report where the sections of a recording.yaml contradict each other."""

@@ -43,8 +43,8 @@ def collect_rows(
     `outcomes` are what became of the tasks of each recording, in the order of study.yaml.
     """
     rows, steps_of_recordings = [], []
-    for number, (recording, outcome) in enumerate(zip(study.recordings, outcomes, strict=True)):
-        place = results_of(results, number, recording.folder)
+    for recording, outcome in zip(study.recordings, outcomes, strict=True):
+        place = results_of(results, recording.folder)
         files = {done.task: place / done.file for done in outcome if done.file is not None}
         row: dict[str, Any] = {
             "recording": str(recording.folder),

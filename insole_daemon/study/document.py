@@ -53,7 +53,7 @@ def load_study(folder: Path) -> Study:
 
 
 def _check(reading: Reading) -> None:
-    named = Counter(str(recording.folder) for _, recording in reading.of(StudyRecording))
+    named = Counter(os.path.realpath(recording.folder) for _, recording in reading.of(StudyRecording))
     for name, count in named.items():
         if count > 1:
             reading.problem(("recordings",), f"expected each recording once, found {name} {count} times")

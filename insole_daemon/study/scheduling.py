@@ -5,12 +5,17 @@ from __future__ import annotations
 import contextlib
 import logging
 import re
+import signal
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import CancelledError
+from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import Any
 
 from ..errors import InsoleError
 from ..recording.lab import need
+from . import worker
+from .content import program_digest
 from .document import Study
 from .tasks import Given, TaskResult, do_tasks
 
@@ -28,29 +33,43 @@ def cluster(scheduler: str | None, workers: int, tls: tuple[Path, Path, Path] | 
     `tls` are the certificate authority, this client's certificate and its key. InsoleError where a scheduler beyond
     loopback has no TLS: Dask exchanges pickles, so whoever connects to it can run programs on its workers.
     """
-    distributed = need("distributed", "distributed", "a study")
-    if scheduler is None:
-        import dask
+    need("distributed", "distributed", "a study")
+    from distributed.utils import silence_logging_cmgr
 
-        settings = {
-            "distributed.scheduler.allowed-failures": TIMES_TRIED,
-            "distributed.worker.profile.enabled": False,  # nobody reads it
-            "distributed.nanny.pre-spawn-environ": _WORKER_ENVIRONMENT,
-        }
-        with dask.config.set(settings):
-            with (
-                distributed.LocalCluster(
-                    n_workers=workers,
-                    threads_per_worker=1,
-                    processes=True,
-                    host="127.0.0.1",
-                    dashboard_address="127.0.0.1:0",
-                    silence_logs=logging.CRITICAL,
-                ) as local,
-                distributed.Client(local) as client,
-            ):
-                yield client
-        return
+    connection = _local_workers(workers) if scheduler is None else _existing_scheduler(scheduler, tls)
+    with silence_logging_cmgr(logging.CRITICAL), connection as client:  # its log has tracebacks; the table has reasons
+        yield client
+
+
+@contextlib.contextmanager
+def _local_workers(workers: int) -> Iterator[Any]:
+    import dask
+    import distributed
+
+    settings = {
+        "distributed.scheduler.allowed-failures": TIMES_TRIED - 1,
+        "distributed.worker.profile.enabled": False,  # nobody reads it
+        "distributed.nanny.pre-spawn-environ": _WORKER_ENVIRONMENT,
+    }
+    with dask.config.set(settings), contextlib.ExitStack() as stack:
+        with _hold_interrupts():
+            local = distributed.LocalCluster(
+                n_workers=workers,
+                threads_per_worker=1,
+                processes=True,
+                host="127.0.0.1",
+                dashboard_address="127.0.0.1:0",
+                silence_logs=logging.CRITICAL,
+                preload=[worker.__name__],
+            )
+            stack.enter_context(local)
+        yield stack.enter_context(distributed.Client(local))
+
+
+@contextlib.contextmanager
+def _existing_scheduler(scheduler: str, tls: tuple[Path, Path, Path] | None) -> Iterator[Any]:
+    import distributed
+
     if not _LOOPBACK.fullmatch(scheduler) and (not scheduler.startswith("tls://") or tls is None):
         raise InsoleError(
             f"{scheduler}: expected a scheduler on this host, as tcp://127.0.0.1:8786, or tls:// with --tls-ca, "
@@ -72,6 +91,22 @@ def cluster(scheduler: str | None, workers: int, tls: tuple[Path, Path, Path] | 
         yield client
 
 
+@contextlib.contextmanager
+def _hold_interrupts() -> Iterator[None]:
+    """Hold Ctrl-C back until the end; processes that this thread's new threads start never get it."""
+    held: list[int] = []
+    handler = signal.signal(signal.SIGINT, lambda number, frame: held.append(number))
+    resource_tracker.ensure_running()  # it unblocks SIGINT in the thread that starts it
+    unblocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # threads and processes inherit it
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, unblocked)
+        signal.signal(signal.SIGINT, handler)
+    if held:
+        signal.raise_signal(signal.SIGINT)
+
+
 def run_tasks(
     client: Any, folder: Path, study: Study, results: Path, report_done: Callable[[int, list[TaskResult]], None]
 ) -> list[list[TaskResult]]:
@@ -86,8 +121,8 @@ def run_tasks(
         place = folder / recording.folder
         given = Given(judged, _whole_paths(recording.analysed_with), recording.mass_kg)
         future = client.submit(
-            do_tasks, str(place.resolve()), str(results_of(results, number, recording.folder)), study.tasks, given,
-            key=f"insole-study-{number}-{place}", pure=False,
+            do_tasks, str(place.resolve()), str(results_of(results, recording.folder)), study.tasks, given,
+            program_digest(), key=f"insole-study-{number}-{place}", pure=False,
         )  # fmt: skip
         futures[future] = number
     outcomes: list[list[TaskResult]] = [[] for _ in study.recordings]
@@ -95,17 +130,32 @@ def run_tasks(
         number = futures[future]
         try:
             outcomes[number] = future.result()
-        except Exception as error:  # a worker died again and again, or ran out of memory: Dask says what it knows
-            problem = f"{type(error).__name__}: {error}".replace("\n", " ")
+        except Exception as error:
+            problem = describe_failure(error, distributed)
             outcomes[number] = [TaskResult(task, None, problem) for task in study.tasks]
         report_done(number, outcomes[number])
     return outcomes
+
+
+def describe_failure(error: Exception, distributed: Any) -> str:
+    """Return why Dask has no result of a recording."""
+    if isinstance(error, CancelledError):
+        return "the scheduler does not answer any more: start it and this command again; finished results are reused"
+    if isinstance(error, distributed.KilledWorker):
+        return (
+            f"{error.allowed_failures + 1} workers died with it, the last on {error.last_worker.address}: "
+            "it may need more memory than they have"
+        )
+    return f"{type(error).__name__}: {error}".replace("\n", " ")  # a worker cannot run it at all
 
 
 def _whole_paths(paths: Sequence[Path]) -> tuple[str, ...]:
     return tuple(str(path.resolve()) for path in paths)
 
 
-def results_of(results: Path, number: int, folder: Path) -> Path:
-    """Return the folder of the result files of recording `number`, which no other recording has."""
-    return (results / f"{number + 1:04d}-{folder.name}").resolve()
+def results_of(results: Path, folder: Path) -> Path:
+    """Return the folder of the result files of the recording in `folder`, wherever it stands in study.yaml.
+
+    Results of two recordings with the same name have different keys, or the same content.
+    """
+    return (results / "-".join(part for part in folder.parts if part != "..")).resolve()

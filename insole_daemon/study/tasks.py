@@ -1,14 +1,14 @@
 """Tasks of one recording, done in a worker: one file a task, named by the content it was made from.
 
-A task that is done is never done again: its file is there. Whatever a recording, the calibrations and the version of
-this package say goes into the name, so anything that changes is worked out anew. Files appear whole or not at all; two
+A task that is done is never done again: its file is there. Whatever a recording, the calibrations and the code of this
+package say goes into the name, so anything that changes is worked out anew. Files appear whole or not at all; two
 workers that do the same task write the same bytes.
 """
 
 from __future__ import annotations
 
-import hashlib
 import json
+import socket
 import subprocess
 import sys
 import tempfile
@@ -19,19 +19,16 @@ from typing import Any
 
 import numpy as np
 
-from .. import __version__
 from ..errors import InsoleError
 from ..files import unfinished, write_text
 from ..mechanics.gait.body_weight import scale_to_body_weight
 from ..physics import calibration as calibrations
 from ..recording.loading import Recording, load
+from .content import content_key, program_digest
 from .document import Task
 
 SUFFIXES: Mapping[Task, str] = {"report": "html", "steps": "npz", "validation": "json", "diagnosis": "json"}
 NO_REFERENCE = "no reference"  # in place of a verdict on a foot
-_VERDICT_STATUSES = (0, 1, 3)  # of `insole diagnose`: it has come to a verdict
-_KEY_DIGITS = 16
-_OF_RECORDINGS = (".yaml", ".log", ".gz", ".zst", ".csv", ".json", ".npz")  # not a report.html that is in the folder
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,16 +49,23 @@ class Given:
     mass_kg: float | None = None
 
 
-def do_tasks(folder: str, results: str, tasks: Sequence[Task], given: Given) -> list[TaskResult]:
+def do_tasks(folder: str, results: str, tasks: Sequence[Task], given: Given, program: str) -> list[TaskResult]:
     """Do the tasks that are not done yet with the recording `folder`; return the result of each of them.
 
-    A task that fails says why, and the others go on.
+    `program` is the `program_digest` of the command, which this worker must have too. A task that fails says why, and
+    the others go on.
     """
+    if program != program_digest():
+        problem = (
+            f"a worker on {socket.gethostname()} runs other code of insole-daemon than this command: "
+            "install the same there, and start its workers again"
+        )
+        return [TaskResult(task, None, problem) for task in tasks]
     loaded: list[Recording] = []
     outcomes = []
     for task in tasks:
         try:
-            file = Path(results) / f"{task}-{content_key(Path(folder), task, given)}.{SUFFIXES[task]}"
+            file = Path(results) / f"{task}-{_key(Path(folder), task, given)}.{SUFFIXES[task]}"
             if not file.exists():
                 Path(results).mkdir(parents=True, exist_ok=True)
                 if not loaded:
@@ -82,18 +86,11 @@ def describe_problems(outcomes: Sequence[TaskResult]) -> str:
     return "; ".join(f"{', '.join(tasks)}: {problem}" for problem, tasks in tasks_of_problem.items())
 
 
-def content_key(folder: Path, task: Task, given: Given) -> str:
-    """Return a digest of everything that the result of `task` depends on; InsoleError: the recording is not there."""
-    if not folder.is_dir():
-        raise InsoleError(f"{folder}: there is no such folder; check its line in study.yaml")
+def _key(folder: Path, task: Task, given: Given) -> str:
+    """Return a digest of everything that the result of `task` depends on."""
     scaled = given.mass_kg if task == "steps" else None
-    digest = hashlib.sha256(f"{__version__} {task} {scaled}".encode())
-    files = sorted(path for path in folder.iterdir() if path.is_file() and path.suffix in _OF_RECORDINGS)
-    for path in [*files, *map(Path, given.judged if task == "validation" else given.analysed_with)]:
-        content = path.read_bytes()
-        digest.update(f"{path.name} {len(content)}\n".encode())
-        digest.update(content)
-    return digest.hexdigest()[:_KEY_DIGITS]
+    calibration_files = given.judged if task == "validation" else given.analysed_with
+    return content_key(folder, f"{task} {scaled}", [Path(file) for file in calibration_files])
 
 
 def _words(error: Exception) -> str:
@@ -162,15 +159,17 @@ def _diagnosis(recording: Recording, file: Path, given: Given) -> None:
         if foot.reference is None:
             documents.append({"foot": foot.foot, "missing": NO_REFERENCE})
             continue
+        if foot.calibration is None:
+            raise InsoleError(f"the {foot.foot} foot has no calibration: list one under analysed_with in study.yaml")
         with tempfile.TemporaryDirectory() as made:
             out = Path(made, "diagnosis")
-            command = [sys.executable, "-c", "from insole_daemon.cli import main; main()", "diagnose"]
+            command = [sys.executable, "-m", "insole_daemon", "diagnose"]
             command += [str(recording.folder), "--out", str(out)]
             command += ["--foot", foot.foot] if len(recording.feet) > 1 else []
             replacement = recording.calibration_files.get(foot.foot)
             command += [] if replacement is None else ["--calibration", str(replacement)]
             done = subprocess.run(command, capture_output=True, text=True, check=False)
-            if done.returncode not in _VERDICT_STATUSES:
+            if not (out / "diagnosis.json").exists():  # whatever the exit status: without a verdict there is none
                 words = (done.stderr.strip().splitlines() or ["no message"])[-1]
                 raise InsoleError(f"{foot.foot} foot: {words.removeprefix('insole: ')}")
             documents.append({"foot": foot.foot, **json.loads((out / "diagnosis.json").read_text())})

@@ -15,7 +15,7 @@ from insole_daemon.service.foot_setup import load_layout
 from insole_daemon.simulation.scenarios import SCENARIOS
 from insole_daemon.simulation.trial import Trial
 
-INSOLE = [sys.executable, "-c", "from insole_daemon.cli import main; main()"]
+INSOLE = [sys.executable, "-m", "insole_daemon"]
 
 
 def insole(*arguments):

@@ -5,8 +5,6 @@ from __future__ import annotations
 import ast
 import json
 import os
-import sys
-from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
@@ -19,7 +17,7 @@ NOTEBOOKS = ROOT / "docs" / "notebooks"
 def run(tmp_path, monkeypatch):
     """Runs a notebook from its first cell to its last: (its names, the drawings it shows)."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
+    monkeypatch.setenv("PATH", os.defpath)  # Jupyter may run in an environment that is not activated
 
     def run(notebook):
         names, drawings = {}, []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import os
 import resource
@@ -10,6 +11,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 
 import pandas as pd
@@ -22,8 +24,9 @@ from insole_daemon.simulation.trial import Trial
 from insole_daemon.study.collecting import collect_rows, write_tables
 from insole_daemon.study.document import load_study
 from insole_daemon.study.page import study_page
-from insole_daemon.study.scheduling import cluster, run_tasks
-from insole_daemon.study.tasks import TaskResult, describe_problems
+from insole_daemon.study.scheduling import cluster, describe_failure, run_tasks
+from insole_daemon.study.tasks import Given, TaskResult, describe_problems, do_tasks
+from tests.conftest import PATIENCE_S
 
 INSOLE = Path(sys.executable).with_name("insole")
 SECONDS = 8.0
@@ -101,7 +104,23 @@ def test_any_number_of_workers_gives_the_same_bytes_and_what_is_done_is_not_done
         analysed(folder, client)
     assert one == two == again
     changed = files_of(folder).keys() - before.keys()
-    assert [path.parent.name for path in changed] == ["0001-p0-slow"], "worked out anew, since its content changed"
+    assert [path.parent.name for path in changed] == ["p0-slow"], "worked out anew, since its content changed"
+
+
+def test_a_line_before_the_others_computes_its_recording_alone(folder):
+    study = folder / "study.yaml"
+    head, _, listed = study.read_text().partition("recordings:\n")
+    lines = listed.splitlines(keepends=True)
+    with cluster(None, 1) as client:
+        study.write_text(head + "recordings:\n" + "".join(lines[1:3]))
+        analysed(folder, client)
+        before = files_of(folder)
+        study.write_text(head + "recordings:\n" + "".join(lines[:3]))
+        analysed(folder, client)
+    after = files_of(folder)
+    assert before.items() <= after.items()
+    assert [path.parent.name for path in after.keys() - before.keys()] == ["p0-slow"]
+    assert pd.read_csv(folder / "table.csv").recording.tolist() == ["p0-slow", "p0-fast", "p1-slow"]
 
 
 def test_a_worker_has_one_thread_of_arithmetic_and_keeps_its_memory():
@@ -183,7 +202,7 @@ def test_sessions_with_different_calibrations_are_reported(folder):
 def test_a_study_that_cannot_be_is_refused(tmp_path):
     (tmp_path / "study.yaml").write_text(
         "format: insole-study/1\ntasks: [validation]\nrecordings:\n"
-        "  - {folder: a, person: p, session: s}\n  - {folder: a, person: p, session: s}\n"
+        "  - {folder: a, person: p, session: s}\n  - {folder: x/../a, person: p, session: s}\n"
     )
     with pytest.raises(DocumentError, match=r"(?s)validation judges calibrations.*each recording once"):
         load_study(tmp_path)
@@ -241,6 +260,94 @@ def test_a_full_disk_is_reported_and_complete_files_are_kept(folder):
     assert not list((folder / "results").rglob(".*")), "nothing half-written stays"
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert pd.isna(pd.read_csv(folder / "table.csv").set_index("recording").missing["p0-slow"]), done.stderr
+
+
+def children_of(pid):
+    return [int(word) for path in Path(f"/proc/{pid}/task").glob("*/children") for word in path.read_text().split()]
+
+
+def has_started_workers(process, lines):
+    return sum(b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes() for pid in children_of(process.pid)) == 2
+
+
+def has_finished_a_recording(process, lines):
+    return ": done" in lines.read_text()
+
+
+@pytest.mark.parametrize("moment", [has_started_workers, has_finished_a_recording])
+def test_ctrl_c_ends_the_command_and_its_workers_with_one_line_and_the_next_run_goes_on(folder, tmp_path, moment):
+    command = [INSOLE, "study", folder, "--workers", "2"]
+    lines = tmp_path / "stderr"
+    with open(lines, "w") as stderr:
+        process = subprocess.Popen(command, stdout=stderr, stderr=stderr, start_new_session=True)  # as a terminal does
+    deadline_s = time.monotonic() + PATIENCE_S
+    while not moment(process, lines):
+        assert process.poll() is None, lines.read_text()
+        assert time.monotonic() < deadline_s
+        time.sleep(0.005)
+    workers = children_of(process.pid)
+    os.killpg(process.pid, signal.SIGINT)
+    assert process.wait() == 130
+    assert [line for line in lines.read_text().splitlines() if not line.endswith(": done")] == ["insole: interrupted"]
+    while any(Path(f"/proc/{pid}").exists() for pid in workers):
+        assert time.monotonic() < deadline_s, "a worker outlives the command"
+        time.sleep(0.01)
+    made = files_of(folder)
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert "6 recordings, 0 with something missing" in done.stdout, done.stderr
+    assert made.items() <= files_of(folder).items()
+
+
+def test_a_scheduler_without_workers_is_waited_for_and_one_that_dies_is_named(folder, tmp_path):
+    dask = [sys.executable, "-m", "dask"]
+    contact = tmp_path / "scheduler.json"
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    options = ["--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", contact]
+    scheduler = subprocess.Popen([*dask, "scheduler", *options], **quiet)
+    processes = [scheduler]
+    try:
+        deadline_s = time.monotonic() + PATIENCE_S
+        while not contact.exists():
+            assert time.monotonic() < deadline_s
+            time.sleep(0.05)
+        address = json.loads(contact.read_text())["address"]
+        study = subprocess.Popen(
+            [INSOLE, "study", folder, "--scheduler", address], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
+        processes.append(study)
+        assert (
+            study.stderr.readline()
+            == f"insole: {address} has no workers: waiting for one; dask worker {address} starts one\n"
+        )
+        worker = [*dask, "worker", address, "--nthreads", "1", "--no-dashboard"]
+        processes.append(subprocess.Popen(worker, **quiet))
+        assert study.stderr.readline().endswith(": done\n")
+        scheduler.kill()
+        printed, told = study.communicate(timeout=PATIENCE_S)
+    finally:
+        for process in reversed(processes):
+            process.terminate()
+            process.wait()
+    assert study.returncode == 1
+    assert "6 recordings" in printed
+    assert all(line.startswith("insole: ") for line in told.splitlines()), told
+    missing = pd.read_csv(folder / "table.csv").set_index("recording").missing
+    assert missing["p2-slow"].startswith("steps: the scheduler does not answer any more: start it and this command")
+    assert missing.isna().any(), "what was done before stays"
+
+
+def test_a_recording_that_workers_die_with_is_named_in_plain_words():
+    import distributed
+
+    with cluster(None, 1) as client:
+        error = client.submit(os._exit, 1).exception()
+        assert describe_failure(error, distributed).startswith("3 workers died with it, the last on tcp://127.0.0.1:")
+
+
+def test_a_worker_with_other_code_than_the_command_is_refused(folder):
+    (outcome,) = do_tasks(str(folder / "p0-slow"), str(folder / "results"), ["steps"], Given(), "another digest")
+    assert outcome.file is None
+    assert "runs other code of insole-daemon than this command" in outcome.problem
 
 
 def test_a_scheduler_that_exists_is_used(folder):

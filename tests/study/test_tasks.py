@@ -69,8 +69,8 @@ def test_all_tasks_are_collected_and_only_the_judgement_of_a_changed_calibration
     assert json.loads(chamber.validation_left)
     tasks = sorted(f"{path.parent.name} {path.name.partition('-')[0]}" for path in made)
     assert tasks == [
-        "0001-walk diagnosis", "0001-walk report", "0001-walk steps", "0001-walk validation",
-        "0002-chamber diagnosis", "0002-chamber report", "0002-chamber steps", "0002-chamber validation",
+        "chamber diagnosis", "chamber report", "chamber steps", "chamber validation",
+        "walk diagnosis", "walk report", "walk steps", "walk validation",
     ]  # fmt: skip
 
     calibration = study / "other.json"
@@ -79,7 +79,7 @@ def test_all_tasks_are_collected_and_only_the_judgement_of_a_changed_calibration
     _, again = run(study)
     assert made.items() <= again.items()
     new = sorted(f"{path.parent.name} {path.name.partition('-')[0]}" for path in again.keys() - made.keys())
-    assert new == ["0001-walk validation", "0002-chamber validation"]
+    assert new == ["chamber validation", "walk validation"]
 
 
 def test_a_foot_without_reference_does_not_take_the_judgement_of_the_other_foot_away(tmp_path):
@@ -102,3 +102,21 @@ def test_a_foot_without_reference_does_not_take_the_judgement_of_the_other_foot_
     assert isinstance(row.diagnosis_left, str)
     assert row.diagnosis_left != "no reference"
     assert row.validation_right == row.diagnosis_right == "no reference"
+
+
+def test_a_recording_that_cannot_be_diagnosed_says_so_in_the_words_of_the_diagnosis(tmp_path):
+    left = Config().insoles[0]
+    config, layouts = Config(insoles=(left,)), [load_layout(left)]
+    Trial("t1", config, layouts, seed=7).write(tmp_path / "still", 10.0)
+    without = Trial("t4", config, layouts, seed=7).write(tmp_path / "without", 10.0) / "recording.yaml"
+    lines = without.read_text().splitlines(keepends=True)
+    without.write_text("".join(line for line in lines if "calibration:" not in line))
+    (tmp_path / "study.yaml").write_text(
+        "format: insole-study/1\ntasks: [diagnosis]\nrecordings:\n"
+        "  - {folder: still, person: p01, session: one}\n  - {folder: without, person: p01, session: two}\n"
+    )
+    table, _ = run(tmp_path)
+    assert table.missing["still"].startswith("diagnosis: left foot: still: the foot is loaded 1 times, expected")
+    assert table.missing["without"] == (
+        "diagnosis: the left foot has no calibration: list one under analysed_with in study.yaml"
+    )

@@ -11,6 +11,7 @@ import threading
 from .executors import ExternalShutdownException
 
 _ended = threading.Event()
+_writing = threading.Lock()
 
 
 class Publisher:
@@ -20,8 +21,9 @@ class Publisher:
     def publish(self, message):
         assert type(message) is self.kind
         line = {"topic": self.topic, "type": self.kind.__name__, "message": message.as_dict(), "stand_in": True}
-        sys.stdout.write(json.dumps(line) + "\n")  # in one piece: two threads publish
-        sys.stdout.flush()
+        with _writing:  # two threads publish
+            sys.stdout.write(json.dumps(line) + "\n")
+            sys.stdout.flush()
 
 
 class Logger:
@@ -50,9 +52,9 @@ def create_node(name):
     return Node(name)
 
 
-def spin(node):
-    _ended.wait()
-    raise ExternalShutdownException
+def spin_once(node, *, timeout_sec):
+    if _ended.wait(timeout_sec):
+        raise ExternalShutdownException
 
 
 def ok():
