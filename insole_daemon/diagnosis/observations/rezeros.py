@@ -122,29 +122,60 @@ def _find_rezero(
     candidate_rows = rows[is_loaded & mostly_landed[rows + width] & stays_loaded]
     cut_off = seen.cut_off[:, of_board][:, usable].mean(axis=1) > MOST_ELSEWHERE
     missing_count = np.where(is_known, expected - above_landing, np.nan)  # what readings miss
-    for row in candidate_rows.tolist():
-        if missing_count[row + width] - missing_count[row - width] < LEAST_LOAD_COUNT:
-            continue  # the load itself changed
-        # A pulse ends and late readings catch up; after a re-zero the load is missing until the end.
-        step_count = float(above_landing[row - width] - above_landing[row + width])
-        is_later = is_known[row + width :]
-        missing_later, in_range = missing_count[row + width :][is_later], ~cut_off[row + width :][is_later]
-        least_rows = round(LEAST_DURATION_S / seen.step_s)
-        if (
-            len(missing_later) < least_rows
-            or step_count < LEAST_LOAD_COUNT
-            or np.median(missing_later[:least_rows]) < LEAST_LOAD_COUNT
-            or abs(float(np.nanmedian(missing_count[: row - width]))) > LEAST_LOAD_COUNT
-        ):
-            continue
-        if isinstance(seen, PairedObservation) and not _falls_below_no_load(activation[row + width :]):
-            continue
-        if (
-            in_range.sum() < LEAST_ROWS
-            or MISSING_RATIO[0] * step_count < np.median(missing_later[in_range]) < MISSING_RATIO[1] * step_count
-        ):
-            return int(row) + width // 2
+    by_others = _missing_by_others(seen, of_board)
+    for beside_count in [0.0] if by_others is None else [0.0, by_others]:
+        for row in candidate_rows.tolist():
+            before, after = row - width, row + width
+            missing = missing_count - beside_count
+            step_count = float(
+                above_landing[before] - above_landing[after] if by_others is None else missing[after] - missing[before]
+            )
+            if _is_missing_since(missing, row, width, step_count, ~cut_off, round(LEAST_DURATION_S / seen.step_s)) and (
+                not isinstance(seen, PairedObservation) or _falls_below_no_load(activation[after:])
+            ):
+                return int(row) + width // 2
     return None
+
+
+def _missing_by_others(seen: WrenchObservation, of_board: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> Array | None:
+    """Return what the readings of other boards miss (N,), counts, under a uniform load; None if there are none.
+
+    A memory of the whole insole lets readings differ from the load on all boards alike, a re-zero on one.
+    """
+    others = seen.usable & ~of_board[:, None]
+    if not seen.is_uniform or not others.any():
+        return None
+    return np.asarray((seen.expected_count - seen.activation_count)[:, others].mean(axis=1))
+
+
+def _is_missing_since(
+    missing_count: Array,
+    row: int,
+    width: int,
+    step_count: float,
+    in_range: np.ndarray[tuple[int], np.dtype[np.bool_]],
+    least_rows: int,
+) -> bool:
+    """Return whether readings miss (N,) about `step_count` from `row` to the end, and nothing before.
+
+    A pulse ends and late readings catch up; after a re-zero the load is missing until the end. Where `in_range` (N,) is
+    False, readings are at an end of their range. NaN: the load is not known.
+    """
+    if missing_count[row + width] - missing_count[row - width] < LEAST_LOAD_COUNT:
+        return False  # the load itself changed
+    is_later = np.isfinite(missing_count[row + width :])
+    later, is_shown = missing_count[row + width :][is_later], in_range[row + width :][is_later]
+    if (
+        len(later) < least_rows
+        or step_count < LEAST_LOAD_COUNT
+        or np.median(later[:least_rows]) < LEAST_LOAD_COUNT
+        or abs(float(np.nanmedian(missing_count[: row - width]))) > LEAST_LOAD_COUNT
+    ):
+        return False
+    return bool(
+        is_shown.sum() < LEAST_ROWS
+        or MISSING_RATIO[0] * step_count < np.median(later[is_shown]) < MISSING_RATIO[1] * step_count
+    )
 
 
 def _falls_below_no_load(activation: Array) -> bool:

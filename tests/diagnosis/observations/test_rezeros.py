@@ -1,4 +1,4 @@
-"""A board that is re-zeroed on a walk in which the person also stands."""
+"""A board that is re-zeroed: on a walk in which the person also stands, and in a chamber beside an effect of all boards."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import insole_daemon
 from insole_daemon.diagnosis.observations.rezeros import correct_rezeros
 from insole_daemon.diagnosis.observing import observed
 
+from .. import chamber
 from ..foot import shoe
 
 BOARD = 6
@@ -54,3 +55,23 @@ def test_undershoot_of_cubics_at_edges_is_no_rezero(walk):
     for k in (0, 1):  # two rows of a step of 50
         activation[after[k::50]] -= np.where(own, 8.0, 0.0)
     assert correct_rezeros(foot, replace(seen, activation_count=activation))[1] == []
+
+
+def test_a_rezero_is_found_beside_an_effect_that_moves_all_boards_by_as_much(tmp_path):
+    folder = chamber.write(tmp_path / "bag", lambda t_s, p: 0.6 * p, seconds=90.0, seed=1)
+    recording = insole_daemon.load(folder)
+    (foot,) = recording.feet
+    (seen,) = observed([recording], [foot], None, lambda text: None, ())
+    assert correct_rezeros(foot, seen)[1] == []
+    of_board = (seen.layout.identities[:, 0] == BOARD)[:, None] & seen.usable
+    no_load = {board.address: board.no_load for board in foot.boards}[BOARD]
+    is_between = (seen.t_s > 30.0) & (seen.t_s < 60.0)
+    at = int(np.argmax(np.where(is_between, seen.activation_count[:, of_board].mean(axis=1), 0.0)))
+    misses = (seen.expected_count - seen.activation_count)[:at, seen.usable].mean(axis=1)
+    assert np.median(misses) > 5.5  # more than a re-zero has to change
+    landed = seen.calibration.baseline_count - no_load
+    zeroed = seen.activation_count.copy()
+    zeroed[at:] -= np.where(of_board, seen.activation_count[at] - landed, 0.0)
+    (finding,) = correct_rezeros(foot, replace(seen, activation_count=zeroed))[1]
+    assert finding.where.ids == ((BOARD,),)
+    assert finding.parameters["t_s"].value == pytest.approx(seen.t_s[at], abs=0.2)
