@@ -1,4 +1,4 @@
-"""A board that is re-zeroed: on a walk in which the person also stands, and in a chamber beside an effect of all boards."""
+"""A board that is re-zeroed: on a walk with a stand, and in a chamber beside an effect of all boards."""
 
 from __future__ import annotations
 
