@@ -80,6 +80,23 @@ def test_a_strong_memory_is_detected_although_the_calibration_contains_it(tmp_pa
     assert found.heldout["after"] < 0.7 * found.heldout["before"]
 
 
+def test_a_baseline_of_a_board_is_detected_beside_a_strong_memory_that_the_calibration_contains(tmp_path):
+    """Loose curves absorb both, but the memory changes the curves of all boards alike."""
+    rows = np.flatnonzero(LAYOUT.identities[:, 0] == 6)
+
+    def shift(t_s: np.ndarray, counts: np.ndarray) -> None:
+        counts[:, of_rows(*rows)] += 4.0
+
+    folder = write(tmp_path / "bag", relaxing(0.45, 3.0), touch=shift)
+    calibrate(folder, write(tmp_path / "calibrated", relaxing(0.45, 3.0)))
+    found = diagnose(folder)
+    by_word = {each.effect: each for each in found.findings}
+    assert set(by_word) == {"viscoelasticity", "baseline"}, [each.sentence for each in found.findings]
+    assert by_word["baseline"].where.ids == ((6,),)
+    assert by_word["baseline"].parameters["shift_count"].value == pytest.approx(4.0, abs=0.6)
+    assert by_word["viscoelasticity"].parameters["a"].value == pytest.approx(0.45, rel=0.15)
+
+
 def rubbing(up: float, down: float, widest_pa: float) -> Callable[[Array, Array], Array]:
     """Dry friction after Dahl (1968) with different stiffness up and down, which grows with the load."""
 

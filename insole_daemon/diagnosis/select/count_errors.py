@@ -119,8 +119,11 @@ class ErrorByLoad:
     noise_count: float  # of a reading
 
 
-def error_by_load(refined: Refined[BlockDesign]) -> ErrorByLoad:
-    """Return the mean errors by load class of a refined set. Classes have equal widths of load."""
+def errors_by_load(refined: Refined[BlockDesign], places: Sequence[NDArray[np.bool_]]) -> list[ErrorByLoad]:
+    """Return the mean errors by load class of a refined set at each of the `places`, triangles (T,).
+
+    Classes have equal widths of load and are the same at all places.
+    """
     design, law = refined.design, refined.of_laws
     seen, as_read = design.unmoved, residual(design, Timing())
     moved = np.zeros_like(design.y)
@@ -135,18 +138,17 @@ def error_by_load(refined: Refined[BlockDesign]) -> ErrorByLoad:
     load = np.broadcast_to(seen.load_pa(seen.reference_s), of_all.shape)
     known = np.broadcast_to((design.weights > 0)[..., None], of_all.shape) & seen.usable
     edges = np.linspace(float(load[known].min()), float(load[known].max()), N_CLASSES + 1)
-    of = np.clip(np.digitize(load[known], edges) - 1, 0, N_CLASSES - 1)
-    rows = np.bincount(of, minlength=N_CLASSES).astype(float)
+    at_place = [known & place[:, None] for place in places]
+    class_of = [np.clip(np.digitize(load[at], edges) - 1, 0, N_CLASSES - 1) for at in at_place]
+    rows = [np.bincount(of, minlength=N_CLASSES).astype(float) for of in class_of]
     # Without the class of unloaded readings: a curve from reading to load has no range of readings at load 0.
-    kept = (rows > LEAST_READINGS) & (np.arange(N_CLASSES) > 0)
+    kept = (np.min(rows, axis=0) > LEAST_READINGS) & (np.arange(N_CLASSES) > 0)
 
-    def mean(values: Array) -> Array:
-        return np.asarray(np.bincount(of, values[known], N_CLASSES)[kept] / rows[kept])
+    def mean(values: Array, i: int) -> Array:
+        return np.asarray(np.bincount(class_of[i], values[at_place[i]], N_CLASSES)[kept] / rows[i][kept])
 
-    return ErrorByLoad(
-        rows[kept], mean(load), mean(seen.expected_count), mean(of_all), mean(of_memories - as_handed_in),
-        _noise(design),
-    )  # fmt: skip
+    values = load, seen.expected_count, of_all, of_memories - as_handed_in
+    return [ErrorByLoad(rows[i][kept], *(mean(each, i) for each in values), _noise(design)) for i in range(len(places))]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -3,36 +3,41 @@
 A calibration that was made while a memory acted contains up to all of the memory's mean curve. Loose curves absorb this
 and every static effect alike, so neither is a term of the search. Afterwards the mean error of the curves at load P is
 fitted as c·m(P) + s(P), 0 ≤ c ≤ 1: m is the mean effect of the memory on a reading at that load, s that of one static
-effect. The static effect is reported if c·m alone leaves clearly more.
+effect. The static effect is reported if c·m alone leaves clearly more. A memory of the whole insole changes the curves
+of all boards alike, so an effect of one board is fitted to the difference of its error from that of the others.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.optimize import lsq_linear
 
+from ...physics.effect import Where
 from ...physics.law import Array
 from ..model.blocks import BlockDesign
 from ..model.refine import Refined
-from .count_errors import ErrorByLoad, error_by_load
+from .count_errors import ErrorByLoad, errors_by_load
 
 LEAST_SIZE = 2.0  # RMS of the effect over the rows, in the noise of a reading
 MOST_LEFT = 0.5  # of the mean square that the memory's mean curve alone leaves
+LEAST_OTHERS = 2  # boards beside one with an effect
+MOST_APART = 0.5  # RMS difference of any two of these, relative to the effect
 KNEES = np.array([0.0, 0.15, 0.3, 0.4, 0.5, 0.65])  # of a stiffening, relative to the largest load
 SPANS = np.geomspace(0.3, 30.0, 15)  # of a stiffening, relative to the largest load
 
 
 @dataclass(frozen=True, slots=True)
 class StaticPart:
-    """One static effect of the whole insole: gain, baseline or stiffening."""
+    """One static effect: gain, baseline, or stiffening of the whole insole."""
 
     word: str
     values: Mapping[str, float]
     square: float = 0.0  # mean square of its effect on the readings, counts²
     std: float = 0.0  # relative standard deviation of its size, from the residuals of the load classes
+    where: Where = field(default_factory=Where)
 
 
 def static_part(refined: Refined[BlockDesign]) -> StaticPart | None:
@@ -40,7 +45,7 @@ def static_part(refined: Refined[BlockDesign]) -> StaticPart | None:
 
     None if the memory's mean curve is enough, or no static effect describes the rest.
     """
-    error = error_by_load(refined)
+    error = errors_by_load(refined, [np.ones(len(refined.design.seen.layout), bool)])[0]
     weights = np.sqrt(error.rows / error.rows.sum())
     best, least = None, MOST_LEFT * _residual_square(error, np.zeros_like(error.after), weights)
     for candidate, column in _candidates(error, weights):
@@ -61,10 +66,9 @@ def _candidates(error: ErrorByLoad, weights: Array) -> Iterator[tuple[StaticPart
 
     Gain and baseline with the fitted share, stiffening at every setting of KNEES and SPANS.
     """
-    for word, column in (("gain", error.activation_count), ("baseline", np.ones_like(error.after))):
+    for word, column in _shapes(error):
         share = _fitted_share(error, column, weights)
-        values = {"gain": 1.0 - share} if word == "gain" else {"shift_count": share}
-        yield StaticPart(word, values), share * column
+        yield StaticPart(word, _values(word, share)), share * column
     highest = float(error.load_pa.max())
     for knee_pa in highest * KNEES:
         over = np.maximum(error.load_pa - knee_pa, 0.0)
@@ -72,6 +76,44 @@ def _candidates(error: ErrorByLoad, weights: Array) -> Iterator[tuple[StaticPart
             felt = error.load_pa - over + over * span_pa / (span_pa + over)
             less = error.activation_count - np.interp(felt, error.load_pa, error.activation_count)
             yield StaticPart("stiffening", {"knee_pa": float(knee_pa), "span_pa": float(span_pa)}), less
+
+
+def _shapes(error: ErrorByLoad) -> tuple[tuple[str, Array], ...]:
+    """Return gain and baseline with the change of the readings (k,) for a share of 1, counts."""
+    return ("gain", error.activation_count), ("baseline", np.ones_like(error.after))
+
+
+def _values(word: str, share: float) -> dict[str, float]:
+    return {"gain": 1.0 - share} if word == "gain" else {"shift_count": share}
+
+
+def static_part_of_board(refined: Refined[BlockDesign]) -> StaticPart | None:
+    """Return the gain or baseline by which one board differs from all others; None if there is none.
+
+    The others have to agree with each other, and one shape has to describe the difference at all loads.
+    """
+    boards = refined.design.seen.layout.identities[:, 0]
+    addresses = np.unique(boards).tolist()
+    if len(addresses) <= LEAST_OTHERS:
+        return None
+    errors = dict(zip(addresses, errors_by_load(refined, [boards == each for each in addresses]), strict=True))
+    best = None
+    for address, error in errors.items():
+        weights = np.sqrt(error.rows / error.rows.sum())
+        others = [errors[other].after for other in addresses if other != address]
+        rest = weights * (error.after - np.mean(others, axis=0))
+        apart = max(float(np.sum((weights * (one - other)) ** 2)) for one in others for other in others)
+        for word, shape in _shapes(error):
+            column = weights * shape
+            share = float(rest @ column / max(float(column @ column), 1e-12))
+            square, left = share**2 * float(column @ column), float(np.sum((rest - share * column) ** 2))
+            is_clear = square > (LEAST_SIZE * error.noise_count) ** 2 and apart < MOST_APART**2 * square
+            if is_clear and left < MOST_LEFT * float(rest @ rest) and (best is None or left < best[0]):
+                std = float(np.sqrt(left / square / len(column)))
+                on_insole = square * float(np.mean(boards == address))
+                where = Where("board", ((address,),))
+                best = left, StaticPart(word, _values(word, share), on_insole, std, where)
+    return None if best is None else best[1]
 
 
 def _residual_square(error: ErrorByLoad, column: Array, weights: Array) -> float:
