@@ -2,8 +2,8 @@
 
     python -m benchmarks.live.cold [--cycles 300] [--both-models]
 
-Takes about 10 s. `--both-models` measures a foot whose calibration has hysteresis, viscoelasticity, lag and delay beside
-one without effects, and prints what they add.
+Takes about 10 s. `--both-models` measures a foot whose calibration has hysteresis, viscoelasticity, lag and delay
+beside one without effects, and prints what they add.
 
 Between two cycles the process overwrites more memory than its caches hold and sleeps; then one cycle of one foot goes
 through the daemon's own code, from the frames that a socket handed over to the payloads, part by part. Nothing is sent.

@@ -85,6 +85,14 @@ def _record_dtype(n_triangles: int) -> np.dtype[np.void]:
     })  # fmt: skip
 
 
+def counts_of_record(cycle: ClosedCycle) -> memoryview:
+    """Return the counts of a cycle that has a record, (12 · n_triangles,) bytes."""
+    assert cycle.record is not None
+    n_triangles = (len(cycle.record) - _RECORD_HEAD_BYTES) // _RECORD_TRIANGLE_BYTES
+    begin = 16 + (3 * 8 + 2) * n_triangles
+    return memoryview(cycle.record)[begin : begin + 12 * n_triangles]
+
+
 class ClosedCycle(NamedTuple):
     """One closed cycle of a foot, on its way to be published.
 
