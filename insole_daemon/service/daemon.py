@@ -31,6 +31,7 @@ from .foot import Foot
 from .journal import Journal
 from .notify import notify
 from .operations import AttendedClock, RequestDesk, Step
+from .quota import OneCpu
 from .reapply import keep_configured
 from .reload import Reloader
 from .steps import StepEvents
@@ -87,6 +88,7 @@ class Daemon:
         self._reload_asked = False
         self._reloads = self._reloads_refused = 0
         self._journal = Journal(_log)
+        self._one_cpu = OneCpu()
         self._backlog = Backlog(partial(self._journal.tell, logging.WARNING))
         self._started_mono_ns = time.monotonic_ns()
         self._health_due_ns = [self._started_mono_ns for _ in feet]
@@ -269,6 +271,8 @@ class Daemon:
             return
         for place, due_ns in enumerate(self._health_due_ns):
             if due_ns <= now_ns:
+                if place == 0:
+                    self._one_cpu.follow()
                 self._report(place)
                 periods = (now_ns - due_ns) // _HEALTH_NS + 1  # missed reports are not made up for
                 self._health_due_ns[place] += periods * _HEALTH_NS
