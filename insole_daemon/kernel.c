@@ -10,6 +10,7 @@
    messages     a reader and the templates of its messages; read_record and pack_record: a record into messages
    inverse      the stages that invert a foot's effects, with their memory; invert: one cycle through them
    pads_on_rail, may_be_loose: whether a triangle may just have come loose
+   activate     the activation of each taxel, and its sum over each board
    compare      each taxel with its neighbours, for dead and stuck ones
    press        the highest pressure of each region of the sole, and its integral
 
@@ -1797,6 +1798,46 @@ end:
     return PyErr_Occurred() ? NULL : PyLong_FromLong(n_valid);
 }
 
+/* activate(counts, level, top_is_rail, usable, board, clip, activation, at_top, total, n_at_top): as Rest.update, into the
+   last four arrays. Returns whether any taxel is at the top. */
+static PyObject *activate(PyObject *module, PyObject *const *arguments, Py_ssize_t n_arguments)
+{
+    static const Py_ssize_t sizes[] = {4, 4, 1, 1, 8, 0, 4, 1};
+    Py_buffer views[10];
+    int n_views = 0, any = 0;
+    if (counted(n_arguments, 10) < 0)
+        return NULL;
+    for (; n_views < 10; n_views++) {
+        Py_ssize_t size = n_views == 5 ? 8 : n_views == 0 || n_views == 8 ? -1
+                        : n_views == 9 ? views[8].len : sizes[n_views] * (views[0].len / 4);
+        if (contiguous(arguments[n_views], &views[n_views], size, n_views > 5) < 0)
+            goto end;
+    }
+    Py_ssize_t n = views[0].len / 4, n_boards = views[8].len / 8;
+    const float *count = views[0].buf, *level = views[1].buf, *clip = views[5].buf;
+    const unsigned char *top_is_rail = views[2].buf, *usable = views[3].buf;
+    const int64_t *board = views[4].buf;
+    float *activation = views[6].buf;
+    unsigned char *at_top = views[7].buf;
+    double *total = views[8].buf, *n_at_top = views[9].buf;
+    memset(total, 0, (size_t)views[8].len);
+    memset(n_at_top, 0, (size_t)views[9].len);
+    for (Py_ssize_t i = 0; i < n; i++) {
+        if (board[i] < 0 || board[i] >= n_boards) {
+            PyErr_SetString(PyExc_ValueError, "expected the numbers of boards");
+            goto end;
+        }
+        float above = activation[i] = level[i] - count[i];
+        above = above < clip[0] ? clip[0] : above > clip[1] ? clip[1] : above;
+        any |= at_top[i] = count[i] == 255.0F && top_is_rail[i];
+        total[board[i]] += usable[i] ? above : 0.0F;
+        n_at_top[board[i]] += usable[i] && at_top[i];
+    }
+end:
+    release(views, n_views);
+    return PyErr_Occurred() ? NULL : PyBool_FromLong(any);
+}
+
 /* compare(activation, neighbours, live, state, for_dead, for_stuck, limits): adds to the evidence for dead and stuck taxels as
    TaxelFaults._compare does where no taxel is faulty. `limits`: loaded, share, idle, contrast, sharp, one look, evidence.
    Returns the most evidence for each. */
@@ -1881,6 +1922,7 @@ static PyMethodDef methods[] = {
     {"reader", (PyCFunction)(void (*)(void))make_reader, METH_FASTCALL, NULL},
     {"pads_on_rail", (PyCFunction)(void (*)(void))pads_on_rail, METH_FASTCALL, NULL},
     {"may_be_loose", (PyCFunction)(void (*)(void))may_be_loose, METH_FASTCALL, NULL},
+    {"activate", (PyCFunction)(void (*)(void))activate, METH_FASTCALL, NULL},
     {"compare", (PyCFunction)(void (*)(void))compare, METH_FASTCALL, NULL},
     {"press", (PyCFunction)(void (*)(void))press, METH_FASTCALL, NULL},
     {"read", (PyCFunction)(void (*)(void))read_cycle, METH_FASTCALL, NULL},

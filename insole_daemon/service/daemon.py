@@ -39,7 +39,7 @@ from .switching import model_handler
 from .zeroing import zero_handler
 
 _HEALTH_NS = 1_000_000_000  # period for each foot; the feet take turns
-_CALM_NS = 3_000_000  # health is published when no cycle is expected for this long,
+_CALM_NS = 3_000_000  # faults are looked for and health is published when no cycle is expected for this long,
 _MOST_DEFERRED_NS = 100_000_000  # or this long after it was due
 _IDLE_NS = 100_000_000  # longest wait for frames, and so the delay before signals and lost buses are noticed
 _BUSY_NS = 5_000_000  # the same while a request is open: operations advance once per iteration
@@ -141,12 +141,14 @@ class Daemon:
                 for desk, of_foot in zip(self._desks, closed, strict=True):
                     if not desk.idle:
                         desk.step(Step(looked_ns, [cycle.cycles for cycle in of_foot], batch, attended_ns))
+                self._watch_if_due()
                 self._follow_buses()
                 self._follow_reload()
                 if not self._backlog.pause_ns:
                     self._report_if_due()
             open_at_the_end = self._skin.cycles_closed_by_time(self._source.clock_ns())  # of a log
             self._publish(open_at_the_end)
+            self._watch_if_due()
         finally:
             notify("STOPPING=1")
             for desk in self._desks:
@@ -176,11 +178,6 @@ class Daemon:
                     self._publish_older(foot, publisher, tally, cycle, began_ns)
                 else:
                     self._publish_cycle(foot, publisher, tally, cycle)
-        for foot in self._feet:
-            if foot.is_watch_due:  # both feet together: the second finds the caches warm
-                for other, publisher in zip(self._feet, self._publishers, strict=True):
-                    self._tell_faults(other, publisher, early=True)
-                break
 
     def _publish_older(
         self, foot: Foot, publisher: FootPublisher, tally: _Tally, cycle: ClosedCycle, began_ns: int
@@ -203,6 +200,12 @@ class Daemon:
         step = self._steps.take(foot, cycle.t_mono_ns, load)
         if step is not None:
             publisher.publish(step)
+
+    def _watch_if_due(self) -> None:
+        """Run the fault watch of all feet if one is due: the second foot's finds the caches warm."""
+        if any(foot.is_watch_due for foot in self._feet) and (self._backlog.pause_ns or self._is_calm()):
+            for foot, publisher in zip(self._feet, self._publishers, strict=True):
+                self._tell_faults(foot, publisher, early=True)
 
     def _tell_faults(self, foot: Foot, publisher: FootPublisher, early: bool = False) -> None:
         for event in foot.fault_events(early):
