@@ -82,7 +82,7 @@ class Rest:
 
     def _of_boards(self, of_taxels: NDArray[Any]) -> NDArray[np.float64]:
         """Return the sum of (n,) over the taxels of each board, (n_boards,), one after another."""
-        return np.bincount(self._places.board, of_taxels, len(self.learned))
+        return np.bincount(self._places.board, of_taxels, len(self.learned)).astype(np.float64)
 
     def unloaded(self) -> bool:
         """Return whether every board is near its rest level, neither above nor below."""
