@@ -40,7 +40,7 @@ from .zeroing import zero_handler
 
 _HEALTH_NS = 1_000_000_000  # period for each foot; the feet take turns
 _CALM_NS = 3_000_000  # faults are looked for and health is published when no cycle is expected for this long,
-_MOST_DEFERRED_NS = 100_000_000  # or this long after it was due
+_MOST_DEFERRED_NS = 100_000_000  # or this long after they were due
 _IDLE_NS = 100_000_000  # longest wait for frames, and so the delay before signals and lost buses are noticed
 _BUSY_NS = 5_000_000  # the same while a request is open: operations advance once per iteration
 # The loop also publishes, so waiting costs cycles. A transmit queue that accepts no frame for this long is stuck.
@@ -89,6 +89,7 @@ class Daemon:
         self._reloads = self._reloads_refused = 0
         self._journal = Journal(_log)
         self._one_cpu = OneCpu()
+        self._watch_due_ns: int | None = None  # since when the fault watch has waited; None: it does not
         self._backlog = Backlog(partial(self._journal.tell, logging.WARNING))
         self._started_mono_ns = time.monotonic_ns()
         self._health_due_ns = [self._started_mono_ns for _ in feet]
@@ -148,7 +149,7 @@ class Daemon:
                     self._report_if_due()
             open_at_the_end = self._skin.cycles_closed_by_time(self._source.clock_ns())  # of a log
             self._publish(open_at_the_end)
-            self._watch_if_due()
+            self._watch()
         finally:
             notify("STOPPING=1")
             for desk in self._desks:
@@ -203,9 +204,17 @@ class Daemon:
 
     def _watch_if_due(self) -> None:
         """Run the fault watch of all feet if one is due: the second foot's finds the caches warm."""
-        if any(foot.is_watch_due for foot in self._feet) and (self._backlog.pause_ns or self._is_calm()):
-            for foot, publisher in zip(self._feet, self._publishers, strict=True):
-                self._tell_faults(foot, publisher, early=True)
+        if not any(foot.is_watch_due for foot in self._feet):
+            return
+        now_ns = time.monotonic_ns()
+        self._watch_due_ns = self._watch_due_ns or now_ns
+        if self._backlog.pause_ns or now_ns - self._watch_due_ns > _MOST_DEFERRED_NS or self._is_calm():
+            self._watch()
+
+    def _watch(self) -> None:
+        self._watch_due_ns = None
+        for foot, publisher in zip(self._feet, self._publishers, strict=True):
+            self._tell_faults(foot, publisher, early=True)
 
     def _tell_faults(self, foot: Foot, publisher: FootPublisher, early: bool = False) -> None:
         for event in foot.fault_events(early):

@@ -1,8 +1,8 @@
 """The fault watch on several cycles at a time.
 
 The first cycle after a sleep takes four times as long as the next ones, whose code and data are then in the caches. So
-cycles are kept for GATHER_NS and checked together after they are published; those of all feet are checked as soon as
-one foot's are due. Only a triangle that may just have come loose is checked at once, because it must not enter the
+cycles are kept for GATHER_NS and checked together when the loop has time; those of all feet are checked with the first
+that are due. Only a triangle that may just have come loose is checked at once, because it must not enter the
 pressure of its cycle.
 """
 
