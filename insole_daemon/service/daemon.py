@@ -284,7 +284,7 @@ class Daemon:
         for place, due_ns in enumerate(self._health_due_ns):
             if due_ns <= now_ns:
                 if place == 0:
-                    self._one_cpu.follow()
+                    self._backlog.has_quota = self._one_cpu.follow()
                 self._report(place)
                 periods = (now_ns - due_ns) // _HEALTH_NS + 1  # missed reports are not made up for
                 self._health_due_ns[place] += periods * _HEALTH_NS

@@ -25,16 +25,16 @@ class OneCpu:
         self._cpus = os.sched_getaffinity(0)
         self._is_kept = False
 
-    def follow(self) -> None:
-        """Look at the quota; where it has become tight, or is no longer, move the threads."""
+    def follow(self) -> bool:
+        """Return whether the quota is tight; where it has become so, or is no longer, move the threads."""
         is_tight = min(quotas_us(), default=_SLICE_US * len(self._cpus)) < _SLICE_US * len(self._cpus)
-        if is_tight == self._is_kept:
-            return
-        self._is_kept = is_tight
-        cpus = {_libc.sched_getcpu()} if is_tight else self._cpus
-        for thread in os.listdir("/proc/self/task"):
-            with contextlib.suppress(OSError):  # it has ended, or a sandbox refuses
-                os.sched_setaffinity(int(thread), cpus)
+        if is_tight != self._is_kept:
+            self._is_kept = is_tight
+            cpus = {_libc.sched_getcpu()} if is_tight else self._cpus
+            for thread in os.listdir("/proc/self/task"):
+                with contextlib.suppress(OSError):  # it has ended, or a sandbox refuses
+                    os.sched_setaffinity(int(thread), cpus)
+        return is_tight
 
 
 def quotas_us(groups: str = "/proc/self/cgroup", root: str = "/sys/fs/cgroup") -> Iterator[int]:

@@ -53,7 +53,7 @@ def test_all_threads_are_on_one_cpu_while_the_quota_is_tight(monkeypatch):
     try:
         for quotas, kept in (((), False), ((4200,), True), ((4200,), True), ((10**6, 10**6), False)):
             monkeypatch.setattr(quota, "quotas_us", lambda quotas=quotas: iter(quotas))
-            one_cpu.follow()
+            assert one_cpu.follow() == kept
             affinities = [os.sched_getaffinity(native) for native in (0, found[0])]
             assert affinities[0] == affinities[1]
             assert affinities[0] == before if not kept else len(affinities[0]) == 1
