@@ -35,7 +35,7 @@ def build() -> str | None:
     if not (headers / "Python.h").exists():
         return f"Python's headers are not in {headers}"
     unfinished = TARGET.with_name(f"_kernel.{os.getpid()}.so")
-    command = [compiler, *OPTIONS, f"-I{headers}", str(SOURCE), "-o", str(unfinished)]
+    command = [compiler, *OPTIONS, f"-I{headers}", str(SOURCE), "-o", str(unfinished), "-lm"]
     try:
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         if done.returncode:

@@ -12,7 +12,7 @@ import os
 import sys
 from typing import Any
 
-_INTERFACE = 4  # as in kernel.c: a kernel built from another version of it is left out
+_INTERFACE = 5  # as in kernel.c: a kernel built from another version of it is left out
 
 kernel: Any = None
 if os.environ.get("INSOLE_KERNEL") != "0" and sys.byteorder == "little":

@@ -8,7 +8,9 @@
    sorter       the assemblies of all feet; take: a block of frames into them; expected: what they wait for
    reader       the constants of a foot; read: counts into valid taxels, pressure and the sums of the wrench
    messages     a reader and the templates of its messages; read_record and pack_record: a record into messages
+   inverse      the stages that invert a foot's effects, with their memory; invert: one cycle through them
    pads_on_rail, may_be_loose: whether a triangle may just have come loose
+   activate     the activation of each taxel, and its sum over each board
    compare      each taxel with its neighbours, for dead and stuck ones
    press        the highest pressure of each region of the sole, and its integral
 
@@ -25,7 +27,7 @@
 #include <string.h>
 #include <sys/socket.h>
 
-#define INTERFACE 4 /* another number for other functions or arguments; compiled.py has it too */
+#define INTERFACE 5 /* another number for other functions or arguments; compiled.py has it too */
 #define TAXELS 12
 #define MOST_TRIANGLES 224
 #define NEVER (-((int64_t)1 << 62))
@@ -1000,6 +1002,16 @@ typedef struct {
     double wrench[3]; /* f_z_n, m_x_nm, m_y_nm */
 } Sums;
 
+static void sum_wrench(Sums *sums, const double *rows, const double *counted_pa, Py_ssize_t n_taxels)
+{
+    double product[TAXELS * MOST_TRIANGLES];
+    for (int k = 0; k < 3; k++) {
+        for (Py_ssize_t at = 0; at < n_taxels; at++)
+            product[at] = rows[k * n_taxels + at] * counted_pa[at];
+        sums->wrench[k] = pairwise_sum(product, n_taxels);
+    }
+}
+
 /* One cycle into valid, pressure (twice) and age_ms. */
 static Sums read_into(const Reader *reader, const unsigned char *counts, const uint16_t *status, const int64_t *age_ns,
                       const unsigned char *masked, unsigned char *valid, double *pressure, float *pressure_f4,
@@ -1012,7 +1024,7 @@ static Sums read_into(const Reader *reader, const unsigned char *counts, const u
                         *rests_at_255 = constants[RESTS_AT_255].buf, *flags_work = constants[FLAGS_WORK].buf;
     const double *baseline = constants[BASELINE].buf, *lowest = constants[LOWEST].buf, *rows = constants[ROWS].buf;
     const double *last = (const double *)constants[COEFFICIENTS].buf + (reader->n_coefficients - 1) * n_taxels;
-    double counted_pa[TAXELS * MOST_TRIANGLES], product[TAXELS * MOST_TRIANGLES];
+    double counted_pa[TAXELS * MOST_TRIANGLES];
     for (Py_ssize_t i = 0; i < n; i++) {
         int believed = (uint64_t)age_ns[i] <= reader->stale_ns && (status[i] & 0xF) == 0;
         age_ms[i] = age_ns[i] < 0 ? (float)NAN : (float)((double)age_ns[i] * 1e-6);
@@ -1043,11 +1055,7 @@ static Sums read_into(const Reader *reader, const unsigned char *counts, const u
             sums.n_in_contact += good && value >= reader->min_pressure_pa;
         }
     }
-    for (int k = 0; k < 3; k++) {
-        for (Py_ssize_t at = 0; at < n_taxels; at++)
-            product[at] = rows[k * n_taxels + at] * counted_pa[at];
-        sums.wrench[k] = pairwise_sum(product, n_taxels);
-    }
+    sum_wrench(&sums, rows, counted_pa, n_taxels);
     return sums;
 }
 
@@ -1088,19 +1096,21 @@ end:
 /* What stands between the fixed bytes of a template; wire/templates.py has the same numbers. */
 enum {
     END, SEQ, NEWEST_NS, PUBLISHED_NS, COUNTS, STATUS, TRIANGLE_T_NS, AGES, MISSING, IS_VALID, LATE, REPEATED, PRESSURE_PA,
-    WRENCH /* and the nine after it: the fields of mechanics.wrench.Wrench */
+    LOAD_NS, LOAD_PA, BEYOND,
+    NUMBERS /* the fields of mechanics.wrench.Wrench, those of the dynamic model, and its beyond_fraction */
 };
-#define N_WRENCH 10
-#define N_CODES (WRENCH + N_WRENCH)
+#define MOST_NUMBERS 21
+#define N_CODES (NUMBERS + MOST_NUMBERS)
 #define MOST_TEMPLATES 4
 
-enum { MASKED, TOP_IS_RAIL, LOOSE, VALID, PRESSURE, PRESSURE_F4, AGE_MS, N_WORK };
+enum { MASKED, TOP_IS_RAIL, LOOSE, VALID, PRESSURE, PRESSURE_F4, AGE_MS, LOAD_F4, IS_BEYOND, N_WORK };
 
 typedef struct {
     PyObject *reader_capsule;
     const Reader *reader;
     Py_buffer work[N_WORK], templates[MOST_TEMPLATES];
-    int n_templates;
+    int n_templates, n_numbers;
+    int64_t late_ns;
     char *packed; /* room for the longest message */
     Py_ssize_t most_bytes;
 } Messages;
@@ -1117,7 +1127,7 @@ static void free_messages(PyObject *capsule)
 
 /* The most bytes that a message of `template` has, or -1 with an error set where it is none: pieces of a length (2 bytes,
    the low one first), so many bytes of the message, and the code of what follows them; the last has END. */
-static Py_ssize_t most_bytes_of(const Py_buffer *template, Py_ssize_t n_triangles)
+static Py_ssize_t most_bytes_of(const Py_buffer *template, Py_ssize_t n_triangles, int *n_numbers)
 {
     const unsigned char *at = template->buf, *end = at + template->len;
     Py_ssize_t most = 0;
@@ -1132,22 +1142,26 @@ static Py_ssize_t most_bytes_of(const Py_buffer *template, Py_ssize_t n_triangle
             return most;
         if (code == END || code >= N_CODES)
             break;
-        if (code >= COUNTS && code <= PRESSURE_PA)
+        if (code - NUMBERS >= *n_numbers)
+            *n_numbers = code - NUMBERS + 1;
+        if (code >= COUNTS && code < NUMBERS)
             most += 4 * TAXELS * n_triangles;
     }
     PyErr_SetString(PyExc_ValueError, "expected the template of a message");
     return -1;
 }
 
-/* messages(reader, arrays, templates): arrays in the order of the enum, the last four are written to from then on; and
-   tuple of templates, in the order in which pack_record gives the messages. */
+/* messages(reader, arrays, templates, late_ns): arrays in the order of the enum, those from VALID on are written to from
+   then on; a tuple of templates, in the order in which pack_record gives the messages; by how much the dynamic model's load
+   is older than the newest frame. */
 static PyObject *make_messages(PyObject *module, PyObject *const *arguments, Py_ssize_t n_arguments)
 {
-    static const Py_ssize_t sizes[N_WORK] = {TAXELS, 1, 1, TAXELS, 8 * TAXELS, 4 * TAXELS, 4};
-    if (counted(n_arguments, 3) < 0)
+    static const Py_ssize_t sizes[N_WORK] = {TAXELS, 1, 1, TAXELS, 8 * TAXELS, 4 * TAXELS, 4, 4 * TAXELS, TAXELS};
+    if (counted(n_arguments, 4) < 0)
         return NULL;
     Reader *reader = PyCapsule_GetPointer(arguments[0], "reader");
-    if (reader == NULL)
+    int64_t late_ns = PyLong_AsLongLong(arguments[3]);
+    if (reader == NULL || PyErr_Occurred())
         return NULL;
     Py_ssize_t n_templates = PyTuple_Size(arguments[2]);
     if (PyTuple_Size(arguments[1]) != N_WORK || n_templates < 0 || n_templates > MOST_TEMPLATES) {
@@ -1159,7 +1173,8 @@ static PyObject *make_messages(PyObject *module, PyObject *const *arguments, Py_
     if (messages == NULL)
         return PyErr_NoMemory();
     int held = 0;
-    messages->n_templates = 0;
+    messages->n_templates = messages->n_numbers = 0;
+    messages->late_ns = late_ns;
     messages->most_bytes = 0;
     for (; held < N_WORK; held++) {
         PyObject *array = PyTuple_GetItem(arguments[1], held);
@@ -1170,7 +1185,7 @@ static PyObject *make_messages(PyObject *module, PyObject *const *arguments, Py_
         Py_buffer *template = &messages->templates[messages->n_templates];
         if (contiguous(PyTuple_GetItem(arguments[2], messages->n_templates), template, -1, 0) < 0)
             goto failed;
-        Py_ssize_t most = most_bytes_of(template, reader->n_triangles);
+        Py_ssize_t most = most_bytes_of(template, reader->n_triangles, &messages->n_numbers);
         if (most < 0) {
             PyBuffer_Release(template);
             goto failed;
@@ -1245,11 +1260,11 @@ static PyObject *read_record(PyObject *module, PyObject *const *arguments, Py_ss
     return tuple_of_sums(&sums);
 }
 
-/* pack_record(messages, record, seq, published_ns, wrench): a tuple of the payloads of the record that was read last;
-   `wrench` is a tuple as mechanics.wrench.Wrench. */
+/* pack_record(messages, record, seq, published_ns, numbers): a tuple of the payloads of the record that was read last;
+   `numbers` is a tuple of those from NUMBERS on, to the last that its templates have. */
 static PyObject *pack_record(PyObject *module, PyObject *const *arguments, Py_ssize_t n_arguments)
 {
-    double wrench[N_WRENCH];
+    double numbers[MOST_NUMBERS];
     if (counted(n_arguments, 5) < 0)
         return NULL;
     Messages *messages = PyCapsule_GetPointer(arguments[0], "messages");
@@ -1260,10 +1275,10 @@ static PyObject *pack_record(PyObject *module, PyObject *const *arguments, Py_ss
     if (record.t_mono_ns == NULL)
         return NULL;
     int64_t seq = PyLong_AsLongLong(arguments[2]), published_ns = PyLong_AsLongLong(arguments[3]);
-    if (PyTuple_Size(arguments[4]) != N_WRENCH && !PyErr_Occurred())
-        PyErr_Format(PyExc_ValueError, "expected %d numbers of a wrench", N_WRENCH);
-    for (int i = 0; i < N_WRENCH && !PyErr_Occurred(); i++)
-        wrench[i] = PyFloat_AsDouble(PyTuple_GetItem(arguments[4], i));
+    if (PyTuple_Size(arguments[4]) < messages->n_numbers && !PyErr_Occurred())
+        PyErr_Format(PyExc_ValueError, "expected at least %d numbers", messages->n_numbers);
+    for (int i = 0; i < messages->n_numbers && !PyErr_Occurred(); i++)
+        numbers[i] = PyFloat_AsDouble(PyTuple_GetItem(arguments[4], i));
     PyObject *payloads = PyErr_Occurred() ? NULL : PyTuple_New(messages->n_templates);
     if (payloads == NULL)
         return NULL;
@@ -1291,7 +1306,10 @@ static PyObject *pack_record(PyObject *module, PyObject *const *arguments, Py_ss
             case LATE: failed |= put_number(&out, *record.late ? 0xC3 : 0xC2, 0, 0); break;
             case REPEATED: failed |= put_number(&out, *record.repeated ? 0xC3 : 0xC2, 0, 0); break;
             case PRESSURE_PA: failed |= put_long(&out, work[PRESSURE_F4].buf, 4 * TAXELS * n, 0xC4); break;
-            default: failed |= put_float(&out, wrench[code - WRENCH]);
+            case LOAD_NS: failed |= put_signed(&out, *record.t_ns - messages->late_ns); break;
+            case LOAD_PA: failed |= put_long(&out, work[LOAD_F4].buf, 4 * TAXELS * n, 0xC4); break;
+            case BEYOND: failed |= put_long(&out, work[IS_BEYOND].buf, TAXELS * n, 0xC4); break;
+            default: failed |= put_float(&out, numbers[code - NUMBERS]);
             }
         } while (code != END && !failed);
         PyObject *payload = failed ? NULL : PyBytes_FromStringAndSize(messages->packed, out.at - messages->packed);
@@ -1301,6 +1319,402 @@ static PyObject *pack_record(PyObject *module, PyObject *const *arguments, Py_ss
         }
     }
     return payloads;
+}
+
+/* --- inverse ------------------------------------------------------------------------------------------------- */
+
+/* The kinds of a stage, and its arrays; physics/kernel_stage.py has the same. */
+enum { RELAXATION, RELAXATION_FROM_REST, HYSTERESIS, LAG, N_KINDS };
+enum { COLUMNS, NEIGHBOURS, AT_ONCE, FIRST, SECOND, MEMORY, N_STAGE };
+#define MOST_STAGES 16
+#define MOST_TERMS 64
+#define READINGS 5 /* of a lag; these four as effects/lag.py and effects/hysteresis.py have them */
+#define LAG_PERIOD_S 0.02
+#define LAG_NO_CURVE 1e-9
+#define REMEMBERED_S 0.025
+
+/* One law with k terms on m columns; each of its numbers is one for all columns, or one of each. */
+typedef struct {
+    int kind;
+    Py_ssize_t k, m, n_near;
+    Py_buffer views[N_STAGE];
+} Stage;
+
+enum { HIGHEST_PA, LAST_VALUES, LAST_T_S, N_INVERSE };
+
+typedef struct {
+    Py_buffer views[N_INVERSE];
+    Py_ssize_t n_taxels;
+    int n_stages;
+    Stage stages[MOST_STAGES];
+} Inverse;
+
+static void release_inverse(Inverse *inverse, int n_views)
+{
+    while (inverse->n_stages)
+        release(inverse->stages[--inverse->n_stages].views, N_STAGE);
+    release(inverse->views, n_views);
+    PyMem_Free(inverse);
+}
+
+static void free_inverse(PyObject *capsule)
+{
+    release_inverse(PyCapsule_GetPointer(capsule, "inverse"), N_INVERSE);
+}
+
+static Py_ssize_t length(const Py_buffer *view)
+{
+    return view->len / 8;
+}
+
+/* How many numbers a stage remembers. */
+static Py_ssize_t memory_of(const Stage *stage)
+{
+    Py_ssize_t k = stage->k, m = stage->m;
+    return stage->kind == LAG ? (READINGS - 1) * (m + 1)
+         : stage->kind == HYSTERESIS ? k * m + 2 * m + 1
+                                     : k * m + m + length(&stage->views[SECOND]);
+}
+
+static int is_whole(const Stage *stage, Py_ssize_t n_taxels)
+{
+    const Py_buffer *views = stage->views;
+    Py_ssize_t k = stage->k, m = stage->m;
+    if (stage->kind < 0 || stage->kind >= N_KINDS || k < 1 || k > MOST_TERMS || m < 1 || m > n_taxels)
+        return 0;
+    for (int i = AT_ONCE; i <= SECOND; i++) {
+        Py_ssize_t terms = i == AT_ONCE ? 1 : k;
+        if (length(&views[i]) != terms && length(&views[i]) != terms * m)
+            return 0;
+    }
+    if ((stage->kind == HYSTERESIS) != (stage->n_near > 0) || length(&views[MEMORY]) != memory_of(stage))
+        return 0;
+    const int64_t *columns = views[COLUMNS].buf, *neighbours = views[NEIGHBOURS].buf;
+    for (Py_ssize_t i = 0; i < m; i++)
+        if (columns[i] < 0 || columns[i] >= n_taxels)
+            return 0;
+    for (Py_ssize_t i = 0; i < stage->n_near * m; i++)
+        if (neighbours[i] < 0 || neighbours[i] >= m)
+            return 0;
+    return 1;
+}
+
+static int hold_stage(Stage *stage, PyObject *tuple, Py_ssize_t n_taxels)
+{
+    int held = 0;
+    if (PyTuple_Size(tuple) != N_STAGE + 2)
+        goto failed;
+    stage->kind = (int)PyLong_AsLong(PyTuple_GetItem(tuple, 0));
+    stage->k = PyLong_AsSsize_t(PyTuple_GetItem(tuple, 1));
+    for (; held < N_STAGE; held++)
+        if (contiguous(PyTuple_GetItem(tuple, 2 + held), &stage->views[held], -1, held == MEMORY) < 0)
+            goto failed;
+    stage->m = length(&stage->views[COLUMNS]);
+    stage->n_near = stage->m ? length(&stage->views[NEIGHBOURS]) / stage->m : 0;
+    if (is_whole(stage, n_taxels))
+        return 0;
+failed:
+    release(stage->views, held);
+    if (!PyErr_Occurred())
+        PyErr_SetString(PyExc_ValueError, "expected a stage with its columns, its values and its memory");
+    return -1;
+}
+
+/* inverse(arrays, stages): arrays in the order of the enum, the last two written to; each stage a tuple of its kind, how
+   many terms it has, and its arrays, the last written to. */
+static PyObject *make_inverse(PyObject *module, PyObject *const *arguments, Py_ssize_t n_arguments)
+{
+    if (counted(n_arguments, 2) < 0)
+        return NULL;
+    Py_ssize_t n_stages = PyTuple_Size(arguments[1]);
+    if (PyTuple_Size(arguments[0]) != N_INVERSE || n_stages < 0 || n_stages > MOST_STAGES) {
+        if (!PyErr_Occurred())
+            PyErr_Format(PyExc_ValueError, "expected %d arrays and at most %d stages", N_INVERSE, MOST_STAGES);
+        return NULL;
+    }
+    Inverse *inverse = PyMem_Malloc(sizeof *inverse);
+    if (inverse == NULL)
+        return PyErr_NoMemory();
+    int held = 0;
+    inverse->n_stages = 0;
+    inverse->n_taxels = 0;
+    for (; held < N_INVERSE; held++) {
+        Py_ssize_t size = held == HIGHEST_PA ? -1 : held == LAST_T_S ? 8 : 8 * inverse->n_taxels;
+        if (contiguous(PyTuple_GetItem(arguments[0], held), &inverse->views[held], size, held != HIGHEST_PA) < 0)
+            goto failed;
+        if (held == HIGHEST_PA)
+            inverse->n_taxels = length(&inverse->views[held]);
+    }
+    if (inverse->n_taxels < 1 || inverse->n_taxels > TAXELS * MOST_TRIANGLES) {
+        PyErr_Format(PyExc_ValueError, "expected 1 to %d taxels", TAXELS * MOST_TRIANGLES);
+        goto failed;
+    }
+    for (; inverse->n_stages < n_stages; inverse->n_stages++)
+        if (hold_stage(&inverse->stages[inverse->n_stages], PyTuple_GetItem(arguments[1], inverse->n_stages),
+                       inverse->n_taxels) < 0)
+            goto failed;
+    PyObject *capsule = PyCapsule_New(inverse, "inverse", free_inverse);
+    if (capsule != NULL)
+        return capsule;
+failed:
+    release_inverse(inverse, held);
+    return NULL;
+}
+
+/* As portable.exp_minus_one. */
+static double exp_minus_one(double x)
+{
+    static const double coefficients[] = {
+        1.0, 1.0 / 2, 1.0 / 6, 1.0 / 24, 1.0 / 120, 1.0 / 720, 1.0 / 5040, 1.0 / 40320, 1.0 / 362880, 1.0 / 3628800,
+        1.0 / 39916800, 1.0 / 479001600, 1.0 / 6227020800};
+    x = x < -700.0 ? -700.0 : x;
+    double power = rint(x * (1 / 0.6931471805599453));
+    double r = (x - power * 6.93147180369123816490e-01) - power * 1.90821492927058770002e-10;
+    double scale = ldexp(1.0, (int)power), result = coefficients[12];
+    for (int k = 11; k >= 0; k--)
+        result = result * r + coefficients[k];
+    return result * r * scale + (scale - 1.0);
+}
+
+typedef struct {
+    double decay, before, now;
+} FirstOrderStep;
+
+/* As first_order.steps. */
+static FirstOrderStep step_of(double dt_s, double tau_s)
+{
+    double x = dt_s / tau_s;
+    x = x < 1e-300 ? 1e-300 : x;
+    double approached = -exp_minus_one(-x), mean = approached / x;
+    FirstOrderStep step = {1.0 - approached, mean - 1.0 + approached, 1.0 - mean};
+    return step;
+}
+
+/* Number `i` of term k among m columns. */
+static double value_of(const Py_buffer *view, Py_ssize_t n_terms, Py_ssize_t k, Py_ssize_t i)
+{
+    const double *values = view->buf;
+    return length(view) == n_terms ? values[k] : values[k * (length(view) / n_terms) + i];
+}
+
+/* As relaxation.Relaxation, its inverse. */
+static void relax(const Stage *stage, double *x, double dt_s, int begins)
+{
+    Py_ssize_t k_most = stage->k, m = stage->m, n_tau = length(&stage->views[SECOND]) / k_most;
+    double *known = stage->views[MEMORY].buf, *load = known + k_most * m, *previous_now = load + m;
+    FirstOrderStep steps[MOST_TERMS];
+    double drive[MOST_TERMS];
+    for (Py_ssize_t i = 0; i < m; i++) {
+        if (begins) {
+            load[i] = 0.0;
+            for (Py_ssize_t k = 0; k < k_most; k++)
+                known[k * m + i] = value_of(&stage->views[FIRST], k_most, k, i) * (stage->kind == RELAXATION ? x[i] : 0.0);
+        }
+        double immediate = 0.0, total = 0.0;
+        for (Py_ssize_t k = 0; k < k_most; k++) {
+            if (i == 0 || n_tau > 1) {
+                double *previous = &previous_now[k * n_tau + i];
+                steps[k] = step_of(dt_s, value_of(&stage->views[SECOND], k_most, k, i));
+                drive[k] = steps[k].before + steps[k].decay * (begins ? 0.0 : *previous);
+                *previous = steps[k].now;
+            }
+            double a = value_of(&stage->views[FIRST], k_most, k, i), *w = &known[k * m + i];
+            immediate += a * steps[k].now;
+            *w = *w * steps[k].decay + drive[k] * a * load[i];
+            total += *w;
+        }
+        immediate = value_of(&stage->views[AT_ONCE], 1, 0, i) + immediate;
+        load[i] = x[i] = x[i] / immediate - total / immediate;
+    }
+}
+
+static double play(double last, double x, double r)
+{
+    double moved = last < x + r ? last : x + r;
+    return moved > x - r ? moved : x - r;
+}
+
+/* As effects.hysteresis, its live inverse. */
+static void undo_hysteresis(const Stage *stage, double *x, double dt_s, int begins)
+{
+    Py_ssize_t k_most = stage->k, m = stage->m;
+    const int64_t *near = stage->views[NEIGHBOURS].buf;
+    double *plays = stage->views[MEMORY].buf, *known = plays + k_most * m, *load = known + m, *previous_now = load + m;
+    double local_mean[TAXELS * MOST_TRIANGLES];
+    FirstOrderStep step = step_of(dt_s, REMEMBERED_S);
+    double drive = step.before + step.decay * (begins ? 0.0 : *previous_now);
+    *previous_now = step.now;
+    for (Py_ssize_t i = 0; i < m; i++, near += stage->n_near) {
+        local_mean[i] = 0.0;
+        for (Py_ssize_t j = 0; j < stage->n_near; j++)
+            local_mean[i] += x[near[j]];
+        local_mean[i] /= (double)stage->n_near;
+    }
+    for (Py_ssize_t i = 0; i < m; i++) {
+        if (begins) {
+            known[i] = local_mean[i];
+            load[i] = 0.0;
+        }
+        known[i] = known[i] * step.decay + drive * load[i];
+        load[i] = local_mean[i];
+        double remembered = local_mean[i] * step.now + known[i], undone = 0.0;
+        for (Py_ssize_t k = 0; k < k_most; k++) {
+            double r = value_of(&stage->views[FIRST], k_most, k, i), *y = &plays[k * m + i];
+            undone += play(*y, local_mean[i], r) * value_of(&stage->views[SECOND], k_most, k, i);
+            *y = play(*y, remembered, r);
+        }
+        undone += value_of(&stage->views[AT_ONCE], 1, 0, i) * local_mean[i];
+        x[i] = x[i] + undone - local_mean[i];
+    }
+}
+
+/* As effects.lag, its live inverse: AT_ONCE has the factors of the slope, FIRST those of the curvature. */
+static void undo_lag(const Stage *stage, double *x, double t_s, int begins)
+{
+    Py_ssize_t m = stage->m;
+    double *last_x = stage->views[MEMORY].buf, *last_t_s = last_x + (READINGS - 1) * m;
+    double t[READINGS], first[READINGS], second[READINGS], sum = 0.0, square = 0.0, cube = 0.0, norm = 0.0;
+    for (int j = 0; j < READINGS - 1; j++) {
+        if (begins) {
+            last_t_s[j] = t_s - LAG_PERIOD_S * (READINGS - 1 - j);
+            memcpy(last_x + j * m, x, (size_t)m * sizeof *x);
+        }
+        t[j] = (last_t_s[j] - t_s) / LAG_PERIOD_S;
+        sum += t[j];
+    }
+    t[READINGS - 1] = 0.0;
+    double mean = sum / READINGS;
+    for (int j = 0; j < READINGS; j++) {
+        first[j] = t[j] - mean;
+        square += first[j] * first[j];
+        cube += first[j] * first[j] * first[j];
+    }
+    square += LAG_NO_CURVE;
+    double skew = cube / square, spread = square / READINGS;
+    for (int j = 0; j < READINGS; j++) {
+        second[j] = first[j] * first[j] - skew * first[j] - spread;
+        norm += second[j] * second[j];
+    }
+    norm += LAG_NO_CURVE;
+    double now = mean * mean + skew * mean - spread, slope_now = -2.0 * mean - skew;
+    for (Py_ssize_t i = 0; i < m; i++) {
+        double slope = value_of(&stage->views[AT_ONCE], 1, 0, i), curvature = value_of(&stage->views[FIRST], 1, 0, i);
+        double of_first = (slope - mean) / square, of_second = (now + slope * slope_now + curvature) / norm, load = 0.0;
+        for (int j = 0; j < READINGS; j++) {
+            double q = j < READINGS - 1 ? last_x[j * m + i] : x[i];
+            double weighted = (1.0 / READINGS + first[j] * of_first + second[j] * of_second) * q;
+            load = j ? load + weighted : weighted;
+            if (j)
+                last_x[(j - 1) * m + i] = q;
+        }
+        x[i] = load;
+    }
+    memmove(last_t_s, last_t_s + 1, (READINGS - 2) * sizeof *last_t_s);
+    last_t_s[READINGS - 2] = t_s;
+}
+
+/* invert(inverse, static_pa, counts, valid, highest_count, t_s, pressure_pa, beyond): as DynamicModel, one cycle into the
+   last two arrays; taxels that read more than `highest_count` bear nothing, None: they do. Returns how many are beyond, -1
+   and nothing done if time goes back. */
+static PyObject *invert(PyObject *module, PyObject *const *arguments, Py_ssize_t n_arguments)
+{
+    static const int places[] = {1, 2, 3, 6, 7, 4}; /* of the arrays among the arguments */
+    static const Py_ssize_t sizes[] = {8, 1, 1, 8, 1, 8};
+    Py_buffer views[6];
+    int n_views = 0;
+    long n_beyond = -1;
+    if (counted(n_arguments, 8) < 0)
+        return NULL;
+    Inverse *inverse = PyCapsule_GetPointer(arguments[0], "inverse");
+    if (inverse == NULL)
+        return NULL;
+    Py_ssize_t n = inverse->n_taxels;
+    double t_s = PyFloat_AsDouble(arguments[5]);
+    if (PyErr_Occurred())
+        return NULL;
+    for (int n_arrays = arguments[4] == Py_None ? 5 : 6; n_views < n_arrays; n_views++)
+        if (contiguous(arguments[places[n_views]], &views[n_views], sizes[n_views] * n, n_views == 3 || n_views == 4) < 0)
+            goto end;
+    const double *static_pa = views[0].buf, *highest_count = n_views > 5 ? views[5].buf : NULL;
+    const unsigned char *counts = views[1].buf, *valid = views[2].buf;
+    double *pressure = views[3].buf, x[TAXELS * MOST_TRIANGLES], excess[TAXELS * MOST_TRIANGLES];
+    unsigned char *beyond = views[4].buf;
+    const double *highest_pa = inverse->views[HIGHEST_PA].buf;
+    double *last = inverse->views[LAST_VALUES].buf, *last_t_s = inverse->views[LAST_T_S].buf;
+    int begins = isnan(*last_t_s);
+    double dt_s = begins ? 0.0 : t_s - *last_t_s;
+    if (dt_s < 0)
+        goto end;
+    n_beyond = 0;
+    *last_t_s = t_s;
+    for (Py_ssize_t i = 0; i < n; i++) {
+        double effective = highest_count != NULL && !(counts[i] <= highest_count[i]) ? 0.0 : static_pa[i];
+        double above = valid[i] ? effective - highest_pa[i] : 0.0;
+        excess[i] = above > 0 ? above : 0.0;
+        n_beyond += beyond[i] = excess[i] > 0;
+        x[i] = last[i] = valid[i] ? effective - excess[i] : last[i];
+    }
+    for (int k = 0; k < inverse->n_stages; k++) {
+        const Stage *stage = &inverse->stages[k];
+        const int64_t *columns = stage->views[COLUMNS].buf;
+        double of_columns[TAXELS * MOST_TRIANGLES];
+        for (Py_ssize_t i = 0; i < stage->m; i++)
+            of_columns[i] = x[columns[i]];
+        if (stage->kind == LAG)
+            undo_lag(stage, of_columns, t_s, begins);
+        else if (stage->kind == HYSTERESIS)
+            undo_hysteresis(stage, of_columns, dt_s, begins);
+        else
+            relax(stage, of_columns, dt_s, begins);
+        for (Py_ssize_t i = 0; i < stage->m; i++)
+            x[columns[i]] = of_columns[i];
+    }
+    for (Py_ssize_t i = 0; i < n; i++) {
+        int is_loaded = valid[i] && !(highest_count != NULL && !(counts[i] <= highest_count[i]));
+        pressure[i] = is_loaded ? x[i] + excess[i] : static_pa[i];
+    }
+end:
+    release(views, n_views);
+    return PyErr_Occurred() ? NULL : PyLong_FromLong(n_beyond);
+}
+
+/* sum(pressure_pa, valid, rows, min_pressure_pa, pressure_pa_f4): the pressure into the last array, and what `read` returns,
+   but for the first. */
+static PyObject *sum_cycle(PyObject *module, PyObject *const *arguments, Py_ssize_t n_arguments)
+{
+    static const int places[] = {1, 0, 2, 4}; /* of the arrays among the arguments */
+    static const Py_ssize_t sizes[] = {1, 8, 24, 4};
+    Py_buffer views[4];
+    int n_views = 0;
+    Sums sums = {0, 0, 0, {0.0, 0.0, 0.0}};
+    if (counted(n_arguments, 5) < 0)
+        return NULL;
+    double min_pressure_pa = PyFloat_AsDouble(arguments[3]), counted_pa[TAXELS * MOST_TRIANGLES];
+    if (PyErr_Occurred())
+        return NULL;
+    for (; n_views < 4; n_views++)
+        if (contiguous(arguments[places[n_views]], &views[n_views], n_views ? sizes[n_views] * views[0].len : -1, n_views == 3) < 0)
+            goto end;
+    Py_ssize_t n = views[0].len;
+    const unsigned char *valid = views[0].buf;
+    const double *pressure = views[1].buf;
+    float *pressure_f4 = views[3].buf;
+    if (n < 8 || n > TAXELS * MOST_TRIANGLES) {
+        PyErr_Format(PyExc_ValueError, "expected 8 to %d taxels", TAXELS * MOST_TRIANGLES);
+        goto end;
+    }
+    for (Py_ssize_t i = 0; i < n; i++) {
+        pressure_f4[i] = (float)pressure[i];
+        counted_pa[i] = valid[i] ? pressure[i] : 0.0;
+        sums.n_valid += valid[i];
+        sums.n_in_contact += valid[i] && pressure[i] >= min_pressure_pa;
+    }
+    sum_wrench(&sums, views[2].buf, counted_pa, n);
+end:
+    release(views, n_views);
+    if (PyErr_Occurred())
+        return NULL;
+    return Py_BuildValue("llddd", sums.n_valid, sums.n_in_contact, sums.wrench[0], sums.wrench[1], sums.wrench[2]);
 }
 
 /* pads_on_rail(counts): whether any thermal pad of any triangle stands at 0 or 255. */
@@ -1382,6 +1796,46 @@ static PyObject *press(PyObject *module, PyObject *const *arguments, Py_ssize_t 
 end:
     release(views, n_views);
     return PyErr_Occurred() ? NULL : PyLong_FromLong(n_valid);
+}
+
+/* activate(counts, level, top_is_rail, usable, board, clip, activation, at_top, total, n_at_top): as Rest.update, into the
+   last four arrays. Returns whether any taxel is at the top. */
+static PyObject *activate(PyObject *module, PyObject *const *arguments, Py_ssize_t n_arguments)
+{
+    static const Py_ssize_t sizes[] = {4, 4, 1, 1, 8, 0, 4, 1};
+    Py_buffer views[10];
+    int n_views = 0, any = 0;
+    if (counted(n_arguments, 10) < 0)
+        return NULL;
+    for (; n_views < 10; n_views++) {
+        Py_ssize_t size = n_views == 5 ? 8 : n_views == 0 || n_views == 8 ? -1
+                        : n_views == 9 ? views[8].len : sizes[n_views] * (views[0].len / 4);
+        if (contiguous(arguments[n_views], &views[n_views], size, n_views > 5) < 0)
+            goto end;
+    }
+    Py_ssize_t n = views[0].len / 4, n_boards = views[8].len / 8;
+    const float *count = views[0].buf, *level = views[1].buf, *clip = views[5].buf;
+    const unsigned char *top_is_rail = views[2].buf, *usable = views[3].buf;
+    const int64_t *board = views[4].buf;
+    float *activation = views[6].buf;
+    unsigned char *at_top = views[7].buf;
+    double *total = views[8].buf, *n_at_top = views[9].buf;
+    memset(total, 0, (size_t)views[8].len);
+    memset(n_at_top, 0, (size_t)views[9].len);
+    for (Py_ssize_t i = 0; i < n; i++) {
+        if (board[i] < 0 || board[i] >= n_boards) {
+            PyErr_SetString(PyExc_ValueError, "expected the numbers of boards");
+            goto end;
+        }
+        float above = activation[i] = level[i] - count[i];
+        above = above < clip[0] ? clip[0] : above > clip[1] ? clip[1] : above;
+        any |= at_top[i] = count[i] == 255.0F && top_is_rail[i];
+        total[board[i]] += usable[i] ? above : 0.0F;
+        n_at_top[board[i]] += usable[i] && at_top[i];
+    }
+end:
+    release(views, n_views);
+    return PyErr_Occurred() ? NULL : PyBool_FromLong(any);
 }
 
 /* compare(activation, neighbours, live, state, for_dead, for_stuck, limits): adds to the evidence for dead and stuck taxels as
@@ -1468,9 +1922,13 @@ static PyMethodDef methods[] = {
     {"reader", (PyCFunction)(void (*)(void))make_reader, METH_FASTCALL, NULL},
     {"pads_on_rail", (PyCFunction)(void (*)(void))pads_on_rail, METH_FASTCALL, NULL},
     {"may_be_loose", (PyCFunction)(void (*)(void))may_be_loose, METH_FASTCALL, NULL},
+    {"activate", (PyCFunction)(void (*)(void))activate, METH_FASTCALL, NULL},
     {"compare", (PyCFunction)(void (*)(void))compare, METH_FASTCALL, NULL},
     {"press", (PyCFunction)(void (*)(void))press, METH_FASTCALL, NULL},
     {"read", (PyCFunction)(void (*)(void))read_cycle, METH_FASTCALL, NULL},
+    {"inverse", (PyCFunction)(void (*)(void))make_inverse, METH_FASTCALL, NULL},
+    {"sum", (PyCFunction)(void (*)(void))sum_cycle, METH_FASTCALL, NULL},
+    {"invert", (PyCFunction)(void (*)(void))invert, METH_FASTCALL, NULL},
     {"messages", (PyCFunction)(void (*)(void))make_messages, METH_FASTCALL, NULL},
     {"read_record", (PyCFunction)(void (*)(void))read_record, METH_FASTCALL, NULL},
     {"pack_record", (PyCFunction)(void (*)(void))pack_record, METH_FASTCALL, NULL},

@@ -103,17 +103,40 @@ def messages_of(template: bytes) -> Any:
     reader = kernel.reader(
         (np.zeros(12, np.bool_), byte, byte, byte, taxels, taxels, taxels, np.zeros(36)), 1, 1, 0.0, 0.0
     )  # fmt: skip
-    masked, valid = np.zeros((2, 12), np.uint8)
-    work = (masked, byte, byte, valid, np.zeros(12), np.zeros(12, np.float32), np.zeros(1, np.float32))
-    return kernel.messages(reader, work, (template,))
+    masked, valid, beyond = np.zeros((3, 12), np.uint8)
+    pressure_pa, load_pa = np.zeros((2, 12), np.float32)
+    work = (masked, byte, byte, valid, taxels, pressure_pa, np.zeros(1, np.float32), load_pa, beyond)
+    return kernel.messages(reader, work, (template,), 5)
+
+
+def inverse(*stages: tuple[Any, ...]) -> Any:
+    """Of one triangle."""
+    return kernel.inverse((np.full(12, np.inf), np.zeros(12), np.full(1, np.nan)), stages)
+
+
+def relaxation(**other: Any) -> tuple[Any, ...]:
+    """A stage on two columns, with one term, and `other` arguments in the place of good ones."""
+    columns, none, numbers = np.array([3, 5]), np.zeros(0, np.int64), np.full(1, 0.5)
+    arguments = {
+        "kind": 0, "n_terms": 1, "columns": columns, "neighbours": none, "at_once": numbers, "first": numbers,
+        "second": numbers, "memory": np.zeros(5),
+    }  # fmt: skip
+    return tuple((arguments | other).values())
 
 
 @pytest.mark.skipif(kernel is None, reason="no kernel: the first test above fails where there should be one")
 def test_a_template_is_filled_in_to_the_last_byte():
-    messages = messages_of(b"\x02\x00ab\x01\x01\x00c\x0d\x01\x00d\x00")
+    messages = messages_of(b"\x02\x00ab\x01\x01\x00c\x10\x01\x00d\x0d\x01\x00e\x00")
     assert kernel.read_record(messages, bytes(64), True) == (0, 0, 0, 0.0, 0.0, 0.0)
     packed = kernel.pack_record(messages, bytes(64), 300, 0, (float("nan"), *[0.0] * 9))
-    assert packed == (b"ab" + msgpack.packb(300) + b"c" + msgpack.packb(None) + b"d",)
+    assert packed == (b"ab" + msgpack.packb(300) + b"c" + msgpack.packb(None) + b"d" + msgpack.packb(-5) + b"e",)
+
+
+@pytest.mark.skipif(kernel is None, reason="no kernel: the first test above fails where there should be one")
+def test_an_inverse_goes_only_on_in_time():
+    made, count, flag = inverse(relaxation()), np.zeros(12, np.uint8), np.zeros(12, np.bool_)
+    assert kernel.invert(made, np.zeros(12), count, flag, None, 2.0, np.zeros(12), flag.copy()) == 0
+    assert kernel.invert(made, np.zeros(12), count, flag, None, 1.0, np.zeros(12), flag.copy()) == -1
 
 
 @pytest.mark.skipif(kernel is None, reason="no kernel: the first test above fails where there should be one")
@@ -142,14 +165,28 @@ def test_a_template_is_filled_in_to_the_last_byte():
         lambda: kernel.take(sorter(), b"33"),
         lambda: kernel.take(sorter(), np.zeros(33, np.uint8)),
         lambda: kernel.expected(receiver()),
-        lambda: messages_of(b"\x00\x00\x17"),
+        lambda: messages_of(b"\x00\x00\x25"),
         lambda: messages_of(b"\x03\x00a\x00"),
         lambda: messages_of(b"\x00\x00\x01"),
         lambda: messages_of(b"\x00\x00\x00\x00"),
         lambda: kernel.read_record(messages_of(b"\x00\x00\x00"), bytes(57), False),
         lambda: kernel.pack_record(messages_of(b"\x00\x00\x00"), bytes(56), 0, 0, (0.0,) * 10),
-        lambda: kernel.pack_record(messages_of(b"\x00\x00\x00"), bytes(64), 0, 0, (0.0,) * 9),
+        lambda: kernel.pack_record(messages_of(b"\x00\x00\x19\x00\x00\x00"), bytes(64), 0, 0, (0.0,) * 9),
         lambda: kernel.pack_record(messages_of(b"\x00\x00\x00"), bytes(64), 2**63, 0, (0.0,) * 10),
+        lambda: kernel.inverse((np.zeros(12), np.zeros(12)), ()),
+        lambda: kernel.inverse((np.zeros(12), np.zeros(11), np.zeros(1)), ()),
+        lambda: inverse(()),
+        lambda: inverse(*[relaxation()] * 17),
+        lambda: inverse(relaxation(kind=4)),
+        lambda: inverse(relaxation(kind=2)),
+        lambda: inverse(relaxation(n_terms=65)),
+        lambda: inverse(relaxation(columns=np.array([3, 12]))),
+        lambda: inverse(relaxation(neighbours=np.array([0, 2]), kind=2, memory=np.zeros(7))),
+        lambda: inverse(relaxation(first=np.zeros(3))),
+        lambda: inverse(relaxation(memory=np.zeros(6))),
+        lambda: kernel.invert(inverse(), *[np.zeros(12)] * 3, None, 0.0, *[np.zeros(12)] * 2),
+        lambda: kernel.sum(np.zeros(11), np.zeros(12, np.bool_), np.zeros(36), 0.0, np.zeros(12, np.float32)),
+        lambda: kernel.sum(np.zeros(4), np.zeros(4, np.bool_), np.zeros(12), 0.0, np.zeros(4, np.float32)),
     ],
 )
 def test_arguments_that_do_not_fit_are_refused(call):

@@ -1,8 +1,9 @@
 """Cost of each part of a cycle with cold caches, as after a sleep, and with warm ones.
 
-    python -m benchmarks.live.cold [--cycles 300]
+    python -m benchmarks.live.cold [--cycles 300] [--both-models]
 
-Takes about 10 s.
+Takes about 10 s. `--both-models` measures a foot whose calibration has hysteresis, viscoelasticity, lag and delay
+beside one without effects, and prints what they add.
 
 Between two cycles the process overwrites more memory than its caches hold and sleeps; then one cycle of one foot goes
 through the daemon's own code, from the frames that a socket handed over to the payloads, part by part. Nothing is sent.
@@ -13,7 +14,8 @@ from __future__ import annotations
 import argparse
 import statistics
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -22,12 +24,19 @@ from benchmarks.lib import traffic
 from insole_daemon.bus.frames import FrameBatch, ReceivedFrames
 from insole_daemon.bus.sink import can_frames
 from insole_daemon.compiled import kernel
+from insole_daemon.physics.effect import Effect, effect
 from insole_daemon.service.foot import Foot
 from insole_daemon.skin.reader import SkinReader
 
 _CACHE_BYTES = 16 << 20  # more than the caches of one core hold
 _SLEEP_S = 0.004
 _PERIOD_NS, _SLACK_NS = traffic.PERIOD_NS, 5_000_000
+_EFFECTS = (
+    effect("hysteresis", r_pa=[3e3, 1e4, 3e4], w=[0.1, 0.08, 0.06]),
+    effect("viscoelasticity", a=0.15, tau_s=0.3),
+    effect("lag", tau_s=0.02),
+    effect("delay", delay_s=0.025),
+)
 
 
 class Parts:
@@ -65,9 +74,15 @@ def mean(us: list[float]) -> float:
     return statistics.fmean(sorted(us)[: -(len(us) // 20) or None])
 
 
-def measure(n: int, cold: bool) -> Parts:
+def foot_with(effects: Sequence[Effect]) -> Foot:
+    """The left foot with the built-in layout, and a calibration that has `effects`."""
+    setup = traffic.feet()[0].setup
+    return Foot(replace(setup, calibration=replace(setup.calibration, effects=tuple(effects))))
+
+
+def measure(n: int, cold: bool, effects: Sequence[Effect] = ()) -> Parts:
     """`n` cycles of the left foot, walking."""
-    feet = traffic.feet()[:1]
+    feet = [foot_with(effects)]
     batch = traffic.frames(0.02 * (n + 60))
     batch = batch[batch.can_id < 0x480]
     reader = SkinReader([foot.layout for foot in feet], _PERIOD_NS, _SLACK_NS)
@@ -88,12 +103,18 @@ def measure(n: int, cold: bool) -> Parts:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--cycles", type=int, default=300)
+    parser.add_argument("--both-models", action="store_true", help="measure what effects in the calibration add")
     options = parser.parse_args()
-    cold, warm = measure(options.cycles, True), measure(options.cycles, False)
-    print("| part | cold | warm |\n|---|---|---|")
-    for part, us in cold.us.items():
-        print(f"| {part} | {mean(us):.0f} µs | {mean(warm.us[part]):.0f} µs |")
-    print(f"| sum | {sum(map(mean, cold.us.values())):.0f} µs | {sum(map(mean, warm.us.values())):.0f} µs |")
+    sums = []
+    for effects in ((), _EFFECTS) if options.both_models else ((),):
+        cold, warm = measure(options.cycles, True, effects), measure(options.cycles, False, effects)
+        print(f"\n| {'both models' if effects else 'one model'} | cold | warm |\n|---|---|---|")
+        for part, us in cold.us.items():
+            print(f"| {part} | {mean(us):.0f} µs | {mean(warm.us[part]):.0f} µs |")
+        sums.append([sum(map(mean, parts.us.values())) for parts in (cold, warm)])
+        print(f"| sum | {sums[-1][0]:.0f} µs | {sums[-1][1]:.0f} µs |")
+    if options.both_models:
+        print(f"\nboth models: + {sums[1][0] - sums[0][0]:.0f} µs cold, + {sums[1][1] - sums[0][1]:.0f} µs warm")
 
 
 if __name__ == "__main__":

@@ -16,7 +16,8 @@ from ..skin.layout import Layout
 from .calibration import Calibration
 from .curve_inverse import CurveInverse
 from .effect import Effect, per_slot, where_problems
-from .law import Array, Domain, Law, Maker, Moments, Operator, Site, Values
+from .kernel_stage import MOST_STAGES, MOST_TERMS, CompiledOperator, KernelStage
+from .law import Array, Domain, Law, Maker, Moments, Operator, Site, Values, unchanged
 from .run import ChainRun
 from .static_curve import horner
 
@@ -111,6 +112,24 @@ class Chain:
         """
         return self._build_inverse(lambda law: law.live or law.inverse)
 
+    def kernel_stages(self) -> list[KernelStage] | None:
+        """Return the stages of `live` as the compiled kernel takes them; None where it has not all of them.
+
+        It has those from effective pressure to the load, for a chain without a calibration.
+        """
+        stages: list[KernelStage] = []
+        for work in reversed(self._pressure):
+            maker = work.law.live or work.law.inverse
+            if maker is None or maker is unchanged:
+                continue
+            operator = self._operator(work, maker)
+            if not isinstance(operator, CompiledOperator):
+                return None
+            stages.append(operator.kernel_stage(work.slots))
+        if self.read_by is not None or len(stages) > MOST_STAGES or any(s.n_terms > MOST_TERMS for s in stages):
+            return None
+        return stages
+
     @property
     def late_s(self) -> Array:
         """Return (n_triangles, 12) the remaining delay of each reading after `live`, in s."""
@@ -179,8 +198,7 @@ class Chain:
 
     def _stage(self, work: _Work, maker: Maker, others: Operator = _copy) -> Operator:
         """Return the operator of `work` for all slots; `others` is applied to the slots without the effect."""
-        shift, no_load = self._board_settings(work.slots)
-        operator = maker(work.values, Site(self._layout, self._xy_m, work.slots, shift, no_load, self._seed))
+        operator = self._operator(work, maker)
         slots, n_slots = work.slots, len(self._layout) * N_TAXELS
         if work.law.sees_all or len(slots) == n_slots:
             return operator
@@ -193,6 +211,11 @@ class Chain:
             return y
 
         return stage
+
+    def _operator(self, work: _Work, maker: Maker) -> Operator:
+        """Return the operator of `work` for its own slots, or for all if its law sees them all."""
+        shift, no_load = self._board_settings(work.slots)
+        return maker(work.values, Site(self._layout, self._xy_m, work.slots, shift, no_load, self._seed))
 
     def _board_settings(self, slots: NDArray[np.intp]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Return (m,) shift and no-load of the slots; empty if one of their boards is unknown."""

@@ -27,6 +27,7 @@ from ..skin.layout import Layout
 from .calibration import BEGAN, Calibration
 from .chain import Chain
 from .effect import Effect
+from .kernel_stage import KernelStage
 from .law import Array
 
 OF_REST = ("baseline", "preload", "drift", "rezero")
@@ -65,7 +66,7 @@ class DynamicModel:
         since_ns = began_ns - int(calibration.provenance.get(BEGAN, 0))
         self.effects, self.left_out = _split_effects(calibration.effects, zeroed, abs(since_ns) < _DAY_NS)
         self._baseline_count = calibration.baseline_count
-        self._highest_count: Array | None = None
+        self.highest_count: Array | None = None  # (n_triangles, 12) above which a count is no load; None: no mask
         chain = Chain(self.effects, layout, calibration, boards)
         self.xy_m = chain.xy_m  # (n_triangles, 12, 2) positions of the resulting loads
         of_curve = [effect for effect in self.effects if effect.law.domain in ("curve", "activation", "count")]
@@ -73,9 +74,11 @@ class DynamicModel:
         self._reading = None
         if any(effect.law.inverse is not None for effect in of_curve):
             self._reading = Chain(of_curve, layout, calibration, boards).live()
-        self._load = Chain(of_load, layout).live()
+        self._load_chain = Chain(of_load, layout)
+        self._load = self._load_chain.live()
         self._origin_s = since_ns * 1e-9 if any(effect.law.word in OF_THEIR_TIME for effect in self.effects) else 0.0
-        self._highest_pa = _highest_pa(of_load, layout)
+        self.highest_pa = _highest_pa(of_load, layout)  # (n_triangles, 12) inf: not known
+        self._has_highest = bool(np.isfinite(self.highest_pa).any())
         self._read_by = chain.read_by
         # (n_triangles,) delay of a triangle's load, to subtract from its time stamp
         self.late_ns: NDArray[np.int64] = np.rint(1e9 * self.at_places(chain.late_s[None])[0].max(axis=1)).astype(
@@ -85,9 +88,9 @@ class DynamicModel:
 
     def mask(self, activation_threshold_count: float) -> None:
         """Set the load to 0 below this activation from now on, as the static curve does; 0 switches it off."""
-        self._highest_count = None
+        self.highest_count = None
         if activation_threshold_count > 0:
-            self._highest_count = self._baseline_count - activation_threshold_count
+            self.highest_count = self._baseline_count - activation_threshold_count
 
     def __call__(
         self, static_pa: Array, counts: NDArray[np.uint8], valid: NDArray[np.bool_], t_s: Array
@@ -102,13 +105,13 @@ class DynamicModel:
         else:
             effective_pa = self._reading(np.where(valid, counts, np.nan), t_s)
         loaded = valid
-        if self._highest_count is not None:
-            loaded = valid & (counts <= self._highest_count)
+        if self.highest_count is not None:
+            loaded = valid & (counts <= self.highest_count)
             effective_pa[valid & ~loaded] = 0.0
         within_pa, excess_pa = effective_pa, None
         beyond = np.zeros(valid.shape, np.bool_)
-        if self._highest_pa is not None:
-            excess_pa = np.maximum(effective_pa - self._highest_pa, 0.0)  # NaN is preserved
+        if self._has_highest:
+            excess_pa = np.maximum(effective_pa - self.highest_pa, 0.0)  # NaN is preserved
             beyond = excess_pa > 0
             within_pa = effective_pa - excess_pa
         load_pa = self._load(within_pa, t_s)
@@ -116,6 +119,10 @@ class DynamicModel:
             load_pa += self.at_places(excess_pa)
         pressure_pa = np.where(self.at_places(loaded), load_pa, self.at_places(static_pa))
         return InvertedCycles(pressure_pa, self.at_places(valid), self.at_places(beyond))
+
+    def kernel_stages(self) -> list[KernelStage] | None:
+        """Return the stages as the compiled kernel takes them; None where it has not all of them."""
+        return None if self._reading is not None or self._origin_s else self._load_chain.kernel_stages()
 
     def at_places(self, of_readings: NDArray[Any]) -> NDArray[Any]:
         """Reorder readings (n, …) to the positions of their loads."""
@@ -152,11 +159,11 @@ def _why_not(effect: Effect, zeroed: bool, same_day: bool) -> str | None:
     return None
 
 
-def _highest_pa(effects: Iterable[Effect], layout: Layout) -> Array | None:
-    """Return (n_triangles, 12) the pressure up to which all effects of a taxel were identified; None if unknown."""
+def _highest_pa(effects: Iterable[Effect], layout: Layout) -> Array:
+    """Return (n_triangles, 12) the pressure up to which all effects of a taxel were identified; inf if unknown."""
     highest = np.full(len(layout) * N_TAXELS, np.inf)
     for effect in effects:
         if "pressure_pa" in effect.valid_range:
             slots = effect.where.slots(layout)
             highest[slots] = np.minimum(highest[slots], effect.valid_range["pressure_pa"][1])
-    return highest.reshape(len(layout), N_TAXELS) if np.isfinite(highest).any() else None
+    return highest.reshape(len(layout), N_TAXELS)

@@ -13,8 +13,10 @@ the law. The next a_k·w_k = E_k·(a_k·w_k) + a_k·(before_k + E_k·now_k)·P_n
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .first_order import steps
+from .kernel_stage import KernelStage, StageKind
 from .law import Array, Moments
 
 
@@ -47,7 +49,7 @@ class Relaxation:
         push[0] += step.decay[0] * self._previous_now
         push[1:] += step.decay[1:] * step.now[:-1]
         push = push * self._a
-        immediate_share = self._at_once + (self._a * step.now).sum(axis=1)
+        immediate_share = self._at_once + np.add.accumulate(self._a * step.now, axis=1)[:, -1]
         result: Array = x / immediate_share if self._is_inverse else x * immediate_share
         load, known, product, total = self._load, self._known, np.empty_like(self._known), np.empty(x.shape[1])
         for decay, pushed, immediate, row, output in zip(step.decay, push, immediate_share, x, result, strict=True):
@@ -64,3 +66,12 @@ class Relaxation:
                 load = row
         self._load, self._previous_now = load.copy(), step.now[-1].copy()
         return result
+
+    def kernel_stage(self, columns: NDArray[np.intp]) -> KernelStage:
+        """Return the inverse as a stage on the slots `columns` (m,)."""
+        assert self._is_inverse, "the kernel has only the inverse"
+        k, m = len(self._tau_s), len(columns)
+        kind = StageKind.RELAXATION if self._is_settled else StageKind.RELAXATION_FROM_REST
+        return KernelStage(
+            kind, k, columns, np.empty(0, np.int64), self._at_once, self._a, self._tau_s, k * m + m + self._tau_s.size
+        )

@@ -27,6 +27,7 @@ class Backlog:
 
     def __init__(self, warn: Callable[[str], object] = lambda text: None) -> None:
         """`warn` is called with a message when the rate is reduced from the full one."""
+        self.has_quota = False  # a tight one of CPU time: older cycles of a poll are then left out at any rate
         self._warn = warn
         self._level = 0
         self._behind_ns = 0
@@ -42,7 +43,7 @@ class Backlog:
 
     def newest_only(self, publishing_ns: int) -> bool:
         """Return whether older cycles are left out, given the time that publishing has taken so far."""
-        return self._level > 0 or publishing_ns > PATIENCE_NS
+        return self._level > 0 or self.has_quota or publishing_ns > PATIENCE_NS
 
     def record_poll(self, oldest_ns: int, now_mono_ns: int) -> None:
         """Take into account a poll that found closed cycles, the oldest of which closed at `oldest_ns`."""

@@ -31,6 +31,7 @@ from .foot import Foot
 from .journal import Journal
 from .notify import notify
 from .operations import AttendedClock, RequestDesk, Step
+from .quota import OneCpu
 from .reapply import keep_configured
 from .reload import Reloader
 from .steps import StepEvents
@@ -38,8 +39,8 @@ from .switching import model_handler
 from .zeroing import zero_handler
 
 _HEALTH_NS = 1_000_000_000  # period for each foot; the feet take turns
-_CALM_NS = 3_000_000  # health is published when no cycle is expected for this long,
-_MOST_DEFERRED_NS = 100_000_000  # or this long after it was due
+_CALM_NS = 3_000_000  # faults are looked for and health is published when no cycle is expected for this long,
+_MOST_DEFERRED_NS = 100_000_000  # or this long after they were due
 _IDLE_NS = 100_000_000  # longest wait for frames, and so the delay before signals and lost buses are noticed
 _BUSY_NS = 5_000_000  # the same while a request is open: operations advance once per iteration
 # The loop also publishes, so waiting costs cycles. A transmit queue that accepts no frame for this long is stuck.
@@ -87,6 +88,8 @@ class Daemon:
         self._reload_asked = False
         self._reloads = self._reloads_refused = 0
         self._journal = Journal(_log)
+        self._one_cpu = OneCpu()
+        self._watch_due_ns: int | None = None  # since when the fault watch has waited; None: it does not
         self._backlog = Backlog(partial(self._journal.tell, logging.WARNING))
         self._started_mono_ns = time.monotonic_ns()
         self._health_due_ns = [self._started_mono_ns for _ in feet]
@@ -139,12 +142,14 @@ class Daemon:
                 for desk, of_foot in zip(self._desks, closed, strict=True):
                     if not desk.idle:
                         desk.step(Step(looked_ns, [cycle.cycles for cycle in of_foot], batch, attended_ns))
+                self._watch_if_due()
                 self._follow_buses()
                 self._follow_reload()
                 if not self._backlog.pause_ns:
                     self._report_if_due()
             open_at_the_end = self._skin.cycles_closed_by_time(self._source.clock_ns())  # of a log
             self._publish(open_at_the_end)
+            self._watch()
         finally:
             notify("STOPPING=1")
             for desk in self._desks:
@@ -174,11 +179,6 @@ class Daemon:
                     self._publish_older(foot, publisher, tally, cycle, began_ns)
                 else:
                     self._publish_cycle(foot, publisher, tally, cycle)
-        for foot in self._feet:
-            if foot.is_watch_due:  # both feet together: the second finds the caches warm
-                for other, publisher in zip(self._feet, self._publishers, strict=True):
-                    self._tell_faults(other, publisher, early=True)
-                break
 
     def _publish_older(
         self, foot: Foot, publisher: FootPublisher, tally: _Tally, cycle: ClosedCycle, began_ns: int
@@ -201,6 +201,20 @@ class Daemon:
         step = self._steps.take(foot, cycle.t_mono_ns, load)
         if step is not None:
             publisher.publish(step)
+
+    def _watch_if_due(self) -> None:
+        """Run the fault watch of all feet if one is due: the second foot's finds the caches warm."""
+        if not any(foot.is_watch_due for foot in self._feet):
+            return
+        now_ns = time.monotonic_ns()
+        self._watch_due_ns = self._watch_due_ns or now_ns
+        if self._backlog.pause_ns or now_ns - self._watch_due_ns > _MOST_DEFERRED_NS or self._is_calm():
+            self._watch()
+
+    def _watch(self) -> None:
+        self._watch_due_ns = None
+        for foot, publisher in zip(self._feet, self._publishers, strict=True):
+            self._tell_faults(foot, publisher, early=True)
 
     def _tell_faults(self, foot: Foot, publisher: FootPublisher, early: bool = False) -> None:
         for event in foot.fault_events(early):
@@ -269,6 +283,8 @@ class Daemon:
             return
         for place, due_ns in enumerate(self._health_due_ns):
             if due_ns <= now_ns:
+                if place == 0:
+                    self._backlog.has_quota = self._one_cpu.follow()
                 self._report(place)
                 periods = (now_ns - due_ns) // _HEALTH_NS + 1  # missed reports are not made up for
                 self._health_due_ns[place] += periods * _HEALTH_NS

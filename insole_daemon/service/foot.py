@@ -135,13 +135,16 @@ class Foot:
         self.validity, self._curve, self._wrench = pipeline.validity, pipeline.curve, pipeline.wrench
         self._static = pipeline.static
         self._nowhere = np.zeros(self.calibration.usable.shape, np.uint8)
-        self._compiled = None
-        if kernel is not None and self._dynamic is None:
-            constants = {
-                "foot": self.name, "started_ns": self.started_ns, "n_triangles": self.n_triangles,
-                "model": self.model, "beyond": self._nowhere, "beyond_fraction": 0.0,
-            }  # fmt: skip
-            self._compiled = CompiledMessages(self._static, self._curve, self._wrench, self._watch, constants)
+        self._compiled = self._compile()
+
+    def _compile(self) -> CompiledMessages | None:
+        """Return the messages by the kernel; None without it, or if it has not all effects of the calibration."""
+        if kernel is None or not (self._dynamic is None or self._dynamic.is_compiled):
+            return None
+        constants = {
+            "foot": self.name, "started_ns": self.started_ns, "n_triangles": self.n_triangles, "model": self.model,
+        }  # fmt: skip
+        return CompiledMessages(self._static, self._curve, self._wrench, self._dynamic, self._watch, constants)
 
     @property
     def model(self) -> ModelName:
@@ -151,6 +154,7 @@ class Foot:
     def switch(self, model: ModelName) -> None:
         """Publish the estimates of `model` from the next cycle on; without effects, both are the static one."""
         self._asked = model
+        self._compiled = self._compile()
 
     def payloads(self, cycle: ClosedCycle) -> CyclePayloads:
         """Return the payloads of `cycle`, the next one in order; each call counts as one published cycle."""
@@ -164,12 +168,11 @@ class Foot:
             reading = compiled.read(cycle, True)
             assert reading is not None
         self.extrapolated += reading.is_extrapolated
-        raw, pressure, wrench = compiled.pack(cycle, reading, self.seq, time.time_ns())
+        self.beyond += reading.is_beyond
+        payloads = compiled.pack(cycle, reading, self.seq, time.time_ns())
         self.seq += 1
-        return CyclePayloads(
-            ((Raw, raw), (Pressure, pressure), (Wrench, wrench)),
-            PublishedLoad(cycle.t_ns, reading.wrench.f_z_n, compiled.pressure_pa, compiled.valid, cycle.is_repeated),
-        )
+        load = PublishedLoad(reading.t_ns, reading.f_z_n, compiled.pressure_pa, compiled.valid, cycle.is_repeated)
+        return CyclePayloads(payloads, load)
 
     def messages(self, cycles: Cycles, at: int) -> CycleMessages:
         """Return the messages of cycle `at`; see `values`."""

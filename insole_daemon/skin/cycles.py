@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import NamedTuple
@@ -85,6 +86,14 @@ def _record_dtype(n_triangles: int) -> np.dtype[np.void]:
     })  # fmt: skip
 
 
+def counts_of_record(cycle: ClosedCycle) -> memoryview:
+    """Return the counts of a cycle that has a record, (12 · n_triangles,) bytes."""
+    assert cycle.record is not None
+    n_triangles = (len(cycle.record) - _RECORD_HEAD_BYTES) // _RECORD_TRIANGLE_BYTES
+    begin = 16 + (3 * 8 + 2) * n_triangles
+    return memoryview(cycle.record)[begin : begin + 12 * n_triangles]
+
+
 class ClosedCycle(NamedTuple):
     """One closed cycle of a foot, on its way to be published.
 
@@ -117,3 +126,12 @@ class ClosedCycle(NamedTuple):
         """The cycle as arrays, n = 1."""
         cycles, at = self.row
         return cycles if len(cycles) == 1 else cycles[at : at + 1]
+
+
+def rows_of(closed: Sequence[ClosedCycle]) -> list[tuple[Cycles, int]]:
+    """Return arrays with each cycle of one foot in them, and its place there; all records share theirs."""
+    records = [cycle.record for cycle in closed if cycle.record is not None]
+    if not records or len(records) < len(closed):
+        return [cycle.row for cycle in closed]
+    cycles = Cycles.of_records(records)
+    return [(cycles, at) for at in range(len(records))]

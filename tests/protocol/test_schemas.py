@@ -19,6 +19,7 @@ from insole_daemon.bus.error_frames import KINDS, OTHER
 from insole_daemon.bus.source import BusCounters, InterfaceState, State
 from insole_daemon.config import Board
 from insole_daemon.physics.effect import Where, effect
+from insole_daemon.service.daemon import Daemon
 from insole_daemon.service.foot import Foot
 from insole_daemon.service.foot_setup import load_setups
 from insole_daemon.skin.boards import BoardReport, BoardState
@@ -192,6 +193,14 @@ def test_events_tell_of_boards_that_come_and_go(monkeypatch: pytest.MonkeyPatch)
     }
     came_back = ("board_streaming", "board_silent", "board_streaming", "board_reset")
     assert set(map(tuple, kinds.values())) == {came_back}
+
+
+def test_events_come_soon_although_a_cycle_is_always_promised(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Daemon, "_is_calm", lambda self: False)
+    messages = live("faults", monkeypatch, health_every_ns=20_000_000).others
+    of_foot = [message for message in messages if isinstance(message, Event | Health) and message.foot == "right"]
+    first = next(at for at, message in enumerate(of_foot) if isinstance(message, Event))
+    assert any(isinstance(message, Health) for message in of_foot[first:]), "not only at the end of the log"
 
 
 def test_meta_has_the_settings_of_the_golden_log(monkeypatch: pytest.MonkeyPatch) -> None:

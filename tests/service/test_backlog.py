@@ -97,3 +97,11 @@ def test_on_time_again_full_rate_is_tried_after_a_wait_that_grows_with_each_fail
     assert waited == sorted(waited)
     assert TRIAL_NS < waited[0] < 3 * TRIAL_NS
     assert LONGEST_TRIAL_NS < waited[-1] < LONGEST_TRIAL_NS + SECOND
+
+
+def test_with_a_quota_only_the_newest_cycle_of_a_poll_is_published():
+    backlog = Backlog()
+    assert not backlog.newest_only(0)
+    backlog.has_quota = True
+    assert backlog.newest_only(0)
+    assert backlog.pause_ns == 0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 
 import insole_daemon
-from insole_daemon.cli.model import report
+from insole_daemon.cli.model import _reply_lines
 from insole_daemon.config import Config
 from insole_daemon.physics.calibration import FORMAT
 from insole_daemon.skin.layout import builtin
@@ -63,7 +63,7 @@ def test_both_models_reach_a_subscriber_and_it_can_switch(daemon):
         meta = insole.meta("left")
     assert first.model == "dynamic"
     assert (reply["model"], meta.model, reply["late_ms"]) == ("static", "static", 30.0)
-    assert report(reply)[2:] == ["  viscoelasticity, the whole insole", "  delay, the whole insole"]
+    assert _reply_lines(reply)[2:] == ["  viscoelasticity, the whole insole", "  delay, the whole insole"]
     assert {each.model for each in found} == {"static", "dynamic"}
     compared = 0
     for wrench in found:

@@ -147,8 +147,13 @@ def errors_by_load(refined: Refined[BlockDesign], places: Sequence[NDArray[np.bo
     def mean(values: Array, i: int) -> Array:
         return np.asarray(np.bincount(class_of[i], values[at_place[i]], N_CLASSES)[kept] / rows[i][kept])
 
-    values = load, seen.expected_count, of_all, of_memories - as_handed_in
-    return [ErrorByLoad(rows[i][kept], *(mean(each, i) for each in values), _noise(design)) for i in range(len(places))]
+    of_memory = of_memories - as_handed_in
+    return [
+        ErrorByLoad(
+            rows[i][kept], mean(load, i), mean(seen.expected_count, i), mean(of_all, i), mean(of_memory, i),
+            _noise(design),
+        ) for i in range(len(places))
+    ]  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, eq=False)

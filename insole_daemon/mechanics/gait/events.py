@@ -83,7 +83,7 @@ class FootGait:
         self.loaded = False
         region = regions(layout).ravel()
         self._order = np.argsort(region, kind="stable")[np.count_nonzero(region < 0) :]
-        present = np.unique(region[self._order])
+        present = np.flatnonzero(np.bincount(region[self._order]))  # np.unique would import numpy.ma
         self._present = present.tolist()
         self._starts = np.searchsorted(region[self._order], present)
         self._ends = np.searchsorted(region[self._order], np.arange(len(REGIONS)), side="right")

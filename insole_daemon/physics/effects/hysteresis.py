@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...skin.geometry import N_TAXELS, PRESSURE_TAXELS
+from ..kernel_stage import KernelStage, StageKind
 from ..law import MOST_SHARED, Array, Law, Moments, Operator, Parameter, Site, Values, sum_problem
 from ..relaxation import Relaxation
 
@@ -29,7 +30,7 @@ class _Plays:
     """Computes at_once · P + Σ w_j · play_rj[P]; `at_once` (m) or (1), `r` and `w` (k, 1) or (k, m)."""
 
     def __init__(self, at_once: Array, r: Array, w: Array) -> None:
-        self._at_once, self._r, self._w = at_once, r, w
+        self.at_once, self.r, self.w = at_once, r, w
         self._y: Array | None = None
 
     def __call__(self, x: Array, moments: Moments) -> Array:
@@ -37,20 +38,20 @@ class _Plays:
 
     def apply_after(self, remembered: Array, x: Array) -> Array:
         """Return the output for `x` (n, m), with plays that follow `remembered` (n, m) up to the previous sample."""
-        previous = np.zeros((len(self._r), x.shape[1])) if self._y is None else self._y
+        previous = np.zeros((len(self.r), x.shape[1])) if self._y is None else self._y
         y = np.empty((len(x), *previous.shape))
         for remembered_row, x_row, row in zip(remembered, x, y, strict=True):
             row[:] = self._step_plays(previous, x_row)
             previous = row if remembered is x else self._step_plays(previous, remembered_row)
         self._y = previous.copy()
-        y *= self._w
+        y *= self.w
         q: Array = y.sum(axis=1)
-        q += self._at_once * x
+        q += self.at_once * x
         return q
 
     def _step_plays(self, last: Array, x: Array) -> Array:
-        moved: Array = np.minimum(last, x + self._r)
-        np.maximum(moved, x - self._r, out=moved)
+        moved: Array = np.minimum(last, x + self.r)
+        np.maximum(moved, x - self.r, out=moved)
         return moved
 
 
@@ -70,17 +71,26 @@ def _inverse(values: Values, site: Site) -> _Plays:
     return _Plays(1.0 / at_once, np.cumsum(slope[:-1] * widths, axis=0), np.diff(1.0 / slope, axis=0))
 
 
-def _live(values: Values, site: Site) -> Operator:
-    """Return the inverse with less noise; see the module."""
-    smooth = Relaxation(np.zeros(1), np.ones((1, 1)), np.full((1, 1), REMEMBERED_S))
-    inverse = _inverse(values, site)
-    nearest = _nearest(site)
+class _Live:
+    """The inverse with less noise; see the module."""
 
-    def live(x: Array, moments: Moments) -> Array:
-        local_mean: Array = x[:, nearest].mean(axis=2)
-        return x + inverse.apply_after(smooth(local_mean, moments), local_mean) - local_mean
+    def __init__(self, values: Values, site: Site) -> None:
+        self._smooth = Relaxation(np.zeros(1), np.ones((1, 1)), np.full((1, 1), REMEMBERED_S))
+        self._inverse = _inverse(values, site)
+        self._nearest = _nearest(site)
 
-    return live
+    def __call__(self, x: Array, moments: Moments) -> Array:
+        local_mean: Array = x[:, self._nearest].mean(axis=2)
+        undone = self._inverse.apply_after(self._smooth(local_mean, moments), local_mean)
+        return x + undone - local_mean
+
+    def kernel_stage(self, columns: NDArray[np.intp]) -> KernelStage:
+        """Return it as a stage on the slots `columns` (m,)."""
+        plays = self._inverse
+        k, m = len(plays.r), len(columns)
+        return KernelStage(
+            StageKind.HYSTERESIS, k, columns, self._nearest, plays.at_once, plays.r, plays.w, (k + 2) * m + 1
+        )
 
 
 def _nearest(site: Site) -> NDArray[np.intp]:
@@ -105,6 +115,6 @@ LAW = Law(
     forward=_forward,
     inverse=_inverse,
     inverse_is="exact",
-    live=_live,
+    live=_Live,
     find_problem=lambda values: sum_problem("w", values),
 )

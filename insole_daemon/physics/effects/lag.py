@@ -2,15 +2,18 @@
 
 The live inverse estimates the load of residual_delay_s = √(τ · LATE_S) ago, at most τ ago, and leaves that delay to the
 time stamp. Value and slope of q at that time, P = q + τ·dq/dt, are those of the parabola that fits the last READINGS
-best (Savitzky & Golay, Anal. Chem. 36 (1964) 1627). The slope at the newest reading is several times less certain than
-one cycle earlier; a longer delay costs more than it gains (benchmarks/physics/compensation.py).
+best (Savitzky & Golay, Anal. Chem. 36 (1964) 1627), as a sum of polynomials that are orthogonal at their times
+(Forsythe, J. SIAM 5 (1957) 74). The slope at the newest reading is several times less certain than one cycle earlier; a
+longer delay costs more than it gains (benchmarks/physics/compensation.py).
 """
 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..first_order import recur, steps
+from ..kernel_stage import KernelStage, StageKind
 from ..law import Array, Law, Moments, Operator, Parameter, Site, Values
 
 LATE_S = 0.008
@@ -93,14 +96,29 @@ class _Live:
         t_s, q = np.concatenate([self._t_s, moments.t_s]), np.concatenate([self._q, x])
         self._t_s, self._q = t_s[1 - READINGS :].copy(), q[1 - READINGS :].copy()
         rows = np.arange(len(x))[:, None] + np.arange(READINGS)
-        powers = ((t_s[rows] - moments.t_s[:, None]) / _PERIOD_S)[:, None] ** np.arange(3)[:, None]
-        fit = np.linalg.solve(powers @ powers.transpose(0, 2, 1) + _NO_CURVE * np.eye(3), powers)[..., None]
-        # (n, READINGS, 1 or m)
-        weights = fit[:, 0] + self._slope_factor * fit[:, 1] + self._curvature_factor * fit[:, 2]
-        load: Array = weights[:, 0] * q[: len(x)]
-        for k in range(1, READINGS):
-            load += weights[:, k] * q[k : k + len(x)]
+        t = (t_s[rows] - moments.t_s[:, None]) / _PERIOD_S
+        mean = t.sum(axis=1, keepdims=True) / READINGS
+        first = t - mean
+        square = (first * first).sum(axis=1, keepdims=True) + _NO_CURVE
+        skew, spread = (first * first * first).sum(axis=1, keepdims=True) / square, square / READINGS
+        second = first * first - skew * first - spread
+        norm = (second * second).sum(axis=1, keepdims=True) + _NO_CURVE
+        # Value and slope of `second` at the newest reading; those of `first` are −mean and 1.
+        now, slope_now = mean * mean + skew * mean - spread, -2.0 * mean - skew
+        of_first = (self._slope_factor - mean) / square  # (n, 1 or m), as the next
+        of_second = (now + self._slope_factor * slope_now + self._curvature_factor) / norm
+        load: Array = np.zeros_like(x)
+        for k in range(READINGS):
+            load += (1.0 / READINGS + first[:, k : k + 1] * of_first + second[:, k : k + 1] * of_second) * q[
+                k : k + len(x)
+            ]
         return load
+
+    def kernel_stage(self, columns: NDArray[np.intp]) -> KernelStage:
+        """Return it as a stage on the slots `columns` (m,)."""
+        factors = self._slope_factor, self._curvature_factor
+        n_remembered = (READINGS - 1) * (len(columns) + 1)
+        return KernelStage(StageKind.LAG, 1, columns, np.empty(0, np.int64), *factors, factors[1], n_remembered)
 
 
 def _live(values: Values, site: Site) -> Operator:

@@ -1,17 +1,17 @@
 """The fault watch on several cycles at a time.
 
 The first cycle after a sleep takes four times as long as the next ones, whose code and data are then in the caches. So
-cycles are kept for GATHER_NS and checked together after they are published; those of all feet are checked as soon as
-one foot's are due. Only a triangle that may just have come loose is checked at once, because it must not enter the
+cycles are kept for GATHER_NS and checked together when the loop has time; those of all feet are checked with the first
+that are due. Only a triangle that may just have come loose is checked at once, because it must not enter the
 pressure of its cycle.
 """
 
 from __future__ import annotations
 
-from ..cycles import ClosedCycle, Cycles
+from ..cycles import ClosedCycle, Cycles, rows_of
 from .watch import Change, Fault, FaultWatch
 
-GATHER_NS = 70_000_000  # from the first cycle to the last: five of them at 50 Hz, every single one below 14 Hz
+GATHER_NS = 170_000_000  # from the first cycle to the last: ten of them at 50 Hz, every single one below 6 Hz
 _MOST_GATHERED = 64  # if nobody asks for changes
 
 
@@ -65,9 +65,9 @@ class DeferredFaultWatch:
 
     def _work_off(self) -> None:
         gathered, self._gathered = self._gathered, []
-        for cycle, screened in gathered:
-            cycles = cycle.cycles
+        rows = rows_of([cycle for cycle, _ in gathered])
+        for (cycles, at), (_, screened) in zip(rows, gathered, strict=True):
             if not screened:
-                self._watch.screen(cycles, 0)
-            self._changes += self._watch.update(cycles, 0)
+                self._watch.screen(cycles, at)
+            self._changes += self._watch.update(cycles, at)
         self.is_due = bool(self._changes)
