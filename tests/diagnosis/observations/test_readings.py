@@ -49,7 +49,7 @@ def test_a_triangle_that_sent_a_few_readings_keeps_them(n):
 
 
 def test_a_log_that_was_joined_from_those_of_two_interfaces_gives_the_same_readings(tmp_path: Path) -> None:
-    folder = simulate(tmp_path)[1]
+    folder = simulate(tmp_path)[1] / "recording"
     log = folder / "can.log"
     lines = log.read_text().splitlines(keepends=True)
 
