@@ -38,12 +38,15 @@ effects:
     where: {scope: insole}
     parameters: {a: {value: 0.2, unit: "1"}, tau_s: {value: 0.4, unit: s}}
 """
-# Trial: its recordings, each a scenario with its length in seconds and whether it has a memory.
-TRIALS = {
-    "bag": {"recording": ("vacuum", 12, False)},
-    "walk": {"recording": ("walk", 10, False)},
-    "chamber": {"recording": ("plenum", 10, True)},
-    "paired": {"recording": ("walk", 10, True), "simulation": ("walk", 10, False)},
+CYCLES = """format: insole-trial/1
+chamber: {max_pressure_pa: 90000, speeds_pa_s: [90000, 180000], cycles: 3, hold_s: 1, minor: [0.7, 0.2, 0.7, 1]}
+"""
+# Trial: its recordings, each a scenario with its length in seconds, None: all of it, and its documents.
+TRIALS: dict[str, dict[str, tuple[str, float | None, dict[str, str]]]] = {
+    "bag": {"recording": ("vacuum", None, {"--trial": CYCLES})},
+    "walk": {"recording": ("walk", 10, {})},
+    "chamber": {"recording": ("plenum", None, {"--trial": CYCLES, "--effects": MEMORY})},
+    "paired": {"recording": ("walk", 10, {"--effects": MEMORY}), "simulation": ("walk", 10, {})},
 }
 MOST_CPU_S, MOST_MB = 120.0, 1024.0  # of a diagnosis
 STOPPED_CPU_S, STOPPED_S, STOPPED_BYTES = 180, 900.0, 4 << 30  # where it is stopped: of CPU, of the clock, of memory
@@ -98,15 +101,19 @@ class Outcome:
 def simulate(folder: Path) -> list[Path]:
     """Write the trials into `folder`, where they are not there yet, and return their folders."""
     folder.mkdir(parents=True, exist_ok=True)
-    effects = folder / "effects.yaml"
-    effects.write_text(MEMORY)
     for seed, (name, recordings) in enumerate(TRIALS.items()):
-        for part, (scenario, seconds, has_memory) in recordings.items():
+        for part, (scenario, seconds, documents) in recordings.items():
             out = folder / name / part
-            if not out.exists():
-                options = ["--effects", str(effects)] if has_memory else []
-                options += ["--out", str(out), "--seconds", str(seconds), "--seed", str(seed)]
-                subprocess.run([*COMMAND, "simulate", scenario, *options], check=True, capture_output=True)
+            if out.exists():
+                continue
+            options = ["--out", str(out), "--seed", str(seed)]
+            if seconds is not None:
+                options += ["--seconds", str(seconds)]
+            for option, text in documents.items():
+                path = folder / f"{name}{option}.yaml"
+                path.write_text(text)
+                options += [option, str(path)]
+            subprocess.run([*COMMAND, "simulate", scenario, *options], check=True, capture_output=True)
     return [folder / name for name in TRIALS]
 
 

@@ -44,9 +44,9 @@ def read_rows(
 ) -> GridReadings:
     """Return the readings of `foot` on a grid whose step is `period_of` the triangles' periods.
 
-    Raises DiagnosisError if the foot sent no reading, or its time stamps cover more than a day.
+    Raises DiagnosisError if the foot sent too few readings, or its time stamps cover more than a day.
     """
-    readings = read_triangles(recording, foot)
+    readings = read_triangles(recording, foot) if len(foot.t_ns) else []
     periods = np.array([triangle.period_s for triangle in readings])
     is_sending = np.isfinite(periods)
     if not is_sending.any():
@@ -60,6 +60,11 @@ def read_rows(
             "of at most a day: the clock of the log was set anew on the way; diagnose the part before or after it"
         )
     grid_s = np.arange(first, last, step_s)
+    if len(grid_s) < LEAST_ROWS:
+        raise DiagnosisError(
+            f"{recording.folder}: the readings of the {foot.foot} foot cover {max(last - first, 0.0):.2g} s, expected "
+            f"at least {LEAST_ROWS * step_s:.2g} s: record a trial of a minute"
+        )
     counts = np.stack([triangle.at(grid_s) for triangle in readings], axis=1)
     usable = is_sending[:, None] & calibration.usable & PRESSURE_TAXELS & np.isfinite(counts).all(axis=0)
     activation = np.where(usable, calibration.baseline_count - counts, 0.0)

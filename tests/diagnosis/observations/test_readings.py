@@ -9,7 +9,9 @@ import pytest
 
 import insole_daemon
 from benchmarks.diagnosis.mutated_recordings import simulate
+from insole_daemon.diagnosis.observations.grid_readings import read_rows
 from insole_daemon.diagnosis.observations.readings import TriangleReadings, _without_repeats, read_triangles
+from insole_daemon.errors import DiagnosisError
 
 SENT_S = 0.02
 
@@ -76,3 +78,15 @@ def test_conversions_at_a_multiple_of_the_boards_period_may_be_a_period_older():
 def test_the_age_of_conversions_is_known_if_their_waiting_times_vary():
     number = np.floor(np.arange(3000) * SENT_S / 0.037).astype(int)
     assert _without_repeats(held(number)).latest_s < 0.1 * SENT_S
+
+
+@pytest.mark.parametrize(("n_frames", "said"), [(1, "no triangle of the left foot"), (1000, "cover 0.1")])
+def test_a_log_with_hardly_a_reading_is_refused(tmp_path: Path, n_frames: int, said: str) -> None:
+    folder = simulate(tmp_path)[1] / "recording"
+    log = folder / "can.log"
+    log.write_text("".join(log.read_text().splitlines(keepends=True)[:n_frames]))
+    recording = insole_daemon.load(folder)
+    foot = recording.feet[0]
+    assert foot.calibration is not None
+    with pytest.raises(DiagnosisError, match=said):
+        read_rows(recording, foot, foot.calibration, np.median)
