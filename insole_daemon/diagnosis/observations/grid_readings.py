@@ -19,10 +19,10 @@ from ...recording.loading import FootRecording, Recording
 from ...skin.geometry import N_TAXELS, PRESSURE_TAXELS
 from ..floor import noise_of_readings
 from .readings import TriangleReadings, read_triangles
+from .reference_wrench import LONGEST_S
 
 TEMPERATURE = "temperature_c"
 LEAST_ROWS = 100  # of a reference, or of readings whose noise is estimated
-LONGEST_S = 86_400.0  # of a trial
 SLOWEST_S, FASTEST_S = 0.1, 0.02  # of the grid's step
 
 
