@@ -30,7 +30,8 @@ N_CLASSES, LEAST_READINGS = 24, 50  # of the load; in one, for a mean
 def count_figures(refined: Refined[BlockDesign], order: Sequence[int]) -> Figures:
     """Of a refined set whose candidates enter in `order`: RMS over usable taxels and known rows, counts.
 
-    `before` has the model as handed in, after the alignment that a clock of its own allows; `after` the laws alone.
+    `before` has the model as handed in, after the alignment that a clock of its own allows; `after` the laws alone. The
+    floor is the noise of the readings and the error of a simulated load, which no model of the sensor takes away.
     """
     design = refined.design
     seen, nuisance = design.seen, design.nuisance
@@ -53,7 +54,7 @@ def count_figures(refined: Refined[BlockDesign], order: Sequence[int]) -> Figure
         for t, columns in enumerate(x):
             left[t, held] = rest[t, held] - theta @ columns[:, held]
     every_row = np.ones(n, bool)
-    every, shared, _ = _fit(active, y, design, every_row)
+    every, shared, own = _fit(active, y, design, every_row)
     _, unmoved, _ = _fit(none, aligned, design, every_row)
     moved = nuisance.shared_sum(unmoved * aligning)
     before = aligned - moved
@@ -88,7 +89,7 @@ def count_figures(refined: Refined[BlockDesign], order: Sequence[int]) -> Figure
         square = _square(design, off)
         gains.append(max(previous - square, 0.0))
         previous = min(previous, square)
-    noise = _noise(design)
+    floor = np.hypot(_noise(design), _load_error_count(design, as_read, nuisance.load_error(shared, own)))
     rms = np.sqrt(np.array(squares))
     slope = np.sum(seen.slope_pa * seen.usable, axis=(0, 2)) / (len(seen.t_s) * np.maximum(seen.usable.sum(axis=1), 1))
     counts = [
@@ -99,7 +100,7 @@ def count_figures(refined: Refined[BlockDesign], order: Sequence[int]) -> Figure
         int(k): float(share) for k, share in zip(active.beside, every[len(every) - len(active.beside) :], strict=True)
     }
     return Figures(
-        rms[:1], rms[1:], np.minimum(noise, rms[1:]), counts[0], counts[1], np.asarray(known.any(axis=1)),
+        rms[:1], rms[1:], np.minimum(floor, rms[1:]), counts[0], counts[1], np.asarray(known.any(axis=1)),
         lack_of_fit(_settled(refined).T, seen.step_s, EXPECTED), tuple(gains), timing_gain, shared, beside,
         recalibrated,
     )  # fmt: skip
@@ -283,6 +284,14 @@ def _noise(design: BlockDesign) -> float:
     if seen.noise_ratio is not None:
         noise = noise * seen.noise_ratio[..., None]
     return float(np.sqrt(_square(design, noise)))
+
+
+def _load_error_count(design: BlockDesign, as_read: Array, load_error: Array) -> float:
+    """RMS by which the weighted rows `load_error` (T, N) of a simulated load move readings, counts."""
+    if not load_error.any():
+        return 0.0
+    moved = _off(design, as_read, design.y) - _off(design, as_read, design.y - load_error)
+    return float(np.sqrt(_square(design, moved)))
 
 
 def _square(design: BlockDesign, off: Array) -> float:

@@ -99,22 +99,30 @@ def _from(
 ) -> TimedSet[D]:
     """The best timing and set that are reached from `timing`, the terms and the times fitted in turn.
 
-    Terms follow the timing where it changes by more than `near`.
+    Terms follow the timing where it changes by more than `near`. A timing that leaves more than the one before is not
+    used: columns are straight lines, which far from where they were made can promise what the rows do not bear out.
     """
     # Readings that come early could undo a delay again.
     barred = frozenset({"clock"}) if "delay" in words or "clock" in words else frozenset()
     design, made_for = first, Timing()
-    for round_ in range(ROUNDS):
+    before, least, is_back = Timing(), first.total, False
+    for round_ in range(ROUNDS + 1):
         if _is_moved(made_for, timing, near):
             design, made_for = make(timing), timing
         search = SubsetSearch(design.retimed(timing), barred)
         best = search.run()[0]
-        if not any(free) or round_ == ROUNDS - 1:
+        left = search.design.total - best.score
+        if not any(free) or is_back:
             break
-        again = fit_timing(design, best.chosen, timing, free, within_s)
-        if max(abs(again.delay_s - timing.delay_s), abs(again.lag_s - timing.lag_s)) < TOLERANCE_S:
+        if left > least:
+            timing, is_back = before, True
+        elif round_ >= ROUNDS - 1:
             break
-        timing = again
+        else:
+            again = fit_timing(design, best.chosen, timing, free, within_s)
+            if max(abs(again.delay_s - timing.delay_s), abs(again.lag_s - timing.lag_s)) < TOLERANCE_S:
+                break
+            before, least, timing = timing, left, again
         if _is_moved(made_for, timing, near):
             design = first
             del search  # designs are large: this one goes before the next is made
@@ -122,7 +130,7 @@ def _from(
         return TimedSet(words, timing, np.inf, search, best)
     every = [search.design.candidates[k] for k in best.chosen]
     price = len(words) * search.prices.of_timing(every, best.shares)
-    return TimedSet(words, timing, search.design.total - best.score + price, search, best)
+    return TimedSet(words, timing, left + price, search, best)
 
 
 def _start(design: D, free: tuple[bool, bool], within_s: tuple[float, float], is_free_clock: bool) -> Timing:
