@@ -15,6 +15,7 @@ from insole_daemon import config as configs
 from insole_daemon.cli import app
 from insole_daemon.diagnosis import prediction
 from insole_daemon.diagnosis.load_estimate import TaxelLoad
+from insole_daemon.diagnosis.observations.readings import read_triangles
 from insole_daemon.diagnosis.observations.rezeros import correct_rezeros
 from insole_daemon.diagnosis.observing import observed
 from insole_daemon.diagnosis.operators import low_pass
@@ -70,12 +71,13 @@ def test_a_null_has_no_finding_and_its_model_predicts_the_counts(tmp_path, plain
 def with_pace_of_its_own(folder: Path, plain: Path, most_s: float) -> Path:
     """The simulation `plain`, whose steps come up to `most_s` earlier or later than the walk's."""
     shutil.copytree(plain, folder)
-    t_ns, counts = load(plain).feet[0].t_ns, load(plain).feet[0].counts
-    t_s = (t_ns - t_ns[0]) * 1e-9
-    moved_s = t_s + most_s * np.sin(2 * np.pi * t_s / 11.0)
-    moved = np.stack([np.interp(moved_s, t_s, course) for course in counts.reshape(len(t_s), -1).T], axis=1)
-    moved = np.rint(moved).astype(np.uint8).reshape(counts.shape)
-    counts_file.write(folder / "counts.npz", {"left": CountsTable(t_ns, moved)})
+    recording = load(plain)
+    (foot,) = recording.feet
+    t_s = (foot.t_ns - foot.t_ns[0]) * 1e-9
+    moved_s = np.clip(t_s + most_s * np.sin(2 * np.pi * t_s / 11.0), 0.1, t_s[-1] - 0.1)
+    moved = np.stack([readings.at(moved_s) for readings in read_triangles(recording, foot)], axis=1)
+    moved = np.rint(np.nan_to_num(moved)).astype(np.uint8)
+    counts_file.write(folder / "counts.npz", {"left": CountsTable(foot.t_ns, moved)})
     (folder / "can.log").unlink()
     document = folder / "recording.yaml"
     document.write_text(document.read_text().replace("can: can.log", "counts: counts.npz"))

@@ -80,7 +80,7 @@ class Nuisance:
         """
         of_shared = np.array([name == LATE for name in self.shared_names])
         of_own = np.array([name == UNEVEN for name in self.own_names])
-        return self.shared_sum(shared * of_shared) + np.matmul((own * of_own)[:, None], self.own)[:, 0]
+        return np.asarray(self.shared_sum(shared * of_shared) + np.matmul((own * of_own)[:, None], self.own)[:, 0])
 
     def with_shared(self, rows: Array, t: int) -> Array:
         """Return inner products (k, s) of `rows` (k, N) at triangle `t` with the shared columns."""
