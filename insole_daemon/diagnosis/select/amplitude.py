@@ -13,7 +13,7 @@ from ..model.refine import Refined
 from ..model.solve import solve_companions
 
 STD = 0.08  # of its value: materials of other families (benchmarks/diagnosis/families.py)
-MOST_GONE = 0.9  # of what most triangles say: others have no part
+MOST_GONE = 0.9  # of the rows of the triangle at its place that has most: others have no part
 LEAST_ROWS = 50
 DEGREE = 3  # of the static curve
 INNER = (0.002, 0.998)  # quantiles that stand for the ends: single rows are noise
@@ -45,8 +45,9 @@ def _courses(refined: Refined[Any], i: int) -> tuple[Array, Array]:
         known = design.weights[:, 0] > 0
         columns = design.raw[:, candidate.columns].reshape(len(design.weights), 3, -1)[:, 0]
         return (columns @ shares)[known] / design.weights[known, 0], seen.wrench[known, 0]
+    place = design.mask[candidate.columns[0]]
     there = np.mean(design.weights > 0, axis=0)
-    at = design.mask[candidate.columns[0]] & (there > MOST_GONE * there.max())
+    at = place & (there > MOST_GONE * there[place].max())
     known = np.asarray((design.weights[:, at] > 0).all(axis=1))
     beside, companion_shares = solve_companions(design, design.candidates, refined.shares)
     internal = sorted(
