@@ -23,6 +23,7 @@ from .reference_wrench import LONGEST_S
 
 TEMPERATURE = "temperature_c"
 LEAST_ROWS = 100  # of a reference, or of readings whose noise is estimated
+MOST_PERIOD_S = 1.0  # between two readings; boards usually send 20 to 100 a second
 SLOWEST_S, FASTEST_S = 0.1, 0.02  # of the grid's step
 
 
@@ -51,6 +52,12 @@ def read_rows(
     is_sending = np.isfinite(periods)
     if not is_sending.any():
         raise DiagnosisError(f"{recording.folder}: no triangle of the {foot.foot} foot has sent a reading")
+    typical_s = float(np.median(periods[is_sending]))
+    if typical_s > MOST_PERIOD_S:
+        raise DiagnosisError(
+            f"{recording.folder}: a triangle of the {foot.foot} foot sends a reading every {typical_s:.2g} s, expected "
+            f"one every {MOST_PERIOD_S:.0f} s at least: were frames lost, and are the times of the log in seconds?"
+        )
     step_s = float(np.clip(period_of(periods[is_sending]), FASTEST_S, SLOWEST_S))
     first = max((triangle.t_s[0] for triangle in readings if len(triangle.t_s) and triangle.t_s[0] < 5.0), default=0.0)
     last = float(np.median([triangle.t_s[-1] for triangle in readings if len(triangle.t_s)]))

@@ -90,3 +90,16 @@ def test_a_log_with_hardly_a_reading_is_refused(tmp_path: Path, n_frames: int, s
     assert foot.calibration is not None
     with pytest.raises(DiagnosisError, match=said):
         read_rows(recording, foot, foot.calibration, np.median)
+
+
+def test_a_log_whose_times_are_not_in_seconds_is_refused(tmp_path: Path) -> None:
+    folder = simulate(tmp_path)[1] / "recording"
+    log = folder / "can.log"
+    lines = [line.partition(") ") for line in log.read_text().splitlines()]
+    began_s = float(lines[0][0][1:])
+    log.write_text("".join(f"({began_s + 1e3 * (float(t[1:]) - began_s):.6f}) {frame}\n" for t, _, frame in lines))
+    recording = insole_daemon.load(folder)
+    foot = recording.feet[0]
+    assert foot.calibration is not None
+    with pytest.raises(DiagnosisError, match="every 20 s"):
+        read_rows(recording, foot, foot.calibration, np.median)
