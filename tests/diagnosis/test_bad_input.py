@@ -81,6 +81,17 @@ def test_a_reference_that_never_moves(tmp_path):
     assert "expected one that rises and falls" in refused(4, folder, out=tmp_path / "out")
 
 
+@pytest.mark.parametrize("unit_s", [1e-3, 1e-12])
+def test_a_reference_whose_times_are_not_in_seconds(tmp_path, unit_s):
+    folder = write(tmp_path / "trial", seconds=40.0)
+    head, *rows = (folder / "reference.csv").read_text().splitlines()
+    assert head.startswith("time_s,")
+    cells = [row.split(",", 1) for row in rows]
+    rows = [f"{float(time) / unit_s!r},{others}" for time, others in cells]
+    (folder / "reference.csv").write_text("\n".join([head, *rows]) + "\n")
+    assert "are the values of time_s in seconds" in refused(4, folder, out=tmp_path / "out")
+
+
 def test_recordings_of_two_insoles_are_refused(tmp_path):
     folders = [write(tmp_path / name, seconds=30.0) for name in ("first", "second")]
     layout = folders[1] / "layout.yaml"

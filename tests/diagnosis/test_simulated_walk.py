@@ -15,6 +15,7 @@ from insole_daemon import config as configs
 from insole_daemon.cli import app
 from insole_daemon.diagnosis import prediction
 from insole_daemon.diagnosis.load_estimate import TaxelLoad
+from insole_daemon.diagnosis.observations.readings import read_triangles
 from insole_daemon.diagnosis.observations.rezeros import correct_rezeros
 from insole_daemon.diagnosis.observing import observed
 from insole_daemon.diagnosis.operators import low_pass
@@ -22,6 +23,8 @@ from insole_daemon.diagnosis.terms import lag
 from insole_daemon.errors import DiagnosisError
 from insole_daemon.physics import calibration as calibrations
 from insole_daemon.physics.effect import Where, effect
+from insole_daemon.recording import counts as counts_file
+from insole_daemon.recording.counts import CountsTable
 from insole_daemon.recording.loading import load
 from insole_daemon.service.foot_setup import load_layout
 from insole_daemon.simulation.conditions import Conditions
@@ -63,6 +66,28 @@ def test_a_null_has_no_finding_and_its_model_predicts_the_counts(tmp_path, plain
     expected = prediction.of_folder(out / "model.json", folder, plain)["left"]
     left = load(folder).feet[0].counts - expected
     assert np.sqrt(np.nanmean(left**2)) < 1.2
+
+
+def with_pace_of_its_own(folder: Path, plain: Path, most_s: float) -> Path:
+    """The simulation `plain`, whose steps come up to `most_s` earlier or later than the walk's."""
+    shutil.copytree(plain, folder)
+    recording = load(plain)
+    (foot,) = recording.feet
+    t_s = (foot.t_ns - foot.t_ns[0]) * 1e-9
+    moved_s = np.clip(t_s + most_s * np.sin(2 * np.pi * t_s / 11.0), 0.1, t_s[-1] - 0.1)
+    moved = np.stack([readings.at(moved_s) for readings in read_triangles(recording, foot)], axis=1)
+    moved = np.rint(np.nan_to_num(moved)).astype(np.uint8)
+    counts_file.write(folder / "counts.npz", {"left": CountsTable(foot.t_ns, moved)})
+    (folder / "can.log").unlink()
+    document = folder / "recording.yaml"
+    document.write_text(document.read_text().replace("can: can.log", "counts: counts.npz"))
+    return folder
+
+
+@pytest.mark.parametrize("most_s", [0.01, 0.03])
+def test_a_walk_in_another_pace_than_its_simulation_has_no_finding(tmp_path, plain, most_s):
+    simulation = with_pace_of_its_own(tmp_path / "simulation", plain, most_s)
+    assert [each["effect"] for each in diagnosed(walk(tmp_path / "walk"), simulation, tmp_path / "out")] == []
 
 
 def test_a_displaced_map_is_detected(tmp_path, plain):

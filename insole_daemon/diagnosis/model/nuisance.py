@@ -24,6 +24,7 @@ ROUNDED_STD_COUNT = 0.3  # of a simulation without noise, whose rounding errors 
 REZERO_STD_COUNT = 2.0  # of the shift of a re-zero, which a few readings determine
 CURVE_STD_COUNT = 0.04  # misfit of a calibration's polynomials
 UNEVEN_KNOTS_S, UNSTEADY_KNOTS_S = 8.0, 2.0  # spacing of knots of a person's load and pace against a simulation's
+LATE, UNEVEN = "late", "uneven"  # columns of a simulated load's error
 ZERO_STD_PA = 100.0  # of the reference
 OWN_OFFSET_STD_S, OWN_RATE_STD = 1e-5, 2e-4  # the offset is searched for, the rate is that of edges
 
@@ -53,6 +54,7 @@ USUAL = Priors()
 class Nuisance:
     """Nuisance columns with their priors, in T blocks of N weighted rows."""
 
+    own_names: tuple[str, ...]
     own: Array  # (T, b, N) of each triangle
     own_std: Array  # (b,)
     shared_names: tuple[str, ...]
@@ -70,6 +72,15 @@ class Nuisance:
         """Return the sum (T, N) of the shared columns with coefficients `shares` (s,)."""
         sums = [shares[self.kind == k] @ self.courses[self.kind == k] for k in range(len(self.factors))]
         return np.asarray(np.einsum("fn,ftn->tn", sums, self.factors))
+
+    def load_error(self, shared: Array, own: Array) -> Array:
+        """Return the rows (T, N) by which a simulated load differs from the person's.
+
+        `shared` (s,) and `own` (T, b): coefficients of all shared and own columns.
+        """
+        of_shared = np.array([name == LATE for name in self.shared_names])
+        of_own = np.array([name == UNEVEN for name in self.own_names])
+        return np.asarray(self.shared_sum(shared * of_shared) + np.matmul((own * of_own)[:, None], self.own)[:, 0])
 
     def with_shared(self, rows: Array, t: int) -> Array:
         """Return inner products (k, s) of `rows` (k, N) at triangle `t` with the shared columns."""
@@ -122,19 +133,20 @@ def nuisance_of(load: LoadEstimate, weights: Array, priors: Priors) -> Nuisance:
     """
     seen = load.observation
     assert isinstance(seen, ChamberObservation)
-    own_columns = [((column * weights).T, std) for column, std in _of_calibration(load, priors)]
-    own, own_std = np.stack([column for column, _ in own_columns], axis=1), np.array([std for _, std in own_columns])
+    own_columns = [(name, (column * weights).T, std) for name, column, std in _of_calibration(load, priors)]
     delay_factor = -seen.reference.slope(seen.reference_s) * weights  # change of the residual per second of delay
     shared = list(_of_reference(seen, priors))
     return Nuisance(
-        own, own_std, tuple(name for name, *_ in shared), np.array([std for *_, std in shared]),
+        tuple(name for name, *_ in own_columns), np.stack([column for _, column, _ in own_columns], axis=1),
+        np.array([std for *_, std in own_columns]),
+        tuple(name for name, *_ in shared), np.array([std for *_, std in shared]),
         np.stack([course for _, _, course, _ in shared]), np.array([kind for _, kind, *_ in shared], np.intp),
         np.stack([weights.T, delay_factor.T]),
     )  # fmt: skip
 
 
-def _of_calibration(load: LoadEstimate, priors: Priors) -> Iterator[tuple[Array, float]]:
-    """Yield columns (N, T) and their prior standard deviations: gain, baseline, curves, a re-zero, an uneven load."""
+def _of_calibration(load: LoadEstimate, priors: Priors) -> Iterator[tuple[str, Array, float]]:
+    """Yield names, columns (N, T) and their prior standard deviations."""
     seen = load.observation
     assert isinstance(seen, ChamberObservation)
     # Loose curves and a gain of the known load together could cancel all readings, so both are of the readings alone.
@@ -142,16 +154,16 @@ def _of_calibration(load: LoadEstimate, priors: Priors) -> Iterator[tuple[Array,
     slope_pa = seen.slope_pa if is_loose else load.slope_pa
     slope = load.wrench_of(slope_pa)[..., 0]
     gain = load.wrench_of(-slope_pa * (load.activation_count if is_loose else load.gained_count))[..., 0]
-    yield gain, GAIN_STD
-    yield slope, ROUNDED_STD_COUNT if isinstance(seen, PairedObservation) else BASELINE_STD_COUNT
+    yield "gain", gain, GAIN_STD
+    yield "baseline", slope, ROUNDED_STD_COUNT if isinstance(seen, PairedObservation) else BASELINE_STD_COUNT
     for spline in curve_splines(load.activation_count, seen.usable).at(load.activation_count):
-        yield load.wrench_of(slope_pa * spline)[..., 0], priors.curve_count
+        yield "curve", load.wrench_of(slope_pa * spline)[..., 0], priors.curve_count
     if seen.rezeroed is not None:
-        yield slope * seen.rezeroed, REZERO_STD_COUNT
+        yield "rezero", slope * seen.rezeroed, REZERO_STD_COUNT
     if priors.share:
-        yield gain, priors.share
+        yield UNEVEN, gain, priors.share
         for hat in _centred_hats(seen, UNEVEN_KNOTS_S):
-            yield gain * hat[:, None], priors.share
+            yield UNEVEN, gain * hat[:, None], priors.share
 
 
 def _of_reference(seen: ChamberObservation, priors: Priors) -> Iterator[tuple[str, int, Array, float]]:
@@ -162,7 +174,7 @@ def _of_reference(seen: ChamberObservation, priors: Priors) -> Iterator[tuple[st
         yield "rate", 1, seen.t_s - seen.t_s.mean(), OWN_RATE_STD
     if priors.timing_s:
         for hat in _centred_hats(seen, UNSTEADY_KNOTS_S):
-            yield "late", 1, hat, priors.timing_s
+            yield LATE, 1, hat, priors.timing_s
 
 
 def _centred_hats(seen: ChamberObservation, over_s: float) -> Iterator[Array]:

@@ -25,7 +25,7 @@ from ...recording.reference import Reference
 from ..contact import stretches
 from .alignment import MOST_CLOCK_ERROR_S, fit_own_clock
 from .grid_readings import LEAST_ROWS, read_rows, row_times, temperature_at
-from .reference_wrench import FINE_S, ReferenceWrench
+from .reference_wrench import FINE_S, ReferenceWrench, fine_grid
 from .wrench import JITTER_S, LEAST_LAG_S, WrenchObservation
 
 LEAST_RISE_PA = 1e4  # smallest range of the reference's pressure
@@ -194,7 +194,7 @@ def _reference(recording: Recording, foot: FootRecording, reference: Reference) 
     )
     is_good &= ~is_leap
     row_time_s, row_pa = time_s[is_good] - time_s[is_good][0], pressure[is_good][:, None]
-    grid_s = np.arange(0.0, row_time_s[-1], FINE_S)
+    grid_s = fine_grid(recording.folder, row_time_s)
     after = np.searchsorted(row_time_s, grid_s, side="right").clip(1, len(row_time_s) - 1)
     period_s = float(np.median(np.diff(row_time_s)))
     window_rows = 2 * max(round(SMOOTH_S / period_s), SMOOTH_ROWS) + 1

@@ -19,10 +19,11 @@ from ...recording.loading import FootRecording, Recording
 from ...skin.geometry import N_TAXELS, PRESSURE_TAXELS
 from ..floor import noise_of_readings
 from .readings import TriangleReadings, read_triangles
+from .reference_wrench import LONGEST_S
 
 TEMPERATURE = "temperature_c"
 LEAST_ROWS = 100  # of a reference, or of readings whose noise is estimated
-LONGEST_S = 86_400.0  # of a trial
+MOST_PERIOD_S = 1.0  # between two readings; boards usually send 20 to 100 a second
 SLOWEST_S, FASTEST_S = 0.1, 0.02  # of the grid's step
 
 
@@ -44,13 +45,19 @@ def read_rows(
 ) -> GridReadings:
     """Return the readings of `foot` on a grid whose step is `period_of` the triangles' periods.
 
-    Raises DiagnosisError if the foot sent no reading, or its time stamps cover more than a day.
+    Raises DiagnosisError if the foot sent too few readings, or its time stamps cover more than a day.
     """
-    readings = read_triangles(recording, foot)
+    readings = read_triangles(recording, foot) if len(foot.t_ns) else []
     periods = np.array([triangle.period_s for triangle in readings])
     is_sending = np.isfinite(periods)
     if not is_sending.any():
         raise DiagnosisError(f"{recording.folder}: no triangle of the {foot.foot} foot has sent a reading")
+    typical_s = float(np.median(periods[is_sending]))
+    if typical_s > MOST_PERIOD_S:
+        raise DiagnosisError(
+            f"{recording.folder}: a triangle of the {foot.foot} foot sends a reading every {typical_s:.2g} s, expected "
+            f"one every {MOST_PERIOD_S:.0f} s at least: were frames lost, and are the times of the log in seconds?"
+        )
     step_s = float(np.clip(period_of(periods[is_sending]), FASTEST_S, SLOWEST_S))
     first = max((triangle.t_s[0] for triangle in readings if len(triangle.t_s) and triangle.t_s[0] < 5.0), default=0.0)
     last = float(np.median([triangle.t_s[-1] for triangle in readings if len(triangle.t_s)]))
@@ -60,6 +67,11 @@ def read_rows(
             "of at most a day: the clock of the log was set anew on the way; diagnose the part before or after it"
         )
     grid_s = np.arange(first, last, step_s)
+    if len(grid_s) < LEAST_ROWS:
+        raise DiagnosisError(
+            f"{recording.folder}: the readings of the {foot.foot} foot cover {max(last - first, 0.0):.2g} s, expected "
+            f"at least {LEAST_ROWS * step_s:.2g} s: record a trial of a minute"
+        )
     counts = np.stack([triangle.at(grid_s) for triangle in readings], axis=1)
     usable = is_sending[:, None] & calibration.usable & PRESSURE_TAXELS & np.isfinite(counts).all(axis=0)
     activation = np.where(usable, calibration.baseline_count - counts, 0.0)

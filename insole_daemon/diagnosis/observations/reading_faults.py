@@ -13,6 +13,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, median_filter, percentile_filter
 
+from ...errors import DiagnosisError
 from ...physics.effect import Where
 from ...physics.law import Array
 from ...recording.loading import FootRecording
@@ -59,7 +60,10 @@ class ReadingFaults:
 
 
 def reading_faults(foot: FootRecording, seen: WrenchObservation) -> ReadingFaults:
-    """Return the faults of the readings of `foot`, and the observation `seen` corrected for them."""
+    """Return the faults of the readings of `foot`, and the observation `seen` corrected for them.
+
+    Raises DiagnosisError if no taxel works.
+    """
     contact_faults = _contact_faults(foot, seen)
     seen, rezeros = correct_rezeros(foot, seen)
     with_negative_load = seen
@@ -80,6 +84,11 @@ def reading_faults(foot: FootRecording, seen: WrenchObservation) -> ReadingFault
     is_broken &= seen.usable
     is_estimated = np.zeros(len(is_broken), bool) if seen.is_estimated is None else seen.is_estimated
     working = seen.usable & ~is_broken & ~is_estimated[:, None]
+    if not working.any():
+        raise DiagnosisError(
+            f"{seen.name}: no taxel of the {seen.layout.foot} foot works: the readings of each are constant, those of "
+            "an open contact, or not valid; insole doctor checks the boards"
+        )
     substituted = np.asarray(is_broken.any(axis=1))
     seen = _substitute(seen, working, substituted) if substituted.any() else seen
     before_shifts = seen
@@ -198,7 +207,8 @@ def _substitute(
     for row in np.flatnonzero(substituted).tolist():
         donors = [j for j in seen.nearest(row) if working[j].any()]
         is_replaced[row] = working[row].sum() < LEAST_WORKING_TAXELS
-        donors = [j for j in donors if j != row][:DONORS] if is_replaced[row] else [row]
+        others = [j for j in donors if j != row][:DONORS]
+        donors = others if is_replaced[row] and others else [row]
         mean = np.mean([activation[:, j][:, working[j]].mean(axis=1) for j in donors], axis=0)
         activation[:, row][:, seen.usable[row] & ~working[row]] = mean[:, None]
     return replace(seen, activation_count=activation, is_wholly_substituted=is_replaced)

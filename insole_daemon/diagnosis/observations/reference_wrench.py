@@ -4,17 +4,34 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
+from ...errors import DiagnosisError
 from ...physics.law import Array
 from ...recording.document import Clock
 from ..operators import low_pass
 
 FINE_S = 0.005  # step of the grid
 SMOOTH_S = 0.012  # standard deviation of the kernel that removes the noise of single rows from regressors
+LONGEST_S, SLOWEST_ROW_S = 86_400.0, 5.0  # of a trial; between two rows
+
+
+def fine_grid(folder: Path, row_time_s: Array) -> Array:
+    """Return the times (M,) every FINE_S between the first and the last of the rows `row_time_s` (n,).
+
+    Raises DiagnosisError if the rows are too far apart for the times of one trial in seconds.
+    """
+    span_s, row_s = float(np.ptp(row_time_s)), float(np.median(np.diff(row_time_s)))
+    if span_s > LONGEST_S or row_s > SLOWEST_ROW_S:
+        raise DiagnosisError(
+            f"{folder}: the rows of the reference are {row_s:.3g} s apart and cover {span_s:.3g} s, expected rows at "
+            f"most {SLOWEST_ROW_S:.0f} s apart of one trial of at most a day: are the values of time_s in seconds?"
+        )
+    return np.arange(row_time_s[0], row_time_s[-1], FINE_S)
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,7 +15,7 @@ from ...recording.loading import FootRecording, Recording
 from ...recording.reference import Reference
 from .alignment import MOST_CLOCK_ERROR_S
 from .grid_readings import LEAST_ROWS, read_rows, row_times, temperature_at
-from .reference_wrench import FINE_S, ReferenceWrench
+from .reference_wrench import FINE_S, ReferenceWrench, fine_grid
 from .rezeros import correct_rezeros
 from .wrench import CHANNELS, WrenchObservation
 
@@ -66,7 +66,7 @@ def _reference(recording: Recording, foot: FootRecording, reference: Reference) 
             f"expected one that rises and falls by more than {LEAST_FORCE_N:.0f} N: was the shoe recorded?"
         )
     row_time_s, row_wrench = time_s[is_good] - time_s[is_good][0], values[is_good]
-    grid_s = np.arange(0.0, row_time_s[-1], FINE_S)
+    grid_s = fine_grid(recording.folder, row_time_s)
     after = np.searchsorted(row_time_s, grid_s, side="right").clip(1, len(row_time_s) - 1)
     known = row_time_s[after] - row_time_s[after - 1] < max(0.1, 3.0 * float(np.median(np.diff(row_time_s))))
     third_difference = np.abs(np.diff(row_wrench, n=3, axis=0)) / np.sqrt(20.0)

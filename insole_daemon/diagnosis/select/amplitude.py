@@ -13,7 +13,7 @@ from ..model.refine import Refined
 from ..model.solve import solve_companions
 
 STD = 0.08  # relative, over materials that follow other laws (benchmarks/diagnosis/families.py)
-MOST_GONE = 0.9  # of the rows that the most complete triangle has: triangles with fewer are left out
+MOST_GONE = 0.9  # of the rows that the most complete triangle at its place has: others are left out
 LEAST_ROWS = 50  # for a fit of the static curve
 DEGREE = 3  # of the polynomial that stands for a static curve
 INNER = (0.002, 0.998)  # quantiles that stand for minimum and maximum, which single noisy rows would decide
@@ -50,8 +50,9 @@ def _contribution_and_load(refined: Refined[Any], i: int) -> tuple[Array, Array]
         known = design.weights[:, 0] > 0
         columns = design.raw[:, candidate.columns].reshape(len(design.weights), 3, -1)[:, 0]
         return (columns @ shares)[known] / design.weights[known, 0], seen.wrench[known, 0]
+    place = design.mask[candidate.columns[0]]
     completeness = np.mean(design.weights > 0, axis=0)
-    at = design.mask[candidate.columns[0]] & (completeness > MOST_GONE * completeness.max())
+    at = place & (completeness > MOST_GONE * completeness[place].max())
     known = np.asarray((design.weights[:, at] > 0).all(axis=1))
     companions, companion_shares = solve_companions(design, design.candidates, refined.shares)
     internal = sorted(

@@ -31,7 +31,8 @@ def count_errors(refined: Refined[BlockDesign], order: Sequence[int]) -> Heldout
     """Return the errors of a refined set over usable taxels, in counts; its candidates are added in `order`.
 
     `before` has the model as handed in, after the alignment of a free clock. `after` has the laws alone, without
-    companions for their misfit, on held-out blocks with coefficients from the other blocks.
+    companions for their misfit, on held-out blocks with coefficients from the other blocks. The floor is the noise of
+    the readings and the error of a simulated load, which no model of the sensor takes away.
     """
     design = refined.design
     seen, nuisance = design.seen, design.nuisance
@@ -54,7 +55,7 @@ def count_errors(refined: Refined[BlockDesign], order: Sequence[int]) -> Heldout
         for t, columns in enumerate(x):
             residual_rows[t, held] = rest[t, held] - theta @ columns[:, held]
     every_row = np.ones(n, bool)
-    every, shared, _ = _fit(active, y, design, every_row)
+    every, shared, own = _fit(active, y, design, every_row)
     _, unmoved, _ = _fit(none, aligned, design, every_row)
     moved = nuisance.shared_sum(unmoved * aligning)
     before = aligned - moved
@@ -89,7 +90,7 @@ def count_errors(refined: Refined[BlockDesign], order: Sequence[int]) -> Heldout
         square = _square(design, off)
         gains.append(max(previous - square, 0.0))
         previous = min(previous, square)
-    noise = _noise(design)
+    floor = np.hypot(_noise(design), _load_error_count(design, as_read, nuisance.load_error(shared, own)))
     rms = np.sqrt(np.array(squares))
     slope = np.sum(seen.slope_pa * seen.usable, axis=(0, 2)) / (len(seen.t_s) * np.maximum(seen.usable.sum(axis=1), 1))
     counts = [
@@ -101,7 +102,7 @@ def count_errors(refined: Refined[BlockDesign], order: Sequence[int]) -> Heldout
         for k, share in zip(active.companions, every[len(every) - len(active.companions) :], strict=True)
     }
     return HeldoutErrors(
-        rms[:1], rms[1:], np.minimum(noise, rms[1:]), counts[0], counts[1], np.asarray(known.any(axis=1)),
+        rms[:1], rms[1:], np.minimum(floor, rms[1:]), counts[0], counts[1], np.asarray(known.any(axis=1)),
         lack_of_fit(_residual_with_companions(refined).T, seen.step_s, EXPECTED), tuple(gains), timing_gain, shared,
         companion_shares, recalibrated,
     )  # fmt: skip
@@ -304,6 +305,14 @@ def _noise(design: BlockDesign) -> float:
     if seen.noise_ratio is not None:
         noise = noise * seen.noise_ratio[..., None]
     return float(np.sqrt(_square(design, noise)))
+
+
+def _load_error_count(design: BlockDesign, as_read: Array, load_error: Array) -> float:
+    """Return the RMS by which the weighted rows `load_error` (T, N) of a simulated load change readings, counts."""
+    if not load_error.any():
+        return 0.0
+    moved = _error_count(design, as_read, design.y) - _error_count(design, as_read, design.y - load_error)
+    return float(np.sqrt(_square(design, moved)))
 
 
 def _square(design: BlockDesign, off: Array) -> float:

@@ -100,35 +100,31 @@ def _fit_from(
 ) -> TimingFit[D]:
     """Return the fit that is reached from `timing` by fitting the terms and the times in turn.
 
-    The columns of the terms are computed anew if the timing changes by more than `near`. If a round has a larger
-    criterion than the round before, the fit of the round before is the result: with a delay of the whole insole and of
-    every board as candidates, the times alone are poorly determined.
+    The columns of the terms are computed anew if the timing changes by more than `near`. A timing with a larger
+    criterion than that of the round before is not used: with a delay of the whole insole and of every board as
+    candidates times alone are poorly determined, and linearised columns are wrong far from where they were computed.
     """
     # A clock term could compensate the delay of the hypothesis.
     excluded_words = frozenset({"clock"}) if "delay" in words or "clock" in words else frozenset()
     design, made_for = first, Timing()
-    before: tuple[Timing, float] | None = None  # timing of the round before, and its squared residual plus penalties
-    for round_ in range(ROUNDS):
+    before, least, is_back = Timing(), first.total, False  # timing of the round before, and its criterion
+    for round_ in range(ROUNDS + 1):
         if _is_moved(made_for, timing, near):
             design, made_for = make(timing), timing
         search = SubsetSearch(design.retimed(timing), excluded_words)
         best = search.run()[0]
         criterion = search.design.total - best.score
-        if before is not None and criterion > before[1]:
-            timing = before[0]
-            if _is_moved(made_for, timing, near):
-                del search
-                design = make(timing)
-            search = SubsetSearch(design.retimed(timing), excluded_words)
-            best = search.run()[0]
+        if not any(free) or is_back:
             break
-        before = timing, criterion
-        if not any(free) or round_ == ROUNDS - 1:
+        if criterion > least:
+            timing, is_back = before, True
+        elif round_ >= ROUNDS - 1:
             break
-        again = fit_timing(design, best.chosen, timing, free, within_s)
-        if max(abs(again.delay_s - timing.delay_s), abs(again.lag_s - timing.lag_s)) < TOLERANCE_S:
-            break
-        timing = again
+        else:
+            again = fit_timing(design, best.chosen, timing, free, within_s)
+            if max(abs(again.delay_s - timing.delay_s), abs(again.lag_s - timing.lag_s)) < TOLERANCE_S:
+                break
+            before, least, timing = timing, criterion, again
         if _is_moved(made_for, timing, near):
             design = first
             del search  # designs are large: this one goes before the next is made
@@ -136,7 +132,7 @@ def _fit_from(
         return TimingFit(words, timing, np.inf, search, best)
     every = [search.design.candidates[k] for k in best.chosen]
     penalty = len(words) * search.penalties.timing_penalty(every, best.shares)
-    return TimingFit(words, timing, search.design.total - best.score + penalty, search, best)
+    return TimingFit(words, timing, criterion + penalty, search, best)
 
 
 def _start(design: D, free: tuple[bool, bool], within_s: tuple[float, float], is_free_clock: bool) -> Timing:

@@ -15,7 +15,7 @@ SEED = 5
 
 @pytest.fixture(scope="module")
 def trials(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
-    """A simulated chamber and a walk."""
+    """The simulated trials."""
     return simulate(tmp_path_factory.mktemp("trials"))
 
 
@@ -24,10 +24,10 @@ def test_a_seed_decides_what_is_damaged(tmp_path: Path, trials: list[Path]) -> N
     for name in ("one", "other"):
         folder = tmp_path / name
         shutil.copytree(trials[1], folder)
-        changes = mutate(folder, random.Random(SEED))
-        every.append((changes, {path.name: path.read_bytes() for path in folder.iterdir()}))
+        changes = mutate(folder, random.Random(SEED), trials)
+        every.append((changes, {path.name: path.read_bytes() for path in folder.glob("*/*")}))
     assert every[0] == every[1]
-    assert every[0][1] != {path.name: path.read_bytes() for path in trials[1].iterdir()}
+    assert every[0][1] != {path.name: path.read_bytes() for path in trials[1].glob("*/*")}
 
 
 @pytest.mark.parametrize("number", range(6))

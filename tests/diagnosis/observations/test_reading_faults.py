@@ -10,6 +10,7 @@ import pytest
 
 from insole_daemon.diagnosis.observations.reading_faults import reading_faults
 from insole_daemon.diagnosis.observations.walk import observe_walk
+from insole_daemon.errors import DiagnosisError
 from insole_daemon.recording.loading import load
 
 from ..foot.shoe import write
@@ -21,6 +22,14 @@ def faults_of(walk: Path, counts=None):
     if counts is not None:
         foot = replace(foot, counts=counts(foot.counts.copy()))
     return reading_faults(foot, observe_walk(recording, foot, foot.calibration))
+
+
+def test_an_insole_of_which_no_taxel_works_is_refused(tmp_path):
+    recording = load(write(tmp_path / "walk"))
+    foot = recording.feet[0]
+    seen = observe_walk(recording, foot, foot.calibration)
+    with pytest.raises(DiagnosisError, match="no taxel of the left foot works"):
+        reading_faults(foot, replace(seen, usable=np.zeros_like(seen.usable)))
 
 
 def test_a_burst_of_one_triangle_is_placed_and_its_rows_weigh_less(tmp_path):

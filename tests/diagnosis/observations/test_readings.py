@@ -9,7 +9,9 @@ import pytest
 
 import insole_daemon
 from benchmarks.diagnosis.mutated_recordings import simulate
+from insole_daemon.diagnosis.observations.grid_readings import read_rows
 from insole_daemon.diagnosis.observations.readings import TriangleReadings, _without_repeats, read_triangles
+from insole_daemon.errors import DiagnosisError
 
 SENT_S = 0.02
 
@@ -49,7 +51,7 @@ def test_a_triangle_that_sent_a_few_readings_keeps_them(n):
 
 
 def test_a_log_that_was_joined_from_those_of_two_interfaces_gives_the_same_readings(tmp_path: Path) -> None:
-    folder = simulate(tmp_path)[1]
+    folder = simulate(tmp_path)[1] / "recording"
     log = folder / "can.log"
     lines = log.read_text().splitlines(keepends=True)
 
@@ -76,3 +78,28 @@ def test_conversions_at_a_multiple_of_the_boards_period_may_be_a_period_older():
 def test_the_age_of_conversions_is_known_if_their_waiting_times_vary():
     number = np.floor(np.arange(3000) * SENT_S / 0.037).astype(int)
     assert _without_repeats(held(number)).latest_s < 0.1 * SENT_S
+
+
+@pytest.mark.parametrize(("n_frames", "said"), [(1, "no triangle of the left foot"), (1000, "cover 0.1")])
+def test_a_log_with_hardly_a_reading_is_refused(tmp_path: Path, n_frames: int, said: str) -> None:
+    folder = simulate(tmp_path)[1] / "recording"
+    log = folder / "can.log"
+    log.write_text("".join(log.read_text().splitlines(keepends=True)[:n_frames]))
+    recording = insole_daemon.load(folder)
+    foot = recording.feet[0]
+    assert foot.calibration is not None
+    with pytest.raises(DiagnosisError, match=said):
+        read_rows(recording, foot, foot.calibration, np.median)
+
+
+def test_a_log_whose_times_are_not_in_seconds_is_refused(tmp_path: Path) -> None:
+    folder = simulate(tmp_path)[1] / "recording"
+    log = folder / "can.log"
+    lines = [line.partition(") ") for line in log.read_text().splitlines()]
+    began_s = float(lines[0][0][1:])
+    log.write_text("".join(f"({began_s + 1e3 * (float(t[1:]) - began_s):.6f}) {frame}\n" for t, _, frame in lines))
+    recording = insole_daemon.load(folder)
+    foot = recording.feet[0]
+    assert foot.calibration is not None
+    with pytest.raises(DiagnosisError, match="every 20 s"):
+        read_rows(recording, foot, foot.calibration, np.median)
