@@ -25,6 +25,7 @@ LEAST_SIZE = 2.0  # RMS of the effect over the rows, in the noise of a reading
 MOST_LEFT = 0.5  # of the mean square that the memory's mean curve alone leaves
 LEAST_OTHERS = 2  # boards beside one with an effect
 MOST_APART = 0.5  # RMS difference of any two of these, relative to the effect
+ALIKE, MOST_TRIANGLES = 0.5, 0.75  # relative deviation of a triangle's share, and part of the triangles that keep to it
 KNEES = np.array([0.0, 0.15, 0.3, 0.4, 0.5, 0.65])  # of a stiffening, relative to the largest load
 SPANS = np.geomspace(0.3, 30.0, 15)  # of a stiffening, relative to the largest load
 
@@ -90,30 +91,44 @@ def _values(word: str, share: float) -> dict[str, float]:
 def static_part_of_board(refined: Refined[BlockDesign]) -> StaticPart | None:
     """Return the gain or baseline by which one board differs from all others; None if there is none.
 
-    The others have to agree with each other, and one shape has to describe the difference at all loads.
+    The others have to agree with each other, one shape has to describe the difference at all loads, and most triangles
+    of the board have to show it.
     """
     boards = refined.design.seen.layout.identities[:, 0]
     addresses = np.unique(boards).tolist()
     if len(addresses) <= LEAST_OTHERS:
         return None
-    errors = dict(zip(addresses, errors_by_load(refined, [boards == each for each in addresses]), strict=True))
+    places = [boards == each for each in addresses] + list(np.eye(len(boards), dtype=bool))
+    errors = errors_by_load(refined, places)
+    by_board, by_triangle = errors[: len(addresses)], errors[len(addresses) :]
     best = None
-    for address, error in errors.items():
+    for i, (address, error) in enumerate(zip(addresses, by_board, strict=True)):
         weights = np.sqrt(error.rows / error.rows.sum())
-        others = [errors[other].after for other in addresses if other != address]
-        rest = weights * (error.after - np.mean(others, axis=0))
+        others = [other.after for j, other in enumerate(by_board) if j != i]
+        mean = np.mean(others, axis=0)
         apart = max(float(np.sum((weights * (one - other)) ** 2)) for one in others for other in others)
         for word, shape in _shapes(error):
-            column = weights * shape
-            share = float(rest @ column / max(float(column @ column), 1e-12))
-            square, left = share**2 * float(column @ column), float(np.sum((rest - share * column) ** 2))
+            share, square, left = _difference(error.after - mean, shape, weights)
             is_clear = square > (LEAST_SIZE * error.noise_count) ** 2 and apart < MOST_APART**2 * square
-            if is_clear and left < MOST_LEFT * float(rest @ rest) and (best is None or left < best[0]):
-                std = float(np.sqrt(left / square / len(column)))
-                on_insole = square * float(np.mean(boards == address))
+            if not is_clear or left > MOST_LEFT * (square + left) or (best is not None and left >= best[0]):
+                continue
+            own = [
+                _difference(by_triangle[row].after - mean, shape, weights)[0] / share
+                for row in np.flatnonzero(boards == address).tolist()
+            ]
+            if np.mean(np.abs(np.array(own) - 1.0) < ALIKE) > MOST_TRIANGLES:
+                std = float(np.sqrt(left / square / len(shape)))
                 where = Where("board", ((address,),))
+                on_insole = square * float(np.mean(boards == address))
                 best = left, StaticPart(word, _values(word, share), on_insole, std, where)
     return None if best is None else best[1]
+
+
+def _difference(rest: Array, shape: Array, weights: Array) -> tuple[float, float, float]:
+    """Return the share of `shape` (k,) in `rest` (k,), and the mean squares of the two parts, counts²."""
+    y, column = weights * rest, weights * shape
+    share = float(y @ column / max(float(column @ column), 1e-12))
+    return share, share**2 * float(column @ column), float(np.sum((y - share * column) ** 2))
 
 
 def _residual_square(error: ErrorByLoad, column: Array, weights: Array) -> float:
