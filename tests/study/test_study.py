@@ -279,7 +279,9 @@ def test_ctrl_c_ends_the_command_and_its_workers_with_one_line_and_the_next_run_
     command = [INSOLE, "study", folder, "--workers", "2"]
     lines = tmp_path / "stderr"
     with open(lines, "w") as stderr:
-        process = subprocess.Popen(command, stdout=stderr, stderr=stderr, start_new_session=True)  # as a terminal does
+        # As a terminal does; whoever runs the tests in the background has SIGINT ignored.
+        on_terminal = ["env", "--default-signal=INT", *command]
+        process = subprocess.Popen(on_terminal, stdout=stderr, stderr=stderr, start_new_session=True)
     deadline_s = time.monotonic() + PATIENCE_S
     while not moment(process, lines):
         assert process.poll() is None, lines.read_text()

@@ -37,12 +37,14 @@ def rounding_of_compensation(seen: WrenchObservation) -> Array:
 
     The firmware subtracts a share of what a pad has moved since the baseline was taken, in whole units of a count, cut
     off: nothing at first, then half a unit too little on average. This is the pads' mean change since the first
-    WINDOW_S in halves of a count; 0 if no pads are in range.
+    WINDOW_S in halves of a count; 0 if no pads are in range, or if they follow the load.
     """
     counts = _moving_pads(seen)
     if counts.shape[1] < LEAST_PADS:
         return np.zeros(len(seen.t_s))
     smooth = uniform_filter1d(counts.mean(axis=1), _window_rows(seen))
+    if _follows_load(smooth, seen):
+        return np.zeros(len(seen.t_s))
     return np.asarray(np.tanh((smooth[0] - smooth) / HALF_COUNT))
 
 
@@ -54,14 +56,10 @@ def pad_course(seen: WrenchObservation) -> Array | None:
     window_rows = _window_rows(seen)
     smooth = uniform_filter1d(counts - np.median(counts, axis=0), window_rows, axis=0)
     halves = [np.median(smooth[:, k::2], axis=1) for k in (0, 1)]
-    load = uniform_filter1d(seen.activation_count[:, seen.usable].mean(axis=1), window_rows)
     median_course = np.median(smooth, axis=1)
-    if min(float(np.ptp(course)) for course in (*halves, load)) <= 0.0:
+    if min(float(np.ptp(course)) for course in halves) <= 0.0:
         return None
-    if (
-        np.corrcoef(*halves)[0, 1] < LEAST_CORRELATION
-        or abs(np.corrcoef(median_course, load)[0, 1]) > MOST_LOAD_CORRELATION
-    ):
+    if np.corrcoef(*halves)[0, 1] < LEAST_CORRELATION or _follows_load(median_course, seen):
         return None
     return np.asarray(median_course)
 
@@ -73,6 +71,14 @@ def _moving_pads(seen: WrenchObservation) -> Array:
     counts = np.stack(pad_counts, axis=1) if pad_counts else np.empty((len(seen.t_s), 0))
     in_range = np.mean((counts <= 0.5) | (counts >= 254.5), axis=0) < MOST_CUT_OFF
     return np.asarray(counts[:, in_range & (np.ptp(counts, axis=0) > 0.0)])
+
+
+def _follows_load(course: Array, seen: WrenchObservation) -> bool:
+    """Return whether a course (N,) of the pads follows the readings of the taxels, or nothing tells it."""
+    load = uniform_filter1d(seen.activation_count[:, seen.usable].mean(axis=1), _window_rows(seen))
+    if min(float(np.ptp(course)), float(np.ptp(load))) <= 0.0:
+        return True
+    return bool(abs(np.corrcoef(course, load)[0, 1]) > MOST_LOAD_CORRELATION)
 
 
 def _window_rows(seen: WrenchObservation) -> int:
