@@ -4,7 +4,7 @@
 
 The median of five, of the time and of the CPU time of all threads, which depends less on the load of the machine.
 `insole run` is timed from the start of the process to its first `put`. The package's bytecode is written first, as
-installing a wheel does; where it may not be written, every start compiles the source anew.
+installing a wheel does; where that folder is read-only, every start compiles the source again.
 
 Takes about half a minute.
 """

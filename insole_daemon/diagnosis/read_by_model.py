@@ -1,7 +1,8 @@
 """Read a walk by the model of a chamber of the same insole: without the memories that were found there.
 
-On a walk only three sums of the load are known, and a strong memory stands for much else. In a chamber the load of
-every taxel is known, so its memories and its curves are taken from there, and the walk shows what is left.
+On a walk only the force and two moments of the load are known, and a strong memory can describe other effects as well.
+In a chamber the load of every taxel is known. So memories and curves are taken from the chamber, and the walk is
+searched for the remaining effects.
 """
 
 from __future__ import annotations

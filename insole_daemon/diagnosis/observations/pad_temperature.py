@@ -18,7 +18,7 @@ from .wrench import WrenchObservation
 PADS = np.flatnonzero(~PRESSURE_TAXELS).tolist()
 WINDOW_S = 2.0  # of the moving average: temperature changes slowly
 LEAST_PADS = 4
-HALF_COUNT = 0.5
+HALF_COUNT = 0.5  # of a pad: what the cutting off of whole counts loses on average
 MOST_CUT_OFF = 0.05  # of a pad's readings at an end of their range
 LEAST_CORRELATION = 0.9  # of one half of the pads with the other
 MOST_LOAD_CORRELATION = 0.7  # with the readings: beyond it the pads follow the load

@@ -124,9 +124,9 @@ def _find_rezero(
     missing_count = np.where(is_known, expected - above_landing, np.nan)  # what readings miss
     by_others = _missing_by_others(seen, of_board)
     for beside_count in [0.0] if by_others is None else [0.0, by_others]:
+        missing = missing_count - beside_count
         for row in candidate_rows.tolist():
             before, after = row - width, row + width
-            missing = missing_count - beside_count
             step_count = float(
                 above_landing[before] - above_landing[after] if by_others is None else missing[after] - missing[before]
             )

@@ -15,7 +15,7 @@ from ..model.solve import solve_companions
 STD = 0.08  # relative, over materials that follow other laws (benchmarks/diagnosis/families.py)
 MOST_GONE = 0.9  # of the rows that the most complete triangle at its place has: others are left out
 LEAST_ROWS = 50  # for a fit of the static curve
-DEGREE = 3  # of the polynomial that stands for a static curve
+DEGREE = 3  # of the polynomial that is fitted as the static curve
 INNER = (0.002, 0.998)  # quantiles that stand for minimum and maximum, which single noisy rows would decide
 
 
