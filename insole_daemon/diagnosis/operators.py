@@ -41,17 +41,19 @@ def plays(x: Array, radii_pa: Array) -> Array:
     return np.moveaxis(play, 1, 0)
 
 
-def frictions(x: Array, widths_pa: Array) -> Array:
-    """Return the part of x that friction takes, (k, N, m), for each width s: dz = (1 − sgn(dx)·z/s)·dx, z = 0 at first.
+def frictions(x: Array, up_pa: Array, down_pa: Array) -> Array:
+    """Return the part of x that friction takes, (k, N, m), with widths s_u of rising and s_d of falling x, each (k,).
 
-    Exact for x monotonic between rows. After a long change of x in one direction z is ±s, as of a play of that width;
-    for a short change dz is dx. Source: P. R. Dahl, A solid friction model, Aerospace Corp. TOR-0158 (1968).
+    dz = (1 − sgn(dx)·z/L)·L/s·dx with L = s_u + s_d, and z = 0 at first. Exact for x monotonic between rows. After a
+    long change of x in one direction z is ±L, as of a play of that width; after a turn it changes the faster the
+    smaller s. Source: P. R. Dahl, A solid friction model, Aerospace Corp. TOR-0158 (1968).
     """
-    width = widths_pa[:, None]
-    friction = np.empty((len(x), len(widths_pa), x.shape[1]))
+    rising, falling = up_pa[:, None], down_pa[:, None]
+    friction = np.empty((len(x), len(up_pa), x.shape[1]))
     state = np.zeros(friction.shape[1:])
     for row, way in zip(friction, np.diff(x, axis=0, prepend=0.0)[:, None], strict=True):
-        limit = np.copysign(width, way)
+        limit = np.copysign(rising + falling, way)
+        width = np.where(way > 0.0, rising, falling)
         state = np.add(limit, (state - limit) * np.exp(-np.abs(way) / width), out=row)
     return np.moveaxis(friction, 1, 0)
 

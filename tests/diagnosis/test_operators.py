@@ -11,17 +11,17 @@ WAYS_PA = np.cumsum([0.0, 80e3, -30e3, 10e3, 90e3, -150e3, 5e3])
 FINE = 20_000
 
 
-@pytest.mark.parametrize("width_pa", [5e3, 60e3, 400e3])
-def test_friction_solves_dahls_equation(width_pa):
-    """Against small steps of dz = (1 − sgn(dx)·z/s)·dx."""
-    (found,) = frictions(WAYS_PA[:, None], np.array([width_pa]))
-    z, expected = 0.0, [0.0]
+@pytest.mark.parametrize(("up_pa", "down_pa"), [(5e3, 5e3), (60e3, 20e3), (100e3, 400e3)])
+def test_friction_solves_dahls_equation(up_pa, down_pa):
+    """Against small steps of dz = (1 − sgn(dx)·z/L)·L/s·dx, L = s_u + s_d."""
+    (friction,) = frictions(WAYS_PA[:, None], np.array([up_pa]), np.array([down_pa]))
+    limit, z, expected = up_pa + down_pa, 0.0, [0.0]
     for way in np.diff(WAYS_PA):
         for _ in range(FINE):
-            z += (1.0 - np.sign(way) * z / width_pa) * way / FINE
+            z += (1.0 - np.sign(way) * z / limit) * limit / (up_pa if way > 0.0 else down_pa) * way / FINE
         expected.append(z)
-    np.testing.assert_allclose(found[:, 0], expected, atol=1e-3 * width_pa)
-    assert np.abs(found).max() <= width_pa
+    np.testing.assert_allclose(friction[:, 0], expected, atol=1e-3 * limit)
+    assert np.abs(friction).max() <= limit
 
 
 @pytest.mark.parametrize("scale_pa", [15e3, 40e3, 1e9])

@@ -1,4 +1,9 @@
-"""`hysteresis`: plays. q = (1 − Σ w_j)·P + Σ w_j·play_rj[P]; the inverse, from readings, is a sum of plays too."""
+"""`hysteresis`: plays. q = (1 − Σ w_j)·P + Σ w_j·play_rj[P]; the inverse, from readings, is a sum of plays too.
+
+If the load is known, columns of Dahl's friction are offered too: after a turn it follows the load sooner than a play,
+and its limit may grow with the load, as between layers that the load presses together. The exported model contains only
+the plays.
+"""
 
 from __future__ import annotations
 
@@ -9,17 +14,19 @@ from numpy.typing import NDArray
 
 from ...physics.law import MOST_SHARED, Array
 from ..load_estimate import LoadEstimate
-from ..operators import plays
+from ..operators import frictions, plays
 from .term import ABSORBED, Setting, Term, TermColumns, geometric
 
 UNEVEN = 0.5  # prior standard deviation of the companion `uneven_loops`
 WIDEST = 0.4  # largest radius, relative to the range of the load
 RADII_PA = geometric(3e3, 192e3, 7)
 LEAST_WEIGHT = 2e-3  # of a play in the parameters
+# Widths of friction under rising and falling load, relative to its range: equal, or different by a factor 3.
+WIDTHS = np.array([(0.02, 0.02), (0.06, 0.06), (0.18, 0.18), (0.02, 0.06), (0.06, 0.02), (0.06, 0.18), (0.18, 0.06)])
 
 
 def _columns(load: LoadEstimate) -> list[TermColumns]:
-    """Return joint columns: q − play_r[q] for each radius, computed from readings with reduced noise."""
+    """Return joint columns: q − play_r[q] for each radius, computed from readings with reduced noise, and frictions."""
     pressure = load.courses_pa
     radii_pa = RADII_PA
     if load.is_known:  # a play of half the range never returns, so it would be a step in time
@@ -27,9 +34,15 @@ def _columns(load: LoadEstimate) -> list[TermColumns]:
         if not radii_pa:
             return []
     flat = pressure.reshape(len(pressure), -1)
-    loops = (-plays(flat, np.array([radius_pa]))[0].reshape(pressure.shape) for radius_pa in radii_pa)
-    columns = [load.wrench_of_courses(loop) for loop in loops]
-    return [TermColumns(tuple({"r_pa": r} for r in radii_pa), by_triangle=np.stack(columns, axis=-1), joint=True)]
+    settings: list[Setting] = [{"r_pa": radius_pa} for radius_pa in radii_pa]
+    loops = [-plays(flat, np.array([radius_pa]))[0] for radius_pa in radii_pa]
+    if load.observation.is_uniform:  # a simulated load turns round at other times than the real one
+        widths_pa = float(np.ptp(pressure)) * WIDTHS
+        constant = frictions(flat, *widths_pa.T)
+        settings += [{"up_pa": up_pa, "down_pa": down_pa} for up_pa, down_pa in widths_pa.tolist() * 2]
+        loops += [*constant, *(constant * flat / flat.max())]
+    columns = [load.wrench_of_courses(loop.reshape(pressure.shape)) for loop in loops]
+    return [TermColumns(tuple(settings), by_triangle=np.stack(columns, axis=-1), joint=True)]
 
 
 def _parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:
@@ -60,6 +73,10 @@ def _relevant(w: Array) -> NDArray[np.bool_]:
     return kept
 
 
+def _is_in_law(setting: Setting) -> bool:
+    return "r_pa" in setting
+
+
 TERM = Term(
     word="hysteresis",
     scopes=("insole", "board", "triangle"),
@@ -71,5 +88,6 @@ TERM = Term(
     limit=4.0,
     known_sum_bound=MOST_SHARED,
     absorbs={**ABSORBED, "uneven_loops": UNEVEN},
+    is_in_law=_is_in_law,
     misfit=0.03,
 )

@@ -14,7 +14,7 @@ import numpy as np
 
 from ...physics.law import Array
 from ..load_estimate import LoadEstimate
-from ..operators import frictions, low_pass, plays
+from ..operators import low_pass, plays
 from .creep import TERM as CREEPS
 from .hysteresis import TERM as HYSTERESIS
 from .term import Setting, Term, TermColumns, needs_known_load
@@ -26,14 +26,14 @@ WIDTHS = (0.03, 0.1, 0.3)  # of frictions, relative to the range
 
 
 def _plays(load: LoadEstimate) -> list[TermColumns]:
-    """Return joint columns: load of a part − its play, for each part and radius, and for uniform loads frictions."""
+    """Return joint columns: load of a part − its play, for each part and radius, and earlier frictions."""
     top = float(load.courses_pa.max())
     settings = [{"part": float(k), "r_pa": radius * top} for k in range(PARTS) for radius in RADII]
     loops = (-_play(part, radius * top) for part in _parts_of(load) for radius in RADII)
     if load.observation.is_uniform:  # a simulated load turns round at other times than the real one
         widths_pa = top * np.array(WIDTHS)
-        settings += [{"width_pa": width} for width in [*widths_pa, *-widths_pa]]
-        return _joint(load, settings, chain(loops, _frictions(load.courses_pa, widths_pa)))
+        settings += [{"width_pa": width} for width in widths_pa]
+        return _joint(load, settings, chain(loops, _earlier_frictions(load.courses_pa, widths_pa)))
     return _joint(load, settings, loops)
 
 
@@ -43,12 +43,11 @@ def _play(pressure: Array, radius_pa: float) -> Array:
     return np.asarray(difference.reshape(pressure.shape))
 
 
-def _frictions(pressure: Array, widths_pa: Array) -> Iterator[Array]:
-    """Yield minus the friction for each width, then the decay of a friction that was present before the first row."""
-    flat = pressure.reshape(len(pressure), -1)
-    way = np.cumsum(np.abs(np.diff(flat, axis=0, prepend=flat[:1])), axis=0)
-    for column in (*-frictions(flat, widths_pa), *(width * np.exp(-way / width) for width in widths_pa)):
-        yield column.reshape(pressure.shape)
+def _earlier_frictions(pressure: Array, widths_pa: Array) -> Iterator[Array]:
+    """Yield the decay of a friction that was present before the first row, for each width."""
+    way = np.cumsum(np.abs(np.diff(pressure, axis=0, prepend=pressure[:1])), axis=0)
+    for width in widths_pa:
+        yield width * np.exp(-way / width)
 
 
 def _late(load: LoadEstimate) -> list[TermColumns]:
