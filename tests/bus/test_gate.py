@@ -313,11 +313,11 @@ def test_whatever_emulated_boards_say_may_leave():
     config = Config()
     layouts = [load_layout(insole) for insole in config.insoles]
     boards = Emulator(config, layouts, Walk(layouts), generation="mtb4").run(0)
-    said = [boards.advance(100_000_000)]
+    batches = [boards.advance(100_000_000)]
     for can_id, payload in sorted(ALLOWED):
         boards.obey(all_ids(len(payload), payload[0])[can_id : can_id + 1])
-        said.append(boards.advance(boards.now_ns + 5_000_000))
-    said.append(boards.advance(boards.now_ns + 2_000_000_000))  # their thermometers too
-    frames = FrameBatch.concatenate(said)
+        batches.append(boards.advance(boards.now_ns + 5_000_000))
+    batches.append(boards.advance(boards.now_ns + 2_000_000_000))  # their thermometers too
+    frames = FrameBatch.concatenate(batches)
     assert {0x4, 0x2, 0x7, 0x3} <= set((frames.can_id >> 8).tolist())
     assert never_a_command(frames).all()

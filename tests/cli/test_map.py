@@ -98,9 +98,9 @@ def person(monkeypatch, capsys):
             places[layout.foot, t.patch, number] = row
 
     def listen(text: str) -> None:
-        found = re.search(r"press the middle of (\w+) foot, (\w+) patch, position (\d+)", text)
-        if found:
-            foot, patch, number = found[1], found[2], int(found[3])
+        match = re.search(r"press the middle of (\w+) foot, (\w+) patch, position (\d+)", text)
+        if match:
+            foot, patch, number = match[1], match[2], int(match[3])
             finger.press = (foot, places[foot, patch, number], source.clock_ns() * 1e-9 + 0.3)
         print(text)
 
@@ -114,12 +114,12 @@ def person(monkeypatch, capsys):
 def test_both_feet_in_one_pass(person, tmp_path, capsys):
     truth, source = person
     verb.map_(tmp_path, verb.Which.both, None, None, 15.0)
-    said = capsys.readouterr().out
-    assert said.count("press the middle of") == 56
-    assert "[56/56]" in said
-    assert "28 of 28 positions" in said
-    assert "nothing missing, doubled or swapped" in said
-    assert "[●]" in said
+    stdout = capsys.readouterr().out
+    assert stdout.count("press the middle of") == 56
+    assert "[56/56]" in stdout
+    assert "28 of 28 positions" in stdout
+    assert "nothing missing, doubled or swapped" in stdout
+    assert "[●]" in stdout
     for layout in truth:
         back = layouts.load(tmp_path / f"{layout.foot}-layout.yaml", layout.foot)
         np.testing.assert_array_equal(back.identities, layout.identities)

@@ -125,5 +125,5 @@ def test_many_cycles_at_once(readings: Readings) -> None:
     age_ns = rng.choice(np.array([-1, 0, STALE, STALE + 1], np.int64), (6, N))
     status[3] = 0
     validity = Validity(LAYOUT, boards(no_load=255, shift=7), STALE)
-    each = [validity(*of) for of in zip(counts, status, age_ns, strict=True)]
-    np.testing.assert_array_equal(validity(counts, status, age_ns), each)
+    one_by_one = [validity(*of) for of in zip(counts, status, age_ns, strict=True)]
+    np.testing.assert_array_equal(validity(counts, status, age_ns), one_by_one)

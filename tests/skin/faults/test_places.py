@@ -65,8 +65,8 @@ def test_the_maximum_of_a_board_is_that_of_its_highest_triangle(
 
 @pytest.mark.parametrize(("row", "address"), [*enumerate(BOARD_OF_ROW)])
 def test_one_triangle_is_any_of_its_board_and_of_no_other(places: Places, row: int, address: int) -> None:
-    found = places.any_of_board(np.arange(len(BOARD_OF_ROW)) == row)
-    assert np.array(places.addresses)[found].tolist() == [address]
+    of_board = places.any_of_board(np.arange(len(BOARD_OF_ROW)) == row)
+    assert np.array(places.addresses)[of_board].tolist() == [address]
 
 
 def test_none_of_the_triangles_is_none_of_the_boards(places: Places) -> None:
