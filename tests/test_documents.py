@@ -235,7 +235,7 @@ def test_json_whose_lines_cannot_be_found_is_still_explained(write: Write) -> No
     assert any(key == "name" for _, key, _ in found_problems)
 
 
-def test_key_that_stands_twice(write: Write) -> None:
+def test_duplicate_key_is_refused(write: Write) -> None:
     line, key, message = only(write(f"format: {TAG}\nparts: [{{number: 1}}]\nflag: true\n\nflag: false\n"))
     assert (line, key) == (5, "flag")
     assert "twice, first on line 3" in message

@@ -488,7 +488,7 @@ def test_a_log_of_one_bad_line_is_still_a_log(tmp_path: Path) -> None:
     assert "line 1: expected 0 to 8 bytes" in refusal(tmp_path, "(1741532714.334381) can0 470#4")
 
 
-def test_nothing_in_the_file(tmp_path: Path) -> None:
+def test_empty_file_is_refused(tmp_path: Path) -> None:
     for text in (b"", gzip.compress(b"")):
         message = refusal(tmp_path, text)
         assert "can.log: expected a candump log, found an empty file" in message

@@ -206,7 +206,7 @@ def test_close_ends_the_replay(path: Path, clock: Clock) -> None:
 
 
 @pytest.mark.parametrize("speed", [0.0, -1.0, 1.1e6, math.inf, math.nan])
-def test_a_speed_that_is_none(path: Path, speed: float) -> None:
+def test_invalid_replay_speed_is_refused(path: Path, speed: float) -> None:
     with pytest.raises(
         InsoleError,
         match=f"expected a replay speed above 0 and up to 1e.06, .* found {re.escape(format(speed, 'g'))}",

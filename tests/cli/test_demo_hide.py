@@ -69,7 +69,7 @@ def test_an_unknown_word_is_refused(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("others", [["--seconds", "2"], ["--view"]])
-def test_options_of_the_live_demo_do_not_go_with_it(others):
+def test_hide_refuses_options_of_the_live_demo(others):
     assert RUNNER.invoke(app, ["demo", "--hide", "gain", *others]).exit_code == 2
 
 

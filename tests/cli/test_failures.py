@@ -118,7 +118,7 @@ BAD = {"missing file": "nothing-here", "folder": "folder", "wrong format": "byte
 
 @pytest.mark.parametrize("bad", BAD)
 @pytest.mark.parametrize("verb", ALL_FILES)
-def test_a_file_that_is_none_is_refused_in_one_message(verb, bad, given, monkeypatch, capsys):
+def test_invalid_file_is_refused_in_one_message(verb, bad, given, monkeypatch, capsys):
     monkeypatch.chdir(given)
     status, stderr = insole(monkeypatch, capsys, *(word.format(bad=BAD[bad]) for word in ALL_FILES[verb]))
     assert status == REFUSED, stderr
@@ -302,7 +302,7 @@ def test_an_endpoint_may_leave_out_tcp(verb, prefix, monkeypatch, capsys, tmp_pa
 
 
 @pytest.mark.parametrize("endpoint", ["a b", "tcp/", "://", "host:port:7"])
-def test_an_endpoint_that_is_none_is_wrong_usage(endpoint, monkeypatch, capsys):
+def test_malformed_endpoint_is_wrong_usage(endpoint, monkeypatch, capsys):
     status, stderr = insole(monkeypatch, capsys, "status", "--connect", endpoint)
     assert status == USAGE
     assert "expected an endpoint such as tcp/127.0.0.1:7447" in stderr
@@ -314,7 +314,7 @@ def taken_port():
         yield listening.getsockname()[1]
 
 
-def test_a_taken_port_of_the_page_names_an_option_that_exists(taken_port, endpoint, monkeypatch, capsys):
+def test_error_for_a_page_port_in_use_names_an_existing_option(taken_port, endpoint, monkeypatch, capsys):
     status, stderr = insole(monkeypatch, capsys, "demo", "--view", "--port", taken_port, "--listen", endpoint)
     assert status == NO_NETWORK
     assert f"--port {taken_port + 1}" in stderr

@@ -63,7 +63,7 @@ def test_a_recording_of_a_scenario(tmp_path):
         (["t1", "--out", "nowhere", "--effects", "missing.yaml"], 4, "missing.yaml"),
     ],
 )
-def test_what_is_refused(tmp_path, monkeypatch, arguments, status, message):
+def test_wrong_usage_is_refused(tmp_path, monkeypatch, arguments, status, message):
     monkeypatch.chdir(tmp_path)
     for name, mass_kg in (("light", 1), ("heavy", 100)):
         (tmp_path / f"{name}.yaml").write_text(f"format: insole-trial/1\nmass_kg: {mass_kg}\n")

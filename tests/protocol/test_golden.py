@@ -96,7 +96,7 @@ def test_golden_files_equal_the_oracle(name: str) -> None:
     assert (GOLDEN / f"{name}.json").read_text() == text, "run python tests/protocol/regenerate.py"
 
 
-def test_golden_files_cover_what_can_happen() -> None:
+def test_golden_files_cover_every_kind_of_cycle() -> None:
     cycles = {name: [c for foot in golden(name)["feet"] for c in foot["cycles"]] for name in NAMES}
     every = [cycle for of in cycles.values() for cycle in of]
     assert {(c["late"], c["repeated"]) for c in every} == {(False, False), (True, False), (False, True), (True, True)}

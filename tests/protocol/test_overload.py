@@ -28,7 +28,7 @@ def test_three_times_too_slow_it_publishes_what_is_new_and_counts_the_rest(monke
         )
 
 
-def test_fast_enough_nothing_is_left_out(monkeypatch):
+def test_no_cycle_is_skipped_while_the_loop_keeps_up(monkeypatch):
     monkeypatch.setattr(backlog, "PATIENCE_NS", 0)
     everything, published = at_once("walk"), live("walk", monkeypatch, cycle_costs_ns=5_000_000)
     assert [len(of_foot) for of_foot in published.cycles] == [len(of_foot) for of_foot in everything.cycles]

@@ -64,7 +64,7 @@ def test_pauses_now_and_then_do_not_add_up():
         assert not behind(backlog, t + SECOND // 2 + OLD_NS)
 
 
-def test_where_nothing_closed_nothing_is_behind():
+def test_polls_without_cycles_cause_no_pause():
     backlog = Backlog()
     for t in range(0, 5 * SECOND, CYCLE):
         backlog.record_poll(t, t)

@@ -199,7 +199,7 @@ def test_from_silence_to_50_hz(endpoint):
     ], "absent triangles stay disabled, and what enables the others is sent twice"
 
 
-def test_nothing_leaves_unless_the_configuration_says_so(endpoint):
+def test_no_frame_is_sent_to_boards_unless_configured(endpoint):
     rig = Rig(endpoint, configure=False)
     with rig.running() as insole:
         rig.power()

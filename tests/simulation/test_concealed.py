@@ -26,7 +26,7 @@ VOCABULARY = {
     ("word", "trial"),
     [("hysteresis", "chamber"), (NOTHING, "chamber"), ("preload", "walk"), ("dead_taxels", "walk")],
 )
-def test_the_folder_does_not_tell_what_is_concealed_in_it(tmp_path, word, trial):
+def test_folder_contains_no_trace_of_the_concealed_effect(tmp_path, word, trial):
     shares: list[float] = []
     hidden = conceal(word, tmp_path / "trial", CONFIG, LAYOUT, 5, shares.append, trial=trial)
     assert str(hidden).startswith(word)

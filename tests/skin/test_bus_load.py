@@ -11,7 +11,7 @@ def load(n_triangles, period_ms, boards=6):
 
 
 @pytest.mark.parametrize(("n", "period_ms", "least", "most"), [(16, 50, 43, 52), (16, 20, 107, 130)])
-def test_six_whole_boards(n, period_ms, least, most):
+def test_bus_load_of_six_boards_with_all_triangles(n, period_ms, least, most):
     result = load(n, period_ms)
     assert (round(100 * result.least), round(100 * result.most)) == (least, most)
 

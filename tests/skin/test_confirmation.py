@@ -235,7 +235,7 @@ def test_a_triangle_that_reports_itself_open_is_open(flags: int, error: int) -> 
     assert observed(half_b(0, status=flags | error)).open_triangles == ((3,) if error == ERROR_NOT_CONNECTED else ())
 
 
-def test_an_open_triangle_need_say_it_only_once() -> None:
+def test_one_status_word_is_enough_for_an_open_triangle() -> None:
     board = observed(
         half_b(0, triangle=9), half_b(1, triangle=9, status=ERROR_NOT_CONNECTED), half_b(2, triangle=9),
         half_b(3, triangle=4), half_b(4, triangle=2, status=ERROR_NOT_CONNECTED),

@@ -156,7 +156,7 @@ def test_a_finished_mapping_prompts_no_more() -> None:
     assert person.mapping.results() == [PositionResult(FIRST, "answered", A)]
 
 
-def test_nothing_asked_is_done_after_the_rest() -> None:
+def test_a_mapping_without_positions_ends_after_the_rest() -> None:
     person = Person([])
     assert kinds(person.waits(REST_NS)) == ["rest", "done"]
     assert person.mapping.is_done
@@ -324,7 +324,7 @@ def test_a_triangle_that_falls_silent_under_the_finger_counts_as_lifted() -> Non
     assert [(prompt.kind, prompt.identity) for prompt in prompts] == [("answered", A), ("press", None)]
 
 
-def test_it_is_judged_when_all_has_been_quiet_for_its_time() -> None:
+def test_board_is_judged_after_the_quiet_time() -> None:
     person = ready()
     person.presses({A: DEEP})
     assert person.shows() == []
@@ -467,7 +467,9 @@ def test_unclear_before_nothing_answered_does_not_count_afterwards() -> None:
         (THIRD, (12, 5), " – a board that the configuration does not know"),
     ],
 )
-def test_a_board_of_elsewhere_is_remarked_on_and_taken(position: Position, identity: Identity, remark: str) -> None:
+def test_a_board_of_another_foot_or_none_is_reported_and_its_response_used(
+    position: Position, identity: Identity, remark: str
+) -> None:
     person = ready([position])
     board, triangle = identity
     text = f"{position}: board {board} triangle {triangle}{remark}"
@@ -533,7 +535,7 @@ def test_of_two_doubled_positions_one_stays_answered_if_the_other_becomes_missin
     assert person.mapping.results() == [PositionResult(FIRST, "missing", None), PositionResult(SECOND, "answered", A)]
 
 
-def test_nothing_answers_when_the_wait_is_over() -> None:
+def test_no_response_is_accepted_after_the_wait() -> None:
     person = ready([FIRST, THIRD])
     assert person.shows(after_ns=WAIT_NS) == []
     assert person.shows(after_ns=1) == [

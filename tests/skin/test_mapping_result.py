@@ -70,7 +70,7 @@ def test_a_layout_is_of_one_foot_and_without_the_positions_in_doubt() -> None:
 
 
 @pytest.mark.parametrize(
-    "found",
+    "results",
     [
         [],
         [answered(RIGHT[0], 9)],

@@ -133,7 +133,7 @@ def test_frames_of_another_kind(flags: int, reason: str, can_id: int) -> None:
     assert refused(streams) == {reason: 2}
 
 
-def test_a_29_bit_identifier_that_ends_like_a_half_is_none() -> None:
+def test_a_29_bit_identifier_is_never_a_half() -> None:
     streams = Streams([LEFT])
     assert streams.slots(frames((0x1234_5450, half(0x40), EXTENDED)))[0] < 0
     assert refused(streams) == {"extended": 1}

@@ -77,7 +77,7 @@ def test_a_taxel_flagged_out_of_range(readings: Readings, taxel: int) -> None:
 
 
 @pytest.mark.parametrize("pad", THERMAL_PADS)
-def test_the_flag_of_a_thermal_pad_spoils_nothing_else(readings: Readings, pad: int) -> None:
+def test_flag_of_a_thermal_pad_affects_no_other_taxel(readings: Readings, pad: int) -> None:
     readings.status[FRONT] = 1 << 4 + pad
     assert readings.invalid() == []
 

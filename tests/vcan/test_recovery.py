@@ -262,7 +262,7 @@ def test_bus_off_and_its_end(names, read):
     assert reader.source.counters.error_frames == {"bus_off": 2, "restarted": 1}
 
 
-def test_what_is_sent_leaves_through_what_is_open_now(names, read):
+def test_frames_leave_through_the_socket_that_is_open_now(names, read):
     name = names[0]
     create(name)
     reader = read(name)

@@ -129,7 +129,7 @@ def test_a_limp_on_straight_ramps_has_the_figures_worked_out_by_hand():
 
 
 @pytest.mark.parametrize("name", ["stand", "t1", "t2", "t3"])
-def test_nobody_steps_while_standing(name):
+def test_standing_gives_no_step(name):
     conditions = Conditions(mass_kg=95.0)
     load, seconds = scenario(name).load(LAYOUTS, None, conditions, 0), scenario(name).length_s(conditions)
     events = told(load, 60.0 if seconds is None else seconds)

@@ -424,7 +424,7 @@ def test_an_address_clash_lasts_while_the_rate_exceeds_the_jitter_of_one_board(
     assert foot.wrong == ({"clash": [board]} if stays else {})
 
 
-def test_clashes_are_over_each_in_its_own_time() -> None:
+def test_each_address_clash_ends_independently() -> None:
     foot = streaming()
     foot.close(PERIOD_NS, but(7, 2 + TO_CLASH))
     foot.close(PERIOD_NS, but(9, 2 + TO_CLASH))

@@ -40,7 +40,7 @@ def test_the_taxels_are_all_but_the_thermal_pads_triangle_by_triangle(places: Pl
     assert places.triangle.tolist() == [row for row, _ in expected]
 
 
-def test_boards_stand_in_the_order_in_which_the_layout_names_them(places: Places) -> None:
+def test_boards_are_in_the_order_of_the_layout(places: Places) -> None:
     assert places.addresses == (9, 5, 7)
     assert places.board_of_triangle.tolist() == [0, 1, 0, 2, 1]
     assert [places.addresses[board] for board in places.board] == np.repeat(BOARD_OF_ROW, 10).tolist()

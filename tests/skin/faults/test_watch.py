@@ -307,7 +307,7 @@ FAULTY = cycles_of(
 
 @settings(max_examples=10, deadline=None)
 @given(st.integers(0, 2**32))
-def test_status_words_and_late_marks_say_nothing(seed: int) -> None:
+def test_status_words_and_late_flags_do_not_change_the_verdict(seed: int) -> None:
     rng = np.random.default_rng(seed)
     spoilt = replace(
         FAULTY,

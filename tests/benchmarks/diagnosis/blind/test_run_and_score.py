@@ -77,7 +77,7 @@ def test_a_run_that_fails_is_logged_and_scored_as_wrong(made, tmp_path):
     assert by["tracebacks, crashes and time-outs"].measured.startswith(f"100 % ({N} of {N}")
 
 
-def test_an_answer_that_cannot_be_read_is_none(made, tmp_path):
+def test_unreadable_answer_counts_as_no_answer(made, tmp_path):
     answers = tmp_path / "answers"
     run([sys.executable, "-c", ""], made.cases, answers, limit_s=60)
     first, second, third = sorted(p.name for p in made.cases.iterdir() if p.is_dir())
