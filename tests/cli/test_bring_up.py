@@ -52,17 +52,9 @@ def set_up(monkeypatch, tmp_path):
     ) -> tuple[int, str]:
         person = Person(truth)
         source = Source(Emulator(played, truth, person, generation=generation, **boards).run(0))
-        places = {}
-        for layout in truth:
-            for row, t in enumerate(layout.triangles):
-                number = 1 + sum(other.patch == t.patch for other in layout.triangles[:row])
-                places[layout.foot, t.patch, number] = row
 
         def listen(text: str) -> None:
-            match = re.search(r"press the middle of (\w+) foot, (\w+) patch, position (\d+)", text)
-            if match:
-                row = places[match[1], match[2], int(match[3])]
-                person.press = (match[1], row, source.clock_ns() * 1e-9 + 0.3)
+            person.obey(text, source.clock_ns() * 1e-9)
 
         def asked(question: str) -> bool:
             stands = re.search(r"stand on the (\w+) foot", question)

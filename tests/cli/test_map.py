@@ -29,6 +29,17 @@ class Finger(Unloaded):
     def __init__(self, truth) -> None:
         super().__init__(truth)
         self.press = ("left", 0, -10.0)
+        self._rows = {}
+        for layout in truth:
+            for row, t in enumerate(layout.triangles):
+                number = 1 + sum(other.patch == t.patch for other in layout.triangles[:row])
+                self._rows[layout.foot, t.patch, number] = row
+
+    def obey(self, line: str, now_s: float) -> None:
+        """Press the position that a printed line asks for, if it asks for one."""
+        match = re.search(r"press the middle of (\w+) foot, (\w+) patch, position (\d+)", line)
+        if match:
+            self.press = (match[1], self._rows[match[1], match[2], int(match[3])], now_s + 0.3)
 
     def pressure_pa(self, foot, t_s):
         pressure = super().pressure_pa(foot, t_s)
@@ -91,17 +102,9 @@ def person(monkeypatch, capsys):
         )
     finger = Finger(truth)
     source = Source(Emulator(Config(), truth, finger).run(0))
-    places = {}
-    for layout in truth:
-        for row, t in enumerate(layout.triangles):
-            number = 1 + sum(other.patch == t.patch for other in layout.triangles[:row])
-            places[layout.foot, t.patch, number] = row
 
     def listen(text: str) -> None:
-        match = re.search(r"press the middle of (\w+) foot, (\w+) patch, position (\d+)", text)
-        if match:
-            foot, patch, number = match[1], match[2], int(match[3])
-            finger.press = (foot, places[foot, patch, number], source.clock_ns() * 1e-9 + 0.3)
+        finger.obey(text, source.clock_ns() * 1e-9)
         print(text)
 
     monkeypatch.setattr(verb, "_print_line", listen)
