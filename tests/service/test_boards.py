@@ -160,6 +160,15 @@ def confirm(insole):
     assert reply["confirmed"], reply
 
 
+def assert_configured_again(insole, events):
+    """The reset of board 6 is reported, it is configured, and every board is as configured."""
+    assert next_event(events, "boards_reset").boards == [6]
+    confirmed = next_event(events, "boards_configured", "boards_not_confirmed")
+    assert (confirmed.kind, confirmed.boards) == ("boards_configured", [6]), confirmed.text
+    listed = insole.request("left", "boards", do="list")
+    assert [b["differences"] for b in listed["boards"]] == [[]] * 3
+
+
 def test_from_silence_to_50_hz(endpoint):
     rig = Rig(endpoint)
     with rig.running() as insole:
@@ -404,11 +413,7 @@ def test_a_board_that_was_reset_is_configured_again(endpoint):
         events = insole.events()
         cut()
         rig.power(streaming=False, only=(6,))
-        assert next_event(events, "boards_reset").boards == [6]
-        confirmed = next_event(events, "boards_configured", "boards_not_confirmed")
-        assert (confirmed.kind, confirmed.boards) == ("boards_configured", [6]), confirmed.text
-        listed = insole.request("left", "boards", do="list")
-        assert [b["differences"] for b in listed["boards"]] == [[]] * 3
+        assert_configured_again(insole, events)
 
 
 def test_a_board_that_sends_with_other_settings_is_configured_again(endpoint):
@@ -421,11 +426,7 @@ def test_a_board_that_sends_with_other_settings_is_configured_again(endpoint):
         events = insole.events()
         cut()
         rig.power(only=(6,), period_ms=50)
-        assert next_event(events, "boards_reset").boards == [6]
-        confirmed = next_event(events, "boards_configured", "boards_not_confirmed")
-        assert (confirmed.kind, confirmed.boards) == ("boards_configured", [6]), confirmed.text
-        listed = insole.request("left", "boards", do="list")
-        assert [b["differences"] for b in listed["boards"]] == [[]] * 3
+        assert_configured_again(insole, events)
 
 
 def test_a_board_that_restarts_is_back_within_a_second_and_costs_the_others_nothing(endpoint):
