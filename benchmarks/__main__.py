@@ -61,7 +61,7 @@ def main() -> int:
         for benchmark in every:
             print(f"{benchmark.name:{width}}  {benchmark.measures} [{benchmark.takes}]")
         return 0
-    chosen = [each for each in every if options.name in (each.name, each.name.split(".")[0])]
+    chosen = [benchmark for benchmark in every if options.name in (benchmark.name, benchmark.name.split(".")[0])]
     if not chosen:
         parser.error(f"no benchmark is named {options.name!r}; `python -m benchmarks list` shows the names")
     if len(chosen) > 1 and arguments:

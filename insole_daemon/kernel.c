@@ -80,6 +80,17 @@ static int counted(Py_ssize_t found, Py_ssize_t expected)
     return -1;
 }
 
+/* The number of `items`; -1 with an error unless there are `n_arrays` arrays and at most `most` items. */
+static Py_ssize_t number_of_items(PyObject *arrays, int n_arrays, PyObject *items, int most, const char *name)
+{
+    Py_ssize_t n_items = PyTuple_Size(items);
+    if (PyTuple_Size(arrays) == n_arrays && n_items >= 0 && n_items <= most)
+        return n_items;
+    if (!PyErr_Occurred())
+        PyErr_Format(PyExc_ValueError, "expected %d arrays and at most %d %s", n_arrays, most, name);
+    return -1;
+}
+
 /* --- pack ---------------------------------------------------------------------------------------------------- */
 
 #define MOST_FIELDS 64
@@ -1163,12 +1174,9 @@ static PyObject *make_messages(PyObject *module, PyObject *const *arguments, Py_
     int64_t late_ns = PyLong_AsLongLong(arguments[3]);
     if (reader == NULL || PyErr_Occurred())
         return NULL;
-    Py_ssize_t n_templates = PyTuple_Size(arguments[2]);
-    if (PyTuple_Size(arguments[1]) != N_WORK || n_templates < 0 || n_templates > MOST_TEMPLATES) {
-        if (!PyErr_Occurred())
-            PyErr_Format(PyExc_ValueError, "expected %d arrays and at most %d templates", N_WORK, MOST_TEMPLATES);
+    Py_ssize_t n_templates = number_of_items(arguments[1], N_WORK, arguments[2], MOST_TEMPLATES, "templates");
+    if (n_templates < 0)
         return NULL;
-    }
     Messages *messages = PyMem_Malloc(sizeof *messages);
     if (messages == NULL)
         return PyErr_NoMemory();
@@ -1426,12 +1434,9 @@ static PyObject *make_inverse(PyObject *module, PyObject *const *arguments, Py_s
 {
     if (counted(n_arguments, 2) < 0)
         return NULL;
-    Py_ssize_t n_stages = PyTuple_Size(arguments[1]);
-    if (PyTuple_Size(arguments[0]) != N_INVERSE || n_stages < 0 || n_stages > MOST_STAGES) {
-        if (!PyErr_Occurred())
-            PyErr_Format(PyExc_ValueError, "expected %d arrays and at most %d stages", N_INVERSE, MOST_STAGES);
+    Py_ssize_t n_stages = number_of_items(arguments[0], N_INVERSE, arguments[1], MOST_STAGES, "stages");
+    if (n_stages < 0)
         return NULL;
-    }
     Inverse *inverse = PyMem_Malloc(sizeof *inverse);
     if (inverse == NULL)
         return PyErr_NoMemory();

@@ -130,9 +130,9 @@ def test_a_bus_is_driver_and_channel(write: Write, bus: str) -> None:
     ],
 )
 def test_wrong_values(write: Write, text: str, key: str, message: str) -> None:
-    ((line, found_key, found),) = problems(write(text + "\n"))
+    ((line, found_key, text_found),) = problems(write(text + "\n"))
     assert (line, found_key) == (2, key)
-    assert message in found
+    assert message in text_found
 
 
 @pytest.mark.parametrize(
@@ -151,9 +151,9 @@ def test_wrong_values(write: Write, text: str, key: str, message: str) -> None:
 )
 def test_wrong_boards(write: Write, board: str, key: str, message: str) -> None:
     text = f"insoles:\n- foot: left\n  layout: l.yaml\n  boards:\n  - {board}\n"
-    ((line, found_key, found),) = problems(write(text))
+    ((line, found_key, text_found),) = problems(write(text))
     assert (line, found_key) == (6, f"insoles[0].boards[0].{key}")
-    assert message in found
+    assert message in text_found
 
 
 def test_two_boards_on_one_address_of_both_feet(write: Write) -> None:
@@ -175,14 +175,16 @@ def test_the_built_in_layout_needs_three_boards(write: Write) -> None:
     ((line, key, message),) = problems(write("insoles:\n- foot: left\n  boards: [{address: 5, interface: can0}]\n"))
     assert (line, key) == (3, "insoles[0].layout")
     assert "expected a layout file, or 3 boards (front, middle, rear) for the built-in layout, found 1" in message
-    found = problems(write("insoles:\n- foot: left\n  boards:" + 3 * "\n  - {address: x, interface: can0}" + "\n"))
-    assert {key.rpartition(".")[2] for _, key, _ in found} == {"address"}  # three, if they were right
+    found_problems = problems(
+        write("insoles:\n- foot: left\n  boards:" + 3 * "\n  - {address: x, interface: can0}" + "\n")
+    )
+    assert {key.rpartition(".")[2] for _, key, _ in found_problems} == {"address"}  # three, if they were right
 
 
 def test_other_buses_need_other_boards(write: Write) -> None:
-    found = problems(write("buses: [virtual:demo]\n"))
-    assert [key for _, key, _ in found] == ["insoles"]
-    assert 'the interface "can0" is not a channel of the buses: demo' in found[0][2]
+    found_problems = problems(write("buses: [virtual:demo]\n"))
+    assert [key for _, key, _ in found_problems] == ["insoles"]
+    assert 'the interface "can0" is not a channel of the buses: demo' in found_problems[0][2]
 
 
 def test_a_bus_that_is_wrong_is_not_held_against_its_boards(write: Write) -> None:
@@ -193,8 +195,8 @@ def test_a_bus_that_is_wrong_is_not_held_against_its_boards(write: Write) -> Non
 def test_everything_at_once(write: Write) -> None:
     text = f"rig: a b\ninsoles:\n- foot: lef\n  {BOARDS}\n- foot: right\n  layout: l.yaml\n  boards:\n"
     right = "  - {address: 5, interface: can9}\n  - {address: 6, interface: can0, shft: 2}\n"
-    found = [(line, key) for line, key, _ in problems(write(text + right + "publish: {slack_s: 1}\n"))]
-    assert found == [
+    places = [(line, key) for line, key, _ in problems(write(text + right + "publish: {slack_s: 1}\n"))]
+    assert places == [
         (2, "rig"),
         (4, "insoles[0].foot"),
         (9, "insoles[1].boards[0].address"),

@@ -129,9 +129,9 @@ def test_extensions_are_kept_at_every_level(write: Write) -> None:
     ],
 )
 def test_wrong_value(write: Write, line: str, message: str) -> None:
-    found_line, key, found = only(write(f"format: {TAG}\nparts: [{{number: 1}}]\n{line}\n"))
+    found_line, key, text_found = only(write(f"format: {TAG}\nparts: [{{number: 1}}]\n{line}\n"))
     assert (found_line, key) == (3, line.partition(":")[0])
-    assert message in found
+    assert message in text_found
 
 
 @pytest.mark.parametrize(
@@ -146,9 +146,9 @@ def test_wrong_value(write: Write, line: str, message: str) -> None:
     ],
 )
 def test_wrong_value_in_a_list(write: Write, part: str, key: str, message: str) -> None:
-    line, found_key, found = only(write(f"format: {TAG}\nparts:\n  - {part}\n"))
+    line, found_key, text_found = only(write(f"format: {TAG}\nparts:\n  - {part}\n"))
     assert (line, found_key) == (3, key)
-    assert message in found
+    assert message in text_found
 
 
 def test_a_list_has_a_least_length(write: Write) -> None:
@@ -192,8 +192,8 @@ parts:
 flag: maybe
 flag: true
 """
-    found = [(line, key) for line, key, _ in problems(write(text))]
-    assert found == [
+    places = [(line, key) for line, key, _ in problems(write(text))]
+    assert places == [
         (2, "slack_s"),
         (4, "parts[0].number"),
         (5, "parts[0].side"),
@@ -217,25 +217,25 @@ def test_json_everything_at_once_with_lines(write: Write) -> None:
 \t"name": "\\u00fc\\/"
 }
 """
-    found = problems(write(text, "document.json"))
-    assert [(line, key) for line, key, _ in found] == [
+    found_problems = problems(write(text, "document.json"))
+    assert [(line, key) for line, key, _ in found_problems] == [
         (3, "slack_ms"),
         (6, "parts[0].number"),
         (7, "parts[1].numbr"),
         (9, "name"),
     ]
-    assert "found nan" in found[0][2]
-    assert "twice, first on line 5" in found[1][2]
+    assert "found nan" in found_problems[0][2]
+    assert "twice, first on line 5" in found_problems[1][2]
 
 
 def test_json_whose_lines_cannot_be_found_is_still_explained(write: Write) -> None:
     text = '{"format": "test-whole/1", "parts": [{"number": 1, "number": 2}], "name": "\\ud800"}'
-    found = problems(write(text, "document.json"))
-    assert any("occur twice" in message or "occurs twice" in message for _, _, message in found)
-    assert any(key == "name" for _, key, _ in found)
+    found_problems = problems(write(text, "document.json"))
+    assert any("occur twice" in message or "occurs twice" in message for _, _, message in found_problems)
+    assert any(key == "name" for _, key, _ in found_problems)
 
 
-def test_key_that_stands_twice(write: Write) -> None:
+def test_duplicate_key_is_refused(write: Write) -> None:
     line, key, message = only(write(f"format: {TAG}\nparts: [{{number: 1}}]\nflag: true\n\nflag: false\n"))
     assert (line, key) == (5, "flag")
     assert "twice, first on line 3" in message
@@ -253,9 +253,9 @@ def test_key_that_stands_twice(write: Write) -> None:
     ],
 )
 def test_another_format_or_version_is_the_only_problem(write: Write, tag: str, message: str) -> None:
-    line, key, found = only(write(f"# text\nformat: {tag}\nwhatever: 1\n"))
+    line, key, text_found = only(write(f"# text\nformat: {tag}\nwhatever: 1\n"))
     assert (line, key) == (2, "format")
-    assert message in found
+    assert message in text_found
 
 
 def test_missing_format(write: Write) -> None:
@@ -280,9 +280,9 @@ def test_missing_format(write: Write) -> None:
     ],
 )
 def test_yaml_that_cannot_be_read(write: Write, text: str, line: int | None, message: str) -> None:
-    found = problems(write(text))[0]
-    assert found[0] == line
-    assert message in found[2]
+    problem = problems(write(text))[0]
+    assert problem[0] == line
+    assert message in problem[2]
 
 
 @pytest.mark.parametrize(
@@ -295,9 +295,9 @@ def test_yaml_that_cannot_be_read(write: Write, text: str, line: int | None, mes
     ],
 )
 def test_json_that_cannot_be_read(write: Write, text: str, line: int | None, message: str) -> None:
-    found = only(write(text, "document.json"))
-    assert message in found[2]
-    assert line is None or found[0] == line
+    problem = only(write(text, "document.json"))
+    assert message in problem[2]
+    assert line is None or problem[0] == line
 
 
 @pytest.mark.parametrize(
@@ -351,11 +351,11 @@ def test_an_endless_document_is_refused(tmp_path: Path) -> None:
     ],
 )
 def test_at_most_a_hundred_problems_are_listed(write: Write, name: str, text: str) -> None:
-    found = problems(write(text, name))
-    assert len(found) <= MOST_PROBLEMS + 1
-    assert sum(len(key) + len(message) for _, key, message in found) < 50_000
-    if len(found) > MOST_PROBLEMS:
-        assert found[-1] == (None, "", "there may be more problems: only 100 are listed, fix these first")
+    found_problems = problems(write(text, name))
+    assert len(found_problems) <= MOST_PROBLEMS + 1
+    assert sum(len(key) + len(message) for _, key, message in found_problems) < 50_000
+    if len(found_problems) > MOST_PROBLEMS:
+        assert found_problems[-1] == (None, "", "there may be more problems: only 100 are listed, fix these first")
 
 
 def test_byte_order_mark_is_read_over(write: Write) -> None:

@@ -21,13 +21,13 @@ WEAK_COPYLEFT = {"python-can", "certifi", "hypothesis", "pathspec"}
 
 def lock(name: str) -> dict[str, list[tuple[Requirement, int]]]:
     """By package, what is locked (one entry a marker), and how many hashes it has."""
-    found: dict[str, list[tuple[Requirement, int]]] = {}
+    requirements: dict[str, list[tuple[Requirement, int]]] = {}
     for entry in re.split(r"\n(?=\S)", (ROOT / "locks" / f"{name}.txt").read_text().strip()):
         line, *hashes = re.split(r"\s*\\\n\s*", entry)
-        assert all(re.fullmatch(r"--hash=sha256:[0-9a-f]{64}", each) for each in hashes), entry
+        assert all(re.fullmatch(r"--hash=sha256:[0-9a-f]{64}", text) for text in hashes), entry
         requirement = Requirement(line)
-        found.setdefault(canonicalize_name(requirement.name), []).append((requirement, len(hashes)))
-    return found
+        requirements.setdefault(canonicalize_name(requirement.name), []).append((requirement, len(hashes)))
+    return requirements
 
 
 @pytest.mark.parametrize("name", ["base", *EXTRAS])
@@ -54,7 +54,7 @@ def test_all_locks_name_the_same_versions():
     for name in ("base", *EXTRAS):
         for package, entries in lock(name).items():
             versions.setdefault(package, set()).add(" ".join(sorted(str(entry.specifier) for entry, _ in entries)))
-    assert {package: found for package, found in versions.items() if len(found) > 1} == {}
+    assert {package: of_package for package, of_package in versions.items() if len(of_package) > 1} == {}
 
 
 def test_bootstrap_installs_only_locked_packages():

@@ -94,8 +94,8 @@ def by_clarabel(h: np.ndarray, g: np.ndarray, limits: Constraints) -> tuple[np.n
         sparse.csc_matrix(np.vstack([-rows, rows])), np.concatenate([-low, high]),
         [clarabel.NonnegativeConeT(2 * len(rows))], settings,
     )  # fmt: skip
-    found = solver.solve()
-    return np.array(found.x) * scale * size, time.perf_counter() - started
+    solution = solver.solve()
+    return np.array(solution.x) * scale * size, time.perf_counter() - started
 
 
 def main(arguments: list[str]) -> int:

@@ -51,8 +51,8 @@ def judged(recording: Recording, calibration: Calibration) -> tuple[Result, floa
     """What validate says, and the RMSE of f_z in N at the true clock."""
     (result,), _ = validate([recording], calibration)
     readings = result.trial.readings
-    there = np.isfinite(readings.values).all(axis=1)
-    at_once_n = np.interp(result.trial.t_s, readings.t_s[there], readings.values[there, 0])
+    is_complete = np.isfinite(readings.values).all(axis=1)
+    at_once_n = np.interp(result.trial.t_s, readings.t_s[is_complete], readings.values[is_complete, 0])
     return result, float(np.sqrt(np.mean((result.estimate[:, 0] - at_once_n) ** 2)))
 
 
@@ -67,8 +67,8 @@ def main() -> int:
     for name, paper_n in PAPER_N.items():
         noise, _ = judged(recorded(name, "validated", False, None), true)
         trial = recorded(name, "validated", True, None)
-        (found, true_clock_n), (published, _) = judged(trial, ours), judged(trial, paper)
-        outcomes = [each.outcome for each in (noise, found, published)]
+        (fitted, true_clock_n), (published, _) = judged(trial, ours), judged(trial, paper)
+        outcomes = [each.outcome for each in (noise, fitted, published)]
         assert all(isinstance(each, ShoeResult) for each in outcomes)
         steady = name in STANDING
         noise_n, own_n, published_n = (each.steady_rmse_n if steady else each.f_z.rmse for each in outcomes)

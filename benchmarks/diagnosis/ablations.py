@@ -39,19 +39,19 @@ from insole_daemon.diagnosis.terms import TERMS
 EXACT = 1e-9  # of a prior's standard deviation
 
 
-def put(there: Any, name: str, instead: Any) -> None:
+def replace_part(owner: Any, name: str, replacement: Any) -> None:
     """Replaces a part; AttributeError where the pipeline has no such part any more."""
-    getattr(there, name)
-    setattr(there, name, instead)
+    getattr(owner, name)
+    setattr(owner, name, replacement)
 
 
 def greedy() -> None:
-    put(SubsetSearch, "_improve", lambda self, start: start)
-    put(sys.modules[SubsetSearch.__module__], "BEAM", 1)
+    replace_part(SubsetSearch, "_improve", lambda self, start: start)
+    replace_part(sys.modules[SubsetSearch.__module__], "BEAM", 1)
 
 
 def no_groups() -> None:
-    put(searching, "with_groups", lambda whole, best: whole)
+    replace_part(searching, "with_groups", lambda whole, best: whole)
 
 
 def exact_laws() -> None:
@@ -62,12 +62,12 @@ def exact_laws() -> None:
 def exact_calibration() -> None:
     for module in (nuisance, design):
         for name in ("GAIN_STD", "BASELINE_STD_COUNT", "CURVE_STD_COUNT"):
-            put(module, name, EXACT)
-    put(design, "CURVE_STD_AT_REST_COUNT", EXACT)
+            replace_part(module, name, EXACT)
+    replace_part(design, "CURVE_STD_AT_REST_COUNT", EXACT)
 
 
 def no_refinement() -> None:
-    put(refine, "ROUNDS", 0)
+    replace_part(refine, "ROUNDS", 0)
 
 
 _BLIND = "benchmarks.diagnosis.blind"
@@ -93,17 +93,17 @@ def score(out: Path, name: str, seal: str) -> dict[str, Any]:
     run(_BLIND, "run", "--cases", f"{out}/cases", "--answers", str(answers), "--", *tool, "--out", "{out}")
     run(_BLIND, "score", "--sealed", f"{out}/sealed", "--answers", str(answers), "--seal", seal,
         "--json", f"{answers}.json")  # fmt: skip
-    found: dict[str, Any] = json.loads(Path(f"{answers}.json").read_text())
-    return found
+    scores: dict[str, Any] = json.loads(Path(f"{answers}.json").read_text())
+    return scores
 
 
-def row(found: dict[str, Any]) -> list[str]:
-    answered = [each for each in found["cases"] if each["answered"]]
+def row(scores: dict[str, Any]) -> list[str]:
+    answered = [case for case in scores["cases"] if case["answered"]]
     right = {"single": "points", "pair": "exact", "triple": "exact", "null": "false_alarm",
              "unknown": "points", "undecidable": "points"}  # fmt: skip
     shown = []
     for kind, key in right.items():
-        values = [float(each[key]) for each in answered if each["kind"] == kind]
+        values = [float(case[key]) for case in answered if case["kind"] == kind]
         shown.append(f"{sum(values):g} of {len(values)}" if values else "–")
     named = [(r["wanted"], {words[0] for words in r["named"]}) for r in answered]
     shown.append(str(sum(len(words - set(wanted) - {"unknown"}) for wanted, words in named)))
@@ -127,20 +127,20 @@ def main() -> None:
     ask.add_argument("--kinds", nargs="+", metavar="KIND", help="of cases that are answered; all unless said")
     ask.add_argument("--only", nargs="+", choices=ABLATIONS, default=list(ABLATIONS), metavar="PART")
     ask.add_argument("--out", type=Path, required=True)
-    said = ask.parse_args()
-    said.out.mkdir(parents=True)
+    options = ask.parse_args()
+    options.out.mkdir(parents=True)
     seal = run(
-        _BLIND, "make", "--seed", str(said.seed), "--suite", "chamber", "--cases", str(said.cases),
-        "--out", f"{said.out}/cases", "--sealed", f"{said.out}/sealed",
+        _BLIND, "make", "--seed", str(options.seed), "--suite", "chamber", "--cases", str(options.cases),
+        "--out", f"{options.out}/cases", "--sealed", f"{options.out}/sealed",
     )  # fmt: skip
-    print(f"seal {seal}, seed {said.seed}, {said.cases} cases\n", flush=True)
-    if said.kinds:
-        leave_out(said.out, said.kinds)
+    print(f"seal {seal}, seed {options.seed}, {options.cases} cases\n", flush=True)
+    if options.kinds:
+        leave_out(options.out, options.kinds)
     head = ["what answers", "single", "pair exact", "triple exact", "nulls alarmed", "outside: unknown",
             "undecidable: said so", "names of what is not there", "CPU, median s"]  # fmt: skip
     print("| " + " | ".join(head) + " |\n|" + "---|" * len(head), flush=True)
-    for name in said.only:
-        print("| " + " | ".join([name, *row(score(said.out, name, seal))]) + " |", flush=True)
+    for name in options.only:
+        print("| " + " | ".join([name, *row(score(options.out, name, seal))]) + " |", flush=True)
 
 
 if __name__ == "__main__":

@@ -50,20 +50,20 @@ def main() -> None:
             if finding.margin is not None and (finding.effect not in case["tolerated"] or finding.effect in accepted)
         ]
         rows += [x for x, _ in judged]
-        right += [was for _, was in judged]
+        right += [observed for _, observed in judged]
         weights += [1.0 / len(judged)] * len(judged)
         sys.stderr.write(f"\r{len(rows)} findings")
     x, y, weight = np.array(rows), np.array(right, float), np.array(weights)
-    found = fit(x, y, weight * len(weight) / weight.sum())
-    probability = 1.0 / (1.0 + np.exp(-x @ found))
-    print(f"COEFFICIENTS = ({', '.join(f'{c:.2f}' for c in found)})  # {len(y)} findings, {int(y.sum())} right")
+    fitted = fit(x, y, weight * len(weight) / weight.sum())
+    probability = 1.0 / (1.0 + np.exp(-x @ fitted))
+    print(f"COEFFICIENTS = ({', '.join(f'{c:.2f}' for c in fitted)})  # {len(y)} findings, {int(y.sum())} right")
     base_rate = np.full_like(y, y.mean())
     print(f"log score {_log_score(probability, y):.3f}, of the base rate {_log_score(base_rate, y):.3f}")
     for low, high in pairwise(GROUPS):
         group = (probability >= low) & (probability < high)
         if group.any():
-            said, was = probability[group].mean(), y[group].mean()
-            print(f"{low:.2f} to {high:.2f}: said {said:.2f}, right {was:.2f} of {group.sum()}")
+            stated, observed = probability[group].mean(), y[group].mean()
+            print(f"{low:.2f} to {high:.2f}: said {stated:.2f}, right {observed:.2f} of {group.sum()}")
 
 
 def fit(x: NDArray[np.float64], y: NDArray[np.float64], weight: NDArray[np.float64]) -> NDArray[np.float64]:

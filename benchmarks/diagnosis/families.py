@@ -91,12 +91,12 @@ def main() -> None:
                 diagnosis = diagnose([recording], None, lambda text: None)
             if word != "snap":
                 true = {**true, "amplitude_fraction": fraction(*seen[0])}
-            found = [each for each in diagnosis.findings if each.effect == word]
+            findings = [each for each in diagnosis.findings if each.effect == word]
             print(word, sorted(each.effect for each in diagnosis.findings))
-            for name, value in true.items() if found else ():
-                told = found[0].parameters[name]
-                off.setdefault(f"{word} {name}", []).append(float(told.value) / value - 1)
-                print(f"  {name}: {value:.4g}, told {float(told.value):.4g} ± {float(told.std):.2g}")
+            for name, value in true.items() if findings else ():
+                parameter = findings[0].parameters[name]
+                off.setdefault(f"{word} {name}", []).append(float(parameter.value) / value - 1)
+                print(f"  {name}: {value:.4g}, told {float(parameter.value):.4g} ± {float(parameter.std):.2g}")
     for name, errors in off.items():
         print(f"{name}: {np.mean(errors):+.1%} ± {np.std(errors):.1%}, RMS {np.sqrt(np.mean(np.square(errors))):.1%}")
 

@@ -95,7 +95,7 @@ class Outcome:
     cpu_s: float
     peak_mb: float
     is_defect: bool
-    said: str  # its last line
+    last_line: str
 
 
 def simulate(folder: Path) -> list[Path]:
@@ -140,12 +140,12 @@ def diagnose(number: int, trials: list[Path], seed: int, keep: Path | None = Non
         changes = mutate(folder, draws, trials)
         options = ["--simulation", str(folder / "simulation")] if (folder / "simulation").exists() else []
         options += ["--foot", "left", "--out", str(Path(name) / "out")]
-        status, used, said = _run([*COMMAND, "diagnose", str(folder / "recording"), *options])
+        status, used, output = _run([*COMMAND, "diagnose", str(folder / "recording"), *options])
         cpu_s, peak_mb = used.ru_utime + used.ru_stime, used.ru_maxrss / 1024
-        is_defect = not 0 <= status <= 4 or "Traceback" in said or cpu_s > MOST_CPU_S or peak_mb > MOST_MB
+        is_defect = not 0 <= status <= 4 or "Traceback" in output or cpu_s > MOST_CPU_S or peak_mb > MOST_MB
         if is_defect and keep is not None:
             shutil.copytree(folder, keep / f"defect-{seed}-{number}", dirs_exist_ok=True)
-        last = said.strip().splitlines()[-1] if said.strip() else ""
+        last = output.strip().splitlines()[-1] if output.strip() else ""
         return Outcome(
             number, trial.name, changes, status, round(cpu_s, 1), round(peak_mb), is_defect,
             last.replace(str(folder), "trial")[:300],
@@ -178,7 +178,7 @@ Change = Callable[[Path, random.Random], None]
 
 def _changes(path: Path, draws: random.Random, trials: Sequence[Path]) -> list[Change]:
     def of_another_trial(path: Path, draws: random.Random) -> None:
-        others = [each for trial in trials for each in trial.glob(f"*/{path.name}")]
+        others = [file for trial in trials for file in trial.glob(f"*/{path.name}")]
         path.write_bytes(draws.choice(sorted(others)).read_bytes())
 
     of_kind: list[Change] = []
@@ -196,7 +196,7 @@ def _changes(path: Path, draws: random.Random, trials: Sequence[Path]) -> list[C
             _other_bytes, _constant_counts, _other_identifiers, _one_identifier, _one_board_slower, _a_board_silent,
             _rows_in_another_order, _rows_lost, _rows_twice, _no_rows, _other_times, _constant_time, _other_pace,
         ]  # fmt: skip
-    every = (_cut_off, _bytes_flipped, _empty, _gone, _another_encoding, _other_line_ends, of_another_trial)
+    every = (_cut_off, _bytes_flipped, _empty, _file_removed, _another_encoding, _other_line_ends, of_another_trial)
     return [*of_kind, draws.choice(every)]
 
 
@@ -472,7 +472,7 @@ def _empty(path: Path, draws: random.Random) -> None:
     path.write_bytes(b"")
 
 
-def _gone(path: Path, draws: random.Random) -> None:
+def _file_removed(path: Path, draws: random.Random) -> None:
     path.unlink()
 
 
@@ -498,7 +498,7 @@ def main() -> int:
         f"{n} ended with status {status}" for status, n in sorted(by_status.items())
     ))  # fmt: skip
     for each in defects:
-        print(f"defect {each['number']}: {'; '.join(each['changes'])}: {each['said']}")
+        print(f"defect {each['number']}: {'; '.join(each['changes'])}: {each['last_line']}")
     print(f"{len(defects)} defects")
     return 1 if defects else 0
 

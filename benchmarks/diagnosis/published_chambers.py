@@ -38,18 +38,18 @@ def main() -> None:
             foot = path.parent.name.split("_")[0]
             recording = insole_daemon.load(import_matlab(path, Path(into) / path.stem, foot, None))
             began = time.monotonic()
-            found = diagnose([recording], None, lambda text: None)
-        errors = {name: found.heldout[name] for name in ("before", "after", "floor")}
-        print(f"{path.stem}: {found.verdict}, {errors}, {time.monotonic() - began:.0f} s")
-        for each in found.findings:
+            diagnosis = diagnose([recording], None, lambda text: None)
+        errors = {name: diagnosis.heldout[name] for name in ("before", "after", "floor")}
+        print(f"{path.stem}: {diagnosis.verdict}, {errors}, {time.monotonic() - began:.0f} s")
+        for each in diagnosis.findings:
             print(f"  {each.effect} at {each.where.scope} {each.where.ids if len(each.where.ids) < 6 else '…'}")
             if each.effect == "snap":
                 up, down = (float(each.parameters[name].value) for name in ("up_pa", "down_pa"))
                 print(f"    up {up / 1e3:.1f} kPa, down {down / 1e3:.1f} kPa")
                 thresholds.setdefault((foot, *each.where.ids), []).append((up, down))
-        if found.heldout["after"] < CLEAR * found.heldout["before"]:
+        if diagnosis.heldout["after"] < CLEAR * diagnosis.heldout["before"]:
             clear += 1
-            named += bool(MEMORY & {each.effect for each in found.findings})
+            named += bool(MEMORY & {each.effect for each in diagnosis.findings})
     for where, every in thresholds.items():
         for k, name in enumerate(("up", "down")):
             values = [each[k] for each in every]

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +30,7 @@ from insole_daemon.skin.geometry import PRESSURE_TAXELS
 Array = NDArray[np.float64]
 DT = 0.005
 LAYOUT = layouts.builtin("left", (5, 6, 7))
+PRESSURE_SLOTS = np.flatnonzero(np.tile(PRESSURE_TAXELS, len(LAYOUT)))
 BASE_S = 1_750_000_000.0
 
 
@@ -114,6 +116,58 @@ def fatigue(p: Array, share: float) -> Array:
     return p * (1 + share * np.tanh(np.abs(rate) / (0.1 * p.max())))
 
 
+def law_of(word: str, rng: np.random.Generator, p: Array, top: float, seconds: float) -> Callable[[float], Array]:
+    """Draw the shape of an effect on the load `p`; the load that the sensor then sees, by the effect's amplitude."""
+    t = np.arange(len(p)) * DT
+    if word == "hysteresis":
+        if rng.random() < 0.5:
+            width = rng.uniform(0.08, 0.3) * top
+            return lambda a: bouc_wen(p, a, width)
+        seed = int(rng.integers(1 << 30))
+        return lambda a: preisach(p, a, top, np.random.default_rng(seed))
+    if word == "snap":
+        up = rng.uniform(0.15, 0.5) * top
+        down = up * rng.uniform(0.3, 0.7)
+        return lambda a: relay(p, up, down, a * top)
+    if word == "viscoelasticity":
+        tau = np.exp(rng.uniform(np.log(0.2), np.log(3.0)))
+        return lambda a: solid(p, a, tau)
+    if word == "creep":
+        exponent = rng.uniform(0.1, 0.4)
+        return lambda a: power_law(p, a, exponent, seconds)
+    if word == "lag":
+        return lambda a: lagged(p, max(a, 1e-3))
+    if word == "delay":
+        return lambda a: np.interp(t - a, t, p)
+    if word == "multiplicative":
+        tau = rng.uniform(0.3, 1.0)
+        return lambda a: multiplicative(p, a, tau)
+    assert word == "fatigue", word
+    return lambda a: fatigue(p, a)
+
+
+def count_change(
+    word: str, rng: np.random.Generator, k: float, cycle: Array, p: Array, warm: Array, seconds: float
+) -> Array:
+    """Draw an effect on the counts, of k × the noise; (n, 1) or (n, taxels).
+
+    `p` and `warm`, the temperature without its mean, are (n,) at the times `cycle`.
+    """
+    if word == "rezero":
+        board = LAYOUT.identities[:, 0] == rng.choice([5, 6, 7])
+        jump = (cycle > seconds * rng.uniform(0.2, 0.7))[:, None] * np.repeat(board, 12)
+        return 2.0 * k * rng.choice([-1, 1]) * jump
+    if word == "temperature":
+        u = p / p.max()
+        share = rng.uniform(0, 1)
+        shape = share * warm / warm.std() + (1 - share) * warm * u / np.std(warm * u)
+        return k * 1.12 * shape[:, None]
+    assert word == "drift", word
+    knots = seconds * (np.arange(3) + rng.uniform(0.3, 0.9, 3)) / 3.2
+    wander = np.interp(cycle, np.r_[0, knots, seconds], np.r_[0, rng.normal(0, 1, 4)])
+    return k * 1.12 * (wander / wander.std())[:, None]
+
+
 def case(rng: np.random.Generator, out: Path, words: list[str], k: float, kind: dict) -> dict:
     seconds, top = kind["seconds"], kind["top"]
     p = load(rng, seconds, top, kind["speeds"], kind["holds"])
@@ -123,23 +177,21 @@ def case(rng: np.random.Generator, out: Path, words: list[str], k: float, kind: 
     # The true curve: activation = s·P/(1 + P/c), a few percent beside the one that is believed.
     s = rng.normal(18e-5, 2e-5, n_taxels)
     bend = rng.normal(900e3, 80e3, n_taxels)
-    curve = lambda q: s * q / (1 + q / bend)  # noqa: E731
     noise = rng.uniform(0.9, 1.3, n_taxels)
-    slots = np.flatnonzero(np.tile(PRESSURE_TAXELS, len(LAYOUT)))
-    cycle = np.sort(np.arange(0.1, seconds - 0.1, 0.02) + rng.normal(0, 2e-4, int(np.ceil((seconds - 0.2) / 0.02))))[:]
+    cycle = np.sort(np.arange(0.1, seconds - 0.1, 0.02) + rng.normal(0, 2e-4, int(np.ceil((seconds - 0.2) / 0.02))))
     place = kind["place"](rng)
     truth: list[dict] = []
 
     def sampled(q: Array) -> Array:
         return np.interp(cycle, t, q)
 
-    def reach(make) -> float:
-        """Amplitude of `make(amplitude)` so that what a free cubic leaves is k × the noise, at the middle taxel."""
+    def amplitude_of(law: Callable[[float], Array]) -> float:
+        """The amplitude at which a free cubic leaves k × the noise, at the middle taxel."""
         low, high = 0.0, kind.get("most", 0.5)
         basis = np.vander(sampled(p) / top, 6)
         for _ in range(12):
             middle = (low + high) / 2
-            y = np.median(s) * sampled(make(middle)) / (1 + sampled(make(middle)) / 900e3)
+            y = np.median(s) * sampled(law(middle)) / (1 + sampled(law(middle)) / 900e3)
             rest = y - basis @ np.linalg.lstsq(basis, y, rcond=None)[0]
             low, high = (middle, high) if np.std(rest) < k * 1.12 else (low, middle)
         return middle
@@ -147,63 +199,23 @@ def case(rng: np.random.Generator, out: Path, words: list[str], k: float, kind: 
     q, timed, count_terms = p, p, np.zeros((len(cycle), 1))
     order = ["hysteresis", "snap", "viscoelasticity", "creep", "lag", "delay", "multiplicative", "fatigue"]
     for word in sorted(words, key=lambda w: order.index(w) if w in order else 99):
-        if word == "hysteresis":
-            if rng.random() < 0.5:
-                width = rng.uniform(0.08, 0.3) * top
-                make = lambda a, x=p, w=width: bouc_wen(x, a, w)  # noqa: E731
-            else:
-                seed = int(rng.integers(1 << 30))
-                make = lambda a, x=p, z=seed: preisach(x, a, top, np.random.default_rng(z))  # noqa: E731
-        elif word == "snap":
-            up = rng.uniform(0.15, 0.5) * top
-            down = up * rng.uniform(0.3, 0.7)
-            make = lambda a, u=up, d=down: relay(p, u, d, a * top)  # noqa: E731
-        elif word == "viscoelasticity":
-            tau = np.exp(rng.uniform(np.log(0.2), np.log(3.0)))
-            make = lambda a, z=tau: solid(p, a, z)  # noqa: E731
-        elif word == "creep":
-            n = rng.uniform(0.1, 0.4)
-            make = lambda a, z=n: power_law(p, a, z, seconds)  # noqa: E731
-        elif word == "lag":
-            make = lambda a: lagged(p, max(a, 1e-3))  # noqa: E731
-        elif word == "delay":
-            make = lambda a: np.interp(t - a, t, p)  # noqa: E731
-        elif word == "multiplicative":
-            tau = rng.uniform(0.3, 1.0)
-            make = lambda a, z=tau: multiplicative(p, a, z)  # noqa: E731
-        elif word == "fatigue":
-            make = lambda a: fatigue(p, a)  # noqa: E731
-        elif word == "rezero":
-            board = LAYOUT.identities[:, 0] == rng.choice([5, 6, 7])
-            jump = (cycle > seconds * rng.uniform(0.2, 0.7))[:, None] * np.repeat(board, 12)
-            count_terms = count_terms + 2.0 * k * rng.choice([-1, 1]) * jump
-            truth.append({"effect": word})
-            continue
-        elif word == "temperature":
+        if word not in order:
             warm = sampled(temperature) - temperature.mean()
-            u = sampled(p) / p.max()
-            share = rng.uniform(0, 1)
-            shape = share * warm / warm.std() + (1 - share) * warm * u / np.std(warm * u)
-            count_terms = count_terms + k * 1.12 * shape[:, None]
+            count_terms = count_terms + count_change(word, rng, k, cycle, sampled(p), warm, seconds)
             truth.append({"effect": word})
             continue
-        elif word == "drift":
-            knots = seconds * (np.arange(3) + rng.uniform(0.3, 0.9, 3)) / 3.2
-            wander = np.interp(cycle, np.r_[0, knots, seconds], np.r_[0, rng.normal(0, 1, 4)])
-            count_terms = count_terms + k * 1.12 * (wander / wander.std())[:, None]
-            truth.append({"effect": word})
-            continue
-        amplitude = reach(make)
+        law = law_of(word, rng, p, top, seconds)
+        amplitude = amplitude_of(law)
         if word in ("lag", "delay"):  # of the electronics: the same for all taxels
-            timed = timed + make(amplitude) - p
+            timed = timed + law(amplitude) - p
         else:
-            q = q + make(amplitude) - p
+            q = q + law(amplitude) - p
         truth.append({"effect": word, "amplitude": amplitude})
     load_columns = np.where(place, sampled(q)[:, None], sampled(p)[:, None])
     scatter = rng.normal(1, 0.1, n_taxels)
     load_columns = sampled(p)[:, None] + scatter * (load_columns - sampled(p)[:, None])
     load_columns += sampled(timed - p)[:, None] * place
-    activation = curve(load_columns) + count_terms * place
+    activation = s * load_columns / (1 + load_columns / bend) + count_terms * place
     raw = activation + rng.normal(0, 1, activation.shape) * noise
     rest = rng.normal(240.5, 1.2, n_taxels)
     counts = np.clip(np.floor(rest - raw + rng.random(n_taxels)), 0, 255).astype(np.uint8)
@@ -212,24 +224,40 @@ def case(rng: np.random.Generator, out: Path, words: list[str], k: float, kind: 
         np.rint((BASE_S + cycle) * 1e9).astype(np.int64), counts.reshape(-1, len(LAYOUT), 12), *[None] * 7
     )
     counts_file.write(out / "counts.npz", {"left": table})
-    ref_t = np.arange(0.0, seconds, 0.01)
-    ref_p = np.interp(ref_t, t, p) + rng.normal(0, kind["reference_noise"], ref_t.size)
+    write_reference(out, rng, t, p, temperature, kind)
+    layouts.write(out / "layout.yaml", LAYOUT)
+    write_calibration(out, rng, s, bend, rest, top)
+    write_recording(out, kind["clock"])
+    return {
+        "words": words,
+        "k": k,
+        "truth": truth,
+        "taxels": int(place[PRESSURE_SLOTS].sum()),
+        "place": np.flatnonzero(place).tolist(),
+        **{n: kind[n] for n in ("speeds", "holds", "clock", "top", "seconds")},
+    }
+
+
+def write_reference(out: Path, rng: np.random.Generator, t: Array, p: Array, temperature: Array, kind: dict) -> None:
+    """The gauge's readings, on a clock of its own where `kind` says so."""
+    gauge_t = np.arange(0.0, kind["seconds"], 0.01)
+    gauge_p = np.interp(gauge_t, t, p) + rng.normal(0, kind["reference_noise"], gauge_t.size)
     own = kind["clock"] == "own"
     offset, rate = (rng.uniform(-2, 2), rng.uniform(-5e-5, 5e-5)) if own else (BASE_S, 0.0)
-    (out / "reference.csv").write_text(
-        text(
-            {
-                "time_s": np.round(offset + (1 + rate) * ref_t + (5.0 if own else 0.0), 6),
-                "pressure_pa": np.round(ref_p, 1),
-                "temperature_c": np.round(np.interp(ref_t, t, temperature), 2),
-            }
-        )
-    )
-    layouts.write(out / "layout.yaml", LAYOUT)
+    columns = {
+        "time_s": np.round(offset + (1 + rate) * gauge_t + (5.0 if own else 0.0), 6),
+        "pressure_pa": np.round(gauge_p, 1),
+        "temperature_c": np.round(np.interp(gauge_t, t, temperature), 2),
+    }
+    (out / "reference.csv").write_text(text(columns))
+
+
+def write_calibration(out: Path, rng: np.random.Generator, s: Array, bend: Array, rest: Array, top: float) -> None:
+    """The believed curves: a cubic a taxel, with the gain and the baseline a little off."""
     grid = np.linspace(0, top, 60)
     taxels = []
     identities = LAYOUT.identities.tolist()
-    for slot in slots:
+    for slot in PRESSURE_SLOTS:
         a = s[slot] * grid / (1 + grid / bend[slot]) * rng.normal(1, 0.02)
         design = np.stack([a, a**2, a**3], axis=1)
         c = np.linalg.lstsq(design, grid, rcond=None)[0]
@@ -247,42 +275,22 @@ def case(rng: np.random.Generator, out: Path, words: list[str], k: float, kind: 
             {"format": "insole-calibration/1", "foot": "left", "taxels": taxels, "effects": [], "provenance": {}}
         )
     )
-    (out / "recording.yaml").write_text(
-        dump(
-            {
-                "kind": "chamber",
-                "counts": "counts.npz",
-                "can_origin": "simulated",
-                "insoles": [
-                    {
-                        "foot": "left",
-                        "layout": "layout.yaml",
-                        "calibration": "calibration.json",
-                        "boards": [
-                            {
-                                "address": a,
-                                "interface": "can0",
-                                "period_ms": 20,
-                                "shift": 3,
-                                "no_load": 240,
-                                "skin_type": 0,
-                            }
-                            for a in (5, 6, 7)
-                        ],
-                    }
-                ],
-                "reference": [{"foot": "left", "file": "reference.csv", "clock": kind["clock"]}],
-            }
-        )
-    )
-    return {
-        "words": words,
-        "k": k,
-        "truth": truth,
-        "taxels": int(place[slots].sum()),
-        "place": np.flatnonzero(place).tolist(),
-        **{n: kind[n] for n in ("speeds", "holds", "clock", "top", "seconds")},
+
+
+def write_recording(out: Path, clock: str) -> None:
+    boards = [
+        {"address": a, "interface": "can0", "period_ms": 20, "shift": 3, "no_load": 240, "skin_type": 0}
+        for a in (5, 6, 7)
+    ]
+    insole = {"foot": "left", "layout": "layout.yaml", "calibration": "calibration.json", "boards": boards}
+    document = {
+        "kind": "chamber",
+        "counts": "counts.npz",
+        "can_origin": "simulated",
+        "insoles": [insole],
+        "reference": [{"foot": "left", "file": "reference.csv", "clock": clock}],
     }
+    (out / "recording.yaml").write_text(dump(document))
 
 
 def everywhere(rng: np.random.Generator) -> NDArray[np.bool_]:
@@ -298,9 +306,7 @@ def somewhere(rng: np.random.Generator) -> NDArray[np.bool_]:
     elif what == 1:
         found[rng.choice(len(LAYOUT), rng.integers(1, 3), replace=False)] = True
     else:
-        found.ravel()[
-            rng.choice(np.flatnonzero(np.tile(PRESSURE_TAXELS, len(LAYOUT))), rng.integers(1, 5), replace=False)
-        ] = True
+        found.ravel()[rng.choice(PRESSURE_SLOTS, rng.integers(1, 5), replace=False)] = True
     return found.ravel()
 
 

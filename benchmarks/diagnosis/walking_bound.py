@@ -39,12 +39,12 @@ def left_n(t_s: Array, fz_n: Array, tau_s: float, noise_n: float) -> tuple[float
     read_n = lagged_n[::every] + np.random.default_rng(0).normal(0.0, noise_n, len(at_s))
     readings = np.lib.stride_tricks.sliding_window_view(read_n, TAPS)
     rows = np.column_stack([readings, np.ones(len(readings))])
-    found = []
+    remaining = []
     for late_s in (0.0, float(np.sqrt(tau_s * LATE_S))):
         wanted_n = np.interp(at_s[TAPS - 1 :] - late_s, fine_s, true_n)
         weights = np.linalg.lstsq(rows, wanted_n, rcond=None)[0]
-        found.append(float(np.sqrt(np.mean((rows @ weights - wanted_n) ** 2))))
-    return found[0], found[1]
+        remaining.append(float(np.sqrt(np.mean((rows @ weights - wanted_n) ** 2))))
+    return remaining[0], remaining[1]
 
 
 def main() -> None:
@@ -64,12 +64,12 @@ def main() -> None:
             at_once_n, late_n = left_n(kept["t_s"], kept["fz_n"], tau_s[0], force["oracle"])
         row = (force["static"], force["oracle"], at_once_n, late_n, force["model"])
         rows.setdefault(case["kind"], []).append(row)
-        said = " | ".join(f"{value:.1f} N" for value in row)
-        print(f"| {case['kind']} {name} | {1e3 * tau_s[0]:.0f} ms | {said} |")
-    for kind, found in rows.items():
-        said = " | ".join(f"{value:.1f} N" for value in np.median(found, axis=0))
-        over = np.median([late_n / oracle_n for _, oracle_n, _, late_n, _ in found])
-        print(f"| **{kind}, median of {len(found)}** | | {said} |")
+        cells = " | ".join(f"{value:.1f} N" for value in row)
+        print(f"| {case['kind']} {name} | {1e3 * tau_s[0]:.0f} ms | {cells} |")
+    for kind, values in rows.items():
+        cells = " | ".join(f"{value:.1f} N" for value in np.median(values, axis=0))
+        over = np.median([late_n / oracle_n for _, oracle_n, _, late_n, _ in values])
+        print(f"| **{kind}, median of {len(values)}** | | {cells} |")
         print(f"\nbest late filter over the oracle, median: {over:.2f} ×\n")
 
 

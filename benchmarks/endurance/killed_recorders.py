@@ -208,7 +208,7 @@ def main() -> None:
         Child("lib.timed_daemon", seconds=1e6, endpoint=measured.free_endpoint()) as daemon,
         Group(daemon.pid),
     ):
-        ready = daemon.said()
+        ready = daemon.report()
         with Child("lib.feeder", to=ready["feeds"][0], seconds=86_400):
             number = 0
             while len(killed) < options.kills:

@@ -176,10 +176,10 @@ def account(bus: Soak, daemon: Daemon) -> int:
     """Print where every frame is; how many are not accounted for."""
     rows = accounts(bus, daemon)
     print("\n| frames | put on the bus | counted by the daemon |\n|---|---|---|")
-    for what, put, found in rows:
-        print(f"| {what} | {put} | {found} |")
+    for name, sent, counted in rows:
+        print(f"| {name} | {sent} | {counted} |")
     print(f"\nwhile the interface was down {bus.unread} more were sent, which nobody can receive")
-    return sum(abs(put - found) for _, put, found in rows)
+    return sum(abs(sent - counted) for _, sent, counted in rows)
 
 
 def report(bus: Soak, daemon: Daemon, watch: Watch, received: dict[str, dict[str, float]]) -> None:
@@ -189,9 +189,9 @@ def report(bus: Soak, daemon: Daemon, watch: Watch, received: dict[str, dict[str
     print(f"counters of the last health: {json.dumps({'cycles': cycles, 'bus': asdict(bus.counters)})}")
     for foot, published in watch.published.items():
         streams = {key: stream for key, stream in received.items() if key.startswith(foot)}
-        there = {key: stream["received"] + stream["gaps"] == published for key, stream in streams.items()}
+        is_complete = {key: stream["received"] + stream["gaps"] == published for key, stream in streams.items()}
         lost = {key: stream["gaps"] for key, stream in streams.items()}
-        print(f"{foot}: {published} cycles published; at the subscriber all accounted for: {there}, lost: {lost}")
+        print(f"{foot}: {published} cycles published; at the subscriber all accounted for: {is_complete}, lost: {lost}")
     assert watch.start is not None
     first, last = watch.rows[0], watch.rows[-1]
     print(f"at the start {watch.start}\nafter the first hour {first[0]}\nat the end {last[0]}")
@@ -218,7 +218,7 @@ def main() -> None:
             open_session("peer", [endpoint]) as session,
             Child("lib.subscriber", endpoint=endpoint) as child,
         ):
-            child.said()
+            child.report()
             daemon = bus.daemon = Daemon(bus, load_feet(configs.load(config_file)), session, config_file)
             watch = Watch(bus, clock, options.hours)
             signal.signal(signal.SIGTERM, lambda *_: daemon.stop())

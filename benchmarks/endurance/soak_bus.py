@@ -226,14 +226,14 @@ class SoakBus(RecoveringSource):
 
 def accounts(bus: SoakBus, daemon: Daemon) -> list[tuple[str, int, int]]:
     """(which frames, how many there were, how many the daemon counted), each pair the same if none went astray."""
-    found = {"used": 0}
+    counts = {"used": 0}
     for assembler in daemon._skin.assemblers:
         assembler.settle()
-        found["used"] += int(assembler.arrivals.sum())
+        counts["used"] += int(assembler.arrivals.sum())
     for reason, count in asdict(daemon._skin.streams.refused).items():
-        found[reason] = sum(count.values()) if isinstance(count, dict) else count
+        counts[reason] = sum(count.values()) if isinstance(count, dict) else count
     put, counters = bus.queue.put, bus.counters
-    rows = [(kind, int(n), found.pop(kind)) for kind, n in zip(KINDS, put, strict=True)]
-    rows += [(reason, 0, n) for reason, n in found.items()]
+    rows = [(kind, int(n), counts.pop(kind)) for kind, n in zip(KINDS, put, strict=True)]
+    rows += [(reason, 0, n) for reason, n in counts.items()]
     rows.append(("dropped by the full queue", bus.queue.dropped, counters.overflows))
     return [*rows, ("all that came in", int(put.sum()), counters.frames)]

@@ -126,7 +126,7 @@ def watch_all(
     )
     reader = SkinReader([LAYOUTS[foot] for foot in feet], period_ns=20_000_000, slack_ns=5_000_000)
     watches = [FaultWatch(LAYOUTS[f], {board.address: board for board in CONFIG.insoles[f].boards}) for f in feet]
-    found: list[list[tuple[float, Change]]] = [[] for _ in feet]
+    changes: list[list[tuple[float, Change]]] = [[] for _ in feet]
     kept: list[list[Cycles]] = [[] for _ in feet]
     run = emulator.run(START_NS)
     while run.now_ns < START_NS + seconds * 1e9:
@@ -140,8 +140,8 @@ def watch_all(
                 for at in range(len(cycles)):
                     watches[foot].screen(cycles, at)
                     for change in watches[foot].update(cycles, at):
-                        found[foot].append(((int(cycles.t_mono_ns[at]) - START_NS) * 1e-9, change))
-    return found, kept
+                        changes[foot].append(((int(cycles.t_mono_ns[at]) - START_NS) * 1e-9, change))
+    return changes, kept
 
 
 def draw(kind: FaultKind, generation: GenerationName, seed: int) -> Case:
@@ -189,9 +189,9 @@ def neighbours(foot: int, row: int, taxel: int) -> NDArray[np.intp]:
     return np.argsort(distance.ravel(), kind="stable")[:4]
 
 
-def _after(there: NDArray[np.bool_], t_s: NDArray[np.float64], enough_s: float) -> float | None:
+def _after(visible: NDArray[np.bool_], t_s: NDArray[np.float64], enough_s: float) -> float | None:
     """When it has been there for `enough_s` in total."""
-    at = int(np.searchsorted(np.cumsum(there) * STEP_S, enough_s - STEP_S / 2))
+    at = int(np.searchsorted(np.cumsum(visible) * STEP_S, enough_s - STEP_S / 2))
     return float(t_s[at]) if at < len(t_s) else None
 
 
@@ -202,7 +202,7 @@ def play(case: Case) -> bool:
     if None in case.observable_s:
         return False
     seconds = HEALTHY_S + FAULTY_S + (2.0 if case.kind == "rezero" else 0.6)
-    (found,), (kept,) = watch_all([case.foot], person, case.generation, case.seed, seconds, case.faults)
+    (changes,), (kept,) = watch_all([case.foot], person, case.generation, case.seed, seconds, case.faults)
     if case.kind == "loose":
         case.observable_s = [_first_open_s(case, fault, kept) for fault in case.faults]
         case.faults = [f for f, seen in zip(case.faults, case.observable_s, strict=True) if seen is not None]
@@ -214,8 +214,8 @@ def play(case: Case) -> bool:
     latencies: list[float | None] = []
     for fault, seen_s in zip(case.faults, case.observable_s, strict=True):
         assert seen_s is not None
-        told = [t_s for t_s, c in found if c.began and t_s >= fault.t_s and _is_it(case, fault, c)]
-        latencies.append(max(told[0] - seen_s, 0.0) if told else None)
+        detected_s = [t_s for t_s, c in changes if c.began and t_s >= fault.t_s and _is_it(case, fault, c)]
+        latencies.append(max(detected_s[0] - seen_s, 0.0) if detected_s else None)
     if None not in latencies:
         case.latency_s = max(each for each in latencies if each is not None)
         case.from_onset_s = max(
@@ -223,7 +223,7 @@ def play(case: Case) -> bool:
             for each, seen, fault in zip(latencies, case.observable_s, case.faults, strict=True)
             if each is not None and seen is not None
         )
-    case.others = [c for t_s, c in found if t_s > 1.0 and not any(_follows(case, f, c, t_s) for f in case.faults)]
+    case.others = [c for t_s, c in changes if t_s > 1.0 and not any(_follows(case, f, c, t_s) for f in case.faults)]
     return True
 
 
@@ -243,8 +243,8 @@ def _sends_0(case: Case, fault: InjectedFault, kept: list[Cycles]) -> bool:
     until_s = fault.until_s if fault.until_s is not None else np.inf
     cycles = Cycles.concatenate(kept, len(LAYOUTS[case.foot]))
     t_s = (cycles.t_mono_ns - START_NS) * 1e-9
-    said = cycles.counts[(t_s > fault.t_s + 0.1) & (t_s < until_s), row, fault.taxel]
-    return bool(np.median(said) == 0)
+    counts = cycles.counts[(t_s > fault.t_s + 0.1) & (t_s < until_s), row, fault.taxel]
+    return bool(np.median(counts) == 0)
 
 
 def _is_it(case: Case, fault: InjectedFault, change: Change) -> bool:
@@ -299,14 +299,14 @@ def false_events(hours: float, seed: int, generations: Sequence[str]) -> None:
         listed: list[str] = []
         lives = max(1, round(4 * hours * share))
         for life in range(lives):
-            found, _ = watch_all(
+            changes, _ = watch_all(
                 (0, 1),
                 Person(LAYOUTS, seed + life, 900.0),
                 generation,
                 seed + life,
                 900.0,  # type: ignore[arg-type]
             )
-            for foot, of_foot in enumerate(found):
+            for foot, of_foot in enumerate(changes):
                 for t_s, change in of_foot:
                     if t_s > 1.0 and change.began:
                         counted[change.kind] += 1

@@ -76,10 +76,10 @@ def case(seed: int) -> NDArray[np.float64]:
     read_s = (cycles.triangle_t_ns - START_NS) * 1e-9
     load = np.stack([person.pressure_pa(layout.foot, read_s[:, row])[:, row] for row in range(len(layout))], axis=1)
     truth = np.einsum("krt,nrt->nk", arms, load)
-    found = np.array([[getattr(wrench, name) for name in NAMES] for wrench in part])
+    estimates = np.array([[getattr(wrench, name) for name in NAMES] for wrench in part])
     std = np.array([[getattr(wrench, name) for name in STD_NAMES] for wrench in part])
     reference = np.array([[getattr(wrench, name) for name in NAMES] for wrench in whole])
-    return np.stack([found - reference, missing, std, found - truth], axis=2)[t_s >= COMPARED_FROM_S]
+    return np.stack([estimates - reference, missing, std, estimates - truth], axis=2)[t_s >= COMPARED_FROM_S]
 
 
 def main() -> None:

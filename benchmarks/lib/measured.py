@@ -45,12 +45,12 @@ def options(description: str, add: Callable[[argparse.ArgumentParser], None] = l
     parser.add_argument("--seconds", type=float, default=10.0, help="that are measured")
     parser.add_argument("--cpu", type=int, help="the only CPU to run on")
     add(parser)
-    found = vars(parser.parse_args())
-    process.settle(found["cpu"])
+    values = vars(parser.parse_args())
+    process.settle(values["cpu"])
     sleep_precisely()  # as the daemon does
-    own = {name: found.pop(name) for name in ("bus", "endpoint", "warm_up", "seconds", "cpu")}
+    own = {name: values.pop(name) for name in ("bus", "endpoint", "warm_up", "seconds", "cpu")}
     own["endpoint"] = own["endpoint"] or free_endpoint()
-    return Options(**own, extra=found)
+    return Options(**own, extra=values)
 
 
 def free_endpoint() -> str:
@@ -120,14 +120,14 @@ class Recorder:
 
     def report(self, frames: int, **more: Any) -> None:
         """Print what was measured."""
-        found: dict[str, Any] = {"frames": frames, "published": self.published, "first_ns": self._first_ns, **more}
+        figures: dict[str, Any] = {"frames": frames, "published": self.published, "first_ns": self._first_ns, **more}
         if self._began and self._ended:
             (begin_ns, before), (end_ns, after) = self._began, self._ended
             elapsed_s = (end_ns - begin_ns) * 1e-9
             cpu_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
             ms = np.frombuffer(self._latency_ns, np.int64) * 1e-6
             p50, p99, worst = np.percentile(ms, [50, 99, 100]).tolist()
-            found |= {
+            figures |= {
                 "cpu_percent": 100 * cpu_s / elapsed_s,
                 "latency_ms_p50": p50,
                 "latency_ms_p99": p99,
@@ -136,7 +136,7 @@ class Recorder:
                 "wake_ups_per_cycle": (after.ru_nvcsw - before.ru_nvcsw) / len(ms),
                 "rss_mb": self._rss_mb,
             }
-        print(json.dumps(found), flush=True)
+        print(json.dumps(figures), flush=True)
 
 
 def rss_mb() -> float:

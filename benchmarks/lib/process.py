@@ -33,8 +33,8 @@ def settle(cpu: int | None, punctual: bool = False) -> None:
 
 def cpus() -> tuple[int | None, int | None]:
     """One for the process that is measured, another for all that surrounds it; None where there is only one."""
-    found = sorted(os.sched_getaffinity(0))
-    return (found[-1], found[0]) if len(found) > 1 else (None, None)
+    cores = sorted(os.sched_getaffinity(0))
+    return (cores[-1], cores[0]) if len(cores) > 1 else (None, None)
 
 
 class Child:
@@ -52,7 +52,7 @@ class Child:
         """Of the process."""
         return self._process.pid
 
-    def said(self) -> dict[str, Any]:
+    def report(self) -> dict[str, Any]:
         """The next object it prints."""
         assert self._process.stdout is not None
         line = self._process.stdout.readline()
@@ -63,7 +63,7 @@ class Child:
     def end(self) -> dict[str, Any]:
         """Tell it to end; what it reports."""
         self._process.send_signal(signal.SIGTERM)
-        report = self.said()
+        report = self.report()
         self._process.wait(_END_S)
         return report
 

@@ -52,9 +52,9 @@ def main() -> None:
     own, other = process.cpus()
     loop, which = saturated(seed=0)
     with Child("lib.timed_daemon", buses=BUSES, seconds=seconds - 3, warm_up=2, cpu=own) as measured_daemon:
-        ready = measured_daemon.said()
+        ready = measured_daemon.report()
         with Child("lib.subscriber", endpoint=ready["endpoint"], cpu=other) as subscriber:
-            subscriber.said()
+            subscriber.report()
             time.sleep(0.5)
             process.settle(other, punctual=True)
             fed = play([connect(to) for to in ready["feeds"]], which, loop, seconds)

@@ -34,14 +34,14 @@ def once(script: str, bus: str, seconds: float, seed: int) -> tuple[dict[str, An
     """What the measured program, the subscriber and the feeder report of one run."""
     own, other = process.cpus()
     with Child(script, bus=bus, seconds=seconds, warm_up=WARM_UP_S, cpu=own) as measured:
-        ready = measured.said()
+        ready = measured.report()
         with Child("lib.subscriber", endpoint=ready["endpoint"], cpu=other) as subscriber:
-            subscriber.said()
+            subscriber.report()
             time.sleep(0.5)  # until the subscription has reached the publisher
             with Child(
                 "lib.feeder", to=ready["feeds"][0], seconds=WARM_UP_S + seconds + 0.5, seed=seed, cpu=other
             ) as feeder:
-                fed = feeder.said()
+                fed = feeder.report()
             time.sleep(0.5)
             report = measured.end()
             received = subscriber.end()
@@ -50,12 +50,12 @@ def once(script: str, bus: str, seconds: float, seed: int) -> tuple[dict[str, An
 
 def compare(bus: str, rounds: int, seconds: float) -> None:
     """All three in turn, `rounds` times; the medians."""
-    found: dict[str, list[dict[str, Any]]] = {name: [] for name in PROGRAMS}
+    reports: dict[str, list[dict[str, Any]]] = {name: [] for name in PROGRAMS}
     for seed in range(rounds):
         for name, script in PROGRAMS.items():
             report, _, fed = once(script, bus, seconds, seed)
             assert report["frames"] == fed["sent"], "frames lost: the figures would be of less work"
-            found[name].append(report)
+            reports[name].append(report)
             print(
                 f"round {seed + 1}  {name:16} CPU {report['cpu_percent']:5.2f} %   latency p50 "
                 f"{report['latency_ms_p50']:.3f} p99 {report['latency_ms_p99']:.3f} ms   fed "
@@ -65,7 +65,7 @@ def compare(bus: str, rounds: int, seconds: float) -> None:
     median = {
         name: {key: statistics.median(run[key] for run in runs) for key in
                ("cpu_percent", "latency_ms_p50", "latency_ms_p99", "wake_ups_per_cycle")}
-        for name, runs in found.items()
+        for name, runs in reports.items()
     }  # fmt: skip
     print(f"\n| median of {rounds} × {seconds:g} s | CPU | p50 | p99 | wake-ups a cycle |\n|---|---|---|---|---|")
     for name, of in median.items():
@@ -76,7 +76,7 @@ def compare(bus: str, rounds: int, seconds: float) -> None:
 
     def ratio(key: str, to: str) -> float:
         """Of the two in the same round, the median."""
-        return statistics.median(a[key] / b[key] for a, b in zip(found[OURS], found[to], strict=True))
+        return statistics.median(a[key] / b[key] for a, b in zip(reports[OURS], reports[to], strict=True))
 
     print(f"\nCPU: {ratio('cpu_percent', FLOOR):.2f} × the floor, {ratio('cpu_percent', PEER):.2f} × the peer")
     behind_ms = median[OURS]["latency_ms_p50"] - median[FLOOR]["latency_ms_p50"]

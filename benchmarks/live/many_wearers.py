@@ -65,13 +65,13 @@ def main() -> None:
     assert router.stdout.readline()
     try:
         with Child("live.rigs", endpoint=endpoint, rigs=options.rigs) as rigs:
-            sizes = rigs.said()
+            sizes = rigs.report()
             with (
                 Child("live.recorder_of_all", endpoint=endpoint) as recorder,
                 insole_daemon.connect(endpoint) as insole,
                 ExitStack() as groups,
             ):
-                assert recorder.said()["rigs"] == options.rigs
+                assert recorder.report()["rigs"] == options.rigs
                 viewer = Viewer(insole)
                 for pid in (router.pid, recorder.pid, os.getpid()):
                     groups.enter_context(Group(pid))

@@ -39,13 +39,13 @@ class Seen:
     healths: list[Health] = field(default_factory=list)
     seconds: float = 0.0
 
-    def told(self) -> str:
+    def summary(self) -> str:
         if not self.ages_ms:
             return "nothing came"
         p50, p99, most = np.percentile(self.ages_ms, [50, 99, 100])
-        said = [health.publish_rate_hz for health in self.healths]
+        rates_hz = [health.publish_rate_hz for health in self.healths]
         return (
-            f"{len(self.ages_ms) / self.seconds / 2:.1f} Hz a foot, health says {np.mean(said):.1f} Hz; "
+            f"{len(self.ages_ms) / self.seconds / 2:.1f} Hz a foot, health says {np.mean(rates_hz):.1f} Hz; "
             f"age p50 {p50:.1f}, p99 {p99:.1f}, longest {most:.1f} ms"
         )
 
@@ -95,7 +95,7 @@ def main() -> None:
     total_s = (1 + len(options.periods_ms)) * (options.seconds + _ADAPT_S) + 5
     cpu = process.cpus()[0] if options.one_cpu else None
     with Child("lib.timed_daemon", seconds=total_s, cpu=cpu) as daemon:
-        ready = daemon.said()
+        ready = daemon.report()
         with (
             Child("lib.feeder", to=ready["feeds"][0], seconds=total_s) as feeder,
             Group(daemon.pid) as group,
@@ -108,15 +108,16 @@ def main() -> None:
                 free = subscriber.phase(options.seconds)
                 need = (cpu_s(daemon.pid) - before_s) / (time.monotonic() - began)
                 print(
-                    f"{100 * need:.1f} % of a CPU, no limit: {free.told()}; load {os.getloadavg()[0]:.1f}", flush=True
+                    f"{100 * need:.1f} % of a CPU, no limit: {free.summary()}; load {os.getloadavg()[0]:.1f}",
+                    flush=True,
                 )
                 for period_ms in options.periods_ms:
                     share = need / 3 if options.percent is None else options.percent / 100
-                    said = group.limit(share, period_ms)
+                    limit = group.limit(share, period_ms)
                     time.sleep(_ADAPT_S)
-                    print(f"{said}: {subscriber.phase(options.seconds).told()}", flush=True)
+                    print(f"{limit}: {subscriber.phase(options.seconds).summary()}", flush=True)
                 group.limit(1.0, 100.0)
-                fed = feeder.said()
+                fed = feeder.report()
                 time.sleep(1.5)  # the last health
                 health = subscriber.last_health
         report = daemon.end()

@@ -74,7 +74,7 @@ def daemon(seconds: float, seed: int = 0) -> Iterator[tuple[Child, str]]:
     """The daemon at full load for that long after its warm-up, and its endpoint."""
     own, other = process.cpus()
     with Child("lib.timed_daemon", bus="udp", seconds=seconds, warm_up=WARM_UP_S, cpu=own) as measured:
-        ready = measured.said()
+        ready = measured.report()
         with Child("lib.feeder", to=ready["feeds"][0], seconds=WARM_UP_S + seconds + 30, seed=seed, cpu=other):
             yield measured, ready["endpoint"]
 
@@ -122,7 +122,7 @@ async def watch(url: str, seconds: float, port: int | None = None) -> list[tuple
     """(age in s, seq, foot) of every cycle that comes within `seconds`; answered as the page does."""
     own = url.rstrip("/")
     reached = own if port is None else f"http://127.0.0.1:{port}"
-    found: list[tuple[float, int, int]] = []
+    received: list[tuple[float, int, int]] = []
     end = time.monotonic() + seconds
     async with aiohttp.ClientSession() as session:
         async with session.ws_connect(f"{reached}/live", headers={"Origin": own, "Host": own[7:]}) as live:
@@ -130,18 +130,18 @@ async def watch(url: str, seconds: float, port: int | None = None) -> list[tuple
                 await live.send_str("got")
                 if message.type is aiohttp.WSMsgType.BINARY:
                     _, foot, _, seq, _, published_ms = struct.unpack_from("<BBHI2d", message.data)
-                    found.append((time.time() - published_ms / 1e3, seq, foot))
+                    received.append((time.time() - published_ms / 1e3, seq, foot))
                 if time.monotonic() > end:
                     break
-    return found
+    return received
 
 
 def viewers(_: float) -> None:
     """The daemon's own latency: without `insole view`, with one that nobody looks at, and with five who do."""
     process.settle(process.cpus()[1])  # and all that is started here, but the daemon
-    found: dict[str, list[dict[str, Any]]] = {"no insole view": [], "nobody looks": [], "five look": []}
+    reports_of: dict[str, list[dict[str, Any]]] = {"no insole view": [], "nobody looks": [], "five look": []}
     for seed in range(ROUNDS):
-        for name, reports in found.items():
+        for name, reports in reports_of.items():
             with daemon(ROUND_S, seed) as (measured, endpoint), ExitStack() as ending:
                 url = "" if name == "no insole view" else ending.enter_context(serving(endpoint))
                 if name == "five look":
@@ -151,13 +151,13 @@ def viewers(_: float) -> None:
                 reports.append(measured.end())
             print(f"round {seed + 1}  {name:14} p50 {reports[-1]['latency_ms_p50']:.3f} "
                   f"p99 {reports[-1]['latency_ms_p99']:.3f} ms", flush=True)  # fmt: skip
-    nobody = found["nobody looks"]
-    for name, reports in found.items():
-        said = []
+    nobody = reports_of["nobody looks"]
+    for name, reports in reports_of.items():
+        sentences = []
         for key in ("latency_ms_p50", "latency_ms_p99"):
             ratio = statistics.median(own[key] / none[key] for own, none in zip(reports, nobody, strict=True))
-            said.append(f"{key[8:]} {statistics.median(each[key] for each in reports):.3f} ms ({ratio:.2f} ×)")
-        print(f"{name:14} {', '.join(said)} nobody's in the same round")
+            sentences.append(f"{key[8:]} {statistics.median(each[key] for each in reports):.3f} ms ({ratio:.2f} ×)")
+        print(f"{name:14} {', '.join(sentences)} nobody's in the same round")
 
 
 async def _five(url: str) -> None:
@@ -168,12 +168,12 @@ def slow(seconds: float) -> None:
     """How old is what a slow link shows?"""
     with daemon(seconds + 10) as (_, endpoint), serving(endpoint) as url:
         fast, through = asyncio.run(_both(url, seconds))
-    for name, found in (("fast link", fast), (f"{SLOW_BYTES_S / 1e3:.0f} kB/s", through)):
-        ages_ms = [1e3 * age_s for age_s, _, _ in found[len(found) // 4 :]]
-        of_feet = [[seq for _, seq, own in found if own == foot] for foot in (0, 1)]
+    for name, cycles in (("fast link", fast), (f"{SLOW_BYTES_S / 1e3:.0f} kB/s", through)):
+        ages_ms = [1e3 * age_s for age_s, _, _ in cycles[len(cycles) // 4 :]]
+        of_feet = [[seq for _, seq, own in cycles if own == foot] for foot in (0, 1)]
         order = "in order" if all(seqs == sorted(seqs) for seqs in of_feet) else "OUT OF ORDER"
         print(
-            f"{name}: {len(found) / seconds / 2:.1f} cycles/s of each foot, "
+            f"{name}: {len(cycles) / seconds / 2:.1f} cycles/s of each foot, "
             f"age p50 {statistics.median(ages_ms):.0f} ms, most {max(ages_ms):.0f} ms, {order}"
         )
 

@@ -120,7 +120,7 @@ def check() -> None:
         for message in foot.messages(cycles, at).published()
     ]
     decoder = Decoder(theirs)
-    found = [
+    differences = [
         (index, message)
         for t_ns, can_id, data in zip(stamp_ns.tolist(), batch.can_id.tolist(), batch.data, strict=True)
         if (closed := decoder.take(CanMessage(t_ns * 1e-9, can_id, False, dlc=8, data=data.tobytes())))
@@ -128,9 +128,9 @@ def check() -> None:
         for kind, payload in theirs[index].payloads(closed[1]).payloads
         for message in [kind.decode(payload)]
     ]
-    found.sort(key=lambda pair: pair[0])
-    assert len(found) == len(expected) > 100, (len(found), len(expected))
-    for (_, message), other in zip(found, expected, strict=True):
+    differences.sort(key=lambda pair: pair[0])
+    assert len(differences) == len(expected) > 100, (len(differences), len(expected))
+    for (_, message), other in zip(differences, expected, strict=True):
         for name in (field for field in other.__slots__ if field not in ("started_ns", "t_published_ns")):
             a, b = getattr(message, name), getattr(other, name)
             if name in ("t_ns", "triangle_t_ns"):

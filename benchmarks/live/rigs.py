@@ -46,15 +46,15 @@ def walk() -> list[list[tuple[Encoded, ...]]]:
     """By foot, the messages of every cycle."""
     feet = traffic.feet()
     skin = SkinReader([foot.layout for foot in feet], 20_000_000, 5_000_000)
-    found: list[list[tuple[Encoded, ...]]] = []
+    of_feet: list[list[tuple[Encoded, ...]]] = []
     for foot, closed in zip(feet, skin.feed(traffic.frames((_CYCLES + 10) * PERIOD_S)), strict=True):
         messages = [foot.messages(cycles, at).published() for cycles in closed for at in range(len(cycles))][-_CYCLES:]
         for cycle in messages:
             for message in cycle:
                 for name, value in (("seq", _SEQ), ("t_ns", _T), ("t_published_ns", _PUBLISHED)):
                     object.__setattr__(message, name, value)
-        found.append([tuple(map(Encoded, cycle)) for cycle in messages])
-    return found
+        of_feet.append([tuple(map(Encoded, cycle)) for cycle in messages])
+    return of_feet
 
 
 def main() -> None:

@@ -88,9 +88,9 @@ def cost(n: int) -> None:
                 foot.messages(closed, at)
             spent_us[name].append((time.process_time_ns() - begin) * 1e-3 / n)
     plain = float(np.median(spent_us["no effects"]))
-    for name, found in spent_us.items():
-        middle = float(np.median(found))
-        print(f"a cycle of one foot, {name}: {middle:.0f} µs" + (f", {middle - plain:+.0f} µs" if found else ""))
+    for name, times_us in spent_us.items():
+        middle = float(np.median(times_us))
+        print(f"a cycle of one foot, {name}: {middle:.0f} µs" + (f", {middle - plain:+.0f} µs" if times_us else ""))
 
 
 def walks() -> None:
@@ -104,21 +104,21 @@ def walks() -> None:
         with tempfile.TemporaryDirectory() as place:
             folder = Path(place) / "walk"
             Trial("t4", Config(), [LAYOUT], effects={"left": effects}, conditions=conditions, seed=5).write(folder)
-            said = json.loads(next(folder.glob("*calibration.json")).read_text())
+            document = json.loads(next(folder.glob("*calibration.json")).read_text())
             shoe = insole_daemon.load(folder)["left"].reference
             assert shoe is not None
             assert shoe.time_s is not None
-            found = []
+            errors = []
             for own in ((), effects):
                 path = Path(place) / "model.json"
-                path.write_text(json.dumps(said | {"effects": effects_document.document(own, LAYOUT)}))
+                path.write_text(json.dumps(document | {"effects": effects_document.document(own, LAYOUT)}))
                 t_s, f_z_n = of_walk(path, folder)["left"]
                 left = [
                     float(np.sqrt(np.mean((f_z_n - np.interp(t_s - late_s, shoe.time_s, shoe["fz_n"])) ** 2)))
                     for late_s in (AGE_S, *np.arange(0.0, 0.1, 0.002))
                 ]
-                found.append((left[0], min(left)))
-        (static, shifted), (dynamic, _) = found
+                errors.append((left[0], min(left)))
+        (static, shifted), (dynamic, _) = errors
         print(f"| {name} | {static:.1f} | {shifted:.1f} | {dynamic:.1f} |", flush=True)
 
 

@@ -45,40 +45,40 @@ _LAYOUTS = [load_layout(insole) for insole in _CONFIG.insoles]
 class Score:
     """Of one recording."""
 
-    there: int
-    found: int
-    wrong: int  # found, and not there
+    n_true: int
+    n_matched: int
+    wrong: int  # events that match no true one
     error_ms: list[float]
-    delay_ms: list[float]  # from the truth until the cycle that told
+    delay_ms: list[float]  # from the truth until the cycle that reported it
 
 
 def truth(load: Person, seconds: float) -> dict[tuple[str, str], np.ndarray]:
     """(n,) s of every contact and toe-off, by foot and kind."""
     t_s = np.arange(0, seconds, _TRUE_EVERY_S)
-    found = {}
+    times_s = {}
     for layout in _LAYOUTS:
         pressed = np.diff((load.force_n(layout.foot, t_s) > 0).astype(np.int8))
         for kind, change in (("initial_contact", 1), ("toe_off", -1)):
-            found[layout.foot, kind] = t_s[1:][pressed == change]
-    return found
+            times_s[layout.foot, kind] = t_s[1:][pressed == change]
+    return times_s
 
 
-def score(events: list[GaitEvent], there: dict[tuple[str, str], np.ndarray]) -> Score:
-    """Each true event takes the nearest found one, once."""
+def score(events: list[GaitEvent], true_times_s: dict[tuple[str, str], np.ndarray]) -> Score:
+    """Match each true event to the nearest reported one; each is matched once."""
     hits, wrong, error_ms, delay_ms = 0, 0, [], []
-    for (foot, kind), times in there.items():
-        own = [each for each in events if (each.foot, each.kind) == (foot, kind)]
-        at_s = np.array([(each.t_ns - START_NS) * 1e-9 for each in own])
-        left = set(range(len(own)))
+    for (foot, kind), times in true_times_s.items():
+        own = [event for event in events if (event.foot, event.kind) == (foot, kind)]
+        at_s = np.array([(event.t_ns - START_NS) * 1e-9 for event in own])
+        unmatched = set(range(len(own)))
         for true_s in times.tolist():
-            near = min(left, key=lambda i: abs(at_s[i] - true_s), default=None)
+            near = min(unmatched, key=lambda i: abs(at_s[i] - true_s), default=None)
             if near is not None and abs(at_s[near] - true_s) <= NEAR_S:
-                left.remove(near)
+                unmatched.remove(near)
                 hits += 1
                 error_ms.append((at_s[near] - true_s) * 1e3)
                 delay_ms.append((at_s[near] - true_s + own[near].noticed_after_s) * 1e3)
-        wrong += len(left)
-    return Score(sum(map(len, there.values())), hits, wrong, error_ms, delay_ms)
+        wrong += len(unmatched)
+    return Score(sum(map(len, true_times_s.values())), hits, wrong, error_ms, delay_ms)
 
 
 def trials(names: tuple[str, ...], physics: bool) -> Iterator[tuple[str, Trial, Recording]]:
@@ -100,10 +100,10 @@ def main() -> None:
             scores.append(score(replay_gait_events(recording.feet), truth(trial.load, seconds)))
         error_ms = np.array([each for one in scores for each in one.error_ms])
         delay_ms = np.array([each for one in scores for each in one.delay_ms])
-        there, found = sum(one.there for one in scores), sum(one.found for one in scores)
+        n_true, n_matched = sum(one.n_true for one in scores), sum(one.n_matched for one in scores)
         print(
-            f"walking, {'ordinary physics' if physics else 'noise only'}: {found} of {there} found "
-            f"({found / there:.2%}), {sum(one.wrong for one in scores)} that are not there; timing error "
+            f"walking, {'ordinary physics' if physics else 'noise only'}: {n_matched} of {n_true} found "
+            f"({n_matched / n_true:.2%}), {sum(one.wrong for one in scores)} that are not there; timing error "
             f"median {np.median(np.abs(error_ms)):.1f} ms, 95 % {np.percentile(np.abs(error_ms), 95):.1f} ms, mean "
             f"{error_ms.mean():+.1f} ms; told after median {np.median(delay_ms):.1f} ms, "
             f"95 % {np.percentile(delay_ms, 95):.1f} ms",

@@ -96,25 +96,25 @@ def on_rails(counts: NDArray[np.uint8]) -> NDArray[np.bool_]:
 
 
 def main() -> None:
-    found = play(Path(sys.argv[1]) if len(sys.argv) > 1 else FOLDER)
-    rails = on_rails(found.counts)
-    print(f"{found.t_s[-1]:.0f} s, {len(found.t_s)} cycles, {rails.mean() * 100:.1f} % of triangle-rows on the rails")
+    played = play(Path(sys.argv[1]) if len(sys.argv) > 1 else FOLDER)
+    rails = on_rails(played.counts)
+    print(f"{played.t_s[-1]:.0f} s, {len(played.t_s)} cycles, {rails.mean() * 100:.1f} % of triangle-rows on the rails")
     for row, triangle in enumerate(LAYOUT.triangles):
         where = (triangle.board, triangle.triangle)
         times = [
             f"{'' if e.kind == 'triangle_loose' else 'until '}{(e.t_ns - START_NS) * 1e-9:.2f} s"
-            for e in found.events
+            for e in played.events
             if e.kind.startswith("triangle_loose") and (e.boards[0], e.triangle) == where
         ]
-        first = found.t_s[rails[:, row].argmax()] if rails[:, row].any() else None
+        first = played.t_s[rails[:, row].argmax()] if rails[:, row].any() else None
         print(
             f"board {where[0]} triangle {where[1]:2}: on the rails in {rails[:, row].sum():5} cycles"
             + (f", first {first:.2f} s" if first is not None else "")
             + (f"; loose {', '.join(times[:9])}{' …' if len(times) > 9 else ''}" if times else "")
         )
-    entered = (found.valid[..., PRESSURE_TAXELS].any(axis=2) & rails).sum()
+    entered = (played.valid[..., PRESSURE_TAXELS].any(axis=2) & rails).sum()
     print(f"cycles in which a triangle on the rails had a valid taxel: {entered}")
-    others = [e for e in found.events if not e.kind.startswith(("triangle_loose", "board_streaming"))]
+    others = [e for e in played.events if not e.kind.startswith(("triangle_loose", "board_streaming"))]
     print(f"other events: {len(others)}")
     for event in others[:40]:
         print(f"  {(event.t_ns - START_NS) * 1e-9:.2f} s {event.text}")

@@ -52,10 +52,10 @@ def boards(
 ) -> None:
     """List, configure, start and stop the boards.
 
-    The running daemon does it, if its configuration has `boards: {configure: true}`. Boards acknowledge nothing: the
-    frames they send afterwards confirm a command. A board that is configured takes a new hardware baseline, and so does
-    one that is started after it lost power: the feet must be off the ground. Exit status 1: not confirmed; 3: refused
-    or failed.
+    The running daemon sends the commands, if its configuration has `boards: {configure: true}`. Boards acknowledge
+    nothing: the frames they send afterwards confirm a command. A board that is configured takes a new hardware
+    baseline, and so does one that is started after it lost power: the feet must be off the ground. Exit status 1: not
+    confirmed; 3: refused or failed.
     """
     from ..errors import WireError
     from ..wire.client import Client

@@ -76,6 +76,10 @@ def demo(
         raise typer.BadParameter("--seed and --in need --hide EFFECT")
     if port is not None and not view:
         raise typer.BadParameter("--port needs --view")
+    _run_live(seconds, view, port or DEFAULT_PORT, listen)
+
+
+def _run_live(seconds: float | None, view: bool, port: int, listen: str) -> None:
     from ..bus.opening import open_sink
     from ..bus.recovering import RecoveringSource
     from ..config import Bus, Config, Zenoh
@@ -130,7 +134,7 @@ def demo(
             from .demo_page import open_page, tell_truth
 
             tasks["truth"] = lambda: tell_truth(session, emulator, person, layouts, stop)
-            page = open_page(config.zenoh.listen[0], config.rig, port or DEFAULT_PORT)
+            page = open_page(config.zenoh.listen[0], config.rig, port)
         with _run_in_threads(tasks, end, failed):
             ready.wait()  # before, nobody answers for meta
             with page as where:

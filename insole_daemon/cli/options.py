@@ -22,7 +22,8 @@ Connect = Annotated[
     str, typer.Option("--connect", help="Zenoh endpoint of the daemon: tcp/host:port, host:port or host.")
 ]
 ZenohFile = Annotated[
-    Path | None, typer.Option("--zenoh-config", help="Zenoh's own configuration, with the certificate to show.")
+    Path | None,
+    typer.Option("--zenoh-config", help="Zenoh configuration file, which names the client certificate."),
 ]
 RigName = Annotated[str, typer.Option("--rig", help="Name of the rig, if one endpoint leads to several.")]
 Force = Annotated[bool, typer.Option("--force", help="Replace what this command wrote there before.")]

@@ -19,7 +19,7 @@ def view(
     port: Annotated[int, typer.Option(min=1, max=65535, help="Port of the page.")] = DEFAULT_PORT,
     open_: Annotated[bool, typer.Option("--open", help="Open it in this computer's browser.")] = False,
     listen: Annotated[
-        str, typer.Option(help="Address to serve on; any but this computer's own needs the printed token.")
+        str, typer.Option(help="Address to serve on; on any but 127.0.0.1, access needs the printed token.")
     ] = "127.0.0.1",
     reference: Annotated[
         list[str] | None,

@@ -25,7 +25,7 @@ SECONDS = 6.0
 GENERATIONS = pytest.mark.parametrize("generation", ["mtb3", "mtb4"])
 
 
-def said_of(frames: FrameBatch, config: Config = CONFIG) -> list[CheckResult]:
+def check_results(frames: FrameBatch, config: Config = CONFIG) -> list[CheckResult]:
     """What is said of frames that came in portions of 50 ms."""
     boards = {board.address: board for insole in config.insoles for board in insole.boards}
     observation = Observation(LAYOUTS, boards)
@@ -57,13 +57,13 @@ def changed(address: int, **settings: object) -> Config:
     )
 
 
-def problems(found: list[CheckResult]) -> list[CheckResult]:
-    return [finding for finding in found if finding.level == "problem"]
+def problems(results: list[CheckResult]) -> list[CheckResult]:
+    return [result for result in results if result.level == "problem"]
 
 
-def only(found: list[CheckResult], subject: str) -> CheckResult:
+def only(results: list[CheckResult], subject: str) -> CheckResult:
     """The one problem, which is of `subject`."""
-    (problem,) = problems(found)
+    (problem,) = problems(results)
     assert problem.subject == subject
     assert problem.remedy
     return problem
@@ -84,36 +84,36 @@ def merged(*batches: FrameBatch) -> FrameBatch:
 
 @GENERATIONS
 def test_a_right_set_up_has_no_problem_and_names_the_generation(generation):
-    found = said_of(emulated(generation))
-    assert not problems(found)
-    boards = [finding for finding in found if finding.subject.startswith("board")]
+    results = check_results(emulated(generation))
+    assert not problems(results)
+    boards = [result for result in results if result.subject.startswith("board")]
     assert len(boards) == 6
-    assert any("out of order (an MTB3)" in finding.text for finding in boards) == (generation == "mtb3")
-    assert all("every 20.0 ms" in finding.text for finding in boards)
+    assert any("out of order (an MTB3)" in result.text for result in boards) == (generation == "mtb3")
+    assert all("every 20.0 ms" in result.text for result in boards)
 
 
 @GENERATIONS
 def test_two_boards_on_one_address(generation):
     clash = InjectedFault("address_clash", 0.0, None, 6, other=7)
-    found = said_of(emulated(generation, faults=[clash]))
-    assert "two boards send under this address" in " ".join(finding.text for finding in problems(found))
-    (named,) = [finding for finding in problems(found) if "two boards" in finding.text]
+    results = check_results(emulated(generation, faults=[clash]))
+    assert "two boards send under this address" in " ".join(result.text for result in problems(results))
+    (named,) = [result for result in problems(results) if "two boards" in result.text]
     assert named.subject == "board 6"
     assert "unplug one" in named.remedy
 
 
 @GENERATIONS
 def test_a_missing_terminator_by_its_error_frames(generation):
-    problem = only(said_of(merged(emulated(generation), error_frames(400))), "bus")
+    problem = only(check_results(merged(emulated(generation), error_frames(400))), "bus")
     assert "terminator is missing" in problem.text
     assert "120 Ω" in problem.remedy
 
 
 def test_a_wrong_bit_rate_by_error_frames_without_data():
-    found = problems(said_of(error_frames(400)))
-    assert found[0].subject == "bus"
-    assert "bit rate is wrong" in found[0].text
-    assert "bitrate 1000000" in found[0].remedy
+    results = problems(check_results(error_frames(400)))
+    assert results[0].subject == "bus"
+    assert "bit rate is wrong" in results[0].text
+    assert "bitrate 1000000" in results[0].remedy
 
 
 def test_a_wrong_bit_rate_of_the_interface_is_a_problem():
@@ -126,14 +126,14 @@ def test_a_wrong_bit_rate_of_the_interface_is_a_problem():
 
 
 def test_an_mtb3_at_shift_7():
-    problem = only(said_of(emulated("mtb3", changed(5, shift=7))), "board 5")
+    problem = only(check_results(emulated("mtb3", changed(5, shift=7))), "board 5")
     assert "shift 7" in problem.text
     assert "shift: 3" in problem.remedy
 
 
 @GENERATIONS
 def test_a_board_at_50_ms(generation):
-    problem = only(said_of(emulated(generation, changed(9, period_ms=50))), "board 9")
+    problem = only(check_results(emulated(generation, changed(9, period_ms=50))), "board 9")
     assert "sends every 50 ms, the configuration says 20 ms" in problem.text
     assert "period_ms: 50" in problem.remedy
 
@@ -141,10 +141,10 @@ def test_a_board_at_50_ms(generation):
 @GENERATIONS
 def test_a_loose_triangle(generation):
     loose = InjectedFault("loose", 0.0, None, 6, triangle=5)
-    found = said_of(emulated(generation, faults=[loose]))
-    named = [finding for finding in found if finding.level != "ok" and "6" in finding.subject]
-    assert any("triangle 5" in f"{finding.subject} {finding.text}" for finding in named), found
-    assert any("flat cable" in finding.remedy for finding in named)
+    results = check_results(emulated(generation, faults=[loose]))
+    named = [result for result in results if result.level != "ok" and "6" in result.subject]
+    assert any("triangle 5" in f"{result.subject} {result.text}" for result in named), results
+    assert any("flat cable" in result.remedy for result in named)
 
 
 @GENERATIONS
@@ -155,8 +155,8 @@ def test_frames_of_another_sender_are_reported(generation):
         t_ns, t_ns, np.zeros(n, np.uint8), np.full(n, 0x123, np.uint32), np.full(n, 4, np.uint8),
         np.zeros((n, 8), np.uint8), np.zeros(n, np.uint8),
     )  # fmt: skip
-    found = said_of(merged(emulated(generation), other))
-    (named,) = [finding for finding in found if "another sender" in finding.text]
+    results = check_results(merged(emulated(generation), other))
+    (named,) = [finding for finding in results if "another sender" in finding.text]
     assert "0x123 (200)" in named.text
     assert "bus of its own" in named.remedy
 
@@ -167,25 +167,25 @@ def test_a_board_that_the_configuration_does_not_have(generation):
     boards = {board.address: board for board in fewer.insoles[0].boards}
     observation = Observation(LAYOUTS[:1], boards)
     observation.feed(emulated(generation), round(SECONDS * 1e9))
-    found = problems(list(judge_observation(observation, fewer, LAYOUTS[:1])))
-    assert [finding.subject for finding in found] == ["board 8", "board 9", "board 10"]
-    assert "- {address: 8, interface: can0, period_ms: 20" in found[0].remedy
+    results = problems(list(judge_observation(observation, fewer, LAYOUTS[:1])))
+    assert [result.subject for result in results] == ["board 8", "board 9", "board 10"]
+    assert "- {address: 8, interface: can0, period_ms: 20" in results[0].remedy
 
 
 @GENERATIONS
 def test_boards_that_do_not_start(generation):
-    found = problems(said_of(emulated(generation, left_out=(8, 9, 10))))
-    assert [finding.subject for finding in found] == ["board 8", "board 9", "board 10"]
-    assert all("no frame received" in finding.text for finding in found)
-    assert "insole boards start --foot right" in found[0].remedy
+    results = problems(check_results(emulated(generation, left_out=(8, 9, 10))))
+    assert [result.subject for result in results] == ["board 8", "board 9", "board 10"]
+    assert all("no frame received" in result.text for result in results)
+    assert "insole boards start --foot right" in results[0].remedy
 
 
 def test_a_bus_on_which_nothing_is_sent():
     observation = Observation(LAYOUTS, {board.address: board for insole in CONFIG.insoles for board in insole.boards})
     observation.feed(FrameBatch.empty(), 0)
-    found = problems(list(judge_observation(observation, CONFIG, LAYOUTS)))
-    assert "no frame and no error frame received" in found[0].text
-    assert len(found) == 7
+    results = problems(list(judge_observation(observation, CONFIG, LAYOUTS)))
+    assert "no frame and no error frame received" in results[0].text
+    assert len(results) == 7
 
 
 @pytest.mark.parametrize(

@@ -235,7 +235,7 @@ def test_python_can_reads_the_same(tmp_path: Path) -> None:
 
 def read_slowly(text: bytes) -> list[tuple[int, str, int, int, bytes, int]] | int:
     """The frames of whole lines one by one, or the number of the first bad line."""
-    found = []
+    frames = []
     for number, line in enumerate(text.replace(b"\r\n", b"\n").split(b"\n")[:-1], 1):
         if not line.strip() or candump_line.dropped_frames(line) is not None:
             continue
@@ -243,8 +243,8 @@ def read_slowly(text: bytes) -> list[tuple[int, str, int, int, bytes, int]] | in
             frame = candump_line.parse_line(line)
         except candump_line.BadLine:
             return number
-        found.append((frame.t_ns, frame.name, frame.can_id, frame.dlc, frame.data, frame.flags))
-    return found
+        frames.append((frame.t_ns, frame.name, frame.can_id, frame.dlc, frame.data, frame.flags))
+    return frames
 
 
 def monotonic(frames: list[tuple[int, str, int, int, bytes, int]]) -> list[int]:
@@ -318,7 +318,7 @@ def test_fast_and_careful_reading_agree_on_good_lines(folder: Path, text: list[s
 def test_fast_and_careful_reading_agree_on_damaged_lines(
     folder: Path, before: list[str], line: str, after: list[str]
 ) -> None:
-    check_fast_against_slow(folder, "".join(f"{each}\n" for each in [*before, line, *after]).encode())
+    check_fast_against_slow(folder, "".join(f"{row}\n" for row in [*before, line, *after]).encode())
 
 
 @settings(max_examples=1000, deadline=None)
@@ -488,7 +488,7 @@ def test_a_log_of_one_bad_line_is_still_a_log(tmp_path: Path) -> None:
     assert "line 1: expected 0 to 8 bytes" in refusal(tmp_path, "(1741532714.334381) can0 470#4")
 
 
-def test_nothing_in_the_file(tmp_path: Path) -> None:
+def test_empty_file_is_refused(tmp_path: Path) -> None:
     for text in (b"", gzip.compress(b"")):
         message = refusal(tmp_path, text)
         assert "can.log: expected a candump log, found an empty file" in message
@@ -497,7 +497,7 @@ def test_nothing_in_the_file(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "found"),
+    ("text", "expected"),
     [
         (b"LOGG\x90\0\0\0" + bytes(100), "found Vector BLF"),
         (b"LOGG\x90\0\0\0\n" + bytes(100) + b"\n", "found Vector BLF"),
@@ -512,10 +512,10 @@ def test_nothing_in_the_file(tmp_path: Path) -> None:
         (b"x" * 600_000, "found 'xxxxx"),
     ],
 )
-def test_another_kind_of_file(tmp_path: Path, text: bytes, found: str) -> None:
+def test_another_kind_of_file(tmp_path: Path, text: bytes, expected: str) -> None:
     message = refusal(tmp_path, text)
     assert "this is not candump text: expected lines such as (1741532714.334381) can0 470#40EE" in message
-    assert found in message
+    assert expected in message
     assert "can_logconvert" in message
 
 

@@ -89,7 +89,7 @@ def test_written_values_are_read_back(
     tmp_path_factory: pytest.TempPathFactory, frames: list[tuple[int, int, int, int, str, int]]
 ) -> None:
     # The steps backwards of random times would add up to more than 64 bits hold.
-    expected = batch(*sorted(frames, key=lambda each: each[0]))
+    expected = batch(*sorted(frames, key=lambda row: row[0]))
     interfaces = ("can0", "vcan10", "insole_left")
     path = tmp_path_factory.mktemp("writer") / "can.log"
     with CandumpWriter(path, interfaces) as writer:

@@ -15,10 +15,10 @@ def batch(*identifiers_and_flags: tuple[int, int]) -> FrameBatch:
         np.arange(n),
         np.arange(n),
         np.zeros(n, np.uint8),
-        np.array([each[0] for each in identifiers_and_flags], np.uint32),
+        np.array([pair[0] for pair in identifiers_and_flags], np.uint32),
         np.full(n, 8, np.uint8),
         np.zeros((n, 8), np.uint8),
-        np.array([each[1] for each in identifiers_and_flags], np.uint8),
+        np.array([pair[1] for pair in identifiers_and_flags], np.uint8),
     )
 
 

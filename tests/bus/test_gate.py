@@ -154,7 +154,7 @@ def test_of_class_7_boards_send_only_answers_to_discovery():
             assert passed == ({0x705 | address << 4 for address in range(1, 15)} if dlc == 0 else set())
 
 
-def test_nothing_but_standard_frames_is_played_again():
+def test_only_standard_frames_are_replayed():
     n = 1 << 11
     zero, nothing = np.zeros(n, np.int64), np.zeros(n, np.uint8)
     ids, dlc, data = np.arange(n, dtype=np.uint32), np.full(n, 8, np.uint8), np.zeros((n, 8), np.uint8)
@@ -168,7 +168,7 @@ def test_nothing_but_standard_frames_is_played_again():
         assert not never_a_command(frames).any()
 
 
-def test_nothing_at_all_unless_the_configuration_says_so():
+def test_no_frame_is_sent_unless_configured():
     sink = Sink()
     gate = Gate(lambda: sink, configure=False)
     for can_id, payload in sorted(ALLOWED):
@@ -183,7 +183,7 @@ def test_sending_without_a_writable_bus_is_refused():
         gate.send(0x70F, b"\xff")
 
 
-def test_the_way_out_is_asked_for_at_every_frame():
+def test_the_gate_looks_up_its_sink_for_every_frame():
     first, second = Sink(), Sink()
     open_now = [first]
 
@@ -283,7 +283,7 @@ def test_a_sink_sends_only_listed_frames_for_every_identifier_first_byte_and_len
         assert may_leave(all_ids(len(payload), payload[0])[can_id : can_id + 1])
 
 
-def test_one_bad_frame_holds_back_all_that_come_with_it():
+def test_one_refused_frame_refuses_its_whole_batch():
     frames = all_ids(1, 0x32)
     for sink_of in (SocketCanSink, PythonCanSink):
         bus = Bus11()
@@ -308,16 +308,16 @@ def test_nothing_but_the_sinks_writes_to_a_bus():
         assert not re.search(r"\.(send(to|msg|all)?|write)\(", source[name]), name
 
 
-def test_whatever_emulated_boards_say_may_leave():
+def test_every_frame_of_emulated_boards_passes_the_gate():
     """Streams, and their answers to every command there is."""
     config = Config()
     layouts = [load_layout(insole) for insole in config.insoles]
     boards = Emulator(config, layouts, Walk(layouts), generation="mtb4").run(0)
-    said = [boards.advance(100_000_000)]
+    batches = [boards.advance(100_000_000)]
     for can_id, payload in sorted(ALLOWED):
         boards.obey(all_ids(len(payload), payload[0])[can_id : can_id + 1])
-        said.append(boards.advance(boards.now_ns + 5_000_000))
-    said.append(boards.advance(boards.now_ns + 2_000_000_000))  # their thermometers too
-    frames = FrameBatch.concatenate(said)
+        batches.append(boards.advance(boards.now_ns + 5_000_000))
+    batches.append(boards.advance(boards.now_ns + 2_000_000_000))  # their thermometers too
+    frames = FrameBatch.concatenate(batches)
     assert {0x4, 0x2, 0x7, 0x3} <= set((frames.can_id >> 8).tolist())
     assert never_a_command(frames).all()

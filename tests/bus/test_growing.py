@@ -28,5 +28,5 @@ def test_a_wrong_estimate_loses_nothing(expected: int) -> None:
         assert np.array_equal(result, whole)
 
 
-def test_nothing_added_is_no_frame() -> None:
+def test_empty_buffer_gives_an_empty_batch() -> None:
     assert len(GrowingBatch().batch()) == 0

@@ -81,17 +81,17 @@ def test_other_interfaces_of_python_can_give_wall_clock_nanoseconds():
 
 def test_boards_listen_to_commands_alone(monkeypatch):
     ours, theirs = socket.socketpair()
-    asked = {}
+    requested = {}
 
-    def found(channel, **options):
-        asked.update(options)
+    def open_socket(channel, **options):
+        requested.update(options)
         return ours
 
-    monkeypatch.setattr(socketcan, "open_socket", found)
+    monkeypatch.setattr(socketcan, "open_socket", open_socket)
     open_as_boards(Bus("socketcan", "can7")).close()
     assert ours.fileno() == -1
     theirs.close()
-    assert [each["can_id"] for each in asked["can_filters"]] == [0x200, 0x700], "not the stream that they send"
+    assert [entry["can_id"] for entry in requested["can_filters"]] == [0x200, 0x700], "not the stream that they send"
 
 
 def test_an_adapter_that_cannot_be_opened_is_one_error_and_no_warning(caplog) -> None:

@@ -206,7 +206,7 @@ def test_close_ends_the_replay(path: Path, clock: Clock) -> None:
 
 
 @pytest.mark.parametrize("speed", [0.0, -1.0, 1.1e6, math.inf, math.nan])
-def test_a_speed_that_is_none(path: Path, speed: float) -> None:
+def test_invalid_replay_speed_is_refused(path: Path, speed: float) -> None:
     with pytest.raises(
         InsoleError,
         match=f"expected a replay speed above 0 and up to 1e.06, .* found {re.escape(format(speed, 'g'))}",
@@ -245,14 +245,14 @@ def test_playing_stops_when_asked(path: Path, clock: Clock) -> None:
 
 
 def test_playing_commands_no_board(tmp_path: Path, clock: Clock) -> None:
-    said = ["2A0#1C0B0119000200FF", "35E#0105010000", "7A5#", "350#4000000000000000", "650#C000000000000000"]
+    answers = ["2A0#1C0B0119000200FF", "35E#0105010000", "7A5#", "350#4000000000000000", "650#C000000000000000"]
     commands = ["705#00", "70F#FF", "70F#00", "205#0700", "20F#3206", "7A5#00", "2A6#3206", "200#00", "205#R", "705#R"]
     others = ["00000705#00", "705##000", "20000044#0004000000000000"]
     path = tmp_path / "can.log"
-    path.write_text("".join(f"(1.{at:06d}) can0 {frame}\n" for at, frame in enumerate(said + commands + others)))
+    path.write_text("".join(f"(1.{at:06d}) can0 {frame}\n" for at, frame in enumerate(answers + commands + others)))
     sink, played = Sink(clock), Played()
     play(path, sink, 1.0, threading.Event(), played)
-    assert [f"{can_id:X}" for _, can_id in sink.sent] == [frame.split("#")[0] for frame in said]
+    assert [f"{can_id:X}" for _, can_id in sink.sent] == [frame.split("#")[0] for frame in answers]
     assert played == Played(sent=5, commands=10, others=3)
     assert played.words == (
         "5 frames sent; left out: 10 that may be commands to boards, 3 error, CAN FD or 29-bit frames"

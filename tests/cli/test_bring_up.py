@@ -52,22 +52,14 @@ def set_up(monkeypatch, tmp_path):
     ) -> tuple[int, str]:
         person = Person(truth)
         source = Source(Emulator(played, truth, person, generation=generation, **boards).run(0))
-        places = {}
-        for layout in truth:
-            for row, t in enumerate(layout.triangles):
-                number = 1 + sum(other.patch == t.patch for other in layout.triangles[:row])
-                places[layout.foot, t.patch, number] = row
 
         def listen(text: str) -> None:
-            found = re.search(r"press the middle of (\w+) foot, (\w+) patch, position (\d+)", text)
-            if found:
-                row = places[found[1], found[2], int(found[3])]
-                person.press = (found[1], row, source.clock_ns() * 1e-9 + 0.3)
+            person.obey(text, source.clock_ns() * 1e-9)
 
-        def asked(what: str) -> bool:
-            stands = re.search(r"stand on the (\w+) foot", what)
+        def asked(question: str) -> bool:
+            stands = re.search(r"stand on the (\w+) foot", question)
             person.stands_on = stands[1] if stands else ""
-            return re.search(steps, what) is not None
+            return re.search(steps, question) is not None
 
         monkeypatch.setattr(mapping, "_print_line", listen)
         monkeypatch.setattr(verb, "_confirm_step", asked)
@@ -94,8 +86,8 @@ def few_triangles(tmp_path):
     """A configuration whose layouts have three triangles of every patch: a person presses those alone."""
     lines = ["format: insole-config/1", "buses: [socketcan:can0]", "insoles:"]
     for insole, layout in zip(CONFIG.insoles, TEMPLATES, strict=True):
-        seen = {t.patch: [each for each in layout.triangles if each.patch == t.patch] for t in layout.triangles}
-        few = tuple(t for own in seen.values() for t in own[:3])
+        of_patch = {t.patch: [each for each in layout.triangles if each.patch == t.patch] for t in layout.triangles}
+        few = tuple(t for own in of_patch.values() for t in own[:3])
         layouts.write(tmp_path / f"few-{insole.foot}.yaml", dataclasses.replace(layout, triangles=few), "")
         lines += [f"  - foot: {insole.foot}", f"    layout: few-{insole.foot}.yaml", "    boards:"]
         lines += [f"      - {{address: {board.address}, interface: can0}}" for board in insole.boards]

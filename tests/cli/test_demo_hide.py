@@ -18,9 +18,9 @@ def hide(*arguments: str) -> tuple[str, float, float]:
     """What is printed, and the daemon's error before and after."""
     done = RUNNER.invoke(app, ["demo", "--hide", *arguments])
     assert done.exit_code == 0, done.output
-    found = LIVE.search(done.stdout)
-    assert found is not None, done.stdout
-    return done.output, float(found[2]), float(found[4])
+    match = LIVE.search(done.stdout)
+    assert match is not None, done.stdout
+    return done.output, float(match[2]), float(match[4])
 
 
 def test_a_concealed_effect_is_diagnosed_and_then_printed(tmp_path, monkeypatch):
@@ -69,7 +69,7 @@ def test_an_unknown_word_is_refused(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("others", [["--seconds", "2"], ["--view"]])
-def test_options_of_the_live_demo_do_not_go_with_it(others):
+def test_hide_refuses_options_of_the_live_demo(others):
     assert RUNNER.invoke(app, ["demo", "--hide", "gain", *others]).exit_code == 2
 
 

@@ -158,11 +158,11 @@ def interrupt():
 def test_ctrl_c_ends_a_computation_with_one_word_and_leaves_nothing(verb, interrupt, given, monkeypatch, capsys):  # noqa: F811
     monkeypatch.chdir(given)
     arguments, interrupt.name = INTERRUPTED_AT[verb]
-    status, said = insole(monkeypatch, capsys, *arguments)
+    status, stderr = insole(monkeypatch, capsys, *arguments)
     assert interrupt.name == "", "the file was opened"
-    assert status == 130, said
-    assert said.splitlines()[-1] == "insole: interrupted"
-    assert "Traceback" not in said
+    assert status == 130, stderr
+    assert stderr.splitlines()[-1] == "insole: interrupted"
+    assert "Traceback" not in stderr
     assert not list(given.glob("*new*"))
 
 
@@ -177,8 +177,8 @@ def daemon(given, tmp_path_factory):  # noqa: F811
         [INSOLE, "run", "--config", config], stderr=subprocess.PIPE, text=True, preexec_fn=not_ignoring_interrupts
     )
     assert process.stderr is not None
-    said = process.stderr.readline()
-    assert "reading virtual:fails" in said, said + process.stderr.read()
+    first_line = process.stderr.readline()
+    assert "reading virtual:fails" in first_line, first_line + process.stderr.read()
     yield config, endpoint
     process.terminate()
     assert process.wait() == 0
@@ -188,9 +188,9 @@ def daemon(given, tmp_path_factory):  # noqa: F811
 @pytest.mark.parametrize("verb", WRONG_FOOT)
 def test_a_foot_that_the_daemon_does_not_have_is_reported(verb, daemon, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    status, said = insole(monkeypatch, capsys, *WRONG_FOOT[verb], "--connect", daemon[1])
+    status, stderr = insole(monkeypatch, capsys, *WRONG_FOOT[verb], "--connect", daemon[1])
     assert status == NO_NETWORK
-    assert "right" in said
+    assert "right" in stderr
     assert not list(tmp_path.iterdir())
 
 
@@ -207,22 +207,22 @@ def test_ctrl_c_ends_a_running_command_without_a_traceback(verb, daemon, given, 
         [INSOLE, *words], cwd=given, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL,
         text=True, preexec_fn=not_ignoring_interrupts,
     ) as process:  # fmt: skip
-        said = ""
+        output = ""
         try:
             while begun is None and not bus.receive():
                 assert process.poll() is None, process.stdout.read()
                 bus.wait(0.1)
-            while begun is not None and begun not in said:
-                said += process.stdout.readline() or pytest.fail(f"{verb} ended: {said}")
+            while begun is not None and begun not in output:
+                output += process.stdout.readline() or pytest.fail(f"{verb} ended: {output}")
             process.send_signal(signal.SIGINT)
-            said += process.communicate()[0]
+            output += process.communicate()[0]
         finally:
             process.kill()
             for made in given.glob("new*"):
                 shutil.rmtree(made)
-    assert process.returncode == expected, said
-    assert "Traceback" not in said
-    assert "\x1b" not in said
+    assert process.returncode == expected, output
+    assert "Traceback" not in output
+    assert "\x1b" not in output
 
 
 @pytest.mark.parametrize("verb", TAKEN)
@@ -233,10 +233,10 @@ def test_a_port_in_use_is_reported_with_a_remedy(verb, daemon, given, taken, mon
         "demo": ("--listen", f"127.0.0.1:{taken}"),
         "view": ("--connect", daemon[1], "--port", taken),
     }[verb]
-    status, said = insole(monkeypatch, capsys, verb, *arguments)
+    status, stderr = insole(monkeypatch, capsys, verb, *arguments)
     assert status == NO_NETWORK
-    assert "already in use" in said
-    assert {"run": "zenoh", "demo": "--listen", "view": f"--port {taken + 1}"}[verb] in said
+    assert "already in use" in stderr
+    assert {"run": "zenoh", "demo": "--listen", "view": f"--port {taken + 1}"}[verb] in stderr
 
 
 @pytest.fixture

@@ -118,14 +118,14 @@ BAD = {"missing file": "nothing-here", "folder": "folder", "wrong format": "byte
 
 @pytest.mark.parametrize("bad", BAD)
 @pytest.mark.parametrize("verb", ALL_FILES)
-def test_a_file_that_is_none_is_refused_in_one_message(verb, bad, given, monkeypatch, capsys):
+def test_invalid_file_is_refused_in_one_message(verb, bad, given, monkeypatch, capsys):
     monkeypatch.chdir(given)
-    status, said = insole(monkeypatch, capsys, *(word.format(bad=BAD[bad]) for word in ALL_FILES[verb]))
-    assert status == REFUSED, said
-    assert BAD[bad] in said
-    assert len(said.strip().splitlines()) <= 6
+    status, stderr = insole(monkeypatch, capsys, *(word.format(bad=BAD[bad]) for word in ALL_FILES[verb]))
+    assert status == REFUSED, stderr
+    assert BAD[bad] in stderr
+    assert len(stderr.strip().splitlines()) <= 6
     for internal in ("Traceback", "Errno", "codec", "(file)", "(folder)"):
-        assert internal not in said
+        assert internal not in stderr
     assert not list(given.glob("*new*")), "nothing half-written"
 
 
@@ -140,9 +140,9 @@ def test_doctor_reports_a_configuration_that_is_none_as_a_problem(bad, given, mo
 
 def test_an_effect_that_a_chamber_cannot_show_is_refused_before_the_simulation(given, monkeypatch, capsys):
     monkeypatch.chdir(given)
-    status, said = insole(monkeypatch, capsys, "demo", "--hide", "crosstalk", "--in", "chamber")
+    status, stderr = insole(monkeypatch, capsys, "demo", "--hide", "crosstalk", "--in", "chamber")
     assert status == USAGE
-    assert said.startswith("insole: expected an effect that a chamber can show (hysteresis, ")
+    assert stderr.startswith("insole: expected an effect that a chamber can show (hysteresis, ")
 
 
 WRONG_FOOT = {
@@ -160,10 +160,10 @@ WRONG_FOOT = {
 @pytest.mark.parametrize("verb", WRONG_FOOT)
 def test_a_layout_of_the_wrong_foot_is_reported(verb, given, monkeypatch, capsys):
     monkeypatch.chdir(given)
-    status, said = insole(monkeypatch, capsys, *WRONG_FOOT[verb])
-    assert status in (USAGE, NO_NETWORK, REFUSED), said
-    assert "right" in said
-    assert "Traceback" not in said
+    status, stderr = insole(monkeypatch, capsys, *WRONG_FOOT[verb])
+    assert status in (USAGE, NO_NETWORK, REFUSED), stderr
+    assert "right" in stderr
+    assert "Traceback" not in stderr
     assert not list(given.glob("*new*"))
 
 
@@ -192,10 +192,10 @@ def test_an_existing_file_is_not_overwritten(verb, given, monkeypatch, capsys):
     ]  # fmt: skip
     for name in files:
         (given / name).write_text("mine")
-    status, said = insole(monkeypatch, capsys, *EXISTING[verb])
-    assert status == REFUSED, said
-    assert "taken" in said
-    assert "already there" in said
+    status, stderr = insole(monkeypatch, capsys, *EXISTING[verb])
+    assert status == REFUSED, stderr
+    assert "taken" in stderr
+    assert "already there" in stderr
     assert [(given / name).read_text() for name in files] == ["mine"] * len(files)
     for name in files:
         (given / name).unlink()
@@ -225,9 +225,9 @@ def test_force_replaces_a_folder_that_the_command_made_and_no_other(verb, given,
     assert (made / name).stat().st_ino != before
     others.mkdir()
     (others / "letter.txt").write_text("mine")
-    status, said = insole(monkeypatch, capsys, *(word.format(out=others) for word in arguments), "--force")
+    status, stderr = insole(monkeypatch, capsys, *(word.format(out=others) for word in arguments), "--force")
     assert status == REFUSED
-    assert "replaces only what this command wrote" in said
+    assert "replaces only what this command wrote" in stderr
     assert (others / "letter.txt").read_text() == "mine"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["made", "others"]
 
@@ -249,10 +249,10 @@ def test_the_option_force_replaces_existing_output(verb, given, tmp_path, monkey
     arguments, name, begins = FORCED[verb]
     out = tmp_path / name
     out.write_text("mine")
-    status, said = insole(monkeypatch, capsys, *(word.format(out=out) for word in arguments), "--force")
-    assert status == 0, said
+    status, stderr = insole(monkeypatch, capsys, *(word.format(out=out) for word in arguments), "--force")
+    assert status == 0, stderr
     assert out.read_bytes().startswith(begins)
-    assert "insole: next: " in said
+    assert "insole: next: " in stderr
 
 
 FULL_DISK = {
@@ -296,16 +296,16 @@ def test_a_full_disk_under_stdout_is_reported(given):
 def test_an_endpoint_may_leave_out_tcp(verb, prefix, monkeypatch, capsys, tmp_path, endpoint):
     out = [tmp_path / "new", "--remote"] if verb == "record" else []
     address = endpoint.removeprefix("tcp/")
-    status, said = insole(monkeypatch, capsys, verb, *out, "--connect", prefix + address)
+    status, stderr = insole(monkeypatch, capsys, verb, *out, "--connect", prefix + address)
     assert status == NO_NETWORK
-    assert f"nobody answers on {endpoint}" in said
+    assert f"nobody answers on {endpoint}" in stderr
 
 
 @pytest.mark.parametrize("endpoint", ["a b", "tcp/", "://", "host:port:7"])
-def test_an_endpoint_that_is_none_is_wrong_usage(endpoint, monkeypatch, capsys):
-    status, said = insole(monkeypatch, capsys, "status", "--connect", endpoint)
+def test_malformed_endpoint_is_wrong_usage(endpoint, monkeypatch, capsys):
+    status, stderr = insole(monkeypatch, capsys, "status", "--connect", endpoint)
     assert status == USAGE
-    assert "expected an endpoint such as tcp/127.0.0.1:7447" in said
+    assert "expected an endpoint such as tcp/127.0.0.1:7447" in stderr
 
 
 @pytest.fixture
@@ -314,10 +314,10 @@ def taken_port():
         yield listening.getsockname()[1]
 
 
-def test_a_taken_port_of_the_page_names_an_option_that_exists(taken_port, endpoint, monkeypatch, capsys):
-    status, said = insole(monkeypatch, capsys, "demo", "--view", "--port", taken_port, "--listen", endpoint)
+def test_error_for_a_page_port_in_use_names_an_existing_option(taken_port, endpoint, monkeypatch, capsys):
+    status, stderr = insole(monkeypatch, capsys, "demo", "--view", "--port", taken_port, "--listen", endpoint)
     assert status == NO_NETWORK
-    assert f"--port {taken_port + 1}" in said
+    assert f"--port {taken_port + 1}" in stderr
 
 
 def not_ignoring_interrupts():
@@ -340,13 +340,13 @@ def test_interrupted_is_one_word_and_status_130(given):
                 while process.poll() is None and time.monotonic() < until:
                     log.write(b"\n")
                     time.sleep(0.02)
-        _, said = process.communicate(timeout=1)
+        _, stderr = process.communicate(timeout=1)
     finally:
         process.kill()
         process.wait()
-    assert process.returncode == 130, said
-    assert said.strip().splitlines()[-1] == "insole: interrupted"
-    assert "Traceback" not in said
+    assert process.returncode == 130, stderr
+    assert stderr.strip().splitlines()[-1] == "insole: interrupted"
+    assert "Traceback" not in stderr
     assert not list(given.glob("*new*"))
 
 

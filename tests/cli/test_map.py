@@ -29,6 +29,17 @@ class Finger(Unloaded):
     def __init__(self, truth) -> None:
         super().__init__(truth)
         self.press = ("left", 0, -10.0)
+        self._rows = {}
+        for layout in truth:
+            for row, t in enumerate(layout.triangles):
+                number = 1 + sum(other.patch == t.patch for other in layout.triangles[:row])
+                self._rows[layout.foot, t.patch, number] = row
+
+    def obey(self, line: str, now_s: float) -> None:
+        """Press the position that a printed line asks for, if it asks for one."""
+        match = re.search(r"press the middle of (\w+) foot, (\w+) patch, position (\d+)", line)
+        if match:
+            self.press = (match[1], self._rows[match[1], match[2], int(match[3])], now_s + 0.3)
 
     def pressure_pa(self, foot, t_s):
         pressure = super().pressure_pa(foot, t_s)
@@ -91,17 +102,9 @@ def person(monkeypatch, capsys):
         )
     finger = Finger(truth)
     source = Source(Emulator(Config(), truth, finger).run(0))
-    places = {}
-    for layout in truth:
-        for row, t in enumerate(layout.triangles):
-            number = 1 + sum(other.patch == t.patch for other in layout.triangles[:row])
-            places[layout.foot, t.patch, number] = row
 
     def listen(text: str) -> None:
-        found = re.search(r"press the middle of (\w+) foot, (\w+) patch, position (\d+)", text)
-        if found:
-            foot, patch, number = found[1], found[2], int(found[3])
-            finger.press = (foot, places[foot, patch, number], source.clock_ns() * 1e-9 + 0.3)
+        finger.obey(text, source.clock_ns() * 1e-9)
         print(text)
 
     monkeypatch.setattr(verb, "_print_line", listen)
@@ -114,12 +117,12 @@ def person(monkeypatch, capsys):
 def test_both_feet_in_one_pass(person, tmp_path, capsys):
     truth, source = person
     verb.map_(tmp_path, verb.Which.both, None, None, 15.0)
-    said = capsys.readouterr().out
-    assert said.count("press the middle of") == 56
-    assert "[56/56]" in said
-    assert "28 of 28 positions" in said
-    assert "nothing missing, doubled or swapped" in said
-    assert "[●]" in said
+    stdout = capsys.readouterr().out
+    assert stdout.count("press the middle of") == 56
+    assert "[56/56]" in stdout
+    assert "28 of 28 positions" in stdout
+    assert "nothing missing, doubled or swapped" in stdout
+    assert "[●]" in stdout
     for layout in truth:
         back = layouts.load(tmp_path / f"{layout.foot}-layout.yaml", layout.foot)
         np.testing.assert_array_equal(back.identities, layout.identities)

@@ -48,7 +48,7 @@ def test_a_recording_of_a_scenario(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "status", "said"),
+    ("arguments", "status", "message"),
     [
         (["t4"], 2, "expected one of --bus"),
         (["t4", "--bus", "virtual:x", "--out", "nowhere"], 2, "expected one of --bus"),
@@ -63,13 +63,13 @@ def test_a_recording_of_a_scenario(tmp_path):
         (["t1", "--out", "nowhere", "--effects", "missing.yaml"], 4, "missing.yaml"),
     ],
 )
-def test_what_is_refused(tmp_path, monkeypatch, arguments, status, said):
+def test_wrong_usage_is_refused(tmp_path, monkeypatch, arguments, status, message):
     monkeypatch.chdir(tmp_path)
     for name, mass_kg in (("light", 1), ("heavy", 100)):
         (tmp_path / f"{name}.yaml").write_text(f"format: insole-trial/1\nmass_kg: {mass_kg}\n")
     done = insole("simulate", *arguments)
     assert done.returncode == status
-    assert said in " ".join(done.stderr.replace("│", " ").split())
+    assert message in " ".join(done.stderr.replace("│", " ").split())
     assert "Traceback" not in done.stderr
     assert not (tmp_path / "nowhere").exists()
 

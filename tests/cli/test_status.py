@@ -60,7 +60,7 @@ def test_a_missing_interface_is_listed_first_and_replaces_its_boards():
 
 def test_an_interface_that_came_back_is_up_whatever_its_last_error():
     screen = _screen("demo", "left", health("silent", interface=CAN0 | {"reopened": 1, "error": "was gone"}), META)
-    assert [re.sub(r"\d", "", each) for each in wrong(screen)] == [
+    assert [re.sub(r"\d", "", line) for line in wrong(screen)] == [
         "board  is silent: is it powered, connected and started?"
     ] * 3
     assert re.search(r"^  bus +can0 up, ", screen, re.MULTILINE)

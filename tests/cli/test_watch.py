@@ -50,8 +50,8 @@ def test_watch_continues_after_an_unknown_message(endpoint, key):
     schemas = [json.loads(line)["schema"] for line in done.stdout.splitlines()]
     assert len(schemas) == 6
     assert Event.SCHEMA in schemas
-    *told, counted, _next = done.stderr.splitlines()
-    keys = [line.partition(": passed over")[0] for line in told]
+    *warnings, counted, _next = done.stderr.splitlines()
+    keys = [line.partition(": passed over")[0] for line in warnings]
     assert "insole/x/left/event" in keys
     assert len(keys) == len(set(keys)), "once, not once a payload"
     assert "payloads did not match their key" in counted

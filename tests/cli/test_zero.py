@@ -7,7 +7,7 @@ def test_taxels_are_named_by_triangle() -> None:
     assert _taxel_names([[5, 0, 1], [5, 0, 2], [6, 3, 0]]) == "board 5 triangle 0: 1, 2; board 6 triangle 3: 0"
 
 
-def test_a_foot_that_stands_is_one_line_and_not_kilobytes() -> None:
+def test_refusal_of_a_loaded_foot_is_one_line() -> None:
     taxels = [t for t in range(12) if t not in (6, 10)]
     whole = [[board, triangle, taxel] for board in (5, 6) for triangle in range(12) for taxel in taxels]
     assert _taxel_names(whole) == (

@@ -67,9 +67,9 @@ def samples(daemon):
         return [(str(sample.encoding), sample.payload.to_bytes()) for sample in itertools.islice(arriving, 200)]
 
 
-def assert_same(found, wrench):
-    assert found.keys() == wire_fields(Wrench).keys()
-    for name, value in found.items():
+def assert_same(decoded, wrench):
+    assert decoded.keys() == wire_fields(Wrench).keys()
+    for name, value in decoded.items():
         expected = getattr(wrench, name)
         if isinstance(expected, np.ndarray):
             value = np.array(value, expected.dtype).reshape(expected.shape)
@@ -78,13 +78,13 @@ def assert_same(found, wrench):
 
 
 def test_every_field_of_every_cycle_of_a_daemon(samples, decode):
-    found = decode(*samples)
-    assert len(found) == 200
-    for (encoding, payload), fields in zip(samples, found, strict=True):
+    decoded = decode(*samples)
+    assert len(decoded) == 200
+    for (encoding, payload), fields in zip(samples, decoded, strict=True):
         assert_same(fields, Wrench.decode(payload, encoding))
-    assert {fields["foot"] for fields in found} == {"left", "right"}
-    assert max(fields["f_z_n"] for fields in found) > 300
-    assert any(fields["cop_x_m"] is None for fields in found), "a foot in the air"
+    assert {fields["foot"] for fields in decoded} == {"left", "right"}
+    assert max(fields["f_z_n"] for fields in decoded) > 300
+    assert any(fields["cop_x_m"] is None for fields in decoded), "a foot in the air"
 
 
 def test_unknown_values_are_not_0(decode):
@@ -109,10 +109,10 @@ def test_unknown_values_are_not_0(decode):
     whole = dataclasses.replace(
         unknown, f_z_n=-12, m_x_nm=0, cop_x_m=0.25, f_z_std_n=1.5, age_ms=one + 3, repeated=False
     )
-    for wrench, found in zip(
+    for wrench, decoded in zip(
         (unknown, whole), decode((ENCODING, unknown.encode()), (ENCODING, whole.encode())), strict=True
     ):
-        assert_same(found, wrench)
+        assert_same(decoded, wrench)
 
 
 def test_payloads_that_are_no_message_are_refused(samples, decode):
@@ -135,9 +135,9 @@ def test_payloads_that_are_no_message_are_refused(samples, decode):
         (encoding, msgpack.packb(fields | {"seq": -1})),
         (encoding, msgpack.packb({name: value for name, value in fields.items() if name != "valid"})),
     ]
-    found = decode(*spoilt, samples[1])
-    assert [set(one) for one in found[:-1]] == [{"error"}] * len(spoilt)
-    assert found[-1]["seq"] == Wrench.decode(samples[1][1]).seq, "the next one is read again"
+    decoded = decode(*spoilt, samples[1])
+    assert [set(one) for one in decoded[:-1]] == [{"error"}] * len(spoilt)
+    assert decoded[-1]["seq"] == Wrench.decode(samples[1][1]).seq, "the next one is read again"
 
 
 def test_the_whole_subscriber_behind_a_stand_in_for_zenoh(samples, build, tmp_path):

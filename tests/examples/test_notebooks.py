@@ -22,7 +22,7 @@ def run(tmp_path, monkeypatch):
     def run(notebook):
         names, drawings = {}, []
         document = json.loads((NOTEBOOKS / notebook).read_text())
-        cells = [each for each in document["cells"] if each["cell_type"] == "code"]
+        cells = [cell for cell in document["cells"] if cell["cell_type"] == "code"]
         for number, cell in enumerate(cells):
             assert cell["outputs"] == [], "notebooks are kept without their output"
             *statements, last = ast.parse("".join(cell["source"])).body

@@ -72,8 +72,8 @@ def test_after_damaged_frames_nothing_is_lost_and_they_are_counted(frames, how):
     (assembler,) = reader.assemblers
     assembler.settle()
     refused = reader.streams.refused
-    taken = int(assembler.arrivals.sum()) + refused.bad_dlc + refused.unknown_tag
-    assert taken == np.count_nonzero(batch.t_ns <= now_ns), "every frame is used or refused"
+    accounted = int(assembler.arrivals.sum()) + refused.bad_dlc + refused.unknown_tag
+    assert accounted == np.count_nonzero(batch.t_ns <= now_ns), "every frame is used or refused"
     assert refused.bad_dlc == (struck if how == "cut" else 0)
     assert refused.unknown_tag == (struck if how == "spoiled" else 0)
     healthy = (batch.t_ns < FAULT_NS[0] - MARGIN_NS) | (batch.t_ns > FAULT_NS[1] + MARGIN_NS)
@@ -82,7 +82,9 @@ def test_after_damaged_frames_nothing_is_lost_and_they_are_counted(frames, how):
     for half, counts in enumerate((slice(0, 7), slice(7, 12))):
         published = numbers.read(cycles.counts[..., counts])
         for row, triangle in enumerate(LAYOUT.triangles):
-            mine = rows[(batch.can_id[rows] == skin_id(triangle.board, triangle.triangle)) & (halves[rows] == half)]
-            sent = numbers.read(batch.data[mine, 1 : 6 if half else 8])
+            same_half = rows[
+                (batch.can_id[rows] == skin_id(triangle.board, triangle.triangle)) & (halves[rows] == half)
+            ]
+            sent = numbers.read(batch.data[same_half, 1 : 6 if half else 8])
             assert len(sent) > 80
             assert np.isin(sent, published[:, row]).all(), f"nothing of {triangle} is lost"

@@ -95,6 +95,6 @@ def test_a_calibration_replaced_while_it_is_read_is_taken_whole_or_not_at_all(da
         while in_use() != {9000.0} and time.monotonic() < until:
             time.sleep(0.1)
         assert in_use() == {9000.0}, "the last one, once it is whole"
-        got = list(itertools.islice(raws, 100))
+        cycles = list(itertools.islice(raws, 100))
     assert seen <= {7000.0, 9000.0}
-    assert sum(raw.lost for raw in got) == 0
+    assert sum(raw.lost for raw in cycles) == 0

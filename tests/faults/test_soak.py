@@ -65,7 +65,7 @@ def test_every_frame_of_minutes_with_faults_at_random_is_used_or_refused_and_cou
         def __init__(self, *_) -> None:
             pass
 
-        def put(self, payloads) -> None:
+        def injected(self, payloads) -> None:
             numbers.extend(Wrench.decode(payload).seq for message, payload in payloads if message is Wrench)
 
         def publish(self, message) -> None:
@@ -93,10 +93,14 @@ def test_every_frame_of_minutes_with_faults_at_random_is_used_or_refused_and_cou
         session.close()
         bus.close()
     assert bus.clock_ns() >= end_ns, "the source's clock is the injected one, whatever time the host took"
-    assert [(what, found) for what, _, found in rows] == [(what, put) for what, put, _ in rows], day.happened
-    there = {what: put for what, put, _ in rows}
-    assert there["used"] > 150 * SECONDS
-    assert sum(there.values()) > there["used"] + there["all that came in"], "some were refused or dropped"
+    assert [(name, counted) for name, _, counted in rows] == [(name, injected) for name, injected, _ in rows], (
+        day.happened
+    )
+    injected_of = {name: injected for name, injected, _ in rows}
+    assert injected_of["used"] > 150 * SECONDS
+    assert sum(injected_of.values()) > injected_of["used"] + injected_of["all that came in"], (
+        "some were refused or dropped"
+    )
     assert len(day.happened) >= 8, day.happened
     assert numbers == list(range(len(numbers)))
     assert healths[-1].cycles["published"] <= len(numbers) <= healths[-1].cycles["published"] + 5

@@ -26,12 +26,12 @@ def traffic(random, triangles):
     counts = random.choice([(240,), (0, 240, 255), range(256), range(60, 250)])
     for _ in range(40):
         if random.random() < 0.6:  # a cycle, of which halves may be missing or in another order
-            halves = [(each, tag) for each in triangles for tag in (TAG_A, TAG_B) if random.random() < 0.995]
+            halves = [(triangle, tag) for triangle in triangles for tag in (TAG_A, TAG_B) if random.random() < 0.995]
             if random.random() < 0.2:
                 random.shuffle(halves)
             yield 0, b"", ERROR, random.choice([1, 5, 9, 9, 9, 9, 30, 400]) * MS
-            for each, tag in halves:
-                yield skin_id(each.board, each.triangle), bytes([tag, *random.choices(counts, k=7)]), 0, 111_000
+            for triangle, tag in halves:
+                yield skin_id(triangle.board, triangle.triangle), bytes([tag, *random.choices(counts, k=7)]), 0, 111_000
         else:
             cls = random.choice([CLASS_SKIN, CLASS_LEGACY_SKIN, CLASS_SECOND_HALF, random.randrange(8)])
             payload = bytes([random.choice([TAG_A, TAG_B, random.randrange(256)]), *random.choices(counts, k=7)])
@@ -68,7 +68,7 @@ def layouts():
 def test_every_frame_on_the_bus_is_counted_and_every_message_is_accepted(layouts, seed):
     random, feet = Random(seed), load_feet(Config())
     skin, steps = SkinReader(layouts, 20 * MS, 5 * MS), StepEvents(feet)
-    frames = list(traffic(random, [each for layout in layouts for each in layout.triangles]))
+    frames = list(traffic(random, [triangle for layout in layouts for triangle in layout.triangles]))
     at, now_ns, step_ns = 0, 0, 0
     while at < len(frames):
         some = frames[at : at + random.choice([1, 30, 112, 500])]

@@ -42,9 +42,9 @@ DEEP = b"\x91" * 1000 + b"\x01"  # lists within lists: msgpack reads them, repr(
 
 def field(kind, name, value):
     """A good message of a kind, with one field replaced."""
-    said = msgpack.unpackb(seeds.messages()[list(seeds.BY_KEY).index(kind)][1:])
-    assert name in said
-    return msgpack.packb(said | {name: value})
+    fields = msgpack.unpackb(seeds.messages()[list(seeds.BY_KEY).index(kind)][1:])
+    assert name in fields
+    return msgpack.packb(fields | {name: value})
 
 
 @pytest.mark.parametrize(
@@ -204,7 +204,7 @@ def test_a_cycle_with_inconsistent_messages_is_not_shown():
         for message in messages:
             hub._take(message)
         viewer.answered()
-        return [each for each in (viewer.take() for _ in range(3)) if isinstance(each, bytes)]
+        return [payload for payload in (viewer.take() for _ in range(3)) if isinstance(payload, bytes)]
 
     assert len(asyncio.run(shown([meta, raw, pressure, wrench]))) == 1, f"{n} triangles"
     assert asyncio.run(shown([meta, other, pressure, wrench])) == []
@@ -237,8 +237,8 @@ def test_no_file_of_an_mcap_is_written_outside_its_folder(tmp_path, name):
     with open(tmp_path / "x.mcap", "wb") as file:
         writer = Writer(file)
         writer.start()
-        for each in ("recording.yaml", name):
-            writer.add_attachment(0, 0, each, "text/plain", b"format: insole-recording/1\n")
+        for attachment in ("recording.yaml", name):
+            writer.add_attachment(0, 0, attachment, "text/plain", b"format: insole-recording/1\n")
         writer.finish()
     with pytest.raises(InsoleError, match="expected an MCAP file with a recording in its attachments"):
         import_mcap(tmp_path / "x.mcap", tmp_path / "out")
@@ -257,11 +257,11 @@ def test_matrices_are_those_that_scipy_reads(tmp_path, compressed):
         path, {"other": np.eye(3), "experiment": struct_of | {"text": "words", "cell": np.array([1, "a"], object)}},
         do_compression=compressed,
     )  # fmt: skip
-    found = read_struct(path, "experiment")
-    assert (found.pop("text"), found.pop("cell")) == (None, None)
-    assert found.keys() == struct_of.keys()
+    read_back = read_struct(path, "experiment")
+    assert (read_back.pop("text"), read_back.pop("cell")) == (None, None)
+    assert read_back.keys() == struct_of.keys()
     for name, matrix in struct_of.items():
-        np.testing.assert_array_equal(found[name], np.real(matrix))
+        np.testing.assert_array_equal(read_back[name], np.real(matrix))
     assert read_struct(path, "nothing") == {}
 
 

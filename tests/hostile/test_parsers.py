@@ -19,23 +19,23 @@ from tests.hostile.damage import bent, damaged
 LONGEST_CPU_S = 1.0
 
 
-def taken(name: str, data: bytes) -> str | None:
+def refusal(name: str, data: bytes) -> str | None:
     """What it says of `data`, None where it takes them."""
     began = time.process_time()
     try:
         TARGETS[name].take(data)
-        said = None
+        message = None
     except InsoleError as error:
-        said = str(error)
-    assert said != "", "it is refused without a word"
+        message = str(error)
+    assert message != "", "it is refused without a word"
     assert time.process_time() - began < LONGEST_CPU_S
-    return said
+    return message
 
 
 @pytest.mark.parametrize("name", TARGETS)
 def test_valid_input_is_accepted(name):
     for seed in TARGETS[name].seeds():
-        assert taken(name, seed) is None
+        assert refusal(name, seed) is None
 
 
 @pytest.mark.parametrize("name", TARGETS)
@@ -43,7 +43,7 @@ def test_invalid_input_is_refused_with_a_message(name):
     @settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
     @given(damaged(TARGETS[name].seeds()))
     def refuses(data):
-        taken(name, data)
+        refusal(name, data)
 
     refuses()
 
@@ -56,6 +56,6 @@ def test_documents_with_other_content_are_refused_with_a_message(name):
     @settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
     @given(bent(documents))
     def refuses(document):
-        taken(name, json.dumps(document).encode())
+        refusal(name, json.dumps(document).encode())
 
     refuses()

@@ -32,9 +32,9 @@ def test_the_regions_are_named_from_heel_to_toes() -> None:
 
 @pytest.mark.parametrize(("end", "region"), [*zip(ENDS, (HEEL, MIDFOOT, FOREFOOT), strict=True)])
 def test_a_region_ends_at_its_part_of_the_length(end: float, region: int) -> None:
-    found = regions(sole([end - 1e-6, end, end + 1e-6]))
-    assert found[1, :3].tolist() == [region, region + 1, region + 1]
-    assert [REGIONS[number] for number in (found[0, 0], found[1, -1])] == ["heel", "toes"]
+    result = regions(sole([end - 1e-6, end, end + 1e-6]))
+    assert result[1, :3].tolist() == [region, region + 1, region + 1]
+    assert [REGIONS[number] for number in (result[0, 0], result[1, -1])] == ["heel", "toes"]
 
 
 def test_hindfoot_and_midfoot_are_the_customary_masks_from_the_toes() -> None:
@@ -51,6 +51,6 @@ def test_lengths_are_from_the_rearmost_taxel(rear_m: float) -> None:
 def test_thermal_pads_are_of_no_region_and_do_not_count_for_the_length(part: float) -> None:
     layout = sole([0.26, 0.28])
     layout.xy_m[:, THERMAL_PADS, 0] = LENGTH_M * part
-    found = regions(layout)
-    assert found[1, :2].tolist() == [HEEL, MIDFOOT]
-    assert ((found == -1) == ~PRESSURE_TAXELS).all()
+    result = regions(layout)
+    assert result[1, :2].tolist() == [HEEL, MIDFOOT]
+    assert ((result == -1) == ~PRESSURE_TAXELS).all()

@@ -79,8 +79,8 @@ def test_the_kernel_gives_what_numpy_gives_to_the_bit(seed, n_triangles, k, thre
                 assert a.dtype == b.dtype, name
                 assert a.tobytes() == b.tobytes(), name
             elif name == "wrench":
-                assert [float(getattr(a, each)).hex() for each in b._fields] == [
-                    float(getattr(b, each)).hex() for each in b._fields
+                assert [float(getattr(a, field)).hex() for field in b._fields] == [
+                    float(getattr(b, field)).hex() for field in b._fields
                 ]
             else:
                 assert (a is None) == (b is None), name

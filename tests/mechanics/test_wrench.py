@@ -96,7 +96,7 @@ def test_a_pull_is_no_contact() -> None:
     assert wrench.contact_area_m2 == 0
 
 
-def test_nothing_valid_is_nothing_known() -> None:
+def test_wrench_without_a_valid_taxel_is_unknown() -> None:
     wrench = estimator()(point(0, 0), np.zeros_like(VALID), np.ones(VALID.shape))
     assert nan_fields(wrench) == set(Wrench._fields) - {"contact_area_m2", "valid_fraction"}
     assert (wrench.contact_area_m2, wrench.valid_fraction) == (0.0, 0.0)

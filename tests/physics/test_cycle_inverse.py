@@ -81,7 +81,9 @@ def test_the_kernel_inverts_to_the_same_bits(name, threshold_count, monkeypatch)
     monkeypatch.undo()
     for counts, t_s in zip(walk(EFFECTS[name]), times_s.tolist(), strict=True):
         valid = np.tile(PRESSURE_TAXELS, (len(LAYOUT), 1)) & (rng.random((28, 12)) > 0.05)
-        one, other = (found(curve.pressure_pa(counts), counts, valid, t_s) for found in (compiled, plain))
+        one, other = (
+            implementation(curve.pressure_pa(counts), counts, valid, t_s) for implementation in (compiled, plain)
+        )
         assert one.pressure_pa.tobytes() == other.pressure_pa.tobytes()
         assert np.array_equal(one.beyond, other.beyond)
         assert one.beyond.any() <= (name == "a range")
@@ -100,8 +102,8 @@ def test_effects_that_the_kernel_has_not_are_inverted_by_the_model(effects):
 
 
 def test_time_that_goes_back_is_refused():
-    found = inverse((VISCOELASTICITY,))
+    invert = inverse((VISCOELASTICITY,))
     arguments = np.zeros((28, 12)), np.zeros((28, 12), np.uint8), np.ones((28, 12), np.bool_)
-    found(*arguments, 2.0)
+    invert(*arguments, 2.0)
     with pytest.raises(EffectError, match="time goes back at t_s 1"):
-        found(*arguments, 1.0)
+        invert(*arguments, 1.0)

@@ -12,9 +12,9 @@ from insole_daemon.physics.sampling import CDC_HZ, Jitter, Losses, conversion_ti
 def test_a_converter_runs_at_27_hz_and_no_sample_is_older_than_one_sequence() -> None:
     t_s = np.arange(0, 60, 0.02)
     phase_s = np.array([0.0, 0.01, 0.03])
-    taken = conversion_time_s(t_s, phase_s)
-    assert taken.shape == (3000, 3)
-    age = t_s[:, None] - taken
+    conversions_s = conversion_time_s(t_s, phase_s)
+    assert conversions_s.shape == (3000, 3)
+    age = t_s[:, None] - conversions_s
     assert age.min() >= -1e-12
     assert age.max() < 36.864e-3
     assert len(np.unique(sequence_number(t_s, phase_s)[:, 0])) / 60 == pytest.approx(CDC_HZ, abs=0.05)

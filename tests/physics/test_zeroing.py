@@ -30,7 +30,7 @@ def cycles(load, seconds: float = 3.0, **emulator) -> Cycles:
     return Cycles.concatenate(reader.feed(frames)[0], len(LEFT))
 
 
-def taken(measured: Cycles, force: bool = False, calibration=DEFAULT) -> ZeroOutcome:
+def take_zero(measured: Cycles, force: bool = False, calibration=DEFAULT) -> ZeroOutcome:
     zeroing = Zeroing(LEFT, calibration, Validity(LEFT, BOARDS, 200_000_000))
     for at in range(0, len(measured), 7):  # as in the loop: a few at a time
         zeroing.add(Cycles(*(getattr(measured, name)[at : at + 7] for name in Cycles.__slots__)))
@@ -59,7 +59,7 @@ class Stretched(Stand):
 
 
 def test_an_unloaded_foot_is_zeroed_to_a_fifth_of_a_count():
-    out = taken(cycles(Unloaded(LAYOUTS)))
+    out = take_zero(cycles(Unloaded(LAYOUTS)))
     assert out.refusals == ()
     assert out.zero is not None
     listed = ~np.isnan(out.zero.baseline_count)
@@ -73,13 +73,13 @@ def test_an_unloaded_foot_is_zeroed_to_a_fifth_of_a_count():
 def test_slow_boards_count_their_readings_once():
     measured = cycles(Unloaded(LAYOUTS))
     doubled = Cycles(*(np.repeat(getattr(measured, name), 2, axis=0) for name in Cycles.__slots__))
-    once, twice = taken(measured), taken(doubled)
+    once, twice = take_zero(measured), take_zero(doubled)
     np.testing.assert_allclose(once.zero.noise_count, twice.zero.noise_count)
 
 
 @pytest.mark.parametrize("newton", [200, 309, 490])
 def test_standing_is_refused_with_the_taxels(newton):
-    out = taken(cycles(Stretched(newton)))
+    out = take_zero(cycles(Stretched(newton)))
     assert out.zero is None
     assert "the foot is loaded at" in out.refusals[0]
     assert {board for board, _, _ in out.loaded} >= {7}, "the heel"
@@ -88,14 +88,14 @@ def test_standing_is_refused_with_the_taxels(newton):
 
 
 def test_walking_is_refused():
-    out = taken(cycles(Walk(LAYOUTS)))
+    out = take_zero(cycles(Walk(LAYOUTS)))
     assert out.zero is None
     assert any("moves" in reason for reason in out.refusals)
     assert len(out.noisy) > 50
 
 
 def test_force_accepts_a_loaded_foot_and_still_reports_it():
-    out = taken(cycles(Stretched(309)), force=True)
+    out = take_zero(cycles(Stretched(309)), force=True)
     assert out.zero is not None
     assert out.refusals
     assert out.loaded
@@ -103,28 +103,28 @@ def test_force_accepts_a_loaded_foot_and_still_reports_it():
 
 @pytest.mark.parametrize("kpa", [10, 20, 40])
 def test_an_evenly_strapped_shoe_becomes_part_of_the_zero(kpa):
-    out = taken(cycles(Pressed(kpa * 1e3)))
+    out = take_zero(cycles(Pressed(kpa * 1e3)))
     assert out.zero is not None
     assert out.shift_count == pytest.approx(-kpa / 8, rel=0.04, abs=0.1)  # taxels are not alike
 
 
 def test_one_triangle_is_refused_only_above_the_higher_limit():
-    assert taken(cycles(Pressed(56e3, [3]))).zero is not None, "7 counts: seen in unloaded public recordings"
-    assert taken(cycles(Pressed(100e3, [3]))).zero is None
-    assert taken(cycles(Pressed(56e3, [3, 4]))).zero is None
+    assert take_zero(cycles(Pressed(56e3, [3]))).zero is not None, "7 counts: seen in unloaded public recordings"
+    assert take_zero(cycles(Pressed(100e3, [3]))).zero is None
+    assert take_zero(cycles(Pressed(56e3, [3, 4]))).zero is None
 
 
 def test_uniform_pressure_and_saturation_are_refused():
-    assert taken(cycles(Pressed(100e3))).zero is None
-    out = taken(cycles(Pressed(2.5e6, [0, 1])))
+    assert take_zero(cycles(Pressed(100e3))).zero is None
+    out = take_zero(cycles(Pressed(2.5e6, [0, 1])))
     assert out.zero is None
     assert {taxel[:2] for taxel in out.loaded} == {(5, 0), (5, 1)}
 
 
 def test_a_zero_under_load_can_be_replaced_after_lifting():
-    standing = taken(cycles(Stretched(309)), force=True)
+    standing = take_zero(cycles(Stretched(309)), force=True)
     calibration = zeros.apply(DEFAULT, standing.zero)
-    out = taken(cycles(Unloaded(LAYOUTS)), calibration=calibration)
+    out = take_zero(cycles(Unloaded(LAYOUTS)), calibration=calibration)
     assert out.refusals == ()
     assert out.largest_shift_count > 5
 
@@ -132,7 +132,7 @@ def test_a_zero_under_load_can_be_replaced_after_lifting():
 def test_missing_and_loose_triangles_are_left_out_and_named():
     measured = cycles(Unloaded(LAYOUTS), left_out=(6,))
     measured.status[:, 2] = 2  # an open triangle
-    out = taken(measured)
+    out = take_zero(measured)
     assert out.zero is not None
     assert {taxel[:2] for taxel in out.left_out["no data"]} == {(6, t) for t in (4, 5, 6, 7, 15)}
     assert {taxel[:2] for taxel in out.left_out["invalid readings"]} == {(5, 4)}
@@ -140,12 +140,12 @@ def test_missing_and_loose_triangles_are_left_out_and_named():
 
 
 def test_too_few_readings_are_refused():
-    out = taken(cycles(Unloaded(LAYOUTS), seconds=0.02 * (MIN_READINGS - 3)))
+    out = take_zero(cycles(Unloaded(LAYOUTS), seconds=0.02 * (MIN_READINGS - 3)))
     assert out.zero is None
     assert "insole status" in out.refusals[0]
-    assert taken(cycles(Unloaded(LAYOUTS), seconds=0.1), force=True).zero is None, "force adds no readings"
+    assert take_zero(cycles(Unloaded(LAYOUTS), seconds=0.1), force=True).zero is None, "force adds no readings"
 
 
 def test_no_readings_are_refused():
     none = Cycles.concatenate([], len(LEFT))
-    assert taken(none).zero is None
+    assert take_zero(none).zero is None

@@ -63,13 +63,13 @@ def make() -> list[Frame]:
     for tick, board, triangle, half, first, text in SPOILT:
         part = bytes.fromhex(text)
         where[tick, board, triangle, half].data[first : first + len(part)] = part
-    gone = {
+    lost = {
         id(where[tick, board, triangle, half])
         for first, last, board, triangle, halves in LOST
         for tick in range(first, last + 1)
         for half in halves
     }
-    gone |= {id(frame) for (tick, *_), frame in where.items() if tick in SILENCE}
+    lost |= {id(frame) for (tick, *_), frame in where.items() if tick in SILENCE}
     more = []
     for number, (tick, board, triangle, half) in enumerate(DOUBLED):
         original = where[tick, board, triangle, half]
@@ -79,7 +79,7 @@ def make() -> list[Frame]:
     between = [tick[0].t_us - 40 for tick in by_board[9][1:20]]
     for number, text in enumerate(STRANGERS.split()):
         more.append(Frame(between[number % len(between)] + number, 0, bytearray(), text))
-    kept = sorted([*(frame for frame in frames if id(frame) not in gone), *more])
+    kept = sorted([*(frame for frame in frames if id(frame) not in lost), *more])
     step_us = where[STEP_TICK, 9, 4, "A"].t_us
     for frame in kept:
         if frame.t_us >= step_us:

@@ -65,13 +65,13 @@ def emulate(
 def ticks(frames: list[Frame], board: int) -> list[list[Frame]]:
     """The frames of a board, a tick each; a tick that the beginning of the log cuts is left out."""
     lowest = min(t.triangle for of in LAYOUTS.values() for t in of.triangles if t.board == board)
-    found: list[list[Frame]] = []
+    of_ticks: list[list[Frame]] = []
     for frame in frames:
         if frame.half == (board, lowest, "A"):
-            found.append([])
-        if found and frame.half[0] == board:
-            found[-1].append(frame)
-    return found
+            of_ticks.append([])
+        if of_ticks and frame.half[0] == board:
+            of_ticks[-1].append(frame)
+    return of_ticks
 
 
 def walk() -> list[Frame]:
@@ -83,7 +83,7 @@ def mtb3() -> list[Frame]:
     """The transmit queue of an MTB3 is a stack: B before A, high triangles first. One tick overflows it."""
     frames = emulate([boards("left")], Walk, 0.2, 0.4, seed=2)
     rng = np.random.default_rng(2)
-    gone: set[int] = set()
+    lost: set[int] = set()
     for board in ADDRESSES["left"]:
         for number, tick in enumerate(ticks(frames, board)):
             # What is pushed while others wait overtakes them; how many wait when sending starts varies.
@@ -97,7 +97,7 @@ def mtb3() -> list[Frame]:
                 frame.can_id, frame.data = can_id, data
             if board == 5 and number == 7:  # 20 frames pending: all dropped, and an empty frame instead
                 tick[2].text = "755#"
-                gone |= {id(frame) for frame in tick[3:22]}
+                lost |= {id(frame) for frame in tick[3:22]}
     new_style_us = START_NS // 1000 + 400_000
     commands = [
         Frame(new_style_us + 150 * i, 0x200 | board, bytearray((0x07, 0x00)))
@@ -106,7 +106,7 @@ def mtb3() -> list[Frame]:
     for frame in frames:
         if frame.t_us < new_style_us and frame.text is None:
             frame.can_id = 0x300 | frame.can_id & 0xFF
-    return sorted([*(frame for frame in frames if id(frame) not in gone), *commands])
+    return sorted([*(frame for frame in frames if id(frame) not in lost), *commands])
 
 
 def slow() -> list[Frame]:

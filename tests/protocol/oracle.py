@@ -229,14 +229,14 @@ class Foot:
     def pressure_pa(self, row: int, counts: list[int]) -> list[float | None]:
         calibration = self.insole["calibration"]
         baseline = calibration["baseline_count"][str(self.triangles[row]["board"])]
-        found: list[float | None] = []
+        result: list[float | None] = []
         for taxel, count in enumerate(counts):
             activation = baseline - count
             pressure: float | None = sum(c * activation**k for k, c in enumerate(calibration["coefficients_pa"]))
             if 0 < self.settings["activation_threshold_count"] > activation:
                 pressure = 0.0
-            found.append(None if taxel in THERMAL_PADS else pressure)
-        return found
+            result.append(None if taxel in THERMAL_PADS else pressure)
+        return result
 
     def xy_m(self, row: int, taxel: int) -> tuple[float, float]:
         triangle = self.triangles[row]
@@ -282,14 +282,14 @@ def read(log: Path, settings: Mapping[str, float], insoles: list[Mapping[str, An
     for frame in frames(log):
         for foot in feet:
             foot.pass_time(frame.mono_ns)
-        found = classify(frame, triangles)
-        if not isinstance(found, Refusal):
-            owner[found[0]].take(*found, frame)
-        elif found.address is None:
-            refused[found.reason] += 1
+        classified = classify(frame, triangles)
+        if not isinstance(classified, Refusal):
+            owner[classified[0]].take(*classified, frame)
+        elif classified.address is None:
+            refused[classified.reason] += 1
         else:
-            by_address = refused[found.reason]
-            by_address[str(found.address)] = by_address.get(str(found.address), 0) + 1
+            by_address = refused[classified.reason]
+            by_address[str(classified.address)] = by_address.get(str(classified.address), 0) + 1
     return {
         "refused": refused,
         "feet": [

@@ -44,14 +44,14 @@ def members(of: dict[str, Any]) -> str:
     return ",\n".join(f'"{key}":{line(value)}' for key, value in of.items())
 
 
-def text(head: dict[str, Any], found: dict[str, Any]) -> str:
+def text(head: dict[str, Any], content: dict[str, Any]) -> str:
     """A golden file: one line a cycle."""
     feet = []
-    for foot in found["feet"]:
+    for foot in content["feet"]:
         cycles = ",\n".join(line(compact(cycle)) for cycle in foot["cycles"])
         others = {key: value for key, value in foot.items() if key != "cycles"}
         feet.append(f'{{{members(others)},\n"cycles":[\n{cycles}\n]}}')
-    return f'{{{members(head | {"refused": found["refused"]})},\n"feet":[\n' + ",\n".join(feet) + "\n]}\n"
+    return f'{{{members(head | {"refused": content["refused"]})},\n"feet":[\n' + ",\n".join(feet) + "\n]}\n"
 
 
 def expected(log: Path, about: str, settings: dict[str, float], insoles: list[dict[str, Any]]) -> str:

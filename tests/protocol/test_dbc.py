@@ -50,14 +50,14 @@ def test_every_skin_frame_reads_the_same(name: str) -> None:
     data_a, data_b = (frames.data[frames.data[:, 0] == tag] for tag in (TAG_A, TAG_B))
     n = max(len(data_a), len(data_b))
     counts, status = cycles_of_pairs(np.resize(data_a, (n, 8)), np.resize(data_b, (n, 8)))
-    for data, found in zip(data_a, counts[: len(data_a), :7].tolist(), strict=True):
+    for data, of_half in zip(data_a, counts[: len(data_a), :7].tolist(), strict=True):
         signals = oracle.decode(data.tobytes())
         assert signals.pop("Half") == TAG_A
-        assert signals == {f"Taxel{taxel}": count for taxel, count in enumerate(found)}
-    for data, found, word in zip(data_b, counts[: len(data_b), 7:].tolist(), status.tolist(), strict=False):
+        assert signals == {f"Taxel{taxel}": count for taxel, count in enumerate(of_half)}
+    for data, of_half, word in zip(data_b, counts[: len(data_b), 7:].tolist(), status.tolist(), strict=False):
         signals = oracle.decode(data.tobytes())
         assert signals["Half"] == TAG_B
-        assert [signals[f"Taxel{taxel}"] for taxel in range(7, 12)] == found
+        assert [signals[f"Taxel{taxel}"] for taxel in range(7, 12)] == of_half
         assert oracle.status_word(signals) == word
 
 

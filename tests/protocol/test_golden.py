@@ -53,22 +53,22 @@ def assert_cycle(cycle: tuple[Raw, Pressure, Wrench], expected: dict[str, Any], 
     expected_pa = 1e3 * np.array([floats(of) for of in expected["pressure_kpa"]])
     np.testing.assert_allclose(pressure.pressure_pa, expected_pa, rtol=REL)
     for name in ("f_z_n", "m_x_nm", "m_y_nm", "cop_x_m", "cop_y_m", "contact_area_m2", "valid_fraction"):
-        found = getattr(wrench, name)
+        value = getattr(wrench, name)
         if expected[name] is None:
-            assert np.isnan(floats([found])), name
+            assert np.isnan(floats([value])), name
         else:
-            assert found == pytest.approx(expected[name], rel=REL), name
+            assert value == pytest.approx(expected[name], rel=REL), name
     known = 0 < wrench.valid_fraction < 1  # the calibration carries no uncertainty: only what is missing counts
     assert (np.isnan(floats([wrench.f_z_std_n, wrench.m_x_std_nm, wrench.m_y_std_nm])) == (not known)).all()
 
 
-def assert_published(found: Published, name: str) -> None:
+def assert_published(published: Published, name: str) -> None:
     file = golden(name)
-    refused = dataclasses.asdict(found.skin.streams.refused)
+    refused = dataclasses.asdict(published.skin.streams.refused)
     for by_address in ("unconfigured_board", "overflow"):
         refused[by_address] = {str(address): n for address, n in refused[by_address].items()}
     assert refused == file["refused"]
-    for assembler, cycles, expected in zip(found.skin.assemblers, found.cycles, file["feet"], strict=True):
+    for assembler, cycles, expected in zip(published.skin.assemblers, published.cycles, file["feet"], strict=True):
         for cycle, of in zip(cycles, expected["cycles"], strict=False):
             assert_cycle(cycle, of, expected["foot"])
         assert len(cycles) == len(expected["cycles"])
@@ -96,7 +96,7 @@ def test_golden_files_equal_the_oracle(name: str) -> None:
     assert (GOLDEN / f"{name}.json").read_text() == text, "run python tests/protocol/regenerate.py"
 
 
-def test_golden_files_cover_what_can_happen() -> None:
+def test_golden_files_cover_every_kind_of_cycle() -> None:
     cycles = {name: [c for foot in golden(name)["feet"] for c in foot["cycles"]] for name in NAMES}
     every = [cycle for of in cycles.values() for cycle in of]
     assert {(c["late"], c["repeated"]) for c in every} == {(False, False), (True, False), (False, True), (True, True)}

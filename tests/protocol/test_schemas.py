@@ -60,28 +60,28 @@ def wants(hint: Any) -> Any:
 def objects(schema: dict[str, Any]) -> list[dict[str, Any]]:
     """A schema and all that are nested in it."""
     nested = [*schema.get("properties", {}).values(), *([schema["items"]] if "items" in schema else [])]
-    return [schema, *(inner for each in nested for inner in objects(each))]
+    return [schema, *(inner for schemas in nested for inner in objects(schemas))]
 
 
 def test_one_schema_a_message() -> None:
     assert SCHEMAS.keys() == BY_KEY.keys()
 
 
-@pytest.mark.parametrize("what", BY_KEY)
-def test_schema_has_the_fields_of_the_dataclass(what: str) -> None:
-    schema, fields = SCHEMAS[what], wire_fields(BY_KEY[what])
+@pytest.mark.parametrize("kind", BY_KEY)
+def test_schema_has_the_fields_of_the_dataclass(kind: str) -> None:
+    schema, fields = SCHEMAS[kind], wire_fields(BY_KEY[kind])
     jsonschema.Draft202012Validator.check_schema(schema)
-    assert schema["title"] == BY_KEY[what].SCHEMA
-    assert schema["x-encoding"] == f"application/msgpack;{BY_KEY[what].SCHEMA}"
-    assert schema["x-key"] == f"insole/<rig>/<foot>/{what}"
+    assert schema["title"] == BY_KEY[kind].SCHEMA
+    assert schema["x-encoding"] == f"application/msgpack;{BY_KEY[kind].SCHEMA}"
+    assert schema["x-key"] == f"insole/<rig>/<foot>/{kind}"
     assert list(schema["properties"]) == list(fields)
     for name, hint in fields.items():
         assert says(schema["properties"][name]) == wants(hint), name
 
 
-@pytest.mark.parametrize("what", BY_KEY)
-def test_schema_is_strict_and_explained(what: str) -> None:
-    for schema in objects(SCHEMAS[what]):
+@pytest.mark.parametrize("kind", BY_KEY)
+def test_schema_is_strict_and_explained(kind: str) -> None:
+    for schema in objects(SCHEMAS[kind]):
         assert schema["description"]
         if "properties" in schema:
             assert schema["required"] == list(schema["properties"])
@@ -116,16 +116,16 @@ def test_nested_maps_are_those_of_the_code() -> None:
     assert kinds == [*KINDS.values(), OTHER]
 
 
-def assert_valid(what: str, payload: bytes) -> None:
+def assert_valid(kind: str, payload: bytes) -> None:
     """The payload against its schema: jsonschema for what JSON knows, and the arrays by dtype and shape."""
-    schema = SCHEMAS[what]
-    found = msgpack.unpackb(payload)
-    jsonschema.validate(found, schema, cls=jsonschema.Draft202012Validator)
+    schema = SCHEMAS[kind]
+    message = msgpack.unpackb(payload)
+    jsonschema.validate(message, schema, cls=jsonschema.Draft202012Validator)
     for name, of in schema["properties"].items():
-        assert isinstance(found[name], bytes) == ("x-dtype" in of), name
+        assert isinstance(message[name], bytes) == ("x-dtype" in of), name
         if "x-dtype" in of:
-            shape = [found[axis] if isinstance(axis, str) else axis for axis in of["x-shape"]]
-            assert len(found[name]) == np.dtype(of["x-dtype"]).itemsize * np.prod(shape), name
+            shape = [message[axis] if isinstance(axis, str) else axis for axis in of["x-shape"]]
+            assert len(message[name]) == np.dtype(of["x-dtype"]).itemsize * np.prod(shape), name
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -157,7 +157,7 @@ def test_messages_of_a_foot_with_effects_are_valid() -> None:
     (setup, _) = load_setups(config_of("walk"))
     meta = Foot(replace(setup, calibration=replace(setup.calibration, effects=effects))).meta()
     assert_valid("meta", meta.encode())
-    assert [bool(each["left_out"]) for each in meta.effects] == [False, False, True]
+    assert [bool(entry["left_out"]) for entry in meta.effects] == [False, False, True]
 
 
 def last_health(name: str, monkeypatch: pytest.MonkeyPatch) -> Health:
@@ -214,8 +214,8 @@ def test_meta_has_the_settings_of_the_golden_log(monkeypatch: pytest.MonkeyPatch
 
 def test_every_message_is_in_keys_md() -> None:
     text = (PROTOCOL / "keys.md").read_text()
-    for what in BY_KEY:
-        assert f"| `{what}` |" in text
-        assert f"({what}.schema.json)" in text
+    for kind in BY_KEY:
+        assert f"| `{kind}` |" in text
+        assert f"({kind}.schema.json)" in text
     for name in [*SCHEMAS["health"]["properties"]["refused"]["properties"], *FAULT_KINDS, *HEALED.values()]:
         assert f"`{name}`" in text

@@ -43,9 +43,9 @@ class _Sent:
             noise = rng.normal(0.0, self.noise, (conversion.max() + 1, n, 12))
             first = np.unique(conversion, return_index=True)[1]
             counts = np.rint(level[first][conversion][:, None, None] + noise[conversion]).astype(int)
-            gone = [(a, b) for text, a, b in self.lost if text == board]
+            lost = [(a, b) for text, a, b in self.lost if text == board]
             for at, t in enumerate(sent_s.tolist()):
-                if any(a <= t < b for a, b in gone):
+                if any(a <= t < b for a, b in lost):
                     continue
                 for triangle in range(n):
                     values = counts[at, triangle]

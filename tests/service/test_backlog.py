@@ -64,7 +64,7 @@ def test_pauses_now_and_then_do_not_add_up():
         assert not behind(backlog, t + SECOND // 2 + OLD_NS)
 
 
-def test_where_nothing_closed_nothing_is_behind():
+def test_polls_without_cycles_cause_no_pause():
     backlog = Backlog()
     for t in range(0, 5 * SECOND, CYCLE):
         backlog.record_poll(t, t)
@@ -72,13 +72,13 @@ def test_where_nothing_closed_nothing_is_behind():
 
 
 def test_a_daemon_that_is_behind_pauses_longer_each_time_and_logs_it_once():
-    said: list[str] = []
-    backlog, t = Backlog(said.append), 0
+    logged: list[str] = []
+    backlog, t = Backlog(logged.append), 0
     for pause_ns in PAUSES_NS[1:]:
         t = driven(backlog, t, behind, pause_ns)
     assert t < 3 * SECOND
     assert behind(backlog, t + SECOND) == PAUSES_NS[-1]
-    assert said == ["cannot keep up with the boards: some cycles are left out, the newest is published"]
+    assert logged == ["cannot keep up with the boards: some cycles are left out, the newest is published"]
 
 
 def test_on_time_again_it_is_back_at_full_rate_within_seconds():

@@ -119,7 +119,7 @@ def lost(sent_ns, published_ns):
     sent_ns = sent_ns[(sent_ns > published_ns[0]) & (sent_ns < published_ns[-1])]
     steady = (np.diff(sent_ns) > 15_000_000) & (np.diff(sent_ns) < 25_000_000)
     rhythm = sent_ns[np.flatnonzero(steady[:-1] & steady[1:]) + 1]
-    return sum(abs(published_ns - each).min() > 10_000_000 for each in rhythm.tolist()), len(rhythm)
+    return sum(abs(published_ns - time_ns).min() > 10_000_000 for time_ns in rhythm.tolist()), len(rhythm)
 
 
 class Lateness:
@@ -149,7 +149,7 @@ class Lateness:
             self._late_ns.append((time.time_ns(), time.time_ns() - due_ns))
 
 
-def told(events, *kinds):
+def next_event(events, *kinds):
     """The next event of one of these kinds."""
     return next(event for event in events if event.kind in kinds)
 
@@ -158,6 +158,15 @@ def confirm(insole):
     """Configure the left foot's boards; their streams must confirm it."""
     reply = insole.request("left", "boards", do="configure")
     assert reply["confirmed"], reply
+
+
+def assert_configured_again(insole, events):
+    """The reset of board 6 is reported, it is configured, and every board is as configured."""
+    assert next_event(events, "boards_reset").boards == [6]
+    confirmed = next_event(events, "boards_configured", "boards_not_confirmed")
+    assert (confirmed.kind, confirmed.boards) == ("boards_configured", [6]), confirmed.text
+    listed = insole.request("left", "boards", do="list")
+    assert [b["differences"] for b in listed["boards"]] == [[]] * 3
 
 
 def test_from_silence_to_50_hz(endpoint):
@@ -171,10 +180,10 @@ def test_from_silence_to_50_hz(endpoint):
         assert [len(board["triangles"]) for board in reply["boards"]] == [12, 5, 11]
         assert all(board["seen_period_ms"] == pytest.approx(20, abs=1) for board in reply["boards"])
         assert all(abs(board["seen_count"] - 240) < 2 for board in reply["boards"])
-        told_first = told(events, "boards_configuring")
+        told_first = next_event(events, "boards_configuring")
         assert "hardware baseline" in told_first.text
         assert told_first.boards == [5, 6, 7]
-        assert "confirm" in told(events, "boards_configured").text
+        assert "confirm" in next_event(events, "boards_configured").text
         assert not next(insole.wrenches()).repeated
 
         listed = insole.request("left", "boards", do="list")
@@ -199,7 +208,7 @@ def test_from_silence_to_50_hz(endpoint):
     ], "absent triangles stay disabled, and what enables the others is sent twice"
 
 
-def test_nothing_leaves_unless_the_configuration_says_so(endpoint):
+def test_no_frame_is_sent_to_boards_unless_configured(endpoint):
     rig = Rig(endpoint, configure=False)
     with rig.running() as insole:
         rig.power()
@@ -225,7 +234,7 @@ def test_a_loaded_foot_is_not_zeroed_silently(endpoint):
         reply = insole.request("left", "boards", do="configure", force=True)
         assert (reply["load"], reply["confirmed"]) == ("loaded", True)
         assert reply["force_n"] > 200
-        assert "forced" in told(events, "boards_configuring").text
+        assert "forced" in next_event(events, "boards_configuring").text
 
 
 def test_silent_boards_that_have_a_baseline_show_the_load_first(endpoint):
@@ -249,7 +258,7 @@ def test_boards_without_a_baseline_are_not_started_silently(endpoint):
         assert reply["load"] == "not known", "the first command took their baseline under the wearer"
         assert all(board["triangles"] for board in reply["boards"])
         for _ in ("for the look", "for good"):
-            event = told(events, "boards_starting", "boards_started")
+            event = next_event(events, "boards_starting", "boards_started")
             assert event.kind == "boards_starting"
             assert "takes its hardware baseline now" in event.text
             assert "its load is not known, the boards were silent before" in event.text
@@ -261,7 +270,7 @@ def test_boards_without_a_baseline_are_not_stopped_silently(endpoint):
         events = insole.events()
         rig.power(load=Stand, streaming=False)
         assert insole.request("left", "boards", do="stop")["confirmed"]
-        event = told(events, "boards_stopping", "boards_stopped")
+        event = next_event(events, "boards_stopping", "boards_stopped")
         assert (event.kind, event.boards) == ("boards_stopping", [5, 6, 7])
         assert "takes its hardware baseline now" in event.text
 
@@ -279,7 +288,7 @@ def test_a_loaded_foot_is_not_started_unless_forced(endpoint):
         reply = insole.request("left", "boards", do="start", force=True)
         assert (reply["load"], reply["force_n"] > 100) == ("loaded", True)
         assert all(board["triangles"] for board in reply["boards"])
-        assert "forced" in told(events, "boards_starting").text
+        assert "forced" in next_event(events, "boards_starting").text
 
 
 def test_a_configuration_beyond_the_buss_capacity_is_refused_before_sending(endpoint):
@@ -404,11 +413,7 @@ def test_a_board_that_was_reset_is_configured_again(endpoint):
         events = insole.events()
         cut()
         rig.power(streaming=False, only=(6,))
-        assert told(events, "boards_reset").boards == [6]
-        confirmed = told(events, "boards_configured", "boards_not_confirmed")
-        assert (confirmed.kind, confirmed.boards) == ("boards_configured", [6]), confirmed.text
-        listed = insole.request("left", "boards", do="list")
-        assert [b["differences"] for b in listed["boards"]] == [[]] * 3
+        assert_configured_again(insole, events)
 
 
 def test_a_board_that_sends_with_other_settings_is_configured_again(endpoint):
@@ -421,11 +426,7 @@ def test_a_board_that_sends_with_other_settings_is_configured_again(endpoint):
         events = insole.events()
         cut()
         rig.power(only=(6,), period_ms=50)
-        assert told(events, "boards_reset").boards == [6]
-        confirmed = told(events, "boards_configured", "boards_not_confirmed")
-        assert (confirmed.kind, confirmed.boards) == ("boards_configured", [6]), confirmed.text
-        listed = insole.request("left", "boards", do="list")
-        assert [b["differences"] for b in listed["boards"]] == [[]] * 3
+        assert_configured_again(insole, events)
 
 
 def test_a_board_that_restarts_is_back_within_a_second_and_costs_the_others_nothing(endpoint):
@@ -446,8 +447,8 @@ def test_a_board_that_restarts_is_back_within_a_second_and_costs_the_others_noth
             seen += itertools.takewhile(lambda raw: raw.age_ms[row[6]] < 500, raws)
             cut = rig.power(streaming=False, only=(6,))
             up_ns = rig.powered_ns
-            assert 6 in told(events, "boards_reset").boards
-            confirmed = told(events, "boards_configured", "boards_not_confirmed")
+            assert 6 in next_event(events, "boards_reset").boards
+            confirmed = next_event(events, "boards_configured", "boards_not_confirmed")
             while seen[-1].t_ns < up_ns or seen[-1].age_ms[row[6]] > 45:
                 seen.append(next(raws))
             back_ns = seen[-1].t_ns
@@ -455,7 +456,9 @@ def test_a_board_that_restarts_is_back_within_a_second_and_costs_the_others_noth
                 seen.append(next(raws))
             assert sum(raw.lost for raw in seen) == 0
             n = len({raw.triangle_t_ns[row[6]] for raw in seen if raw.t_ns >= back_ns})
-            of_others = [lost(rig.sent_ns[each], [raw.triangle_t_ns[row[each]] for raw in seen]) for each in (5, 7)]
+            of_others = [
+                lost(rig.sent_ns[address], [raw.triangle_t_ns[row[address]] for raw in seen]) for address in (5, 7)
+            ]
             late_ns, late_after_ns = lateness.between(up_ns, back_ns), lateness.between(back_ns, seen[-1].t_ns)
             attempts.append((confirmed.text, (back_ns - up_ns) * 1e-9, late_ns * 1e-9, n, of_others))
             # While board 6 is waited for, three times 5 ms, a board of another phase may send once more than is
@@ -488,12 +491,12 @@ def test_a_reset_board_is_not_configured_while_the_foot_is_loaded(endpoint):
         cut()
         del rig.seen[:]
         rig.power(load=StandUp, streaming=False, only=(6,))
-        waiting = told(events, "boards_waiting", "boards_reset")
+        waiting = next_event(events, "boards_waiting", "boards_reset")
         assert (waiting.kind, waiting.boards) == ("boards_waiting", [6]), waiting.text
         assert {payload[0] for _, payload in rig.seen} == {0x1C}, "it was asked for its version, and nothing else"
         StandUp.weight = 0.0
-        assert told(events, "boards_reset").boards == [6]
-        confirmed = told(events, "boards_configured", "boards_not_confirmed")
+        assert next_event(events, "boards_reset").boards == [6]
+        confirmed = next_event(events, "boards_configured", "boards_not_confirmed")
         assert confirmed.kind == "boards_configured", confirmed.text
 
 

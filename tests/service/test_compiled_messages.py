@@ -53,9 +53,9 @@ def compare(setup: FootSetup, cycles: list[ClosedCycle]) -> Foot:
     changes: list[list[str]] = [[], []]
     for cycle in cycles:
         assert cycle.record is not None
-        found, load = compiled.payloads(cycle)
+        payloads, load = compiled.payloads(cycle)
         values = plain.values(*cycle.row)
-        assert list(found) == values.payloads()
+        assert list(payloads) == values.payloads()
         assert (load.t_ns, load.repeated) == (values.load.t_ns, values.load.repeated)
         assert np.array_equal(load.f_z_n, values.load.f_z_n, equal_nan=True)
         assert np.array_equal(load.pressure_pa, values.load.pressure_pa, equal_nan=True)

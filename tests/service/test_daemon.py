@@ -36,8 +36,8 @@ def test_the_service_manager_gets_readiness_and_watchdog(daemon, tmp_path):
     manager.settimeout(PATIENCE_S)
     daemon.environment = {"NOTIFY_SOCKET": str(tmp_path / "notify")}
     daemon.start()
-    told = manager.recv(4096).decode()
-    assert "READY=1" in told
+    notification = manager.recv(4096).decode()
+    assert "READY=1" in notification
     with daemon.boards():
         alive = manager.recv(4096).decode()
         alive = manager.recv(4096).decode()
@@ -59,10 +59,10 @@ def test_cycles_of_boards_at_50_ms_are_repeated_and_none_is_lost(daemon):
         wrenches, healths = insole.wrenches("left"), insole.healths("left")
         # Once all have come twice nobody waits for them any more.
         next(w for w in wrenches if w.repeated and w.valid[:, 0].any())
-        got = list(itertools.islice(wrenches, 150))
-        health = next(h for h in healths if h.t_ns > got[-1].t_published_ns)
-    assert not any(w.lost for w in got)
-    assert {w.repeated for w in got} == {False, True}
+        cycles = list(itertools.islice(wrenches, 150))
+        health = next(h for h in healths if h.t_ns > cycles[-1].t_published_ns)
+    assert not any(w.lost for w in cycles)
+    assert {w.repeated for w in cycles} == {False, True}
     assert {board["address"] for board in health.boards if board["rate_hz"] > 0} == {5, 6, 7}
 
 
@@ -92,12 +92,12 @@ def test_boards_that_fall_silent_leave_no_force_behind(daemon):
         wrenches = insole.wrenches("left")
         last = next(w for w in wrenches if w.valid_fraction == 0)
         of_boards = (event for event in events if event.boards)  # steps are told as well
-        told = [next(of_boards) for _ in range(6)]
+        reported = [next(of_boards) for _ in range(6)]
     assert last.f_z_n is None
     assert last.cop_x_m is None
     assert last.repeated
-    assert [event.kind for event in told] == ["board_streaming"] * 3 + ["board_silent"] * 3
-    assert {event.boards[0] for event in told[3:]} == {5, 6, 7}
+    assert [event.kind for event in reported] == ["board_streaming"] * 3 + ["board_silent"] * 3
+    assert {event.boards[0] for event in reported[3:]} == {5, 6, 7}
 
 
 def test_a_zenoh_port_in_use_is_reported(daemon):

@@ -28,9 +28,9 @@ INSOLE = Path(sys.executable).with_name("insole")
 
 def only(findings, level=None):
     """The one finding, of that level."""
-    found = [finding for finding in findings if level is None or finding.level == level]
-    assert len(found) == 1, found
-    return found[0]
+    matching = [finding for finding in findings if level is None or finding.level == level]
+    assert len(matching) == 1, matching
+    return matching[0]
 
 
 # --- CAN
@@ -79,7 +79,7 @@ def link(bit_rate_hz=1_000_000, state="ERROR-ACTIVE", flags=("NOARP", "UP", "LOW
 
 
 @pytest.mark.parametrize(
-    ("said", "level", "words", "remedy"),
+    ("interface", "level", "words", "remedy"),
     [
         (link(), "ok", "up at 1000000", ""),
         (link(flags=("NOARP",)), "problem", "down", "sudo ip link set can0 up type can bitrate 1000000"),
@@ -92,10 +92,10 @@ def link(bit_rate_hz=1_000_000, state="ERROR-ACTIVE", flags=("NOARP", "UP", "LOW
         ({"flags": []}, "problem", "down", "sudo ip link set can0 up"),
     ],
 )
-def test_state_and_bit_rate(said, level, words, remedy):
+def test_state_and_bit_rate(interface, level, words, remedy):
     worst = sorted(
-        can.judge_interface("can0", said, configure=True),
-        key=lambda each: ["problem", "warning", "ok"].index(each.level),
+        can.judge_interface("can0", interface, configure=True),
+        key=lambda finding: ["problem", "warning", "ok"].index(finding.level),
     )
     assert worst[0].level == level
     assert words in worst[0].text
@@ -104,8 +104,8 @@ def test_state_and_bit_rate(said, level, words, remedy):
 
 def test_a_bit_rate_of_a_controller_with_fixed_rates():
     data = {"state": "ERROR-ACTIVE", "restart_ms": 100, "bittiming_bitrate": 1_000_000}
-    said = {"flags": ["UP"], "linkinfo": {"info_kind": "can", "info_data": data}}
-    assert only(can.judge_interface("can0", said, configure=False)).level == "ok"
+    interface = {"flags": ["UP"], "linkinfo": {"info_kind": "can", "info_data": data}}
+    assert only(can.judge_interface("can0", interface, configure=False)).level == "ok"
 
 
 def test_listening_only_is_right_for_a_daemon_that_sends_nothing():
@@ -152,10 +152,10 @@ def test_where_zeros_are_kept(tmp_path, monkeypatch):
 def test_every_error_of_a_configuration_is_a_problem(tmp_path):
     config = tmp_path / "config.yaml"
     config.write_text("format: insole-config/1\nrigg: x\npublish:\n  slack_s: 0.005\nzenoh: {mode: client}\n")
-    settings, found = files.check_configuration(config)
+    settings, findings = files.check_configuration(config)
     assert settings is None
-    assert [finding.level for finding in found] == ["problem"] * 3
-    assert f"edit {config}, line 2: rigg" in found[0].remedy
+    assert [finding.level for finding in findings] == ["problem"] * 3
+    assert f"edit {config}, line 2: rigg" in findings[0].remedy
     assert {finding.subject for finding in examine(config)} == {"config", "receive buffer", "clock"}, "nothing guessed"
 
 
@@ -184,25 +184,25 @@ def test_ages_of_calibration_and_zero(tmp_path):
     count = np.full((len(layout), 12), 240.0)
     count[:, [6, 10]] = np.nan
 
-    def found(age_s):
+    def findings(age_s):
         zeros.save(insole.zero, Zero("left", time.time_ns() - round(age_s * 1e9), count, count * 0), layout)
         return list(files.check_foot(insole, "rig", None))
 
-    _, calibration, zero = found(600)
+    _, calibration, zero = findings(600)
     assert (calibration.level, zero.level) == ("ok", "ok")
     assert "280 taxels, written 40 days ago" in calibration.text
     assert "taken 10 minutes ago" in zero.text
-    old = found(3 * 86_400)[2]
+    old = findings(3 * 86_400)[2]
     assert (old.level, old.remedy) == ("warning", "insole zero --foot left")
-    assert "future" in found(-3600)[2].text
+    assert "future" in findings(-3600)[2].text
 
 
 def test_files_of_the_other_foot_are_problems(tmp_path):
     insole, _ = calibrated(tmp_path, foot="right")
     insole.zero.write_text("{}")
-    found = [finding for finding in files.check_foot(insole, "rig", None) if finding.level == "problem"]
-    assert "expected the calibration of the left foot" in found[0].text
-    assert any(finding.subject == "left zero" for finding in found)
+    problems = [finding for finding in files.check_foot(insole, "rig", None) if finding.level == "problem"]
+    assert "expected the calibration of the left foot" in problems[0].text
+    assert any(finding.subject == "left zero" for finding in problems)
 
 
 # --- Zenoh
@@ -225,10 +225,10 @@ def test_an_endpoint_of_another_program():
 
         threading.Thread(target=hang_up, daemon=True).start()
         endpoint = f"tcp/127.0.0.1:{server.getsockname()[1]}"
-        reached, found = network.check_daemon(config_with(listen=(endpoint,)))
+        reached, findings = network.check_daemon(config_with(listen=(endpoint,)))
         server.close()
     assert reached is None
-    assert "does not let us in" in only(found, "problem").text
+    assert "does not let us in" in only(findings, "problem").text
 
 
 def test_an_endpoint_of_another_zenoh_node_and_one_that_is_not_ours(endpoint):
@@ -261,15 +261,15 @@ def test_an_open_listener_and_an_open_key(tmp_path):
 # --- the daemon that runs
 
 
-def board(**said):
+def board(**changes):
     return {
         "address": 5, "type": "MTB4", "firmware": "1.25.0", "bootloader": False, "state": "streaming", "rate_hz": 50.0,
         "change_rate_hz": 27.0, "open_triangles": [], "differences": [],
-    } | said  # fmt: skip
+    } | changes  # fmt: skip
 
 
 @pytest.mark.parametrize(
-    ("said", "level", "words"),
+    ("entry", "level", "words"),
     [
         (board(), "ok", "MTB4 with firmware 1.25.0, sends 50.0 Hz, new values 27.0 Hz"),
         (board(state="silent"), "problem", "silent"),
@@ -281,8 +281,8 @@ def board(**said):
         (board(differences=["every 50 ms, expected 20"]), "warning", "every 50 ms"),
     ],
 )
-def test_boards(said, level, words):
-    first = next(boards.judge_board(said, "left", configure=True))
+def test_boards(entry, level, words):
+    first = next(boards.judge_board(entry, "left", configure=True))
     assert first.level == level
     assert words in first.text
     assert level == "ok" or first.remedy
@@ -326,9 +326,9 @@ def test_a_daemon_with_another_calibration_and_another_rig(daemon, tmp_path):
         _, other, _, zero = files.check_foot(replace(insole, zero=None), "test", running.meta("left"))
     assert "the daemon that runs applies another one: built-in" in other.text
     assert zero.level == "warning"
-    reached, found = network.check_daemon(replace(settings, rig="another"))
+    reached, findings = network.check_daemon(replace(settings, rig="another"))
     assert reached is None
-    assert "the daemon of rig test listens there" in only(found, "problem").text
+    assert "the daemon of rig test listens there" in only(findings, "problem").text
     with boards.Running(replace(settings, rig="another"), reached, None) as running:
         (alone,) = running.findings()
     assert alone.text.startswith("none of rig another runs"), "the line on the endpoint has named one of another rig"

@@ -29,10 +29,10 @@ def test_a_loose_triangle_never_enters_pressure_and_wrench() -> None:
     triangle = load_feet(Config())[0].layout.triangles[11]
     fault = InjectedFault("loose", 1.0, None, triangle.board, triangle.triangle, chance=0.5)
     foot, cycles = stand([fault])
-    told: list[Event] = []
+    events: list[Event] = []
     for at in range(len(cycles)):
         raw, pressure, wrench, _ = foot.messages(cycles, at)
-        told += foot.fault_events()
+        events += foot.fault_events()
         assert (raw.valid == pressure.valid).all()
         assert (raw.valid == wrench.valid).all()
         rails = bool(((cycles.counts[at, 11] == 0) | (cycles.counts[at, 11] == 255)).all())
@@ -43,7 +43,7 @@ def test_a_loose_triangle_never_enters_pressure_and_wrench() -> None:
     assert wrench.valid_fraction == 27 / 28
     assert wrench.f_z_std_n is not None
     assert wrench.f_z_std_n > 0
-    (event,) = (event for event in told if event.kind == "triangle_loose")
+    (event,) = (event for event in events if event.kind == "triangle_loose")
     assert (event.boards, event.triangle, event.taxel) == ([triangle.board], triangle.triangle, None)
     (listed,) = foot.faults()
     assert listed == {

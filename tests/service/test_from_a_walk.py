@@ -45,14 +45,14 @@ def test_an_effect_diagnosed_on_one_walk_is_compensated_on_another(daemon, tmp_p
         [INSOLE, "diagnose", tmp_path / "walk", "--out", out], capture_output=True, text=True, check=False
     )
     assert done.returncode in (0, 1), done.stderr
-    found = json.loads((out / "diagnosis.json").read_text())["findings"]
-    assert found[0]["effect"] == "viscoelasticity", done.stdout
+    findings = json.loads((out / "diagnosis.json").read_text())["findings"]
+    assert findings[0]["effect"] == "viscoelasticity", done.stdout
 
     daemon.start()
     with daemon.played(live.emulator) as emulator, insole_daemon.connect(daemon.endpoint) as insole:
         wrenches, models = insole.wrenches("left"), insole.models("left")
-        stamps = {each.seq: each.t_ns for each in islice(wrenches, 400)}
-        forces = {each.seq: (each.static_f_z_n, each.dynamic_f_z_n) for each in islice(models, 400)}
+        stamps = {message.seq: message.t_ns for message in islice(wrenches, 400)}
+        forces = {message.seq: (message.static_f_z_n, message.dynamic_f_z_n) for message in islice(models, 400)}
         began_ns = emulator.playing_since_ns
     assert began_ns is not None
     both = [seq for seq in stamps if None not in forces.get(seq, (None,))]

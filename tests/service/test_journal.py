@@ -16,19 +16,19 @@ def journal(caplog):
 
 def test_a_bus_that_flaps_for_a_minute_is_logged_a_few_times_with_the_count(caplog):
     log, now = journal(caplog)
-    told = 0
+    n_events = 0
     for now[0] in range(0, 6 * QUIET_NS, 50_000_000):
         log.tell(logging.WARNING, "the controller has left the bus")
         log.tell(logging.INFO, "the controller is back on the bus")
-        told += 2
+        n_events += 2
         if now[0] % 1_000_000_000 == 0:
             log.sum_up()
     now[0] += QUIET_NS
     log.sum_up()
-    said = [record.getMessage() for record in caplog.records]
-    assert len(said) <= 16
-    held_back = sum(int(again.group(1)) for text in said if (again := re.match(r"(\d+) times more in 10 s: ", text)))
-    assert held_back + 2 == told, "each one is said or counted"
+    lines = [record.getMessage() for record in caplog.records]
+    assert len(lines) <= 16
+    held_back = sum(int(again.group(1)) for text in lines if (again := re.match(r"(\d+) times more in 10 s: ", text)))
+    assert held_back + 2 == n_events, "each one is said or counted"
     assert {record.levelno for record in caplog.records} == {logging.WARNING, logging.INFO}
 
 

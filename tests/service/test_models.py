@@ -36,8 +36,8 @@ LOAD_PA = np.where(np.arange(N) > 10, 120e3, 0.0)[:, None, None] * np.ones((1, l
 
 def read(load_pa: np.ndarray, *effects: Effect) -> np.ndarray:
     t_s = 0.02 * np.arange(len(load_pa))
-    found = Chain(effects, LAYOUT, STATIC.calibration).forward()(load_pa, t_s)
-    return np.nan_to_num(np.rint(found), nan=240).astype(np.uint8)
+    exact_counts = Chain(effects, LAYOUT, STATIC.calibration).forward()(load_pa, t_s)
+    return np.nan_to_num(np.rint(exact_counts), nan=240).astype(np.uint8)
 
 
 def cycles(counts: np.ndarray, first: int = 0) -> Cycles:
@@ -166,7 +166,7 @@ def test_the_switch_replies_with_the_models_and_the_one_in_use() -> None:
     foot, ear = Foot(SETUP), Ear()
     reply = asked(foot, ear, {"do": "tell"})
     assert (reply["model"], reply["late_ms"], ear.events) == ("dynamic", 30.0, [])
-    assert [each["effect"] for each in reply["effects"]] == ["viscoelasticity", "delay"]
+    assert [entry["effect"] for entry in reply["effects"]] == ["viscoelasticity", "delay"]
     assert asked(foot, ear, {"do": "static"})["model"] == "static"
     assert (foot.model, ear.standing[-1].model, ear.events[-1].kind) == ("static", "static", "model_switched")
 

@@ -37,8 +37,8 @@ def test_both_models_reach_a_subscriber_and_it_can_switch(daemon):
         for i in range(12)
         if i not in (6, 10)
     ]
-    said = {"format": FORMAT, "foot": "left", "taxels": taxels, "effects": EFFECTS}
-    (daemon.config_file.parent / "left.json").write_text(json.dumps(said))
+    document = {"format": FORMAT, "foot": "left", "taxels": taxels, "effects": EFFECTS}
+    (daemon.config_file.parent / "left.json").write_text(json.dumps(document))
     daemon.start()
     with daemon.boards(), insole_daemon.connect(daemon.endpoint) as insole:
         raws, models, wrenches, events = (
@@ -47,26 +47,26 @@ def test_both_models_reach_a_subscriber_and_it_can_switch(daemon):
         first = next(models)
         reply = insole.request("left", "model", do="static")
         next(event for event in events if event.kind == "model_switched")
-        both, read, found = {}, {}, []
+        both, read, received = {}, {}, []
         for wrench in wrenches:
-            found.append(wrench)
-            if sum(each.model == "static" for each in found) > 5:
+            received.append(wrench)
+            if sum(each.model == "static" for each in received) > 5:
                 break
         for each in models:
             both[each.seq] = each
-            if each.seq >= found[-1].seq:
+            if each.seq >= received[-1].seq:
                 break
         for raw in raws:
             read[raw.seq] = raw
-            if raw.seq >= found[-1].seq:
+            if raw.seq >= received[-1].seq:
                 break
         meta = insole.meta("left")
     assert first.model == "dynamic"
     assert (reply["model"], meta.model, reply["late_ms"]) == ("static", "static", 30.0)
     assert _reply_lines(reply)[2:] == ["  viscoelasticity, the whole insole", "  delay, the whole insole"]
-    assert {each.model for each in found} == {"static", "dynamic"}
+    assert {each.model for each in received} == {"static", "dynamic"}
     compared = 0
-    for wrench in found:
+    for wrench in received:
         if wrench.seq not in both or wrench.seq not in read:
             continue
         pair, raw = both[wrench.seq], read[wrench.seq]

@@ -39,14 +39,14 @@ def test_a_group_without_a_quota_has_none(text, tmp_path):
 
 def test_all_threads_are_on_one_cpu_while_the_quota_is_tight(monkeypatch):
     before = os.sched_getaffinity(0)
-    ended, ready, found = threading.Event(), threading.Event(), []
+    ended, ready, thread_ids = threading.Event(), threading.Event(), []
 
-    def beside() -> None:
-        found.append(threading.get_native_id())
+    def other_thread() -> None:
+        thread_ids.append(threading.get_native_id())
         ready.set()
         ended.wait()
 
-    thread = threading.Thread(target=beside)
+    thread = threading.Thread(target=other_thread)
     thread.start()
     ready.wait()
     one_cpu = OneCpu()
@@ -54,7 +54,7 @@ def test_all_threads_are_on_one_cpu_while_the_quota_is_tight(monkeypatch):
         for quotas, kept in (((), False), ((4200,), True), ((4200,), True), ((10**6, 10**6), False)):
             monkeypatch.setattr(quota, "quotas_us", lambda quotas=quotas: iter(quotas))
             assert one_cpu.follow() == kept
-            affinities = [os.sched_getaffinity(native) for native in (0, found[0])]
+            affinities = [os.sched_getaffinity(native) for native in (0, thread_ids[0])]
             assert affinities[0] == affinities[1]
             assert affinities[0] == before if not kept else len(affinities[0]) == 1
     finally:

@@ -86,25 +86,25 @@ def test_a_new_calibration_counts_from_one_cycle_to_the_next(calibrated):
     with calibrated.boards(load=Stand), insole_daemon.connect(calibrated.endpoint) as insole:
         events, metas = insole.events("left"), insole.messages("insole/test/left/meta")
         raws, pressures = insole.raws("left"), insole.pressures("left")
-        seen = [*itertools.islice(pressures, 30)]
+        received = [*itertools.islice(pressures, 30)]
         write(calibrated.config_file, calibrated.endpoint, 3000, min_force_n=35)
         calibrated.process.send_signal(signal.SIGHUP)
-        told = next_of(events, "reloaded", "reload_refused")
-        seen += itertools.takewhile(lambda pressure: pressure.t_published_ns <= told.t_ns, pressures)
-        seen += itertools.islice(pressures, 30)
+        event = next_of(events, "reloaded", "reload_refused")
+        received += itertools.takewhile(lambda pressure: pressure.t_published_ns <= event.t_ns, pressures)
+        received += itertools.islice(pressures, 30)
         counts = {}
-        while seen[-1].seq not in counts:
+        while received[-1].seq not in counts:
             raw = next(raws)
             counts[raw.seq] = raw
         meta, calibration = insole.meta("left"), insole.calibration("left")
         republished = next(metas)
-    assert told.kind == "reloaded"
-    assert "calibration of the left foot" in told.text
-    assert "contact.min_force_n" in told.text
+    assert event.kind == "reloaded"
+    assert "calibration of the left foot" in event.text
+    assert "contact.min_force_n" in event.text
     assert sorted(counts) == list(range(min(counts), max(counts) + 1))
-    assert sum(pressure.lost for pressure in seen) == 0
+    assert sum(pressure.lost for pressure in received) == 0
     factors = []
-    for pressure in seen:
+    for pressure in received:
         if pressure.seq in counts:
             activation = 240.0 - counts[pressure.seq].counts
             loaded = (counts[pressure.seq].valid == 1) & (activation > 1)
@@ -162,14 +162,14 @@ def test_the_service_manager_is_notified_of_a_reload(calibrated, tmp_path):
         calibrated.environment = {"NOTIFY_SOCKET": str(tmp_path / "notify")}
         calibrated.start()
         calibrated.process.send_signal(signal.SIGHUP)
-        told = [manager.recv(4096).decode()]
-        while len(told) < 2 or "READY=1" not in told[-1]:
-            told.append(manager.recv(4096).decode())
+        notifications = [manager.recv(4096).decode()]
+        while len(notifications) < 2 or "READY=1" not in notifications[-1]:
+            notifications.append(manager.recv(4096).decode())
         calibrated.end()
-    reloading = next(text for text in told if "RELOADING=1" in text)
+    reloading = next(text for text in notifications if "RELOADING=1" in text)
     stamp_us = int(dict(line.split("=") for line in reloading.splitlines())["MONOTONIC_USEC"])
     assert abs(time.monotonic_ns() / 1000 - stamp_us) < 60e6
-    assert told.index(reloading) < len(told) - 1
+    assert notifications.index(reloading) < len(notifications) - 1
 
 
 def test_boards_and_other_triangles_stay_until_a_restart(tmp_path):
@@ -246,12 +246,12 @@ def test_a_zero_that_is_taken_during_a_reload_is_not_undone(tmp_path, monkeypatc
     reads = []
 
     def read_and_zero(path):
-        found = read(path)
+        files = read(path)
         reads.append(path)
         if len(reads) == 1:
             save_zero(zero_path("test", "left"), feet[0].setup, 231)
             feet[0].replace_pipeline(FootPipeline.of(load_setups(feet[0].config)[0], feet[0].setup))
-        return found
+        return files
 
     monkeypatch.setattr(reload, "read", read_and_zero)
     with contextlib.closing(RecoveringSource([bus])) as source, open_session("peer", (endpoint,)) as session:

@@ -27,24 +27,24 @@ def is_whole(event: Event) -> bool:
 
 def test_a_subscriber_hears_every_step_once(daemon):
     with insole_daemon.connect(daemon.endpoint) as insole:
-        events, found = insole.events(), []
+        events, steps = insole.events(), []
         with daemon.boards():
             for event in events:
                 if event.kind in STEPS:
-                    found.append(event)
-                if all(sum(is_whole(each) for each in found if each.foot == foot) >= 3 for foot in FEET):
+                    steps.append(event)
+                if all(sum(is_whole(each) for each in steps if each.foot == foot) >= 3 for foot in FEET):
                     break
     keys = (PROTOCOL / "keys.md").read_text()
     for kind in STEPS:
         assert f"`{kind}`" in keys
     for foot in FEET:
-        own = [event for event in found if event.foot == foot]
+        own = [event for event in steps if event.foot == foot]
         assert all(first.kind != second.kind for first, second in itertools.pairwise(own)), "they alternate"
         for event in filter(is_whole, own):
             assert all(f"`{name}`" in keys for name in event.figures)
             assert f"the {foot} foot" in event.text
             json.dumps(event.figures, allow_nan=False)
-    cadence = [event.figures["cadence_per_min"] for event in found if event.kind == "initial_contact"][-1]
+    cadence = [event.figures["cadence_per_min"] for event in steps if event.kind == "initial_contact"][-1]
     assert abs(cadence - 110) < 15
 
 
@@ -56,12 +56,12 @@ def load(foot, number, f_z_n, repeated=False):
 
 
 def test_repeats_and_unknown_forces_tell_nothing():
-    (foot, _), found = load_feet(Config()), []
+    (foot, _), results = load_feet(Config()), []
     steps = StepEvents([foot])
     for number, f_z_n in enumerate([0.0, math.inf, math.nan, 0.0, 0.0, 300.0, 500.0]):
-        found.append(steps.take(foot, number * 20_000_000, load(foot, number, f_z_n, repeated=False)))
-        found.append(steps.take(foot, number * 20_000_000, load(foot, number, 700.0, repeated=True)))
-    (event,) = filter(None, found)
+        results.append(steps.take(foot, number * 20_000_000, load(foot, number, f_z_n, repeated=False)))
+        results.append(steps.take(foot, number * 20_000_000, load(foot, number, 700.0, repeated=True)))
+    (event,) = filter(None, results)
     assert (event.kind, event.foot) == ("initial_contact", "left")
     assert 4 * 20_000_000 < event.t_ns < 5 * 20_000_000
     assert Event.decode(event.encode()).figures == event.figures

@@ -136,7 +136,7 @@ def test_a_failure_to_store_a_zero_changes_nothing_and_is_reported(monkeypatch, 
     assert not state.exists()
 
 
-def test_standing_leaves_nothing_behind(state):
+def test_a_zero_under_load_is_refused_and_changes_nothing(state):
     feet = load_feet(Config())
     foot, ear = feet[0], Ear()
     reply, _ = done(zero(foot, ear, 1.0), steps(feet, Stand([f.layout for f in feet])))

@@ -26,7 +26,7 @@ VOCABULARY = {
     ("word", "trial"),
     [("hysteresis", "chamber"), (NOTHING, "chamber"), ("preload", "walk"), ("dead_taxels", "walk")],
 )
-def test_the_folder_does_not_tell_what_is_concealed_in_it(tmp_path, word, trial):
+def test_folder_contains_no_trace_of_the_concealed_effect(tmp_path, word, trial):
     shares: list[float] = []
     hidden = conceal(word, tmp_path / "trial", CONFIG, LAYOUT, 5, shares.append, trial=trial)
     assert str(hidden).startswith(word)
@@ -49,10 +49,10 @@ def test_every_word_of_the_vocabulary_can_be_concealed_somewhere():
 @pytest.mark.parametrize("trial", TRIALS)
 def test_every_word_is_an_effect_that_the_physics_knows_or_a_fault_at_a_drawn_place(trial):
     for word in list_words(trial):
-        found = [draw_effect(word, LAYOUT, Draws(seed, Drawn.CONCEALED), trial) for seed in range(12)]
-        assert {each.word for each in found} == {word}
-        assert len({str(each) for each in found}) > 1 or word in (NOTHING, "bit_shift")
-        boards = {each.effect.where for each in found if each.effect is not None}
+        drawn = [draw_effect(word, LAYOUT, Draws(seed, Drawn.CONCEALED), trial) for seed in range(12)]
+        assert {concealed.word for concealed in drawn} == {word}
+        assert len({str(concealed) for concealed in drawn}) > 1 or word in (NOTHING, "bit_shift")
+        boards = {concealed.effect.where for concealed in drawn if concealed.effect is not None}
         assert len(boards) in (0, 1, 3) or word == "swapped_triangles"  # all of it, or one of three boards
 
 
@@ -60,7 +60,7 @@ def test_a_reference_that_is_off_steps_in_the_middle_of_the_trial(tmp_path):
     sound, off = (
         conceal(word, tmp_path / word, CONFIG, LAYOUT, 5, trial="walk") for word in (NOTHING, "reference_fault")
     )
-    values = [insole_daemon.load(tmp_path / each.word)["left"].reference["fz_n"] for each in (sound, off)]
+    values = [insole_daemon.load(tmp_path / concealed.word)["left"].reference["fz_n"] for concealed in (sound, off)]
     step = values[1] - values[0]
     half = len(step) // 2
     assert np.abs(step[:half]).max() == 0.0

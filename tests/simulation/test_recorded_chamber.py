@@ -42,10 +42,10 @@ def example(tmp_path_factory: pytest.TempPathFactory) -> tuple[FootRecording, Fo
 def test_the_simulation_reads_what_the_recording_reads_but_for_noise(example):
     foot, simulated = example
     t_s = foot.t_ns[50:-50:5] * 1e-9
-    found, expected = (activation_count(each, t_s)[:, :, PRESSURE_TAXELS] for each in (foot, simulated))
+    recorded, simulated_counts = (activation_count(which, t_s)[:, :, PRESSURE_TAXELS] for which in (foot, simulated))
     usable = foot.calibration.usable[:, PRESSURE_TAXELS]
-    off = (found - expected)[:, usable]
-    assert expected[:, usable].max() > 10.0
+    off = (recorded - simulated_counts)[:, usable]
+    assert simulated_counts[:, usable].max() > 10.0
     assert np.abs(off.mean()) < 0.15
     assert np.sqrt(np.mean(off**2)) < 1.8  # both have a noise of about a count
 
@@ -89,8 +89,8 @@ def test_a_model_with_effects_is_simulated_with_them_but_for_those_of_its_own_tr
     rezeroed = effect("rezero", Where("board", ((6,),)), t_s=2.0, shift_count=30.0)
     model = replace(foot.calibration, effects=(late, rezeroed))
     static, dynamic = (
-        load(simulate_recorded(recording, foot, each, tmp_path / name)).feet[0]
-        for name, each in (("static", foot.calibration), ("dynamic", model))
+        load(simulate_recorded(recording, foot, calibration, tmp_path / name)).feet[0]
+        for name, calibration in (("static", foot.calibration), ("dynamic", model))
     )
     t_s = static.t_ns[200:-100] * 1e-9
     early, late_by_1_s = activation_count(static, t_s - 1.0), activation_count(dynamic, t_s)

@@ -186,7 +186,7 @@ ACTS = st.tuples(
 
 @settings(max_examples=300, deadline=None)
 @given(st.sampled_from([[5], [5, 5], [5, 6]]), st.lists(ACTS, min_size=1, max_size=40))
-def test_what_comes_at_the_very_moment_something_ends_is_dealt_with_by_the_rules(boards, acts):
+def test_frames_at_exactly_a_deadline_follow_the_rules(boards, acts):
     oracle, n_triangles = OneAtATime(boards), len(boards)
     closed, waiting, t = [], [], START
 
@@ -298,7 +298,7 @@ def test_a_silent_half_that_is_sent_twice_is_not_waited_for():
     assert cycles.late.sum() == PATIENCE
 
 
-def test_a_half_that_comes_once_after_it_was_missed_has_not_made_good_for_it():
+def test_a_half_received_once_between_misses_does_not_prolong_the_wait():
     assembler, late = assembling(of_four(2)), 0
     for tick in range(20):
         frames = regular(2, 1, start=START + tick * PERIOD)

@@ -11,16 +11,16 @@ def load(n_triangles, period_ms, boards=6):
 
 
 @pytest.mark.parametrize(("n", "period_ms", "least", "most"), [(16, 50, 43, 52), (16, 20, 107, 130)])
-def test_six_whole_boards(n, period_ms, least, most):
-    found = load(n, period_ms)
-    assert (round(100 * found.least), round(100 * found.most)) == (least, most)
+def test_bus_load_of_six_boards_with_all_triangles(n, period_ms, least, most):
+    result = load(n, period_ms)
+    assert (round(100 * result.least), round(100 * result.most)) == (least, most)
 
 
 def test_both_insoles_fit_at_50_hz_with_the_triangles_they_have():
-    found = bus_load("can0", [Stream(a, n, 20) for a, n in zip(range(5, 11), (12, 5, 11, 12, 5, 11), strict=True)])
-    assert found.frames_per_s == 5600
-    assert (round(100 * found.least), round(100 * found.most)) == (62, 76)
-    check_fits(found)
+    result = bus_load("can0", [Stream(a, n, 20) for a, n in zip(range(5, 11), (12, 5, 11, 12, 5, 11), strict=True)])
+    assert result.frames_per_s == 5600
+    assert (round(100 * result.least), round(100 * result.most)) == (62, 76)
+    check_fits(result)
 
 
 def test_a_load_above_the_limit_is_refused_with_numbers_and_remedy():

@@ -69,7 +69,7 @@ def of_counts(counts: Sequence[int], status: int = 0) -> list[Row]:
     ]
 
 
-def seen(*rows: Row, address: int = 5) -> ObservedBoard:
+def observed(*rows: Row, address: int = 5) -> ObservedBoard:
     watch = StreamWatch([address])
     watch.feed(frames(rows))
     return watch.observed()[address]
@@ -90,7 +90,7 @@ def test_class_3_is_an_mtb3_that_was_never_configured() -> None:
 
 
 @pytest.mark.parametrize(
-    ("told", "found"),
+    ("enabled", "differences"),
     [
         ((0, 3, 12, 2), ["triangles missing: 2"]),
         ((0, 3, 10, 9, 12), ["triangles missing: 9, 10"]),
@@ -100,8 +100,8 @@ def test_class_3_is_an_mtb3_that_was_never_configured() -> None:
         ((), ["triangles that were not enabled: 0, 3, 12"]),
     ],
 )
-def test_triangles_missing_and_triangles_too_many(told: tuple[int, ...], found: list[str]) -> None:
-    assert GOOD.differences(BOARD, told) == found
+def test_triangles_missing_and_triangles_too_many(enabled: tuple[int, ...], differences: list[str]) -> None:
+    assert GOOD.differences(BOARD, enabled) == differences
 
 
 @pytest.mark.parametrize(
@@ -146,14 +146,14 @@ def test_a_rest_differs_once_it_is_beyond_the_tolerance(no_load: int, sign: int)
 
 
 def test_a_baseline_is_reported_in_whole_counts() -> None:
-    (told,) = replace(GOOD, rest_count=99.7).rest_difference(BOARD)
-    assert told.startswith("its taxels are at 100 counts,")
+    (message,) = replace(GOOD, rest_count=99.7).rest_difference(BOARD)
+    assert message.startswith("its taxels are at 100 counts,")
 
 
 @pytest.mark.parametrize("skin_type", SKIN_TYPES)
 def test_only_raw_words_have_no_rest(skin_type: int) -> None:
-    found = replace(GOOD, rest_count=0.0).rest_difference(replace(BOARD, skin_type=skin_type))  # type: ignore[arg-type]
-    assert bool(found) == (skin_type != RAW_TEST_MODE)
+    differences = replace(GOOD, rest_count=0.0).rest_difference(replace(BOARD, skin_type=skin_type))  # type: ignore[arg-type]
+    assert bool(differences) == (skin_type != RAW_TEST_MODE)
 
 
 def test_an_unobserved_rest_count_gives_no_difference() -> None:
@@ -188,7 +188,7 @@ def test_it_does_not_matter_in_what_portions_frames_arrive(portion: int) -> None
     for first in range(0, len(rows), portion):
         watch.feed(frames(rows[first : first + portion]))
         watch.feed(frames([]))
-    assert watch.observed()[5] == seen(*rows) == ObservedBoard(5, False, (1, 2), (), 20.0, 240.0)
+    assert watch.observed()[5] == observed(*rows) == ObservedBoard(5, False, (1, 2), (), 20.0, 240.0)
 
 
 @pytest.mark.parametrize(
@@ -206,61 +206,61 @@ def test_it_does_not_matter_in_what_portions_frames_arrive(portion: int) -> None
     ],
 )
 def test_a_frame_that_is_not_a_half_is_ignored(row: Row) -> None:
-    assert seen(row) == SILENT
+    assert observed(row) == SILENT
 
 
 @pytest.mark.parametrize("cls", [CLASS_SKIN, CLASS_LEGACY_SKIN, CLASS_SECOND_HALF])
 def test_halves_b_come_in_three_classes(cls: int) -> None:
-    assert seen(half_b(0, triangle=15, cls=cls)) == replace(
+    assert observed(half_b(0, triangle=15, cls=cls)) == replace(
         SILENT, legacy=cls == CLASS_LEGACY_SKIN, triangles=(15,), rest_count=240.0
     )
 
 
 def test_halves_a_come_in_two_classes() -> None:
-    assert seen(half_a(0)).triangles == seen(half_a(0, cls=CLASS_LEGACY_SKIN)).triangles == (3,)
+    assert observed(half_a(0)).triangles == observed(half_a(0, cls=CLASS_LEGACY_SKIN)).triangles == (3,)
 
 
 def test_one_half_in_class_3_is_enough() -> None:
-    assert seen(half_a(0), half_b(1), half_a(20, cls=CLASS_LEGACY_SKIN), half_b(21)).legacy
+    assert observed(half_a(0), half_b(1), half_a(20, cls=CLASS_LEGACY_SKIN), half_b(21)).legacy
 
 
 def test_triangles_are_reported_once_and_in_order() -> None:
-    found = seen(half_b(0, triangle=15), half_a(1, triangle=0), half_a(2, triangle=9), half_a(3, triangle=0))
-    assert found.triangles == (0, 9, 15)
+    board = observed(half_b(0, triangle=15), half_a(1, triangle=0), half_a(2, triangle=9), half_a(3, triangle=0))
+    assert board.triangles == (0, 9, 15)
 
 
 @pytest.mark.parametrize("flags", [0, OUT_OF_RANGE])
 @pytest.mark.parametrize("error", range(16))
 def test_a_triangle_that_reports_itself_open_is_open(flags: int, error: int) -> None:
-    assert seen(half_b(0, status=flags | error)).open_triangles == ((3,) if error == ERROR_NOT_CONNECTED else ())
+    assert observed(half_b(0, status=flags | error)).open_triangles == ((3,) if error == ERROR_NOT_CONNECTED else ())
 
 
-def test_an_open_triangle_need_say_it_only_once() -> None:
-    found = seen(
+def test_one_status_word_is_enough_for_an_open_triangle() -> None:
+    board = observed(
         half_b(0, triangle=9), half_b(1, triangle=9, status=ERROR_NOT_CONNECTED), half_b(2, triangle=9),
         half_b(3, triangle=4), half_b(4, triangle=2, status=ERROR_NOT_CONNECTED),
         half_b(5, triangle=1, status=ERROR_NO_ACK),
     )  # fmt: skip
-    assert found.open_triangles == (2, 9)
-    assert found.triangles == (1, 2, 4, 9)
+    assert board.open_triangles == (2, 9)
+    assert board.triangles == (1, 2, 4, 9)
 
 
 def test_the_last_byte_of_half_a_is_a_count() -> None:
-    assert seen(half_a(0, count=ERROR_NOT_CONNECTED)).open_triangles == ()
+    assert observed(half_a(0, count=ERROR_NOT_CONNECTED)).open_triangles == ()
 
 
 @pytest.mark.parametrize("pads", [0, 255])
 @pytest.mark.parametrize("status", [0, OUT_OF_RANGE | ERROR_NO_ACK])
 @pytest.mark.parametrize("taxel", np.flatnonzero(PRESSURE_TAXELS).tolist())
 def test_the_rest_is_the_median_over_pressure_taxels(taxel: int, status: int, pads: int) -> None:
-    others = [each for each in range(N_TAXELS) if each not in (taxel, *THERMAL_PADS)]
+    others = [other for other in range(N_TAXELS) if other not in (taxel, *THERMAL_PADS)]
     counts = [pads] * N_TAXELS
     counts[taxel] = 100
-    for each in others[::2]:
-        counts[each] = 200
-    for each in others[1::2]:
-        counts[each] = 0
-    assert seen(*of_counts(counts, status)).rest_count == 150.0, "between the fifth and the sixth of ten"
+    for other in others[::2]:
+        counts[other] = 200
+    for other in others[1::2]:
+        counts[other] = 0
+    assert observed(*of_counts(counts, status)).rest_count == 150.0, "between the fifth and the sixth of ten"
 
 
 @pytest.mark.parametrize(
@@ -274,15 +274,15 @@ def test_the_rest_is_the_median_over_pressure_taxels(taxel: int, status: int, pa
     ],
 )
 def test_the_rest_is_of_all_that_arrived(rows: list[Row], rest_count: float) -> None:
-    assert seen(*rows).rest_count == rest_count
+    assert observed(*rows).rest_count == rest_count
 
 
 def test_an_open_triangle_has_no_rest() -> None:
     of_open = [half(tick, triangle=2, count=0) for tick in range(5) for half in (half_a, half_b)]
     says_so = half_b(6, triangle=2, count=0, status=ERROR_NOT_CONNECTED)
-    assert seen(*of_open, says_so, half_a(7), half_b(8)).rest_count == 240.0
-    assert seen(*of_open, half_a(7), half_b(8)).rest_count == 0.0
-    assert seen(*of_open, says_so).rest_count is None
+    assert observed(*of_open, says_so, half_a(7), half_b(8)).rest_count == 240.0
+    assert observed(*of_open, half_a(7), half_b(8)).rest_count == 0.0
+    assert observed(*of_open, says_so).rest_count is None
 
 
 @pytest.mark.parametrize(
@@ -304,31 +304,33 @@ def test_an_open_triangle_has_no_rest() -> None:
     ],
 )  # fmt: skip
 def test_the_period_is_the_median_over_halves(rows: list[Row], period_ms: float) -> None:
-    assert seen(*rows).period_ms == pytest.approx(period_ms)
+    assert observed(*rows).period_ms == pytest.approx(period_ms)
 
 
 def test_readings_handed_on_in_bursts_keep_their_period() -> None:
     """The host looks every 50 ms, and stamps what has come as it reads it."""
     held_up_ms = [-(-20 * tick // 50) * 50 + tick / 100 for tick in range(60)]
     assert np.median(np.diff(held_up_ms)) < 20 * (1 - PERIOD_TOLERANCE)
-    assert seen(*(half_a(t_ms) for t_ms in held_up_ms)).differences(BOARD, [3]) == []
+    assert observed(*(half_a(t_ms) for t_ms in held_up_ms)).differences(BOARD, [3]) == []
 
 
 def test_readings_handed_on_after_one_long_stop_keep_their_period() -> None:
     held_up_ms = [1000 + tick / 10 if 500 <= 20 * tick < 1000 else 20 * tick for tick in range(60)]
-    assert seen(*(half_a(t_ms) for t_ms in held_up_ms)).differences(BOARD, [3]) == []
+    assert observed(*(half_a(t_ms) for t_ms in held_up_ms)).differences(BOARD, [3]) == []
 
 
 def test_a_tenth_of_the_readings_lost_keeps_the_period() -> None:
     random = np.random.default_rng(1)
     came = random.random(60) > 0.1
     assert not came.all()
-    assert seen(*(half_a(20 * tick) for tick in np.flatnonzero(came).tolist())).differences(BOARD, [3]) == []
+    assert observed(*(half_a(20 * tick) for tick in np.flatnonzero(came).tolist())).differences(BOARD, [3]) == []
 
 
 def test_an_open_triangle_keeps_the_period_too() -> None:
-    assert seen(*(half_b(20 * tick, status=ERROR_NOT_CONNECTED) for tick in range(2))).period_ms == pytest.approx(20.0)
+    assert observed(*(half_b(20 * tick, status=ERROR_NOT_CONNECTED) for tick in range(2))).period_ms == pytest.approx(
+        20.0
+    )
 
 
 def test_halves_that_came_once_have_no_period() -> None:
-    assert seen(half_a(0), half_b(20), half_a(40, triangle=4), half_b(60, triangle=4)).period_ms is None
+    assert observed(half_a(0), half_b(20), half_a(40, triangle=4), half_b(60, triangle=4)).period_ms is None

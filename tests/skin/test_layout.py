@@ -105,9 +105,9 @@ def test_the_same_number_on_another_board_is_another_triangle(write: Write) -> N
     ],
 )
 def test_wrong_triangles(write: Write, text: str, key: str, message: str) -> None:
-    line, found_key, found = only(write(HEAD + GOOD + text))
+    line, found_key, text_found = only(write(HEAD + GOOD + text))
     assert (line, found_key) == (7, f"triangles[2].{key}")
-    assert message in found
+    assert message in text_found
 
 
 @pytest.mark.parametrize("area", ["32.4e-6", "0", "324"])
@@ -149,8 +149,8 @@ def test_another_version(write: Write) -> None:
 
 def test_everything_at_once(write: Write) -> None:
     text = HEAD.replace("foot: left", "foot: right") + GOOD + triangle(x_mm=".inf") + GOOD + triangle(8, 16)
-    found = [(line, key) for line, key, _ in problems(write(text), foot="left", addresses=(5, 7))]
-    assert found == [
+    places = [(line, key) for line, key, _ in problems(write(text), foot="left", addresses=(5, 7))]
+    assert places == [
         (2, "foot"),
         (6, "triangles[1].board"),
         (7, "triangles[2].x_mm"),
@@ -279,9 +279,9 @@ def test_a_span_is_along_one_axis(write: Write) -> None:
 def test_triangles_of_the_built_in_layout_point_up_or_down_their_rows() -> None:
     for foot, addresses in (("left", (5, 6, 7)), ("right", (8, 9, 10))):
         layout = builtin(foot, addresses)
-        found = {
+        rotations = {
             patch: {t.rotation_deg for t in layout.triangles if t.patch == patch}
             for patch in ("front", "middle", "rear")
         }
-        assert found == {"front": {0.0, 180.0}, "middle": {90.0, 270.0}, "rear": {0.0, 180.0}}
+        assert rotations == {"front": {0.0, 180.0}, "middle": {90.0, 270.0}, "rear": {0.0, 180.0}}
         assert all(t.x_mm == round(t.x_mm, 3) and t.y_mm == round(t.y_mm, 3) for t in layout.triangles), "micrometres"

@@ -90,12 +90,12 @@ def mapped(truth, finger=None, slip=None, seed=0, wait_s=2.0, reaction_s=0.3, as
     touch = Touch()
     wanted = [position for template in asked for position in positions(template)]
     mapping = Mapping(wanted, OWNERS, wait_s)
-    said, times = [], {}
+    prompts, times = [], {}
     while not mapping.is_done:
         assert run.now_ns < 1000e9, f"stuck at {mapping.position}"
         touch.feed(run.advance(run.now_ns + CHUNK_NS))
         for prompt in mapping.update(run.now_ns, touch.level_count(run.now_ns)):
-            said.append(prompt)
+            prompts.append(prompt)
             if prompt.kind == "press":
                 times[prompt.position] = times.get(prompt.position, 0) + 1
                 where = slip(prompt.position, times[prompt.position]) if slip else [prompt.position]
@@ -105,28 +105,28 @@ def mapped(truth, finger=None, slip=None, seed=0, wait_s=2.0, reaction_s=0.3, as
                     finger.presses.append((now_s, now_s + 0.9, position.foot, xy_m))
     streaming = [tuple(map(int, i)) for i in np.argwhere(touch.has_arrived())]
     faulty = [tuple(map(int, i)) for i in np.argwhere(touch.faulty())]
-    found = mapping.results()
-    return found, said, summary(found, OWNERS, streaming, faulty), times, run.now_ns * 1e-9
+    results = mapping.results()
+    return results, prompts, summary(results, OWNERS, streaming, faulty), times, run.now_ns * 1e-9
 
 
-def right(found, truth) -> int:
+def n_right(results, truth) -> int:
     by_foot = {layout.foot: layout for layout in truth}
     return sum(
-        each.state == "answered" and each.identity == tuple(by_foot[each.position.foot].identities[each.position.row])
-        for each in found
+        r.state == "answered" and r.identity == tuple(by_foot[r.position.foot].identities[r.position.row])
+        for r in results
     )
 
 
 @pytest.mark.parametrize(("seed", "across"), [(1, False), (2, False), (3, True)])
 def test_a_random_assignment_of_both_feet_is_mapped_in_one_pass(seed, across, tmp_path):
     truth = assignment(seed, across)
-    found, _, lines, times, took_s = mapped(truth, seed=seed)
-    assert right(found, truth) == 56
+    results, _, lines, times, took_s = mapped(truth, seed=seed)
+    assert n_right(results, truth) == 56
     assert set(times.values()) == {1}, "one press a position"
     print(f"56 of 56 in {took_s:.0f} s of presses")
     for template, real in zip(TEMPLATES, truth, strict=True):
         path = tmp_path / f"{template.foot}.yaml"
-        layouts.write(path, layout_of(template, found), "made by a test")
+        layouts.write(path, layout_of(template, results), "made by a test")
         back = layouts.load(path, template.foot, OWNERS)
         np.testing.assert_array_equal(back.identities, real.identities)
         np.testing.assert_allclose(back.xy_m, template.xy_m, atol=1e-6)
@@ -138,38 +138,38 @@ def test_a_random_assignment_of_both_feet_is_mapped_in_one_pass(seed, across, tm
 def test_a_dead_triangle_is_missing_and_the_rest_right():
     truth = assignment(4)
     board, triangle = truth[0].identities[7].tolist()
-    found, _, lines, times, _ = mapped(truth, Finger(truth, dead=[(board, triangle)]))
-    assert right(found, truth) == 55
-    assert found[7].state == "missing"
-    assert times[found[7].position] == 2, "asked once more at the end"
+    results, _, lines, times, _ = mapped(truth, Finger(truth, dead=[(board, triangle)]))
+    assert n_right(results, truth) == 55
+    assert results[7].state == "missing"
+    assert times[results[7].position] == 2, "asked once more at the end"
     assert any(line.startswith("missing: left foot, front patch, position 8") for line in lines)
     assert f"streaming, but found at no position: board {board} triangle {triangle}" in lines
-    assert len(layout_of(TEMPLATES[0], found)) == 27
+    assert len(layout_of(TEMPLATES[0], results)) == 27
 
 
 def test_two_places_on_one_triangle_are_doubled_and_left_out():
     truth = assignment(5)
     finger = Finger(truth)
     finger.wires[("left", 3)] = ("left", 20)
-    found, _, lines, _, _ = mapped(truth, finger)
-    assert right(found, truth) == 54
-    assert [each.state for each in found if each.state != "answered"] == ["doubled"] * 2
-    assert {each.position.row for each in found if each.state == "doubled"} == {3, 20}
+    results, _, lines, _, _ = mapped(truth, finger)
+    assert n_right(results, truth) == 54
+    assert [result.state for result in results if result.state != "answered"] == ["doubled"] * 2
+    assert {result.position.row for result in results if result.state == "doubled"} == {3, 20}
     assert any(line.startswith("doubled: board") and "position 4; left foot" in line for line in lines)
-    assert len(layout_of(TEMPLATES[0], found)) == 26
+    assert len(layout_of(TEMPLATES[0], results)) == 26
 
 
 def test_boards_that_are_swapped_between_the_feet_are_named():
     truth = [layouts.builtin("left", (5, 9, 7)), layouts.builtin("right", (8, 6, 10))]
-    found, said, lines, _, _ = mapped(truth)
-    assert right(found, truth) == 56
+    results, prompts, lines, _, _ = mapped(truth)
+    assert n_right(results, truth) == 56
     assert [line.split(",")[0] for line in lines] == [
         "swapped: board 6 lies in the right foot",
         "swapped: board 9 lies in the left foot",
     ]
     assert any(
         "gives to the right foot" in prompt.text
-        for prompt in said
+        for prompt in prompts
         if prompt.position and prompt.position.foot == "left"
     )
 
@@ -181,8 +181,8 @@ def test_a_slip_of_the_person_is_made_good_at_the_end():
         wrong = (position.foot, position.row) == ("left", 4) and time == 1
         return [positions(TEMPLATES[0])[9]] if wrong else [position]
 
-    found, _, _, times, _ = mapped(truth, slip=slip, asked=TEMPLATES[:1])
-    assert right(found, truth) == 28
+    results, _, _, times, _ = mapped(truth, slip=slip, asked=TEMPLATES[:1])
+    assert n_right(results, truth) == 28
     assert sorted(p.row for p, n in times.items() if n == 2) == [4, 9]
 
 
@@ -193,17 +193,17 @@ def test_two_pressed_at_once_are_asked_again():
         both = position.row == 2 and time == 1
         return [position, positions(TEMPLATES[0])[26]] if both else [position]
 
-    found, said, _, times, _ = mapped(truth, slip=clumsy, asked=TEMPLATES[:1])
-    assert right(found, truth) == 28
-    assert [prompt.position.row for prompt in said if prompt.kind == "again"] == [2]
+    results, prompts, _, times, _ = mapped(truth, slip=clumsy, asked=TEMPLATES[:1])
+    assert n_right(results, truth) == 28
+    assert [prompt.position.row for prompt in prompts if prompt.kind == "again"] == [2]
     assert max(times.values()) == 2
 
 
 def test_positions_without_a_press_are_missing():
     truth = assignment(8)
-    found, _, _, _, _ = mapped(truth, slip=lambda position, time: [], wait_s=0.2, asked=TEMPLATES[:1])
-    assert {each.state for each in found} == {"missing"}
-    assert layout_of(TEMPLATES[0], found) is None
+    results, _, _, _, _ = mapped(truth, slip=lambda position, time: [], wait_s=0.2, asked=TEMPLATES[:1])
+    assert {result.state for result in results} == {"missing"}
+    assert layout_of(TEMPLATES[0], results) is None
 
 
 def test_triangles_without_a_sensor_do_not_answer():

@@ -86,13 +86,13 @@ def ready(asked: Sequence[Position] = ASKED, *, noise: Map[Identity, float] | No
     assert [prompt.kind for prompt in person.shows()] == ["rest"]
     for at in range(N_AT_REST):
         sign = 1 if at % 2 else -1
-        said = person.shows({identity: sign * std for identity, std in (noise or {}).items()})
-    assert [prompt.kind for prompt in said] == ["press"]
+        prompts = person.shows({identity: sign * std for identity, std in (noise or {}).items()})
+    assert [prompt.kind for prompt in prompts] == ["press"]
     return person
 
 
-def what(said: Sequence[MappingPrompt]) -> list[str]:
-    return [prompt.kind for prompt in said]
+def kinds(prompts: Sequence[MappingPrompt]) -> list[str]:
+    return [prompt.kind for prompt in prompts]
 
 
 # ---- positions
@@ -118,8 +118,8 @@ def test_positions_are_numbered_within_their_patch_in_the_order_of_the_template(
 
 def test_a_mapping_gives_the_expected_prompts_from_first_to_last() -> None:
     person = Person([FIRST, THIRD])
-    said = [*person.waits(REST_NS), *person.answers({A: DEEP}, {B: DEEP})]
-    assert said == [
+    prompts = [*person.waits(REST_NS), *person.answers({A: DEEP}, {B: DEEP})]
+    assert prompts == [
         MappingPrompt("rest", "touch nothing: taking what every triangle reads without load"),
         MappingPrompt("press", "press the middle of left foot, front patch, position 1, then lift", FIRST),
         MappingPrompt("lift", "board 5 triangle 12 answers: lift", FIRST, A),
@@ -156,9 +156,9 @@ def test_a_finished_mapping_prompts_no_more() -> None:
     assert person.mapping.results() == [PositionResult(FIRST, "answered", A)]
 
 
-def test_nothing_asked_is_done_after_the_rest() -> None:
+def test_a_mapping_without_positions_ends_after_the_rest() -> None:
     person = Person([])
-    assert what(person.waits(REST_NS)) == ["rest", "done"]
+    assert kinds(person.waits(REST_NS)) == ["rest", "done"]
     assert person.mapping.is_done
     assert person.mapping.results() == []
 
@@ -168,9 +168,9 @@ def test_nothing_asked_is_done_after_the_rest() -> None:
 
 def test_the_rest_lasts_its_time() -> None:
     person = Person()
-    assert what(person.shows()) == ["rest"]
+    assert kinds(person.shows()) == ["rest"]
     assert person.shows(after_ns=REST_NS - 1) == []
-    assert what(person.shows(after_ns=1)) == ["press"]
+    assert kinds(person.shows(after_ns=1)) == ["press"]
 
 
 def test_the_level_is_what_a_triangle_reads_at_rest_on_average() -> None:
@@ -180,7 +180,7 @@ def test_the_level_is_what_a_triangle_reads_at_rest_on_average() -> None:
         person.shows({A: 7.0 if at % 2 else 8.0})
     bar = max(PRESSED_COUNT, NOISE_FACTOR * 0.5)
     assert person.presses({A: 7.5 + bar - FEW}) == []
-    assert what(person.presses({A: 7.5 + bar + FEW})) == ["lift"]
+    assert kinds(person.presses({A: 7.5 + bar + FEW})) == ["lift"]
 
 
 def test_the_array_that_is_shown_may_be_used_again() -> None:
@@ -192,7 +192,7 @@ def test_the_array_that_is_shown_may_be_used_again() -> None:
         person.mapping.update(person.now_ns + (at + 1) * STEP_NS, level)
         level[:] = 0.0
     person.now_ns += REST_NS
-    assert what(person.presses({A: PRESSED_COUNT + FEW})) == ["lift"]
+    assert kinds(person.presses({A: PRESSED_COUNT + FEW})) == ["lift"]
 
 
 @pytest.mark.parametrize(("n_unknown", "answers"), [(N_AT_REST // 2 - 1, True), (N_AT_REST // 2 + 1, False)])
@@ -203,7 +203,7 @@ def test_a_triangle_that_was_unknown_for_more_than_half_of_the_rest_does_not_ans
     person.shows()
     for at in range(N_AT_REST):
         person.shows({A: np.nan if at < n_unknown else 0.0})
-    assert what(person.presses({A: 100.0})) == (["lift"] if answers else [])
+    assert kinds(person.presses({A: 100.0})) == (["lift"] if answers else [])
 
 
 # ---- press
@@ -221,12 +221,12 @@ def test_a_triangle_that_was_unknown_for_more_than_half_of_the_rest_does_not_ans
 def test_the_bar_is_the_least_count_or_so_many_standard_deviations(std: float, bar: float) -> None:
     person = ready(noise={A: std})
     assert person.presses({A: bar}) == []
-    assert what(person.presses({A: bar + FEW})) == ["lift"]
+    assert kinds(person.presses({A: bar + FEW})) == ["lift"]
 
 
 def test_the_noise_of_one_triangle_does_not_raise_the_bar_of_another() -> None:
-    said = ready(noise={A: 2.0}).presses({B: PRESSED_COUNT + FEW})
-    assert [(prompt.kind, prompt.identity) for prompt in said] == [("lift", B)]
+    prompts = ready(noise={A: 2.0}).presses({B: PRESSED_COUNT + FEW})
+    assert [(prompt.kind, prompt.identity) for prompt in prompts] == [("lift", B)]
 
 
 def test_a_triangle_that_rises_is_not_pressed() -> None:
@@ -241,7 +241,7 @@ def test_a_press_is_held_for_its_time() -> None:
     person = ready()
     assert person.shows({A: DEEP}) == []
     assert person.shows({A: DEEP}, HOLD_NS - 1) == []
-    assert what(person.shows({A: DEEP}, 1)) == ["lift"]
+    assert kinds(person.shows({A: DEEP}, 1)) == ["lift"]
 
 
 def test_a_press_that_is_let_go_of_begins_anew() -> None:
@@ -251,7 +251,7 @@ def test_a_press_that_is_let_go_of_begins_anew() -> None:
     assert person.shows() == []
     assert person.shows({A: DEEP}) == []
     assert person.shows({A: DEEP}, HOLD_NS - 1) == []
-    assert what(person.shows({A: DEEP}, 1)) == ["lift"]
+    assert kinds(person.shows({A: DEEP}, 1)) == ["lift"]
 
 
 def test_a_released_touch_does_not_count() -> None:
@@ -259,8 +259,8 @@ def test_a_released_touch_does_not_count() -> None:
     for _ in range(3):
         person.shows({A: DEEP})
     person.shows()
-    assert what(said := person.answers({B: PRESSED_COUNT + FEW})) == ["lift", "answered", "press"]
-    assert [prompt.identity for prompt in said[:2]] == [B, B]
+    assert kinds(prompts := person.answers({B: PRESSED_COUNT + FEW})) == ["lift", "answered", "press"]
+    assert [prompt.identity for prompt in prompts[:2]] == [B, B]
 
 
 def test_the_triangle_with_the_largest_fall_over_the_press_responds() -> None:
@@ -285,7 +285,7 @@ def test_a_triangle_counts_as_lifted_when_it_has_returned_to(std: float, fall: f
     person = ready(noise={A: std})
     person.presses({A: fall})
     assert person.waits(QUIET_NS, {A: back + FEW}) == []
-    assert what(person.waits(QUIET_NS, {A: back})) == ["answered", "press"]
+    assert kinds(person.waits(QUIET_NS, {A: back})) == ["answered", "press"]
 
 
 @pytest.mark.parametrize("deep_while", ["held", "waiting for the lift"])
@@ -295,7 +295,7 @@ def test_the_deepest_fall_is_that_of_the_whole_press(deep_while: str) -> None:
     person.shows({A: falls[0]})
     person.presses({A: 5.0})
     person.shows({A: falls[1]})
-    assert what(person.waits(QUIET_NS, {A: RELEASED_SHARE * DEEP})) == ["answered", "press"]
+    assert kinds(person.waits(QUIET_NS, {A: RELEASED_SHARE * DEEP})) == ["answered", "press"]
 
 
 def test_the_deepest_fall_is_that_of_this_press() -> None:
@@ -320,11 +320,11 @@ def test_another_that_is_still_pressed_is_waited_for_until_it_is_back_to(std: fl
 def test_a_triangle_that_falls_silent_under_the_finger_counts_as_lifted() -> None:
     person = ready()
     person.presses({A: DEEP})
-    said = person.waits(QUIET_NS, {A: np.nan})
-    assert [(prompt.kind, prompt.identity) for prompt in said] == [("answered", A), ("press", None)]
+    prompts = person.waits(QUIET_NS, {A: np.nan})
+    assert [(prompt.kind, prompt.identity) for prompt in prompts] == [("answered", A), ("press", None)]
 
 
-def test_it_is_judged_when_all_has_been_quiet_for_its_time() -> None:
+def test_board_is_judged_after_the_quiet_time() -> None:
     person = ready()
     person.presses({A: DEEP})
     assert person.shows() == []
@@ -332,7 +332,7 @@ def test_it_is_judged_when_all_has_been_quiet_for_its_time() -> None:
     assert person.shows({A: DEEP}) == []
     assert person.shows() == []
     assert person.shows(after_ns=QUIET_NS - 1) == []
-    assert what(person.shows(after_ns=1)) == ["answered", "press"]
+    assert kinds(person.shows(after_ns=1)) == ["answered", "press"]
 
 
 def test_a_sensor_that_creeps_back_is_not_pressed_at_the_next_position() -> None:
@@ -341,7 +341,7 @@ def test_a_sensor_that_creeps_back_is_not_pressed_at_the_next_position() -> None
     creep = RELEASED_SHARE * DEEP - 1
     person.waits(QUIET_NS, {A: creep})
     assert person.presses({A: creep + PRESSED_COUNT}) == []
-    assert what(person.presses({A: creep + PRESSED_COUNT + FEW})) == ["lift"]
+    assert kinds(person.presses({A: creep + PRESSED_COUNT + FEW})) == ["lift"]
 
 
 def test_the_new_level_is_that_of_the_last_quiet_time() -> None:
@@ -350,7 +350,7 @@ def test_the_new_level_is_that_of_the_last_quiet_time() -> None:
     person.waits(QUIET_NS - STEP_NS, {A: RELEASED_SHARE * DEEP})
     person.shows({A: DEEP})
     person.lifts()
-    assert what(person.presses({A: PRESSED_COUNT + FEW})) == ["lift"]
+    assert kinds(person.presses({A: PRESSED_COUNT + FEW})) == ["lift"]
 
 
 def test_a_triangle_that_was_silent_in_the_quiet_time_keeps_its_level() -> None:
@@ -358,7 +358,7 @@ def test_a_triangle_that_was_silent_in_the_quiet_time_keeps_its_level() -> None:
     person.presses({A: DEEP})
     person.waits(QUIET_NS, {B: np.nan})
     assert person.presses({B: PRESSED_COUNT}) == []
-    assert what(person.presses({B: PRESSED_COUNT + FEW})) == ["lift"]
+    assert kinds(person.presses({B: PRESSED_COUNT + FEW})) == ["lift"]
 
 
 def test_a_triangle_that_was_silent_at_rest_can_answer_from_the_next_lift_on() -> None:
@@ -367,7 +367,7 @@ def test_a_triangle_that_was_silent_at_rest_can_answer_from_the_next_lift_on() -
     assert person.presses({B: 100.0}) == [], "nobody knows from where it fell"
     person.answers({A: DEEP})
     assert person.presses({B: PRESSED_COUNT}) == []
-    assert what(person.presses({B: PRESSED_COUNT + FEW})) == ["lift"]
+    assert kinds(person.presses({B: PRESSED_COUNT + FEW})) == ["lift"]
 
 
 def test_an_overdue_lift_repeats_the_prompt() -> None:
@@ -380,15 +380,15 @@ def test_an_overdue_lift_repeats_the_prompt() -> None:
     for _ in range(2):
         assert person.shows({B: DEEP}, WAIT_NS) == []
         assert person.shows({A: DEEP - 1, B: DEEP}, 1) == [still]
-    assert what(person.lifts()) == ["answered", "press"]
+    assert kinds(person.lifts()) == ["answered", "press"]
 
 
 # ---- one alone, or two
 
 
 def test_the_margin_is_enough() -> None:
-    said = ready().answers({A: DEEP, B: DEEP / MARGIN})
-    assert [(prompt.kind, prompt.identity) for prompt in said] == [("lift", A), ("answered", A), ("press", None)]
+    prompts = ready().answers({A: DEEP, B: DEEP / MARGIN})
+    assert [(prompt.kind, prompt.identity) for prompt in prompts] == [("lift", A), ("answered", A), ("press", None)]
 
 
 def test_a_rise_does_not_reduce_the_largest_fall() -> None:
@@ -418,13 +418,13 @@ def test_two_that_answer_together_are_asked_for_again_at_once() -> None:
 def test_two_that_answer_every_time_leave_the_position_in_doubt() -> None:
     person = ready([FIRST, THIRD])
     both = {A: DEEP, B: DEEP}
-    assert what(person.answers(*[both] * (MAX_UNCLEAR - 1))) == ["lift", "again", "press"] * (MAX_UNCLEAR - 1)
-    said = person.answers(both)
-    assert what(said) == ["lift", "answered", "press"]
-    assert said[1] == MappingPrompt(
+    assert kinds(person.answers(*[both] * (MAX_UNCLEAR - 1))) == ["lift", "again", "press"] * (MAX_UNCLEAR - 1)
+    prompts = person.answers(both)
+    assert kinds(prompts) == ["lift", "answered", "press"]
+    assert prompts[1] == MappingPrompt(
         "answered", "left foot, front patch, position 1: two answer every time, left in doubt", FIRST
     )
-    assert said[2].position is THIRD
+    assert prompts[2].position is THIRD
     person.answers({B: DEEP})
     assert person.mapping.results() == [PositionResult(FIRST, "unclear", None), PositionResult(THIRD, "answered", B)]
 
@@ -435,7 +435,7 @@ def test_a_clear_response_replaces_an_ambiguous_one() -> None:
     person.answers(*[both] * (MAX_UNCLEAR - 1), {A: DEEP})
     person.answers({A: DEEP})
     assert person.mapping.position is FIRST, "once more, since both positions were answered by the same"
-    assert what(person.answers(*[both] * (MAX_UNCLEAR - 1))) == ["lift", "again", "press"] * (MAX_UNCLEAR - 1)
+    assert kinds(person.answers(*[both] * (MAX_UNCLEAR - 1))) == ["lift", "again", "press"] * (MAX_UNCLEAR - 1)
 
 
 def test_unclear_now_and_then_is_missing_when_nothing_answers_in_the_end() -> None:
@@ -452,7 +452,7 @@ def test_unclear_before_nothing_answered_does_not_count_afterwards() -> None:
     both = {A: DEEP, B: DEEP}
     person.answers(*[both] * (MAX_UNCLEAR - 1))
     person.stays_away()
-    assert what(person.answers(*[both] * (MAX_UNCLEAR - 1))) == ["lift", "again", "press"] * (MAX_UNCLEAR - 1)
+    assert kinds(person.answers(*[both] * (MAX_UNCLEAR - 1))) == ["lift", "again", "press"] * (MAX_UNCLEAR - 1)
 
 
 # ---- whose board it is
@@ -467,7 +467,9 @@ def test_unclear_before_nothing_answered_does_not_count_afterwards() -> None:
         (THIRD, (12, 5), " – a board that the configuration does not know"),
     ],
 )
-def test_a_board_of_elsewhere_is_remarked_on_and_taken(position: Position, identity: Identity, remark: str) -> None:
+def test_a_board_of_another_foot_or_none_is_reported_and_its_response_used(
+    position: Position, identity: Identity, remark: str
+) -> None:
     person = ready([position])
     board, triangle = identity
     text = f"{position}: board {board} triangle {triangle}{remark}"
@@ -499,7 +501,7 @@ def test_two_positions_with_the_same_answer_are_both_asked_once_more_at_the_end(
         MappingPrompt("answered", "left foot, front patch, position 2: board 5 triangle 12", SECOND, A),
         MappingPrompt("done", "all positions have been asked"),
     ]
-    assert [(each.state, each.identity) for each in person.mapping.results()] == [
+    assert [(result.state, result.identity) for result in person.mapping.results()] == [
         ("answered", C), ("answered", A), ("answered", B),
     ]  # fmt: skip
 
@@ -533,7 +535,7 @@ def test_of_two_doubled_positions_one_stays_answered_if_the_other_becomes_missin
     assert person.mapping.results() == [PositionResult(FIRST, "missing", None), PositionResult(SECOND, "answered", A)]
 
 
-def test_nothing_answers_when_the_wait_is_over() -> None:
+def test_no_response_is_accepted_after_the_wait() -> None:
     person = ready([FIRST, THIRD])
     assert person.shows(after_ns=WAIT_NS) == []
     assert person.shows(after_ns=1) == [
@@ -543,7 +545,7 @@ def test_nothing_answers_when_the_wait_is_over() -> None:
     assert person.answers({B: DEEP})[-1] == MappingPrompt(
         "press", "press the middle of left foot, front patch, position 1 once more, then lift", FIRST
     )
-    assert what(person.stays_away()) == ["missing", "done"], "no third time"
+    assert kinds(person.stays_away()) == ["missing", "done"], "no third time"
     assert person.mapping.results() == [PositionResult(FIRST, "missing", None), PositionResult(THIRD, "answered", B)]
 
 
@@ -551,7 +553,7 @@ def test_the_wait_is_as_long_as_is_asked_for() -> None:
     person = Person(wait_s=2.5)
     person.waits(REST_NS)
     assert person.shows(after_ns=2_500_000_000) == []
-    assert what(person.shows(after_ns=1)) == ["missing", "press"]
+    assert kinds(person.shows(after_ns=1)) == ["missing", "press"]
 
 
 def test_every_position_has_the_whole_wait_for_itself() -> None:
@@ -559,10 +561,10 @@ def test_every_position_has_the_whole_wait_for_itself() -> None:
     person.shows(after_ns=WAIT_NS)
     person.answers({A: DEEP})
     assert person.shows(after_ns=WAIT_NS) == []
-    assert what(person.shows(after_ns=1)) == ["missing", "press"]
+    assert kinds(person.shows(after_ns=1)) == ["missing", "press"]
 
 
 def test_a_press_at_the_end_of_the_wait_is_still_taken() -> None:
     person = ready()
     assert person.shows({A: DEEP}, WAIT_NS) == []
-    assert what(person.presses({A: DEEP})) == ["lift"]
+    assert kinds(person.presses({A: DEEP})) == ["lift"]

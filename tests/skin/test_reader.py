@@ -52,7 +52,7 @@ def complete(reader: SkinReader, of: Layout, *times_ns: int) -> None:
     """All halves of a foot arrive at each of these times."""
     for t_ns in times_ns:
         (closed,) = (cycles for cycles in reader.feed(frames(*((t_ns, half) for half in halves(of)))) if cycles)
-        assert [len(each) for each in closed] == [1]
+        assert [len(cycles) for cycles in closed] == [1]
 
 
 def give_up(reader: SkinReader, of: Layout) -> None:
@@ -98,7 +98,7 @@ def test_a_repeated_half_is_recognised_by_the_frames_between(reader: SkinReader,
     reader.feed(frames((TWICE_NS // 3, between), (TWICE_NS // 2, again)))
     others = [half for half in halves(LEFT) if half not in (again, between)]
     closed, _ = reader.feed(frames(*((10 * MS, half) for half in others)))
-    assert [len(each) for each in closed] == [1] * closes
+    assert [len(cycles) for cycles in closed] == [1] * closes
 
 
 def test_frames_of_unknown_boards_close_no_cycle_and_are_counted(reader: SkinReader) -> None:
@@ -127,18 +127,18 @@ def test_time_closes_the_cycle_of_the_foot_that_is_due_first(reader: SkinReader,
     assert reader.expected().due_ns == START_NS + LIMIT_NS
     assert reader.advance(START_NS + LIMIT_NS) == [[], []]
     closed = reader.advance(START_NS + LIMIT_NS + 1)
-    assert [[len(each) for each in cycles] for cycles in closed] == ([[1], []] if first is LEFT else [[], [1]])
+    assert [[len(cycles) for cycles in of_feet] for of_feet in closed] == ([[1], []] if first is LEFT else [[], [1]])
     (cycle,) = closed[0] + closed[1]
     assert cycle.late.all()
     assert reader.expected().due_ns == START_NS + LIMIT_NS + 3 * MS
 
 
 def test_outstanding_are_the_halves_of_the_foot_that_lacks_least(reader: SkinReader) -> None:
-    found = [reader.expected().outstanding]
+    outstanding = [reader.expected().outstanding]
     for half in halves(LEFT)[:-1]:
         reader.feed(frames((0, half)))
-        found.append(reader.expected().outstanding)
-    assert found == [2, 2, 2, 2, 2, 1], "six of the left foot and two of the right"
+        outstanding.append(reader.expected().outstanding)
+    assert outstanding == [2, 2, 2, 2, 2, 1], "six of the left foot and two of the right"
     reader.feed(frames((0, halves(LEFT)[-1])))
     assert reader.expected().outstanding == 2
 
@@ -218,10 +218,10 @@ def test_a_block_of_frames_is_read_as_its_arrays_are(size: int) -> None:
         block = ReceivedFrames(b"".join((part.t_ns, part.t_mono_ns, raw, part.interface)))
         for name in FrameBatch.__slots__:
             assert np.array_equal(getattr(block, name), getattr(part, name)), name
-        expected, found = readers[0].closed_cycles(part), readers[1].closed_cycles(block)
-        assert found == expected
+        expected, of_block = readers[0].closed_cycles(part), readers[1].closed_cycles(block)
+        assert of_block == expected
         assert readers[1].expected() == readers[0].expected()
-        n_closed += len(found[0]) + len(found[1])
+        n_closed += len(of_block[0]) + len(of_block[1])
     assert n_closed > 40
     assert readers[1].streams.refused == readers[0].streams.refused
     assert readers[1].streams.refused.unconfigured_board

@@ -46,7 +46,7 @@ def refused(streams: Streams) -> dict:
 @pytest.mark.parametrize("tag", [0x40, 0xC0, 0x00, 0x41, 0x80, 0xFF])
 def test_every_identifier(tag: int) -> None:
     streams = Streams([LEFT, RIGHT])
-    found = streams.slots(frames(*((can_id, half(tag)) for can_id in range(2048))))
+    slots = streams.slots(frames(*((can_id, half(tag)) for can_id in range(2048))))
     expected = {}
     for (board, triangle), place in PLACE.items():
         source = board << 4 | triangle
@@ -54,7 +54,7 @@ def test_every_identifier(tag: int) -> None:
             expected |= {0x300 | source: 2 * place, 0x400 | source: 2 * place}
         if tag == 0xC0:
             expected |= {cls << 8 | source: 2 * place + 1 for cls in (3, 4, 6)}
-    assert {can_id: slot for can_id, slot in enumerate(found.tolist()) if slot >= 0} == expected
+    assert {can_id: slot for can_id, slot in enumerate(slots.tolist()) if slot >= 0} == expected
     boards = {board for board, _ in TRIANGLES}
     counted = asdict(streams.refused)
     assert counted.pop("unconfigured_board") == {address: 16 for address in range(16) if address not in boards}
@@ -68,10 +68,10 @@ def test_every_identifier(tag: int) -> None:
 
 def test_one_foot_alone_takes_no_halves_of_the_other() -> None:
     streams = Streams([RIGHT])
-    found = streams.slots(frames((0x480, half(0x40)), (0x450, half(0x40)), (0x48F, half(0xC0))))
-    assert found[0] == 0
-    assert found[1] < 0
-    assert found[2] == 2 * RIGHT.rows[8, 15] + 1
+    slots = streams.slots(frames((0x480, half(0x40)), (0x450, half(0x40)), (0x48F, half(0xC0))))
+    assert slots[0] == 0
+    assert slots[1] < 0
+    assert slots[2] == 2 * RIGHT.rows[8, 15] + 1
     assert refused(streams) == {"unconfigured_board": {5: 1}}
 
 
@@ -83,9 +83,9 @@ def test_legacy_class_3_carries_both_halves() -> None:
 
 def test_class_6_carries_the_second_half_alone() -> None:
     streams = Streams([LEFT])
-    found = streams.slots(frames((0x651, half(0xC0)), (0x651, half(0x40)), (0x652, half(0xC0)), (0x651, b"\xc0")))
-    assert found[0] == 3
-    assert (found[1:] < 0).all()
+    slots = streams.slots(frames((0x651, half(0xC0)), (0x651, half(0x40)), (0x652, half(0xC0)), (0x651, b"\xc0")))
+    assert slots[0] == 3
+    assert (slots[1:] < 0).all()
     assert refused(streams) == {"other": 3}
 
 
@@ -133,7 +133,7 @@ def test_frames_of_another_kind(flags: int, reason: str, can_id: int) -> None:
     assert refused(streams) == {reason: 2}
 
 
-def test_a_29_bit_identifier_that_ends_like_a_half_is_none() -> None:
+def test_a_29_bit_identifier_is_never_a_half() -> None:
     streams = Streams([LEFT])
     assert streams.slots(frames((0x1234_5450, half(0x40), EXTENDED)))[0] < 0
     assert refused(streams) == {"extended": 1}
@@ -142,8 +142,8 @@ def test_a_29_bit_identifier_that_ends_like_a_half_is_none() -> None:
 @pytest.mark.parametrize("can_id", [0x450, 0x452, 0x4C3])
 def test_a_skin_frame_has_8_bytes(can_id: int) -> None:
     streams = Streams([LEFT])
-    found = streams.slots(frames(*((can_id, half(0x40)[:n]) for n in range(8))))
-    assert (found < 0).all()
+    slots = streams.slots(frames(*((can_id, half(0x40)[:n]) for n in range(8))))
+    assert (slots < 0).all()
     assert refused(streams) == {"bad_dlc": 8}
 
 
@@ -161,9 +161,9 @@ def test_counters_add_up_and_halves_between_are_kept() -> None:
         (0x450, half(0x40), EXTENDED), (0x450, half(0x40), FD), (0x004, bytes(8), ERROR),
     ]  # fmt: skip
     for _ in range(3):
-        found = streams.slots(frames(*rows))
-        assert np.flatnonzero(found >= 0).tolist() == [0, 5]
-        assert found[[0, 5]].tolist() == [0, 1]
+        slots = streams.slots(frames(*rows))
+        assert np.flatnonzero(slots >= 0).tolist() == [0, 5]
+        assert slots[[0, 5]].tolist() == [0, 1]
     assert refused(streams) == {
         "unknown_tag": 3, "unconfigured_triangle": 3, "unconfigured_board": {12: 3}, "bad_dlc": 3, "other": 3,
         "remote": 3, "extended": 3, "fd": 3, "error": 3,

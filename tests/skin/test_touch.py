@@ -67,8 +67,8 @@ def known(level: NDArray[np.float64]) -> dict[tuple[int, int], float]:
 
 def where(marked: NDArray[np.bool_]) -> list[list[int]]:
     assert marked.shape == (16, 16)
-    found: list[list[int]] = np.argwhere(marked).tolist()
-    return found
+    rows: list[list[int]] = np.argwhere(marked).tolist()
+    return rows
 
 
 def test_before_the_first_frame_all_levels_are_unknown() -> None:

@@ -77,7 +77,7 @@ def test_a_taxel_flagged_out_of_range(readings: Readings, taxel: int) -> None:
 
 
 @pytest.mark.parametrize("pad", THERMAL_PADS)
-def test_the_flag_of_a_thermal_pad_spoils_nothing_else(readings: Readings, pad: int) -> None:
+def test_flag_of_a_thermal_pad_affects_no_other_taxel(readings: Readings, pad: int) -> None:
     readings.status[FRONT] = 1 << 4 + pad
     assert readings.invalid() == []
 
@@ -125,5 +125,5 @@ def test_many_cycles_at_once(readings: Readings) -> None:
     age_ns = rng.choice(np.array([-1, 0, STALE, STALE + 1], np.int64), (6, N))
     status[3] = 0
     validity = Validity(LAYOUT, boards(no_load=255, shift=7), STALE)
-    each = [validity(*of) for of in zip(counts, status, age_ns, strict=True)]
-    np.testing.assert_array_equal(validity(counts, status, age_ns), each)
+    one_by_one = [validity(*of) for of in zip(counts, status, age_ns, strict=True)]
+    np.testing.assert_array_equal(validity(counts, status, age_ns), one_by_one)

@@ -117,9 +117,9 @@ def test_ten_seconds_of_a_foot_lose_nothing(run: Running, vcan: str, tmp_path: P
         wrenches, healths = insole.wrenches("left"), insole.healths("left")
         time.sleep(0.5)
         play(tmp_path / "walk.log", vcan)
-        got = list(itertools.islice(wrenches, 495))
+        cycles = list(itertools.islice(wrenches, 495))
         health = next(health for health in healths if health.bus["frames"] >= len(frames))
-    assert sum(wrench.lost for wrench in got) == 0
+    assert sum(wrench.lost for wrench in cycles) == 0
     assert (health.bus["frames"], health.bus["overflows"]) == (len(frames), 0)
     assert health.cycles["late"] <= 1, "only the end of the log closes a cycle by time"
 
@@ -134,8 +134,8 @@ def test_replay_and_simulate_put_frames_on_the_bus(run: Running, vcan: str) -> N
             timeout=60,
         )
         golden = json.loads((GOLDEN / "walk.json").read_text())["feet"][1]["cycles"]
-        got = list(itertools.islice(raws, len(golden)))
-        assert [raw.counts.tobytes().hex().upper() for raw in got] == ["".join(cycle["counts"]) for cycle in golden]
+        cycles = list(itertools.islice(raws, len(golden)))
+        assert [raw.counts.tobytes().hex().upper() for raw in cycles] == ["".join(cycle["counts"]) for cycle in golden]
         simulate = subprocess.Popen(
             [INSOLE, "simulate", "stand", "--bus", f"socketcan:{vcan}", "--seconds", "3"], stderr=subprocess.DEVNULL
         )

@@ -52,7 +52,7 @@ def config(vcan: str, endpoint: str, tmp_path: Path) -> Path:
 def running(config: Path) -> Iterator[None]:
     """`insole run`, and an MTB3 and two MTB4 that were just powered."""
     settings = configs.load(config)
-    layouts = [load_layout(each) for each in settings.insoles]
+    layouts = [load_layout(insole_of) for insole_of in settings.insoles]
     emulator = Emulator(
         settings, layouts, Unloaded(layouts), streaming=False, generation={5: "mtb3", 6: "mtb4", 7: "mtb4"}
     )
@@ -79,22 +79,22 @@ def running(config: Path) -> Iterator[None]:
 
 @pytest.mark.timeout(300)
 def test_from_silent_boards_to_none_with_a_problem(config: Path, endpoint: str, vcan: str) -> None:
-    done, said = doctor(config)
-    assert done.returncode == 0, said
-    assert "CAN and raw CAN sockets are there" in said
-    assert f"{vcan} is up (virtual, vcan)" in said
-    assert "free" in said
-    assert "runs: boards, their versions and the bus cannot be looked at" in said
+    done, output = doctor(config)
+    assert done.returncode == 0, output
+    assert "CAN and raw CAN sockets are there" in output
+    assert f"{vcan} is up (virtual, vcan)" in output
+    assert "free" in output
+    assert "runs: boards, their versions and the bus cannot be looked at" in output
     with running(config):
-        done, said = doctor(config)
+        done, output = doctor(config)
         assert done.returncode == 1
-        assert "board 5 MTB with firmware 2.17.0; never seen" in said
-        assert "→ insole boards configure --foot left" in said
-        told = insole("boards", "configure", "--foot", "left", "--connect", endpoint)
-        assert told.returncode == 0, told.stdout + told.stderr
-        done, said = doctor(config)
-        assert done.returncode == 0, said
-        assert "board 6 MTB4 with firmware 1.25.0, sends " in said
+        assert "board 5 MTB with firmware 2.17.0; never seen" in output
+        assert "→ insole boards configure --foot left" in output
+        configured = insole("boards", "configure", "--foot", "left", "--connect", endpoint)
+        assert configured.returncode == 0, configured.stdout + configured.stderr
+        done, output = doctor(config)
+        assert done.returncode == 0, output
+        assert "board 6 MTB4 with firmware 1.25.0, sends " in output
 
 
 def doctor(config: Path) -> tuple[subprocess.CompletedProcess[str], str]:

@@ -73,9 +73,9 @@ def test_a_cable_that_was_out(cable: str, vcan: str, tmp_path: Path) -> None:
         time.sleep(CUT_S)
         ip(f"link set {cable} up")
         back = time.monotonic()
-        while (got := float(subscriber.stdout.readline())) < back:
+        while (received_s := float(subscriber.stdout.readline())) < back:
             pass
-        assert got - back < BACK_S
+        assert received_s - back < BACK_S
     finally:
         for process in (subscriber, daemon):
             if process is not None:

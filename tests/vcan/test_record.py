@@ -44,12 +44,12 @@ def test_a_recording_has_every_frame_of_the_bus(vcan: str, tmp_path: Path) -> No
     time.sleep(1)
     recorders[0].send_signal(signal.SIGINT)
     recorders[1].kill()
-    said = recorders[0].communicate(timeout=30)[1]
+    stderr = recorders[0].communicate(timeout=30)[1]
     recorders[1].communicate(timeout=30)
     golden = read(GOLDEN / "walk.log").frames
-    assert recorders[0].returncode == 0, said
-    assert re.search(rf"recorded .*, {len(golden)} frames, .* MB", said), said
-    assert " lost" not in said, said
+    assert recorders[0].returncode == 0, stderr
+    assert re.search(rf"recorded .*, {len(golden)} frames, .* MB", stderr), stderr
+    assert " lost" not in stderr, stderr
     for name in ("one", "two"):
         log = read(tmp_path / name / "can.log").frames
         np.testing.assert_array_equal(log.can_id, golden.can_id)

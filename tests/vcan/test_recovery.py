@@ -262,7 +262,7 @@ def test_bus_off_and_its_end(names, read):
     assert reader.source.counters.error_frames == {"bus_off": 2, "restarted": 1}
 
 
-def test_what_is_sent_leaves_through_what_is_open_now(names, read):
+def test_frames_leave_through_the_socket_that_is_open_now(names, read):
     name = names[0]
     create(name)
     reader = read(name)
@@ -367,10 +367,10 @@ class Rig:
 
     def bus_events(self, n_up: int = 1) -> list[Event]:
         """All of them until so many interfaces are up again."""
-        told: list[Event] = []
-        while sum(event.kind == "bus_up" for event in told) < n_up:
-            told.append(self.bus_event())
-        return told
+        events: list[Event] = []
+        while sum(event.kind == "bus_up" for event in events) < n_up:
+            events.append(self.bus_event())
+        return events
 
     def log(self) -> str:
         return (self.folder / "daemon.log").read_text()
@@ -387,9 +387,9 @@ class Rig:
         for messages in (self.raws[foot], self.healths[foot]):
             while messages[-1].t_ns < until_ns:
                 time.sleep(0.05)
-        told = [(health.t_ns, health.cycles["skipped"]) for health in list(self.healths[foot])]
-        before = max((skipped for t_ns, skipped in told if t_ns <= sent[0, 0]), default=0)
-        left_out = min(skipped for t_ns, skipped in told if t_ns >= until_ns) - before
+        skipped_at = [(health.t_ns, health.cycles["skipped"]) for health in list(self.healths[foot])]
+        before = max((skipped for t_ns, skipped in skipped_at if t_ns <= sent[0, 0]), default=0)
+        left_out = min(skipped for t_ns, skipped in skipped_at if t_ns >= until_ns) - before
         received = np.array([raw.triangle_t_ns[0] for raw in list(self.raws[foot])])  # by the kernel, as it was sent
         lost = [[first, last] for first, last in sent.tolist() if not ((received >= first) & (received <= last)).any()]
         assert len(lost) <= left_out, f"{foot}: {len(lost)} of {len(sent)} lost, {left_out} told: {lost}"
@@ -495,18 +495,18 @@ def test_the_daemon_is_back_at_full_rate_and_the_other_foot_continues(rig, names
     lost_ns = time.time_ns()
     if how == "down and up":
         ip("link", "set", names[0], "down")
-        told = [rig.bus_event()]
+        events = [rig.bus_event()]
         ip("link", "set", names[0], "up")
     else:
         index = socket.if_nametoindex(names[0])
         ip("link", "del", names[0])
-        told = [rig.bus_event()]
+        events = [rig.bus_event()]
         create(names[0], index + 100)
-    told += rig.bus_events()
-    assert told[0].kind in ("bus_down", "bus_missing")
-    assert all(event.boards == [5] for event in told)
+    events += rig.bus_events()
+    assert events[0].kind in ("bus_down", "bus_missing")
+    assert all(event.boards == [5] for event in events)
     rig.boards["left"].silent = False
-    rig.check_ticks("left", told[-1].t_ns)
+    rig.check_ticks("left", events[-1].t_ns)
     rig.check_ticks("right", lost_ns)
     rig.check_frames()
     rig.check_numbers()
@@ -553,11 +553,11 @@ def test_a_reload_loses_no_cycle_and_counts_from_one_to_the_next(rig, names):
     with (rig.folder / "config.yaml").open("a") as config:
         config.write("contact: {activation_threshold_count: 250}\n")
     rig.process.send_signal(signal.SIGHUP)
-    told = next(event for event in rig.events if event.kind.startswith("reload"))
-    assert (told.kind, told.text) == ("reloaded", "changed: contact.activation_threshold_count")
+    reloaded = next(event for event in rig.events if event.kind.startswith("reload"))
+    assert (reloaded.kind, reloaded.text) == ("reloaded", "changed: contact.activation_threshold_count")
     assert rig.client.meta("left").activation_threshold_count == 250
     for foot, of in pressures.items():
-        while sum(pressure.t_ns > told.t_ns for pressure in published[foot]) < 50:
+        while sum(pressure.t_ns > reloaded.t_ns for pressure in published[foot]) < 50:
             published[foot].append(next(of))
         numbers = [pressure.seq for pressure in published[foot]]
         assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))

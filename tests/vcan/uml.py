@@ -122,15 +122,15 @@ def init_script(command: Sequence[str], cwd: Path, environment: Mapping[str, str
 def module_files() -> list[Path]:
     """The CAN modules of the kernel that will boot."""
     version = subprocess.run([KERNEL, "--version"], capture_output=True, text=True, check=True).stdout.strip()
-    found = []
+    files = []
     for pattern in MODULE_FILES:
         match = sorted((MODULES / version / "kernel").glob(pattern))
         if not match:
             raise UmlError(
                 f"expected the module {pattern} under {MODULES / version}, found none; reinstall: {PACKAGES}"
             )
-        found.append(match[0])
-    return found
+        files.append(match[0])
+    return files
 
 
 def run_kernel(init: Path, memory: str, timeout_s: float) -> tuple[bool, str]:
@@ -178,8 +178,8 @@ def pass_on(kernel: subprocess.Popen[bytes], deadline: float) -> tuple[bool, str
         if not chunk:
             return True, console.decode(errors="replace")
         if not begun:
-            said, mark, chunk = chunk.partition(BEGIN)
-            console += said
+            before, mark, chunk = chunk.partition(BEGIN)
+            console += before
             begun = bool(mark)
         if begun and not ended:
             output, mark, _ = chunk.partition(END)

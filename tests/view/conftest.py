@@ -48,10 +48,10 @@ class Browser:
     def until(self, body: str, *arguments: Any) -> Any:
         """What `body` returns once it is true."""
         end = time.monotonic() + PATIENCE_S
-        while not (found := self.js(body, *arguments)):
+        while not (value := self.js(body, *arguments)):
             assert time.monotonic() < end, f"it never became true: {body}"
             time.sleep(0.05)
-        return found
+        return value
 
     def find(self, selector: str) -> Any:
         return self.driver.find_element(By.CSS_SELECTOR, selector)
@@ -61,8 +61,8 @@ class Browser:
 
     def complaints(self) -> list[str]:
         """Errors since it was last asked, as of the security policy; but not that a server was gone on purpose."""
-        said = [entry["message"] for entry in self.driver.get_log("browser") if entry["level"] == "SEVERE"]
-        return [text for text in said if "ERR_CONNECTION_REFUSED" not in text]
+        messages = [entry["message"] for entry in self.driver.get_log("browser") if entry["level"] == "SEVERE"]
+        return [text for text in messages if "ERR_CONNECTION_REFUSED" not in text]
 
 
 @pytest.fixture(scope="session")

@@ -22,14 +22,14 @@ from insole_daemon.wire.client import Client
 from insole_daemon.wire.messages import Event, Health
 
 
-def told(hub):
+def messages_of(hub):
     viewer = Viewer()
     hub.join(viewer)
-    found = []
+    messages = []
     while (words := viewer.take()) is not None:
-        found.append(json.loads(words))
+        messages.append(json.loads(words))
         viewer.answered()
-    return found
+    return messages
 
 
 def test_a_later_viewer_gets_the_last_state_and_events_but_not_every_step():
@@ -43,13 +43,13 @@ def test_a_later_viewer_gets_the_last_state_and_events_but_not_every_step():
         for uptime_s in (1.0, 2.0):
             hub._take(Health("left", 1, uptime_s, "ok", {}, 50.0, {}, {}, [], [], {}, {}, {}))
         hub.publish_latched("recording", {"running": False, "text": ""})
-        return told(hub)
+        return messages_of(hub)
 
-    found = asyncio.run(run())
-    assert [(each["kind"], each.get("what")) for each in found] == [
+    messages = asyncio.run(run())
+    assert [(message["kind"], message.get("what")) for message in messages] == [
         ("health", None), ("recording", None), ("event", "board_silent"),
     ]  # fmt: skip
-    assert found[0]["uptime_s"] == 2.0
+    assert messages[0]["uptime_s"] == 2.0
 
 
 def test_the_model_that_is_not_in_use_is_drawn_beside_the_one_that_is():

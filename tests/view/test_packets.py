@@ -39,9 +39,9 @@ def packet(beside=NOTHING, **change):
         *head, given["f_z_n"], 1.5, -20.0, 0.04, None, None, None, None, 0.0, 0.9, given["valid"], given["age_ms"],
         missing, False, "static", 0.0,
     )  # fmt: skip
-    found = cycle_packet(META, raw, pressure, wrench, beside)
-    arrays = np.frombuffer(found, "<u2", 2 * 12 * N, HEAD.size), np.frombuffer(found[HEAD.size + 48 * N :], np.uint8)
-    return HEAD.unpack(found[: HEAD.size]), *arrays[0].reshape(2, N, 12), *arrays[1].reshape(2, N, 12)
+    packed = cycle_packet(META, raw, pressure, wrench, beside)
+    arrays = np.frombuffer(packed, "<u2", 2 * 12 * N, HEAD.size), np.frombuffer(packed[HEAD.size + 48 * N :], np.uint8)
+    return HEAD.unpack(packed[: HEAD.size]), *arrays[0].reshape(2, N, 12), *arrays[1].reshape(2, N, 12)
 
 
 def test_the_page_decodes_published_messages():
@@ -58,9 +58,9 @@ def test_the_page_decodes_published_messages():
     assert not flags.any()
     floats = re.search(r"FLOATS = \[(.*?)\]", JS, re.DOTALL).group(1)
     assert floats.count('"') // 2 == len(head) - 6
-    said = {name: int(value, 0) for name, value in re.findall(r"(\w+) = (0x\w+|\d+)[,;]", JS)}
-    assert (said["HEAD_BYTES"], said["UNKNOWN"]) == (HEAD.size, UNKNOWN)
-    assert (said["INVALID"], said["STALE"], said["SATURATED"]) == (INVALID, STALE, SATURATED)
+    constants = {name: int(value, 0) for name, value in re.findall(r"(\w+) = (0x\w+|\d+)[,;]", JS)}
+    assert (constants["HEAD_BYTES"], constants["UNKNOWN"]) == (HEAD.size, UNKNOWN)
+    assert (constants["INVALID"], constants["STALE"], constants["SATURATED"]) == (INVALID, STALE, SATURATED)
     assert f"KPA_PER_UNIT = {UNIT_PA / 1e3:g};" in JS
 
 

@@ -63,8 +63,8 @@ def becomes(browser, foot, wanted, x_mm, y_mm=0.0, within=22):
     """Wait until the map has that colour; sensors differ by some percent, and read to 8 kPa."""
     end = time.monotonic() + PATIENCE_S
     while np.abs(colour(browser, foot, x_mm, y_mm) - wanted).max() > within:
-        found = colour(browser, foot, x_mm, y_mm)
-        assert time.monotonic() < end, f"{foot} at {x_mm}, {y_mm}: expected about {wanted}, found {found}"
+        shown = colour(browser, foot, x_mm, y_mm)
+        assert time.monotonic() < end, f"{foot} at {x_mm}, {y_mm}: expected about {wanted}, found {shown}"
         time.sleep(0.1)
 
 
@@ -203,8 +203,8 @@ def test_a_refused_temperature_request_is_shown_with_its_reason(browser, page, l
         look(browser, page)
         browser.click("#ask-temperature")
         span = "document.querySelector('#temperature span').textContent"
-        said = browser.until(f"return {span} !== 'asking …' && {span}")
-        assert "nothing is sent to the boards" in said, "unless it is configured"
+        reason = browser.until(f"return {span} !== 'asking …' && {span}")
+        assert "nothing is sent to the boards" in reason, "unless it is configured"
 
 
 def test_a_pause_stands_still_and_is_looked_through_with_the_keyboard(browser, page, live_daemon):
@@ -283,7 +283,7 @@ def test_words_can_be_read_in_light_and_dark(browser, page, live_daemon, scheme)
     look_at = [{"name": "prefers-color-scheme", "value": scheme}]
     browser.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": look_at})
     browser.open(page)
-    found = browser.until(  # the styles may come a moment after the page
+    colours = browser.until(  # the styles may come a moment after the page
         """const style = getComputedStyle(document.documentElement);
         const found = Object.fromEntries(
           ["ink", "soft", "card", "page", "accent", "on-accent", "alarm", "left", "right"]
@@ -293,7 +293,7 @@ def test_words_can_be_read_in_light_and_dark(browser, page, live_daemon, scheme)
     browser.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
 
     def luminance(name):
-        digits = found[name].lstrip("#")
+        digits = colours[name].lstrip("#")
         digits = "".join(each * 2 for each in digits) if len(digits) == 3 else digits
         parts = np.array([int(digits[i : i + 2], 16) / 255 for i in (0, 2, 4)])
         return np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4) @ (0.2126, 0.7152, 0.0722)
@@ -385,7 +385,7 @@ def test_shortcuts_are_dead_behind_a_dialog_and_no_number_is_minus_zero(browser,
         browser.js("document.querySelector('#zeroing').close('')")
         browser.js("document.body.dispatchEvent(new KeyboardEvent('keydown', {key: ' ', bubbles: true}))")
         assert browser.js("return document.querySelector('#pause').getAttribute('aria-pressed')") == "true"
-    said = browser.driver.execute_async_script(
+    number = browser.driver.execute_async_script(
         "const done = arguments[0]; import('/panels.js').then(({number}) => done(number(-0.0004, 1, 1)))"
     )
-    assert said == "0.0"
+    assert number == "0.0"

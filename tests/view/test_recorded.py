@@ -69,16 +69,16 @@ def test_its_figures_are_those_of_the_recording(walk):
 
 def test_a_recording_of_little_has_a_page_too(walk, tmp_path):
     for name, change in {
-        "uncalibrated": lambda said: [insole.pop("calibration") for insole in said["insoles"]],
-        "one foot": lambda said: (said["insoles"].pop(), said["reference"].pop()),
+        "uncalibrated": lambda document: [insole.pop("calibration") for insole in document["insoles"]],
+        "one foot": lambda document: (document["insoles"].pop(), document["reference"].pop()),
     }.items():
         folder = tmp_path / name
         folder.mkdir()
         for file in walk.iterdir():
             (folder / file.name).write_bytes(file.read_bytes())
-        said = yaml.safe_load((walk / "recording.yaml").read_text())
-        change(said)
-        (folder / "recording.yaml").write_text(yaml.safe_dump(said))
+        document = yaml.safe_load((walk / "recording.yaml").read_text())
+        change(document)
+        (folder / "recording.yaml").write_text(yaml.safe_dump(document))
         assert "Health" in recorded_page(insole_daemon.load(folder))
     empty = tmp_path / "empty"
     Trial("t4", CONFIG, LAYOUTS, seed=1).write(empty, 12.0)

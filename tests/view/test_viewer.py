@@ -76,11 +76,11 @@ def test_texts_are_kept_and_sent_before_cycles():
         viewer.queue_cycle(0, b"new")
         viewer.queue_text("one")
         viewer.queue_text("two")
-        found = []
+        sent = []
         for _ in range(4):
-            found.append(await viewer.next())
+            sent.append(await viewer.next())
             viewer.answered()
-        return found
+        return sent
 
     assert asyncio.run(run()) == ["one", "two", b"right", b"new"]
 

@@ -192,8 +192,8 @@ def test_the_doctor_finds_nothing_wrong_with_it(example):
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
     assert re.search(r"^ok +certificates +.*zenoh.json5", done.stdout, re.MULTILINE)
-    said = " ".join(done.stdout.split())  # it is folded
-    assert f"in use, as it seems by the daemon that answers on {example.loopback}" in said
+    output = " ".join(done.stdout.split())  # it is folded
+    assert f"in use, as it seems by the daemon that answers on {example.loopback}" in output
     assert "exposure" not in done.stdout
 
 
@@ -219,8 +219,8 @@ def test_a_daemon_open_to_the_network_warns_when_it_starts(tmp_path):
     ],
 )
 def test_access_open_to_others_is_reported(zenoh, words):
-    (said,) = exposures(zenoh)
-    assert re.search(words, said)
+    (message,) = exposures(zenoh)
+    assert re.search(words, message)
 
 
 @pytest.mark.parametrize("endpoint", ["tcp/127.0.0.1:7447", "tcp/[::1]:1", "udp/localhost:1", "unixsock-stream//run/x"])
@@ -233,8 +233,8 @@ def test_certificates_without_access_rules_are_warned_about(example, tmp_path):
     for file in ("ca.pem", "daemon.pem", "daemon.key"):
         shutil.copy(example.folder / file, tmp_path)
     (tmp_path / "zenoh.json5").write_text(text)
-    (said,) = exposures(Zenoh(listen=("tls/0.0.0.0:7448",), config_file=tmp_path / "zenoh.json5"))
-    assert "access_control" in said
+    (message,) = exposures(Zenoh(listen=("tls/0.0.0.0:7448",), config_file=tmp_path / "zenoh.json5"))
+    assert "access_control" in message
 
 
 @pytest.mark.parametrize(

@@ -34,29 +34,29 @@ def test_wrenches_of_one_foot_come_without_a_gap(daemon):
     with daemon.boards(), insole_daemon.connect(daemon.endpoint) as insole:
         wrenches = insole.wrenches("left")
         take(wrenches, 10)
-        got = take(wrenches, 100)
+        received = take(wrenches, 100)
         # Boards that get no CPU for a while leave no force; somebody walks.
         next(wrench for wrench in wrenches if wrench.f_z_n is not None and wrench.f_z_n > 300)
-    assert {wrench.foot for wrench in got} == {"left"}
-    assert [wrench.lost for wrench in got] == [0] * 100
-    assert np.diff([wrench.seq for wrench in got]).tolist() == [1] * 99
-    assert all(wrench.valid.shape == (28, 12) for wrench in got)
+    assert {wrench.foot for wrench in received} == {"left"}
+    assert [wrench.lost for wrench in received] == [0] * 100
+    assert np.diff([wrench.seq for wrench in received]).tolist() == [1] * 99
+    assert all(wrench.valid.shape == (28, 12) for wrench in received)
 
 
 def test_async_twin_and_every_key(daemon):
     async def listen():
-        found = {}
+        newest = {}
         async with insole_daemon.connect(daemon.endpoint) as insole:
             async for message in insole.messages("insole/**"):
-                found[type(message)] = message
-                if len(found) >= 5:
+                newest[type(message)] = message
+                if len(newest) >= 5:
                     break
             meta = await asyncio.to_thread(insole.meta, "right")
-        return found, meta
+        return newest, meta
 
     with daemon.boards():
-        found, meta = asyncio.run(listen())
-    assert {cls.SCHEMA for cls in found} <= {cls.SCHEMA for cls in BY_KEY.values()}
+        newest, meta = asyncio.run(listen())
+    assert {cls.SCHEMA for cls in newest} <= {cls.SCHEMA for cls in BY_KEY.values()}
     assert meta.foot == "right"
 
 
@@ -215,10 +215,10 @@ def test_a_subscriber_that_stops_reading_costs_nobody_else_a_cycle(daemon):
         with daemon.boards(), insole_daemon.connect(daemon.endpoint) as insole:
             wrenches = insole.wrenches("left")
             take(wrenches, 10)
-            got = take(wrenches, 750)  # 15 s: every buffer to the stuck one is full after 11
-        assert sum(w.lost for w in got) == 0
+            received = take(wrenches, 750)  # 15 s: every buffer to the stuck one is full after 11
+        assert sum(w.lost for w in received) == 0
         # Who waits for the stuck one waits for seconds, until its link is given up; a busy host is late for less.
-        assert np.diff([w.t_published_ns for w in got]).max() < 2e9
+        assert np.diff([w.t_published_ns for w in received]).max() < 2e9
     finally:
         stuck.kill()
         stuck.wait()

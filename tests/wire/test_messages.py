@@ -85,10 +85,10 @@ def test_every_kind_is_here() -> None:
 @every_message
 def test_round_trip(message: Message) -> None:
     payload = message.encode()
-    found = type(message).decode(payload, encoding(message))
-    assert found.encode() == payload
+    decoded = type(message).decode(payload, encoding(message))
+    assert decoded.encode() == payload
     for name in wire_fields(type(message)):
-        before, after = getattr(message, name), getattr(found, name)
+        before, after = getattr(message, name), getattr(decoded, name)
         if isinstance(before, np.ndarray):
             assert (after.dtype, after.shape) == (before.dtype, before.shape), name
             np.testing.assert_array_equal(after, before, err_msg=name)
@@ -107,11 +107,11 @@ def test_unknown_values_are_nil_on_the_wire_and_none_in_python() -> None:
 
 def test_arrays_travel_as_little_endian_bytes() -> None:
     raw, *_ = cycle()
-    found = msgpack.unpackb(raw.encode())
-    assert found["counts"] == bytes(raw.counts.ravel().tolist())
-    assert found["triangle_t_ns"][:8] == int(raw.triangle_t_ns[0]).to_bytes(8, "little")
-    assert np.frombuffer(found["age_ms"], "<f4")[0] == pytest.approx(25.0)
-    assert np.isnan(np.frombuffer(found["age_ms"], "<f4")[-1])
+    fields = msgpack.unpackb(raw.encode())
+    assert fields["counts"] == bytes(raw.counts.ravel().tolist())
+    assert fields["triangle_t_ns"][:8] == int(raw.triangle_t_ns[0]).to_bytes(8, "little")
+    assert np.frombuffer(fields["age_ms"], "<f4")[0] == pytest.approx(25.0)
+    assert np.isnan(np.frombuffer(fields["age_ms"], "<f4")[-1])
 
 
 def test_lost_stays_at_home() -> None:
@@ -120,15 +120,15 @@ def test_lost_stays_at_home() -> None:
     assert Raw.decode(replace(raw, lost=3).encode()).lost == 0
 
 
-def refusal(payload: bytes, cls: type[Message] = Wrench, said: str | None = None) -> str:
+def refusal(payload: bytes, cls: type[Message] = Wrench, encoding_of: str | None = None) -> str:
     with pytest.raises(WireError) as caught:
-        cls.decode(payload, said)
+        cls.decode(payload, encoding_of)
     return str(caught.value)
 
 
 def wrench_with(**changes: Any) -> bytes:
-    found = msgpack.unpackb(cycle()[2].encode()) | changes
-    return msgpack.packb({key: value for key, value in found.items() if value is not ...})
+    fields = msgpack.unpackb(cycle()[2].encode()) | changes
+    return msgpack.packb({key: value for key, value in fields.items() if value is not ...})
 
 
 @pytest.mark.parametrize(
@@ -146,9 +146,9 @@ def test_not_a_map(value: Any, kind: str) -> None:
 
 
 def test_a_missing_key() -> None:
-    found = refusal(wrench_with(cop_x_m=...))
-    assert "expected the keys ['age_ms', 'beyond_fraction', 'contact_area_m2'," in found
-    assert "missing ['cop_x_m'], unknown []" in found
+    message = refusal(wrench_with(cop_x_m=...))
+    assert "expected the keys ['age_ms', 'beyond_fraction', 'contact_area_m2'," in message
+    assert "missing ['cop_x_m'], unknown []" in message
 
 
 def test_an_unknown_key() -> None:
@@ -175,20 +175,20 @@ def test_an_unknown_key() -> None:
     ],
 )
 def test_wrong_values(changes: dict[str, Any], message: str) -> None:
-    found = refusal(wrench_with(**changes))
-    assert found.startswith(f"insole.wrench/2: {message}")
-    assert len(found) < 200
+    text = refusal(wrench_with(**changes))
+    assert text.startswith(f"insole.wrench/2: {message}")
+    assert len(text) < 200
 
 
 def test_a_whole_number_is_a_number() -> None:
     assert Wrench.decode(wrench_with(f_z_n=700)).f_z_n == 700
 
 
-@pytest.mark.parametrize("said", ["application/msgpack;insole.wrench/1", "application/msgpack", "zenoh/bytes", ""])
-def test_another_version_is_recognised_by_its_encoding(said: str) -> None:
-    found = refusal(cycle()[2].encode(), Wrench, said)
-    assert found.startswith(f"expected a message 'application/msgpack;insole.wrench/2', found '{said}'")
-    assert "install the same insole-daemon on both sides" in found
+@pytest.mark.parametrize("received", ["application/msgpack;insole.wrench/1", "application/msgpack", "zenoh/bytes", ""])
+def test_another_version_is_recognised_by_its_encoding(received: str) -> None:
+    message = refusal(cycle()[2].encode(), Wrench, received)
+    assert message.startswith(f"expected a message 'application/msgpack;insole.wrench/2', found '{received}'")
+    assert "install the same insole-daemon on both sides" in message
 
 
 def test_a_message_class_refuses_the_other_kinds() -> None:
@@ -201,10 +201,10 @@ def test_a_message_class_refuses_the_other_kinds() -> None:
 
 def test_arrays_of_no_length_along_an_axis_of_any() -> None:
     """No bytes are right for 0 triangles, but numpy has no array of such a shape."""
-    found = msgpack.unpackb(FOOT.calibration_in_use().encode()) | {
+    fields = msgpack.unpackb(FOOT.calibration_in_use().encode()) | {
         "n_triangles": 0, "n_coefficients": 2**62, "baseline_count": b"", "coefficients_pa": b"", "usable": b"",
     }  # fmt: skip
-    refusal(msgpack.packb(found), CalibrationInUse)
+    refusal(msgpack.packb(fields), CalibrationInUse)
 
 
 # ---- fuzz: only WireError, whatever comes
@@ -239,10 +239,10 @@ def test_spoilt_payloads(message: Message, changes: list[tuple[int, int]]) -> No
 @settings(max_examples=200, deadline=None)
 @given(st.sampled_from(MESSAGES), st.data())
 def test_wrong_values_under_the_right_keys(message: Message, data: st.DataObject) -> None:
-    found = msgpack.unpackb(message.encode())
-    for name in data.draw(st.lists(st.sampled_from(sorted(found)), min_size=1, max_size=3)):
-        found[name] = data.draw(values | st.sampled_from([0, 1, 2**62, b""]))
-    try_to_decode(type(message), msgpack.packb(found))
+    fields = msgpack.unpackb(message.encode())
+    for name in data.draw(st.lists(st.sampled_from(sorted(fields)), min_size=1, max_size=3)):
+        fields[name] = data.draw(values | st.sampled_from([0, 1, 2**62, b""]))
+    try_to_decode(type(message), msgpack.packb(fields))
 
 
 @settings(max_examples=100, deadline=None)

@@ -56,19 +56,19 @@ def daemon(tmp_path, zenoh):
 
 
 def test_an_oversized_payload_is_dropped_and_other_messages_arrive():
-    endpoint, got = f"tcp/127.0.0.1:{free_port()}", []
+    endpoint, received = f"tcp/127.0.0.1:{free_port()}", []
     with open_session("peer", [endpoint]) as ours, open_session("client", connect=[endpoint]) as theirs:
 
         def put_until_there(payload):
-            while payload not in got:  # whoever is not connected, or has no room, gets nothing
+            while payload not in received:  # whoever is not connected, or has no room, gets nothing
                 theirs.put("insole/small", payload)
                 time.sleep(0.05)
 
-        with ours.declare_subscriber("insole/**", lambda sample: got.append(sample.payload.to_bytes()[:5])):
+        with ours.declare_subscriber("insole/**", lambda sample: received.append(sample.payload.to_bytes()[:5])):
             put_until_there(b"first")
             theirs.put("insole/huge", bytes(20_000_000), congestion_control=zenoh.CongestionControl.BLOCK)
             put_until_there(b"last")
-    assert set(got) == {b"first", b"last"}
+    assert set(received) == {b"first", b"last"}
 
 
 def works(endpoint):

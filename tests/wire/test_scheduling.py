@@ -27,11 +27,11 @@ with open_daemon_session(Zenoh(listen=("tcp/127.0.0.1:0",))) as session:
 
 
 def policy_of_new_thread() -> int:
-    found: list[int] = []
-    thread = threading.Thread(target=lambda: found.append(os.sched_getscheduler(0)))
+    policies: list[int] = []
+    thread = threading.Thread(target=lambda: policies.append(os.sched_getscheduler(0)))
     thread.start()
     thread.join()
-    return found[0]
+    return policies[0]
 
 
 def test_zenohs_threads_run_as_batch_and_the_loop_as_before() -> None:

@@ -50,12 +50,12 @@ def main() -> int:
     from benchmarks.decode.fuzz.targets import TARGETS
 
     print("| target | inputs | CPU min | of them without new coverage | edges | found |\n|---|---|---|---|---|---|")
-    found = 0
+    n_found = 0
     for name in asked.targets or TARGETS:
         line, bad = watched(name, asked.corpus / name, asked.minutes, TARGETS[name].byte_parser)
-        found += bad
+        n_found += bad
         print(line, flush=True)
-    return int(found > 0)
+    return int(n_found > 0)
 
 
 def watched(name: str, corpus: Path, minutes: float | None, byte_parser: bool) -> tuple[str, bool]:
@@ -70,14 +70,14 @@ def watched(name: str, corpus: Path, minutes: float | None, byte_parser: bool) -
     enough = False
     for line in process.stderr:
         last = [*last[-30:], line]
-        seen = re.match(r"#(\d+)\s+(\w+)\s+(?:cov: (\d+))?", line)
-        if not seen:
+        match = re.match(r"#(\d+)\s+(\w+)\s+(?:cov: (\d+))?", line)
+        if not match:
             continue
         used_s = cpu_s(process.pid)
-        if seen[2] == "inputs":
-            inputs = int(seen[1])
-        if seen[2] in ("INITED", "NEW") and int(seen[3] or 0) > edges:
-            edges, newest_s = int(seen[3] or 0), used_s
+        if match[2] == "inputs":
+            inputs = int(match[1])
+        if match[2] in ("INITED", "NEW") and int(match[3] or 0) > edges:
+            edges, newest_s = int(match[3] or 0), used_s
         if minutes is not None:
             enough = used_s >= 60 * minutes
         elif byte_parser:

@@ -43,12 +43,12 @@ _LOG = (
 
 def frames() -> list[bytes]:
     """struct can_frame, 16 bytes: halves of cycles, answers, commands, an error frame."""
-    said = [
+    payloads = [
         (0x450, "40EEEFF1EFF1F1F0"), (0x450, "C0EEEFF1EFF10000"), (0x468, "41EEEFF1EFF1F1F0"),
         (0x250, "1C0B010203020001"), (0x7A0, "FF0B010203"), (0x350, "01FA000000"), (0x205, "0700"), (0x70F, "FF"),
         (0x20000004, "0004000000000000"),
     ]  # fmt: skip
-    return [struct.pack("<IB3x8s", i, len(d) // 2, bytes.fromhex(d)) for i, d in said]
+    return [struct.pack("<IB3x8s", i, len(d) // 2, bytes.fromhex(d)) for i, d in payloads]
 
 
 def cycles() -> list[bytes]:
@@ -151,7 +151,7 @@ def calibration() -> list[bytes]:
         "coefficients_covariance_pa2": [[1.0, 0.1], [0.1, 2.0]],
         "valid_range": {"activation_count": [0, 100.5]},
     }
-    said = {
+    document = {
         "format": "insole-calibration/1", "foot": "left", "effects": [], "provenance": {"by": "test"},
         "taxels": [
             taxel | {"coefficients_pa": [0.0, 7900.0], "extensions": extensions},
@@ -169,15 +169,15 @@ def calibration() -> list[bytes]:
             "w": {"value": [0.05, 0.03], "unit": "1"},
         },
     }  # fmt: skip
-    model = said | {"effects": [lag, hysteresis]}
-    return [json.dumps(said).encode(), json.dumps(said, indent=1).encode(), json.dumps(model).encode()]
+    model = document | {"effects": [lag, hysteresis]}
+    return [json.dumps(document).encode(), json.dumps(document, indent=1).encode(), json.dumps(model).encode()]
 
 
 def zero() -> list[bytes]:
     """Of a few taxels."""
-    said = json.loads(_recorded()["zero.json"])
-    assert said["format"] == zeros.FORMAT
-    return [json.dumps(said | {"taxels": said["taxels"][:3]}).encode()]
+    document = json.loads(_recorded()["zero.json"])
+    assert document["format"] == zeros.FORMAT
+    return [json.dumps(document | {"taxels": document["taxels"][:3]}).encode()]
 
 
 def reference() -> list[bytes]:

@@ -126,9 +126,9 @@ def _frames(data: bytes) -> None:
     slots = _streams().slots(batch)
     assert ((slots >= -4) & (slots < 2 * len(LAYOUT))).all()
     count_kinds(batch, {})
-    for can_id, dlc, said in zip(batch.can_id.tolist(), batch.dlc.tolist(), batch.data, strict=True):
+    for can_id, dlc, payload in zip(batch.can_id.tolist(), batch.dlc.tolist(), batch.data, strict=True):
         for answer in (commands.read_discovery, commands.read_version, commands.read_temperature):
-            answer(can_id, said[:dlc].tobytes())
+            answer(can_id, payload[:dlc].tobytes())
 
 
 def _cycles(data: bytes) -> None:
@@ -146,15 +146,15 @@ def _candump_lines(data: bytes) -> None:
     columns = decode(np.frombuffer(bytes(PAD) + text + bytes(PAD), np.uint8), PAD, PAD + len(text), form)
     for row, line in enumerate(text.split(b"\n")[:-1]):
         try:
-            found = parse_line(line)
+            parsed = parse_line(line)
         except BadLine:
             name = columns.key[:, row].tobytes().rstrip(b"\0")  # as PieceDecoder judges it
             assert not (columns.ok[row] and name.startswith(b" ") and interface_name(name.strip(b" ")))
             continue
         if columns.ok[row]:
             columns_say = columns.t_ns, columns.can_id, columns.dlc, columns.flags
-            assert [column[row] for column in columns_say] == [found.t_ns, found.can_id, found.dlc, found.flags]
-            assert columns.data[row].tobytes() == found.data
+            assert [column[row] for column in columns_say] == [parsed.t_ns, parsed.can_id, parsed.dlc, parsed.flags]
+            assert columns.data[row].tobytes() == parsed.data
 
 
 def _candump(path: Path) -> None:

@@ -202,7 +202,7 @@ def play(buses: dict[str, Bus], frames: dict[str, FrameBatch], stop: threading.E
 
 
 def main(config_file: str, out: str, faults: str) -> None:
-    said = json.loads(faults)
+    listed = json.loads(faults)
     config = configs.load(config_file)
     stop = threading.Event()
     buses, emulators = {}, {}
@@ -212,13 +212,13 @@ def main(config_file: str, out: str, faults: str) -> None:
         emulators[insole.foot] = Emulator(
             config,
             [layout],
-            Pressed(len(layout), said["pressure_pa"], said["lift_s"]),
-            faults=[InjectedFault(**fault) for fault in said["faults"]] if insole.foot == "left" else (),
+            Pressed(len(layout), listed["pressure_pa"], listed["lift_s"]),
+            faults=[InjectedFault(**fault) for fault in listed["faults"]] if insole.foot == "left" else (),
             generation="mtb4",
         )
     threads = [threading.Thread(target=strange, args=(buses["left"], stop))]
     began = threading.Event()
-    if said["obey"]:
+    if listed["obey"]:
         began.set()
         for foot, bus in buses.items():
             threads.append(threading.Thread(target=emulators[foot].play, args=(bus.send, stop, None, bus.receive)))

@@ -39,7 +39,7 @@ class Verdict:
 def judge(rig: Rig, group: str, fault: str, bar_s: float, note: str, fault_is_over: bool) -> Verdict:
     """Read what the processes of `rig` wrote. `fault_is_over`: else values are not expected to be valid again."""
     seen = seens.load(rig.folder / "seen", rig.folder / "sent.npz", rig.layouts)
-    backs, believeds, said = [], [], []
+    backs, believeds, sentences = [], [], []
     lost_in = lost_out = cycles = 0
     for name, foot in seen.feet.items():
         end_ns = int(foot.got_ns[-1])
@@ -60,14 +60,14 @@ def judge(rig: Rig, group: str, fault: str, bar_s: float, note: str, fault_is_ov
         lost_out += int((~inside).sum())
         during = (foot.got_ns >= rig.began_ns) & (foot.got_ns < rig.ended_ns)
         cycles += int((~during).sum())
-        said.append(f"{name} {_during(foot, rig, during, valid, fresh, usual)}")
-    if len(said) == 1:
-        said = [said[0].partition(" ")[2]]
-    elif said[0].partition(" ")[2] == said[1].partition(" ")[2]:
-        said = [said[0].replace("left", "both feet", 1)]
-    told = seens.kinds(seen.events, rig.began_ns - MARGIN_NS, rig.ended_ns + 4_000_000_000)
+        sentences.append(f"{name} {_during(foot, rig, during, valid, fresh, usual)}")
+    if len(sentences) == 1:
+        sentences = [sentences[0].partition(" ")[2]]
+    elif sentences[0].partition(" ")[2] == sentences[1].partition(" ")[2]:
+        sentences = [sentences[0].replace("left", "both feet", 1)]
+    kinds = seens.kinds(seen.events, rig.began_ns - MARGIN_NS, rig.ended_ns + 4_000_000_000)
     counted = _counted(seen, rig)
-    saw = "; ".join(said) + (f". Events: {told}" if told else "") + (f". `health`: {counted}" if counted else "")
+    saw = "; ".join(sentences) + (f". Events: {kinds}" if kinds else "") + (f". `health`: {counted}" if counted else "")
     back = None if None in backs else max(backs)
     believed = None if None in believeds or not fault_is_over else max(believeds)
     return Verdict(group, fault, bar_s, saw, back, believed, lost_in, lost_out, cycles, note)

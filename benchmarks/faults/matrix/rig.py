@@ -108,12 +108,12 @@ class Rig:
             [*self._subscribe_in, sys.executable, "-m", "benchmarks.faults.matrix.subscriber", self.endpoint,
              str(self.folder / "seen")]
         )  # fmt: skip
-        self._told(self.subscriber, "subscribed")
+        self._wait_for(self.subscriber, "subscribed")
         self.boards = self._process(
             [sys.executable, "-m", "benchmarks.faults.matrix.boards", str(self.folder / "config.yaml"),
              str(self.folder / "sent.npz"), self._boards_said]
         )  # fmt: skip
-        self.playing_ns = int(self._told(self.boards, "playing").split()[1])
+        self.playing_ns = int(self._wait_for(self.boards, "playing").split()[1])
         self.sleep_until(SETTLE_S)
 
     def start_daemon(self) -> None:
@@ -122,9 +122,9 @@ class Rig:
             [INSOLE, "run", "--config", str(self.folder / "config.yaml")], stderr=log, env=self._environment
         )
         self._ends.callback(self._end, self.daemon)
-        said = self.log().count("insole: reading")
+        starts_before = self.log().count("insole: reading")
         began = time.monotonic()
-        while self.log().count("insole: reading") == said:
+        while self.log().count("insole: reading") == starts_before:
             assert self.daemon.poll() is None, self.log()
             assert time.monotonic() - began < 60, self.log()
             time.sleep(0.02)
@@ -153,7 +153,7 @@ class Rig:
             assert self.boards.stdin is not None
             self.boards.stdin.write(f"mangle {foot} {how}\n")
             self.boards.stdin.flush()
-            self._told(self.boards, "done")
+            self._wait_for(self.boards, "done")
 
     def request(self, foot: str, verb: str, **arguments: object) -> dict[str, object]:
         with insole_daemon.connect(f"tcp/127.0.0.1:{PORT}") as insole:
@@ -171,7 +171,7 @@ class Rig:
         return process
 
     @staticmethod
-    def _told(process: subprocess.Popen[str], word: str) -> str:
+    def _wait_for(process: subprocess.Popen[str], word: str) -> str:
         assert process.stdout is not None
         line = process.stdout.readline()
         assert line.startswith(word), f"expected {word!r}, found {line!r}"

@@ -130,5 +130,5 @@ def back_s(foot: Foot, after_ns: int, good: np.ndarray, end_ns: int) -> float | 
 
 def kinds(events: list[tuple[int, Event]], from_ns: int, until_ns: int) -> str:
     """What was told in that time, in order, each kind once with how often."""
-    told = Counter(event.kind for t_ns, event in events if from_ns <= t_ns < until_ns and not event.figures)
-    return ", ".join(f"`{kind}`" + (f" × {n}" if n > 1 else "") for kind, n in told.items())
+    counts = Counter(event.kind for t_ns, event in events if from_ns <= t_ns < until_ns and not event.figures)
+    return ", ".join(f"`{kind}`" + (f" × {n}" if n > 1 else "") for kind, n in counts.items())

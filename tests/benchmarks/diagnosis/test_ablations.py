@@ -25,5 +25,5 @@ def test_it_answers_without(folder, tmp_path, name):
     command = [sys.executable, "-m", "benchmarks.diagnosis.ablations", "--as", name, str(folder), "--out"]
     done = subprocess.run([*command, str(tmp_path / "out")], cwd=ROOT, capture_output=True, text=True, check=False)
     assert (tmp_path / "out" / "diagnosis.json").exists(), done.stderr
-    said = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
-    assert "viscoelasticity" in [each["effect"] for each in said["findings"]]
+    document = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
+    assert "viscoelasticity" in [finding["effect"] for finding in document["findings"]]

@@ -32,5 +32,5 @@ def test_a_seed_decides_what_is_damaged(tmp_path: Path, trials: list[Path]) -> N
 
 @pytest.mark.parametrize("number", range(6))
 def test_a_damaged_recording_is_answered_or_refused(trials: list[Path], number: int) -> None:
-    found = diagnose(number, trials, SEED)
-    assert not found.is_defect, (found.changes, found.said)
+    result = diagnose(number, trials, SEED)
+    assert not result.is_defect, (result.changes, result.last_line)

@@ -57,7 +57,7 @@ def test_intervals_of_differences_hold():
     assert wide.high - wide.low > narrow.high - narrow.low
 
 
-def test_persons_are_their_own_comparison():
+def test_conditions_are_compared_within_each_person():
     random = np.random.default_rng(3)
     persons_n = 80 * random.standard_normal(10)
     pairs = [(session(random, person_n=p), session(random, more_n=30.0, person_n=p)) for p in persons_n]

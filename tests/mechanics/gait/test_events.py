@@ -49,7 +49,7 @@ def told(person, seconds, *, noise_n=5.0, offset_n=0.0, feet=("left", "right"), 
 
 
 def seconds_of(events, foot, kind):
-    return np.array([(each.t_ns - START_NS) * 1e-9 for each in events if (each.foot, each.kind) == (foot, kind)])
+    return np.array([(event.t_ns - START_NS) * 1e-9 for event in events if (event.foot, event.kind) == (foot, kind)])
 
 
 @pytest.mark.parametrize("cadence", [60.0, 84.0, 110.0, 140.0])
@@ -63,9 +63,9 @@ def test_every_step_of_a_walk_is_reported_once_with_its_time(cadence, offset_n):
         for kind, after_s in (("initial_contact", 0.0), ("toe_off", STANCE * stride_s)):
             true_s = starts_s + after_s
             found_s = seconds_of(events, foot, kind)
-            assert all(np.abs(true_s - each).min() < 0.035 for each in found_s), "none that is not there"
-            for each in true_s[(true_s > 2.5) & (true_s < 19.8)]:  # until then an offset is being learned
-                assert np.count_nonzero(np.abs(found_s - each) < 0.035) == 1
+            assert all(np.abs(true_s - time_s).min() < 0.035 for time_s in found_s), "none that is not there"
+            for time_s in true_s[(true_s > 2.5) & (true_s < 19.8)]:  # until then an offset is being learned
+                assert np.count_nonzero(np.abs(found_s - time_s) < 0.035) == 1
     assert max(event.noticed_after_s for event in events) < 0.06
 
 
@@ -129,7 +129,7 @@ def test_a_limp_on_straight_ramps_has_the_figures_worked_out_by_hand():
 
 
 @pytest.mark.parametrize("name", ["stand", "t1", "t2", "t3"])
-def test_nobody_steps_while_standing(name):
+def test_standing_gives_no_step(name):
     conditions = Conditions(mass_kg=95.0)
     load, seconds = scenario(name).load(LAYOUTS, None, conditions, 0), scenario(name).length_s(conditions)
     events = told(load, 60.0 if seconds is None else seconds)
@@ -168,18 +168,18 @@ def test_an_unknown_force_ends_nothing_else():
 def test_one_foot_alone_has_no_figures_of_both():
     events = told(Walk(LAYOUTS), 6.0, feet=("left",))
     lifts = [event.figures for event in events if event.kind == "toe_off"]
-    assert {each["double_support_s"] for each in lifts} == {None}
-    assert {each["stance_symmetry_percent"] for each in lifts} == {None}
+    assert {figures["double_support_s"] for figures in lifts} == {None}
+    assert {figures["stance_symmetry_percent"] for figures in lifts} == {None}
 
 
 def test_invalid_taxels_have_no_pressure_and_lower_the_valid_fraction():
     gait = FootGait(LEFT)
     half = VALID & (regions(LEFT) > 0)
-    found = []
+    reported = []
     for at in range(100):
         f_z_n = 500.0 if at % 40 > 15 else 0.0
-        found.append(gait.update(at * 20_000_000, 0, f_z_n, np.full((len(LEFT), 12), 1e5), half))
-    (lift,) = [event for event in found if event is not None and event.kind == "toe_off"][-1:]
+        reported.append(gait.update(at * 20_000_000, 0, f_z_n, np.full((len(LEFT), 12), 1e5), half))
+    (lift,) = [event for event in reported if event is not None and event.kind == "toe_off"][-1:]
     assert lift.figures["heel_peak_pa"] == 0.0
     assert lift.figures["toes_peak_pa"] == 1e5
     assert lift.figures["valid_fraction"] == pytest.approx(half.sum() / VALID.sum())
@@ -189,7 +189,7 @@ def test_regions_share_the_sole_from_heel_to_toes():
     region = regions(LEFT)
     assert (region[:, ~PRESSURE_TAXELS] == -1).all()
     x = [LEFT.xy_m[..., 0][region == number] for number in range(len(REGIONS))]
-    assert all(each.size for each in x)
+    assert all(x_of_region.size for x_of_region in x)
     assert all(near.max() < far.min() for near, far in itertools.pairwise(x))
 
 
@@ -198,8 +198,8 @@ def test_a_region_without_taxels_presses_nothing():
     ends = np.flatnonzero((region == 0).all(axis=1) | (region == 3).all(axis=1)).tolist()
     few = replace(LEFT, triangles=tuple(LEFT.triangles[row] for row in ends), xy_m=LEFT.xy_m[ends])
     gait, valid, pressure_pa = FootGait(few), np.tile(PRESSURE_TAXELS, (len(ends), 1)), np.full((len(ends), 12), 1e4)
-    told = [gait.update(at * 20_000_000, 0, 500.0 if at % 40 > 15 else 0.0, pressure_pa, valid) for at in range(60)]
-    (lift,) = [event for event in told if event is not None and event.kind == "toe_off"]
+    reported = [gait.update(at * 20_000_000, 0, 500.0 if at % 40 > 15 else 0.0, pressure_pa, valid) for at in range(60)]
+    (lift,) = [event for event in reported if event is not None and event.kind == "toe_off"]
     assert [lift.figures[f"{name}_peak_pa"] for name in REGIONS] == [1e4, 0.0, 0.0, 1e4]
 
 
@@ -208,15 +208,15 @@ def test_levels_that_move_do_not_tell_one_contact_twice(monkeypatch):
     gait = FootGait(LEFT)
     monkeypatch.setattr(gait._levels, "update", lambda t_mono_ns, f_z_n: None)
 
-    def told(f_z_n, low_n, high_n):
+    def update(f_z_n, low_n, high_n):
         gait._levels.low_n, gait._levels.high_n = low_n, high_n
-        told.t_ns += 20_000_000
-        return gait.update(told.t_ns, START_NS + told.t_ns, f_z_n, np.zeros((len(LEFT), 12)), VALID)
+        update.t_ns += 20_000_000
+        return gait.update(update.t_ns, START_NS + update.t_ns, f_z_n, np.zeros((len(LEFT), 12)), VALID)
 
-    told.t_ns = 0
+    update.t_ns = 0
     forces = [(0.0, 20.0, 60.0), (100.0, 20.0, 60.0), (100.0, 120.0, 360.0), (100.0, 20.0, 60.0), (100.0, 20.0, 60.0)]
-    events = [told(*each) for each in forces]
-    assert [each and each.kind for each in events] == [None, "initial_contact", None, None, None]
+    events = [update(*force) for force in forces]
+    assert [force and force.kind for force in events] == [None, "initial_contact", None, None, None]
 
 
 @settings(max_examples=40, deadline=None)

@@ -31,11 +31,13 @@ def labelled(kinds, seed):
 
 @pytest.mark.parametrize("name", PLANS)
 def test_labels_of_a_planned_walk_are_right(name):
-    pairs, found = zip(*(labelled(PLANS[name], seed) for seed in range(3)), strict=True)
-    every = [pair for each in pairs for pair in each]
-    assert sum(found) == len(every), "no stance that is not there"
-    assert np.mean([planned == said for planned, said in every]) >= 0.95, [p for p in every if p[0] != p[1]]
-    assert {said for _, said in every} <= set(LABELS)
+    pairs, n_steps = zip(*(labelled(PLANS[name], seed) for seed in range(3)), strict=True)
+    all_pairs = [pair for walk in pairs for pair in walk]
+    assert sum(n_steps) == len(all_pairs), "no stance that is not there"
+    assert np.mean([planned == assigned for planned, assigned in all_pairs]) >= 0.95, [
+        p for p in all_pairs if p[0] != p[1]
+    ]
+    assert {assigned for _, assigned in all_pairs} <= set(LABELS)
 
 
 def test_means_use_only_steady_steps():

@@ -150,7 +150,7 @@ def test_preload_comes_before_the_play_and_the_play_before_the_lag() -> None:
     assert q == pytest.approx([25e3, first, 125e3 - (125e3 - first) * np.exp(-2.0)], rel=1e-12)
 
 
-def test_of_equal_order_the_first_listed_comes_first() -> None:
+def test_effects_of_equal_order_keep_the_order_of_the_file() -> None:
     snap, play = effect("snap", up_pa=4e4, down_pa=2e4, step_pa=1e4), effect("hysteresis", r_pa=[1e4], w=[0.5])
     load = np.full((1, 28, 12), 4.2e4)
     one, other = (Chain(made, LAYOUT).forward()(load, [0.0])[0, 0, 0] for made in ([snap, play], [play, snap]))

@@ -35,8 +35,8 @@ def cell(text: str) -> str:
 
 
 def test_the_page_has_a_row_for_every_law_and_parameter() -> None:
-    stands = PAGE.read_text().splitlines()
-    missing = [row for row in rows() if row not in stands]
+    lines = PAGE.read_text().splitlines()
+    missing = [row for row in rows() if row not in lines]
     assert not missing, "docs/effects.md lacks:\n" + "\n".join(missing)
 
 

@@ -189,8 +189,10 @@ def test_compensation_equals_the_firmware_for_pad_6(skin_type: int, generation: 
     for i, row in ((0, 0), (7, 13), (39, 27)):
         change = round(2.5 * 8 * (warm[i, row, 6] - 25.0))  # codes, at shift 3
         size = [(abs(change) // 4 * gain) / 32 for gain in gains]
-        taken = [math.floor(x) if change > 0 else -(math.ceil(x) if generation == 4 else math.floor(x)) for x in size]
-        expected = REST - ACTIVATION[i, row] + np.array(taken) / 8
+        correction = [
+            math.floor(x) if change > 0 else -(math.ceil(x) if generation == 4 else math.floor(x)) for x in size
+        ]
+        expected = REST - ACTIVATION[i, row] + np.array(correction) / 8
         np.testing.assert_allclose(output[i, row], expected[PRESSURE_TAXELS], rtol=0, atol=1e-9)
 
 
@@ -199,10 +201,10 @@ def test_compensation_cancels_temperature_up_to_rounding() -> None:
     of_taxel = np.tile([70, 96, 83, 38, 38, 70, 128, 45, 77, 164, 128, 77], 28) / 128 * 2.0
     sensors = effect("temperature", count_per_k=-of_taxel, gain_per_k=0.0, t0_c=20.0)
     made = [sensors, effect("compensation", skin_type=0, generation=4, count_per_k=2.0, t0_c=20.0)]
-    left = REST - counts(made, temperature_c=warm) - ACTIVATION[..., PRESSURE_TAXELS]
-    assert left.min() >= -1 / 8
-    assert left.max() <= (4 * 164 / 128 + 1) / 8, "three codes of dT are shifted away, times the gain"
-    assert left.max() > 0.1
+    residual = REST - counts(made, temperature_c=warm) - ACTIVATION[..., PRESSURE_TAXELS]
+    assert residual.min() >= -1 / 8
+    assert residual.max() <= (4 * 164 / 128 + 1) / 8, "three codes of dT are shifted away, times the gain"
+    assert residual.max() > 0.1
 
 
 def test_compensation_reports_missing_inputs() -> None:
@@ -398,8 +400,8 @@ def test_jitter_delays_all_taxels_of_a_board_alike() -> None:
     assert late_s.min() >= -1e-9
     assert np.sqrt((late_s[20:] ** 2).mean()) == pytest.approx(0.003, rel=0.03)
     for board in (5, 6, 7):
-        mine = late_s[:, LAYOUT.identities[:, 0] == board]
-        assert np.ptp(mine, axis=1).max() < 1e-9
+        of_board_s = late_s[:, LAYOUT.identities[:, 0] == board]
+        assert np.ptp(of_board_s, axis=1).max() < 1e-9
     assert np.corrcoef(late_s[20:, 0], late_s[20:, -1])[0, 1] < 0.1, "boards have luck of their own"
 
 

@@ -131,7 +131,7 @@ def test_a_board_is_seen_from_its_first_half_on(board: int, first: bool) -> None
         assert not foot.close(0, {})
     assert foot.close(PERIOD_NS, {board: 1})
     assert foot.seen == [board]
-    assert not foot.close(PERIOD_NS, {board: 1}), "it has been told"
+    assert not foot.close(PERIOD_NS, {board: 1}), "it has been reported"
     assert (foot.seen, foot.wrong, foot.crowded, foot.paused) == ([board], {}, [], [])
 
 
@@ -159,7 +159,7 @@ def test_a_board_is_silent_once_nothing_came_for_longer_than_its_limit(board: in
     assert foot.wrong == {}
     assert foot.close(1, but(board))
     assert foot.wrong == {"silent": [board]}
-    assert not foot.close(PERIOD_NS, but(board)), "it has been told"
+    assert not foot.close(PERIOD_NS, but(board)), "it has been reported"
     assert foot.wrong == {"silent": [board]}
 
 
@@ -336,7 +336,7 @@ def test_twice_the_rate_is_an_address_clash_after_one_window(board: int) -> None
     foot = streaming()
     changed = foot.stream(WINDOW_CYCLES, but(board, 4))
     assert changed.index(True) + 1 == TO_CLASH // 2
-    assert sum(changed) == 1, "it has been told"
+    assert sum(changed) == 1, "it has been reported"
     assert foot.wrong == {"clash": [board]}
 
 
@@ -374,8 +374,8 @@ def test_frames_delayed_by_a_pause_are_no_address_clash(board: int, pause_cycles
 def test_an_address_clash_after_a_pause_is_detected_a_window_later(board: int) -> None:
     foot = streaming()
     foot.stream(25, but(board))
-    found = (WINDOW_NS + HANDED_ON_NS) // PERIOD_NS
-    foot.stream(found, but(board, 4))
+    cycles_to_detect = (WINDOW_NS + HANDED_ON_NS) // PERIOD_NS
+    foot.stream(cycles_to_detect, but(board, 4))
     assert "clash" not in foot.wrong
     foot.close(PERIOD_NS, but(board, 4))
     assert foot.wrong["clash"] == [board]
@@ -424,7 +424,7 @@ def test_an_address_clash_lasts_while_the_rate_exceeds_the_jitter_of_one_board(
     assert foot.wrong == ({"clash": [board]} if stays else {})
 
 
-def test_clashes_are_over_each_in_its_own_time() -> None:
+def test_each_address_clash_ends_independently() -> None:
     foot = streaming()
     foot.close(PERIOD_NS, but(7, 2 + TO_CLASH))
     foot.close(PERIOD_NS, but(9, 2 + TO_CLASH))
@@ -459,7 +459,7 @@ def test_a_silent_board_does_not_count_among_all(board: int) -> None:
     assert foot.wrong == {"silent": [board]}
 
 
-# ---- what is told
+# ---- events
 
 
 @pytest.mark.parametrize(("board", "other"), [*permutations(ALL, 2)])

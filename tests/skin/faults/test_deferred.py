@@ -40,20 +40,20 @@ def walked(faults: Sequence[InjectedFault], seconds: float = 4.0) -> Cycles:
 def test_a_fault_is_reported_at_most_gather_ns_later(kind):
     cycles = walked(FAULTS[kind])
     watch, deferred = FaultWatch(LAYOUT, BOARDS), DeferredFaultWatch(FaultWatch(LAYOUT, BOARDS))
-    expected, found, told_ns = [], [], []
+    expected, reported, reported_ns = [], [], []
     for at in range(len(cycles)):
         watch.screen(cycles, at)
         expected += watch.update(cycles, at)
         deferred.take(cycles, at)
         changes = deferred.changes()
-        found += changes
-        told_ns += [int(cycles.t_ns[at]) - change.t_ns for change in changes]
-    assert found == expected[: len(found)]
-    assert len(expected) - len(found) <= 4, "those of the last cycles, which wait for others"
-    assert min(told_ns) >= 0
-    assert max(told_ns) <= GATHER_NS + PERIOD_NS
+        reported += changes
+        reported_ns += [int(cycles.t_ns[at]) - change.t_ns for change in changes]
+    assert reported == expected[: len(reported)]
+    assert len(expected) - len(reported) <= 4, "those of the last cycles, which wait for others"
+    assert min(reported_ns) >= 0
+    assert max(reported_ns) <= GATHER_NS + PERIOD_NS
     if kind != "none":
-        assert any(change.began for change in found)
+        assert any(change.began for change in reported)
 
 
 def test_a_loose_triangle_is_masked_in_its_first_cycle():

@@ -40,7 +40,7 @@ def test_the_taxels_are_all_but_the_thermal_pads_triangle_by_triangle(places: Pl
     assert places.triangle.tolist() == [row for row, _ in expected]
 
 
-def test_boards_stand_in_the_order_in_which_the_layout_names_them(places: Places) -> None:
+def test_boards_are_in_the_order_of_the_layout(places: Places) -> None:
     assert places.addresses == (9, 5, 7)
     assert places.board_of_triangle.tolist() == [0, 1, 0, 2, 1]
     assert [places.addresses[board] for board in places.board] == np.repeat(BOARD_OF_ROW, 10).tolist()
@@ -65,8 +65,8 @@ def test_the_maximum_of_a_board_is_that_of_its_highest_triangle(
 
 @pytest.mark.parametrize(("row", "address"), [*enumerate(BOARD_OF_ROW)])
 def test_one_triangle_is_any_of_its_board_and_of_no_other(places: Places, row: int, address: int) -> None:
-    found = places.any_of_board(np.arange(len(BOARD_OF_ROW)) == row)
-    assert np.array(places.addresses)[found].tolist() == [address]
+    of_board = places.any_of_board(np.arange(len(BOARD_OF_ROW)) == row)
+    assert np.array(places.addresses)[of_board].tolist() == [address]
 
 
 def test_none_of_the_triangles_is_none_of_the_boards(places: Places) -> None:

@@ -221,7 +221,7 @@ def test_counts_far_from_the_level_are_no_baseline(sign: int) -> None:
 
 
 @pytest.mark.parametrize("sign", [-1, 1])
-def test_step_by_step_no_level_goes_further_from_the_no_load_than_is_near(sign: int) -> None:
+def test_a_rest_level_stays_near_the_no_load_however_it_is_approached(sign: int) -> None:
     rest = rest_of()
     levels = []
     for away in (12, 18, 22, 24):  # always 12 from the level: half of it is learned, a third, a quarter, a fifth

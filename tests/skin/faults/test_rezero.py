@@ -1,4 +1,4 @@
-"""Boards that were zeroed under load, told from the load on three boards, look by look."""
+"""Detection of boards that were zeroed under load, from the load on three boards, one check after the other."""
 
 from __future__ import annotations
 
@@ -51,8 +51,8 @@ class Foot:
         self.t_ns = START_NS
 
     @property
-    def found(self) -> list[int]:
-        return [address for address, found in zip(ADDRESSES, self.watch.rezeroed, strict=True) if found]
+    def rezeroed(self) -> list[int]:
+        return [address for address, is_rezeroed in zip(ADDRESSES, self.watch.rezeroed, strict=True) if is_rezeroed]
 
     def use(self, address: int, n: int) -> None:
         """Believe the first `n` taxels of a board alone."""
@@ -100,7 +100,7 @@ def rezeroed(*addresses: int) -> Foot:
     """A foot on which these boards were found to be re-zeroed."""
     foot = Foot()
     assert foot.stays(dict.fromkeys(addresses, -3.0))
-    assert sorted(foot.found) == sorted(addresses)
+    assert sorted(foot.rezeroed) == sorted(addresses)
     return foot
 
 
@@ -116,15 +116,15 @@ def test_a_board_whose_load_vanishes_while_the_others_are_loaded_was_rezeroed(ad
     foot.stand()
     assert not foot.look({address: 0})
     assert not foot.look({address: 0}, CONFIRM_NS - 1)
-    assert foot.found == []
+    assert foot.rezeroed == []
     assert foot.look({address: 0}, 1)
-    assert foot.found == [address]
+    assert foot.rezeroed == [address]
     assert not foot.look({address: 0})
-    assert foot.found == [address]
+    assert foot.rezeroed == [address]
 
 
 @pytest.mark.parametrize(
-    ("before", "after", "found"),
+    ("before", "after", "expected"),
     [
         pytest.param(taxels((5, 12)), 0, False, id="its mean is at the bound"),
         pytest.param(taxels((5, 12), (1, 1)), 0, True, id="its mean is above the bound"),
@@ -140,35 +140,35 @@ def test_a_board_whose_load_vanishes_while_the_others_are_loaded_was_rezeroed(ad
         pytest.param(taxels((5, 8), (35, 2)), taxels((4, 3), (1, 1)), False, id="more is left of the loaded ones"),
     ],
 )
-def test_a_jump_is_of_loaded_taxels_to_their_rest(before: ArrayLike, after: ArrayLike, found: bool) -> None:
+def test_a_jump_is_of_loaded_taxels_to_their_rest(before: ArrayLike, after: ArrayLike, expected: bool) -> None:
     foot = Foot()
     foot.stand({5: before})
-    assert foot.jumps({5: after}) is found
+    assert foot.jumps({5: after}) is expected
 
 
 @pytest.mark.parametrize(
-    ("earlier", "before", "found"),
+    ("earlier", "before", "expected"),
     [
         (245, 320, True), (244, 320, False), (395, 320, True), (396, 320, False),  # by the noise
         (480, 600, True), (479, 600, False), (720, 600, True), (721, 600, False),  # by a fifth
     ],
 )  # fmt: skip
-def test_a_load_that_was_changing_already_does_not_jump(earlier: int, before: int, found: bool) -> None:
+def test_a_load_that_was_changing_already_does_not_jump(earlier: int, before: int, expected: bool) -> None:
     foot = Foot()
     foot.look({5: total(earlier)})
     foot.look({5: total(before)})
-    assert foot.jumps({5: 0}) is found
+    assert foot.jumps({5: 0}) is expected
 
 
-@pytest.mark.parametrize(("load", "found"), [(taxels((5, 15)), True), (taxels((5, 15), (1, 1)), False)])
-def test_before_the_first_check_a_board_has_no_load(load: ArrayLike, found: bool) -> None:
+@pytest.mark.parametrize(("load", "expected"), [(taxels((5, 15)), True), (taxels((5, 15), (1, 1)), False)])
+def test_before_the_first_check_a_board_has_no_load(load: ArrayLike, expected: bool) -> None:
     foot = Foot()
     foot.look({5: load})
-    assert foot.jumps({5: 0}) is found
+    assert foot.jumps({5: 0}) is expected
 
 
 @pytest.mark.parametrize(
-    ("before", "after", "found"),
+    ("before", "after", "expected"),
     [
         ((50, 50), (50, 50), True), ((50, 50), (100, 0), True), ((50, 50), (50, 49), False),
         ((250, 250), (150, 150), True), ((250, 250), (150, 149), False),
@@ -176,11 +176,11 @@ def test_before_the_first_check_a_board_has_no_load(load: ArrayLike, found: bool
     ],
 )  # fmt: skip
 def test_a_jump_counts_only_if_the_other_boards_keep_their_load(
-    before: tuple[int, int], after: tuple[int, int], found: bool
+    before: tuple[int, int], after: tuple[int, int], expected: bool
 ) -> None:
     foot = Foot()
     foot.stand({7: total(before[0]), 6: total(before[1])})
-    assert foot.jumps({7: total(after[0]), 5: total(20), 6: total(after[1])}) is found
+    assert foot.jumps({7: total(after[0]), 5: total(20), 6: total(after[1])}) is expected
 
 
 def test_without_load_on_the_others_a_board_that_jumps_was_left() -> None:
@@ -189,29 +189,29 @@ def test_without_load_on_the_others_a_board_that_jumps_was_left() -> None:
     assert not foot.jumps(NOBODY)
 
 
-@pytest.mark.parametrize(("pause_ns", "found"), [(PAUSE_NS, True), (PAUSE_NS + 1, False)])
-def test_a_jump_over_a_pause_is_seen_if_that_is_short(pause_ns: int, found: bool) -> None:
+@pytest.mark.parametrize(("pause_ns", "expected"), [(PAUSE_NS, True), (PAUSE_NS + 1, False)])
+def test_a_jump_over_a_pause_is_seen_if_that_is_short(pause_ns: int, expected: bool) -> None:
     foot = Foot()
     foot.stand()
     foot.look(after_ns=pause_ns - LOOK_NS, stale=[5])
-    assert foot.jumps({5: 0}) is found
+    assert foot.jumps({5: 0}) is expected
 
 
-@pytest.mark.parametrize(("pause_ns", "found"), [(HELD_UP_NS, True), (HELD_UP_NS + 1, False)])
-def test_a_jump_over_a_pause_of_all_boards_may_be_the_gait(pause_ns: int, found: bool) -> None:
+@pytest.mark.parametrize(("pause_ns", "expected"), [(HELD_UP_NS, True), (HELD_UP_NS + 1, False)])
+def test_a_jump_over_a_pause_of_all_boards_may_be_the_gait(pause_ns: int, expected: bool) -> None:
     foot = Foot()
     foot.stand()
-    assert foot.jumps({5: 0}, after_ns=pause_ns) is found
+    assert foot.jumps({5: 0}, after_ns=pause_ns) is expected
 
 
-@pytest.mark.parametrize(("rest_ns", "found"), [(PAUSE_NS - 2 * LOOK_NS, True), (PAUSE_NS - 2 * LOOK_NS + 1, False)])
-def test_looks_at_half_of_a_board_are_part_of_the_pause(rest_ns: int, found: bool) -> None:
+@pytest.mark.parametrize(("rest_ns", "expected"), [(PAUSE_NS - 2 * LOOK_NS, True), (PAUSE_NS - 2 * LOOK_NS + 1, False)])
+def test_looks_at_half_of_a_board_are_part_of_the_pause(rest_ns: int, expected: bool) -> None:
     foot = Foot()
     foot.stand()
     for _ in range(2):
         foot.look({5: taxels((20, STANDING))}, stale=[5])
     foot.look({5: taxels((20, STANDING))}, rest_ns - LOOK_NS, stale=[5])
-    assert foot.jumps({5: 0}) is found
+    assert foot.jumps({5: 0}) is expected
 
 
 def test_no_rezero_is_concluded_before_the_board_sends_again() -> None:
@@ -222,12 +222,12 @@ def test_no_rezero_is_concluded_before_the_board_sends_again() -> None:
     assert foot.look({5: 0}, 1)
 
 
-@pytest.mark.parametrize(("n", "found"), [(MIN_TAXELS, True), (MIN_TAXELS - 1, False)])
-def test_a_board_is_judged_by_its_usable_taxels_if_they_are_many(n: int, found: bool) -> None:
+@pytest.mark.parametrize(("n", "expected"), [(MIN_TAXELS, True), (MIN_TAXELS - 1, False)])
+def test_a_board_is_judged_by_its_usable_taxels_if_they_are_many(n: int, expected: bool) -> None:
     foot = Foot()
     foot.use(5, n)
     foot.stand({5: taxels((n, STANDING))})
-    assert foot.jumps({5: taxels((n, 0), (N_TAXELS - n, 30))}) is found
+    assert foot.jumps({5: taxels((n, 0), (N_TAXELS - n, 30))}) is expected
 
 
 def test_a_change_of_the_usable_taxels_is_no_jump() -> None:
@@ -293,14 +293,14 @@ def test_a_board_that_is_late_does_not_keep_the_next_from_being_judged() -> None
     foot.stand()
     foot.look({5: 0}, stale=[7])
     assert foot.look({5: 0}, CONFIRM_NS, stale=[7])
-    assert foot.found == [5]
+    assert foot.rezeroed == [5]
 
 
 def test_a_rezero_of_a_second_board_is_detected_after_the_first() -> None:
     foot = rezeroed(7)
     foot.stand()
     assert foot.jumps({5: 0})
-    assert foot.found == [7, 5]
+    assert foot.rezeroed == [7, 5]
 
 
 @each_board
@@ -309,7 +309,7 @@ def test_a_board_that_stands_above_its_rest_for_some_time_was_zeroed(address: in
     assert not foot.look({address: total(-51)})
     assert not foot.look({address: total(-51)}, NEGATIVE_NS - 1)
     assert foot.look({address: total(-51)}, 1)
-    assert foot.found == [address]
+    assert foot.rezeroed == [address]
     assert not foot.look({address: total(-51)})
 
 
@@ -322,10 +322,10 @@ def test_at_the_bound_nothing_is_missing_and_it_must_be_missing_without_a_break(
     assert foot.look({5: total(-51)}, NEGATIVE_NS)
 
 
-@pytest.mark.parametrize(("n", "found"), [(5, True), (4, False)])
-def test_some_taxels_at_255_are_enough_even_if_the_mean_is_not(n: int, found: bool) -> None:
+@pytest.mark.parametrize(("n", "expected"), [(5, True), (4, False)])
+def test_some_taxels_at_255_are_enough_even_if_the_mean_is_not(n: int, expected: bool) -> None:
     foot = Foot(no_load=245)
-    assert foot.stays({5: taxels((n, -10), (N_TAXELS - n, 0))}) is found
+    assert foot.stays({5: taxels((n, -10), (N_TAXELS - n, 0))}) is expected
 
 
 def test_with_a_no_load_of_255_constant_readings_there_are_no_evidence() -> None:
@@ -335,7 +335,7 @@ def test_with_a_no_load_of_255_constant_readings_there_are_no_evidence() -> None
 
 
 @pytest.mark.parametrize(
-    ("loads", "then", "found"),
+    ("loads", "then", "expected"),
     [
         ([total(-40), STANDING, STANDING], -63, False),
         ([total(-40), STANDING, STANDING], -65, True),
@@ -349,20 +349,20 @@ def test_with_a_no_load_of_255_constant_readings_there_are_no_evidence() -> None
     ],
 )
 def test_a_rest_that_creeps_up_from_one_step_to_the_next_is_none_of_a_new_zero(
-    loads: list[ArrayLike], then: int, found: bool
+    loads: list[ArrayLike], then: int, expected: bool
 ) -> None:
     foot = Foot()
     for load in loads:
         foot.look(NOBODY | {5: load})
-    assert foot.stays(NOBODY | {5: total(then)}) is found
+    assert foot.stays(NOBODY | {5: total(then)}) is expected
 
 
-@pytest.mark.parametrize(("stood_at", "found"), [(-20, True), (-28, False)])
-def test_creeping_pins_taxels_at_255_too(stood_at: int, found: bool) -> None:
+@pytest.mark.parametrize(("stood_at", "expected"), [(-20, True), (-28, False)])
+def test_creeping_pins_taxels_at_255_too(stood_at: int, expected: bool) -> None:
     foot = Foot(no_load=245)
     for load in (total(stood_at), STANDING):
         foot.look({5: load})
-    assert foot.stays({5: taxels((5, -10))}) is found
+    assert foot.stays({5: taxels((5, -10))}) is expected
 
 
 @pytest.mark.parametrize(
@@ -394,9 +394,9 @@ def test_a_board_is_believed_again_after_it_rested_for_some_time_without_load(ad
     foot = rezeroed(address)
     assert not foot.look(NOBODY)
     assert not foot.look(NOBODY, HEALED_NS - 1)
-    assert foot.found == [address]
+    assert foot.rezeroed == [address]
     assert foot.look(NOBODY, 1)
-    assert foot.found == []
+    assert foot.rezeroed == []
 
 
 @pytest.mark.parametrize(
@@ -452,9 +452,9 @@ def test_boards_become_healthy_independently() -> None:
     foot.look(NOBODY | {5: taxels((20, 2), (20, -2))})
     foot.look(NOBODY, 1)
     assert foot.look(NOBODY, HEALED_NS - 1)
-    assert foot.found == [5]
+    assert foot.rezeroed == [5]
     assert foot.look(NOBODY, 1)
-    assert foot.found == []
+    assert foot.rezeroed == []
 
 
 def test_a_board_that_has_healed_may_be_zeroed_under_load_again_and_takes_as_long_to_heal() -> None:
@@ -473,13 +473,13 @@ def test_negative_readings_during_a_fault_do_not_prevent_later_detection() -> No
     assert foot.look(NOBODY, HEALED_NS)
     foot.stand()
     assert foot.stays(NOBODY | {5: -3})
-    assert foot.found == [5]
+    assert foot.rezeroed == [5]
 
 
 def test_all_boards_are_believed_again_after_a_person_took_a_new_zero() -> None:
     foot = rezeroed(*ADDRESSES)
     foot.watch.forget()
-    assert foot.found == []
+    assert foot.rezeroed == []
     assert not foot.look(NOBODY)
 
 
@@ -490,7 +490,7 @@ def test_a_new_zero_ends_evidence_for_a_rezero() -> None:
     foot.watch.forget()
     assert not foot.look({5: 0, 6: -3}, NEGATIVE_NS)
     assert foot.look({5: 0, 6: -3}, NEGATIVE_NS)
-    assert foot.found == [6]
+    assert foot.rezeroed == [6]
 
 
 @pytest.mark.parametrize("loaded_before", [False, True])

@@ -64,13 +64,13 @@ somebody_missing = pytest.mark.parametrize("missing", [(), (FAR,)], ids=["all li
 
 
 class Foot:
-    """Two boards at rest on NO_LOAD, their levels learned unless told otherwise, looked at from `t_ns` on."""
+    """Two boards at rest on NO_LOAD, looked at from `t_ns` on; the levels of the boards in `learned` are learned."""
 
     def __init__(self, learned: Collection[int] = (7, 5), no_load: int = NO_LOAD, t_ns: int = 0) -> None:
         boards = {a: Board(address=a, interface="can0", no_load=no_load, shift=0) for a in (5, 7)}
         places = Places(of("left", 32.4e-6, None, TRIANGLES), boards)
         self.rest = Rest(places)
-        self.found = TaxelFaults(places, self.rest)
+        self.faults = TaxelFaults(places, self.rest)
         self.no_load = no_load
         self.t_ns = t_ns
         self.rest.update(np.full(len(PLACES), no_load, np.float32))
@@ -87,7 +87,7 @@ class Foot:
             live[PLACES[taxel]] = False
         self.t_ns += after_ns
         self.rest.update(counts)
-        return self.found.update(counts, live, self.t_ns)
+        return self.faults.update(counts, live, self.t_ns)
 
     def looks(self, n: int, activation: Counts, missing: Collection[Taxel] = ()) -> list[bool]:
         return [self.look(activation, missing) for _ in range(n)]
@@ -96,7 +96,7 @@ class Foot:
     def states(self) -> dict[Taxel, TaxelState]:
         """Of those that are not well."""
         return {
-            taxel: TaxelState(state) for taxel, state in zip(PLACES, self.found.state.tolist(), strict=True) if state
+            taxel: TaxelState(state) for taxel, state in zip(PLACES, self.faults.state.tolist(), strict=True) if state
         }
 
 
@@ -575,11 +575,11 @@ def test_the_kernel_finds_the_same_evidence_to_the_bit(seed, monkeypatch):
     for _ in range(60):
         activation = {taxel: float(rng.normal(0, 1) + LOAD * (rng.random() < 0.6)) for taxel in PLACES}
         missing = [taxel for taxel in PLACES if rng.random() < 0.02] if rng.random() < 0.5 else []
-        said = []
+        results = []
         for foot, implementation in ((by_numpy, None), (by_kernel, kernel)):
             with monkeypatch.context() as patch:
                 patch.setattr(taxels, "kernel", implementation)
-                said.append((foot.look(activation, missing), foot.states))
-        assert said[0] == said[1]
-        assert by_kernel.found._for_dead.tobytes() == by_numpy.found._for_dead.tobytes()
-        assert by_kernel.found._for_stuck.tobytes() == by_numpy.found._for_stuck.tobytes()
+                results.append((foot.look(activation, missing), foot.states))
+        assert results[0] == results[1]
+        assert by_kernel.faults._for_dead.tobytes() == by_numpy.faults._for_dead.tobytes()
+        assert by_kernel.faults._for_stuck.tobytes() == by_numpy.faults._for_stuck.tobytes()

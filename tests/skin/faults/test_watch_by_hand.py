@@ -41,7 +41,7 @@ FAR = 8  # counts off its rest, which no healthy taxel among idle ones stands
 FEW_LOOKS = math.ceil(EVIDENCE_COUNT / ONE_LOOK_COUNT)  # in which such a taxel is found
 MOST_LOOKS = math.ceil(EVIDENCE_COUNT)  # in which one is found or heals
 
-Told = tuple[str, int, int | None, int | None]
+Reported = tuple[str, int, int | None, int | None]
 
 
 def rows_of(board: int) -> NDArray[np.bool_]:
@@ -73,13 +73,13 @@ class Foot:
         """CLOCK_REALTIME of the last cycle."""
         return REALTIME_NS + self.n_cycles * PERIOD_NS
 
-    def run(self, n_cycles: int = 1) -> list[Told]:
-        """What is told in the next cycles."""
+    def run(self, n_cycles: int = 1) -> list[Reported]:
+        """The changes that the next cycles report."""
         changes = [change for _ in range(n_cycles) for change in self._cycle()]
         self.changes += changes
         return [(change.event, change.board, change.triangle, change.taxel) for change in changes]
 
-    def look(self, n_looks: int = 1) -> list[Told]:
+    def look(self, n_looks: int = 1) -> list[Reported]:
         return self.run(n_looks * LOOK_CYCLES)
 
     def _cycle(self) -> list[Change]:
@@ -119,8 +119,8 @@ def foot() -> Foot:
     return foot
 
 
-def told(kind: str, row: int | None = None, taxel: int | None = None, board: int = 9) -> Told:
-    """As of the triangle in `row`, or of `board`."""
+def reported(kind: str, row: int | None = None, taxel: int | None = None, board: int = 9) -> Reported:
+    """A change as `Foot.run` returns it, of the triangle in `row` or of `board`."""
     if row is None:
         return kind, board, None, None
     return kind, BOARD_OF_ROW[row], 15 - row, taxel
@@ -132,9 +132,9 @@ def told(kind: str, row: int | None = None, taxel: int | None = None, board: int
 def test_a_board_is_reported_once_when_it_first_sends() -> None:
     foot = Foot()
     foot.halves[:] = 2 * rows_of(9)
-    assert foot.run() == [told("board_streaming", board=9)]
+    assert foot.run() == [reported("board_streaming", board=9)]
     foot.halves[:] = 2
-    assert foot.run() == [told("board_streaming", board=4), told("board_streaming", board=2)]
+    assert foot.run() == [reported("board_streaming", board=4), reported("board_streaming", board=2)]
     assert foot.run(20) == []
     assert [change.text for change in foot.changes] == ["board 9 sends", "board 4 sends", "board 2 sends"]
     assert [change.began for change in foot.changes] == [False] * 3
@@ -151,10 +151,10 @@ def test_a_board_that_was_silent_from_the_start_is_reported_once_when_it_sends()
     foot.halves[rows_of(4)] = 0
     foot.run()
     assert foot.run(SILENT_CYCLES - 1) == []
-    assert foot.run() == [told("board_silent", board=4)]
+    assert foot.run() == [reported("board_silent", board=4)]
     assert (foot.watch.masked == rows_of(4)[:, None]).all()
     foot.halves[:] = 2
-    assert foot.run() == [told("board_streaming", board=4)]
+    assert foot.run() == [reported("board_streaming", board=4)]
     assert not foot.watch.masked.any()
     assert re.fullmatch("board 4 sends again, after .* s", foot.changes[-1].text)
 
@@ -168,40 +168,40 @@ def test_another_board_that_sends_again_does_not_hide_one_that_is_first_heard() 
     assert {(fault.kind, fault.board) for fault in foot.watch.faults} == {("board_silent", 4), ("board_silent", 2)}
     foot.halves[:] = 2
     assert foot.run() == [
-        told("board_streaming", board=4), told("board_streaming", board=2), told("board_reset", board=2)
+        reported("board_streaming", board=4), reported("board_streaming", board=2), reported("board_reset", board=2)
     ]  # fmt: skip
 
 
 def test_a_silent_board_is_masked_and_one_that_restarted_is_believed(foot: Foot) -> None:
     foot.halves[rows_of(9)] = 0
     assert foot.run(SILENT_CYCLES - 1) == []
-    assert foot.run() == [told("board_silent")]
+    assert foot.run() == [reported("board_silent")]
     since_ns = foot.t_ns
     assert (foot.watch.masked == rows_of(9)[:, None]).all()
     assert foot.watch.faults == [Fault("board_silent", 9, None, None, since_ns)]
     foot.halves[:] = 2
-    assert foot.run() == [told("board_streaming"), told("board_reset")]
+    assert foot.run() == [reported("board_streaming"), reported("board_reset")]
     assert not foot.watch.masked.any()
     assert foot.watch.faults == [Fault("board_reset", 9, None, None, foot.t_ns)]
     assert foot.run(cycles_in(STEADY_NS)) == []
-    assert foot.run() == [told("board_reset_over")]
+    assert foot.run() == [reported("board_reset_over")]
     assert foot.watch.faults == []
 
 
 def test_all_boards_fall_silent_while_cycles_only_repeat(foot: Foot) -> None:
     foot.halves[:] = 0
-    found = foot.run(SILENT_CYCLES)
-    assert found == [told("board_silent", board=address) for address in (9, 4, 2)]
+    changes = foot.run(SILENT_CYCLES)
+    assert changes == [reported("board_silent", board=address) for address in (9, 4, 2)]
     assert foot.watch.masked.all()
 
 
 def test_two_boards_on_one_address_are_masked_until_one_is_gone(foot: Foot) -> None:
     foot.halves[rows_of(9)] = 4
-    assert foot.run(cycles_in(2 * WINDOW_NS)) == [told("board_address_clash")]
+    assert foot.run(cycles_in(2 * WINDOW_NS)) == [reported("board_address_clash")]
     assert (foot.watch.masked == rows_of(9)[:, None]).all()
     foot.halves[:] = 2
-    found = foot.run(cycles_in(WINDOW_NS + SINGLE_NS))
-    assert found == [told("board_address_clash_over")]
+    changes = foot.run(cycles_in(WINDOW_NS + SINGLE_NS))
+    assert changes == [reported("board_address_clash_over")]
     assert not foot.watch.masked.any()
 
 
@@ -215,10 +215,10 @@ def above_rest(foot: Foot, board: int = 9, counts: int = 2) -> None:
 
 def rezero(foot: Foot) -> None:
     above_rest(foot)
-    assert foot.run(cycles_in(NEGATIVE_NS) + 2 * LOOK_CYCLES) == [told("board_rezeroed")]
+    assert foot.run(cycles_in(NEGATIVE_NS) + 2 * LOOK_CYCLES) == [reported("board_rezeroed")]
 
 
-def heal(foot: Foot) -> list[Told]:
+def heal(foot: Foot) -> list[Reported]:
     foot.off[rows_of(9)] = 0
     return foot.run(cycles_in(HEALED_NS) + 2 * LOOK_CYCLES)
 
@@ -226,7 +226,7 @@ def heal(foot: Foot) -> list[Told]:
 def test_a_board_above_its_rest_levels_is_masked_until_it_stands_at_them(foot: Foot) -> None:
     rezero(foot)
     assert (foot.watch.masked == rows_of(9)[:, None]).all()
-    assert heal(foot) == [told("board_rezeroed_over")]
+    assert heal(foot) == [reported("board_rezeroed_over")]
     assert not foot.watch.masked.any()
 
 
@@ -241,7 +241,7 @@ def test_a_new_zero_is_reported_as_the_end_of_a_rezero(foot: Foot) -> None:
     rezero(foot)
     foot.off[:] = 0
     foot.watch.zeroed()
-    assert foot.look(2) == [told("board_rezeroed_over")]
+    assert foot.look(2) == [reported("board_rezeroed_over")]
     assert foot.watch.faults == []
 
 
@@ -250,7 +250,7 @@ def test_with_a_new_zero_by_a_person_rest_levels_are_learned_anew(foot: Foot) ->
     foot.off[[0, 3], [1, 2]] = -FAR
     assert foot.look(2 * MOST_LOOKS) == []
     foot.off[[0, 3], [1, 2]] = 0
-    assert sorted(foot.look(FEW_LOOKS)) == [told("taxel_stuck", 3, 2), told("taxel_stuck", 0, 1)]
+    assert sorted(foot.look(FEW_LOOKS)) == [reported("taxel_stuck", 3, 2), reported("taxel_stuck", 0, 1)]
 
 
 def test_a_board_with_missing_triangles_is_not_judged(foot: Foot) -> None:
@@ -259,40 +259,40 @@ def test_a_board_with_missing_triangles_is_not_judged(foot: Foot) -> None:
     above_rest(foot)
     assert foot.run(2 * cycles_in(NEGATIVE_NS)) == []
     foot.halves[4] = 2
-    assert foot.run(cycles_in(NEGATIVE_NS) + 2 * LOOK_CYCLES) == [told("board_rezeroed")]
+    assert foot.run(cycles_in(NEGATIVE_NS) + 2 * LOOK_CYCLES) == [reported("board_rezeroed")]
 
 
 def test_a_triangle_that_is_stale_is_no_longer_waited_for(foot: Foot) -> None:
     foot.halves[4] = 0
     assert foot.run(cycles_in(int(STALE_NS)) + LOOK_CYCLES) == []
     above_rest(foot)
-    assert foot.run(cycles_in(NEGATIVE_NS) + 2 * LOOK_CYCLES) == [told("board_rezeroed")]
+    assert foot.run(cycles_in(NEGATIVE_NS) + 2 * LOOK_CYCLES) == [reported("board_rezeroed")]
 
 
 def test_a_board_whose_triangles_come_in_turns_is_judged_when_all_have_come(foot: Foot) -> None:
     above_rest(foot)
-    found = []
+    changes = []
     for _ in range(4 * cycles_in(NEGATIVE_NS) // LOOK_CYCLES):
         foot.halves[[0, 2, 4, 6]] = 2, 2, 0, 0
-        found += foot.look()
+        changes += foot.look()
         foot.halves[[0, 2, 4, 6]] = 0, 0, 2, 2
-        found += foot.look()
-    assert found == [told("board_rezeroed")]
+        changes += foot.look()
+    assert changes == [reported("board_rezeroed")]
 
 
 @pytest.mark.parametrize("taxel", [0, 11])
 def test_a_saturated_taxel_does_not_keep_a_board_from_being_believed_again(foot: Foot, taxel: int) -> None:
     rezero(foot)
     foot.off[3, taxel] = -NO_LOAD - 1
-    assert foot.look(4) == [told("taxel_saturated", 3, taxel)]
-    assert heal(foot) == [told("board_rezeroed_over")]
+    assert foot.look(4) == [reported("taxel_saturated", 3, taxel)]
+    assert heal(foot) == [reported("board_rezeroed_over")]
 
 
 def test_a_loose_triangle_does_not_keep_a_board_from_being_believed_again(foot: Foot) -> None:
     rezero(foot)
     foot.off[3] = -NO_LOAD - 1
-    assert foot.run() == [told("triangle_loose", 3)]
-    assert heal(foot) == [told("board_rezeroed_over")]
+    assert foot.run() == [reported("triangle_loose", 3)]
+    assert heal(foot) == [reported("board_rezeroed_over")]
 
 
 def test_a_silent_board_does_not_keep_another_from_being_believed_again(foot: Foot) -> None:
@@ -301,7 +301,7 @@ def test_a_silent_board_does_not_keep_another_from_being_believed_again(foot: Fo
     foot.run()
     foot.halves[8] = 0
     foot.run(SILENT_CYCLES)
-    assert heal(foot) == [told("board_rezeroed_over")]
+    assert heal(foot) == [reported("board_rezeroed_over")]
 
 
 def test_a_triangle_that_stopped_under_load_keeps_others_from_being_believed_until_it_is_stale(foot: Foot) -> None:
@@ -310,16 +310,16 @@ def test_a_triangle_that_stopped_under_load_keeps_others_from_being_believed_unt
     foot.run()
     foot.halves[3] = 0
     assert heal(foot) == []
-    assert foot.run(cycles_in(int(STALE_NS))) == [told("board_rezeroed_over")]
+    assert foot.run(cycles_in(int(STALE_NS))) == [reported("board_rezeroed_over")]
 
 
 def test_a_healed_board_learns_its_rest_levels_anew(foot: Foot) -> None:
     rezero(foot)
     foot.off[rows_of(9)] = 0
     foot.off[2, 8] = -FAR
-    assert foot.run(2 * cycles_in(HEALED_NS)) == [told("board_rezeroed_over")]
+    assert foot.run(2 * cycles_in(HEALED_NS)) == [reported("board_rezeroed_over")]
     foot.off[2, 8] = 0
-    assert foot.look(FEW_LOOKS) == [told("taxel_stuck", 2, 8)]
+    assert foot.look(FEW_LOOKS) == [reported("taxel_stuck", 2, 8)]
 
 
 def test_a_board_is_believed_again_when_it_stands_at_the_rest_levels_it_had_learned() -> None:
@@ -328,9 +328,9 @@ def test_a_board_is_believed_again_when_it_stands_at_the_rest_levels_it_had_lear
     foot.off[rows_of(9)] = own
     assert len(foot.look(4 * ENOUGH_LEARNED)) == 3
     foot.off[rows_of(9)] = own + 2
-    assert foot.run(cycles_in(NEGATIVE_NS) + 2 * LOOK_CYCLES) == [told("board_rezeroed")]
+    assert foot.run(cycles_in(NEGATIVE_NS) + 2 * LOOK_CYCLES) == [reported("board_rezeroed")]
     foot.off[rows_of(9)] = own
-    assert foot.run(cycles_in(HEALED_NS) + 2 * LOOK_CYCLES) == [told("board_rezeroed_over")]
+    assert foot.run(cycles_in(HEALED_NS) + 2 * LOOK_CYCLES) == [reported("board_rezeroed_over")]
 
 
 def test_after_a_pause_a_board_learns_its_rest_levels_anew_and_others_do_not(foot: Foot) -> None:
@@ -338,9 +338,9 @@ def test_after_a_pause_a_board_learns_its_rest_levels_anew_and_others_do_not(foo
     foot.run(3)
     foot.halves[:] = 2
     foot.off[[2, 3], [8, 9]] = -FAR
-    assert foot.look(MOST_LOOKS) == [told("taxel_stuck", 3, 9)]
+    assert foot.look(MOST_LOOKS) == [reported("taxel_stuck", 3, 9)]
     foot.off[2, 8] = 0
-    assert foot.look(FEW_LOOKS) == [told("taxel_stuck", 2, 8)]
+    assert foot.look(FEW_LOOKS) == [reported("taxel_stuck", 2, 8)]
 
 
 # ---- rest levels
@@ -371,7 +371,7 @@ def test_rest_levels_of_a_loose_triangle_are_not_learned() -> None:
     foot.off[3, 2] = -FAR
     foot.look(4 * ENOUGH_LEARNED)
     foot.off[3, 2] = 0
-    assert foot.run(cycles_in(GOOD_NS) + 2 * MOST_LOOKS * LOOK_CYCLES) == [told("triangle_loose_over", 3)]
+    assert foot.run(cycles_in(GOOD_NS) + 2 * MOST_LOOKS * LOOK_CYCLES) == [reported("triangle_loose_over", 3)]
 
 
 # ---- triangles
@@ -381,14 +381,14 @@ def test_rest_levels_of_a_loose_triangle_are_not_learned() -> None:
 def test_a_loose_triangle_is_masked_before_anybody_reads_the_cycle(foot: Foot, row: int) -> None:
     expected = np.arange(N)[:, None] == row
     foot.off[row] = -NO_LOAD - 1
-    assert foot.run() == [told("triangle_loose", row)]
+    assert foot.run() == [reported("triangle_loose", row)]
     assert (foot.masked_when_screened == expected).all()
     assert (foot.watch.masked == expected).all()
     assert foot.watch.faults == [Fault("triangle_loose", BOARD_OF_ROW[row], 15 - row, None, foot.t_ns)]
     foot.off[row] = 0
     assert foot.run(cycles_in(GOOD_NS) - 1) == []
     assert (foot.watch.masked == expected).all()
-    assert foot.run() == [told("triangle_loose_over", row)]
+    assert foot.run() == [reported("triangle_loose_over", row)]
     assert not foot.masked_when_screened.any()
     assert foot.watch.faults == []
     began, over = (change.text for change in foot.changes)
@@ -399,9 +399,9 @@ def test_a_loose_triangle_is_masked_before_anybody_reads_the_cycle(foot: Foot, r
 
 def test_two_triangles_that_come_loose_in_turn_are_reported_once_each(foot: Foot) -> None:
     foot.off[2] = -NO_LOAD - 1
-    assert foot.run() == [told("triangle_loose", 2)]
+    assert foot.run() == [reported("triangle_loose", 2)]
     foot.off[7] = -NO_LOAD - 1
-    assert foot.run() == [told("triangle_loose", 7)]
+    assert foot.run() == [reported("triangle_loose", 7)]
     assert foot.run(10) == []
     assert [fault.triangle for fault in foot.watch.faults] == [13, 8], "the longest first"
 
@@ -410,7 +410,7 @@ def test_two_triangles_that_come_loose_in_turn_are_reported_once_each(foot: Foot
 def test_stale_taxels_are_not_judged(foot: Foot, older_ns: int, is_judged: bool) -> None:
     foot.halves[3], foot.older_ns[3] = 1, older_ns
     foot.off[3] = -NO_LOAD - 1
-    assert foot.run(4) == ([told("triangle_loose", 3)] if is_judged else [])
+    assert foot.run(4) == ([reported("triangle_loose", 3)] if is_judged else [])
 
 
 def test_taxels_that_were_never_received_are_not_judged() -> None:
@@ -423,7 +423,7 @@ def test_taxels_that_were_never_received_are_not_judged() -> None:
 def test_a_triangle_without_noise_is_loose(foot: Foot) -> None:
     foot.noise[5] = 0
     assert foot.look(DEAF_LOOKS + 1) == [], "it stands still from the second on"
-    assert foot.run() == [told("triangle_loose", 5)]
+    assert foot.run() == [reported("triangle_loose", 5)]
 
 
 def test_a_silent_triangle_does_not_count_as_one_without_noise(foot: Foot) -> None:
@@ -438,19 +438,19 @@ def test_halves_in_the_cycle_of_a_check_count_in_that_check(foot: Foot) -> None:
     assert foot.look(3) == []
     foot.halves[5] = 2
     assert foot.look() == []
-    assert foot.run() == [told("triangle_loose", 5)]
+    assert foot.run() == [reported("triangle_loose", 5)]
 
 
 def test_what_came_in_the_first_cycle_of_a_look_counts_while_another_triangle_is_loose(foot: Foot) -> None:
     foot.off[2] = -NO_LOAD - 1
     foot.noise[5] = 0
-    found = []
+    changes = []
     for _ in range(DEAF_LOOKS + 2):
         foot.halves[5] = 2
-        found += foot.run()
+        changes += foot.run()
         foot.halves[5] = 0
-        found += foot.run()
-    assert found == [told("triangle_loose", 2), told("triangle_loose", 5)]
+        changes += foot.run()
+    assert changes == [reported("triangle_loose", 2), reported("triangle_loose", 5)]
 
 
 # ---- taxels
@@ -459,10 +459,10 @@ def test_what_came_in_the_first_cycle_of_a_look_counts_while_another_triangle_is
 @pytest.mark.parametrize(("row", "taxel"), [(0, 0), (3, 5), (6, 8), (8, 11)])
 def test_a_taxel_far_from_its_rest_is_stuck_and_masked_alone(foot: Foot, row: int, taxel: int) -> None:
     foot.off[row, taxel] = -FAR
-    assert foot.look(FEW_LOOKS) == [told("taxel_stuck", row, taxel)]
+    assert foot.look(FEW_LOOKS) == [reported("taxel_stuck", row, taxel)]
     assert np.argwhere(foot.watch.masked).tolist() == [[row, taxel]]
     foot.off[row, taxel] = 0
-    assert foot.look(MOST_LOOKS) == [told("taxel_stuck_over", row, taxel)]
+    assert foot.look(MOST_LOOKS) == [reported("taxel_stuck_over", row, taxel)]
     assert not foot.watch.masked.any()
 
 
@@ -472,20 +472,20 @@ def test_a_taxel_that_bears_nothing_among_loaded_ones_is_dead_and_masked_alone(
 ) -> None:
     foot.off[row] = -20
     foot.off[row, taxel] = 0
-    assert foot.look(FEW_LOOKS) == [told("taxel_dead", row, taxel)]
+    assert foot.look(FEW_LOOKS) == [reported("taxel_dead", row, taxel)]
     assert np.argwhere(foot.watch.masked).tolist() == [[row, taxel]]
     foot.off[row, taxel] = -20
-    assert foot.look(MOST_LOOKS) == [told("taxel_dead_over", row, taxel)]
+    assert foot.look(MOST_LOOKS) == [reported("taxel_dead_over", row, taxel)]
     assert not foot.watch.masked.any()
 
 
 @pytest.mark.parametrize(("row", "taxel"), [(0, 0), (3, 5), (6, 8), (8, 11)])
 def test_a_saturated_taxel_is_reported_and_not_masked(foot: Foot, row: int, taxel: int) -> None:
     foot.off[row, taxel] = -NO_LOAD - 1
-    assert foot.run(cycles_in(SATURATED_NS) + LOOK_CYCLES) == [told("taxel_saturated", row, taxel)]
+    assert foot.run(cycles_in(SATURATED_NS) + LOOK_CYCLES) == [reported("taxel_saturated", row, taxel)]
     assert not foot.watch.masked.any()
     foot.off[row, taxel] = 0
-    assert foot.run(cycles_in(UNSATURATED_NS) + LOOK_CYCLES) == [told("taxel_saturated_over", row, taxel)]
+    assert foot.run(cycles_in(UNSATURATED_NS) + LOOK_CYCLES) == [reported("taxel_saturated_over", row, taxel)]
 
 
 def test_constant_counts_of_a_triangle_are_no_evidence_about_its_taxels(foot: Foot) -> None:
@@ -494,7 +494,7 @@ def test_constant_counts_of_a_triangle_are_no_evidence_about_its_taxels(foot: Fo
     foot.off[3, 2] = -FAR
     assert foot.look(MOST_LOOKS) == []
     foot.noise[3] = 1
-    assert foot.look(FEW_LOOKS) == [told("taxel_stuck", 3, 2)]
+    assert foot.look(FEW_LOOKS) == [reported("taxel_stuck", 3, 2)]
 
 
 def test_taxels_are_checked_in_every_second_cycle(foot: Foot) -> None:
@@ -538,7 +538,7 @@ def after_a_restart(foot: Foot) -> None:
 
 def after_a_clash(foot: Foot) -> None:
     foot.halves[rows_of(9)] = 4
-    assert foot.run(cycles_in(2 * WINDOW_NS)) == [told("board_address_clash")]
+    assert foot.run(cycles_in(2 * WINDOW_NS)) == [reported("board_address_clash")]
     foot.halves[:] = 2
     assert foot.run(cycles_in(CROWDED_NS) + LOOK_CYCLES) == []
 
@@ -557,8 +557,8 @@ def after_a_clash(foot: Foot) -> None:
 def test_no_taxel_is_judged_by_a_board_in_doubt(foot: Foot, happens: Callable[[Foot], None], is_judged: bool) -> None:
     happens(foot)
     foot.off[2, 8] = foot.off[3, 5] = -NO_LOAD - 3
-    found = [told("taxel_saturated", 2, 8)] if is_judged else []
-    assert foot.run(cycles_in(SATURATED_NS) + LOOK_CYCLES) == [*found, told("taxel_saturated", 3, 5)]
+    expected = [reported("taxel_saturated", 2, 8)] if is_judged else []
+    assert foot.run(cycles_in(SATURATED_NS) + LOOK_CYCLES) == [*expected, reported("taxel_saturated", 3, 5)]
 
 
 def test_no_taxel_is_judged_on_a_loose_triangle(foot: Foot) -> None:
@@ -567,10 +567,10 @@ def test_no_taxel_is_judged_on_a_loose_triangle(foot: Foot) -> None:
     foot.off[3] = 0
     foot.off[3, 5] = -NO_LOAD - 1
     foot.off[5, 5] = -NO_LOAD - 1
-    assert foot.look(FEW_LOOKS) == [told("taxel_saturated", 5, 5)]
+    assert foot.look(FEW_LOOKS) == [reported("taxel_saturated", 5, 5)]
 
 
-# ---- what is told
+# ---- events
 
 
 def test_boards_come_before_triangles_and_triangles_before_taxels(foot: Foot) -> None:
@@ -580,7 +580,7 @@ def test_boards_come_before_triangles_and_triangles_before_taxels(foot: Foot) ->
     assert foot.run(FEW_LOOKS * LOOK_CYCLES - 1) == []
     foot.off[0] = -NO_LOAD - 1
     assert foot.run() == [
-        told("board_silent", board=2), told("triangle_loose", 0), told("taxel_stuck", 7, 9)
+        reported("board_silent", board=2), reported("triangle_loose", 0), reported("taxel_stuck", 7, 9)
     ]  # fmt: skip
 
 
@@ -590,7 +590,7 @@ def test_ended_faults_are_reported_before_new_ones(foot: Foot) -> None:
     foot.off[0] = 0
     foot.run(cycles_in(GOOD_NS) - 1)
     foot.off[4] = -NO_LOAD - 1
-    assert foot.run() == [told("triangle_loose_over", 0), told("triangle_loose", 4)]
+    assert foot.run() == [reported("triangle_loose_over", 0), reported("triangle_loose", 4)]
     assert [change.began for change in foot.changes[-2:]] == [False, True]
 
 

@@ -75,8 +75,8 @@ def test_a_fault_that_began(kind, place, sentence):
 
 def test_a_board_that_is_silent_costs_its_share_of_the_area():
     taxels = 10 * sum(triangle.board == 6 for triangle in LAYOUT.triangles)
-    found = describe_fault(LAYOUT, "board_silent", 6, None, None, began=True, lasted_s=None)
-    assert found == (
+    text = describe_fault(LAYOUT, "board_silent", 6, None, None, began=True, lasted_s=None)
+    assert text == (
         f"board 6 sends nothing: its {taxels} taxels are left out, {100 * taxels / 280:.1f} % of the area; "
         "look at its power and its CAN connector"
     )

@@ -24,24 +24,26 @@ def sent(rng, board: Readings) -> Sent:
 def test_candump_holds_the_bytes(tmp_path, b_first):
     rng = np.random.default_rng(1)
     geometry = insole("right", 8)
-    found = [sent(rng, b) for b in readings(rng, geometry, Timing((10, 50, 20), 0.0, b_first), 2.0)]
-    found[2].status[3, 7] = 2
-    found[0].kept[5, 0, 1] = False
-    write_candump(tmp_path / "can.log.gz", geometry, found, 1_650_000_000, b_first)
+    boards_sent = [sent(rng, b) for b in readings(rng, geometry, Timing((10, 50, 20), 0.0, b_first), 2.0)]
+    boards_sent[2].status[3, 7] = 2
+    boards_sent[0].kept[5, 0, 1] = False
+    write_candump(tmp_path / "can.log.gz", geometry, boards_sent, 1_650_000_000, b_first)
     lines = gzip.decompress((tmp_path / "can.log.gz").read_bytes()).decode().splitlines()
-    assert len(lines) == sum(s.kept.sum() for s in found)
+    assert len(lines) == sum(s.kept.sum() for s in boards_sent)
     times = [float(line[1 : line.index(")")]) for line in lines]
     assert times == sorted(times)
-    triangle = found[2].readings.triangles[7]
+    triangle = boards_sent[2].readings.triangles[7]
     name = f"{0x400 | int(geometry.address[triangle]) << 4 | int(geometry.slot[triangle]):03X}"
-    mine = [(t, bytes.fromhex(line.split("#")[1])) for t, line in zip(times, lines, strict=True) if f" {name}#" in line]
-    halves = [h for _, h in mine]
+    sent_frames = [
+        (t, bytes.fromhex(line.split("#")[1])) for t, line in zip(times, lines, strict=True) if f" {name}#" in line
+    ]
+    halves = [h for _, h in sent_frames]
     assert (halves[0][0] == 0xC0) == b_first
     a = np.array([list(h[1:8]) for h in halves if h[0] == 0x40])
     b = np.array([list(h[1:6]) for h in halves if h[0] == 0xC0])
-    assert np.array_equal(np.concatenate([a, b], 1), found[2].values[:, 7])
+    assert np.array_equal(np.concatenate([a, b], 1), boards_sent[2].values[:, 7])
     assert [h[7] for h in halves if h[0] == 0xC0][3] == 2
-    assert np.diff([t for t, h in mine if h[0] == 0x40]) == pytest.approx(0.02, abs=5e-4)
+    assert np.diff([t for t, h in sent_frames if h[0] == 0x40]) == pytest.approx(0.02, abs=5e-4)
 
 
 def test_a_slow_converter_repeats_its_value_and_its_noise():
@@ -58,9 +60,9 @@ def test_a_slow_converter_repeats_its_value_and_its_noise():
 
 def test_rows_hold_the_newest_bytes():
     rng = np.random.default_rng(3)
-    found = [sent(rng, b) for b in readings(rng, insole("left", 5), Timing((50, 50, 50), 0.0, False), 3.0)]
-    seconds, counts = rows_of(found, 0.02, 2.5)
-    board = found[1]
+    boards_sent = [sent(rng, b) for b in readings(rng, insole("left", 5), Timing((50, 50, 50), 0.0, False), 3.0)]
+    seconds, counts = rows_of(boards_sent, 0.02, 2.5)
+    board = boards_sent[1]
     for k in (3, 40, 100):
         newest = np.flatnonzero(board.readings.sent_s[:, 2] < seconds[k])[-1]
         assert np.array_equal(counts[k, board.readings.triangles[2]], board.values[newest, 2])
@@ -77,17 +79,17 @@ def test_the_mean_is_the_mean_of_the_bytes(word):
     for e in effects:
         step[e.place.any(1)] = e.shape["step"]
     noise = rng.standard_normal(mean.shape, np.float32) * these.noise
-    got = digitise(mean, noise, these, step).mean(0)[:, PRESSURE_TAXELS]
+    digitised = digitise(mean, noise, these, step).mean(0)[:, PRESSURE_TAXELS]
     wanted = mean[0][:, PRESSURE_TAXELS]
     inside = (wanted > 8) & (wanted < 247)
     assert inside.sum() > 150
-    assert got[inside] == pytest.approx(wanted[inside], abs=0.2)
+    assert digitised[inside] == pytest.approx(wanted[inside], abs=0.2)
 
 
 def test_every_period_and_kind_of_converter_is_drawn():
     rng = np.random.default_rng(4)
-    found = [boards.timing(rng, steady=False) for _ in range(300)]
-    assert {p for t in found for p in t.period_ms} == {10, 20, 37, 50}
-    assert any(len(set(t.period_ms)) > 1 for t in found)
-    assert any(t.conversion_s for t in found)
+    timings = [boards.timing(rng, steady=False) for _ in range(300)]
+    assert {p for t in timings for p in t.period_ms} == {10, 20, 37, 50}
+    assert any(len(set(t.period_ms)) > 1 for t in timings)
+    assert any(t.conversion_s for t in timings)
     assert not any(boards.timing(rng, steady=True).conversion_s for _ in range(100))

@@ -75,8 +75,8 @@ def test_power_law_superposes():
 def test_steady_creep_has_one_phase_at_every_frequency():
     phase = 2 * np.pi * np.arange(1000) / 1000
     for harmonic in (1, 3):
-        got = laws.power_law_steady(np.cos(harmonic * phase), 0.2)
-        assert got == pytest.approx(harmonic**-0.2 * np.cos(harmonic * phase - 0.2 * np.pi / 2), abs=1e-9)
+        response = laws.power_law_steady(np.cos(harmonic * phase), 0.2)
+        assert response == pytest.approx(harmonic**-0.2 * np.cos(harmonic * phase - 0.2 * np.pi / 2), abs=1e-9)
 
 
 @pytest.mark.parametrize("n", [7000, 7175, 7218])  # a cycle has any number of samples, its turn between two or on one

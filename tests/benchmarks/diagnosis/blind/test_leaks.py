@@ -55,8 +55,8 @@ def test_all_holds_every_kind_in_an_order_that_depends_on_the_seed():
 
 @pytest.mark.parametrize("recording", plan.RECORDINGS)
 def test_singles_hold_every_word_that_such_a_recording_can_show(recording):
-    found = {w for s in plan.cases(1, "single", 300) if s.recording == recording for w in s.words}
-    assert found == {*plan.SHOWN[recording], *FAULTS}
+    words = {w for s in plan.cases(1, "single", 300) if s.recording == recording for w in s.words}
+    assert words == {*plan.SHOWN[recording], *FAULTS}
 
 
 def test_a_null_is_as_noisy_as_it_should_be(made):
@@ -68,9 +68,9 @@ def test_a_null_is_as_noisy_as_it_should_be(made):
         with np.load(made.sealed / name / "scoring.npz") as scoring:
             with np.load(made.sealed / name / "recording" / "counts.npz") as recording:
                 counts = recording["counts"][scoring["untouched"]].astype(float)
-            left = (counts - scoring["oracle"])[:, scoring["usable"]]
+            residual = (counts - scoring["oracle"])[:, scoring["usable"]]
             believed = (counts - scoring["handed_out"])[:, scoring["usable"]]
-        assert 0.5 <= left.std() <= 2.0
-        assert abs(left.mean()) < 0.03
+        assert 0.5 <= residual.std() <= 2.0
+        assert abs(residual.mean()) < 0.03
         # The calibration that is handed out is right: it leaves hardly more than the truth does.
-        assert believed.std() < 1.02 * left.std()
+        assert believed.std() < 1.02 * residual.std()

@@ -28,9 +28,9 @@ def truth(kind: str, *words: str, **more: Any) -> dict[str, Any]:
     return {"kind": kind, "effects": effects, "equivalent": [], "tolerated": [], "taxels": EVERY, **common, **more}
 
 
-def answer(*found: Any, verdict: str = "explained") -> dict[str, Any]:
+def answer(*findings: Any, verdict: str = "explained") -> dict[str, Any]:
     findings = []
-    for f in found:
+    for f in findings:
         effect, alternatives, more = f if isinstance(f, tuple) else (f, [], {})
         findings.append({"effect": effect, "alternatives": alternatives, "confidence": 0.9, **more})
     return {"format": "insole-diagnosis/1", "verdict": verdict, "findings": findings}
@@ -132,20 +132,20 @@ def test_place():
     assert judge(wanted, answer("lag"))["places"] == []
 
 
-@pytest.mark.parametrize(("said", "right"), [([[5, 0], [5, 2]], True), ([[5, 0], [5, 1]], False)])
-def test_swapped_triangles_have_to_be_both(said, right):
+@pytest.mark.parametrize(("reported", "right"), [([[5, 0], [5, 2]], True), ([[5, 0], [5, 1]], False)])
+def test_swapped_triangles_have_to_be_both(reported, right):
     wanted = truth("simulation", "swapped_triangles")
     wanted["effects"][0]["where"] = {"scope": "triangle", "ids": [[5, 0], [5, 2]]}
-    found = ("swapped_triangles", [], {"where": {"scope": "triangle", "ids": said}})
-    assert judge(wanted, answer(found))["map_right"] is right
+    finding = ("swapped_triangles", [], {"where": {"scope": "triangle", "ids": reported}})
+    assert judge(wanted, answer(finding))["map_right"] is right
 
 
 @pytest.mark.parametrize(("rotation", "right"), [(3.1, True), (3.3, False)])
 def test_a_map_has_to_be_within_the_tolerance(rotation, right):
     wanted = truth("simulation", "map_transform")
     wanted["effects"][0]["parameters"] = {"x_mm": [5.0], "y_mm": [-2.0], "rotation_deg": [3.0]}
-    said = {"x_mm": {"value": [5.5]}, "y_mm": {"value": [-2.9]}, "rotation_deg": {"value": [rotation]}}
-    row = judge(wanted, answer(("map_transform", [], {"parameters": said})))
+    parameters = {"x_mm": {"value": [5.5]}, "y_mm": {"value": [-2.9]}, "rotation_deg": {"value": [rotation]}}
+    row = judge(wanted, answer(("map_transform", [], {"parameters": parameters})))
     assert row["map_right"] is right
     # A shift is off by its length, not by a component that may be nought.
     assert row["parameters"][1]["relative_error"] == pytest.approx(0.9 / 29**0.5)
@@ -154,8 +154,8 @@ def test_a_map_has_to_be_within_the_tolerance(rotation, right):
 def test_parameters():
     wanted = truth("single", "viscoelasticity")
     wanted["effects"][0]["parameters"] = {"tau_s": [0.5], "a": [0.2]}
-    said = {"tau_s": {"value": [0.55], "std": [0.02]}, "a": {"value": [0.1, 0.08]}}
-    rows = judge(wanted, answer(("viscoelasticity", [], {"parameters": said, "amplitude_fraction": 0.11})))[
+    parameters = {"tau_s": {"value": [0.55], "std": [0.02]}, "a": {"value": [0.1, 0.08]}}
+    rows = judge(wanted, answer(("viscoelasticity", [], {"parameters": parameters, "amplitude_fraction": 0.11})))[
         "parameters"
     ]
     by_name = {r["parameter"]: r for r in rows}

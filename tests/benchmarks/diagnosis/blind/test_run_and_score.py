@@ -42,8 +42,8 @@ def predictor(name, off=0.0):
     return predict
 
 
-def measured(found):
-    return {b.what: b for b in bars(found["cases"])}
+def measured(scores):
+    return {b.what: b for b in bars(scores["cases"])}
 
 
 def test_a_perfect_answer_scores_full_marks(made, tmp_path):
@@ -52,8 +52,8 @@ def test_a_perfect_answer_scores_full_marks(made, tmp_path):
     log = run(template, made.cases, tmp_path / "answers", limit_s=60)
     assert [entry["status"] for entry in log] == [0] * N
     assert all(entry["peak_mb"] > 1 and entry["seconds"] > 0 for entry in log)
-    found = score(made.sealed, tmp_path / "answers", made.seal, predictor("oracle"))
-    by = measured(found)
+    scores = score(made.sealed, tmp_path / "answers", made.seal, predictor("oracle"))
+    by = measured(scores)
     assert by["nulls, false alarms"].measured.startswith("0 % (0 of 1")
     assert by["single ≥ 3 × floor and faults: named first"].measured.startswith("100 % (1 of 1")
     assert by["paired simulation: named first"].measured.startswith("100 % (1 of 1")
@@ -61,8 +61,8 @@ def test_a_perfect_answer_scores_full_marks(made, tmp_path):
     assert by["place, F1 per taxel, chamber"].reached is True
     assert by["parameters: median error"].reached is True
     assert by["untouched data made worse by > 2 %"].reached is True
-    assert "| single ≥ 3 × floor and faults: named first | ≥ 95 % | 100 % (1 of 1" in markdown(found)
-    json.dumps(found)
+    assert "| single ≥ 3 × floor and faults: named first | ≥ 95 % | 100 % (1 of 1" in markdown(scores)
+    json.dumps(scores)
     worse = measured(score(made.sealed, tmp_path / "answers", made.seal, predictor("handed_out", 5.0)))
     assert worse["untouched data made worse by > 2 %"].measured.startswith("100 % (3 of 3")
     assert worse["recovered share of the oracle's gain, median"].reached is False
@@ -77,18 +77,18 @@ def test_a_run_that_fails_is_logged_and_scored_as_wrong(made, tmp_path):
     assert by["tracebacks, crashes and time-outs"].measured.startswith(f"100 % ({N} of {N}")
 
 
-def test_an_answer_that_cannot_be_read_is_none(made, tmp_path):
+def test_unreadable_answer_counts_as_no_answer(made, tmp_path):
     answers = tmp_path / "answers"
     run([sys.executable, "-c", ""], made.cases, answers, limit_s=60)
     first, second, third = sorted(p.name for p in made.cases.iterdir() if p.is_dir())
     (answers / first / "diagnosis.json").write_text("{")
     (answers / second / "diagnosis.json").write_text('{"format": "insole-diagnosis/1", "findings": [{}]}')
-    found = score(made.sealed, answers, made.seal)
-    assert not any(row["answered"] for row in found["cases"])
-    said = {row["case"]: row["unreadable"] for row in found["cases"]}
-    assert "JSONDecodeError" in said[first]
-    assert "KeyError: 'effect'" in said[second]
-    assert "FileNotFoundError" in said[third]
+    scores = score(made.sealed, answers, made.seal)
+    assert not any(row["answered"] for row in scores["cases"])
+    reasons = {row["case"]: row["unreadable"] for row in scores["cases"]}
+    assert "JSONDecodeError" in reasons[first]
+    assert "KeyError: 'effect'" in reasons[second]
+    assert "FileNotFoundError" in reasons[third]
 
 
 def test_a_run_that_never_ends_is_stopped(made, tmp_path):
@@ -168,8 +168,8 @@ def test_force_is_compared_at_the_stated_times(tmp_path):
     def between_the_rows(model, recording):
         return {"left": (t_s[:-1] + 0.01, (force[:-1] + force[1:]) / 2 + 2.0)}
 
-    found = compare_force(tmp_path, "left", tmp_path / "model.json", between_the_rows)
-    assert found["model"] == pytest.approx(2.0, abs=0.05)
-    assert found["recovered"] == pytest.approx((30 - 2) / (30 - 1), abs=0.03)
+    errors = compare_force(tmp_path, "left", tmp_path / "model.json", between_the_rows)
+    assert errors["model"] == pytest.approx(2.0, abs=0.05)
+    assert errors["recovered"] == pytest.approx((30 - 2) / (30 - 1), abs=0.03)
     late = compare_force(tmp_path, "left", tmp_path / "model.json", lambda m, r: {"left": (t_s[:100], force[:100])})
     assert "expected a finite f_z" in late["failure"]

@@ -36,10 +36,10 @@ def test_solved_strength_in_a_chamber_is_the_definition():
     with_it = Signal(trial, geometry.taxel_mm, these, (effect,), columns).mean(seconds)
     pressure = trial.at(trial.courses[:, 0], seconds) / trial.span_pa
     static = np.vander(pressure, 4)
-    left = with_it - clean
-    left = left - static @ np.linalg.lstsq(static, left, rcond=None)[0]
+    residual = with_it - clean
+    residual = residual - static @ np.linalg.lstsq(static, residual, rcond=None)[0]
     noise2 = np.mean(these.noise.ravel()[columns] ** 2 + 1 / 12)
-    assert np.sqrt(np.mean(left**2) / noise2) == pytest.approx(3.0, rel=0.08)
+    assert np.sqrt(np.mean(residual**2) / noise2) == pytest.approx(3.0, rel=0.08)
 
 
 def test_solved_strength_in_a_walk_stands_out_of_the_wrench(strolled):

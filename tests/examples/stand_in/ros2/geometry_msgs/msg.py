@@ -27,7 +27,7 @@ class Message:
 def plain(value):
     """`value` as JSON has it: bytes as numbers."""
     if isinstance(value, list | bytes):
-        return [plain(each) for each in value]
+        return [plain(item) for item in value]
     return value.as_dict() if isinstance(value, Message) else value
 
 

@@ -1,4 +1,4 @@
-"""Health tells what was asked of the daemon and what came of it."""
+"""`health.asked` counts the requests, reloads and commands that the daemon did and refused."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ def test_requests_are_counted(daemon):
         with pytest.raises(WireError):
             insole.request("left", "boards", do="fly")
         insole.request("right", "boards", do="list")
-        for said, kind in ((text, "reloaded"), (text + "nonsense: 1\n", "reload_refused"), (text, "reloaded")):
-            daemon.config_file.write_text(said)
+        for content, kind in ((text, "reloaded"), (text + "nonsense: 1\n", "reload_refused"), (text, "reloaded")):
+            daemon.config_file.write_text(content)
             daemon.process.send_signal(signal.SIGHUP)
             assert next(event.kind for event in events if "reload" in event.kind) == kind
         health = next(health for health in healths if health.asked["reloads_done"] == 2)
