@@ -62,7 +62,7 @@ def analyse(folder: Path, client: Any) -> tuple[float, float, str]:
     study = load_study(folder)
     shutil.rmtree(folder / "results", ignore_errors=True)
     began, cpu_s = time.perf_counter(), sum(client.run(_cpu_s).values())
-    outcomes = run_tasks(client, folder, study, folder / "results", lambda number, outcome: None)
+    outcomes = run_tasks(client, folder, study, folder / "results", lambda number, outcome: None, print)
     seconds, cpu_s = time.perf_counter() - began, sum(client.run(_cpu_s).values()) - cpu_s
     rows, steps_of_recordings = collect_rows(study, folder / "results", outcomes)
     write_tables(study, rows, steps_of_recordings, folder)

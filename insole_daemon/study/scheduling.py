@@ -6,6 +6,7 @@ import contextlib
 import logging
 import re
 import signal
+import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError
 from multiprocessing import resource_tracker
@@ -20,6 +21,11 @@ from .document import Study
 from .tasks import Given, TaskResult, do_tasks
 
 TIMES_TRIED = 3  # after so many workers died with a recording, it is given up
+LOCAL_WORKERS_TIMEOUT_S = (
+    60.0  # without a local worker, before its recordings are given up: Dask restarts one in seconds
+)
+_ABSENCE_REPORTED_S = 20.0  # without a worker, before the first report
+_ASKED_EVERY_S = 5.0
 # Dask's own adds MALLOC_TRIM_THRESHOLD_, with which glibc returns every array above 128 kB to the kernel at once: page
 # faults then take a third of a worker's CPU time.
 _WORKER_ENVIRONMENT = {"OMP_NUM_THREADS": 1, "MKL_NUM_THREADS": 1, "OPENBLAS_NUM_THREADS": 1}
@@ -48,6 +54,7 @@ def _local_workers(workers: int) -> Iterator[Any]:
 
     settings = {
         "distributed.scheduler.allowed-failures": TIMES_TRIED - 1,
+        "distributed.scheduler.no-workers-timeout": LOCAL_WORKERS_TIMEOUT_S,
         "distributed.worker.profile.enabled": False,  # nobody reads it
         "distributed.nanny.pre-spawn-environ": _WORKER_ENVIRONMENT,
     }
@@ -108,13 +115,18 @@ def _hold_interrupts() -> Iterator[None]:
 
 
 def run_tasks(
-    client: Any, folder: Path, study: Study, results: Path, report_done: Callable[[int, list[TaskResult]], None]
+    client: Any,
+    folder: Path,
+    study: Study,
+    results: Path,
+    report_done: Callable[[int, list[TaskResult]], None],
+    report_absence: Callable[[float], None],
 ) -> list[list[TaskResult]]:
     """Do the tasks of every recording on the workers of `client`; return their results in the order of study.yaml.
 
-    `report_done` is called with the number of each recording and its results as they come.
+    `report_done` is called with the number of each recording and its results as they come, `report_absence` with the
+    seconds for which the scheduler has had no workers: after 20, 40, 80 and so on.
     """
-    distributed = need("distributed", "distributed", "a study")
     judged = _whole_paths(study.calibrations)
     futures = {}
     for number, recording in enumerate(study.recordings):
@@ -126,22 +138,53 @@ def run_tasks(
         )  # fmt: skip
         futures[future] = number
     outcomes: list[list[TaskResult]] = [[] for _ in study.recordings]
-    for future in distributed.as_completed(list(futures)):
+    for future in _wait_for_results(client, list(futures), report_absence):
         number = futures[future]
         try:
             outcomes[number] = future.result()
         except Exception as error:
-            problem = describe_failure(error, distributed)
+            problem = describe_failure(error)
             outcomes[number] = [TaskResult(task, None, problem) for task in study.tasks]
         report_done(number, outcomes[number])
     return outcomes
 
 
-def describe_failure(error: Exception, distributed: Any) -> str:
+def _wait_for_results(client: Any, futures: Sequence[Any], report_absence: Callable[[float], None]) -> Iterator[Any]:
+    """Yield each future as it completes; ask for the workers while none does."""
+    import distributed
+
+    completed = distributed.as_completed(futures)
+    asked_s = present_s = time.monotonic()
+    reported_after_s = _ABSENCE_REPORTED_S
+    while not completed.is_empty():
+        now_s = time.monotonic()
+        if completed.has_ready():
+            present_s, reported_after_s = now_s, _ABSENCE_REPORTED_S
+            yield next(completed)
+        elif now_s < asked_s + _ASKED_EVERY_S:
+            time.sleep(0.05)
+        elif client.scheduler_info()["workers"]:
+            asked_s = present_s = now_s
+            reported_after_s = _ABSENCE_REPORTED_S
+        else:
+            asked_s = now_s
+            if now_s >= present_s + reported_after_s:
+                report_absence(now_s - present_s)
+                reported_after_s *= 2
+
+
+def describe_failure(error: Exception) -> str:
     """Return why Dask has no result of a recording."""
+    from distributed.scheduler import KilledWorker, NoWorkerError
+
     if isinstance(error, CancelledError):
         return "the scheduler does not answer any more: start it and this command again; finished results are reused"
-    if isinstance(error, distributed.KilledWorker):
+    if isinstance(error, NoWorkerError):
+        return (
+            f"all workers ended, and none started within {error.timeout:g} s: check the memory and disk of their "
+            "computer, and start this command again; finished results are reused"
+        )
+    if isinstance(error, KilledWorker):
         return (
             f"{error.allowed_failures + 1} workers died with it, the last on {error.last_worker.address}: "
             "it may need more memory than they have"
