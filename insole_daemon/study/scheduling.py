@@ -21,9 +21,7 @@ from .document import Study
 from .tasks import Given, TaskResult, do_tasks
 
 TIMES_TRIED = 3  # after so many workers died with a recording, it is given up
-LOCAL_WORKERS_TIMEOUT_S = (
-    60.0  # without a local worker, before its recordings are given up: Dask restarts one in seconds
-)
+LOCAL_WORKERS_TIMEOUT_S = 60.0  # without any, before recordings are given up; Dask restarts one that died in seconds
 _ABSENCE_REPORTED_S = 20.0  # without a worker, before the first report
 _ASKED_EVERY_S = 5.0
 # Dask's own adds MALLOC_TRIM_THRESHOLD_, with which glibc returns every array above 128 kB to the kernel at once: page
@@ -138,39 +136,59 @@ def run_tasks(
         )  # fmt: skip
         futures[future] = number
     outcomes: list[list[TaskResult]] = [[] for _ in study.recordings]
-    for future in _wait_for_results(client, list(futures), report_absence):
+    for future, result in _wait_for_results(client, list(futures), report_absence):
         number = futures[future]
-        try:
-            outcomes[number] = future.result()
-        except Exception as error:
-            problem = describe_failure(error)
-            outcomes[number] = [TaskResult(task, None, problem) for task in study.tasks]
+        if isinstance(result, Exception):
+            problem = describe_failure(result)
+            result = [TaskResult(task, None, problem) for task in study.tasks]
+        outcomes[number] = result
         report_done(number, outcomes[number])
     return outcomes
 
 
-def _wait_for_results(client: Any, futures: Sequence[Any], report_absence: Callable[[float], None]) -> Iterator[Any]:
-    """Yield each future as it completes; ask for the workers while none does."""
+def _wait_for_results(
+    client: Any, futures: Sequence[Any], report_absence: Callable[[float], None]
+) -> Iterator[tuple[Any, list[TaskResult] | Exception]]:
+    """Yield each future with its result, or with the exception that is in its place; ask for workers while none comes.
+
+    Dask itself waits without limit for a worker, both for a task and for a result whose worker left before it was read.
+    """
     import distributed
 
     completed = distributed.as_completed(futures)
     asked_s = present_s = time.monotonic()
     reported_after_s = _ABSENCE_REPORTED_S
     while not completed.is_empty():
-        now_s = time.monotonic()
         if completed.has_ready():
-            present_s, reported_after_s = now_s, _ABSENCE_REPORTED_S
-            yield next(completed)
-        elif now_s < asked_s + _ASKED_EVERY_S:
-            time.sleep(0.05)
-        elif client.scheduler_info()["workers"]:
-            asked_s = present_s = now_s
-            reported_after_s = _ABSENCE_REPORTED_S
+            future = next(completed)
+            result = _read_result(future)
+            if result is not None:
+                present_s, reported_after_s = time.monotonic(), _ABSENCE_REPORTED_S
+                yield future, result
+                continue
+            completed.add(future)
         else:
-            asked_s = now_s
-            if now_s >= present_s + reported_after_s:
-                report_absence(now_s - present_s)
-                reported_after_s *= 2
+            time.sleep(0.05)
+        now_s = time.monotonic()
+        if now_s < asked_s + _ASKED_EVERY_S:
+            continue
+        asked_s = now_s
+        if client.scheduler_info()["workers"]:
+            present_s, reported_after_s = now_s, _ABSENCE_REPORTED_S
+        elif now_s >= present_s + reported_after_s:
+            report_absence(now_s - present_s)
+            reported_after_s *= 2
+
+
+def _read_result(future: Any) -> list[TaskResult] | Exception | None:
+    """Return the result of a completed future, or its exception; None if the worker that has the result left."""
+    try:
+        result: list[TaskResult] = future.result(timeout=_ASKED_EVERY_S)
+    except TimeoutError:
+        return None
+    except Exception as error:
+        return error
+    return result
 
 
 def describe_failure(error: Exception) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import logging
 import os
@@ -352,13 +353,26 @@ def leave_at_p1(folder, *arguments):
     return do_tasks(folder, *arguments)
 
 
+async def leave(dask_worker):
+    asyncio.get_running_loop().create_task(dask_worker.close(nanny=True))
+
+
 def test_an_absence_of_all_workers_is_reported_until_one_joins(folder, monkeypatch):
+    """The worker leaves with results that were not read yet."""
     from distributed import LocalCluster
 
-    monkeypatch.setattr(scheduling, "do_tasks", leave_at_p1)
     monkeypatch.setattr(scheduling, "_ABSENCE_REPORTED_S", 0.5)
     monkeypatch.setattr(scheduling, "_ASKED_EVERY_S", 0.1)
-    absences_s = []
+    absences_s, left = [], threading.Event()
+
+    def leave_once_when_all_is_done(number, results):
+        if not left.is_set():
+            left.set()
+            deadline_s = time.monotonic() + PATIENCE_S
+            while len(files_of(folder)) < 6:
+                assert time.monotonic() < deadline_s
+                time.sleep(0.05)
+            client.run(leave)
 
     def start_worker_after_three_reports(seconds):
         absences_s.append(seconds)
@@ -367,7 +381,7 @@ def test_an_absence_of_all_workers_is_reported_until_one_joins(folder, monkeypat
 
     local = {"threads_per_worker": 1, "host": "127.0.0.1", "dashboard_address": "127.0.0.1:0"}
     with LocalCluster(n_workers=1, **local) as existing, cluster(existing.scheduler_address, 1) as client:
-        analysed(folder, client, told_absent=start_worker_after_three_reports)
+        analysed(folder, client, leave_once_when_all_is_done, start_worker_after_three_reports)
     assert all(seconds >= least for seconds, least in zip(absences_s, (0.5, 1, 2), strict=False)), absences_s
     assert len(absences_s) >= 3
     assert pd.read_csv(folder / "table.csv").missing.isna().all()
