@@ -62,7 +62,7 @@ def study(
                     "and Ctrl-C keeps the finished results"
                 )
 
-        if not client.scheduler_info()["workers"]:
+        if scheduler is not None and not client.scheduler_info()["workers"]:
             work(f"{scheduler} has no workers: waiting for one; {_how_to_start_worker(scheduler)}")
         results = run_tasks(client, folder, document, folder / RESULTS, report_recording, report_absence)
     rows, steps = collect_rows(document, folder / RESULTS, results)
