@@ -13,7 +13,7 @@ from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import Any
 
-from ..errors import InsoleError
+from ..errors import FileError, InsoleError
 from ..recording.lab import need
 from . import worker
 from .content import program_digest
@@ -27,7 +27,8 @@ _ASKED_EVERY_S = 5.0
 # Dask's own adds MALLOC_TRIM_THRESHOLD_, with which glibc returns every array above 128 kB to the kernel at once: page
 # faults then take a third of a worker's CPU time.
 _WORKER_ENVIRONMENT = {"OMP_NUM_THREADS": 1, "MKL_NUM_THREADS": 1, "OPENBLAS_NUM_THREADS": 1}
-_LOOPBACK = re.compile(r"tcp://(127\.\d+\.\d+\.\d+|localhost|\[::1\])(:\d+)?")
+_LOOPBACK = re.compile(r"tcp://(127\.\d+\.\d+\.\d+|localhost|\[::1\]):\d{1,5}")
+_WITH_TLS = re.compile(r"tls://.+:\d{1,5}")
 
 
 @contextlib.contextmanager
@@ -75,14 +76,17 @@ def _local_workers(workers: int) -> Iterator[Any]:
 def _existing_scheduler(scheduler: str, tls: tuple[Path, Path, Path] | None) -> Iterator[Any]:
     import distributed
 
-    if not _LOOPBACK.fullmatch(scheduler) and (not scheduler.startswith("tls://") or tls is None):
+    if not _LOOPBACK.fullmatch(scheduler) and (not _WITH_TLS.fullmatch(scheduler) or tls is None):
         raise InsoleError(
-            f"{scheduler}: expected a scheduler on this host, as tcp://127.0.0.1:8786, or tls:// with --tls-ca, "
-            "--tls-cert and --tls-key: Dask exchanges pickles, and whoever reaches a scheduler without TLS can run "
-            "programs on it"
+            f"{scheduler}: expected a scheduler on this host, as tcp://127.0.0.1:8786, or tls://HOST:PORT with "
+            "--tls-ca, --tls-cert and --tls-key: Dask exchanges pickles, and whoever reaches a scheduler without TLS "
+            "can run programs on it"
         )
     security = None
     if tls is not None:
+        for file in tls:
+            if not file.is_file():
+                raise FileError(f"{file}: there is no such file; --tls-ca, --tls-cert and --tls-key name three files")
         ca, certificate, key = map(str, tls)
         security = distributed.Security(
             tls_ca_file=ca, tls_client_cert=certificate, tls_client_key=key, require_encryption=True

@@ -19,7 +19,7 @@ import pandas as pd
 import pytest
 
 from insole_daemon.config import Config
-from insole_daemon.errors import DocumentError, InsoleError
+from insole_daemon.errors import DocumentError, FileError, InsoleError
 from insole_daemon.service.foot_setup import load_layout
 from insole_daemon.simulation.trial import Trial
 from insole_daemon.study import scheduling
@@ -210,9 +210,17 @@ def test_a_study_that_cannot_be_is_refused(tmp_path):
         load_study(tmp_path)
 
 
-@pytest.mark.parametrize("address", ["tcp://10.0.0.5:8786", "tls://10.0.0.5:8786", "tcp://0.0.0.0:8786"])
+@pytest.mark.parametrize(
+    "address", ["tcp://10.0.0.5:8786", "tls://10.0.0.5:8786", "tcp://0.0.0.0:8786", "tcp://127.0.0.1"]
+)
 def test_a_scheduler_beyond_loopback_needs_tls(address):
     with pytest.raises(InsoleError, match="Dask exchanges pickles"), cluster(address, 1):
+        pass
+
+
+def test_a_certificate_that_is_not_there_is_named(tmp_path):
+    files = tuple(tmp_path / name for name in ("ca.pem", "member.pem", "member.key"))
+    with pytest.raises(FileError, match="ca.pem: there is no such file"), cluster("tls://127.0.0.1:1", 1, files):
         pass
 
 
