@@ -128,7 +128,7 @@ def main() -> None:
                 digests.add(analyse(folder, client)[2])
                 killed += not timer.is_alive()
                 timer.cancel()
-        print(f"{kills} runs, a worker killed in {killed}; different results over all runs: {len(digests)} (1 is right)")
+        print(f"{kills} runs, a worker killed in {killed}; different results of all runs: {len(digests)} (1 is right)")
 
 
 def _warm(recording: Path) -> None:
