@@ -62,7 +62,7 @@ def analyse(folder: Path, client: Any) -> tuple[float, float, str]:
     study = load_study(folder)
     shutil.rmtree(folder / "results", ignore_errors=True)
     began, cpu_s = time.perf_counter(), sum(client.run(_cpu_s).values())
-    outcomes = run_tasks(client, folder, study, folder / "results", lambda number, outcome: None)
+    outcomes = run_tasks(client, folder, study, folder / "results", lambda number, outcome: None, print)
     seconds, cpu_s = time.perf_counter() - began, sum(client.run(_cpu_s).values()) - cpu_s
     rows, steps_of_recordings = collect_rows(study, folder / "results", outcomes)
     write_tables(study, rows, steps_of_recordings, folder)
@@ -118,6 +118,7 @@ def main() -> None:
                 seconds, peak_mb = fresh.submit(collect, folder, times).result()
             print(f"collecting {times * recordings} recordings: {seconds:.1f} s, {peak_mb:.0f} MB", flush=True)
         dice = random.Random(23)
+        killed = 0
         for _ in range(kills):
             with cluster(None, 2) as client:
                 client.run(_warm, folder / "r00")
@@ -125,8 +126,9 @@ def main() -> None:
                 timer = threading.Timer(dice.uniform(0.0, 0.8 * alone_s / 2), os.kill, (pid, signal.SIGKILL))
                 timer.start()
                 digests.add(analyse(folder, client)[2])
+                killed += not timer.is_alive()
                 timer.cancel()
-        print(f"{kills} runs with a worker killed; different results over all runs: {len(digests)} (1 is right)")
+        print(f"{kills} runs, a worker killed in {killed}; different results of all runs: {len(digests)} (1 is right)")
 
 
 def _warm(recording: Path) -> None:

@@ -8,6 +8,7 @@ import time
 import pylsl
 
 import insole_daemon
+from insole_daemon.errors import InsoleError
 
 CHANNELS = {  # label: field of the message, unit
     "f_z": ("f_z_n", "N"),
@@ -50,5 +51,8 @@ def main(foot="left", *endpoint):
 
 
 if __name__ == "__main__":
-    with contextlib.suppress(KeyboardInterrupt):
-        main(*sys.argv[1:])
+    try:
+        with contextlib.suppress(KeyboardInterrupt):
+            main(*sys.argv[1:])
+    except InsoleError as error:
+        sys.exit(f"lsl_outlet: {error}")

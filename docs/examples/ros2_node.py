@@ -14,6 +14,7 @@ from rclpy.executors import ExternalShutdownException
 from sensor_msgs.msg import PointCloud2, PointField
 
 import insole_daemon
+from insole_daemon.errors import InsoleError
 from insole_daemon.skin.geometry import PRESSURE_TAXELS
 
 FEET = ("left", "right")
@@ -36,6 +37,8 @@ class InsoleNode:
         try:
             for cycle in itertools.takewhile(lambda _: rclpy.ok(), cycles):
                 publish(*cycle)
+        except InsoleError as error:
+            self.log.error(str(error))
         finally:
             rclpy.try_shutdown()
 
@@ -84,13 +87,21 @@ def place_pressures(insole):
     return ((pressure, meta(pressure.foot, pressure.started_ns).xy_m) for pressure in insole.pressures())
 
 
-if __name__ == "__main__":
+def main(*endpoint):
+    """Publish until the node is told to end."""
     rclpy.init()
     ros = rclpy.create_node("insole")
-    with insole_daemon.connect(*sys.argv[1:]) as insole:
+    with insole_daemon.connect(*endpoint) as insole:
         node = InsoleNode(ros)
         threading.Thread(target=node.relay, args=[zip(insole.wrenches(), strict=True), node.publish_wrench]).start()
         threading.Thread(target=node.relay, args=[place_pressures(insole), node.publish_pressure]).start()
         with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
             while rclpy.ok():  # and not spin(): a shutdown by another thread does not always wake it
                 rclpy.spin_once(ros, timeout_sec=0.5)
+
+
+if __name__ == "__main__":
+    try:
+        main(*sys.argv[1:])
+    except InsoleError as error:
+        sys.exit(f"ros2_node: {error}")

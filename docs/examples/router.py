@@ -9,6 +9,7 @@ import signal
 import sys
 import threading
 
+from insole_daemon.errors import InsoleError
 from insole_daemon.wire.session import open_session
 
 
@@ -23,4 +24,7 @@ def main(*listen: str) -> None:
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    try:
+        main(*sys.argv[1:])
+    except InsoleError as error:
+        sys.exit(f"router: {error}")

@@ -36,7 +36,7 @@ def study(
     from ..study.collecting import collect_rows, write_tables
     from ..study.document import load_study
     from ..study.page import study_page
-    from ..study.scheduling import cluster, run_tasks
+    from ..study.scheduling import LOCAL_WORKERS_TIMEOUT_S, cluster, run_tasks
     from ..study.tasks import describe_problems
 
     document = load_study(folder)
@@ -49,9 +49,22 @@ def study(
             work(f"{document.recordings[number].folder}: {describe_problems(results) or 'done'}")
             work.done(next(numbers) / len(document.recordings))
 
-        if not client.scheduler_info()["workers"]:
-            work(f"{scheduler} has no workers: waiting for one; dask worker {scheduler} starts one")
-        results = run_tasks(client, folder, document, folder / RESULTS, report_recording)
+        def report_absence(seconds: float) -> None:
+            time = f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} minutes"
+            if scheduler is None:
+                work(
+                    f"no worker has been running on this host for {time}: after {LOCAL_WORKERS_TIMEOUT_S:.0f} s, the "
+                    "recordings that are not done are given up"
+                )
+            else:
+                work(
+                    f"{scheduler} has had no workers for {time}: waiting for one; {_how_to_start_worker(scheduler)}, "
+                    "and Ctrl-C keeps the finished results"
+                )
+
+        if scheduler is not None and not client.scheduler_info()["workers"]:
+            work(f"{scheduler} has no workers: waiting for one; {_how_to_start_worker(scheduler)}")
+        results = run_tasks(client, folder, document, folder / RESULTS, report_recording, report_absence)
     rows, steps = collect_rows(document, folder / RESULTS, results)
     write_tables(document, rows, steps, folder)
     write_whole(folder / "study.html", study_page(folder.resolve().name, document, rows, steps))
@@ -60,3 +73,8 @@ def study(
     name_next(f"open {folder / 'study.html'}")
     if missing:
         raise typer.Exit(1)
+
+
+def _how_to_start_worker(scheduler: str) -> str:
+    certificates = " with --tls-ca-file, --tls-cert and --tls-key" if scheduler.startswith("tls:") else ""
+    return f"dask worker {scheduler}{certificates} starts one"

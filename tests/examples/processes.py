@@ -75,6 +75,15 @@ def python(*arguments: str | Path, **environment: str) -> Iterator[Lines]:
         process.stdout.close()
 
 
+def run_to_end(example: str, *arguments: str, **environment: str) -> tuple[int, list[str]]:
+    """Return the exit status of an example that ends by itself, and its lines on stderr."""
+    command = [sys.executable, "-W", "error", str(EXAMPLES / example), *arguments]
+    done = subprocess.run(
+        command, capture_output=True, text=True, check=False, env={**os.environ, **environment}, timeout=PATIENCE_S
+    )
+    return done.returncode, done.stderr.splitlines()
+
+
 def path_with(folder: Path) -> str:
     """PYTHONPATH with `folder` before all others."""
     return os.pathsep.join([str(folder), *filter(None, [os.environ.get("PYTHONPATH")])])

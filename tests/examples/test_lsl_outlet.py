@@ -12,7 +12,7 @@ import uuid
 
 import numpy as np
 import pytest
-from processes import EXAMPLES, lacking, python
+from processes import EXAMPLES, lacking, python, run_to_end
 
 import insole_daemon
 from insole_daemon.wire.publisher import FootPublisher
@@ -83,6 +83,12 @@ def test_rows_have_the_values_and_the_time_of_the_cycles(daemon, lsl):
     assert len(errors_s) == 200
     assert np.median(np.abs(errors_s)) < 0.0005, "the time of the reading, not of the sending"
     assert np.percentile(np.abs(errors_s), 90) < 0.005
+
+
+def test_without_an_answering_daemon_it_ends_with_one_message(endpoint, lsl):
+    status, (message,) = run_to_end("lsl_outlet.py", "left", endpoint, **lsl)
+    assert status == 1
+    assert message.startswith(f"lsl_outlet: nobody answers on {endpoint}. Start the daemon")
 
 
 def test_unknown_lost_and_repeated(daemon, endpoint, lsl):

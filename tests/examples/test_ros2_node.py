@@ -11,9 +11,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from processes import EXAMPLES, STAND_IN, path_with, python
+from processes import EXAMPLES, STAND_IN, path_with, python, run_to_end
 
 import insole_daemon
+from insole_daemon.errors import WireError
 from insole_daemon.skin.geometry import PRESSURE_TAXELS
 
 ROS2 = STAND_IN / "ros2"
@@ -57,9 +58,10 @@ def test_both_feet_are_published(daemon):
         assert all(math.isnan(value) for value in (force["x"], force["y"], torque["z"]))
 
 
-def test_without_an_answering_daemon_it_ends_with_an_error(endpoint):
-    with python(EXAMPLES / "ros2_node.py", endpoint, PYTHONPATH=path_with(ROS2)) as lines:
-        assert lines.process.wait() == 1
+def test_without_an_answering_daemon_it_ends_with_one_message(endpoint):
+    status, (_, message) = run_to_end("ros2_node.py", endpoint, PYTHONPATH=path_with(ROS2))
+    assert status == 1
+    assert message.startswith(f"ros2_node: nobody answers on {endpoint}. Start the daemon")
 
 
 @pytest.fixture
@@ -75,7 +77,9 @@ def node(monkeypatch):
 
         return SimpleNamespace(publish=publish)
 
-    logger = SimpleNamespace(warning=lambda text: published.append(("warning", text)))
+    logger = SimpleNamespace(
+        warning=lambda text: published.append(("warning", text)), error=lambda text: published.append(("error", text))
+    )
     spec = importlib.util.spec_from_file_location("ros2_node", EXAMPLES / "ros2_node.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
@@ -104,6 +108,18 @@ def test_a_whole_number_is_made_the_float_that_ros_wants(node):
     node.publish_wrench(wrench())
     assert [topic for topic, _ in published] == ["insole/left/wrench", "insole/left/cop"]
     assert published[0][1].wrench.force.z == 1
+
+
+def test_a_connection_that_breaks_is_logged_as_one_message(node):
+    node, published = node
+
+    def cycles():
+        yield (wrench(cop_x_m=None),)
+        raise WireError("no daemon has the left foot")
+
+    node.relay(cycles(), node.publish_wrench)
+    assert [topic for topic, _ in published] == ["insole/left/wrench", "error"]
+    assert published[1] == ("error", "no daemon has the left foot")
 
 
 def test_lost_cycles_are_reported(node):

@@ -8,7 +8,7 @@ import time
 
 import pytest
 import zenoh
-from processes import EXAMPLES, ROOT, python
+from processes import EXAMPLES, ROOT, python, run_to_end
 
 import insole_daemon
 from insole_daemon.config import Config
@@ -49,3 +49,11 @@ def test_every_wearer_is_received_and_distinguished(router, endpoint):
             time.sleep(0.1)
         assert insole.feet() == [(rig, foot) for rig in ("rig-01", "rig-02") for foot in ("left", "right")]
         assert insole.meta("right", "rig-02").foot == "right"
+
+
+def test_a_router_on_a_port_that_is_taken_ends_with_one_message(endpoint):
+    with example(endpoint):
+        status, (message,) = run_to_end("router.py", endpoint)
+    assert status == 1
+    assert message.startswith("router: ")
+    assert endpoint in message

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import logging
 import os
@@ -18,9 +19,10 @@ import pandas as pd
 import pytest
 
 from insole_daemon.config import Config
-from insole_daemon.errors import DocumentError, InsoleError
+from insole_daemon.errors import DocumentError, FileError, InsoleError
 from insole_daemon.service.foot_setup import load_layout
 from insole_daemon.simulation.trial import Trial
+from insole_daemon.study import scheduling
 from insole_daemon.study.collecting import collect_rows, write_tables
 from insole_daemon.study.document import load_study
 from insole_daemon.study.page import study_page
@@ -75,10 +77,10 @@ def folder(recorded, tmp_path):
     return Path(shutil.copytree(recorded, tmp_path / "study"))
 
 
-def analysed(folder, client, told=lambda number, found: None):
+def analysed(folder, client, told=lambda number, found: None, told_absent=lambda seconds: None):
     """The bytes of the tables and the page."""
     study = load_study(folder)
-    found = run_tasks(client, folder, study, folder / "results", told)
+    found = run_tasks(client, folder, study, folder / "results", told, told_absent)
     rows, every = collect_rows(study, folder / "results", found)
     write_tables(study, rows, every, folder)
     (folder / "study.html").write_text(study_page("x", study, rows, every))
@@ -208,9 +210,17 @@ def test_a_study_that_cannot_be_is_refused(tmp_path):
         load_study(tmp_path)
 
 
-@pytest.mark.parametrize("address", ["tcp://10.0.0.5:8786", "tls://10.0.0.5:8786", "tcp://0.0.0.0:8786"])
+@pytest.mark.parametrize(
+    "address", ["tcp://10.0.0.5:8786", "tls://10.0.0.5:8786", "tcp://0.0.0.0:8786", "tcp://127.0.0.1"]
+)
 def test_a_scheduler_beyond_loopback_needs_tls(address):
     with pytest.raises(InsoleError, match="Dask exchanges pickles"), cluster(address, 1):
+        pass
+
+
+def test_a_certificate_that_is_not_there_is_named(tmp_path):
+    files = tuple(tmp_path / name for name in ("ca.pem", "member.pem", "member.key"))
+    with pytest.raises(FileError, match="ca.pem: there is no such file"), cluster("tls://127.0.0.1:1", 1, files):
         pass
 
 
@@ -338,12 +348,69 @@ def test_a_scheduler_without_workers_is_waited_for_and_one_that_dies_is_named(fo
     assert missing.isna().any(), "what was done before stays"
 
 
-def test_a_recording_that_workers_die_with_is_named_in_plain_words():
-    import distributed
+def leave_at_p1(folder, *arguments):
+    """Do the tasks; at the first recording of p1, its worker and the nanny leave for good."""
+    left = Path(folder).with_name("left")
+    if Path(folder).name == "p1-slow" and not left.exists():
+        from distributed import get_worker
 
+        left.touch()
+        leaving = get_worker()
+        leaving.loop.add_callback(leaving.close, nanny=True, executor_wait=False)
+        threading.Event().wait()
+    return do_tasks(folder, *arguments)
+
+
+async def leave(dask_worker):
+    asyncio.get_running_loop().create_task(dask_worker.close(nanny=True))
+
+
+def test_an_absence_of_all_workers_is_reported_until_one_joins(folder, monkeypatch):
+    """The worker leaves with results that were not read yet."""
+    from distributed import LocalCluster
+
+    monkeypatch.setattr(scheduling, "_ABSENCE_REPORTED_S", 0.5)
+    monkeypatch.setattr(scheduling, "_ASKED_EVERY_S", 0.1)
+    absences_s, left = [], threading.Event()
+
+    def leave_once_when_all_is_done(number, results):
+        if not left.is_set():
+            left.set()
+            deadline_s = time.monotonic() + PATIENCE_S
+            while len(files_of(folder)) < 6:
+                assert time.monotonic() < deadline_s
+                time.sleep(0.05)
+            client.run(leave)
+
+    def start_worker_after_three_reports(seconds):
+        absences_s.append(seconds)
+        if len(absences_s) == 3:
+            existing.scale(2)
+
+    local = {"threads_per_worker": 1, "host": "127.0.0.1", "dashboard_address": "127.0.0.1:0"}
+    with LocalCluster(n_workers=1, **local) as existing, cluster(existing.scheduler_address, 1) as client:
+        analysed(folder, client, leave_once_when_all_is_done, start_worker_after_three_reports)
+    assert all(seconds >= least for seconds, least in zip(absences_s, (0.5, 1, 2), strict=False)), absences_s
+    assert len(absences_s) >= 3
+    assert pd.read_csv(folder / "table.csv").missing.isna().all()
+
+
+def test_recordings_are_given_up_when_local_workers_do_not_come_back(folder, monkeypatch):
+    monkeypatch.setattr(scheduling, "do_tasks", leave_at_p1)
+    monkeypatch.setattr(scheduling, "LOCAL_WORKERS_TIMEOUT_S", 1.0)
+    with cluster(None, 1) as client:
+        analysed(folder, client)
+    missing = pd.read_csv(folder / "table.csv").set_index("recording").missing
+    assert missing["p1-slow"].startswith("steps: all workers ended, and none started within 1 s: check")
+    with cluster(None, 1) as client:
+        analysed(folder, client)
+    assert pd.read_csv(folder / "table.csv").missing.isna().all()
+
+
+def test_a_recording_that_workers_die_with_is_named_in_plain_words():
     with cluster(None, 1) as client:
         error = client.submit(os._exit, 1).exception()
-        assert describe_failure(error, distributed).startswith("3 workers died with it, the last on tcp://127.0.0.1:")
+        assert describe_failure(error).startswith("3 workers died with it, the last on tcp://127.0.0.1:")
 
 
 def test_a_worker_with_other_code_than_the_command_is_refused(folder):

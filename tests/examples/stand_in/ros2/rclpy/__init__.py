@@ -30,6 +30,9 @@ class Logger:
     def warning(self, text):
         print(f"a stand-in for ROS 2: warning: {text}", file=sys.stderr, flush=True)
 
+    def error(self, text):
+        print(f"a stand-in for ROS 2: error: {text}", file=sys.stderr, flush=True)
+
 
 class Node:
     def __init__(self, name):
