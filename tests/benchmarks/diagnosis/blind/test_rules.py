@@ -28,10 +28,10 @@ def truth(kind: str, *words: str, **more: Any) -> dict[str, Any]:
     return {"kind": kind, "effects": effects, "equivalent": [], "tolerated": [], "taxels": EVERY, **common, **more}
 
 
-def answer(*findings: Any, verdict: str = "explained") -> dict[str, Any]:
+def answer(*named: Any, verdict: str = "explained") -> dict[str, Any]:
     findings = []
-    for f in findings:
-        effect, alternatives, more = f if isinstance(f, tuple) else (f, [], {})
+    for one in named:
+        effect, alternatives, more = one if isinstance(one, tuple) else (one, [], {})
         findings.append({"effect": effect, "alternatives": alternatives, "confidence": 0.9, **more})
     return {"format": "insole-diagnosis/1", "verdict": verdict, "findings": findings}
 
