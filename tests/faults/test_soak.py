@@ -65,7 +65,7 @@ def test_every_frame_of_minutes_with_faults_at_random_is_used_or_refused_and_cou
         def __init__(self, *_) -> None:
             pass
 
-        def injected(self, payloads) -> None:
+        def put(self, payloads) -> None:
             numbers.extend(Wrench.decode(payload).seq for message, payload in payloads if message is Wrench)
 
         def publish(self, message) -> None:
