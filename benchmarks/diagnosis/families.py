@@ -96,7 +96,7 @@ def main() -> None:
             for name, value in true.items() if findings else ():
                 parameter = findings[0].parameters[name]
                 off.setdefault(f"{word} {name}", []).append(float(parameter.value) / value - 1)
-                print(f"  {name}: {value:.4g}, told {float(parameter.value):.4g} ± {float(parameter.std):.2g}")
+                print(f"  {name}: {value:.4g} true, {float(parameter.value):.4g} ± {float(parameter.std):.2g}")
     for name, errors in off.items():
         print(f"{name}: {np.mean(errors):+.1%} ± {np.std(errors):.1%}, RMS {np.sqrt(np.mean(np.square(errors))):.1%}")
 

@@ -137,27 +137,27 @@ async def watch(url: str, seconds: float, port: int | None = None) -> list[tuple
 
 
 def viewers(_: float) -> None:
-    """The daemon's own latency: without `insole view`, with one that nobody looks at, and with five who do."""
+    """The latency of the daemon without `insole view`, with `insole view` and no browser, and with five browsers."""
     process.settle(process.cpus()[1])  # and all that is started here, but the daemon
-    reports_of: dict[str, list[dict[str, Any]]] = {"no insole view": [], "nobody looks": [], "five look": []}
+    reports_of: dict[str, list[dict[str, Any]]] = {"no view": [], "no browser": [], "five browsers": []}
     for seed in range(ROUNDS):
         for name, reports in reports_of.items():
             with daemon(ROUND_S, seed) as (measured, endpoint), ExitStack() as ending:
-                url = "" if name == "no insole view" else ending.enter_context(serving(endpoint))
-                if name == "five look":
+                url = "" if name == "no view" else ending.enter_context(serving(endpoint))
+                if name == "five browsers":
                     asyncio.run(_five(url))
                 else:
                     time.sleep(WARM_UP_S + ROUND_S + 3)
                 reports.append(measured.end())
             print(f"round {seed + 1}  {name:14} p50 {reports[-1]['latency_ms_p50']:.3f} "
                   f"p99 {reports[-1]['latency_ms_p99']:.3f} ms", flush=True)  # fmt: skip
-    nobody = reports_of["nobody looks"]
+    without_browser = reports_of["no browser"]
     for name, reports in reports_of.items():
-        sentences = []
+        figures = []
         for key in ("latency_ms_p50", "latency_ms_p99"):
-            ratio = statistics.median(own[key] / none[key] for own, none in zip(reports, nobody, strict=True))
-            sentences.append(f"{key[8:]} {statistics.median(each[key] for each in reports):.3f} ms ({ratio:.2f} ×)")
-        print(f"{name:14} {', '.join(sentences)} nobody's in the same round")
+            ratio = statistics.median(own[key] / none[key] for own, none in zip(reports, without_browser, strict=True))
+            figures.append(f"{key[8:]} {statistics.median(each[key] for each in reports):.3f} ms ({ratio:.2f} ×)")
+        print(f"{name:14} {', '.join(figures)}, × that of the same round without a browser")
 
 
 async def _five(url: str) -> None:

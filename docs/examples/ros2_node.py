@@ -88,7 +88,7 @@ def place_pressures(insole):
 
 
 def main(*endpoint):
-    """Publish until the node is told to end."""
+    """Publish until Ctrl-C, SIGTERM or a shutdown of ROS."""
     rclpy.init()
     ros = rclpy.create_node("insole")
     with insole_daemon.connect(*endpoint) as insole:

@@ -44,8 +44,8 @@ def reference(
     """Add the readings of another instrument to a recording, so that calibrate, validate and diagnose use them.
 
     The clocks need not agree: those commands align them by the forces. With --markers they are aligned here, by moments
-    that both systems have recorded. Of a force plate, only contacts and 0.3 s around each are
-    used: at other times the foot may stand beside the plate.
+    that both systems have recorded. Of a force plate, only contacts and 0.3 s around each are used: at other times the
+    foot may stand beside the plate.
     """
     from ..recording.added_reference import add_reference
     from ..recording.import_text import reference_of_table

@@ -114,7 +114,6 @@ class _Selection:
     parameters: tuple[dict[str, Quantity], ...]
     nuisances: tuple[int, ...]  # terms within the tolerance of a declared clock: not reported
     is_late: bool  # delay of the whole insole above the tolerance of the times
-    is_slow: bool  # the same of its lag
     figures: HeldoutErrors  # with nuisances in the model as handed in
 
     @property
@@ -129,12 +128,9 @@ class _Selection:
         return [(i, gain) for i, gain in gains if i not in self.nuisances]
 
     def reported_timings(self, words: Sequence[str]) -> tuple[str, ...]:
-        """Return which of the timings `words` are reported.
-
-        Those above the tolerance of the times are; beside a wrong clock, a delay is a part of its offset.
-        """
+        """Return which of the timings `words` are reported: beside a wrong clock, a delay is a part of its offset."""
         has_clock = any(word == "clock" for i, word in enumerate(self.words) if i not in self.nuisances)
-        return tuple(word for word in words if (self.is_slow if word == "lag" else self.is_late and not has_clock))
+        return tuple(word for word in words if word == "lag" or (self.is_late and not has_clock))
 
 
 def _selection(kept: ValidatedSet, timing: Timing, seen: WrenchObservation, foot: FootRecording) -> _Selection:
@@ -142,14 +138,14 @@ def _selection(kept: ValidatedSet, timing: Timing, seen: WrenchObservation, foot
     parameters = [parameters_of(refined, i, foot) for i in range(len(kept.order))]
     words = [candidate.word for candidate in refined.design.candidates]
     nuisances = tuple(i for i in kept.order if is_nuisance(words[i], parameters[i]))
-    is_late, is_slow = abs(timing.delay_s) >= LEAST_DELAY_S + seen.latest_s, timing.lag_s >= LEAST_DELAY_S
+    is_late = abs(timing.delay_s) >= LEAST_DELAY_S + seen.latest_s
     if nuisances or not is_late:
         figures = heldout_errors(refined, kept.order, timing, nuisances, 0.0 if is_late else timing.delay_s)
     for i in kept.order:
         if words[i] == "clock" and i not in nuisances:
             offset = parameters[i]["offset_s"]
             parameters[i]["offset_s"] = replace(offset, value=offset.value - timing.delay_s)
-    return _Selection(kept, tuple(parameters), nuisances, is_late, is_slow, figures)
+    return _Selection(kept, tuple(parameters), nuisances, is_late, figures)
 
 
 def _term_effects(selection: _Selection, seen: WrenchObservation) -> list[Effect]:

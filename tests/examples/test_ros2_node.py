@@ -26,7 +26,7 @@ def test_both_feet_are_published(daemon):
         with python(EXAMPLES / "ros2_node.py", daemon.endpoint, PYTHONPATH=path_with(ROS2)) as lines:
             published = [json.loads(line) for line in lines.take(500)]
             lines.process.send_signal(signal.SIGTERM)
-            assert lines.process.wait() == 0, "a node that is told to end does"
+            assert lines.process.wait() == 0, "SIGTERM ends the node with status 0"
         insole.close()
         by_stamp = {(wrench.foot, wrench.t_ns): wrench for wrench in sent}
         pressures = {(pressure.foot, pressure.t_ns): pressure for pressure in sent_pressures}

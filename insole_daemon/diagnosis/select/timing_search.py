@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Generic
 
 import numpy as np
@@ -69,7 +69,7 @@ def search_timings(
     if best.words:
         start, words = best.timing, best.words
         del best  # designs are large: this one goes before the next is made
-        best = _fit_from(start, first, make, words, *_freedom(words, is_free_clock), NEARER)
+        best = without_short_lag(_fit_from(start, first, make, words, *_freedom(words, is_free_clock), NEARER))
     return best, tuple(sorted(others, key=lambda each: each.criterion))
 
 
@@ -80,7 +80,20 @@ def _best_of(
     free, within_s = _freedom(words, is_free_clock)
     if start is None:
         start = _start(first, free, within_s, is_free_clock)
-    return _fit_from(start, first, make, words, free, within_s)
+    fitted = _fit_from(start, first, make, words, free, within_s)
+    return replace(fitted, criterion=np.inf) if _is_short_lag(fitted) else fitted
+
+
+def without_short_lag(fitted: TimingFit[D]) -> TimingFit[D]:
+    """Return a fit without the word of a lag that its last refinement made shorter than one that can be identified.
+
+    Its times stay: they align.
+    """
+    return replace(fitted, words=tuple(set(fitted.words) - {"lag"})) if _is_short_lag(fitted) else fitted
+
+
+def _is_short_lag(fitted: TimingFit[D]) -> bool:
+    return "lag" in fitted.words and fitted.timing.lag_s < fitted.search.design.load.observation.least_lag_s
 
 
 def _freedom(words: tuple[str, ...], is_free_clock: bool) -> tuple[tuple[bool, bool], tuple[float, float]]:
@@ -128,8 +141,6 @@ def _fit_from(
         if _is_moved(made_for, timing, near):
             design = first
             del search  # designs are large: this one goes before the next is made
-    if "lag" in words and timing.lag_s < design.load.observation.least_lag_s:
-        return TimingFit(words, timing, np.inf, search, best)
     every = [search.design.candidates[k] for k in best.chosen]
     penalty = len(words) * search.penalties.timing_penalty(every, best.shares)
     return TimingFit(words, timing, criterion + penalty, search, best)

@@ -26,7 +26,7 @@ WIDTHS = (0.03, 0.1, 0.3)  # of frictions, relative to the range
 
 
 def _plays(load: LoadEstimate) -> list[TermColumns]:
-    """Return joint columns: load of a part − its play, for each part and radius, and earlier frictions."""
+    """Return joint columns: load of a part − its play, for each part and radius, and earlier frictions' decay."""
     top = float(load.courses_pa.max())
     settings = [{"part": float(k), "r_pa": radius * top} for k in range(PARTS) for radius in RADII]
     loops = (-_play(part, radius * top) for part in _parts_of(load) for radius in RADII)
