@@ -25,7 +25,7 @@ LEAST_LAG_S = 0.01
 def test_only_a_short_lag_loses_its_word_and_the_times_stay(words, lag_s, left):
     observation = SimpleNamespace(least_lag_s=LEAST_LAG_S)
     search: Any = SimpleNamespace(design=SimpleNamespace(load=SimpleNamespace(observation=observation)))
-    fitted = TimingFit[Any](words, Timing(0.02, lag_s), 1.0, search, None)  # type: ignore[arg-type]
+    fitted: Any = TimingFit(words, Timing(0.02, lag_s), 1.0, search, None)
     shortened = without_short_lag(fitted)
     assert shortened.words == left
     assert shortened.timing == fitted.timing
