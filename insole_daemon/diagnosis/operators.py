@@ -58,19 +58,19 @@ def frictions(x: Array, up_pa: Array, down_pa: Array) -> Array:
     return np.moveaxis(friction, 1, 0)
 
 
-def activated(x: Array, step_s: float, tau_s: float, scale_pa: float) -> Array:
-    """Return z (N, ...) with τ·dz/dt = s·sinh((x − z)/s), z = x in the first row; exact for x constant between rows.
+def flows(x: Array, step_s: float, tau_s: Array, scale_pa: Array) -> Array:
+    """Return the part of x that flow has not reached, (k, N, m), with time constants τ and scales s, each (k,).
 
-    Thermally activated flow: with x constant, tanh((x − z)/2s) decays with τ. `scale_pa`: s.
+    It is x − z with τ·dz/dt = s·sinh((x − z)/s) and z = x in the first row; exact for x constant between rows.
+    Thermally activated flow: with x constant, tanh((x − z)/2s) decays with τ.
     Source: H. Eyring, J. Chem. Phys. 4 (1936) 283.
     """
-    flow = np.empty_like(x)
-    decay, state = np.exp(-step_s / tau_s), x[0]
-    for row, now in zip(flow, x, strict=True):
-        state = np.subtract(
-            now, 2.0 * scale_pa * np.arctanh(decay * np.tanh((now - state) / (2.0 * scale_pa))), out=row
-        )
-    return flow
+    twice, decay = 2.0 * scale_pa[:, None], np.exp(-step_s / tau_s)[:, None]
+    late = np.zeros((len(x), len(tau_s), x.shape[1]))
+    state = late[0]
+    for row, change in zip(late[1:], np.diff(x, axis=0), strict=True):
+        state = np.multiply(twice, np.arctanh(decay * np.tanh((state + change) / twice)), out=row)
+    return np.moveaxis(late, 1, 0)
 
 
 def polynomial(x: Array, coefficients: Array) -> Array:

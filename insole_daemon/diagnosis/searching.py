@@ -26,6 +26,7 @@ from .observations.paired import PairedObservation, swapped_rows
 from .observations.reading_faults import ReadingFaults
 from .observations.wrench import WrenchObservation
 from .parameters import parameters_of
+from .select.amplitudes import with_amplitudes
 from .select.count_errors import count_errors
 from .select.events import Events, refine_events, with_events
 from .select.groups import with_groups
@@ -251,7 +252,7 @@ def _search_under(
         whole = replace(block_design(KnownLoad(moved, changes), weights, priors), moved_s=timing.delay_s)
         if events is None:
             events, thresholds = refine_events(whole), refine_thresholds(whole)
-        return with_events(whole.with_settings(thresholds), events).released()
+        return with_amplitudes(with_events(whole.with_settings(thresholds), events)).released()
 
     best, others = search_timings(design_after, seen.offset_is_free, known)
     return SearchResult(_on_signal_path(best, design_after), others, priors=priors)

@@ -68,6 +68,16 @@ def test_a_memory_of_three_triangles_is_placed_and_measured(tmp_path):
     assert found.verdict == "explained"
 
 
+def test_a_memory_that_is_stronger_in_some_triangles_is_one_effect(tmp_path):
+    """Materials are not the same everywhere: the rest of a strong memory is no drift or memory of single triangles."""
+    strength = np.repeat([1.1, 0.92, 1.05, 0.95, 1.08, 0.9], 12)
+    found = diagnose(write(tmp_path / "bag", relaxing(0.5, 8.0), strength))
+    (finding,) = found.findings
+    assert finding.effect in ("creep", "viscoelasticity")
+    assert finding.where.scope == "insole"
+    assert found.heldout["after"] < 0.3 * found.heldout["before"]
+
+
 def test_a_strong_memory_is_detected_although_the_calibration_contains_it(tmp_path):
     """The calibration has the mean curves of readings with memory, which must not be named gain or baseline."""
     folder = write(tmp_path / "bag", relaxing(0.45, 3.0))

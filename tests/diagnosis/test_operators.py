@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from insole_daemon.diagnosis.operators import AT_ONCE, activated, frictions, low_pass, polynomial
+from insole_daemon.diagnosis.operators import AT_ONCE, flows, frictions, low_pass, polynomial
 
 WAYS_PA = np.cumsum([0.0, 80e3, -30e3, 10e3, 90e3, -150e3, 5e3])
 FINE = 20_000
@@ -28,19 +28,19 @@ def test_friction_solves_dahls_equation(up_pa, down_pa):
 def test_activated_flow_solves_eyrings_equation(scale_pa):
     """Against small steps of τ·dz/dt = s·sinh((x − z)/s)."""
     step_s, tau_s, fine = 0.5, 40.0, 20_000
-    (found,) = activated(WAYS_PA[:, None], step_s, tau_s, scale_pa).T
+    late = flows(WAYS_PA[:, None], step_s, np.array([tau_s]), np.array([scale_pa]))[0, :, 0]
     z, expected = WAYS_PA[0], [WAYS_PA[0]]
     for x in WAYS_PA[1:]:
         for _ in range(fine):
             z += step_s / fine / tau_s * scale_pa * np.sinh((x - z) / scale_pa)
         expected.append(z)
-    np.testing.assert_allclose(found, expected, atol=1e-3 * np.ptp(WAYS_PA))
+    np.testing.assert_allclose(WAYS_PA - late, expected, atol=1e-3 * np.ptp(WAYS_PA))
 
 
 def test_activated_flow_at_a_large_scale_is_a_first_order_lag():
     x = np.repeat(WAYS_PA, 40)[:, None]
-    found = activated(x, 0.02, 1.5, 1e9)
-    np.testing.assert_allclose(found, low_pass(x, 0.02, 1.5), atol=0.01 * np.ptp(WAYS_PA))
+    late = flows(x, 0.02, np.array([1.5]), np.array([1e9]))[0]
+    np.testing.assert_allclose(x - late, low_pass(x, 0.02, 1.5), atol=0.01 * np.ptp(WAYS_PA))
 
 
 def test_polynomials_of_every_taxel_have_numpys_values():

@@ -28,6 +28,7 @@ class ColumnGroup:
 
     rows: Rows
     weights: Rows | None
+    factors: Rows | None = None  # (T, k) of each column in each triangle
 
     @property
     def k(self) -> int:
@@ -36,25 +37,35 @@ class ColumnGroup:
 
     def of_triangle(self, t: int) -> Rows:
         """Return the weighted columns (k, N) at triangle `t`."""
-        return np.asarray(self.rows[t] if self.weights is None else self.rows[0] * self.weights[t])
+        rows = self.rows[t] if self.weights is None else self.rows[0] * self.weights[t]
+        return np.asarray(rows if self.factors is None else rows * self.factors[t][:, None])
 
     def column(self, number: int) -> Rows:
         """Return a weighted column (T, N)."""
         rows = self.rows[:, number]
-        return rows if self.weights is None else np.multiply(rows, self.weights)
+        rows = rows if self.weights is None else np.multiply(rows, self.weights)
+        return rows if self.factors is None else rows * self.factors[:, number, None]
 
     def picked(self, numbers: NDArray[np.intp]) -> ColumnGroup:
         """Return the group of the columns `numbers`."""
-        return (
-            self if len(numbers) == self.k else ColumnGroup(np.ascontiguousarray(self.rows[:, numbers]), self.weights)
-        )
+        if len(numbers) == self.k:
+            return self
+        factors = None if self.factors is None else self.factors[:, numbers]
+        return ColumnGroup(np.ascontiguousarray(self.rows[:, numbers]), self.weights, factors)
+
+    def scaled(self, factors: Array) -> ColumnGroup:
+        """Return the columns times `factors` (T, k)."""
+        if np.all(factors == 1.0):
+            return self
+        product = factors if self.factors is None else self.factors * factors
+        return replace(self, factors=product.astype(np.float32))
 
     def products_with(self, y: Rows) -> Array:
         """Return the inner products (T, k) with `y` (T, N)."""
         products = (
             np.matmul(self.rows, y[..., None])[..., 0] if self.weights is None else y * self.weights @ self.rows[0].T
         )
-        return np.asarray(products, float)
+        return np.asarray(products if self.factors is None else products * self.factors, float)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +99,18 @@ class Atoms:
             if end > first:
                 products.append(group.products_with(rows)[:, max(first - start, 0) :])
         return np.concatenate(products, axis=1)
+
+    def scaled(self, factors: Array) -> Atoms:
+        """Return the atoms times `factors` (T, K)."""
+        groups, end = [], 0
+        for group in self.parts:
+            start, end = end, end + group.k
+            groups.append(group.scaled(factors[:, start:end]))
+        wide, of_pairs = factors[:, None, :], factors[:, :, None] * factors[:, None, :]
+        return Atoms(
+            tuple(groups), self.with_own * wide, self.gram * of_pairs, self.raw * of_pairs,
+            self.shared * factors[:, :, None], self.product * factors, self.square * factors**2,
+        )  # fmt: skip
 
     def picked(self, used: NDArray[np.intp]) -> Atoms:
         """Return the atoms of the columns `used`, in rising order."""

@@ -52,6 +52,7 @@ class BlockDesign:
     priors: Priors
     timing: Timing = Timing()  # noqa: RUF009 (frozen)
     moved_s: float = 0.0  # part of the timing's delay by which the load of the rows is already shifted
+    amplitudes: Array | None = None  # (T,) of the memories' columns, relative to those of their laws; None: 1
 
     @property
     def seen(self) -> ChamberObservation:
@@ -226,6 +227,19 @@ class BlockDesign:
             vars(changed).update(atom_cross=np.concatenate([known, new], axis=1))
         return changed
 
+    def with_amplitudes(self, amplitudes: Array | None) -> BlockDesign:
+        """Return the regression with these amplitudes (T,) of all memories; None: 1."""
+        change = (1.0 if amplitudes is None else amplitudes) / (1.0 if self.amplitudes is None else self.amplitudes)
+        factors = np.ones(self.atoms.product.shape)
+        for candidate in self.candidates:
+            if candidate.term.is_memory:
+                factors[:, self.atom[candidate.columns]] = np.reshape(change, (-1, 1))
+        changed = replace(self, atoms=self.atoms.scaled(factors), amplitudes=amplitudes)
+        vars(changed).update(
+            _columns=self._columns, _y_residual=self._y_residual, _y_with_shared=self._y_with_shared, total=self.total
+        )
+        return changed
+
     def under(self, priors: Priors) -> BlockDesign:
         """Return the regression with the same candidates under other `priors`."""
         if priors == self.priors:
@@ -286,10 +300,12 @@ class BlockDesign:
     def of_laws(self) -> BlockDesign:
         """Return the regression with the laws alone, as the exported model has them.
 
-        It has no columns or companions for the misfit of laws and for loads before the recording.
+        It has no columns or companions for the misfit of laws and for loads before the recording, and the same
+        amplitudes in all triangles.
         """
-        candidates = tuple(candidate.of_law().without(IN_NO_MODEL) for candidate in self.candidates)
-        return self._changed(self.atoms, slice(None), candidates=candidates)
+        alike = self if self.amplitudes is None else self.with_amplitudes(None)
+        candidates = tuple(candidate.of_law().without(IN_NO_MODEL) for candidate in alike.candidates)
+        return alike._changed(alike.atoms, slice(None), candidates=candidates)
 
     def without_internal_companions(self) -> BlockDesign:
         """Return the regression with all columns of its candidates, without companions that are in no model."""

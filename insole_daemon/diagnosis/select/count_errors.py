@@ -103,7 +103,7 @@ def count_errors(refined: Refined[BlockDesign], order: Sequence[int]) -> Heldout
     }
     return HeldoutErrors(
         rms[:1], rms[1:], np.minimum(floor, rms[1:]), counts[0], counts[1], np.asarray(known.any(axis=1)),
-        lack_of_fit(_residual_with_companions(refined).T, seen.step_s, EXPECTED), tuple(gains), timing_gain, shared,
+        lack_of_fit(residual_with_companions(refined).T, seen.step_s, EXPECTED), tuple(gains), timing_gain, shared,
         companion_shares, recalibrated,
     )  # fmt: skip
 
@@ -209,10 +209,10 @@ def _columns(refined: Refined[BlockDesign]) -> _Columns:
 
 def residual_squares(refined: Refined[BlockDesign]) -> Array:
     """Return the squared residual (T,) of a refined set with its companions, in variances of the noise."""
-    return np.asarray(np.sum(_residual_with_companions(refined) ** 2, axis=1))
+    return np.asarray(np.sum(residual_with_companions(refined) ** 2, axis=1))
 
 
-def _residual_with_companions(refined: Refined[BlockDesign]) -> Array:
+def residual_with_companions(refined: Refined[BlockDesign]) -> Array:
     """Return the weighted residual (T, N) of laws, companions and nuisances fitted to all rows."""
     design, nuisance = refined.design, refined.design.nuisance
     active = _columns(refined)

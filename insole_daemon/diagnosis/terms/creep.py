@@ -15,7 +15,7 @@ import numpy as np
 
 from ...physics.law import Array
 from ..load_estimate import LoadEstimate
-from ..operators import activated, low_pass
+from ..operators import flows, low_pass
 from .term import ABSORBED, Setting, Term, TermColumns
 
 RATIO = 4.0  # between time constants
@@ -23,8 +23,8 @@ FASTEST_S = 0.5  # smallest time constant
 SLOW_S = 5.0  # longer than the viscoelasticity of foams and skins, which ends after a few seconds
 LEAST_SLOW = 0.1  # smallest fraction of the shares with time constants above SLOW_S
 UNEVEN = 0.5  # prior standard deviation of the companion `uneven_creep`
-SCALES = (0.05, 0.1)  # pressure scales of activated flow, relative to the largest load
-LENGTHS = (1.0, 8.0)  # time constants of activated flow, relative to the recording
+# Activated flow: pressure scale relative to the largest load, and time constant relative to the recording.
+FLOWS = ((0.05, 2.0), (0.05, 10.0), (0.08, 0.1), (0.08, 0.5), (0.08, 2.0), (0.08, 10.0), (0.13, 0.1), (0.13, 0.5))
 # Largest delayed part of the response: foams relax by a fifth to a half. A larger one could describe any loop.
 MOST_LATE = 0.7
 EARLIER = 100.0  # prior standard deviation of the load before the recording, kPa
@@ -41,18 +41,19 @@ def _columns(load: LoadEstimate) -> list[TermColumns]:
     settings = [{"tau_s": float(tau_s)} for tau_s in taus_s]
     late = [wrench - low_pass(wrench, seen.step_s, tau_s) for tau_s in taus_s]
     if load.is_known:
-        flows, flowing = _activated(load, longest_s)
-        settings, late = settings + flows, late + flowing
+        flow_settings, flowing = _activated(load, longest_s)
+        settings, late = settings + flow_settings, late + flowing
     return [TermColumns(tuple(settings), by_triangle=np.stack(late, axis=-1), joint=True)]
 
 
 def _activated(load: LoadEstimate, longest_s: float) -> tuple[list[dict[str, float]], list[Array]]:
-    """Return settings and columns of P − z, with z the activated flow towards the load (`operators.activated`)."""
+    """Return settings and columns of P − z, with z the activated flow towards the load (`operators.flows`)."""
     pressure = load.courses_pa
     top_pa = float(pressure.max())
-    settings = [{"tau_s": length * longest_s, "scale_pa": s * top_pa} for s in SCALES for length in LENGTHS]
-    flows = (activated(pressure, load.step_s, each["tau_s"], each["scale_pa"]) for each in settings)
-    return settings, [load.wrench_of_courses(pressure - flow) for flow in flows]
+    settings = [{"tau_s": length * longest_s, "scale_pa": scale * top_pa} for scale, length in FLOWS]
+    tau_s, scale_pa = np.array([[setting["tau_s"], setting["scale_pa"]] for setting in settings]).T
+    late = flows(pressure.reshape(len(pressure), -1), load.step_s, tau_s, scale_pa)
+    return settings, [load.wrench_of_courses(one.reshape(pressure.shape)) for one in late]
 
 
 def _parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:

@@ -75,6 +75,24 @@ def test_an_exchanged_setting_equals_an_added_one(design):
     assert_like(exchanged, added.subset([number(design, "hysteresis"), len(added.candidates) - 1]))
 
 
+def test_amplitudes_scale_the_columns_of_memories_in_each_triangle_and_laws_have_none(design):
+    chosen = [number(design, word) for word in ("hysteresis", "gain", "creep")]
+    amplitudes = np.linspace(0.8, 1.3, len(design.seen.layout))
+    alike = design.subset(chosen)
+    uneven = design.with_amplitudes(amplitudes).subset(chosen)
+    for one, other in zip(alike.candidates, uneven.candidates, strict=True):
+        shares = np.ones(len(one.columns))
+        factor = amplitudes[:, None] if one.term.is_memory else 1.0
+        expected = factor * alike.contribution(one, shares)
+        assert uneven.contribution(other, shares) == pytest.approx(expected, rel=1e-4)
+    creep = uneven.candidates[chosen.index(number(design, "creep"))]
+    rows = uneven.rows_of(creep.columns).astype(float)
+    by_rows = np.einsum("tkn,tn->k", rows, uneven.nuisance.residual_of(uneven.y))
+    shared = uneven._with_shared[creep.columns] @ uneven.nuisance.shared_inverse @ uneven._y_with_shared
+    assert uneven.cross[creep.columns] == pytest.approx(by_rows - shared, rel=1e-3, abs=1e-3 * np.abs(by_rows).max())
+    assert_like(uneven.of_laws(), alike.of_laws())
+
+
 def test_a_released_design_has_the_same_candidates_and_makes_the_same_columns(design):
     k, setting = number(design, "gain"), {"more": 0.05}
     assert_like(design.subset([k]).exchanged(0, setting), design.released().subset([k]).exchanged(0, setting))

@@ -1,0 +1,40 @@
+"""Amplitude of the memories in each triangle: real materials are not the same everywhere.
+
+A law has one amplitude for all triangles of its place. Where the material's is larger, the rest of a strong memory
+would otherwise be selected as further effects of single triangles.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..model.blocks import BlockDesign
+from ..model.refine import refine
+from ..model.solve import is_possible, solve_shares
+from .count_errors import residual_with_companions
+
+STD = 0.1  # prior standard deviation of an amplitude, relative
+MOST = 0.3  # largest deviation of an amplitude from 1
+LEAST_EXPLAINED = 0.3  # of the squared residual, by a memory of the whole insole alone, for amplitudes to be fitted
+
+
+def with_amplitudes(design: BlockDesign) -> BlockDesign:
+    """Return the regression with the memories' amplitude in each triangle, fitted with the best memory of the insole.
+
+    Unchanged if no memory of the whole insole explains much, or the load is not uniform.
+    """
+    if not design.seen.is_uniform:
+        return design
+    best, most = -1, LEAST_EXPLAINED * design.total
+    for k, candidate in enumerate(design.candidates):
+        if candidate.term.is_memory and candidate.where.scope == "insole":
+            shares, gain = solve_shares(design, [candidate])
+            if gain > most and is_possible([candidate], shares, design.load.is_known):
+                best, most = k, gain
+    if best < 0:
+        return design
+    alone = refine(design, (best,))
+    effect = alone.design.contribution(alone.design.candidates[0], alone.shares[0])
+    square = np.sum(effect * design.nuisance.residual_of(effect), axis=1)
+    change = np.sum(effect * residual_with_companions(alone), axis=1) / (square + STD**-2.0)
+    return design.with_amplitudes(1.0 + np.clip(change, -MOST, MOST))
