@@ -39,13 +39,20 @@ def main() -> None:
     ask.add_argument("sealed", type=Path)
     asked = ask.parse_args()
     truth = json.loads((asked.sealed / "truth.json").read_text())["cases"]
-    rows: list[tuple[float, float, float]] = []
+    rows: list[tuple[float, ...]] = []
     right: list[bool] = []
     weights: list[float] = []
     for name, case in sorted(truth.items()):
         accepted = {word for each in case["effects"] for word in each["accept"]} | set(case["equivalent"])
         judged = [
-            (features(finding.margin, residual_fraction), bool(accepted & {finding.effect, *finding.alternatives}))
+            (
+                features(
+                    finding.margin,
+                    residual_fraction,
+                    finding.where.scope == "triangle" and finding.effect != "swapped_triangles",
+                ),
+                bool(accepted & {finding.effect, *finding.alternatives}),
+            )
             for finding, residual_fraction in _findings(asked.cases / name)
             if finding.margin is not None and (finding.effect not in case["tolerated"] or finding.effect in accepted)
         ]

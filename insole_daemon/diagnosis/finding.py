@@ -12,6 +12,7 @@ from ..config import Foot
 from ..physics.effect import Where
 
 Verdict = Literal["no mismatch", "explained", "partly explained", "unexplained", "not decidable"]
+OF_FAULT = 0.85  # confidence of a fault that the readings or the reference show by themselves
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +47,7 @@ class Finding:
     left: float = 0.0  # of an `unknown`: the mean square beyond the noise that no effect explains, in the same unit
     heldout_count: tuple[float, float] | None = None  # without and with this finding
     heldout_n: tuple[float, float] | None = None  # the same of f_z, if the load of single taxels is not known
-    confidence: float = 1.0
+    confidence: float = OF_FAULT
     margin: float | None = None  # loss without it, in units of the least gain of an effect
 
     @property

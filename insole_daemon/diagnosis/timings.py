@@ -164,7 +164,7 @@ def clock_findings(result: RecordingResult) -> list[Finding]:
     return [
         Finding(
             effect="clock", foot=seen.layout.foot, where=Where(), recordings=(seen.name,), parameters=parameters,
-            equation=laws()["clock"].equation, confidence=0.95, explains=float(off_by_clock(seen)[0]),
+            equation=laws()["clock"].equation, explains=float(off_by_clock(seen)[0]),
             sentence=f"The reference's clock {sentence_part} says {offset_s:+.2f} s at the first of the CAN frames.",
         )
     ]  # fmt: skip

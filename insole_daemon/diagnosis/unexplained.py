@@ -27,6 +27,7 @@ UNKNOWN_SHARE = 0.08  # of the gain of a set: a smaller residual may be the misf
 UNKNOWN_OF_MEMORY = 0.12  # the same with a memory under a known load: materials follow these laws less closely
 LEAST_RELIANCE = 0.4  # of the mismatch: `unknown` if the terms without internal companions leave more
 STRONGER = 4.0  # least gain of an effect that is reported beside `unknown`, relative to the unexplained part
+CONFIDENCE = 0.7  # of an `unknown`: a part of them is a known effect that the search did not find
 MOST_NULL = 1.12  # error of a recording without a mismatch, relative to the noise floor
 
 
@@ -136,7 +137,7 @@ def unknown_finding(seen: WrenchObservation, errors: HeldoutErrors, whole: Desig
     place = place_in_words(where)
     before, after, floor = (float(each[0]) for each in (errors.before, errors.after, errors.floor))
     return Finding(
-        effect="unknown", foot=seen.layout.foot, where=where, recordings=(seen.name,), confidence=0.8,
+        effect="unknown", foot=seen.layout.foot, where=where, recordings=(seen.name,), confidence=CONFIDENCE,
         left=after**2 - floor**2,
         regime=regime, equation=equation, sentence=f"{place[0].upper()}{place[1:]}: {text}.",
         **heldout_of(seen.load_is_known, before, after),

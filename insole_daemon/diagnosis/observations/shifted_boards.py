@@ -191,5 +191,5 @@ def _finding(foot: FootRecording, seen: WrenchObservation, board: int, bits: int
     return Finding(
         effect="bit_shift", foot=seen.layout.foot, where=where, equation=laws()["bit_shift"].equation,
         recordings=(seen.name,), parameters={"shift": Quantity(believed + bits, 0.0, "1")}, explains=explains,
-        confidence=0.95, sentence=f"{place_in_words(where)}: {text}.",
+        sentence=f"{place_in_words(where)}: {text}.",
     )  # fmt: skip

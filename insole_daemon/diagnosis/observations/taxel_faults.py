@@ -144,6 +144,6 @@ def _finding(seen: WrenchObservation, effect: str, corrections: list[tuple[int, 
         text = f"rests {median:+.1f} counts from where it was calibrated"
     return Finding(
         effect=effect, foot=seen.layout.foot, where=where, equation=laws()[effect].equation, recordings=(seen.name,),
-        parameters=parameters, explains=sum(square for _, _, square in corrections) / total, confidence=0.95,
+        parameters=parameters, explains=sum(square for _, _, square in corrections) / total,
         sentence=f"{place_in_words(where)}: {text}, other than the rest of its triangle.",
     )  # fmt: skip
