@@ -319,7 +319,7 @@ def test_a_scheduler_without_workers_is_waited_for_and_one_that_dies_is_named(fo
     processes = [scheduler]
     try:
         deadline_s = time.monotonic() + PATIENCE_S
-        while not contact.exists():
+        while not (contact.exists() and contact.read_text()):  # created first, then written
             assert time.monotonic() < deadline_s
             time.sleep(0.05)
         address = json.loads(contact.read_text())["address"]

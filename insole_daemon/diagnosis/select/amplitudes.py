@@ -15,6 +15,7 @@ from .count_errors import residual_with_companions
 
 STD = 0.1  # prior standard deviation of an amplitude, relative
 MOST = 0.3  # largest deviation of an amplitude from 1
+LEAST_OF_REST = 0.3  # of what the memory leaves of a triangle beyond the noise: gain of an amplitude that is used
 LEAST_EXPLAINED = 0.3  # of the squared residual, by a memory of the whole insole alone, for amplitudes to be fitted
 
 
@@ -36,5 +37,12 @@ def with_amplitudes(design: BlockDesign) -> BlockDesign:
     alone = refine(design, (best,))
     effect = alone.design.contribution(alone.design.candidates[0], alone.shares[0])
     square = np.sum(effect * design.nuisance.residual_of(effect), axis=1)
-    change = np.sum(effect * residual_with_companions(alone), axis=1) / (square + STD**-2.0)
+    residual = residual_with_companions(alone)
+    change = np.sum(effect * residual, axis=1) / (square + STD**-2.0)
+    lack_of_fit = np.sum(residual**2, axis=1) - np.count_nonzero(design.weights, axis=0)
+    # Where an amplitude explains little of the rest, another effect is at work, which would bias it.
+    change[change**2 * square < LEAST_OF_REST * lack_of_fit] = 0.0
+    boards = design.seen.layout.identities[:, 0]
+    for board in np.unique(boards):  # what all triangles of a board have in common is an effect of the board
+        change[boards == board] -= np.median(change[boards == board])
     return design.with_amplitudes(1.0 + np.clip(change, -MOST, MOST))
