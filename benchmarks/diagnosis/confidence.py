@@ -24,7 +24,7 @@ from scipy.optimize import minimize
 
 from insole_daemon.diagnosis.finding import Finding
 from insole_daemon.diagnosis.pipeline import diagnose
-from insole_daemon.diagnosis.select.confidence import features
+from insole_daemon.diagnosis.select.confidence import features, is_of_triangles
 from insole_daemon.errors import InsoleError
 from insole_daemon.recording.loading import load
 
@@ -46,11 +46,7 @@ def main() -> None:
         accepted = {word for each in case["effects"] for word in each["accept"]} | set(case["equivalent"])
         judged = [
             (
-                features(
-                    finding.margin,
-                    residual_fraction,
-                    finding.where.scope == "triangle" and finding.effect != "swapped_triangles",
-                ),
+                features(finding.margin, residual_fraction, is_of_triangles(finding.effect, finding.where)),
                 bool(accepted & {finding.effect, *finding.alternatives}),
             )
             for finding, residual_fraction in _findings(asked.cases / name)

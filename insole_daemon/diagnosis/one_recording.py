@@ -181,7 +181,9 @@ def _term_findings(
                 effect=word, alternatives=tuple(other for other, _ in alternatives[:1]), foot=seen.layout.foot,
                 where=where, equation=laws()[word].equation if word in laws() else "", recordings=(seen.name,),
                 parameters=parameters, explains=gain, margin=margin,
-                confidence=confidence.confidence(margin, figures.residual_fraction, where.scope == "triangle"),
+                confidence=confidence.confidence(
+                    margin, figures.residual_fraction, confidence.is_of_triangles(word, where)
+                ),
                 sentence=sentence,
                 **heldout_of(
                     seen.load_is_known, float(np.sqrt(figures.after[0] ** 2 + gain)), float(figures.after[0])

@@ -7,7 +7,7 @@ weights, and are stored once.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -80,6 +80,13 @@ class Atoms:
     product: Array  # (T, K) covariance of noise in the regressor with that of the row
     square: Array  # (T, K) variance of noise in the regressor
 
+    def _spans(self) -> Iterator[tuple[ColumnGroup, int, int]]:
+        """Yield each group with the number of its first column and the number after its last."""
+        end = 0
+        for group in self.parts:
+            start, end = end, end + group.k
+            yield group, start, end
+
     def columns(self, numbers: NDArray[np.intp]) -> Rows:
         """Return the columns `numbers` (k,) as (T, k, N); numbers may repeat and need no order."""
         ends = np.cumsum([part.k for part in self.parts])
@@ -93,19 +100,15 @@ class Atoms:
     def products_with(self, y: Array, first: int = 0) -> Array:
         """Return the inner products (T, K − first) of the columns from number `first` on with `y` (T, N)."""
         rows = y.astype(np.float32)
-        products, end = [np.empty((len(y), 0))], 0
-        for group in self.parts:
-            start, end = end, end + group.k
+        products = [np.empty((len(y), 0))]
+        for group, start, end in self._spans():
             if end > first:
                 products.append(group.products_with(rows)[:, max(first - start, 0) :])
         return np.concatenate(products, axis=1)
 
     def scaled(self, factors: Array) -> Atoms:
         """Return the atoms times `factors` (T, K)."""
-        groups, end = [], 0
-        for group in self.parts:
-            start, end = end, end + group.k
-            groups.append(group.scaled(factors[:, start:end]))
+        groups = [group.scaled(factors[:, start:end]) for group, start, end in self._spans()]
         wide, of_pairs = factors[:, None, :], factors[:, :, None] * factors[:, None, :]
         return Atoms(
             tuple(groups), self.with_own * wide, self.gram * of_pairs, self.raw * of_pairs,
@@ -114,10 +117,7 @@ class Atoms:
 
     def picked(self, used: NDArray[np.intp]) -> Atoms:
         """Return the atoms of the columns `used`, in rising order."""
-        groups, end = [], 0
-        for group in self.parts:
-            start, end = end, end + group.k
-            groups.append(group.picked(used[(used >= start) & (used < end)] - start))
+        groups = [group.picked(used[(used >= start) & (used < end)] - start) for group, start, end in self._spans()]
         return Atoms(
             tuple(group for group in groups if group.k) or (groups[0],), self.with_own[:, :, used],
             self.gram[:, used][:, :, used], self.raw[:, used][:, :, used], self.shared[:, used],

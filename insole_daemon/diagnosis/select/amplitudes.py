@@ -45,4 +45,4 @@ def with_amplitudes(design: BlockDesign) -> BlockDesign:
     boards = design.seen.layout.identities[:, 0]
     for board in np.unique(boards):  # what all triangles of a board have in common is an effect of the board
         change[boards == board] -= np.median(change[boards == board])
-    return design.with_amplitudes(1.0 + np.clip(change, -MOST, MOST))
+    return design.with_amplitudes(1.0 + np.clip(change, -MOST, MOST)) if change.any() else design

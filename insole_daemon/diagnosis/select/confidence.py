@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import math
 
+from ...physics.effect import Where
+
 CLOSE_SCORE = 0.5  # times the least gain: a set of preferred terms may score this much less (SubsetSearch.simplify)
 EQUAL_SCORE = 0.15  # times the least gain: sets that score this much less are alternatives
 COEFFICIENTS = (1.77, 0.40, -3.25, -3.05)  # of the four `features`
@@ -17,11 +19,16 @@ MOST_MARGIN = 100.0  # larger margins are no more certain
 LEAST, MOST = 0.02, 0.98  # bounds of the confidence: the fit has too few cases for more
 
 
+def is_of_triangles(effect: str, where: Where) -> bool:
+    """Return whether a finding is an effect of single triangles; a swap of two is one of the layout."""
+    return where.scope == "triangle" and effect != "swapped_triangles"
+
+
 def features(margin: float, residual_fraction: float, of_triangles: bool) -> tuple[float, float, float, float]:
     """Return the features: 1, the logarithm of the margin, the square root of the residual fraction, and the place.
 
     `margin`: in units of the least gain of an effect. `residual_fraction`: 0 to 1, `HeldoutErrors.residual_fraction`.
-    `of_triangles`: whether it is an effect of single triangles.
+    `of_triangles`: see `is_of_triangles`.
     """
     margin = min(max(margin, 0.0), MOST_MARGIN)
     return 1.0, math.log(margin + 0.2), math.sqrt(residual_fraction), float(of_triangles)
