@@ -207,6 +207,16 @@ def test_a_refused_temperature_request_is_shown_with_its_reason(browser, page, l
         assert "nothing is sent to the boards" in reason, "unless it is configured"
 
 
+PICTURE = "return window.insole.maps.left.canvas.toDataURL()"
+
+
+def paint(browser):
+    """Wait until a frame that was asked for before is painted."""
+    browser.js("window.isPainted = false; "
+               "requestAnimationFrame(() => requestAnimationFrame(() => { window.isPainted = true; }))")  # fmt: skip
+    browser.until("return window.isPainted")
+
+
 def test_a_pause_stands_still_and_is_looked_through_with_the_keyboard(browser, page, live_daemon):
     shown = "return window.insole.history.shown('left').seq"
     with live_daemon.boards():
@@ -215,13 +225,11 @@ def test_a_pause_stands_still_and_is_looked_through_with_the_keyboard(browser, p
         browser.find("body").send_keys(" ")
         assert text(browser, "#pause") == "Go on"
         first = browser.js(shown)
-        picture = "return window.insole.maps.left.canvas.toDataURL()"
         newest = "return window.insole.history.live.left.at(-1).seq > arguments[0]"
-        browser.js("requestAnimationFrame(() => requestAnimationFrame(() => { window.isPainted = true; }))")
-        browser.until("return window.isPainted")  # and with it a frame that was asked for before the pause
-        before = browser.js(picture)
+        paint(browser)
+        before = browser.js(PICTURE)
         browser.until(newest + " + 10", first)
-        assert browser.js(picture) == before
+        assert browser.js(PICTURE) == before
         for _ in range(5):
             browser.find("body").send_keys("\ue012")  # arrow left
         assert 3 <= first - browser.js(shown) <= 7
@@ -231,6 +239,19 @@ def test_a_pause_stands_still_and_is_looked_through_with_the_keyboard(browser, p
         browser.until("return /^−(1.0|0.9)\\d s$/.test(document.querySelector('#ago').textContent)")
         browser.click("#pause")
         browser.until(shown + " > arguments[0] + 10", first)
+
+
+def test_boards_that_go_silent_in_a_pause_leave_its_map_as_it_is(browser, page, live_daemon):
+    with live_daemon.boards():
+        look(browser, page)
+        browser.until("return window.insole.history.live.left.length > 100")
+        browser.find("body").send_keys(" ")
+        assert text(browser, "#pause") == "Go on"
+        paint(browser)
+        before = browser.js(PICTURE)
+    browser.until("return /silent/.test(document.querySelector('#boards').textContent)")
+    paint(browser)
+    assert browser.js(PICTURE) == before
 
 
 def test_steps_and_a_reference_are_shown(browser, page, live_daemon):

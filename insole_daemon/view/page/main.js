@@ -92,7 +92,7 @@ function chooseQuantity() {
 
 function scale() {
   const most = Math.max(...FEET.map((foot) => highest(maps[foot].used ?? [])));
-  if (!picked && most > Number($("range").value)) {
+  if (!picked && !history.paused && most > Number($("range").value)) {
     const peak = Math.max(...FEET.map((foot) => peakOf(maps[foot].used ?? [])));
     if (peak > Number($("range").value) && ++beyond > MOST_BEYOND) {
       $("range").value = quantity.fixed.find((each) => each >= peak) ?? quantity.fixed.at(-1);
@@ -100,12 +100,15 @@ function scale() {
     }
   }
   if ($("range").value !== "auto") return new Scale(Number($("range").value), quantity.signed);
-  // The scale rises at once and falls slowly, so that colours can be compared from step to step.
-  automatic = Math.max(automatic * 0.995, quantity.least, most);
+  // The scale rises at once and falls slowly, so that colours can be compared from step to step; in a pause it stays.
+  automatic = Math.max(history.paused ? automatic : automatic * 0.995, quantity.least, most);
   return new Scale(automatic, quantity.signed);
 }
 
+let pausedFaults = null; // those of the moment of a pause
+
 function pause(on = !history.paused) {
+  pausedFaults = on ? { ...panels.faults } : null;
   if (on) history.pause();
   else history.resume();
   $("pause").setAttribute("aria-pressed", on);
@@ -218,7 +221,8 @@ function frame(now) {
   if (history.paused || now - saidAt >= SAID_MS) say(now);
   const shown = scale(), taxels = $("taxels").checked;
   for (const foot of FEET) {
-    maps[foot].draw(history.shown(foot), history.since(foot, TRAIL_MS), panels.faults[foot], { scale: shown, taxels, colours });
+    const faults = (pausedFaults ?? panels.faults)[foot];
+    maps[foot].draw(history.shown(foot), history.since(foot, TRAIL_MS), faults, { scale: shown, taxels, colours });
   }
   drawScale(scaleRoom, shown, colours);
   // The time plots are drawn in turns, which looks as smooth and saves time on a slow computer.
