@@ -8,7 +8,7 @@
 Frames and lines of a log come many at once: there each is changed for itself, and each is an input.
 What is worth keeping stays in --corpus, so that a later run goes on from there. A finding is an error that is not the
 project's own, an input that takes more than 1 s of CPU, or memory that grows by more than 500 MB; it ends its target,
-and the input is named. What was found so far is in tests/hostile/test_found.py.
+and the input is named. Earlier findings have tests in tests/hostile/test_fuzz_findings.py.
 
 Takes hours: 10 million inputs for each byte parser, else until 30 CPU minutes bring nothing new.
 """
