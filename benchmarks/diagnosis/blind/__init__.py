@@ -1,4 +1,4 @@
-"""The blind benchmark of the diagnosis: it conceals physics, seals what it concealed, and scores the answers.
+"""The blind benchmark of the diagnosis: it conceals physics, seals the truth, and scores the answers.
 
-Shares no module and no constant with the package it examines; what both know is the files of the contract.
+It shares no module and no constant with the package that it examines, only the file formats.
 """

@@ -1,11 +1,11 @@
-"""What counts as right, case by case, as formats.md says it."""
+"""Scores the answer to one case by the rules of formats.md."""
 
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-LONGEST_LIST = 2  # effect and alternatives together; a longer list is a miss
+LONGEST_LIST = 2  # effect and alternatives together; a longer list counts as wrong
 WITH_AMPLITUDE = ("hysteresis", "creep", "viscoelasticity")
 NORMAL_90 = 1.645
 FULL_STRENGTH = 2.8  # x the floor: "3 x", with the tolerance of the solver
@@ -15,7 +15,7 @@ MAP_MM, MAP_DEG = 1.0, 0.2
 
 @dataclass(frozen=True)
 class Finding:
-    """A finding of an `insole-diagnosis/1`."""
+    """One finding of a file `insole-diagnosis/1`."""
 
     effect: str
     alternatives: tuple[str, ...]
@@ -24,62 +24,67 @@ class Finding:
     confidence: float | None
 
     def parameter(self, name: str) -> tuple[list[float], list[float]]:
-        """Value and standard deviation, each a list; empty where nothing was stated."""
-        said = self.parameters.get(name)
-        said = said if isinstance(said, dict) else {"value": said}
-        lists = ([] if said.get(key) is None else said[key] for key in ("value", "std"))
-        value, std = (np.atleast_1d(np.asarray(x, float)).tolist() for x in lists)
+        """Values and standard deviations that were stated for a parameter, each a list that may be empty."""
+        stated = self.parameters.get(name)
+        stated = stated if isinstance(stated, dict) else {"value": stated}
+        value_and_std = ([] if stated.get(key) is None else stated[key] for key in ("value", "std"))
+        value, std = (np.atleast_1d(np.asarray(numbers, float)).tolist() for numbers in value_and_std)
         return value, std
 
     @property
     def words(self) -> tuple[str, ...]:
+        """The effect and its alternatives."""
         return (self.effect, *self.alternatives)
 
     def points(self, wanted: set[str]) -> float:
-        """1 when the first-named effect is wanted, a half when an alternative is, none for a list too long."""
+        """1 if the effect is one of `wanted`, 0.5 if an alternative is, else 0; 0 if the list is too long."""
         if len(set(self.words)) > LONGEST_LIST:
             return 0.0
         return 1.0 if self.effect in wanted else 0.5 if wanted & set(self.alternatives) else 0.0
 
 
-def findings(diagnosis: dict[str, Any]) -> list[Finding]:
-    """Of an `insole-diagnosis/1`, in their order."""
-    out = []
-    for f in diagnosis.get("findings", []):
-        values = dict(f.get("parameters", {}))
-        if "amplitude_fraction" in f:
-            values["amplitude_fraction"] = f["amplitude_fraction"]
-        alternatives = tuple(a for a in f.get("alternatives", []) if a != f["effect"])
-        out.append(Finding(f["effect"], alternatives, f.get("where") or {}, values, f.get("confidence")))
-    return out
+def read_findings(diagnosis: dict[str, Any]) -> list[Finding]:
+    """The findings of a file `insole-diagnosis/1`, in their order."""
+    findings = []
+    for stated in diagnosis.get("findings", []):
+        parameters = dict(stated.get("parameters", {}))
+        if "amplitude_fraction" in stated:
+            parameters["amplitude_fraction"] = stated["amplitude_fraction"]
+        alternatives = tuple(
+            alternative for alternative in stated.get("alternatives", []) if alternative != stated["effect"]
+        )
+        findings.append(
+            Finding(stated["effect"], alternatives, stated.get("where") or {}, parameters, stated.get("confidence"))
+        )
+    return findings
 
 
-def taxels_of(where: dict[str, Any], every: list[list[int]]) -> set[tuple[int, ...]]:
-    """The taxels a `where` speaks of: all of them, or those its ids are the beginning of."""
-    ids = [tuple(i) for i in where.get("ids", [])]
-    all_taxels = [tuple(t) for t in every]
+def taxels_of(where: dict[str, Any], insole_ids: list[list[int]]) -> set[tuple[int, ...]]:
+    """Taxels of a `where`: those whose identifier begins with one of its ids; without ids, all of `insole_ids`."""
+    ids = [tuple(prefix) for prefix in where.get("ids", [])]
+    all_taxels = [tuple(taxel) for taxel in insole_ids]
     if where.get("scope", "insole") == "insole" or not ids:
         return set(all_taxels)
-    return {t for t in all_taxels if any(t[: len(i)] == i for i in ids)}
+    return {taxel for taxel in all_taxels if any(taxel[: len(prefix)] == prefix for prefix in ids)}
 
 
-def place_f1(found: list[Finding], effect: dict[str, Any], every: list[list[int]], depth: int) -> float | None:
+def place_f1(findings: list[Finding], effect: dict[str, Any], insole_ids: list[list[int]], depth: int) -> float | None:
     """F1 of the place of all findings with an accepted name, per taxel (depth 3) or (board, triangle) (depth 2).
 
     None where a place has no meaning, or the effect was not named.
     """
-    mine = [f for f in found if f.effect in effect["accept"]]
-    wanted = {tuple(t)[:depth] for t in effect["taxels"]}
-    if not mine or not wanted:
+    accepted = [finding for finding in findings if finding.effect in effect["accept"]]
+    wanted = {tuple(taxel)[:depth] for taxel in effect["taxels"]}
+    if not accepted or not wanted:
         return None
-    said = {t[:depth] for f in mine for t in taxels_of(f.where, every)}
-    return 2 * len(said & wanted) / (len(said) + len(wanted))
+    stated = {taxel[:depth] for finding in accepted for taxel in taxels_of(finding.where, insole_ids)}
+    return 2 * len(stated & wanted) / (len(stated) + len(wanted))
 
 
 def _one_value(name: str, values: list[float], finding: Finding) -> float | None:
-    """A list brought down to what the truth has one of.
+    """One value for a list of stated values, or None.
 
-    Strengths add up, times are weighted with them, and a slow shift is where it ends.
+    Strengths add up, times are averaged with the strengths as weights, and a slow shift is the last minus the first.
     """
     if not values:
         return None
@@ -98,7 +103,7 @@ def _one_value(name: str, values: list[float], finding: Finding) -> float | None
 
 
 def _scale(name: str, true: float, parameters: dict[str, list[float]]) -> float:
-    """What an error is relative to: a gain to what it is more than 1, a shift of the map to its length."""
+    """The true size that an error is divided by: of a gain, its distance from 1; of a shift of the map, its length."""
     if name == "gain":
         return abs(true - 1)
     if name in ("x_mm", "y_mm"):
@@ -106,129 +111,138 @@ def _scale(name: str, true: float, parameters: dict[str, list[float]]) -> float:
     return abs(true)
 
 
-def parameter_errors(found: list[Finding], effect: dict[str, Any]) -> list[dict[str, Any]]:
-    """Relative error, and whether the 90 % interval covers the truth, of every parameter that is scored."""
-    mine = next((f for f in found if f.effect == effect["effect"]), None)
-    if mine is None:
+def parameter_errors(findings: list[Finding], effect: dict[str, Any]) -> list[dict[str, Any]]:
+    """For every scored parameter: relative error, and whether the 90 % interval covers the true value."""
+    finding = next((candidate for candidate in findings if candidate.effect == effect["effect"]), None)
+    if finding is None:
         return []
     wanted = dict(effect["parameters"])
     if effect.get("amplitude_fraction") is not None and effect["effect"] in WITH_AMPLITUDE:
         wanted["amplitude_fraction"] = [effect["amplitude_fraction"]]
-    out = []
+    rows = []
     for name, (true, *_) in wanted.items():
-        value, std = mine.parameter(name)
-        estimate = _one_value(name, value, mine)
+        value, std = finding.parameter(name)
+        estimate = _one_value(name, value, finding)
         row: dict[str, Any] = {"effect": effect["effect"], "parameter": name, "true": true, "estimate": estimate}
         scale = max(_scale(name, true, effect["parameters"]), 1e-12)
         row["relative_error"] = None if estimate is None else abs(estimate - true) / scale
-        single = estimate is not None and len(value) == 1 and len(std) == 1
-        row["covered"] = abs(estimate - true) <= NORMAL_90 * std[0] if single and estimate is not None else None
-        out.append(row)
-    return out
+        is_single = estimate is not None and len(value) == 1 and len(std) == 1
+        row["covered"] = abs(estimate - true) <= NORMAL_90 * std[0] if is_single and estimate is not None else None
+        rows.append(row)
+    return rows
 
 
-def counted(found: list[Finding], truth: dict[str, Any]) -> list[Finding]:
-    """Without the words that are neither right nor wrong on this recording."""
-    concealed = {w for e in truth["effects"] for w in e["accept"]}
-    return [f for f in found if f.effect not in truth["tolerated"] or concealed & set(f.words)]
+def without_tolerated(findings: list[Finding], truth: dict[str, Any]) -> list[Finding]:
+    """The findings without those that are neither right nor wrong on this recording."""
+    concealed = {word for effect in truth["effects"] for word in effect["accept"]}
+    return [
+        finding for finding in findings if finding.effect not in truth["tolerated"] or concealed & set(finding.words)
+    ]
 
 
-def _named(found: list[Finding], truth: dict[str, Any]) -> dict[str, Any]:
-    """Points, exact set, recall, places and parameters where known effects are concealed."""
-    accepted = [set(e["accept"]) for e in truth["effects"]]
-    anything: set[str] = set().union(*accepted)
-    short = [f for f in found if len(set(f.words)) <= LONGEST_LIST]
-    named = {f.effect for f in short}
-    also = {a for f in short for a in f.alternatives}
+def _score_known(findings: list[Finding], truth: dict[str, Any]) -> dict[str, Any]:
+    """Points, exact set, recall, places and parameters of a case with known effects."""
+    accepted_by_effect = [set(effect["accept"]) for effect in truth["effects"]]
+    accepted_words: set[str] = set().union(*accepted_by_effect)
+    short_findings = [finding for finding in findings if len(set(finding.words)) <= LONGEST_LIST]
+    named = {finding.effect for finding in short_findings}
+    alternatives = {a for finding in short_findings for a in finding.alternatives}
     depth = 3 if truth["recording"] == "chamber" else 2
-    places = [place_f1(found, e, truth["taxels"], depth) for e in truth["effects"]]
+    places = [place_f1(findings, effect, truth["taxels"], depth) for effect in truth["effects"]]
     return {
-        "points": found[0].points(anything) if found else 0.0,
-        "exact": bool(found)
-        and len(short) == len(found)
-        and all(f.effect in anything for f in found)
-        and all(named & a for a in accepted),
-        "recall": sum(1.0 if named & a else 0.5 if also & a else 0.0 for a in accepted) / len(accepted),
-        "mentioned": any(anything & set(f.words) for f in found),
-        "wrong_name": any(not anything & set(f.words) and f.effect != "unknown" for f in found),
+        "points": findings[0].points(accepted_words) if findings else 0.0,
+        "exact": bool(findings)
+        and len(short_findings) == len(findings)
+        and all(finding.effect in accepted_words for finding in findings)
+        and all(named & a for a in accepted_by_effect),
+        "recall": sum(1.0 if named & a else 0.5 if alternatives & a else 0.0 for a in accepted_by_effect)
+        / len(accepted_by_effect),
+        "mentioned": any(accepted_words & set(finding.words) for finding in findings),
+        "wrong_name": any(
+            not accepted_words & set(finding.words) and finding.effect != "unknown" for finding in findings
+        ),
         "places": [p for p in places if p is not None],
-        "parameters": [p for e in truth["effects"] for p in parameter_errors(found, e)],
-        "map_right": _map_right(found, truth["effects"][0]) if len(truth["effects"]) == 1 else None,
+        "parameters": [p for effect in truth["effects"] for p in parameter_errors(findings, effect)],
+        "map_right": _is_map_right(findings, truth["effects"][0]) if len(truth["effects"]) == 1 else None,
     }
 
 
-def _map_right(found: list[Finding], effect: dict[str, Any]) -> bool | None:
-    """Swapped triangles: both and no other; a map: within 0.2 deg and 1 mm. None for other words."""
+def _is_map_right(findings: list[Finding], effect: dict[str, Any]) -> bool | None:
+    """Whether exactly the swapped triangles were named, or the map is right within 0.2 deg and 1 mm; else None."""
     word = effect["effect"]
     if word not in ("swapped_triangles", "map_transform"):
         return None
-    mine = [f for f in found if f.effect == word]
-    if len(mine) != 1:
+    of_word = [finding for finding in findings if finding.effect == word]
+    if len(of_word) != 1:
         return False
     if word == "swapped_triangles":
-        return {tuple(i) for i in mine[0].where.get("ids", [])} == {tuple(i) for i in effect["where"]["ids"]}
-    for name, most in (("x_mm", MAP_MM), ("y_mm", MAP_MM), ("rotation_deg", MAP_DEG)):
-        value = mine[0].parameter(name)[0]
-        if len(value) != 1 or abs(value[0] - effect["parameters"][name][0]) > most:
+        return {tuple(triangle) for triangle in of_word[0].where.get("ids", [])} == {
+            tuple(triangle) for triangle in effect["where"]["ids"]
+        }
+    for name, tolerance in (("x_mm", MAP_MM), ("y_mm", MAP_MM), ("rotation_deg", MAP_DEG)):
+        value = of_word[0].parameter(name)[0]
+        if len(value) != 1 or abs(value[0] - effect["parameters"][name][0]) > tolerance:
             return False
     return True
 
 
 def judge(truth: dict[str, Any], diagnosis: dict[str, Any] | None) -> dict[str, Any]:
-    """Everything that is scored of one case. No answer is a wrong answer."""
-    strengths = [e["k_floor"] for e in truth["effects"] if e["k_floor"] is not None]
-    stated = findings(diagnosis) if diagnosis else []
-    found = counted(stated, truth)
+    """Score one case. `diagnosis` is None if there is no answer, which counts as wrong."""
+    strengths = [effect["k_floor"] for effect in truth["effects"] if effect["k_floor"] is not None]
+    findings = read_findings(diagnosis) if diagnosis else []
+    scored = without_tolerated(findings, truth)
     verdict = diagnosis.get("verdict") if diagnosis else None
     heldout = (diagnosis or {}).get("heldout") or {}
     row: dict[str, Any] = {
         "kind": truth["kind"],
         "recording": truth["recording"],
         "against": truth["against"],
-        "wanted": sorted(e["effect"] for e in truth["effects"]),
-        "law": "+".join(e["law"] for e in truth["effects"]),
-        "scope": "+".join(e["where"]["scope"] for e in truth["effects"]),
+        "wanted": sorted(effect["effect"] for effect in truth["effects"]),
+        "law": "+".join(effect["law"] for effect in truth["effects"]),
+        "scope": "+".join(effect["where"]["scope"] for effect in truth["effects"]),
         "k": min(strengths, default=None),
         "period_ms": truth["period_ms"],
         "answered": diagnosis is not None,
-        "named": [list(f.words) for f in found],
+        "named": [list(finding.words) for finding in scored],
         "verdict": verdict,
         "before": heldout.get("before"),
         "after": heldout.get("after"),
         "floor": heldout.get("floor"),
-        "first_unknown": bool(found) and found[0].effect == "unknown",
+        "first_unknown": bool(scored) and scored[0].effect == "unknown",
     }
     if truth["kind"] == "null":
-        row["false_alarm"] = diagnosis is None or bool(found) or (not stated and verdict in ALARMS)
+        row["false_alarm"] = diagnosis is None or bool(scored) or (not findings and verdict in ALARMS)
     elif truth["kind"] == "undecidable":
-        row["points"] = _undecidable(truth, found, verdict)
+        row["points"] = _score_undecidable(truth, scored, verdict)
     elif truth["kind"] == "unknown":
-        wanted = {w for e in truth["effects"] for w in e["accept"]}
-        row["points"] = found[0].points(wanted) if found else 0.0
-        row["right_board"] = _right_board(found, truth) if truth["local"] else None
+        accepted_words = {word for effect in truth["effects"] for word in effect["accept"]}
+        row["points"] = scored[0].points(accepted_words) if scored else 0.0
+        row["right_board"] = _is_right_board(scored, truth) if truth["local"] else None
     else:
-        row |= _named(found, truth)
-    acceptable = {w for e in truth["effects"] for w in e["accept"]} | set(truth["equivalent"])
+        row |= _score_known(scored, truth)
+    acceptable = {word for effect in truth["effects"] for word in effect["accept"]} | set(truth["equivalent"])
     row["confidences"] = [
-        (float(f.confidence), bool(acceptable & set(f.words))) for f in found if f.confidence is not None
+        (float(finding.confidence), bool(acceptable & set(finding.words)))
+        for finding in scored
+        if finding.confidence is not None
     ]
     return row
 
 
-def _right_board(found: list[Finding], truth: dict[str, Any]) -> bool:
-    """The first finding is on the board of the effect and on no other."""
-    if not found:
+def _is_right_board(findings: list[Finding], truth: dict[str, Any]) -> bool:
+    """Whether the first finding is on the board of the effect and on no other."""
+    if not findings:
         return False
-    boards = {t[0] for t in taxels_of(found[0].where, truth["taxels"])}
-    return boards == {t[0] for t in truth["effects"][0]["taxels"]}
+    boards = {taxel[0] for taxel in taxels_of(findings[0].where, truth["taxels"])}
+    return boards == {taxel[0] for taxel in truth["effects"][0]["taxels"]}
 
 
-def _undecidable(truth: dict[str, Any], found: list[Finding], verdict: str | None) -> float:
-    """Right is "not decidable", or a first finding of exactly two words the data cannot tell apart, the truth one."""
+def _score_undecidable(truth: dict[str, Any], findings: list[Finding], verdict: str | None) -> float:
+    """1 for "not decidable", or for a first finding of exactly two equivalent words of which one is true; else 0."""
     if verdict == "not decidable":
         return 1.0
-    if not found:
+    if not findings:
         return 0.0
-    words = set(found[0].words)
-    wanted = {e["effect"] for e in truth["effects"]}
+    words = set(findings[0].words)
+    wanted = {effect["effect"] for effect in truth["effects"]}
     return 1.0 if len(words) == LONGEST_LIST and words <= set(truth["equivalent"]) and wanted & words else 0.0

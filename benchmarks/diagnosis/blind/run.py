@@ -1,4 +1,4 @@
-"""Runs a tool on every case of a set, and goes on where it stopped."""
+"""Runs a tool on every case of a set; an interrupted run continues where it stopped."""
 
 import json
 import os
@@ -20,31 +20,31 @@ HEADER = "run.json"
 
 
 class CannotRunError(Exception):
-    """The tool is not there."""
+    """The tool's command cannot be started."""
 
 
 def command_for(template: list[str], case: Path, out: Path) -> list[str]:
-    """The command of one case: `{simulation}` becomes `--simulation FOLDER`, or vanishes where a case has none."""
-    said = {"{recording}": [str(case / "recording")], "{out}": [str(out)], "{simulation}": []}
+    """Command of one case. `{simulation}` becomes `--simulation FOLDER`, or nothing if the case has none."""
+    replacements = {"{recording}": [str(case / "recording")], "{out}": [str(out)], "{simulation}": []}
     if (case / "simulation").is_dir():
-        said["{simulation}"] = ["--simulation", str(case / "simulation")]
-    return [word for token in template for word in said.get(token, [token])]
+        replacements["{simulation}"] = ["--simulation", str(case / "simulation")]
+    return [argument for token in template for argument in replacements.get(token, [token])]
 
 
 def run_case(template: list[str], case: Path, answers: Path, limit_s: float) -> dict[str, Any]:
-    """One run; its output is kept beside its answer."""
+    """Run the tool on one case and return the entry for the log; its output is written beside its answer."""
     out = answers / case.name
-    if out.exists():  # of a run that was interrupted
+    if out.exists():  # left by an interrupted run
         shutil.rmtree(out)
     out.mkdir()
     command = command_for(template, case, out)
-    began = time.monotonic()
+    started = time.monotonic()
     with (out / "stdout.txt").open("wb") as stdout, (out / "stderr.txt").open("wb") as stderr:
         try:
             child = subprocess.Popen(command, stdout=stdout, stderr=stderr, stdin=subprocess.DEVNULL)
         except OSError as problem:
             raise CannotRunError(f"{command[0]}: cannot be run: {problem}; name the tool's command after --") from None
-        status, used, ended = _wait(child, began + limit_s)
+        status, usage, ended = _wait(child, started + limit_s)
     stderr_text = (out / "stderr.txt").read_text(errors="replace")
     return {
         "case": case.name,
@@ -52,59 +52,67 @@ def run_case(template: list[str], case: Path, answers: Path, limit_s: float) -> 
         "status": status,
         "ended": ended,
         "traceback": "Traceback (most recent call last)" in stderr_text,
-        "seconds": round(time.monotonic() - began, 3),
-        "cpu_seconds": round(used.ru_utime + used.ru_stime, 3),
-        "peak_mb": round(used.ru_maxrss / 1024, 1),
+        "seconds": round(time.monotonic() - started, 3),
+        "cpu_seconds": round(usage.ru_utime + usage.ru_stime, 3),
+        "peak_mb": round(usage.ru_maxrss / 1024, 1),
     }
 
 
 def _wait(child: subprocess.Popen[bytes], deadline: float) -> tuple[int, Any, str]:
-    """wait4 gives the peak memory of this child alone; nothing in the standard library does."""
+    """Wait for `child`, kill it at the deadline; return exit status, resource usage and how it ended.
+
+    os.wait4 reports the peak memory of this child alone, which subprocess cannot.
+    """
     ended = "by itself"
     while True:
-        pid, status, used = os.wait4(child.pid, os.WNOHANG)
+        pid, status, usage = os.wait4(child.pid, os.WNOHANG)
         if pid:
             child.returncode = os.waitstatus_to_exitcode(status)
-            return child.returncode, used, ended
+            return child.returncode, usage, ended
         if time.monotonic() > deadline and ended == "by itself":
             child.kill()
             ended = "stopped at the time limit"
         time.sleep(0.02)
 
 
-def commit(of: Path) -> str:
-    """The commit of the checkout that `of` lies in, with `-dirty` where files differ from it; `unknown` outside one."""
-    done = subprocess.run(
-        ["git", "-C", str(of), "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"],
+def commit(folder: Path) -> str:
+    """Commit of the checkout that contains `folder`, with `-dirty` if files differ; `unknown` outside a checkout."""
+    git = subprocess.run(
+        ["git", "-C", str(folder), "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"],
         capture_output=True,
         text=True,
     )
-    return done.stdout.strip() if done.returncode == 0 else "unknown"
+    return git.stdout.strip() if git.returncode == 0 else "unknown"
 
 
 def read_log(answers: Path) -> list[dict[str, Any]]:
-    """The runs that ended, in order; a line that was cut off by an interruption is left out."""
+    """Entries of the runs that ended, in order, without a line that an interruption cut off."""
     if not (answers / LOG).exists():
         return []
-    found = []
+    runs = []
     for line in (answers / LOG).read_text().splitlines():
         try:
-            found.append(json.loads(line))
+            runs.append(json.loads(line))
         except ValueError:
             continue
-    return found
+    return runs
 
 
-def _begin(template: list[str], cases: Path, answers: Path) -> None:
-    """Write down commit, seed and command before the first run; on going on, check that they are the same."""
-    about = json.loads((cases / SET).read_text())
-    header = {"commit": commit(Path.cwd()), "set": about, "command": template, "python": platform.python_version()}
+def _check_or_write_header(template: list[str], cases: Path, answers: Path) -> None:
+    """Write commit, seed and command before the first run; when a run continues, check that they are the same."""
+    description = json.loads((cases / SET).read_text())
+    header = {
+        "commit": commit(Path.cwd()),
+        "set": description,
+        "command": template,
+        "python": platform.python_version(),
+    }
     if (answers / HEADER).exists():
-        before = json.loads((answers / HEADER).read_text())
+        earlier = json.loads((answers / HEADER).read_text())
         for key in ("commit", "set", "command"):
-            if before[key] != header[key]:
+            if earlier[key] != header[key]:
                 raise SystemExit(
-                    f"{answers}: was begun with {key} {before[key]}, now it is {header[key]}; "
+                    f"{answers}: was begun with {key} {earlier[key]}, now it is {header[key]}; "
                     "go on with what it was begun with, or name another folder for the answers"
                 )
         return
@@ -119,31 +127,32 @@ def _begin(template: list[str], cases: Path, answers: Path) -> None:
 def run(
     template: list[str], cases: Path, answers: Path, limit_s: float, scheduler: str | None = None
 ) -> list[dict[str, Any]]:
-    """Run what has not been run yet, on the workers of a Dask scheduler if one is named; returns the whole log."""
+    """Run the cases that have not been run yet, on the workers of a Dask scheduler if given; return the whole log."""
     cases, answers = cases.resolve(), answers.resolve()
-    _begin(template, cases, answers)
+    _check_or_write_header(template, cases, answers)
     log = read_log(answers)
     (answers / LOG).write_text("".join(json.dumps(entry) + "\n" for entry in log))
-    ran = {entry["case"] for entry in log}
-    left = [p for p in sorted(cases.iterdir()) if p.is_dir() and p.name not in ran]
+    names_run = {entry["case"] for entry in log}
+    remaining = [folder for folder in sorted(cases.iterdir()) if folder.is_dir() and folder.name not in names_run]
     workers = ThreadPoolExecutor(1) if scheduler is None else dask_executor(scheduler)
     with (answers / LOG).open("a") as file, workers as pool:
-        waiting = [pool.submit(run_case, template, case, answers, limit_s) for case in left]
+        futures = [pool.submit(run_case, template, case, answers, limit_s) for case in remaining]
         try:
-            for entry in _ended(waiting):
+            for entry in _in_order_of_end(futures):
                 log.append(entry)
                 file.write(json.dumps(entry) + "\n")
                 file.flush()
-                print(f"\r{len(log)} of {len(ran) + len(left)} runs", end="", file=sys.stderr, flush=True)
+                print(f"\r{len(log)} of {len(names_run) + len(remaining)} runs", end="", file=sys.stderr, flush=True)
         except CannotRunError as problem:
             raise SystemExit(str(problem)) from None
         finally:
-            for future in waiting:
+            for future in futures:
                 future.cancel()
     print(file=sys.stderr)
     return log
 
 
-def _ended(waiting: list[Any]) -> Iterable[dict[str, Any]]:
-    for future in as_completed(waiting):
+def _in_order_of_end(futures: list[Any]) -> Iterable[dict[str, Any]]:
+    """Yield results of the futures as they end."""
+    for future in as_completed(futures):
         yield future.result()

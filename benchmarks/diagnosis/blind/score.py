@@ -7,11 +7,11 @@ from typing import Any
 from . import seal, tables
 from .rules import judge
 from .run import HEADER, read_log
-from .untouched import Compensator, Predictor, compare, compare_force
+from .untouched import Compensator, Predictor, compare_counts, compare_force
 
 
-def _judged(case: dict[str, Any], answer: Path) -> dict[str, Any]:
-    """The case judged; an answer that is missing or does not follow formats.md counts as none."""
+def _judge_answer(case: dict[str, Any], answer: Path) -> dict[str, Any]:
+    """Score the answer to one case; a file that is missing or does not follow formats.md counts as no answer."""
     try:
         diagnosis = json.loads((answer / "diagnosis.json").read_text())
         if diagnosis["format"] != "insole-diagnosis/1":
@@ -22,39 +22,43 @@ def _judged(case: dict[str, Any], answer: Path) -> dict[str, Any]:
 
 
 def score(
-    sealed: Path, answers: Path, printed: str, predict: Predictor | None = None, compensate: Compensator | None = None
+    sealed: Path,
+    answers: Path,
+    seal_sha256: str,
+    predict: Predictor | None = None,
+    compensate: Compensator | None = None,
 ) -> dict[str, Any]:
-    """Every case judged; cases that were not run yet are left out."""
-    truth = seal.open_(sealed, printed)
-    by_case = {entry["case"]: entry for entry in read_log(answers)}
+    """Score every case that was run; `seal_sha256` is the seal that `make` printed."""
+    truth = seal.open_(sealed, seal_sha256)
+    runs = {entry["case"]: entry for entry in read_log(answers)}
     header = answers / HEADER
     rows = []
     for name, case in sorted(truth["cases"].items()):
-        if name not in by_case:
+        if name not in runs:
             continue
-        row = {"case": name, **_judged(case, answers / name), "run": by_case[name], "untouched": None}
-        model, kept = answers / name / "model.json", sealed / name
-        by_force = case["recording"] == "walk" and case["against"] == "reference"
-        if by_force and compensate is not None:
-            row["untouched"] = compare_force(kept, case["foot"], model, compensate)
-        elif not by_force and predict is not None:
-            row["untouched"] = compare(kept, case["foot"], model, predict)
+        row = {"case": name, **_judge_answer(case, answers / name), "run": runs[name], "untouched": None}
+        model, kept_back = answers / name / "model.json", sealed / name
+        is_force_compared = case["recording"] == "walk" and case["against"] == "reference"
+        if is_force_compared and compensate is not None:
+            row["untouched"] = compare_force(kept_back, case["foot"], model, compensate)
+        elif not is_force_compared and predict is not None:
+            row["untouched"] = compare_counts(kept_back, case["foot"], model, predict)
         rows.append(row)
     return {
         "about": truth["about"],
-        "seal": printed,
+        "seal": seal_sha256,
         "run": json.loads(header.read_text()) if header.exists() else None,
-        "bars": [b.cells() for b in tables.bars(rows)],
+        "bars": [bar.cells() for bar in tables.bars(rows)],
         "cases": rows,
     }
 
 
-def markdown(found: dict[str, Any]) -> str:
-    """The whole score, for a page of results."""
-    about, run = found["about"], found["run"]
+def markdown(scores: dict[str, Any]) -> str:
+    """The scores as a markdown page."""
+    description, run = scores["about"], scores["run"]
     tool = f", tool of commit {run['commit']}" if run else ""
     return (
-        f"Suite {about['suite']}, {len(found['cases'])} of {about['cases']} cases, seed {about['seed']}, "
-        f"seal {found['seal']}{tool}. With 95 % intervals: Wilson's for rates, the bootstrap's for others.\n\n"
-        + tables.markdown(found["cases"])
+        f"Suite {description['suite']}, {len(scores['cases'])} of {description['cases']} cases, "
+        f"seed {description['seed']}, seal {scores['seal']}{tool}. "
+        "With 95 % intervals: Wilson's for rates, the bootstrap's for others.\n\n" + tables.markdown(scores["cases"])
     )

@@ -1,4 +1,4 @@
-"""The seal: a salted SHA-256 of the truth and of every file handed out or kept back, printed before anybody looks."""
+"""The seal: a salted SHA-256 of the truth and of the digests of all files, printed before a case can be seen."""
 
 import hashlib
 import json
@@ -10,23 +10,24 @@ TRUTH, SEAL = "truth.json", "seal.json"
 
 
 def document(value: Any) -> bytes:
-    """The one way the truth is turned into bytes."""
+    """Canonical JSON of the truth, as bytes."""
     return json.dumps(value, sort_keys=True, separators=(",", ":"), default=float).encode()
 
 
 def digest(salt: str, truth: bytes) -> str:
+    """SHA-256 of salt and truth, in hexadecimal."""
     return hashlib.sha256(salt.encode() + truth).hexdigest()
 
 
 def digests(folder: Path) -> dict[str, str]:
     """SHA-256 of every file under `folder`, by its path in it."""
-    found = sorted(p for p in folder.rglob("*") if p.is_file())
-    return {str(p.relative_to(folder)): hashlib.sha256(p.read_bytes()).hexdigest() for p in found}
+    files = sorted(path for path in folder.rglob("*") if path.is_file())
+    return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
 
 
-def close(sealed: Path, cases: dict[str, Any], about: dict[str, Any]) -> str:
-    """Writes truth and salt into `sealed`; returns the seal."""
-    truth = document({"about": about, "cases": cases})
+def close(sealed: Path, cases: dict[str, Any], description: dict[str, Any]) -> str:
+    """Write truth and salt into `sealed`; return the seal."""
+    truth = document({"about": description, "cases": cases})
     salt = secrets.token_hex(16)
     (sealed / TRUTH).write_bytes(truth)
     (sealed / SEAL).write_text(json.dumps({"salt": salt, "sha256": digest(salt, truth)}) + "\n")
@@ -34,19 +35,21 @@ def close(sealed: Path, cases: dict[str, Any], about: dict[str, Any]) -> str:
 
 
 class BrokenSealError(Exception):
-    """The truth is not the one that was sealed."""
+    """The truth or a sealed file differs from what was sealed."""
 
 
-def open_(sealed: Path, seal: str) -> dict[str, Any]:
-    """The truth, if it is the one `seal` was printed for, and if what was kept back is what it was."""
+def open_(sealed: Path, seal_sha256: str) -> dict[str, Any]:
+    """Read the truth; BrokenSealError if it or a sealed file does not match the seal."""
     truth = (sealed / TRUTH).read_bytes()
     salt = json.loads((sealed / SEAL).read_text())["salt"]
-    found = digest(salt, truth)
-    if found != seal:
-        raise BrokenSealError(f"{sealed / TRUTH}: expected the truth sealed as {seal}, found one that gives {found}")
-    document_ = json.loads(truth)
-    for name, case in document_["cases"].items():
-        if (found_files := digests(sealed / name)) != case["kept_back"]:
-            changed = sorted(set(found_files.items()) ^ set(case["kept_back"].items()))
+    actual = digest(salt, truth)
+    if actual != seal_sha256:
+        raise BrokenSealError(
+            f"{sealed / TRUTH}: expected the truth sealed as {seal_sha256}, found one that gives {actual}"
+        )
+    content = json.loads(truth)
+    for name, case in content["cases"].items():
+        if (actual_digests := digests(sealed / name)) != case["kept_back"]:
+            changed = sorted(set(actual_digests.items()) ^ set(case["kept_back"].items()))
             raise BrokenSealError(f"{sealed / name}: {changed[0][0]} is not what was sealed")
-    return document_
+    return content

@@ -1,4 +1,4 @@
-"""What the model is worth on the part of the trial that nobody has seen: the share of the oracle's gain it recovers."""
+"""Compares a tool's model with the oracle on the sealed continuation of the trial."""
 
 import importlib
 import json
@@ -16,9 +16,9 @@ Predictor = Callable[[Path, Path, Path | None], dict[str, np.ndarray]]
 Compensator = Callable[[Path, Path], dict[str, tuple[np.ndarray, np.ndarray]]]
 
 
-def imported(named: str) -> Any:
-    """The function called module:function."""
-    module, _, function = named.partition(":")
+def import_function(reference: str) -> Any:
+    """Import the function that `reference` names as module:function."""
+    module, _, function = reference.partition(":")
     return getattr(importlib.import_module(module), function)
 
 
@@ -26,12 +26,12 @@ def _rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(np.asarray(values, float) ** 2)))
 
 
-def _compared(static: float, oracle: float, model: Callable[[], float]) -> dict[str, Any]:
-    """Errors of the calibration handed out, of the truth and of the tool's model, and the model's share of the gain."""
+def _compare_errors(static: float, oracle: float, model: Callable[[], float]) -> dict[str, Any]:
+    """Errors of static calibration, oracle and the tool's model, and the share of the oracle's gain it recovers."""
     row: dict[str, Any] = {"static": static, "oracle": oracle, "model": None, "failure": None}
     try:
         row["model"] = model()
-    except Exception as failure:  # whatever the tool's code does, the case is scored
+    except Exception as failure:  # the case is scored whatever error the tool's code raises
         row["failure"] = f"{type(failure).__name__}: {failure}"
         return row
     row["change"] = row["model"] / static - 1
@@ -40,37 +40,37 @@ def _compared(static: float, oracle: float, model: Callable[[], float]) -> dict[
     return row
 
 
-def compare(kept: Path, foot: str, model: Path, predict: Predictor) -> dict[str, Any]:
-    """RMS errors in counts over the continuation, of all usable taxels."""
-    with np.load(kept / "scoring.npz") as scoring, np.load(kept / "recording" / "counts.npz") as recording:
+def compare_counts(kept_back: Path, foot: str, model: Path, predict: Predictor) -> dict[str, Any]:
+    """Compare RMS errors in counts over the continuation, of all usable taxels."""
+    with np.load(kept_back / "scoring.npz") as scoring, np.load(kept_back / "recording" / "counts.npz") as recording:
         untouched, usable = scoring["untouched"], scoring["usable"]
         counts = recording["counts"][untouched].astype(float)[:, usable]
         static, oracle = (_rms(scoring[name][:, usable] - counts) for name in ("handed_out", "oracle"))
-    simulation = kept / "simulation"
+    simulation = kept_back / "simulation"
 
-    def left() -> float:
+    def model_error() -> float:
         json.loads(model.read_text())
-        said = predict(model, kept / "recording", simulation if simulation.is_dir() else None)
-        predicted = np.asarray(said[foot], float)[untouched][:, usable]
-        known = np.isfinite(predicted)
-        if known.mean() < 0.5 or (not known.all() and not simulation.is_dir()):
+        prediction = predict(model, kept_back / "recording", simulation if simulation.is_dir() else None)
+        predicted = np.asarray(prediction[foot], float)[untouched][:, usable]
+        is_finite = np.isfinite(predicted)
+        if is_finite.mean() < 0.5 or (not is_finite.all() and not simulation.is_dir()):
             raise ValueError("the prediction holds values that are not finite")
-        return _rms((predicted - counts)[known])
+        return _rms((predicted - counts)[is_finite])
 
-    return _compared(static, oracle, left)
+    return _compare_errors(static, oracle, model_error)
 
 
-def compare_force(kept: Path, foot: str, model: Path, compensate: Compensator) -> dict[str, Any]:
-    """RMS errors of f_z in N over the continuation; the oracle is the same insole with nothing concealed."""
-    with np.load(kept / "scoring.npz") as scoring:
-        t_s, true = scoring["t_s"], scoring["fz_n"]
-        static, oracle = (_rms(scoring[f"{name}_fz_n"] - true) for name in ("static", "oracle"))
+def compare_force(kept_back: Path, foot: str, model: Path, compensate: Compensator) -> dict[str, Any]:
+    """Compare RMS errors of f_z in N over the continuation; the oracle is the same insole with nothing concealed."""
+    with np.load(kept_back / "scoring.npz") as scoring:
+        t_s, true_n = scoring["t_s"], scoring["fz_n"]
+        static, oracle = (_rms(scoring[f"{name}_fz_n"] - true_n) for name in ("static", "oracle"))
 
-    def left() -> float:
-        when, said = (np.asarray(x, float) for x in compensate(model, kept / "recording")[foot])
-        late = (when >= t_s[0]) & (when <= t_s[-1])
-        if late.sum() < 0.9 * len(t_s) or not np.isfinite(said[late]).all():
-            raise ValueError(f"expected a finite f_z for each of {len(t_s)} rows, found {late.sum()}")
-        return _rms(said[late] - np.interp(when[late], t_s, true))
+    def model_error() -> float:
+        stated_s, force_n = (np.asarray(column, float) for column in compensate(model, kept_back / "recording")[foot])
+        is_scored = (stated_s >= t_s[0]) & (stated_s <= t_s[-1])
+        if is_scored.sum() < 0.9 * len(t_s) or not np.isfinite(force_n[is_scored]).all():
+            raise ValueError(f"expected a finite f_z for each of {len(t_s)} rows, found {is_scored.sum()}")
+        return _rms(force_n[is_scored] - np.interp(stated_s[is_scored], t_s, true_n))
 
-    return _compared(static, oracle, left)
+    return _compare_errors(static, oracle, model_error)

@@ -1,4 +1,4 @@
-"""The workers of a Dask scheduler, on which cases are made and run."""
+"""Connects to the workers of a Dask scheduler, on which cases are made and run."""
 
 import contextlib
 from collections.abc import Iterator
@@ -7,7 +7,7 @@ from concurrent.futures import Executor
 
 @contextlib.contextmanager
 def dask_executor(scheduler: str) -> Iterator[Executor]:
-    """Runs what is submitted on the workers of the scheduler at this address, which see the same files.
+    """An executor on the workers of the scheduler at this address; the workers need to see the same files.
 
     Certificates for TLS are those of Dask's own configuration.
     """

@@ -1,4 +1,4 @@
-"""The contract's rules on answers made by hand."""
+"""The rules of formats.md on answers made by hand."""
 
 from typing import Any
 
@@ -7,37 +7,45 @@ import pytest
 from benchmarks.diagnosis.blind import bounds
 from benchmarks.diagnosis.blind.rules import judge
 
-EVERY = [[5, t, k] for t in range(3) for k in range(10)] + [[6, t, k] for t in range(2) for k in range(10)]
+INSOLE_TAXELS = [[5, t, k] for t in range(3) for k in range(10)] + [[6, t, k] for t in range(2) for k in range(10)]
 
 
-def truth(kind: str, *words: str, **more: Any) -> dict[str, Any]:
+def truth(kind: str, *words: str, **changes: Any) -> dict[str, Any]:
     effects = [
         {
-            "effect": w,
+            "effect": word,
             "where": {"scope": "insole", "ids": []},
-            "taxels": EVERY,
+            "taxels": INSOLE_TAXELS,
             "k_floor": 3.0,
-            "law": w,
-            "accept": [w],
+            "law": word,
+            "accept": [word],
             "parameters": {},
             "amplitude_fraction": 0.1,
         }
-        for w in words
+        for word in words
     ]
     common = {"recording": "chamber", "against": "reference", "local": False, "period_ms": [20, 20, 20]}
-    return {"kind": kind, "effects": effects, "equivalent": [], "tolerated": [], "taxels": EVERY, **common, **more}
+    return {
+        "kind": kind,
+        "effects": effects,
+        "equivalent": [],
+        "tolerated": [],
+        "taxels": INSOLE_TAXELS,
+        **common,
+        **changes,
+    }
 
 
 def answer(*named: Any, verdict: str = "explained") -> dict[str, Any]:
     findings = []
-    for one in named:
-        effect, alternatives, more = one if isinstance(one, tuple) else (one, [], {})
-        findings.append({"effect": effect, "alternatives": alternatives, "confidence": 0.9, **more})
+    for finding in named:
+        effect, alternatives, other_keys = finding if isinstance(finding, tuple) else (finding, [], {})
+        findings.append({"effect": effect, "alternatives": alternatives, "confidence": 0.9, **other_keys})
     return {"format": "insole-diagnosis/1", "verdict": verdict, "findings": findings}
 
 
 @pytest.mark.parametrize(
-    ("found", "points"),
+    ("finding", "points"),
     [
         (("creep", [], {}), 1.0),
         (("creep", ["hysteresis"], {}), 1.0),
@@ -48,8 +56,8 @@ def answer(*named: Any, verdict: str = "explained") -> dict[str, Any]:
         (("unknown", [], {}), 0.0),
     ],
 )
-def test_first_named(found, points):
-    assert judge(truth("single", "creep"), answer(found))["points"] == points
+def test_points_depend_on_the_effect_that_is_named_first(finding, points):
+    assert judge(truth("single", "creep"), answer(finding))["points"] == points
 
 
 def test_recalibration_counts_like_any_word():
@@ -60,10 +68,10 @@ def test_recalibration_counts_like_any_word():
 
 
 def test_a_word_that_imitates_perfectly_is_right_too():
-    wanted = truth("single", "preload")
-    wanted["effects"][0]["accept"] = ["preload", "baseline"]
-    row = judge(wanted, answer("baseline"))
-    assert (row["points"], row["exact"], row["recall"]) == (1.0, True, 1.0)
+    sealed = truth("single", "preload")
+    sealed["effects"][0]["accept"] = ["preload", "baseline"]
+    score = judge(sealed, answer("baseline"))
+    assert (score["points"], score["exact"], score["recall"]) == (1.0, True, 1.0)
 
 
 def test_words_that_a_slow_converter_looks_like_are_passed_over():
@@ -83,17 +91,17 @@ def test_no_answer_is_wrong():
     assert judge(truth("undecidable", "creep", equivalent=["creep", "hysteresis"]), None)["points"] == 0.0
 
 
-def test_sets():
-    wanted = truth("pair", "creep", "lag")
-    assert judge(wanted, answer("lag", "creep"))["exact"] is True
-    row = judge(wanted, answer("lag", ("hysteresis", ["creep"], {})))
+def test_an_exact_set_has_every_effect_first_and_no_other_finding():
+    sealed = truth("pair", "creep", "lag")
+    assert judge(sealed, answer("lag", "creep"))["exact"] is True
+    row = judge(sealed, answer("lag", ("hysteresis", ["creep"], {})))
     assert (row["exact"], row["recall"]) == (False, 0.75)
-    assert judge(wanted, answer("lag", "creep", "drift"))["exact"] is False
-    assert judge(wanted, answer("lag", "gain", "creep"))["exact"] is False
+    assert judge(sealed, answer("lag", "creep", "drift"))["exact"] is False
+    assert judge(sealed, answer("lag", "gain", "creep"))["exact"] is False
 
 
 @pytest.mark.parametrize(
-    ("found", "verdict", "points"),
+    ("finding", "verdict", "points"),
     [
         (("hysteresis", ["creep"], {}), "explained", 1.0),
         (("creep", ["hysteresis"], {}), "explained", 1.0),
@@ -104,58 +112,58 @@ def test_sets():
         (("creep", [], {}), "not decidable", 1.0),
     ],
 )
-def test_undecidable(found, verdict, points):
-    wanted = truth("undecidable", "creep", equivalent=["creep", "hysteresis", "viscoelasticity"])
-    assert judge(wanted, answer(found, verdict=verdict))["points"] == points
+def test_an_undecidable_case_needs_not_decidable_or_two_equivalent_words(finding, verdict, points):
+    sealed = truth("undecidable", "creep", equivalent=["creep", "hysteresis", "viscoelasticity"])
+    assert judge(sealed, answer(finding, verdict=verdict))["points"] == points
 
 
-def test_outside_the_library():
-    wanted = truth("unknown", "unknown")
-    assert judge(wanted, answer("unknown"))["points"] == 1.0
-    assert judge(wanted, answer("creep", "unknown"))["points"] == 0.0
-    assert judge(wanted, answer(verdict="no mismatch"))["points"] == 0.0
+def test_an_effect_outside_the_vocabulary_must_be_called_unknown():
+    sealed = truth("unknown", "unknown")
+    assert judge(sealed, answer("unknown"))["points"] == 1.0
+    assert judge(sealed, answer("creep", "unknown"))["points"] == 0.0
+    assert judge(sealed, answer(verdict="no mismatch"))["points"] == 0.0
     local = truth("unknown", "unknown", local=True)
-    local["effects"][0]["taxels"] = [t for t in EVERY if t[:2] == [5, 1]]
+    local["effects"][0]["taxels"] = [t for t in INSOLE_TAXELS if t[:2] == [5, 1]]
     triangle = {"where": {"scope": "triangle", "ids": [[5, 1]]}}
     assert judge(local, answer(("unknown", [], triangle)))["right_board"] is True
     assert judge(local, answer("unknown"))["right_board"] is False
 
 
-def test_place():
-    wanted = truth("single", "creep")
-    wanted["effects"][0]["taxels"] = [t for t in EVERY if t[:2] == [5, 1]]
+def test_a_place_is_scored_per_taxel_in_a_chamber_and_per_triangle_in_a_walk():
+    sealed = truth("single", "creep")
+    sealed["effects"][0]["taxels"] = [taxel for taxel in INSOLE_TAXELS if taxel[:2] == [5, 1]]
     board = {"where": {"scope": "board", "ids": [[5]]}}
     taxels = {"where": {"scope": "taxel", "ids": [[5, 1, 0], [6, 0, 0]]}}
-    assert judge(wanted, answer(("creep", [], board)))["places"] == [pytest.approx(2 * 10 / 40)]
-    assert judge(wanted, answer(("creep", [], taxels)))["places"] == [pytest.approx(2 * 1 / 12)]
-    assert judge({**wanted, "recording": "walk"}, answer(("creep", [], taxels)))["places"] == [pytest.approx(2 / 3)]
-    assert judge(wanted, answer("lag"))["places"] == []
+    assert judge(sealed, answer(("creep", [], board)))["places"] == [pytest.approx(2 * 10 / 40)]
+    assert judge(sealed, answer(("creep", [], taxels)))["places"] == [pytest.approx(2 * 1 / 12)]
+    assert judge({**sealed, "recording": "walk"}, answer(("creep", [], taxels)))["places"] == [pytest.approx(2 / 3)]
+    assert judge(sealed, answer("lag"))["places"] == []
 
 
 @pytest.mark.parametrize(("reported", "right"), [([[5, 0], [5, 2]], True), ([[5, 0], [5, 1]], False)])
 def test_swapped_triangles_have_to_be_both(reported, right):
-    wanted = truth("simulation", "swapped_triangles")
-    wanted["effects"][0]["where"] = {"scope": "triangle", "ids": [[5, 0], [5, 2]]}
+    sealed = truth("simulation", "swapped_triangles")
+    sealed["effects"][0]["where"] = {"scope": "triangle", "ids": [[5, 0], [5, 2]]}
     finding = ("swapped_triangles", [], {"where": {"scope": "triangle", "ids": reported}})
-    assert judge(wanted, answer(finding))["map_right"] is right
+    assert judge(sealed, answer(finding))["map_right"] is right
 
 
 @pytest.mark.parametrize(("rotation", "right"), [(3.1, True), (3.3, False)])
 def test_a_map_has_to_be_within_the_tolerance(rotation, right):
-    wanted = truth("simulation", "map_transform")
-    wanted["effects"][0]["parameters"] = {"x_mm": [5.0], "y_mm": [-2.0], "rotation_deg": [3.0]}
+    sealed = truth("simulation", "map_transform")
+    sealed["effects"][0]["parameters"] = {"x_mm": [5.0], "y_mm": [-2.0], "rotation_deg": [3.0]}
     parameters = {"x_mm": {"value": [5.5]}, "y_mm": {"value": [-2.9]}, "rotation_deg": {"value": [rotation]}}
-    row = judge(wanted, answer(("map_transform", [], {"parameters": parameters})))
+    row = judge(sealed, answer(("map_transform", [], {"parameters": parameters})))
     assert row["map_right"] is right
-    # A shift is off by its length, not by a component that may be nought.
+    # The error of a shift is relative to its length, because a component may be 0.
     assert row["parameters"][1]["relative_error"] == pytest.approx(0.9 / 29**0.5)
 
 
-def test_parameters():
-    wanted = truth("single", "viscoelasticity")
-    wanted["effects"][0]["parameters"] = {"tau_s": [0.5], "a": [0.2]}
+def test_stated_strengths_add_up_and_intervals_cover_the_true_value():
+    sealed = truth("single", "viscoelasticity")
+    sealed["effects"][0]["parameters"] = {"tau_s": [0.5], "a": [0.2]}
     parameters = {"tau_s": {"value": [0.55], "std": [0.02]}, "a": {"value": [0.1, 0.08]}}
-    rows = judge(wanted, answer(("viscoelasticity", [], {"parameters": parameters, "amplitude_fraction": 0.11})))[
+    rows = judge(sealed, answer(("viscoelasticity", [], {"parameters": parameters, "amplitude_fraction": 0.11})))[
         "parameters"
     ]
     by_name = {r["parameter"]: r for r in rows}
@@ -169,7 +177,7 @@ def test_parameters():
 def test_bounds_are_the_published_ones():
     assert bounds.wilson(8, 10) == pytest.approx((0.4902, 0.9433), abs=1e-4)
     assert bounds.log_score([(0.5, True), (0.5, False)]) == pytest.approx(-0.6931, abs=1e-4)
-    sure = [(0.9, True)] * 9 + [(0.9, False)] + [(0.1, True)] + [(0.1, False)] * 9
-    assert bounds.slope(sure) == pytest.approx(1.0)
-    assert bounds.log_score(sure) > bounds.base_log_score(sure)
+    confidences = [(0.9, True)] * 9 + [(0.9, False)] + [(0.1, True)] + [(0.1, False)] * 9
+    assert bounds.slope(confidences) == pytest.approx(1.0)
+    assert bounds.log_score(confidences) > bounds.base_log_score(confidences)
     assert bounds.slope([(0.8, True)] * 5) is None

@@ -43,7 +43,7 @@ def predictor(name, off=0.0):
 
 
 def measured(scores):
-    return {b.what: b for b in bars(scores["cases"])}
+    return {b.title: b for b in bars(scores["cases"])}
 
 
 def test_a_perfect_answer_scores_full_marks(made, tmp_path):
