@@ -1,4 +1,4 @@
-"""`insole prove`: the benchmark's programs, in their order, and all they leave."""
+"""`insole prove` runs the benchmark's programs in order and keeps their files."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ ROOT = Path(__file__).parents[2]
 def test_a_case_from_seal_to_table_on_dask_workers(tmp_path):
     out = tmp_path / "proof"
     command = [INSOLE, "prove", "--cases", "1", "--suite", "bench", "--seed", "5", "--jobs", "2", "--out", out]
-    done = subprocess.run([*map(str, command)], cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    first, *rest = done.stdout.splitlines()
+    result = subprocess.run([*map(str, command)], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stderr
+    first, *rest = result.stdout.splitlines()
     assert first.startswith("Seal: ")
     assert len(first.removeprefix("Seal: ")) == 64
     assert "\n".join(rest) + "\n" == (out / "tables.md").read_text()
@@ -38,14 +38,14 @@ def test_a_case_from_seal_to_table_on_dask_workers(tmp_path):
 
 
 def test_runs_are_never_overwritten(tmp_path):
-    done = RUNNER.invoke(app, ["prove", "--out", str(tmp_path)])
-    assert isinstance(done.exception, FileError)
-    assert "never overwritten" in str(done.exception)
+    result = RUNNER.invoke(app, ["prove", "--out", str(tmp_path)])
+    assert isinstance(result.exception, FileError)
+    assert "never overwritten" in str(result.exception)
 
 
 def test_a_scheduler_beyond_loopback_needs_tls(tmp_path):
-    done = RUNNER.invoke(app, ["prove", "--out", str(tmp_path / "proof"), "--scheduler", "tcp://10.0.0.5:8786"])
-    assert "Dask exchanges pickles" in str(done.exception)
+    result = RUNNER.invoke(app, ["prove", "--out", str(tmp_path / "proof"), "--scheduler", "tcp://10.0.0.5:8786"])
+    assert "Dask exchanges pickles" in str(result.exception)
     assert not (tmp_path / "proof").exists()
 
 
@@ -54,9 +54,9 @@ def test_a_certificate_without_its_key_is_refused(tmp_path, verb):
     walk = "{folder: walk, person: a, session: b, condition: c}"
     (tmp_path / "study.yaml").write_text(f"format: insole-study/1\nrecordings: [{walk}]\n")
     folder = tmp_path if verb == ["study"] else tmp_path / "proof"
-    done = RUNNER.invoke(app, [*verb, str(folder), "--scheduler", "tls://10.0.0.5:8786", "--tls-cert", "my.pem"])
-    assert done.exit_code == 2, done.output
-    assert "needs all three" in done.output
+    result = RUNNER.invoke(app, [*verb, str(folder), "--scheduler", "tls://10.0.0.5:8786", "--tls-cert", "my.pem"])
+    assert result.exit_code == 2, result.output
+    assert "needs all three" in result.output
     assert not (tmp_path / "proof").exists()
 
 

@@ -1,4 +1,4 @@
-"""One concealed effect: its word, where it is, how strong, and its law."""
+"""A concealed effect: its word, place, amplitude and law."""
 
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -7,7 +7,7 @@ import numpy as np
 
 from . import laws
 from .geometry import PRESSURE_TAXELS, Geometry
-from .ranges import draw, entry
+from .ranges import draw, entry, limits
 from .trial import Trial
 
 # The parameter that is solved for the strength asked for, by word, as ranges.yaml calls it.
@@ -35,7 +35,7 @@ SOLVED = {
 RECALIBRATION = ("gain", "baseline", "stiffening", "preload", "bit_shift")
 MAPPING = ("swapped_triangles", "map_transform")
 MEMORY = ("hysteresis", "snap", "viscoelasticity", "creep", "lag")
-# In the order of the signal path; what is outside the vocabulary acts where hysteresis does.
+# In the order of the signal path. Effects outside the vocabulary act at the place of hysteresis.
 _MATERIAL_UNKNOWN = ("softening", "mullins", "overshoot", "rate_magnitude", "sticky_zone")
 ON_THE_LOAD = ("preload", "crosstalk", "hysteresis", "snap", *_MATERIAL_UNKNOWN, "viscoelasticity", "creep", "lag")
 LINEAR_IN_TIME = ("viscoelasticity", "creep", "lag")
@@ -62,7 +62,7 @@ SCOPES = {
 
 @dataclass(frozen=True)
 class Effect:
-    """`word` as in formats.md; `law` is this generator's name for what it does."""
+    """`word` is the effect's name in formats.md; `law` is the name of its law in this generator."""
 
     word: str
     law: str
@@ -76,42 +76,46 @@ class Effect:
 
     @property
     def signed(self) -> float:
+        """The amplitude with the sign that was drawn."""
         return self.amplitude * float(self.shape.get("sign", 1.0))
 
     @property
     def limits(self) -> tuple[float, float]:
-        """Least and largest amplitude."""
-        found = entry("unknown", self.law, "m") if self.word == "unknown" else entry("effects", self.word, self.solved)
-        low, high = found["range"]
+        """Least and greatest amplitude in `ranges.yaml`."""
+        low, high = (
+            limits("unknown", self.law, "m") if self.word == "unknown" else limits("effects", self.word, self.solved)
+        )
         return float(low), float(high)
 
     @property
     def solved(self) -> str:
+        """Name of the parameter that is solved for, in `ranges.yaml`."""
         return str(self.shape.get("solved", SOLVED.get(self.word, "m")))
 
 
-def scopes(word: str) -> tuple[str, ...]:
-    """Scopes that an effect of that word can have, the widest first."""
+def scopes_of(word: str) -> tuple[str, ...]:
+    """Scopes that an effect called `word` can have, the widest first."""
     return SCOPES.get(word, _MATERIAL_SCOPES)
 
 
 def _neighbours(geometry: Geometry, triangle: int, n: int) -> list[int]:
-    away = np.hypot(*(geometry.centre_mm - geometry.centre_mm[triangle]).T)
-    return [int(t) for t in np.argsort(away)[:n]]
+    """The `n` triangles nearest to `triangle`, itself first."""
+    distance_mm = np.hypot(*(geometry.centre_mm - geometry.centre_mm[triangle]).T)
+    return [int(t) for t in np.argsort(distance_mm)[:n]]
 
 
-def place(
-    rng: np.random.Generator, geometry: Geometry, scope: str, loaded: np.ndarray
+def draw_place(
+    rng: np.random.Generator, geometry: Geometry, scope: str, peak_share: np.ndarray
 ) -> tuple[dict[str, Any], np.ndarray]:
-    """A place of that scope: its `where` and its (28, 12) mask.
+    """Draw a place of the scope; return its `where` and its mask (28, 12) bool.
 
-    loaded: (28,) share of the highest load that a triangle bears; a place that is never loaded would show nothing.
+    peak_share: (28,) highest load of each triangle, relative to the largest. A place without load would show nothing.
     """
     mask = np.zeros((28, 12), bool)
-    chosen = int(rng.choice(np.flatnonzero(loaded >= min(0.3, loaded.max()))))
-    name = [[int(a), int(s)] for a, s in zip(geometry.address, geometry.slot, strict=True)]
+    chosen = int(rng.choice(np.flatnonzero(peak_share >= min(0.3, peak_share.max()))))
+    triangle_ids = [[int(a), int(s)] for a, s in zip(geometry.address, geometry.slot, strict=True)]
     ids: list[list[int]] = []
-    kind = scope
+    stated_scope = scope
     if scope == "insole":
         mask[:] = True
     elif scope == "board":
@@ -121,21 +125,23 @@ def place(
     elif scope in ("triangle", "group"):
         triangles = [chosen] if scope == "triangle" else sorted(_neighbours(geometry, chosen, int(rng.integers(2, 5))))
         mask[triangles] = True
-        ids, kind = [name[t] for t in triangles], "triangle"
+        ids, stated_scope = [triangle_ids[t] for t in triangles], "triangle"
     else:
-        about = geometry.taxel_mm[chosen, int(rng.choice(PRESSURE_TAXELS))]
-        near = sorted(PRESSURE_TAXELS, key=lambda k: float(np.hypot(*(geometry.taxel_mm[chosen, k] - about))))
-        taxels = sorted(near[: int(rng.integers(3, 7))])
+        middle_mm = geometry.taxel_mm[chosen, int(rng.choice(PRESSURE_TAXELS))]
+        by_distance = sorted(
+            PRESSURE_TAXELS, key=lambda k: float(np.hypot(*(geometry.taxel_mm[chosen, k] - middle_mm)))
+        )
+        taxels = sorted(by_distance[: int(rng.integers(3, 7))])
         mask[chosen, taxels] = True
-        ids = [[*name[chosen], k] for k in taxels]
+        ids = [[*triangle_ids[chosen], k] for k in taxels]
     mask[:, [k for k in range(12) if k not in PRESSURE_TAXELS]] = False
-    return {"scope": kind, "ids": ids}, mask
+    return {"scope": stated_scope, "ids": ids}, mask
 
 
-def _shape(rng: np.random.Generator, trial: Trial, word: str, law: str) -> dict[str, Any]:
-    """What is drawn of an effect beside its amplitude."""
+def _draw_shape(rng: np.random.Generator, trial: Trial, word: str, law: str) -> dict[str, Any]:
+    """Draw the parameters of an effect other than its amplitude."""
 
-    def drawn(name: str) -> Any:
+    def draw_parameter(name: str) -> Any:
         return draw(rng, "effects", word, name)
 
     sign = 1.0 if rng.random() < 0.5 else -1.0
@@ -144,25 +150,29 @@ def _shape(rng: np.random.Generator, trial: Trial, word: str, law: str) -> dict[
         shape: dict[str, Any] = {name: float(rng.uniform(low, high)) for name, (low, high) in values.items()}
         return shape | {"start_s": trial.main_s * float(rng.uniform(0.1, 0.25)), "seed": int(rng.integers(2**31))}
     if word == "hysteresis":
-        family = drawn("family") if trial.kind == "chamber" else "bouc_wen"
-        width = trial.span_pa * drawn("yield_fraction")
+        family = draw_parameter("family") if trial.kind == "chamber" else "bouc_wen"
+        width = trial.span_pa * draw_parameter("yield_fraction")
         return {"family": family, "width_pa": width, "beta": float(rng.uniform(0.5, 0.7))}
     if word == "snap":
-        up = trial.span_pa * drawn("up_fraction")
-        return {"up_pa": up, "down_pa": up * drawn("down_fraction"), "spread": drawn("threshold_spread")}
+        up = trial.span_pa * draw_parameter("up_fraction")
+        return {
+            "up_pa": up,
+            "down_pa": up * draw_parameter("down_fraction"),
+            "spread": draw_parameter("threshold_spread"),
+        }
     if word == "viscoelasticity":
-        return {"tau_s": drawn("tau_s"), "width": drawn("width_decades")}
+        return {"tau_s": draw_parameter("tau_s"), "width": draw_parameter("width_decades")}
     if word == "creep":
-        return {"exponent": drawn("exponent"), "onset_s": drawn("onset_s")}
+        return {"exponent": draw_parameter("exponent"), "onset_s": draw_parameter("onset_s")}
     if word == "temperature":
-        return {"sign": sign, "gain_per_k": drawn("gain_per_k")}
+        return {"sign": sign, "gain_per_k": draw_parameter("gain_per_k")}
     if word == "drift":
         start = trial.main_s * float(rng.uniform(0.0, 0.3))
-        return {"sign": sign, "settle_s": drawn("settle_s"), "start_s": start}
+        return {"sign": sign, "settle_s": draw_parameter("settle_s"), "start_s": start}
     if word == "stiffening":
-        return {"knee_pa": trial.span_pa * drawn("knee_fraction")}
+        return {"knee_pa": trial.span_pa * draw_parameter("knee_fraction")}
     if word == "bit_shift":
-        return {"step": drawn("step")}
+        return {"step": draw_parameter("step")}
     if word in ("gain", "baseline", "clock"):
         return {"sign": sign}
     return {}
@@ -176,101 +186,102 @@ def conceal(
     scope: str,
     law: str = "",
 ) -> Effect:
-    """An effect of that word (`unknown`: of that law) somewhere of that scope; its amplitude is still to be solved."""
+    """Draw an effect called `word` (if `unknown`: with `law`) at a place of the scope; its amplitude is still 0."""
     if word in MAPPING:
-        return _displaced(rng, geometry, trial, word)
+        return _conceal_displacement(rng, geometry, trial, word)
     peak = trial.pressure(geometry.centre_mm).max(0)
-    where, mask = place(rng, geometry, scope, peak / peak.max())
-    shape = {"span_pa": trial.span_pa} | _shape(rng, trial, word, law)
+    where, mask = draw_place(rng, geometry, scope, peak / peak.max())
+    shape = {"span_pa": trial.span_pa} | _draw_shape(rng, trial, word, law)
     return Effect(word, law or word, where, mask, 0.0, shape)
 
 
-def _displaced(rng: np.random.Generator, geometry: Geometry, trial: Trial, word: str) -> Effect:
+def _conceal_displacement(rng: np.random.Generator, geometry: Geometry, trial: Trial, word: str) -> Effect:
+    """Draw an effect of `MAPPING`, by which taxels lie elsewhere than in the layout."""
     mask = np.zeros((28, 12), bool)
     if word == "swapped_triangles":
-        # Two under which different things happen: neighbours would hardly differ.
-        away = np.hypot(*(geometry.centre_mm[:, None] - geometry.centre_mm[None]).transpose(2, 0, 1))
+        # The two triangles are far apart and differ in load, because an exchange of neighbours would show little.
+        distance_mm = np.hypot(*(geometry.centre_mm[:, None] - geometry.centre_mm[None]).transpose(2, 0, 1))
         peak = trial.pressure(geometry.centre_mm).max(0)
-        apart = np.abs(peak[:, None] - peak[None]) > 0.3 * peak.max()
-        a, b = (int(x) for x in rng.choice(np.argwhere(np.triu(apart & (away > 60)))))
+        differs = np.abs(peak[:, None] - peak[None]) > 0.3 * peak.max()
+        a, b = (int(x) for x in rng.choice(np.argwhere(np.triu(differs & (distance_mm > 60)))))
         mask[np.ix_([a, b], PRESSURE_TAXELS)] = True
         ids = [[int(geometry.address[t]), int(geometry.slot[t])] for t in (a, b)]
-        return Effect(word, word, {"scope": "triangle", "ids": ids}, mask, float(away[a, b]), {"pair": [a, b]})
+        return Effect(word, word, {"scope": "triangle", "ids": ids}, mask, float(distance_mm[a, b]), {"pair": [a, b]})
     mask[:, PRESSURE_TAXELS] = True
-    turn = float(draw(rng, "effects", word, "rotation_deg")) * (1 if rng.random() < 0.5 else -1)
-    shape = {"way": float(rng.uniform(0, 2 * np.pi)), "rotation_deg": turn}
+    rotation_deg = float(draw(rng, "effects", word, "rotation_deg")) * (1 if rng.random() < 0.5 else -1)
+    shape = {"way": float(rng.uniform(0, 2 * np.pi)), "rotation_deg": rotation_deg}
     return Effect(word, word, {"scope": "insole", "ids": []}, mask, 0.0, shape)
 
 
 def positions(geometry: Geometry, effects: tuple[Effect, ...]) -> np.ndarray:
-    """(28, 12, 2) mm: where the taxels truly lie."""
-    at = geometry.taxel_mm.copy()
-    for e in effects:
-        if e.word == "swapped_triangles":
-            a, b = e.shape["pair"]
-            at[[a, b]] = at[[b, a]]
-        elif e.word == "map_transform":
+    """True positions of the taxels, (28, 12, 2) in mm."""
+    taxels_mm = geometry.taxel_mm.copy()
+    for effect in effects:
+        if effect.word == "swapped_triangles":
+            a, b = effect.shape["pair"]
+            taxels_mm[[a, b]] = taxels_mm[[b, a]]
+        elif effect.word == "map_transform":
             middle = geometry.centre_mm.mean(0)
-            c, s = np.cos(np.radians(e.shape["rotation_deg"])), np.sin(np.radians(e.shape["rotation_deg"]))
-            shift = e.amplitude * np.array([np.cos(e.shape["way"]), np.sin(e.shape["way"])])
-            at = (at - middle) @ np.array([[c, s], [-s, c]]) + middle + shift
-    return at
+            angle = np.radians(effect.shape["rotation_deg"])
+            cosine, sine = np.cos(angle), np.sin(angle)
+            shift = effect.amplitude * np.array([np.cos(effect.shape["way"]), np.sin(effect.shape["way"])])
+            taxels_mm = (taxels_mm - middle) @ np.array([[cosine, sine], [-sine, cosine]]) + middle + shift
+    return taxels_mm
 
 
-def crosstalk_field(trial: Trial, at_mm: np.ndarray) -> np.ndarray:
-    """(336, n_regions): the field of the mean of a taxel's neighbours, nearer ones counting more, less its own."""
-    flat = at_mm.reshape(-1, 2)
-    away = np.hypot(*(flat[:, None] - flat[None]).transpose(2, 0, 1))
-    weights = np.exp(-((away / 7.0) ** 2)) * (away < 13)
+def crosstalk_field(trial: Trial, taxels_mm: np.ndarray) -> np.ndarray:
+    """(336, n_regions): mean field of a taxel's neighbours, weighted by distance, minus the taxel's own field."""
+    flat_mm = taxels_mm.reshape(-1, 2)
+    distance_mm = np.hypot(*(flat_mm[:, None] - flat_mm[None]).transpose(2, 0, 1))
+    weights = np.exp(-((distance_mm / 7.0) ** 2)) * (distance_mm < 13)
     np.fill_diagonal(weights, 0)
-    pads = np.ones((28, 12), bool)
-    pads[:, PRESSURE_TAXELS] = False
-    weights[:, pads.ravel()] = 0
-    field_ = trial.field(flat)
-    return weights / weights.sum(1, keepdims=True) @ field_ - field_
+    is_pad = np.ones((28, 12), bool)
+    is_pad[:, PRESSURE_TAXELS] = False
+    weights[:, is_pad.ravel()] = 0
+    field_at_taxel = trial.field(flat_mm)
+    return weights / weights.sum(1, keepdims=True) @ field_at_taxel - field_at_taxel
 
 
 def departure(effect: Effect, trial: Trial, load: np.ndarray) -> np.ndarray:
-    """What the effect adds to the load (n, n_columns), Pa per unit of its amplitude (of a lag: all of it)."""
-    s, law = effect.shape, effect.law
-    span = s.get("span_pa", trial.span_pa)
-    if "departure" in s:
-        return np.asarray(s["departure"], np.float32)[:, None] * np.ones(load.shape[1], np.float32)
+    """What the effect adds to `load` (n, n_columns): Pa per unit of its amplitude; of a lag, the whole change in Pa."""
+    shape, law = effect.shape, effect.law
+    span = shape.get("span_pa", trial.span_pa)
+    if "departure" in shape:
+        return np.asarray(shape["departure"], np.float32)[:, None] * np.ones(load.shape[1], np.float32)
     if law == "preload":
         return np.ones_like(load)
     if law == "hysteresis":
         # The state saturates at 1: the amplitude is half the width of a full loop over the span.
-        if s["family"] == "bouc_wen":
-            return np.float32(span) * laws.bouc_wen(load, s["width_pa"], s["beta"], 1 - s["beta"])
-        return laws.preisach(load, span, s["width_pa"]) * np.float32(span / s["width_pa"] / 2)
+        if shape["family"] == "bouc_wen":
+            return np.float32(span) * laws.bouc_wen(load, shape["width_pa"], shape["beta"], 1 - shape["beta"])
+        return laws.preisach(load, span, shape["width_pa"]) * np.float32(span / shape["width_pa"] / 2)
     if law == "snap":
-        return np.float32(span) * laws.snap(load, s["up_pa"], s["down_pa"], s["spread"])
+        return np.float32(span) * laws.snap(load, shape["up_pa"], shape["down_pa"], shape["spread"])
     if law == "viscoelasticity":
-        return laws.relaxation(load, s["tau_s"], s["width"])
+        return laws.relaxation(load, shape["tau_s"], shape["width"])
     if law == "creep":
         if trial.cycle is not None:
-            one = laws.power_law_steady(trial.cycle, s["exponent"])
-            return np.resize(one, len(load)).astype(np.float32)[:, None] * np.ones(load.shape[1], np.float32)
-        return laws.power_law(load, s["exponent"], s["onset_s"])
+            of_one_cycle = laws.power_law_steady(trial.cycle, shape["exponent"])
+            return np.resize(of_one_cycle, len(load)).astype(np.float32)[:, None] * np.ones(load.shape[1], np.float32)
+        return laws.power_law(load, shape["exponent"], shape["onset_s"])
     if law == "lag":
         return laws.low_pass(load, effect.amplitude) - load
     if law == "softening":
-        return laws.softening(load, span, s["tau_s"])
+        return laws.softening(load, span, shape["tau_s"])
     if law == "mullins":
-        return laws.mullins(load, span, s["heal_s"])
+        return laws.mullins(load, span, shape["heal_s"])
     if law == "overshoot":
-        return laws.overshoot(load, s["tau_s"])
+        return laws.overshoot(load, shape["tau_s"])
     if law == "rate_magnitude":
         return laws.rate_magnitude(load, span)
     assert law == "sticky_zone", law
-    return laws.sticky_zone(load, span, s["tau_s"])
+    return laws.sticky_zone(load, span, shape["tau_s"])
 
 
 def hysteresis_twin(creep: Effect, trial: Trial) -> tuple[Effect, float]:
-    """A rate-independent material that this one-speed load cannot tell from `creep`; and by what part of the loop it
-    could."""
+    """A hysteresis that a load of a single speed cannot tell from `creep`, and the share of the loop that differs."""
     assert trial.cycle is not None
-    wanted = laws.power_law_steady(trial.cycle, creep.shape["exponent"])
-    one, missed = laws.hysteresis_like(trial.cycle, wanted)
-    shape = {"family": "plays", "departure": np.resize(one, len(trial.courses))}
-    return replace(creep, word="hysteresis", law="hysteresis", shape=shape), missed
+    loop = laws.power_law_steady(trial.cycle, creep.shape["exponent"])
+    of_one_cycle, missed_share = laws.hysteresis_like(trial.cycle, loop)
+    shape = {"family": "plays", "departure": np.resize(of_one_cycle, len(trial.courses))}
+    return replace(creep, word="hysteresis", law="hysteresis", shape=shape), missed_share

@@ -16,7 +16,7 @@ FAULTS = tuple(entry("faults"))
 
 @dataclass(frozen=True)
 class Fault:
-    """`place` (28, 12) bool; `shape` holds what this kind needs."""
+    """A concealed fault; `place` is (28, 12) bool, and `shape` has the parameters of this kind of fault."""
 
     word: str
     where: dict[str, Any]
@@ -25,7 +25,8 @@ class Fault:
     when_s: list[list[float]]
 
 
-def _intervals(rng: np.random.Generator, word: str, main_s: float) -> list[list[float]]:
+def _draw_intervals(rng: np.random.Generator, word: str, main_s: float) -> list[list[float]]:
+    """Draw the intervals [start, end] in s in which the fault is present."""
     low, high = entry("faults", word)["intervals"]
     shortest, longest = entry("faults", word)["duration_s"]
     n = int(rng.integers(low, high + 1))
@@ -38,22 +39,22 @@ def _intervals(rng: np.random.Generator, word: str, main_s: float) -> list[list[
     return out
 
 
-def fault(rng: np.random.Generator, geometry: Geometry, trial: Trial, word: str) -> Fault:
-    """A fault of that word somewhere in the part the tool is given."""
-    source = entry("faults", word)
+def draw_fault(rng: np.random.Generator, geometry: Geometry, trial: Trial, word: str) -> Fault:
+    """Draw a fault called `word`, its place and its times within the part that the tool gets."""
+    fault_ranges = entry("faults", word)
     mask = np.zeros((28, 12), bool)
     if word == "dead_taxels":
-        n = int(rng.integers(source["count"][0], source["count"][1] + 1))
+        n = int(rng.integers(fault_ranges["count"][0], fault_ranges["count"][1] + 1))
         all_taxels = [(t, k) for t in range(28) for k in PRESSURE_TAXELS]
         chosen = sorted(all_taxels[int(i)] for i in rng.choice(len(all_taxels), n, replace=False))
         for t, k in chosen:
             mask[t, k] = True
         ids = [[int(geometry.address[t]), int(geometry.slot[t]), k] for t, k in chosen]
-        values = [source["values"][int(rng.integers(len(source["values"])))] for _ in chosen]
+        values = [fault_ranges["values"][int(rng.integers(len(fault_ranges["values"])))] for _ in chosen]
         return Fault(word, {"scope": "taxel", "ids": ids}, mask, {"taxels": chosen, "values": values}, [])
     if word == "reference_fault":
-        kind = source["kinds"][int(rng.integers(3))]
-        size = float(rng.uniform(*source["spike_fraction" if kind == "spikes" else "step_fraction"]))
+        kind = fault_ranges["kinds"][int(rng.integers(3))]
+        size = float(rng.uniform(*fault_ranges["spike_fraction" if kind == "spikes" else "step_fraction"]))
         shape = {"kind": kind, "size": size, "t_s": float(rng.uniform(0.3, 0.6)) * trial.main_s}
         shape["sign"] = 1.0 if rng.random() < 0.5 else -1.0
         return Fault(word, {"scope": "insole", "ids": []}, mask, shape, [])
@@ -69,59 +70,60 @@ def fault(rng: np.random.Generator, geometry: Geometry, trial: Trial, word: str)
         where = {"scope": "triangle", "ids": [[address, int(geometry.slot[triangle])]]}
     mask[:, [k for k in range(12) if k not in PRESSURE_TAXELS]] = False
     if word == "frame_loss":
-        kind = source["kinds"][int(rng.integers(2))]
-        return Fault(word, where, mask, {"kind": kind, "share": float(rng.uniform(*source["share"]))}, [])
-    shape = {"factor": float(rng.uniform(*source["factor"]))} if word == "noise_burst" else {}
-    return Fault(word, where, mask, shape, _intervals(rng, word, trial.main_s))
+        kind = fault_ranges["kinds"][int(rng.integers(2))]
+        return Fault(word, where, mask, {"kind": kind, "share": float(rng.uniform(*fault_ranges["share"]))}, [])
+    shape = {"factor": float(rng.uniform(*fault_ranges["factor"]))} if word == "noise_burst" else {}
+    return Fault(word, where, mask, shape, _draw_intervals(rng, word, trial.main_s))
 
 
-def _during(fault_: Fault, seconds: np.ndarray) -> np.ndarray:
+def _is_during(fault: Fault, seconds: np.ndarray) -> np.ndarray:
+    """Bool, of the shape of `seconds`: the fault is present at this time."""
     inside = np.zeros(seconds.shape, bool)
-    for begin, end in fault_.when_s:
+    for begin, end in fault.when_s:
         inside |= (seconds >= begin) & (seconds < end)
     return inside
 
 
-def burst_factor(faults: tuple[Fault, ...], these: Readings) -> np.ndarray:
-    """(n, m, 12): what bursts multiply the noise with."""
-    factor = np.ones((*these.converted_s.shape, 12), np.float32)
-    for f in faults:
-        if f.word == "noise_burst":
-            here = f.place[these.triangles]
-            factor *= 1 + (f.shape["factor"] - 1) * _during(f, these.converted_s)[..., None] * here
+def burst_factor(faults: tuple[Fault, ...], readings: Readings) -> np.ndarray:
+    """(n, m, 12): the factor by which noise bursts raise the noise of one board's readings."""
+    factor = np.ones((*readings.converted_s.shape, 12), np.float32)
+    for fault in faults:
+        if fault.word == "noise_burst":
+            is_affected = fault.place[readings.triangles]
+            factor *= 1 + (fault.shape["factor"] - 1) * _is_during(fault, readings.converted_s)[..., None] * is_affected
     return factor
 
 
 def break_frames(
-    rng: np.random.Generator, faults: tuple[Fault, ...], these: Readings, values: np.ndarray, no_load: int
+    rng: np.random.Generator, faults: tuple[Fault, ...], readings: Readings, values: np.ndarray, no_load: int
 ) -> Sent:
-    """What the bus carries of one board's values (n, m, 12)."""
+    """Apply lost and repeated frames, open triangles and dead taxels to one board's `values` (n, m, 12)."""
     values = values.copy()
     status = np.zeros(values.shape[:2], np.uint8)
-    kept = np.ones((*values.shape[:2], 2), bool)
-    for f in faults:
-        mine = f.place.any(1)[these.triangles]
-        if not mine.any():
+    is_kept = np.ones((*values.shape[:2], 2), bool)
+    for fault in faults:
+        is_affected = fault.place.any(1)[readings.triangles]
+        if not is_affected.any():
             continue
-        if f.word == "frame_loss" and f.shape["kind"] == "lost":
-            kept &= ~((rng.random(kept.shape) < f.shape["share"]) & mine[:, None])
-        elif f.word == "frame_loss":
-            again = rng.random(len(values)) < f.shape["share"]
-            again[0] = False
-            source = np.maximum.accumulate(np.where(again, 0, np.arange(len(values))))
-            values[:, mine] = values[source][:, mine]
-        elif f.word == "open_triangle":
-            loose = _during(f, these.sent_s) & mine
-            values[loose] = OPEN_BYTES
-            status[loose] = OPEN_STATUS
-        elif f.word == "dead_taxels":
-            kill(f, values, these.triangles, no_load)
-    return Sent(these, values, status, kept)
+        if fault.word == "frame_loss" and fault.shape["kind"] == "lost":
+            is_kept &= ~((rng.random(is_kept.shape) < fault.shape["share"]) & is_affected[:, None])
+        elif fault.word == "frame_loss":
+            is_repeated = rng.random(len(values)) < fault.shape["share"]
+            is_repeated[0] = False
+            sent_row = np.maximum.accumulate(np.where(is_repeated, 0, np.arange(len(values))))
+            values[:, is_affected] = values[sent_row][:, is_affected]
+        elif fault.word == "open_triangle":
+            is_open = _is_during(fault, readings.sent_s) & is_affected
+            values[is_open] = OPEN_BYTES
+            status[is_open] = OPEN_STATUS
+        elif fault.word == "dead_taxels":
+            set_dead_taxels(fault, values, readings.triangles, no_load)
+    return Sent(readings, values, status, is_kept)
 
 
-def kill(f: Fault, values: np.ndarray, triangles: np.ndarray, no_load: int) -> None:
-    """Put the constant of each dead taxel into `values` (n, m, 12) of these triangles."""
-    for (t, k), kind in zip(f.shape["taxels"], f.shape["values"], strict=True):
+def set_dead_taxels(fault: Fault, values: np.ndarray, triangles: np.ndarray, no_load: int) -> None:
+    """Write the constant of each dead taxel into `values` (n, m, 12) of these triangles (m,), in place."""
+    for (t, k), kind in zip(fault.shape["taxels"], fault.shape["values"], strict=True):
         constant = {"stuck": 40 + (37 * k + 11 * t) % 150, "zero": 0, "full": 255, "rest": no_load}[kind]
         values[:, triangles == t, k] = constant
 
@@ -129,15 +131,16 @@ def kill(f: Fault, values: np.ndarray, triangles: np.ndarray, no_load: int) -> N
 def break_reference(
     rng: np.random.Generator, faults: tuple[Fault, ...], seconds: np.ndarray, values: np.ndarray, span: float
 ) -> np.ndarray:
-    """The main channel of the reference (n,) as it is written down; `span` is its highest value."""
-    for f in faults:
-        if f.word != "reference_fault":
+    """The main channel `values` (n,) of the reference with its fault; `span` is the channel's highest value."""
+    for fault in faults:
+        if fault.word != "reference_fault":
             continue
-        size, late = span * f.shape["size"] * f.shape["sign"], np.maximum(seconds - f.shape["t_s"], 0)
-        if f.shape["kind"] == "spikes":
+        size = span * fault.shape["size"] * fault.shape["sign"]
+        seconds_since = np.maximum(seconds - fault.shape["t_s"], 0)
+        if fault.shape["kind"] == "spikes":
             values = values + size * rng.choice([-1.0, 1.0], len(values)) * (rng.random(len(values)) < 0.004)
-        elif f.shape["kind"] == "step":
-            values = values + size * (late > 0)
+        elif fault.shape["kind"] == "step":
+            values = values + size * (seconds_since > 0)
         else:
-            values = values + size * late / (seconds[-1] - f.shape["t_s"])
+            values = values + size * seconds_since / (seconds[-1] - fault.shape["t_s"])
     return values

@@ -43,7 +43,7 @@ _SLOTS = ((0, 1, 2, 3, 5, 8, 9, 11, 12, 13, 14, 15), (4, 5, 6, 7, 15), (0, 2, 3,
 
 @dataclass(frozen=True)
 class Geometry:
-    """Where everything is; triangles in the order of the layout file."""
+    """Positions and addresses of the triangles, in the order of the layout file."""
 
     foot: str
     address: np.ndarray  # (28,) of the board
@@ -55,10 +55,11 @@ class Geometry:
 
     @property
     def addresses(self) -> list[int]:
+        """Addresses of the three boards, ascending."""
         return sorted({int(a) for a in self.address})
 
     def document(self) -> str:
-        """`insole-layout/1`."""
+        """Text of the file `layout.yaml`, format `insole-layout/1`."""
         rows = [
             f"  - {{board: {self.address[i]}, triangle: {self.slot[i]}, patch: {_PATCHES[self.board[i]]}, "
             f"x_mm: {self.centre_mm[i, 0]:.2f}, y_mm: {self.centre_mm[i, 1]:.2f}, "
@@ -69,23 +70,23 @@ class Geometry:
         return "\n".join(head + rows) + "\n"
 
 
-def insole(foot: str, first_address: int) -> Geometry:
-    """An insole of `foot` whose front board has `first_address`, the others the two after it."""
+def build_insole(foot: str, first_address: int) -> Geometry:
+    """Build an insole of `foot`; its front board has `first_address`, the others have the next two addresses."""
     side = 1.0 if foot == "left" else -1.0
     height = CELL_MM * np.sqrt(3) / 2
-    found = []
-    for row, (n, middle, board) in enumerate(_ROWS):
+    triangles = []
+    for row, (n, middle_y, board) in enumerate(_ROWS):
         for k in range(n):
             points_to_toe = (k + row) % 2 == 0
             x = row * height + height * (1 / 3 if points_to_toe else 2 / 3) + 8.0
-            y = side * (middle + (k - (n - 1) / 2) * CELL_MM / 2)
-            found.append((board, x, y, -90.0 if points_to_toe else 90.0))
-    found.sort(key=lambda t: (t[0], t[1], t[2]))
-    board = np.array([t[0] for t in found])
+            y = side * (middle_y + (k - (n - 1) / 2) * CELL_MM / 2)
+            triangles.append((board, x, y, -90.0 if points_to_toe else 90.0))
+    triangles.sort(key=lambda triangle: (triangle[0], triangle[1], triangle[2]))
+    board = np.array([triangle[0] for triangle in triangles])
     slot = np.concatenate([_SLOTS[b] for b in range(3)])
-    centre = np.array([(t[1], t[2]) for t in found])
-    rotation = np.array([t[3] for t in found])
-    turn = np.radians(rotation)
-    matrix = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]).transpose(2, 0, 1)
-    taxel = centre[:, None, :] + np.einsum("tij,kj->tki", matrix, _TAXEL_MM)
-    return Geometry(foot, first_address + board, slot, board, centre, rotation, taxel)
+    centre_mm = np.array([(triangle[1], triangle[2]) for triangle in triangles])
+    rotation_deg = np.array([triangle[3] for triangle in triangles])
+    angle = np.radians(rotation_deg)
+    matrix = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]).transpose(2, 0, 1)
+    taxel_mm = centre_mm[:, None, :] + np.einsum("tij,kj->tki", matrix, _TAXEL_MM)
+    return Geometry(foot, first_address + board, slot, board, centre_mm, rotation_deg, taxel_mm)

@@ -1,4 +1,4 @@
-"""Which cases a suite holds. What is concealed in case 17 depends on the seed alone."""
+"""Lists the cases of a suite. What a case conceals depends on the seed alone."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from .effect import SOLVED, UNKNOWN
 from .faults import FAULTS
 
 RECORDINGS = ("chamber", "walk")
-# Of the suite `all`, by number of cases.
+# Relative numbers of the kinds of cases in the suite `all`.
 _SHARES = {
     "null": 30,
     "single": 32,
@@ -22,14 +22,14 @@ _SHARES = {
     "undecidable": 3,
 }
 SUITES = ("all", "bench", *RECORDINGS, "walking", *_SHARES)
-# What a trial cannot tell apart whose load repeats one cycle for ever, or whose temperature only rises.
+# Words that a trial cannot tell apart if its load repeats one cycle, or if its temperature only rises.
 EQUIVALENT = {
     "sine": ("hysteresis", "creep", "viscoelasticity", "lag", "delay"),
     "ramps": ("hysteresis", "creep", "viscoelasticity"),
     "warm": ("temperature", "drift"),
 }
 _MOVED = ("swapped_triangles", "map_transform")
-# Words that a recording can show. Under a uniform load nothing is anywhere else, and a preload is a baseline.
+# Words that a recording can show. A uniform load does not depend on position, and a preload under it is a baseline.
 SHOWN = {
     "chamber": tuple(w for w in SOLVED if w not in (*_MOVED, "crosstalk", "preload")),
     "walk": tuple(w for w in SOLVED if w != "crosstalk"),
@@ -58,7 +58,7 @@ _WALK_UNKNOWN = ("softening", "humidity", "overshoot", "hum", "load_noise", "loo
 
 @dataclass(frozen=True)
 class Spec:
-    """One case before anything is drawn. `words` of formats.md, each `k` times the floor."""
+    """A case before it is drawn: effects and faults by their `words` in formats.md, each `k` times the floor."""
 
     kind: str
     recording: str = "chamber"
@@ -71,13 +71,14 @@ class Spec:
 
 
 def _deck(rng: np.random.Generator, cards: list[Spec]) -> Iterator[Spec]:
-    """The cards in random order, again and again: every one comes equally often."""
+    """Yield the cards in random order, again and again, so that each comes equally often."""
     while True:
         for k in rng.permutation(len(cards)):
             yield cards[k]
 
 
 def _combinations(rng: np.random.Generator, n: int, kind: str) -> Iterator[Spec]:
+    """Yield cases of `n` words each, for chamber and walk in turn."""
     decks = {r: _deck(rng, [Spec(w) for w in (*SHOWN[r], *SHOWN[r], *FAULTS) if w != "bit_shift"]) for r in RECORDINGS}
     strengths = _deck(rng, [Spec("", k=k) for k in (3.0, 5.0, 8.0)])
     while True:
@@ -90,55 +91,73 @@ def _combinations(rng: np.random.Generator, n: int, kind: str) -> Iterator[Spec]
             yield Spec(kind, recording, tuple(chosen), next(strengths).k)
 
 
-def _local(words: tuple[str, ...]) -> list[str]:
+def _words_with_place(words: tuple[str, ...]) -> list[str]:
+    """The words that can be at one place of the insole alone."""
     return [w for w in words if w not in ("clock", "map_transform", "swapped_triangles", "crosstalk")]
 
 
 def _decks(rng: np.random.Generator, recordings: tuple[str, ...]) -> dict[str, Iterator[Spec]]:
-    def each(make: Callable[[str], list[Spec]]) -> Iterator[Spec]:
-        return _deck(rng, [spec for r in recordings for spec in make(r)])
+    """An endless deck of cases for each kind of case."""
 
-    nulls = [
-        Spec("null", r, variant=v)
-        for r in recordings
-        for v in (("", "", "", "sine", "warm") if r == "chamber" else ("", "", "", ""))
+    def deck_of(specs_of: Callable[[str], list[Spec]]) -> Iterator[Spec]:
+        return _deck(rng, [spec for recording in recordings for spec in specs_of(recording)])
+
+    null_specs = [
+        Spec("null", recording, variant=variant)
+        for recording in recordings
+        for variant in (("", "", "", "sine", "warm") if recording == "chamber" else ("", "", "", ""))
     ]
-    nulls += [Spec("null", r, against="simulation") for r in recordings]
-    unknown = {"chamber": UNKNOWN, "walk": _WALK_UNKNOWN}
-    simulation = [Spec("simulation", "walk", (w,), k, against="simulation") for w in SHOWN_BY_PAIR for k in (3.0, 8.0)]
-    simulation += [Spec("simulation", "walk", (w,), 8.0, against="simulation") for w in _MOVED for _ in range(4)]
-    simulation += [
-        Spec("simulation", "chamber", (w,), 5.0, against="simulation")
-        for w in ("hysteresis", "creep", "viscoelasticity", "drift", "gain", "rezero")
+    null_specs += [Spec("null", recording, against="simulation") for recording in recordings]
+    unknown_laws = {"chamber": UNKNOWN, "walk": _WALK_UNKNOWN}
+    simulation_specs = [
+        Spec("simulation", "walk", (word,), k, against="simulation") for word in SHOWN_BY_PAIR for k in (3.0, 8.0)
+    ]
+    simulation_specs += [
+        Spec("simulation", "walk", (word,), 8.0, against="simulation") for word in _MOVED for _ in range(4)
+    ]
+    simulation_specs += [
+        Spec("simulation", "chamber", (word,), 5.0, against="simulation")
+        for word in ("hysteresis", "creep", "viscoelasticity", "drift", "gain", "rezero")
     ]
     return {
-        "null": _deck(rng, nulls),
-        "single": each(
-            lambda r: (
-                [Spec("single", r, (w,), k) for w in SHOWN[r] for k in (3.0, 10.0)]
-                + [Spec("single", r, (w,)) for w in FAULTS]
+        "null": _deck(rng, null_specs),
+        "single": deck_of(
+            lambda recording: (
+                [Spec("single", recording, (word,), k) for word in SHOWN[recording] for k in (3.0, 10.0)]
+                + [Spec("single", recording, (word,)) for word in FAULTS]
             )
         ),
-        "faint": each(
-            lambda r: [Spec("faint", r, (w,), k) for w in SHOWN[r] if w not in _UNSOLVED for k in (0.5, 1.0, 1.0)]
+        "faint": deck_of(
+            lambda recording: [
+                Spec("faint", recording, (word,), k)
+                for word in SHOWN[recording]
+                if word not in _UNSOLVED
+                for k in (0.5, 1.0, 1.0)
+            ]
         ),
-        "local": each(lambda r: [Spec("local", r, (w,), k, local=True) for w in _local(SHOWN[r]) for k in (3.0, 10.0)]),
+        "local": deck_of(
+            lambda recording: [
+                Spec("local", recording, (word,), k, local=True)
+                for word in _words_with_place(SHOWN[recording])
+                for k in (3.0, 10.0)
+            ]
+        ),
         "pair": _combinations(rng, 2, "pair"),
         "triple": _combinations(rng, 3, "triple"),
-        "simulation": _deck(rng, [s for s in simulation if s.recording in recordings] or simulation),
-        "unknown": each(
-            lambda r: [
-                Spec("unknown", r, ("unknown",), k, law=u, local=local)
-                for u in unknown[r]
+        "simulation": _deck(rng, [s for s in simulation_specs if s.recording in recordings] or simulation_specs),
+        "unknown": deck_of(
+            lambda recording: [
+                Spec("unknown", recording, ("unknown",), k, law=law, local=local)
+                for law in unknown_laws[recording]
                 for k, local in ((3.0, False), (8.0, True), (8.0, False), (5.0, True))
             ]
         ),
-        "undecidable": _deck(rng, [Spec("undecidable", "chamber", (), 3.0, v) for v in EQUIVALENT]),
+        "undecidable": _deck(rng, [Spec("undecidable", "chamber", (), 3.0, variant) for variant in EQUIVALENT]),
     }
 
 
 _UNSOLVED = ("bit_shift", "swapped_triangles", "rezero")
-# A short fixed list, whatever the seed is.
+# A short fixed list that does not depend on the seed.
 _BENCH = (
     Spec("null"),
     Spec("single", "chamber", ("viscoelasticity",), 5.0),
@@ -153,7 +172,7 @@ _BENCH = (
 
 
 def cases(seed: int, suite: str, n: int) -> list[Spec]:
-    """`n` cases of `suite`, in an order that says nothing."""
+    """`n` cases of `suite`, in an order that shows nothing."""
     if suite == "bench":
         return [_BENCH[k % len(_BENCH)] for k in range(n)]
     rng = np.random.default_rng([seed, 0])
@@ -161,24 +180,24 @@ def cases(seed: int, suite: str, n: int) -> list[Spec]:
     recordings = (suite,) if suite in RECORDINGS else RECORDINGS
     decks = _decks(rng, recordings)
     if suite in _SHARES:
-        found = [next(decks[suite]) for _ in range(n)]
+        specs = [next(decks[suite]) for _ in range(n)]
     else:
         shares = {kind: s for kind, s in _SHARES.items() if kind != "undecidable" or "chamber" in recordings}
-        found = _dealt(decks, shares, n, recordings)
-    return [found[k] for k in rng.permutation(len(found))]
+        specs = _deal(decks, shares, n, recordings)
+    return [specs[k] for k in rng.permutation(len(specs))]
 
 
-def _dealt(decks: dict[str, Iterator[Spec]], shares: dict[str, int], n: int, recordings: tuple[str, ...]) -> list[Spec]:
-    """`n` cards from the decks, by their shares."""
+def _deal(decks: dict[str, Iterator[Spec]], shares: dict[str, int], n: int, recordings: tuple[str, ...]) -> list[Spec]:
+    """`n` cases from the decks, by their shares."""
     exact = {kind: n * share / sum(shares.values()) for kind, share in shares.items()}
-    counts = {kind: int(x) for kind, x in exact.items()}
+    counts = {kind: int(number) for kind, number in exact.items()}
     for kind in sorted(exact, key=lambda kind: counts[kind] - exact[kind])[: n - sum(counts.values())]:
         counts[kind] += 1
-    found: list[Spec] = []
+    specs: list[Spec] = []
     for kind, count in counts.items():
         while count:
             spec = next(decks[kind])
             if spec.recording in recordings:
-                found.append(spec)
+                specs.append(spec)
                 count -= 1
-    return found
+    return specs

@@ -1,4 +1,4 @@
-"""Reads `ranges.yaml`, the only place that says what is concealed and how strong."""
+"""Reads `ranges.yaml`, the only file with the ranges of all that is concealed."""
 
 from functools import cache
 from pathlib import Path
@@ -10,27 +10,30 @@ import yaml
 
 @cache
 def ranges() -> dict[str, Any]:
+    """Content of `ranges.yaml`."""
     return yaml.safe_load((Path(__file__).parent / "ranges.yaml").read_text())
 
 
 def entry(*path: str) -> dict[str, Any]:
-    found = ranges()
+    """The entry at a path of keys, for example `entry("effects", "creep", "a")`."""
+    node = ranges()
     for key in path:
-        found = found[key]
-    return found
+        node = node[key]
+    return node
 
 
 def limits(*path: str) -> tuple[float, float]:
+    """The two ends of an entry's range."""
     low, high = entry(*path)["range"]
     return low, high
 
 
 def draw(rng: np.random.Generator, *path: str) -> Any:
-    """One value: uniform in a range, log-uniform where the range says so, or one of the choices."""
-    found = entry(*path)
-    if "choices" in found:
-        return found["choices"][rng.integers(len(found["choices"]))]
-    low, high = found["range"]
-    if found.get("scale") == "log":
+    """Draw one value of an entry: uniform, log-uniform for `scale: log`, or one of `choices`."""
+    node = entry(*path)
+    if "choices" in node:
+        return node["choices"][rng.integers(len(node["choices"]))]
+    low, high = node["range"]
+    if node.get("scale") == "log":
         return float(np.exp(rng.uniform(np.log(low), np.log(high))))
     return float(rng.uniform(low, high))

@@ -1,180 +1,192 @@
-"""k x the floor, as formats.md defines it.
+"""Strength k of an effect in multiples of the noise floor, as formats.md defines it.
 
-What is left of the noise-free mismatch, over the affected taxels or of the wrench, after the best static recalibration
-and clock, divided by the standard deviation of the noise. What recalibration removes is measured before it.
+k is the RMS of the noise-free mismatch after the best static recalibration and clock, divided by the standard deviation
+of the noise: over the affected taxels, or of the wrench. Effects that a recalibration removes are measured before it.
 """
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from scipy.optimize import nnls
 
 from .effect import MAPPING, ON_THE_LOAD, RECALIBRATION, Effect, positions
 from .geometry import PRESSURE_TAXELS, Geometry
+from .imitators import EITHER_SIGN, small_effects
 from .sensor import Sensors
 from .signal_path import Signal, taxels
 from .trial import Trial, arms
 
 GRID_S = 0.04
-_SOME = 24  # affected taxels that stand for all of them where the load is known per taxel
-_ALL = np.array([12 * t + k for t in range(28) for k in PRESSURE_TAXELS])
-_STEPS = 6
+_SAMPLED_TAXELS = 24  # affected taxels that represent all of them where the load is known per taxel
+_PRESSURE_COLUMNS = np.array([12 * t + k for t in range(28) for k in PRESSURE_TAXELS])
+_SOLVER_STEPS = 6
 
 
 @dataclass(frozen=True)
 class Clock:
-    """The reference's reading at s seconds is offset_s + (1 + rate) s."""
+    """The reference's clock shows offset_s + (1 + rate) s at s seconds."""
 
     declared: str = "can"  # can, own, or none: rows without times
     offset_s: float = 0.0
     rate: float = 0.0
 
     def true_seconds(self, reading: np.ndarray) -> np.ndarray:
+        """Times at which the clock shows `reading`."""
         return (reading - self.offset_s) / (1 + self.rate)
 
 
-def _without(values: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    basis = np.linalg.qr(columns)[0]
+def _without_span(values: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """`values` (n,) without their projection on the columns of `directions` (n, p)."""
+    basis = np.linalg.qr(directions)[0]
     return values - basis @ (basis.T @ values)
 
 
 @dataclass(frozen=True)
 class Bench:
-    """What strengths are measured on: a trial, an insole, and what stands beside the reading."""
+    """Measures strengths of effects on a trial and an insole, against a reference or a simulation."""
 
     trial: Trial
     geometry: Geometry
     sensors: Sensors
-    per_taxel: bool  # the load is known on every taxel, else as a wrench
+    per_taxel: bool  # the load of every taxel is known; otherwise only the wrench
     own_clock: bool
     reference_noise: np.ndarray  # (3,) N, N m, N m
-    load_error: Trial | None = None  # the load that a simulation believes in, on the trial's time
+    load_error: Trial | None = None  # the trial with the load of the simulation, on the trial's time
     _loads: dict[object, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
 
     @cached_property
     def seconds(self) -> np.ndarray:
+        """Times (n,) at which mismatches are computed."""
         return np.arange(0, self.trial.main_s, GRID_S)
 
     @cached_property
     def _arms(self) -> np.ndarray:
-        return arms(self.geometry.taxel_mm.reshape(-1, 2)[_ALL])
+        """(3, 280): f_z, m_x and m_y of 1 Pa on each pressure taxel."""
+        return arms(self.geometry.taxel_mm.reshape(-1, 2)[_PRESSURE_COLUMNS])
 
     @cached_property
     def _clean(self) -> np.ndarray:
         """(n, 280) mean byte where nothing is concealed."""
-        return Signal(self.trial, self.geometry.taxel_mm, self.sensors, (), _ALL).mean(self.seconds)
+        return Signal(self.trial, self.geometry.taxel_mm, self.sensors, (), _PRESSURE_COLUMNS).mean(self.seconds)
 
     @cached_property
     def _pressure(self) -> np.ndarray:
+        """(n, 280) Pa by the static curve where nothing is concealed."""
         return self._pascal(self._clean)
 
     def _pascal(self, counts: np.ndarray) -> np.ndarray:
-        return self.sensors.pressure(self.sensors.rest.ravel()[_ALL] - counts, _ALL)
+        """Pressure (n, 280) in Pa of counts (n, 280), by the static curve."""
+        return self.sensors.pressure(self.sensors.rest.ravel()[_PRESSURE_COLUMNS] - counts, _PRESSURE_COLUMNS)
 
     @cached_property
     def _recalibration(self) -> list[np.ndarray]:
-        """For f_z, m_x, m_y: constant and first three powers of the pressure on each board, (n, 10)."""
-        board = self.geometry.board[_ALL // 12]
-        v = self._pressure / self.trial.span_pa
-        out = []
+        """Regressors (n, 10) of each of f_z, m_x, m_y: a constant, and three powers of the pressure on each board."""
+        board_of_column = self.geometry.board[_PRESSURE_COLUMNS // 12]
+        relative_pressure = self._pressure / self.trial.span_pa
+        regressors = []
         for arm in self._arms:
-            columns = [np.ones(len(v))]
-            for b in range(3):
-                mine = board == b
-                columns += [(v[:, mine] ** p) @ arm[mine] * 1e6 for p in (1, 2, 3)]
-            out.append(np.stack(columns, 1))
-        return out
+            columns = [np.ones(len(relative_pressure))]
+            for board in range(3):
+                on_board = board_of_column == board
+                columns += [(relative_pressure[:, on_board] ** p) @ arm[on_board] * 1e6 for p in (1, 2, 3)]
+            regressors.append(np.stack(columns, 1))
+        return regressors
 
     @cached_property
     def wrench_noise(self) -> np.ndarray:
-        """(3,) noise of insole and shoe together."""
-        activation = self.sensors.rest.ravel()[_ALL] - self._clean
-        slope2 = np.mean(self.sensors.pa_per_count(activation, _ALL) ** 2, 0)
-        insole2 = (self._arms**2) @ (slope2 * self.sensors.noise_of_byte.ravel()[_ALL] ** 2)
-        return np.sqrt(insole2 + self.reference_noise**2)
+        """(3,) standard deviation of the noise of insole and shoe together, N and N m."""
+        activation = self.sensors.rest.ravel()[_PRESSURE_COLUMNS] - self._clean
+        mean_slope2 = np.mean(self.sensors.pa_per_count(activation, _PRESSURE_COLUMNS) ** 2, 0)
+        insole_variance = (self._arms**2) @ (mean_slope2 * self.sensors.noise_of_byte.ravel()[_PRESSURE_COLUMNS] ** 2)
+        return np.sqrt(insole_variance + self.reference_noise**2)
 
     def _counts(self, effects: tuple[Effect, ...], columns: np.ndarray) -> np.ndarray:
-        """(n, n_columns) mean byte. What an effect adds to the load is proportional to its amplitude: computed once."""
-        at = positions(self.geometry, effects)
-        signal = Signal(self.trial, at, self.sensors, effects, columns)
+        """Mean byte (n, n_columns). The change of the load is proportional to the amplitude and is computed once."""
+        taxels_mm = positions(self.geometry, effects)
+        signal = Signal(self.trial, taxels_mm, self.sensors, effects, columns)
         if len(effects) != 1 or effects[0].law not in ON_THE_LOAD or effects[0].law == "lag":
             return signal.mean(self.seconds)
         key = (id(effects[0].shape), columns.tobytes())
         if key not in self._loads:
             unit = replace(signal, effects=(effects[0].with_amplitude(1.0),))
-            base = self.trial.at(replace(signal, effects=()).load, self.seconds)
-            self._loads[key] = base, self.trial.at(unit.load, self.seconds) - base
-        base, more = self._loads[key]
-        return signal.bytes_of(base + np.float32(effects[0].amplitude) * more, self.seconds, slice(None), effects)
+            without_effect = self.trial.at(replace(signal, effects=()).load, self.seconds)
+            self._loads[key] = without_effect, self.trial.at(unit.load, self.seconds) - without_effect
+        without_effect, per_amplitude = self._loads[key]
+        return signal.bytes_of(
+            without_effect + np.float32(effects[0].amplitude) * per_amplitude, self.seconds, slice(None), effects
+        )
 
     def wrench_mismatch(self, effects: tuple[Effect, ...], clock: Clock = Clock()) -> np.ndarray:
-        """(n, 3): what the believed static model reads less what the reference says, noise-free."""
-        at = positions(self.geometry, effects)
-        believed = self._pascal(self._counts(effects, _ALL)) @ self._arms.T
-        return believed - self.trial.at(self.trial.wrench(at), clock.true_seconds(self.seconds))
+        """(n, 3): wrench of the handed-out static model minus that of the reference, without noise."""
+        taxels_mm = positions(self.geometry, effects)
+        believed = self._pascal(self._counts(effects, _PRESSURE_COLUMNS)) @ self._arms.T
+        return believed - self.trial.at(self.trial.wrench(taxels_mm), clock.true_seconds(self.seconds))
 
     def _columns(self, effect: Effect) -> np.ndarray:
+        """Flat numbers of the taxels on which the effect's strength is measured."""
         if effect.word in ("clock", "crosstalk", "map_transform") or not effect.place.any():
-            found = _ALL
+            columns = _PRESSURE_COLUMNS
         else:
-            found = taxels(effect.place)
+            columns = taxels(effect.place)
         if effect.word in MAPPING or self.trial.kind == "walk":
-            return found
-        return found[:: max(1, len(found) // _SOME)]
+            return columns
+        return columns[:: max(1, len(columns) // _SAMPLED_TAXELS)]
 
     def count_mismatch(self, effects: tuple[Effect, ...], columns: np.ndarray, clock: Clock = Clock()) -> np.ndarray:
-        """(n, n_columns) count."""
+        """(n, n_columns): counts minus those of the handed-out model at the reference's times, without noise."""
         counts = self._counts(effects, columns)
         clean = Signal(self.trial, self.geometry.taxel_mm, self.sensors, (), columns)
         return counts - clean.mean(clock.true_seconds(self.seconds))
 
     def _static(self, columns: np.ndarray) -> np.ndarray:
-        """(n_columns, n, 4) orthonormal: whatever a static recalibration of a taxel can do."""
-        clean = self._clean[:, np.searchsorted(_ALL, columns)]
-        u = (clean - clean.max(0)) / np.maximum(np.ptp(clean, axis=0), 1e-6)
-        return np.linalg.qr(np.stack([u**p for p in range(4)], -1).transpose(1, 0, 2))[0]
+        """(n_columns, n, 4): orthonormal basis of the changes that a static recalibration of a taxel can make."""
+        clean = self._clean[:, np.searchsorted(_PRESSURE_COLUMNS, columns)]
+        relative_count = (clean - clean.max(0)) / np.maximum(np.ptp(clean, axis=0), 1e-6)
+        return np.linalg.qr(np.stack([relative_count**p for p in range(4)], -1).transpose(1, 0, 2))[0]
 
     def without_static(self, values: np.ndarray, columns: np.ndarray) -> np.ndarray:
+        """`values` (n, n_columns) without the part that a static recalibration removes."""
         basis = self._static(columns)
         return values - np.einsum("cnp,cp->nc", basis, np.einsum("cnp,nc->cp", basis, values))
 
     def _floor2(self, columns: np.ndarray) -> float:
-        """Mean square of noise and load error of these taxels, count^2."""
-        noise2 = float(np.mean(self.sensors.noise_of_byte.ravel()[columns] ** 2))
+        """Variance of noise and load error of these taxels, in count^2."""
+        noise_variance = float(np.mean(self.sensors.noise_of_byte.ravel()[columns] ** 2))
         if self.load_error is None:
-            return noise2
+            return noise_variance
         believed = Signal(self.load_error, self.geometry.taxel_mm, self.sensors, (), columns).mean(self.seconds)
-        wrong = self._clean[:, np.searchsorted(_ALL, columns)] - believed
-        return noise2 + float(np.mean(self.without_static(wrong, columns) ** 2))
+        load_error = self._clean[:, np.searchsorted(_PRESSURE_COLUMNS, columns)] - believed
+        return noise_variance + float(np.mean(self.without_static(load_error, columns) ** 2))
 
     def k(self, effect: Effect, clock: Clock = Clock()) -> float:
-        """Strength of one effect alone."""
+        """Strength of an effect alone, in multiples of the floor."""
         if effect.law == "load_noise":
             return self._noise_strength(effect)
         return _strongest(self.remainder(effect, self._columns(effect), clock))
 
     def remainder(
-        self, effect: Effect, columns: np.ndarray, clock: Clock = Clock(), kept: bool | None = None
+        self, effect: Effect, columns: np.ndarray, clock: Clock = Clock(), keep_all: bool | None = None
     ) -> np.ndarray:
-        """Mismatch over the floor, less what recalibration and clock remove.
+        """Mismatch divided by the floor, without the part that recalibration and clock remove.
 
-        (n, 3) of a wrench, (n, 1, n_columns) where the load is known per taxel.
-        kept: nothing is removed; by default that is so of what a recalibration would remove.
+        Returns (n, 3) for a wrench, (n, 1, n_columns) where the load is known per taxel.
+        keep_all: nothing is removed; the default is True for the effects of `RECALIBRATION`.
         """
-        kept = effect.word in RECALIBRATION if kept is None else kept
+        keep_all = effect.word in RECALIBRATION if keep_all is None else keep_all
         if self.per_taxel:
-            found = self.count_mismatch((effect,), columns, clock)
-            if not kept:
-                found = self.without_static(found, columns)
-                if self.own_clock and len(columns) >= len(_ALL[:: max(1, len(_ALL) // _SOME)]):
-                    found = self._without_clock(found, columns, effect.word == "clock")
-            return (found / np.sqrt(self._floor2(columns)))[:, None]
-        found = self.wrench_mismatch((effect,), clock) / self.wrench_noise
-        if kept:
-            return found
-        out = []
+            mismatch = self.count_mismatch((effect,), columns, clock)
+            if not keep_all:
+                mismatch = self.without_static(mismatch, columns)
+                if self.own_clock and len(columns) >= len(
+                    _PRESSURE_COLUMNS[:: max(1, len(_PRESSURE_COLUMNS) // _SAMPLED_TAXELS)]
+                ):
+                    mismatch = self._without_clock(mismatch, columns, effect.word == "clock")
+            return (mismatch / np.sqrt(self._floor2(columns)))[:, None]
+        mismatch = self.wrench_mismatch((effect,), clock) / self.wrench_noise
+        if keep_all:
+            return mismatch
+        channels = []
         for channel in range(3):
             slope = np.gradient(self._pressure @ self._arms[channel], GRID_S)
             removed = [self._recalibration[channel]]
@@ -182,101 +194,67 @@ class Bench:
                 removed.append(slope[:, None])
                 if effect.word != "clock":
                     removed.append((slope * self.seconds)[:, None])
-            out.append(_without(found[:, channel], np.concatenate(removed, 1)))
-        return np.stack(out, 1)
+            channels.append(_without_span(mismatch[:, channel], np.concatenate(removed, 1)))
+        return np.stack(channels, 1)
 
-    def _without_clock(self, found: np.ndarray, columns: np.ndarray, only_offset: bool) -> np.ndarray:
-        clean = self._clean[:, np.searchsorted(_ALL, columns)]
+    def _without_clock(self, mismatch: np.ndarray, columns: np.ndarray, only_offset: bool) -> np.ndarray:
+        """`mismatch` (n, n_columns) without the part that an offset of the clock, and its rate, explain."""
+        clean = self._clean[:, np.searchsorted(_PRESSURE_COLUMNS, columns)]
         slope = np.gradient(clean, GRID_S, axis=0)
         directions = [slope] if only_offset else [slope, slope * self.seconds[:, None]]
-        directions = [self.without_static(d, columns) for d in directions]
+        directions = [self.without_static(direction, columns) for direction in directions]
         gram = np.array([[np.vdot(a, b) for b in directions] for a in directions])
-        shifts = np.linalg.lstsq(gram, np.array([np.vdot(d, found) for d in directions]), rcond=None)[0]
-        return found - sum(s * d for s, d in zip(shifts, directions, strict=True))
+        projections = np.array([np.vdot(direction, mismatch) for direction in directions])
+        shifts = np.linalg.lstsq(gram, projections, rcond=None)[0]
+        return mismatch - sum(shift * direction for shift, direction in zip(shifts, directions, strict=True))
 
     def _noise_strength(self, effect: Effect) -> float:
+        """RMS of the noise that the effect adds, divided by the floor."""
         columns = taxels(effect.place)
         share = self.trial.at(self.trial.pressure(self.geometry.taxel_mm.reshape(-1, 2)[columns]), self.seconds)
         noise = self.sensors.noise.ravel()[columns]
-        grown = effect.amplitude * share / self.trial.span_pa * noise
-        return float(np.sqrt(np.mean(grown**2) / np.mean(self.sensors.noise_of_byte.ravel()[columns] ** 2)))
+        added_noise = effect.amplitude * share / self.trial.span_pa * noise
+        return float(np.sqrt(np.mean(added_noise**2) / np.mean(self.sensors.noise_of_byte.ravel()[columns] ** 2)))
 
     def amplitude_fraction(self, effect: Effect) -> float:
-        """Half the peak-to-peak of what the effect contributes, over the span of the reading, after recalibration."""
+        """Half the peak-to-peak value of the effect after recalibration, divided by the span of the reading."""
         columns = taxels(effect.place)
-        reach = np.ptp(self._clean[:, np.searchsorted(_ALL, columns)], axis=0)
-        columns = columns[np.argsort(-reach)[:_SOME]]
+        reading_span = np.ptp(self._clean[:, np.searchsorted(_PRESSURE_COLUMNS, columns)], axis=0)
+        columns = columns[np.argsort(-reading_span)[:_SAMPLED_TAXELS]]
         columns.sort()
-        left = self.without_static(self.count_mismatch((effect,), columns), columns)
-        span = np.ptp(self._clean[:, np.searchsorted(_ALL, columns)], axis=0)
-        return float(np.mean(np.ptp(left, axis=0) / 2 / span))
+        contribution = self.without_static(self.count_mismatch((effect,), columns), columns)
+        span = np.ptp(self._clean[:, np.searchsorted(_PRESSURE_COLUMNS, columns)], axis=0)
+        return float(np.mean(np.ptp(contribution, axis=0) / 2 / span))
 
-    def imitated(self, effect: Effect, by: str) -> float:
-        """What the best `by` at the same place leaves of an effect, over the floor; amplitudes are fitted linearly."""
-        columns, kept = self._columns(effect), effect.word in RECALIBRATION
-        wanted = self.remainder(effect, columns, kept=kept)
-        families = [self.remainder(other, columns, kept=kept).ravel() for other in _imitators(effect, by, self.trial)]
-        if by in _EITHER_SIGN:
-            families += [-f for f in families]
-        features = np.stack(families, 1)
+    def imitated(self, effect: Effect, word: str) -> float:
+        """Residual of the best fit of an effect by effects called `word` at the same place, divided by the floor."""
+        columns, keep_all = self._columns(effect), effect.word in RECALIBRATION
+        wanted = self.remainder(effect, columns, keep_all=keep_all)
+        candidates = [
+            self.remainder(other, columns, keep_all=keep_all).ravel()
+            for other in small_effects(effect, word, self.trial)
+        ]
+        if word in EITHER_SIGN:
+            candidates += [-candidate for candidate in candidates]
+        features = np.stack(candidates, 1)
         amplitudes = nnls(features.T @ features, features.T @ wanted.ravel())[0]
         return _strongest(wanted - (features @ amplitudes).reshape(wanted.shape))
 
 
-_EITHER_SIGN = ("gain", "baseline", "drift", "temperature")
-# Words that might pass for a word, where it is weak or fast or the load has one speed.
-IMITATORS = {
-    "gain": ("baseline", "preload"),
-    "baseline": ("gain", "preload"),
-    "preload": ("gain", "baseline"),
-    "lag": ("delay", "viscoelasticity"),
-    "delay": ("lag",),
-    "viscoelasticity": ("lag", "creep", "hysteresis"),
-    "creep": ("viscoelasticity", "hysteresis"),
-    "hysteresis": ("viscoelasticity", "creep"),
-    "drift": ("temperature",),
-    "temperature": ("drift",),
-}
-
-
-def _imitators(effect: Effect, by: str, trial: Trial) -> list[Effect]:
-    """Small effects of another word at the same place, over the range of their other parameters."""
-    shapes: dict[str, list[tuple[float, dict[str, Any]]]] = {
-        "gain": [(0.02, {})],
-        "baseline": [(1.0, {})],
-        "preload": [(500.0, {})],
-        "delay": [(0.01, {})],
-        "lag": [(0.01, {}), (0.06, {})],
-        "viscoelasticity": [(0.05, {"tau_s": tau, "width": 0.15}) for tau in (0.1, 0.35, 1.2)],
-        "creep": [(0.05, {"exponent": 0.2, "onset_s": onset}) for onset in (1.0, 4.0)],
-        "hysteresis": [
-            (0.01, {"family": "bouc_wen", "width_pa": width * trial.span_pa, "beta": 0.6}) for width in (0.03, 0.09)
-        ],
-        "drift": [
-            (1.0, {"settle_s": settle, "start_s": start * trial.main_s})
-            for settle, start in ((25.0, 0.0), (60.0, 0.0), (40.0, 0.25))
-        ],
-        "temperature": [(1.0, {"gain_per_k": 0.0})],
-    }
-    return [
-        Effect(by, by, effect.where, effect.place, a, {**shape, "span_pa": trial.span_pa}) for a, shape in shapes[by]
-    ]
-
-
 def _strongest(remainder: np.ndarray) -> float:
-    """RMS of the channel in which it is largest."""
+    """Largest RMS of a channel, axis 1 of `remainder`."""
     return float(np.sqrt(np.mean(remainder**2, axis=tuple(k for k in range(remainder.ndim) if k != 1))).max())
 
 
 def clock_of(effect: Effect, declared: str) -> Clock:
-    """The clock that a concealed `clock` makes."""
+    """The reference's clock with the concealed effect `clock` in it."""
     if effect.shape.get("solved") == "offset_s":
         return Clock(declared, effect.amplitude, 0.0)
     return Clock(declared, 0.0, 1e-6 * effect.signed)
 
 
 def solve(bench: Bench, effect: Effect, wanted: float, declared: str) -> tuple[Effect, float]:
-    """The effect with the amplitude that makes it `wanted` x the floor, or the nearest its range allows; and its k."""
+    """The effect with the amplitude at which it is `wanted` x the floor, or the nearest within its range; and its k."""
 
     def k(amplitude: float) -> float:
         candidate = effect.with_amplitude(amplitude)
@@ -288,16 +266,16 @@ def solve(bench: Bench, effect: Effect, wanted: float, declared: str) -> tuple[E
     low, high = effect.limits
     if effect.word == "rezero":
         fractions = np.linspace(low, high, 9)
-        found = [(k(float(f)), float(f)) for f in fractions]
-        best = min(found, key=lambda x: abs(np.log(max(x[0], 1e-6) / wanted)))
+        strengths = [(k(float(f)), float(f)) for f in fractions]
+        best = min(strengths, key=lambda pair: abs(np.log(max(pair[0], 1e-6) / wanted)))
         return effect.with_amplitude(best[1]), best[0]
     amplitude = float(np.sqrt(low * high))
     reached = k(amplitude)
-    for _ in range(_STEPS):
+    for _ in range(_SOLVER_STEPS):
         if abs(np.log(max(reached, 1e-9) / wanted)) < 0.03:
             break
-        following = float(np.clip(amplitude * np.clip(wanted / max(reached, 1e-9), 0.02, 50), low, high))
-        if following == amplitude:
+        next_amplitude = float(np.clip(amplitude * np.clip(wanted / max(reached, 1e-9), 0.02, 50), low, high))
+        if next_amplitude == amplitude:
             break
-        amplitude, reached = following, k(following)
+        amplitude, reached = next_amplitude, k(next_amplitude)
     return effect.with_amplitude(amplitude), reached

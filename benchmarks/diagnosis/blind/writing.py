@@ -1,4 +1,4 @@
-"""The folders: what the tool is given, and what is kept back with the truth."""
+"""Writes the folders of a case: those that the tool gets, and those that are sealed with the truth."""
 
 from pathlib import Path
 from typing import Any
@@ -6,25 +6,25 @@ from typing import Any
 import numpy as np
 import yaml
 
-from .boards import Readings, Sent, Timing, fix_times, fresh_noise, readings, rows_of, write_candump
+from .boards import Readings, Sent, Timing, draw_conversion_noise, draw_readings, fix_times, host_rows, write_candump
 from .calibration_file import document
-from .case import Case, parameters
-from .faults import break_frames, break_reference, burst_factor, kill
+from .case import Case
+from .faults import break_frames, break_reference, burst_factor, set_dead_taxels
 from .geometry import PRESSURE_TAXELS
-from .plan import EQUIVALENT
 from .ranges import draw
 from .sensor import digitise
-from .signal_path import Signal, s_step
+from .signal_path import Signal, extra_shift
 from .trial import arms
 
 _PRESSURE_COLUMNS = np.array([12 * t + k for t in range(28) for k in PRESSURE_TAXELS])
-_SIMULATION_NOISE = 0.35  # count: dithers the rounding
-_HOST_S = 0.02  # a host publishes every 20 ms
-_KEPT_S = 0.02  # rows of what is kept back
+_SIMULATION_NOISE = 0.35  # count; it dithers the rounding
+_HOST_PERIOD_S = 0.02  # a host publishes every 20 ms
+_KEPT_BACK_PERIOD_S = 0.02  # period of the rows in sealed recordings
 
 
-def _recording(case: Case, counts: str, periods: tuple[int, ...], reference: bool) -> str:
-    addresses = [int(case.geometry.address[case.geometry.board == b][0]) for b in range(3)]
+def _recording_yaml(case: Case, counts: str, periods: tuple[int, ...], has_reference: bool) -> str:
+    """Text of `recording.yaml`, format `insole-recording/1`; `counts` is the file with the readings."""
+    addresses = [int(case.geometry.address[case.geometry.board == board][0]) for board in range(3)]
     boards = [
         {
             "address": address,
@@ -36,8 +36,8 @@ def _recording(case: Case, counts: str, periods: tuple[int, ...], reference: boo
         }
         for address, period in zip(addresses, periods, strict=True)
     ]
-    kind = {"chamber": "chamber", "walk": "shoe"}[case.trial.kind] if reference else "free"
-    found: dict[str, Any] = {
+    kind = {"chamber": "chamber", "walk": "shoe"}[case.trial.kind] if has_reference else "free"
+    content: dict[str, Any] = {
         "format": "insole-recording/1",
         "kind": kind,
         counts.split(".")[0]: counts,
@@ -46,21 +46,22 @@ def _recording(case: Case, counts: str, periods: tuple[int, ...], reference: boo
             {"foot": case.geometry.foot, "layout": "layout.yaml", "calibration": "calibration.json", "boards": boards}
         ],
     }
-    if reference:
+    if has_reference:
         clock = "own" if case.clock.declared == "own" else "can"
-        found["reference"] = [{"foot": case.geometry.foot, "file": "reference.csv", "clock": clock}]
-    return yaml.safe_dump(found, sort_keys=False)
+        content["reference"] = [{"foot": case.geometry.foot, "file": "reference.csv", "clock": clock}]
+    return yaml.safe_dump(content, sort_keys=False)
 
 
-def _frame(folder: Path, case: Case, counts: str, periods: tuple[int, ...], reference: bool) -> None:
+def _write_metadata(folder: Path, case: Case, counts: str, periods: tuple[int, ...], has_reference: bool) -> None:
+    """Make the folder of a recording with `recording.yaml`, layout and calibration."""
     folder.mkdir(parents=True)
-    (folder / "recording.yaml").write_text(_recording(case, counts, periods, reference))
+    (folder / "recording.yaml").write_text(_recording_yaml(case, counts, periods, has_reference))
     (folder / "layout.yaml").write_text(case.geometry.document())
     (folder / "calibration.json").write_text(document(case.geometry, *case.curves))
 
 
-def _write_reference(folder: Path, case: Case, rng: np.random.Generator, until_s: float, faults: bool) -> None:
-    """`reference.csv`: the instrument's readings on its own clock, on the CAN clock, or without times."""
+def _write_reference(folder: Path, case: Case, rng: np.random.Generator, until_s: float, with_faults: bool) -> None:
+    """Write `reference.csv`: the instrument's readings on its own clock, on the CAN clock, or without times."""
     trial, clock = case.trial, case.clock
     if clock.declared == "none":
         period = case.timing.period_ms[0] / 1e3
@@ -70,239 +71,190 @@ def _write_reference(folder: Path, case: Case, rng: np.random.Generator, until_s
         period = (
             draw(rng, "walking", "shoe_period_s") if trial.kind == "walk" else draw(rng, "chamber", "gauge_period_s")
         )
-        # Nobody starts two instruments at the same moment.
+        # Two instruments never start at the same moment.
         true_s = np.arange(rng.uniform(0, 1.5), until_s, period)
-    felt_s = true_s + rng.normal(0, 5e-5, len(true_s))
-    broken = case.faults if faults else ()
+    sampled_s = true_s + rng.normal(0, 5e-5, len(true_s))
+    active_faults = case.faults if with_faults else ()
     if trial.kind == "walk":
         columns = "fz_n,mx_nm,my_nm"
-        wrench = trial.at(trial.wrench(case.at_mm), felt_s)
+        wrench = trial.at(trial.wrench(case.taxels_mm), sampled_s)
         span = float(np.quantile(wrench[:, 0], 0.99))
         wrench = wrench + case.reference_noise * rng.standard_normal(wrench.shape)
-        wrench[:, 0] = break_reference(rng, broken, true_s, wrench[:, 0], span)
-        text = [f"{f:.2f},{x:.4f},{y:.4f}" for f, x, y in wrench.tolist()]
+        wrench[:, 0] = break_reference(rng, active_faults, true_s, wrench[:, 0], span)
+        texts = [f"{f_z:.2f},{m_x:.4f},{m_y:.4f}" for f_z, m_x, m_y in wrench.tolist()]
     else:
         columns = "pressure_pa"
-        pressure = trial.at(trial.courses[:, 0], felt_s) + case.reference_noise * rng.standard_normal(len(felt_s))
-        pressure = break_reference(rng, broken, true_s, pressure, trial.span_pa)
-        text = [f"{p:.0f}" for p in (np.round(pressure / 20) * 20).tolist()]
-    temperature = trial.at(trial.temperature_c, felt_s) + 0.02 * rng.standard_normal(len(felt_s))
+        pressure = trial.at(trial.courses[:, 0], sampled_s) + case.reference_noise * rng.standard_normal(len(sampled_s))
+        pressure = break_reference(rng, active_faults, true_s, pressure, trial.span_pa)
+        texts = [f"{pascal:.0f}" for pascal in (np.round(pressure / 20) * 20).tolist()]
+    temperature_c = trial.at(trial.temperature_c, sampled_s) + 0.02 * rng.standard_normal(len(sampled_s))
     if clock.declared == "none":
-        lines = [f"{columns},temperature_c", *(f"{v},{c:.2f}" for v, c in zip(text, temperature.tolist(), strict=True))]
+        lines = [
+            f"{columns},temperature_c",
+            *(f"{values},{temperature:.2f}" for values, temperature in zip(texts, temperature_c.tolist(), strict=True)),
+        ]
     else:
         reading = clock.offset_s + (1 + clock.rate) * true_s + (0 if clock.declared == "own" else case.epoch_s)
-        rows_ = zip(reading.tolist(), text, temperature.tolist(), strict=True)
-        lines = [f"time_s,{columns},temperature_c", *(f"{t:.6f},{values},{c:.2f}" for t, values, c in rows_)]
+        samples = zip(reading.tolist(), texts, temperature_c.tolist(), strict=True)
+        lines = [
+            f"time_s,{columns},temperature_c",
+            *(f"{t_s:.6f},{values},{temperature:.2f}" for t_s, values, temperature in samples),
+        ]
     (folder / "reference.csv").write_text("\n".join(lines) + "\n")
 
 
-def _steps(case: Case) -> np.ndarray:
-    """(28,) how much the digitiser's real shift is more than the declared one."""
-    step = np.zeros(28, np.int64)
+def _extra_shifts(case: Case) -> np.ndarray:
+    """(28,) real shift of each triangle's board minus its declared shift."""
+    extra = np.zeros(28, np.int64)
     for effect in case.effects:
         if effect.word == "bit_shift":
-            step[effect.place.any(1)] = s_step(effect)
-    return step
+            extra[effect.place.any(1)] = extra_shift(effect)
+    return extra
 
 
-def _pick(triangle: int) -> slice:
+def _columns_of(triangle: int) -> slice:
+    """Flat numbers of a triangle's taxels."""
     return slice(12 * triangle, 12 * triangle + 12)
 
 
-def _sent(case: Case, rng: np.random.Generator, board: Readings) -> Sent:
-    """What one board of the real insole sends."""
+def _send_board(case: Case, rng: np.random.Generator, board: Readings) -> Sent:
+    """The values that one board of the real insole sends, with noise, effects and faults."""
     n, m = board.sent_s.shape
     mean, factor = np.empty((n, m, 12), np.float32), np.empty((n, m, 12), np.float32)
-    for j, triangle in enumerate(board.triangles):
-        mean[:, j] = case.signal.mean(board.converted_s[:, j], _pick(triangle))
-        factor[:, j] = case.signal.noise_factor(board.converted_s[:, j], _pick(triangle))
-    noise = fresh_noise(rng, board) * case.sensors.noise[board.triangles] * factor * burst_factor(case.faults, board)
+    for index, triangle in enumerate(board.triangles):
+        mean[:, index] = case.signal.mean(board.converted_s[:, index], _columns_of(triangle))
+        factor[:, index] = case.signal.noise_factor(board.converted_s[:, index], _columns_of(triangle))
+    noise = (
+        draw_conversion_noise(rng, board)
+        * case.sensors.noise[board.triangles]
+        * factor
+        * burst_factor(case.faults, board)
+    )
     noise[..., [6, 10]] *= 0.5
-    values = digitise(mean, noise, case.sensors, _steps(case)[board.triangles])
+    values = digitise(mean, noise, case.sensors, _extra_shifts(case)[board.triangles])
     return break_frames(rng, case.faults, board, values, case.sensors.no_load)
 
 
 def write_case(folder: Path, case: Case) -> None:
-    """`folder`/recording, and `folder`/simulation where the load is known from one."""
-    rng, until = case.rng, case.trial.main_s
-    sent = [_sent(case, rng, b) for b in readings(rng, case.geometry, case.timing, until)]
-    recording, reference = folder / "recording", case.simulation is None
+    """Write `folder`/recording, and `folder`/simulation if the case has one."""
+    rng, until_s = case.rng, case.trial.main_s
+    sent = [_send_board(case, rng, board) for board in draw_readings(rng, case.geometry, case.timing, until_s)]
+    recording, has_reference = folder / "recording", case.simulation is None
     counts = "counts.npz" if case.rows else "can.log.gz"
-    _frame(recording, case, counts, case.timing.period_ms, reference)
+    _write_metadata(recording, case, counts, case.timing.period_ms, has_reference)
     if case.rows:
-        seconds, values = rows_of(sent, _HOST_S, until)
+        seconds, values = host_rows(sent, _HOST_PERIOD_S, until_s)
         np.savez(recording / counts, t_s=case.epoch_s + seconds, counts=values)
     else:
         write_candump(recording / counts, case.geometry, sent, case.epoch_s, case.timing.b_first)
-    if reference:
-        _write_reference(recording, case, rng, until, faults=True)
+    if has_reference:
+        _write_reference(recording, case, rng, until_s, with_faults=True)
     else:
-        write_simulation(folder / "simulation", case, rng, case.simulation.end_s if case.simulation else until)
+        write_simulation(folder / "simulation", case, rng, case.simulation.end_s if case.simulation else until_s)
     fix_times(folder)
 
 
-def _believed_counts(case: Case, pressure: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """(n, n_columns) counts that the calibration handed out makes of pressures (n, n_columns)."""
-    baselines, coefficients = (x.reshape(336, -1) for x in case.curves)
+def _calibrated_counts(case: Case, pressure: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Counts (n, n_columns) that belong to pressures (n, n_columns) by the calibration that is handed out."""
+    baselines, coefficients = (array.reshape(336, -1) for array in case.curves)
     activation = np.linspace(-20, 255, 1200)
-    out = np.empty(pressure.shape, np.float32)
-    for c, column in enumerate(columns):
+    counts = np.empty(pressure.shape, np.float32)
+    for index, column in enumerate(columns):
         if column % 12 in PRESSURE_TAXELS:
             table = np.maximum.accumulate(np.polyval(coefficients[column][::-1], activation))
-            out[:, c] = baselines[column] - np.interp(pressure[:, c], table, activation)
+            counts[:, index] = baselines[column] - np.interp(pressure[:, index], table, activation)
         else:
-            out[:, c] = case.sensors.no_load
-    return out
+            counts[:, index] = case.sensors.no_load
+    return counts
 
 
 def write_simulation(folder: Path, case: Case, rng: np.random.Generator, until_s: float) -> None:
-    """What sensors as believed say under the load as a simulation believes it, on a clock of its own."""
+    """Write the simulated recording: the handed-out calibration under the simulated load, on its own clock."""
     assert case.simulation is not None
-    sim, flat = case.simulation, case.geometry.taxel_mm.reshape(-1, 2)
-    load = sim.trial.pressure(flat)
+    simulation, flat_mm = case.simulation, case.geometry.taxel_mm.reshape(-1, 2)
+    load = simulation.trial.pressure(flat_mm)
     sent = []
-    for b in readings(rng, case.geometry, Timing((20, 20, 20), 0.0, False), until_s - sim.begin_s):
-        values = np.empty((*b.sent_s.shape, 12), np.uint8)
-        for j, triangle in enumerate(b.triangles):
-            own = b.sent_s[:, j] + sim.begin_s
-            pressure = sim.trial.at(load[:, _pick(triangle)], own)
-            counts = _believed_counts(case, pressure, np.arange(336)[_pick(triangle)])
+    for board in draw_readings(rng, case.geometry, Timing((20, 20, 20), 0.0, False), until_s - simulation.begin_s):
+        values = np.empty((*board.sent_s.shape, 12), np.uint8)
+        for index, triangle in enumerate(board.triangles):
+            true_s = board.sent_s[:, index] + simulation.begin_s
+            pressure = simulation.trial.at(load[:, _columns_of(triangle)], true_s)
+            counts = _calibrated_counts(case, pressure, np.arange(336)[_columns_of(triangle)])
             counts = counts + _SIMULATION_NOISE * rng.standard_normal(counts.shape)
-            values[:, j] = np.clip(np.rint(counts), 0, 255)
-        own_s = sim.offset_s + (1 + sim.rate) * (b.sent_s + sim.begin_s)
-        own_board = Readings(b.triangles, own_s, b.conversion, own_s)
-        whole = np.ones((*values.shape[:2], 2), bool)
-        sent.append(Sent(own_board, values, np.zeros(values.shape[:2], np.uint8), whole))
-    _frame(folder, case, "can.log.gz", (20, 20, 20), reference=False)
+            values[:, index] = np.clip(np.rint(counts), 0, 255)
+        clock_s = simulation.offset_s + (1 + simulation.rate) * (board.sent_s + simulation.begin_s)
+        timed = Readings(board.triangles, clock_s, board.conversion, clock_s)
+        all_halves = np.ones((*values.shape[:2], 2), bool)
+        sent.append(Sent(timed, values, np.zeros(values.shape[:2], np.uint8), all_halves))
+    _write_metadata(folder, case, "can.log.gz", (20, 20, 20), has_reference=False)
     write_candump(folder / "can.log.gz", case.geometry, sent, case.epoch_s, b_first=False)
 
 
 def write_kept_back(folder: Path, case: Case) -> None:
-    """The whole trial with its continuation as a recording (`counts.npz`), and `scoring.npz` beside it.
+    """Write the whole trial with its continuation as a recording (`counts.npz`), and `scoring.npz`.
 
-    Every taxel is read at the row's time, nothing is lost or noisy. `scoring.npz` says which rows the tool has not
-    seen, which taxels are usable, and what three models make of those rows: the calibration handed out, the true
-    physics (counts: the true mean), and for a shoe the same insole with nothing concealed.
+    Every taxel is read at the row's time; no frame is lost, and there are no noise bursts. `scoring.npz` holds which
+    rows the tool has not seen, which taxels are usable, and the results of two models for those rows: the calibration
+    that is handed out, and the oracle (counts: mean by the true physics; shoe: the insole with nothing concealed).
     """
     rng, trial = case.rng, case.trial
-    seconds = np.arange(_KEPT_S, trial.end_s - 0.1, _KEPT_S)
-    mean = np.stack([case.signal.mean(seconds, _pick(t)) for t in range(28)], 1)
-    factor = np.stack([case.signal.noise_factor(seconds, _pick(t)) for t in range(28)], 1)
+    seconds = np.arange(_KEPT_BACK_PERIOD_S, trial.end_s - 0.1, _KEPT_BACK_PERIOD_S)
+    mean = np.stack([case.signal.mean(seconds, _columns_of(triangle)) for triangle in range(28)], 1)
+    factor = np.stack([case.signal.noise_factor(seconds, _columns_of(triangle)) for triangle in range(28)], 1)
     noise = rng.standard_normal(mean.shape, np.float32) * case.sensors.noise * factor
-    values = digitise(mean, noise, case.sensors, _steps(case))
+    values = digitise(mean, noise, case.sensors, _extra_shifts(case))
     usable = np.zeros((28, 12), bool)
     usable[:, PRESSURE_TAXELS] = True
-    for f in case.faults:
-        if f.word == "dead_taxels":
-            usable &= ~f.place
-            kill(f, values, np.arange(28), case.sensors.no_load)
-    kept = seconds >= trial.main_s
-    recording, reference = folder / "recording", case.simulation is None
-    _frame(recording, case, "counts.npz", (20, 20, 20), reference)
+    for fault in case.faults:
+        if fault.word == "dead_taxels":
+            usable &= ~fault.place
+            set_dead_taxels(fault, values, np.arange(28), case.sensors.no_load)
+    is_unseen = seconds >= trial.main_s
+    recording, has_reference = folder / "recording", case.simulation is None
+    _write_metadata(recording, case, "counts.npz", (20, 20, 20), has_reference)
     np.savez(recording / "counts.npz", t_s=case.epoch_s + seconds, counts=values)
-    scoring: dict[str, np.ndarray] = {"untouched": kept, "usable": usable}
+    scoring: dict[str, np.ndarray] = {"untouched": is_unseen, "usable": usable}
     if case.simulation is not None:
         write_simulation(folder / "simulation", case, rng, trial.end_s)
     else:
-        _write_reference(recording, case, rng, trial.end_s, faults=False)
+        _write_reference(recording, case, rng, trial.end_s, with_faults=False)
     if trial.kind == "walk" and case.simulation is None:
-        scoring |= _forces(case, rng, seconds, values, kept)
+        scoring |= _forces(case, rng, seconds, values, is_unseen)
     else:
-        believed = case.simulation.trial if case.simulation else trial
-        flat = case.geometry.taxel_mm.reshape(-1, 2)
+        load_trial = case.simulation.trial if case.simulation else trial
+        flat_mm = case.geometry.taxel_mm.reshape(-1, 2)
         pressure = (
-            believed.pressure(flat) if believed.kind == "walk" else np.repeat(believed.pressure(flat[:1]), 336, 1)
+            load_trial.pressure(flat_mm)
+            if load_trial.kind == "walk"
+            else np.repeat(load_trial.pressure(flat_mm[:1]), 336, 1)
         )
-        handed = _believed_counts(case, trial.at(pressure, seconds[kept]), np.arange(336))
-        oracle = mean[kept]
+        static_counts = _calibrated_counts(case, trial.at(pressure, seconds[is_unseen]), np.arange(336))
+        oracle = mean[is_unseen]
         if case.simulation is not None:
-            knows = Signal(believed, case.at_mm, case.sensors, case.effects, np.arange(336))
-            oracle = np.stack([knows.mean(seconds[kept], _pick(t)) for t in range(28)], 1)
+            true_signal = Signal(load_trial, case.taxels_mm, case.sensors, case.effects, np.arange(336))
+            oracle = np.stack(
+                [true_signal.mean(seconds[is_unseen], _columns_of(triangle)) for triangle in range(28)], 1
+            )
         scoring["oracle"] = np.clip(oracle, 0, 255).astype(np.float32)
-        scoring["handed_out"] = np.clip(handed.reshape(-1, 28, 12), 0, 255).astype(np.float32)
+        scoring["handed_out"] = np.clip(static_counts.reshape(-1, 28, 12), 0, 255).astype(np.float32)
     np.savez_compressed(folder / "scoring.npz", **scoring)
 
 
 def _forces(
-    case: Case, rng: np.random.Generator, seconds: np.ndarray, values: np.ndarray, kept: np.ndarray
+    case: Case, rng: np.random.Generator, seconds: np.ndarray, values: np.ndarray, is_unseen: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """Over the continuation, N: the true f_z, what the calibration handed out makes of the bytes, and what it would
-    make of them had nothing been concealed."""
-    true = case.trial.at(case.trial.wrench(case.at_mm), seconds[kept])[:, 0]
-    clean = np.stack([case.clean.mean(seconds[kept], _pick(t)) for t in range(28)], 1)
-    noise = rng.standard_normal(clean.shape, np.float32) * case.sensors.noise
-    innocent = digitise(clean, noise, case.sensors, np.zeros(28, np.int64))
-    baselines, coefficients = (x.reshape(336, -1) for x in case.curves)
-    area = arms(np.zeros((1, 2)))[0, 0]
-    out = {"t_s": case.epoch_s + seconds[kept], "fz_n": true}
-    for name, counts in (("static_fz_n", values[kept]), ("oracle_fz_n", innocent)):
-        force = np.zeros(len(true))
+    """f_z (n,) in N over the continuation: true, by the handed-out calibration, and the same with nothing concealed."""
+    true_n = case.trial.at(case.trial.wrench(case.taxels_mm), seconds[is_unseen])[:, 0]
+    clean_mean = np.stack([case.clean.mean(seconds[is_unseen], _columns_of(triangle)) for triangle in range(28)], 1)
+    noise = rng.standard_normal(clean_mean.shape, np.float32) * case.sensors.noise
+    clean_values = digitise(clean_mean, noise, case.sensors, np.zeros(28, np.int64))
+    baselines, coefficients = (array.reshape(336, -1) for array in case.curves)
+    area_m2 = arms(np.zeros((1, 2)))[0, 0]
+    forces = {"t_s": case.epoch_s + seconds[is_unseen], "fz_n": true_n}
+    for name, counts in (("static_fz_n", values[is_unseen]), ("oracle_fz_n", clean_values)):
+        force_n = np.zeros(len(true_n))
         for column in _PRESSURE_COLUMNS:
-            a = baselines[column] - counts.reshape(-1, 336)[:, column].astype(float)
-            force += area * np.polyval(coefficients[column][::-1], a)
-        out[name] = force
-    return out
-
-
-def truth(case: Case) -> dict[str, Any]:
-    """What is sealed."""
-    g = case.geometry
-
-    def names(mask: np.ndarray) -> list[list[int]]:
-        return [[int(g.address[t]), int(g.slot[t]), int(k)] for t, k in np.argwhere(mask)]
-
-    every = np.zeros((28, 12), bool)
-    every[:, PRESSURE_TAXELS] = True
-    effects = [
-        {
-            "effect": e.word,
-            "law": e.law,
-            "where": e.where,
-            "taxels": [] if e.word == "clock" else names(e.place),
-            "k_floor": round(case.k[e.word], 4),
-            "accept": case.accept[e.word],
-            "parameters": parameters(case, e),
-            "amplitude_fraction": case.amplitude_fraction.get(e.word),
-            "shape": {k: v for k, v in e.shape.items() if k != "departure"},
-        }
-        for e in case.effects
-    ]
-    effects += [
-        {
-            "effect": f.word,
-            "law": f.shape.get("kind", f.word),
-            "where": f.where,
-            "taxels": names(f.place),
-            "k_floor": None,
-            "accept": case.accept[f.word],
-            "parameters": {},
-            "amplitude_fraction": None,
-            "when_s": f.when_s,
-        }
-        for f in case.faults
-    ]
-    slow = case.timing.conversion_s > 0
-    sim = case.simulation
-    return {
-        "kind": case.spec.kind,
-        "recording": case.spec.recording,
-        "against": case.spec.against,
-        "k_asked": case.spec.k,
-        "variant": case.spec.variant,
-        "local": case.spec.local,
-        "foot": g.foot,
-        "taxels": names(every),
-        "effects": effects,
-        "equivalent": list(EQUIVALENT[case.spec.variant]) if case.spec.kind == "undecidable" else [],
-        # Readings that are up to a conversion old look like these.
-        "tolerated": ["lag", "delay", "clock", "frame_loss"] if slow else [],
-        "protocol": case.trial.protocol,
-        "span_pa": case.trial.span_pa,
-        "main_s": case.trial.main_s,
-        "clock": {"declared": case.clock.declared, "offset_s": case.clock.offset_s, "rate": case.clock.rate},
-        "period_ms": list(case.timing.period_ms),
-        "conversion_s": case.timing.conversion_s,
-        "rows": case.rows,
-        "memory_in_calibration": case.memory_in_calibration,
-        "simulation": None if sim is None else {"level": sim.level, "begin_s": sim.begin_s, "end_s": sim.end_s},
-    }
+            activation = baselines[column] - counts.reshape(-1, 336)[:, column].astype(float)
+            force_n += area_m2 * np.polyval(coefficients[column][::-1], activation)
+        forces[name] = force_n
+    return forces

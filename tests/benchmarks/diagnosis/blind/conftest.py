@@ -7,15 +7,15 @@ from benchmarks.diagnosis.blind.generate import generate
 
 
 @dataclass(frozen=True)
-class Made:
+class GeneratedSet:
     cases: Path
     sealed: Path
     seal: str
 
 
 @pytest.fixture(scope="session")
-def made(tmp_path_factory) -> Made:
+def generated(tmp_path_factory) -> GeneratedSet:
     """The first three of the short suite: a null, a viscoelasticity, swapped triangles beside a simulation."""
     folder = tmp_path_factory.mktemp("blind")
     seal = generate(seed=11, suite="bench", n=3, out=folder / "cases", sealed=folder / "sealed")
-    return Made(folder / "cases", folder / "sealed", seal)
+    return GeneratedSet(folder / "cases", folder / "sealed", seal)

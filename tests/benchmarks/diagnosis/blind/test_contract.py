@@ -1,4 +1,4 @@
-"""The package reads what the generator writes: the files of the contract are all they share."""
+"""The package reads the files that the generator writes; the file formats are all that they share."""
 
 import json
 
@@ -8,10 +8,12 @@ import pytest
 import insole_daemon
 
 
-def test_every_folder_is_a_recording(made):
-    sealed = json.loads((made.sealed / "truth.json").read_text())["cases"]
+def test_every_folder_is_a_recording(generated):
+    sealed = json.loads((generated.sealed / "truth.json").read_text())["cases"]
     for name, case in sealed.items():
-        folders = [f for f in (made.cases / name / "recording", made.cases / name / "simulation") if f.is_dir()]
+        folders = [
+            f for f in (generated.cases / name / "recording", generated.cases / name / "simulation") if f.is_dir()
+        ]
         for folder in folders:
             recording = insole_daemon.load(folder)
             foot = recording[case["foot"]]
@@ -24,9 +26,9 @@ def test_every_folder_is_a_recording(made):
                 assert highest == pytest.approx(case["span_pa"], rel=0.05)
 
 
-def test_the_rows_kept_back_are_the_rows_that_are_read(made):
-    truth = json.loads((made.sealed / "truth.json").read_text())["cases"]
+def test_the_rows_kept_back_are_the_rows_that_are_read(generated):
+    truth = json.loads((generated.sealed / "truth.json").read_text())["cases"]
     name = next(n for n, c in truth.items() if c["recording"] == "chamber")
-    foot = insole_daemon.load(made.sealed / name / "recording").feet[0]
-    with np.load(made.sealed / name / "scoring.npz") as scoring:
+    foot = insole_daemon.load(generated.sealed / name / "recording").feet[0]
+    with np.load(generated.sealed / name / "scoring.npz") as scoring:
         assert len(foot) == len(scoring["untouched"])

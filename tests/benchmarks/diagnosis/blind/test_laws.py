@@ -1,4 +1,4 @@
-"""The generator's numerics against closed forms and against the plainest program there is."""
+"""The generator's laws against closed forms and against plain loops."""
 
 import numpy as np
 import pytest
@@ -9,6 +9,7 @@ T = np.arange(8000) * laws.STEP_S
 
 
 def wandering(rng: np.random.Generator, n: int = 4000) -> np.ndarray:
+    """A load (n,) in Pa of straight lines between random corners."""
     corners = rng.uniform(0, 1e5, 9)
     return np.interp(np.linspace(0, 8, n), np.arange(9), corners)
 
@@ -25,9 +26,9 @@ def test_low_pass_starts_settled():
 def test_bouc_wen_does_not_depend_on_rate_and_saturates():
     load = wandering(np.random.default_rng(1))
     slow = np.interp(np.arange(0, 4000, 0.25), np.arange(4000), load)
-    h, h_slow = laws.bouc_wen(load, 5000.0), laws.bouc_wen(slow, 5000.0)
-    assert h_slow[::4] == pytest.approx(h, abs=0.02)
-    assert 0.95 < np.max(np.abs(h)) < 1.05
+    departure, slow_departure = laws.bouc_wen(load, 5000.0), laws.bouc_wen(slow, 5000.0)
+    assert slow_departure[::4] == pytest.approx(departure, abs=0.02)
+    assert 0.95 < np.max(np.abs(departure)) < 1.05
 
 
 def test_laws_treat_columns_alone():
@@ -45,11 +46,11 @@ def test_laws_treat_columns_alone():
 
 def test_relay_by_its_definition():
     load = wandering(np.random.default_rng(2))
-    state, wanted = 0.0, []
-    for x in load:
-        state = 1.0 if x >= 6e4 else 0.0 if x <= 3e4 else state
-        wanted.append(state)
-    assert laws.relay(load, 6e4, 3e4).tolist() == wanted
+    state, states = 0.0, []
+    for value in load:
+        state = 1.0 if value >= 6e4 else 0.0 if value <= 3e4 else state
+        states.append(state)
+    assert laws.relay(load, 6e4, 3e4).tolist() == states
 
 
 def test_preisach_reads_low_while_loading_and_has_no_static_curve():
@@ -63,13 +64,13 @@ def test_preisach_reads_low_while_loading_and_has_no_static_curve():
 
 def test_power_law_superposes():
     step = np.where(T >= 1, 1e5, 0.0)
-    since = np.maximum(T - 1, 0)
-    wanted = 1e5 * ((1 + since / 2) ** 0.25 - 1) / ((1 + laws.FELT_S / 2) ** 0.25 - 1)
+    seconds_since = np.maximum(T - 1, 0)
+    expected = 1e5 * ((1 + seconds_since / 2) ** 0.25 - 1) / ((1 + laws.FELT_S / 2) ** 0.25 - 1)
     # On a grid of 20 ms the step is up to 20 ms late.
-    assert laws.power_law(step, 0.25, 2.0) + step == pytest.approx(wanted, abs=150.0)
+    assert laws.power_law(step, 0.25, 2.0) + step == pytest.approx(expected, abs=150.0)
     wave = 1e4 * np.sin(T)
-    both = laws.power_law(step + wave, 0.25, 2.0)
-    assert both == pytest.approx(laws.power_law(step, 0.25, 2.0) + laws.power_law(wave, 0.25, 2.0), abs=1e-3)
+    departure = laws.power_law(step + wave, 0.25, 2.0)
+    assert departure == pytest.approx(laws.power_law(step, 0.25, 2.0) + laws.power_law(wave, 0.25, 2.0), abs=1e-3)
 
 
 def test_steady_creep_has_one_phase_at_every_frequency():
@@ -79,7 +80,7 @@ def test_steady_creep_has_one_phase_at_every_frequency():
         assert response == pytest.approx(harmonic**-0.2 * np.cos(harmonic * phase - 0.2 * np.pi / 2), abs=1e-9)
 
 
-@pytest.mark.parametrize("n", [7000, 7175, 7218])  # a cycle has any number of samples, its turn between two or on one
+@pytest.mark.parametrize("n", [7000, 7175, 7218])  # the cycle turns on a sample or between two
 @pytest.mark.parametrize("shape", ["sine", "ramps"])
 def test_a_hysteresis_closes_the_loop_of_creep(shape, n):
     phase = np.arange(n) / n
@@ -87,5 +88,5 @@ def test_a_hysteresis_closes_the_loop_of_creep(shape, n):
     creep = laws.power_law_steady(1e5 * wave, 0.25)
     departure, missed = laws.hysteresis_like(1e5 * wave, creep)
     assert missed < 0.005  # at 3 x the floor 0.015 x
-    # Nor is it stronger in what a static recalibration would take off.
+    # The part that a static recalibration would remove is equal, too.
     assert departure == pytest.approx(creep, abs=0.01 * np.ptp(creep))

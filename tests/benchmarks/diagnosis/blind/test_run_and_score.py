@@ -1,4 +1,4 @@
-"""Make, run and score one after the other, with stand-ins for the tool."""
+"""The programs make, run and score one after the other, with small scripts in the place of the tool."""
 
 import json
 import sys
@@ -15,8 +15,8 @@ from benchmarks.diagnosis.blind.score import markdown, score
 from benchmarks.diagnosis.blind.tables import bars
 from benchmarks.diagnosis.blind.untouched import compare_force
 
-N = 3
-PERFECT = """
+N_CASES = 3
+PERFECT_TOOL = """
 import json, pathlib, sys
 truth, recording, out = map(pathlib.Path, sys.argv[1:4])
 case = json.loads(truth.read_text())["cases"][recording.parent.name]
@@ -32,58 +32,60 @@ answer = {"format": "insole-diagnosis/1", "verdict": "explained" if findings els
 """
 
 
-def predictor(name, off=0.0):
+def predictor(name, error_count=0.0):
     def predict(model, recording, simulation):
         with np.load(recording.parent / "scoring.npz") as scoring:
             out = np.zeros((len(scoring["untouched"]), 28, 12))
-            out[scoring["untouched"]] = scoring[name] + off
+            out[scoring["untouched"]] = scoring[name] + error_count
         return {"left": out, "right": out}
 
     return predict
 
 
-def measured(scores):
+def bars_by_title(scores):
     return {b.title: b for b in bars(scores["cases"])}
 
 
-def test_a_perfect_answer_scores_full_marks(made, tmp_path):
-    (tmp_path / "tool.py").write_text(PERFECT)
-    template = [sys.executable, str(tmp_path / "tool.py"), str(made.sealed / "truth.json"), "{recording}", "{out}"]
-    log = run(template, made.cases, tmp_path / "answers", limit_s=60)
-    assert [entry["status"] for entry in log] == [0] * N
+def test_a_perfect_answer_scores_full_marks(generated, tmp_path):
+    (tmp_path / "tool.py").write_text(PERFECT_TOOL)
+    template = [sys.executable, str(tmp_path / "tool.py"), str(generated.sealed / "truth.json"), "{recording}", "{out}"]
+    log = run(template, generated.cases, tmp_path / "answers", limit_s=60)
+    assert [entry["status"] for entry in log] == [0] * N_CASES
     assert all(entry["peak_mb"] > 1 and entry["seconds"] > 0 for entry in log)
-    scores = score(made.sealed, tmp_path / "answers", made.seal, predictor("oracle"))
-    by = measured(scores)
-    assert by["nulls, false alarms"].measured.startswith("0 % (0 of 1")
-    assert by["single ≥ 3 × floor and faults: named first"].measured.startswith("100 % (1 of 1")
-    assert by["paired simulation: named first"].measured.startswith("100 % (1 of 1")
-    assert by["… swap or map right"].reached is True
-    assert by["place, F1 per taxel, chamber"].reached is True
-    assert by["parameters: median error"].reached is True
-    assert by["untouched data made worse by > 2 %"].reached is True
+    scores = score(generated.sealed, tmp_path / "answers", generated.seal, predictor("oracle"))
+    by_title = bars_by_title(scores)
+    assert by_title["nulls, false alarms"].measured.startswith("0 % (0 of 1")
+    assert by_title["single ≥ 3 × floor and faults: named first"].measured.startswith("100 % (1 of 1")
+    assert by_title["paired simulation: named first"].measured.startswith("100 % (1 of 1")
+    assert by_title["… swap or map right"].reached is True
+    assert by_title["place, F1 per taxel, chamber"].reached is True
+    assert by_title["parameters: median error"].reached is True
+    assert by_title["untouched data made worse by > 2 %"].reached is True
     assert "| single ≥ 3 × floor and faults: named first | ≥ 95 % | 100 % (1 of 1" in markdown(scores)
     json.dumps(scores)
-    worse = measured(score(made.sealed, tmp_path / "answers", made.seal, predictor("handed_out", 5.0)))
-    assert worse["untouched data made worse by > 2 %"].measured.startswith("100 % (3 of 3")
-    assert worse["recovered share of the oracle's gain, median"].reached is False
+    worse_by_title = bars_by_title(
+        score(generated.sealed, tmp_path / "answers", generated.seal, predictor("handed_out", 5.0))
+    )
+    assert worse_by_title["untouched data made worse by > 2 %"].measured.startswith("100 % (3 of 3")
+    assert worse_by_title["recovered share of the oracle's gain, median"].reached is False
 
 
-def test_a_run_that_fails_is_logged_and_scored_as_wrong(made, tmp_path):
-    log = run([sys.executable, "-c", "1 / 0"], made.cases, tmp_path / "answers", limit_s=60)
-    assert [(entry["status"], entry["traceback"]) for entry in log] == [(1, True)] * N
-    by = measured(score(made.sealed, tmp_path / "answers", made.seal))
-    assert by["nulls, false alarms"].measured.startswith("100 % (1 of 1")
-    assert by["single ≥ 3 × floor and faults: named first"].measured.startswith("0 % (0 of 1")
-    assert by["tracebacks, crashes and time-outs"].measured.startswith(f"100 % ({N} of {N}")
+def test_a_run_that_fails_is_logged_and_scored_as_wrong(generated, tmp_path):
+    log = run([sys.executable, "-c", "1 / 0"], generated.cases, tmp_path / "answers", limit_s=60)
+    assert [(entry["status"], entry["traceback"]) for entry in log] == [(1, True)] * N_CASES
+    by_title = bars_by_title(score(generated.sealed, tmp_path / "answers", generated.seal))
+    assert by_title["nulls, false alarms"].measured.startswith("100 % (1 of 1")
+    assert by_title["single ≥ 3 × floor and faults: named first"].measured.startswith("0 % (0 of 1")
+    assert by_title["tracebacks, crashes and time-outs"].measured.startswith(f"100 % ({N_CASES} of {N_CASES}")
 
 
-def test_unreadable_answer_counts_as_no_answer(made, tmp_path):
+def test_unreadable_answer_counts_as_no_answer(generated, tmp_path):
     answers = tmp_path / "answers"
-    run([sys.executable, "-c", ""], made.cases, answers, limit_s=60)
-    first, second, third = sorted(p.name for p in made.cases.iterdir() if p.is_dir())
+    run([sys.executable, "-c", ""], generated.cases, answers, limit_s=60)
+    first, second, third = sorted(p.name for p in generated.cases.iterdir() if p.is_dir())
     (answers / first / "diagnosis.json").write_text("{")
     (answers / second / "diagnosis.json").write_text('{"format": "insole-diagnosis/1", "findings": [{}]}')
-    scores = score(made.sealed, answers, made.seal)
+    scores = score(generated.sealed, answers, generated.seal)
     assert not any(row["answered"] for row in scores["cases"])
     reasons = {row["case"]: row["unreadable"] for row in scores["cases"]}
     assert "JSONDecodeError" in reasons[first]
@@ -91,46 +93,48 @@ def test_unreadable_answer_counts_as_no_answer(made, tmp_path):
     assert "FileNotFoundError" in reasons[third]
 
 
-def test_a_run_that_never_ends_is_stopped(made, tmp_path):
-    log = run([sys.executable, "-c", "import time; time.sleep(600)"], made.cases, tmp_path / "a", limit_s=0.5)
+def test_a_run_that_never_ends_is_stopped(generated, tmp_path):
+    log = run([sys.executable, "-c", "import time; time.sleep(600)"], generated.cases, tmp_path / "a", limit_s=0.5)
     assert {entry["ended"] for entry in log} == {"stopped at the time limit"}
 
 
-def test_an_interrupted_run_continues_where_it_stopped(made, tmp_path, monkeypatch):
+def test_an_interrupted_run_continues_where_it_stopped(generated, tmp_path, monkeypatch):
     answers, command = tmp_path / "answers", [sys.executable, "-c", "print(1)"]
-    one, ran = runner.run_case, []
+    run_case, names_run = runner.run_case, []
 
-    def stop_at_the_third(template, case, *more):
-        if len(ran) == 2:
+    def stop_at_the_third(template, case, *arguments):
+        if len(names_run) == 2:
             raise KeyboardInterrupt
-        ran.append(case.name)
-        return one(template, case, *more)
+        names_run.append(case.name)
+        return run_case(template, case, *arguments)
 
     monkeypatch.setattr(runner, "run_case", stop_at_the_third)
     with pytest.raises(KeyboardInterrupt):
-        run(command, made.cases, answers, limit_s=60)
+        run(command, generated.cases, answers, limit_s=60)
     header = json.loads((answers / "run.json").read_text())
-    assert header["set"] == {"seed": 11, "suite": "bench", "cases": N, "seal": made.seal}
+    assert header["set"] == {"seed": 11, "suite": "bench", "cases": N_CASES, "seal": generated.seal}
     assert header["commit"]
     with (answers / "log.jsonl").open("a") as log:
         log.write('{"case": "cut o')
-    monkeypatch.setattr(runner, "run_case", one)
-    assert len(score(made.sealed, answers, made.seal)["cases"]) == 2
-    assert [e["case"] for e in run(command, made.cases, answers, limit_s=60)][:2] == ran
-    assert len(runner.read_log(answers)) == N
+    monkeypatch.setattr(runner, "run_case", run_case)
+    assert len(score(generated.sealed, answers, generated.seal)["cases"]) == 2
+    assert [e["case"] for e in run(command, generated.cases, answers, limit_s=60)][:2] == names_run
+    assert len(runner.read_log(answers)) == N_CASES
     with pytest.raises(SystemExit, match="was begun with command"):
-        run([*command, "other"], made.cases, answers, limit_s=60)
+        run([*command, "other"], generated.cases, answers, limit_s=60)
 
 
-def test_the_workers_of_a_dask_scheduler_make_the_same_cases_and_run_each_once(made, tmp_path):
+def test_the_workers_of_a_dask_scheduler_make_the_same_cases_and_run_each_once(generated, tmp_path):
     with LocalCluster(n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address="127.0.0.1:0") as workers:
         address = workers.scheduler_address
-        generate(11, "bench", N, tmp_path / "cases", tmp_path / "sealed", address)
-        truth, again = ((sealed / "truth.json").read_bytes() for sealed in (made.sealed, tmp_path / "sealed"))
-        assert truth == again, "with the SHA-256 of every file of every case"
+        generate(11, "bench", N_CASES, tmp_path / "cases", tmp_path / "sealed", address)
+        truth, truth_by_dask = (
+            (sealed / "truth.json").read_bytes() for sealed in (generated.sealed, tmp_path / "sealed")
+        )
+        assert truth == truth_by_dask, "with the SHA-256 of every file of every case"
         log = run([sys.executable, "-c", "print(1)"], tmp_path / "cases", tmp_path / "answers", 60, address)
-        assert sorted(entry["case"] for entry in log) == sorted(p.name for p in made.cases.iterdir() if p.is_dir())
-        assert [entry["status"] for entry in log] == [0] * N
+        assert sorted(entry["case"] for entry in log) == sorted(p.name for p in generated.cases.iterdir() if p.is_dir())
+        assert [entry["status"] for entry in log] == [0] * N_CASES
         with pytest.raises(SystemExit, match="name the tool's command after --"):
             run(["no-such-tool"], tmp_path / "cases", tmp_path / "other", 60, address)
 
@@ -144,17 +148,17 @@ def test_the_simulation_is_named_where_there_is_one(tmp_path):
     assert command_for(template, case, out)[2:4] == ["--simulation", str(case / "simulation")]
 
 
-def test_a_truth_changed_afterwards_is_refused(made, tmp_path):
+def test_a_truth_changed_afterwards_is_refused(generated, tmp_path):
     with pytest.raises(seal.BrokenSealError, match="expected the truth sealed as"):
-        seal.open_(made.sealed, "0" * 64)
-    kept = tmp_path / "sealed"
-    (kept / "case-1").mkdir(parents=True)
-    (kept / "case-1" / "file").write_text("one")
-    printed = seal.close(kept, {"case-1": {"kept_back": seal.digests(kept / "case-1")}}, {})
-    assert seal.open_(kept, printed)["cases"]
-    (kept / "case-1" / "file").write_text("two")
+        seal.open_(generated.sealed, "0" * 64)
+    sealed_folder = tmp_path / "sealed"
+    (sealed_folder / "case-1").mkdir(parents=True)
+    (sealed_folder / "case-1" / "file").write_text("one")
+    printed = seal.close(sealed_folder, {"case-1": {"kept_back": seal.digests(sealed_folder / "case-1")}}, {})
+    assert seal.open_(sealed_folder, printed)["cases"]
+    (sealed_folder / "case-1" / "file").write_text("two")
     with pytest.raises(seal.BrokenSealError, match="is not what was sealed"):
-        seal.open_(kept, printed)
+        seal.open_(sealed_folder, printed)
 
 
 def test_force_is_compared_at_the_stated_times(tmp_path):
@@ -171,5 +175,7 @@ def test_force_is_compared_at_the_stated_times(tmp_path):
     errors = compare_force(tmp_path, "left", tmp_path / "model.json", between_the_rows)
     assert errors["model"] == pytest.approx(2.0, abs=0.05)
     assert errors["recovered"] == pytest.approx((30 - 2) / (30 - 1), abs=0.03)
-    late = compare_force(tmp_path, "left", tmp_path / "model.json", lambda m, r: {"left": (t_s[:100], force[:100])})
-    assert "expected a finite f_z" in late["failure"]
+    incomplete = compare_force(
+        tmp_path, "left", tmp_path / "model.json", lambda m, r: {"left": (t_s[:100], force[:100])}
+    )
+    assert "expected a finite f_z" in incomplete["failure"]
