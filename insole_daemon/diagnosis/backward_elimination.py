@@ -109,7 +109,7 @@ def _without_negligible(search: SubsetSearch[Any], kept: ValidatedSet, timing: T
     """Return the set without a candidate whose held-out gain is negligible; None if there is none.
 
     It is negligible if it is small both when the candidate is added after stronger ones and when it is removed from the
-    complete set. A clock is never removed, because it only aligns.
+    complete set.
     """
     whole, best, errors = search.design, kept.best, kept.figures
     least_needed = LEAST_NEEDED if isinstance(whole, BlockDesign) else LEAST_GAINED
@@ -120,7 +120,7 @@ def _without_negligible(search: SubsetSearch[Any], kept: ValidatedSet, timing: T
 
     before, after = square(errors.before), square(errors.after)
     for i, gain in reversed(list(zip(kept.order, errors.gains, strict=True))):
-        if gain > LEAST_GAINED * sum(errors.gains) or whole.candidates[best.chosen[i]].word == "clock":
+        if gain > LEAST_GAINED * sum(errors.gains) or _is_beside_heldout(whole, best.chosen[i], errors):
             continue
         rest = [k for j, k in enumerate(best.chosen) if j != i]
         others = search.singles() if len(rest) == 1 else []
@@ -130,6 +130,19 @@ def _without_negligible(search: SubsetSearch[Any], kept: ValidatedSet, timing: T
         if best.chosen[i] not in without.chosen and after_without - after < needed:
             return without
     return None
+
+
+def _is_beside_heldout(whole: Design | BlockDesign, k: int, errors: HeldoutErrors) -> bool:
+    """Return whether the held-out error cannot tell of candidate `k`.
+
+    A clock only aligns. Curves that were refitted beside a memory take up a static effect; that of a part of the insole
+    stays, because the mean curve of a memory, the reason to refit them, is alike on all boards.
+    """
+    candidate = whole.candidates[k]
+    if candidate.word == "clock":
+        return True
+    is_refitted = isinstance(whole, BlockDesign) and errors.recalibrated is not None
+    return is_refitted and whole.is_within_priors(candidate) and candidate.where.scope != "insole"
 
 
 def _share_of_insole(whole: Design | BlockDesign, k: int) -> float:

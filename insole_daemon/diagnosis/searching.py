@@ -40,7 +40,7 @@ LOAD_ERRORS = (USUAL, Priors(0.005, 0.02), Priors(0.015, 0.06), Priors(0.05, 0.2
 LOOSE_COUNT = 5.0  # prior standard deviation of a curve that contains the mean curve of a memory (loose curve)
 OWN_CURVE_COUNT = 0.3  # the same of a curve that was fitted to the recordings themselves
 GOOD_FIT = 1.15  # squared residual of a good fit, relative to the noise
-CLEARER = 0.6  # excess over the noise with loose curves, relative to usual ones, for loose curves to be used
+CLEARER = 0.6  # excess over the noise with one kind of curves relative to the other that is clearly less
 FAR_CLEARER = 0.25  # the same if usual curves leave no more than the possible misfit of the laws
 PLACED_ROUNDS = 3  # of searches after the taxels were moved to fitted places
 ORDERED_ROUNDS = 2  # of searches with terms that act on each other's output
@@ -206,17 +206,16 @@ def _search_with_curves(seen: ChamberObservation, faults: ReadingFaults) -> Sear
         clearer, simpler = False, simpler and loose.deviance - noise < FAR_CLEARER * (usual.deviance - noise)
     if not (loose.has_memory and (clearer or simpler)):
         return usual
-    if usual.n_terms > 1:
-        return loose
-    # A memory of nearly the whole response leaves a small residual of the load in any case. Held-out errors of the
-    # readings decide between it and the single term that was selected with usual curves.
-    design, best = loose.first.search.design, loose.first.best
-    return loose if _heldout_count(design, best.chosen) < _heldout_count(design, ()) else usual
+    # Loose curves take up errors of a law too, so held-out errors decide; clear ones, if loose curves need fewer terms.
+    factor = CLEARER if loose.n_terms < usual.n_terms else 1.0
+    return usual if _heldout_excess(usual) < factor * _heldout_excess(loose) else loose
 
 
-def _heldout_count(design: BlockDesign, chosen: tuple[int, ...]) -> float:
-    """Return the held-out RMS error of the readings with the laws of the set `chosen`, counts."""
-    return float(count_errors(refine(design, chosen), ()).after[0])
+def _heldout_excess(result: SearchResult) -> float:
+    """Return the held-out mean square error of the readings with the laws of the best set, less the floor, counts²."""
+    first = result.first
+    errors = count_errors(refine(first.search.design, first.best.chosen), ())
+    return float(errors.after[0] ** 2 - errors.floor[0] ** 2)
 
 
 def _weights(seen: WrenchObservation, faults: ReadingFaults) -> Array:

@@ -19,10 +19,14 @@ def static_findings(refined: Refined[BlockDesign], figures: HeldoutErrors) -> li
     """Return the findings on curves that were refitted together with the memories of `refined`.
 
     There may be one of the insole and one of a board. The exported model contains these curves, so it has no effect for
-    the findings.
+    the findings. An effect smaller than the lack of fit may be a part of it; one larger than the whole mismatch would
+    cancel another.
     """
     parts = static_part(refined), static_part_of_board(refined)
-    return [_finding(part, refined, figures) for part in parts if part is not None]
+    lack_of_fit, mismatch = float(figures.after[0] ** 2 - figures.floor[0] ** 2), float(figures.before[0] ** 2)
+    return [
+        _finding(part, refined, figures) for part in parts if part is not None and lack_of_fit < part.square < mismatch
+    ]
 
 
 def _finding(part: StaticPart, refined: Refined[BlockDesign], figures: HeldoutErrors) -> Finding:

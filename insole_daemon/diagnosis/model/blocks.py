@@ -188,8 +188,19 @@ class BlockDesign:
         """Return the sum of squares of two effects together in common triangles, nuisance columns projected out."""
         both = self.mask[one.columns[0]] & self.mask[other.columns[0]]
         atoms, all_shares = self.atom[[*one.columns, *other.columns]], np.concatenate([shares, other_shares])
-        products = self.atoms.gram[both][:, atoms[:, None], atoms].sum(axis=0)
+        products = self.atoms.gram[np.ix_(both, atoms, atoms)].sum(axis=0)
         return float(all_shares @ products @ all_shares)
+
+    def products_of_two(
+        self, one: PlacedTerm, other: PlacedTerm, shares: Array, other_shares: Array
+    ) -> tuple[float, float, float]:
+        """Return the sums of squares of two effects in common triangles, and their product; nuisances not projected."""
+        both = self.mask[one.columns[0]] & self.mask[other.columns[0]]
+        atoms, k = self.atom[[*one.columns, *other.columns]], len(shares)
+        all_shares = np.zeros((2, len(atoms)))
+        all_shares[0, :k], all_shares[1, k:] = shares, other_shares
+        products = all_shares @ self.atoms.raw[np.ix_(both, atoms, atoms)].sum(axis=0) @ all_shares.T
+        return float(products[0, 0]), float(products[1, 1]), float(products[0, 1])
 
     @cached_property
     def _products(self) -> dict[tuple[int, int, bool], Array]:

@@ -35,6 +35,7 @@ WIDER = {"drift": 0.01, "creep": 0.002}
 # Fraction LOCAL of a misfit that a term on at most SMALL of the triangles may explain: the law has the same misfit on
 # the other triangles, so it does not require a second effect.
 LOCAL, SMALL = 0.25, 0.5
+CANCELLED = 0.2  # of the smaller of two effects, squared: two that leave less together are no two effects
 ODDS = 8.0  # penalty for the choice of the word among all terms
 
 
@@ -196,6 +197,8 @@ class BlockPenalties:
         A static term, which differs from nuisance columns only by its priors, must be larger than its least gain plus
         WITHIN_PRIORS times the misfit of the others.
         """
+        if self._cancel(terms, shares):
+            return np.inf
         penalty = self._sibling_penalty(terms, shares)
         for i, candidate in enumerate(terms):
             if candidate.term.share == "whole" and not self._is_seen(chosen[i]):
@@ -209,6 +212,15 @@ class BlockPenalties:
             else:
                 penalty += misfit
         return penalty
+
+    def _cancel(self, terms: Sequence[PlacedTerm], shares: Sequence[Array]) -> bool:
+        """Return whether two effects nearly cancel each other where both are."""
+        for i, one in enumerate(terms):
+            for other, other_shares in zip(terms[:i], shares[:i], strict=True):
+                own, others, both = self.design.products_of_two(one, other, shares[i], other_shares)
+                if own + others + 2.0 * both < CANCELLED * min(own, others):
+                    return True
+        return False
 
     def _sibling_penalty(self, terms: Sequence[PlacedTerm], shares: Sequence[Array]) -> float:
         """Return the penalty of memories that are selected at several places: the misfit of one law at all of them.

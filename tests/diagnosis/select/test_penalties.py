@@ -75,3 +75,10 @@ def test_a_local_term_may_explain_only_a_part_of_a_memorys_misfit(design):
     whole = design.overlap(design.candidates[on_all], design.candidates[memory], own)
     assert there.sum() == 1
     assert raised[0] / size == pytest.approx(0.25 * raised[1] / whole, rel=1e-3)
+
+
+@pytest.mark.parametrize(("counts", "is_possible"), [(8.0, True), (-8.0, False)])
+def test_two_effects_that_cancel_each_other_are_no_model(design, counts, is_possible):
+    baseline, drift = number(design, "baseline"), number(design, "drift")
+    shares = {baseline: full(design, baseline, 8.0), drift: full(design, drift, counts)}
+    assert np.isfinite(penalty(design, shares)) == is_possible
