@@ -46,10 +46,10 @@ def main() -> None:
         accepted = {word for each in case["effects"] for word in each["accept"]} | set(case["equivalent"])
         judged = [
             (
-                features(finding.margin, residual_fraction, is_of_triangles(finding.effect, finding.where)),
+                features(finding.margin, residual_fraction, n_findings, is_of_triangles(finding.effect, finding.where)),
                 bool(accepted & {finding.effect, *finding.alternatives}),
             )
-            for finding, residual_fraction in _findings(asked.cases / name)
+            for finding, residual_fraction, n_findings in _findings(asked.cases / name)
             if finding.margin is not None and (finding.effect not in case["tolerated"] or finding.effect in accepted)
         ]
         rows += [x for x, _ in judged]
@@ -79,15 +79,16 @@ def fit(x: NDArray[np.float64], y: NDArray[np.float64], weight: NDArray[np.float
     return np.asarray(minimize(loss, np.zeros(x.shape[1])).x)
 
 
-def _findings(folder: Path) -> list[tuple[Finding, float]]:
-    """Of a case, each with the share of the mismatch that all of them leave."""
+def _findings(folder: Path) -> list[tuple[Finding, float, int]]:
+    """Return the findings of a case, each with the fraction of the mismatch that all leave, and their number."""
     simulated = folder / "simulation"
     try:
         simulations = [load(simulated)] if simulated.exists() else []
         (result,) = diagnose([load(folder / "recording")], None, _silent, simulations).results
     except InsoleError:
         return []
-    return [(finding, result.figures.residual_fraction) for finding in result.findings]
+    n_findings = len(result.findings)
+    return [(finding, result.figures.residual_fraction, n_findings) for finding in result.findings]
 
 
 def _silent(text: str) -> None:

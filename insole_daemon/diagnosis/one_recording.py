@@ -85,7 +85,23 @@ def diagnose_one(seen: WrenchObservation, foot: FootRecording, progress: Callabl
         faults, whole, kept.refined, figures, (), tuple(effects), _single_terms(search),
         tuple(not_identifiable(whole, {finding.effect for finding in findings}, searched.priors)), is_unknown, timing,
     )  # fmt: skip
-    return replace(result, findings=(*findings, *clock_findings(result)))
+    return replace(result, findings=_with_confidence([*findings, *clock_findings(result)], figures))
+
+
+def _with_confidence(findings: Sequence[Finding], figures: HeldoutErrors) -> tuple[Finding, ...]:
+    """Return the findings with the confidence of those that the search selected."""
+    return tuple(
+        finding
+        if finding.margin is None
+        else replace(
+            finding,
+            confidence=confidence.confidence(
+                finding.margin, figures.residual_fraction, len(findings),
+                confidence.is_of_triangles(finding.effect, finding.where),
+            ),
+        )
+        for finding in findings
+    )  # fmt: skip
 
 
 def _validated_terms(search: SubsetSearch[Any], best: FittedSet, timing: Timing) -> tuple[ValidatedSet, bool]:
@@ -181,9 +197,6 @@ def _term_findings(
                 effect=word, alternatives=tuple(other for other, _ in alternatives[:1]), foot=seen.layout.foot,
                 where=where, equation=laws()[word].equation if word in laws() else "", recordings=(seen.name,),
                 parameters=parameters, explains=gain, margin=margin,
-                confidence=confidence.confidence(
-                    margin, figures.residual_fraction, confidence.is_of_triangles(word, where)
-                ),
                 sentence=sentence,
                 **heldout_of(
                     seen.load_is_known, float(np.sqrt(figures.after[0] ** 2 + gain)), float(figures.after[0])
@@ -222,7 +235,6 @@ def _placement_findings(
                 effect=placement.word, foot=seen.layout.foot, where=placement.where,
                 equation=laws()[placement.word].equation, recordings=(seen.name,),
                 parameters=placement.parameters, explains=gain, margin=placement.margin,
-                confidence=confidence.confidence(placement.margin, figures.residual_fraction),
                 sentence=sentences.of_effect(placement.word, placement.where, placement.parameters),
                 **heldout_of(seen.load_is_known, float(np.sqrt(figures.after[0] ** 2 + gain)), float(figures.after[0])),
             )

@@ -75,8 +75,7 @@ def timing_findings(
             Finding(
                 effect=word, alternatives=() if alternative is None else (alternative,), foot=seen.layout.foot,
                 where=Where(), equation=laws()[word].equation, recordings=(seen.name,), parameters=parameters,
-                explains=figures.timing_gain / len(first.words),
-                confidence=confidence.confidence(margin, figures.residual_fraction), margin=margin,
+                explains=figures.timing_gain / len(first.words), margin=margin,
                 sentence=sentences.of_effect(word, Where(), parameters),
                 **heldout_of(seen.load_is_known, float(np.sqrt(after**2 + figures.timing_gain)), after),
             )
