@@ -120,7 +120,7 @@ def _without_negligible(search: SubsetSearch[Any], kept: ValidatedSet, timing: T
 
     before, after = square(errors.before), square(errors.after)
     for i, gain in reversed(list(zip(kept.order, errors.gains, strict=True))):
-        if gain > LEAST_GAINED * sum(errors.gains) or _is_beside_heldout(whole, best.chosen[i], errors):
+        if gain > LEAST_GAINED * sum(errors.gains) or _is_without_heldout_effect(whole, best.chosen[i], errors):
             continue
         rest = [k for j, k in enumerate(best.chosen) if j != i]
         others = search.singles() if len(rest) == 1 else []
@@ -132,11 +132,11 @@ def _without_negligible(search: SubsetSearch[Any], kept: ValidatedSet, timing: T
     return None
 
 
-def _is_beside_heldout(whole: Design | BlockDesign, k: int, errors: HeldoutErrors) -> bool:
-    """Return whether the held-out error cannot tell of candidate `k`.
+def _is_without_heldout_effect(whole: Design | BlockDesign, k: int, errors: HeldoutErrors) -> bool:
+    """Return whether candidate `k` hardly changes the held-out error although it is real.
 
-    A clock only aligns. Curves that were refitted beside a memory take up a static effect; that of a part of the insole
-    stays, because the mean curve of a memory, the reason to refit them, is alike on all boards.
+    A clock only aligns. Curves that were refitted beside a memory absorb a static effect. Only one of a part of the
+    insole counts, because the mean curve of a memory, the reason to refit them, is alike on all boards.
     """
     candidate = whole.candidates[k]
     if candidate.word == "clock":

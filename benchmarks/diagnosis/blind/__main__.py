@@ -26,12 +26,14 @@ def _parser() -> argparse.ArgumentParser:
     programs = parser.add_subparsers(dest="verb", required=True)
     make_parser = programs.add_parser("make", help="write a set of cases and its sealed truth; prints the seal")
     make_parser.add_argument("--suite", choices=SUITES, default="all")
-    make_parser.add_argument("--seed", type=int, required=True, help="whoever knows it knows the cases")
+    make_parser.add_argument(
+        "--seed", type=int, required=True, help="seed of the random numbers; the same seed makes the same cases"
+    )
     make_parser.add_argument("--cases", type=int, required=True, help="how many")
     make_parser.add_argument("--out", type=Path, required=True, help="folder for what the tool is given")
     make_parser.add_argument("--sealed", type=Path, required=True, help="folder for the truth; keep it from the tool")
     make_parser.add_argument("--scheduler", help=_SCHEDULER)
-    run_parser = programs.add_parser("run", help="run a tool on every case; goes on where it stopped")
+    run_parser = programs.add_parser("run", help="run a tool on every case; skips cases that have an answer")
     run_parser.add_argument("--cases", type=Path, required=True)
     run_parser.add_argument("--answers", type=Path, required=True)
     run_parser.add_argument("--scheduler", help=_SCHEDULER)

@@ -88,7 +88,7 @@ def _draw_scope(rng: np.random.Generator, word: str, spec: Spec, own_clock: bool
     if spec.kind == "undecidable":
         return options[0]
     if word == "delay" and own_clock:
-        return "board"  # a delay of all boards cannot be told from the clock's offset
+        return "board"  # a delay of all boards and an offset of the clock change the readings alike
     if word == "unknown":
         return ("board", "triangle")[int(rng.integers(2))] if spec.local else "insole"
     if word == "viscoelasticity" and spec.kind == "triple":

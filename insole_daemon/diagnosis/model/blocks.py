@@ -184,23 +184,19 @@ class BlockDesign:
         products = self._products_of(other, self.is_within_priors(candidate))[both]
         return float(np.einsum("k,tkl,l->", shares, products, shares))
 
-    def overlap_of_both(self, one: PlacedTerm, other: PlacedTerm, shares: Array, other_shares: Array) -> float:
-        """Return the sum of squares of two effects together in common triangles, nuisance columns projected out."""
-        both = self.mask[one.columns[0]] & self.mask[other.columns[0]]
-        atoms, all_shares = self.atom[[*one.columns, *other.columns]], np.concatenate([shares, other_shares])
-        products = self.atoms.gram[np.ix_(both, atoms, atoms)].sum(axis=0)
-        return float(all_shares @ products @ all_shares)
-
     def products_of_two(
-        self, one: PlacedTerm, other: PlacedTerm, shares: Array, other_shares: Array
-    ) -> tuple[float, float, float]:
-        """Return the sums of squares of two effects in common triangles, and their product; nuisances not projected."""
+        self, one: PlacedTerm, other: PlacedTerm, shares: Array, other_shares: Array, raw: bool
+    ) -> Array:
+        """Return the inner products (2, 2) of two effects in common triangles.
+
+        Unless `raw`, own nuisance columns are projected out.
+        """
         both = self.mask[one.columns[0]] & self.mask[other.columns[0]]
         atoms, k = self.atom[[*one.columns, *other.columns]], len(shares)
-        all_shares = np.zeros((2, len(atoms)))
-        all_shares[0, :k], all_shares[1, k:] = shares, other_shares
-        products = all_shares @ self.atoms.raw[np.ix_(both, atoms, atoms)].sum(axis=0) @ all_shares.T
-        return float(products[0, 0]), float(products[1, 1]), float(products[0, 1])
+        of_two = np.zeros((2, len(atoms)))
+        of_two[0, :k], of_two[1, k:] = shares, other_shares
+        products = self.atoms.raw if raw else self.atoms.gram
+        return np.asarray(of_two @ products[np.ix_(both, atoms, atoms)].sum(axis=0) @ of_two.T)
 
     @cached_property
     def _products(self) -> dict[tuple[int, int, bool], Array]:

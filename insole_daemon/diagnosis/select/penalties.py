@@ -217,8 +217,8 @@ class BlockPenalties:
         """Return whether two effects nearly cancel each other where both are."""
         for i, one in enumerate(terms):
             for other, other_shares in zip(terms[:i], shares[:i], strict=True):
-                own, others, both = self.design.products_of_two(one, other, shares[i], other_shares)
-                if own + others + 2.0 * both < CANCELLED * min(own, others):
+                products = self.design.products_of_two(one, other, shares[i], other_shares, raw=True)
+                if products.sum() < CANCELLED * products.diagonal().min():
                     return True
         return False
 
@@ -270,7 +270,7 @@ class BlockPenalties:
             misfit += alike * part * self.design.overlap(one, other, own)
             if one.term.is_memory and other.term.is_loop and not self._is_small_beside(other, one):
                 part = MISFIT_OF_MEMORY / (2.0 if other.term.is_memory else 1.0)
-                misfit += alike * part * self.design.overlap_of_both(one, other, shares[i], own)
+                misfit += alike * part * float(self.design.products_of_two(one, other, shares[i], own, raw=False).sum())
         return one.term.likeness * misfit
 
     def _is_small_beside(self, one: PlacedTerm, other: PlacedTerm) -> bool:
