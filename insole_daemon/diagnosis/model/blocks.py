@@ -145,6 +145,16 @@ class BlockDesign:
         """Return the inner products (T, K) of the atoms with y, own nuisance columns projected out."""
         return self.atoms.products_with(self._y_residual) - self.atoms.product
 
+    def residual_cross(self, terms: Sequence[PlacedTerm], shares: Sequence[Array]) -> Array:
+        """Return inner products (T, K) of all atoms with the residual of `terms`, nuisance columns projected out."""
+        cross = self.atom_cross.copy()
+        with_shared = self._y_with_shared.copy()
+        for term, own in zip(terms, shares, strict=True):
+            for column, share in zip(term.columns, own, strict=True):
+                cross -= self.atoms.gram[:, self.atom[column]] * (share * self.mask[column])[:, None]
+                with_shared -= share * self._with_shared[column]
+        return np.asarray(cross - self.atoms.shared @ (self.nuisance.shared_inverse @ with_shared))
+
     @cached_property
     def cross(self) -> Array:
         """Return the inner products (p,) of the columns with y, nuisance columns projected out."""

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ...physics.law import Array
 from ..model.blocks import BlockDesign
+from .each_triangle import of_each_triangle
 from .search import FittedSet, SubsetSearch
 
 MOST_GROUPS = 16
@@ -39,7 +40,7 @@ def with_groups(design: BlockDesign, best: FittedSet) -> BlockDesign:
 
 def _groups(design: BlockDesign, rest: FittedSet, words: frozenset[str]) -> list[tuple[int, NDArray[np.bool_], float]]:
     """Return (k, triangles (T,), gain less penalty) of sets in the residual of `rest`; with `words`, of these only."""
-    cross = _residual_cross(design, rest)
+    cross = design.residual_cross([design.candidates[k] for k in rest.chosen], rest.shares)
     works = np.asarray(design.seen.usable.any(axis=1))
     taxels = design.seen.usable.sum(axis=1)
     groups = []
@@ -48,10 +49,7 @@ def _groups(design: BlockDesign, rest: FittedSet, words: frozenset[str]) -> list
             continue
         if words and candidate.word not in words:
             continue
-        atoms = design.atom[candidate.columns]
-        r, gram = cross[:, atoms], design.atoms.gram[:, atoms][:, :, atoms]
-        ridge = 1e-6 * np.einsum("tkk->tk", gram)[..., None] * np.eye(len(atoms)) + 1e-12 * np.eye(len(atoms))
-        shares = np.linalg.solve(gram + ridge, r[..., None])[..., 0]
+        r, gram, shares = of_each_triangle(design, candidate, cross)
         gains = np.where(works, np.einsum("tk,tk->t", r, shares), -np.inf)
         if candidate.term.share == "positive":
             gains = np.where((r > 0).any(axis=1), gains, -np.inf)
@@ -63,7 +61,7 @@ def _groups(design: BlockDesign, rest: FittedSet, words: frozenset[str]) -> list
         scores = []
         for m in range(1, len(order) + 1):
             group = order[:m]
-            r_sum, gram_sum = r[group].sum(axis=0), (gram + ridge)[group].sum(axis=0)
+            r_sum, gram_sum = r[group].sum(axis=0), gram[group].sum(axis=0)
             penalty = least_per_taxel * float(taxels[group].sum()) + 2 * math.log(math.comb(int(works.sum()), m))
             scores.append(float(r_sum @ np.linalg.solve(gram_sum, r_sum)) - penalty)
         if not scores or max(scores) <= 0:
@@ -71,7 +69,7 @@ def _groups(design: BlockDesign, rest: FittedSet, words: frozenset[str]) -> list
         m = int(np.argmax(scores)) + 1
         triangles = np.zeros(len(works), np.bool_)
         triangles[order[:m]] = True
-        if 1 < m < works.sum() and scores[m - 1] > LEAST_BETTER * _best_regular_gain(design, r, gram + ridge, works):
+        if 1 < m < works.sum() and scores[m - 1] > LEAST_BETTER * _best_regular_gain(design, r, gram, works):
             groups.append((k, triangles, scores[m - 1]))
     return groups
 
@@ -86,12 +84,3 @@ def _best_regular_gain(design: BlockDesign, r: Array, gram: Array, works: NDArra
     return max(
         float(r[p].sum(axis=0) @ np.linalg.solve(gram[p].sum(axis=0), r[p].sum(axis=0))) for p in places if p.any()
     )
-
-
-def _residual_cross(design: BlockDesign, rest: FittedSet) -> Array:
-    """Return the inner products (T, K) of all atoms with the residual of the set `rest`, by triangle."""
-    cross = design.atom_cross.copy()
-    for k, shares in zip(rest.chosen, rest.shares, strict=True):
-        for column, share in zip(design.candidates[k].columns, shares, strict=True):
-            cross -= design.atoms.gram[:, design.atom[column]] * (share * design.mask[column])[:, None]
-    return cross
