@@ -17,6 +17,7 @@ from .observations.chamber import ChamberObservation
 from .observations.wrench import WrenchObservation
 
 LINEAR_COUNT = 0.1  # shift below which a curve is taken as straight
+TOP = 0.9  # quantile of the taxels' largest readings: single taxels may read at the end of their range
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +70,11 @@ class LoadEstimate:
     def courses_pa(self) -> Array:
         """Return the loads of all taxels without repetition, (N, t, k); they broadcast to (N, T, 12)."""
         return self.pressure_pa
+
+    @cached_property
+    def top_pa(self) -> float:
+        """Return the load of a taxel under much of it, to which parameters of laws are relative."""
+        return float(np.quantile(self.courses_pa.max(axis=0), TOP))
 
     def before(self, term_order: int | None) -> LoadEstimate:
         """Return the load on which a term at this place of the signal path acts: that of the readings."""
@@ -148,6 +154,11 @@ class KnownLoad(LoadEstimate):
         seen = self.observation
         assert isinstance(seen, ChamberObservation)
         return sum((change for _, change in self.changes), start=seen.load_pa(seen.reference_s))
+
+    @cached_property
+    def top_pa(self) -> float:
+        """Return the largest load."""
+        return float(self.courses_pa.max())
 
     @property
     def gained_count(self) -> Array:

@@ -43,6 +43,16 @@ def test_activated_flow_at_a_large_scale_is_a_first_order_lag():
     np.testing.assert_allclose(x - late, low_pass(x, 0.02, 1.5), atol=0.01 * np.ptp(WAYS_PA))
 
 
+def test_the_inverse_of_activated_flow_is_a_flow():
+    """Creep q = P − a·(P − z) is undone by P = q + a/(1 − a)·(q − z), with z from q, (1 − a)·τ and (1 − a)·s."""
+    a, tau_s, scale_pa, step_s = 0.4, 8.0, 20e3, 0.01
+    load_pa = 150e3 * np.sin(0.4 * np.arange(0.0, 60.0, step_s)[:, None]) ** 2
+    read_pa = load_pa - a * flows(load_pa, step_s, np.array([tau_s]), np.array([scale_pa]))[0]
+    late_pa = flows(read_pa, step_s, (1 - a) * np.array([tau_s]), (1 - a) * np.array([scale_pa]))[0]
+    assert np.abs(load_pa - read_pa).max() > 25e3
+    np.testing.assert_allclose(read_pa + a / (1 - a) * late_pa, load_pa, atol=200.0)
+
+
 def test_polynomials_of_every_taxel_have_numpys_values():
     rng = np.random.default_rng(2)
     x, coefficients = rng.normal(size=(2 * AT_ONCE + 5, 3, 4)), rng.normal(size=(6, 3, 4))

@@ -114,7 +114,10 @@ class Design:
 
     def subset(self, chosen: Sequence[int]) -> Design:
         """Return the regression with the columns of `chosen` candidates and their companions."""
-        picked = [self.candidates[k] for k in chosen]
+        return self._with([self.candidates[k] for k in chosen])
+
+    def _with(self, picked: Sequence[PlacedTerm]) -> Design:
+        """Return the regression with the columns of the candidates `picked` and their companions."""
         columns = np.unique(
             np.concatenate([np.concatenate([c.columns, c.companions]) for c in picked] or [np.empty(0, np.intp)])
         )
@@ -133,11 +136,11 @@ class Design:
         )  # fmt: skip
 
     def of_laws(self) -> Design:
-        """Return the regression itself: on a walk there are no companions for the misfit of laws."""
-        return self
+        """Return the regression with the laws alone, without columns for their misfit."""
+        return self._with([candidate.of_law() for candidate in self.candidates])
 
     def without_internal_companions(self) -> Design:
-        """Return the regression itself, for the same reason."""
+        """Return the regression itself: on a walk there are no companions for the misfit of laws."""
         return self
 
     def exchanged(self, i: int, setting: Setting) -> Design:

@@ -78,27 +78,21 @@ def wrench_errors(
     aligning = np.array([name in ("offset_s", "rate") or name.startswith("time_") for name in base.names])
     substituted = (base.prior_std >= UNKNOWN_TAXEL_STD) & np.array([each.startswith(SHARES) for each in base.names])
     raw = refined.design.raw.astype(np.float64)
-    own = np.concatenate([each.columns for each in refined.design.candidates] or [np.empty(0, np.intp)])
-    beside = np.setdiff1d(np.arange(raw.shape[1]), own)
-    theta = np.concatenate([*refined.shares, np.empty(0)])
-    strengths = [float(np.abs(each).sum()) for each in refined.shares]
-    active = own[theta != 0]
-    whole = np.concatenate(
-        [np.full(len(c.columns), c.term.share == "whole") for c in refined.design.candidates] or [np.empty(0, bool)]
-    )[theta != 0]
-    fixed = raw[:, active[whole]].sum(axis=1)
-    free = np.concatenate([active[~whole], beside]).astype(np.intp)
-    columns = np.concatenate([base.matrix, raw[:, free]], axis=1)
-    absorbed = absorbed_std(refined.design.candidates, strengths, beside)
-    prior = np.concatenate([base.prior_std, np.full(int((~whole).sum()), np.inf), absorbed])
-    kept = np.concatenate([aligning | substituted, np.ones(columns.shape[1] - len(base.names), bool)])
+    fit, law = _Columns.of(refined), _Columns.of(refined.of_laws)
+    columns = np.concatenate([base.matrix, fit.free], axis=1)
+    prior = np.concatenate([base.prior_std, fit.prior_std])
+    kept = np.concatenate([aligning | substituted, np.ones(fit.free.shape[1], bool)])
+    of_law = np.concatenate([base.matrix, law.free], axis=1)
+    law_prior = np.concatenate([base.prior_std, law.prior_std])
+    law_kept = np.concatenate([aligning | substituted, np.ones(law.free.shape[1], bool)])
     fold = np.repeat((np.arange(n) * seen.step_s // FOLD_S).astype(int) % N_FOLDS, 3)
     after = np.empty_like(y)
     for k in range(N_FOLDS):
         held = fold == k
-        shares = ridge(columns[~held], prior, (y - fixed)[~held])
+        shares = ridge(of_law[~held], law_prior, (y - law.fixed)[~held])
         # Recalibration within its prior is a nuisance and is not in the exported model.
-        after[held] = (y - fixed - columns[:, kept] @ shares[kept])[held]
+        after[held] = (y - law.fixed - of_law[:, law_kept] @ shares[law_kept])[held]
+    fixed, beside = fit.fixed, fit.companions
     every = ridge(columns, prior, y - fixed)
     for i in nuisances:
         as_read = as_read - raw[:, refined.design.candidates[i].columns] @ refined.shares[i]
@@ -129,6 +123,34 @@ def wrench_errors(
         every[:b],
         dict(zip(beside.tolist(), every[len(every) - len(beside) :].tolist(), strict=True)),
     )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Columns:
+    """Columns of a refined set: the sum of those with a fixed share, and those with a free one."""
+
+    fixed: Array  # (3N,)
+    free: Array  # (3N, k), companions last
+    prior_std: Array  # (k,)
+    companions: NDArray[np.intp]  # numbers in the refined design
+
+    @staticmethod
+    def of(refined: Refined[Design]) -> _Columns:
+        raw, candidates = refined.design.raw.astype(np.float64), refined.design.candidates
+        own = np.concatenate([each.columns for each in candidates] or [np.empty(0, np.intp)])
+        companions = np.setdiff1d(np.arange(raw.shape[1]), own)
+        active = np.concatenate([*refined.shares, np.empty(0)]) != 0
+        is_fixed = np.concatenate(
+            [np.full(len(each.columns), each.term.share == "whole") for each in candidates] or [np.empty(0, bool)]
+        )
+        free = own[active & ~is_fixed]
+        absorbed = absorbed_std(candidates, [float(np.abs(each).sum()) for each in refined.shares], companions)
+        return _Columns(
+            raw[:, own[active & is_fixed]].sum(axis=1),
+            raw[:, np.concatenate([free, companions]).astype(np.intp)],
+            np.concatenate([np.full(len(free), np.inf), absorbed]),
+            companions,
+        )
 
 
 def ridge(columns: Array, prior_std: Array, y: Array) -> Array:

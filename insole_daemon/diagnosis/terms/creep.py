@@ -3,13 +3,17 @@
 q = (1 − Σ a_k)·P + Σ a_k·z_k, τ_k·dz_k/dt = P − z_k.
 
 The inverse, computed from readings, is a sum of the same form: P = q + Σ b_k·(q − z′_k), τ′_k·dz′_k/dt = q − z′_k. Its
-poles and residues give a_k and τ_k (`forward`). If the load is known, columns of activated flow are offered too: a flow
-that is fast far from equilibrium and has no single time constant. The exported model contains only the sum.
+poles and residues give a_k and τ_k (`forward`).
+
+Columns of activated flow are offered too: a flow that is fast far from equilibrium and has no single time constant,
+τ·dz/dt = s·sinh((P − z)/s). With q = (1 − a)·P + a·z, its inverse has the same form: P = q + a/(1 − a)·(q − z), and z
+flows towards q with the time constant (1 − a)·τ and the scale (1 − a)·s. The exported model contains only the sum.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -21,7 +25,9 @@ from .term import ABSORBED, Setting, Term, TermColumns
 RATIO = 4.0  # between time constants
 FASTEST_S = 0.5  # smallest time constant
 SLOW_S = 5.0  # longer than the viscoelasticity of foams and skins, which ends after a few seconds
-LEAST_SLOW = 0.1  # smallest fraction of the shares with time constants above SLOW_S
+# Smallest fraction of the shares with time constants above SLOW_S, under a known load and on a walk, where a little may
+# be an error of the calibration.
+LEAST_SLOW, LEAST_SLOW_ON_WALKS = 0.1, 0.3
 UNEVEN = 0.5  # prior standard deviation of the companion `uneven_creep`
 # Activated flow: pressure scale relative to the largest load, and time constant relative to the recording.
 FLOWS = ((0.05, 2.0), (0.05, 10.0), (0.08, 0.1), (0.08, 0.5), (0.08, 2.0), (0.08, 10.0), (0.13, 0.1), (0.13, 0.5))
@@ -31,7 +37,16 @@ EARLIER = 100.0  # prior standard deviation of the load before the recording, kP
 
 
 def _columns(load: LoadEstimate) -> list[TermColumns]:
-    """Return joint columns: q − z′ for time constants from FASTEST_S to the recording's length, and activated flow."""
+    """Return joint columns: q − z′ for time constants up to the recording's length, and flows if the load is known."""
+    return [_joint_columns(load, with_flows=load.is_known)]
+
+
+def _columns_with_flows(load: LoadEstimate) -> list[TermColumns]:
+    """Return joint columns of a walk: q − z′ for time constants up to the recording's length, and flows."""
+    return [] if load.is_known else [_joint_columns(load, with_flows=True)]
+
+
+def _joint_columns(load: LoadEstimate, with_flows: bool) -> TermColumns:
     seen = load.observation
     wrench = load.by_triangle
     # If the load is known, a time constant longer than the recording would be a regressor like the load itself.
@@ -40,17 +55,16 @@ def _columns(load: LoadEstimate) -> list[TermColumns]:
     taus_s = FASTEST_S * RATIO ** np.arange((np.floor(number) if load.is_known else np.ceil(number)) + 1)
     settings = [{"tau_s": float(tau_s)} for tau_s in taus_s]
     late = [wrench - low_pass(wrench, seen.step_s, tau_s) for tau_s in taus_s]
-    if load.is_known:
+    if with_flows:
         flow_settings, flowing = _activated(load, longest_s)
         settings, late = settings + flow_settings, late + flowing
-    return [TermColumns(tuple(settings), by_triangle=np.stack(late, axis=-1), joint=True)]
+    return TermColumns(tuple(settings), by_triangle=np.stack(late, axis=-1), joint=True)
 
 
 def _activated(load: LoadEstimate, longest_s: float) -> tuple[list[dict[str, float]], list[Array]]:
     """Return settings and columns of P − z, with z the activated flow towards the load (`operators.flows`)."""
     pressure = load.courses_pa
-    top_pa = float(pressure.max())
-    settings = [{"tau_s": length * longest_s, "scale_pa": scale * top_pa} for scale, length in FLOWS]
+    settings = [{"tau_s": length * longest_s, "scale_pa": scale * load.top_pa} for scale, length in FLOWS]
     tau_s, scale_pa = np.array([[setting["tau_s"], setting["scale_pa"]] for setting in settings]).T
     late = flows(pressure.reshape(len(pressure), -1), load.step_s, tau_s, scale_pa)
     return settings, [load.wrench_of_courses(one.reshape(pressure.shape)) for one in late]
@@ -96,8 +110,18 @@ def _known_parameters(settings: Sequence[Setting], shares: Array) -> dict[str, o
 
 def _is_possible(settings: Sequence[Setting], shares: Array, load_is_known: bool) -> bool:
     """Return whether enough of it is slower than viscoelasticity; asked only if the load is known."""
+    return not load_is_known or _slow_part(settings, shares) > LEAST_SLOW
+
+
+def is_possible_on_walks(settings: Sequence[Setting], shares: Array, load_is_known: bool) -> bool:
+    """Return whether enough of it is slower than viscoelasticity, on a walk."""
+    return _slow_part(settings, shares) > LEAST_SLOW_ON_WALKS
+
+
+def _slow_part(settings: Sequence[Setting], shares: Array) -> float:
+    """Return the fraction of the shares with time constants above SLOW_S; 0 without shares."""
     slow = np.array([setting["tau_s"] for setting in settings]) > SLOW_S
-    return not load_is_known or bool(shares[slow].sum() > LEAST_SLOW * shares.sum())
+    return float(shares[slow].sum() / max(shares.sum(), 1e-300))
 
 
 def _is_in_law(setting: Setting) -> bool:
@@ -120,4 +144,8 @@ TERM = Term(
     is_in_law=_is_in_law,
     misfit=0.05,
     known_misfit=0.02,
+)
+# On a walk flows are offered at large places only: the wrench does not show which law a triangle follows.
+WITH_FLOWS = replace(
+    TERM, scopes=("insole", "board"), columns=_columns_with_flows, is_possible=is_possible_on_walks, misfit=0.01
 )

@@ -8,25 +8,16 @@ describe any error.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from ...physics.law import Array
 from ..load_estimate import LoadEstimate
 from . import creep
-from .term import Setting, Term, TermColumns
+from .term import Term, TermColumns
 
 CALIBRATED = "calibrated_creep"
-LEAST_SLOW = 0.3  # smallest fraction of the shares with time constants above `creep.SLOW_S`
 ABSORBED = 0.5  # prior standard deviation of the absorbed static part, per share that creeps
-
-
-def _is_possible(settings: Sequence[Setting], shares: Array, load_is_known: bool) -> bool:
-    """Return whether enough of it is slower than viscoelasticity: a little may be an error of the calibration."""
-    slow = np.array([setting["tau_s"] for setting in settings]) > creep.SLOW_S
-    return bool(shares[slow].sum() > LEAST_SLOW * shares.sum())
 
 
 def _columns(load: LoadEstimate) -> list[TermColumns]:
@@ -55,7 +46,7 @@ TERM = replace(
     columns=_columns,
     absorbs={CALIBRATED: ABSORBED},
     is_of_load=True,
-    is_possible=_is_possible,
+    is_possible=creep.is_possible_on_walks,
 )
 SHARE = Term(
     word=CALIBRATED,

@@ -1,13 +1,14 @@
 """`hysteresis`: plays. q = (1 − Σ w_j)·P + Σ w_j·play_rj[P]; the inverse, from readings, is a sum of plays too.
 
-If the load is known, columns of Dahl's friction are offered too: after a turn it follows the load sooner than a play,
-and its limit may grow with the load, as between layers that the load presses together. The exported model contains only
-the plays.
+Columns of Dahl's friction are offered too: after a turn it follows the load sooner than a play, and its limit may grow
+with the load, as between layers that the load presses together. From readings, the inverse of one friction is about a
+sum of frictions of other widths. The exported model contains only the plays.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +27,19 @@ WIDTHS = np.array([(0.02, 0.02), (0.06, 0.06), (0.18, 0.18), (0.02, 0.06), (0.06
 
 
 def _columns(load: LoadEstimate) -> list[TermColumns]:
-    """Return joint columns: q − play_r[q] for each radius, computed from readings with reduced noise, and frictions."""
+    """Return joint columns: q − play_r[q] for each radius, and frictions under a uniform load.
+
+    A simulated load turns round at other times than the real one.
+    """
+    return _joint_columns(load, with_frictions=load.observation.is_uniform)
+
+
+def _columns_with_frictions(load: LoadEstimate) -> list[TermColumns]:
+    """Return joint columns of a walk: q − play_r[q] for each radius, and frictions."""
+    return [] if load.is_known else _joint_columns(load, with_frictions=True)
+
+
+def _joint_columns(load: LoadEstimate, with_frictions: bool) -> list[TermColumns]:
     pressure = load.courses_pa
     radii_pa = RADII_PA
     if load.is_known:  # a play of half the range never returns, so it would be a step in time
@@ -36,8 +49,8 @@ def _columns(load: LoadEstimate) -> list[TermColumns]:
     flat = pressure.reshape(len(pressure), -1)
     settings: list[Setting] = [{"r_pa": radius_pa} for radius_pa in radii_pa]
     loops = [-plays(flat, np.array([radius_pa]))[0] for radius_pa in radii_pa]
-    if load.observation.is_uniform:  # a simulated load turns round at other times than the real one
-        widths_pa = float(np.ptp(pressure)) * WIDTHS
+    if with_frictions:
+        widths_pa = load.top_pa * WIDTHS
         constant = frictions(flat, *widths_pa.T)
         settings += [{"up_pa": up_pa, "down_pa": down_pa} for up_pa, down_pa in widths_pa.tolist() * 2]
         loops += [*constant, *(constant * flat / flat.max())]
@@ -91,3 +104,5 @@ TERM = Term(
     is_in_law=_is_in_law,
     misfit=0.03,
 )
+# On a walk frictions are offered at large places only: the wrench does not show which law a triangle follows.
+WITH_FRICTIONS = replace(TERM, scopes=("insole", "board"), columns=_columns_with_frictions)

@@ -14,7 +14,7 @@ import insole_daemon
 from insole_daemon.cli import app
 from insole_daemon.diagnosis.audit import audit
 from insole_daemon.diagnosis.compensation import of_walk
-from insole_daemon.diagnosis.operators import plays
+from insole_daemon.diagnosis.operators import flows, frictions, plays
 from insole_daemon.errors import DiagnosisError, UndecidableError
 from insole_daemon.physics import calibration as calibrations
 from insole_daemon.recording.loading import load
@@ -22,7 +22,7 @@ from insole_daemon.recording.loading import load
 from ..chamber import LAYOUT, Sensors
 from ..chamber import write as write_chamber
 from ..variations import MASKED, varied, without_a_board
-from .shoe import Array, late, write
+from .shoe import DT_S, Array, late, write
 
 
 def diagnose(folder: Path, out: Path, *options: str) -> dict:
@@ -139,6 +139,29 @@ def test_a_creep_larger_than_the_immediate_response_is_undone(tmp_path):
     assert finding["where"]["scope"] == "insole"
     assert sum(finding["parameters"]["a"]["value"]) == pytest.approx(0.75, abs=0.08)
     assert found["heldout"]["after"] < 0.08 * found["heldout"]["before"]
+
+
+def test_activated_creep_is_named_beside_a_lag(tmp_path):
+    """A flow that is the faster, the farther it is from equilibrium (Eyring): no sum of relaxations describes it."""
+
+    def flowing(p: Array) -> Array:
+        return late(p - 0.3 * flows(p, DT_S, np.array([60.0]), np.array([25e3]))[0], 0.02)
+
+    found = diagnose_any(write(tmp_path / "walk", flowing, seconds=40.0), tmp_path / "out")
+    by_word = {each["effect"]: each for each in found["findings"]}
+    assert set(by_word) == {"creep", "lag"}
+    assert by_word["lag"]["parameters"]["tau_s"]["value"] == pytest.approx(0.02, abs=0.004)
+
+
+@pytest.mark.parametrize(("up_pa", "down_pa"), [(30e3, 30e3), (20e3, 60e3)])
+def test_friction_that_grows_with_the_load_is_named_hysteresis(tmp_path, up_pa, down_pa):
+    """The friction of Dahl (1968) between layers that the load presses together; no sum of plays describes it."""
+
+    def rubbing(p: Array) -> Array:
+        return p - 25e3 / (up_pa + down_pa) * p / p.max() * frictions(p, np.array([up_pa]), np.array([down_pa]))[0]
+
+    found = diagnose_any(write(tmp_path / "walk", rubbing), tmp_path / "out")
+    assert [each["effect"] for each in found["findings"]] == ["hysteresis"]
 
 
 def test_a_rezero_under_the_foot_is_detected_and_only_earlier_rows_are_used(tmp_path):

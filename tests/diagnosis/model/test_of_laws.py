@@ -9,12 +9,14 @@ from typer.testing import CliRunner
 
 import insole_daemon
 from insole_daemon.cli import app
-from insole_daemon.diagnosis.load_estimate import KnownLoad
+from insole_daemon.diagnosis.load_estimate import KnownLoad, LoadEstimate
 from insole_daemon.diagnosis.model.blocks import block_design
+from insole_daemon.diagnosis.model.design import design as wrench_design
 from insole_daemon.diagnosis.model.refine import refine
 from insole_daemon.diagnosis.observing import observed
 
 from ..chamber import DT_S, Array, write
+from ..foot.shoe import write as write_walk
 
 
 def creeping_faster_under_load(t_s: Array, p: Array) -> Array:
@@ -48,3 +50,21 @@ def test_a_model_has_no_columns_for_the_misfit_of_laws(tmp_path):
     assert not set(creep.companion_words) & {"uneven_creep", "earlier_load"}
     assert len(refined.of_laws.shares[0]) == len(creep.settings)
     assert 0.0 < refined.of_laws.gain <= refined.gain
+
+
+def test_a_model_of_a_walk_has_no_flows(tmp_path):
+    recording = insole_daemon.load(write_walk(tmp_path / "walk", lambda p: 0.9 * p, seconds=12.0))
+    (seen,) = observed([recording], recording.feet, None, lambda text: None, ())
+    nothing = np.zeros(len(seen.usable), np.bool_)
+    whole = wrench_design(LoadEstimate(seen), seen.weight_variance**-0.5, nothing)
+    with_flows = [
+        k for k, c in enumerate(whole.candidates)
+        if c.word == "creep" and c.where.scope == "insole" and any("scale_pa" in setting for setting in c.settings)
+    ]  # fmt: skip
+    refined = refine(whole, tuple(with_flows))
+    (creep,) = refined.of_laws.design.candidates
+    assert all(set(setting) == {"tau_s"} for setting in creep.settings)
+    assert len(refined.of_laws.shares[0]) == len(creep.settings)
+    np.testing.assert_array_equal(
+        refined.of_laws.design.raw[:, creep.columns], refined.design.raw[:, : len(creep.settings)]
+    )
