@@ -15,6 +15,7 @@ from .model.refine import Refined, refine
 from .model.regression import Timing
 from .model.solve import solve_shares
 from .searching import GOOD_FIT
+from .select.confidence import is_of_triangles
 from .select.count_errors import count_errors, residual_squares
 from .select.each_triangle import of_each_triangle
 from .select.search import FittedSet, SubsetSearch
@@ -41,9 +42,9 @@ class ValidatedSet:
 def eliminate_backward(search: SubsetSearch[Any], best: FittedSet, timing: Timing) -> ValidatedSet:
     """Return `best` without terms that are not worth their penalty after refinement, or on held-out rows.
 
-    One term is removed at a time, in this order of rules: its gain is below its penalty; it gains as much in triangles
-    where it is not; its word explains less than the lack of fit; the set makes held-out rows worse; its held-out gain
-    is negligible.
+    One term is removed at a time, in this order of rules: its gain is below its penalty; a term of single triangles
+    gains as much in others; its word explains less than the lack of fit; the set makes held-out rows worse; its
+    held-out gain is negligible.
     """
     while True:
         refined = refine(search.design, best.chosen)
@@ -164,9 +165,9 @@ def _share_of_insole(whole: Design | BlockDesign, k: int) -> float:
 def ordinary_place(refined: Refined[Any]) -> int | None:
     """Return the position of the term whose place stands out least, if it does not stand out; None if all do.
 
-    A term of single triangles or boards is fitted to each triangle alone, on the residual of the others. Where an
-    effect really is, its gain is far above that in the triangles elsewhere. What a law of the other terms does not
-    describe gives a gain in many triangles, in some more than in others.
+    A term of single triangles is fitted to each triangle alone, on the residual of the others. Where an effect really
+    is, its gain is far above that in the triangles elsewhere. What a law of the other terms does not describe gives a
+    gain in many triangles, in some more than in others. The column of a snap is a part of any loop, so it is not asked.
     """
     design = refined.design
     if not isinstance(design, BlockDesign):
@@ -178,6 +179,8 @@ def ordinary_place(refined: Refined[Any]) -> int | None:
         own = works & design.mask[term.columns[0]]
         same_word = [design.mask[other.columns[0]] for other in design.candidates if other.word == term.word]
         elsewhere = works & ~np.any(same_word, axis=0)
+        if not is_of_triangles(term.word, term.where) or term.word == "snap":
+            continue
         if np.count_nonzero(elsewhere) < LEAST_ELSEWHERE or not own.any():
             continue
         atoms = design.atom[term.columns]

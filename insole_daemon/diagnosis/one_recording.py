@@ -274,10 +274,11 @@ def _single_terms(search: SubsetSearch[Any]) -> tuple[tuple[str, float, float], 
 
 def not_identifiable(whole: Design | BlockDesign, reported: set[str], priors: Priors) -> list[dict[str, str]]:
     """Return the terms that this recording does not determine: their std is over a third of the plausible size."""
-    rows = []
+    rows, done = [], set(reported)
     for term in TERMS:
-        if term.word in reported or term.is_internal or term.is_of_load:
+        if term.word in done or term.is_internal:
             continue
+        done.add(term.word)
         why = term.needs(whole.load)
         if why is None and priors.share and term.word in ("gain", "stiffening"):
             why = f"the simulated load itself is off by about {priors.share:.0%} and {1e3 * priors.timing_s:.0f} ms"

@@ -39,7 +39,7 @@ def parameters_of(refined: Refined[Any], i: int, foot: FootRecording) -> dict[st
             shifted = shares.copy()
             shifted[k] += std[k]
             for name, value in mapping(candidate.settings, shifted).items():
-                if np.size(np.asarray(value, float)) == np.size(np.asarray(values[name], float)):
+                if np.size(value) == np.size(values.get(name, ())):  # else the shares decide what is kept
                     variance[name] = variance[name] + (np.asarray(value, float) - np.asarray(values[name], float)) ** 2
     quantities = {}
     for name, value in values.items():

@@ -239,8 +239,10 @@ class _Work:
         """Return both as one, or None if they must stay separate."""
         if self.law is not other.law or self.law.sees_all or np.intersect1d(self.slots, other.slots).size:
             return None
-        if any(len(value) != len(other.values[name]) for name, value in self.values.items() if value.ndim == 2):
-            return None  # lists of different lengths
+        if self.values.keys() != other.values.keys() or any(
+            len(value) != len(other.values[name]) for name, value in self.values.items() if value.ndim == 2
+        ):
+            return None  # other parameters, or lists of different lengths
         slots = np.concatenate([self.slots, other.slots])
         order = np.argsort(slots)
         values = {
@@ -259,7 +261,7 @@ def _join_neighbours(effects: Iterable[Effect], layout: Layout, domains: Sequenc
         if effect.law.domain not in domains:
             continue
         slots = effect.where.slots(layout)
-        for parameter in effect.law.parameters:
+        for parameter in effect.given_parameters:
             n = _values(effect)[parameter.name].shape[-1]
             if parameter.size != "pair" and n not in (1, len(slots)):
                 raise EffectError(
@@ -278,7 +280,7 @@ def _join_neighbours(effects: Iterable[Effect], layout: Layout, domains: Sequenc
 
 
 def _values(effect: Effect) -> Values:
-    return {p.name: per_slot(p, effect.values[p.name]) for p in effect.law.parameters}
+    return {p.name: per_slot(p, effect.values[p.name]) for p in effect.given_parameters}
 
 
 def _broadcast_slots(value: Array, m: int) -> Array:

@@ -93,7 +93,7 @@ def _build_effects(reading: Reading, layout: Layout) -> list[Effect]:
         ]
         for key_within, message in problems:
             reading.problem((*key, *key_within), message)
-        if not problems and len(values) == len(law.parameters):
+        if not problems and all(p.is_optional or p.name in values for p in law.parameters):
             valid = {name: (float(low), float(high)) for name, (low, high) in entry.valid_range.items()}
             arrays = {name: np.array(value, float) for name, value in values.items()}
             effects.append(Effect(law, where, arrays, std, valid))
@@ -176,7 +176,7 @@ def _is_range(limits: Any) -> bool:
 def _entries(effect: Effect, layout: Layout) -> list[dict[str, Any]]:
     """Return one entry for the effect, or one per taxel if a parameter differs between taxels."""
     dims = {"one": 0, "list": 1, "pair": 2}
-    per_taxel = [p.name for p in effect.law.parameters if effect.values[p.name].ndim > dims[p.size]]
+    per_taxel = [p.name for p in effect.given_parameters if effect.values[p.name].ndim > dims[p.size]]
     if not per_taxel:
         return [_entry(effect, effect.where, {}, slice(None))]
     identities = layout.identities.tolist()
@@ -189,7 +189,7 @@ def _entries(effect: Effect, layout: Layout) -> list[dict[str, Any]]:
 def _entry(effect: Effect, where: Where, per_taxel: Mapping[str, bool], column: Any) -> dict[str, Any]:
     """Return one entry; `per_taxel` names the parameters of which `column` selects the taxel's value."""
     parameters: dict[str, Any] = {}
-    for parameter in effect.law.parameters:
+    for parameter in effect.given_parameters:
         name = parameter.name
         quantity: dict[str, Any] = {}
         for word, numbers in (("value", effect.values), ("std", effect.std)):

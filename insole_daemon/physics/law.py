@@ -67,6 +67,7 @@ class Parameter:
     meaning: str
     size: Literal["one", "list", "pair"] = "one"
     whole: bool = False  # whether it must be an integer
+    is_optional: bool = False  # whether it may be absent, for a list; `Values` are then without it
 
 
 MOST_SHARED = 0.95  # largest total of delayed shares; without an immediate share the law has no inverse

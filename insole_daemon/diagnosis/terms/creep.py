@@ -7,7 +7,8 @@ poles and residues give a_k and τ_k (`forward`).
 
 Columns of activated flow are offered too: a flow that is fast far from equilibrium and has no single time constant,
 τ·dz/dt = s·sinh((P − z)/s). With q = (1 − a)·P + a·z, its inverse has the same form: P = q + a/(1 − a)·(q − z), and z
-flows towards q with the time constant (1 − a)·τ and the scale (1 − a)·s. The exported model contains only the sum.
+flows towards q with the time constant (1 − a)·τ and the scale (1 − a)·s. The model of a walk contains only the sum of
+relaxations, because the inverse of several flows is no sum of flows.
 """
 
 from __future__ import annotations
@@ -102,10 +103,12 @@ def forward(b: Array, tau_s: Array) -> tuple[list[float], list[float]]:
 
 
 def _known_parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:
-    """Return a_k and τ_k, which are shares and settings themselves if the load is known."""
+    """Return a_k, τ_k and, if any of them flows, s_k: shares and settings themselves if the load is known."""
     a = np.maximum(np.asarray(shares, float), 0.0)
-    kept = a > 1e-3 * max(float(a.max()), 1e-9)
-    return {"a": a[kept].tolist(), "tau_s": [s["tau_s"] for s, yes in zip(settings, kept, strict=True) if yes]}
+    kept = np.flatnonzero(a > 1e-3 * max(float(a.max()), 1e-9)).tolist()
+    values: dict[str, object] = {"a": a[kept].tolist(), "tau_s": [settings[k]["tau_s"] for k in kept]}
+    scales = [settings[k].get("scale_pa", 0.0) for k in kept]
+    return {**values, "scale_pa": scales} if any(scales) else values
 
 
 def _is_possible(settings: Sequence[Setting], shares: Array, load_is_known: bool) -> bool:
@@ -124,7 +127,8 @@ def _slow_part(settings: Sequence[Setting], shares: Array) -> float:
     return float(shares[slow].sum() / max(shares.sum(), 1e-300))
 
 
-def _is_in_law(setting: Setting) -> bool:
+def _is_relaxation(setting: Setting) -> bool:
+    """Return whether a column of a walk is in the law: the inverse of several flows is no sum of flows."""
     return "scale_pa" not in setting
 
 
@@ -141,11 +145,11 @@ TERM = Term(
     absorbs={**ABSORBED, "earlier_load": EARLIER, "uneven_creep": UNEVEN},
     yields_to=("viscoelasticity", "hysteresis"),
     is_possible=_is_possible,
-    is_in_law=_is_in_law,
     misfit=0.05,
     known_misfit=0.02,
 )
 # On a walk flows are offered at large places only: the wrench does not show which law a triangle follows.
 WITH_FLOWS = replace(
-    TERM, scopes=("insole", "board"), columns=_columns_with_flows, is_possible=is_possible_on_walks, misfit=0.01
-)
+    TERM, scopes=("insole", "board"), columns=_columns_with_flows, is_possible=is_possible_on_walks,
+    is_in_law=_is_relaxation, misfit=0.01,
+)  # fmt: skip

@@ -92,7 +92,7 @@ TABLE = {
     "hysteresis": (4, ["r_pa", "w"]),
     "snap": (4, ["up_pa", "down_pa", "step_pa"]),
     "viscoelasticity": (5, ["a", "tau_s"]),
-    "creep": (5, ["a", "tau_s"]),
+    "creep": (5, ["a", "tau_s", "scale_pa"]),
     "power_creep": (5, ["a", "exponent", "t0_s"]),
     "lag": (6, ["tau_s"]),
     "plates": (7, ["area_mm2", "gap_mm", "stiffness_n_per_m", "permittivity", "ff_per_count"]),
