@@ -50,11 +50,11 @@ class ActivatedFlow:
         """Return l_k after a step with a change of the load, and its derivative by the change, (k, m) each."""
         assert self._late is not None
         late = self._late + 0.5 * change
-        is_activated = self._scale_pa > 0
+        is_activated = (self._scale_pa > 0) & (decay < 1.0)  # within no time nothing flows
         scale = np.where(is_activated, self._scale_pa, 1.0)
         grown = exp_minus_one(np.clip(late / scale, -LARGEST, LARGEST))
         before = grown / (grown + 2.0)  # tanh(l/2s)
-        after = decay * before
+        after = np.where(is_activated, decay, 0.0) * before
         flowed = scale * ln((1.0 + after) / (1.0 - after))
         slope = decay * (1.0 - before**2) / (1.0 - after**2)
         flowed, slope = np.where(is_activated, flowed, decay * late), np.where(is_activated, slope, decay)

@@ -67,6 +67,17 @@ def test_samples_one_by_one_give_the_same_numbers() -> None:
     np.testing.assert_array_equal(np.concatenate(samples), whole)
 
 
+def test_within_no_time_nothing_flows() -> None:
+    """A leap of a hundred scales between two samples at one time, and its inverse."""
+    t_s, chain = np.array([0.0, 0.02, 0.02, 0.04]), Chain([TOGETHER], LAYOUT)
+    load = np.array([0.0, 0.0, 3e5, 3e5])[:, None, None] * np.ones((28, 12))
+    q = chain.forward()(load, t_s)
+    of_board = np.asarray(LAYOUT.identities[:, 0] == 6)
+    np.testing.assert_allclose(q[2, of_board], 0.1 * 3e5)
+    assert (q[3, of_board] > 2 * q[2, of_board]).all()
+    np.testing.assert_allclose(chain.inverse()(q, t_s), load, atol=1e-3)
+
+
 def test_a_settled_load_stays_constant_and_a_large_scale_is_a_relaxation() -> None:
     t_s = steps_s(3.0)
     chain = Chain([FLOWING], LAYOUT)
