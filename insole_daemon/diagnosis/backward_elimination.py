@@ -25,7 +25,7 @@ LEAST_GAINED = 0.001  # gain of a term when it is added, relative to the sum of 
 LEAST_NEEDED = 0.05  # loss of held-out gain without a term that gains less, relative to the set's, for it to stay
 LEAST_ELSEWHERE = 3  # triangles without a term, to compare its gain with theirs
 UPPER = 0.9  # quantile of the gains elsewhere
-STANDS_OUT = 20.0  # times that quantile is the least median gain where a term is
+LEAST_RATIO = 20.0  # of the median gain where a term is to that quantile
 MOST_WORSE = np.array([1.02, 1.1, 1.1])  # held-out error of f_z, m_x and m_y, relative to that of the model handed in
 
 
@@ -43,18 +43,16 @@ def eliminate_backward(search: SubsetSearch[Any], best: FittedSet, timing: Timin
     """Return `best` without terms that are not worth their penalty after refinement, or on held-out rows.
 
     One term is removed at a time, in this order of rules: its gain is below its penalty; a term of single triangles
-    gains as much in others; its word explains less than the lack of fit; the set makes held-out rows worse; its
+    gains nearly as much in others; its word explains less than the lack of fit; the set makes held-out rows worse; its
     held-out gain is negligible.
     """
     while True:
         refined = refine(search.design, best.chosen)
-        idle = _idle(search, best.chosen, refined)
-        if idle is not None:
-            best = search.fit([k for i, k in enumerate(best.chosen) if i != idle])
-            continue
-        ordinary = ordinary_place(refined)
-        if ordinary is not None:
-            best = search.fit([k for i, k in enumerate(best.chosen) if i != ordinary])
+        removed = _idle(search, best.chosen, refined)
+        if removed is None:
+            removed = term_with_gains_elsewhere(refined)
+        if removed is not None:
+            best = search.fit([k for i, k in enumerate(best.chosen) if i != removed])
             continue
         doubtful = insignificant_word(search.design, refined)
         if doubtful is not None:
@@ -162,34 +160,36 @@ def _share_of_insole(whole: Design | BlockDesign, k: int) -> float:
     return float(np.mean(whole.mask[whole.candidates[k].columns[0]][whole.weights.any(axis=0)]))
 
 
-def ordinary_place(refined: Refined[Any]) -> int | None:
-    """Return the position of the term whose place stands out least, if it does not stand out; None if all do.
+def term_with_gains_elsewhere(refined: Refined[Any]) -> int | None:
+    """Return the position of a term of single triangles that gains nearly as much in others; None if there is none.
 
-    A term of single triangles is fitted to each triangle alone, on the residual of the others. Where an effect really
-    is, its gain is far above that in the triangles elsewhere. What a law of the other terms does not describe gives a
-    gain in many triangles, in some more than in others. The column of a snap is a part of any loop, so it is not asked.
+    Such a term is fitted to each triangle alone, on the residual of the others. Where an effect really is, its gain is
+    far above that in the triangles elsewhere. What a law of the other terms does not describe gives a gain in many
+    triangles. Snaps are left out, because the column of a snap is a part of any loop. Of several terms, the one with
+    the smallest gain relative to that elsewhere.
     """
     design = refined.design
-    if not isinstance(design, BlockDesign):
+    local = [
+        i for i, term in enumerate(design.candidates) if is_of_triangles(term.word, term.where) and term.word != "snap"
+    ]
+    if not local or not isinstance(design, BlockDesign):
         return None
     works = design.weights.any(axis=0)
     cross = design.residual_cross(design.candidates, refined.shares)
     ratios = {}
-    for i, term in enumerate(design.candidates):
+    for i in local:
+        term = design.candidates[i]
         own = works & design.mask[term.columns[0]]
         same_word = [design.mask[other.columns[0]] for other in design.candidates if other.word == term.word]
         elsewhere = works & ~np.any(same_word, axis=0)
-        if not is_of_triangles(term.word, term.where) or term.word == "snap":
-            continue
         if np.count_nonzero(elsewhere) < LEAST_ELSEWHERE or not own.any():
             continue
-        atoms = design.atom[term.columns]
-        effect = design.atoms.gram[:, :, atoms] @ refined.shares[i]
+        effect = design.atoms.gram[:, :, design.atom[term.columns]] @ refined.shares[i]
         r, _, shares = of_each_triangle(design, term, cross + own[:, None] * effect)
         gains = np.einsum("tk,tk->t", r, shares)
         ratios[i] = float(np.median(gains[own])) / max(float(np.quantile(gains[elsewhere], UPPER)), 1.0)
     least = min(ratios, key=ratios.__getitem__, default=None)
-    return least if least is not None and ratios[least] < STANDS_OUT else None
+    return least if least is not None and ratios[least] < LEAST_RATIO else None
 
 
 def insignificant_word(whole: Design | BlockDesign, refined: Refined[Any]) -> str | None:

@@ -261,7 +261,7 @@ def _join_neighbours(effects: Iterable[Effect], layout: Layout, domains: Sequenc
         if effect.law.domain not in domains:
             continue
         slots = effect.where.slots(layout)
-        for parameter in effect.given_parameters:
+        for parameter in effect.law.given(effect.values):
             n = _values(effect)[parameter.name].shape[-1]
             if parameter.size != "pair" and n not in (1, len(slots)):
                 raise EffectError(
@@ -280,7 +280,7 @@ def _join_neighbours(effects: Iterable[Effect], layout: Layout, domains: Sequenc
 
 
 def _values(effect: Effect) -> Values:
-    return {p.name: per_slot(p, effect.values[p.name]) for p in effect.given_parameters}
+    return {p.name: per_slot(p, effect.values[p.name]) for p in effect.law.given(effect.values)}
 
 
 def _broadcast_slots(value: Array, m: int) -> Array:

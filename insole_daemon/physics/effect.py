@@ -87,11 +87,6 @@ class Effect:
     std: Mapping[str, Array] = field(default_factory=dict)  # as `values`, for estimated values
     valid_range: Mapping[str, tuple[float, float]] = field(default_factory=dict)  # ranges in which it was identified
 
-    @property
-    def given_parameters(self) -> tuple[Parameter, ...]:
-        """Return the parameters of the law without optional ones that have no value."""
-        return tuple(parameter for parameter in self.law.parameters if parameter.name in self.values)
-
 
 def effect(word: str, where: Where | None = None, /, **values: ArrayLike) -> Effect:
     """Create the effect `word` with `values`, on the whole insole unless `where` is given.
@@ -136,7 +131,7 @@ def value_problems(law: Law, values: Mapping[str, Any], has_slots: bool = False)
         last = names[-1]
         lengths_text = ", ".join(f"{n} of {name}" for name, n in lengths.items())
         problems.append(((last,), f"expected lists of the same length, found {lengths_text}"))
-    given = [p for p in law.parameters if p.name in values]
+    given = law.given(values)
     columns = {} if problems else {p.name: per_slot(p, np.array(values[p.name], float)) for p in given}
     numbers = {columns[p.name].shape[-1] for p in given if columns and p.size != "pair"} - {1}
     if len(numbers) > 1:

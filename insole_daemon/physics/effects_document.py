@@ -176,7 +176,7 @@ def _is_range(limits: Any) -> bool:
 def _entries(effect: Effect, layout: Layout) -> list[dict[str, Any]]:
     """Return one entry for the effect, or one per taxel if a parameter differs between taxels."""
     dims = {"one": 0, "list": 1, "pair": 2}
-    per_taxel = [p.name for p in effect.given_parameters if effect.values[p.name].ndim > dims[p.size]]
+    per_taxel = [p.name for p in effect.law.given(effect.values) if effect.values[p.name].ndim > dims[p.size]]
     if not per_taxel:
         return [_entry(effect, effect.where, {}, slice(None))]
     identities = layout.identities.tolist()
@@ -189,7 +189,7 @@ def _entries(effect: Effect, layout: Layout) -> list[dict[str, Any]]:
 def _entry(effect: Effect, where: Where, per_taxel: Mapping[str, bool], column: Any) -> dict[str, Any]:
     """Return one entry; `per_taxel` names the parameters of which `column` selects the taxel's value."""
     parameters: dict[str, Any] = {}
-    for parameter in effect.given_parameters:
+    for parameter in effect.law.given(effect.values):
         name = parameter.name
         quantity: dict[str, Any] = {}
         for word, numbers in (("value", effect.values), ("std", effect.std)):

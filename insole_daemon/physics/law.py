@@ -113,3 +113,7 @@ class Law:
     places: Callable[[Values, Array, Layout], Array] = lambda values, xy_m, layout: xy_m
     # Converts CAN times to reference times, in s.
     times: Callable[[Values, Array], Array] = lambda values, t_s: t_s
+
+    def given(self, values: Mapping[str, object]) -> tuple[Parameter, ...]:
+        """Return the parameters that have a value: all but optional ones that are absent."""
+        return tuple(parameter for parameter in self.parameters if parameter.name in values)

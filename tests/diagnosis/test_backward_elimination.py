@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import insole_daemon
-from insole_daemon.diagnosis.backward_elimination import insignificant_word, ordinary_place
+from insole_daemon.diagnosis.backward_elimination import insignificant_word, term_with_gains_elsewhere
 from insole_daemon.diagnosis.load_estimate import KnownLoad
 from insole_daemon.diagnosis.model.blocks import BlockDesign, block_design
 from insole_daemon.diagnosis.model.refine import refine
@@ -44,7 +44,7 @@ def doubtful(design: BlockDesign, drift: float, misfit: float) -> str | None:
     return insignificant_word(rows, refine(rows, tuple(sorted(numbers.values()))))
 
 
-def without_ordinary(design: BlockDesign, elsewhere: float) -> list[str]:
+def words_that_stay(design: BlockDesign, elsewhere: float) -> list[str]:
     """Return the words that stay of {memory, drift of one triangle}; its own drift is four standard deviations.
 
     `elsewhere`: root mean square of the drift in all other triangles, in standard deviations of the rows' noise.
@@ -57,16 +57,16 @@ def without_ordinary(design: BlockDesign, elsewhere: float) -> list[str]:
     y = np.random.default_rng(1).normal(size=design.y.shape) * (design.weights.T > 0)
     y += MEMORY_SHARE * shape + np.where(own, 4.0, elsewhere)[:, None] * slope * (design.weights.T > 0)
     refined = refine(replace(design, y=y), tuple(sorted((memory, drift))))
-    place = ordinary_place(refined)
+    place = term_with_gains_elsewhere(refined)
     return [term.word for i, term in enumerate(refined.design.candidates) if i != place]
 
 
-def test_a_drift_of_one_triangle_that_others_have_too_is_ordinary(design):
-    assert without_ordinary(design, elsewhere=1.5) == [MEMORY]
+def test_a_drift_of_one_triangle_that_others_have_too_is_removed(design):
+    assert words_that_stay(design, elsewhere=1.5) == [MEMORY]
 
 
 def test_a_drift_of_one_triangle_alone_is_kept(design):
-    assert sorted(without_ordinary(design, elsewhere=0.0)) == [DRIFT, MEMORY]
+    assert sorted(words_that_stay(design, elsewhere=0.0)) == [DRIFT, MEMORY]
 
 
 def test_a_term_that_explains_less_than_is_left_is_doubtful(design):

@@ -18,9 +18,9 @@ def log_spaced_s(shortest_s: float, longest_s: float, k: int) -> Array:
 
 
 def _operator(values: Values, is_inverse: bool) -> Operator:
-    a, tau_s = values["a"], values["tau_s"]
-    if (values.get("scale_pa", np.zeros(1)) > 0).any():
-        return ActivatedFlow(a, tau_s, values["scale_pa"], is_inverse=is_inverse)
+    a, tau_s, scale_pa = values["a"], values["tau_s"], values.get("scale_pa")
+    if scale_pa is not None and scale_pa.any():
+        return ActivatedFlow(a, tau_s, scale_pa, is_inverse=is_inverse)
     return Relaxation(1.0 - a.sum(axis=0), a, tau_s, is_inverse=is_inverse)
 
 
