@@ -170,19 +170,18 @@ class BlockDesign:
     def size(self, candidate: PlacedTerm, shares: Array) -> float:
         """Return the sum of squares of an effect, in variances of the noise; with loose curves, of what they leave."""
         if self.priors.has_loose_curves:
-            return float(shares @ self.gram[np.ix_(candidate.columns, candidate.columns)] @ shares)
-        products = self._products_of(candidate, True)[self.mask[candidate.columns[0]]]
-        return float(np.einsum("k,tkl,l->", shares, products, shares))
+            return float(shares @ self.gram[candidate.columns[:, None], candidate.columns] @ shares)
+        return float(shares @ self._products_of([candidate], True) @ shares)
 
     def size_of_loop(self, candidate: PlacedTerm, shares: Array) -> float:
         """Return the sum of squares of an effect after regression on its static companions."""
         columns = candidate.columns
         companions = zip(candidate.companions.tolist(), candidate.companion_words, strict=True)
         static = np.array([k for k, word in companions if word in RECALIBRATIONS], np.intp)
-        square = float(shares @ self.gram[np.ix_(columns, columns)] @ shares)
+        square = float(shares @ self.gram[columns[:, None], columns] @ shares)
         if not len(static):
             return square
-        cross, gram = self.gram[np.ix_(static, columns)] @ shares, self.gram[np.ix_(static, static)]
+        cross, gram = self.gram[static[:, None], columns] @ shares, self.gram[static[:, None], static]
         return square - float(cross @ np.linalg.solve(gram + np.diag(RIDGE * np.diag(gram) + 1e-12), cross))
 
     def overlap(self, candidate: PlacedTerm, other: PlacedTerm, shares: Array) -> float:
@@ -190,9 +189,9 @@ class BlockDesign:
 
         Nuisance columns are projected out, unless `candidate` itself differs from them only by its priors.
         """
-        both = self.mask[candidate.columns[0]] & self.mask[other.columns[0]]
-        products = self._products_of(other, self.is_within_priors(candidate))[both]
-        return float(np.einsum("k,tkl,l->", shares, products, shares))
+        products = self._products_of([candidate, other], self.is_within_priors(candidate))
+        own = products[len(candidate.columns) :, len(candidate.columns) :]
+        return float(shares @ own @ shares)
 
     def products_of_two(
         self, one: PlacedTerm, other: PlacedTerm, shares: Array, other_shares: Array, raw: bool
@@ -201,25 +200,27 @@ class BlockDesign:
 
         Unless `raw`, own nuisance columns are projected out.
         """
-        both = self.mask[one.columns[0]] & self.mask[other.columns[0]]
-        atoms, k = self.atom[[*one.columns, *other.columns]], len(shares)
-        of_two = np.zeros((2, len(atoms)))
+        k = len(shares)
+        of_two = np.zeros((2, k + len(other_shares)))
         of_two[0, :k], of_two[1, k:] = shares, other_shares
-        products = self.atoms.raw if raw else self.atoms.gram
-        return np.asarray(of_two @ products[np.ix_(both, atoms, atoms)].sum(axis=0) @ of_two.T)
+        return np.asarray(of_two @ self._products_of([one, other], raw) @ of_two.T)
+
+    def _products_of(self, candidates: Sequence[PlacedTerm], raw: bool) -> Array:
+        """Return the inner products (k, k) of the columns of `candidates`, summed over their common triangles.
+
+        Unless `raw`, own nuisance columns are projected out.
+        """
+        key = (*(int(candidate.columns[0]) for candidate in candidates), raw)
+        if key not in self._products:
+            triangles = np.flatnonzero(self.mask[list(key[:-1])].all(axis=0))
+            atoms = self.atom[np.concatenate([candidate.columns for candidate in candidates])]
+            products = self.atoms.raw if raw else self.atoms.gram
+            self._products[key] = products[triangles[:, None, None], atoms[:, None], atoms].sum(axis=0)
+        return self._products[key]
 
     @cached_property
-    def _products(self) -> dict[tuple[int, int, bool], Array]:
+    def _products(self) -> dict[tuple[int, ...], Array]:
         return {}
-
-    def _products_of(self, candidate: PlacedTerm, raw: bool) -> Array:
-        """Return the products (T, k, k) of a candidate's atoms; unless `raw`, own nuisance columns projected out."""
-        atoms = self.atom[candidate.columns]
-        key = int(atoms[0]), len(atoms), raw
-        if key not in self._products:
-            products = self.atoms.raw if raw else self.atoms.gram
-            self._products[key] = products[:, atoms][:, :, atoms]
-        return self._products[key]
 
     def is_within_priors(self, candidate: PlacedTerm) -> bool:
         """Return whether a candidate is a static term, which differs from nuisance columns only by its priors."""
@@ -267,7 +268,7 @@ class BlockDesign:
     def released(self) -> BlockDesign:
         """Return a copy without the cached arrays of the load, to free memory; they are computed again on demand."""
         released = replace(self, load=self.load.released())
-        of_load = ("unmoved", *self.__dataclass_fields__)
+        of_load = ("unmoved", "_products", *self.__dataclass_fields__)
         vars(released).update({name: cached for name, cached in vars(self).items() if name not in of_load})
         return released
 

@@ -16,6 +16,7 @@ RIDGE = 1e-6  # relative to a column's square: coefficients that the data do not
 FIRST_SHARE = 0.06  # of a term, for the prior of its companions, before its shares are known
 SETTLED = 0.05  # relative change of shares at which the iteration ends
 PULL, TOLERANCE = 100.0, 1e-3  # weight of a row that holds a sum at its bound, and tolerance of the bound
+LEAST_VARIANCE = 1e-8  # of a companion
 MOST_ABSORBED = 2.0  # largest companion, in prior standard deviations: no larger than the memory itself
 
 
@@ -32,20 +33,20 @@ def solve_shares(design: Regression, chosen: Sequence[PlacedTerm]) -> tuple[tupl
     whole = [i for i, candidate in enumerate(chosen) if candidate.term.share == "whole"]
     fixed = np.concatenate([chosen[i].columns for i in whole] or [np.empty(0, np.intp)])
     if len(fixed):
-        gain += float(2 * cross[fixed].sum() - design.gram[np.ix_(fixed, fixed)].sum())
+        gain += float(2 * cross[fixed].sum() - design.gram[fixed[:, None], fixed].sum())
         cross = cross - design.gram[:, fixed].sum(axis=1)
         for i in whole:
             shares[i] = np.ones(len(chosen[i].columns))
     rest = [i for i in range(len(chosen)) if i not in whole]
     if rest:
         own_columns = np.concatenate([chosen[i].columns for i in rest])
-        of_terms = [chosen[i].companions for i in rest if len(chosen[i].companions)]
-        companions = np.setdiff1d(np.concatenate(of_terms), own_columns) if of_terms else np.empty(0, np.intp)
+        companions = _companions([chosen[i] for i in rest], own_columns)
         columns = np.concatenate([own_columns, companions])
         positive = np.concatenate([np.full(len(chosen[i].columns), chosen[i].term.share == "positive") for i in rest])
         positive = np.concatenate([positive, np.zeros(len(companions), bool)])
-        gram = design.gram[np.ix_(columns, columns)]
+        gram = design.gram[columns[:, None], columns]
         gram = gram + np.diag(RIDGE * np.diag(gram) + 1e-12)
+        variances = _absorbed_variances(chosen, companions)
         strengths = [
             FIRST_SHARE * (1.0 if not candidate.term.plausible else candidate.term.plausible / 0.1)
             for candidate in chosen
@@ -53,23 +54,23 @@ def solve_shares(design: Regression, chosen: Sequence[PlacedTerm]) -> tuple[tupl
         k = len(own_columns)
         sums = _sums([chosen[i] for i in rest], design.load.is_known)
         for _ in range(3 if len(companions) else 1):
-            std = absorbed_std(chosen, strengths, companions)
+            std = _std(variances, strengths)
             with_priors = gram + np.diag(np.concatenate([np.zeros(k), std**-2.0]))
             coefficients = bounded(with_priors, cross[columns], positive, sums)
             _assign_shares(coefficients, chosen, rest, shares)
             before = [strengths[i] for i in rest]
             for i in rest:
                 strengths[i] = float(np.abs(shares[i]).sum())
-            if np.allclose(before, [strengths[i] for i in rest], rtol=SETTLED):
+            if all(abs(strengths[i] - old) <= SETTLED * strengths[i] for i, old in zip(rest, before, strict=True)):
                 break
-        bound = MOST_ABSORBED * absorbed_std(chosen, strengths, companions)
+        bound = MOST_ABSORBED * _std(variances, strengths)
         held = np.zeros(len(coefficients), bool)
         bound = np.concatenate([np.full(k, np.inf), bound])
         while np.any(over := ~held & (np.abs(coefficients) > bound)):
             held |= over
             coefficients[held] = np.clip(coefficients[held], -bound[held], bound[held])
             remainder = cross[columns] - with_priors[:, held] @ coefficients[held]
-            coefficients[~held] = bounded(with_priors[np.ix_(~held, ~held)], remainder[~held], positive[~held], sums)
+            coefficients[~held] = bounded(with_priors[~held][:, ~held], remainder[~held], positive[~held], sums)
         _assign_shares(coefficients, chosen, rest, shares)
         gain += float(2 * coefficients @ cross[columns] - coefficients @ with_priors @ coefficients)
     return tuple(shares), gain
@@ -99,10 +100,10 @@ def solve_companions(
 ) -> tuple[NDArray[np.intp], Array]:
     """Return the columns (k,) of the companions of `chosen` and their coefficients (k,), for given `shares`."""
     own = np.concatenate([candidate.columns for candidate in chosen])
-    companions = np.setdiff1d(np.concatenate([candidate.companions for candidate in chosen]), own).astype(np.intp)
+    companions = _companions(chosen, own)
     std = absorbed_std(chosen, [float(np.abs(of_term).sum()) for of_term in shares], companions)
-    remainder = design.cross[companions] - design.gram[np.ix_(companions, own)] @ np.concatenate(shares)
-    gram = design.gram[np.ix_(companions, companions)]
+    remainder = design.cross[companions] - design.gram[companions[:, None], own] @ np.concatenate(shares)
+    gram = design.gram[companions[:, None], companions]
     coefficients = (
         np.linalg.solve(gram + np.diag(RIDGE * np.diag(gram) + std**-2.0), remainder) if len(companions) else remainder
     )
@@ -123,11 +124,29 @@ def absorbed_std(chosen: Sequence[PlacedTerm], strengths: Sequence[float], colum
 
     `strengths`: sum of the absolute shares of each term. Variances of a companion of several terms add up.
     """
-    variance = np.full(len(columns), 1e-8)
-    for candidate, strength in zip(chosen, strengths, strict=True):
+    return _std(_absorbed_variances(chosen, columns), strengths)
+
+
+def _absorbed_variances(chosen: Sequence[PlacedTerm], columns: NDArray[np.intp]) -> Array:
+    """Return the prior variances (n, k) of the companions `columns` (k,) of each term at a strength of 1."""
+    position = {column: k for k, column in enumerate(columns.tolist())}
+    variances = np.zeros((len(chosen), len(columns)))
+    for own, candidate in zip(variances, chosen, strict=True):
         for column, std in zip(candidate.companions.tolist(), candidate.companion_std, strict=True):
-            variance[columns == column] += (std * strength) ** 2
-    return np.asarray(np.sqrt(variance))
+            if column in position:
+                own[position[column]] += std**2
+    return variances
+
+
+def _std(variances: Array, strengths: Sequence[float]) -> Array:
+    """Return standard deviations (k,) from the `variances` (n, k) of terms with these `strengths` (n)."""
+    return np.asarray(np.sqrt(LEAST_VARIANCE + np.square(strengths) @ variances))
+
+
+def _companions(chosen: Sequence[PlacedTerm], own: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Return the columns of the companions of `chosen` in ascending order, without their `own` columns."""
+    columns = {column for candidate in chosen for column in candidate.companions.tolist()}
+    return np.array(sorted(columns.difference(own.tolist())), np.intp)
 
 
 def bounded(gram: Array, cross: Array, positive: NDArray[np.bool_], sums: Sequence[tuple[slice, float]] = ()) -> Array:
@@ -141,13 +160,12 @@ def bounded(gram: Array, cross: Array, positive: NDArray[np.bool_], sums: Sequen
     gram, cross = gram / scale[:, None] / scale, cross / scale
     free = ~positive
     theta = np.empty(len(cross))
-    reduced, right = gram[np.ix_(positive, positive)], cross[positive]
+    reduced, right = gram[positive][:, positive], cross[positive]
     if free.any():
-        of_free = np.linalg.solve(
-            gram[np.ix_(free, free)], np.column_stack([gram[np.ix_(free, positive)], cross[free]])
-        )
-        reduced = reduced - gram[np.ix_(positive, free)] @ of_free[:, :-1]
-        right = right - gram[np.ix_(positive, free)] @ of_free[:, -1]
+        between = gram[free][:, positive]
+        of_free = np.linalg.solve(gram[free][:, free], np.column_stack([between, cross[free]]))
+        reduced = reduced - between.T @ of_free[:, :-1]
+        right = right - between.T @ of_free[:, -1]
     if positive.any():
         values, vectors = np.linalg.eigh(reduced)
         root = np.sqrt(np.maximum(values, LEAST_EIGENVALUE))

@@ -172,6 +172,7 @@ class BlockPenalties:
 
     def __init__(self, design: BlockDesign) -> None:
         self.design = design
+        self._n_triangles = design.mask.sum(axis=1)  # of each column
         self._seen: dict[int, bool] = {}
         self._least = [
             LEAST_GAIN if design.is_within_priors(candidate) else least
@@ -277,8 +278,7 @@ class BlockPenalties:
         """Return whether `other` acts on far more triangles than `one`, and `one` is not absorbed by calibrations."""
         if self.design.is_within_priors(one):
             return False
-        mask = self.design.mask
-        return bool(mask[one.columns[0]].sum() <= SMALL * mask[other.columns[0]].sum())
+        return bool(self._n_triangles[one.columns[0]] <= SMALL * self._n_triangles[other.columns[0]])
 
     def _is_seen(self, k: int) -> bool:
         """Return whether the residual contains more than half of candidate `k` (`BlockDesign.is_seen`)."""

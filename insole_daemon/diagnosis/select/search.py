@@ -48,6 +48,7 @@ class SubsetSearch(Generic[D]):
         self.penalties = penalties_of(design)
         self.noise = float(np.count_nonzero(design.weights))  # expected squared residual of noise alone
         self._fitted: dict[tuple[int, ...], FittedSet] = {}
+        self._shortlists: dict[tuple[int, ...], list[int]] = {}
         self._starts = np.array([candidate.columns[0] for candidate in design.candidates])
         self._joint = self._joint_candidates()
         kinds = {"free": 0, "positive": 1, "whole": 2}
@@ -195,25 +196,27 @@ class SubsetSearch(Generic[D]):
         return current
 
     def _shortlist(self, chosen: Sequence[int]) -> list[int]:
-        """Return up to SHORTLIST candidates by their approximate gain beside `chosen` less penalty, the highest first.
+        """Return up to SHORTLIST candidates by their approximate gain beside `chosen` less penalty, highest first."""
+        taken = self.fit(chosen)
+        if taken.chosen not in self._shortlists:
+            self._shortlists[taken.chosen] = self._shortlist_beside(taken)
+        return self._shortlists[taken.chosen]
 
-        The gain is that of a candidate with free shares, companions left out, on the residual of `chosen`; at most six
+    def _shortlist_beside(self, taken: FittedSet) -> list[int]:
+        """Return the shortlist beside a fitted set.
+
+        The gain is that of a candidate with free shares, companions left out, on the residual of the set; at most six
         candidates have the same word.
         """
         design = self.design
-        taken = self.fit(chosen)
         columns = np.concatenate([design.candidates[k].columns for k in taken.chosen] or [np.empty(0, np.intp)])
         shares = np.concatenate([*taken.shares, np.empty(0)])
-        cross = design.cross - design.gram[:, columns] @ shares
-        if len(columns):
-            own = design.gram[np.ix_(columns, columns)]
-            own = own + np.diag(RIDGE * np.diag(own) + 1e-12)
-            through = np.linalg.solve(own, design.gram[columns])
-            diagonal = design.gram.diagonal() - np.einsum("ij,ij->j", design.gram[columns], through)
-        else:
-            diagonal = design.gram.diagonal().copy()
-        diagonal = np.maximum(diagonal, 1e-3 * design.gram.diagonal() + 1e-12)
         kind, own_square = self._kind, design.gram.diagonal()
+        products = design.gram[columns]
+        cross = design.cross - shares @ products
+        own = products[:, columns] + np.diag(RIDGE * own_square[columns] + 1e-12)
+        left = own_square - np.einsum("ij,ij->j", products, np.linalg.solve(own, products))
+        diagonal = np.maximum(left, 1e-3 * own_square + 1e-12)
         per_column = np.where(kind == 1, np.maximum(cross, 0.0), cross) ** 2 / diagonal
         per_column = np.where(kind == 2, 2 * cross - own_square, per_column)
         gains = np.add.reduceat(per_column, self._starts) - self._complexity_penalties
