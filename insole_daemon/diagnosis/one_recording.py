@@ -20,10 +20,11 @@ from .model.blocks import RECALIBRATIONS, BlockDesign
 from .model.design import Design
 from .model.nuisance import Priors
 from .model.regression import Timing
-from .observations.reading_faults import ReadingFaults, reading_faults
+from .observations.reading_faults import ReadingFaults
 from .observations.wrench import WrenchObservation
 from .observing import refuse_unloaded
 from .parameters import parameters_of
+from .placements import faults_and_displacement
 from .result import RecordingResult
 from .searching import SearchResult
 from .searching import search as search_terms
@@ -50,10 +51,10 @@ from .unexplained import (
 def diagnose_one(seen: WrenchObservation, foot: FootRecording, progress: Callable[[str], None]) -> RecordingResult:
     """Return the result of one recording: faults of readings, search of effects, refinement, figures and findings."""
     refuse_unloaded(seen)
-    faults = reading_faults(foot, seen)
+    faults, placements = faults_and_displacement(foot, seen)
     seen = faults.observation
     progress("comparing with every term of the library")
-    searched = search_terms(seen, faults, foot)
+    searched = search_terms(seen, faults, placements, foot)
     first = searched.first
     whole, search, timing = first.search.design, first.search, first.timing
     progress("measuring the error on blocks that were held out")

@@ -44,9 +44,10 @@ def parameters_of(refined: Refined[Any], i: int, foot: FootRecording) -> dict[st
     quantities = {}
     for name, value in values.items():
         numbers = np.asarray(value, float)
-        relative = 0.0 if candidate.word == "bit_shift" or name in ("t_s",) else MISFIT_OF_VALUES
-        scale = np.abs(numbers - 1.0) if name in ("gain", "scale") else np.abs(numbers)
-        quantities[name] = Quantity(value, np.sqrt(variance[name] + (relative * scale) ** 2), units.get(name, "1"))
+        std = np.sqrt(variance[name])
+        if candidate.word != "bit_shift" and name != "t_s":
+            std = with_misfit(name, numbers, std)
+        quantities[name] = Quantity(value, std, units.get(name, "1"))
     if candidate.word in LOOPS:
         quantities["amplitude_fraction"] = amplitude_fraction(refined, i)
     if candidate.word == "bit_shift":
@@ -63,3 +64,9 @@ def parameters_of(refined: Refined[Any], i: int, foot: FootRecording) -> dict[st
         assert temperature is not None
         quantities["t0_c"] = Quantity(float(temperature.mean()), 0.0, "°C")
     return quantities
+
+
+def with_misfit(name: str, value: Any, std: Any) -> Any:
+    """Return the standard deviation of the parameter `name` with MISFIT_OF_VALUES."""
+    change = np.abs(value - 1.0) if name in ("gain", "scale") else np.abs(value)
+    return np.sqrt(std**2 + (MISFIT_OF_VALUES * change) ** 2)

@@ -9,10 +9,8 @@ from typing import Any
 import numpy as np
 
 from ..errors import DiagnosisError
-from ..physics.effect import Where
 from ..physics.law import Array
 from ..recording.loading import FootRecording
-from .finding import Quantity
 from .load_estimate import KnownLoad, LoadEstimate
 from .model.blocks import BlockDesign, block_design
 from .model.design import design
@@ -22,10 +20,10 @@ from .model.regression import Timing
 from .model.signal_path import Changes, load_changes
 from .observations.chamber import ChamberObservation
 from .observations.load_field import Move
-from .observations.paired import PairedObservation, swapped_rows
+from .observations.paired import PairedObservation
 from .observations.reading_faults import ReadingFaults
 from .observations.wrench import WrenchObservation
-from .parameters import parameters_of
+from .placements import ASKEW, SWAPPED, FittedPlacement, Placements
 from .select.amplitudes import with_amplitudes
 from .select.count_errors import count_errors
 from .select.events import Events, refine_events, with_events
@@ -44,21 +42,6 @@ CLEARER = 0.6  # excess over the noise with one kind of curves relative to the o
 FAR_CLEARER = 0.25  # the same if usual curves leave no more than the possible misfit of the laws
 PLACED_ROUNDS = 3  # of searches after the taxels were moved to fitted places
 ORDERED_ROUNDS = 2  # of searches with terms that act on each other's output
-SWAPPED, ASKEW = "swapped_triangles", "map_transform"
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FittedPlacement:
-    """A selected term for the places of taxels: swapped triangles, or a shift, turn and scale of the insole.
-
-    The simulated load is computed at these places.
-    """
-
-    word: str
-    where: Where
-    parameters: dict[str, Quantity]
-    margin: float  # loss of score without it, in least gains
-    penalty: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,13 +89,13 @@ class SearchResult:
         return any(first.search.design.candidates[k].term.is_memory for k in first.best.chosen)
 
 
-def search(seen: WrenchObservation, faults: ReadingFaults, foot: FootRecording) -> SearchResult:
-    """Return the best set for the observation `seen` of `foot`.
+def search(seen: WrenchObservation, faults: ReadingFaults, placements: Placements, foot: FootRecording) -> SearchResult:
+    """Return the best set for the observation `seen` of `foot`, beside `placements` that are known before.
 
     Raises DiagnosisError if no reading can be compared with the reference.
     """
     if isinstance(seen, PairedObservation):
-        result = _search_with_placement(seen, faults, foot)
+        result = _search_with_placement(seen, faults, placements, foot)
     elif isinstance(seen, ChamberObservation):
         result = _search_with_curves(seen, faults)
     else:
@@ -120,52 +103,34 @@ def search(seen: WrenchObservation, faults: ReadingFaults, foot: FootRecording) 
     return replace(result, first=_refined_places(result.first))
 
 
-def _search_with_placement(seen: PairedObservation, faults: ReadingFaults, foot: FootRecording) -> SearchResult:
+def _search_with_placement(
+    seen: PairedObservation, faults: ReadingFaults, placements: Placements, foot: FootRecording
+) -> SearchResult:
     """Return the best set beside a simulation, with the load at the fitted places of the taxels.
 
     A selected swap of triangles or placement of the insole is applied to the load, and the search runs again, because
     terms that act on the load need the load at the true places.
     """
-    result = _search_under(_most_likely_priors(seen, faults), seen, faults)
-    before, move = None, Move()
+    moved = placements.applied_to(seen)
+    result = replace(_search_under(_most_likely_priors(moved, faults), moved, faults), placed=placements.fitted)
     for _ in range(PLACED_ROUNDS):
-        first = result.first
-        refined = refine(first.search.design, first.best.chosen)
-        placed = {(placement.word, placement.where): placement for placement in result.placed}
-        for i, candidate in enumerate(refined.design.candidates):
-            if candidate.word not in (SWAPPED, ASKEW):
-                continue
-            parameters, key = parameters_of(refined, i, foot), (candidate.word, candidate.where)
-            k = first.best.chosen[i]
-            if candidate.word == ASKEW:
-                move = move.further(**{name: float(quantity.value) for name, quantity in parameters.items()})
-                parameters = {
-                    name: replace(quantity, value=move.parameters[name]) for name, quantity in parameters.items()
-                }
-            known = placed.get(key)
-            placed[key] = FittedPlacement(
-                candidate.word, candidate.where, parameters,
-                first.search.margin(first.best, i) if known is None else known.margin,
-                first.search.penalties.term_penalty(k, candidate, refined.design.candidates),
-            )  # fmt: skip
-        if len(placed) == len(result.placed) and not any(
-            candidate.word == ASKEW for candidate in refined.design.candidates
-        ):
+        design, best = result.first.search.design, result.first.best
+        if not any(design.candidates[k].word in (SWAPPED, ASKEW) for k in best.chosen):
             break
-        swaps = [placement for placement in placed.values() if placement.word == SWAPPED]
-        pairs = [swapped_rows(seen.layout.identities, swap.where.ids) for swap in swaps]
-        if before is None:
-            before = count_errors(refine(first.search.design, ()), ()).before
-        del first, refined  # designs are large
-        moved = seen.replaced(move, pairs)
+        placements = placements.with_selected(result.first.search, best, foot)
+        moved = placements.applied_to(seen)
         again = _search_under(_most_likely_priors(moved, faults), moved, faults)
-        again = replace(again, placed=tuple(placed.values()), before=before)
+        again = replace(again, placed=placements.fitted)
         # The column was the linearisation of this placement. The criterion may rise by its standard deviation under
         # noise, √(2n) with n rows, and it is about n.
         if again.criterion > result.criterion + np.sqrt(2.0 * result.criterion):
             break
         result = again
-    return result
+    if not result.placed:
+        return result
+    by_the_map = seen.replaced(Move(), ())
+    weights = np.where(faults.weights_of(moved) > 0.0, faults.weights_of(by_the_map), 0.0)
+    return replace(result, before=count_errors(refine(block_design(KnownLoad(by_the_map), weights), ()), ()).before)
 
 
 def _most_likely_priors(seen: PairedObservation, faults: ReadingFaults) -> Priors:
@@ -174,7 +139,7 @@ def _most_likely_priors(seen: PairedObservation, faults: ReadingFaults) -> Prior
     Likelihoods are those of the best set under each error, and equal up to the possible misfit of its laws.
     """
     criteria, criteria_without_misfit = [], []
-    whole = block_design(KnownLoad(seen), _weights(seen, faults))
+    whole = block_design(KnownLoad(seen), faults.weights_of(seen))
     for priors in LOAD_ERRORS:
         whole = whole.under(priors)
         among = SubsetSearch(whole)
@@ -194,7 +159,7 @@ def _search_with_curves(seen: ChamberObservation, faults: ReadingFaults) -> Sear
     if seen.has_own_curves:
         return _search_under(Priors(curve_count=OWN_CURVE_COUNT), seen, faults)
     usual = _search_under(USUAL, seen, faults)
-    noise = float(np.count_nonzero(_weights(seen, faults)))
+    noise = float(np.count_nonzero(faults.weights_of(seen)))
     if not usual.has_memory or usual.deviance < GOOD_FIT * noise:
         return usual
     loose = _search_under(Priors(curve_count=LOOSE_COUNT), seen, faults, (usual.first, *usual.others))
@@ -218,20 +183,11 @@ def _heldout_excess(result: SearchResult) -> float:
     return float(errors.after[0] ** 2 - errors.floor[0] ** 2)
 
 
-def _weights(seen: WrenchObservation, faults: ReadingFaults) -> Array:
-    """Return one over the standard deviation of a row (N, c) in each channel; 0 if unknown."""
-    variance = np.where(faults.spikes[:, None], np.inf, seen.weight_variance)
-    weights = np.asarray(np.where(np.isfinite(variance), variance, np.inf) ** -0.5)
-    if seen.load_is_known:  # channels are triangles
-        weights[:, faults.substituted] = 0.0
-    return weights
-
-
 def _search_under(
     priors: Priors, seen: WrenchObservation, faults: ReadingFaults, known: Sequence[TimingHypothesis] = ()
 ) -> SearchResult:
     """Return the timing hypotheses with nuisances under `priors`; `known`: those of a search under other priors."""
-    weights = _weights(seen, faults)
+    weights = faults.weights_of(seen)
     if not weights.any():
         raise DiagnosisError(
             f"{seen.name}: no reading can be compared with the reference: each is missing, cut off, of a taxel that "

@@ -90,15 +90,16 @@ def test_a_walk_in_another_pace_than_its_simulation_has_no_finding(tmp_path, pla
     assert [each["effect"] for each in diagnosed(walk(tmp_path / "walk"), simulation, tmp_path / "out")] == []
 
 
-def test_a_displaced_map_is_detected(tmp_path, plain):
-    askew = effect("map_transform", Where(), x_mm=5.0, y_mm=-3.0, rotation_deg=2.0, scale=1.0)
-    found, *others = diagnosed(walk(tmp_path / "walk", askew), plain, tmp_path / "out")
+@pytest.mark.parametrize(("shift_mm", "rotation_deg"), [((5.0, -3.0), 2.0), ((12.0, -9.0), 7.0)])
+def test_a_displaced_map_is_detected(tmp_path, plain, shift_mm, rotation_deg):
+    """Also one of a centimetre, which is no straight line: most triangles then bear the load of a neighbour."""
+    askew = effect("map_transform", Where(), x_mm=shift_mm[0], y_mm=shift_mm[1], rotation_deg=rotation_deg, scale=1.0)
+    (found,) = diagnosed(walk(tmp_path / "walk", askew), plain, tmp_path / "out")
     assert found["effect"] == "map_transform"
     assert found["explains"] > 0.99
-    assert {each["effect"] for each in others} <= {"gain"}  # of a triangle that reaches beyond what is known
     values = {name: each["value"] for name, each in found["parameters"].items()}
-    assert (values["x_mm"], values["y_mm"]) == pytest.approx((5.0, -3.0), abs=1.0)
-    assert values["rotation_deg"] == pytest.approx(2.0, abs=0.3)
+    assert (values["x_mm"], values["y_mm"]) == pytest.approx(shift_mm, abs=1.0)
+    assert values["rotation_deg"] == pytest.approx(rotation_deg, abs=0.5)
     assert values["scale"] == pytest.approx(1.0, abs=0.02)
 
 

@@ -25,6 +25,8 @@ from .wrench import LARGEST, SMALLEST
 NOISE_EDGE = 1.03  # factor on the largest singular value of white noise
 MOST_COURSES = 40
 MOST_UNKNOWN = 0.2  # share of the taxels whose load the simulation may lack
+MOST_UNCERTAIN = 0.1  # of a triangle's load: standard deviation from the change of its place
+MOST_UNCERTAIN_TAXEL = 0.03  # of a taxel's load, which is less smooth than the mean of a triangle
 PLACE_TOLERANCE_M = 1e-6
 LENGTHS_M = np.geomspace(0.006, 0.05, 8)  # of the covariance of the Gaussian process
 NUGGETS = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1)
@@ -93,11 +95,20 @@ class LoadField:
         return replace(self, shapes=self.shapes + self.between(places_m) - self.between(self.xy_m))
 
     def moved(self, move: Move, rows: NDArray[np.intp]) -> LoadField:
-        """Return the field for an insole displaced by `move`, with triangles in the places of `rows` (T,)."""
+        """Return the field for an insole displaced by `move`, with triangles in the places of `rows` (T,).
+
+        Beyond the taxels of the simulation, the load is not known. All rows of a triangle are spoiled where that makes
+        its mean uncertain.
+        """
         if move == Move() and np.array_equal(rows, np.arange(len(rows))):
             return self
-        felt = self.felt_at(move.places_m(self.xy_m))
-        return replace(felt, shapes=felt.shapes[rows], known=self.known[rows])
+        places_m = move.places_m(self.xy_m)
+        felt = self.felt_at(places_m)
+        std_pa = self._process.std_of_change(self.xy_m, places_m)
+        known = self.known & (std_pa < MOST_UNCERTAIN_TAXEL * np.sqrt(np.sum(felt.shapes**2, axis=-1)))
+        mean_pa = np.sqrt(np.sum(np.mean(felt.shapes[:, PRESSURE_TAXELS], axis=1) ** 2, axis=-1))
+        spoiled = self.spoiled | (np.mean(std_pa[:, PRESSURE_TAXELS], axis=1) > MOST_UNCERTAIN * mean_pa)
+        return replace(felt, shapes=felt.shapes[rows], known=known[rows], spoiled=spoiled[:, rows])
 
     def between(self, places_m: Array) -> Array:
         """Return the shapes (T, 12, r) at `places_m` (T, 12, 2), interpolated by Gaussian processes."""
@@ -121,6 +132,7 @@ class GaussianProcess:
         square_distance = np.sum((xy_m[:, None] - xy_m) ** 2, axis=-1)
         best = np.full(n_shapes, -np.inf)
         self._length_m, self._weights = np.empty(n_shapes), np.empty((n_taxels, n_shapes))
+        self._nugget, self._variance = np.empty(n_shapes), np.empty(n_shapes)
         for length in LENGTHS_M:
             eigenvalues, eigenvectors = np.linalg.eigh(np.exp(-0.5 * square_distance / length**2))
             projected = eigenvectors.T @ shapes
@@ -129,7 +141,8 @@ class GaussianProcess:
                 power = np.maximum(np.sum(projected**2 * inverse[:, None], axis=0), 1e-300)
                 likelihood = np.sum(np.log(inverse)) - n_taxels * np.log(power)
                 better = likelihood > best
-                best[better], self._length_m[better] = likelihood[better], length
+                best[better], self._length_m[better], self._nugget[better] = likelihood[better], length, nugget
+                self._variance[better] = power[better] / n_taxels
                 self._weights[:, better] = eigenvectors @ (inverse[:, None] * projected[:, better])
 
     def shapes(self, xy_m: Array) -> Array:
@@ -140,6 +153,26 @@ class GaussianProcess:
             has_length = self._length_m == length
             shapes[:, has_length] = np.exp(-0.5 * square_distance / length**2) @ self._weights[:, has_length]
         return shapes
+
+    def std_of_change(self, from_m: Array, to_m: Array) -> Array:
+        """Return the standard deviation (...) of the root mean square load at `to_m` (..., 2) less that at `from_m`.
+
+        That of the posterior; shapes are of courses with a mean square of 1 that are orthogonal to each other.
+        """
+        start, end = from_m.reshape(-1, 2), to_m.reshape(-1, 2)
+        square_distance = np.sum((self._xy_m[:, None] - self._xy_m) ** 2, axis=-1)
+        of_end, of_start = (np.sum((xy[:, None] - self._xy_m) ** 2, axis=-1) for xy in (end, start))
+        apart = np.sum((end - start) ** 2, axis=-1)
+        variance = np.zeros(len(end))
+        for length, nugget in {*zip(self._length_m.tolist(), self._nugget.tolist(), strict=True)}:
+            scale = -0.5 / length**2
+            change = np.exp(scale * of_end) - np.exp(scale * of_start)
+            covariance = np.exp(scale * square_distance) + nugget * np.eye(len(square_distance))
+            explained = np.sum(change * np.linalg.solve(covariance, change.T).T, axis=1)
+            has_both = (self._length_m == length) & (self._nugget == nugget)
+            prior = 2.0 * (1.0 - np.exp(scale * apart))
+            variance += np.sum(self._variance[has_both]) * np.maximum(prior - explained, 0.0)
+        return np.asarray(np.sqrt(variance).reshape(to_m.shape[:-1]))
 
 
 def same_foot(simulation: Recording, foot: FootRecording) -> FootRecording:

@@ -36,7 +36,8 @@ MOST_UNEVEN = 0.15  # of the load's range, between taxels: in a simulated chambe
 class PairedObservation(ChamberObservation):
     """One foot against the simulation of its trial; `reference` is the mean load of each of the T triangles, Pa."""
 
-    field: LoadField | None = None
+    field: LoadField | None = None  # at the places of the taxels
+    simulated: LoadField | None = None  # at the places of the simulation's layout
 
     @cached_property
     def is_uniform(self) -> bool:  # type: ignore[override]
@@ -95,11 +96,11 @@ class PairedObservation(ChamberObservation):
 
         The displacement is that from the simulation's own layout; displacements of several calls do not add up.
         """
-        assert self.field is not None
+        assert self.simulated is not None
         place_of_row = np.arange(len(self.layout))
         for a, b in swapped:
             place_of_row[[a, b]] = b, a
-        return _with_field(self, self.field.moved(move, place_of_row))
+        return _with_field(self, self.simulated.moved(move, place_of_row))
 
 
 def _with_field(seen: PairedObservation, field: LoadField) -> PairedObservation:
@@ -126,7 +127,7 @@ def observe_paired(
         name=recording.folder.name, layout=foot.layout, calibration=calibration, t_s=rows.t_s, period_s=rows.period_s,
         activation_count=rows.activation_count, usable=rows.usable, missing=rows.missing, noise_count=rows.noise_count,
         reference=no_reference, offset_s=0.0, rate=0.0, declared_offset_s=None, offset_is_free=True, rate_is_free=True,
-        temperature_c=None, readings=rows.readings,
+        temperature_c=None, readings=rows.readings, simulated=field,
     )  # fmt: skip
     observation = _with_fitted_clock(_with_field(observation, field), recording, foot, simulation)
     covered = float(observation.reference.is_known(observation.reference_s).mean())

@@ -58,6 +58,14 @@ class ReadingFaults:
     spikes: NDArray[np.bool_]  # (N,) rows in which the reference leaps
     explained: Array  # (1,) count² or (3,) N² and N²·m²: mean square error removed by corrections
 
+    def weights_of(self, seen: WrenchObservation) -> Array:
+        """Return one over the standard deviation of a row (N, c) of `seen` in each channel; 0 if unknown."""
+        variance = np.where(self.spikes[:, None], np.inf, seen.weight_variance)
+        weights = np.asarray(np.where(np.isfinite(variance), variance, np.inf) ** -0.5)
+        if seen.load_is_known:  # channels are triangles
+            weights[:, self.substituted] = 0.0
+        return weights
+
 
 def reading_faults(foot: FootRecording, seen: WrenchObservation) -> ReadingFaults:
     """Return the faults of the readings of `foot`, and the observation `seen` corrected for them.
@@ -93,7 +101,8 @@ def reading_faults(foot: FootRecording, seen: WrenchObservation) -> ReadingFault
     seen = _substitute(seen, working, substituted) if substituted.any() else seen
     before_shifts = seen
     seen, shifts = correct_bit_shifts(foot, seen, working)
-    seen, odd_taxels = correct_taxels(seen, working)
+    has_load = seen.field.known if isinstance(seen, PairedObservation) and seen.field is not None else True
+    seen, odd_taxels = correct_taxels(seen, working & has_load)
     frame_loss = _frame_loss(seen, substituted)
     burst_ratio, bursts = _bursts(seen)
     pick_up_ratio, pick_up = _pick_up(seen)
