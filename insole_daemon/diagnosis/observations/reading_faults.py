@@ -287,7 +287,9 @@ def _bursts(seen: WrenchObservation) -> tuple[Array, list[Finding]]:
     third_difference[1:-2] = np.diff(seen.activation_count, n=3, axis=0) / np.sqrt(20.0)
     taxels = np.maximum(seen.usable.sum(axis=1), 1)
     rms_difference = np.sqrt(np.sum(third_difference**2 * seen.usable, axis=2) / taxels)
-    noise_level = _calm_level(seen, third_difference, rms_difference, n_windows, window_rows)
+    is_calm = _calm_rows(seen, third_difference, n_windows, window_rows)
+    noise_level = _calm_level(rms_difference, is_calm)
+    late_level = _calm_level(_change_in_half_a_period(seen), is_calm)
     # Readings at an end of the range have no noise, so the usual noise would pass for a burst beside them.
     is_cut_off = (seen.clipped | seen.missing)[: n_windows * window_rows].reshape(n_windows, window_rows, -1).mean(
         axis=1
@@ -295,7 +297,7 @@ def _bursts(seen: WrenchObservation) -> tuple[Array, list[Finding]]:
     heard_level = np.where(is_cut_off, np.nan, noise_level)
     usual_level = np.where(is_cut_off.all(axis=0), np.inf, np.maximum(_usual_level(heard_level), LEAST_NOISE_COUNT))
     noise_level = np.where(is_cut_off, 0.0, noise_level)
-    is_loud = noise_level > BURST_RATIO * usual_level
+    is_loud = noise_level > np.hypot(BURST_RATIO * usual_level, late_level)
     is_loud &= median_filter(is_loud.astype(np.uint8), (3, 1), mode="nearest") > 0
     share = is_loud.mean(axis=0)
     has_bursts = (share * n_windows * window_rows * seen.step_s >= LEAST_BURST_S) & (share < MOST_BURST)
@@ -315,20 +317,30 @@ def _bursts(seen: WrenchObservation) -> tuple[Array, list[Finding]]:
     return noise_ratio, [_finding(seen, "noise_burst", where, when, text)]
 
 
-def _calm_level(
-    seen: WrenchObservation, third_difference: Array, rms_difference: Array, n_windows: int, window_rows: int
-) -> Array:
-    """Return the level (n, T) of `course` (N, T) in n windows of `size` rows, from rows in which the load is calm.
+def _change_in_half_a_period(seen: WrenchObservation) -> Array:
+    """Return the change (N, T) of the readings in half of their period: what an error of their times looks like."""
+    mean_count = np.sum(seen.activation_count * seen.usable, axis=2) / np.maximum(seen.usable.sum(axis=1), 1)
+    change = np.zeros_like(mean_count)
+    change[2:-2] = np.abs(mean_count[4:] - mean_count[:-4]) / (4.0 * seen.step_s)
+    period_s = np.where(np.isfinite(seen.period_s), seen.period_s, seen.step_s)
+    return np.asarray(0.5 * period_s * change)
 
-    The load is calm where most triangles hardly change. In a window with few such rows a low quantile of all rows is
-    used: an edge of the load takes a few rows, a burst all of them.
-    """
+
+def _calm_rows(seen: WrenchObservation, third_difference: Array, n_windows: int, window_rows: int) -> NDArray[np.bool_]:
+    """Return the rows (n, m) of windows in which the load is calm: most triangles hardly change."""
     taxels = np.maximum(seen.usable.sum(axis=1), 1)
     median_change = np.median(np.abs(np.sum(third_difference * seen.usable, axis=2)) / taxels, axis=1)
-    is_calm = (median_change <= np.quantile(median_change, CALM_SHARE))[: n_windows * window_rows].reshape(
-        n_windows, window_rows
-    )
-    windows = rms_difference[: n_windows * window_rows].reshape(n_windows, window_rows, -1)
+    is_calm = median_change <= np.quantile(median_change, CALM_SHARE)
+    return np.asarray(is_calm[: n_windows * window_rows].reshape(n_windows, window_rows))
+
+
+def _calm_level(course: Array, is_calm: NDArray[np.bool_]) -> Array:
+    """Return the level (n, T) of `course` (N, T) in n windows, from the rows that are calm (n, m).
+
+    In a window with few such rows a low quantile of all rows is used: an edge of the load takes a few rows, a burst all
+    of them.
+    """
+    windows = course[: is_calm.size].reshape(*is_calm.shape, -1)
     level = np.quantile(windows, CALM_QUANTILE, axis=1)
     for k in np.flatnonzero(is_calm.sum(axis=1) >= LEAST_CALM_ROWS):
         level[k] = np.median(windows[k, is_calm[k]], axis=0)

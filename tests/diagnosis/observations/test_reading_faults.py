@@ -10,9 +10,11 @@ import pytest
 
 from insole_daemon.diagnosis.observations.reading_faults import reading_faults
 from insole_daemon.diagnosis.observations.walk import observe_walk
+from insole_daemon.diagnosis.observing import observed
 from insole_daemon.errors import DiagnosisError
 from insole_daemon.recording.loading import load
 
+from .. import chamber
 from ..foot.shoe import write
 
 
@@ -48,6 +50,23 @@ def test_a_burst_of_one_triangle_is_placed_and_its_rows_weigh_less(tmp_path):
     variance = found.observation.counting_variance[:, 2, 0]
     loaded = found.observation.activation_count[:, 2].sum(axis=1) > 20
     assert np.median(variance[450:650][loaded[450:650]]) > 4 * np.median(variance[800:][loaded[800:]])
+
+
+def test_readings_at_uneven_times_of_a_fast_load_are_no_burst(tmp_path):
+    """They scatter as much as their times times the speed of the load, up to half a period."""
+
+    def fast(t_s, p):
+        return np.where((t_s > 20.0) & (t_s < 32.0), 150e3 * (1.0 - np.cos(6.0 * np.pi * t_s)), p)
+
+    def uneven(t_s, counts):
+        late_s = np.random.default_rng(5).choice([-0.009, 0.009], len(t_s))
+        for slot in range(24, 36):
+            counts[:, slot] = np.interp(t_s + late_s, t_s, counts[:, slot])
+
+    recording = load(chamber.write(tmp_path / "bag", fast, touch=uneven, reference=fast))
+    (foot,) = recording.feet
+    (seen,) = observed([recording], [foot], None, lambda text: None, [])
+    assert [each.effect for each in reading_faults(foot, seen).findings] == []
 
 
 @pytest.mark.parametrize("delay_s", [0.0, 0.06])
