@@ -78,6 +78,21 @@ def test_a_memory_that_is_stronger_in_some_triangles_is_one_effect(tmp_path):
     assert found.heldout["after"] < 0.3 * found.heldout["before"]
 
 
+def test_a_change_with_temperature_that_is_stronger_in_some_triangles_is_one_effect(tmp_path):
+    strength = np.repeat([1.25, 0.8, 1.15, 0.85, 1.2, 0.8], 12)
+
+    def warmed(t_s: Array) -> Array:
+        return 25.0 + 4.0 * np.sin(2.0 * np.pi * t_s / 55.0)
+
+    def warm(t_s: Array, counts: Array) -> None:
+        counts += 2.5 * strength * (warmed(t_s) - 25.0)[:, None]
+
+    (finding,) = diagnose(write(tmp_path / "bag", touch=warm, temperature=warmed)).findings
+    assert finding.effect == "temperature"
+    assert finding.where.scope == "insole"
+    assert abs(finding.parameters["count_per_k"].value) == pytest.approx(2.5, rel=0.1)
+
+
 def test_a_strong_memory_is_detected_although_the_calibration_contains_it(tmp_path):
     """The calibration has the mean curves of readings with memory, which must not be named gain or baseline."""
     folder = write(tmp_path / "bag", relaxing(0.45, 3.0))

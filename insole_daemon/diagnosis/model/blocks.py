@@ -52,7 +52,7 @@ class BlockDesign:
     priors: Priors
     timing: Timing = Timing()  # noqa: RUF009 (frozen)
     moved_s: float = 0.0  # part of the timing's delay by which the load of the rows is already shifted
-    amplitudes: Array | None = None  # (T,) of the memories' columns, relative to those of their laws; None: 1
+    amplitudes: Array | None = None  # (T,) of effects of the material, relative to those of their laws; None: 1
 
     @property
     def seen(self) -> ChamberObservation:
@@ -246,11 +246,11 @@ class BlockDesign:
         return changed
 
     def with_amplitudes(self, amplitudes: Array | None) -> BlockDesign:
-        """Return the regression with these amplitudes (T,) of all memories; None: 1."""
+        """Return the regression with these amplitudes (T,) of all effects of the material; None: 1."""
         change = (1.0 if amplitudes is None else amplitudes) / (1.0 if self.amplitudes is None else self.amplitudes)
         factors = np.ones(self.atoms.product.shape)
         for candidate in self.candidates:
-            if candidate.term.is_memory:
+            if candidate.term.is_of_material:
                 factors[:, self.atom[candidate.columns]] = np.reshape(change, (-1, 1))
         changed = replace(self, atoms=self.atoms.scaled(factors), amplitudes=amplitudes)
         vars(changed).update(

@@ -33,12 +33,28 @@ SMALLEST, LARGEST = 0.6, 254.4  # range of counts that are not at an end
 MOST_CLIPPED = 0.2  # share of a triangle's taxels
 LONG_PAUSE_S = 0.15  # of readings: linear interpolation does not follow a step
 LEAST_SLOPE = 0.25  # of a curve, as a share of its mean slope
+HIGHEST_ACTIVATION = 255  # counts
 
 # Properties that do not depend on the clock.
 CLOCK_INDEPENDENT = (
     "arms", "by_triangle", "clipped", "coefficients", "cut_off", "pressure_pa", "saturated", "slope_pa", "smooth_count",
 )  # fmt: skip
 NOISE_EDGE = 1.05  # factor on the largest singular value of white noise
+
+
+def turning_count(coefficients: Array) -> Array:
+    """Return the activation (...) from which curves (k, ...) rise by less than LEAST_SLOPE of their mean; inf if none.
+
+    A static curve cannot turn over: there, readings are beyond those that it was fitted to.
+    """
+    grid_count = np.arange(1.0, HIGHEST_ACTIVATION + 1.0).reshape(-1, *[1] * (coefficients.ndim - 1))
+    grid_count = np.broadcast_to(grid_count, (len(grid_count), *coefficients.shape[1:]))
+    slope = polynomial(
+        grid_count, coefficients[1:] * np.arange(1, len(coefficients)).reshape(-1, *[1] * (coefficients.ndim - 1))
+    )
+    mean_slope = polynomial(grid_count, coefficients[1:])
+    is_flat = (slope < LEAST_SLOPE * mean_slope) & (grid_count > np.argmax(slope, axis=0))
+    return np.where(is_flat.any(axis=0), 1.0 + np.argmax(is_flat, axis=0), np.inf)
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,7 +201,7 @@ class WrenchObservation:
         below_zero = np.minimum(activation_count, 0.0)
         below_zero *= self.slope_at(np.zeros((1, *self.usable.shape)))
         pressure += below_zero
-        if self.calibration.highest_count is not None:
+        if np.isfinite(self._highest_count).any():
             highest = np.where(np.isfinite(self._highest_count), self._highest_count, 0.0)[None]
             pressure += self.slope_at(highest) * np.maximum(activation_count - self._highest_count, 0.0)
         return np.asarray(pressure)
@@ -202,11 +218,11 @@ class WrenchObservation:
         least = LEAST_SLOPE * np.mean(slope, axis=0)
         return np.asarray(np.maximum(slope, np.maximum(least, 0.0), out=slope))
 
-    @property
+    @cached_property
     def _highest_count(self) -> Array:
-        """Return the highest activation (T, 12) of the calibrated range."""
+        """Return the highest activation (T, 12) of the calibrated range, before a curve turns over; inf: unknown."""
         highest = np.inf if self.calibration.highest_count is None else self.calibration.highest_count
-        return np.asarray(np.where(self.usable, highest, np.inf))
+        return np.asarray(np.where(self.usable, np.minimum(highest, turning_count(self.coefficients)), np.inf))
 
     def _inside(self, activation_count: Array) -> Array:
         """Return the nearest activation within the calibrated range."""

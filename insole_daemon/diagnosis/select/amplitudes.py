@@ -1,7 +1,7 @@
-"""Amplitude of the memories in each triangle: real materials are not the same everywhere.
+"""Amplitude of effects of the material in each triangle: real materials are not the same everywhere.
 
-A law has one amplitude for all triangles of its place. Where the material's is larger, the rest of a strong memory
-would otherwise be selected as further effects of single triangles.
+A law has one amplitude for all triangles of its place. Where the material's is larger, the rest of a strong memory or
+of a strong change with temperature would otherwise be selected as further effects of single triangles.
 """
 
 from __future__ import annotations
@@ -15,24 +15,25 @@ from .count_errors import residual_with_companions
 
 STD = 0.1  # prior standard deviation of an amplitude, relative
 MOST = 0.3  # largest deviation of an amplitude from 1
-LEAST_OF_REST = 0.3  # of what the memory leaves of a triangle beyond the noise: gain of an amplitude that is used
-LEAST_EXPLAINED = 0.3  # of the squared residual, by a memory of the whole insole alone, for amplitudes to be fitted
+LEAST_OF_REST = 0.3  # of what the effect leaves of a triangle beyond the noise: gain of an amplitude that is used
+LEAST_EXPLAINED = 0.3  # of the squared residual, by an effect of the whole insole alone, for amplitudes to be fitted
 
 
 def with_amplitudes(design: BlockDesign) -> BlockDesign:
-    """Return the regression with the memories' amplitude in each triangle, fitted with the best memory of the insole.
+    """Return the regression with amplitudes of the material in each triangle, fitted with the insole's best effect.
 
-    Unchanged if no memory of the whole insole explains much, or the load is not uniform.
+    Unchanged if no such effect of the whole insole explains much, or the load is not uniform.
     """
     if not design.seen.is_uniform:
         return design
     best, most = -1, LEAST_EXPLAINED * design.total
     for k, candidate in enumerate(design.candidates):
-        if candidate.term.is_memory and candidate.where.scope == "insole":
+        if candidate.where.scope == "insole" and (candidate.term.is_of_material or candidate.word == "drift"):
             shares, gain = solve_shares(design, [candidate])
             if gain > most and is_possible([candidate], shares, design.load.is_known):
                 best, most = k, gain
-    if best < 0:
+    # A drift may follow the temperature, too.
+    if best < 0 or not design.candidates[best].term.is_of_material:
         return design
     alone = refine(design, (best,))
     effect = alone.design.contribution(alone.design.candidates[0], alone.shares[0])

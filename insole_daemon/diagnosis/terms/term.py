@@ -92,6 +92,11 @@ class Term:
         return self.is_of_load or all(self.absorbs.get(word) == std for word, std in ABSORBED.items())
 
     @property
+    def is_of_material(self) -> bool:
+        """Return whether its strength is one of the material, which differs from triangle to triangle."""
+        return self.is_memory or self.word == "temperature"
+
+    @property
     def is_loop(self) -> bool:
         """Return whether readings depend on earlier loads: a memory, or a snap."""
         return self.is_memory or self.word == "snap"
