@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...physics.effect import Where
 from ...physics.effects import laws
@@ -55,17 +56,20 @@ def correct_rezeros(foot: FootRecording, seen: WrenchObservation) -> tuple[Wrenc
         )
         if row is None:
             continue
-        shift = seen.activation_count[row - width, of_board] - seen.activation_count[row + width, of_board]
-        shift = np.where(seen.usable[of_board], shift, 0.0)
+        before, after = (rows[0] for rows in _read_beside(seen, of_board, np.array([row]), width))
+        change = seen.activation_count[before, of_board] - seen.activation_count[after, of_board]
+        if seen.load_is_known:
+            change += seen.expected_count[after, of_board] - seen.expected_count[before, of_board]
+        shift = np.where(seen.usable[of_board], change, 0.0)
         mean_shift = float(shift[seen.usable[of_board]].mean())
-        corrected = _corrected(seen, of_board, row, width, shift)
+        corrected = _corrected(seen, of_board, slice(before, after), row, shift)
         if seen.load_is_known:
             explains = mean_shift**2 * float(np.mean(of_board)) * (1.0 - row / len(seen.t_s))
         else:
             explains = float(np.mean((corrected.wrench[:, 0] - seen.wrench[:, 0]) ** 2))
         findings.append(_finding(seen, int(board), float(seen.t_s[row]), mean_shift, explains))
-        is_enough = not seen.load_is_known and seen.t_s[row - width] - seen.t_s[0] > LEAST_WALK_S
-        seen = seen.rows_before(row - width) if is_enough else corrected
+        is_enough = not seen.load_is_known and seen.t_s[before] - seen.t_s[0] > LEAST_WALK_S
+        seen = seen.rows_before(int(before)) if is_enough else corrected
     return seen, findings
 
 
@@ -80,15 +84,32 @@ def _finding(seen: WrenchObservation, board: int, t_s: float, mean_shift_count: 
     )  # fmt: skip
 
 
+def _read_beside(
+    seen: WrenchObservation, of_board: NDArray[np.bool_], rows: NDArray[np.intp], width: int
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the last rows with readings of a board at least `width` before `rows`, and the first as much after them.
+
+    A board that zeroes itself may send nothing meanwhile.
+    """
+    is_read = np.asarray(~seen.missing[:, of_board].any(axis=1))
+    numbers = np.arange(len(is_read))
+    last = np.maximum.accumulate(np.where(is_read, numbers, 0))
+    first = np.minimum.accumulate(np.where(is_read, numbers, numbers[-1])[::-1])[::-1]
+    return last[np.maximum(rows - width, 0)], first[np.minimum(rows + width, numbers[-1])]
+
+
 def _corrected(
-    seen: WrenchObservation, of_board: np.ndarray[tuple[int], np.dtype[np.bool_]], row: int, width: int, shift: Array
+    seen: WrenchObservation, of_board: NDArray[np.bool_], during: slice, row: int, shift: Array
 ) -> WrenchObservation:
-    """Return `seen` with `shift` (k, 12) counts added to the k triangles `of_board` (T,) from `row` on."""
+    """Return `seen` with `shift` (k, 12) counts added to the k triangles `of_board` (T,) from `row` on.
+
+    Rows `during` the re-zero are missing.
+    """
     activation, missing = seen.activation_count.copy(), seen.missing.copy()
     cut_off = seen.cut_off[row:, of_board]
     is_cut_off = cut_off.any(axis=2)
     missing[row:, of_board] |= is_cut_off | (seen.load_is_known and is_cut_off.mean() > MOST_CUT_OFF)
-    missing[row - width : row + width, of_board] = True
+    missing[during, of_board] = True
     activation_later = activation[row:, of_board] + shift
     # A reading at an end of the range bears less than the missing load; on a walk mostly none.
     activation[row:, of_board] = activation_later if seen.load_is_known else np.where(cut_off, 0.0, activation_later)
@@ -97,9 +118,7 @@ def _corrected(
     return replace(seen, activation_count=activation, missing=missing, rezeroed=rezeroed)
 
 
-def _find_rezero(
-    seen: WrenchObservation, of_board: np.ndarray[tuple[int], np.dtype[np.bool_]], landing_count: float, width: int
-) -> int | None:
+def _find_rezero(seen: WrenchObservation, of_board: NDArray[np.bool_], landing_count: float, width: int) -> int | None:
     """Return the row at which a board's taxels jump to `landing_count` under a known load, or None.
 
     Only rows whose load is known count. A simulated load may stay where the person's ends; beside one, later readings
@@ -110,34 +129,50 @@ def _find_rezero(
         return None
     activation = seen.activation_count[:, of_board][:, usable]
     landing_activation = seen.calibration.baseline_count[of_board][usable] - landing_count
-    has_landed = np.abs(activation - landing_activation) < LANDING_COUNT + 3.0 * seen.noise_count[of_board][usable]
-    mostly_landed = has_landed.mean(axis=1) > 1.0 - MOST_ELSEWHERE
+    near_count = LANDING_COUNT + 3.0 * seen.noise_count[of_board][usable]
+    expected_activation = seen.expected_count[:, of_board][:, usable]
     above_landing = (activation - landing_activation).mean(axis=1)
-    expected = (seen.expected_count[:, of_board][:, usable] - landing_activation).mean(axis=1)
+    expected = (expected_activation - landing_activation).mean(axis=1)
     is_known = seen.reference.is_known(seen.reference_s)
     rows = np.arange(width, len(activation) - width)
-    rows = rows[is_known[rows - width] & is_known[rows + width]]
-    stays_loaded = np.minimum(expected[rows - width], expected[rows + width]) > LEAST_LOAD_COUNT
-    is_loaded = above_landing[rows - width] > LEAST_LOAD_COUNT
-    candidate_rows = rows[is_loaded & mostly_landed[rows + width] & stays_loaded]
+    before, after = _read_beside(seen, of_board, rows, width)
+    stays_loaded = np.minimum(expected[before], expected[after]) > LEAST_LOAD_COUNT
+    is_loaded = above_landing[before] > LEAST_LOAD_COUNT
+    candidates = [
+        k
+        for k in np.flatnonzero(is_known[before] & is_known[after] & stays_loaded & is_loaded).tolist()
+        if _has_landed(
+            activation[after[k]] - landing_activation, expected_activation[before[k] : after[k] + 1], near_count
+        )
+    ]
     cut_off = seen.cut_off[:, of_board][:, usable].mean(axis=1) > MOST_ELSEWHERE
     missing_count = np.where(is_known, expected - above_landing, np.nan)  # what readings miss
     by_others = _missing_by_others(seen, of_board)
     for beside_count in [0.0] if by_others is None else [0.0, by_others]:
         missing = missing_count - beside_count
-        for row in candidate_rows.tolist():
-            before, after = row - width, row + width
+        for k in candidates:
+            last, first = int(before[k]), int(after[k])
             step_count = float(
-                above_landing[before] - above_landing[after] if by_others is None else missing[after] - missing[before]
+                above_landing[last] - above_landing[first] if by_others is None else missing[first] - missing[last]
             )
-            if _is_missing_since(missing, row, width, step_count, ~cut_off, round(LEAST_DURATION_S / seen.step_s)) and (
-                not isinstance(seen, PairedObservation) or _falls_below_no_load(activation[after:])
-            ):
-                return int(row) + width // 2
+            if _is_missing_since(
+                missing, last, first, step_count, ~cut_off, round(LEAST_DURATION_S / seen.step_s)
+            ) and (not isinstance(seen, PairedObservation) or _falls_below_no_load(activation[first:])):
+                return int(rows[k]) + width // 2
     return None
 
 
-def _missing_by_others(seen: WrenchObservation, of_board: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> Array | None:
+def _has_landed(above_landing: Array, expected: Array, near_count: Array) -> bool:
+    """Return whether taxels landed during some row of a step, `above_landing` (k,) of them after it.
+
+    `expected` (m, k) are the activations under the load in the rows of the step, which goes on after the landing.
+    """
+    later_load = expected[-1] - expected
+    is_near = np.abs(above_landing - later_load) < near_count
+    return bool(is_near.mean(axis=1).max() > 1.0 - MOST_ELSEWHERE)
+
+
+def _missing_by_others(seen: WrenchObservation, of_board: NDArray[np.bool_]) -> Array | None:
     """Return what the readings of other boards miss (N,), counts, under a uniform load; None if there are none.
 
     A memory of the whole insole lets readings differ from the load on all boards alike, a re-zero on one.
@@ -150,26 +185,26 @@ def _missing_by_others(seen: WrenchObservation, of_board: np.ndarray[tuple[int],
 
 def _is_missing_since(
     missing_count: Array,
-    row: int,
-    width: int,
+    last: int,
+    first: int,
     step_count: float,
-    in_range: np.ndarray[tuple[int], np.dtype[np.bool_]],
+    in_range: NDArray[np.bool_],
     least_rows: int,
 ) -> bool:
-    """Return whether readings miss (N,) about `step_count` from `row` to the end, and nothing before.
+    """Return whether readings miss (N,) about `step_count` from row `first` to the end, and nothing until `last`.
 
     A pulse ends and late readings catch up; after a re-zero the load is missing until the end. Where `in_range` (N,) is
     False, readings are at an end of their range. NaN: the load is not known.
     """
-    if missing_count[row + width] - missing_count[row - width] < LEAST_LOAD_COUNT:
+    if missing_count[first] - missing_count[last] < LEAST_LOAD_COUNT:
         return False  # the load itself changed
-    is_later = np.isfinite(missing_count[row + width :])
-    later, is_shown = missing_count[row + width :][is_later], in_range[row + width :][is_later]
+    is_later = np.isfinite(missing_count[first:])
+    later, is_shown = missing_count[first:][is_later], in_range[first:][is_later]
     if (
         len(later) < least_rows
         or step_count < LEAST_LOAD_COUNT
         or np.median(later[:least_rows]) < LEAST_LOAD_COUNT
-        or abs(float(np.nanmedian(missing_count[: row - width]))) > LEAST_LOAD_COUNT
+        or abs(float(np.nanmedian(missing_count[:last]))) > LEAST_LOAD_COUNT
     ):
         return False
     return bool(
@@ -183,9 +218,7 @@ def _falls_below_no_load(activation: Array) -> bool:
     return bool(np.quantile(activation.mean(axis=1), BELOW_QUANTILE) < -LANDING_COUNT)
 
 
-def _find_rezero_of_walk(
-    seen: WrenchObservation, of_board: np.ndarray[tuple[int], np.dtype[np.bool_]], width: int
-) -> int | None:
+def _find_rezero_of_walk(seen: WrenchObservation, of_board: NDArray[np.bool_], width: int) -> int | None:
     """Return the row at which a board re-zeroes on a walk, or None.
 
     From then on its readings in the air are below those of no load. Only readings are used, because the clock of the

@@ -75,3 +75,31 @@ def test_a_rezero_is_found_beside_an_effect_that_moves_all_boards_by_as_much(tmp
     (finding,) = correct_rezeros(foot, replace(seen, activation_count=zeroed))[1]
     assert finding.where.ids == ((BOARD,),)
     assert finding.parameters["t_s"].value == pytest.approx(seen.t_s[at], abs=0.2)
+
+
+def test_a_board_that_sends_nothing_while_it_zeroes_itself_under_a_changing_load_is_corrected(tmp_path):
+    recording = insole_daemon.load(chamber.write(tmp_path / "bag"))
+    (foot,) = recording.feet
+    (seen,) = observed([recording], [foot], None, lambda text: None, ())
+    boards = seen.layout.identities[:, 0] == BOARD
+    own = boards[:, None] & seen.usable
+    load = seen.expected_count[:, own].mean(axis=1)
+    is_between = (seen.t_s > 30.0) & (seen.t_s < 60.0) & (load > 15.0)
+    at = int(np.argmax(np.where(is_between, np.gradient(load), 0.0)))
+    no_load = {board.address: board.no_load for board in foot.boards}[BOARD]
+    lacks = seen.expected_count[at] - (seen.calibration.baseline_count - no_load)
+    zeroed, missing = seen.activation_count.copy(), seen.missing.copy()
+    zeroed[at:] -= np.where(own, lacks, 0.0)
+    first, last = at - 4, at + 20  # half a second: the load changes by more than taxels may be from where they land
+    assert load[last] - load[at] > 6.0
+    share = np.linspace(0.0, 1.0, last - first)[:, None]
+    zeroed[first:last, own] = zeroed[first, own] * (1.0 - share) + zeroed[last, own] * share
+    missing[first:last, boards] = True
+    corrected, (finding,) = correct_rezeros(foot, replace(seen, activation_count=zeroed, missing=missing))
+    assert finding.where.ids == ((BOARD,),)
+    assert finding.parameters["t_s"].value == pytest.approx(seen.t_s[at], abs=0.3)
+    assert finding.parameters["shift_count"].value == pytest.approx(lacks[own].mean(), abs=1.0)
+    error = (corrected.activation_count - seen.activation_count)[last:, own][
+        ~corrected.missing[last:, boards].any(axis=1)
+    ]
+    assert abs(error.mean()) < 1.0
