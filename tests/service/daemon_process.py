@@ -5,6 +5,7 @@ Everything but the address family of one socket is what `insole run` does; tests
 
 from __future__ import annotations
 
+import faulthandler
 import signal
 import socket
 import sys
@@ -24,6 +25,7 @@ def main(config_file: str, port: str) -> None:
     source = SocketCanSource(sock, "can0")
     with open_daemon_session(config.zenoh) as session:
         daemon = Daemon(source, load_feet(config), session, Path(config_file))
+        faulthandler.register(signal.SIGUSR1)  # prints where every thread is
         signal.signal(signal.SIGTERM, lambda *_: daemon.stop())
         signal.signal(signal.SIGHUP, lambda *_: daemon.reload())
         daemon.run(lambda: print("ready", flush=True))
