@@ -29,6 +29,7 @@ from .unexplained import null_bound
 
 LASTING_EFFECTS = (*merging.LASTING, "delay")  # that any recording may add to the model
 REACHED = 0.999  # quantile of the activations in a chamber, up to which its curves are known
+CLEAR = 0.01  # of what all findings explain
 LESS = 0.5  # of the squared error: a walk is read by the model of a chamber if that leaves no more
 PERMANENT_FAULTS = ("dead_taxels", "open_triangle")  # of taxels, if they last for the whole recording
 
@@ -102,19 +103,28 @@ def _diagnose_each(
         elif model is not None:
             progress(f"reading {seen.name} by the model of the chamber")
             again = diagnose_one(read_by(model, seen, foot), foot, progress)
-            if _is_better(again, results[i]):
+            if _is_better(again, results[i], model.words):
                 figures = replace(again.figures, before=results[i].figures.before)
                 results[i] = replace(again, figures=figures)
                 undone[i] = model.words
     return [results[i] for i in range(len(feet))], undone
 
 
-def _is_better(by_model: RecordingResult, plain: RecordingResult) -> bool:
-    """Return whether a walk read by the model of a chamber leaves far less, with one more effect at the most."""
+def _is_better(by_model: RecordingResult, plain: RecordingResult, undone: frozenset[str]) -> bool:
+    """Return whether a walk read by the model of a chamber leaves far less, with one more effect at the most.
+
+    The memories `undone` by the model count in both.
+    """
     unit = np.maximum(plain.figures.before, 1e-12)
     left = [float(np.sum((result.figures.after / unit) ** 2)) for result in (by_model, plain)]
-    words = [len({finding.effect for finding in result.findings}) for result in (by_model, plain)]
-    return left[0] < LESS * left[1] and words[0] <= words[1] + 1
+    n_words = [len(undone | _clear_words(result.findings)) for result in (by_model, plain)]
+    return left[0] < LESS * left[1] and n_words[0] <= n_words[1] + 1
+
+
+def _clear_words(findings: Sequence[Finding]) -> set[str]:
+    """Return the words of the findings that explain more than CLEAR of what all of them explain."""
+    least = CLEAR * sum(finding.explains for finding in findings)
+    return {finding.effect for finding in findings if finding.explains >= least}
 
 
 def _model_of_memories(result: RecordingResult) -> ChamberModel | None:
