@@ -83,7 +83,7 @@ def diagnose_one(seen: WrenchObservation, foot: FootRecording, progress: Callabl
     effects.sort(key=lambda effect: np.inf if effect.law.order is None else effect.law.order)  # signal path
     findings += [finding for finding in faults.findings if not _is_negligible(finding, figures)]
     result = RecordingResult(
-        faults, whole, kept.refined, figures, (), tuple(effects), _single_terms(search),
+        faults, whole.subset(()), kept.refined, figures, (), tuple(effects), _single_terms(search),
         tuple(not_identifiable(whole, {finding.effect for finding in findings}, searched.priors)), is_unknown, timing,
     )  # fmt: skip
     return replace(result, findings=_with_confidence([*findings, *clock_findings(result)], figures))

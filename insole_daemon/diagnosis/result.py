@@ -26,7 +26,7 @@ class RecordingResult:
     """The result of one recording."""
 
     faults: ReadingFaults
-    design: Design | BlockDesign
+    design: Design | BlockDesign  # without candidates, which are large
     refined: Refined[Any]
     figures: HeldoutErrors
     findings: tuple[Finding, ...]
