@@ -91,12 +91,12 @@ def faults_and_displacement(foot: FootRecording, seen: WrenchObservation) -> tup
 
 def _clear_displacement(seen: PairedObservation, faults: ReadingFaults, foot: FootRecording) -> Placements:
     """Return the displacement of the insole if it explains most of the residual by itself, else no placement."""
+    displacement = fit_displacement(seen, faults.weights_of(seen))
+    if displacement.explained < LEAST_EXPLAINED:
+        return Placements()
     search = SubsetSearch(block_design(KnownLoad(seen), faults.weights_of(seen)))
     best = max(search.singles(), key=lambda fitted: fitted.score, default=search.fit(()))
     if [search.design.candidates[k].word for k in best.chosen] != [ASKEW]:
-        return Placements()
-    displacement = fit_displacement(search.design)
-    if displacement.explained < LEAST_EXPLAINED:
         return Placements()
     placements = replace(Placements().with_selected(search, best, foot), move=displacement.move)
     moved = placements.applied_to(seen)

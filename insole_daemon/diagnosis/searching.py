@@ -23,7 +23,7 @@ from .observations.load_field import Move
 from .observations.paired import PairedObservation
 from .observations.reading_faults import ReadingFaults
 from .observations.wrench import WrenchObservation
-from .placements import ASKEW, SWAPPED, FittedPlacement, Placements
+from .placements import FittedPlacement, Placements
 from .select.amplitudes import with_amplitudes
 from .select.count_errors import count_errors
 from .select.events import Events, refine_events, with_events
@@ -114,10 +114,9 @@ def _search_with_placement(
     moved = placements.applied_to(seen)
     result = replace(_search_under(_most_likely_priors(moved, faults), moved, faults), placed=placements.fitted)
     for _ in range(PLACED_ROUNDS):
-        design, best = result.first.search.design, result.first.best
-        if not any(design.candidates[k].word in (SWAPPED, ASKEW) for k in best.chosen):
+        known, placements = placements, placements.with_selected(result.first.search, result.first.best, foot)
+        if placements.move == known.move and len(placements.fitted) == len(known.fitted):
             break
-        placements = placements.with_selected(result.first.search, best, foot)
         moved = placements.applied_to(seen)
         again = _search_under(_most_likely_priors(moved, faults), moved, faults)
         again = replace(again, placed=placements.fitted)

@@ -13,7 +13,8 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from ...physics.law import Array
-from ..model.blocks import BlockDesign
+from ..load_estimate import KnownLoad
+from ..model.nuisance import USUAL, nuisance_of
 from ..observations.load_field import Move
 from ..observations.paired import PairedObservation
 
@@ -31,21 +32,21 @@ class Displacement:
     explained: float
 
 
-def fit_displacement(design: BlockDesign) -> Displacement:
+def fit_displacement(seen: PairedObservation, weights: Array) -> Displacement:
     """Return the displacement of the insole by non-linear least squares with a trust region.
 
-    The share is that of triangles whose load is known after it, with the nuisances of each triangle projected out.
+    `weights` (N, T): one over the standard deviation of a row; 0 if unknown. The share is that of triangles whose load
+    is known after the displacement, with the nuisances of each triangle projected out.
     """
-    seen = design.seen
-    assert isinstance(seen, PairedObservation)
+    nuisance = nuisance_of(KnownLoad(seen), weights, USUAL)
 
     def moved(parameters: Array) -> PairedObservation:
         return seen.replaced(_move(parameters), ())
 
     def residual(parameters: Array) -> Array:
         reference_pa = moved(parameters).reference.at(seen.reference_s)
-        y = np.ascontiguousarray(((reference_pa - seen.wrench) * design.weights).T)
-        return np.asarray(design.nuisance.residual_of(y)[is_known].ravel())
+        y = np.ascontiguousarray(((reference_pa - seen.wrench) * weights).T)
+        return np.asarray(nuisance.residual_of(y)[is_known].ravel())
 
     def slopes(parameters: Array) -> Array:
         steps = STEP * np.eye(len(parameters))
@@ -58,10 +59,10 @@ def fit_displacement(design: BlockDesign) -> Displacement:
         field = moved(at).field
         assert field is not None
         is_known = np.asarray(~field.spoiled.all(axis=0))
-        if np.array_equal(is_known, was_known):
+        if np.array_equal(is_known, was_known) or not is_known.any():
             break
     before, after = (float(np.sum(residual(parameters) ** 2)) for parameters in (np.zeros(4), at))
-    noise = float(np.count_nonzero(design.weights[:, is_known]))
+    noise = float(np.count_nonzero(weights[:, is_known]))
     explained = (before - after) / (before - noise) if before > noise else 0.0
     return Displacement(_move(at), explained)
 
