@@ -195,7 +195,8 @@ def test_recording_over_the_network_writes_the_same_cycles(daemon, tmp_path):
             thread.join()
         published = {raw.seq: raw for raw in (next(raws) for _ in range(200))}
     assert process.returncode == 0, errors
-    assert re.search(r"left: good: \d+ of \d+ cycles \(\d+\.\d %\)", errors)
+    # How good it is depends on what else the machine does; that what came is recorded does not.
+    assert re.search(r"left: (good|usable|not usable): \d+ of \d+ cycles \(\d+\.\d %\)", errors)
     with np.load(out / "counts.npz") as archive:
         seqs, counts = archive["left_seq"], archive["left_counts"]
     assert np.diff(seqs).tolist() == [1] * (len(seqs) - 1)
