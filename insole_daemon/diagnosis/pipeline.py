@@ -122,7 +122,7 @@ def _is_better(by_model: RecordingResult, plain: RecordingResult, undone: frozen
 
 
 def _clear_words(findings: Sequence[Finding]) -> set[str]:
-    """Return the words of the findings that explain more than CLEAR of what all of them explain."""
+    """Return the words of the findings that explain at least CLEAR of what all of them explain."""
     least = CLEAR * sum(finding.explains for finding in findings)
     return {finding.effect for finding in findings if finding.explains >= least}
 

@@ -165,7 +165,7 @@ def _find_rezero(seen: WrenchObservation, of_board: NDArray[np.bool_], landing_c
 def _has_landed(above_landing: Array, expected: Array, near_count: Array) -> bool:
     """Return whether taxels landed during some row of a step, `above_landing` (k,) of them after it.
 
-    `expected` (m, k) are the activations under the load in the rows of the step, which goes on after the landing.
+    `expected` (m, k): the activations under the load in each row of the step. The load changes after the landing, too.
     """
     later_load = expected[-1] - expected
     is_near = np.abs(above_landing - later_load) < near_count

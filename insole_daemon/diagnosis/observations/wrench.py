@@ -10,6 +10,7 @@ from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
+from numpy.polynomial.polynomial import polyder
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import maximum_filter1d
@@ -42,17 +43,19 @@ CLOCK_INDEPENDENT = (
 NOISE_EDGE = 1.05  # factor on the largest singular value of white noise
 
 
+def _derivative(coefficients: Array) -> Array:
+    """Return the coefficients (k − 1, ...) of the slopes of curves (k, ...)."""
+    return np.asarray(polyder(coefficients), np.float64)
+
+
 def turning_count(coefficients: Array) -> Array:
     """Return the activation (...) from which curves (k, ...) rise by less than LEAST_SLOPE of their mean; inf if none.
 
     A static curve cannot turn over: there, readings are beyond those that it was fitted to.
     """
-    grid_count = np.arange(1.0, HIGHEST_ACTIVATION + 1.0).reshape(-1, *[1] * (coefficients.ndim - 1))
-    grid_count = np.broadcast_to(grid_count, (len(grid_count), *coefficients.shape[1:]))
-    slope = polynomial(
-        grid_count, coefficients[1:] * np.arange(1, len(coefficients)).reshape(-1, *[1] * (coefficients.ndim - 1))
-    )
-    mean_slope = polynomial(grid_count, coefficients[1:])
+    count = np.arange(1.0, HIGHEST_ACTIVATION + 1.0).reshape(-1, *[1] * (coefficients.ndim - 1))
+    grid_count = np.broadcast_to(count, (HIGHEST_ACTIVATION, *coefficients.shape[1:]))
+    slope, mean_slope = polynomial(grid_count, _derivative(coefficients)), polynomial(grid_count, coefficients[1:])
     is_flat = (slope < LEAST_SLOPE * mean_slope) & (grid_count > np.argmax(slope, axis=0))
     return np.where(is_flat.any(axis=0), 1.0 + np.argmax(is_flat, axis=0), np.inf)
 
@@ -213,8 +216,7 @@ class WrenchObservation:
 
     def slope_at(self, activation_count: Array) -> Array:
         """Return the slope (N, T, 12) of the curves at an activation, Pa per count, and at least LEAST_SLOPE × mean."""
-        derivative = self.coefficients[1:] * np.arange(1, len(self.coefficients))[:, None, None]
-        slope = polynomial(self._inside(activation_count), derivative)
+        slope = polynomial(self._inside(activation_count), _derivative(self.coefficients))
         least = LEAST_SLOPE * np.mean(slope, axis=0)
         return np.asarray(np.maximum(slope, np.maximum(least, 0.0), out=slope))
 
