@@ -33,6 +33,7 @@ WAIT_JITTER = 0.35  # median, as share of the board's period, that conversions o
 LEAST_PERIOD_RATIO = 1.1  # of converter to board: below it frames are repeated, not conversions
 REPEAT_RATIO = 3.0  # of identical readings to those by chance: the converter repeats old values
 LEAST_REPEATED = 0.02  # share of readings
+LEAST_NOISY = 3  # taxels of a triangle whose equal readings tell a repeat
 FROZEN_ODDS = 1e-6  # expected number of such stretches by chance in a whole recording
 FROZEN_READINGS = 8  # shortest stretch of identical readings
 LEAST_IN_RANGE = 0.5  # of the taxels, valid and not at an end of their range
@@ -302,15 +303,15 @@ def _without_repeats(readings: TriangleReadings) -> TriangleReadings:
     if len(readings.t_s) < CHANGE_READINGS:
         return readings
     pressure_counts = readings.counts[:, PRESSURE_TAXELS]
-    is_equal = np.zeros(pressure_counts.shape, bool)
-    # Readings at an end of their range are equal whatever the load.
-    is_equal[1:] = (
-        (pressure_counts[1:] == pressure_counts[:-1]) & (pressure_counts[1:] > 0) & (pressure_counts[1:] < MOST_COUNT)
-    )
+    is_same = np.zeros(pressure_counts.shape, bool)
+    is_same[1:] = pressure_counts[1:] == pressure_counts[:-1]
+    is_at_end = (pressure_counts == 0) | (pressure_counts >= MOST_COUNT)  # equal whatever the load
+    is_equal = is_same & ~is_at_end
     is_noisy = is_equal.mean(axis=0) < 0.95
-    if is_noisy.sum() < 3:
+    if is_noisy.sum() < LEAST_NOISY:
         return readings
-    all_equal = np.asarray(is_equal[:, is_noisy].all(axis=1))
+    is_unchanged = np.asarray(is_same[:, is_noisy].all(axis=1))
+    all_equal = is_unchanged & (is_equal[:, is_noisy].sum(axis=1) >= LEAST_NOISY)
     is_new = ~all_equal
     # The probability of equal readings is estimated where the load changes: at rest a quiet triangle may not change.
     is_change = np.zeros(len(is_equal), bool)
@@ -325,7 +326,7 @@ def _without_repeats(readings: TriangleReadings) -> TriangleReadings:
     )
     if all_equal[near_change].mean() <= REPEAT_RATIO * chance + LEAST_REPEATED:
         return readings
-    is_kept = ~all_equal
+    is_kept = ~is_unchanged
     if is_kept.sum() < LEAST_READINGS:
         return readings
     t_s = readings.t_s[is_kept]
@@ -334,7 +335,7 @@ def _without_repeats(readings: TriangleReadings) -> TriangleReadings:
     regular_s, jitter_s = _without_jitter(t_s, period_s)
     without_repeats = replace(
         readings, t_s=t_s, counts=readings.counts[is_kept], valid=readings.valid[is_kept],
-        held_fraction=readings.held_fraction + float(all_equal.mean()),
+        held_fraction=readings.held_fraction + float(is_unchanged.mean()),
     )  # fmt: skip
     step_s = float(np.median(np.diff(regular_s)))
     if jitter_s > WAIT_JITTER * readings.period_s or step_s < LEAST_PERIOD_RATIO * readings.period_s:

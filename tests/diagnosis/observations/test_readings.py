@@ -36,6 +36,16 @@ def test_conversions_of_a_slow_converter_get_regular_times(conversion_s):
     assert np.std(late_s[60:-60]) < 0.002
 
 
+def test_taxels_at_the_end_of_their_range_do_not_hide_repeats():
+    number = np.floor(np.arange(3000) * SENT_S / 0.037).astype(int)
+    readings = held(number)
+    readings.counts[:, :2] = np.maximum(readings.counts[:, :2] - 230.0, 0.0)  # at 0 for a part of the time
+    readings.counts[500:600] = 0.0  # all of them
+    found = _without_repeats(readings)
+    converted_s = np.round(found.t_s / 0.037) * 0.037
+    assert np.std((found.t_s - converted_s)[60:-60]) < 0.002
+
+
 def test_repeated_frames_are_no_slow_converter():
     repeats = np.random.default_rng(2).random(3000) < 0.3
     found = _without_repeats(held(np.cumsum(~repeats)))
