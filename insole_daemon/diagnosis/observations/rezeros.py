@@ -121,8 +121,9 @@ def _corrected(
 def _find_rezero(seen: WrenchObservation, of_board: NDArray[np.bool_], landing_count: float, width: int) -> int | None:
     """Return the row at which a board's taxels jump to `landing_count` under a known load, or None.
 
-    Only rows whose load is known count. A simulated load may stay where the person's ends; beside one, later readings
-    also have to be below those of no load, which no load can cause.
+    Only rows whose load is known count. Later readings also have to be below those of no load, which no load can cause,
+    while the load is less than that of the re-zero; beside a simulation at any time, because a simulated load may stay
+    where the person's ends.
     """
     usable = seen.usable[of_board]
     if not usable.any():
@@ -147,6 +148,7 @@ def _find_rezero(seen: WrenchObservation, of_board: NDArray[np.bool_], landing_c
     ]
     cut_off = seen.cut_off[:, of_board][:, usable].mean(axis=1) > MOST_ELSEWHERE
     missing_count = np.where(is_known, expected - above_landing, np.nan)  # what readings miss
+    expected = np.where(is_known & ~cut_off, expected, np.nan)
     by_others = _missing_by_others(seen, of_board)
     for beside_count in [0.0] if by_others is None else [0.0, by_others]:
         missing = missing_count - beside_count
@@ -157,7 +159,11 @@ def _find_rezero(seen: WrenchObservation, of_board: NDArray[np.bool_], landing_c
             )
             if _is_missing_since(
                 missing, last, first, step_count, ~cut_off, round(LEAST_DURATION_S / seen.step_s)
-            ) and (not isinstance(seen, PairedObservation) or _falls_below_no_load(activation[first:])):
+            ) and (
+                _falls_below_no_load(activation[first:])
+                if isinstance(seen, PairedObservation)
+                else _lacks_load(above_landing[first:], expected[first:], step_count)
+            ):
                 return int(rows[k]) + width // 2
     return None
 
@@ -216,6 +222,16 @@ def _is_missing_since(
 def _falls_below_no_load(activation: Array) -> bool:
     """Return whether activations (N, k) of a board are below those of no load for some of the time."""
     return bool(np.quantile(activation.mean(axis=1), BELOW_QUANTILE) < -LANDING_COUNT)
+
+
+def _lacks_load(above_landing: Array, expected: Array, step_count: float) -> bool:
+    """Return whether readings (N,) are below those of no load while the load is clearly less than that of the re-zero.
+
+    `expected` (N,): by the load, NaN if it is not known or the readings are at an end of their range. Also True if the
+    load stays higher.
+    """
+    is_less = expected < step_count - LANDING_COUNT
+    return bool(is_less.sum() < LEAST_ROWS or np.median(above_landing[is_less]) < 0.0)
 
 
 def _find_rezero_of_walk(seen: WrenchObservation, of_board: NDArray[np.bool_], width: int) -> int | None:

@@ -77,6 +77,21 @@ def test_a_rezero_is_found_beside_an_effect_that_moves_all_boards_by_as_much(tmp
     assert finding.parameters["t_s"].value == pytest.approx(seen.t_s[at], abs=0.2)
 
 
+def test_readings_that_stay_above_those_of_no_load_were_not_zeroed_under_load(tmp_path):
+    recording = insole_daemon.load(chamber.write(tmp_path / "bag"))
+    (foot,) = recording.feet
+    (seen,) = observed([recording], [foot], None, lambda text: None, ())
+    own = (seen.layout.identities[:, 0] == BOARD)[:, None] & seen.usable
+    load = seen.expected_count[:, own].mean(axis=1)
+    at = int(np.argmax(np.where((seen.t_s > 30.0) & (seen.t_s < 60.0) & (load > 15.0), np.gradient(load), 0.0)))
+    landed = seen.calibration.baseline_count - {board.address: board.no_load for board in foot.boards}[BOARD]
+    zeroed = seen.activation_count.copy()
+    zeroed[at:] -= np.where(own, seen.expected_count[at] - landed, 0.0)
+    assert len(correct_rezeros(foot, replace(seen, activation_count=zeroed))[1]) == 1
+    stiff = np.where(own, np.maximum(zeroed, landed + 1.0), zeroed)
+    assert correct_rezeros(foot, replace(seen, activation_count=stiff))[1] == []
+
+
 def test_a_board_that_sends_nothing_while_it_zeroes_itself_under_a_changing_load_is_corrected(tmp_path):
     recording = insole_daemon.load(chamber.write(tmp_path / "bag"))
     (foot,) = recording.feet
