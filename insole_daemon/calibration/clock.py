@@ -85,9 +85,8 @@ def fit_clock(
     """Fit the clock with which `features` (n, k) at `t_s` (n,) explain `reference` (m,) or (m, channels) best.
 
     Both times must never decrease; count them from the trial's beginning, since the offset is the one at time 0. Rows
-    of the reference with NaN are ignored. Only offsets up to `most_offset_s` in the middle of the trial and rates up to
-    `most_rate` are searched; `most_rate` 0 fixes the rate at 0. Raises CalibrationError if the reference is constant or
-    does not follow the taxels.
+    of the reference with NaN are ignored. Offsets up to `most_offset_s` in the middle of the trial are searched; the
+    rate is at most `most_rate`. Raises CalibrationError if the reference is constant or does not follow the taxels.
     """
     columns = reference[:, None] if reference.ndim == 1 else reference
     is_finite = np.isfinite(columns).all(axis=1)
@@ -100,8 +99,8 @@ def fit_clock(
             "was it switched on, and is it the right column?"
         )
     columns = columns[:, is_moving]
-    pair = _StreamPair(t_s, features, reference_s, columns, has_rate=most_rate > 0)
-    start = pair.search(most_offset_s, most_rate)
+    pair = _StreamPair(t_s, features, reference_s, columns, most_rate)
+    start = pair.search(most_offset_s)
     # Averaged streams converge from farther away, and seldom miss the optimum.
     best, unsmoothed = (
         pair.assess(pair.refine(pair.refine(start, _SMOOTHED_S), 0.0)),
@@ -121,13 +120,13 @@ def fit_clock(
 class _StreamPair:
     """Both streams with a common fit; a clock is (2,) here: its lead in s at the middle of the trial, and its rate."""
 
-    def __init__(self, t_s: Array, features: Array, reference_s: Array, reference: Array, has_rate: bool) -> None:
+    def __init__(self, t_s: Array, features: Array, reference_s: Array, reference: Array, most_rate: float) -> None:
         self._middle_s = float(t_s[0] + t_s[-1]) / 2
-        self._has_rate = has_rate
+        self._most_rate = most_rate
         self._t_s, self._reference_s = t_s, reference_s
         self._features, self._reference = _extract_edges(features, t_s), _extract_edges(reference, reference_s)
 
-    def search(self, most_offset_s: float, most_rate: float) -> Array:
+    def search(self, most_offset_s: float) -> Array:
         """Return the best clock of the grid; outside its readings the reference is assumed constant."""
         period_s = max(float(np.median(np.diff(self._t_s))), float(np.ptp(self._t_s)) / _MAX_GRID)
         grid_s = np.arange(self._t_s[0], self._t_s[-1], period_s)
@@ -137,9 +136,9 @@ class _StreamPair:
         size = next_fast_len(n + 2 * most_lag, real=True)
         spectrum = np.conj(rfft(basis, size, axis=0))[..., None]
         reach_s = grid_s[0] - self._middle_s + period_s * np.arange(-most_lag, n + most_lag)
-        n_rates = int(np.ceil(most_rate * np.ptp(self._t_s) / 2 / _RATE_STEP_S))
+        n_rates = int(np.ceil(self._most_rate * np.ptp(self._t_s) / 2 / _RATE_STEP_S))
         best = (np.inf, np.zeros(2))
-        for rate in np.linspace(-most_rate, most_rate, 2 * n_rates + 1):
+        for rate in np.linspace(-self._most_rate, self._most_rate, 2 * n_rates + 1):
             times_s = self._middle_s + (1.0 + rate) * reach_s
             r = _interpolate(times_s, self._reference_s, self._reference)
             explained = irfft(spectrum * rfft(r, size, axis=0)[:, None], size, axis=0)[: len(lags)] ** 2
@@ -161,7 +160,11 @@ class _StreamPair:
         for _ in range(_MAX_STEPS):
             residual, slopes, _ = self._residuals(clock, features, reference, weight)
             root = np.sqrt(weight)[:, None]
-            step = np.linalg.lstsq((slopes * root[..., None]).reshape(-1, 2), (residual * root).ravel(), rcond=None)[0]
+            columns, left = (slopes * root[..., None]).reshape(-1, 2), (residual * root).ravel()
+            step = np.linalg.lstsq(columns, left, rcond=None)[0]
+            if abs(clock[1] - step[1]) > self._most_rate:  # the lead that goes with the largest rate
+                step[1] = clock[1] - np.clip(clock[1] - step[1], -self._most_rate, self._most_rate)
+                step[:1] = np.linalg.lstsq(columns[:, :1], left - step[1] * columns[:, 1], rcond=None)[0]
             clock = clock - step
             if abs(step[0]) + abs(step[1]) * np.ptp(self._t_s) / 2 < _SMALL_STEP_S:
                 break
@@ -204,7 +207,7 @@ class _StreamPair:
         smooth = _average(reference, self._reference_s, _SLOPE_S)
         slope = _interpolate(times_s, self._reference_s, np.gradient(smooth, self._reference_s, axis=0))
         shifted = _interpolate(times_s, self._reference_s, reference)
-        by_rate = slope * since_middle_s[:, None] * self._has_rate  # 0 keeps the rate fixed
+        by_rate = slope * since_middle_s[:, None] * (self._most_rate > 0.0)  # 0 keeps the rate fixed
         targets = np.concatenate([shifted, slope, by_rate], axis=1)
         root = np.sqrt(weight * is_inside)[:, None]
         residual = (targets - features @ np.linalg.lstsq(features * root, targets * root, rcond=None)[0]) * is_inside[

@@ -71,6 +71,14 @@ def test_a_fixed_rate_stays_0():
     assert fitted.offset_s == pytest.approx(1.37 + 0.0004 * middle_s, abs=0.02)
 
 
+def test_a_rate_beyond_the_largest_stays_at_that():
+    fitted = clock.fit_clock(T_S, powers(activation()), *gauge(1.37, 0.0015), most_rate=0.0003)
+    assert fitted.rate == pytest.approx(0.0003, rel=1e-9)
+    middle_s = T_S[-1] / 2
+    at_the_ends_s = (0.0015 - 0.0003) * middle_s
+    assert fitted.reference_s(middle_s) == pytest.approx(1.37 + 1.0015 * middle_s, abs=at_the_ends_s)
+
+
 def test_a_reference_without_times_is_aligned_by_its_rows():
     true_s = np.arange(0.7, T_S[-1], 0.0201)  # begins later, and is slower by 0.5 %
     fitted = clock.fit_clock(T_S, powers(activation()), clock.row_times_s(T_S, len(true_s)), level_pa(true_s))
