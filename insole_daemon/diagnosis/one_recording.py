@@ -19,7 +19,9 @@ from .gathering import join_places
 from .model.blocks import RECALIBRATIONS, BlockDesign
 from .model.design import Design
 from .model.nuisance import Priors
+from .model.refine import Refined
 from .model.regression import Timing
+from .model.signal_path import model_pressure
 from .observations.reading_faults import ReadingFaults
 from .observations.wrench import WrenchObservation
 from .observing import refuse_unloaded
@@ -81,7 +83,7 @@ def diagnose_one(seen: WrenchObservation, foot: FootRecording, progress: Callabl
         findings += static_findings(kept.refined, figures)
     findings = list(join_places(findings, seen))
     effects.sort(key=lambda effect: np.inf if effect.law.order is None else effect.law.order)  # signal path
-    findings += [finding for finding in faults.findings if not _is_negligible(finding, figures)]
+    findings += _fault_findings(faults, kept.refined, [each for each in findings if each.effect == "unknown"], figures)
     result = RecordingResult(
         faults, whole.subset(()), kept.refined, figures, (), tuple(effects), _single_terms(search),
         tuple(not_identifiable(whole, {finding.effect for finding in findings}, searched.priors)), is_unknown, timing,
@@ -253,6 +255,25 @@ def _explain(faults: ReadingFaults, figures: HeldoutErrors, design: Design | Blo
     """Return whether faults of the readings explain the mismatch; they do not beside a larger one."""
     is_unknown = any(finding.effect == "unknown" for finding in faults.findings)
     return is_unknown or (bool(faults.findings) and not explains_little(figures, design))
+
+
+def _fault_findings(
+    faults: ReadingFaults, refined: Refined[Any], unknown: Sequence[Finding], figures: HeldoutErrors
+) -> list[Finding]:
+    """Return the findings on faults of the readings that remain beside the selected terms, and are not negligible.
+
+    Where an effect is unknown, nobody can say which deviation of a taxel is its own.
+    """
+    odd, layout = faults.odd_taxels, faults.observation.layout
+    remaining: Sequence[Finding] = odd.findings
+    if odd.findings and isinstance(refined.design, BlockDesign):
+        not_known = {slot for finding in unknown for slot in finding.where.slots(layout).tolist()}
+        remaining = [
+            finding for finding in odd.beside(model_pressure(refined.of_laws))
+            if not not_known.issuperset(finding.where.slots(layout).tolist())
+        ]  # fmt: skip
+    of_others = [finding for finding in faults.findings if finding not in odd.findings]
+    return [finding for finding in (*of_others, *remaining) if not _is_negligible(finding, figures)]
 
 
 def _is_negligible(finding: Finding, figures: HeldoutErrors) -> bool:

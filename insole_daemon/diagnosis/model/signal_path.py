@@ -13,6 +13,7 @@ import numpy as np
 from ...physics.law import Array
 from ..load_estimate import KnownLoad, TaxelLoad
 from .blocks import BlockDesign
+from .refine import Refined
 from .regression import PlacedTerm
 
 ACTING_ON_LOAD = range(2, 6)  # places on the signal path before the lag, which is a timing, and the static curve
@@ -48,3 +49,13 @@ def pressure_removed(design: BlockDesign, load: KnownLoad, candidate: PlacedTerm
         if len(at) == len(settings) and block.by_triangle is not None:
             return np.asarray(block.by_triangle[..., at] @ shares * design.mask[candidate.columns[0]][:, None])
     return np.zeros((len(design.weights), design.weights.shape[1], 1))
+
+
+def model_pressure(refined: Refined[BlockDesign]) -> Array:
+    """Return the pressure (N, T, 12) in Pa that the static curves read by a refined set under the load of its rows."""
+    design = refined.design
+    load = TaxelLoad(design.seen, design.known_load.changes)
+    pressure_pa = np.broadcast_to(design.seen.load_pa(design.seen.reference_s), design.seen.activation_count.shape)
+    for candidate, shares in zip(design.candidates, refined.shares, strict=True):
+        pressure_pa = pressure_pa - pressure_removed(design, load, candidate, shares)
+    return np.asarray(pressure_pa)

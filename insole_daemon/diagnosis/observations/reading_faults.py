@@ -26,7 +26,7 @@ from .paired import PairedObservation
 from .reference_wrench import FINE_S
 from .rezeros import correct_rezeros
 from .shifted_boards import correct_bit_shifts
-from .taxel_faults import correct_taxels
+from .taxel_faults import OddTaxels, correct_taxels
 from .wrench import LARGEST, WrenchObservation
 
 CONTACT_FAULTS = ("open_triangle", "dead_taxels")  # findings of the audit that are used
@@ -54,7 +54,8 @@ class ReadingFaults:
 
     observation: WrenchObservation
     substituted: NDArray[np.bool_]  # (T,) triangles with taxels whose readings or curves are those of others
-    findings: tuple[Finding, ...]
+    findings: tuple[Finding, ...]  # those of `odd_taxels` are among them
+    odd_taxels: OddTaxels
     spikes: NDArray[np.bool_]  # (N,) rows in which the reference leaps
     explained: Array  # (1,) count² or (3,) N² and N²·m²: mean square error removed by corrections
 
@@ -108,12 +109,14 @@ def reading_faults(foot: FootRecording, seen: WrenchObservation) -> ReadingFault
     pick_up_ratio, pick_up = _pick_up(seen)
     seen = replace(seen, noise_ratio=np.maximum(burst_ratio, pick_up_ratio))
     spikes, leaps = _spikes(seen)
-    findings = (*broken_parts, *rezeros, *shifts, *odd_taxels, *frame_loss, *bursts, *pick_up, *leaps)
+    findings = (*broken_parts, *rezeros, *shifts, *odd_taxels.findings, *frame_loss, *bursts, *pick_up, *leaps)
     explained = np.zeros(1 if seen.load_is_known else 3)
     explained[0] = sum(finding.explains for finding in findings)
     if shifts and not seen.load_is_known:
         explained[1:] = _error_removed(before_shifts, seen)[1:]
-    return ReadingFaults(seen, substituted | is_estimated, findings, spikes, explained + explained_by_unloaded)
+    return ReadingFaults(
+        seen, substituted | is_estimated, findings, odd_taxels, spikes, explained + explained_by_unloaded
+    )
 
 
 def _contact_faults(foot: FootRecording, seen: WrenchObservation) -> list[Finding]:

@@ -6,7 +6,8 @@ uses means of triangles, in which a taxel has a tenth of the weight.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,12 +29,55 @@ LEAST_DEVIATION = 8.0  # from the median of all taxels, in median absolute devia
 LEAST_EXPLAINED = 0.6  # of the mean square deviation beyond noise, by one effect
 LEAST_ROWS = 200
 
+Correction: TypeAlias = tuple[int, float, float]  # slot, gain less 1 or counts that are missing, mean square in counts²
 
-def correct_taxels(seen: WrenchObservation, working: NDArray[np.bool_]) -> tuple[WrenchObservation, list[Finding]]:
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OddTaxels:
+    """Taxels with another gain or baseline than the rest of their triangle, and the readings that show it."""
+
+    seen: WrenchObservation  # before the correction
+    working: NDArray[np.bool_]  # (T, 12)
+    findings: tuple[Finding, ...]
+
+    def beside(self, model_pa: Array) -> list[Finding]:
+        """Return the findings with those of their taxels that are odd beside the effects of a model, too.
+
+        `model_pa` (N, T, 12) is the pressure that the static curves should read by it. An effect that depends on the
+        load, or on the slope of a curve, is not the same on all taxels of a triangle.
+        """
+        if not self.findings or not isinstance(self.seen, ChamberObservation):
+            return []
+        odd = _odd_taxels(self.seen, self.working, model_pa)
+        remaining = []
+        for finding in self.findings:
+            slots = set(finding.where.slots(self.seen.layout).tolist())
+            corrections = [correction for correction in odd[finding.effect] if correction[0] in slots]
+            if corrections:
+                remaining.append(_finding(self.seen, finding.effect, corrections))
+        return remaining
+
+
+def correct_taxels(seen: WrenchObservation, working: NDArray[np.bool_]) -> tuple[WrenchObservation, OddTaxels]:
     """Return `seen` with such taxels among the `working` ones (T, 12) corrected, and findings on them."""
     if not isinstance(seen, ChamberObservation) or seen.has_own_curves:
-        return seen, []
-    deviation, known = _deviation_count(seen, working), np.isfinite(seen.weight_variance)
+        return seen, OddTaxels(seen, working, ())
+    activation = seen.activation_count.copy()
+    findings = []
+    for effect, corrections in _odd_taxels(seen, working, seen.load_pa(seen.reference_s)).items():
+        for slot, value, _ in corrections:
+            row, taxel = divmod(slot, N_TAXELS)
+            reading = activation[:, row, taxel]
+            activation[:, row, taxel] = reading / (1.0 + value) if effect == "gain" else reading + value
+        if corrections:
+            findings.append(_finding(seen, effect, corrections))
+    odd = OddTaxels(seen, working, tuple(findings))
+    return replace(seen, activation_count=activation) if findings else seen, odd
+
+
+def _odd_taxels(seen: ChamberObservation, working: NDArray[np.bool_], model_pa: Array) -> dict[str, list[Correction]]:
+    """Return by effect the taxels whose readings deviate from `model_pa` by other counts than their triangle."""
+    deviation, known = _deviation_count(seen, working, model_pa), np.isfinite(seen.weight_variance)
     expected, spread_count = seen.expected_count, _spread_deviation_count(seen)
     shape = seen.usable.shape
     gain, shift = np.full(shape, np.nan), np.full(shape, np.nan)
@@ -43,9 +87,7 @@ def correct_taxels(seen: WrenchObservation, working: NDArray[np.bool_]) -> tuple
             gain[row, taxel], shift[row, taxel] = _fit_gain_and_baseline(
                 expected[used, row, taxel], deviation[used, row, taxel]
             )
-    findings: list[Finding] = []
-    activation = seen.activation_count.copy()
-    by_effect: dict[str, list[tuple[int, float, float]]] = {"gain": [], "baseline": []}
+    by_effect: dict[str, list[Correction]] = {"gain": [], "baseline": []}
     is_odd = _is_odd(gain) | _is_odd(shift)
     is_odd &= is_odd.sum(axis=1, keepdims=True) <= MOST_ODD_SHARE * working.sum(axis=1, keepdims=True)
     for row, taxel in np.argwhere(is_odd).tolist():
@@ -54,22 +96,15 @@ def correct_taxels(seen: WrenchObservation, working: NDArray[np.bool_]) -> tuple
         explanation = _explanation(
             expected[used, row, taxel], spread_count[used, row, taxel], deviation[used, row, taxel], noise_count
         )
-        if explanation is None:
-            continue
-        effect, value, square = explanation
-        by_effect[effect].append((row * N_TAXELS + taxel, value, square))
-        reading = activation[:, row, taxel]
-        activation[:, row, taxel] = reading / (1.0 + value) if effect == "gain" else reading + value
-    total = max(int(seen.usable.sum()), 1)
-    for effect, corrections in by_effect.items():
-        if corrections:
-            findings.append(_finding(seen, effect, corrections, total))
-    return replace(seen, activation_count=activation) if findings else seen, findings
+        if explanation is not None:
+            effect, value, square = explanation
+            by_effect[effect].append((row * N_TAXELS + taxel, value, square))
+    return by_effect
 
 
-def _deviation_count(seen: ChamberObservation, working: NDArray[np.bool_]) -> Array:
+def _deviation_count(seen: ChamberObservation, working: NDArray[np.bool_], model_pa: Array) -> Array:
     """Return by how many counts taxels deviate from the median of their triangle, (N, T, 12); NaN if unknown."""
-    excess_pa = seen.pressure_pa - seen.load_pa(seen.reference_s)
+    excess_pa = seen.pressure_pa - model_pa
     excess_pa = np.where(working & ~seen.cut_off, excess_pa, np.nan)
     is_enough = np.isfinite(excess_pa).sum(axis=2, keepdims=True) >= LEAST_TAXELS
     median_pa = np.nanmedian(np.where(is_enough, excess_pa, 0.0), axis=2, keepdims=True)
@@ -126,7 +161,7 @@ def _explanation(
     return effect, gain if effect == "gain" else shift, squares[effect]
 
 
-def _finding(seen: WrenchObservation, effect: str, corrections: list[tuple[int, float, float]], total: int) -> Finding:
+def _finding(seen: WrenchObservation, effect: str, corrections: list[Correction]) -> Finding:
     identities = seen.layout.identities
     where = Where(
         "taxel",
@@ -144,6 +179,6 @@ def _finding(seen: WrenchObservation, effect: str, corrections: list[tuple[int, 
         text = f"rests {median:+.1f} counts from where it was calibrated"
     return Finding(
         effect=effect, foot=seen.layout.foot, where=where, equation=laws()[effect].equation, recordings=(seen.name,),
-        parameters=parameters, explains=sum(square for _, _, square in corrections) / total,
+        parameters=parameters, explains=sum(square for _, _, square in corrections) / max(int(seen.usable.sum()), 1),
         sentence=f"{place_in_words(where)}: {text}, other than the rest of its triangle.",
     )  # fmt: skip
