@@ -10,6 +10,7 @@ import numpy as np
 from ..physics.effect import Where
 from .finding import Quantity
 from .places import place_in_words
+from .terms.snap import TOGETHER
 
 IN_WORDS = {"1": "", "count": "counts", "count/K": "counts a kelvin", "1/K": "a kelvin"}
 SHOWN = 5  # values of a list; of a longer one the range is stated
@@ -23,9 +24,10 @@ def of_effect(word: str, where: Where, parameters: Mapping[str, Quantity]) -> st
             f"{place_in_words(where)}: temperature, by the thermal pads. Record temperature_c in the reference to have "
             "it in kelvins and in the model."
         )
-    stated = {name: q for name, q in parameters.items() if name != "pair" and _is_stated(name, q)}
+    stated = {name: q for name, q in parameters.items() if name not in ("pair", TOGETHER) and _is_stated(name, q)}
     numbers = ", ".join(_number(name, q) for name, q in stated.items())
-    return f"{place_in_words(where)}: {word.replace('_', ' ')}{f' ({numbers})' if numbers else ''}."
+    how = ", the taxels of a triangle together" if TOGETHER in parameters else ""
+    return f"{place_in_words(where)}: {word.replace('_', ' ')}{f' ({numbers})' if numbers else ''}{how}."
 
 
 def of_constant(offset: Sequence[float]) -> str:

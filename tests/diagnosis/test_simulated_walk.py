@@ -14,11 +14,14 @@ from typer.testing import CliRunner
 from insole_daemon import config as configs
 from insole_daemon.cli import app
 from insole_daemon.diagnosis import prediction
-from insole_daemon.diagnosis.load_estimate import TaxelLoad
+from insole_daemon.diagnosis.load_estimate import KnownLoad, TaxelLoad
+from insole_daemon.diagnosis.model.blocks import block_design
+from insole_daemon.diagnosis.observations.reading_faults import reading_faults
 from insole_daemon.diagnosis.observations.readings import read_triangles
 from insole_daemon.diagnosis.observations.rezeros import correct_rezeros
 from insole_daemon.diagnosis.observing import observed
 from insole_daemon.diagnosis.operators import low_pass
+from insole_daemon.diagnosis.select.thresholds import refine_thresholds
 from insole_daemon.diagnosis.terms import lag
 from insole_daemon.errors import DiagnosisError
 from insole_daemon.physics import calibration as calibrations
@@ -66,6 +69,21 @@ def test_a_null_has_no_finding_and_its_model_predicts_the_counts(tmp_path, plain
     expected = prediction.of_folder(out / "model.json", folder, plain)["left"]
     left = load(folder).feet[0].counts - expected
     assert np.sqrt(np.nanmean(left**2)) < 1.2
+
+
+@pytest.mark.parametrize("together", [0, 1])
+def test_a_triangle_that_snaps_as_one_is_told_from_taxels_that_snap_alone(tmp_path, plain, together):
+    where = Where("triangle", (tuple(LAYOUT.identities[7].tolist()),))
+    snap = effect("snap", where, up_pa=4e4, down_pa=2e4, step_pa=4e4, together=together)
+    recording = load(walk(tmp_path / "walk", snap))
+    (seen,) = observed([recording], list(recording.feet), None, lambda text: None, (load(plain),))
+    design = block_design(KnownLoad(seen), reading_faults(recording.feet[0], seen).weights_of(seen))
+    settings = [setting for k, setting in refine_thresholds(design) if design.candidates[k].where == where]
+    assert bool(settings) == bool(together), "thresholds of taxels that switch alone stay on the grid"
+    for setting in settings:
+        assert setting["together"] == 1.0
+        assert setting["up_pa"] == pytest.approx(4e4, rel=0.1)
+        assert setting["down_pa"] == pytest.approx(2e4, rel=0.1)
 
 
 def with_pace_of_its_own(folder: Path, plain: Path, most_s: float) -> Path:

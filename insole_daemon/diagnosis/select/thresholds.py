@@ -9,6 +9,7 @@ from __future__ import annotations
 from ...physics.effect import Where
 from ..model.blocks import BlockDesign
 from ..model.refine import refine
+from ..terms.snap import TOGETHER
 from ..terms.term import Setting
 
 UPPER = "up_pa"
@@ -21,11 +22,10 @@ MOST_PLACES = 8
 def refine_thresholds(design: BlockDesign) -> list[tuple[int, Setting]]:
     """Return (k, setting) for each place where a snap explains much: a candidate and its refined setting.
 
-    Empty unless the load is uniform: otherwise the taxels of a triangle pass a threshold at
-    different times.
+    If the load is not uniform, the taxels of a triangle may switch each by its own pressure or together by their mean.
+    The strongest snap of a single triangle tells which. If each switches by its own, they do so at different times, the
+    grid is fine enough, and nothing is refined.
     """
-    if not design.seen.is_uniform:
-        return []
     gram, cross = design.gram.diagonal(), design.cross
     places: dict[Where, list[tuple[float, int]]] = {}
     for k, candidate in enumerate(design.candidates):
@@ -37,9 +37,23 @@ def refine_thresholds(design: BlockDesign) -> list[tuple[int, Setting]]:
     strongest = starts[0][0][0] if starts else 0.0
     if strongest < LEAST_SHARE * design.total:
         return []
+    number_of = {k: k for of_place in starts for _, k in of_place}
+    if not design.seen.is_uniform:
+        # Of a board, whose triangles have different thresholds, it would be the kind with the less exact one.
+        clearest = next((of_place for of_place in starts if _is_of_triangle(design, of_place)), starts[0])
+        own = refine(design, (clearest[0][1],))
+        number_of = {k: len(design.candidates) + i for i, k in enumerate(number_of)}
+        design = design.with_settings([(k, {**design.candidates[k].settings[0], TOGETHER: 1.0}) for k in number_of])
+        if max(refine(design, (number_of[k],)).gain for _, k in clearest) < own.gain:
+            return []
     settings = []
     for of_place in starts:
         if of_place[0][0] > COMPARABLE * strongest:
-            refined = max((refine(design, (k,)) for _, k in of_place), key=lambda one: one.gain)
+            refined = max((refine(design, (number_of[k],)) for _, k in of_place), key=lambda one: one.gain)
             settings.append((of_place[0][1], refined.design.candidates[0].settings[0]))
     return settings
+
+
+def _is_of_triangle(design: BlockDesign, of_place: list[tuple[float, int]]) -> bool:
+    """Return whether snaps, (gain, number), are of a single triangle."""
+    return design.candidates[of_place[0][1]].where.scope == "triangle"

@@ -49,7 +49,7 @@ TERM = Term(
     columns=_columns,
     parameters=_parameters,
     plausible=5000.0,
-    limit=200000.0,
+    limit=60000.0,  # straps that press more stop the blood
     needs=_needs,
     record_instead="walking or standing with a force shoe",
 )

@@ -15,6 +15,7 @@ from ..operators import relay
 from .term import Setting, Term, TermColumns
 
 SCALE_PA = 1e3
+TOGETHER = "together"  # setting and parameter: 1 if the taxels of a triangle switch together
 UPS = (0.15, 0.25, 0.45)  # upper thresholds, relative to the range of pressures
 DOWNS = (0.4, 0.75)  # lower thresholds, relative to the upper one
 KNOWN_UPS = tuple(0.1 * k for k in range(1, 10))  # if the load is known
@@ -22,10 +23,20 @@ KNOWN_DOWNS = (0.3, 0.5, 0.7, 0.85)
 
 
 def _column(load: LoadEstimate, setting: Setting) -> TermColumns:
-    """Return one column for two thresholds: the wrench of −1 kPa while the relay is on."""
-    pressure = load.courses_pa
+    """Return one column for two thresholds: the wrench of −1 kPa while the relay is on.
+
+    With the setting TOGETHER, the taxels of a triangle switch together by their mean.
+    """
+    pressure = triangle_means(load)[..., None] if setting.get(TOGETHER) else load.courses_pa
     on = relay(pressure.reshape(len(pressure), -1), setting["up_pa"], setting["down_pa"]).reshape(pressure.shape)
     return TermColumns((setting,), by_triangle=load.wrench_of_courses(-SCALE_PA * on)[..., None])
+
+
+def triangle_means(load: LoadEstimate) -> Array:
+    """Return the mean load (N, T) of the usable taxels of each triangle, Pa."""
+    usable = load.observation.usable
+    total_pa = np.einsum("ntk,tk->nt", load.pressure_pa, usable.astype(float))
+    return np.asarray(total_pa / np.maximum(usable.sum(axis=1), 1))
 
 
 def _columns(load: LoadEstimate) -> list[TermColumns]:
@@ -47,9 +58,10 @@ def _parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]
 
 def _known_parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:
     """Return thresholds and step, Pa; if the load is known, the thresholds are those of the law."""
+    together = {TOGETHER: 1} if settings[0].get(TOGETHER) else {}
     return {
         "up_pa": float(settings[0]["up_pa"]), "down_pa": float(settings[0]["down_pa"]),
-        "step_pa": SCALE_PA * float(shares[0]),
+        "step_pa": SCALE_PA * float(shares[0]), **together,
     }  # fmt: skip
 
 

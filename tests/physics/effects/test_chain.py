@@ -90,7 +90,7 @@ TABLE = {
     "preload": (2, ["p0_pa"]),
     "crosstalk": (3, ["k"]),
     "hysteresis": (4, ["r_pa", "w"]),
-    "snap": (4, ["up_pa", "down_pa", "step_pa"]),
+    "snap": (4, ["up_pa", "down_pa", "step_pa", "together"]),
     "viscoelasticity": (5, ["a", "tau_s"]),
     "creep": (5, ["a", "tau_s", "scale_pa"]),
     "power_creep": (5, ["a", "exponent", "t0_s"]),

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from insole_daemon.physics.chain import Chain
 from insole_daemon.physics.effect import Effect, effect
+from insole_daemon.skin.geometry import PRESSURE_TAXELS
 from insole_daemon.skin.layout import builtin
 
 Array = NDArray[np.float64]
@@ -139,6 +140,21 @@ def test_the_inverse_of_snap_is_exact(seed: int) -> None:
     chain = Chain(made, LAYOUT)
     inverted_pa = chain.inverse()(chain.forward()(load, t_s), t_s)
     np.testing.assert_allclose(inverted_pa, load, rtol=0, atol=1e-9 * FULL_SCALE_PA)
+
+
+def test_the_taxels_of_a_triangle_may_switch_together_by_their_mean() -> None:
+    rng = np.random.default_rng(5)
+    load = rng.uniform(0, 1e5, (60, 1, 1)) * rng.uniform(0.2, 1.8, (28, 12))
+    t_s = np.arange(60) * 0.02
+    chain = Chain([effect("snap", up_pa=5e4, down_pa=3e4, step_pa=8e3, together=1)], LAYOUT)
+    read = chain.forward()(load, t_s)
+    added_pa = (read - load)[:, :, PRESSURE_TAXELS]
+    assert np.ptp(added_pa, axis=2).max() < 1e-6
+    is_on = np.zeros(28, bool)
+    for mean_pa, added in zip(load[:, :, PRESSURE_TAXELS].mean(axis=2), added_pa[..., 0], strict=True):
+        is_on = (mean_pa >= 5e4) | (is_on & (mean_pa > 3e4))
+        np.testing.assert_allclose(added, 8e3 * is_on, atol=1e-6)
+    np.testing.assert_allclose(chain.inverse()(read, t_s), load, rtol=0, atol=1e-9 * FULL_SCALE_PA)
 
 
 def test_noise_below_half_a_step_does_not_mislead_the_inverse() -> None:
