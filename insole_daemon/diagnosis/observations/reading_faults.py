@@ -5,7 +5,7 @@ No row is deleted: faulty taxels are replaced by the mean of others, and noisy r
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -74,17 +74,19 @@ def reading_faults(foot: FootRecording, seen: WrenchObservation) -> ReadingFault
     Raises DiagnosisError if no taxel works.
     """
     contact_faults = _contact_faults(foot, seen)
+    as_read = seen
     seen, rezeros = correct_rezeros(foot, seen)
     with_negative_load = seen
     if not seen.load_is_known:
         seen = seen.with_unloaded()
     explained_by_unloaded = _error_removed(with_negative_load, seen)
     # A board that was zeroed under load reads as if nothing were connected until the load is higher.
-    rezeroed_boards = {finding.where.ids[0][0] for finding in rezeros}
+    since_s = {finding.where.ids[0][0]: finding.when_s[0][0] for finding in rezeros}
     broken_parts = [
-        finding
+        remaining
         for finding in contact_faults
-        if finding.effect != "open_triangle" or finding.where.ids[0][0] not in rezeroed_boards
+        if finding.effect != "open_triangle" or finding.where.ids[0][0] not in since_s
+        if (remaining := _without_zeroed_taxels(finding, as_read, since_s)) is not None
     ]
     broken_parts += _stuck_bit_findings(seen)
     is_broken = np.zeros_like(seen.usable)
@@ -187,11 +189,31 @@ def _without_resting_taxels(finding: Finding, seen: WrenchObservation) -> Findin
     count = (seen.calibration.baseline_count - seen.activation_count).reshape(len(seen.t_s), -1)[:, slots]
     most_expected = np.quantile(seen.expected_count.reshape(len(seen.t_s), -1)[:, slots], 0.99, axis=0)
     is_resting = (np.quantile(count, 0.01, axis=0) > LARGEST) & (most_expected < MOST_RESTING_COUNT)
-    if not is_resting.any():
+    return _without(finding, is_resting)
+
+
+def _without_zeroed_taxels(finding: Finding, seen: WrenchObservation, since_s: Mapping[int, float]) -> Finding | None:
+    """Return a finding on dead taxels without those that a re-zero of their board moved beyond the end of their range.
+
+    `since_s` has the times of re-zeros by board. Such a taxel worked until then.
+    """
+    if finding.effect != "dead_taxels" or finding.where.scope != "taxel":
         return finding
-    kept_ids = tuple(
-        identity for identity, rests in zip(finding.where.ids, is_resting.tolist(), strict=True) if not rests
-    )
+    slots = np.asarray(finding.where.slots(seen.layout))
+    count = (seen.calibration.baseline_count - seen.activation_count).reshape(len(seen.t_s), -1)[:, slots]
+    is_zeroed = np.zeros(len(slots), bool)
+    for i, (board, *_) in enumerate(finding.where.ids):
+        is_later = seen.t_s >= since_s.get(board, np.inf)
+        is_at_end = count[:, i] > LARGEST
+        is_zeroed[i] = is_later.any() and is_at_end[is_later].mean() > MOST_CUT_OFF > is_at_end[~is_later].mean()
+    return _without(finding, is_zeroed)
+
+
+def _without(finding: Finding, is_left_out: NDArray[np.bool_]) -> Finding | None:
+    """Return a finding on single taxels without some of them, or None if none is left."""
+    kept_ids = tuple(identity for identity, out in zip(finding.where.ids, is_left_out.tolist(), strict=True) if not out)
+    if len(kept_ids) == len(finding.where.ids):
+        return finding
     return replace(finding, where=Where("taxel", kept_ids)) if kept_ids else None
 
 

@@ -8,10 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from insole_daemon.diagnosis.observations.reading_faults import reading_faults
+from insole_daemon.diagnosis.finding import Finding
+from insole_daemon.diagnosis.observations.reading_faults import _without_zeroed_taxels, reading_faults
 from insole_daemon.diagnosis.observations.walk import observe_walk
 from insole_daemon.diagnosis.observing import observed
 from insole_daemon.errors import DiagnosisError
+from insole_daemon.physics.effect import Where
 from insole_daemon.recording.loading import load
 
 from .. import chamber
@@ -82,3 +84,22 @@ def test_spikes_of_the_reference_are_detected_and_a_late_heel_strike_is_none(tmp
     (walk / "reference.csv").write_text("\n".join(rows) + "\n")
     found = faults_of(walk)
     assert [each.effect for each in found.findings] == ["reference_fault"]
+
+
+def test_taxels_that_a_rezero_moved_beyond_their_range_are_not_dead(tmp_path):
+    recording = load(chamber.write(tmp_path / "bag", seconds=60.0))
+    (seen,) = observed([recording], list(recording.feet), None, lambda text: None, ())
+    board, zeroed_s = int(seen.layout.identities[0, 0]), float(seen.t_s[len(seen.t_s) // 2])
+    activation = seen.activation_count.copy()
+    activation[seen.t_s >= zeroed_s, 0, 1] = seen.calibration.baseline_count[0, 1] - 255.0
+    activation[:, 0, 3] = seen.calibration.baseline_count[0, 3] - 255.0
+    seen = replace(seen, activation_count=activation)
+    triangle = tuple(seen.layout.identities[0].tolist())
+    finding = Finding(
+        effect="dead_taxels", foot="left", where=Where("taxel", ((*triangle, 1), (*triangle, 3))), sentence="",
+        recordings=(seen.name,),
+    )  # fmt: skip
+    assert _without_zeroed_taxels(finding, seen, {board + 1: zeroed_s}) == finding
+    remaining = _without_zeroed_taxels(finding, seen, {board: zeroed_s})
+    assert remaining is not None
+    assert remaining.where.ids == ((*triangle, 3),), "a taxel that never worked is dead"
