@@ -115,6 +115,8 @@ def _validated_terms(search: SubsetSearch[Any], best: FittedSet, timing: Timing)
     kept = eliminate_backward(search, search.simplify(best, confidence.CLOSE_SCORE), timing)
     design = search.design
     figures, refined = kept.figures, kept.refined
+    if len(kept.order) >= search.penalties.most_terms:  # the search ended there, and not because nothing was left
+        return keep_strong(search, kept, refined, np.inf, timing), True
     if is_unexplained(figures, design, refined, timing):
         measured, unexplained = refined, excess_square(figures, design)
     elif relies_on_companions(design, refined):
@@ -122,7 +124,10 @@ def _validated_terms(search: SubsetSearch[Any], best: FittedSet, timing: Timing)
         unexplained = lack_of_fit_without_companions(refined, design)
     else:
         return kept, False
-    return keep_strong(search, kept, measured, least_gain_beside_unknown(figures, design, unexplained), timing), True
+    strong = keep_strong(search, kept, measured, least_gain_beside_unknown(figures, design, unexplained), timing)
+    if strong.order and explains_little(strong.figures, design):  # only together with weaker ones
+        strong = keep_strong(search, kept, refined, np.inf, timing)
+    return strong, True
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -26,6 +26,8 @@ UNKNOWN_EXCESS = 1.0  # excess in variances of the noise above which a residual 
 UNKNOWN_SHARE = 0.08  # of the gain of a set: a smaller residual may be the misfit of its laws
 UNKNOWN_OF_MEMORY = 0.12  # the same with a memory under a known load: materials follow these laws less closely
 LEAST_RELIANCE = 0.4  # of the mismatch: `unknown` if the terms without internal companions leave more
+FAR_FLOORS = 3.0  # held-out error, relative to the floor, that no misfit of a law alone causes
+MOST_LEFT = 0.5  # of the mismatch, by a set that explains it
 STRONGER = 4.0  # least gain of an effect that is reported beside `unknown`, relative to the unexplained part
 CONFIDENCE = 0.7  # of an `unknown`: a part of them is a known effect that the search did not find
 MOST_NULL = 1.12  # error of a recording without a mismatch, relative to the noise floor
@@ -33,7 +35,7 @@ MOST_NULL = 1.12  # error of a recording without a mismatch, relative to the noi
 
 def is_unexplained(errors: HeldoutErrors, whole: Design | BlockDesign, refined: Refined[Any], timing: Timing) -> bool:
     """Return whether the selected set leaves a mismatch that no set of terms explains."""
-    if refined.shares and explains_little(errors, whole):
+    if refined.shares and (explains_little(errors, whole) or leaves_much(errors, whole)):
         return True
     explained = refined.gain + timing_energy(whole, timing)
     share = UNKNOWN_OF_MEMORY if _has_memory(refined) and isinstance(whole, BlockDesign) else UNKNOWN_SHARE
@@ -54,7 +56,9 @@ def least_gain_beside_unknown(errors: HeldoutErrors, whole: Design | BlockDesign
 
     `unexplained`: squared residual beyond the noise. Gains are in variances of the noise.
     """
-    return float(np.inf) if explains_little(errors, whole) else STRONGER * unexplained
+    most_left = 1.0 / (1.0 + STRONGER) if leaves_much(errors, whole) else 1.0
+    is_doubtful = explains_little(errors, whole) or errors.residual_fraction > most_left
+    return float(np.inf) if is_doubtful else STRONGER * unexplained
 
 
 def mismatch(whole: Design | BlockDesign) -> float:
@@ -80,6 +84,17 @@ def explains_little(errors: HeldoutErrors, whole: Design | BlockDesign) -> bool:
         return False  # an effect may change the moments and not the force
     before, after, floor = (float(each[0]) for each in (errors.before, errors.after, errors.floor))
     return before**2 - after**2 < outcome.LEAST_EXPLAINED * (before**2 - floor**2)
+
+
+def leaves_much(errors: HeldoutErrors, whole: Design | BlockDesign) -> bool:
+    """Return whether a set leaves a held-out error of a known load that the misfit of its laws cannot be.
+
+    Columns for that misfit take a part of it up in the fit, and are in no model.
+    """
+    after, floor = float(errors.after[0]), float(errors.floor[0])
+    if not isinstance(whole, BlockDesign) or after <= outcome.MOST_AFTER * floor:
+        return False
+    return errors.residual_fraction > (UNKNOWN_OF_MEMORY if after > FAR_FLOORS * floor else MOST_LEFT)
 
 
 def null_bound(every: Iterable[tuple[HeldoutErrors, Design | BlockDesign]]) -> float:
