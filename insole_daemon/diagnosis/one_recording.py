@@ -267,7 +267,7 @@ def _fault_findings(
 ) -> list[Finding]:
     """Return the findings on faults of the readings that remain beside the selected terms, and are not negligible.
 
-    Where an effect is unknown, nobody can say which deviation of a taxel is its own.
+    A finding on taxels is left out if all of them are at the place of an unknown effect: that may be what they show.
     """
     odd, layout = faults.odd_taxels, faults.observation.layout
     remaining: Sequence[Finding] = odd.findings

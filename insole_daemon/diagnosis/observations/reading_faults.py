@@ -186,7 +186,7 @@ def _without_resting_taxels(finding: Finding, seen: WrenchObservation) -> Findin
     if finding.effect != "dead_taxels" or not seen.load_is_known or finding.where.scope != "taxel":
         return finding
     slots = np.asarray(finding.where.slots(seen.layout))
-    count = (seen.calibration.baseline_count - seen.activation_count).reshape(len(seen.t_s), -1)[:, slots]
+    count = _counts_of(seen, slots)
     most_expected = np.quantile(seen.expected_count.reshape(len(seen.t_s), -1)[:, slots], 0.99, axis=0)
     is_resting = (np.quantile(count, 0.01, axis=0) > LARGEST) & (most_expected < MOST_RESTING_COUNT)
     return _without(finding, is_resting)
@@ -200,13 +200,18 @@ def _without_zeroed_taxels(finding: Finding, seen: WrenchObservation, since_s: M
     if finding.effect != "dead_taxels" or finding.where.scope != "taxel":
         return finding
     slots = np.asarray(finding.where.slots(seen.layout))
-    count = (seen.calibration.baseline_count - seen.activation_count).reshape(len(seen.t_s), -1)[:, slots]
+    count = _counts_of(seen, slots)
     is_zeroed = np.zeros(len(slots), bool)
     for i, (board, *_) in enumerate(finding.where.ids):
         is_later = seen.t_s >= since_s.get(board, np.inf)
         is_at_end = count[:, i] > LARGEST
         is_zeroed[i] = is_later.any() and is_at_end[is_later].mean() > MOST_CUT_OFF > is_at_end[~is_later].mean()
     return _without(finding, is_zeroed)
+
+
+def _counts_of(seen: WrenchObservation, slots: NDArray[np.intp]) -> Array:
+    """Return the counts (N, k) of taxels."""
+    return np.asarray((seen.calibration.baseline_count - seen.activation_count).reshape(len(seen.t_s), -1)[:, slots])
 
 
 def _without(finding: Finding, is_left_out: NDArray[np.bool_]) -> Finding | None:

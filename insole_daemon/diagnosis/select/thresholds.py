@@ -6,9 +6,11 @@ search would otherwise take for further effects.
 
 from __future__ import annotations
 
+from functools import cache
+
 from ...physics.effect import Where
 from ..model.blocks import BlockDesign
-from ..model.refine import refine
+from ..model.refine import Refined, refine
 from ..terms.snap import TOGETHER
 from ..terms.term import Setting
 
@@ -38,19 +40,24 @@ def refine_thresholds(design: BlockDesign) -> list[tuple[int, Setting]]:
     if strongest < LEAST_SHARE * design.total:
         return []
     number_of = {k: k for of_place in starts for _, k in of_place}
+
+    @cache
+    def refined(k: int) -> Refined[BlockDesign]:
+        return refine(design, (number_of[k],))
+
     if not design.seen.is_uniform:
         # Of a board, whose triangles have different thresholds, it would be the kind with the less exact one.
         clearest = next((of_place for of_place in starts if _is_of_triangle(design, of_place)), starts[0])
         own = refine(design, (clearest[0][1],))
         number_of = {k: len(design.candidates) + i for i, k in enumerate(number_of)}
         design = design.with_settings([(k, {**design.candidates[k].settings[0], TOGETHER: 1.0}) for k in number_of])
-        if max(refine(design, (number_of[k],)).gain for _, k in clearest) < own.gain:
+        if max(refined(k).gain for _, k in clearest) < own.gain:
             return []
     settings = []
     for of_place in starts:
         if of_place[0][0] > COMPARABLE * strongest:
-            refined = max((refine(design, (number_of[k],)) for _, k in of_place), key=lambda one: one.gain)
-            settings.append((of_place[0][1], refined.design.candidates[0].settings[0]))
+            best = max((refined(k) for _, k in of_place), key=lambda one: one.gain)
+            settings.append((of_place[0][1], best.design.candidates[0].settings[0]))
     return settings
 
 
