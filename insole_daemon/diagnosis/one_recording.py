@@ -37,7 +37,6 @@ from .static_findings import static_findings
 from .terms import TERMS
 from .timings import LEAST_DELAY_S, clock_findings, is_nuisance, off_by_clock, timing_effects, timing_findings
 from .unexplained import (
-    STRONGER,
     excess_square,
     explains_little,
     is_unexplained,
@@ -74,8 +73,10 @@ def diagnose_one(seen: WrenchObservation, foot: FootRecording, progress: Callabl
     if is_unknown:
         findings.append(unknown_finding(seen, figures, whole))
     reported_timings = selection.reported_timings(first.words)
-    if not is_unknown or timing_energy(whole, timing) > STRONGER * excess_square(figures, whole):
-        findings += timing_findings(seen, first, searched.others, reported_timings, figures, float(whole.least.max()))
+    if is_unknown:
+        least_gain = least_gain_beside_unknown(figures, whole, excess_square(figures, whole))
+        reported_timings = reported_timings if timing_energy(whole, timing) > least_gain else ()
+    findings += timing_findings(seen, first, searched.others, reported_timings, figures, float(whole.least.max()))
     effects += timing_effects(first, reported_timings)
     effects += _term_effects(selection, seen)
     findings += _term_findings(selection, seen, figures, search)
@@ -85,7 +86,7 @@ def diagnose_one(seen: WrenchObservation, foot: FootRecording, progress: Callabl
     effects.sort(key=lambda effect: np.inf if effect.law.order is None else effect.law.order)  # signal path
     findings += _fault_findings(faults, kept.refined, [each for each in findings if each.effect == "unknown"], figures)
     result = RecordingResult(
-        faults, whole.subset(()), kept.refined, figures, (), tuple(effects), _single_terms(search),
+        faults, whole.subset(()), kept.refined, figures, tuple(findings), tuple(effects), _single_terms(search),
         tuple(not_identifiable(whole, {finding.effect for finding in findings}, searched.priors)), is_unknown, timing,
     )  # fmt: skip
     return replace(result, findings=_with_confidence([*findings, *clock_findings(result)], figures))

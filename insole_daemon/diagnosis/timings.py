@@ -141,7 +141,7 @@ def clock_findings(result: RecordingResult) -> list[Finding]:
     """Return the finding on the reference's clock, if its rate or offset cannot be those of a good clock.
 
     These are a rate beyond that of two quartzes, rows that do not match the cycles, and a declared CAN clock that is
-    wrong.
+    wrong. An unknown effect on most of the insole bends the fitted rate: there is no finding on the rate beside it.
     """
     seen = result.seen
     is_named = any(finding.effect == "clock" for finding in result.findings)
@@ -150,7 +150,11 @@ def clock_findings(result: RecordingResult) -> list[Finding]:
     offset_s, rate = clock_of(result)
     drift_s = abs(rate) * float(seen.t_s[-1])
     is_by_row = not seen.reference.has_times
-    has_rate = abs(rate) > LEAST_RATE + 3.0 * seen.rate_std and drift_s > LEAST_DRIFT_S
+    is_bent = any(
+        finding.effect == "unknown" and 2 * finding.where.slots(seen.layout).size > seen.usable.size
+        for finding in result.findings
+    )
+    has_rate = not is_bent and abs(rate) > LEAST_RATE + 3.0 * seen.rate_std and drift_s > LEAST_DRIFT_S
     is_stated = is_by_row or seen.declared_offset_s is not None
     if not (has_rate or (is_stated and max(abs(offset_s), drift_s) > LEAST_ROWS_OFF_S)):
         return []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,9 @@ import pytest
 import insole_daemon
 from insole_daemon.diagnosis import pipeline
 from insole_daemon.diagnosis.result import Diagnosis
+from insole_daemon.diagnosis.timings import clock_findings
 from insole_daemon.errors import DiagnosisError
+from insole_daemon.physics.effect import Where
 from insole_daemon.recording.loading import FootRecording
 
 from .chamber import BEGAN_S, LAYOUT, SLOTS, WHOLE, Array, relaxing, write
@@ -339,6 +342,16 @@ def test_a_wrong_declared_clock_is_corrected_beside_hysteresis(tmp_path):
     assert {each.effect for each in found.findings} == {"hysteresis", "clock"}
     (clock,) = (each for each in found.findings if each.effect == "clock")
     assert clock.parameters["offset_s"].value == pytest.approx(0.23, abs=0.02)
+
+
+def test_the_rate_of_a_clock_is_reported_unless_an_unknown_effect_of_the_insole_bends_it(tmp_path):
+    fast = write(tmp_path / "bag", reference=lambda t_s, p: np.interp(1.005 * t_s, t_s, p), clock="own")
+    found = diagnose(fast)
+    (finding,), (result,) = found.findings, found.results
+    assert finding.effect == "clock"
+    of_triangle = replace(finding, effect="unknown", where=Where("triangle", (tuple(LAYOUT.identities[0].tolist()),)))
+    assert [each.effect for each in clock_findings(replace(result, findings=(of_triangle,)))] == ["clock"]
+    assert not clock_findings(replace(result, findings=(replace(of_triangle, where=Where()),)))
 
 
 def test_a_declared_clock_that_is_seconds_off_is_the_only_finding(tmp_path):
