@@ -12,7 +12,6 @@ from ..recording.loading import FootRecording, Recording
 from .excitation import require_cycles
 from .observations.chamber import observe_chamber
 from .observations.fitted_curves import observe_uncalibrated
-from .observations.pad_temperature import with_pad_temperature
 from .observations.paired import observe_paired
 from .observations.uncalibrated import with_uncalibrated
 from .observations.walk import observe_walk
@@ -31,7 +30,7 @@ def observed(
     """Return an observation per recording, by the static model; in a chamber without one, by curves that fit best."""
     is_chamber = not simulations and all(recording.kind == "chamber" for recording in recordings)
     if is_chamber and not has_model(feet[0], calibration):
-        return [with_pad_temperature(observation) for observation in observe_uncalibrated(recordings, feet, progress)]
+        return list(observe_uncalibrated(recordings, feet, progress))
     model = static_model(recordings[0], feet[0], calibration)
     observations: list[WrenchObservation] = []
     for i, (recording, foot) in enumerate(zip(recordings, feet, strict=True)):
@@ -40,7 +39,7 @@ def observed(
             observations.append(observe_paired(recording, foot, model, simulations[i if len(simulations) > 1 else 0]))
         else:
             observations.append(_observe(recording, foot, model))
-    return [with_pad_temperature(observation) for observation in observations]
+    return observations
 
 
 def _observe(recording: Recording, foot: FootRecording, model: Calibration) -> WrenchObservation:

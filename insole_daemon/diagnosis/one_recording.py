@@ -22,6 +22,7 @@ from .model.nuisance import Priors
 from .model.refine import Refined
 from .model.regression import Timing
 from .model.signal_path import model_pressure
+from .observations.pad_temperature import with_pad_temperature
 from .observations.reading_faults import ReadingFaults
 from .observations.wrench import WrenchObservation
 from .observing import refuse_unloaded
@@ -53,7 +54,9 @@ def diagnose_one(seen: WrenchObservation, foot: FootRecording, progress: Callabl
     """Return the result of one recording: faults of readings, search of effects, refinement, figures and findings."""
     refuse_unloaded(seen)
     faults, placements = faults_and_displacement(foot, seen)
-    seen = faults.observation
+    rezeros = [finding for finding in faults.findings if finding.effect == "rezero"]
+    seen = with_pad_temperature(faults.observation, seen, rezeros)
+    faults = replace(faults, observation=seen)
     progress("comparing with every term of the library")
     searched = search_terms(seen, faults, placements, foot)
     first = searched.first

@@ -8,6 +8,7 @@ workers that do the same task write the same bytes.
 from __future__ import annotations
 
 import json
+import signal
 import socket
 import subprocess
 import sys
@@ -170,10 +171,17 @@ def _diagnosis(recording: Recording, file: Path, given: Given) -> None:
             command += [] if replacement is None else ["--calibration", str(replacement)]
             done = subprocess.run(command, capture_output=True, text=True, check=False)
             if not (out / "diagnosis.json").exists():  # whatever the exit status: without a verdict there is none
-                words = (done.stderr.strip().splitlines() or ["no message"])[-1]
-                raise InsoleError(f"{foot.foot} foot: {words.removeprefix('insole: ')}")
+                raise InsoleError(f"{foot.foot} foot: {_why_no_diagnosis(done)}")
             documents.append({"foot": foot.foot, **json.loads((out / "diagnosis.json").read_text())})
     write_text(file, json.dumps(documents, indent=1, ensure_ascii=False) + "\n")
+
+
+def _why_no_diagnosis(done: subprocess.CompletedProcess[str]) -> str:
+    """Return the last message of `insole diagnose`, or the signal that ended it before it had one."""
+    if done.returncode < 0:
+        name = signal.Signals(-done.returncode).name
+        return f"the diagnosis was ended by {name}: start this command again; it may need more memory than there is"
+    return (done.stderr.strip().splitlines() or ["no message"])[-1].removeprefix("insole: ")
 
 
 _DO: Mapping[Task, Callable[[Recording, Path, Given], None]] = {

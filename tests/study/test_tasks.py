@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -48,8 +49,9 @@ def study(tmp_path_factory):
     return folder
 
 
-def run(folder):
-    done = subprocess.run([INSOLE, "study", folder, "--workers", "1"], capture_output=True, text=True, check=False)
+def run(folder, environment=None):
+    command = [INSOLE, "study", folder, "--workers", "1"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
     assert "Traceback" not in done.stderr
     files = {path: path.stat().st_mtime_ns for path in (folder / "results").rglob("*") if path.is_file()}
     return pd.read_csv(folder / "table.csv").set_index("recording"), files
@@ -120,3 +122,16 @@ def test_a_recording_that_cannot_be_diagnosed_says_so_in_the_words_of_the_diagno
     assert table.missing["without"] == (
         "diagnosis: the left foot has no calibration: list one under analysed_with in study.yaml"
     )
+
+
+def test_a_diagnosis_that_was_killed_is_no_result_and_states_the_signal(tmp_path):
+    left = Config().insoles[0]
+    Trial("t4", Config(insoles=(left,)), [load_layout(left)], seed=7).write(tmp_path / "walk", 10.0)
+    (tmp_path / "study.yaml").write_text(
+        "format: insole-study/1\ntasks: [diagnosis]\nrecordings:\n  - {folder: walk, person: p01, session: one}\n"
+    )
+    killing = tmp_path / "code" / "sitecustomize.py"  # runs first in every Python
+    killing.parent.mkdir()
+    killing.write_text('import os, signal, sys\n"diagnose" in sys.orig_argv and os.kill(os.getpid(), signal.SIGKILL)\n')
+    table, _ = run(tmp_path, {**os.environ, "PYTHONPATH": str(killing.parent)})
+    assert table.missing["walk"].startswith("diagnosis: left foot: the diagnosis was ended by SIGKILL: ")

@@ -6,13 +6,18 @@ in counts.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from ...physics.law import Array
-from ...skin.geometry import PRESSURE_TAXELS
+from ...skin.geometry import N_TAXELS, PRESSURE_TAXELS
+from ..finding import Finding
+from .common_course import common_course
+from .readings import MOST_COUNT
 from .wrench import WrenchObservation
 
 PADS = np.flatnonzero(~PRESSURE_TAXELS).tolist()
@@ -20,16 +25,25 @@ WINDOW_S = 2.0  # of the moving average: temperature changes slowly
 LEAST_PADS = 4
 HALF_COUNT = 0.5  # of a pad: what the cutting off of whole counts loses on average
 MOST_CUT_OFF = 0.05  # of a pad's readings at an end of their range
+MOST_AT_END = 0.2  # of a pad's readings in a window: beyond it their mean is off by more than a tenth of their noise
+LEAST_STD_COUNT = 0.1  # of a pad's mean in a window
 LEAST_CORRELATION = 0.9  # of one half of the pads with the other
 MOST_LOAD_CORRELATION = 0.7  # with the readings: beyond it the pads follow the load
 
 
-def with_pad_temperature(seen: WrenchObservation) -> WrenchObservation:
-    """Return `seen` with the course of its thermal pads, if it has no temperature and the pads agree."""
+def with_pad_temperature(
+    seen: WrenchObservation, whole: WrenchObservation, rezeros: Sequence[Finding]
+) -> WrenchObservation:
+    """Return `seen` with the course of its thermal pads, if it has no temperature and the pads agree.
+
+    `whole`: the observation of all rows, as it was before the `rezeros` of boards were found.
+    """
     if seen.temperature_c is not None:
         return seen
-    course = pad_course(seen)
-    return seen if course is None else replace(seen, temperature_c=course, temperature_is_in_counts=True)
+    course = pad_course(whole, rezeros)
+    if course is None:
+        return seen
+    return replace(seen, temperature_c=np.interp(seen.t_s, whole.t_s, course), temperature_is_in_counts=True)
 
 
 def rounding_of_compensation(seen: WrenchObservation) -> Array:
@@ -48,28 +62,50 @@ def rounding_of_compensation(seen: WrenchObservation) -> Array:
     return np.asarray(np.tanh((smooth[0] - smooth) / HALF_COUNT))
 
 
-def pad_course(seen: WrenchObservation) -> Array | None:
-    """Return the deviation of the pads' counts from their median over time (N,), or None if they do not agree."""
-    counts = _moving_pads(seen)
-    if counts.shape[1] < LEAST_PADS:
+def pad_course(seen: WrenchObservation, rezeros: Sequence[Finding]) -> Array | None:
+    """Return the course (N,) that the pads share, in counts of the median pad, or None if they do not agree.
+
+    A pad shows nothing while it is at an end of its range. A re-zero of its board moves it.
+    """
+    counts, row_of_pad = _pads(seen)
+    rows = _window_rows(seen)
+    m = len(counts) // rows
+    in_windows = counts[: m * rows].reshape(m, rows, -1)
+    known = _is_at_end(in_windows).mean(axis=1) < MOST_AT_END
+    segment = np.zeros(known.shape, np.intp)
+    for rezero in rezeros:
+        window = int(np.searchsorted(seen.t_s, float(rezero.parameters["t_s"].value))) // rows
+        of_board = np.isin(row_of_pad, rezero.where.slots(seen.layout) // N_TAXELS)
+        known[window : window + 1, of_board] = False
+        segment[window:, of_board] += 1
+    values = in_windows.mean(axis=1)
+    moving = np.ma.filled(np.ma.ptp(np.ma.masked_array(values, ~known), axis=0), 0.0) > 0.0
+    if np.count_nonzero(moving) < LEAST_PADS:
         return None
-    window_rows = _window_rows(seen)
-    smooth = uniform_filter1d(counts - np.median(counts, axis=0), window_rows, axis=0)
-    halves = [np.median(smooth[:, k::2], axis=1) for k in (0, 1)]
-    median_course = np.median(smooth, axis=1)
-    if min(float(np.ptp(course)) for course in halves) <= 0.0:
+    shared = common_course(values[:, moving], known[:, moving], segment[:, moving], LEAST_STD_COUNT)
+    if shared is None or shared.agreement < LEAST_CORRELATION:
         return None
-    if np.corrcoef(*halves)[0, 1] < LEAST_CORRELATION or _follows_load(median_course, seen):
-        return None
-    return np.asarray(median_course)
+    course = np.interp(np.arange(len(counts)), (np.arange(m) + 0.5) * rows - 0.5, shared.course)
+    return None if _follows_load(course, seen) else np.asarray(course)
+
+
+def _pads(seen: WrenchObservation) -> tuple[Array, NDArray[np.intp]]:
+    """Return the counts (N, p) of the pads of all triangles that send, and the triangle's row (p,) of each."""
+    sending = [row for row, readings in enumerate(seen.readings) if len(readings.t_s) > 1]
+    pads = [(seen.readings[row], pad) for row in sending for pad in PADS]
+    series = [np.interp(seen.t_s, readings.t_s, readings.counts[:, pad]) for readings, pad in pads]
+    counts = np.stack(series, axis=1) if series else np.empty((len(seen.t_s), 0))
+    return counts, np.repeat(np.array(sending, np.intp), len(PADS))
+
+
+def _is_at_end(counts: Array) -> NDArray[np.bool_]:
+    return np.asarray((counts <= 0.5) | (counts >= MOST_COUNT - 0.5))
 
 
 def _moving_pads(seen: WrenchObservation) -> Array:
     """Return the counts (N, p) of the pads that are in range and do not stand still."""
-    sending = [readings for readings in seen.readings if len(readings.t_s) > 1]
-    pad_counts = [np.interp(seen.t_s, readings.t_s, readings.counts[:, pad]) for readings in sending for pad in PADS]
-    counts = np.stack(pad_counts, axis=1) if pad_counts else np.empty((len(seen.t_s), 0))
-    in_range = np.mean((counts <= 0.5) | (counts >= 254.5), axis=0) < MOST_CUT_OFF
+    counts, _ = _pads(seen)
+    in_range = _is_at_end(counts).mean(axis=0) < MOST_CUT_OFF
     return np.asarray(counts[:, in_range & (np.ptp(counts, axis=0) > 0.0)])
 
 
