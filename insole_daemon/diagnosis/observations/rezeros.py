@@ -29,6 +29,7 @@ LEAST_DURATION_S = 3.0  # for which readings lack the load
 BELOW_QUANTILE = 0.02  # of later readings, that is below no load if the load of a re-zero is removed
 MISSING_RATIO = (0.5, 1.6)  # range of the median that later readings lack, over the size of the step
 LEAST_ROWS = 50  # within range, to judge that
+STEADY_QUANTILE, STEADY_RATIO = 0.1, 0.2  # low quantile of what later readings lack, over the size of the step
 MOST_STEP_S = 0.12  # duration of the step, each way
 STRETCH_S, LEAST_STRETCHES = 2.0, 3  # of a walk, with at least one swing; number of stretches before and after
 LEAST_WALK_S = 20.0  # of a walk before the re-zero, to leave out the rest
@@ -157,12 +158,14 @@ def _find_rezero(seen: WrenchObservation, of_board: NDArray[np.bool_], landing_c
             step_count = float(
                 above_landing[last] - above_landing[first] if by_others is None else missing[first] - missing[last]
             )
-            if _is_missing_since(
-                missing, last, first, step_count, ~cut_off, round(LEAST_DURATION_S / seen.step_s)
-            ) and (
-                _falls_below_no_load(activation[first:])
-                if isinstance(seen, PairedObservation)
-                else _lacks_load(above_landing[first:], expected[first:], step_count)
+            if (
+                _is_missing_since(missing, last, first, step_count, ~cut_off, round(LEAST_DURATION_S / seen.step_s))
+                and (
+                    _falls_below_no_load(activation[first:])
+                    if isinstance(seen, PairedObservation)
+                    else _lacks_load(above_landing[first:], expected[first:], step_count)
+                )
+                and (not seen.is_uniform or _is_steady(missing[first:][~cut_off[first:]], step_count))
             ):
                 return int(rows[k]) + width // 2
     return None
@@ -217,6 +220,12 @@ def _is_missing_since(
         is_shown.sum() < LEAST_ROWS
         or MISSING_RATIO[0] * step_count < np.median(later[is_shown]) < MISSING_RATIO[1] * step_count
     )
+
+
+def _is_steady(missing_count: Array, step_count: float) -> bool:
+    """Return whether readings (N,) never miss much less than `step_count`, as those of a memory or a wrong curve do."""
+    known = missing_count[np.isfinite(missing_count)]
+    return len(known) < LEAST_ROWS or float(np.quantile(known, STEADY_QUANTILE)) > STEADY_RATIO * step_count
 
 
 def _falls_below_no_load(activation: Array) -> bool:

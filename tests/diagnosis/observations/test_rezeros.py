@@ -118,3 +118,18 @@ def test_a_board_that_sends_nothing_while_it_zeroes_itself_under_a_changing_load
         ~corrected.missing[last:, boards].any(axis=1)
     ]
     assert abs(error.mean()) < 1.0
+
+
+@pytest.mark.parametrize(("least_missing", "is_rezero"), [(12.0, True), (-8.0, False)])
+def test_readings_that_miss_much_less_than_the_step_at_other_times_were_not_zeroed(tmp_path, least_missing, is_rezero):
+    """A strong creep lets the readings of all boards miss a part of the load at one time, and exceed it at another."""
+    recording = insole_daemon.load(chamber.write(tmp_path / "bag", seconds=90.0))
+    (foot,) = recording.feet
+    (seen,) = observed([recording], [foot], None, lambda text: None, ())
+    expected = seen.expected_count[:, seen.usable].mean(axis=1)
+    at = int(np.argmax((seen.t_s > 10.0) & (np.abs(expected - 12.0) < 1.0)))
+    missing = np.where(seen.t_s % 10.0 < 6.0, 12.0, least_missing) * (np.arange(len(seen.t_s)) >= at)
+    missing[at : at + 50] = 12.0
+    activation = np.where(seen.usable, seen.activation_count - missing[:, None, None], 0.0)
+    findings = correct_rezeros(foot, replace(seen, activation_count=activation))[1]
+    assert len(findings) == (3 if is_rezero else 0)
