@@ -87,7 +87,7 @@ def diagnose_one(seen: WrenchObservation, foot: FootRecording, progress: Callabl
         findings += static_findings(kept.refined, figures)
     findings = list(join_places(findings, seen))
     effects.sort(key=lambda effect: np.inf if effect.law.order is None else effect.law.order)  # signal path
-    findings += _fault_findings(faults, kept.refined, [each for each in findings if each.effect == "unknown"], figures)
+    findings += _fault_findings(faults, kept.refined, findings, figures)
     result = RecordingResult(
         faults, whole.subset(()), kept.refined, figures, tuple(findings), tuple(effects), _single_terms(search),
         tuple(not_identifiable(whole, {finding.effect for finding in findings}, searched.priors)), is_unknown, timing,
@@ -267,19 +267,24 @@ def _explain(faults: ReadingFaults, figures: HeldoutErrors, design: Design | Blo
 
 
 def _fault_findings(
-    faults: ReadingFaults, refined: Refined[Any], unknown: Sequence[Finding], figures: HeldoutErrors
+    faults: ReadingFaults, refined: Refined[Any], effects: Sequence[Finding], figures: HeldoutErrors
 ) -> list[Finding]:
-    """Return the findings on faults of the readings that remain beside the selected terms, and are not negligible.
+    """Return the findings on faults of the readings that remain beside the findings `effects`, and are not negligible.
 
-    A finding on taxels is left out if all of them are at the place of an unknown effect: that may be what they show.
+    A finding on taxels is left out if all of them are at the place of an unknown effect, or in triangles that snap:
+    that may be what they show. Taxels of a triangle snap at different loads.
     """
     odd, layout = faults.odd_taxels, faults.observation.layout
     remaining: Sequence[Finding] = odd.findings
     if odd.findings and isinstance(refined.design, BlockDesign):
-        not_known = {slot for finding in unknown for slot in finding.where.slots(layout).tolist()}
+        uneven = [
+            finding.where for finding in effects
+            if finding.effect == "unknown" or (finding.effect == "snap" and finding.where.scope == "triangle")
+        ]  # fmt: skip
+        uneven_slots = {slot for where in uneven for slot in where.slots(layout).tolist()}
         remaining = [
             finding for finding in odd.beside(model_pressure(refined.of_laws))
-            if not not_known.issuperset(finding.where.slots(layout).tolist())
+            if not uneven_slots.issuperset(finding.where.slots(layout).tolist())
         ]  # fmt: skip
     of_others = [finding for finding in faults.findings if finding not in odd.findings]
     return [finding for finding in (*of_others, *remaining) if not _is_negligible(finding, figures)]

@@ -317,14 +317,22 @@ def test_a_recording_without_usable_readings_is_refused(tmp_path):
         diagnose(write(tmp_path / "silent", touch=silent))
 
 
-def test_strong_snaps_between_searched_thresholds_are_snaps_and_nothing_else(tmp_path):
-    def snapping(t_s: Array, p: Array) -> Array:
-        on, q = False, p.copy()
-        for k, value in enumerate(p.tolist()):
-            on = value >= 71e3 or (on and value > 39e3)
-            q[k] += 60e3 * on
-        return q
+def snapping(t_s: Array, p: Array) -> Array:
+    on, q = False, p.copy()
+    for k, value in enumerate(p.tolist()):
+        on = value >= 71e3 or (on and value > 39e3)
+        q[k] += 60e3 * on
+    return q
 
+
+def test_taxels_that_snap_more_than_the_rest_of_their_triangle_are_no_finding(tmp_path):
+    strength = of_rows(0, 2, 3).astype(float)
+    strength[SLOTS[2:4]] = 2.0
+    found = diagnose(write(tmp_path / "bag", snapping, strength))
+    assert [each.effect for each in found.findings] == ["snap"]
+
+
+def test_strong_snaps_between_searched_thresholds_are_snaps_and_nothing_else(tmp_path):
     found = diagnose(write(tmp_path / "bag", snapping, of_rows(0, 2, 3)))
     (finding,) = found.findings
     assert finding.effect == "snap"
