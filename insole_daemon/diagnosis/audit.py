@@ -79,7 +79,7 @@ class _Readings:
 
 def audit(foot: FootRecording, name: str, steps: bool = False) -> Audit:
     """Audit the readings of one foot in recording `name`; `steps`: the load has steps, which are no faults."""
-    seen = _readings(foot, name)
+    seen = _readings(foot, name, steps)
     gone, opened, findings = _without_contact(seen)
     gone |= _loose_contacts(seen, steps)
     findings += _dead_taxel_findings(seen, gone, opened)
@@ -89,7 +89,7 @@ def audit(foot: FootRecording, name: str, steps: bool = False) -> Audit:
     return Audit(usable_taxels, seen.usable.reshape(foot.valid.shape), tuple(findings))
 
 
-def _readings(foot: FootRecording, name: str) -> _Readings:
+def _readings(foot: FootRecording, name: str, steps: bool) -> _Readings:
     """Return the readings, with the properties that each taxel shows by itself."""
     n = len(foot)
     t_s = (foot.t_ns - foot.t_ns[0]) * 1e-9
@@ -97,7 +97,7 @@ def _readings(foot: FootRecording, name: str) -> _Readings:
     in_use = np.flatnonzero(_taxels_in_use(foot).ravel())
     mean_reading, is_repeated = _median_reading(counts[:, in_use]), ~foot.is_new
     dead = np.zeros(counts.shape, bool)
-    dead[:, in_use] = contact.silent(counts[:, in_use], valid[:, in_use], t_s, mean_reading)
+    dead[:, in_use] = contact.silent(counts[:, in_use], valid[:, in_use], t_s, mean_reading, steps)
     dead |= np.repeat(contact.at_both_ends(foot.counts), N_TAXELS, axis=1)
     n_received = arrived(foot.read_ns).sum(axis=0)
     frozen = foot.is_new.sum(axis=0) < (1.0 - FROZEN) * n_received

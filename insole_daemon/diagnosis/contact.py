@@ -17,6 +17,7 @@ Times = tuple[tuple[float, float], ...]
 
 CONSTANT_S = 4.0  # longest constant reading of a working taxel while the load changes
 LEAST_LOAD_CHANGE = 0.15  # of the insole's range
+HIGH_LOAD, STRETCH_LOAD = 0.9, 0.95  # quantiles of the load in the recording, and in a stretch at the end of the range
 OPEN_S = 0.3  # shortest failure of an open triangle
 OPEN_TAXELS = 8  # of a triangle's ten that fail together
 # Change beyond that of the other taxels from one cycle to the next, and number of such leaps: a loose contact.
@@ -27,10 +28,11 @@ LEAST_NOISE_RATIO, NOISE_WINDOW_S = 8.0, 1.0  # of a leap to the largest mean ch
 LOAD_WINDOW_S, LEAST_LOAD_MOVE = 0.2, 0.02  # before and after a leap; share of the insole's range: the load moves
 
 
-def silent(counts: Array, valid: NDArray[np.bool_], t_s: Array, mean: Array) -> NDArray[np.bool_]:
+def silent(counts: Array, valid: NDArray[np.bool_], t_s: Array, mean: Array, steps: bool) -> NDArray[np.bool_]:
     """Return which readings (n, m) are invalid, or part of a constant stretch while the load, `mean` (n,), changed.
 
-    Constant readings at an end of the range are left out if the load explains them.
+    Constant readings at an end of the range are left out if the load explains them. With `steps`, the load of a taxel
+    may be another than the mean.
     """
     dead = ~valid
     for i in range(counts.shape[1]):
@@ -41,22 +43,27 @@ def silent(counts: Array, valid: NDArray[np.bool_], t_s: Array, mean: Array) -> 
         ):
             if np.ptp(mean[first : last + 1]) > LEAST_LOAD_CHANGE:
                 dead[first : last + 1, i] = True
-        dead[_is_out_of_range(counts[:, i], mean), i] = False
+        dead[_is_out_of_range(counts[:, i], mean, steps), i] = False
     return dead
 
 
-def _is_out_of_range(count: Array, mean: Array) -> NDArray[np.bool_]:
+def _is_out_of_range(count: Array, mean: Array, steps: bool) -> NDArray[np.bool_]:
     """Return the cycles (n,) in which a taxel is at an end of its range because of its load or its baseline.
 
     Its readings reach and leave the end in small steps, whereas those of a broken line leap. It is at 0 while the load,
-    `mean` (n,) as a share of its range, is high, and at 255 while it is low.
+    `mean` (n,) as a share of its range, is high, and at 255 while it is low. Without `steps`, it is not at 255 under
+    the highest loads.
     """
+    high_load = np.inf if steps else float(np.quantile(mean, HIGH_LOAD))
     out_of_range = np.zeros(len(count), bool)
     for end, sign in ((0, 1), (255, -1)):
         at_end = np.zeros(len(count), bool)
         for first, last in stretches(count == end):
             sides = [count[row] for row in (first - 1, last + 1) if 0 <= row < len(count)]
-            at_end[first : last + 1] = bool(sides) and all(abs(side - end) <= LEAST_LEAP_COUNT for side in sides)
+            is_unloaded = end == 0 or float(np.quantile(mean[first : last + 1], STRETCH_LOAD)) < high_load
+            at_end[first : last + 1] = (
+                bool(sides) and is_unloaded and all(abs(side - end) <= LEAST_LEAP_COUNT for side in sides)
+            )
         if at_end.any() and not at_end.all() and sign * (np.median(mean[at_end]) - np.median(mean[~at_end])) > 0:
             out_of_range |= at_end
     return out_of_range

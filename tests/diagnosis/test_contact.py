@@ -60,3 +60,29 @@ def test_glitches_of_all_taxels_are_no_loose_contact_but_a_real_one_is_detected(
     found = contact.loose(counts, np.ones(counts.shape, bool), mean, t_s, np.arange(120) // 12, steps)
     assert set(np.flatnonzero(found)) <= {7}
     assert found[7] or rate > 2e-3
+
+
+def silent_taxels(counts: np.ndarray, t_s: np.ndarray, steps: bool) -> list[int]:
+    """Return the taxels (24,) with silent readings, by the load that those of `walk` show."""
+    mean = np.clip(np.sin(2 * np.pi * t_s / STEP_S), 0.0, None)
+    taxels = counts.reshape(len(t_s), -1).astype(float)
+    silent = contact.silent(taxels, np.full(taxels.shape, True), t_s, mean, steps)
+    return np.flatnonzero(silent.any(axis=0)).tolist()
+
+
+def test_a_taxel_that_stays_at_the_end_of_its_range_under_full_load_is_silent_if_all_bear_the_same():
+    t_s, counts = walk(1000)
+    counts[round(10.5 * STEP_S / PERIOD_S) :, 1, 3] = 255  # since an unloaded moment
+    assert silent_taxels(counts, t_s, steps=False) == [15]
+    assert silent_taxels(counts, t_s, steps=True) == [], "on a walk it may bear nothing while others do"
+
+
+def test_a_taxel_whose_baseline_drifted_beyond_its_range_reads_high_loads_and_is_not_silent():
+    t_s, counts = walk(1000)
+    rising = np.clip(t_s / 12.0, 0.0, 1.0)  # the load rises from step to step: rest for a while
+    pressed = 90.0 * rising * np.clip(np.sin(2 * np.pi * t_s / STEP_S), 0.0, None)
+    counts[:, 1, 3] = np.minimum(285.0 - pressed, 255.0)
+    assert (counts[:200, 1, 3] == 255).all()
+    taxels, mean = counts.reshape(len(t_s), -1).astype(float), pressed / 90.0
+    silent = contact.silent(taxels, np.full(taxels.shape, True), t_s, mean, False)
+    assert not silent[:, 15].any()
