@@ -31,6 +31,7 @@ from .wrench import LARGEST, WrenchObservation
 
 CONTACT_FAULTS = ("open_triangle", "dead_taxels")  # findings of the audit that are used
 MOST_VALID = 0.95  # of a triangle's readings while it is reported as open: above, it has only lost readings
+REZERO_S = 0.1  # error of the time of a re-zero
 USUAL_LOSS = 0.003  # of a triangle's readings, on a bus without a fault
 LEAST_REPEATED = 0.005  # share of repeated readings that lost frames make
 BURST_RATIO, CALM_QUANTILE = 2.0, 0.25  # a window's noise against the triangle's usual one; rows in the air
@@ -106,7 +107,7 @@ def reading_faults(foot: FootRecording, seen: WrenchObservation) -> ReadingFault
     seen, shifts = correct_bit_shifts(foot, seen, working)
     has_load = seen.field.known if isinstance(seen, PairedObservation) and seen.field is not None else True
     seen, odd_taxels = correct_taxels(seen, working & has_load)
-    frame_loss = _frame_loss(seen, substituted)
+    frame_loss = _frame_loss(seen, substituted, since_s)
     burst_ratio, bursts = _bursts(seen)
     pick_up_ratio, pick_up = _pick_up(seen)
     seen = replace(seen, noise_ratio=np.maximum(burst_ratio, pick_up_ratio))
@@ -263,15 +264,20 @@ def _finding(
     )  # fmt: skip
 
 
-def _frame_loss(seen: WrenchObservation, substituted: NDArray[np.bool_]) -> list[Finding]:
-    """Return the finding on triangles whose readings are missing, or repeat the reading before."""
+def _frame_loss(seen: WrenchObservation, substituted: NDArray[np.bool_], since_s: Mapping[int, float]) -> list[Finding]:
+    """Return the finding on triangles whose readings are missing, or repeat the reading before.
+
+    `since_s` has the times of re-zeros by board, which may send nothing meanwhile.
+    """
     rows, shares = [], []
     gaps_s: list[tuple[float, float]] = []
     for row, readings in enumerate(seen.readings):
         if len(readings.t_s) < 50 or substituted[row]:
             continue
         steps = np.diff(readings.t_s)
-        missing = np.maximum(np.rint(steps / readings.period_s) - 1, 0)
+        rezero_s = since_s.get(int(seen.layout.identities[row, 0]), np.inf)
+        is_zeroing = (readings.t_s[:-1] < rezero_s + REZERO_S) & (readings.t_s[1:] > rezero_s - REZERO_S)
+        missing = np.where(is_zeroing, 0.0, np.maximum(np.rint(steps / readings.period_s) - 1, 0))
         share = float(missing.sum() / (len(steps) + missing.sum()))
         repeats = (
             readings.held_fraction

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import insole_daemon
+from insole_daemon.diagnosis.observations.reading_faults import reading_faults
 from insole_daemon.diagnosis.observations.rezeros import correct_rezeros
 from insole_daemon.diagnosis.observing import observed
 
@@ -118,6 +119,14 @@ def test_a_board_that_sends_nothing_while_it_zeroes_itself_under_a_changing_load
         ~corrected.missing[last:, boards].any(axis=1)
     ]
     assert abs(error.mean()) < 1.0
+    silent_s = seen.t_s[[first, last]]
+    readings = tuple(
+        replace(each, **{name: getattr(each, name)[is_sent] for name in ("t_s", "counts", "valid")})
+        for each, is_own in zip(seen.readings, boards, strict=True)
+        for is_sent in [~is_own | (each.t_s < silent_s[0]) | (each.t_s > silent_s[1])]
+    )
+    faults = reading_faults(foot, replace(seen, activation_count=zeroed, missing=missing, readings=readings))
+    assert [each.effect for each in faults.findings] == ["rezero"], "what it did not send meanwhile is no loss"
 
 
 @pytest.mark.parametrize(("least_missing", "is_rezero"), [(12.0, True), (-8.0, False)])
