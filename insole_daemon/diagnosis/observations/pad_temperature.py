@@ -70,6 +70,8 @@ def pad_course(seen: WrenchObservation, rezeros: Sequence[Finding]) -> Array | N
     counts, row_of_pad = _pads(seen)
     rows = _window_rows(seen)
     m = len(counts) // rows
+    if not m or counts.shape[1] < LEAST_PADS:
+        return None
     in_windows = counts[: m * rows].reshape(m, rows, -1)
     known = _is_at_end(in_windows).mean(axis=1) < MOST_AT_END
     segment = np.zeros(known.shape, np.intp)
