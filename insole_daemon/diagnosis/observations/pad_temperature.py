@@ -112,8 +112,13 @@ def _moving_pads(seen: WrenchObservation) -> Array:
 
 
 def _follows_load(course: Array, seen: WrenchObservation) -> bool:
-    """Return whether a course (N,) of the pads follows the readings of the taxels, or nothing tells it."""
-    load = uniform_filter1d(seen.activation_count[:, seen.usable].mean(axis=1), _window_rows(seen))
+    """Return whether a course (N,) of the pads follows the counts of the taxels as read, or nothing tells it."""
+    taxels = [
+        np.interp(seen.t_s, readings.t_s, -readings.counts[:, usable].sum(axis=1, dtype=np.float64))
+        for readings, usable in zip(seen.readings, seen.usable, strict=True)
+        if len(readings.t_s) > 1 and usable.any()
+    ]
+    load = uniform_filter1d(np.sum(taxels, axis=0) * np.ones(len(seen.t_s)), _window_rows(seen))
     if min(float(np.ptp(course)), float(np.ptp(load))) <= 0.0:
         return True
     return bool(abs(np.corrcoef(course, load)[0, 1]) > MOST_LOAD_CORRELATION)
