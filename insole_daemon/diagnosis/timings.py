@@ -141,7 +141,8 @@ def clock_findings(result: RecordingResult) -> list[Finding]:
     """Return the finding on the reference's clock, if its rate or offset cannot be those of a good clock.
 
     These are a rate beyond that of two quartzes, rows that do not match the cycles, and a declared CAN clock that is
-    wrong. An unknown effect on most of the insole bends the fitted rate: there is no finding on the rate beside it.
+    wrong. The rate is not reported beside an unknown effect on most of the insole, because that effect changes the
+    fitted rate.
     """
     seen = result.seen
     is_named = any(finding.effect == "clock" for finding in result.findings)

@@ -113,12 +113,11 @@ def _moving_pads(seen: WrenchObservation) -> Array:
 
 def _follows_load(course: Array, seen: WrenchObservation) -> bool:
     """Return whether a course (N,) of the pads follows the counts of the taxels as read, or nothing tells it."""
-    taxels = [
-        np.interp(seen.t_s, readings.t_s, -readings.counts[:, usable].sum(axis=1, dtype=np.float64))
-        for readings, usable in zip(seen.readings, seen.usable, strict=True)
-        if len(readings.t_s) > 1 and usable.any()
-    ]
-    load = uniform_filter1d(np.sum(taxels, axis=0) * np.ones(len(seen.t_s)), _window_rows(seen))
+    load = np.zeros(len(seen.t_s))
+    for readings, usable in zip(seen.readings, seen.usable, strict=True):
+        if len(readings.t_s) > 1:
+            load -= np.interp(seen.t_s, readings.t_s, readings.counts[:, usable].sum(axis=1, dtype=np.float64))
+    load = uniform_filter1d(load, _window_rows(seen))
     if min(float(np.ptp(course)), float(np.ptp(load))) <= 0.0:
         return True
     return bool(abs(np.corrcoef(course, load)[0, 1]) > MOST_LOAD_CORRELATION)

@@ -23,7 +23,7 @@ def test_the_course_is_found_though_each_series_is_cut_off_and_some_step_at_once
     values, known = series(course)
     segment = np.zeros(values.shape, int)
     segment[25:, 1:] = 1
-    values[25:, 1:] -= 6.0  # of a board that took its baselines anew
+    values[25:, 1:] -= 6.0  # a board re-zeroed itself, so its pads jump
     assert 0.3 < known.mean() < 0.9
     shared = common_course(values, known, segment, STD)
     assert shared is not None
