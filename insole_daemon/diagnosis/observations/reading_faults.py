@@ -41,6 +41,7 @@ LEAST_NOISE_COUNT = 0.5  # of a reading that toggles between two counts by round
 WINDOW_S, LEAST_BURST_S, MOST_BURST = 1.5, 2.9, 0.75
 SPIKE_SIGMAS, LEAST_SPIKES, LEAST_LEAPS = 9.0, 4, 3  # leaps: that no pressure could have
 LEAP_ROWS = 3  # longest leap, in rows of the reference
+COMPARABLE_LEAP = 0.5  # of the usual size: a leap while the insole's force changes
 MOST_APART_S = 0.1  # between the clocks of readings and reference
 MOST_RESTING_COUNT = 30.0  # activation that a shift of the baseline can hide
 LEAST_WORKING_TAXELS = 3  # of a triangle, whose mean replaces its others
@@ -405,11 +406,16 @@ def _leap_finding(seen: WrenchObservation) -> list[Finding]:
     return [_finding(seen, "reference_fault", Where(), joined([(a, b) for a, b in leaps_s], JOINED_S)[:40], text)]
 
 
+def _n_stretches(rows: NDArray[np.bool_]) -> int:
+    return int((np.diff(rows.astype(int), prepend=0) == 1).sum())
+
+
 def _spikes(seen: WrenchObservation) -> tuple[NDArray[np.bool_], list[Finding]]:
     """Return the rows (N,) in which the reference leaps and the insole does not, and the finding on them.
 
     A leap lasts a few rows of the reference and deviates from their median by far more than noise and neighbouring rows
-    do. At a heel strike the insole's force changes, too.
+    do. At a heel strike the insole's force changes, too. A reference that leaps elsewhere also leaps there: a row that
+    deviates as much as the clear ones do, from the insole as well, is one of them.
     """
     if isinstance(seen, PairedObservation):
         return np.zeros(len(seen.t_s), bool), []  # a simulation does not leap
@@ -431,10 +437,13 @@ def _spikes(seen: WrenchObservation) -> tuple[NDArray[np.bool_], list[Finding]]:
     leap_size = maximum_filter1d(np.where(is_leap, deviation, 0.0), steps, axis=0)[fine_row]
     residual = np.abs(seen.reference.at(seen.reference_s) - seen.wrench)
     residual_nearby = np.sort(np.stack([np.roll(residual, k, axis=0) for k in (-3, -2, 2, 3)]), axis=0)[2]
-    spikes = np.any((leap_size > insole_range) & (leap_size > 2.0 * residual_nearby), axis=1)
-    n_leaps = int((np.diff(spikes.astype(int), prepend=0) == 1).sum())
-    if n_leaps < LEAST_SPIKES:
+    is_alone = leap_size > 2.0 * residual_nearby
+    spikes = np.any(is_alone & (leap_size > insole_range), axis=1)
+    if _n_stretches(spikes) < LEAST_SPIKES:
         return np.zeros(len(spikes), bool), []
+    usual_size = np.median(leap_size[spikes], axis=0)
+    spikes |= np.any(is_alone & (np.minimum(leap_size, 2.0 * residual) > COMPARABLE_LEAP * usual_size), axis=1)
+    n_leaps = _n_stretches(spikes)
     times_s = [(float(t), float(t + seen.step_s)) for t in seen.t_s[spikes]]
     text = f"the reference leaps for a moment, {n_leaps} times"
     return spikes, [_finding(seen, "reference_fault", Where(), joined(times_s, JOINED_S)[:40], text)]

@@ -86,6 +86,22 @@ def test_spikes_of_the_reference_are_detected_and_a_late_heel_strike_is_none(tmp
     assert [each.effect for each in found.findings] == ["reference_fault"]
 
 
+def test_spikes_at_heel_strikes_are_left_out_if_there_are_others(tmp_path):
+    walk = write(tmp_path / "walk")
+    rows = (walk / "reference.csv").read_text().splitlines()
+    f_z = rows[0].split(",").index("fz_n")
+    force_n = np.array([float(row.split(",")[f_z]) for row in rows[1:]])
+    strikes = np.flatnonzero((force_n[:-1] < 30.0) & (force_n[1:] >= 30.0))[2::4] + 6
+    strides = np.flatnonzero((force_n[:-1] < 30.0) & (force_n[1:] >= 30.0))
+    calm = strides[1:6] - 40  # in the air
+    for i in (*strikes, *calm):
+        cells = rows[1 + i].split(",")
+        cells[f_z] = str(force_n[i] + 50.0)
+        rows[1 + i] = ",".join(cells)
+    (walk / "reference.csv").write_text("\n".join(rows) + "\n")
+    assert faults_of(walk).spikes.sum() > len(calm)  # a spike lasts 5 ms, and readings are 20 ms apart
+
+
 def test_taxels_that_a_rezero_moved_beyond_their_range_are_not_dead(tmp_path):
     recording = load(chamber.write(tmp_path / "bag", seconds=60.0))
     (seen,) = observed([recording], list(recording.feet), None, lambda text: None, ())
