@@ -97,7 +97,7 @@ def _readings(foot: FootRecording, name: str, steps: bool) -> _Readings:
     in_use = np.flatnonzero(_taxels_in_use(foot).ravel())
     mean_reading, is_repeated = _median_reading(counts[:, in_use]), ~foot.is_new
     dead = np.zeros(counts.shape, bool)
-    dead[:, in_use] = contact.silent(counts[:, in_use], valid[:, in_use], t_s, mean_reading, steps)
+    dead[:, in_use] = contact.silent(counts[:, in_use], valid[:, in_use], t_s, mean_reading, in_use // N_TAXELS, steps)
     dead |= np.repeat(contact.at_both_ends(foot.counts), N_TAXELS, axis=1)
     n_received = arrived(foot.read_ns).sum(axis=0)
     frozen = foot.is_new.sum(axis=0) < (1.0 - FROZEN) * n_received

@@ -18,6 +18,8 @@ Times = tuple[tuple[float, float], ...]
 CONSTANT_S = 4.0  # longest constant reading of a working taxel while the load changes
 LEAST_LOAD_CHANGE = 0.15  # of the insole's range
 HIGH_LOAD, STRETCH_LOAD = 0.9, 0.95  # quantiles of the load in the recording, and in a stretch at the end of the range
+HIGHEST, MOST_AT_REST = 0.98, 252.0  # quantile of working readings that is without load; below the end of the range
+LEAST_BORNE_COUNT = 8.0  # activation that other taxels of the triangle predict
 OPEN_S = 0.3  # shortest failure of an open triangle
 OPEN_TAXELS = 8  # of a triangle's ten that fail together
 # Change beyond that of the other taxels from one cycle to the next, and number of such leaps: a loose contact.
@@ -28,11 +30,13 @@ LEAST_NOISE_RATIO, NOISE_WINDOW_S = 8.0, 1.0  # of a leap to the largest mean ch
 LOAD_WINDOW_S, LEAST_LOAD_MOVE = 0.2, 0.02  # before and after a leap; share of the insole's range: the load moves
 
 
-def silent(counts: Array, valid: NDArray[np.bool_], t_s: Array, mean: Array, steps: bool) -> NDArray[np.bool_]:
+def silent(
+    counts: Array, valid: NDArray[np.bool_], t_s: Array, mean: Array, triangle: NDArray[np.intp], steps: bool
+) -> NDArray[np.bool_]:
     """Return which readings (n, m) are invalid, or part of a constant stretch while the load, `mean` (n,), changed.
 
     Constant readings at an end of the range are left out if the load explains them. With `steps`, the load of a taxel
-    may be another than the mean.
+    may be another than the mean, but it is about that of its `triangle` (m,).
     """
     dead = ~valid
     for i in range(counts.shape[1]):
@@ -43,8 +47,33 @@ def silent(counts: Array, valid: NDArray[np.bool_], t_s: Array, mean: Array, ste
         ):
             if np.ptp(mean[first : last + 1]) > LEAST_LOAD_CHANGE:
                 dead[first : last + 1, i] = True
-        dead[_is_out_of_range(counts[:, i], mean, steps), i] = False
+        if not dead[:, i].any():
+            continue
+        of_triangle = triangle == triangle[i]
+        of_triangle[i] = False
+        bears_load = np.zeros(len(counts), bool)
+        if steps and of_triangle.any():
+            bears_load = _bears_load(counts[:, i], counts[:, of_triangle].mean(axis=1), dead[:, i])
+        dead[_is_out_of_range(counts[:, i], mean, steps) & ~bears_load, i] = False
     return dead
+
+
+def _bears_load(count: Array, others: Array, dead: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return the cycles (n,) of stretches of `dead` in which a taxel bears load, by the other taxels of its triangle.
+
+    `others` (n,) is their mean. Only if the taxel reads less than 255 without load: otherwise its baseline may hide a
+    load.
+    """
+    bears_load = np.zeros(len(count), bool)
+    working = ~dead & (count > 0)
+    if not working.any() or float(np.quantile(count[working], HIGHEST)) > MOST_AT_REST:
+        return bears_load
+    slope = float(np.cov(count[working], others[working])[0, 1]) / max(float(np.var(others[working])), 1e-9)
+    at_rest = float(np.quantile(others, HIGHEST))
+    for first, last in stretches(dead):
+        change = at_rest - float(np.quantile(others[first : last + 1], 1.0 - HIGHEST))
+        bears_load[first : last + 1] = slope * change > LEAST_BORNE_COUNT
+    return bears_load
 
 
 def _is_out_of_range(count: Array, mean: Array, steps: bool) -> NDArray[np.bool_]:
