@@ -220,6 +220,25 @@ def test_a_bit_shift_is_reported_beside_strong_hysteresis(tmp_path):
     assert "bit_shift" in {effect.law.word for effect in own.effects}
 
 
+def test_of_three_boards_the_one_with_another_shift_is_named_whatever_it_reads_without_load(tmp_path):
+    def shifted(t_s: Array, counts: Array) -> None:
+        own = of_rows(2, 3)
+        counts[:, own] = 222.0 - 2.0 * (240.5 - counts[:, own])
+
+    found = diagnose(write(tmp_path / "bag", touch=shifted))
+    shifts = [each for each in found.findings if each.effect == "bit_shift"]
+    assert [(each.where.ids, each.parameters["shift"].value) for each in shifts] == [(((6,),), 2)]
+
+
+def test_two_relaxations_that_delay_most_of_the_response_are_viscoelasticity_without_a_delay(tmp_path):
+    def relaxing_twice(t_s: Array, p: Array) -> Array:
+        return relaxing(0.65, 0.25)(t_s, p) + relaxing(0.2, 2.0)(t_s, p) - p
+
+    (finding,) = diagnose(write(tmp_path / "bag", relaxing_twice)).findings
+    assert finding.effect == "viscoelasticity"
+    assert finding.where.scope == "insole"
+
+
 def test_a_gain_of_one_half_is_no_bit_shift(tmp_path):
     def weaker(t_s: Array, counts: Array) -> None:
         own = of_rows(2, 3)

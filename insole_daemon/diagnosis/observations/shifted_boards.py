@@ -55,10 +55,9 @@ def _correct_under_known_load(
     known = working & ~seen.cut_off & np.isfinite(seen.weight_variance)[..., None]
     noises = _noise_of_boards(seen, working)
     factors = {board: _factor(seen, known & (_boards(seen) == board)[:, None]) for board in noises}
-    findings: list[Finding] = []
+    usual, findings = float(np.median(list(factors.values()))), list[Finding]()
     for board, factor in factors.items():
-        others = [factors[other] for other in factors if other != board]
-        octaves = float(np.log2(np.median(others) / factor))
+        octaves = float(np.log2(usual / factor))
         bits = _whole_bits(octaves)
         if bits == 0 or abs(octaves - bits) > MOST_OFF_BITS or not _has_noise_of_shift(noises, board, bits):
             continue
@@ -108,9 +107,15 @@ def _has_noise_of_shift(noises: Mapping[int, float], board: int, bits: int) -> b
 
 
 def _factor(seen: ChamberObservation, known: NDArray[np.bool_]) -> float:
-    """Return the regression of readings on the activation expected by the static curves, without intercept."""
-    expected = np.where(known, seen.expected_count, 0.0)
-    return max(float(np.sum(expected * seen.activation_count) / max(float(np.sum(expected**2)), 1e-12)), 1e-6)
+    """Return the slope of the regression of readings on the activation expected by the static curves.
+
+    With an intercept: another shift also changes the count without load.
+    """
+    expected, activation = seen.expected_count[known], seen.activation_count[known]
+    if not expected.size:
+        return 1e-6
+    expected = expected - expected.mean()
+    return max(float(expected @ activation) / max(float(expected @ expected), 1e-12), 1e-6)
 
 
 def _scales_of_boards(seen: WrenchObservation) -> dict[int, float]:

@@ -15,7 +15,7 @@ from ..operators import low_pass
 from .term import ABSORBED, Setting, Term, TermColumns, geometric
 
 TAUS_S = geometric(0.04, 4.0, 6)
-FAST_S, MOST_FAST = 0.3, 0.5  # the part of the response that is delayed by less than FAST_S is below MOST_FAST
+FAST_S, MOST_FAST = 0.3, 0.8  # the part of the response that is delayed by less than FAST_S is below MOST_FAST
 
 
 def _columns(load: LoadEstimate) -> list[TermColumns]:
