@@ -15,8 +15,10 @@ import numpy as np
 from ..physics.law import Array
 from .observations.chamber import ChamberObservation
 from .observations.wrench import WrenchObservation
+from .operators import held
 
 LINEAR_COUNT = 0.1  # shift below which a curve is taken as straight
+HELD_SIGMAS = 3.0  # of the reduced noise: turns of the load that are smaller than twice this are noise
 TOP = 0.9  # quantile of the taxels' largest readings: single taxels may read at the end of their range
 
 
@@ -70,6 +72,14 @@ class LoadEstimate:
     def courses_pa(self) -> Array:
         """Return the loads of all taxels without repetition, (N, t, k); they broadcast to (N, T, 12)."""
         return self.pressure_pa
+
+    @property
+    def held_pa(self) -> Array:
+        """Return `courses_pa` without the turns of noise, for operators that each turn changes."""
+        seen = self.observation
+        count = self.activation_count.reshape(len(seen.t_s), -1)
+        held_count = held(count, HELD_SIGMAS * seen.smooth_noise_count.ravel())
+        return self.static_pa(held_count.reshape(self.activation_count.shape))
 
     @cached_property
     def top_pa(self) -> float:
@@ -154,6 +164,11 @@ class KnownLoad(LoadEstimate):
         seen = self.observation
         assert isinstance(seen, ChamberObservation)
         return sum((change for _, change in self.changes), start=seen.load_pa(seen.reference_s))
+
+    @property
+    def held_pa(self) -> Array:
+        """Return the loads, which have no noise."""
+        return self.courses_pa
 
     @cached_property
     def top_pa(self) -> float:

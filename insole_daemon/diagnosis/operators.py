@@ -31,14 +31,26 @@ def _step(step_s: float, tau_s: float) -> tuple[float, float, float]:
 
 
 def plays(x: Array, radii_pa: Array) -> Array:
-    """Return play_r[x] − x (k, N, m) for each radius r, without load before the first row (`effects.hysteresis`)."""
+    """Return play_r[x] − x (k, N, m), without load before the first row (`effects.hysteresis`).
+
+    `radii_pa`: the radius of each play (k,), or of each column of x, too (k, m).
+    """
     play = np.empty((len(x), len(radii_pa), x.shape[1]))
-    radius = radii_pa[:, None]
+    radius = radii_pa.reshape(len(radii_pa), -1)
     state = np.zeros(play.shape[1:])
     for row, low, high in zip(play, x[:, None] - radius, x[:, None] + radius, strict=True):
         state = np.maximum(np.minimum(state, high, out=row), low, out=row)
     play -= x[:, None]
     return np.moveaxis(play, 1, 0)
+
+
+def held(x: Array, radius: Array) -> Array:
+    """Return x (N, m) without turns smaller than 2·`radius` (m,): the mean of a play that runs forward and one back.
+
+    It is constant while x stays within the noise, and does not lag where x moves.
+    """
+    since_start, before_end = x - x[0], x[::-1] - x[-1]
+    return np.asarray(x + 0.5 * (plays(since_start, radius[None])[0] + plays(before_end, radius[None])[0][::-1]))
 
 
 def frictions(x: Array, up_pa: Array, down_pa: Array) -> Array:

@@ -96,7 +96,7 @@ def _diagnose_each(
     undone = [frozenset[str]()] * len(feet)
     model: ChamberModel | None = None
     for i in order:
-        seen, foot = by_recording.pop(i), feet[i]
+        seen, foot = replace(by_recording.pop(i), ruled_out=_ruled_out(tuple(results.values()))), feet[i]
         results[i] = diagnose_one(seen, foot, progress)
         if seen.load_is_known:
             model = model or _model_of_memories(results[i])
@@ -108,6 +108,16 @@ def _diagnose_each(
                 results[i] = replace(again, figures=figures)
                 undone[i] = model.words
     return [results[i] for i in range(len(feet))], undone
+
+
+def _ruled_out(results: Sequence[RecordingResult]) -> frozenset[str]:
+    """Return `baseline` if a recording with a known load shows none: a constant of a walk is that of the shoe, then."""
+    for result in results:
+        cannot_tell = {entry["effect"] for entry in result.not_identifiable}
+        names = {finding.effect for finding in result.findings}
+        if result.seen.load_is_known and not result.is_unknown and not {"baseline"} & (cannot_tell | names):
+            return frozenset({"baseline"})
+    return frozenset()
 
 
 def _is_better(by_model: RecordingResult, plain: RecordingResult, undone: frozenset[str]) -> bool:

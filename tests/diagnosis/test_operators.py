@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from insole_daemon.diagnosis.operators import AT_ONCE, flows, frictions, low_pass, polynomial
+from insole_daemon.diagnosis.operators import AT_ONCE, flows, frictions, held, low_pass, polynomial
 
 WAYS_PA = np.cumsum([0.0, 80e3, -30e3, 10e3, 90e3, -150e3, 5e3])
 FINE = 20_000
@@ -22,6 +22,17 @@ def test_friction_solves_dahls_equation(up_pa, down_pa):
         expected.append(z)
     np.testing.assert_allclose(friction[:, 0], expected, atol=1e-3 * limit)
     assert np.abs(friction).max() <= limit
+
+
+def test_noise_within_the_radius_does_not_turn_a_held_signal_and_a_ramp_is_not_late():
+    rng = np.random.default_rng(1)
+    x = np.concatenate([np.zeros(100), np.linspace(0.0, 50.0, 200), np.full(300, 50.0), np.linspace(50.0, 20.0, 150)])
+    noisy = x + rng.uniform(-0.5, 0.5, len(x))
+    (still,) = held(noisy[:, None], np.array([0.6])).T
+    assert np.ptp(still[320:580]) < 0.05
+    assert np.ptp(noisy[320:580]) > 0.9
+    np.testing.assert_allclose(still[110:290], noisy[110:290], atol=0.6)
+    assert abs(np.mean(still[110:290] - x[110:290])) < 0.05
 
 
 @pytest.mark.parametrize("scale_pa", [15e3, 40e3, 1e9])

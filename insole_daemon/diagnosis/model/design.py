@@ -25,6 +25,7 @@ from ..observations.wrench import WrenchObservation
 from ..terms import TERMS
 from ..terms.term import Setting, Term, TermColumns
 from .regression import PlacedTerm, Timing, with_companions
+from .solve import RIDGE
 
 LEAST_SHARE = 0.1  # smallest gain of an effect, in the noise's sum of squares of one channel
 LEAST_GAIN = (
@@ -42,6 +43,7 @@ CURVE_STD_AT_REST_COUNT = 0.015  # of the first knot: a baseline is measured, no
 UNKNOWN_TAXEL_STD = 0.05  # of a triangle's share of the load, for each of its ten taxels that does not work
 SUBSTITUTED_STD = 0.5  # of the share of the load of a triangle with substituted taxels
 NEIGHBOURS = 6  # nearest triangles whose load a triangle without working taxels may have
+AT_REST, BEFORE_LOAD_S = 0.03, 0.1  # of the usual largest force: the foot is in the air; margin before its first load
 STATIC = frozenset({"gain", "baseline", "stiffening", "preload", "bit_shift"})  # effects that a calibration contains
 
 
@@ -90,6 +92,30 @@ class Design:
     def least(self) -> Array:
         """Return the gain (c,) of the smallest effect that each candidate may report, in variances of the noise."""
         return np.full(len(self.candidates), max(LEAST_GAIN, LEAST_SHARE * self.n_rows))
+
+    @cached_property
+    def _at_rest(self) -> tuple[NDArray[np.intp], Array, Array]:
+        """Return the rows, of 3N, before the first load, the residual there, and the nuisances' covariance (b, b)."""
+        seen = self.load.observation
+        wrench = seen.reference.at(seen.reference_s)
+        bears_load = wrench[:, 0] > AT_REST * float(np.quantile(wrench[:, 0], 0.99))
+        first = int(np.argmax(bears_load)) if bears_load.any() else 0
+        is_before = seen.t_s < seen.t_s[first] - BEFORE_LOAD_S
+        rows = np.flatnonzero(np.repeat(is_before, wrench.shape[1]))
+        residual = apply_weights((wrench - seen.wrench)[is_before, :, None], self.weights[is_before])[:, 0]
+        matrix = self.base.matrix[rows]
+        covariance = np.asarray(np.linalg.inv(matrix.T @ matrix + np.diag(self.base.prior_std**-2.0)), np.float64)
+        return np.asarray(rows), residual, covariance
+
+    def gain_at_rest(self, candidate: PlacedTerm) -> float:
+        """Return the gain of `candidate` alone on the rows before the first load, in variances of the noise."""
+        rows, residual, covariance = self._at_rest
+        if not rows.size:
+            return 0.0
+        matrix, columns = self.base.matrix[rows], self.raw[np.ix_(rows, candidate.columns)].astype(np.float64)
+        beside = columns - matrix @ (covariance @ (matrix.T @ columns))
+        gram, cross = beside.T @ columns, beside.T @ residual
+        return float(cross @ np.linalg.lstsq(gram, cross, rcond=RIDGE)[0])
 
     def is_within_priors(self, candidate: PlacedTerm) -> bool:
         """Return whether nuisance columns, all together, explain the same within their priors."""
@@ -246,7 +272,7 @@ def place_terms(
     unreliable = _substituted_and_donors(seen, substituted)
     number = 0
     for term in TERMS:
-        if term.needs(load) is not None:
+        if term.needs(load) is not None or term.word in seen.ruled_out:
             continue
         for block in term.placed_columns(load):
             for where, column, n_places, echo in _columns_at_places(term, block, seen):

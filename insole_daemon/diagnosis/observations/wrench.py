@@ -39,6 +39,7 @@ HIGHEST_ACTIVATION = 255  # counts
 # Properties that do not depend on the clock.
 CLOCK_INDEPENDENT = (
     "arms", "by_triangle", "clipped", "coefficients", "cut_off", "pressure_pa", "saturated", "slope_pa", "smooth_count",
+    "_signal_vectors",
 )  # fmt: skip
 NOISE_EDGE = 1.05  # factor on the largest singular value of white noise
 
@@ -89,6 +90,7 @@ class WrenchObservation:
     temperature_is_in_counts: bool = False
     is_estimated: NDArray[np.bool_] | None = None  # (T,) uncalibrated triangles, converted by the curves of others
     has_own_curves: bool = False  # fitted to the rows, because there is no calibration
+    ruled_out: frozenset[str] = frozenset()  # words of effects that another recording of the insole rules out
     load_is_known = False  # on every taxel; else only the wrench is known
     is_uniform = False  # whether all taxels bear the same load
 
@@ -186,16 +188,32 @@ class WrenchObservation:
         The readings of a foot have a low rank, so singular vectors below the largest singular value of white noise are
         removed (V. A. Marchenko & L. A. Pastur, Math. USSR-Sb. 1 (1967) 457).
         """
+        scaled, noise = self._scaled
+        smooth = np.zeros((len(self.t_s), self.usable.size))
+        smooth[:, self.usable.ravel()] = (scaled @ self._signal_vectors) @ self._signal_vectors.T * noise
+        return smooth.reshape(self.activation_count.shape)
+
+    @cached_property
+    def smooth_noise_count(self) -> Array:
+        """Return the standard deviation (T, 12) of the noise that is left in `smooth_count`; 0 if not used."""
+        left = np.zeros(self.usable.size)
+        left[self.usable.ravel()] = self._scaled[1] * np.linalg.norm(self._signal_vectors, axis=1)
+        return left.reshape(self.usable.shape)
+
+    @property
+    def _scaled(self) -> tuple[Array, Array]:
+        """Return the activation (N, m) of the taxels in use in standard deviations of its noise, and these (m,)."""
         usable = self.usable.ravel()
         noise = np.maximum(self.noise_count.ravel()[usable], 0.1)
-        activation = self.activation_count.reshape(len(self.t_s), -1)
-        scaled = activation[:, usable] / noise
+        return self.activation_count.reshape(len(self.t_s), -1)[:, usable] / noise, noise
+
+    @cached_property
+    def _signal_vectors(self) -> Array:
+        """Return the singular vectors (m, r) of the scaled readings that are above noise."""
+        scaled, _ = self._scaled
         eigenvalues, eigenvectors = np.linalg.eigh(scaled.T @ scaled)
         noise_edge = NOISE_EDGE * (np.sqrt(scaled.shape[0]) + np.sqrt(scaled.shape[1]))
-        signal_vectors = eigenvectors[:, eigenvalues > noise_edge**2]
-        smooth = np.zeros_like(activation)
-        smooth[:, usable] = (scaled @ signal_vectors) @ signal_vectors.T * noise
-        return smooth.reshape(self.activation_count.shape)
+        return np.asarray(eigenvectors[:, eigenvalues > noise_edge**2])
 
     def static_pa(self, activation_count: Array) -> Array:
         """Return the pressure (N, T, 12) by the static curves, straight beyond the calibrated range."""

@@ -96,10 +96,22 @@ class WrenchPenalties:
     def __init__(self, design: Design) -> None:
         self.design = design
         self._smallest_gain = float(design.least[0])
+        self._shown_at_rest: dict[int, bool] = {}
 
     def least_gain(self, k: int) -> float:
         """Return the same gain for all candidates."""
         return self._smallest_gain
+
+    def _is_shown_at_rest(self, k: int) -> bool:
+        """Return whether the rows before the first load alone show candidate `k`, a static effect.
+
+        No memory acts on them, so the misfit of its law explains nothing there.
+        """
+        if k not in self._shown_at_rest:
+            candidate = self.design.candidates[k]
+            needed = self._least_gain_of(candidate) + self.complexity_penalty(candidate)
+            self._shown_at_rest[k] = candidate.is_recalibration and self.design.gain_at_rest(candidate) > needed
+        return self._shown_at_rest[k]
 
     def complexity_penalty(self, candidate: PlacedTerm) -> float:
         """Return the complexity penalty; not for shares of a recalibration, which priors limit."""
@@ -110,10 +122,11 @@ class WrenchPenalties:
     def term_penalty(self, k: int, candidate: PlacedTerm, terms: Sequence[PlacedTerm]) -> float:
         """Return the penalty: lower for a recalibration, of which the nuisance columns absorb a part.
 
-        Beside a memory it is not lower, because the calibration may contain the memory's mean curve.
+        Beside a memory it is not lower, because the calibration may contain the memory's mean curve, unless the rows
+        before the first load show it.
         """
-        is_alone = not any(one.term.absorbs for one in terms)
-        least_gain = self._least_gain_of(candidate) if is_alone else self._smallest_gain
+        is_clear = not any(one.term.absorbs for one in terms) or self._is_shown_at_rest(k)
+        least_gain = self._least_gain_of(candidate) if is_clear else self._smallest_gain
         return least_gain + self.complexity_penalty(candidate)
 
     def _least_gain_of(self, candidate: PlacedTerm) -> float:
@@ -143,7 +156,7 @@ class WrenchPenalties:
         for i, candidate in enumerate(terms):
             other = words != words[i]
             siblings = (words == words[i]) & (np.arange(len(terms)) != i)
-            misfit = float(misfits[other] @ np.diag(products)[other])
+            misfit = 0.0 if self._is_shown_at_rest(chosen[i]) else float(misfits[other] @ np.diag(products)[other])
             misfit += misfits[i] * max(float(products[np.ix_(siblings, siblings)].sum()), 0.0)
             penalty += self.term_penalty(chosen[i], candidate, terms) + min(misfit, float(products[i, i]))
             if candidate.is_recalibration and candidate.term.plausible:

@@ -1,8 +1,9 @@
 """`hysteresis`: plays. q = (1 − Σ w_j)·P + Σ w_j·play_rj[P]; the inverse, from readings, is a sum of plays too.
 
 Columns of Dahl's friction are offered too: after a turn it follows the load sooner than a play, and its limit may grow
-with the load, as between layers that the load presses together. From readings, the inverse of one friction is about a
-sum of frictions of other widths. The exported model contains only the plays.
+with the load, as between layers that the load presses together, or, on a walk, be there as soon as there is a load.
+From readings, the inverse of one friction is about a sum of frictions of other widths. The exported model contains only
+the plays.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ UNEVEN = 0.5  # prior standard deviation of the companion `uneven_loops`
 WIDEST = 0.4  # largest radius, relative to the range of the load
 RADII_PA = geometric(3e3, 192e3, 7)
 LEAST_WEIGHT = 2e-3  # of a play in the parameters
+CLOSING = 0.01  # load, relative to its range, at which a loop that closes at zero is half as wide as under high loads
 # Widths of friction under rising and falling load, relative to its range: equal, or different by a factor 3.
 WIDTHS = np.array([(0.02, 0.02), (0.06, 0.06), (0.18, 0.18), (0.02, 0.06), (0.06, 0.02), (0.06, 0.18), (0.18, 0.06)])
 
@@ -51,9 +53,13 @@ def _joint_columns(load: LoadEstimate, with_frictions: bool) -> list[TermColumns
     loops = [-plays(flat, np.array([radius_pa]))[0] for radius_pa in radii_pa]
     if with_frictions:
         widths_pa = load.top_pa * WIDTHS
-        constant = frictions(flat, *widths_pa.T)
-        settings += [{"up_pa": up_pa, "down_pa": down_pa} for up_pa, down_pa in widths_pa.tolist() * 2]
-        loops += [*constant, *(constant * flat / flat.max())]
+        held_pa = load.held_pa.reshape(flat.shape)  # limits with the noise of a reading would fit that noise
+        constant = frictions(held_pa, *widths_pa.T)
+        limits = [np.ones(1), held_pa / held_pa.max()]
+        if not load.is_known:
+            limits.append(held_pa / (np.abs(held_pa) + CLOSING * load.top_pa))
+        settings += [{"up_pa": up_pa, "down_pa": down_pa} for up_pa, down_pa in widths_pa.tolist() * len(limits)]
+        loops += [friction * limit for limit in limits for friction in constant]
     columns = [load.wrench_of_courses(loop.reshape(pressure.shape)) for loop in loops]
     return [TermColumns(tuple(settings), by_triangle=np.stack(columns, axis=-1), joint=True)]
 

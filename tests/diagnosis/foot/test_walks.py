@@ -14,12 +14,14 @@ import insole_daemon
 from insole_daemon.cli import app
 from insole_daemon.diagnosis.audit import audit
 from insole_daemon.diagnosis.compensation import of_walk
+from insole_daemon.diagnosis.load_estimate import LoadEstimate
+from insole_daemon.diagnosis.observations.walk import observe_walk
 from insole_daemon.diagnosis.operators import flows, frictions, plays
 from insole_daemon.errors import DiagnosisError, UndecidableError
 from insole_daemon.physics import calibration as calibrations
 from insole_daemon.recording.loading import load
 
-from ..chamber import LAYOUT, Sensors
+from ..chamber import LAYOUT, SLOTS, Sensors
 from ..chamber import write as write_chamber
 from ..variations import MASKED, varied, without_a_board
 from .shoe import DT_S, Array, late, write
@@ -122,6 +124,19 @@ def test_an_offset_of_the_reference_is_reported(tmp_path):
     assert said_n == pytest.approx(5.0, abs=0.5)
 
 
+def test_a_drift_of_the_reference_from_its_zero_is_one_fault(tmp_path):
+    walk = write(tmp_path / "walk")
+    rows = (walk / "reference.csv").read_text().splitlines()
+    f_z = rows[0].split(",").index("fz_n")
+    for i, row in enumerate(rows[1:], 1):
+        cells = row.split(",")
+        cells[f_z] = str(float(cells[f_z]) - 60.0 * i / len(rows))
+        rows[i] = ",".join(cells)
+    (walk / "reference.csv").write_text("\n".join(rows) + "\n")
+    (finding,) = diagnose_any(walk, tmp_path / "out")["findings"]
+    assert finding["effect"] == "reference_fault"
+
+
 def test_a_preload_is_no_offset_of_a_reference_that_is_zero_in_the_air(tmp_path):
     found = diagnose_any(write(tmp_path / "walk", lambda p: p + 5e3), tmp_path / "out")
     (finding,) = found["findings"]
@@ -208,6 +223,33 @@ def test_hysteresis_is_detected_in_a_walk_that_begins_on_the_foot(tmp_path):
     assert finding["effect"] == "hysteresis"
     assert finding["where"]["scope"] == "insole"
     assert found["heldout"]["after"] < 0.3 * found["heldout"]["before"]
+
+
+def test_a_preload_is_detected_beside_a_loop(tmp_path):
+    """The second in the air before the first step shows it, whatever the law of the loop leaves."""
+
+    def loop_and_preload(p: Array) -> Array:
+        return p - 0.15 * frictions(p, np.array([30e3]), np.array([10e3]))[0] + 3e3
+
+    found = diagnose_any(write(tmp_path / "walk", loop_and_preload), tmp_path / "out")
+    assert {finding["effect"] for finding in found["findings"]} == {"hysteresis", "preload"}
+    (preload,) = [finding for finding in found["findings"] if finding["effect"] == "preload"]
+    assert preload["parameters"]["p0_pa"]["value"] == pytest.approx(3e3, rel=0.3)
+
+
+def test_noise_does_not_let_friction_decay_while_a_foot_stands(tmp_path):
+    walk = load(write(tmp_path / "walk", stands_s=10.0))
+    (foot,) = walk.feet
+    estimate = LoadEstimate(observe_walk(walk, foot, foot.calibration))
+    standing = (estimate.observation.t_s > 1.0) & (estimate.observation.t_s < 9.0)
+    width_pa = np.array([20e3])
+
+    def decay(pressure_pa: Array) -> float:
+        friction = frictions(pressure_pa.reshape(len(pressure_pa), -1)[:, SLOTS], width_pa, width_pa)[0]
+        return 1.0 - float(friction[standing].mean()) / (2.0 * width_pa[0])
+
+    assert decay(estimate.pressure_pa) > 0.3
+    assert abs(decay(estimate.held_pa)) < 0.15
 
 
 def test_several_walks_give_one_diagnosis(tmp_path):
