@@ -32,6 +32,7 @@ LEAST_ROWS = 50  # within range, to judge that
 STEADY_QUANTILE, STEADY_RATIO = 0.1, 0.2  # low quantile of what later readings lack, over the size of the step
 MOST_STEP_S = 0.12  # duration of the step, each way
 STRETCH_S, LEAST_STRETCHES = 2.0, 3  # of a walk, with at least one swing; number of stretches before and after
+PAUSE_S = 2.0  # before a fall of the readings, for a pause that may be that of the re-zero
 LEAST_WALK_S = 20.0  # of a walk before the re-zero, to leave out the rest
 LOW_QUANTILE = 0.1  # of a stretch's rows, in which a foot that walks is in the air
 AIR_QUANTILE = 0.25  # of the lowest readings of stretches: those with a swing
@@ -41,8 +42,8 @@ LEAST_RATIO = 1.5  # of the step to the scatter of the lowest readings before an
 def correct_rezeros(foot: FootRecording, seen: WrenchObservation) -> tuple[WrenchObservation, list[Finding]]:
     """Return `seen` with the missing load added to later readings of re-zeroed boards, and a finding for each board.
 
-    On a walk the foot rolls on during the re-zero, so the missing load is known only roughly: later rows are dropped if
-    LEAST_WALK_S are left.
+    On a walk the foot rolls on during the re-zero, so the missing load is known only roughly: rows since the foot was
+    last in the air before it are dropped if LEAST_WALK_S are left.
     """
     findings: list[Finding] = []
     boards = seen.layout.identities[:, 0]
@@ -69,9 +70,24 @@ def correct_rezeros(foot: FootRecording, seen: WrenchObservation) -> tuple[Wrenc
         else:
             explains = float(np.mean((corrected.wrench[:, 0] - seen.wrench[:, 0]) ** 2))
         findings.append(_finding(seen, int(board), float(seen.t_s[row]), mean_shift, explains))
-        is_enough = not seen.load_is_known and seen.t_s[before] - seen.t_s[0] > LEAST_WALK_S
-        seen = seen.rows_before(int(before)) if is_enough else corrected
+        last = before if seen.load_is_known else _last_in_air(seen, of_board, int(before))
+        is_enough = not seen.load_is_known and seen.t_s[last] - seen.t_s[0] > LEAST_WALK_S
+        seen = seen.rows_before(int(last)) if is_enough else corrected
     return seen, findings
+
+
+def _last_in_air(seen: WrenchObservation, of_board: NDArray[np.bool_], before: int) -> int:
+    """Return the last row until `before` in which a board bears nothing, so that its re-zero comes later.
+
+    The row of the re-zero is that of a fall of its readings, which may be that at the end of the step, or later where the
+    board reads beyond its range. A pause shortly before may be that in which it zeroed itself.
+    """
+    paused = seen.missing[: before + 1, of_board].any(axis=1) & (seen.t_s[before] - seen.t_s[: before + 1] < PAUSE_S)
+    before = int(np.argmax(paused)) if paused.any() else before
+    level = seen.activation_count[: before + 1, of_board][:, seen.usable[of_board]].mean(axis=1)
+    is_low = np.abs(level - np.quantile(level, LOW_QUANTILE)) < LEAST_WALK_STEP_COUNT
+    in_air = np.flatnonzero(is_low[1:] & is_low[:-1])
+    return int(in_air[-1]) + 1 if in_air.size else before
 
 
 def _finding(seen: WrenchObservation, board: int, t_s: float, mean_shift_count: float, explains: float) -> Finding:

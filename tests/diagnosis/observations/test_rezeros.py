@@ -45,6 +45,24 @@ def test_rezero_under_a_standing_foot_is_detected_when_it_happened(walk):
     assert finding.parameters["t_s"].value == pytest.approx(seen.t_s[at], abs=0.2)
 
 
+def test_rows_from_the_step_of_a_rezero_on_are_dropped_on_a_walk_even_if_readings_fall_later(walk):
+    """The board pauses, then reads beyond its range, so that its readings between are interpolated."""
+    foot, seen = walk
+    boards = seen.layout.identities[:, 0] == BOARD
+    own = boards[:, None] & seen.usable
+    activation, missing = seen.activation_count.copy(), seen.missing.copy()
+    step = np.flatnonzero((seen.t_s > 28.0) & (seen.t_s < 29.0))
+    at = int(step[np.argmax(activation[step][:, own].mean(axis=1))])
+    missing[at - 5 : at, boards] = True
+    activation[at:] -= np.where(own, activation[at], 0.0)
+    last = at + 60
+    share = np.linspace(0.0, 1.0, last - at)[:, None]
+    activation[at:last, own] = activation[at - 1, own] * (1.0 - share) + activation[last, own] * share
+    corrected, findings = correct_rezeros(foot, replace(seen, activation_count=activation, missing=missing))
+    assert [each.effect for each in findings] == ["rezero"]
+    assert seen.t_s[at] - 1.5 < corrected.t_s[-1] < seen.t_s[at - 5]
+
+
 def test_standing_is_no_rezero(walk):
     assert correct_rezeros(*walk)[1] == []
 
