@@ -79,7 +79,7 @@ def correct_rezeros(foot: FootRecording, seen: WrenchObservation) -> tuple[Wrenc
 def _last_in_air(seen: WrenchObservation, of_board: NDArray[np.bool_], before: int) -> int:
     """Return the last row until `before` in which a board bears nothing, so that its re-zero comes later.
 
-    The row of the re-zero is that of a fall of its readings, which may be that at the end of the step, or later where the
+    The row of the re-zero is that of a fall of its readings, which may be that at the end of the step, or later if the
     board reads beyond its range. A pause shortly before may be that in which it zeroed itself.
     """
     paused = seen.missing[: before + 1, of_board].any(axis=1) & (seen.t_s[before] - seen.t_s[: before + 1] < PAUSE_S)

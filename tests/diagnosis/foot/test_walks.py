@@ -253,7 +253,11 @@ def test_noise_does_not_let_friction_decay_while_a_foot_stands(tmp_path):
 
 
 def test_several_walks_give_one_diagnosis(tmp_path):
-    walks = [write(tmp_path / name, solid, seed=seed, clock="own") for name, seed in (("one", 1), ("two", 2))]
+    sensors = Sensors.drawn(np.random.default_rng(1))  # of one insole
+    walks = [
+        write(tmp_path / name, solid, seed=seed, clock="own", sensors=sensors)
+        for name, seed in (("one", 1), ("two", 2))
+    ]
     found = diagnose(walks[0], tmp_path / "out", str(walks[1]))
     (finding,) = found["findings"]
     assert finding["effect"] == "viscoelasticity"
