@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -96,7 +96,9 @@ def _diagnose_each(
     undone = [frozenset[str]()] * len(feet)
     model: ChamberModel | None = None
     for i in order:
-        seen, foot = replace(by_recording.pop(i), ruled_out=_ruled_out(tuple(results.values()))), feet[i]
+        seen, foot = by_recording.pop(i), feet[i]
+        if not seen.load_is_known:
+            seen = replace(seen, ruled_out=_ruled_out(results.values()))
         results[i] = diagnose_one(seen, foot, progress)
         if seen.load_is_known:
             model = model or _model_of_memories(results[i])
@@ -110,12 +112,12 @@ def _diagnose_each(
     return [results[i] for i in range(len(feet))], undone
 
 
-def _ruled_out(results: Sequence[RecordingResult]) -> frozenset[str]:
+def _ruled_out(results: Iterable[RecordingResult]) -> frozenset[str]:
     """Return `baseline` if a recording with a known load shows none: a constant of a walk is that of the shoe, then."""
     for result in results:
         cannot_tell = {entry["effect"] for entry in result.not_identifiable}
         names = {finding.effect for finding in result.findings}
-        if result.seen.load_is_known and not result.is_unknown and not {"baseline"} & (cannot_tell | names):
+        if result.seen.load_is_known and not result.is_unknown and "baseline" not in cannot_tell | names:
             return frozenset({"baseline"})
     return frozenset()
 

@@ -55,7 +55,8 @@ def _correct_under_known_load(
     known = working & ~seen.cut_off & np.isfinite(seen.weight_variance)[..., None]
     noises = _noise_of_boards(seen, working)
     factors = {board: _factor(seen, known & (_boards(seen) == board)[:, None]) for board in noises}
-    usual, findings = float(np.median(list(factors.values()))), list[Finding]()
+    usual = float(np.median(list(factors.values())))
+    findings: list[Finding] = []
     for board, factor in factors.items():
         octaves = float(np.log2(usual / factor))
         bits = _whole_bits(octaves)
