@@ -18,7 +18,7 @@ from ...physics.effect import Where
 from ...physics.law import Array
 from ...recording.loading import FootRecording
 from ..audit import audit
-from ..contact import joined
+from ..contact import joined, stretches
 from ..finding import Finding
 from ..places import place_in_words
 from .hidden_faults import common_variance_ratio, detect_pick_up, is_bit_constant, stuck_bit
@@ -406,10 +406,6 @@ def _leap_finding(seen: WrenchObservation) -> list[Finding]:
     return [_finding(seen, "reference_fault", Where(), joined([(a, b) for a, b in leaps_s], JOINED_S)[:40], text)]
 
 
-def _n_stretches(rows: NDArray[np.bool_]) -> int:
-    return int((np.diff(rows.astype(int), prepend=0) == 1).sum())
-
-
 def _spikes(seen: WrenchObservation) -> tuple[NDArray[np.bool_], list[Finding]]:
     """Return the rows (N,) in which the reference leaps and the insole does not, and the finding on them.
 
@@ -439,11 +435,10 @@ def _spikes(seen: WrenchObservation) -> tuple[NDArray[np.bool_], list[Finding]]:
     residual_nearby = np.sort(np.stack([np.roll(residual, k, axis=0) for k in (-3, -2, 2, 3)]), axis=0)[2]
     is_alone = leap_size > 2.0 * residual_nearby
     spikes = np.any(is_alone & (leap_size > insole_range), axis=1)
-    if _n_stretches(spikes) < LEAST_SPIKES:
+    if len(stretches(spikes)) < LEAST_SPIKES:
         return np.zeros(len(spikes), bool), []
     usual_size = np.median(leap_size[spikes], axis=0)
     spikes |= np.any(is_alone & (np.minimum(leap_size, 2.0 * residual) > COMPARABLE_LEAP * usual_size), axis=1)
-    n_leaps = _n_stretches(spikes)
     times_s = [(float(t), float(t + seen.step_s)) for t in seen.t_s[spikes]]
-    text = f"the reference leaps for a moment, {n_leaps} times"
+    text = f"the reference leaps for a moment, {len(stretches(spikes))} times"
     return spikes, [_finding(seen, "reference_fault", Where(), joined(times_s, JOINED_S)[:40], text)]

@@ -70,9 +70,11 @@ def correct_rezeros(foot: FootRecording, seen: WrenchObservation) -> tuple[Wrenc
         else:
             explains = float(np.mean((corrected.wrench[:, 0] - seen.wrench[:, 0]) ** 2))
         findings.append(_finding(seen, int(board), float(seen.t_s[row]), mean_shift, explains))
-        last = before if seen.load_is_known else _last_in_air(seen, of_board, int(before))
-        is_enough = not seen.load_is_known and seen.t_s[last] - seen.t_s[0] > LEAST_WALK_S
-        seen = seen.rows_before(int(last)) if is_enough else corrected
+        if not seen.load_is_known:
+            last = _last_in_air(seen, of_board, int(before))
+            if seen.t_s[last] - seen.t_s[0] > LEAST_WALK_S:
+                corrected = seen.rows_before(last)
+        seen = corrected
     return seen, findings
 
 

@@ -109,3 +109,13 @@ def write(
     document = {"kind": "shoe", "counts": "counts.npz", "can_origin": "simulated", "insoles": [insole]}
     (folder / "recording.yaml").write_text(dump({**document, "reference": [said_of]}))
     return folder
+
+
+def change_force(folder: Path, change: Callable[[Array], Array]) -> None:
+    """Replace the force (N,) of the reference of a recording by `change` of it."""
+    rows = [row.split(",") for row in (folder / "reference.csv").read_text().splitlines()]
+    f_z = rows[0].index("fz_n")
+    force_n = change(np.array([float(row[f_z]) for row in rows[1:]]))
+    for row, value in zip(rows[1:], force_n.tolist(), strict=True):
+        row[f_z] = str(value)
+    (folder / "reference.csv").write_text("\n".join(",".join(row) for row in rows) + "\n")

@@ -24,7 +24,7 @@ from insole_daemon.recording.loading import load
 from ..chamber import LAYOUT, SLOTS, Sensors
 from ..chamber import write as write_chamber
 from ..variations import MASKED, varied, without_a_board
-from .shoe import DT_S, Array, late, write
+from .shoe import DT_S, Array, change_force, late, write
 
 
 def diagnose(folder: Path, out: Path, *options: str) -> dict:
@@ -111,13 +111,7 @@ def test_an_effect_of_one_board_is_placed_at_that_board(tmp_path):
 
 def test_an_offset_of_the_reference_is_reported(tmp_path):
     walk = write(tmp_path / "walk")
-    rows = (walk / "reference.csv").read_text().splitlines()
-    f_z = rows[0].split(",").index("fz_n")
-    for i, row in enumerate(rows[1:], 1):
-        cells = row.split(",")
-        cells[f_z] = str(float(cells[f_z]) + 5.0)
-        rows[i] = ",".join(cells)
-    (walk / "reference.csv").write_text("\n".join(rows) + "\n")
+    change_force(walk, lambda force_n: force_n + 5.0)
     (finding,) = diagnose_any(walk, tmp_path / "out")["findings"]
     assert finding["effect"] == "reference_fault"
     said_n = float(finding["sentence"].split("reads ")[1].split(" N")[0])
@@ -126,13 +120,7 @@ def test_an_offset_of_the_reference_is_reported(tmp_path):
 
 def test_a_drift_of_the_reference_from_its_zero_is_one_fault(tmp_path):
     walk = write(tmp_path / "walk")
-    rows = (walk / "reference.csv").read_text().splitlines()
-    f_z = rows[0].split(",").index("fz_n")
-    for i, row in enumerate(rows[1:], 1):
-        cells = row.split(",")
-        cells[f_z] = str(float(cells[f_z]) - 60.0 * i / len(rows))
-        rows[i] = ",".join(cells)
-    (walk / "reference.csv").write_text("\n".join(rows) + "\n")
+    change_force(walk, lambda force_n: force_n - np.linspace(0.0, 60.0, len(force_n)))
     (finding,) = diagnose_any(walk, tmp_path / "out")["findings"]
     assert finding["effect"] == "reference_fault"
 

@@ -17,7 +17,7 @@ from insole_daemon.physics.effect import Where
 from insole_daemon.recording.loading import load
 
 from .. import chamber
-from ..foot.shoe import write
+from ..foot.shoe import change_force, write
 
 
 def faults_of(walk: Path, counts=None):
@@ -75,31 +75,22 @@ def test_readings_at_uneven_times_of_a_fast_load_are_no_burst(tmp_path):
 def test_spikes_of_the_reference_are_detected_and_a_late_heel_strike_is_none(tmp_path, delay_s):
     assert not faults_of(write(tmp_path / "calm", delay_s=delay_s)).spikes.any()
     walk = write(tmp_path / "walk", delay_s=delay_s)
-    rows = (walk / "reference.csv").read_text().splitlines()
-    f_z = rows[0].split(",").index("fz_n")
-    for i in range(150, len(rows), 200):
-        cells = rows[i].split(",")
-        cells[f_z] = str(float(cells[f_z]) + 250.0)
-        rows[i] = ",".join(cells)
-    (walk / "reference.csv").write_text("\n".join(rows) + "\n")
+    change_force(walk, lambda force_n: force_n + 250.0 * (np.arange(len(force_n)) % 200 == 149))
     found = faults_of(walk)
     assert [each.effect for each in found.findings] == ["reference_fault"]
 
 
 def test_spikes_at_heel_strikes_are_left_out_if_there_are_others(tmp_path):
     walk = write(tmp_path / "walk")
-    rows = (walk / "reference.csv").read_text().splitlines()
-    f_z = rows[0].split(",").index("fz_n")
-    force_n = np.array([float(row.split(",")[f_z]) for row in rows[1:]])
-    strikes = np.flatnonzero((force_n[:-1] < 30.0) & (force_n[1:] >= 30.0))[2::4] + 6
-    strides = np.flatnonzero((force_n[:-1] < 30.0) & (force_n[1:] >= 30.0))
-    calm = strides[1:6] - 40  # in the air
-    for i in (*strikes, *calm):
-        cells = rows[1 + i].split(",")
-        cells[f_z] = str(force_n[i] + 50.0)
-        rows[1 + i] = ",".join(cells)
-    (walk / "reference.csv").write_text("\n".join(rows) + "\n")
-    assert faults_of(walk).spikes.sum() > len(calm)  # a spike lasts 5 ms, and readings are 20 ms apart
+    in_air = 5
+
+    def spike(force_n: np.ndarray) -> np.ndarray:
+        begins = np.flatnonzero((force_n[:-1] < 30.0) & (force_n[1:] >= 30.0))
+        force_n[[*begins[2::4] + 6, *begins[1 : 1 + in_air] - 40]] += 50.0
+        return force_n
+
+    change_force(walk, spike)
+    assert faults_of(walk).spikes.sum() > in_air  # a spike lasts 5 ms, and readings are 20 ms apart
 
 
 def test_taxels_that_a_rezero_moved_beyond_their_range_are_not_dead(tmp_path):
