@@ -165,11 +165,6 @@ class KnownLoad(LoadEstimate):
         assert isinstance(seen, ChamberObservation)
         return sum((change for _, change in self.changes), start=seen.load_pa(seen.reference_s))
 
-    @property
-    def held_pa(self) -> Array:
-        """Return the loads, which have no noise."""
-        return self.courses_pa
-
     @cached_property
     def top_pa(self) -> float:
         """Return the largest load."""

@@ -169,6 +169,22 @@ def test_loops_of_another_law_are_hysteresis_and_nothing_else(tmp_path):
     assert before - after > 0.8 * (before - floor)
 
 
+def test_a_loop_that_closes_as_the_load_vanishes_closes_in_the_model(tmp_path):
+    def closing(t_s: Array, p: Array) -> Array:
+        slider, out = 0.0, np.empty_like(p)
+        for i, load in enumerate(p):
+            slider = min(max(slider, load - 25e3), load + 25e3)
+            out[i] = load - 0.6 * (load - slider) * load / (load + 40e3)
+        return out
+
+    found = diagnose(write(tmp_path / "bag", closing, seconds=60.0))
+    (finding,) = found.findings
+    assert finding.effect == "hysteresis"
+    assert finding.where.scope == "insole"
+    assert max(finding.parameters["half_pa"].value) > 0.0
+    assert found.heldout["after"] < 1.06 * found.heldout["floor"]
+
+
 def test_a_lag_beside_a_memory_is_not_named_delay(tmp_path):
     def effect(t_s: Array, p: Array) -> Array:
         return relaxing(1.0, 0.15)(t_s, rubbing(0.5, 0.5, 30e3)(t_s, p))

@@ -1,14 +1,14 @@
 """`hysteresis`: plays. q = (1 − Σ w_j)·P + Σ w_j·play_rj[P]; the inverse, from readings, is a sum of plays too.
 
-Columns of Dahl's friction are offered too: after a turn it follows the load sooner than a play, and its limit may grow
-with the load, as between layers that the load presses together, or, on a walk, be there as soon as there is a load.
-From readings, the inverse of one friction is about a sum of frictions of other widths. The exported model contains only
-the plays.
+Under a uniform load there are plays, too, whose loop closes as the load vanishes, as between layers that the load
+presses together. Columns of Dahl's friction are offered besides: after a turn it follows the load sooner than a play.
+On a walk its limit may be constant, grow with the load, or be there as soon as there is a load; from readings, the
+inverse of one friction is about a sum of frictions of other widths. The exported model contains only the plays.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -23,25 +23,30 @@ UNEVEN = 0.5  # prior standard deviation of the companion `uneven_loops`
 WIDEST = 0.4  # largest radius, relative to the range of the load
 RADII_PA = geometric(3e3, 192e3, 7)
 LEAST_WEIGHT = 2e-3  # of a play in the parameters
-CLOSING = 0.01  # load, relative to its range, at which a loop that closes at zero is half as wide as under high loads
+# Load, relative to its range, at which a loop that closes at zero is half as wide as under high loads.
+HALF, HALF_ON_WALKS = 0.2, 0.01
 # Widths of friction under rising and falling load, relative to its range: equal, or different by a factor 3.
 WIDTHS = np.array([(0.02, 0.02), (0.06, 0.06), (0.18, 0.18), (0.02, 0.06), (0.06, 0.02), (0.06, 0.18), (0.18, 0.06)])
 
 
 def _columns(load: LoadEstimate) -> list[TermColumns]:
-    """Return joint columns: q − play_r[q] for each radius, and frictions under a uniform load.
+    """Return joint columns: q − play_r[q] for each radius, and, under a uniform load, loops that close at zero.
 
     A simulated load turns round at other times than the real one.
     """
-    return _joint_columns(load, with_frictions=load.observation.is_uniform)
+    return _joint_columns(load, _closing_loops if load.observation.is_uniform else None)
 
 
 def _columns_with_frictions(load: LoadEstimate) -> list[TermColumns]:
     """Return joint columns of a walk: q − play_r[q] for each radius, and frictions."""
-    return [] if load.is_known else _joint_columns(load, with_frictions=True)
+    return [] if load.is_known else _joint_columns(load, _frictions_of_readings)
 
 
-def _joint_columns(load: LoadEstimate, with_frictions: bool) -> list[TermColumns]:
+Loops = tuple[list[Setting], list[Array]]  # settings, and what friction takes of the pressure (N, m)
+
+
+def _joint_columns(load: LoadEstimate, more: Callable[[LoadEstimate, Array, Array], Loops] | None) -> list[TermColumns]:
+    """Return the columns of plays and, if given, those of `more` (load, radii in Pa, pressure (N, m))."""
     pressure = load.courses_pa
     radii_pa = RADII_PA
     if load.is_known:  # a play of half the range never returns, so it would be a step in time
@@ -51,17 +56,34 @@ def _joint_columns(load: LoadEstimate, with_frictions: bool) -> list[TermColumns
     flat = pressure.reshape(len(pressure), -1)
     settings: list[Setting] = [{"r_pa": radius_pa} for radius_pa in radii_pa]
     loops = [-plays(flat, np.array([radius_pa]))[0] for radius_pa in radii_pa]
-    if with_frictions:
-        widths_pa = load.top_pa * WIDTHS
-        held_pa = load.held_pa.reshape(flat.shape)  # limits with the noise of a reading would fit that noise
-        constant = frictions(held_pa, *widths_pa.T)
-        limits = [np.ones(1), held_pa / held_pa.max()]
-        if not load.is_known:
-            limits.append(held_pa / (np.abs(held_pa) + CLOSING * load.top_pa))
-        settings += [{"up_pa": up_pa, "down_pa": down_pa} for up_pa, down_pa in widths_pa.tolist() * len(limits)]
-        loops += [friction * limit for limit in limits for friction in constant]
+    if more is not None:
+        further_settings, further_loops = more(load, np.array(radii_pa), flat)
+        settings, loops = settings + further_settings, loops + further_loops
     columns = [load.wrench_of_courses(loop.reshape(pressure.shape)) for loop in loops]
     return [TermColumns(tuple(settings), by_triangle=np.stack(columns, axis=-1), joint=True)]
+
+
+def _closing_loops(load: LoadEstimate, radii_pa: Array, flat: Array) -> Loops:
+    """Return plays and frictions of a known pressure that close at zero."""
+    half_pa = HALF * load.top_pa
+    loaded = np.maximum(flat, 0.0)
+    part = loaded / (loaded + half_pa)
+    settings: list[Setting] = [{"r_pa": radius_pa, "half_pa": half_pa} for radius_pa in radii_pa.tolist()]
+    widths_pa = load.top_pa * WIDTHS
+    settings += [{"up_pa": up_pa, "down_pa": down_pa} for up_pa, down_pa in widths_pa.tolist()]
+    return settings, [*(-plays(loaded, radii_pa) * part), *(frictions(loaded, *widths_pa.T) * part)]
+
+
+def _frictions_of_readings(load: LoadEstimate, radii_pa: Array, flat: Array) -> Loops:
+    """Return frictions of readings; limits with the noise of a reading would fit that noise."""
+    widths_pa = load.top_pa * WIDTHS
+    held_pa = load.held_pa.reshape(flat.shape)
+    constant = frictions(held_pa, *widths_pa.T)
+    limits = [np.ones(1), held_pa / held_pa.max(), held_pa / (np.abs(held_pa) + HALF_ON_WALKS * load.top_pa)]
+    settings: list[Setting] = [
+        {"up_pa": up_pa, "down_pa": down_pa} for up_pa, down_pa in widths_pa.tolist() * len(limits)
+    ]
+    return settings, [friction * limit for limit in limits for friction in constant]
 
 
 def _parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:
@@ -79,10 +101,12 @@ def _parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]
 
 
 def _known_parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:
-    """Return radii, Pa, and weights, which are settings and shares themselves if the load is known."""
+    """Return radii, Pa, weights and, if any play closes, half loads: settings and shares if the load is known."""
     w = np.maximum(np.asarray(shares, float), 0.0)
-    kept = _relevant(w)
-    return {"r_pa": [s["r_pa"] for s, yes in zip(settings, kept, strict=True) if yes], "w": w[kept].tolist()}
+    kept = np.flatnonzero(_relevant(w)).tolist()
+    values: dict[str, object] = {"r_pa": [settings[k]["r_pa"] for k in kept], "w": w[kept].tolist()}
+    halves = [settings[k].get("half_pa", 0.0) for k in kept]
+    return {**values, "half_pa": halves} if any(halves) else values
 
 
 def _relevant(w: Array) -> NDArray[np.bool_]:

@@ -1,5 +1,7 @@
 """Rate-independent hysteresis after Prandtl and Ishlinskii: a weighted sum of play operators.
 
+With `half_pa` the loop of a play closes as the load vanishes (`physics/closing_plays.py`).
+
     play_r[P]: y_n = max(P_n − r, min(P_n + r, y_(n−1))), y = 0 before the first load
 
 A play depends only on the turning points of its input, and a load that is linear between its samples turns only at
@@ -18,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...skin.geometry import N_TAXELS, PRESSURE_TAXELS
+from ..closing_plays import ClosingPlays
 from ..kernel_stage import KernelStage, StageKind
 from ..law import MOST_SHARED, Array, Law, Moments, Operator, Parameter, Site, Values, sum_problem
 from ..relaxation import Relaxation
@@ -55,11 +58,23 @@ class _Plays:
         return moved
 
 
+def _closes(values: Values) -> bool:
+    return "half_pa" in values and bool(values["half_pa"].any())
+
+
 def _forward(values: Values, site: Site) -> Operator:
+    if _closes(values):
+        return ClosingPlays(values["r_pa"], values["w"], values["half_pa"])
     return _Plays(1.0 - values["w"].sum(axis=0), values["r_pa"], values["w"])
 
 
-def _inverse(values: Values, site: Site) -> _Plays:
+def _inverse(values: Values, site: Site) -> Operator:
+    if _closes(values):
+        return ClosingPlays(values["r_pa"], values["w"], values["half_pa"], is_inverse=True)
+    return _inverse_plays(values)
+
+
+def _inverse_plays(values: Values) -> _Plays:
     """Return the exact inverse, a sum of plays with the radii and weights of the module's formula."""
     r, w = np.broadcast_arrays(values["r_pa"], values["w"])
     order = np.argsort(r, axis=0)
@@ -74,15 +89,21 @@ def _inverse(values: Values, site: Site) -> _Plays:
 class _Live:
     """The inverse with less noise; see the module."""
 
-    def __init__(self, values: Values, site: Site) -> None:
+    def __init__(self, inverse: _Plays | ClosingPlays, site: Site) -> None:
         self._smooth = Relaxation(np.zeros(1), np.ones((1, 1)), np.full((1, 1), REMEMBERED_S))
-        self._inverse = _inverse(values, site)
+        self._inverse = inverse
         self._nearest = _nearest(site)
 
     def __call__(self, x: Array, moments: Moments) -> Array:
         local_mean: Array = x[:, self._nearest].mean(axis=2)
         undone = self._inverse.apply_after(self._smooth(local_mean, moments), local_mean)
         return x + undone - local_mean
+
+
+class _LivePlays(_Live):
+    """The same for plays that do not close, which the compiled kernel has, too."""
+
+    _inverse: _Plays
 
     def kernel_stage(self, columns: NDArray[np.intp]) -> KernelStage:
         """Return it as a stage on the slots `columns` (m,)."""
@@ -91,6 +112,12 @@ class _Live:
         return KernelStage(
             StageKind.HYSTERESIS, k, columns, self._nearest, plays.at_once, plays.r, plays.w, (k + 2) * m + 1
         )
+
+
+def _live(values: Values, site: Site) -> Operator:
+    if _closes(values):
+        return _Live(ClosingPlays(values["r_pa"], values["w"], values["half_pa"], is_inverse=True), site)
+    return _LivePlays(_inverse_plays(values), site)
 
 
 def _nearest(site: Site) -> NDArray[np.intp]:
@@ -106,15 +133,26 @@ LAW = Law(
     word="hysteresis",
     order=4,
     domain="pressure",
-    equation="q = (1 − Σ w_j)·P + Σ w_j·play_rj[P]",
-    source="Prandtl–Ishlinskii model and its exact inverse: Kuhnen, Eur. J. Control 9 (2003) 407–418",
+    equation="q = P − Σ w_j·(P − play_rj[P]), or Σ w_j·P/(P + h_j)·(P − play_rj[P]) with a half load h_j",
+    source="Prandtl–Ishlinskii model and its exact inverse: Kuhnen, Eur. J. Control 9 (2003) 407–418; friction in "
+    "proportion to the normal load after Amontons and Coulomb",
     parameters=(
         Parameter("r_pa", "Pa", 0.0, 1e7, (500.0, 50_000.0), "half the width of each play", "list"),
         Parameter("w", "1", 0.0, MOST_SHARED, (0.01, 0.12), "weight of each play", "list"),
+        Parameter(
+            "half_pa",
+            "Pa",
+            0.0,
+            1e9,
+            (5e3, 100e3),
+            "loads at which those plays have half of their weight; 0 or absent: always the whole",
+            "list",
+            is_optional=True,
+        ),
     ),
     forward=_forward,
     inverse=_inverse,
     inverse_is="exact",
-    live=_Live,
+    live=_live,
     find_problem=lambda values: sum_problem("w", values),
 )

@@ -89,7 +89,7 @@ TABLE = {
     "swapped_triangles": (1, ["pair"]),
     "preload": (2, ["p0_pa"]),
     "crosstalk": (3, ["k"]),
-    "hysteresis": (4, ["r_pa", "w"]),
+    "hysteresis": (4, ["r_pa", "w", "half_pa"]),
     "snap": (4, ["up_pa", "down_pa", "step_pa", "together"]),
     "viscoelasticity": (5, ["a", "tau_s"]),
     "creep": (5, ["a", "tau_s", "scale_pa"]),
