@@ -44,6 +44,8 @@ UNKNOWN_TAXEL_STD = 0.05  # of a triangle's share of the load, for each of its t
 SUBSTITUTED_STD = 0.5  # of the share of the load of a triangle with substituted taxels
 NEIGHBOURS = 6  # nearest triangles whose load a triangle without working taxels may have
 AT_REST, BEFORE_LOAD_S = 0.03, 0.1  # of the usual largest force: the foot is in the air; margin before its first load
+# Companions whose columns are computed from the reference, by their words.
+COMPANIONS_OF_REFERENCE = {term.word: term for term in TERMS if term.is_of_reference and term.is_internal}
 STATIC = frozenset({"gain", "baseline", "stiffening", "preload", "bit_shift"})  # effects that a calibration contains
 
 
@@ -61,6 +63,15 @@ class NuisanceColumns:
         return np.asarray(np.linalg.qr(np.concatenate([self.matrix, np.diag(1.0 / self.prior_std)]))[0])
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class MovedColumns:
+    """Columns computed from the reference after a timing, in place of those numbered `numbers` (q,)."""
+
+    numbers: NDArray[np.intp]
+    raw: NDArray[np.float32]  # (3N, q)
+    matrix: NDArray[np.float32]  # (3N + b, q)
+
+
 @dataclass(frozen=True, eq=False)
 class Design:
     """Regression of one recording: candidates, and their Gram matrix with nuisance columns projected out."""
@@ -76,6 +87,8 @@ class Design:
     cross: Array  # (p,) inner products with `target`, less `product`
     product: Array  # (p,) covariance of noise in a column with that of the target
     total: float  # sum of squares of `target`
+    timing: Timing = Timing()  # noqa: RUF009 (frozen)
+    moved: MovedColumns | None = None  # those of `timing`; `raw` and `matrix`, which are large, are shared
 
     @cached_property
     def kept_share(self) -> Array:
@@ -133,10 +146,44 @@ class Design:
         seen = self.load.observation
         residual = seen.reference.at(seen.reference_s - timing.delay_s, timing.lag_s) - seen.wrench
         target = project(self.base, apply_weights(residual[..., None], self.weights))[:, 0]
-        cross = (self.matrix.T @ target.astype(np.float32)).astype(np.float64) - self.product
         removed_share = 1.0 - seen.reference.noise_kept(timing.lag_s)
         removed = float(np.sum(self.weights**2 * seen.reference.noise**2)) * removed_share
-        return replace(self, target=target, cross=cross, total=float(target @ target) + removed)
+        moved, gram = (self.moved, self.gram) if timing == self.timing else self._moved(timing)
+        cross = (self.matrix.T @ target.astype(np.float32)).astype(np.float64) - self.product
+        if moved is not None:
+            cross[moved.numbers] = moved.matrix.T @ target - self.product[moved.numbers]
+        return replace(
+            self, target=target, gram=gram, cross=cross, total=float(target @ target) + removed, timing=timing,
+            moved=moved,
+        )  # fmt: skip
+
+    def _moved(self, timing: Timing) -> tuple[MovedColumns | None, Array]:
+        """Return the columns that move with the reference, after `timing`, and the Gram matrix with them."""
+        of_terms = self._columns_of_reference()
+        if not of_terms:
+            return None, self.gram
+        seen = self.load.observation
+        lagged = seen.reference.lagged(timing.lag_s)
+        load = LoadEstimate(seen.timed(offset_s=seen.offset_s - timing.delay_s, reference=lagged))
+        blocks = [_columns_at(block, Where(), self) for term, _ in of_terms for block in term.columns(load)]
+        numbers = np.concatenate([numbers for _, numbers in of_terms])
+        weighted = apply_weights(np.concatenate(blocks, axis=2), self.weights)
+        projected = project(self.base, weighted)
+        products = self.matrix.T @ projected.astype(np.float32)
+        products[numbers] = projected.T @ projected
+        gram = self.gram.copy()
+        gram[:, numbers] = products
+        gram[numbers] = products.T
+        return MovedColumns(numbers, weighted.astype(np.float32), projected.astype(np.float32)), gram
+
+    def _columns_of_reference(self) -> list[tuple[Term, NDArray[np.intp]]]:
+        """Return the terms whose columns are computed from the reference, with the numbers of the columns."""
+        by_first = {int(c.columns[0]): (c.term, c.columns) for c in self.candidates if c.term.is_of_reference}
+        for candidate in self.candidates:
+            for word, column in zip(candidate.companion_words, candidate.companions.tolist(), strict=True):
+                if word in COMPANIONS_OF_REFERENCE:
+                    by_first[column] = (COMPANIONS_OF_REFERENCE[word], np.array([column]))
+        return list(by_first.values())
 
     def subset(self, chosen: Sequence[int]) -> Design:
         """Return the regression with the columns of `chosen` candidates and their companions."""
@@ -155,10 +202,14 @@ class Design:
         candidates = tuple(
             replace(c, columns=renumbered(c.columns), companions=renumbered(c.companions)) for c in picked
         )
+        raw, matrix = self.raw[:, columns], self.matrix[:, columns]
+        if self.moved is not None:
+            for k, number in enumerate(self.moved.numbers.tolist()):
+                if number in place:
+                    raw[:, place[number]], matrix[:, place[number]] = self.moved.raw[:, k], self.moved.matrix[:, k]
         return replace(
-            self, candidates=candidates, raw=self.raw[:, columns],
-            matrix=self.matrix[:, columns], gram=self.gram[np.ix_(columns, columns)],
-            cross=self.cross[columns], product=self.product[columns],
+            self, candidates=candidates, raw=raw, matrix=matrix, gram=self.gram[np.ix_(columns, columns)],
+            cross=self.cross[columns], product=self.product[columns], moved=None,
         )  # fmt: skip
 
     def of_laws(self) -> Design:

@@ -17,6 +17,7 @@ from ...errors import DiagnosisError
 from ...physics.effect import Where
 from ...physics.law import Array
 from ...recording.loading import FootRecording
+from ...skin.geometry import N_TAXELS
 from ..audit import audit
 from ..contact import joined, stretches
 from ..finding import Finding
@@ -197,18 +198,22 @@ def _without_resting_taxels(finding: Finding, seen: WrenchObservation) -> Findin
 def _without_zeroed_taxels(finding: Finding, seen: WrenchObservation, since_s: Mapping[int, float]) -> Finding | None:
     """Return a finding on dead taxels without those that a re-zero of their board moved beyond the end of their range.
 
-    `since_s` has the times of re-zeros by board. Such a taxel worked until then.
+    `since_s` has the times of re-zeros by board. Such a taxel worked until then. A finding on whole triangles or boards
+    is left out if it is so of most of their taxels.
     """
-    if finding.effect != "dead_taxels" or finding.where.scope != "taxel":
+    if finding.effect != "dead_taxels":
         return finding
     slots = np.asarray(finding.where.slots(seen.layout))
+    slots = slots if finding.where.scope == "taxel" else slots[seen.usable.reshape(-1)[slots]]
     count = _counts_of(seen, slots)
     is_zeroed = np.zeros(len(slots), bool)
-    for i, (board, *_) in enumerate(finding.where.ids):
+    for i, board in enumerate(seen.layout.identities[slots // N_TAXELS, 0].tolist()):
         is_later = seen.t_s >= since_s.get(board, np.inf)
         is_at_end = count[:, i] > LARGEST
         is_zeroed[i] = is_later.any() and is_at_end[is_later].mean() > MOST_CUT_OFF > is_at_end[~is_later].mean()
-    return _without(finding, is_zeroed)
+    if finding.where.scope == "taxel":
+        return _without(finding, is_zeroed)
+    return None if is_zeroed.size and is_zeroed.mean() > MOST_CUT_OFF else finding
 
 
 def _counts_of(seen: WrenchObservation, slots: NDArray[np.intp]) -> Array:

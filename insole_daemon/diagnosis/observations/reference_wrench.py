@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -49,6 +49,10 @@ class ReferenceWrench:
     has_times: bool
     row_s: float  # between two rows
     leaps_s: tuple[tuple[float, float], ...] = ()  # times of leaps, which are left out
+
+    def lagged(self, lag_s: float) -> ReferenceWrench:
+        """Return the reference after a first-order lag."""
+        return replace(self, fine=low_pass(self.fine, FINE_S, lag_s)) if lag_s >= FINE_S / 50 else self
 
     def at(self, t_s: Array, lag_s: float = 0.0) -> Array:
         """Return the values (n, c) at times `t_s` (n,) of its clock, after a first-order lag."""

@@ -46,6 +46,7 @@ TERM = replace(
     columns=_columns,
     absorbs={CALIBRATED: ABSORBED},
     is_of_load=True,
+    is_of_reference=True,
     is_possible=creep.is_possible_on_walks,
 )
 SHARE = Term(
@@ -54,5 +55,6 @@ SHARE = Term(
     share="free",
     columns=_share,
     parameters=lambda settings, shares: {},
+    is_of_reference=True,
     is_internal=True,
 )

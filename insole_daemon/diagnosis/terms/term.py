@@ -71,6 +71,7 @@ class Term:
     likeness: float = 1.0  # fraction of other laws' misfit that it can describe
     known_misfit: float | None = None  # `misfit` of columns computed from a known load; None: the same
     is_of_load: bool = False  # shares are the law's parameters even if the load is not known
+    is_of_reference: bool = False  # columns are computed from the reference, and move with its clock and a lag
     is_internal: bool = False  # only a companion of other terms: never reported or exported
     acts_at: int | None = None  # place on the signal path of a term without a law
     yields_to: tuple[str, ...] = ()  # terms that are preferred if they explain nearly as much

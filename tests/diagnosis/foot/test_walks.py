@@ -144,6 +144,18 @@ def test_a_creep_larger_than_the_immediate_response_is_undone(tmp_path):
     assert found["heldout"]["after"] < 0.08 * found["heldout"]["before"]
 
 
+def test_a_delay_is_measured_beside_a_creep(tmp_path):
+    """Columns that are computed from the reference move with it."""
+
+    def creeping(p: Array) -> Array:
+        return 0.7 * p + sum(0.075 * late(p, tau_s) for tau_s in (0.5, 2.0, 8.0, 32.0))
+
+    found = diagnose_any(write(tmp_path / "walk", creeping, delay_s=0.014, seconds=40.0), tmp_path / "out")
+    by_word = {each["effect"]: each for each in found["findings"]}
+    assert set(by_word) == {"creep", "delay"}
+    assert by_word["delay"]["parameters"]["delay_s"]["value"] == pytest.approx(0.014, abs=0.002)
+
+
 def test_activated_creep_is_named_beside_a_lag(tmp_path):
     """A flow that is the faster, the farther it is from equilibrium (Eyring): no sum of relaxations describes it."""
 

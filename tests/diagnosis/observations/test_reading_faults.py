@@ -110,3 +110,9 @@ def test_taxels_that_a_rezero_moved_beyond_their_range_are_not_dead(tmp_path):
     remaining = _without_zeroed_taxels(finding, seen, {board: zeroed_s})
     assert remaining is not None
     assert remaining.where.ids == ((*triangle, 3),), "a taxel that never worked is dead"
+    # As one finding on the board: dead only if most of its taxels never worked.
+    rows = np.flatnonzero(seen.layout.identities[:, 0] == board)
+    whole = replace(finding, where=Where("board", ((board,),)))
+    assert _without_zeroed_taxels(whole, seen, {board: zeroed_s}) == whole
+    activation[np.ix_(seen.t_s >= zeroed_s, rows)] = seen.calibration.baseline_count[rows] - 255.0
+    assert _without_zeroed_taxels(whole, replace(seen, activation_count=activation), {board: zeroed_s}) is None
