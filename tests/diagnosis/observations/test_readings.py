@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,17 @@ from insole_daemon.diagnosis.observations.readings import TriangleReadings, _wit
 from insole_daemon.errors import DiagnosisError
 
 SENT_S = 0.02
+
+
+@pytest.fixture(scope="module")
+def simulated(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return simulate(tmp_path_factory.mktemp("simulated"))[1] / "recording"
+
+
+@pytest.fixture
+def folder(simulated: Path, tmp_path: Path) -> Path:
+    """A simulated recording of which the test may change the log."""
+    return shutil.copytree(simulated, tmp_path / "recording")
 
 
 def held(number: np.ndarray) -> TriangleReadings:
@@ -60,8 +72,7 @@ def test_a_triangle_that_sent_a_few_readings_keeps_them(n):
     assert len(found.t_s) == n
 
 
-def test_a_log_that_was_joined_from_those_of_two_interfaces_gives_the_same_readings(tmp_path: Path) -> None:
-    folder = simulate(tmp_path)[1] / "recording"
+def test_a_log_that_was_joined_from_those_of_two_interfaces_gives_the_same_readings(folder: Path) -> None:
     log = folder / "can.log"
     lines = log.read_text().splitlines(keepends=True)
 
@@ -91,8 +102,7 @@ def test_the_age_of_conversions_is_known_if_their_waiting_times_vary():
 
 
 @pytest.mark.parametrize(("n_frames", "said"), [(1, "no triangle of the left foot"), (1000, "cover 0.1")])
-def test_a_log_with_hardly_a_reading_is_refused(tmp_path: Path, n_frames: int, said: str) -> None:
-    folder = simulate(tmp_path)[1] / "recording"
+def test_a_log_with_hardly_a_reading_is_refused(folder: Path, n_frames: int, said: str) -> None:
     log = folder / "can.log"
     log.write_text("".join(log.read_text().splitlines(keepends=True)[:n_frames]))
     recording = insole_daemon.load(folder)
@@ -102,8 +112,7 @@ def test_a_log_with_hardly_a_reading_is_refused(tmp_path: Path, n_frames: int, s
         read_rows(recording, foot, foot.calibration, np.median)
 
 
-def test_a_log_whose_times_are_not_in_seconds_is_refused(tmp_path: Path) -> None:
-    folder = simulate(tmp_path)[1] / "recording"
+def test_a_log_whose_times_are_not_in_seconds_is_refused(folder: Path) -> None:
     log = folder / "can.log"
     lines = [line.partition(") ") for line in log.read_text().splitlines()]
     began_s = float(lines[0][0][1:])
