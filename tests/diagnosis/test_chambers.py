@@ -195,12 +195,12 @@ def test_a_lag_beside_a_memory_is_not_named_delay(tmp_path):
     assert lag.parameters["tau_s"].value == pytest.approx(0.15, rel=0.2)
 
 
-@pytest.mark.parametrize(("tau_s", "loop"), [(0.2, (2.0, 0.4, 40e3)), (0.3, (1.2, 0.3, 60e3))])
-def test_a_long_lag_beside_strong_hysteresis_is_measured(tmp_path, tau_s, loop):
+def test_a_long_lag_beside_strong_hysteresis_is_measured(tmp_path):
     """Without terms, the loop of a slow load would move the beginning of the search by more than it finds back."""
+    tau_s = 0.3
 
     def effect(t_s: Array, p: Array) -> Array:
-        return relaxing(1.0, tau_s)(t_s, rubbing(*loop)(t_s, p))
+        return relaxing(1.0, tau_s)(t_s, rubbing(1.2, 0.3, 60e3)(t_s, p))
 
     found = diagnose(write(tmp_path / "bag", effect))
     by_word = {each.effect: each for each in found.findings}
