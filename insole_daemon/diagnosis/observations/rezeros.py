@@ -33,9 +33,11 @@ STEADY_QUANTILE, STEADY_RATIO = 0.1, 0.2  # low quantile of what later readings 
 MOST_STEP_S = 0.12  # duration of the step, each way
 STRETCH_S, LEAST_STRETCHES = 2.0, 3  # of a walk, with at least one swing; number of stretches before and after
 PAUSE_S = 2.0  # before a fall of the readings, for a pause that may be that of the re-zero
+STANCE_S = 2.0  # longest time from a re-zero under a walking foot until the foot is in the air
 LEAST_WALK_S = 20.0  # of a walk before the re-zero, to leave out the rest
 LOW_QUANTILE = 0.1  # of a stretch's rows, in which a foot that walks is in the air
 AIR_QUANTILE = 0.25  # of the lowest readings of stretches: those with a swing
+JUMP_ROWS, CALM_RATIO = 2, 4.0  # of a landing: rows on each side, and its size over the changes before and after
 LEAST_RATIO = 1.5  # of the step to the scatter of the lowest readings before and after
 
 
@@ -54,7 +56,8 @@ def correct_rezeros(foot: FootRecording, seen: WrenchObservation) -> tuple[Wrenc
         row = (
             _find_rezero(seen, of_board, float(landing_count), width)
             if seen.load_is_known
-            else _find_rezero_of_walk(seen, of_board, width)
+            else _find_landing(seen, of_board, float(landing_count), width)
+            or _find_rezero_of_walk(seen, of_board, width)
         )
         if row is None:
             continue
@@ -261,6 +264,39 @@ def _lacks_load(above_landing: Array, expected: Array, step_count: float) -> boo
     return bool(is_less.sum() < LEAST_ROWS or np.median(above_landing[is_less]) < 0.0)
 
 
+def _find_landing(seen: WrenchObservation, of_board: NDArray[np.bool_], landing_count: float, width: int) -> int | None:
+    """Return the row at which all taxels of a board jump to `landing_count` while a person stands, or None.
+
+    They hardly change within `width` rows before and after it, and later readings in the air lack as much.
+    """
+    usable = seen.usable[of_board]
+    if not usable.any():
+        return None
+    activation = seen.activation_count[:, of_board][:, usable]
+    level = activation.mean(axis=1)
+    landing_activation = seen.calibration.baseline_count[of_board][usable] - landing_count
+    near_count = LANDING_COUNT + 3.0 * seen.noise_count[of_board][usable]
+    is_near = (np.abs(activation - landing_activation) < near_count).mean(axis=1) > 1.0 - MOST_ELSEWHERE
+
+    def change_count(first: int, last: int) -> Array:
+        """Return the RMS change of the taxels between two rows relative to each of `rows`."""
+        return np.asarray(np.sqrt(np.mean((activation[rows + last] - activation[rows + first]) ** 2, axis=1)))
+
+    far = JUMP_ROWS + width
+    rows = np.arange(far, len(level) - far)
+    if not len(rows):
+        return None
+    calm_count = np.maximum(change_count(-far, -JUMP_ROWS), change_count(JUMP_ROWS, far))
+    drop_count = level[rows - JUMP_ROWS] - level[rows + JUMP_ROWS]
+    is_jump = (drop_count > LEAST_WALK_STEP_COUNT) & (change_count(-JUMP_ROWS, JUMP_ROWS) > CALM_RATIO * calm_count)
+    for i in np.flatnonzero(is_jump & is_near[rows + JUMP_ROWS] & ~is_near[rows - JUMP_ROWS]).tolist():
+        row = int(rows[i])
+        air_before, air_after = (float(np.quantile(part, LOW_QUANTILE)) for part in (level[:row], level[row:]))
+        if 0.5 * drop_count[i] < air_before - air_after < 1.5 * drop_count[i]:
+            return row
+    return None
+
+
 def _find_rezero_of_walk(seen: WrenchObservation, of_board: NDArray[np.bool_], width: int) -> int | None:
     """Return the row at which a board re-zeroes on a walk, or None.
 
@@ -284,25 +320,27 @@ def _find_rezero_of_walk(seen: WrenchObservation, of_board: NDArray[np.bool_], w
             and air_before < LEAST_LOAD_COUNT
             and air_after.max() < -LEAST_WALK_STEP_COUNT
         ):
-            return _last_drop(level, air_before - 0.5 * step_count, 0.5 * step_count, width)
+            stance_rows = round(STANCE_S / seen.step_s)
+            return _last_drop(level, air_before - 0.5 * step_count, 0.5 * step_count, width, stance_rows)
     return None
 
 
-def _last_drop(level: Array, floor: float, least: float, width: int) -> int:
+def _last_drop(level: Array, floor: float, least: float, width: int, stance: int) -> int:
     """Return the row of the last drop of at least `least` before `level` (N,) first falls below `floor`.
 
-    A board that re-zeroes while the foot rolls off it falls from the load to below no load in one step.
+    Without one in the `stance` rows before, it is the row at which it falls. A board that re-zeroes while the foot
+    rolls off it falls from the load to below no load in one step.
     """
     first = int(np.argmax(level < floor))
     if first and level[first - 1] > floor + 2.0 * least:
         return first + width // 2
-    rows = np.arange(max(first, 1))
+    rows = np.arange(max(first - stance, 0), max(first, 1))
     drop_count = level[rows] - level[np.minimum(rows + width, rows[-1])]
     drop_rows = rows[drop_count > least]
     if not len(drop_rows):
         return first
-    rows_before = rows[max(int(drop_rows[-1]) - width, 0) : int(drop_rows[-1]) + 1]
-    return int(rows_before[np.argmax(drop_count[rows_before])]) + width // 2
+    is_near = (rows >= drop_rows[-1] - width) & (rows <= drop_rows[-1])
+    return int(rows[is_near][np.argmax(drop_count[is_near])]) + width // 2
 
 
 def _low_readings(level: Array, rows: int) -> Array:

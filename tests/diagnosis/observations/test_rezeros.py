@@ -9,7 +9,7 @@ import pytest
 
 import insole_daemon
 from insole_daemon.diagnosis.observations.reading_faults import reading_faults
-from insole_daemon.diagnosis.observations.rezeros import correct_rezeros
+from insole_daemon.diagnosis.observations.rezeros import _last_drop, correct_rezeros
 from insole_daemon.diagnosis.observing import observed
 
 from .. import chamber
@@ -43,6 +43,28 @@ def test_rezero_under_a_standing_foot_is_detected_when_it_happened(walk):
     (finding,) = findings
     assert finding.where.ids == ((BOARD,),)
     assert finding.parameters["t_s"].value == pytest.approx(seen.t_s[at], abs=0.2)
+
+
+def test_rezero_of_a_person_who_goes_on_standing_is_detected_when_it_happened(walk):
+    """All taxels land on the count of no load from one reading to the next. Then the foot is lifted slowly."""
+    foot, seen = walk
+    own = (seen.layout.identities[:, 0] == BOARD)[:, None] & seen.usable
+    activation = seen.activation_count.copy()
+    activation[seen.t_s > 9.0] -= np.where(own, STANDING_COUNT, 0.0)
+    lifted = (seen.t_s > 10.0) & (seen.t_s < STANDS_S[1])
+    activation[lifted] -= np.linspace(0.0, STANDING_COUNT, lifted.sum())[:, None, None] * own
+    _, findings = correct_rezeros(foot, replace(seen, activation_count=activation))
+    (finding,) = findings
+    assert finding.where.ids == ((BOARD,),)
+    assert finding.parameters["t_s"].value == pytest.approx(9.0, abs=0.1)
+
+
+def test_a_rezero_is_not_dated_by_an_earlier_step(walk):
+    """The foot rolls off a board that re-zeroed by less than an earlier step's end."""
+    level = np.zeros(1200)
+    level[200:300] = 6.0  # a step
+    level[1000:] = np.maximum(-0.05 * np.arange(200), -4.0)
+    assert _last_drop(level, floor=-2.0, least=2.0, width=3, stance=100) == 1041
 
 
 def test_rows_from_the_step_of_a_rezero_on_are_dropped_on_a_walk_even_if_readings_fall_later(walk):
