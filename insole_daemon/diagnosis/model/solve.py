@@ -15,7 +15,7 @@ LEAST_EIGENVALUE = 1e-4  # of the Gram matrix of columns scaled to 1; smaller on
 RIDGE = 1e-6  # relative to a column's square: coefficients that the data do not determine stay near 0
 FIRST_SHARE = 0.06  # of a term, for the prior of its companions, before its shares are known
 SETTLED = 0.05  # relative change of shares at which the iteration ends
-PULL, TOLERANCE = 100.0, 1e-3  # weight of a row that holds a sum at its bound, and tolerance of the bound
+PULL, TOLERANCE = 100.0, 1e-3  # least weight in a row that holds a sum at its bound, and tolerance of the bound
 LEAST_VARIANCE = 1e-8  # of a companion
 MOST_ABSORBED = 2.0  # largest companion, in prior standard deviations: no larger than the memory itself
 
@@ -179,7 +179,7 @@ def bounded(gram: Array, cross: Array, positive: NDArray[np.bool_], sums: Sequen
             for own, bound in (sums[k] for k in over):
                 pull = np.zeros(len(cross))
                 pull[own] = 1.0 / scale[own]
-                size = PULL / float(np.linalg.norm(pull))
+                size = PULL / float(pull[own].min())  # enough for the largest column, too
                 rows, target = np.vstack([rows, size * pull[positive]]), np.append(target, size * bound)
             theta[positive] = nnls(rows, target)[0]
     if free.any():

@@ -26,6 +26,11 @@ class TimingHypothesis:
     timing: Timing
     criterion: float  # squared residual plus penalties of its best set, variances of the noise
 
+    @property
+    def delay_s(self) -> float:
+        """Return the delay with a lag that is no word, because it is too short to be told from a delay."""
+        return self.timing.delay_s + (0.0 if "lag" in self.words else self.timing.lag_s)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TimingFit(TimingHypothesis, Generic[D]):
