@@ -33,9 +33,8 @@ class ClosingPlays:
         self._half = np.where(closes, half, 1.0)[self._closing.kept]
         self._widest = (r * w).sum(axis=0)
         self._is_inverse = is_inverse
-        self._lead: Array | float = (
-            0.0  # (m,) of the load before q in the sample before, where the next solution starts
-        )
+        # (m,) of the load before q in the sample before, where the search for the next one starts.
+        self._lead: Array | float = 0.0
 
     def __call__(self, x: Array, moments: Moments) -> Array:
         """Return (n, m) q for the load `x`, or the load for q."""

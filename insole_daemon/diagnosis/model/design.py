@@ -43,6 +43,7 @@ CURVE_STD_AT_REST_COUNT = 0.015  # of the first knot: a baseline is measured, no
 UNKNOWN_TAXEL_STD = 0.05  # of a triangle's share of the load, for each of its ten taxels that does not work
 SUBSTITUTED_STD = 0.5  # of the share of the load of a triangle with substituted taxels
 NEIGHBOURS = 6  # nearest triangles whose load a triangle without working taxels may have
+ROWS_AT_ONCE = 2048  # of the columns, to project nuisances out without a copy of all of them
 AT_REST, BEFORE_LOAD_S = 0.03, 0.1  # of the usual largest force: the foot is in the air; margin before its first load
 # Companions whose columns are computed from the reference, by their words.
 COMPANIONS_OF_REFERENCE = {term.word: term for term in TERMS if term.is_of_reference and term.is_internal}
@@ -408,12 +409,14 @@ def design(load: LoadEstimate, weights: Array, substituted: NDArray[np.bool_]) -
             else:
                 sums.append(np.asarray(np.sum(echo[i] * weights[..., None] ** 2, axis=(0, 1))))
     candidates = list(with_companions(candidates))
-    raw = np.concatenate(blocks, axis=1)
-    basis = base.range
+    raw = _joined(blocks)
+    basis = base.range.astype(np.float32)
     n_rows = len(raw)
-    coefficients = (basis[:n_rows].T.astype(np.float32)) @ raw
-    matrix = np.concatenate([raw, np.zeros((len(base.names), raw.shape[1]), np.float32)])
-    matrix -= basis.astype(np.float32) @ coefficients
+    coefficients = basis[:n_rows].T @ raw
+    matrix = np.zeros((len(basis), raw.shape[1]), np.float32)
+    matrix[:n_rows] = raw
+    for first in range(0, len(matrix), ROWS_AT_ONCE):
+        matrix[first : first + ROWS_AT_ONCE] -= basis[first : first + ROWS_AT_ONCE] @ coefficients
     residual = seen.reference.at(seen.reference_s) - seen.wrench
     target = project(base, apply_weights(residual[..., None], weights))[:, 0]
     gram = (matrix.T @ matrix).astype(np.float64)
@@ -437,6 +440,17 @@ def design(load: LoadEstimate, weights: Array, substituted: NDArray[np.bool_]) -
         float(target @ target),
     )
     return whole if len(shown) == len(candidates) else whole.subset(shown)
+
+
+def _joined(blocks: list[NDArray[np.float32]]) -> NDArray[np.float32]:
+    """Return the columns of `blocks` as one array and empty the list: they are the largest arrays of a diagnosis."""
+    joined = np.empty((len(blocks[0]), sum(block.shape[1] for block in blocks)), np.float32)
+    end = joined.shape[1]
+    while blocks:
+        block = blocks.pop()
+        joined[:, end - block.shape[1] : end] = block
+        end -= block.shape[1]
+    return joined
 
 
 def _columns_at(block: TermColumns, where: Where, design: Design) -> Array:

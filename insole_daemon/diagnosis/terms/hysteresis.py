@@ -8,8 +8,9 @@ inverse of one friction is about a sum of frictions of other widths. The exporte
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,7 +43,7 @@ def _columns_with_frictions(load: LoadEstimate) -> list[TermColumns]:
     return [] if load.is_known else _joint_columns(load, _frictions_of_readings)
 
 
-Loops = tuple[list[Setting], list[Array]]  # settings, and what friction takes of the pressure (N, m)
+Loops = tuple[list[Setting], Iterable[Array]]  # settings, and what friction takes of the pressure (N, m), one by one
 
 
 def _joint_columns(load: LoadEstimate, more: Callable[[LoadEstimate, Array, Array], Loops] | None) -> list[TermColumns]:
@@ -55,10 +56,10 @@ def _joint_columns(load: LoadEstimate, more: Callable[[LoadEstimate, Array, Arra
             return []
     flat = pressure.reshape(len(pressure), -1)
     settings: list[Setting] = [{"r_pa": radius_pa} for radius_pa in radii_pa]
-    loops = [-plays(flat, np.array([radius_pa]))[0] for radius_pa in radii_pa]
+    loops: Iterable[Array] = (-plays(flat, np.array([radius_pa]))[0] for radius_pa in radii_pa)
     if more is not None:
         further_settings, further_loops = more(load, np.array(radii_pa), flat)
-        settings, loops = settings + further_settings, loops + further_loops
+        settings, loops = settings + further_settings, chain(loops, further_loops)
     columns = [load.wrench_of_courses(loop.reshape(pressure.shape)) for loop in loops]
     return [TermColumns(tuple(settings), by_triangle=np.stack(columns, axis=-1), joint=True)]
 
@@ -71,7 +72,7 @@ def _closing_loops(load: LoadEstimate, radii_pa: Array, flat: Array) -> Loops:
     settings: list[Setting] = [{"r_pa": radius_pa, "half_pa": half_pa} for radius_pa in radii_pa.tolist()]
     widths_pa = load.top_pa * WIDTHS
     settings += [{"up_pa": up_pa, "down_pa": down_pa} for up_pa, down_pa in widths_pa.tolist()]
-    return settings, [*(-plays(loaded, radii_pa) * part), *(frictions(loaded, *widths_pa.T) * part)]
+    return settings, chain(-plays(loaded, radii_pa) * part, frictions(loaded, *widths_pa.T) * part)
 
 
 def _frictions_of_readings(load: LoadEstimate, radii_pa: Array, flat: Array) -> Loops:
@@ -83,7 +84,7 @@ def _frictions_of_readings(load: LoadEstimate, radii_pa: Array, flat: Array) -> 
     settings: list[Setting] = [
         {"up_pa": up_pa, "down_pa": down_pa} for up_pa, down_pa in widths_pa.tolist() * len(limits)
     ]
-    return settings, [friction * limit for limit in limits for friction in constant]
+    return settings, (friction * limit for limit in limits for friction in constant)
 
 
 def _parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:
