@@ -33,7 +33,6 @@ from .searching import SearchResult
 from .searching import search as search_terms
 from .select import confidence
 from .select.search import FittedSet, SubsetSearch
-from .select.timing_search import TimingHypothesis
 from .select.wrench_errors import HeldoutErrors
 from .static_findings import static_findings
 from .terms import TERMS
@@ -64,7 +63,7 @@ def diagnose_one(seen: WrenchObservation, foot: FootRecording, progress: Callabl
     whole, search, timing = first.search.design, first.search, first.timing
     progress("measuring the error on blocks that were held out")
     kept, is_unknown = _validated_terms(search, first.best, timing)
-    selection = _selection(kept, first, seen, foot)
+    selection = _selection(kept, timing, seen, foot)
     figures, findings, effects = _placement_findings(searched, seen, selection.figures)
     figures = _with_corrections(figures, faults, seen)
     effects += _bit_shift_effects(faults, seen)
@@ -162,18 +161,18 @@ class _Selection:
         return tuple(word for word in words if word == "lag" or (self.is_late and not has_clock))
 
 
-def _selection(kept: ValidatedSet, first: TimingHypothesis, seen: WrenchObservation, foot: FootRecording) -> _Selection:
+def _selection(kept: ValidatedSet, timing: Timing, seen: WrenchObservation, foot: FootRecording) -> _Selection:
     refined, figures = kept.refined, kept.figures
     parameters = [parameters_of(refined, i, foot) for i in range(len(kept.order))]
     words = [candidate.word for candidate in refined.design.candidates]
     nuisances = tuple(i for i in kept.order if is_nuisance(words[i], parameters[i]))
-    is_late = abs(first.delay_s) >= LEAST_DELAY_S + seen.latest_s
+    is_late = abs(timing.delay_s) >= LEAST_DELAY_S + seen.latest_s
     if nuisances or not is_late:
-        figures = heldout_errors(refined, kept.order, first.timing, nuisances, 0.0 if is_late else first.delay_s)
+        figures = heldout_errors(refined, kept.order, timing, nuisances, 0.0 if is_late else timing.delay_s)
     for i in kept.order:
         if words[i] == "clock" and i not in nuisances:
             offset = parameters[i]["offset_s"]
-            parameters[i]["offset_s"] = replace(offset, value=offset.value - first.delay_s)
+            parameters[i]["offset_s"] = replace(offset, value=offset.value - timing.delay_s)
     return _Selection(kept, tuple(parameters), nuisances, is_late, figures)
 
 

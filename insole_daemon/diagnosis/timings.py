@@ -54,8 +54,8 @@ def timing_findings(
     """
     findings, after = [], float(figures.after[0])
     values = {
-        "delay": {"delay_s": first.delay_s}, "lag": {"tau_s": first.timing.lag_s},
-        "clock": {"offset_s": -first.delay_s},
+        "delay": {"delay_s": first.timing.delay_s}, "lag": {"tau_s": first.timing.lag_s},
+        "clock": {"offset_s": -first.timing.delay_s},
     }  # fmt: skip
     for word in named:
         residual_without = min((timed.criterion for timed in further if word not in timed.words), default=np.inf)
@@ -88,8 +88,8 @@ def timing_effects(first: TimingFit[Any], named: Sequence[str]) -> list[Effect]:
     effects = []
     if "lag" in named:
         effects.append(as_effect("lag", Where(), {"tau_s": Quantity(first.timing.lag_s, 0.0, "s")}))
-    if "delay" in named and first.delay_s > 0:
-        effects.append(as_effect("delay", Where(), {"delay_s": Quantity(first.delay_s, 0.0, "s")}))
+    if "delay" in named and first.timing.delay_s > 0:
+        effects.append(as_effect("delay", Where(), {"delay_s": Quantity(first.timing.delay_s, 0.0, "s")}))
     return effects
 
 

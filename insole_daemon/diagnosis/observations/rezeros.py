@@ -291,8 +291,8 @@ def _find_landing(seen: WrenchObservation, of_board: NDArray[np.bool_], landing_
     is_jump = (drop_count > LEAST_WALK_STEP_COUNT) & (change_count(-JUMP_ROWS, JUMP_ROWS) > CALM_RATIO * calm_count)
     for i in np.flatnonzero(is_jump & is_near[rows + JUMP_ROWS] & ~is_near[rows - JUMP_ROWS]).tolist():
         row = int(rows[i])
-        air_before, air_after = (float(np.quantile(part, LOW_QUANTILE)) for part in (level[:row], level[row:]))
-        if 0.5 * drop_count[i] < air_before - air_after < 1.5 * drop_count[i]:
+        lacking_count = float(landing_activation.mean() - np.quantile(level[row:], LOW_QUANTILE))
+        if 0.5 * drop_count[i] < lacking_count < 1.5 * drop_count[i]:
             return row
     return None
 

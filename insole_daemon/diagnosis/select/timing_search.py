@@ -10,7 +10,6 @@ import numpy as np
 
 from ..model.regression import D, Timing
 from ..model.timing import MOST_S, START_S, TOLERANCE_S, fit_timing
-from .penalties import ODDS
 from .search import FittedSet, SubsetSearch
 
 ROUNDS = 4  # of fitting terms and timing in turn
@@ -25,11 +24,6 @@ class TimingHypothesis:
     words: tuple[str, ...]  # "delay", "lag", or "clock" where readings come early
     timing: Timing
     criterion: float  # squared residual plus penalties of its best set, variances of the noise
-
-    @property
-    def delay_s(self) -> float:
-        """Return the delay with a lag that is no word, because it is too short to be told from a delay."""
-        return self.timing.delay_s + (0.0 if "lag" in self.words else self.timing.lag_s)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,21 +76,12 @@ def search_timings(
 def _best_of(
     first: D, make: Callable[[Timing], D], words: tuple[str, ...], is_free_clock: bool, start: Timing | None
 ) -> TimingFit[D]:
-    """Return the fit of the hypothesis `words`, from the timing `start` or from an estimate without terms.
-
-    With a delay, a lag too short to be identified is no word of its own, but another parameter.
-    """
+    """Return the fit of the hypothesis `words`, from the timing `start` or from an estimate without terms."""
     free, within_s = _freedom(words, is_free_clock)
     if start is None:
         start = _start(first, free, within_s, is_free_clock)
     fitted = _fit_from(start, first, make, words, free, within_s)
-    if not _is_short_lag(fitted):
-        return fitted
-    if words == ("lag",):
-        return replace(fitted, criterion=np.inf)
-    every = [fitted.search.design.candidates[k] for k in fitted.best.chosen]
-    saved = fitted.search.penalties.timing_penalty(every, fitted.best.shares) - ODDS
-    return replace(without_short_lag(fitted), criterion=fitted.criterion - saved)
+    return replace(fitted, criterion=np.inf) if _is_short_lag(fitted) else fitted
 
 
 def without_short_lag(fitted: TimingFit[D]) -> TimingFit[D]:
