@@ -1,8 +1,8 @@
 """`hysteresis`: plays. q = (1 − Σ w_j)·P + Σ w_j·play_rj[P]; the inverse, from readings, is a sum of plays too.
 
 Under a uniform load there are plays, too, whose loop closes as the load vanishes, as between layers that the load
-presses together. Columns of Dahl's friction are offered besides: after a turn it follows the load sooner than a play.
-On a walk its limit may be constant, grow with the load, or be there as soon as there is a load; from readings, the
+presses together. Columns of Dahl's friction are offered besides: after a turn it follows the load sooner than a play,
+and its limit may be constant, grow with the load, or, on a walk, be there as soon as there is a load. From readings, the
 inverse of one friction is about a sum of frictions of other widths. The exported model contains only the plays.
 """
 
@@ -65,14 +65,15 @@ def _joint_columns(load: LoadEstimate, more: Callable[[LoadEstimate, Array, Arra
 
 
 def _closing_loops(load: LoadEstimate, radii_pa: Array, flat: Array) -> Loops:
-    """Return plays and frictions of a known pressure that close at zero."""
+    """Return plays of a known pressure that close at zero, and frictions: constant, and growing with the load."""
     half_pa = HALF * load.top_pa
     loaded = np.maximum(flat, 0.0)
     part = loaded / (loaded + half_pa)
     settings: list[Setting] = [{"r_pa": radius_pa, "half_pa": half_pa} for radius_pa in radii_pa.tolist()]
     widths_pa = load.top_pa * WIDTHS
-    settings += [{"up_pa": up_pa, "down_pa": down_pa} for up_pa, down_pa in widths_pa.tolist()]
-    return settings, chain(-plays(loaded, radii_pa) * part, frictions(loaded, *widths_pa.T) * part)
+    settings += [{"up_pa": up_pa, "down_pa": down_pa} for up_pa, down_pa in widths_pa.tolist() * 2]
+    constant = frictions(flat, *widths_pa.T)
+    return settings, chain(-plays(loaded, radii_pa) * part, constant, constant * (flat / flat.max()))
 
 
 def _frictions_of_readings(load: LoadEstimate, radii_pa: Array, flat: Array) -> Loops:
