@@ -56,8 +56,7 @@ class ReferenceWrench:
 
     def at(self, t_s: Array, lag_s: float = 0.0) -> Array:
         """Return the values (n, c) at times `t_s` (n,) of its clock, after a first-order lag."""
-        values = self.fine if lag_s < FINE_S / 50 else low_pass(self.fine, FINE_S, lag_s)
-        return self._interpolated(values, t_s)
+        return self._interpolated(self.lagged(lag_s).fine, t_s)
 
     def smooth_at(self, t_s: Array, lag_s: float = 0.0) -> Array:
         """Return the values (n, c) as `at`, but without the noise of single rows, for regressors.

@@ -70,21 +70,24 @@ def _closing_loops(load: LoadEstimate, radii_pa: Array, flat: Array) -> Loops:
     loaded = np.maximum(flat, 0.0)
     part = loaded / (loaded + half_pa)
     settings: list[Setting] = [{"r_pa": radius_pa, "half_pa": half_pa} for radius_pa in radii_pa.tolist()]
-    widths_pa = load.top_pa * WIDTHS
-    settings += [{"up_pa": up_pa, "down_pa": down_pa} for up_pa, down_pa in widths_pa.tolist() * 2]
-    constant = frictions(flat, *widths_pa.T)
-    return settings, chain(-plays(loaded, radii_pa) * part, constant, constant * (flat / flat.max()))
+    friction_settings, friction_loops = _frictions(load, flat, [np.ones(1), flat / flat.max()])
+    return settings + friction_settings, chain(-plays(loaded, radii_pa) * part, friction_loops)
 
 
 def _frictions_of_readings(load: LoadEstimate, radii_pa: Array, flat: Array) -> Loops:
     """Return frictions of readings; limits with the noise of a reading would fit that noise."""
-    widths_pa = load.top_pa * WIDTHS
     held_pa = load.held_pa.reshape(flat.shape)
-    constant = frictions(held_pa, *widths_pa.T)
-    limits = [np.ones(1), held_pa / held_pa.max(), held_pa / (np.abs(held_pa) + HALF_ON_WALKS * load.top_pa)]
+    closing = held_pa / (np.abs(held_pa) + HALF_ON_WALKS * load.top_pa)
+    return _frictions(load, held_pa, [np.ones(1), held_pa / held_pa.max(), closing])
+
+
+def _frictions(load: LoadEstimate, pressure: Array, limits: Sequence[Array]) -> Loops:
+    """Return frictions of a pressure (N, m) with all WIDTHS, times each of the `limits`, (N, m) or (1,)."""
+    widths_pa = load.top_pa * WIDTHS
     settings: list[Setting] = [
         {"up_pa": up_pa, "down_pa": down_pa} for up_pa, down_pa in widths_pa.tolist() * len(limits)
     ]
+    constant = frictions(pressure, *widths_pa.T)
     return settings, (friction * limit for limit in limits for friction in constant)
 
 

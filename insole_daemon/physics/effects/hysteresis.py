@@ -68,14 +68,10 @@ def _forward(values: Values, site: Site) -> Operator:
     return _Plays(1.0 - values["w"].sum(axis=0), values["r_pa"], values["w"])
 
 
-def _inverse(values: Values, site: Site) -> Operator:
+def _inverse(values: Values, site: Site) -> _Plays | ClosingPlays:
+    """Return the exact inverse; if no play closes, a sum of plays by the module's formula."""
     if _closes(values):
         return ClosingPlays(values["r_pa"], values["w"], values["half_pa"], is_inverse=True)
-    return _inverse_plays(values)
-
-
-def _inverse_plays(values: Values) -> _Plays:
-    """Return the exact inverse, a sum of plays with the radii and weights of the module's formula."""
     r, w = np.broadcast_arrays(values["r_pa"], values["w"])
     order = np.argsort(r, axis=0)
     r, w = np.take_along_axis(r, order, axis=0), np.take_along_axis(w, order, axis=0)
@@ -115,9 +111,8 @@ class _LivePlays(_Live):
 
 
 def _live(values: Values, site: Site) -> Operator:
-    if _closes(values):
-        return _Live(ClosingPlays(values["r_pa"], values["w"], values["half_pa"], is_inverse=True), site)
-    return _LivePlays(_inverse_plays(values), site)
+    inverse = _inverse(values, site)
+    return _LivePlays(inverse, site) if isinstance(inverse, _Plays) else _Live(inverse, site)
 
 
 def _nearest(site: Site) -> NDArray[np.intp]:

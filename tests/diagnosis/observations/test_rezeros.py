@@ -59,7 +59,7 @@ def test_rezero_of_a_person_who_goes_on_standing_is_detected_when_it_happened(wa
     assert finding.parameters["t_s"].value == pytest.approx(9.0, abs=0.1)
 
 
-def test_a_rezero_is_not_dated_by_an_earlier_step(walk):
+def test_a_rezero_is_not_dated_by_an_earlier_step():
     """The foot rolls off a board that re-zeroed by less than an earlier step's end."""
     level = np.zeros(1200)
     level[200:300] = 6.0  # a step
