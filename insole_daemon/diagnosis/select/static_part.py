@@ -1,16 +1,19 @@
 """Identify a static effect beside a memory, if the search used loose curves.
 
-A calibration that was made while a memory acted contains up to all of the memory's mean curve. Loose curves absorb this
-and every static effect alike, so neither is a term of the search. Afterwards the mean error of the curves at load P is
-fitted as c·m(P) + s(P), 0 ≤ c ≤ 1: m is the mean effect of the memory on a reading at that load, s that of one static
-effect. The static effect is reported if c·m alone leaves clearly more. A memory of the whole insole changes the curves
-of all boards alike, so an effect of one board is fitted to the difference of its error from that of the others.
+A calibration that was made while a memory acted contains up to all of the memory's mean curve, and its loads decide
+whether it shows the quick response of the material or the whole one. A temperature of the set adds what it changed
+between calibration and recording. Loose curves absorb all this and every static effect alike, so none is a term of the
+search. Afterwards the mean error of the curves at load P is fitted as c·m(P) + γ·a(P) + β + s(P), 0 ≤ c ≤ 1: m is the
+mean effect of the memory on a reading at that load, γ and β are the gain and the baseline that calibration, quick
+response and temperature leave, and s is a stiffening of the whole insole. It is reported if the rest alone leaves
+clearly more. All of this changes the curves of all boards alike, so a gain or baseline of one board is fitted to the
+difference of its error from that of the others.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.optimize import lsq_linear
@@ -32,51 +35,43 @@ SPANS = np.geomspace(0.3, 30.0, 15)  # of a stiffening, relative to the largest 
 
 @dataclass(frozen=True, slots=True)
 class StaticPart:
-    """One static effect: gain, baseline, or stiffening of the whole insole."""
+    """One static effect: stiffening of the whole insole, or gain or baseline of a board."""
 
     word: str
     values: Mapping[str, float]
-    square: float = 0.0  # mean square of its effect on the readings, counts²
-    std: float = 0.0  # relative standard deviation of its size, from the residuals of the load classes
+    square: float  # mean square of its effect on the readings, counts²
+    std: float  # relative standard deviation of its size, from the residuals of the load classes
     where: Where = field(default_factory=Where)
 
 
 def static_part(refined: Refined[BlockDesign]) -> StaticPart | None:
-    """Return the static effect beside the memories of `refined` with the smallest residual.
+    """Return the stiffening beside the memories of `refined` with the smallest residual.
 
-    None if the memory's mean curve is enough, or no static effect describes the rest.
+    None if the memory's mean curve, a gain and a baseline are enough, or no stiffening describes the rest.
     """
     error = errors_by_load(refined, [np.ones(len(refined.design.seen.layout), bool)])[0]
     weights = np.sqrt(error.rows / error.rows.sum())
     best, least = None, MOST_LEFT * _residual_square(error, np.zeros_like(error.after), weights)
-    for candidate, column in _candidates(error, weights):
+    for values, column in _stiffenings(error):
         square = float(np.sum((weights * column) ** 2))
         if square < (LEAST_SIZE * error.noise_count) ** 2:
             continue
         residual = _residual_square(error, column, weights)
         if residual < least:
             std = float(np.sqrt(residual / square / len(column)))
-            best, least = replace(candidate, square=square, std=std), residual
-    # The creep of loads before the recording hardly decays within it and looks like a changed baseline.
-    has_creep = any(each.word == "creep" for each in refined.design.candidates)
-    return None if best is not None and best.word == "baseline" and has_creep else best
+            best, least = StaticPart("stiffening", values, square, std), residual
+    return best
 
 
-def _candidates(error: ErrorByLoad, weights: Array) -> Iterator[tuple[StaticPart, Array]]:
-    """Yield static effects and their change of the readings (k,) in k load classes, counts.
-
-    Gain and baseline with the fitted share, stiffening at every setting of KNEES and SPANS.
-    """
-    for word, column in _shapes(error):
-        share = _fitted_share(error, column, weights)
-        yield StaticPart(word, _values(word, share)), share * column
+def _stiffenings(error: ErrorByLoad) -> Iterator[tuple[dict[str, float], Array]]:
+    """Yield the parameters of every setting of KNEES and SPANS, and its change of the readings (k,), counts."""
     highest = float(error.load_pa.max())
     for knee_pa in highest * KNEES:
         over = np.maximum(error.load_pa - knee_pa, 0.0)
         for span_pa in highest * SPANS:
             felt = error.load_pa - over + over * span_pa / (span_pa + over)
             less = error.activation_count - np.interp(felt, error.load_pa, error.activation_count)
-            yield StaticPart("stiffening", {"knee_pa": float(knee_pa), "span_pa": float(span_pa)}), less
+            yield {"knee_pa": float(knee_pa), "span_pa": float(span_pa)}, less
 
 
 def _shapes(error: ErrorByLoad) -> tuple[tuple[str, Array], ...]:
@@ -132,14 +127,7 @@ def _difference(rest: Array, shape: Array, weights: Array) -> tuple[float, float
 
 
 def _residual_square(error: ErrorByLoad, column: Array, weights: Array) -> float:
-    """Return the mean square of the residual min over 0 ≤ c ≤ 1 of error − c·memory − `column`, counts²."""
-    rest, memory = weights * (error.after - column), weights * error.memory
-    c = np.clip(rest @ memory / max(float(memory @ memory), 1e-12), 0.0, 1.0)
-    return float(np.sum((rest - c * memory) ** 2))
-
-
-def _fitted_share(error: ErrorByLoad, column: Array, weights: Array) -> float:
-    """Return the least squares coefficient of `column` (k,) beside c times the memory's mean curve, 0 ≤ c ≤ 1."""
-    columns = np.stack([error.memory, column], axis=1) * weights[:, None]
-    coefficients = lsq_linear(columns, weights * error.after, ([0.0, -np.inf], [1.0, np.inf])).x
-    return float(coefficients[1])
+    """Return the mean square of error − `column` beside c·memory, 0 ≤ c ≤ 1, a gain and a baseline, counts²."""
+    columns = np.stack([error.memory, *(shape for _, shape in _shapes(error))], axis=1) * weights[:, None]
+    bounds = ([0.0, -np.inf, -np.inf], [1.0, np.inf, np.inf])
+    return float(2.0 * lsq_linear(columns, weights * (error.after - column), bounds).cost)
