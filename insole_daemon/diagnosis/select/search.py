@@ -259,8 +259,9 @@ def _is_a_model(chosen: Sequence[PlacedTerm]) -> bool:
     """Return whether a set can be a model.
 
     It is not if all boards have a delay or lag, because that is a timing of the whole insole; if a bit shift and a gain
-    overlap; if terms computed from the reference stand beside terms that change the whole load, because the columns of
-    the former then contain the error; or if a word is twice at one place.
+    overlap; if a bit shift of all boards stands beside a memory of the insole, which it would change by that factor;
+    if terms computed from the reference stand beside terms that change the whole load, because the columns of the
+    former then contain the error; or if a word is twice at one place.
     """
     late = [term for term in chosen if term.word in LATE and term.where.scope == "board"]
     if late and len({term.where for term in late}) == late[0].n_places:
@@ -268,6 +269,8 @@ def _is_a_model(chosen: Sequence[PlacedTerm]) -> bool:
     exact = [term for term in chosen if term.word == "bit_shift"]
     if any(_overlap(shift.where, term.where) for shift in exact for term in chosen if term.word == "gain"):
         return False  # a bit shift is exactly a gain of a power of two
+    if any(shift.where.scope == "insole" for shift in exact) and any(_is_memory_of_insole(term) for term in chosen):
+        return False
     if any(placed.term.is_of_load for placed in chosen) and any(_changes_load(placed) for placed in chosen):
         return False
     return not any(
@@ -281,7 +284,11 @@ def _changes_load(candidate: PlacedTerm) -> bool:
     """Return whether a term changes the readings of the insole or of a board in proportion to the load."""
     if candidate.word in SCALES:
         return candidate.where.scope in ("insole", "board")
-    return candidate.term.is_memory and not candidate.term.is_of_load and candidate.where.scope == "insole"
+    return _is_memory_of_insole(candidate) and not candidate.term.is_of_load
+
+
+def _is_memory_of_insole(candidate: PlacedTerm) -> bool:
+    return candidate.term.is_memory and candidate.where.scope == "insole"
 
 
 def _overlap(one: Where, other: Where) -> bool:

@@ -8,6 +8,7 @@ import numpy as np
 
 from ...physics.law import Array
 from ..load_estimate import LoadEstimate
+from ..observations.interpolated_noise import noise_echo
 from ..operators import low_pass
 from .term import Setting, Term, TermColumns
 
@@ -19,10 +20,11 @@ def _column(load: LoadEstimate, setting: Setting) -> TermColumns:
         own = load.by_triangle
         late = low_pass(own, seen.step_s, setting["tau_s"])
         return TermColumns((setting,), by_triangle=(own - late)[..., None])
-    slope = np.gradient(seen.by_triangle, seen.step_s, axis=0)
-    square = seen.counting_variance[..., None] * 0.5 * (setting["tau_s"] / seen.step_s) ** 2
-    echo = (np.zeros_like(square), square)
-    return TermColumns((setting,), by_triangle=(setting["tau_s"] * slope)[..., None], echo=echo)
+
+    def change(courses: Array) -> Array:
+        return np.asarray(setting["tau_s"] * np.gradient(courses, seen.step_s, axis=0))
+
+    return TermColumns((setting,), by_triangle=change(seen.by_triangle)[..., None], echo=noise_echo(seen, change))
 
 
 def _columns(load: LoadEstimate) -> list[TermColumns]:
