@@ -195,6 +195,13 @@ def test_a_lag_beside_a_memory_is_not_named_delay(tmp_path):
     assert lag.parameters["tau_s"].value == pytest.approx(0.15, rel=0.2)
 
 
+def test_a_lag_as_long_as_a_cycle_is_no_viscoelasticity_beside_a_shorter_one(tmp_path):
+    found = diagnose(write(tmp_path / "bag", relaxing(1.0, 0.75)))
+    (finding,) = found.findings
+    assert finding.effect == "lag"
+    assert finding.parameters["tau_s"].value == pytest.approx(0.75, rel=0.05)
+
+
 def test_a_long_lag_beside_strong_hysteresis_is_measured(tmp_path):
     """Without terms, the loop of a slow load would move the beginning of the search by more than it finds back."""
     tau_s = 0.3

@@ -12,7 +12,9 @@ from scipy.interpolate import CubicSpline, interp1d
 from scipy.ndimage import median_filter, uniform_filter1d
 
 from ...bus.candump import CandumpReader
+from ...physics.digitiser import count_of
 from ...physics.law import Array
+from ...recording.document import RecordedBoard
 from ...recording.loading import FootRecording, Recording, as_configured
 from ...skin.geometry import N_TAXELS, PRESSURE_TAXELS
 from ...skin.streams import Streams
@@ -56,6 +58,7 @@ class TriangleReadings:
     is_converter_slow: bool = False  # repeats are regular: the converter has a longer period than the board
     latest_s: float = 0.0  # by which all readings may have been taken earlier
     waited_s: float = 0.0  # by which they may have been, with all of their board, because the bus was busy
+    zero_count: float | None = None  # mean count of the digitiser's value 0; None if the board's settings are unknown
     is_outlier: NDArray[np.bool_] | None = None  # (k, 12) outliers, interpolated in `counts`
 
     @property
@@ -119,6 +122,7 @@ def read_triangles(recording: Recording, foot: FootRecording) -> list[TriangleRe
     if foot.calibration is not None:
         usable = foot.calibration.usable
         valid &= usable | ~usable.any(axis=1, keepdims=True)  # an uncalibrated triangle may use the curves of others
+    zero_counts = {board.address: _zero_count(board) for board in foot.boards}
     triangles = []
     for row, (t_s, counts_of_triangle, _, waits_s) in enumerate(raw):
         n = len(t_s)
@@ -136,9 +140,17 @@ def read_triangles(recording: Recording, foot: FootRecording) -> list[TriangleRe
             TriangleReadings(
                 times_s, counts_of_triangle.astype(np.float64), valid[:n, row], period_s, latest_s=row_s,
                 waited_s=0.0 if is_known else float(np.median(waits_s)),
+                zero_count=zero_counts.get(int(foot.layout.identities[row, 0])),
             )
         )  # fmt: skip
     return [_without_outliers(_without_repeats(readings)) for readings in _without_frozen(triangles)]
+
+
+def _zero_count(board: RecordedBoard) -> float | None:
+    """Return the mean count of the digitiser's value 0; None if the board's settings are unknown."""
+    if board.no_load is None or board.shift is None:
+        return None
+    return float(count_of(np.zeros(1), np.array([board.no_load]), np.array([board.shift]))[0])
 
 
 def _from_frames(recording: Recording, foot: FootRecording) -> list[Raw]:

@@ -84,7 +84,7 @@ def count_errors(refined: Refined[BlockDesign], order: Sequence[int]) -> Heldout
         _, shift, _ = _fit(none, design.y - explained, design, every_row)
         rest = design.y - explained - nuisance.shared_sum(shift * aligning)
         off = _error_count(design, as_read, rest, sum(deviations[:m]))
-        if recalibrated is not None and is_loose:
+        if is_loose or any(law.design.candidates[j].term.is_memory for j in order[:m]):
             at_count = off + seen.activation_count
             off -= fit_curves(splines, off, at_count, known, std_count, seen.noise_count).off_at(at_count)
         square = _square(design, off)

@@ -81,6 +81,11 @@ def _best_of(
     if start is None:
         start = _start(first, free, within_s, is_free_clock)
     fitted = _fit_from(start, first, make, words, free, within_s)
+    if first.load.observation.is_uniform and any(free):
+        # Terms of the first round may hold back a timing that explains more without any.
+        alone = fit_timing(first, (), fitted.timing, free, within_s)
+        if first.retimed(alone).total < fitted.criterion:
+            fitted = _fit_from(alone, first, make, words, free, within_s)
     return replace(fitted, criterion=np.inf) if _is_short_lag(fitted) else fitted
 
 

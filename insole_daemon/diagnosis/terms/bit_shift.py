@@ -1,8 +1,14 @@
-"""`bit_shift`: a board drops k bits fewer than its configuration says, so the activation is 2^k times too large."""
+"""`bit_shift`: a board drops k bits fewer than its configuration says, so 2^k times as many counts are below no-load.
+
+The activation counts from the baseline of the calibration, so it changes by a constant, too, if the firmware did not
+take its own baseline without load.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+
+import numpy as np
 
 from ...physics.law import Array
 from ..load_estimate import LoadEstimate
@@ -12,14 +18,20 @@ STEPS = (-2, -1, 1, 2)  # −k: real minus configured shift
 
 
 def _columns(load: LoadEstimate) -> list[TermColumns]:
-    """Return a column for each step, the wrench of g(a·2^step) − g(a), with the echo of the readings' noise."""
+    """Return a column for each step, the wrench of g(a0 + (a − a0)·2^step) − g(a), with the echo of the noise.
+
+    a0 is the activation of the digitiser's value 0.
+    """
     seen = load.observation
     activation, noise = seen.activation_count, seen.noise_count
+    zero = np.array([[np.nan if each.zero_count is None else each.zero_count] for each in seen.readings])
+    zero_activation = np.nan_to_num(seen.calibration.baseline_count - zero)
     columns, slope = [], seen.slope_at(activation)
     for step in STEPS:
         times = 2.0**step
-        column = load.wrench_of(seen.static_pa(activation * times) - seen.pressure_pa)[..., None]
-        added_slope = times * seen.slope_at(activation * times) - slope
+        corrected = zero_activation + (activation - zero_activation) * times
+        column = load.wrench_of(seen.static_pa(corrected) - seen.pressure_pa)[..., None]
+        added_slope = times * seen.slope_at(corrected) - slope
         echo = -seen.variance_of(slope * added_slope * noise**2), seen.variance_of((added_slope * noise) ** 2)
         columns.append(TermColumns(({"step": float(step)},), column, echo=(echo[0][..., None], echo[1][..., None])))
     return columns
