@@ -23,7 +23,42 @@ def noise_echo(seen: WrenchObservation, change: Callable[[Array], Array]) -> tup
     """Return the noise echo (N, T, 3, 1) of the column that the linear `change` makes of courses (N, k) of readings.
 
     It is the mean product of the noise in the column with that of the residual, which contains the readings negatively,
-    and its mean square (`TermColumns.echo`). Averaged over the rows, for noise that is white from reading to reading.
+    and its mean square (`TermColumns.echo`).
+    """
+    products, squares = _moments(seen, change)
+    variance = seen.counting_variance[..., None]
+    return -variance * products[:, None, None], variance * squares[:, None, None]
+
+
+def echo_of_readings(seen: WrenchObservation, added_slope_pa: Array) -> tuple[Array, Array]:
+    """Return the noise echo (N, T, c, 1) of a column that changes with each reading by `added_slope_pa` (N, T, 12)."""
+    noise_pa = added_slope_pa * seen.noise_count
+    product = -seen.variance_of(seen.slope_at(seen.activation_count) * seen.noise_count * noise_pa)
+    _, kept = _moments(seen, lambda courses: courses)
+    return product[..., None] * kept[:, None, None], seen.variance_of(noise_pa**2)[..., None] * kept[:, None, None]
+
+
+def echo_of_smooth_readings(seen: WrenchObservation, added_slope_pa: Array) -> tuple[Array, Array]:
+    """Return the same (N, T, c, 1) for a column that is computed from `smooth_count`.
+
+    What is left of the noise there is common to taxels: its part in the vectors of the signal.
+    """
+
+    def in_signal(slope_pa: Array) -> Array:
+        """Return the components (N, T, c, r) of the noise of triangles in r vectors of the signal, by a slope."""
+        weighted = (slope_pa * seen.noise_count)[:, :, :, None] * seen.arms
+        return np.asarray(np.einsum("ntkc,tkr->ntcr", weighted, seen.signal_vectors))
+
+    _, kept = _moments(seen, lambda courses: courses)
+    column = in_signal(added_slope_pa)
+    product = -np.sum(in_signal(seen.slope_at(seen.activation_count)) * column, axis=-1)
+    return product[..., None] * kept[:, None, None], np.sum(column**2, axis=-1)[..., None] * kept[:, None, None]
+
+
+def _moments(seen: WrenchObservation, change: Callable[[Array], Array]) -> tuple[Array, Array]:
+    """Return the mean products (T,) of rows with what `change` makes of them, and the mean squares of the latter.
+
+    Averaged over the rows, for noise that is white from reading to reading and has a variance of 1 there.
     """
 
     @cache
@@ -32,11 +67,10 @@ def noise_echo(seen: WrenchObservation, change: Callable[[Array], Array]) -> tup
         noise = np.random.default_rng(0).standard_normal((len(read_s), DRAWS))
         rows = CubicSpline(read_s, noise)(np.clip(seen.t_s, read_s[0], read_s[-1]))
         changed = change(rows)
-        return -float(np.mean(rows * changed)), float(np.mean(changed**2))
+        return float(np.mean(rows * changed)), float(np.mean(changed**2))
 
-    ratios = np.zeros((len(seen.readings), 2))
+    moments = np.zeros((len(seen.readings), 2))
     for row, triangle in enumerate(seen.readings):
         if len(triangle.t_s) >= LEAST_ROWS:
-            ratios[row] = of_times(triangle.t_s.tobytes())
-    variance = seen.counting_variance[..., None]
-    return variance * ratios[:, 0, None, None], variance * ratios[:, 1, None, None]
+            moments[row] = of_times(triangle.t_s.tobytes())
+    return moments[:, 0], moments[:, 1]

@@ -12,6 +12,7 @@ import numpy as np
 
 from ...physics.law import Array
 from ..load_estimate import LoadEstimate
+from ..observations.interpolated_noise import echo_of_readings
 from .term import Setting, Term, TermColumns, needs_calibration
 
 STEPS = (-2, -1, 1, 2)  # −k: real minus configured shift
@@ -23,17 +24,16 @@ def _columns(load: LoadEstimate) -> list[TermColumns]:
     a0 is the activation of the digitiser's value 0.
     """
     seen = load.observation
-    activation, noise = seen.activation_count, seen.noise_count
+    activation = seen.activation_count
     zero = np.array([[np.nan if each.zero_count is None else each.zero_count] for each in seen.readings])
     zero_activation = np.nan_to_num(seen.calibration.baseline_count - zero)
-    columns, slope = [], seen.slope_at(activation)
+    columns = []
     for step in STEPS:
         times = 2.0**step
         corrected = zero_activation + (activation - zero_activation) * times
         column = load.wrench_of(seen.static_pa(corrected) - seen.pressure_pa)[..., None]
-        added_slope = times * seen.slope_at(corrected) - slope
-        echo = -seen.variance_of(slope * added_slope * noise**2), seen.variance_of((added_slope * noise) ** 2)
-        columns.append(TermColumns(({"step": float(step)},), column, echo=(echo[0][..., None], echo[1][..., None])))
+        echo = echo_of_readings(seen, times * seen.slope_at(corrected) - seen.slope_at(activation))
+        columns.append(TermColumns(({"step": float(step)},), column, echo=echo))
     return columns
 
 
