@@ -38,23 +38,6 @@ def echo_of_readings(seen: WrenchObservation, added_slope_pa: Array) -> tuple[Ar
     return product[..., None] * kept[:, None, None], seen.variance_of(noise_pa**2)[..., None] * kept[:, None, None]
 
 
-def echo_of_smooth_readings(seen: WrenchObservation, added_slope_pa: Array) -> tuple[Array, Array]:
-    """Return the same (N, T, c, 1) for a column that is computed from `smooth_count`.
-
-    What is left of the noise there is common to taxels: its part in the vectors of the signal.
-    """
-
-    def in_signal(slope_pa: Array) -> Array:
-        """Return the components (N, T, c, r) of the noise of triangles in r vectors of the signal, by a slope."""
-        weighted = (slope_pa * seen.noise_count)[:, :, :, None] * seen.arms
-        return np.asarray(np.einsum("ntkc,tkr->ntcr", weighted, seen.signal_vectors))
-
-    _, kept = _moments(seen, lambda courses: courses)
-    column = in_signal(added_slope_pa)
-    product = -np.sum(in_signal(seen.slope_at(seen.activation_count)) * column, axis=-1)
-    return product[..., None] * kept[:, None, None], np.sum(column**2, axis=-1)[..., None] * kept[:, None, None]
-
-
 def _moments(seen: WrenchObservation, change: Callable[[Array], Array]) -> tuple[Array, Array]:
     """Return the mean products (T,) of rows with what `change` makes of them, and the mean squares of the latter.
 

@@ -201,13 +201,6 @@ class WrenchObservation:
         return left.reshape(self.usable.shape)
 
     @property
-    def signal_vectors(self) -> Array:
-        """Return the r singular vectors (T, 12, r) of the readings, in units of their noise, that are above noise."""
-        vectors = np.zeros((self.usable.size, self._signal_vectors.shape[1]))
-        vectors[self.usable.ravel()] = self._signal_vectors
-        return vectors.reshape(*self.usable.shape, -1)
-
-    @property
     def _scaled(self) -> tuple[Array, Array]:
         """Return the activation (N, m) of the taxels in use in standard deviations of its noise, and these (m,)."""
         usable = self.usable.ravel()

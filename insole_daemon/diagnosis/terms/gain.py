@@ -6,27 +6,14 @@ from collections.abc import Sequence
 
 from ...physics.law import Array
 from ..load_estimate import LoadEstimate
-from ..observations.interpolated_noise import echo_of_smooth_readings
 from .term import Setting, Term, TermColumns, needs_calibration
 
 
 def _column(load: LoadEstimate, setting: Setting) -> TermColumns:
-    """Return one column: the wrench of (g(a/(1 + more)) − g(a))/more, or its limit −g′(a)·a for `more` near 0.
-
-    Under a known load with the echo of the readings' noise, which a larger gain reduces.
-    """
+    """Return one column: the wrench that a gain of 1 + `more` adds to readings, over −`more`; its limit is −g′(a)·a."""
     more = max(setting["more"], -0.8)
-    activation, seen = load.activation_count, load.observation
-    if abs(more) < 1e-3:
-        return TermColumns(
-            (setting,), by_triangle=load.wrench_of(-load.slope_pa * load.gained_count)[..., None], is_recalibration=True
-        )
-    scaled = activation / (1.0 + more)
-    column = load.wrench_of((load.static_pa(scaled) - load.read_pa) / more)[..., None]
-    echo = None
-    if load.is_known:
-        echo = echo_of_smooth_readings(seen, (seen.slope_at(scaled) / (1.0 + more) - seen.slope_at(activation)) / more)
-    return TermColumns((setting,), by_triangle=column, is_recalibration=True, echo=echo)
+    less_pa = -load.slope_pa * load.gained_count if abs(more) < 1e-3 else load.gained_pa(more) / -more
+    return TermColumns((setting,), by_triangle=load.wrench_of(less_pa)[..., None], is_recalibration=True)
 
 
 def _columns(load: LoadEstimate) -> list[TermColumns]:
