@@ -22,6 +22,7 @@ from ..model.solve import RIDGE, is_possible, solve_shares
 from .penalties import penalties_of
 
 BEAM = 3  # sets that every step extends
+IMPROVED = 6  # extended sets in which a step tries to remove and to exchange candidates
 TRIED = 12  # exchanges that are tried for a candidate
 LEAST_OF_REST = 0.05  # of the residual beyond the noise: a step with a smaller gain ends the search
 SHORTLIST = 40  # candidates that are solved exactly in a step: those with the highest approximate gains
@@ -57,17 +58,19 @@ class SubsetSearch(Generic[D]):
             [self.penalties.complexity_penalty(candidate) for candidate in design.candidates]
         )
 
-    def run(self) -> list[FittedSet]:
-        """Return the sets of the beams, the highest score first; the empty set is one of them."""
+    def run(self, start: Sequence[int] = ()) -> list[FittedSet]:
+        """Return the sets of the beams, the highest score first; the empty set is one of them.
+
+        `start`: candidates of the set from which the search begins.
+        """
         empty = self.fit(())
-        beam: list[FittedSet] = [empty]
-        best: dict[tuple[int, ...], FittedSet] = {(): empty}
-        for _ in range(self.penalties.most_terms):
-            grown: dict[tuple[int, ...], FittedSet] = {}
-            for start in beam:
-                for extended in self._extensions(start)[: BEAM + 2]:
-                    improved = self._improve(extended)
-                    grown[improved.chosen] = improved
+        first = self._improve(self.fit(start)) if start else empty
+        beam: list[FittedSet] = [first]
+        best: dict[tuple[int, ...], FittedSet] = {(): empty, first.chosen: first}
+        for _ in range(self.penalties.most_terms - len(first.chosen)):
+            extended = {larger.chosen: larger for smaller in beam for larger in self._extensions(smaller)}
+            promising = sorted(extended.values(), key=lambda fitted: -fitted.score)[:IMPROVED]
+            grown = {improved.chosen: improved for improved in map(self._improve, promising)}
             if not grown:
                 break
             previous = max(fitted.score for fitted in beam)

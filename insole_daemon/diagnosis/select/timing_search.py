@@ -125,12 +125,14 @@ def _fit_from(
     # A clock term could compensate the delay of the hypothesis.
     excluded_words = frozenset({"clock"}) if "delay" in words or "clock" in words else frozenset()
     design, made_for = first, Timing()
+    known: tuple[int, ...] = ()  # best set of the round before, if it had the same columns
     before, least, is_back = Timing(), first.total, False  # timing of the round before, and its criterion
     for round_ in range(ROUNDS + 1):
         if _is_moved(made_for, timing, near):
-            design, made_for = make(timing), timing
+            design, made_for, known = make(timing), timing, ()
         search = SubsetSearch(design.retimed(timing), excluded_words)
-        best = search.run()[0]
+        best = search.run(known)[0]
+        known = best.chosen
         criterion = search.design.total - best.score
         if not any(free) or is_back:
             break
