@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from ...physics.law import Array
 from ..model.curves import CurveShares
-from ..model.design import UNKNOWN_TAXEL_STD, Design
+from ..model.design import Design
 from ..model.refine import Refined
 from ..model.regression import Timing
 from ..model.solve import absorbed_std
+from ..model.wrench_nuisance import UNKNOWN_TAXEL_STD
 from .residual_tests import LackOfFit, lack_of_fit
 
 FOLD_S = 4.0  # length of a held-out block

@@ -9,7 +9,7 @@ import pytest
 
 import insole_daemon
 from insole_daemon.diagnosis.load_estimate import LoadEstimate
-from insole_daemon.diagnosis.model.design import apply_weights, nuisance_columns, project
+from insole_daemon.diagnosis.model.wrench_nuisance import apply_weights, nuisance_columns, project
 from insole_daemon.diagnosis.observing import observed
 
 from ..foot.shoe import write
