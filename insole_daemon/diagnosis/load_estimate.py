@@ -174,8 +174,13 @@ class KnownLoad(LoadEstimate):
         """Return the largest load."""
         return float(self.courses_pa.max())
 
-    @cached_property
+    @property
     def gained_count(self) -> Array:
+        """Return the activation (N, T, 12) that the static curves have under the load of the reference."""
+        return self.observation.expected_count
+
+    @cached_property
+    def _changed_count(self) -> Array:
         """Return the activation (N, T, 12) that the static curves have under the load with the changes."""
         seen = self.observation
         assert isinstance(seen, ChamberObservation)
@@ -186,7 +191,7 @@ class KnownLoad(LoadEstimate):
 
         Without the readings: a larger gain would reduce their noise, and what the reference does not show of the load.
         """
-        return self.static_pa(self.gained_count * (1.0 + more)) - self.static_pa(self.gained_count)
+        return self.static_pa(self._changed_count * (1.0 + more)) - self.static_pa(self._changed_count)
 
     @cached_property
     def slope_pa(self) -> Array:
