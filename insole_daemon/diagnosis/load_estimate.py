@@ -39,10 +39,6 @@ class LoadEstimate:
         """Return the activation (N, T, 12) that a gain multiplies."""
         return self.activation_count
 
-    def gained_pa(self, more: float) -> Array:
-        """Return by how much a gain of 1 + `more` raises the pressure (N, T, 12) of the readings that contain it."""
-        return self.read_pa - self.static_pa(self.activation_count / (1.0 + more))
-
     @cached_property
     def read_pa(self) -> Array:
         """Return the pressure by the static curves, from counts with noise reduced."""
@@ -176,22 +172,8 @@ class KnownLoad(LoadEstimate):
 
     @property
     def gained_count(self) -> Array:
-        """Return the activation (N, T, 12) that the static curves have under the load of the reference."""
+        """Return the activation (N, T, 12) that the static curves have under the load."""
         return self.observation.expected_count
-
-    @cached_property
-    def _changed_count(self) -> Array:
-        """Return the activation (N, T, 12) that the static curves have under the load with the changes."""
-        seen = self.observation
-        assert isinstance(seen, ChamberObservation)
-        return seen.activation_at(self.pressure_pa) if self.changes else seen.expected_count
-
-    def gained_pa(self, more: float) -> Array:
-        """Return by how much a gain of 1 + `more` raises the pressure (N, T, 12) of the readings under the load.
-
-        Without the readings: a larger gain would reduce their noise, and what the reference does not show of the load.
-        """
-        return self.static_pa(self._changed_count * (1.0 + more)) - self.static_pa(self._changed_count)
 
     @cached_property
     def slope_pa(self) -> Array:

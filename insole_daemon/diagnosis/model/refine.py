@@ -92,19 +92,15 @@ def _is_valid(setting: Setting, name: str, t_s: Array) -> bool:
 
 
 def _relinearised(current: Refined[D], i: int) -> Refined[D]:
-    """Return the set with the regressor of candidate `i` linearised nearer to its fitted coefficient.
+    """Return the set with the regressor of candidate `i` linearised at its fitted coefficient.
 
     Unchanged if the coefficient would then have the other sign, or the law would not be valid.
     """
     candidate, share = current.design.candidates[i], float(current.shares[i][0])
     name = candidate.term.linear_at
-    if not name:
+    if not (name and abs(float(candidate.settings[0].get(name, 0.0)) - share) > 1e-3 * abs(share)):
         return current
-    value = float(candidate.settings[0].get(name, 0.0))
-    if abs(value - share) <= 1e-3 * abs(share):
-        return current
-    # After the first step halfway: a coefficient that falls as the value rises would go to and fro.
-    tried = _exchanged(current, i, {**candidate.settings[0], name: 0.5 * (value + share) if value else share})
+    tried = _exchanged(current, i, {**candidate.settings[0], name: share})
     # If nuisance columns explain nearly all of a regressor, the coefficient of the rest may have the other sign.
     has_same_sign = float(tried.shares[i][0]) * share > 0
     is_valid = is_possible(tried.design.candidates, tried.shares, tried.design.load.is_known)

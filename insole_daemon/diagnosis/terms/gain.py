@@ -10,10 +10,15 @@ from .term import Setting, Term, TermColumns, needs_calibration
 
 
 def _column(load: LoadEstimate, setting: Setting) -> TermColumns:
-    """Return one column: the wrench that a gain of 1 + `more` adds to readings, over −`more`; its limit is −g′(a)·a."""
+    """Return one column: the wrench of (g(a/(1 + more)) − g(a))/more, or its limit −g′(a)·a for `more` near 0."""
     more = max(setting["more"], -0.8)
-    less_pa = -load.slope_pa * load.gained_count if abs(more) < 1e-3 else load.gained_pa(more) / -more
-    return TermColumns((setting,), by_triangle=load.wrench_of(less_pa)[..., None], is_recalibration=True)
+    activation = load.activation_count
+    if abs(more) < 1e-3:
+        return TermColumns(
+            (setting,), by_triangle=load.wrench_of(-load.slope_pa * load.gained_count)[..., None], is_recalibration=True
+        )
+    changed = (load.static_pa(activation / (1.0 + more)) - load.read_pa) / more
+    return TermColumns((setting,), by_triangle=load.wrench_of(changed)[..., None], is_recalibration=True)
 
 
 def _columns(load: LoadEstimate) -> list[TermColumns]:
