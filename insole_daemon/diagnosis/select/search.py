@@ -262,7 +262,7 @@ def _is_a_model(chosen: Sequence[PlacedTerm]) -> bool:
     """Return whether a set can be a model.
 
     It is not if all boards have a delay or lag, because that is a timing of the whole insole; if a bit shift and a gain
-    overlap; if a bit shift of all boards stands beside a memory of the insole, which it would change by that factor;
+    overlap; if all boards have a bit shift and the insole has a memory, because the shift would multiply the memory;
     if terms computed from the reference stand beside terms that change the whole load, because the columns of the
     former then contain the error; or if a word is twice at one place.
     """
