@@ -7,7 +7,7 @@ from row to row. How much depends on where a row lies between two readings, whic
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
+from functools import cache, lru_cache
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -46,9 +46,7 @@ def _moments(seen: WrenchObservation, change: Callable[[Array], Array]) -> tuple
 
     @cache
     def of_times(times: bytes) -> tuple[float, float]:
-        read_s = np.frombuffer(times)
-        noise = np.random.default_rng(0).standard_normal((len(read_s), DRAWS))
-        rows = CubicSpline(read_s, noise)(np.clip(seen.t_s, read_s[0], read_s[-1]))
+        rows = _noise_of_rows(times, seen.t_s.tobytes())
         changed = change(rows)
         return float(np.mean(rows * changed)), float(np.mean(changed**2))
 
@@ -57,3 +55,11 @@ def _moments(seen: WrenchObservation, change: Callable[[Array], Array]) -> tuple
         if len(triangle.t_s) >= LEAST_ROWS:
             moments[row] = of_times(triangle.t_s.tobytes())
     return moments[:, 0], moments[:, 1]
+
+
+@lru_cache(maxsize=8)  # the boards of an insole: each delay, lag and bit shift asks for the same
+def _noise_of_rows(read_s: bytes, row_s: bytes) -> Array:
+    """Return DRAWS courses (N, DRAWS) of white noise at times of readings, interpolated at those of N rows."""
+    at_s, rows_s = np.frombuffer(read_s), np.frombuffer(row_s)
+    noise = np.random.default_rng(0).standard_normal((len(at_s), DRAWS))
+    return np.asarray(CubicSpline(at_s, noise)(np.clip(rows_s, at_s[0], at_s[-1])))
