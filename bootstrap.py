@@ -99,8 +99,10 @@ def prepare(extras: set[str]) -> None:
         say(f"making {VENV} with Python {wanted['python']}")
         make_venv()
     say("installing the package and what it needs (a minute or so, once)")
-    pip("install", "--only-binary=:all:", "--require-hashes", *(f"--requirement={lock}" for lock in locks))
-    pip("install", "--no-deps", "--no-build-isolation", "--editable", str(HERE))  # built by what has just been checked
+    # Most modules are never imported; Python compiles the others when they are.
+    install = ("install", "--no-compile")
+    pip(*install, "--only-binary=:all:", "--require-hashes", *(f"--requirement={lock}" for lock in locks))
+    pip(*install, "--no-deps", "--no-build-isolation", "--editable", str(HERE))  # built by what has just been checked
     write_state(wanted)
     say(f'the command insole is in {VENV / "bin"}: export PATH="{VENV / "bin"}:$PATH"')
 

@@ -32,7 +32,7 @@ import numpy as np
 
 from insole_daemon.cli import app
 from insole_daemon.diagnosis import searching
-from insole_daemon.diagnosis.model import design, nuisance, refine
+from insole_daemon.diagnosis.model import nuisance, refine, wrench_nuisance
 from insole_daemon.diagnosis.select.search import SubsetSearch
 from insole_daemon.diagnosis.terms import TERMS
 
@@ -60,10 +60,10 @@ def exact_laws() -> None:
 
 
 def exact_calibration() -> None:
-    for module in (nuisance, design):
+    for module in (nuisance, wrench_nuisance):
         for name in ("GAIN_STD", "BASELINE_STD_COUNT", "CURVE_STD_COUNT"):
             replace_part(module, name, EXACT)
-    replace_part(design, "CURVE_STD_AT_REST_COUNT", EXACT)
+    replace_part(wrench_nuisance, "CURVE_STD_AT_REST_COUNT", EXACT)
 
 
 def no_refinement() -> None:
