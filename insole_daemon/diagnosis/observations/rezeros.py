@@ -322,7 +322,9 @@ def _find_rezero_of_walk(seen: WrenchObservation, of_board: NDArray[np.bool_], w
             and air_after.max() < -LEAST_WALK_STEP_COUNT
         ):
             stance_rows = round(STANCE_S / seen.step_s)
-            return _last_drop(level, air_before - 0.5 * step_count, 0.5 * step_count, width, stance_rows)
+            stretch = (k - 1) * stretch_rows  # before it, single readings below are an undershoot of the interpolation
+            floor_count = air_before - 0.5 * step_count
+            return stretch + _last_drop(level[stretch:], floor_count, 0.5 * step_count, width, stance_rows)
     return None
 
 

@@ -59,6 +59,21 @@ def test_rezero_of_a_person_who_goes_on_standing_is_detected_when_it_happened(wa
     assert finding.parameters["t_s"].value == pytest.approx(9.0, abs=0.1)
 
 
+def test_a_rezero_is_not_dated_by_an_earlier_undershoot(walk):
+    """Two readings below no load at an edge, long before the re-zero under a walking foot."""
+    foot, seen = walk
+    own = (seen.layout.identities[:, 0] == BOARD)[:, None] & seen.usable
+    activation = seen.activation_count.copy()
+    step = np.flatnonzero((seen.t_s > 28.0) & (seen.t_s < 29.0))
+    at = int(step[np.argmax(activation[step][:, own].mean(axis=1))])
+    activation[at:] -= np.where(own, activation[at], 0.0)
+    edge = int(np.argmax(seen.t_s > STANDS_S[1]))
+    activation[edge : edge + 2] -= np.where(own, STANDING_COUNT + 8.0, 0.0)
+    _, findings = correct_rezeros(foot, replace(seen, activation_count=activation))
+    (finding,) = findings
+    assert finding.parameters["t_s"].value == pytest.approx(seen.t_s[at], abs=1.0)
+
+
 def test_a_rezero_is_not_dated_by_an_earlier_step():
     """The foot rolls off a board that re-zeroed by less than an earlier step's end."""
     level = np.zeros(1200)
