@@ -167,22 +167,12 @@ class Design:
 
     def _with(self, picked: Sequence[PlacedTerm]) -> Design:
         """Return the regression with the columns of the candidates `picked` and their companions."""
-        columns = np.unique(
-            np.concatenate([np.concatenate([c.columns, c.companions]) for c in picked] or [np.empty(0, np.intp)])
-        )
-        place = {int(old): new for new, old in enumerate(columns)}
-
-        def renumbered(old: NDArray[np.intp]) -> NDArray[np.intp]:
-            return np.array([place[int(k)] for k in old], np.intp)
-
-        candidates = tuple(
-            replace(c, columns=renumbered(c.columns), companions=renumbered(c.companions)) for c in picked
-        )
+        columns, candidates = _renumbered(picked)
         raw, matrix = self.raw[:, columns], self.matrix[:, columns]
         if self.moved is not None:
             for k, number in enumerate(self.moved.numbers.tolist()):
-                if number in place:
-                    raw[:, place[number]], matrix[:, place[number]] = self.moved.raw[:, k], self.moved.matrix[:, k]
+                place = columns == number
+                raw[:, place], matrix[:, place] = self.moved.raw[:, k, None], self.moved.matrix[:, k, None]
         return replace(
             self, candidates=candidates, raw=raw, matrix=matrix, gram=self.gram[np.ix_(columns, columns)],
             cross=self.cross[columns], product=self.product[columns], moved=None,
@@ -326,22 +316,34 @@ def design(load: LoadEstimate, weights: Array, substituted: NDArray[np.bool_]) -
     noise = np.concatenate(square)
     # Where nuisance columns leave more noise than signal of a column, its share would be that of the noise.
     is_noise = noise > MOST_NOISE * np.diag(gram)
-    shown = [k for k, each in enumerate(candidates) if not is_noise[each.columns].any()]
+    used, shown = _renumbered([each for each in candidates if not is_noise[each.columns].any()])
     np.fill_diagonal(gram, np.diag(gram) - np.minimum(noise, 0.9 * np.diag(gram)))
-    whole = Design(
-        load,
-        weights,
-        base,
-        tuple(candidates),
-        raw,
-        matrix,
-        target,
-        gram,
-        cross,
-        np.concatenate(product),
-        float(target @ target),
+    return Design(
+        load, weights, base, shown, _picked(raw, used), _picked(matrix, used), target, gram[np.ix_(used, used)],
+        cross[used], np.concatenate(product)[used], float(target @ target),
+    )  # fmt: skip
+
+
+def _renumbered(picked: Sequence[PlacedTerm]) -> tuple[NDArray[np.intp], tuple[PlacedTerm, ...]]:
+    """Return the columns (k,) of the candidates `picked` and their companions, and the candidates on these columns."""
+    columns = np.unique(
+        np.concatenate([np.concatenate([c.columns, c.companions]) for c in picked] or [np.empty(0, np.intp)])
     )
-    return whole if len(shown) == len(candidates) else whole.subset(shown)
+
+    def places(old: NDArray[np.intp]) -> NDArray[np.intp]:
+        return np.asarray(np.searchsorted(columns, old), np.intp)
+
+    return columns, tuple(
+        replace(c, columns=places(c.columns), companions=places(c.companions)) for c in picked
+    )  # fmt: skip
+
+
+def _picked(array: NDArray[np.float32], columns: NDArray[np.intp]) -> NDArray[np.float32]:
+    """Return the `columns`, in rising order, of an array that is overwritten: a copy of it is too large."""
+    for first in range(0, len(array), ROWS_AT_ONCE):
+        rows = slice(first, first + ROWS_AT_ONCE)
+        array[rows, : len(columns)] = array[rows, columns]
+    return array[:, : len(columns)]
 
 
 def _joined(blocks: list[NDArray[np.float32]]) -> NDArray[np.float32]:
