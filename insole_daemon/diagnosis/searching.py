@@ -257,5 +257,5 @@ def _refined_places(first: TimingFit[Any]) -> TimingFit[Any]:
     ]
     if sharper:
         among = SubsetSearch(among.design.with_settings(sharper), excluded_words)
-        best = max([*among.run()[:1], best], key=lambda fitted: fitted.score)
+        best = among.run(best.chosen)[0]
     return replace(first, search=among, best=among.fit(best.chosen))

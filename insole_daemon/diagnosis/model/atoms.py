@@ -135,18 +135,30 @@ def projected(atoms: Atoms, nuisance: Nuisance) -> Atoms:
     return replace(atoms, with_own=with_own, gram=gram, shared=shared)
 
 
-def make_atoms(blocks: Iterable[TermColumns], weights: Array, nuisance: Nuisance, joined: Atoms | None = None) -> Atoms:
-    """Return the atoms of the columns of `blocks`, appended to those of `joined`; `weights` (N, T)."""
+def make_atoms(
+    blocks: Iterable[TermColumns],
+    weights: Array,
+    nuisance: Nuisance,
+    joined: Atoms | None = None,
+    at: NDArray[np.bool_] | None = None,
+) -> Atoms:
+    """Return the atoms of the columns of `blocks`, appended to those of `joined`; `weights` (N, T).
+
+    `at` (T,): triangles in which the new columns are needed; their inner products in the others are 0.
+    """
     new_groups, product, square = _weighted(blocks, weights)
     groups_before = () if joined is None else joined.parts
-    products = []
-    for t in range(weights.shape[1]):
+    n_triangles, k = product.shape
+    k_before = 0 if joined is None else joined.product.shape[1]
+    raw, with_before = np.zeros((n_triangles, k, k)), np.zeros((n_triangles, k_before, k))
+    with_own = np.zeros((n_triangles, nuisance.own.shape[1], k))
+    shared = np.zeros((n_triangles, k, len(nuisance.kind)))
+    for t in range(n_triangles) if at is None else np.flatnonzero(at).tolist():
         rows = np.concatenate([group.of_triangle(t) for group in new_groups])
-        with_before = np.concatenate(
-            [np.empty((0, len(rows)), np.float32), *(group.of_triangle(t) @ rows.T for group in groups_before)]
-        )
-        products.append((rows @ rows.T, with_before, *_nuisance_products([rows], nuisance, t)))
-    raw, with_before, with_own, shared = (np.stack(arrays).astype(float) for arrays in zip(*products, strict=True))
+        raw[t] = rows @ rows.T
+        if k_before:
+            with_before[t] = np.concatenate([group.of_triangle(t) @ rows.T for group in groups_before])
+        with_own[t], shared[t] = _nuisance_products([rows], nuisance, t)
     own_coefficients = np.matmul(nuisance.inverse, with_own)
     gram = raw - np.matmul(with_own.transpose(0, 2, 1), own_coefficients)
     if joined is None:

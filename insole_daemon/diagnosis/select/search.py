@@ -21,8 +21,7 @@ from ..model.regression import D, PlacedTerm
 from ..model.solve import RIDGE, is_possible, solve_shares
 from .penalties import penalties_of
 
-BEAM = 3  # sets that every step extends
-IMPROVED = 6  # extended sets in which a step tries to remove and to exchange candidates
+BEAM = 3  # sets that every step extends, and extended sets in which it tries to remove and to exchange candidates
 TRIED = 12  # exchanges that are tried for a candidate
 LEAST_OF_REST = 0.05  # of the residual beyond the noise: a step with a smaller gain ends the search
 SHORTLIST = 40  # candidates that are solved exactly in a step: those with the highest approximate gains
@@ -69,13 +68,13 @@ class SubsetSearch(Generic[D]):
         best: dict[tuple[int, ...], FittedSet] = {(): empty, first.chosen: first}
         for _ in range(self.penalties.most_terms - len(first.chosen)):
             extended = {larger.chosen: larger for smaller in beam for larger in self._extensions(smaller)}
-            promising = sorted(extended.values(), key=lambda fitted: -fitted.score)[:IMPROVED]
+            promising = sorted(extended.values(), key=lambda fitted: -fitted.score)[:BEAM]
             grown = {improved.chosen: improved for improved in map(self._improve, promising)}
             if not grown:
                 break
             previous = max(fitted.score for fitted in beam)
             gained = max(fitted.gain for fitted in beam)
-            beam = sorted(grown.values(), key=lambda fitted: -fitted.score)[:BEAM]
+            beam = sorted(grown.values(), key=lambda fitted: -fitted.score)
             best.update({fitted.chosen: fitted for fitted in beam})
             gained = beam[0].gain - gained
             if beam[0].score <= previous or gained < LEAST_OF_REST * (self.design.total - beam[0].gain - self.noise):

@@ -49,11 +49,13 @@ def search_timings(
     first = make(Timing())
     before = {each.words: each.timing for each in known}
     best = _best_of(first, make, (), is_free_clock, before.get(()))
+    # A set is the start of other searches only with the same columns.
+    known_set = best.best.chosen if best.search.design.candidates is first.candidates else ()
     others: list[TimingHypothesis] = []
 
     def add(words: tuple[str, ...], start: Timing | None = None) -> None:
         nonlocal best
-        one = _best_of(first, make, words, is_free_clock, before.get(words, start))
+        one = _best_of(first, make, words, is_free_clock, before.get(words, start), known_set)
         best, other = (one, best) if one.criterion < best.criterion else (best, one)
         others.append(TimingHypothesis(other.words, other.timing, other.criterion))  # designs are large
 
@@ -74,18 +76,26 @@ def search_timings(
 
 
 def _best_of(
-    first: D, make: Callable[[Timing], D], words: tuple[str, ...], is_free_clock: bool, start: Timing | None
+    first: D,
+    make: Callable[[Timing], D],
+    words: tuple[str, ...],
+    is_free_clock: bool,
+    start: Timing | None,
+    known: Sequence[int] = (),
 ) -> TimingFit[D]:
-    """Return the fit of the hypothesis `words`, from the timing `start` or from an estimate without terms."""
+    """Return the fit of the hypothesis `words`, from the timing `start` or from an estimate without terms.
+
+    `known`: a set of candidates that explains much with the columns of `first`.
+    """
     free, within_s = _freedom(words, is_free_clock)
     if start is None:
         start = _start(first, free, within_s, is_free_clock)
-    fitted = _fit_from(start, first, make, words, free, within_s)
+    fitted = _fit_from(start, first, make, words, free, within_s, known=known)
     if first.load.observation.is_uniform and any(free):
         # Terms of the first round may hold back a timing that explains more without any.
         alone = fit_timing(first, (), fitted.timing, free, within_s)
         if first.retimed(alone).total < fitted.criterion:
-            fitted = _fit_from(alone, first, make, words, free, within_s)
+            fitted = _fit_from(alone, first, make, words, free, within_s, known=known)
     return replace(fitted, criterion=np.inf) if _is_short_lag(fitted) else fitted
 
 
@@ -115,24 +125,26 @@ def _fit_from(
     free: tuple[bool, bool],
     within_s: tuple[float, float],
     near: Timing = NEAR,
+    known: Sequence[int] = (),
 ) -> TimingFit[D]:
     """Return the fit that is reached from `timing` by fitting the terms and the times in turn.
 
     The columns of the terms are computed anew if the timing changes by more than `near`. A timing with a larger
     criterion than that of the round before is not used: with a delay of the whole insole and of every board as
     candidates times alone are poorly determined, and linearised columns are wrong far from where they were computed.
+    `known`: the set from which the search begins while the columns are those of `first`.
     """
     # A clock term could compensate the delay of the hypothesis.
     excluded_words = frozenset({"clock"}) if "delay" in words or "clock" in words else frozenset()
     design, made_for = first, Timing()
-    known: tuple[int, ...] = ()  # best set of the round before, if it had the same columns
+    known = tuple(k for k in known if first.candidates[k].word not in excluded_words)
     before, least, is_back = Timing(), first.total, False  # timing of the round before, and its criterion
     for round_ in range(ROUNDS + 1):
         if _is_moved(made_for, timing, near):
             design, made_for, known = make(timing), timing, ()
         search = SubsetSearch(design.retimed(timing), excluded_words)
         best = search.run(known)[0]
-        known = best.chosen
+        known = best.chosen  # with which the next round begins if it has the same columns
         criterion = search.design.total - best.score
         if not any(free) or is_back:
             break
