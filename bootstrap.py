@@ -55,8 +55,10 @@ def main(arguments: list[str]) -> int:
         prepare({"lab", "view"})  # all that the documented commands need
         become(VENV / "bin" / "insole", "demo", *rest)
     if command == "test":
-        prepare({"test"})
+        prepare({"test"}, is_compiled=False)  # most modules are never imported
         os.chdir(HERE)  # where pytest finds its settings
+        # Hundreds of tests start a process: without files of compiled modules each would compile them anew.
+        os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
         # Threads of small matrices wait for each other on a busy machine, ten times as long as they work.
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         # A process a core, four at most: each takes up to 0.6 GB.
@@ -73,8 +75,11 @@ def become(program: Path, *arguments: str) -> NoReturn:
     os.execv(program, [str(program), *arguments])
 
 
-def prepare(extras: set[str]) -> None:
-    """Install this package, editable, with `extras` into .venv, unless it has them already."""
+def prepare(extras: set[str], is_compiled: bool = True) -> None:
+    """Install this package, editable, with `extras` into .venv, unless it has them already.
+
+    Unless `is_compiled`, Python compiles a module when it is first imported.
+    """
     with contextlib.suppress(OSError):  # a file system without locks
         # Two of us at once: the second waits. The lock goes with the process.
         fcntl.flock(os.open(HERE, os.O_RDONLY), fcntl.LOCK_EX)
@@ -99,10 +104,10 @@ def prepare(extras: set[str]) -> None:
         say(f"making {VENV} with Python {wanted['python']}")
         make_venv()
     say("installing the package and what it needs (a minute or so, once)")
-    # Most modules are never imported; Python compiles the others when they are.
-    install = ("install", "--no-compile")
-    pip(*install, "--only-binary=:all:", "--require-hashes", *(f"--requirement={lock}" for lock in locks))
-    pip(*install, "--no-deps", "--no-build-isolation", "--editable", str(HERE))  # built by what has just been checked
+    compile_option = "--compile" if is_compiled else "--no-compile"
+    requirements = [f"--requirement={lock}" for lock in locks]
+    pip("install", "--only-binary=:all:", "--require-hashes", compile_option, *requirements)
+    pip("install", "--no-deps", "--no-build-isolation", "--editable", str(HERE))  # built by what has just been checked
     write_state(wanted)
     say(f'the command insole is in {VENV / "bin"}: export PATH="{VENV / "bin"}:$PATH"')
 

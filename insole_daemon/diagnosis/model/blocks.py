@@ -301,7 +301,7 @@ class BlockDesign:
         kept = np.setdiff1d(np.arange(len(atom)), candidate.columns)
         atom[kept] = np.searchsorted(others, self.atom[kept])
         candidates = tuple(replace(c, settings=block.settings) if j == i else c for j, c in enumerate(self.candidates))
-        at = self.mask[candidate.columns].any(axis=0)
+        at = np.asarray(self.mask[candidate.columns].any(axis=0))
         atoms = make_atoms([block], self.weights, self.nuisance, rest, at)
         return self._changed(atoms, others, candidates=candidates, atom=atom)
 

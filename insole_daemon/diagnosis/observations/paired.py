@@ -49,12 +49,14 @@ class PairedObservation(ChamberObservation):
 
     @property
     def least_lag_s(self) -> float:
-        """Return the shortest lag that can be identified: the longer period of readings and simulation.
+        """Return the shortest lag that can be identified, which blurs a course more than the interpolation does.
 
-        Between two readings the load is interpolated on both sides.
+        Between two readings, or two times of the simulation, the load is interpolated. The kernel of linear
+        interpolation, a triangle, has the standard deviation period/√6; that of a lag has the standard deviation τ.
         """
         assert self.field is not None
-        return max(float(np.median(self.period_s[np.isfinite(self.period_s)])), self.field.period_s)
+        period_s = max(float(np.median(self.period_s[np.isfinite(self.period_s)])), self.field.period_s)
+        return float(period_s / np.sqrt(6.0))
 
     def load_pa(self, at_s: Array) -> Array:
         """Return the pressure (n, T, 12), Pa, at times (n,) of the simulation's clock, spaced as the rows are."""

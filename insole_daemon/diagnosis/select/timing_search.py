@@ -15,6 +15,7 @@ from .search import FittedSet, SubsetSearch
 ROUNDS = 4  # of fitting terms and timing in turn
 NEAR = Timing(0.008, 0.03)  # smaller changes of the timing do not require new columns
 NEARER = Timing(0.001, 0.004)  # the same for the final fit of the best hypothesis
+EXPLAINS_MUCH = 0.5  # of the squared residual without terms: what a timing leaves that is fitted without terms
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,14 +89,16 @@ def _best_of(
     `known`: a set of candidates that explains much with the columns of `first`.
     """
     free, within_s = _freedom(words, is_free_clock)
+    is_estimated = start is None
     if start is None:
         start = _start(first, free, within_s, is_free_clock)
     fitted = _fit_from(start, first, make, words, free, within_s, known=known)
-    if first.load.observation.is_uniform and any(free):
-        # Terms of the first round may hold back a timing that explains more without any.
+    if is_estimated and first.load.observation.is_uniform and any(free):
+        # Terms of the first round may hold back a timing that explains much without any.
         alone = fit_timing(first, (), fitted.timing, free, within_s)
-        if first.retimed(alone).total < fitted.criterion:
-            fitted = _fit_from(alone, first, make, words, free, within_s, known=known)
+        if first.retimed(alone).total < EXPLAINS_MUCH * first.retimed(fitted.timing).total:
+            other = _fit_from(alone, first, make, words, free, within_s, known=known)
+            fitted = min(fitted, other, key=lambda fit: fit.criterion)
     return replace(fitted, criterion=np.inf) if _is_short_lag(fitted) else fitted
 
 
