@@ -34,12 +34,27 @@ PATIENCE_S = 100.0  # for what happens in milliseconds, if nobody else uses the 
 os.environ.pop("COLUMNS", None)  # set for pytest-xdist's workers: output would be folded
 
 
+LISTED = tuple(line for line in LONG.read_text().splitlines() if line and not line.startswith("#"))
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Leave out files of which the two test commands would deselect all tests: to import them takes up to 15 s."""
+    if not collection_path.name.startswith("test_"):
+        return None
+    file = collection_path.relative_to(config.rootpath).as_posix()
+    if config.option.markexpr == "not long and not vcan":
+        return True if file in LISTED else None
+    if config.option.markexpr == "long":
+        has_long = any(line.startswith(file) for line in LISTED) or "mark.long" in collection_path.read_text()
+        return None if has_long else True
+    return None
+
+
 @pytest.hookimpl(tryfirst=True)  # before pytest deselects by marker
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark the tests that long.txt lists; long ones are stopped only if they hang."""
-    listed = tuple(line for line in LONG.read_text().splitlines() if line and not line.startswith("#"))
     for item in items:
-        if item.nodeid.startswith(listed):
+        if item.nodeid.startswith(LISTED):
             item.add_marker("long")
         if item.get_closest_marker("long"):
             item.add_marker(pytest.mark.timeout(HANGING_S))
