@@ -55,10 +55,8 @@ def main(arguments: list[str]) -> int:
         prepare({"lab", "view"})  # all that the documented commands need
         become(VENV / "bin" / "insole", "demo", *rest)
     if command == "test":
-        prepare({"test"}, is_compiled=False)  # most modules are never imported
+        prepare({"test"})
         os.chdir(HERE)  # where pytest finds its settings
-        # Hundreds of tests start a process: without files of compiled modules each would compile them anew.
-        os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
         # Threads of small matrices wait for each other on a busy machine, ten times as long as they work.
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         # A process a core, four at most: each takes up to 0.6 GB.
@@ -75,11 +73,8 @@ def become(program: Path, *arguments: str) -> NoReturn:
     os.execv(program, [str(program), *arguments])
 
 
-def prepare(extras: set[str], is_compiled: bool = True) -> None:
-    """Install this package, editable, with `extras` into .venv, unless it has them already.
-
-    Unless `is_compiled`, Python compiles a module when it is first imported.
-    """
+def prepare(extras: set[str]) -> None:
+    """Install this package, editable, with `extras` into .venv, unless it has them already."""
     with contextlib.suppress(OSError):  # a file system without locks
         # Two of us at once: the second waits. The lock goes with the process.
         fcntl.flock(os.open(HERE, os.O_RDONLY), fcntl.LOCK_EX)
@@ -104,10 +99,9 @@ def prepare(extras: set[str], is_compiled: bool = True) -> None:
         say(f"making {VENV} with Python {wanted['python']}")
         make_venv()
     say("installing the package and what it needs (a minute or so, once)")
-    compile_option = "--compile" if is_compiled else "--no-compile"
-    requirements = [f"--requirement={lock}" for lock in locks]
-    pip("install", "--only-binary=:all:", "--require-hashes", compile_option, *requirements)
+    pip("install", "--only-binary=:all:", "--require-hashes", *(f"--requirement={lock}" for lock in locks))
     pip("install", "--no-deps", "--no-build-isolation", "--editable", str(HERE))  # built by what has just been checked
+    compile_modules()
     write_state(wanted)
     say(f'the command insole is in {VENV / "bin"}: export PATH="{VENV / "bin"}:$PATH"')
 
@@ -164,13 +158,21 @@ def make_venv() -> None:
 
 def pip(*arguments: str, program: list[str] | None = None) -> None:
     """Run pip in .venv; show its output only if it fails."""
-    options = ["-qq", "--disable-pip-version-check", "--no-input"]
+    options = ["-qq", "--disable-pip-version-check", "--no-input", "--no-compile"]  # `compile_modules` does
     command = [str(PYTHON), *(program or ["-m", "pip"]), *arguments, *options]
     result = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False)
     if result.returncode:
         print(result.stdout.strip(), file=sys.stderr)
         fetch(index_page("pip"))  # the usual cause, which pip names only at length: no network
         raise BootstrapError("pip could not install the packages, for the reason above")
+
+
+def compile_modules() -> None:
+    """Compile the package and what it needs on all cores; pip would take one core, and the packages' own tests, too."""
+    command = [str(PYTHON), "-m", "compileall", "-q", "-j", "0", "-x", "site-packages/.*/tests/"]
+    folders = [str(HERE / "insole_daemon"), *(str(folder) for folder in VENV.glob("lib/*/site-packages"))]
+    # Some packages contain examples for other versions of Python. What is not compiled here is when it is imported.
+    subprocess.run([*command, *folders], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=False)
 
 
 def fetch_pip() -> bytes:

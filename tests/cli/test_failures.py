@@ -277,7 +277,10 @@ def test_a_full_disk_is_reported_and_leaves_no_file(verb, given):
     def no_room() -> None:  # the kernel refuses every byte beyond these, as a full disk does
         resource.setrlimit(resource.RLIMIT_FSIZE, (2048, 2048))
 
-    done = subprocess.run([INSOLE, *FULL_DISK[verb]], capture_output=True, text=True, cwd=given, preexec_fn=no_room)
+    done = subprocess.run(
+        [INSOLE, *FULL_DISK[verb]], capture_output=True, text=True, cwd=given, preexec_fn=no_room,
+        env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1"},  # Python would leave half of a compiled module
+    )  # fmt: skip
     assert done.returncode == REFUSED, done.stderr
     assert {"study": "study/table", "reference": "walk"}.get(verb, "new") in done.stderr
     assert "Traceback" not in done.stderr

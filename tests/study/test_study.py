@@ -261,7 +261,10 @@ def test_a_full_disk_is_reported_and_complete_files_are_kept(folder):
 
     (folder / "study.yaml").write_text((folder / "study.yaml").read_text().replace("[steps]", "[steps, report]"))
     command = [INSOLE, "study", folder, "--workers", "1"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, preexec_fn=smaller_files)
+    done = subprocess.run(
+        command, capture_output=True, text=True, check=False, preexec_fn=smaller_files,
+        env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1"},  # Python would leave half of a compiled module
+    )  # fmt: skip
     assert done.returncode == 1, done.stderr
     assert "Traceback" not in done.stderr
     table = pd.read_csv(folder / "table.csv").set_index("recording")
