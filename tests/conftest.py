@@ -28,13 +28,11 @@ from .ports import free_port
 
 DAEMON = Path(__file__).parent / "service" / "daemon_process.py"
 LONG = Path(__file__).with_name("long.txt")
+LISTED = tuple(line for line in LONG.read_text().splitlines() if line and not line.startswith("#"))
 HANGING_S = 1800  # a long test that takes so much hangs: what it takes otherwise depends on who else uses the machine
 PATIENCE_S = 100.0  # for what happens in milliseconds, if nobody else uses the machine
 
 os.environ.pop("COLUMNS", None)  # set for pytest-xdist's workers: output would be folded
-
-
-LISTED = tuple(line for line in LONG.read_text().splitlines() if line and not line.startswith("#"))
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
