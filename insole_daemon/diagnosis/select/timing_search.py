@@ -93,8 +93,9 @@ def _best_of(
     if start is None:
         start = _start(first, free, within_s, is_free_clock)
     fitted = _fit_from(start, first, make, words, free, within_s, known=known)
-    if is_estimated and first.load.observation.is_uniform and any(free):
-        # Terms of the first round may hold back a timing that explains much without any.
+    if is_estimated and first.load.observation.is_uniform and any(free) and not is_free_clock:
+        # Terms of the first round may hold back a timing that explains much without any. With a free clock, a lag and
+        # an earlier clock also explain much of a memory.
         alone = fit_timing(first, (), fitted.timing, free, within_s)
         if first.retimed(alone).total < EXPLAINS_MUCH * first.retimed(fitted.timing).total:
             other = _fit_from(alone, first, make, words, free, within_s, known=known)
