@@ -108,7 +108,8 @@ def test_the_scale_rises_to_the_peak_until_a_person_chooses_one(browser, page, l
 
 
 def test_the_residual_is_measured_minus_simulated(browser, page, live_daemon):
-    with live_daemon.boards(load=Pressed), Client(live_daemon.endpoint) as insole:
+    # Of one rig: a client of all rigs would receive what it publishes as a simulation, and publish it again.
+    with live_daemon.boards(load=Pressed), Client(live_daemon.endpoint, rig="demo") as insole:
         look(browser, page)
         browser.find("body").send_keys("3")
         scale_to(browser, 200)
