@@ -5,6 +5,7 @@ The equations are those of `physics`; a test compares both.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import lru_cache
 
 import numpy as np
@@ -14,6 +15,7 @@ from ..physics.first_order import steps
 from ..physics.law import Array
 
 AT_ONCE = 128  # rows of all taxels that fit in the cache of the processor
+SIGNALS_AT_ONCE = 128  # for which a row takes about as long as for one
 
 
 def low_pass(x: Array, step_s: float, tau_s: float) -> Array:
@@ -44,6 +46,13 @@ def plays(x: Array, radii_pa: Array) -> Array:
     return np.moveaxis(play, 1, 0)
 
 
+def each_play(x: Array, radii_pa: Array) -> Iterator[Array]:
+    """Yield play_r[x] − x (N, m) for each radius (k,): several are computed at once if x has few signals."""
+    at_once = max(SIGNALS_AT_ONCE // x.shape[1], 1)
+    for first in range(0, len(radii_pa), at_once):
+        yield from plays(x, radii_pa[first : first + at_once])
+
+
 def held(x: Array, radius: Array) -> Array:
     """Return x (N, m) without turns smaller than 2·`radius` (m,): the mean of a play that runs forward and one back.
 
@@ -63,10 +72,14 @@ def frictions(x: Array, up_pa: Array, down_pa: Array) -> Array:
     rising, falling = up_pa[:, None], down_pa[:, None]
     friction = np.empty((len(x), len(up_pa), x.shape[1]))
     state = np.zeros(friction.shape[1:])
-    for row, way in zip(friction, np.diff(x, axis=0, prepend=0.0)[:, None], strict=True):
-        limit = np.copysign(rising + falling, way)
-        width = np.where(way > 0.0, rising, falling)
-        state = np.add(limit, (state - limit) * np.exp(-np.abs(way) / width), out=row)
+    ways = np.diff(x, axis=0, prepend=0.0)[:, None]
+    for first in range(0, len(x), AT_ONCE):
+        way, rows = ways[first : first + AT_ONCE], friction[first : first + AT_ONCE]
+        kept = np.exp(-np.abs(way) / np.where(way > 0.0, rising, falling))  # part of z that a row leaves
+        np.multiply(np.copysign(rising + falling, way), 1.0 - kept, out=rows)
+        for row, kept_row in zip(rows, kept, strict=True):
+            row += kept_row * state
+            state = row
     return np.moveaxis(friction, 1, 0)
 
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ...physics.law import MOST_SHARED, Array
 from ..load_estimate import LoadEstimate
-from ..operators import frictions, plays
+from ..operators import each_play, frictions, plays
 from .term import ABSORBED, Setting, Term, TermColumns, geometric
 
 UNEVEN = 0.5  # prior standard deviation of the companion `uneven_loops`
@@ -49,16 +49,16 @@ Loops = tuple[list[Setting], Iterable[Array]]  # settings, and what friction tak
 def _joint_columns(load: LoadEstimate, more: Callable[[LoadEstimate, Array, Array], Loops] | None) -> list[TermColumns]:
     """Return the columns of plays and, if given, those of `more` (load, radii in Pa, pressure (N, m))."""
     pressure = load.courses_pa
-    radii_pa = RADII_PA
+    radii_pa = np.array(RADII_PA)
     if load.is_known:  # a play of half the range never returns, so it would be a step in time
-        radii_pa = [r for r in RADII_PA if r < WIDEST * float(np.ptp(pressure))]
-        if not radii_pa:
+        radii_pa = radii_pa[radii_pa < WIDEST * float(np.ptp(pressure))]
+        if not len(radii_pa):
             return []
     flat = pressure.reshape(len(pressure), -1)
-    settings: list[Setting] = [{"r_pa": radius_pa} for radius_pa in radii_pa]
-    loops: Iterable[Array] = (-plays(flat, np.array([radius_pa]))[0] for radius_pa in radii_pa)
+    settings: list[Setting] = [{"r_pa": radius_pa} for radius_pa in radii_pa.tolist()]
+    loops: Iterable[Array] = (-play for play in each_play(flat, radii_pa))
     if more is not None:
-        further_settings, further_loops = more(load, np.array(radii_pa), flat)
+        further_settings, further_loops = more(load, radii_pa, flat)
         settings, loops = settings + further_settings, chain(loops, further_loops)
     columns = [load.wrench_of_courses(loop.reshape(pressure.shape)) for loop in loops]
     return [TermColumns(tuple(settings), by_triangle=np.stack(columns, axis=-1), joint=True)]

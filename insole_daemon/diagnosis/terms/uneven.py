@@ -14,7 +14,7 @@ import numpy as np
 
 from ...physics.law import Array
 from ..load_estimate import LoadEstimate
-from ..operators import low_pass, plays
+from ..operators import each_play, low_pass
 from .creep import TERM as CREEPS
 from .hysteresis import TERM as HYSTERESIS
 from .term import Setting, Term, TermColumns, needs_known_load
@@ -29,7 +29,8 @@ def _plays(load: LoadEstimate) -> list[TermColumns]:
     """Return joint columns: load of a part − its play, for each part and radius, and earlier frictions' decay."""
     top = float(load.courses_pa.max())
     settings = [{"part": float(k), "r_pa": radius * top} for k in range(PARTS) for radius in RADII]
-    loops = (-_play(part, radius * top) for part in _parts_of(load) for radius in RADII)
+    radii_pa = top * np.array(RADII)
+    loops = (-play for part in _parts_of(load) for play in _each_play(part, radii_pa))
     if load.observation.is_uniform:  # a simulated load turns round at other times than the real one
         widths_pa = top * np.array(WIDTHS)
         settings += [{"width_pa": width} for width in widths_pa]
@@ -37,10 +38,10 @@ def _plays(load: LoadEstimate) -> list[TermColumns]:
     return _joint(load, settings, loops)
 
 
-def _play(pressure: Array, radius_pa: float) -> Array:
-    """Return play − pressure for pressures of any shape (N, ...)."""
-    difference = plays(pressure.reshape(len(pressure), -1), np.array([radius_pa]))[0]
-    return np.asarray(difference.reshape(pressure.shape))
+def _each_play(pressure: Array, radii_pa: Array) -> Iterator[Array]:
+    """Yield play − pressure for each radius (k,) and pressures of any shape (N, ...)."""
+    for difference in each_play(pressure.reshape(len(pressure), -1), radii_pa):
+        yield difference.reshape(pressure.shape)
 
 
 def _earlier_frictions(pressure: Array, widths_pa: Array) -> Iterator[Array]:
