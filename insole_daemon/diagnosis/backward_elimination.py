@@ -175,15 +175,16 @@ def term_with_gains_elsewhere(refined: Refined[Any]) -> int | None:
     if not local or not isinstance(design, BlockDesign):
         return None
     works = design.weights.any(axis=0)
-    cross = design.residual_cross(design.candidates, refined.shares)
     ratios = {}
     for i in local:
+        design = refined.design.everywhere(i)
         term = design.candidates[i]
         own = works & design.mask[term.columns[0]]
         same_word = [design.mask[other.columns[0]] for other in design.candidates if other.word == term.word]
         elsewhere = works & ~np.any(same_word, axis=0)
         if np.count_nonzero(elsewhere) < LEAST_ELSEWHERE or not own.any():
             continue
+        cross = design.residual_cross(design.candidates, refined.shares)
         effect = design.atoms.gram[:, :, design.atom[term.columns]] @ refined.shares[i]
         r, _, shares = of_each_triangle(design, term, cross + own[:, None] * effect)
         gains = np.einsum("tk,tk->t", r, shares)

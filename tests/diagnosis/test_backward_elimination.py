@@ -69,6 +69,16 @@ def test_a_drift_of_one_triangle_alone_is_kept(design):
     assert sorted(words_that_stay(design, elsewhere=0.0)) == [DRIFT, MEMORY]
 
 
+def test_a_gain_of_one_triangle_alone_is_kept_at_its_fitted_size(design):
+    """Its column is linearised at its size anew, and is looked for in all triangles."""
+    numbers = [k for k, c in enumerate(design.candidates) if c.word == "gain" and c.where.scope == "triangle"]
+    column = design.rows_of(design.candidates[numbers[3]].columns)[:, 0]
+    y = np.random.default_rng(1).normal(size=design.y.shape) * (design.weights.T > 0) - 0.3 * column
+    refined = refine(replace(design, y=y), (numbers[3],))
+    assert refined.design.candidates[0].settings[0]["more"] != 0.0
+    assert term_with_gains_elsewhere(refined) is None
+
+
 def test_a_term_that_explains_less_than_is_left_is_doubtful(design):
     assert doubtful(design, drift=1.0, misfit=2.0) == DRIFT
 

@@ -292,7 +292,16 @@ class BlockDesign:
         )  # fmt: skip
 
     def exchanged(self, i: int, setting: Setting) -> BlockDesign:
-        """Return the regression with another setting of candidate `i`."""
+        """Return the regression with another setting of candidate `i`, whose columns are 0 outside its place."""
+        return self._exchanged(i, setting, np.asarray(self.mask[self.candidates[i].columns].any(axis=0)))
+
+    def everywhere(self, i: int) -> BlockDesign:
+        """Return the regression with the columns of candidate `i` in all triangles, also if it was exchanged."""
+        candidate = self.candidates[i]
+        return self if candidate.term.column is None else self._exchanged(i, candidate.settings[0], None)
+
+    def _exchanged(self, i: int, setting: Setting, at: NDArray[np.bool_] | None) -> BlockDesign:
+        """Return the regression with another setting of candidate `i`; its columns are 0 but for the triangles `at`."""
         candidate = self.candidates[i]
         block = candidate.term.column_of(self.load, setting)
         others, rest = self._beside(i)
@@ -301,7 +310,6 @@ class BlockDesign:
         kept = np.setdiff1d(np.arange(len(atom)), candidate.columns)
         atom[kept] = np.searchsorted(others, self.atom[kept])
         candidates = tuple(replace(c, settings=block.settings) if j == i else c for j, c in enumerate(self.candidates))
-        at = np.asarray(self.mask[candidate.columns].any(axis=0))
         atoms = make_atoms([block], self.weights, self.nuisance, rest, at)
         return self._changed(atoms, others, candidates=candidates, atom=atom)
 
