@@ -69,14 +69,13 @@ def diagnose_one(seen: WrenchObservation, foot: FootRecording, progress: Callabl
     effects += _bit_shift_effects(faults, seen)
     if findings and not figures.after[0] < figures.before[0]:
         findings, effects, is_unknown = [], [], True  # a placement that raises the held-out error explains nothing
-    if not (findings or kept.order or first.words or _explain(faults, figures, whole)):
+    reported_timings = selection.reported_timings(first.words)
+    if not (findings or selection.reported or reported_timings or _explain(faults, figures, whole)):
         is_unknown |= float(min(figures.before[0], figures.after[0])) > null_bound([(figures, whole)]) * float(
             figures.floor[0]
         )
     if is_unknown:
         findings.append(unknown_finding(seen, figures, whole))
-    reported_timings = selection.reported_timings(first.words)
-    if is_unknown:
         least_gain = least_gain_beside_unknown(figures, whole, excess_square(figures, whole))
         reported_timings = reported_timings if timing_energy(whole, timing) > least_gain else ()
     findings += timing_findings(seen, first, searched.others, reported_timings, figures, float(whole.least.max()))

@@ -11,6 +11,7 @@ import numpy as np
 from ..errors import DiagnosisError
 from ..physics.law import Array
 from ..recording.loading import FootRecording
+from .load_error import most_likely_load_error
 from .load_estimate import KnownLoad, LoadEstimate
 from .model.blocks import BlockDesign, block_design
 from .model.design import design
@@ -33,8 +34,6 @@ from .select.thresholds import refine_thresholds
 from .select.timing_search import TimingFit, TimingHypothesis, search_timings
 from .terms.term import Setting
 
-# Possible errors of a simulated load: none, a measured trial, a model of the person, and a model of another person.
-LOAD_ERRORS = (USUAL, Priors(0.005, 0.02), Priors(0.015, 0.06), Priors(0.05, 0.2))
 LOOSE_COUNT = 5.0  # prior standard deviation of a curve that contains the mean curve of a memory (loose curve)
 OWN_CURVE_COUNT = 0.3  # the same of a curve that was fitted to the recordings themselves
 GOOD_FIT = 1.15  # squared residual of a good fit, relative to the noise
@@ -112,13 +111,13 @@ def _search_with_placement(
     terms that act on the load need the load at the true places.
     """
     moved = placements.applied_to(seen)
-    result = replace(_search_under(_most_likely_priors(moved, faults), moved, faults), placed=placements.fitted)
+    result = replace(_search_under(most_likely_load_error(moved, faults), moved, faults), placed=placements.fitted)
     for _ in range(PLACED_ROUNDS):
         known, placements = placements, placements.with_selected(result.first.search, result.first.best, foot)
         if placements.move == known.move and len(placements.fitted) == len(known.fitted):
             break
         moved = placements.applied_to(seen)
-        again = _search_under(_most_likely_priors(moved, faults), moved, faults)
+        again = _search_under(most_likely_load_error(moved, faults), moved, faults)
         again = replace(again, placed=placements.fitted)
         # The column was the linearisation of this placement. The criterion may rise by its standard deviation under
         # noise, √(2n) with n rows, and it is about n.
@@ -130,23 +129,6 @@ def _search_with_placement(
     by_the_map = seen.replaced(Move(), ())
     weights = np.where(faults.weights_of(moved) > 0.0, faults.weights_of(by_the_map), 0.0)
     return replace(result, before=count_errors(refine(block_design(KnownLoad(by_the_map), weights), ()), ()).before)
-
-
-def _most_likely_priors(seen: PairedObservation, faults: ReadingFaults) -> Priors:
-    """Return the smallest error of the simulated load whose likelihood equals that of any other.
-
-    Likelihoods are those of the best set under each error, and equal up to the possible misfit of its laws.
-    """
-    criteria, criteria_without_misfit = [], []
-    whole = block_design(KnownLoad(seen), faults.weights_of(seen))
-    for priors in LOAD_ERRORS:
-        whole = whole.under(priors)
-        among = SubsetSearch(whole)
-        best = among.run()[0]
-        every = [whole.candidates[k] for k in best.chosen]
-        criteria.append(whole.total - best.score + whole.nuisance.log_determinant)
-        criteria_without_misfit.append(criteria[-1] - among.penalties.misfit(every, best.shares))
-    return LOAD_ERRORS[next(i for i, value in enumerate(criteria_without_misfit) if value <= min(criteria))]
 
 
 def _search_with_curves(seen: ChamberObservation, faults: ReadingFaults) -> SearchResult:

@@ -14,8 +14,9 @@ from typer.testing import CliRunner
 from insole_daemon import config as configs
 from insole_daemon.cli import app
 from insole_daemon.diagnosis import prediction
+from insole_daemon.diagnosis.load_error import largest_but_one_board
 from insole_daemon.diagnosis.load_estimate import KnownLoad, TaxelLoad
-from insole_daemon.diagnosis.model.blocks import block_design
+from insole_daemon.diagnosis.model.blocks import BlockDesign, block_design
 from insole_daemon.diagnosis.observations.reading_faults import reading_faults
 from insole_daemon.diagnosis.observations.readings import read_triangles
 from insole_daemon.diagnosis.observations.rezeros import correct_rezeros
@@ -105,6 +106,21 @@ def with_pace_of_its_own(folder: Path, plain: Path, most_s: float) -> Path:
 def test_a_walk_in_another_pace_than_its_simulation_has_no_finding(tmp_path, plain):
     simulation = with_pace_of_its_own(tmp_path / "simulation", plain, most_s=0.03)
     assert [each["effect"] for each in diagnosed(walk(tmp_path / "walk"), simulation, tmp_path / "out")] == []
+
+
+def design_of(folder: Path, simulation: Path) -> BlockDesign:
+    recording = load(folder)
+    (seen,) = observed([recording], list(recording.feet), None, lambda text: None, (load(simulation),))
+    return block_design(KnownLoad(seen), reading_faults(recording.feet[0], seen).weights_of(seen))
+
+
+def test_what_one_board_alone_shows_is_no_error_of_the_load(tmp_path, plain):
+    walked = walk(tmp_path / "walk")
+    null = design_of(walked, plain)
+    other = design_of(walked, with_pace_of_its_own(tmp_path / "simulation", plain, most_s=0.03))
+    of_one_board = np.where((LAYOUT.identities[:, 0] == 7)[:, None], other.y, null.y)
+    none, one, every = (largest_but_one_board(replace(null, y=y)) for y in (null.y, of_one_board, other.y))
+    assert one <= none < every
 
 
 @pytest.mark.parametrize(("shift_mm", "rotation_deg"), [((5.0, -3.0), 2.0), ((12.0, -9.0), 7.0)])

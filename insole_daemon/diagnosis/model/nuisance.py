@@ -6,7 +6,7 @@ The error of a calibration is each triangle's own; that of the reference is shar
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -72,6 +72,16 @@ class Nuisance:
         """Return the sum (T, N) of the shared columns with coefficients `shares` (s,)."""
         sums = [shares[self.kind == k] @ self.courses[self.kind == k] for k in range(len(self.factors))]
         return np.asarray(np.einsum("fn,ftn->tn", sums, self.factors))
+
+    def of(self, at: NDArray[np.bool_]) -> Nuisance:
+        """Return the columns at the triangles `at` (T,)."""
+        return replace(self, own=self.own[at], factors=self.factors[:, at])
+
+    def deviance(self, y: Array) -> float:
+        """Return −2 ln of the likelihood of `y` (T, N) with these columns alone, plus a constant."""
+        left = self.residual_of(y)
+        with_shared = self.summed_with_shared(left)
+        return float(np.sum(y * left) - with_shared @ self.shared_inverse @ with_shared) + self.log_determinant
 
     def load_error(self, shared: Array, own: Array) -> Array:
         """Return the rows (T, N) by which a simulated load differs from the person's.
