@@ -21,6 +21,7 @@ from .curves import curve_splines
 GAIN_STD = 0.003  # of a triangle's calibration
 BASELINE_STD_COUNT = 0.05  # of a triangle's
 ROUNDED_STD_COUNT = 0.3  # of a simulation without noise, whose rounding errors are correlated
+AT_ONCE_STD = 1.0  # part of the places in bursts: 0 if readings are taken as they are sent, 1 if all at once
 REZERO_STD_COUNT = 2.0  # of the shift of a re-zero, which a few readings determine
 CURVE_STD_COUNT = 0.04  # misfit of a calibration's polynomials
 UNEVEN_KNOTS_S, UNSTEADY_KNOTS_S = 8.0, 2.0  # spacing of knots of a person's load and pace against a simulation's
@@ -59,7 +60,8 @@ class Nuisance:
     own_std: Array  # (b,)
     shared_names: tuple[str, ...]
     shared_std: Array  # (s,)
-    # Each of the s shared columns is a course over time (s, N) times a factor of its kind (s,), of factors (f, T, N).
+    # Each of the s shared columns is a course over time (s, N) times a factor of its kind (s,), of factors (f, T, N):
+    # the pressure, the time, and beside a simulation the places in the bursts of both recordings.
     courses: Array
     kind: NDArray[np.intp]
     factors: Array
@@ -151,7 +153,7 @@ def nuisance_of(load: LoadEstimate, weights: Array, priors: Priors) -> Nuisance:
         np.array([std for *_, std in own_columns]),
         tuple(name for name, *_ in shared), np.array([std for *_, std in shared]),
         np.stack([course for _, _, course, _ in shared]), np.array([kind for _, kind, *_ in shared], np.intp),
-        np.stack([weights.T, delay_factor.T]),
+        np.stack([weights.T, delay_factor.T, *_in_bursts(seen, delay_factor)]),
     )  # fmt: skip
 
 
@@ -176,12 +178,25 @@ def _of_calibration(load: LoadEstimate, priors: Priors) -> Iterator[tuple[str, A
             yield UNEVEN, gain * hat[:, None], priors.share
 
 
+def _in_bursts(seen: ChamberObservation, delay_factor: Array) -> Iterator[Array]:
+    """Yield the change (T, N) of rows if all readings of a burst were taken at once, by each of both recordings."""
+    if isinstance(seen, PairedObservation):
+        for place_s in seen.in_bursts_s:
+            yield (delay_factor * (place_s - place_s.mean())).T
+
+
 def _of_reference(seen: ChamberObservation, priors: Priors) -> Iterator[tuple[str, int, Array, float]]:
-    """Yield name, kind (0 pressure, 1 time), course (N,) and prior standard deviation of the shared columns."""
+    """Yield name, kind, course (N,) and prior standard deviation of the shared columns.
+
+    The kind is 0 for a pressure, 1 for a time, 2 and 3 for a part of the places in bursts.
+    """
     yield "zero", 0, np.ones(len(seen.t_s)), ZERO_STD_PA
     if seen.offset_is_free:
         yield "offset_s", 1, np.ones(len(seen.t_s)), OWN_OFFSET_STD_S
         yield "rate", 1, seen.t_s - seen.t_s.mean(), OWN_RATE_STD
+    if isinstance(seen, PairedObservation):
+        for kind in (2, 3):
+            yield "burst", kind, np.ones(len(seen.t_s)), AT_ONCE_STD
     if priors.timing_s:
         for hat in _centred_hats(seen, UNSTEADY_KNOTS_S):
             yield LATE, 1, hat, priors.timing_s

@@ -18,6 +18,7 @@ from ...errors import DiagnosisError
 from ...physics.law import Array
 from ...recording.loading import FootRecording, Recording
 from ...skin.geometry import PRESSURE_TAXELS
+from .bursts import places_in_bursts
 from .grid_readings import read_rows
 from .reference_wrench import FINE_S
 from .wrench import LARGEST, SMALLEST
@@ -78,6 +79,7 @@ class LoadField:
     noise_pa: Array  # (T, 12) standard deviation of what is left of the simulation's noise
     period_s: float  # between two readings of the simulation
     xy_m: Array  # (T, 12, 2)
+    in_burst_s: Array  # (T,) of the simulation's readings (`places_in_bursts`)
 
     def at(self, at_s: Array) -> Array:
         """Return the pressure (n, T, 12), Pa, at times (n,) of the simulation's clock."""
@@ -240,6 +242,7 @@ def load_field(simulation: Recording, foot: FootRecording) -> LoadField:
     field = LoadField(
         courses, shapes, rows.usable, spoiled[nearest_row.astype(np.intp)], noise_pa * np.sqrt(rank / n_taxels),
         float(np.median(rows.period_s[np.isfinite(rows.period_s)])), simulated.layout.xy_m,
+        places_in_bursts(rows.readings, simulated.layout.identities[:, 0]),
     )  # fmt: skip
     is_unknown = is_pressure_taxel & ~rows.usable
     if is_unknown.any():

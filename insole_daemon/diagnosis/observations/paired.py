@@ -21,6 +21,7 @@ from ...physics.law import Array
 from ...recording.loading import FootRecording, Recording
 from ..operators import low_pass
 from .alignment import CLEARLY_LESS, GOOD_FIT, memory_regressors
+from .bursts import places_in_bursts
 from .chamber import LEAST_COVERED, ChamberObservation
 from .grid_readings import read_rows, temperature_at
 from .load_field import LoadField, Move, load_field
@@ -57,6 +58,12 @@ class PairedObservation(ChamberObservation):
         assert self.field is not None
         period_s = max(float(np.median(self.period_s[np.isfinite(self.period_s)])), self.field.period_s)
         return float(period_s / np.sqrt(6.0))
+
+    @cached_property
+    def in_bursts_s(self) -> Array:
+        """Return where the readings of the recording and of the simulation come in bursts of frames, (2, T), s."""
+        assert self.field is not None
+        return np.stack([places_in_bursts(self.readings, self.layout.identities[:, 0]), self.field.in_burst_s])
 
     def load_pa(self, at_s: Array) -> Array:
         """Return the pressure (n, T, 12), Pa, at times (n,) of the simulation's clock, spaced as the rows are."""

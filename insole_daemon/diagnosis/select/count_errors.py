@@ -22,7 +22,7 @@ from .wrench_errors import FOLD_S, N_FOLDS, HeldoutErrors
 REFITTED_COUNT = 5.0  # upper bound of the prior standard deviation of a curve's error that a memory caused
 LEAST_REFITTED_COUNT = 1e-3  # the same without a memory
 OUTER = 0.998  # quantile that stands for the maximum
-ALIGNING = ("offset_s", "rate")  # shared nuisances that only align the clocks
+ALIGNING = ("offset_s", "rate", "burst")  # shared nuisances that only align times
 EXPECTED = 1.0  # mean square of weighted rows; noise of the reference and jitter of time stamps are its slow part
 N_CLASSES, LEAST_READINGS = 24, 50  # number of load classes, and of readings in a class for a mean
 
