@@ -169,6 +169,15 @@ def test_an_effect_of_all_taxels_is_placed_on_the_insole_and_is_no_displaced_map
     assert found["parameters"]["tau_s"]["value"] == pytest.approx(0.4, rel=0.3)
 
 
+def test_a_loop_that_closes_as_the_load_vanishes_is_one(tmp_path, plain):
+    board = Where("board", ((5,),))
+    closing = effect("hysteresis", board, r_pa=[12e3, 24e3], w=[0.3, 0.3], half_pa=[80e3, 80e3])
+    (found,) = diagnosed(walk(tmp_path / "walk", closing), plain, tmp_path / "out")
+    assert (found["effect"], found["where"]) == ("hysteresis", {"scope": "board", "ids": [[5]]})
+    values = {name: np.array(found["parameters"][name]["value"]) for name in ("w", "half_pa")}
+    assert values["w"][values["half_pa"] > 0].sum() > 0.2
+
+
 def test_a_preload_is_placed_under_the_straps(tmp_path, plain):
     along = LAYOUT.xy_m[..., 0].mean(axis=1)
     p0_pa = 15e3 + 25e3 * np.exp(-(((along - np.median(along)) / 0.06) ** 2))

@@ -1,9 +1,9 @@
 """`hysteresis`: plays. q = (1 − Σ w_j)·P + Σ w_j·play_rj[P]; the inverse, from readings, is a sum of plays too.
 
-Under a uniform load there are plays, too, whose loop closes as the load vanishes, as between layers that the load
+If the load is known there are plays, too, whose loop closes as the load vanishes, as between layers that the load
 presses together. Columns of Dahl's friction are offered besides: after a turn it follows the load sooner than a play,
-and its limit may be constant, grow with the load, or, on a walk, be there as soon as there is a load. From readings,
-the inverse of one friction is about a sum of frictions of other widths. The exported model contains only the plays.
+and its limit may be constant, grow with the load, or, from readings, be there as soon as there is a load. The inverse
+of one friction is then about a sum of frictions of other widths. The exported model contains only the plays.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ...physics.law import MOST_SHARED, Array
 from ..load_estimate import LoadEstimate
-from ..operators import each_play, frictions, plays
+from ..operators import each_play, frictions
 from .term import ABSORBED, Setting, Term, TermColumns, geometric
 
 UNEVEN = 0.5  # prior standard deviation of the companion `uneven_loops`
@@ -31,11 +31,8 @@ WIDTHS = np.array([(0.02, 0.02), (0.06, 0.06), (0.18, 0.18), (0.02, 0.06), (0.06
 
 
 def _columns(load: LoadEstimate) -> list[TermColumns]:
-    """Return joint columns: q − play_r[q] for each radius, and, under a uniform load, loops that close at zero.
-
-    A simulated load turns round at other times than the real one.
-    """
-    return _joint_columns(load, _closing_loops if load.observation.is_uniform else None)
+    """Return joint columns: q − play_r[q] for each radius, and, if the load is known, loops that close at zero."""
+    return _joint_columns(load, _closing_loops if load.is_known else None)
 
 
 def _columns_with_frictions(load: LoadEstimate) -> list[TermColumns]:
@@ -71,7 +68,7 @@ def _closing_loops(load: LoadEstimate, radii_pa: Array, flat: Array) -> Loops:
     part = loaded / (loaded + half_pa)
     settings: list[Setting] = [{"r_pa": radius_pa, "half_pa": half_pa} for radius_pa in radii_pa.tolist()]
     friction_settings, friction_loops = _frictions(load, flat, [np.ones(1), flat / flat.max()])
-    return settings + friction_settings, chain(-plays(loaded, radii_pa) * part, friction_loops)
+    return settings + friction_settings, chain((-play * part for play in each_play(loaded, radii_pa)), friction_loops)
 
 
 def _frictions_of_readings(load: LoadEstimate, radii_pa: Array, flat: Array) -> Loops:
