@@ -15,6 +15,7 @@ from .search import FittedSet, SubsetSearch
 ROUNDS = 4  # of fitting terms and timing in turn
 NEAR = Timing(0.008, 0.03)  # smaller changes of the timing do not require new columns
 NEARER = Timing(0.001, 0.004)  # the same for the final fit of the best hypothesis
+CLEARLY_LESS = 0.8  # of the criterion beyond the noise: a lag and an earlier clock also describe much of a memory
 EXPLAINS_MUCH = 0.5  # of the squared residual without terms: what a timing leaves that is fitted without terms
 
 
@@ -56,9 +57,22 @@ def search_timings(
 
     def add(words: tuple[str, ...], start: Timing | None = None) -> None:
         nonlocal best
-        one = _best_of(first, make, words, is_free_clock, before.get(words, start), known_set)
+        start = before.get(words, start)
+        one = _best_of(first, make, words, is_free_clock, start, known_set)
+        reached = one.timing
         best, other = (one, best) if one.criterion < best.criterion else (best, one)
-        others.append(TimingHypothesis(other.words, other.timing, other.criterion))  # designs are large
+        others.append(TimingHypothesis(other.words, other.timing, other.criterion))
+        del one, other  # designs are large
+        alone = None if start is not None else _alone(first, reached, words, is_free_clock)
+        if alone is None:
+            return
+        second = _best_of(first, make, words, is_free_clock, alone, known_set)
+        noise = second.search.noise
+        if second.criterion - noise < CLEARLY_LESS * (best.criterion - noise):
+            others[:] = [other for other in others if other.words != words]
+            if best.words != words:
+                others.append(TimingHypothesis(best.words, best.timing, best.criterion))
+            best = second
 
     for words in hypotheses:
         add(words)
@@ -89,18 +103,22 @@ def _best_of(
     `known`: a set of candidates that explains much with the columns of `first`.
     """
     free, within_s = _freedom(words, is_free_clock)
-    is_estimated = start is None
     if start is None:
         start = _start(first, free, within_s, is_free_clock)
     fitted = _fit_from(start, first, make, words, free, within_s, known=known)
-    if is_estimated and first.load.observation.is_uniform and any(free) and not is_free_clock:
-        # Terms of the first round may hold back a timing that explains much without any. With a free clock, a lag and
-        # an earlier clock also explain much of a memory.
-        alone = fit_timing(first, (), fitted.timing, free, within_s)
-        if first.retimed(alone).total < EXPLAINS_MUCH * first.retimed(fitted.timing).total:
-            other = _fit_from(alone, first, make, words, free, within_s, known=known)
-            fitted = min(fitted, other, key=lambda fit: fit.criterion)
     return replace(fitted, criterion=np.inf) if _is_short_lag(fitted) else fitted
+
+
+def _alone(first: D, reached: Timing, words: tuple[str, ...], is_free_clock: bool) -> Timing | None:
+    """Return the timing that is fitted without terms, if it explains far more than the timing `reached` with terms.
+
+    Terms of the first round may hold back such a timing. None if it does not, or if the load is not uniform.
+    """
+    free, within_s = _freedom(words, is_free_clock)
+    if not (first.load.observation.is_uniform and any(free)):
+        return None
+    alone = fit_timing(first, (), reached, free, within_s)
+    return alone if first.retimed(alone).total < EXPLAINS_MUCH * first.retimed(reached).total else None
 
 
 def without_short_lag(fitted: TimingFit[D]) -> TimingFit[D]:
