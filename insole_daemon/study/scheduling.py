@@ -68,8 +68,17 @@ def _local_workers(workers: int) -> Iterator[Any]:
                 silence_logs=logging.CRITICAL,
                 preload=[worker.__name__],
             )
-            stack.enter_context(local)
+            stack.callback(_close, local)
         yield stack.enter_context(distributed.Client(local))
+
+
+def _close(local: Any) -> None:
+    """End the workers. One that is just being started again, after it has died, ends with this process.
+
+    Dask's nanny then fails with "can only join a started process" (seen with distributed 2026.8).
+    """
+    with contextlib.suppress(AssertionError):
+        local.close()
 
 
 @contextlib.contextmanager

@@ -419,6 +419,20 @@ def test_a_recording_that_workers_die_with_is_named_in_plain_words():
         assert describe_failure(error).startswith("3 workers died with it, the last on tcp://127.0.0.1:")
 
 
+def test_a_worker_that_is_just_being_started_again_does_not_disturb_the_end(monkeypatch):
+    from distributed import LocalCluster
+
+    real_close = LocalCluster.close
+
+    def close(local, *arguments, **keywords):
+        real_close(local, *arguments, **keywords)
+        raise AssertionError("can only join a started process")
+
+    monkeypatch.setattr(LocalCluster, "close", close)
+    with cluster(None, 1) as client:
+        assert client.submit(abs, -1).result() == 1
+
+
 def test_a_worker_with_other_code_than_the_command_is_refused(folder):
     (outcome,) = do_tasks(str(folder / "p0-slow"), str(folder / "results"), ["steps"], Given(), "another digest")
     assert outcome.file is None
