@@ -70,7 +70,7 @@ def test_a_drift_of_one_triangle_alone_is_kept(design):
 
 
 def test_a_gain_of_one_triangle_alone_is_kept_at_its_fitted_size(design):
-    """Its column is linearised at its size anew, and is looked for in all triangles."""
+    """The fit computes the column of the gain again at its size; the comparison needs it in all other triangles."""
     numbers = [k for k, c in enumerate(design.candidates) if c.word == "gain" and c.where.scope == "triangle"]
     column = design.rows_of(design.candidates[numbers[3]].columns)[:, 0]
     y = np.random.default_rng(1).normal(size=design.y.shape) * (design.weights.T > 0) - 0.3 * column

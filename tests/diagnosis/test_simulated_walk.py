@@ -72,13 +72,17 @@ def test_a_null_has_no_finding_and_its_model_predicts_the_counts(tmp_path, plain
     assert np.sqrt(np.nanmean(left**2)) < 1.2
 
 
+def design_of(folder: Path, simulation: Path) -> BlockDesign:
+    recording = load(folder)
+    (seen,) = observed([recording], list(recording.feet), None, lambda text: None, (load(simulation),))
+    return block_design(KnownLoad(seen), reading_faults(recording.feet[0], seen).weights_of(seen))
+
+
 @pytest.mark.parametrize("together", [0, 1])
 def test_a_triangle_that_snaps_as_one_is_told_from_taxels_that_snap_alone(tmp_path, plain, together):
     where = Where("triangle", (tuple(LAYOUT.identities[7].tolist()),))
     snap = effect("snap", where, up_pa=4e4, down_pa=2e4, step_pa=4e4, together=together)
-    recording = load(walk(tmp_path / "walk", snap))
-    (seen,) = observed([recording], list(recording.feet), None, lambda text: None, (load(plain),))
-    design = block_design(KnownLoad(seen), reading_faults(recording.feet[0], seen).weights_of(seen))
+    design = design_of(walk(tmp_path / "walk", snap), plain)
     settings = [setting for k, setting in refine_thresholds(design) if design.candidates[k].where == where]
     assert bool(settings) == bool(together), "thresholds of taxels that switch alone stay on the grid"
     for setting in settings:
@@ -106,12 +110,6 @@ def with_pace_of_its_own(folder: Path, plain: Path, most_s: float) -> Path:
 def test_a_walk_in_another_pace_than_its_simulation_has_no_finding(tmp_path, plain):
     simulation = with_pace_of_its_own(tmp_path / "simulation", plain, most_s=0.03)
     assert [each["effect"] for each in diagnosed(walk(tmp_path / "walk"), simulation, tmp_path / "out")] == []
-
-
-def design_of(folder: Path, simulation: Path) -> BlockDesign:
-    recording = load(folder)
-    (seen,) = observed([recording], list(recording.feet), None, lambda text: None, (load(simulation),))
-    return block_design(KnownLoad(seen), reading_faults(recording.feet[0], seen).weights_of(seen))
 
 
 def test_what_one_board_alone_shows_is_no_error_of_the_load(tmp_path, plain):

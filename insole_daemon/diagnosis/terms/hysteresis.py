@@ -2,8 +2,9 @@
 
 If the load is known there are plays, too, whose loop closes as the load vanishes, as between layers that the load
 presses together. Columns of Dahl's friction are offered besides: after a turn it follows the load sooner than a play,
-and its limit may be constant, grow with the load, or, from readings, be there as soon as there is a load. The inverse
-of one friction is then about a sum of frictions of other widths. The exported model contains only the plays.
+and its limit may be constant, grow with the load, or, from readings, be there as soon as there is a load. From
+readings, the inverse of one friction is about a sum of frictions of other widths. The exported model contains only the
+plays.
 """
 
 from __future__ import annotations
