@@ -115,7 +115,7 @@ function pause(on = !history.paused) {
   $("pause").textContent = on ? "Go on" : "Pause";
   $("scrub").disabled = !on;
   $("scrub").value = 0;
-  if (on) $("scrub").min = Math.min(-1, (history.start() - history.end()) / 1000).toFixed(2);
+  if (on) $("scrub").min = Math.min(-1, Math.ceil((history.start() - history.end()) / 20) / 50); // whole steps of 0.02 s
   changed = true;
 }
 
