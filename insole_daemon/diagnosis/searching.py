@@ -18,7 +18,7 @@ from .model.design import design
 from .model.nuisance import USUAL, Priors
 from .model.refine import refine
 from .model.regression import Timing
-from .model.signal_path import Changes, load_changes
+from .model.signal_path import Changes, changes_load, load_changes
 from .observations.chamber import ChamberObservation
 from .observations.load_field import Move
 from .observations.paired import PairedObservation
@@ -29,7 +29,7 @@ from .select.amplitudes import with_amplitudes
 from .select.count_errors import count_errors
 from .select.events import Events, refine_events, with_events
 from .select.groups import with_groups
-from .select.search import SubsetSearch
+from .select.search import SubsetSearch, overlap
 from .select.thresholds import refine_thresholds
 from .select.timing_search import TimingFit, TimingHypothesis, search_timings
 from .terms.term import Setting
@@ -200,18 +200,27 @@ def _on_signal_path(
     """Return the best set of a search in which each term acts on the load as the terms before it have changed it.
 
     `make` returns the design of a timing and of changes of the load, in the order of the signal path. The set stays if
-    a single term explains the rows, or if the new search has a larger criterion.
+    a single term explains the rows, or if the new search has a larger criterion. Only terms that the new set contains,
+    too, change the load.
     """
     for _ in range(ORDERED_ROUNDS):
         design, best = first.search.design, first.best
-        chosen = [design.candidates[k] for k in best.chosen]
-        if len(chosen) < 2 and design.total - best.gain < GOOD_FIT * first.search.noise:
+        if len(best.chosen) < 2 and design.total - best.gain < GOOD_FIT * first.search.noise:
             break
-        changes = load_changes(design, chosen, best.shares)
-        if not changes:
+        terms = [(design.candidates[k], shares) for k, shares in zip(best.chosen, best.shares, strict=True)]
+        acting = [(term, shares) for term, shares in terms if changes_load(term)]
+        n_acting = 0
+        while acting and len(acting) != n_acting:
+            n_acting, changes = len(acting), load_changes(design, acting)
+            among = SubsetSearch(make(first.timing, changes).retimed(first.timing), first.search.excluded_words)
+            ordered = among.run()[0]
+            kept = [among.design.candidates[k] for k in ordered.chosen]
+            acting = [
+                (term, shares) for term, shares in acting
+                if any(other.word == term.word and overlap(other.where, term.where) for other in kept)
+            ]  # fmt: skip
+        if not acting:
             break
-        among = SubsetSearch(make(first.timing, changes).retimed(first.timing), first.search.excluded_words)
-        ordered = among.run()[0]
         gained = (among.design.total - ordered.score) - (design.total - best.score)
         if gained >= 0.0:
             break

@@ -229,6 +229,29 @@ def test_a_load_that_ends_after_the_simulation_is_no_rezero(tmp_path, plain):
     assert correct_rezeros(recording.feet[0], seen)[1] == []
 
 
+def test_a_rezero_while_the_load_rises_is_corrected_though_readings_in_the_air_are_cut_off(tmp_path, plain):
+    recording = load(walk(tmp_path / "walk"))
+    (seen,) = observed([recording], list(recording.feet), None, lambda text: None, (load(plain),))
+    baseline_count = seen.calibration.baseline_count + 10.0  # near the top of the range
+    seen = replace(seen, calibration=replace(seen.calibration, baseline_count=baseline_count))
+    boards = tuple(replace(board, no_load=255) for board in recording.feet[0].boards)
+    foot = replace(recording.feet[0], boards=boards)
+    own = (seen.layout.identities[:, 0] == 7)[:, None] & seen.usable
+    load_count = seen.expected_count[:, own].mean(axis=1)
+    rises = (seen.t_s > 12.0) & (seen.t_s < 18.0) & (load_count > 6.0)
+    at = int(np.argmax(np.where(rises, np.gradient(load_count), 0.0)))
+    lost = np.where(own, seen.activation_count[at] - (baseline_count - 255.0), 0.0)
+    activation = seen.activation_count.copy()
+    activation[at:] -= lost
+    activation = np.where(own, np.maximum(activation, baseline_count - 255.0), activation)
+    rezeroed = replace(seen, activation_count=activation)
+    assert rezeroed.cut_off[at:, own].mean() > 0.5, "in the air"
+    _, (finding,) = correct_rezeros(foot, rezeroed)
+    assert (finding.effect, finding.where) == ("rezero", Where("board", ((7,),)))
+    assert finding.parameters["t_s"].value == pytest.approx(seen.t_s[at], abs=0.2)
+    assert finding.parameters["shift_count"].value == pytest.approx(lost[own].mean(), abs=1.0)
+
+
 def test_the_lag_of_a_board_follows_the_load_of_each_of_its_taxels(tmp_path, plain):
     recording = load(plain)
     (seen,) = observed([recording], list(recording.feet), None, lambda text: None, [load(plain)])

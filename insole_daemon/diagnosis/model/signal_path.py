@@ -21,19 +21,23 @@ ACTING_ON_LOAD = range(2, 6)  # places on the signal path before the lag, which 
 Changes = tuple[tuple[int, Array], ...]
 
 
-def load_changes(design: BlockDesign, chosen: Sequence[PlacedTerm], shares: Sequence[Array]) -> Changes:
-    """Return the change of the load by each of `chosen`, with its place on the path.
+def changes_load(candidate: PlacedTerm) -> bool:
+    """Return whether a candidate changes the load on which later terms of the signal path act."""
+    return candidate.term.order is not None and candidate.term.order in ACTING_ON_LOAD
 
-    The changes, in Pa, broadcast to (N, T, 12).
+
+def load_changes(design: BlockDesign, chosen: Sequence[tuple[PlacedTerm, Array]]) -> Changes:
+    """Return the change of the load by each of the candidates `chosen`, with its place on the path.
+
+    `chosen`: candidates that change the load, with their shares. The changes, in Pa, broadcast to (N, T, 12).
     """
     known = design.known_load
     load = known if design.seen.is_uniform else TaxelLoad(design.seen, known.changes)
-    changes = []
-    for candidate, own_shares in zip(chosen, shares, strict=True):
-        order = candidate.term.order
-        if order is not None and order in ACTING_ON_LOAD:
-            changes.append((order, -pressure_removed(design, load, candidate, own_shares)))
-    return tuple(changes)
+    return tuple(
+        (candidate.term.order, -pressure_removed(design, load, candidate, shares))
+        for candidate, shares in chosen
+        if candidate.term.order is not None
+    )
 
 
 def pressure_removed(design: BlockDesign, load: KnownLoad, candidate: PlacedTerm, shares: Array) -> Array:

@@ -35,6 +35,7 @@ WAIT_JITTER = 0.35  # median, as share of the board's period, that conversions o
 LEAST_PERIOD_RATIO = 1.1  # of converter to board: below it frames are repeated, not conversions
 REPEAT_RATIO = 3.0  # of identical readings to those by chance: the converter repeats old values
 LEAST_REPEATED = 0.02  # share of readings
+FEWEST_REPEATED = 6  # readings while the load changes: fewer may be equal by chance
 LEAST_NOISY = 3  # taxels of a triangle whose equal readings tell a repeat
 FROZEN_ODDS = 1e-6  # expected number of such stretches by chance in a whole recording
 FROZEN_READINGS = 8  # shortest stretch of identical readings
@@ -336,7 +337,8 @@ def _without_repeats(readings: TriangleReadings) -> TriangleReadings:
         if (is_new & near_change).sum() > 10
         else 1.0
     )
-    if all_equal[near_change].mean() <= REPEAT_RATIO * chance + LEAST_REPEATED:
+    repeated = all_equal[near_change]
+    if repeated.sum() < FEWEST_REPEATED or repeated.mean() <= REPEAT_RATIO * chance + LEAST_REPEATED:
         return readings
     is_kept = ~is_unchanged
     if is_kept.sum() < LEAST_READINGS:

@@ -177,7 +177,9 @@ def _find_rezero(seen: WrenchObservation, of_board: NDArray[np.bool_], landing_c
         for k in candidates:
             last, first = int(before[k]), int(after[k])
             step_count = float(
-                above_landing[last] - above_landing[first] if by_others is None else missing[first] - missing[last]
+                above_landing[last] - above_landing[first]
+                if seen.is_uniform and by_others is None  # a memory of the board also changes what readings miss
+                else missing[first] - missing[last]
             )
             if (
                 _is_missing_since(missing, last, first, step_count, ~cut_off, round(LEAST_DURATION_S / seen.step_s))
@@ -188,7 +190,8 @@ def _find_rezero(seen: WrenchObservation, of_board: NDArray[np.bool_], landing_c
                 )
                 and (not seen.is_uniform or _is_steady(missing[first:][~cut_off[first:]], step_count))
             ):
-                return int(rows[k]) + width // 2
+                steps = np.nan_to_num(np.diff(missing[last : first + 1]), nan=-np.inf)
+                return last + 1 + int(np.argmax(steps))
     return None
 
 
@@ -230,10 +233,11 @@ def _is_missing_since(
         return False  # the load itself changed
     is_later = np.isfinite(missing_count[first:])
     later, is_shown = missing_count[first:][is_later], in_range[first:][is_later]
+    soon, is_soon_shown = later[:least_rows], is_shown[:least_rows]
     if (
         len(later) < least_rows
         or step_count < LEAST_LOAD_COUNT
-        or np.median(later[:least_rows]) < LEAST_LOAD_COUNT
+        or np.median(soon[is_soon_shown] if is_soon_shown.any() else soon) < LEAST_LOAD_COUNT
         or abs(float(np.nanmedian(missing_count[:last]))) > LEAST_LOAD_COUNT
     ):
         return False

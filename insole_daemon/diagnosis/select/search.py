@@ -139,7 +139,7 @@ class SubsetSearch(Generic[D]):
         """Return `chosen` without candidates that have the word of candidate `k` at an overlapping place."""
         own = self.design.candidates[k]
         others = [(j, self.design.candidates[j]) for j in chosen]
-        return [j for j, other in others if other.word != own.word or not _overlap(other.where, own.where)]
+        return [j for j, other in others if other.word != own.word or not overlap(other.where, own.where)]
 
     def margin(self, best: FittedSet, position: int) -> float:
         """Return the loss of score of the best set without the word of the candidate at `position` in `best`.
@@ -269,14 +269,14 @@ def _is_a_model(chosen: Sequence[PlacedTerm]) -> bool:
     if late and len({term.where for term in late}) == late[0].n_places:
         return False
     exact = [term for term in chosen if term.word == "bit_shift"]
-    if any(_overlap(shift.where, term.where) for shift in exact for term in chosen if term.word == "gain"):
+    if any(overlap(shift.where, term.where) for shift in exact for term in chosen if term.word == "gain"):
         return False  # a bit shift is exactly a gain of a power of two
     if any(shift.where.scope == "insole" for shift in exact) and any(_is_memory_of_insole(term) for term in chosen):
         return False
     if any(placed.term.is_of_load for placed in chosen) and any(_changes_load(placed) for placed in chosen):
         return False
     return not any(
-        one.word == other.word and _overlap(one.where, other.where)
+        one.word == other.word and overlap(one.where, other.where)
         for i, one in enumerate(chosen)
         for other in chosen[:i]
     )
@@ -293,7 +293,7 @@ def _is_memory_of_insole(candidate: PlacedTerm) -> bool:
     return candidate.term.is_memory and candidate.where.scope == "insole"
 
 
-def _overlap(one: Where, other: Where) -> bool:
+def overlap(one: Where, other: Where) -> bool:
     """Return whether two places have triangles in common."""
     if "insole" in (one.scope, other.scope):
         return True

@@ -35,7 +35,7 @@ def candidate(design, word: str):
 def test_a_memory_acts_on_the_load_that_a_snap_before_it_has_changed(design):
     snap = candidate(design, "snap")
     snap = replace(snap, settings=({"up_pa": UP_PA, "down_pa": DOWN_PA},))
-    changes = load_changes(design, [snap], [np.array([STEP_PA / 1e3])])
+    changes = load_changes(design, [(snap, np.array([STEP_PA / 1e3]))])
     load = KnownLoad(design.seen, changes)
     pressure = design.load.courses_pa[:, 0]
     felt = pressure + STEP_PA * relay(pressure, UP_PA, DOWN_PA)
@@ -47,7 +47,7 @@ def test_a_memory_acts_on_the_load_that_a_snap_before_it_has_changed(design):
 
 def test_a_snap_acts_on_the_load_before_the_memory_behind_it(design):
     viscoelasticity = candidate(design, "viscoelasticity")
-    changes = load_changes(design, [viscoelasticity], [np.array([0.2, 0.2])])
+    changes = load_changes(design, [(viscoelasticity, np.array([0.2, 0.2]))])
     load = KnownLoad(design.seen, changes)
     assert load.before(candidate(design, "snap").term.order) is load.unchanged
     assert load.before(candidate(design, "stiffening").term.order) is not load.unchanged

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -64,6 +65,21 @@ def test_repeated_frames_are_no_slow_converter():
     assert not found.is_converter_slow
     assert found.held_fraction == pytest.approx(0.3, abs=0.03)
     assert np.allclose(found.t_s / SENT_S, np.round(found.t_s / SENT_S))
+
+
+def test_two_of_few_readings_that_are_equal_by_chance_are_no_repeats():
+    """While the load changes for a second, two equal readings are three per cent of them."""
+    number = np.arange(3000)
+    readings = held(number)
+    moves = (readings.t_s > 20.0) & (readings.t_s < 21.0)
+    rng = np.random.default_rng(3)
+    noise = rng.normal(0.0, np.where(moves, 2.0, 0.5)[:, None], readings.counts.shape)
+    load = np.where(moves, 15.0 * np.sin(2.0 * np.pi * readings.t_s), 0.0)[:, None]
+    counts = np.rint(200.3 + load + noise)
+    first = int(np.argmax(moves))
+    for equal in (first + 12, first + 37):
+        counts[equal] = counts[equal - 1]
+    assert len(_without_repeats(replace(readings, counts=counts)).t_s) == len(number)
 
 
 @pytest.mark.parametrize("n", range(1, 8))
