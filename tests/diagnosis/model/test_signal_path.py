@@ -10,10 +10,14 @@ import pytest
 import insole_daemon
 from insole_daemon.diagnosis.load_estimate import KnownLoad
 from insole_daemon.diagnosis.model.atoms import make_atoms
-from insole_daemon.diagnosis.model.blocks import block_design
-from insole_daemon.diagnosis.model.signal_path import load_changes
+from insole_daemon.diagnosis.model.blocks import BlockDesign, block_design
+from insole_daemon.diagnosis.model.regression import Timing
+from insole_daemon.diagnosis.model.signal_path import Changes, load_changes
 from insole_daemon.diagnosis.observing import observed
 from insole_daemon.diagnosis.operators import low_pass, relay
+from insole_daemon.diagnosis.searching import _on_signal_path
+from insole_daemon.diagnosis.select.search import FittedSet, SubsetSearch
+from insole_daemon.diagnosis.select.timing_search import TimingFit
 
 from ..chamber import write
 
@@ -51,6 +55,24 @@ def test_a_snap_acts_on_the_load_before_the_memory_behind_it(design):
     load = KnownLoad(design.seen, changes)
     assert load.before(candidate(design, "snap").term.order) is load.unchanged
     assert load.before(candidate(design, "stiffening").term.order) is not load.unchanged
+
+
+def test_a_term_that_the_set_under_the_changed_load_lacks_changes_no_load(tmp_path):
+    """A set with a false snap: under the load as this would change it, the search finds a set without it."""
+    recording = insole_daemon.load(write(tmp_path / "bag", lambda t_s, p: 0.8 * p, seconds=40.0))
+    (seen,) = observed([recording], recording.feet, None, lambda text: None, ())
+
+    def make(timing: Timing, changes: Changes) -> BlockDesign:
+        return block_design(KnownLoad(seen, changes), seen.weight_variance**-0.5)
+
+    search = SubsetSearch(make(Timing(), ()))
+    candidates = search.design.candidates
+    k = next(k for k, term in enumerate(candidates) if term.word == "snap" and term.where.scope == "insole")
+    best = FittedSet((k,), (np.array([STEP_PA / 1e3]),), gain=0.0, score=-1e12)
+    first = TimingFit((), Timing(), criterion=1e12, search=search, best=best)
+    ordered = _on_signal_path(first, make)
+    changed_by = {order for order, _ in ordered.search.design.known_load.changes}
+    assert changed_by <= {ordered.search.design.candidates[k].term.order for k in ordered.best.chosen}
 
 
 def test_columns_joined_to_others_have_the_inner_products_of_all_together(design):
