@@ -31,7 +31,7 @@ def _plays(load: LoadEstimate) -> list[TermColumns]:
     settings = [{"part": float(k), "r_pa": radius * top} for k in range(PARTS) for radius in RADII]
     radii_pa = top * np.array(RADII)
     loops = (-play for part in _parts_of(load) for play in _each_play(part, radii_pa))
-    if load.observation.is_uniform:  # a simulated load turns round at other times than the real one
+    if load.observation.is_uniform:  # of each taxel alone they would take long
         widths_pa = top * np.array(WIDTHS)
         settings += [{"width_pa": width} for width in widths_pa]
         return _joint(load, settings, chain(loops, _earlier_frictions(load.courses_pa, widths_pa)))
