@@ -193,8 +193,8 @@ class KnownLoad(LoadEstimate):
 
 @dataclass(frozen=True, eq=False)
 class TaxelLoad(KnownLoad):
-    """The same load for regressors of single taxels: `wrench_of` returns the pressure of each taxel."""
+    """The same load for columns of single taxels: `wrench_of` returns the pressure of each taxel."""
 
     def wrench_of(self, pressure_pa: Array) -> Array:
-        """Return pressures (N, T, 12) with 0 for taxels that are not used."""
-        return np.where(self.observation.usable, pressure_pa, 0.0)
+        """Return pressures (N, T, 12) with 0 for taxels that are not used, in single precision to save memory."""
+        return np.where(self.observation.usable, pressure_pa, 0.0).astype(np.float32)

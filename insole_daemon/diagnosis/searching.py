@@ -191,41 +191,44 @@ def _search_under(
         return with_amplitudes(with_events(whole.with_settings(thresholds), events)).released()
 
     best, others = search_timings(design_after, seen.offset_is_free, known)
-    return SearchResult(_on_signal_path(best, design_after), others, priors=priors)
+    for _ in range(ORDERED_ROUNDS):
+        ordered = _on_signal_path(best, design_after)
+        if ordered is None:
+            break
+        best = ordered
+    return SearchResult(best, others, priors=priors)
 
 
 def _on_signal_path(
     first: TimingFit[BlockDesign], make: Callable[[Timing, Changes], BlockDesign]
-) -> TimingFit[BlockDesign]:
+) -> TimingFit[BlockDesign] | None:
     """Return the best set of a search in which each term acts on the load as the terms before it have changed it.
 
-    `make` returns the design of a timing and of changes of the load, in the order of the signal path. The set stays if
-    a single term explains the rows, or if the new search has a larger criterion. Only terms that the new set contains,
+    `make` returns the design of a timing and of changes of the load, in the order of the signal path. None if a single
+    term explains the rows, or if the search has a larger criterion than `first`. Only terms that the new set contains,
     too, change the load.
     """
-    for _ in range(ORDERED_ROUNDS):
-        design, best = first.search.design, first.best
-        if len(best.chosen) < 2 and design.total - best.gain < GOOD_FIT * first.search.noise:
-            break
-        terms = [(design.candidates[k], shares) for k, shares in zip(best.chosen, best.shares, strict=True)]
-        acting = [(term, shares) for term, shares in terms if changes_load(term)]
-        n_acting = 0
-        while acting and len(acting) != n_acting:
-            n_acting, changes = len(acting), load_changes(design, acting)
-            among = SubsetSearch(make(first.timing, changes).retimed(first.timing), first.search.excluded_words)
-            ordered = among.run()[0]
-            kept = [among.design.candidates[k] for k in ordered.chosen]
-            acting = [
-                (term, shares) for term, shares in acting
-                if any(other.word == term.word and overlap(other.where, term.where) for other in kept)
-            ]  # fmt: skip
-        if not acting:
-            break
-        gained = (among.design.total - ordered.score) - (design.total - best.score)
-        if gained >= 0.0:
-            break
-        first = replace(first, criterion=first.criterion + gained, search=among, best=ordered)
-    return first
+    design, best = first.search.design, first.best
+    if len(best.chosen) < 2 and design.total - best.gain < GOOD_FIT * first.search.noise:
+        return None
+    terms = [(design.candidates[k], shares) for k, shares in zip(best.chosen, best.shares, strict=True)]
+    acting = [(term, shares) for term, shares in terms if changes_load(term)]
+    while acting:
+        changes = load_changes(design, acting)
+        among = SubsetSearch(make(first.timing, changes).retimed(first.timing), first.search.excluded_words)
+        ordered = among.run()[0]
+        kept = [among.design.candidates[k] for k in ordered.chosen]
+        remaining = [
+            (term, shares) for term, shares in acting
+            if any(other.word == term.word and overlap(other.where, term.where) for other in kept)
+        ]  # fmt: skip
+        if len(remaining) == len(acting):
+            gained = (among.design.total - ordered.score) - (design.total - best.score)
+            fitted = replace(first, criterion=first.criterion + gained, search=among, best=ordered)
+            return fitted if gained < 0.0 else None
+        acting = remaining
+        del among, kept  # designs are large
+    return None
 
 
 def _refined_places(first: TimingFit[Any]) -> TimingFit[Any]:

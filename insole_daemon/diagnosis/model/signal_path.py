@@ -51,7 +51,9 @@ def pressure_removed(design: BlockDesign, load: KnownLoad, candidate: PlacedTerm
     for block in blocks:
         at = [k for k, setting in enumerate(block.settings) if setting in settings]
         if len(at) == len(settings) and block.by_triangle is not None:
-            return np.asarray(block.by_triangle[..., at] @ shares * design.mask[candidate.columns[0]][:, None])
+            every = np.zeros(len(block.settings), block.by_triangle.dtype)  # to select columns would copy them
+            every[at] = shares
+            return np.asarray(block.by_triangle @ every * design.mask[candidate.columns[0]][:, None])
     return np.zeros((len(design.weights), design.weights.shape[1], 1))
 
 

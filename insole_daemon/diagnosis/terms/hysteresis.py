@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ...physics.law import MOST_SHARED, Array
 from ..load_estimate import LoadEstimate
 from ..operators import each_play, frictions
-from .term import ABSORBED, Setting, Term, TermColumns, geometric
+from .term import ABSORBED, Setting, Term, TermColumns, geometric, stacked
 
 UNEVEN = 0.5  # prior standard deviation of the companion `uneven_loops`
 WIDEST = 0.4  # largest radius, relative to the range of the load
@@ -58,8 +58,8 @@ def _joint_columns(load: LoadEstimate, more: Callable[[LoadEstimate, Array, Arra
     if more is not None:
         further_settings, further_loops = more(load, radii_pa, flat)
         settings, loops = settings + further_settings, chain(loops, further_loops)
-    columns = [load.wrench_of_courses(loop.reshape(pressure.shape)) for loop in loops]
-    return [TermColumns(tuple(settings), by_triangle=np.stack(columns, axis=-1), joint=True)]
+    wrenches = (load.wrench_of_courses(loop.reshape(pressure.shape)) for loop in loops)
+    return [TermColumns(tuple(settings), by_triangle=stacked(wrenches, len(settings)), joint=True)]
 
 
 def _closing_loops(load: LoadEstimate, radii_pa: Array, flat: Array) -> Loops:

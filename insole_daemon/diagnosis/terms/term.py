@@ -6,8 +6,9 @@ column is called its share.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from typing import Literal
 
 import numpy as np
@@ -136,6 +137,16 @@ class Term:
     def parameters_of(self, load_is_known: bool) -> Callable[[Sequence[Setting], Array], dict[str, object]]:
         """Return the function from settings and shares (k,) to the law's parameters."""
         return self.known_parameters if load_is_known and self.known_parameters is not None else self.parameters
+
+
+def stacked(columns: Iterable[Array], n: int) -> Array:
+    """Return `n` columns of equal shape (...) as (..., n), without holding all of them twice."""
+    given = iter(columns)
+    first = next(given)
+    together = np.empty((*first.shape, n), first.dtype)
+    for k, column in enumerate(chain([first], given)):
+        together[..., k] = column
+    return together
 
 
 def in_means(load: LoadEstimate, moved_pa: Array) -> float:
