@@ -21,7 +21,7 @@ Takes about 10 minutes.
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -42,6 +42,7 @@ from insole_daemon.simulation.trial import START_NS, Trial
 SEED = 1
 PAPER_N = {"t1": 7.6, "t2": 11.9, "t3": 34.2, "t4": 93.4, "t5": 84.9, "t6": 95.2}
 CALIBRATED_ON = ("vacuum", "t1", "t2", "t3")
+WHOLE_TRIALS: Mapping[str, float] = {}
 STANDING, WALKING = ("t1", "t2"), ("t4", "t5", "t6")
 MASS_KG = {"calibrated": 63.0, "validated": 54.0}
 SHIFTS_S = np.arange(-0.1, 0.1001, 0.005)
@@ -128,9 +129,15 @@ def validate(recording: Recording, calibrated: Calibrated, as_rows: bool) -> Err
     return Errors(*errors.tolist(), float(pressure_pa[counts].max()), rows_n, np.array(shifted))
 
 
-def experiment(physics: bool, tasks: Sequence[str], seconds: float | None = None) -> dict[str, Errors]:
-    """The errors of `tasks`, calibrated beforehand; `seconds` of each of them at the most."""
-    calibrated = calibrate([recorded(name, "calibrated", physics, None) for name in CALIBRATED_ON], "left", "paper")
+def experiment(
+    physics: bool, tasks: Sequence[str], seconds: float | None = None, calibration_s: Mapping[str, float] = WHOLE_TRIALS
+) -> dict[str, Errors]:
+    """Return the errors of `tasks` after a calibration.
+
+    `seconds` are recorded of each task at the most, and `calibration_s` of the trials for the calibration, by name.
+    """
+    trials = [recorded(name, "calibrated", physics, calibration_s.get(name)) for name in CALIBRATED_ON]
+    calibrated = calibrate(trials, "left", "paper")
     return {
         name: validate(recorded(name, "validated", physics, seconds), calibrated, as_rows=physics) for name in tasks
     }

@@ -8,7 +8,11 @@ import insole_daemon
 from insole_daemon.diagnosis.observations.fitted_curves import observe_uncalibrated
 from insole_daemon.diagnosis.observations.reading_faults import reading_faults
 from insole_daemon.diagnosis.pipeline import diagnose
+from insole_daemon.recording import counts as counts_file
+from insole_daemon.recording.counts import CountsTable
 from insole_daemon.recording.import_matlab import import_matlab
+from insole_daemon.skin import layout as layouts
+from insole_daemon.skin.layout import Layout
 
 NAME = "experiment_Inf_15September_dynamic_1"
 FILES = Path(__file__).parents[3] / "shared" / "data" / "belli2023"
@@ -38,10 +42,24 @@ def test_the_published_recording_is_diagnosed(tmp_path):
     assert diagnosis.heldout["after"] < 0.9 * diagnosis.heldout["before"]
 
 
+def thin_out(folder: Path, of_cycles: int, of_triangles: int) -> None:
+    """Keep one of so many cycles of the counts and of the reference, and one of so many triangles."""
+    whole = layouts.load(folder / "layout.yaml", "left")
+    counts = counts_file.read(folder / "counts.npz", {"left": len(whole)})["left"]
+    thinned = CountsTable(counts.t_ns[::of_cycles], counts.counts[::of_cycles, ::of_triangles])
+    counts_file.write(folder / "counts.npz", {"left": thinned})
+    kept = whole.triangles[::of_triangles], whole.xy_m[::of_triangles]
+    layouts.write(folder / "layout.yaml", Layout("left", whole.taxel_area_m2, whole.area_meaning, *kept))
+    head, *rows = (folder / "reference.csv").read_text().splitlines()
+    (folder / "reference.csv").write_text("\n".join([head, *rows[::of_cycles]]) + "\n")
+
+
 def test_a_snap_of_a_board_is_reported_beside_hysteresis_of_the_others(tmp_path):
-    name = "calibration_dataset"
-    recording = insole_daemon.load(import_matlab(FILES / "left_insole" / f"{name}.mat", tmp_path / name, "left", None))
-    diagnosis = diagnose([recording], None, lambda text: None)
+    """The pressure changes by 2 kPa in a second: cycles every 80 ms, of every second triangle, have all of it."""
+    folder = import_matlab(FILES / "left_insole" / "calibration_dataset.mat", tmp_path / "dataset", "left", None)
+    thin_out(folder, of_cycles=4, of_triangles=2)
+    diagnosis = diagnose([insole_daemon.load(folder)], None, lambda text: None)
+    assert "hysteresis" in [each.effect for each in diagnosis.findings]
     (snap,) = [each for each in diagnosis.findings if each.effect == "snap"]
     assert snap.where.ids == ((6,),)
     # By the mean of its readings: up at 34.6 to 40.6 kPa.

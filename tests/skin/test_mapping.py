@@ -83,12 +83,13 @@ def wiring(truth):
     return Config(insoles=tuple(insoles))
 
 
-def mapped(truth, finger=None, slip=None, seed=0, wait_s=2.0, reaction_s=0.3, asked=TEMPLATES):
+def mapped(truth, finger=None, slip=None, seed=0, wait_s=2.0, reaction_s=0.3):
     """A person follows the prompts; `slip(position, time asked)` says where they press instead, None for nowhere."""
     finger = finger or Finger(truth)
     run = Emulator(wiring(truth), truth, finger, seed=seed).run(0)
     touch = Touch()
-    wanted = [position for template in asked for position in positions(template)]
+    feet = {layout.foot for layout in truth}
+    wanted = [position for template in TEMPLATES if template.foot in feet for position in positions(template)]
     mapping = Mapping(wanted, OWNERS, wait_s)
     prompts, times = [], {}
     while not mapping.is_done:
@@ -117,7 +118,7 @@ def n_right(results, truth) -> int:
     )
 
 
-@pytest.mark.parametrize(("seed", "across"), [(1, False), (2, False), (3, True)])
+@pytest.mark.parametrize(("seed", "across"), [(1, False), (3, True)])
 def test_a_random_assignment_of_both_feet_is_mapped_in_one_pass(seed, across, tmp_path):
     truth = assignment(seed, across)
     results, _, lines, times, took_s = mapped(truth, seed=seed)
@@ -136,10 +137,10 @@ def test_a_random_assignment_of_both_feet_is_mapped_in_one_pass(seed, across, tm
 
 
 def test_a_dead_triangle_is_missing_and_the_rest_right():
-    truth = assignment(4)
+    truth = assignment(4)[:1]
     board, triangle = truth[0].identities[7].tolist()
     results, _, lines, times, _ = mapped(truth, Finger(truth, dead=[(board, triangle)]))
-    assert n_right(results, truth) == 55
+    assert n_right(results, truth) == 27
     assert results[7].state == "missing"
     assert times[results[7].position] == 2, "asked once more at the end"
     assert any(line.startswith("missing: left foot, front patch, position 8") for line in lines)
@@ -148,11 +149,11 @@ def test_a_dead_triangle_is_missing_and_the_rest_right():
 
 
 def test_two_places_on_one_triangle_are_doubled_and_left_out():
-    truth = assignment(5)
+    truth = assignment(5)[:1]
     finger = Finger(truth)
     finger.wires[("left", 3)] = ("left", 20)
     results, _, lines, _, _ = mapped(truth, finger)
-    assert n_right(results, truth) == 54
+    assert n_right(results, truth) == 26
     assert [result.state for result in results if result.state != "answered"] == ["doubled"] * 2
     assert {result.position.row for result in results if result.state == "doubled"} == {3, 20}
     assert any(line.startswith("doubled: board") and "position 4; left foot" in line for line in lines)
@@ -175,33 +176,33 @@ def test_boards_that_are_swapped_between_the_feet_are_named():
 
 
 def test_a_slip_of_the_person_is_made_good_at_the_end():
-    truth = assignment(6)
+    truth = assignment(6)[:1]
 
     def slip(position: Position, time: int):
         wrong = (position.foot, position.row) == ("left", 4) and time == 1
         return [positions(TEMPLATES[0])[9]] if wrong else [position]
 
-    results, _, _, times, _ = mapped(truth, slip=slip, asked=TEMPLATES[:1])
+    results, _, _, times, _ = mapped(truth, slip=slip)
     assert n_right(results, truth) == 28
     assert sorted(p.row for p, n in times.items() if n == 2) == [4, 9]
 
 
 def test_two_pressed_at_once_are_asked_again():
-    truth = assignment(7)
+    truth = assignment(7)[:1]
 
     def clumsy(position: Position, time: int):
         both = position.row == 2 and time == 1
         return [position, positions(TEMPLATES[0])[26]] if both else [position]
 
-    results, prompts, _, times, _ = mapped(truth, slip=clumsy, asked=TEMPLATES[:1])
+    results, prompts, _, times, _ = mapped(truth, slip=clumsy)
     assert n_right(results, truth) == 28
     assert [prompt.position.row for prompt in prompts if prompt.kind == "again"] == [2]
     assert max(times.values()) == 2
 
 
 def test_positions_without_a_press_are_missing():
-    truth = assignment(8)
-    results, _, _, _, _ = mapped(truth, slip=lambda position, time: [], wait_s=0.2, asked=TEMPLATES[:1])
+    truth = assignment(8)[:1]
+    results, _, _, _, _ = mapped(truth, slip=lambda position, time: [], wait_s=0.2)
     assert {result.state for result in results} == {"missing"}
     assert layout_of(TEMPLATES[0], results) is None
 

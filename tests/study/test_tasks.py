@@ -43,7 +43,7 @@ def study(tmp_path_factory):
     (folder / "effects.yaml").write_text(EFFECTS)
     effects = load_effects(folder / "effects.yaml", layouts)
     Trial("t4", config, layouts, effects=effects, seed=7).write(folder / "walk", 20.0)
-    chamber = Conditions(chamber=ChamberCycles(speeds_pa_s=(6e3,), cycles=3, hold_s=5.0, minor=()))
+    chamber = Conditions(chamber=ChamberCycles(speeds_pa_s=(30e3,), cycles=3, hold_s=1.0, minor=()))
     Trial("vacuum", config, layouts, conditions=chamber, seed=7).write(folder / "chamber")
     (folder / "study.yaml").write_text(STUDY)
     return folder

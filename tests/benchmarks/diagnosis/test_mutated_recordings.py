@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks.diagnosis.mutated_recordings import diagnose, mutate, simulate
 
-SEED = 5
+SEED = 4  # its first four mutations damage each of the four trials once
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +30,7 @@ def test_a_seed_decides_what_is_damaged(tmp_path: Path, trials: list[Path]) -> N
     assert every[0][1] != {path.name: path.read_bytes() for path in trials[1].glob("*/*")}
 
 
-@pytest.mark.parametrize("number", range(6))
+@pytest.mark.parametrize("number", range(4))
 def test_a_damaged_recording_is_answered_or_refused(trials: list[Path], number: int) -> None:
     result = diagnose(number, trials, SEED)
     assert not result.is_defect, (result.changes, result.last_line)
