@@ -10,20 +10,14 @@ from .term import Setting, Term, TermColumns, needs_calibration
 
 
 def _column(load: LoadEstimate, setting: Setting) -> TermColumns:
-    """Return one column: the wrench of (g(a/(1 + more)) − g(a))/more, or its limit −g′(a)·a for `more` near 0.
-
-    If the load is known, a/(1 + more) is the activation under it. The reading's noise would be in the column, which
-    differs little from a nuisance column, and the fit would be that of the noise.
-    """
+    """Return one column: the wrench of (g(a/(1 + more)) − g(a))/more, or its limit −g′(a)·a for `more` near 0."""
     more = max(setting["more"], -0.8)
+    activation = load.activation_count
     if abs(more) < 1e-3:
         return TermColumns(
             (setting,), by_triangle=load.wrench_of(-load.slope_pa * load.gained_count)[..., None], is_recalibration=True
         )
-    if load.is_known:
-        changed = (load.static_pa(load.gained_count) - load.static_pa((1.0 + more) * load.gained_count)) / more
-    else:
-        changed = (load.static_pa(load.activation_count / (1.0 + more)) - load.read_pa) / more
+    changed = (load.static_pa(activation / (1.0 + more)) - load.read_pa) / more
     return TermColumns((setting,), by_triangle=load.wrench_of(changed)[..., None], is_recalibration=True)
 
 
