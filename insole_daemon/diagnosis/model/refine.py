@@ -19,7 +19,6 @@ ROUNDS = 4
 NARROWER = 2.2  # factor by which each round searches a smaller range
 LEAST_IMPROVEMENT = 0.5  # of the gain, in variances of the noise
 EDGE_S = 2.0  # distance of an event from the ends of a recording
-LEAST_KEPT = 0.5  # of what a linear regressor explains, by the law at the fitted coefficient
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,19 +94,17 @@ def _is_valid(setting: Setting, name: str, t_s: Array) -> bool:
 def _relinearised(current: Refined[D], i: int) -> Refined[D]:
     """Return the set with the regressor of candidate `i` linearised at its fitted coefficient.
 
-    Unchanged if the coefficient would then have the other sign, if the law would not be valid, or if it would explain
-    far less: nuisance columns explain nearly all of some regressors, and noise in the rest decides the coefficient.
+    Unchanged if the coefficient would then have the other sign, or the law would not be valid.
     """
     candidate, share = current.design.candidates[i], float(current.shares[i][0])
     name = candidate.term.linear_at
     if not (name and abs(float(candidate.settings[0].get(name, 0.0)) - share) > 1e-3 * abs(share)):
         return current
     tried = _exchanged(current, i, {**candidate.settings[0], name: share})
+    # If nuisance columns explain nearly all of a regressor, the coefficient of the rest may have the other sign.
     has_same_sign = float(tried.shares[i][0]) * share > 0
     is_valid = is_possible(tried.design.candidates, tried.shares, tried.design.load.is_known)
-    of_others = current.gain_without(i)
-    explains = tried.gain - of_others > LEAST_KEPT * (current.gain - of_others)
-    return tried if has_same_sign and is_valid and explains else current
+    return tried if has_same_sign and is_valid else current
 
 
 def _exchanged(current: Refined[D], i: int, setting: Setting) -> Refined[D]:
