@@ -188,12 +188,20 @@ def test_recording_over_the_network_writes_the_same_cycles(daemon, tmp_path):
                 while not stop.wait(0.05):
                     session.put("lab/shoe", json.dumps(readings))
 
-            thread = threading.Thread(target=walk)
-            thread.start()
+            published = {}
+
+            def read() -> None:
+                while not stop.is_set():
+                    raw = next(raws)
+                    published[raw.seq] = raw
+
+            threads = [threading.Thread(target=target) for target in (walk, read)]
+            for thread in threads:
+                thread.start()
             errors = process.communicate()[1]
             stop.set()
-            thread.join()
-        published = {raw.seq: raw for raw in (next(raws) for _ in range(200))}
+            for thread in threads:
+                thread.join()
     assert process.returncode == 0, errors
     # How good it is depends on what else the machine does; that what came is recorded does not.
     assert re.search(r"left: (good|usable|not usable): \d+ of \d+ cycles \(\d+\.\d %\)", errors)
