@@ -18,7 +18,7 @@ from .model.design import design
 from .model.nuisance import USUAL, Priors
 from .model.refine import refine
 from .model.regression import Timing
-from .model.signal_path import Changes, changes_load, load_changes
+from .model.signal_path import Changes, acts_on_load, load_changes
 from .observations.chamber import ChamberObservation
 from .observations.load_field import Move
 from .observations.paired import PairedObservation
@@ -212,7 +212,7 @@ def _on_signal_path(
     if len(best.chosen) < 2 and design.total - best.gain < GOOD_FIT * first.search.noise:
         return None
     terms = [(design.candidates[k], shares) for k, shares in zip(best.chosen, best.shares, strict=True)]
-    acting = [(term, shares) for term, shares in terms if changes_load(term)]
+    acting = [(term, shares) for term, shares in terms if acts_on_load(term)]
     while acting:
         changes = load_changes(design, acting)
         among = SubsetSearch(make(first.timing, changes).retimed(first.timing), first.search.excluded_words)

@@ -21,7 +21,7 @@ ACTING_ON_LOAD = range(2, 6)  # places on the signal path before the lag, which 
 Changes = tuple[tuple[int, Array], ...]
 
 
-def changes_load(candidate: PlacedTerm) -> bool:
+def acts_on_load(candidate: PlacedTerm) -> bool:
     """Return whether a candidate changes the load on which later terms of the signal path act."""
     return candidate.term.order is not None and candidate.term.order in ACTING_ON_LOAD
 
@@ -29,15 +29,15 @@ def changes_load(candidate: PlacedTerm) -> bool:
 def load_changes(design: BlockDesign, chosen: Sequence[tuple[PlacedTerm, Array]]) -> Changes:
     """Return the change of the load by each of the candidates `chosen`, with its place on the path.
 
-    `chosen`: candidates that change the load, with their shares. The changes, in Pa, broadcast to (N, T, 12).
+    `chosen`: candidates that `acts_on_load` accepts, with their shares. The changes, in Pa, broadcast to (N, T, 12).
     """
     known = design.known_load
     load = known if design.seen.is_uniform else TaxelLoad(design.seen, known.changes)
-    return tuple(
-        (candidate.term.order, -pressure_removed(design, load, candidate, shares))
-        for candidate, shares in chosen
-        if candidate.term.order is not None
-    )
+    changes = []
+    for candidate, shares in chosen:
+        assert candidate.term.order is not None  # as of all that act on the load
+        changes.append((candidate.term.order, -pressure_removed(design, load, candidate, shares)))
+    return tuple(changes)
 
 
 def pressure_removed(design: BlockDesign, load: KnownLoad, candidate: PlacedTerm, shares: Array) -> Array:

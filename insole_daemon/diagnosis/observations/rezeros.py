@@ -269,7 +269,7 @@ def _lacks_load(above_landing: Array, expected: Array, step_count: float) -> boo
 
 
 def _find_landing(seen: WrenchObservation, of_board: NDArray[np.bool_], landing_count: float, width: int) -> int | None:
-    """Return the row in which a board sets a new zero while the person stands on it; None if there is none.
+    """Return the row of a re-zero of a board under a standing person; None if there is none.
 
     In that row all its taxels jump to `landing_count`, the count of no load. They hardly change in the `width` rows
     before and after it, and later, in the air, the board reads below no load by the size of the jump.
