@@ -53,6 +53,9 @@ class Penalties(Protocol):
     def term_penalty(self, k: int, candidate: PlacedTerm, terms: Sequence[PlacedTerm]) -> float:
         """Return the penalty of `candidate`, number `k`, in the set `terms`, without the misfit of the other terms."""
 
+    def least_penalty(self, k: int) -> float:
+        """Return the smallest penalty of candidate `k` in any set."""
+
     def set_penalty(self, chosen: Sequence[int], terms: Sequence[PlacedTerm], shares: Sequence[Array]) -> float:
         """Return the penalty of a set with the misfit of its laws; inf if the set is no valid model.
 
@@ -129,6 +132,11 @@ class WrenchPenalties:
         least_gain = self._least_gain_of(candidate) if is_clear else self._smallest_gain
         return least_gain + self.complexity_penalty(candidate)
 
+    def least_penalty(self, k: int) -> float:
+        """Return the penalty without a memory beside the candidate."""
+        candidate = self.design.candidates[k]
+        return self._least_gain_of(candidate) + self.complexity_penalty(candidate)
+
     def _least_gain_of(self, candidate: PlacedTerm) -> float:
         """Return the least gain of a candidate without the part of its size that nuisance columns absorb."""
         if not candidate.is_recalibration:
@@ -204,6 +212,10 @@ class BlockPenalties:
     def term_penalty(self, k: int, candidate: PlacedTerm, terms: Sequence[PlacedTerm]) -> float:
         """Return the penalty, which does not depend on the other terms."""
         return self._least[k] + self.complexity_penalty(candidate)
+
+    def least_penalty(self, k: int) -> float:
+        """Return the penalty without the misfit of other terms."""
+        return self.term_penalty(k, self.design.candidates[k], ())
 
     def set_penalty(self, chosen: Sequence[int], terms: Sequence[PlacedTerm], shares: Sequence[Array]) -> float:
         """Return the penalties of all terms with the misfit of the others; inf if a term is not distinguishable.

@@ -51,6 +51,7 @@ class SubsetSearch(Generic[D]):
         self._shortlists: dict[tuple[int, ...], list[int]] = {}
         self._starts = np.array([candidate.columns[0] for candidate in design.candidates])
         self._joint = self._joint_candidates()
+        self._with_companions = [np.unique(np.append(c.columns, c.companions)) for c in design.candidates]
         kinds = {"free": 0, "positive": 1, "whole": 2}
         self._kind = np.concatenate([np.full(len(c.columns), kinds[c.term.share]) for c in design.candidates])
         self._complexity_penalties = np.array(
@@ -164,38 +165,77 @@ class SubsetSearch(Generic[D]):
         return [self.fit((k,)) for k in self._shortlist(())]
 
     def _extensions(self, start: FittedSet) -> list[FittedSet]:
-        """Return `start` with one more candidate, the highest score first, at most one set for each added word."""
+        """Return the best sets of `start` and one more candidate: BEAM sets, at most one for each added word."""
         words = {(self.design.candidates[k].word, self.design.candidates[k].where) for k in start.chosen}
-        extended = []
+        added = []
         for k in self._shortlist(start.chosen):
             candidate = self.design.candidates[k]
             if k in start.chosen or (candidate.word, candidate.where) in words:
                 continue
             if candidate.where.scope != "insole" and (candidate.word, type(candidate.where)()) in words:
                 continue
-            extended.append(self.fit([*start.chosen, k]))
-        valid = [fitted for fitted in extended if np.isfinite(fitted.score)]
+            added.append(k)
         # One set for each word: otherwise the beam would hold one term at three places.
         best: dict[str, FittedSet] = {}
-        for fitted in sorted(valid, key=lambda fitted: -fitted.score):
-            new = (set(fitted.chosen) - set(start.chosen)).pop()
-            best.setdefault(self.design.candidates[new].word, fitted)
-        return list(best.values())
+        for k, bound in self._by_bound(start.chosen, added):
+            least = sorted((fitted.score for fitted in best.values()), reverse=True)[BEAM - 1 : BEAM]
+            if least and bound <= least[0]:
+                break
+            fitted = self.fit([*start.chosen, k])
+            word = self.design.candidates[k].word
+            if np.isfinite(fitted.score) and (word not in best or fitted.score > best[word].score):
+                best[word] = fitted
+        return sorted(best.values(), key=lambda fitted: -fitted.score)[:BEAM]
 
     def _improve(self, start: FittedSet) -> FittedSet:
         """Return `start` with candidates removed or exchanged as long as the score rises, at most four times."""
         current = start
         for _ in range(4):
-            options = [self.fit([j for j in current.chosen if j != k]) for k in current.chosen]
+            smaller = (self.fit([j for j in current.chosen if j != k]) for k in current.chosen)
+            better = max([current, *smaller], key=_score)
             for k in current.chosen:
                 rest = [j for j in current.chosen if j != k]
-                if rest:
-                    options += [self.fit([*rest, j]) for j in self._shortlist(rest)[:TRIED] if j not in rest]
-            better = max(options, key=lambda fitted: fitted.score, default=current)
+                if not rest:
+                    continue
+                for j, bound in self._by_bound(rest, [j for j in self._shortlist(rest)[:TRIED] if j not in rest]):
+                    if bound <= better.score:
+                        break
+                    better = max(better, self.fit([*rest, j]), key=_score)
             if better.score <= current.score + 1e-6:
                 break
             current = better
         return current
+
+    def _by_bound(self, rest: Sequence[int], added: Sequence[int]) -> list[tuple[int, float]]:
+        """Return the candidates `added`, each with an upper bound of its score beside `rest`, the highest bound first.
+
+        The bound is the gain with free shares, and with companions without priors, less the penalties of the terms
+        without the misfit of their laws.
+        """
+        if not added:
+            return []
+        design = self.design
+        is_own = np.zeros(len(design.cross), bool)
+        for k in rest:
+            is_own[self._with_companions[k]] = True
+        others = [self._with_companions[k][~is_own[self._with_companions[k]]] for k in added]
+        is_new = np.zeros_like(is_own)
+        is_new[np.concatenate(others)] = True
+        own, new = np.flatnonzero(is_own), np.flatnonzero(is_new)
+        taken = design.gram[own[:, None], own]
+        taken = taken + np.diag(RIDGE * np.diag(taken) + 1e-12)
+        between = design.gram[own[:, None], new]
+        solved = np.linalg.solve(taken, np.column_stack([between, design.cross[own]]))
+        cross = design.cross[new] - between.T @ solved[:, -1]
+        gain = float(design.cross[own] @ solved[:, -1]) - sum(self.penalties.least_penalty(k) for k in rest)
+        bounds = []
+        for k, columns in zip(added, others, strict=True):
+            at = np.searchsorted(new, columns)
+            gram = design.gram[columns[:, None], columns]
+            gram = gram + np.diag(RIDGE * np.diag(gram) + 1e-12) - between[:, at].T @ solved[:, at]
+            more = float(cross[at] @ np.linalg.solve(gram, cross[at]))
+            bounds.append((k, gain + more - self.penalties.least_penalty(k)))
+        return sorted(bounds, key=lambda bound: -bound[1])
 
     def _shortlist(self, chosen: Sequence[int]) -> list[int]:
         """Return up to SHORTLIST candidates by their approximate gain beside `chosen` less penalty, highest first."""
@@ -255,6 +295,10 @@ class SubsetSearch(Generic[D]):
             own = own + (RIDGE * np.einsum("mkk->mk", own) + 1e-12)[..., None] * np.eye(k)
             joint.append((numbers, columns, np.linalg.inv(own)))
         return joint
+
+
+def _score(fitted: FittedSet) -> float:
+    return fitted.score
 
 
 def _is_a_model(chosen: Sequence[PlacedTerm]) -> bool:
