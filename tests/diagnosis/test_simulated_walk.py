@@ -17,9 +17,11 @@ from insole_daemon.diagnosis import prediction
 from insole_daemon.diagnosis.load_error import largest_but_one_board
 from insole_daemon.diagnosis.load_estimate import KnownLoad, TaxelLoad
 from insole_daemon.diagnosis.model.blocks import BlockDesign, block_design
+from insole_daemon.diagnosis.observations.load_field import Move
 from insole_daemon.diagnosis.observations.reading_faults import reading_faults
 from insole_daemon.diagnosis.observations.readings import read_triangles
 from insole_daemon.diagnosis.observations.rezeros import correct_rezeros
+from insole_daemon.diagnosis.observations.taxel_faults import correct_taxels
 from insole_daemon.diagnosis.observing import observed
 from insole_daemon.diagnosis.operators import low_pass
 from insole_daemon.diagnosis.select.thresholds import refine_thresholds
@@ -76,6 +78,27 @@ def design_of(folder: Path, simulation: Path) -> BlockDesign:
     recording = load(folder)
     (seen,) = observed([recording], list(recording.feet), None, lambda text: None, (load(simulation),))
     return block_design(KnownLoad(seen), reading_faults(recording.feet[0], seen).weights_of(seen))
+
+
+def test_a_taxel_that_a_displaced_insole_explains_has_no_gain_of_its_own(tmp_path, plain):
+    recording = load(walk(tmp_path / "walk"))
+    (seen,) = observed([recording], list(recording.feet), None, lambda text: None, (load(plain),))
+    shift_pa = seen.field.change_by(Move(x_mm=1.0, y_mm=1.5)).at(seen.reference_s)
+    from_median_pa = shift_pa - np.median(np.where(seen.usable, shift_pa, 0.0), axis=2, keepdims=True)
+    shift_count = from_median_pa / np.maximum(seen.slope_pa, 1e-9)
+    in_proportion = np.abs(np.sum(shift_count * seen.expected_count, axis=0))
+    most = np.where(seen.usable, in_proportion / np.sqrt(np.sum(seen.expected_count**2, axis=0) + 1.0), 0.0)
+    shift_count[:, most < most.max()] = 0.0
+
+    def found(activation_count: np.ndarray) -> list[tuple[str, tuple]]:
+        odd = correct_taxels(replace(seen, activation_count=activation_count), seen.usable)[1]
+        return [(finding.effect, finding.where.ids) for finding in odd.findings]
+
+    assert found(seen.activation_count + shift_count) == []
+    loaded = int(np.argmax(np.where(seen.usable, np.sum(seen.expected_count**2, axis=0), 0.0)))
+    with_gain = seen.activation_count.copy()
+    with_gain[:, loaded // 12, loaded % 12] *= 1.2
+    assert found(with_gain) == [("gain", ((*seen.layout.identities[loaded // 12].tolist(), loaded % 12),))]
 
 
 @pytest.mark.parametrize("together", [0, 1])

@@ -112,6 +112,15 @@ class LoadField:
         spoiled = self.spoiled | (np.mean(std_pa[:, PRESSURE_TAXELS], axis=1) > MOST_UNCERTAIN * mean_pa)
         return replace(felt, shapes=felt.shapes[rows], known=known[rows], spoiled=spoiled[:, rows])
 
+    def change_by(self, move: Move) -> LoadField:
+        """Return the field of the change of load by `move`, by central differences."""
+        rows = np.arange(len(self.shapes))
+        ahead, behind = (
+            self.moved(Move(side * move.x_mm, side * move.y_mm, side * move.rotation_deg, side * move.log_scale), rows)
+            for side in (0.5, -0.5)
+        )
+        return replace(self, shapes=ahead.shapes - behind.shapes)
+
     def between(self, places_m: Array) -> Array:
         """Return the shapes (T, 12, r) at `places_m` (T, 12, 2), interpolated by Gaussian processes."""
         return self._process.shapes(places_m.reshape(-1, 2)).reshape(*places_m.shape[:2], -1)

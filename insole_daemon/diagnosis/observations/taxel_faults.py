@@ -6,6 +6,7 @@ uses means of triangles, in which a taxel has a tenth of the weight.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
@@ -19,6 +20,8 @@ from ...skin.geometry import N_TAXELS
 from ..finding import Finding, Quantity
 from ..places import place_in_words
 from .chamber import ChamberObservation
+from .load_field import Move
+from .paired import PairedObservation
 from .spread import spread
 from .wrench import WrenchObservation
 
@@ -26,7 +29,9 @@ LEAST_TAXELS = 6  # of a triangle, for a median
 MOST_ODD_SHARE = 0.35  # of them: with half of them odd, the right half is unknown
 LEAST_NOISE_RATIO = 0.6  # RMS of a correction over the noise of a reading
 LEAST_DEVIATION = 8.0  # from the median of all taxels, in median absolute deviations as standard deviations
-LEAST_EXPLAINED = 0.6  # of the mean square deviation beyond noise, by one effect
+LEAST_EXPLAINED = 0.8  # of the mean square deviation beyond noise, by one effect
+ALMOST = 0.9  # of what an effect explains: a displacement that explains so much may be the cause
+MOST_DISPLACED_MM = 2.0  # displacements beyond it change the load of many taxels, and are fitted before
 LEAST_ROWS = 200
 
 Correction: TypeAlias = tuple[int, float, float]  # slot, gain less 1 or counts that are missing, mean square in counts²
@@ -78,7 +83,7 @@ def correct_taxels(seen: WrenchObservation, working: NDArray[np.bool_]) -> tuple
 def _odd_taxels(seen: ChamberObservation, working: NDArray[np.bool_], model_pa: Array) -> dict[str, list[Correction]]:
     """Return by effect the taxels whose readings deviate from `model_pa` by other counts than their triangle."""
     deviation, known = _deviation_count(seen, working, model_pa), np.isfinite(seen.weight_variance)
-    expected, spread_count = seen.expected_count, _spread_deviation_count(seen)
+    expected = seen.expected_count
     shape = seen.usable.shape
     gain, shift = np.full(shape, np.nan), np.full(shape, np.nan)
     for row, taxel in np.argwhere(working).tolist():
@@ -90,12 +95,16 @@ def _odd_taxels(seen: ChamberObservation, working: NDArray[np.bool_], model_pa: 
     by_effect: dict[str, list[Correction]] = {"gain": [], "baseline": []}
     is_odd = _is_odd(gain) | _is_odd(shift)
     is_odd &= is_odd.sum(axis=1, keepdims=True) <= MOST_ODD_SHARE * working.sum(axis=1, keepdims=True)
+    spread_count, displaced_count = (
+        _deviations_count(seen, changes_by(seen) if is_odd.any() else [])
+        for changes_by in (_changes_by_spread, _changes_by_displacement)
+    )
     for row, taxel in np.argwhere(is_odd).tolist():
         used = known[:, row] & np.isfinite(deviation[:, row, taxel])
-        noise_count = float(seen.noise_count[row, taxel])
         explanation = _explanation(
-            expected[used, row, taxel], spread_count[used, row, taxel], deviation[used, row, taxel], noise_count
-        )
+            expected[used, row, taxel], spread_count[used, row, taxel], displaced_count[used, row, taxel],
+            deviation[used, row, taxel], float(seen.noise_count[row, taxel]),
+        )  # fmt: skip
         if explanation is not None:
             effect, value, square = explanation
             by_effect[effect].append((row * N_TAXELS + taxel, value, square))
@@ -111,14 +120,28 @@ def _deviation_count(seen: ChamberObservation, working: NDArray[np.bool_], model
     return np.asarray(np.where(is_enough, excess_pa - median_pa, np.nan) / np.maximum(seen.slope_pa, 1e-9))
 
 
-def _spread_deviation_count(seen: ChamberObservation) -> Array:
-    """Return the deviations (N, T, 12, k) in counts that spreading the load over k numbers of steps would cause."""
+def _deviations_count(seen: ChamberObservation, changes_pa: Sequence[Array]) -> Array:
+    """Return the deviations (N, T, 12, k) in counts that changes of the load (N, T, 12) would cause."""
+    of_usable = (np.where(seen.usable, change_pa, 0.0) for change_pa in changes_pa)
+    from_median = [change_pa - np.median(change_pa, axis=2, keepdims=True) for change_pa in of_usable]
+    steepness = np.maximum(seen.slope_pa, 1e-9)[..., None]
+    return np.stack(from_median, axis=-1) / steepness if from_median else np.zeros((*seen.slope_pa.shape, 0))
+
+
+def _changes_by_spread(seen: ChamberObservation) -> list[Array]:
+    """Return the changes of the load if it is spread to neighbours over several numbers of steps."""
     if seen.is_uniform:
-        return np.zeros((*seen.slope_pa.shape, 0))
-    load, *further = spread(seen, seen.load_pa(seen.reference_s))
-    changes_pa = [np.where(seen.usable, spread_pa - load, 0.0) for spread_pa in further]
-    deviation_pa = np.stack([change - np.median(change, axis=2, keepdims=True) for change in changes_pa], axis=-1)
-    return np.asarray(deviation_pa / np.maximum(seen.slope_pa, 1e-9)[..., None])
+        return []
+    load_pa, *spread_pa = spread(seen, seen.load_pa(seen.reference_s))
+    return [one_pa - load_pa for one_pa in spread_pa]
+
+
+def _changes_by_displacement(seen: ChamberObservation) -> list[Array]:
+    """Return the changes of a simulated load if the insole is displaced by 1 mm, in four directions."""
+    if not isinstance(seen, PairedObservation) or seen.field is None:
+        return []
+    x_pa, y_pa = (seen.field.change_by(move).at(seen.reference_s) for move in (Move(x_mm=1.0), Move(y_mm=1.0)))
+    return [x_pa, y_pa, (x_pa + y_pa) / np.sqrt(2.0), (x_pa - y_pa) / np.sqrt(2.0)]
 
 
 def _fit_gain_and_baseline(expected: Array, deviation: Array) -> tuple[float, float]:
@@ -139,11 +162,12 @@ def _is_odd(values: Array) -> NDArray[np.bool_]:
 
 
 def _explanation(
-    expected: Array, spread: Array, deviation: Array, noise_count: float
+    expected: Array, spread: Array, displaced: Array, deviation: Array, noise_count: float
 ) -> tuple[str, float, float] | None:
     """Return the one effect that explains the deviation of a taxel, its value and mean square; None if none does.
 
-    None also if load from its neighbours explains as much, `spread` (n, k): a cover or another shoe spreads it.
+    None also if load from its neighbours explains as much, `spread` (n, k): a cover or another shoe spreads it; or if
+    a displacement explains nearly as much, `displaced` (n, m) for 1 mm in each of m directions.
     """
     mean_square = float(np.mean(deviation**2))
     noise = float(np.mean(np.diff(deviation) ** 2) / 2.0)
@@ -151,14 +175,22 @@ def _explanation(
     shift = -float(np.mean(deviation))
     squares = {"gain": gain**2 * float(np.mean(expected**2)), "baseline": shift**2}
     effect = max(squares, key=lambda name: squares[name])
-    by_spread = (deviation @ spread) ** 2 / np.maximum(np.sum(spread**2, axis=0), 1e-12) / len(deviation)
-    if np.any(by_spread >= squares[effect]):
+    by_spread, _ = _explained(deviation, spread)
+    by_displacement, displacement_mm = _explained(deviation, displaced)
+    is_displaced = np.abs(displacement_mm) < MOST_DISPLACED_MM
+    if np.any(by_spread >= squares[effect]) or np.any(by_displacement[is_displaced] >= ALMOST * squares[effect]):
         return None
     if squares[effect] < (LEAST_NOISE_RATIO * noise_count) ** 2 or squares[effect] < LEAST_EXPLAINED * (
         mean_square - noise
     ):
         return None
     return effect, gain if effect == "gain" else shift, squares[effect]
+
+
+def _explained(deviation: Array, columns: Array) -> tuple[Array, Array]:
+    """Return mean squares (k,) of `deviation` (n,) that each of `columns` (n, k) explains, and coefficients (k,)."""
+    products, squares = deviation @ columns, np.maximum(np.sum(columns**2, axis=0), 1e-12)
+    return products**2 / squares / len(deviation), products / squares
 
 
 def _finding(seen: WrenchObservation, effect: str, corrections: list[Correction]) -> Finding:
