@@ -218,6 +218,19 @@ def test_a_long_lag_beside_strong_hysteresis_is_measured(tmp_path, tau_s):
     assert by_word["lag"].parameters["tau_s"].value == pytest.approx(tau_s, rel=0.1)
 
 
+def test_a_small_gain_is_measured_beside_a_baseline_of_a_board(tmp_path):
+    def changed(t_s: Array, counts: Array) -> None:
+        counts[:] = 240.5 - 0.97 * (240.5 - counts)
+        counts[:, of_rows(2, 3)] -= 4.3
+
+    found = diagnose(write(tmp_path / "bag", touch=changed))
+    by_word = {each.effect: each for each in found.findings}
+    assert set(by_word) == {"baseline", "gain"}, [each.sentence for each in found.findings]
+    assert by_word["gain"].parameters["gain"].value == pytest.approx(0.97, abs=0.006)
+    assert by_word["baseline"].where.ids == ((6,),)
+    assert by_word["baseline"].parameters["shift_count"].value == pytest.approx(-4.3, abs=0.2)
+
+
 def test_a_gain_of_a_board_is_reported_beside_a_memory_of_the_insole(tmp_path):
     def weaker(t_s: Array, counts: Array) -> None:
         own = of_rows(2, 3)
