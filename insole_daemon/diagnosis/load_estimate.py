@@ -124,11 +124,18 @@ class KnownLoad(LoadEstimate):
 
     `changes`: by how much selected terms change the load, Pa: arrays that broadcast to (N, T, 12), each with the term's
     place on the signal path (formats.md). A term acts on the load as the terms before it on the path have changed it.
+    `predicted_count`: activation (N, T, 12) that a model predicts, in place of the readings.
     """
 
     changes: tuple[tuple[int, Array], ...] = ()
+    predicted_count: Array | None = None
 
     is_known = True
+
+    @property
+    def activation_count(self) -> Array:
+        """Return baseline − count, predicted or with noise reduced."""
+        return super().activation_count if self.predicted_count is None else self.predicted_count
 
     def before(self, term_order: int | None) -> KnownLoad:
         """Return the load on which a term at this place of the signal path acts; None: a term beside the path."""

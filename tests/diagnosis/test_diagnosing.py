@@ -114,12 +114,12 @@ def test_an_effect_without_a_law_is_unknown_with_an_equation(tmp_path):
 
 
 def test_words_that_leave_more_than_they_explain_are_unknown(tmp_path):
-    """A fall of the load takes a fifth of the response away for a while: drifts and gains describe a third of that."""
+    """A fall of the load takes a fifth of the response away for seconds: drifts and gains describe little of that."""
 
     def weak_after_a_fall(t_s, p):
         lost, felt = 0.0, np.empty_like(p)
         for i, fall in enumerate(np.abs(np.gradient(p, t_s)) > 150e3):
-            lost = 0.2 if fall else lost * np.exp(-(t_s[1] - t_s[0]) / 15.0)
+            lost = 0.2 if fall else lost * np.exp(-(t_s[1] - t_s[0]) / 6.0)
             felt[i] = p[i] * (1.0 - lost)
         return felt
 

@@ -295,15 +295,33 @@ class BlockDesign:
         """Return the regression with another setting of candidate `i`, whose columns are 0 outside its place."""
         return self._exchanged(i, setting, np.asarray(self.mask[self.candidates[i].columns].any(axis=0)))
 
+    def relinearised(self, i: int, setting: Setting, shares: Sequence[Array]) -> BlockDesign:
+        """Return the regression with candidate `i` linearised at `setting`, about readings that `shares` predict.
+
+        Noise of the readings would distinguish the column from that of a nuisance, and decide its share.
+        """
+        lost = np.zeros(self.weights.shape)
+        for one, own in zip(self.candidates, shares, strict=True):
+            lost += self.contribution(one, own).T
+        lost_pa = np.divide(lost, self.weights, out=np.zeros_like(lost), where=self.weights > 0.0)
+        predicted_count = self.seen.activation_at(self.seen.load_pa(self.seen.reference_s) - lost_pa[:, :, None])
+        at = np.asarray(self.mask[self.candidates[i].columns].any(axis=0))
+        return self._exchanged(i, setting, at, replace(self.known_load, predicted_count=predicted_count))
+
     def everywhere(self, i: int) -> BlockDesign:
         """Return the regression with the columns of candidate `i` in all triangles, also if it was exchanged."""
         candidate = self.candidates[i]
         return self if candidate.term.column is None else self._exchanged(i, candidate.settings[0], None)
 
-    def _exchanged(self, i: int, setting: Setting, at: NDArray[np.bool_] | None) -> BlockDesign:
-        """Return the regression with another setting of candidate `i`; its columns are 0 but for the triangles `at`."""
+    def _exchanged(
+        self, i: int, setting: Setting, at: NDArray[np.bool_] | None, load: KnownLoad | None = None
+    ) -> BlockDesign:
+        """Return the regression with another setting of candidate `i`; its columns are 0 but for the triangles `at`.
+
+        `load`: from which the columns are computed, if it is another one.
+        """
         candidate = self.candidates[i]
-        block = candidate.term.column_of(self.load, setting)
+        block = candidate.term.column_of(load or self.load, setting)
         others, rest = self._beside(i)
         atom = np.empty_like(self.atom)
         atom[candidate.columns] = len(others) + np.arange(len(candidate.columns))

@@ -186,6 +186,10 @@ class Design:
         """Return the regression itself: on a walk there are no companions for the misfit of laws."""
         return self
 
+    def relinearised(self, i: int, setting: Setting, shares: Sequence[Array]) -> Design:
+        """Return the regression with candidate `i` linearised at `setting`, about the readings."""
+        return self.exchanged(i, setting)
+
     def exchanged(self, i: int, setting: Setting) -> Design:
         """Return the regression with another setting of candidate `i`."""
         candidate = self.candidates[i]

@@ -94,16 +94,14 @@ def _is_valid(setting: Setting, name: str, t_s: Array) -> bool:
 def _relinearised(current: Refined[D], i: int) -> Refined[D]:
     """Return the set with the regressor of candidate `i` linearised at its fitted coefficient.
 
-    Unchanged if the coefficient would then have the other sign, or the law would not be valid; or if the coefficient is
-    small: the column at 0 has no noise of the readings by which it differs from that of a nuisance, and which would
-    decide the coefficient.
+    Unchanged if the coefficient would then have the other sign, or the law would not be valid.
     """
     candidate, share = current.design.candidates[i], float(current.shares[i][0])
     name = candidate.term.linear_at
-    at = float(candidate.settings[0].get(name, 0.0))
-    if not name or abs(at - share) <= 1e-3 * abs(share) or (at == 0.0 and abs(share) <= candidate.term.straight):
+    if not (name and abs(float(candidate.settings[0].get(name, 0.0)) - share) > 1e-3 * abs(share)):
         return current
-    tried = _exchanged(current, i, {**candidate.settings[0], name: share})
+    design = current.design.relinearised(i, {**candidate.settings[0], name: share}, current.shares)
+    tried = Refined(design, *solve_shares(design, design.candidates))
     # If nuisance columns explain nearly all of a regressor, the coefficient of the rest may have the other sign.
     has_same_sign = float(tried.shares[i][0]) * share > 0
     is_valid = is_possible(tried.design.candidates, tried.shares, tried.design.load.is_known)

@@ -116,6 +116,9 @@ class Regression(Protocol):
     def exchanged(self, i: int, setting: Setting) -> Self:
         """Return the regression with another setting of candidate `i`."""
 
+    def relinearised(self, i: int, setting: Setting, shares: Sequence[Array]) -> Self:
+        """Return the regression with candidate `i` linearised at `setting`, beside all with `shares`."""
+
     def of_laws(self) -> Self:
         """Return the regression with the laws alone, without columns and companions for their misfit."""
 

@@ -40,7 +40,6 @@ TERM = Term(
     plausible=0.05,
     limit=0.9,
     linear_at="more",
-    straight=0.04,
     column=_column,
     needs=needs_calibration,
 )

@@ -78,7 +78,6 @@ class Term:
     yields_to: tuple[str, ...] = ()  # terms that are preferred if they explain nearly as much
     refine: tuple[str, ...] = ()  # settings that are refined after selection
     linear_at: str = ""  # setting with the share at which a non-linear column is linearised
-    straight: float = 0.0  # share up to which the column that is linearised at 0 is kept
     column: Callable[[LoadEstimate, Setting], TermColumns] | None = None  # computes the column of one setting
     chamber_scopes: tuple[Scope, ...] = ()  # further scopes under a known load
     plausible: float = 0.0  # typical share by literature and data sheets; 0: unknown
