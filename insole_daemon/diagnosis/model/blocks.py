@@ -28,12 +28,13 @@ from .gram import GramMatrix, PlacedColumns
 from .nuisance import USUAL, Nuisance, Priors, nuisance_of
 from .placement import Placement, place_of
 from .regression import Gram, PlacedTerm, Timing, with_companions
-from .solve import RIDGE
+from .solve import RIDGE, solve_companions
 
 RECALIBRATIONS = ("gain", "baseline", "stiffening")
 IN_NO_MODEL = frozenset(term.word for term in TERMS if term.is_internal)
 AT_REST = {"baseline": 5.0}  # companion of every memory: prior standard deviation in counts, per share of the memory
 LEAST_KEPT = 1e-7  # smallest part of a column's square after projection; single precision resolves no less
+LEAST_SLOPE_PA = 1.0  # per count, of a curve
 FEW = 100  # largest number of columns whose Gram matrix is computed at once
 
 
@@ -298,13 +299,16 @@ class BlockDesign:
     def relinearised(self, i: int, setting: Setting, shares: Sequence[Array]) -> BlockDesign:
         """Return the regression with candidate `i` linearised at `setting`, about readings that `shares` predict.
 
-        Noise of the readings would distinguish the column from that of a nuisance, and decide its share.
+        The mean of a triangle is as predicted: its noise would distinguish the column from that of a nuisance, and
+        decide its share.
         """
-        lost = np.zeros(self.weights.shape)
-        for one, own in zip(self.candidates, shares, strict=True):
-            lost += self.contribution(one, own).T
-        lost_pa = np.divide(lost, self.weights, out=np.zeros_like(lost), where=self.weights > 0.0)
-        predicted_count = self.seen.activation_at(self.seen.load_pa(self.seen.reference_s) - lost_pa[:, :, None])
+        rest = self.y - sum(self.contribution(one, own) for one, own in zip(self.candidates, shares, strict=True))
+        columns, coefficients = solve_companions(self, self.candidates, shares)
+        rest -= np.stack([coefficients @ rows for rows in self.rows_of(columns)])
+        residual = self.nuisance.residual_of(rest).T
+        above_pa = np.divide(residual, self.weights, out=np.zeros_like(residual), where=self.weights > 0.0)
+        steepness = np.maximum(self.known_load.slope_pa, LEAST_SLOPE_PA)
+        predicted_count = self.seen.activation_count + above_pa[:, :, None] / steepness
         at = np.asarray(self.mask[self.candidates[i].columns].any(axis=0))
         return self._exchanged(i, setting, at, replace(self.known_load, predicted_count=predicted_count))
 
