@@ -37,6 +37,7 @@ STANCE_S = 2.0  # longest time from a re-zero under a walking foot until the foo
 LEAST_WALK_S = 20.0  # of a walk before the re-zero, to leave out the rest
 LOW_QUANTILE = 0.1  # of a stretch's rows, in which a foot that walks is in the air
 AIR_QUANTILE = 0.25  # of the lowest readings of stretches: those with a swing
+STANDING_RATIO = 0.3  # standard deviation of readings under a foot that goes on standing, over the size of the jump
 JUMP_ROWS, CALM_RATIO = 2, 4.0  # of a landing: rows on each side, and its size over the changes before and after
 LEAST_RATIO = 1.5  # of the step to the scatter of the lowest readings before and after
 
@@ -272,7 +273,8 @@ def _find_landing(seen: WrenchObservation, of_board: NDArray[np.bool_], landing_
     """Return the row of a re-zero of a board under a standing person; None if there is none.
 
     In that row all its taxels jump to `landing_count`, the count of no load. They hardly change in the `width` rows
-    before and after it, and later, in the air, the board reads below no load by the size of the jump.
+    before and after it, and later, in the air, the board reads below no load by the size of the jump. Until then it
+    hardly changes, because the person stands; a foot that is lifted at the end of a step comes down again.
     """
     usable = seen.usable[of_board]
     if not usable.any():
@@ -297,7 +299,11 @@ def _find_landing(seen: WrenchObservation, of_board: NDArray[np.bool_], landing_
     for i in np.flatnonzero(is_jump & is_near[rows + JUMP_ROWS] & ~is_near[rows - JUMP_ROWS]).tolist():
         row = int(rows[i])
         lacking_count = float(landing_activation.mean() - np.quantile(level[row:], LOW_QUANTILE))
-        if 0.5 * drop_count[i] < lacking_count < 1.5 * drop_count[i]:
+        if not 0.5 * drop_count[i] < lacking_count < 1.5 * drop_count[i]:
+            continue
+        later_count = level[row + JUMP_ROWS :]
+        standing_rows = int(np.argmax(later_count < landing_activation.mean() - 0.5 * drop_count[i]))
+        if standing_rows > width and np.std(later_count[:standing_rows]) < STANDING_RATIO * drop_count[i]:
             return row
     return None
 

@@ -59,6 +59,21 @@ def test_rezero_of_a_person_who_goes_on_standing_is_detected_when_it_happened(wa
     assert finding.parameters["t_s"].value == pytest.approx(9.0, abs=0.1)
 
 
+def test_a_rezero_is_not_dated_by_a_foot_that_is_lifted_at_once_from_its_plateau(walk):
+    """At the end of a step all taxels fall to the count of no load within two rows, as in a re-zero of a stand."""
+    foot, seen = walk
+    own = (seen.layout.identities[:, 0] == BOARD)[:, None] & seen.usable
+    of_step = np.concatenate([np.full(20, STANDING_COUNT), np.linspace(STANDING_COUNT, 0.0, 4), np.zeros(30)])
+    level = np.resize(of_step, len(seen.t_s))
+    at = int(np.argmax((seen.t_s > 26.0) & (level == STANDING_COUNT)))
+    level[at:] -= STANDING_COUNT
+    activation = np.where(own, level[:, None, None], seen.activation_count)
+    _, findings = correct_rezeros(foot, replace(seen, activation_count=activation))
+    (finding,) = findings
+    assert finding.where.ids == ((BOARD,),)
+    assert finding.parameters["t_s"].value == pytest.approx(seen.t_s[at], abs=1.2)
+
+
 def test_a_rezero_is_not_dated_by_an_earlier_undershoot(walk):
     """Two readings below no load at an edge, long before the re-zero under a walking foot."""
     foot, seen = walk
