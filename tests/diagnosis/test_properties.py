@@ -205,7 +205,6 @@ SMALL_ON_WALKS = "it explains less than LEAST_GAIN and the price of the search, 
         ["null chamber", "null walk"],
         [(nuisance, sigmas) for nuisance in NUISANCES for sigmas in (3.0, 10.0, 30.0)],
         {
-            ("null chamber", "gain", 3.0): SMALL,
             ("null chamber", "baseline", 3.0): SMALL,
             ("null chamber", "clock offset", 3.0): SMALL,
             ("null chamber", "clock offset", 10.0): SMALL,
