@@ -139,6 +139,7 @@ def test_replay_and_simulate_put_frames_on_the_bus(run: Running, vcan: str) -> N
         simulate = subprocess.Popen(
             [INSOLE, "simulate", "stand", "--bus", f"socketcan:{vcan}", "--seconds", "3"], stderr=subprocess.DEVNULL
         )
-        standing = next(w for w in insole.wrenches("left") if w.f_z_n is not None and w.f_z_n > 100)
+        # The first cycle may have new readings of a part of the boards only.
+        standing = next(w for w in insole.wrenches("left") if w.f_z_n is not None and w.f_z_n > 150)
         assert simulate.wait(60) == 0
-    assert 150 < standing.f_z_n < 500
+    assert standing.f_z_n < 500
