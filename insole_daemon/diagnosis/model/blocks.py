@@ -28,7 +28,7 @@ from .gram import GramMatrix, PlacedColumns
 from .nuisance import USUAL, Nuisance, Priors, nuisance_of
 from .placement import Placement, place_of
 from .regression import Gram, PlacedTerm, Timing, with_companions
-from .solve import RIDGE, solve_companions
+from .solve import solve_companions, with_ridge
 
 RECALIBRATIONS = ("gain", "baseline", "stiffening")
 IN_NO_MODEL = frozenset(term.word for term in TERMS if term.is_internal)
@@ -183,7 +183,7 @@ class BlockDesign:
         if not len(static):
             return square
         cross, gram = self.gram[static[:, None], columns] @ shares, self.gram[static[:, None], static]
-        return square - float(cross @ np.linalg.solve(gram + np.diag(RIDGE * np.diag(gram) + 1e-12), cross))
+        return square - float(cross @ np.linalg.solve(with_ridge(gram), cross))
 
     def overlap(self, candidate: PlacedTerm, other: PlacedTerm, shares: Array) -> float:
         """Return the sum of squares of `other`, with its `shares`, in the triangles of `candidate`.

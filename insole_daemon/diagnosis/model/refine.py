@@ -33,13 +33,13 @@ class Refined(Generic[D]):
     def of_laws(self) -> Refined[D]:
         """Return the laws alone, as the exported model has them: without companions for the misfit of laws."""
         alone = self.design.of_laws()
-        return Refined(alone, *solve_shares(alone, alone.candidates))
+        return _solved(alone)
 
     @cached_property
     def without_internal_companions(self) -> Refined[D]:
         """Return the set with all columns of its terms, without companions that are in no model."""
         alone = self.design.without_internal_companions()
-        return Refined(alone, *solve_shares(alone, alone.candidates))
+        return _solved(alone)
 
     def gain_without(self, i: int) -> float:
         """Return the gain of the others without candidate `i`, with their parameters kept."""
@@ -53,7 +53,7 @@ def refine(design: D, chosen: tuple[int, ...]) -> Refined[D]:
     which a regressor was linearised (Term.linear_at) are set to the fitted coefficient.
     """
     small = design.subset(chosen)
-    current = Refined(small, *solve_shares(small, small.candidates))
+    current = _solved(small)
     width = 1.0
     for _ in range(ROUNDS):
         for i, candidate in enumerate(current.design.candidates):
@@ -76,7 +76,7 @@ def _with_best_value(current: Refined[D], i: int, name: str, start: float, width
         setting = {**current.design.candidates[i].settings[0], name: value}
         if not _is_valid(setting, name, load.observation.t_s):
             continue
-        tried = _exchanged(current, i, setting)
+        tried = _solved(current.design.exchanged(i, setting))
         if tried.gain > current.gain + LEAST_IMPROVEMENT and is_possible(
             tried.design.candidates, tried.shares, load.is_known
         ):
@@ -100,16 +100,15 @@ def _relinearised(current: Refined[D], i: int) -> Refined[D]:
     name = candidate.term.linear_at
     if not (name and abs(float(candidate.settings[0].get(name, 0.0)) - share) > 1e-3 * abs(share)):
         return current
-    design = current.design.relinearised(i, {**candidate.settings[0], name: share}, current.shares)
-    tried = Refined(design, *solve_shares(design, design.candidates))
+    tried = _solved(current.design.relinearised(i, {**candidate.settings[0], name: share}, current.shares))
     # If nuisance columns explain nearly all of a regressor, the coefficient of the rest may have the other sign.
     has_same_sign = float(tried.shares[i][0]) * share > 0
     is_valid = is_possible(tried.design.candidates, tried.shares, tried.design.load.is_known)
     return tried if has_same_sign and is_valid else current
 
 
-def _exchanged(current: Refined[D], i: int, setting: Setting) -> Refined[D]:
-    design = current.design.exchanged(i, setting)
+def _solved(design: D) -> Refined[D]:
+    """Return all candidates of `design` with their fitted shares."""
     return Refined(design, *solve_shares(design, design.candidates))
 
 

@@ -44,8 +44,7 @@ def solve_shares(design: Regression, chosen: Sequence[PlacedTerm]) -> tuple[tupl
         columns = np.concatenate([own_columns, companions])
         positive = np.concatenate([np.full(len(chosen[i].columns), chosen[i].term.share == "positive") for i in rest])
         positive = np.concatenate([positive, np.zeros(len(companions), bool)])
-        gram = design.gram[columns[:, None], columns]
-        gram = gram + np.diag(RIDGE * np.diag(gram) + 1e-12)
+        gram = with_ridge(design.gram[columns[:, None], columns])
         variances = _absorbed_variances(chosen, companions)
         strengths = [
             FIRST_SHARE * (1.0 if not candidate.term.plausible else candidate.term.plausible / 0.1)
@@ -74,6 +73,11 @@ def solve_shares(design: Regression, chosen: Sequence[PlacedTerm]) -> tuple[tupl
         _assign_shares(coefficients, chosen, rest, shares)
         gain += float(2 * coefficients @ cross[columns] - coefficients @ with_priors @ coefficients)
     return tuple(shares), gain
+
+
+def with_ridge(gram: Array) -> Array:
+    """Return a Gram matrix (k, k) with the part RIDGE of its diagonal added, so that it can be inverted."""
+    return np.asarray(gram + np.diag(RIDGE * np.diag(gram) + 1e-12))
 
 
 def _sums(chosen: Sequence[PlacedTerm], load_is_known: bool) -> list[tuple[slice, float]]:

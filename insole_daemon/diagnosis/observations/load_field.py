@@ -7,7 +7,7 @@ and lose most of the noise, without any filtering in time.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -114,12 +114,10 @@ class LoadField:
 
     def change_by(self, move: Move) -> LoadField:
         """Return the field of the change of load by `move`, by central differences."""
-        rows = np.arange(len(self.shapes))
         ahead, behind = (
-            self.moved(Move(side * move.x_mm, side * move.y_mm, side * move.rotation_deg, side * move.log_scale), rows)
-            for side in (0.5, -0.5)
+            self.between(Move(*(side * value for value in astuple(move))).places_m(self.xy_m)) for side in (0.5, -0.5)
         )
-        return replace(self, shapes=ahead.shapes - behind.shapes)
+        return replace(self, shapes=ahead - behind)
 
     def between(self, places_m: Array) -> Array:
         """Return the shapes (T, 12, r) at `places_m` (T, 12, 2), interpolated by Gaussian processes."""

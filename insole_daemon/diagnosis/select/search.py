@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ...physics.effect import Where
 from ...physics.law import Array
 from ..model.regression import D, PlacedTerm
-from ..model.solve import RIDGE, is_possible, solve_shares
+from ..model.solve import RIDGE, is_possible, solve_shares, with_ridge
 from .penalties import penalties_of
 
 BEAM = 3  # sets that every step extends, and extended sets in which it tries to remove and to exchange candidates
@@ -51,7 +51,6 @@ class SubsetSearch(Generic[D]):
         self._shortlists: dict[tuple[int, ...], list[int]] = {}
         self._starts = np.array([candidate.columns[0] for candidate in design.candidates])
         self._joint = self._joint_candidates()
-        self._with_companions = [np.unique(np.append(c.columns, c.companions)) for c in design.candidates]
         kinds = {"free": 0, "positive": 1, "whole": 2}
         self._kind = np.concatenate([np.full(len(c.columns), kinds[c.term.share]) for c in design.candidates])
         self._complexity_penalties = np.array(
@@ -192,7 +191,7 @@ class SubsetSearch(Generic[D]):
         current = start
         for _ in range(4):
             smaller = (self.fit([j for j in current.chosen if j != k]) for k in current.chosen)
-            better = max([current, *smaller], key=_score)
+            better = max([current, *smaller], key=lambda fitted: fitted.score)
             for k in current.chosen:
                 rest = [j for j in current.chosen if j != k]
                 if not rest:
@@ -200,7 +199,7 @@ class SubsetSearch(Generic[D]):
                 for j, bound in self._by_bound(rest, [j for j in self._shortlist(rest)[:TRIED] if j not in rest]):
                     if bound <= better.score:
                         break
-                    better = max(better, self.fit([*rest, j]), key=_score)
+                    better = max(better, self.fit([*rest, j]), key=lambda fitted: fitted.score)
             if better.score <= current.score + 1e-6:
                 break
             current = better
@@ -217,13 +216,12 @@ class SubsetSearch(Generic[D]):
         design = self.design
         is_own = np.zeros(len(design.cross), bool)
         for k in rest:
-            is_own[self._with_companions[k]] = True
-        others = [self._with_companions[k][~is_own[self._with_companions[k]]] for k in added]
+            is_own[self._with_companions(k)] = True
+        others = [columns[~is_own[columns]] for columns in map(self._with_companions, added)]
         is_new = np.zeros_like(is_own)
         is_new[np.concatenate(others)] = True
         own, new = np.flatnonzero(is_own), np.flatnonzero(is_new)
-        taken = design.gram[own[:, None], own]
-        taken = taken + np.diag(RIDGE * np.diag(taken) + 1e-12)
+        taken = with_ridge(design.gram[own[:, None], own])
         between = design.gram[own[:, None], new]
         solved = np.linalg.solve(taken, np.column_stack([between, design.cross[own]]))
         cross = design.cross[new] - between.T @ solved[:, -1]
@@ -231,11 +229,14 @@ class SubsetSearch(Generic[D]):
         bounds = []
         for k, columns in zip(added, others, strict=True):
             at = np.searchsorted(new, columns)
-            gram = design.gram[columns[:, None], columns]
-            gram = gram + np.diag(RIDGE * np.diag(gram) + 1e-12) - between[:, at].T @ solved[:, at]
+            gram = with_ridge(design.gram[columns[:, None], columns]) - between[:, at].T @ solved[:, at]
             more = float(cross[at] @ np.linalg.solve(gram, cross[at]))
             bounds.append((k, gain + more - self.penalties.least_penalty(k)))
         return sorted(bounds, key=lambda bound: -bound[1])
+
+    def _with_companions(self, k: int) -> NDArray[np.intp]:
+        """Return the numbers of the columns of candidate `k` and of its companions."""
+        return np.append(self.design.candidates[k].columns, self.design.candidates[k].companions)
 
     def _shortlist(self, chosen: Sequence[int]) -> list[int]:
         """Return up to SHORTLIST candidates by their approximate gain beside `chosen` less penalty, highest first."""
@@ -295,10 +296,6 @@ class SubsetSearch(Generic[D]):
             own = own + (RIDGE * np.einsum("mkk->mk", own) + 1e-12)[..., None] * np.eye(k)
             joint.append((numbers, columns, np.linalg.inv(own)))
         return joint
-
-
-def _score(fitted: FittedSet) -> float:
-    return fitted.score
 
 
 def _is_a_model(chosen: Sequence[PlacedTerm]) -> bool:
