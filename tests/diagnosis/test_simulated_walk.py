@@ -224,9 +224,9 @@ def test_a_preload_is_placed_under_the_straps(tmp_path, plain_whole):
     assert found["effect"] == "preload"
     assert found["parameters"]["p0_pa"]["value"] == pytest.approx(p0_pa.mean(), rel=0.1)
     model = json.loads((tmp_path / "out" / "model.json").read_text())["effects"]
-    told = {tuple(each["where"]["ids"][0]): each["parameters"]["p0_pa"]["value"] for each in model}
-    ours = [told[tuple(identity)] for identity in WHOLE.identities.tolist()]
-    assert np.abs(np.array(ours) / p0_pa - 1.0).max() < 0.3
+    of_triangle = {tuple(each["where"]["ids"][0]): each["parameters"]["p0_pa"]["value"] for each in model}
+    in_model_pa = np.array([of_triangle[tuple(identity)] for identity in WHOLE.identities.tolist()])
+    assert np.abs(in_model_pa / p0_pa - 1.0).max() < 0.3
 
 
 def test_a_smaller_bit_shift_is_detected(tmp_path, plain):

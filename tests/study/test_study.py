@@ -79,7 +79,7 @@ def folder(recorded, tmp_path):
 
 @pytest.fixture(scope="module")
 def worker():
-    """A client with one worker, for tests of what is computed, whoever computes it."""
+    """A client with one worker, for the tests of results, which do not depend on the workers."""
     with cluster(None, 1) as client:
         yield client
 

@@ -37,7 +37,7 @@ STANCE_S = 2.0  # longest time from a re-zero under a walking foot until the foo
 LEAST_WALK_S = 20.0  # of a walk before the re-zero, to leave out the rest
 LOW_QUANTILE = 0.1  # of a stretch's rows, in which a foot that walks is in the air
 AIR_QUANTILE = 0.25  # of the lowest readings of stretches: those with a swing
-STANDING_RATIO = 0.3  # standard deviation of readings under a foot that goes on standing, over the size of the jump
+STANDING_RATIO = 0.3  # largest standard deviation of the readings of a standing person, over the size of the jump
 JUMP_ROWS, CALM_RATIO = 2, 4.0  # of a landing: rows on each side, and its size over the changes before and after
 LEAST_RATIO = 1.5  # of the step to the scatter of the lowest readings before and after
 
@@ -273,8 +273,9 @@ def _find_landing(seen: WrenchObservation, of_board: NDArray[np.bool_], landing_
     """Return the row of a re-zero of a board under a standing person; None if there is none.
 
     In that row all its taxels jump to `landing_count`, the count of no load. They hardly change in the `width` rows
-    before and after it, and later, in the air, the board reads below no load by the size of the jump. Until then it
-    hardly changes, because the person stands; a foot that is lifted at the end of a step comes down again.
+    before and after it, and later, in the air, the board reads below no load by the size of the jump. Between the jump
+    and that time the readings hardly change, because the person stands. This excludes the end of a step, after which
+    the next steps change them.
     """
     usable = seen.usable[of_board]
     if not usable.any():
