@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import socket
@@ -220,13 +221,16 @@ def test_an_endpoint_of_another_program():
     with socket.create_server(("127.0.0.1", 0)) as server:
 
         def hang_up():
-            for connection, _ in iter(server.accept, None):
-                connection.close()
+            with contextlib.suppress(OSError):  # the end of listening
+                for connection, _ in iter(server.accept, None):
+                    connection.close()
 
-        threading.Thread(target=hang_up, daemon=True).start()
+        answering = threading.Thread(target=hang_up)
+        answering.start()
         endpoint = f"tcp/127.0.0.1:{server.getsockname()[1]}"
         reached, findings = network.check_daemon(config_with(listen=(endpoint,)))
-        server.close()
+        server.shutdown(socket.SHUT_RDWR)  # which wakes the thread; closing does not
+        answering.join()
     assert reached is None
     assert "does not let us in" in only(findings, "problem").text
 
