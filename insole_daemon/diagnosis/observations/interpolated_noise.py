@@ -57,7 +57,7 @@ def _moments(seen: WrenchObservation, change: Callable[[Array], Array]) -> tuple
     return moments[:, 0], moments[:, 1]
 
 
-@lru_cache(maxsize=8)  # the boards of an insole: each delay, lag and bit shift asks for the same
+@lru_cache(maxsize=32)  # the triangles of an insole: each delay, lag and bit shift asks for the same
 def _noise_of_rows(read_s: bytes, row_s: bytes) -> Array:
     """Return DRAWS courses (N, DRAWS) of white noise at times of readings, interpolated at those of N rows."""
     at_s, rows_s = np.frombuffer(read_s), np.frombuffer(row_s)

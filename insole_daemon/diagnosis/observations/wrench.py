@@ -38,8 +38,8 @@ HIGHEST_ACTIVATION = 255  # counts
 
 # Properties that do not depend on the clock.
 CLOCK_INDEPENDENT = (
-    "arms", "by_triangle", "clipped", "coefficients", "cut_off", "pressure_pa", "saturated", "slope_pa", "smooth_count",
-    "_signal_vectors",
+    "arms", "by_triangle", "clipped", "coefficients", "columns_of_readings", "cut_off", "pressure_pa", "saturated",
+    "slope_pa", "smooth_count", "_signal_vectors",
 )  # fmt: skip
 NOISE_EDGE = 1.05  # factor on the largest singular value of white noise
 
@@ -282,6 +282,11 @@ class WrenchObservation:
         copy = replace(self, **clock)
         vars(copy).update({name: value for name, value in vars(self).items() if name in CLOCK_INDEPENDENT})
         return copy
+
+    @cached_property
+    def columns_of_readings(self) -> dict[str, Any]:
+        """Return the columns of terms that depend on the readings alone, by word; each clock has the same."""
+        return {}
 
     def rows_before(self, row: int) -> Self:
         """Return the rows before `row`."""

@@ -48,5 +48,6 @@ TERM = Term(
     share="whole",
     columns=_columns,
     parameters=_parameters,
+    is_of_readings=True,
     needs=needs_calibration,
 )

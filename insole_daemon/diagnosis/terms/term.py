@@ -72,6 +72,7 @@ class Term:
     likeness: float = 1.0  # fraction of other laws' misfit that it can describe
     known_misfit: float | None = None  # `misfit` of columns computed from a known load; None: the same
     is_of_load: bool = False  # shares are the law's parameters even if the load is not known
+    is_of_readings: bool = False  # columns depend on the readings alone, not on their load
     is_of_reference: bool = False  # columns are computed from the reference, and move with its clock and a lag
     is_internal: bool = False  # only a companion of other terms: never reported or exported
     acts_at: int | None = None  # place on the signal path of a term without a law
@@ -111,6 +112,11 @@ class Term:
 
     def placed_columns(self, load: LoadEstimate) -> Sequence[TermColumns]:
         """Return the columns under the load as the terms before this one on the signal path have changed it."""
+        if self.is_of_readings:
+            kept: dict[str, Sequence[TermColumns]] = load.observation.columns_of_readings
+            if self.word not in kept:
+                kept[self.word] = self.columns(load)
+            return kept[self.word]
         return self.columns(load.before(self.order))
 
     def column_of(self, load: LoadEstimate, setting: Setting) -> TermColumns:
