@@ -205,11 +205,13 @@ def _without_zeroed_taxels(finding: Finding, seen: WrenchObservation, since_s: M
         return finding
     slots = np.asarray(finding.where.slots(seen.layout))
     slots = slots if finding.where.scope == "taxel" else slots[seen.usable.reshape(-1)[slots]]
-    count = _counts_of(seen, slots)
     is_zeroed = np.zeros(len(slots), bool)
-    for i, board in enumerate(seen.layout.identities[slots // N_TAXELS, 0].tolist()):
-        is_later = seen.t_s >= since_s.get(board, np.inf)
-        is_at_end = count[:, i] > LARGEST
+    for i, slot in enumerate(slots.tolist()):
+        row, taxel = divmod(slot, N_TAXELS)
+        # As they were read: rows have values interpolated between valid readings.
+        readings, board = seen.readings[row], int(seen.layout.identities[row, 0])
+        is_later = readings.t_s >= since_s.get(board, np.inf)
+        is_at_end = readings.counts[:, taxel] > LARGEST
         is_zeroed[i] = is_later.any() and is_at_end[is_later].mean() > MOST_CUT_OFF > is_at_end[~is_later].mean()
     if finding.where.scope == "taxel":
         return _without(finding, is_zeroed)

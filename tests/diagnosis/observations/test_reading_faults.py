@@ -97,10 +97,11 @@ def test_taxels_that_a_rezero_moved_beyond_their_range_are_not_dead(tmp_path):
     recording = load(chamber.write(tmp_path / "bag", seconds=60.0))
     (seen,) = observed([recording], list(recording.feet), None, lambda text: None, ())
     board, zeroed_s = int(seen.layout.identities[0, 0]), float(seen.t_s[len(seen.t_s) // 2])
-    activation = seen.activation_count.copy()
-    activation[seen.t_s >= zeroed_s, 0, 1] = seen.calibration.baseline_count[0, 1] - 255.0
-    activation[:, 0, 3] = seen.calibration.baseline_count[0, 3] - 255.0
-    seen = replace(seen, activation_count=activation)
+    first = seen.readings[0]
+    counts = first.counts.copy()
+    counts[first.t_s >= zeroed_s, 1] = 255.0
+    counts[:, 3] = 255.0
+    seen = replace(seen, readings=(replace(first, counts=counts), *seen.readings[1:]))
     triangle = tuple(seen.layout.identities[0].tolist())
     finding = Finding(
         effect="dead_taxels", foot="left", where=Where("taxel", ((*triangle, 1), (*triangle, 3))), sentence="",
@@ -114,5 +115,8 @@ def test_taxels_that_a_rezero_moved_beyond_their_range_are_not_dead(tmp_path):
     rows = np.flatnonzero(seen.layout.identities[:, 0] == board)
     whole = replace(finding, where=Where("board", ((board,),)))
     assert _without_zeroed_taxels(whole, seen, {board: zeroed_s}) == whole
-    activation[np.ix_(seen.t_s >= zeroed_s, rows)] = seen.calibration.baseline_count[rows] - 255.0
-    assert _without_zeroed_taxels(whole, replace(seen, activation_count=activation), {board: zeroed_s}) is None
+    readings = list(seen.readings)
+    for row in rows.tolist():
+        is_later = readings[row].t_s[:, None] >= zeroed_s
+        readings[row] = replace(readings[row], counts=np.where(is_later, 255.0, readings[row].counts))
+    assert _without_zeroed_taxels(whole, replace(seen, readings=tuple(readings)), {board: zeroed_s}) is None
