@@ -14,11 +14,10 @@ from .model.design import Design
 from .model.refine import Refined, refine
 from .model.regression import Timing
 from .model.solve import solve_shares
-from .searching import GOOD_FIT
 from .select.confidence import is_of_triangles
 from .select.count_errors import count_errors, residual_squares
 from .select.each_triangle import of_each_triangle
-from .select.search import FittedSet, SubsetSearch
+from .select.search import GOOD_FIT, FittedSet, SubsetSearch
 from .select.wrench_errors import HeldoutErrors, wrench_errors
 
 LEAST_GAINED = 0.001  # gain of a term when it is added, relative to the sum of the gains of the set

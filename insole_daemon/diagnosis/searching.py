@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,7 +17,7 @@ from .model.design import design
 from .model.nuisance import USUAL, Priors
 from .model.refine import refine
 from .model.regression import Timing
-from .model.signal_path import Changes, acts_on_load, load_changes
+from .model.signal_path import Changes
 from .observations.chamber import ChamberObservation
 from .observations.load_field import Move
 from .observations.paired import PairedObservation
@@ -29,14 +28,14 @@ from .select.amplitudes import with_amplitudes
 from .select.count_errors import count_errors
 from .select.events import Events, refine_events, with_events
 from .select.groups import with_groups
-from .select.search import SubsetSearch, overlap
+from .select.ordered_search import changes_load_of_a_part, on_signal_path, with_refined_settings, with_refined_snaps
+from .select.search import GOOD_FIT, SubsetSearch
 from .select.thresholds import refine_thresholds
 from .select.timing_search import TimingFit, TimingHypothesis, search_timings
 from .terms.term import Setting
 
 LOOSE_COUNT = 5.0  # prior standard deviation of a curve that contains the mean curve of a memory (loose curve)
 OWN_CURVE_COUNT = 0.3  # the same of a curve that was fitted to the recordings themselves
-GOOD_FIT = 1.15  # squared residual of a good fit, relative to the noise
 CLEARER = 0.6  # excess over the noise with one kind of curves relative to the other that is clearly less
 FAR_CLEARER = 0.25  # the same if usual curves leave no more than the possible misfit of the laws
 PLACED_ROUNDS = 3  # of searches after the taxels were moved to fitted places
@@ -143,7 +142,7 @@ def _search_with_curves(seen: ChamberObservation, faults: ReadingFaults) -> Sear
     noise = float(np.count_nonzero(faults.weights_of(seen)))
     if not usual.has_memory or usual.deviance < GOOD_FIT * noise:
         return usual
-    loose = _search_under(Priors(curve_count=LOOSE_COUNT), seen, faults, (usual.first, *usual.others))
+    loose = _search_under(Priors(curve_count=LOOSE_COUNT), seen, faults, usual)
     clearer = loose.deviance - noise < CLEARER * (usual.deviance - noise)
     simpler = loose.n_terms < usual.n_terms and loose.deviance < usual.deviance
     # With loose curves the search has no static effect. The possible misfit of a law is not reason enough for them,
@@ -165,9 +164,12 @@ def _heldout_excess(result: SearchResult) -> float:
 
 
 def _search_under(
-    priors: Priors, seen: WrenchObservation, faults: ReadingFaults, known: Sequence[TimingHypothesis] = ()
+    priors: Priors, seen: WrenchObservation, faults: ReadingFaults, known: SearchResult | None = None
 ) -> SearchResult:
-    """Return the timing hypotheses with nuisances under `priors`; `known`: those of a search under other priors."""
+    """Return the timing hypotheses with nuisances under `priors`.
+
+    `known`: the result under other priors. Its times are initial values, and its terms may change the load, too.
+    """
     weights = faults.weights_of(seen)
     if not weights.any():
         raise DiagnosisError(
@@ -190,45 +192,20 @@ def _search_under(
             events, thresholds = refine_events(whole), refine_thresholds(whole)
         return with_amplitudes(with_events(whole.with_settings(thresholds), events)).released()
 
-    best, others = search_timings(design_after, seen.offset_is_free, known)
+    hypotheses = () if known is None else (known.first, *known.others)
+    best, others = search_timings(design_after, seen.offset_is_free, hypotheses)
+    best = with_refined_snaps(best)
+    if known is not None and changes_load_of_a_part(known.first):
+        start: TimingFit[BlockDesign] | None = known.first
+        for _ in range(ORDERED_ROUNDS):
+            start = start and on_signal_path(best, start, design_after)
+            best = start if start is not None and start.criterion < best.criterion else best
     for _ in range(ORDERED_ROUNDS):
-        ordered = _on_signal_path(best, design_after)
-        if ordered is None:
+        ordered = on_signal_path(best, best, design_after)
+        if ordered is None or ordered.criterion >= best.criterion:
             break
         best = ordered
     return SearchResult(best, others, priors=priors)
-
-
-def _on_signal_path(
-    first: TimingFit[BlockDesign], make: Callable[[Timing, Changes], BlockDesign]
-) -> TimingFit[BlockDesign] | None:
-    """Return the best set of a search in which each term acts on the load as the terms before it have changed it.
-
-    `make` returns the design of a timing and of changes of the load, in the order of the signal path. None if a single
-    term explains the rows, or if the search has a larger criterion than `first`. Only terms that the new set contains,
-    too, change the load.
-    """
-    design, best = first.search.design, first.best
-    if len(best.chosen) < 2 and design.total - best.gain < GOOD_FIT * first.search.noise:
-        return None
-    terms = [(design.candidates[k], shares) for k, shares in zip(best.chosen, best.shares, strict=True)]
-    acting = [(term, shares) for term, shares in terms if acts_on_load(term)]
-    while acting:
-        changes = load_changes(design, acting)
-        among = SubsetSearch(make(first.timing, changes).retimed(first.timing), first.search.excluded_words)
-        ordered = among.run()[0]
-        kept = [among.design.candidates[k] for k in ordered.chosen]
-        remaining = [
-            (term, shares) for term, shares in acting
-            if any(other.word == term.word and overlap(other.where, term.where) for other in kept)
-        ]  # fmt: skip
-        if len(remaining) == len(acting):
-            gained = (among.design.total - ordered.score) - (design.total - best.score)
-            fitted = replace(first, criterion=first.criterion + gained, search=among, best=ordered)
-            return fitted if gained < 0.0 else None
-        acting = remaining
-        del among, kept  # designs are large
-    return None
 
 
 def _refined_places(first: TimingFit[Any]) -> TimingFit[Any]:
@@ -243,13 +220,5 @@ def _refined_places(first: TimingFit[Any]) -> TimingFit[Any]:
     whole = with_events(whole, refine_events(whole, first.best.chosen))
     among = SubsetSearch(with_groups(whole, first.best), excluded_words)
     best = max([*among.run()[:1], first.best], key=lambda fitted: fitted.score)
-    sharp = refine(among.design, best.chosen).design.candidates
-    sharper = [
-        (k, refined.settings[0])
-        for k, refined in zip(best.chosen, sharp, strict=True)
-        if refined.settings is not among.design.candidates[k].settings
-    ]
-    if sharper:
-        among = SubsetSearch(among.design.with_settings(sharper), excluded_words)
-        best = among.run(best.chosen)[0]
+    among, best = with_refined_settings(among, best)
     return replace(first, search=among, best=among.fit(best.chosen))

@@ -91,16 +91,19 @@ def write(
     seed: int = 1,
     temperature: Callable[[Array], Array] | None = lambda t_s: np.full_like(t_s, 25.0),
     layout: Layout = LAYOUT,
+    elsewhere: Callable[[Array, Array], Array] = lambda t_s, p: p,
 ) -> Path:
     """Write a recording whose taxels bear `effect(t, load)`; `touch` changes the counts in place.
 
-    `where` (6·12,): which of them, or by how much each. `temperature`: None, and no thermometer is recorded.
+    `where` (6·12,): which of them, or by how much each; the others bear `elsewhere(t, load)`. `temperature`: None, and
+    no thermometer is recorded.
     """
     rng = np.random.default_rng(seed)
     t_s, p = load(seconds)
     cycle_s = np.arange(0.05, seconds - 0.05, 0.02)
     strength = np.ones(len(layout) * 12) if where is None else where.astype(float)
-    q = np.interp(cycle_s, t_s, p)[:, None] + strength * np.interp(cycle_s, t_s, effect(t_s, p) - p)[:, None]
+    here, there = (np.interp(cycle_s, t_s, changed(t_s, p))[:, None] for changed in (effect, elsewhere))
+    q = there + strength * (here - there)
     sensors = Sensors.drawn(rng, strength.size)
     counts = sensors.read(q) + rng.normal(0.0, NOISE_COUNT, q.shape)
     touch(cycle_s, counts)

@@ -400,6 +400,22 @@ def test_strong_snaps_between_searched_thresholds_are_snaps_and_nothing_else(tmp
     assert values["step_pa"] == pytest.approx(60e3, rel=0.1)
 
 
+def test_a_memory_relaxes_from_the_steps_of_snaps_although_the_calibration_contains_both(tmp_path):
+    memory = relaxing(0.7, 0.6)
+
+    def both(t_s: Array, p: Array) -> Array:
+        return memory(t_s, snapping(t_s, p))
+
+    folder = write(tmp_path / "bag", both, of_rows(0, 2), elsewhere=memory)
+    calibrate(folder, write(tmp_path / "calibrated", both, of_rows(0, 2), elsewhere=memory))
+    found = diagnose(folder)
+    by_word = {each.effect: each for each in found.findings}
+    assert set(by_word) == {"viscoelasticity", "snap"}, [each.sentence for each in found.findings]
+    assert set(by_word["snap"].where.ids) == identities(0, 2)
+    # Without the relaxation of the steps, 1.06 times the floor is left.
+    assert found.heldout["after"] < 1.03 * found.heldout["floor"]
+
+
 def test_a_wrong_declared_clock_is_corrected_beside_hysteresis(tmp_path):
     """Hysteresis is computed from the load: at wrong times it would be different, with a creep beside it."""
 

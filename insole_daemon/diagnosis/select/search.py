@@ -23,6 +23,7 @@ from .penalties import penalties_of
 
 BEAM = 3  # sets that every step extends, and extended sets in which it tries to remove and to exchange candidates
 TRIED = 12  # exchanges that are tried for a candidate
+GOOD_FIT = 1.15  # squared residual of a good fit, relative to the noise
 LEAST_OF_REST = 0.05  # of the residual beyond the noise: a step with a smaller gain ends the search
 SHORTLIST = 40  # candidates that are solved exactly in a step: those with the highest approximate gains
 SCALES = ("gain", "stiffening", "bit_shift")

@@ -15,7 +15,7 @@ from insole_daemon.diagnosis.model.regression import Timing
 from insole_daemon.diagnosis.model.signal_path import Changes, load_changes
 from insole_daemon.diagnosis.observing import observed
 from insole_daemon.diagnosis.operators import low_pass, relay
-from insole_daemon.diagnosis.searching import _on_signal_path
+from insole_daemon.diagnosis.select.ordered_search import on_signal_path
 from insole_daemon.diagnosis.select.search import FittedSet, SubsetSearch
 from insole_daemon.diagnosis.select.timing_search import TimingFit
 
@@ -70,7 +70,7 @@ def test_a_term_that_the_set_under_the_changed_load_lacks_changes_no_load(tmp_pa
     k = next(k for k, term in enumerate(candidates) if term.word == "snap" and term.where.scope == "insole")
     best = FittedSet((k,), (np.array([STEP_PA / 1e3]),), gain=0.0, score=-1e12)
     first = TimingFit((), Timing(), criterion=1e12, search=search, best=best)
-    assert _on_signal_path(first, make) is None
+    assert on_signal_path(first, first, make) is None
 
 
 def test_columns_joined_to_others_have_the_inner_products_of_all_together(design):
