@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import Edit
 from small_insole import LAYOUT, made
 from typer.testing import CliRunner
 
@@ -18,6 +17,8 @@ from insole_daemon.cli import app
 from insole_daemon.errors import CalibrationError
 from insole_daemon.simulation.conditions import ChamberCycles
 from insole_daemon.simulation.faults import InjectedFault
+
+from .conftest import Edit
 
 Row = dict[str, str]
 

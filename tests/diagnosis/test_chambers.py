@@ -55,12 +55,6 @@ def identities(*rows: int) -> set[tuple[int, ...]]:
     return {tuple(LAYOUT.identities[row].tolist()) for row in rows}
 
 
-def test_a_null_has_no_finding(tmp_path):
-    found = diagnose(write(tmp_path / "bag"))
-    assert [each.sentence for each in found.findings] == []
-    assert found.verdict == "no mismatch"
-
-
 def test_a_memory_of_three_triangles_is_placed_and_measured(tmp_path):
     found = diagnose(write(tmp_path / "bag", relaxing(0.3, 0.8), of_rows(0, 2, 5)))
     (finding,) = found.findings
