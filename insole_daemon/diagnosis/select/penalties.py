@@ -33,7 +33,7 @@ MISFIT_OF_STATIC = 0.025
 # family of laws that contains others approximately.
 WIDER = {"drift": 0.01, "creep": 0.002}
 # Fraction LOCAL of a misfit that a term on at most SMALL of the triangles may explain: the law has the same misfit on
-# the other triangles, so it does not require a second effect.
+# the other triangles, so it does not require a second effect. The drifts of a set are together one term.
 LOCAL, SMALL = 0.25, 0.5
 CANCELLED = 0.2  # of the smaller of two effects, squared: two that leave less together are no two effects
 ODDS = 8.0  # penalty for the choice of the word among all terms
@@ -292,18 +292,23 @@ class BlockPenalties:
                 continue
             are_static = self.design.is_within_priors(one) and self.design.is_within_priors(other)
             part = MISFIT_OF_STATIC if are_static else other.term.misfit_of(True)
-            alike = LOCAL if self._is_small_beside(one, other) else 1.0
+            alike = LOCAL if self._is_small_beside(one, other, terms) else 1.0
             misfit += alike * part * self.design.overlap(one, other, own)
-            if one.term.is_memory and other.term.is_loop and not self._is_small_beside(other, one):
+            if one.term.is_memory and other.term.is_loop and not self._is_small_beside(other, one, terms):
                 part = MISFIT_OF_MEMORY / (2.0 if other.term.is_memory else 1.0)
                 misfit += alike * part * float(self.design.products_of_two(one, other, shares[i], own, raw=False).sum())
         return one.term.likeness * misfit
 
-    def _is_small_beside(self, one: PlacedTerm, other: PlacedTerm) -> bool:
-        """Return whether `other` acts on far more triangles than `one`, and `one` is not absorbed by calibrations."""
+    def _is_small_beside(self, one: PlacedTerm, other: PlacedTerm, terms: Sequence[PlacedTerm]) -> bool:
+        """Return whether `other` acts on far more triangles than `one`, and `one` is not absorbed by calibrations.
+
+        Drifts of the set at several places count as one: the same drift of every board is one of the insole.
+        """
         if self.design.is_within_priors(one):
             return False
-        return bool(self._n_triangles[one.columns[0]] <= SMALL * self._n_triangles[other.columns[0]])
+        alike = [term for term in terms if term.word == "drift"] if one.word == "drift" else [one]
+        n = sum(int(self._n_triangles[term.columns[0]]) for term in alike)
+        return n <= SMALL * int(self._n_triangles[other.columns[0]])
 
     def _is_seen(self, k: int) -> bool:
         """Return whether the residual contains more than half of candidate `k` (`BlockDesign.is_seen`)."""

@@ -82,3 +82,17 @@ def test_two_effects_that_cancel_each_other_are_no_model(design, counts, is_poss
     baseline, drift = number(design, "baseline"), number(design, "drift")
     shares = {baseline: full(design, baseline, 8.0), drift: full(design, drift, counts)}
     assert np.isfinite(penalty(design, shares)) == is_possible
+
+
+def test_drifts_of_all_boards_may_explain_as_little_of_a_memorys_misfit_as_one_of_the_insole(design):
+    memory = number(design, "viscoelasticity")
+    own = full(design, memory, 0.3)
+    boards = [k for k, each in enumerate(design.candidates) if (each.word, each.where.scope) == ("drift", "board")]
+
+    def raised_by(places: list[int]) -> float:
+        tiny = {k: full(design, k, 1e-6) for k in places}
+        return penalty(design, {memory: own, **tiny}) - penalty(design, {memory: own}) - penalty(design, tiny)
+
+    assert len(boards) == 3
+    assert raised_by(boards) == pytest.approx(raised_by([number(design, "drift")]), rel=1e-3)
+    assert sum(raised_by([k]) for k in boards) == pytest.approx(0.25 * raised_by(boards), rel=1e-3)
