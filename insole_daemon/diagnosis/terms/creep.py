@@ -18,7 +18,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...physics.law import MOST_SHARED, Array
+from ...physics.law import Array
 from ..load_estimate import LoadEstimate
 from ..operators import flows, low_pass
 from .term import ABSORBED, Setting, Term, TermColumns
@@ -29,10 +29,11 @@ SLOW_S = 5.0  # longer than the viscoelasticity of foams and skins, which ends a
 # Smallest fraction of the shares with time constants above SLOW_S, under a known load and on a walk, where a little may
 # be an error of the calibration.
 LEAST_SLOW, LEAST_SLOW_ON_WALKS = 0.1, 0.3
-MOST_FAST = 0.3  # largest sum of the other shares, under a known load: foams relax by up to a half, fast and slowly
 UNEVEN = 0.5  # prior standard deviation of the companion `uneven_creep`
 # Activated flow: pressure scale relative to the largest load, and time constant relative to the recording.
 FLOWS = ((0.05, 2.0), (0.05, 10.0), (0.08, 0.1), (0.08, 0.5), (0.08, 2.0), (0.08, 10.0), (0.13, 0.1), (0.13, 0.5))
+# Largest delayed part of the response: foams relax by a fifth to a half. A larger one could describe any loop.
+MOST_LATE = 0.7
 EARLIER = 100.0  # prior standard deviation of the load before the recording, kPa
 
 
@@ -111,12 +112,8 @@ def _known_parameters(settings: Sequence[Setting], shares: Array) -> dict[str, o
 
 
 def _is_possible(settings: Sequence[Setting], shares: Array, load_is_known: bool) -> bool:
-    """Return whether enough of it is slower than viscoelasticity, and little faster; asked only if the load is known.
-
-    With more that is fast, it would describe a lag beside a loop.
-    """
-    slow = _slow_part(settings, shares)
-    return not load_is_known or (slow > LEAST_SLOW and (1.0 - slow) * float(shares.sum()) < MOST_FAST)
+    """Return whether enough of it is slower than viscoelasticity; asked only if the load is known."""
+    return not load_is_known or _slow_part(settings, shares) > LEAST_SLOW
 
 
 def is_possible_on_walks(settings: Sequence[Setting], shares: Array, load_is_known: bool) -> bool:
@@ -144,7 +141,7 @@ TERM = Term(
     known_parameters=_known_parameters,
     plausible=0.1,
     limit=1.0,
-    known_sum_bound=MOST_SHARED,
+    known_sum_bound=MOST_LATE,
     absorbs={**ABSORBED, "earlier_load": EARLIER, "uneven_creep": UNEVEN},
     yields_to=("viscoelasticity", "hysteresis"),
     is_possible=_is_possible,
