@@ -196,10 +196,12 @@ def _search_under(
     best, others = search_timings(design_after, seen.offset_is_free, hypotheses)
     best = with_refined_snaps(best)
     if known is not None and changes_load_of_a_part(known.first):
-        start: TimingFit[BlockDesign] | None = known.first
+        start = known.first
         for _ in range(ORDERED_ROUNDS):
-            start = start and on_signal_path(best, start, design_after)
-            best = start if start is not None and start.criterion < best.criterion else best
+            ordered = on_signal_path(best, start, design_after)
+            if ordered is None:
+                break
+            best, start = min(best, ordered, key=lambda fitted: fitted.criterion), ordered
     for _ in range(ORDERED_ROUNDS):
         ordered = on_signal_path(best, best, design_after)
         if ordered is None or ordered.criterion >= best.criterion:
