@@ -273,9 +273,9 @@ def _find_landing(seen: WrenchObservation, of_board: NDArray[np.bool_], landing_
     """Return the row of a re-zero of a board under a standing person; None if there is none.
 
     In that row all its taxels jump to `landing_count`, the count of no load. They hardly change in the `width` rows
-    before and after it, and later, in the air, the board reads below no load by the size of the jump. Between the jump
-    and that time the readings hardly change, because the person stands. This excludes the end of a step, after which
-    the next steps change them.
+    before and after it, and later, in the air, the board reads below no load by the size of the jump. Until the foot is
+    lifted, the readings hardly change, because the person stands. A jump at the end of a step is no re-zero: the
+    steps after it change the readings.
     """
     usable = seen.usable[of_board]
     if not usable.any():
