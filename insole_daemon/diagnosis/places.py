@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from ..skin.geometry import N_TAXELS
 from ..skin.layout import Layout
 
 MOST_OF = 0.75  # of the usable taxels of a board or triangle: the place is then that board or triangle
+MOST_TRIANGLES = 0.9  # of a board or the insole: the place is then that board or the insole
 
 
 def where(slots: NDArray[np.intp], usable: NDArray[np.intp], layout: Layout) -> Where:
@@ -35,6 +36,18 @@ def where(slots: NDArray[np.intp], usable: NDArray[np.intp], layout: Layout) -> 
     finest = max(depth for depth, _ in places)
     ids = sorted({_taxel(slot, layout)[:finest] for _, group in places for slot in group})
     return Where(SCOPES[finest], tuple(ids))
+
+
+def place_of_triangles(rows: Sequence[int], layout: Layout) -> Where:
+    """Return the coarsest place that consists of the triangles `rows`, or of which nearly all are among them."""
+    identities = [tuple(identity) for identity in layout.identities.tolist()]
+    if len(rows) >= MOST_TRIANGLES * len(identities):
+        return Where()
+    boards = sorted({identities[row][0] for row in rows})
+    of_boards = [row for row, identity in enumerate(identities) if identity[0] in boards]
+    if len(rows) >= MOST_TRIANGLES * len(of_boards):
+        return Where("board", tuple((board,) for board in boards))
+    return Where("triangle", tuple(identities[row] for row in rows))
 
 
 def merged(sets: Iterable[NDArray[np.intp]]) -> NDArray[np.intp]:

@@ -19,7 +19,7 @@ from ...physics.effect import Where
 from ...physics.law import SCOPES, Array
 from ...skin.geometry import N_TAXELS
 from ..load_estimate import LoadEstimate
-from ..observations.reading_faults import DONORS
+from ..observations.broken_taxels import DONORS
 from ..observations.wrench import WrenchObservation
 from ..terms import TERMS
 from ..terms.term import Setting, Term, TermColumns

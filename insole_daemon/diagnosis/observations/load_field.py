@@ -18,7 +18,7 @@ from ...errors import DiagnosisError
 from ...physics.law import Array
 from ...recording.loading import FootRecording, Recording
 from ...skin.geometry import PRESSURE_TAXELS
-from .bursts import places_in_bursts
+from .frame_bursts import places_in_bursts
 from .grid_readings import read_rows
 from .reference_wrench import FINE_S
 from .wrench import LARGEST, SMALLEST

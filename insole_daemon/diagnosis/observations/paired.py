@@ -21,8 +21,8 @@ from ...physics.law import Array
 from ...recording.loading import FootRecording, Recording
 from ..operators import low_pass
 from .alignment import CLEARLY_LESS, GOOD_FIT, memory_regressors
-from .bursts import places_in_bursts
 from .chamber import LEAST_COVERED, ChamberObservation
+from .frame_bursts import places_in_bursts
 from .grid_readings import read_rows, temperature_at
 from .load_field import LoadField, Move, load_field
 from .reference_wrench import FINE_S, ReferenceWrench

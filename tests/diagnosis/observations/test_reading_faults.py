@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from insole_daemon.diagnosis.finding import Finding
-from insole_daemon.diagnosis.observations.reading_faults import _without_zeroed_taxels, reading_faults
+from insole_daemon.diagnosis.observations.broken_taxels import without_zeroed_taxels
+from insole_daemon.diagnosis.observations.reading_faults import reading_faults
 from insole_daemon.diagnosis.observations.walk import observe_walk
 from insole_daemon.diagnosis.observing import observed
 from insole_daemon.errors import DiagnosisError
@@ -107,16 +108,16 @@ def test_taxels_that_a_rezero_moved_beyond_their_range_are_not_dead(tmp_path):
         effect="dead_taxels", foot="left", where=Where("taxel", ((*triangle, 1), (*triangle, 3))), sentence="",
         recordings=(seen.name,),
     )  # fmt: skip
-    assert _without_zeroed_taxels(finding, seen, {board + 1: zeroed_s}) == finding
-    remaining = _without_zeroed_taxels(finding, seen, {board: zeroed_s})
+    assert without_zeroed_taxels(finding, seen, {board + 1: zeroed_s}) == finding
+    remaining = without_zeroed_taxels(finding, seen, {board: zeroed_s})
     assert remaining is not None
     assert remaining.where.ids == ((*triangle, 3),), "a taxel that never worked is dead"
     # As one finding on the board: dead only if most of its taxels never worked.
     rows = np.flatnonzero(seen.layout.identities[:, 0] == board)
     whole = replace(finding, where=Where("board", ((board,),)))
-    assert _without_zeroed_taxels(whole, seen, {board: zeroed_s}) == whole
+    assert without_zeroed_taxels(whole, seen, {board: zeroed_s}) == whole
     readings = list(seen.readings)
     for row in rows.tolist():
         is_later = readings[row].t_s[:, None] >= zeroed_s
         readings[row] = replace(readings[row], counts=np.where(is_later, 255.0, readings[row].counts))
-    assert _without_zeroed_taxels(whole, replace(seen, readings=tuple(readings)), {board: zeroed_s}) is None
+    assert without_zeroed_taxels(whole, replace(seen, readings=tuple(readings)), {board: zeroed_s}) is None

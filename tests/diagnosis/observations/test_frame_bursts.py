@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from insole_daemon.diagnosis.observations.bursts import places_in_bursts
+from insole_daemon.diagnosis.observations.frame_bursts import places_in_bursts
 from insole_daemon.diagnosis.observations.readings import TriangleReadings
 
 PERIOD_S = 0.02

@@ -1,0 +1,105 @@
+"""Detect times in which the readings of triangles scatter more than usual."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d, median_filter
+
+from ...physics.law import Array
+from ..finding import Finding
+from ..places import place_of_triangles
+from .fault_finding import make_fault_finding
+from .wrench import WrenchObservation
+
+BURST_RATIO, CALM_QUANTILE = 2.0, 0.25  # a window's noise against the triangle's usual one; rows in the air
+CALM_SHARE, LEAST_CALM_ROWS = 0.35, 4  # rows in which the load changes least, of all; smallest number in a window
+USUAL_WINDOW_QUANTILE = 0.3  # of the windows: noise that is present half of the time is usual
+LEAST_NOISE_COUNT = 0.5  # of a reading that toggles between two counts by rounding alone
+WINDOW_S, LEAST_BURST_S, MOST_BURST = 1.5, 2.9, 0.75
+MOST_CUT_OFF = 0.5  # of a window's readings at an end of their range
+
+
+def detect_noise_bursts(seen: WrenchObservation) -> tuple[Array, list[Finding]]:
+    """Return the noise of each triangle's readings as a multiple of its usual noise, (N, T), and a finding on bursts.
+
+    Noise is the RMS of third differences, which contain hardly any load, in windows of WINDOW_S.
+    """
+    noise_ratio = np.ones(seen.missing.shape)
+    window_rows = max(round(WINDOW_S / seen.step_s), 8)
+    n_windows = len(seen.t_s) // window_rows
+    if n_windows < 8:
+        return noise_ratio, []
+    third_difference = np.zeros_like(seen.activation_count)
+    third_difference[1:-2] = np.diff(seen.activation_count, n=3, axis=0) / np.sqrt(20.0)
+    taxels = np.maximum(seen.usable.sum(axis=1), 1)
+    rms_difference = np.sqrt(np.sum(third_difference**2 * seen.usable, axis=2) / taxels)
+    is_calm = _calm_rows(seen, third_difference, n_windows, window_rows)
+    noise_level = _calm_level(rms_difference, is_calm)
+    late_level = _calm_level(_change_in_half_a_period(seen), is_calm)
+    # Readings at an end of the range have no noise, so the usual noise would pass for a burst beside them.
+    is_cut_off = (seen.clipped | seen.missing)[: n_windows * window_rows].reshape(n_windows, window_rows, -1).mean(
+        axis=1
+    ) > MOST_CUT_OFF
+    heard_level = np.where(is_cut_off, np.nan, noise_level)
+    usual_level = np.where(is_cut_off.all(axis=0), np.inf, np.maximum(_usual_level(heard_level), LEAST_NOISE_COUNT))
+    noise_level = np.where(is_cut_off, 0.0, noise_level)
+    is_loud = noise_level > np.hypot(BURST_RATIO * usual_level, late_level)
+    is_loud &= median_filter(is_loud.astype(np.uint8), (3, 1), mode="nearest") > 0
+    share = is_loud.mean(axis=0)
+    has_bursts = (share * n_windows * window_rows * seen.step_s >= LEAST_BURST_S) & (share < MOST_BURST)
+    is_loud &= has_bursts
+    window_ratio = np.where(is_loud, noise_level / usual_level, 1.0)
+    noise_ratio[: n_windows * window_rows] = np.repeat(window_ratio, window_rows, axis=0)
+    # A burst may begin and end within a window, so its neighbours count as noisy, too.
+    noise_ratio = maximum_filter1d(noise_ratio, 2 * (window_rows // 2) + 1, axis=0)
+    if not has_bursts.any():
+        return noise_ratio, []
+    edges = np.flatnonzero(np.diff(is_loud.any(axis=1).astype(int), prepend=0, append=0)).reshape(-1, 2)
+    when = [
+        (float(seen.t_s[a * window_rows]), float(seen.t_s[min(b * window_rows, len(seen.t_s) - 1)])) for a, b in edges
+    ]
+    text = f"readings scatter {np.median(window_ratio[is_loud]):.1f} times as much as usual for a while"
+    where = place_of_triangles(np.flatnonzero(has_bursts).tolist(), seen.layout)
+    return noise_ratio, [make_fault_finding(seen, "noise_burst", where, when, text)]
+
+
+def _change_in_half_a_period(seen: WrenchObservation) -> Array:
+    """Return the change (N, T) of the readings in half of their period: what an error of their times looks like."""
+    mean_count = np.sum(seen.activation_count * seen.usable, axis=2) / np.maximum(seen.usable.sum(axis=1), 1)
+    change = np.zeros_like(mean_count)
+    change[2:-2] = np.abs(mean_count[4:] - mean_count[:-4]) / (4.0 * seen.step_s)
+    period_s = np.where(np.isfinite(seen.period_s), seen.period_s, seen.step_s)
+    return np.asarray(0.5 * period_s * change)
+
+
+def _calm_rows(seen: WrenchObservation, third_difference: Array, n_windows: int, window_rows: int) -> NDArray[np.bool_]:
+    """Return the rows (n, m) of windows in which the load is calm: most triangles hardly change."""
+    taxels = np.maximum(seen.usable.sum(axis=1), 1)
+    median_change = np.median(np.abs(np.sum(third_difference * seen.usable, axis=2)) / taxels, axis=1)
+    is_calm = median_change <= np.quantile(median_change, CALM_SHARE)
+    return np.asarray(is_calm[: n_windows * window_rows].reshape(n_windows, window_rows))
+
+
+def _calm_level(course: Array, is_calm: NDArray[np.bool_]) -> Array:
+    """Return the level (n, T) of `course` (N, T) in n windows, from the rows that are calm (n, m).
+
+    In a window with few such rows a low quantile of all rows is used: an edge of the load takes a few rows, a burst all
+    of them.
+    """
+    windows = course[: is_calm.size].reshape(*is_calm.shape, -1)
+    level = np.quantile(windows, CALM_QUANTILE, axis=1)
+    for k in np.flatnonzero(is_calm.sum(axis=1) >= LEAST_CALM_ROWS):
+        level[k] = np.median(windows[k, is_calm[k]], axis=0)
+    return np.asarray(level)
+
+
+def _usual_level(values: Array) -> Array:
+    """Return a low quantile (m,) of each column of (n, m), without NaN; 0 for a column of NaN."""
+    is_finite = np.isfinite(values)
+    return np.array(
+        [
+            np.quantile(column[finite], USUAL_WINDOW_QUANTILE) if finite.any() else 0.0
+            for column, finite in zip(values.T, is_finite.T, strict=True)
+        ]
+    )
