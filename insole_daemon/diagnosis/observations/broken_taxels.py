@@ -13,6 +13,7 @@ from ...physics.law import Array
 from ...recording.loading import FootRecording
 from ...skin.geometry import N_TAXELS
 from ..audit import audit
+from ..contact import at_both_ends
 from ..finding import Finding
 from ..places import place_of_triangles
 from .fault_finding import make_fault_finding
@@ -24,7 +25,7 @@ MOST_VALID = 0.95  # of a triangle's readings while it is reported as open: abov
 MOST_RESTING_COUNT = 30.0  # activation that a shift of the baseline can hide
 LEAST_WORKING_TAXELS = 3  # of a triangle, whose mean replaces its others
 DONORS = 3  # nearest triangles that replace one with too few working taxels
-MOST_CUT_OFF = 0.5  # of a taxel's readings at an end of their range
+MOST_CUT_OFF = 0.5  # of a taxel's readings, or of a triangle's cycles, at an end of their range
 
 
 def detect_contact_faults(foot: FootRecording, seen: WrenchObservation) -> list[Finding]:
@@ -33,7 +34,7 @@ def detect_contact_faults(foot: FootRecording, seen: WrenchObservation) -> list[
     findings = [
         _without_resting_taxels(finding, seen)
         for finding in audited.findings
-        if finding.effect in CONTACT_FAULTS and not _has_only_lost_readings(finding, seen)
+        if finding.effect in CONTACT_FAULTS and not _has_only_lost_readings(finding, foot, seen)
     ]
     return [finding for finding in findings if finding is not None]
 
@@ -88,17 +89,29 @@ def _without(finding: Finding, is_left_out: NDArray[np.bool_]) -> Finding | None
     return replace(finding, where=Where("taxel", kept_ids)) if kept_ids else None
 
 
-def _has_only_lost_readings(finding: Finding, seen: WrenchObservation) -> bool:
-    """Return whether the readings that came from a triangle reported as open are valid: then frames were lost."""
+def _has_only_lost_readings(finding: Finding, foot: FootRecording, seen: WrenchObservation) -> bool:
+    """Return whether the readings that came from a triangle reported as open are valid: then frames were lost.
+
+    Readings of an open line are constant and may count as repeats, so cycles in which all taxels are at an end of their
+    range tell as much.
+    """
     if finding.effect != "open_triangle" or not finding.when_s:
         return False
     identities = [tuple(identity) for identity in seen.layout.identities.tolist()]
+    rows = [identities.index(identity[:2]) for identity in finding.where.ids]
+    is_open = at_both_ends(foot.counts)[:, rows]
+    if is_open[_is_during(finding, (foot.t_ns - foot.t_ns[0]) * 1e-9)].mean() > MOST_CUT_OFF:
+        return False
     valid: list[float] = []
-    for row in (identities.index(identity[:2]) for identity in finding.where.ids):
+    for row in rows:
         readings = seen.readings[row]
-        during = np.any([(readings.t_s >= a) & (readings.t_s <= b) for a, b in finding.when_s], axis=0)
-        valid += readings.valid[during][:, seen.usable[row]].ravel().tolist()
+        valid += readings.valid[_is_during(finding, readings.t_s)][:, seen.usable[row]].ravel().tolist()
     return not valid or float(np.mean(valid)) > MOST_VALID
+
+
+def _is_during(finding: Finding, t_s: Array) -> NDArray[np.bool_]:
+    """Return which of the times `t_s` (n,) are in an interval of the finding, (n,)."""
+    return np.asarray(np.any([(t_s >= a) & (t_s <= b) for a, b in finding.when_s], axis=0))
 
 
 def detect_stuck_bits(seen: WrenchObservation) -> list[Finding]:

@@ -121,3 +121,21 @@ def test_taxels_that_a_rezero_moved_beyond_their_range_are_not_dead(tmp_path):
         is_later = readings[row].t_s[:, None] >= zeroed_s
         readings[row] = replace(readings[row], counts=np.where(is_later, 255.0, readings[row].counts))
     assert without_zeroed_taxels(whole, replace(seen, readings=tuple(readings)), {board: zeroed_s}) is None
+
+
+def test_a_triangle_whose_constant_readings_pass_for_repeats_has_lost_contact_not_frames(tmp_path):
+    recording = load(chamber.write(tmp_path / "bag", seconds=60.0))
+    foot = recording.feet[0]
+    (seen,) = observed([recording], [foot], None, lambda text: None, ())
+    t_s = (foot.t_ns - foot.t_ns[0]) * 1e-9
+    counts, valid = foot.counts.copy(), foot.valid.copy()
+    is_open = (t_s > 20.0) & (t_s < 30.0)
+    counts[is_open, 2], counts[is_open, 2, 3], valid[is_open, 2] = 0, 255, False
+    read = seen.readings[2]
+    new = (read.t_s <= 20.0) | (read.t_s >= 30.0)
+    read = replace(read, t_s=read.t_s[new], counts=read.counts[new], valid=read.valid[new])
+    seen = replace(seen, readings=(*seen.readings[:2], read, *seen.readings[3:]))
+    found = reading_faults(replace(foot, counts=counts, valid=valid), seen)
+    assert [(finding.effect, finding.where.ids) for finding in found.findings] == [
+        ("open_triangle", (tuple(seen.layout.identities[2].tolist()),))
+    ]
