@@ -46,7 +46,7 @@ def _moments(seen: WrenchObservation, change: Callable[[Array], Array]) -> tuple
 
     @cache
     def of_times(times: bytes) -> tuple[float, float]:
-        rows = _noise_of_rows(times, seen.t_s.tobytes())
+        rows = noise_of_rows(times, seen.t_s.tobytes())
         changed = change(rows)
         return float(np.mean(rows * changed)), float(np.mean(changed**2))
 
@@ -58,8 +58,11 @@ def _moments(seen: WrenchObservation, change: Callable[[Array], Array]) -> tuple
 
 
 @lru_cache(maxsize=32)  # the triangles of an insole: each delay, lag and bit shift asks for the same
-def _noise_of_rows(read_s: bytes, row_s: bytes) -> Array:
-    """Return DRAWS courses (N, DRAWS) of white noise at times of readings, interpolated at those of N rows."""
+def noise_of_rows(read_s: bytes, row_s: bytes) -> Array:
+    """Return DRAWS courses (N, DRAWS) of white noise at times of readings, interpolated at those of N rows.
+
+    Both times are those of arrays of float64, s, as bytes.
+    """
     at_s, rows_s = np.frombuffer(read_s), np.frombuffer(row_s)
     noise = np.random.default_rng(0).standard_normal((len(at_s), DRAWS))
     return np.asarray(CubicSpline(at_s, noise)(np.clip(rows_s, at_s[0], at_s[-1])))

@@ -10,6 +10,8 @@ from ...physics.law import Array
 from ..finding import Finding
 from ..places import place_of_triangles
 from .fault_finding import make_fault_finding
+from .grid_readings import LEAST_ROWS
+from .interpolated_noise import noise_of_rows
 from .wrench import WrenchObservation
 
 BURST_RATIO, CALM_QUANTILE = 2.0, 0.25  # a window's noise against the triangle's usual one; rows in the air
@@ -17,13 +19,15 @@ CALM_SHARE, LEAST_CALM_ROWS = 0.35, 4  # rows in which the load changes least, o
 USUAL_WINDOW_QUANTILE = 0.3  # of the windows: noise that is present half of the time is usual
 LEAST_NOISE_COUNT = 0.5  # of a reading that toggles between two counts by rounding alone
 WINDOW_S, LEAST_BURST_S, MOST_BURST = 1.5, 2.9, 0.75
+LEAST_KEPT = 0.2  # of the noise of readings, in the rows of a window: less is in a gap
 MOST_CUT_OFF = 0.5  # of a window's readings at an end of their range
 
 
 def detect_noise_bursts(seen: WrenchObservation) -> tuple[Array, list[Finding]]:
     """Return the noise of each triangle's readings as a multiple of its usual noise, (N, T), and a finding on bursts.
 
-    Noise is the RMS of third differences, which contain hardly any load, in windows of WINDOW_S.
+    Noise is the RMS of third differences, which contain hardly any load, in windows of WINDOW_S. Rows between readings
+    have less of it, by interpolation, and a row may come nearer to a reading in some windows than in others.
     """
     noise_ratio = np.ones(seen.missing.shape)
     window_rows = max(round(WINDOW_S / seen.step_s), 8)
@@ -35,8 +39,9 @@ def detect_noise_bursts(seen: WrenchObservation) -> tuple[Array, list[Finding]]:
     taxels = np.maximum(seen.usable.sum(axis=1), 1)
     rms_difference = np.sqrt(np.sum(third_difference**2 * seen.usable, axis=2) / taxels)
     is_calm = _calm_rows(seen, third_difference, n_windows, window_rows)
-    noise_level = _calm_level(rms_difference, is_calm)
-    late_level = _calm_level(_change_in_half_a_period(seen), is_calm)
+    kept = _kept_noise(seen, n_windows, window_rows)
+    noise_level = _calm_level(rms_difference, is_calm) / kept
+    late_level = _calm_level(_change_in_half_a_period(seen), is_calm) / kept
     # Readings at an end of the range have no noise, so the usual noise would pass for a burst beside them.
     is_cut_off = (seen.clipped | seen.missing)[: n_windows * window_rows].reshape(n_windows, window_rows, -1).mean(
         axis=1
@@ -50,7 +55,8 @@ def detect_noise_bursts(seen: WrenchObservation) -> tuple[Array, list[Finding]]:
     has_bursts = (share * n_windows * window_rows * seen.step_s >= LEAST_BURST_S) & (share < MOST_BURST)
     is_loud &= has_bursts
     window_ratio = np.where(is_loud, noise_level / usual_level, 1.0)
-    noise_ratio[: n_windows * window_rows] = np.repeat(window_ratio, window_rows, axis=0)
+    weight_ratio = np.where(is_loud, window_ratio * _common_factor(seen, third_difference, is_calm, is_loud), 1.0)
+    noise_ratio[: n_windows * window_rows] = np.repeat(weight_ratio, window_rows, axis=0)
     # A burst may begin and end within a window, so its neighbours count as noisy, too.
     noise_ratio = maximum_filter1d(noise_ratio, 2 * (window_rows // 2) + 1, axis=0)
     if not has_bursts.any():
@@ -62,6 +68,40 @@ def detect_noise_bursts(seen: WrenchObservation) -> tuple[Array, list[Finding]]:
     text = f"readings scatter {np.median(window_ratio[is_loud]):.1f} times as much as usual for a while"
     where = place_of_triangles(np.flatnonzero(has_bursts).tolist(), seen.layout)
     return noise_ratio, [make_fault_finding(seen, "noise_burst", where, when, text)]
+
+
+def _common_factor(
+    seen: WrenchObservation, third_difference: Array, is_calm: NDArray[np.bool_], is_loud: NDArray[np.bool_]
+) -> Array:
+    """Return how many times the noise of a board's mean in a burst is that of independent taxels, (T,), at least 1.
+
+    Pick-up is common to taxels, so it does not average out in the load of the board.
+    """
+    factor = np.ones(is_loud.shape[1])
+    boards = seen.layout.identities[:, 0]
+    n_windows, window_rows = is_calm.shape
+    windows = third_difference[: is_calm.size].reshape(n_windows, window_rows, *seen.usable.shape)
+    for board in np.unique(boards[is_loud.any(axis=0)]).tolist():
+        of_board = (boards == board) & is_loud.any(axis=0)
+        rows = windows[is_loud[:, of_board].any(axis=1)][is_calm[is_loud[:, of_board].any(axis=1)]]
+        taxels = rows[:, of_board][:, seen.usable[of_board]]  # (m, k)
+        if len(taxels):
+            independent = float(np.mean(taxels**2)) / taxels.shape[1]
+            common = float(np.mean(taxels.mean(axis=1) ** 2))
+            factor[of_board] = np.sqrt(max(common / max(independent, 1e-12), 1.0))
+    return factor
+
+
+def _kept_noise(seen: WrenchObservation, n_windows: int, window_rows: int) -> Array:
+    """Return the share (n, T) of the readings' noise that the rows of n windows have."""
+    kept = np.ones((n_windows, len(seen.readings)))
+    for row, readings in enumerate(seen.readings):
+        if len(readings.t_s) >= LEAST_ROWS:
+            noise = noise_of_rows(readings.t_s.tobytes(), seen.t_s.tobytes())
+            square = np.zeros(len(noise))
+            square[1:-2] = np.mean(np.diff(noise, n=3, axis=0) ** 2, axis=1) / 20.0
+            kept[:, row] = np.sqrt(square[: n_windows * window_rows].reshape(n_windows, window_rows).mean(axis=1))
+    return np.maximum(kept, LEAST_KEPT)
 
 
 def _change_in_half_a_period(seen: WrenchObservation) -> Array:

@@ -1,0 +1,62 @@
+"""Bursts of noise in the readings of triangles."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+
+from insole_daemon.diagnosis.observations.noise_bursts import detect_noise_bursts
+from insole_daemon.diagnosis.observing import observed
+from insole_daemon.recording.loading import load
+
+from .. import chamber
+
+
+@pytest.fixture(scope="module")
+def still(tmp_path_factory):
+    """A bag whose rows have no noise of their own."""
+    recording = load(chamber.write(tmp_path_factory.mktemp("bag") / "bag", seconds=60.0))
+    (seen,) = observed([recording], list(recording.feet), None, lambda text: None, ())
+    return replace(seen, activation_count=np.full_like(seen.activation_count, 20.0))
+
+
+def with_noise(seen, sd_count, phase_of_period):
+    """`seen` with white noise of `sd_count` (k, T, 12) in readings that come `phase_of_period` (k,) after rows."""
+    n = len(seen.t_s)
+    read_s = seen.t_s + phase_of_period[:n] * seen.step_s
+    noise = np.random.default_rng(5).standard_normal((n, *seen.usable.shape)) * sd_count
+    rows = CubicSpline(read_s, noise)(np.clip(seen.t_s, read_s[0], read_s[-1]))
+    readings = tuple(replace(each, t_s=read_s) for each in seen.readings)
+    return replace(seen, activation_count=seen.activation_count + rows, readings=readings)
+
+
+def test_rows_that_come_nearer_to_readings_are_no_burst(still):
+    """The noise of the readings rises by a fifth, which is no burst; that of the rows more than doubles."""
+    n = len(still.t_s)
+    is_later = np.arange(n) > 0.7 * n
+    phase, noise = np.where(is_later, 0.0, 0.5), np.where(is_later, 1.2, 1.0)
+    ratio, findings = detect_noise_bursts(with_noise(still, noise[:, None, None], phase))
+    assert findings == []
+    assert np.all(ratio == 1.0)
+
+
+def test_noise_that_is_common_to_a_board_weighs_its_rows_as_the_noise_of_its_load(still):
+    n = len(still.t_s)
+    is_burst = (np.arange(n) > 0.4 * n) & (np.arange(n) < 0.6 * n)
+    board = still.layout.identities[:, 0] == still.layout.identities[0, 0]
+    independent = np.where(is_burst[:, None, None] & board[:, None], 5.0, 1.0)
+    seen = with_noise(still, independent, np.zeros(n))
+    common = 2.0 * np.random.default_rng(6).standard_normal(n) * is_burst
+    both = replace(seen, activation_count=seen.activation_count + common[:, None, None] * board[:, None])
+    middle = n // 2
+    for burst, expected in (
+        (seen, 5.0),
+        (both, np.sqrt(25.0 + 4.0) * np.sqrt((25.0 + 4.0 * seen.usable[board].sum()) / 29.0)),
+    ):
+        ratio, (finding,) = detect_noise_bursts(burst)
+        assert finding.where.ids == ((still.layout.identities[0, 0],),)
+        assert ratio[middle, board] == pytest.approx(expected, rel=0.25)
+        assert np.all(ratio[middle, ~board] == 1.0)
