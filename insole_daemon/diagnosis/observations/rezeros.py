@@ -15,6 +15,7 @@ from ...physics.effect import Where
 from ...physics.effects import laws
 from ...physics.law import Array
 from ...recording.loading import FootRecording
+from ..contact import stretches
 from ..finding import Finding, Quantity
 from ..places import place_in_words
 from .paired import PairedObservation
@@ -39,6 +40,7 @@ LOW_QUANTILE = 0.1  # of a stretch's rows, in which a foot that walks is in the 
 AIR_QUANTILE = 0.25  # of the lowest readings of stretches: those with a swing
 STANDING_RATIO = 0.3  # largest standard deviation of the readings of a standing person, over the size of the jump
 JUMP_ROWS, CALM_RATIO = 2, 4.0  # of a landing: rows on each side, and its size over the changes before and after
+MOST_BELOW = 0.1  # of the rows shortly before a landing, in which a board reads less than in the air
 LEAST_RATIO = 1.5  # of the step to the scatter of the lowest readings before and after
 
 
@@ -275,7 +277,8 @@ def _find_landing(seen: WrenchObservation, of_board: NDArray[np.bool_], landing_
     In that row all its taxels jump to `landing_count`, the count of no load. They hardly change in the `width` rows
     before and after it, and later, in the air, the board reads below no load by the size of the jump. Until the foot is
     lifted, the readings hardly change, because the person stands. A jump at the end of a step is no re-zero: the
-    steps after it change the readings.
+    steps after it change the readings. Nor is one before which the board already read less than in
+    the air.
     """
     usable = seen.usable[of_board]
     if not usable.any():
@@ -290,7 +293,7 @@ def _find_landing(seen: WrenchObservation, of_board: NDArray[np.bool_], landing_
         """Return the RMS change of the taxels between two rows relative to each of `rows`."""
         return np.asarray(np.sqrt(np.mean((activation[rows + last] - activation[rows + first]) ** 2, axis=1)))
 
-    far = JUMP_ROWS + width
+    far, stretch_rows = JUMP_ROWS + width, round(STRETCH_S / seen.step_s)
     rows = np.arange(far, len(level) - far)
     if not len(rows):
         return None
@@ -301,6 +304,9 @@ def _find_landing(seen: WrenchObservation, of_board: NDArray[np.bool_], landing_
         row = int(rows[i])
         lacking_count = float(landing_activation.mean() - np.quantile(level[row:], LOW_QUANTILE))
         if not 0.5 * drop_count[i] < lacking_count < 1.5 * drop_count[i]:
+            continue
+        air_count = float(np.quantile(level[:row], LOW_QUANTILE))
+        if np.mean(level[max(row - stretch_rows, 0) : row] < air_count - LEAST_WALK_STEP_COUNT) > MOST_BELOW:
             continue
         later_count = level[row + JUMP_ROWS :]
         standing_rows = int(np.argmax(later_count < landing_activation.mean() - 0.5 * drop_count[i]))
@@ -335,8 +341,22 @@ def _find_rezero_of_walk(seen: WrenchObservation, of_board: NDArray[np.bool_], w
             stance_rows = round(STANCE_S / seen.step_s)
             stretch = (k - 1) * stretch_rows  # before it, single readings below are an undershoot of the interpolation
             floor_count = air_before - 0.5 * step_count
-            return stretch + _last_drop(level[stretch:], floor_count, 0.5 * step_count, width, stance_rows)
+            row = stretch + _last_drop(level[stretch:], floor_count, 0.5 * step_count, width, stance_rows)
+            paused = _only_pause(seen, of_board, slice(stretch - stretch_rows, row))
+            return row if paused is None else paused
     return None
+
+
+def _only_pause(seen: WrenchObservation, of_board: NDArray[np.bool_], during: slice) -> int | None:
+    """Return the middle row of the only pause of a board in the rows `during`, or None.
+
+    In a pause the board sends nothing and the other boards do. It tells the time of a re-zero better than readings that
+    are beyond their range in the air from then on, and are interpolated there.
+    """
+    missing = seen.missing[during]
+    is_pause = np.asarray(missing[:, of_board].all(axis=1) & ~missing[:, ~of_board].all(axis=1))
+    pauses = [(first, last) for first, last in stretches(is_pause) if last > first]
+    return (during.start + sum(pauses[0]) // 2) if len(pauses) == 1 else None
 
 
 def _last_drop(level: Array, floor: float, least: float, width: int, stance: int) -> int:

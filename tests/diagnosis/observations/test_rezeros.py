@@ -97,6 +97,24 @@ def test_a_rezero_is_not_dated_by_an_earlier_step():
     assert _last_drop(level, floor=-2.0, least=2.0, width=3, stance=100) == 1041
 
 
+def test_a_rezero_of_a_walking_board_is_dated_by_the_pause_in_which_it_sent_nothing(walk):
+    """Two seconds later the foot is in the air for the first time since, and leaves a plateau at once."""
+    foot, seen = walk
+    own = (seen.layout.identities[:, 0] == BOARD)[:, None] & seen.usable
+    of_step = np.concatenate([np.full(40, STANDING_COUNT), np.linspace(STANDING_COUNT, 0.0, 4), np.zeros(30)])
+    level = np.resize(of_step, len(seen.t_s))
+    at = int(np.argmax((seen.t_s > 26.0) & (level == STANDING_COUNT))) + 10
+    # In the air the readings are beyond their range, and are interpolated there until they come near no load again.
+    level[at:] -= np.interp(np.arange(len(level) - at), [0, 10, 60], [0.0, 0.5 * STANDING_COUNT, STANDING_COUNT])
+    missing = seen.missing.copy()
+    missing[at - 2 : at + 3, own.any(axis=1)] = True
+    activation = np.where(own, level[:, None, None], seen.activation_count)
+    _, findings = correct_rezeros(foot, replace(seen, activation_count=activation, missing=missing))
+    (finding,) = findings
+    assert finding.where.ids == ((BOARD,),)
+    assert finding.parameters["t_s"].value == pytest.approx(seen.t_s[at], abs=0.05)
+
+
 def test_rows_from_the_step_of_a_rezero_on_are_dropped_on_a_walk_even_if_readings_fall_later(walk):
     """The board pauses, then reads beyond its range, so that its readings between are interpolated."""
     foot, seen = walk
