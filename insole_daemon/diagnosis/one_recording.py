@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..physics.effect import Effect
+from ..physics.effect import Effect, Where
 from ..physics.effects import laws
 from ..recording.loading import FootRecording
 from . import sentences
@@ -271,9 +271,14 @@ def _fault_findings(
     """Return the findings on faults of the readings that remain beside the findings `effects`, and are not negligible.
 
     A finding on taxels is left out if all of them are at the place of an unknown effect, or in triangles that snap:
-    that may be what they show. Taxels of a triangle snap at different loads.
+    that may be what they show. Taxels of a triangle snap at different loads. So is a burst of noise at the place of an
+    unknown effect: a stuck bit or pick-up is loud at some loads or times only.
     """
     odd, layout = faults.odd_taxels, faults.observation.layout
+    unknown_slots = {
+        slot for finding in (*effects, *faults.findings) if finding.effect == "unknown" and finding.where != Where()
+        for slot in finding.where.slots(layout).tolist()
+    }  # fmt: skip
     remaining: Sequence[Finding] = odd.findings
     if odd.findings and isinstance(refined.design, BlockDesign):
         uneven = [
@@ -285,7 +290,10 @@ def _fault_findings(
             finding for finding in odd.beside(model_pressure(refined.of_laws))
             if not uneven_slots.issuperset(finding.where.slots(layout).tolist())
         ]  # fmt: skip
-    of_others = [finding for finding in faults.findings if finding not in odd.findings]
+    of_others = [
+        finding for finding in faults.findings if finding not in odd.findings
+        and not (finding.effect == "noise_burst" and unknown_slots.issuperset(finding.where.slots(layout).tolist()))
+    ]  # fmt: skip
     return [finding for finding in (*of_others, *remaining) if not _is_negligible(finding, figures)]
 
 
