@@ -302,13 +302,14 @@ class SubsetSearch(Generic[D]):
 def _is_a_model(chosen: Sequence[PlacedTerm]) -> bool:
     """Return whether a set can be a model.
 
-    It is not if all boards have a delay or lag, because that is a timing of the whole insole; if a bit shift and a gain
-    overlap; if all boards have a bit shift and the insole has a memory, because the shift would multiply the memory;
-    if terms computed from the reference stand beside terms that change the whole load, because the columns of the
-    former then contain the error; or if a word is twice at one place.
+    It is not if all boards are late, one of them by a delay or lag, because that is a timing of the whole insole, of
+    which the viscoelasticity of a board can be a part; if a bit shift and a gain overlap; if all boards have a bit
+    shift and the insole has a memory, because the shift would multiply the memory; if terms computed from the reference
+    stand beside terms that change the whole load, because the columns of the former then contain the error; or if a
+    word is twice at one place.
     """
-    late = [term for term in chosen if term.word in LATE and term.where.scope == "board"]
-    if late and len({term.where for term in late}) == late[0].n_places:
+    late = [term for term in chosen if term.word in (*LATE, "viscoelasticity") and term.where.scope == "board"]
+    if any(term.word in LATE for term in late) and len({term.where for term in late}) == late[0].n_places:
         return False
     exact = [term for term in chosen if term.word == "bit_shift"]
     if any(overlap(shift.where, term.where) for shift in exact for term in chosen if term.word == "gain"):
