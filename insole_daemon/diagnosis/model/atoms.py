@@ -1,8 +1,8 @@
 """Regressors of terms in blocks of triangles, and their inner products.
 
-Regressors are in single precision, grouped by the call that made them: a design with further regressors shares the
-groups of the one it was extended from. Under a uniform load most regressors are equal in all triangles but for the row
-weights, and are stored once.
+Both are in single precision. Regressors are grouped by the call that made them: a design with further regressors shares
+the groups of the one it was extended from. Under a uniform load most regressors are equal in all triangles but for the
+row weights, and are stored once.
 """
 
 from __future__ import annotations
@@ -74,8 +74,8 @@ class Atoms:
 
     parts: tuple[ColumnGroup, ...]  # the K columns in groups
     with_own: Array  # (T, b, K) products with the nuisance columns of each triangle
-    gram: Array  # (T, K, K) with own nuisance columns projected out
-    raw: Array  # (T, K, K) without projection
+    gram: Rows  # (T, K, K) with own nuisance columns projected out
+    raw: Rows  # (T, K, K) without projection
     shared: Array  # (T, K, s) products with the nuisance columns of the reference
     product: Array  # (T, K) covariance of noise in the regressor with that of the row
     square: Array  # (T, K) variance of noise in the regressor
@@ -109,7 +109,7 @@ class Atoms:
     def scaled(self, factors: Array) -> Atoms:
         """Return the atoms times `factors` (T, K)."""
         groups = [group.scaled(factors[:, start:end]) for group, start, end in self._spans()]
-        wide, of_pairs = factors[:, None, :], factors[:, :, None] * factors[:, None, :]
+        wide, of_pairs = factors[:, None, :], (factors[:, :, None] * factors[:, None, :]).astype(np.float32)
         return Atoms(
             tuple(groups), self.with_own * wide, self.gram * of_pairs, self.raw * of_pairs,
             self.shared * factors[:, :, None], self.product * factors, self.square * factors**2,
@@ -131,8 +131,18 @@ def projected(atoms: Atoms, nuisance: Nuisance) -> Atoms:
         _nuisance_products([group.of_triangle(t) for group in atoms.parts], nuisance, t) for t in range(len(atoms.raw))
     ]
     with_own, shared = (np.stack(arrays) for arrays in zip(*products, strict=True))
-    gram = atoms.raw - np.matmul(with_own.transpose(0, 2, 1), np.matmul(nuisance.inverse, with_own))
-    return replace(atoms, with_own=with_own, gram=gram, shared=shared)
+    return replace(atoms, with_own=with_own, gram=_projected_gram(atoms.raw, with_own, nuisance), shared=shared)
+
+
+def _projected_gram(raw: Rows, with_own: Array, nuisance: Nuisance) -> Rows:
+    """Return the inner products (T, K, K) with the own nuisance columns projected out, from those without projection.
+
+    `with_own` (T, b, K): products with the own nuisance columns. One triangle after the other, to need less memory.
+    """
+    gram = np.empty_like(raw)
+    for of_triangle, own_raw, own, inverse in zip(gram, raw, with_own, nuisance.inverse, strict=True):
+        of_triangle[:] = own_raw - own.T @ (inverse @ own)
+    return gram
 
 
 def make_atoms(
@@ -150,7 +160,8 @@ def make_atoms(
     groups_before = () if joined is None else joined.parts
     n_triangles, k = product.shape
     k_before = 0 if joined is None else joined.product.shape[1]
-    raw, with_before = np.zeros((n_triangles, k, k)), np.zeros((n_triangles, k_before, k))
+    raw = np.zeros((n_triangles, k, k), np.float32)
+    with_before = np.zeros((n_triangles, k_before, k), np.float32)
     with_own = np.zeros((n_triangles, nuisance.own.shape[1], k))
     shared = np.zeros((n_triangles, k, len(nuisance.kind)))
     for t in range(n_triangles) if at is None else np.flatnonzero(at).tolist():
@@ -159,12 +170,12 @@ def make_atoms(
         if k_before:
             with_before[t] = np.concatenate([group.of_triangle(t) @ rows.T for group in groups_before])
         with_own[t], shared[t] = _nuisance_products([rows], nuisance, t)
-    own_coefficients = np.matmul(nuisance.inverse, with_own)
-    gram = raw - np.matmul(with_own.transpose(0, 2, 1), own_coefficients)
+    gram = _projected_gram(raw, with_own, nuisance)
     if joined is None:
         return Atoms(new_groups, with_own, gram, raw, shared, product, square)
     # Inner products of the columns of `joined` are kept; only those with new columns are computed.
-    projected = with_before - np.matmul(joined.with_own.transpose(0, 2, 1), own_coefficients)
+    taken_up = np.matmul(joined.with_own.transpose(0, 2, 1), np.matmul(nuisance.inverse, with_own))
+    projected = (with_before - taken_up).astype(np.float32)
     return Atoms(
         (*(group for group in groups_before if group.k), *new_groups),
         np.concatenate([joined.with_own, with_own], axis=2), _bordered(joined.gram, projected, gram),
@@ -230,7 +241,7 @@ def _is_equal_in_all_triangles(values: Array) -> bool:
     )
 
 
-def _bordered(first: Array, between: Array, last: Array) -> Array:
+def _bordered(first: Rows, between: Rows, last: Rows) -> Rows:
     """Return the symmetric matrix (T, K + k, K + k) of its blocks (T, K, K), (T, K, k) and (T, k, k)."""
     return np.concatenate(
         [np.concatenate([first, between], axis=2), np.concatenate([between.transpose(0, 2, 1), last], axis=2)], axis=1

@@ -23,7 +23,7 @@ from ..load_estimate import KnownLoad, LoadEstimate
 from ..observations.chamber import ChamberObservation
 from ..terms import TERMS
 from ..terms.term import LEAST_SIZE, Setting, TermColumns
-from .atoms import Atoms, make_atoms, projected
+from .atoms import Atoms, Rows, make_atoms, projected
 from .gram import GramMatrix, PlacedColumns
 from .nuisance import USUAL, Nuisance, Priors, nuisance_of
 from .placement import Placement, place_of
@@ -216,7 +216,7 @@ class BlockDesign:
             triangles = np.flatnonzero(self.mask[list(key[:-1])].all(axis=0))
             atoms = self.atom[np.concatenate([candidate.columns for candidate in candidates])]
             products = self.atoms.raw if raw else self.atoms.gram
-            self._products[key] = products[triangles[:, None, None], atoms[:, None], atoms].sum(axis=0)
+            self._products[key] = products[triangles[:, None, None], atoms[:, None], atoms].sum(axis=0, dtype=float)
         return self._products[key]
 
     @cached_property
@@ -402,7 +402,7 @@ class BlockDesign:
             candidates=with_companions(candidates, AT_REST), atom=np.concatenate(atom), mask=np.concatenate(mask),
         )  # fmt: skip
 
-    def _summed(self, by_triangle: Array) -> Array:
+    def _summed(self, by_triangle: Rows) -> Array:
         """Return the sums (p, p) of values (T, K, K) of the atoms over the common triangles of two columns."""
         of_columns, at = by_triangle[:, self.atom[:, None], self.atom], self.mask.T.astype(float)
         return np.asarray(np.sum(of_columns * at[:, :, None] * at[:, None, :], axis=0))

@@ -35,8 +35,9 @@ class GramMatrix:
     """
 
     def __init__(
-        self, columns: PlacedColumns, by_triangle: Array, with_shared: Array, shared_inverse: Array, diagonal: Array
-    ) -> None:
+        self, columns: PlacedColumns, by_triangle: NDArray[np.float32], with_shared: Array, shared_inverse: Array,
+        diagonal: Array,
+    ) -> None:  # fmt: skip
         """Compute the sums of `by_triangle` (T, K, K) of atoms.
 
         `with_shared` (p, s): products with the shared nuisance columns, whose inverse Gram matrix is `shared_inverse`
@@ -49,7 +50,7 @@ class GramMatrix:
         packed = np.packbits(intersections, axis=1)
         _, first, common = np.unique(packed, axis=0, return_index=True, return_inverse=True)
         self._common: NDArray[np.intp] = common.reshape(len(places), len(places))
-        self._sums = np.tensordot(intersections[first].astype(float), by_triangle, axes=1)  # (C, K, K)
+        self._sums = np.tensordot(intersections[first].astype(np.float32), by_triangle, axes=1)  # (C, K, K)
 
     def __getitem__(self, index: Any) -> Array:
         rows, columns = index if isinstance(index, tuple) else (index, slice(None))
