@@ -38,6 +38,7 @@ LOOSE_COUNT = 5.0  # prior standard deviation of a curve that contains the mean 
 OWN_CURVE_COUNT = 0.3  # the same of a curve that was fitted to the recordings themselves
 CLEARER = 0.6  # excess over the noise with one kind of curves relative to the other that is clearly less
 FAR_CLEARER = 0.25  # the same if usual curves leave no more than the possible misfit of the laws
+AT_BOUND = 0.99  # of the bound of a sum of shares
 PLACED_ROUNDS = 3  # of searches after the taxels were moved to fitted places
 ORDERED_ROUNDS = 2  # of searches with terms that act on each other's output
 
@@ -81,6 +82,16 @@ class SearchResult:
         return len(self.first.best.chosen) + len(self.first.words)
 
     @property
+    def is_at_bound(self) -> bool:
+        """Return whether a term that may have a wider bound reaches that of the sum of its shares."""
+        first = self.first
+        terms = [first.search.design.candidates[k].term for k in first.best.chosen]
+        return any(
+            term.wide_sum_bound is not None and float(own.sum()) > AT_BOUND * term.known_sum_bound
+            for term, own in zip(terms, first.best.shares, strict=True)
+        )
+
+    @property
     def has_memory(self) -> bool:
         """Whether the best set contains a memory."""
         first = self.first
@@ -95,7 +106,7 @@ def search(seen: WrenchObservation, faults: ReadingFaults, placements: Placement
     if isinstance(seen, PairedObservation):
         result = _search_with_placement(seen, faults, placements, foot)
     elif isinstance(seen, ChamberObservation):
-        result = _search_with_curves(seen, faults)
+        result = _search_with_bounds(seen, faults)
     else:
         result = _search_under(USUAL, seen, faults)
     return replace(result, first=_refined_places(result.first))
@@ -130,6 +141,22 @@ def _search_with_placement(
     return replace(result, before=count_errors(refine(block_design(KnownLoad(by_the_map), weights), ()), ()).before)
 
 
+def _search_with_bounds(seen: ChamberObservation, faults: ReadingFaults) -> SearchResult:
+    """Return the best set of a usual material, or that of an unusual one.
+
+    The latter if a term of the former reaches the bound of its shares, and the wide bound leaves clearly less, or less
+    with fewer terms.
+    """
+    usual = _search_with_curves(seen, faults)
+    if not usual.is_at_bound:
+        return usual
+    wide = _search_under(replace(usual.priors, has_wide_bounds=True), seen, faults, usual)
+    noise = float(np.count_nonzero(faults.weights_of(seen)))
+    is_clearer = wide.deviance - noise < CLEARER * (usual.deviance - noise)
+    is_simpler = wide.n_terms < usual.n_terms and wide.deviance < usual.deviance
+    return wide if (is_clearer or is_simpler) and _heldout_excess(wide) < _heldout_excess(usual) else usual
+
+
 def _search_with_curves(seen: ChamberObservation, faults: ReadingFaults) -> SearchResult:
     """Return the best set with curves of usual accuracy, or with loose ones.
 
@@ -146,9 +173,10 @@ def _search_with_curves(seen: ChamberObservation, faults: ReadingFaults) -> Sear
     clearer = loose.deviance - noise < CLEARER * (usual.deviance - noise)
     simpler = loose.n_terms < usual.n_terms and loose.deviance < usual.deviance
     # With loose curves the search has no static effect. The possible misfit of a law is not reason enough for them,
-    # unless they fit far better.
+    # unless they fit far better without further terms.
     if usual.deviance < noise + usual.misfit:
-        clearer, simpler = False, simpler and loose.deviance - noise < FAR_CLEARER * (usual.deviance - noise)
+        clearer = loose.deviance - noise < FAR_CLEARER * (usual.deviance - noise) and loose.n_terms <= usual.n_terms
+        simpler = False
     if not (loose.has_memory and (clearer or simpler)):
         return usual
     # Loose curves take up errors of a law too, so held-out errors decide; clear ones, if loose curves need fewer terms.

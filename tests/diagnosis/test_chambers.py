@@ -65,6 +65,21 @@ def test_a_memory_of_three_triangles_is_placed_and_measured(tmp_path):
     assert found.verdict == "explained"
 
 
+def test_a_creep_that_delays_nearly_the_whole_response_is_measured(tmp_path):
+    """No usual material does; a bound of the delayed part would leave a mismatch that other terms describe."""
+    taus_s = (2.0, 8.0, 32.0)
+
+    def creeping(t_s: Array, p: Array) -> Array:
+        return p + sum(relaxing(0.3, tau_s)(t_s, p) - p for tau_s in taus_s)
+
+    (finding,) = diagnose(write(tmp_path / "bag", creeping, seconds=60.0)).findings
+    assert finding.effect == "creep"
+    a, tau_s = (finding.parameters[name].value for name in ("a", "tau_s"))
+    assert tau_s[:3] == pytest.approx(taus_s)
+    assert a[:3] == pytest.approx([0.3, 0.3, 0.3], rel=0.05)
+    assert sum(a[3:]) < 0.02
+
+
 def test_a_memory_that_is_stronger_in_some_triangles_is_one_effect(tmp_path):
     """Materials are not the same everywhere: the rest of a strong memory is no drift or memory of single triangles."""
     strength = np.repeat([1.1, 0.92, 1.05, 0.95, 1.08, 0.9], 12)

@@ -425,6 +425,8 @@ def block_design(load: LoadEstimate, weights: Array, priors: Priors = USUAL) -> 
     nuisance = nuisance_of(load, weights, priors)
     excluded = RECALIBRATIONS if priors.has_loose_curves else ()
     terms = [term for term in TERMS if term.needs(load) is None and term.word not in excluded]
+    if priors.has_wide_bounds:
+        terms = [term.with_wide_bound() for term in terms]
     placement = Placement(seen)
 
     def blocks() -> Iterator[TermColumns]:

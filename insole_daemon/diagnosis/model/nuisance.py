@@ -35,12 +35,14 @@ class Priors:
     """Standard deviations of deviations that are not of the sensor, or were present when it was calibrated.
 
     `timing_s` and `share`: deviation of a simulated load from the person's, in time and relative. `curve_count`: of the
-    static curves; those of a calibration that contains a memory have its mean curve.
+    static curves; those of a calibration that contains a memory have its mean curve. `has_wide_bounds`: the material
+    may be an unusual one (`Term.wide_sum_bound`).
     """
 
     timing_s: float = 0.0
     share: float = 0.0
     curve_count: float = CURVE_STD_COUNT
+    has_wide_bounds: bool = False
 
     @property
     def has_loose_curves(self) -> bool:

@@ -26,6 +26,7 @@ from .count_errors import ErrorByLoad, errors_by_load
 
 LEAST_SIZE = 2.0  # RMS of the effect over the rows, in the noise of a reading
 MOST_LEFT = 0.5  # of the mean square that the memory's mean curve alone leaves
+SIMILAR = 2.0  # times the smallest residual
 LEAST_OTHERS = 2  # boards beside one with an effect
 MOST_APART = 0.5  # RMS difference of any two of these, relative to the effect
 ALIKE, MOST_TRIANGLES = 0.5, 0.75  # relative deviation of a triangle's share, and part of the triangles that keep to it
@@ -45,22 +46,26 @@ class StaticPart:
 
 
 def static_part(refined: Refined[BlockDesign]) -> StaticPart | None:
-    """Return the stiffening beside the memories of `refined` with the smallest residual.
+    """Return the stiffening beside the memories of `refined` that describes the error, or None.
 
-    None if the memory's mean curve, a gain and a baseline are enough, or no stiffening describes the rest.
+    None if the memory's mean curve, a gain and a baseline are enough, or no stiffening describes the rest. A larger
+    stiffening with a gain against it describes about the same, so of those with residuals up to SIMILAR times the least
+    it is the smallest.
     """
     error = errors_by_load(refined, [np.ones(len(refined.design.seen.layout), bool)])[0]
     weights = np.sqrt(error.rows / error.rows.sum())
-    best, least = None, MOST_LEFT * _residual_square(error, np.zeros_like(error.after), weights)
+    most = MOST_LEFT * _residual_square(error, np.zeros_like(error.after), weights)
+    possible: list[tuple[float, StaticPart]] = []
     for values, column in _stiffenings(error):
         square = float(np.sum((weights * column) ** 2))
-        if square < (LEAST_SIZE * error.noise_count) ** 2:
-            continue
         residual = _residual_square(error, column, weights)
-        if residual < least:
+        if square >= (LEAST_SIZE * error.noise_count) ** 2 and residual < most:
             std = float(np.sqrt(residual / square / len(column)))
-            best, least = StaticPart("stiffening", values, square, std), residual
-    return best
+            possible.append((residual, StaticPart("stiffening", values, square, std)))
+    if not possible:
+        return None
+    least = min(residual for residual, _ in possible)
+    return min((part for residual, part in possible if residual <= SIMILAR * least), key=lambda part: part.square)
 
 
 def _stiffenings(error: ErrorByLoad) -> Iterator[tuple[dict[str, float], Array]]:

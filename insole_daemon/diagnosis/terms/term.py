@@ -7,7 +7,7 @@ column is called its share.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain
 from typing import Literal
 
@@ -68,6 +68,7 @@ class Term:
     absorbs: Mapping[str, float] = field(default_factory=dict)
     limit: float = np.inf  # largest absolute share for which the law is valid
     known_sum_bound: float = np.inf  # largest sum of shares if the load is known: they are then the law's parameters
+    wide_sum_bound: float | None = None  # the same of an unusual material; None: no other
     misfit: float = 0.002
     likeness: float = 1.0  # fraction of other laws' misfit that it can describe
     known_misfit: float | None = None  # `misfit` of columns computed from a known load; None: the same
@@ -139,6 +140,10 @@ class Term:
     def sum_bound(self, load_is_known: bool) -> float:
         """Return the upper bound of the sum of its shares."""
         return self.known_sum_bound if load_is_known or self.is_of_load else np.inf
+
+    def with_wide_bound(self) -> Term:
+        """Return the term with the bound of an unusual material."""
+        return self if self.wide_sum_bound is None else replace(self, known_sum_bound=self.wide_sum_bound)
 
     def parameters_of(self, load_is_known: bool) -> Callable[[Sequence[Setting], Array], dict[str, object]]:
         """Return the function from settings and shares (k,) to the law's parameters."""

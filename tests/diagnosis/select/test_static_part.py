@@ -5,6 +5,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
 from insole_daemon.diagnosis.select import static_part
 from insole_daemon.diagnosis.select.count_errors import ErrorByLoad
@@ -34,3 +35,15 @@ def test_a_stiffening_beside_them_is_one(monkeypatch):
     part = found(monkeypatch, 0.5 * MEMORY_COUNT - 0.1 * ACTIVATION_COUNT + less_count)
     assert part is not None
     assert part.word == "stiffening"
+
+
+def test_of_equal_descriptions_the_smallest_stiffening_is_taken(monkeypatch):
+    """On a curve that saturates, one from a lower load on with a gain against it leaves hardly less."""
+    activation_count = 80.0 * (1.0 - np.exp(-LOAD_PA / 150e3))
+    monkeypatch.setattr(f"{__name__}.ACTIVATION_COUNT", activation_count)
+    over_pa = np.maximum(LOAD_PA - 160e3, 0.0)
+    felt_pa = LOAD_PA - over_pa + over_pa * 190e3 / (190e3 + over_pa)
+    less_count = activation_count - np.interp(felt_pa, LOAD_PA, activation_count)
+    part = found(monkeypatch, less_count)
+    assert part is not None
+    assert part.square == pytest.approx(np.mean(less_count**2), rel=0.2)
