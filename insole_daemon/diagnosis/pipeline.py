@@ -19,6 +19,7 @@ from .export import wrench_model
 from .feet import choose
 from .finding import Finding, Verdict
 from .model.blocks import RECALIBRATIONS
+from .observations.chamber import ChamberObservation
 from .observations.wrench import WrenchObservation
 from .observing import observed, refuse_mixture, refuse_still
 from .one_recording import diagnose_one
@@ -31,6 +32,7 @@ LASTING_EFFECTS = (*merging.LASTING, "delay")  # that any recording may add to t
 REACHED = 0.999  # quantile of the activations in a chamber, up to which its curves are known
 CLEAR = 0.01  # of what all findings explain
 LESS = 0.5  # of the squared error: a walk is read by the model of a chamber if that leaves no more
+CLEARLY_LESS = 0.6  # of the squared error beyond the floor, on the clock of the edges against the declared one
 PERMANENT_FAULTS = ("dead_taxels", "open_triangle")  # of taxels, if they last for the whole recording
 
 
@@ -99,7 +101,7 @@ def _diagnose_each(
         seen, foot = by_recording.pop(i), feet[i]
         if not seen.load_is_known:
             seen = replace(seen, ruled_out=_ruled_out(results.values()))
-        results[i] = diagnose_one(seen, foot, progress)
+        results[i] = _on_likelier_clock(seen, foot, progress)
         if seen.load_is_known:
             model = model or _model_of_memories(results[i])
         elif model is not None:
@@ -110,6 +112,27 @@ def _diagnose_each(
                 results[i] = replace(again, figures=figures)
                 undone[i] = model.words
     return [results[i] for i in range(len(feet))], undone
+
+
+def _on_likelier_clock(
+    seen: WrenchObservation, foot: FootRecording, progress: Callable[[str], None]
+) -> RecordingResult:
+    """Return the result of a recording on its clock, or on the declared one although the edges contradict that.
+
+    A strong memory moves edges, too. The clock of the edges is used if it leaves clearly less.
+    """
+    result = diagnose_one(seen, foot, progress)
+    if not (isinstance(seen, ChamberObservation) and seen.is_declared_clock_doubtful):
+        return result
+    progress(f"comparing {seen.name} on the declared clock, too")
+    declared = diagnose_one(seen.with_declared_clock(), foot, progress)
+    left, left_declared = (_excess_square(one) for one in (result, declared))
+    return result if left < CLEARLY_LESS * left_declared else declared
+
+
+def _excess_square(result: RecordingResult) -> float:
+    """Return the held-out mean square error beyond the floor, counts²."""
+    return float(result.figures.after[0] ** 2 - result.figures.floor[0] ** 2)
 
 
 def _ruled_out(results: Iterable[RecordingResult]) -> frozenset[str]:

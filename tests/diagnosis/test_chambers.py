@@ -80,6 +80,17 @@ def test_a_creep_that_delays_nearly_the_whole_response_is_measured(tmp_path):
     assert sum(a[3:]) < 0.02
 
 
+def test_a_strong_creep_that_moves_the_edges_is_no_wrong_clock(tmp_path):
+    def creeping(t_s: Array, p: Array) -> Array:
+        return p + sum(relaxing(share, tau_s)(t_s, p) - p for share, tau_s in ((0.5, 6.0), (0.4, 30.0)))
+
+    found = diagnose(write(tmp_path / "bag", creeping, seconds=60.0))
+    (finding,) = found.findings
+    assert finding.effect == "creep"
+    assert sum(finding.parameters["a"].value) == pytest.approx(0.9, abs=0.05)
+    assert found.clocks[0, 0] == pytest.approx(0.0)
+
+
 def test_a_memory_that_is_stronger_in_some_triangles_is_one_effect(tmp_path):
     """Materials are not the same everywhere: the rest of a strong memory is no drift or memory of single triangles."""
     strength = np.repeat([1.1, 0.92, 1.05, 0.95, 1.08, 0.9], 12)

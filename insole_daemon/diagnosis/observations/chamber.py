@@ -70,6 +70,16 @@ class ChamberObservation(WrenchObservation):
         period_s = float(np.median(self.period_s[np.isfinite(self.period_s)]))
         return max(LEAST_LAG_S, LEAST_LAG_PERIODS * period_s) if self.offset_is_free else LEAST_LAG_S
 
+    @property
+    def is_declared_clock_doubtful(self) -> bool:
+        """Return whether the edges contradict the declared clock, and the clock is that of the edges."""
+        return self.offset_is_free and self.declared_offset_s is not None
+
+    def with_declared_clock(self) -> ChamberObservation:
+        """Return the same rows on the declared clock."""
+        assert self.declared_offset_s is not None
+        return replace(self.with_clock(self.declared_offset_s, 0.0), offset_is_free=False)
+
     @cached_property
     def edge_delay_s(self) -> float:
         """Return the delay of the readings' edges in the middle of the recording, s; 0 where they do not tell it."""
