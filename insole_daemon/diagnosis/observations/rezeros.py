@@ -31,6 +31,7 @@ BELOW_QUANTILE = 0.02  # of later readings, that is below no load if the load of
 MISSING_RATIO = (0.5, 1.6)  # range of the median that later readings lack, over the size of the step
 LEAST_ROWS = 50  # within range, to judge that
 STEADY_QUANTILE, STEADY_RATIO = 0.1, 0.2  # low quantile of what later readings lack, over the size of the step
+LESS_AS_PART = 0.5  # squared residual of a part of the load, over that of a constant
 MOST_STEP_S = 0.12  # duration of the step, each way
 STRETCH_S, LEAST_STRETCHES = 2.0, 3  # of a walk, with at least one swing; number of stretches before and after
 PAUSE_S = 2.0  # before a fall of the readings, for a pause that may be that of the re-zero
@@ -192,6 +193,7 @@ def _find_rezero(seen: WrenchObservation, of_board: NDArray[np.bool_], landing_c
                     else _lacks_load(above_landing[first:], expected[first:], step_count)
                 )
                 and (not seen.is_uniform or _is_steady(missing[first:][~cut_off[first:]], step_count))
+                and not _is_part_of_load(missing[first:], expected[first:])
             ):
                 steps = np.nan_to_num(np.diff(missing[last : first + 1]), nan=-np.inf)
                 return last + 1 + int(np.argmax(steps))
@@ -254,6 +256,19 @@ def _is_steady(missing_count: Array, step_count: float) -> bool:
     """Return whether readings (N,) never miss much less than `step_count`, as those of a memory or a wrong curve do."""
     known = missing_count[np.isfinite(missing_count)]
     return len(known) < LEAST_ROWS or float(np.quantile(known, STEADY_QUANTILE)) > STEADY_RATIO * step_count
+
+
+def _is_part_of_load(missing_count: Array, expected: Array) -> bool:
+    """Return whether readings (N,) miss a part of the load rather than the same at any load: a gain or a bit shift.
+
+    `expected` (N,): by the load; NaN where either is not known.
+    """
+    known = np.isfinite(missing_count) & np.isfinite(expected)
+    if known.sum() < LEAST_ROWS:
+        return False
+    missing, load = missing_count[known], expected[known]
+    part = missing - load * (missing @ load) / max(float(load @ load), 1e-12)
+    return bool(part @ part < LESS_AS_PART * np.sum((missing - missing.mean()) ** 2))
 
 
 def _falls_below_no_load(activation: Array) -> bool:

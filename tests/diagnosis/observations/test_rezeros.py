@@ -9,7 +9,7 @@ import pytest
 
 import insole_daemon
 from insole_daemon.diagnosis.observations.reading_faults import reading_faults
-from insole_daemon.diagnosis.observations.rezeros import _last_drop, correct_rezeros
+from insole_daemon.diagnosis.observations.rezeros import _is_part_of_load, _last_drop, correct_rezeros
 from insole_daemon.diagnosis.observing import observed
 
 from .. import chamber
@@ -230,3 +230,15 @@ def test_readings_that_miss_much_less_than_the_step_at_other_times_were_not_zero
     activation = np.where(seen.usable, seen.activation_count - missing[:, None, None], 0.0)
     findings = correct_rezeros(foot, replace(seen, activation_count=activation))[1]
     assert len(findings) == (3 if is_rezero else 0)
+
+
+@pytest.mark.parametrize(
+    ("part", "constant_count", "is_part"), [(0.5, 0.0, True), (0.0, 9.0, False), (0.1, 9.0, False)]
+)
+def test_readings_that_miss_a_part_of_the_load_are_those_of_a_gain_or_bit_shift(part, constant_count, is_part):
+    """A board that halves its readings misses half of the first load, as if it had been zeroed then."""
+    rng = np.random.default_rng(2)
+    load_count = 20.0 + 10.0 * np.sin(np.arange(400) / 20.0)
+    missing_count = part * load_count + constant_count + rng.standard_normal(400)
+    load_count[::7] = np.nan
+    assert _is_part_of_load(missing_count, load_count) == is_part
