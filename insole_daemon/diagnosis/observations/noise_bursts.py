@@ -75,16 +75,19 @@ def _common_factor(
 ) -> Array:
     """Return how many times the noise of a board's mean in a burst is that of independent taxels, (T,), at least 1.
 
-    Pick-up is common to taxels, so it does not average out in the load of the board.
+    Pick-up is common to the taxels of a board, so it does not average out in the wrench. 1 if the load of each triangle
+    is known.
     """
     factor = np.ones(is_loud.shape[1])
-    boards = seen.layout.identities[:, 0]
+    if seen.load_is_known:
+        return factor
     n_windows, window_rows = is_calm.shape
     windows = third_difference[: is_calm.size].reshape(n_windows, window_rows, *seen.usable.shape)
-    for board in np.unique(boards[is_loud.any(axis=0)]).tolist():
-        of_board = (boards == board) & is_loud.any(axis=0)
-        rows = windows[is_loud[:, of_board].any(axis=1)][is_calm[is_loud[:, of_board].any(axis=1)]]
-        taxels = rows[:, of_board][:, seen.usable[of_board]]  # (m, k)
+    boards, has_bursts = seen.layout.identities[:, 0], is_loud.any(axis=0)
+    for board in np.unique(boards[has_bursts]).tolist():
+        of_board = (boards == board) & has_bursts
+        is_burst = is_loud[:, of_board].any(axis=1)
+        taxels = windows[is_burst][is_calm[is_burst]][:, of_board][:, seen.usable[of_board]]  # (m, k)
         if len(taxels):
             independent = float(np.mean(taxels**2)) / taxels.shape[1]
             common = float(np.mean(taxels.mean(axis=1) ** 2))

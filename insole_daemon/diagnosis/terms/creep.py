@@ -26,8 +26,9 @@ from .term import ABSORBED, Setting, Term, TermColumns
 RATIO = 4.0  # between time constants
 FASTEST_S = 0.5  # smallest time constant
 SLOW_S = 5.0  # longer than the viscoelasticity of foams and skins, which ends after a few seconds
-# Smallest fraction of the shares with time constants above SLOW_S: a little may be an error of the calibration.
-LEAST_SLOW = 0.3
+# Smallest fraction of the shares with time constants above SLOW_S, under a known load and on a walk, where a little may
+# be an error of the calibration.
+LEAST_SLOW, LEAST_SLOW_ON_WALKS = 0.1, 0.3
 UNEVEN = 0.5  # prior standard deviation of the companion `uneven_creep`
 # Activated flow: pressure scale relative to the largest load, and time constant relative to the recording.
 FLOWS = ((0.05, 2.0), (0.05, 10.0), (0.08, 0.1), (0.08, 0.5), (0.08, 2.0), (0.08, 10.0), (0.13, 0.1), (0.13, 0.5))
@@ -118,7 +119,7 @@ def _is_possible(settings: Sequence[Setting], shares: Array, load_is_known: bool
 
 def is_possible_on_walks(settings: Sequence[Setting], shares: Array, load_is_known: bool) -> bool:
     """Return whether enough of it is slower than viscoelasticity, on a walk."""
-    return _slow_part(settings, shares) > LEAST_SLOW
+    return _slow_part(settings, shares) > LEAST_SLOW_ON_WALKS
 
 
 def _slow_part(settings: Sequence[Setting], shares: Array) -> float:

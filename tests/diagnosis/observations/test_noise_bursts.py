@@ -43,19 +43,19 @@ def test_rows_that_come_nearer_to_readings_are_no_burst(still):
     assert np.all(ratio == 1.0)
 
 
-def test_noise_that_is_common_to_a_board_weighs_its_rows_as_the_noise_of_its_load(still):
+@pytest.mark.parametrize("load_is_known", [True, False])
+def test_noise_that_is_common_to_taxels_weighs_their_rows_as_the_noise_of_their_load(still, load_is_known, monkeypatch):
+    """Of a triangle if the load is known, of a board if only the wrench is."""
+    monkeypatch.setattr(type(still), "load_is_known", load_is_known)
     n = len(still.t_s)
     is_burst = (np.arange(n) > 0.4 * n) & (np.arange(n) < 0.6 * n)
     board = still.layout.identities[:, 0] == still.layout.identities[0, 0]
-    independent = np.where(is_burst[:, None, None] & board[:, None], 5.0, 1.0)
-    seen = with_noise(still, independent, np.zeros(n))
+    seen = with_noise(still, np.where(is_burst[:, None, None] & board[:, None], 5.0, 1.0), np.zeros(n))
     common = 2.0 * np.random.default_rng(6).standard_normal(n) * is_burst
     both = replace(seen, activation_count=seen.activation_count + common[:, None, None] * board[:, None])
-    middle = n // 2
-    for burst, expected in (
-        (seen, 5.0),
-        (both, np.sqrt(25.0 + 4.0) * np.sqrt((25.0 + 4.0 * seen.usable[board].sum()) / 29.0)),
-    ):
+    middle, square = n // 2, 25.0 + 4.0
+    of_wrench = 1.0 if load_is_known else (25.0 + 4.0 * still.usable[board].sum()) / square
+    for burst, expected in ((seen, 5.0), (both, np.sqrt(square * of_wrench))):
         ratio, (finding,) = detect_noise_bursts(burst)
         assert finding.where.ids == ((still.layout.identities[0, 0],),)
         assert ratio[middle, board] == pytest.approx(expected, rel=0.25)
