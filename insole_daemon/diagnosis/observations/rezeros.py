@@ -290,10 +290,11 @@ def _find_landing(seen: WrenchObservation, of_board: NDArray[np.bool_], landing_
     """Return the row of a re-zero of a board under a standing person; None if there is none.
 
     In that row all its taxels jump to `landing_count`, the count of no load. They hardly change in the `width` rows
-    before and after it, and later, in the air, the board reads below no load by the size of the jump. Until the foot is
-    lifted, the readings hardly change, because the person stands. A jump at the end of a step is no re-zero: the
-    steps after it change the readings. Nor is one before which the board already read less than in
-    the air.
+    before and after it, and later, in the air, the board reads below no load by the size of the jump.
+
+    Two other jumps look alike. One is the end of a step: the next step changes the readings soon, while those of a
+    standing person hardly change until the foot is lifted. The other is a step after an earlier re-zero: shortly before
+    it, the board already reads less than it did in the air.
     """
     usable = seen.usable[of_board]
     if not usable.any():
