@@ -15,6 +15,7 @@ from ..physics.calibration import BEGAN, Calibration
 from ..physics.effect import Effect
 from ..recording.loading import FootRecording, Recording
 from . import merging, outcome
+from .caches import forget_cached, return_freed_memory
 from .export import wrench_model
 from .feet import choose
 from .finding import Finding, Verdict
@@ -101,17 +102,26 @@ def _diagnose_each(
         seen, foot = by_recording.pop(i), feet[i]
         if not seen.load_is_known:
             seen = replace(seen, ruled_out=_ruled_out(results.values()))
-        results[i] = _on_likelier_clock(seen, foot, progress)
+        result = _on_likelier_clock(seen, foot, progress)
         if seen.load_is_known:
-            model = model or _model_of_memories(results[i])
-        elif model is not None:
+            model = model or _model_of_memories(result)
+        _release(result, seen)
+        if model is not None and not seen.load_is_known:
             progress(f"reading {seen.name} by the model of the chamber")
             again = diagnose_one(read_by(model, seen, foot), foot, progress)
-            if _is_better(again, results[i], model.words):
-                figures = replace(again.figures, before=results[i].figures.before)
-                results[i] = replace(again, figures=figures)
+            if _is_better(again, result, model.words):
+                result = replace(again, figures=replace(again.figures, before=result.figures.before))
                 undone[i] = model.words
+            _release(result, seen)
+        results[i] = result
     return [results[i] for i in range(len(feet))], undone
+
+
+def _release(result: RecordingResult, seen: WrenchObservation) -> None:
+    """Free what `result` and the observation `seen` can compute again, for the next recording."""
+    result.forget_cached()
+    forget_cached(seen)
+    return_freed_memory()
 
 
 def _on_likelier_clock(

@@ -9,6 +9,7 @@ import numpy as np
 
 from .. import __version__
 from ..physics.effect import Effect
+from .caches import forget_cached
 from .export import wrench_model
 from .finding import Finding
 from .model.blocks import BlockDesign
@@ -40,6 +41,12 @@ class RecordingResult:
     def seen(self) -> WrenchObservation:
         """The observation that the design was made of."""
         return self.design.load.observation
+
+    def forget_cached(self) -> None:
+        """Delete the cached arrays of observations and loads, which are computed again on demand."""
+        forget_cached(self.faults.observation, self.refined)
+        for design in (self.design, self.refined.design):
+            forget_cached(design.load.observation, design.load, design)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -45,7 +45,6 @@ class MovedColumns:
 
     numbers: NDArray[np.intp]
     raw: NDArray[np.float32]  # (3N, q)
-    matrix: NDArray[np.float32]  # (3N + b, q)
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,14 +56,13 @@ class Design:
     base: NuisanceColumns
     candidates: tuple[PlacedTerm, ...]
     raw: NDArray[np.float32]  # (3N, p) weighted columns of the candidates
-    matrix: NDArray[np.float32]  # (3N + b, p) the same, base projected out
     target: Array  # (3N + b,) weighted residual of the static model, nuisance columns projected out
-    gram: Array  # (p, p)
+    gram: Array  # (p, p) inner products of the columns, nuisance columns projected out
     cross: Array  # (p,) inner products with `target`, less `product`
     product: Array  # (p,) covariance of noise in a column with that of the target
     total: float  # sum of squares of `target`
     timing: Timing = Timing()  # noqa: RUF009 (frozen)
-    moved: MovedColumns | None = None  # those of `timing`; `raw` and `matrix`, which are large, are shared
+    moved: MovedColumns | None = None  # those of `timing`; `raw`, which is large, is shared
 
     @cached_property
     def kept_share(self) -> Array:
@@ -125,9 +123,9 @@ class Design:
         removed_share = 1.0 - seen.reference.noise_kept(timing.lag_s)
         removed = float(np.sum(self.weights**2 * seen.reference.noise**2)) * removed_share
         moved, gram = (self.moved, self.gram) if timing == self.timing else self._moved(timing)
-        cross = (self.matrix.T @ target.astype(np.float32)).astype(np.float64) - self.product
+        cross = _products(self.raw, target) - self.product
         if moved is not None:
-            cross[moved.numbers] = moved.matrix.T @ target - self.product[moved.numbers]
+            cross[moved.numbers] = _products(moved.raw, target) - self.product[moved.numbers]
         return replace(
             self, target=target, gram=gram, cross=cross, total=float(target @ target) + removed, timing=timing,
             moved=moved,
@@ -145,12 +143,12 @@ class Design:
         numbers = np.concatenate([numbers for _, numbers in of_terms])
         weighted = apply_weights(np.concatenate(blocks, axis=2), self.weights)
         projected = project(self.base, weighted)
-        products = self.matrix.T @ projected.astype(np.float32)
+        products = _products(self.raw, projected)
         products[numbers] = projected.T @ projected
         gram = self.gram.copy()
         gram[:, numbers] = products
         gram[numbers] = products.T
-        return MovedColumns(numbers, weighted.astype(np.float32), projected.astype(np.float32)), gram
+        return MovedColumns(numbers, weighted.astype(np.float32)), gram
 
     def _columns_of_reference(self) -> list[tuple[Term, NDArray[np.intp]]]:
         """Return the terms whose columns are computed from the reference, with the numbers of the columns."""
@@ -168,13 +166,12 @@ class Design:
     def _with(self, picked: Sequence[PlacedTerm]) -> Design:
         """Return the regression with the columns of the candidates `picked` and their companions."""
         columns, candidates = _renumbered(picked)
-        raw, matrix = self.raw[:, columns], self.matrix[:, columns]
+        raw = self.raw[:, columns]
         if self.moved is not None:
             for k, number in enumerate(self.moved.numbers.tolist()):
-                place = columns == number
-                raw[:, place], matrix[:, place] = self.moved.raw[:, k, None], self.moved.matrix[:, k, None]
+                raw[:, columns == number] = self.moved.raw[:, k, None]
         return replace(
-            self, candidates=candidates, raw=raw, matrix=matrix, gram=self.gram[np.ix_(columns, columns)],
+            self, candidates=candidates, raw=raw, gram=self.gram[np.ix_(columns, columns)],
             cross=self.cross[columns], product=self.product[columns], moved=None,
         )  # fmt: skip
 
@@ -197,19 +194,19 @@ class Design:
         columns = _columns_at(block, candidate.where, self)
         weighted = apply_weights(columns, self.weights)
         projected = project(self.base, weighted)
-        raw, matrix = self.raw.copy(), self.matrix.copy()
-        gram, cross = self.gram.copy(), self.cross.copy()
+        raw, gram, cross = self.raw.copy(), self.gram.copy(), self.cross.copy()
         numbers = candidate.columns
         # The covariance of noise with a column changes little with its setting, so it is kept.
-        product = self.matrix[:, numbers].T.astype(float) @ self.target - self.cross[numbers]
-        square = np.sum(self.matrix[:, numbers].astype(float) ** 2, axis=0) - np.diag(self.gram)[numbers]
-        raw[:, numbers], matrix[:, numbers] = weighted, projected
-        gram[numbers] = projected.T @ matrix
-        gram[:, numbers] = gram[numbers].T
+        before = raw[:, numbers].astype(float)
+        product = _products(before, self.target) - self.cross[numbers]
+        square = np.sum(project(self.base, before) ** 2, axis=0) - np.diag(gram)[numbers]
+        raw[:, numbers] = weighted
+        gram[:, numbers] = _products(raw.astype(float), projected)
+        gram[numbers] = gram[:, numbers].T
         gram[numbers, numbers] -= np.minimum(square, 0.9 * gram[numbers, numbers])
         cross[numbers] = projected.T @ self.target - product
         candidates = tuple(replace(c, settings=block.settings) if j == i else c for j, c in enumerate(self.candidates))
-        return replace(self, candidates=candidates, raw=raw, matrix=matrix, gram=gram, cross=cross)
+        return replace(self, candidates=candidates, raw=raw, gram=gram, cross=cross)
 
 
 def place_terms(
@@ -306,26 +303,40 @@ def design(load: LoadEstimate, weights: Array, substituted: NDArray[np.bool_]) -
                 sums.append(np.asarray(np.sum(echo[i] * weights[..., None] ** 2, axis=(0, 1))))
     candidates = list(with_companions(candidates))
     raw = _joined(blocks)
-    basis = base.range.astype(np.float32)
-    n_rows = len(raw)
-    coefficients = basis[:n_rows].T @ raw
-    matrix = np.zeros((len(basis), raw.shape[1]), np.float32)
-    matrix[:n_rows] = raw
-    for first in range(0, len(matrix), ROWS_AT_ONCE):
-        matrix[first : first + ROWS_AT_ONCE] -= basis[first : first + ROWS_AT_ONCE] @ coefficients
+    gram = _projected_gram(raw, base)
     residual = seen.reference.at(seen.reference_s) - seen.wrench
     target = project(base, apply_weights(residual[..., None], weights))[:, 0]
-    gram = (matrix.T @ matrix).astype(np.float64)
-    cross = (matrix.T @ target.astype(np.float32)).astype(np.float64) - np.concatenate(product)
+    cross = _products(raw, target) - np.concatenate(product)
     noise = np.concatenate(square)
     # Where nuisance columns leave more noise than signal of a column, its share would be that of the noise.
     is_noise = noise > MOST_NOISE * np.diag(gram)
     used, shown = _renumbered([each for each in candidates if not is_noise[each.columns].any()])
     np.fill_diagonal(gram, np.diag(gram) - np.minimum(noise, 0.9 * np.diag(gram)))
     return Design(
-        load, weights, base, shown, _picked(raw, used), _picked(matrix, used), target, gram[np.ix_(used, used)],
-        cross[used], np.concatenate(product)[used], float(target @ target),
+        load, weights, base, shown, _picked(raw, used), target, gram[np.ix_(used, used)], cross[used],
+        np.concatenate(product)[used], float(target @ target),
     )  # fmt: skip
+
+
+def _projected_gram(raw: NDArray[np.float32], base: NuisanceColumns) -> Array:
+    """Return the inner products (p, p) of weighted columns (3N, p), nuisance columns projected out."""
+    basis = base.range.astype(np.float32)
+    taken_up = basis[: len(raw)].T @ raw
+    of_priors = basis[len(raw) :] @ taken_up
+    gram: Array = (of_priors.T @ of_priors).astype(np.float64)
+    for first in range(0, len(raw), ROWS_AT_ONCE):
+        rows = slice(first, min(first + ROWS_AT_ONCE, len(raw)))
+        left = raw[rows] - basis[rows] @ taken_up
+        gram += left.T @ left
+    return gram
+
+
+def _products(raw: Array | NDArray[np.float32], projected: Array) -> Array:
+    """Return the inner products (p, ...) of weighted columns (3N, p) with what is `projected`, (3N + b, ...).
+
+    What the projection takes from the columns is orthogonal to `projected`, so they need no projection.
+    """
+    return np.asarray(raw.T @ projected[: len(raw)].astype(raw.dtype), np.float64)
 
 
 def _renumbered(picked: Sequence[PlacedTerm]) -> tuple[NDArray[np.intp], tuple[PlacedTerm, ...]]:

@@ -1,0 +1,21 @@
+"""Memory of cached properties, whose arrays are large."""
+
+from __future__ import annotations
+
+import ctypes
+from dataclasses import fields
+from typing import Any
+
+
+def forget_cached(*owners: Any) -> None:
+    """Delete what each of `owners`, dataclasses without slots, has cached; it is computed again on demand."""
+    for owner in owners:
+        for name in vars(owner).keys() - {field.name for field in fields(owner)}:
+            del vars(owner)[name]
+
+
+def return_freed_memory() -> None:
+    """Return freed memory to the system; the C library of GNU otherwise keeps much of it, others have no such call."""
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
+    if trim is not None:
+        trim(0)

@@ -1,0 +1,54 @@
+"""The regression on a wrench: inner products with the nuisance columns projected out."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import insole_daemon
+from insole_daemon.diagnosis.load_estimate import LoadEstimate
+from insole_daemon.diagnosis.model.design import design
+from insole_daemon.diagnosis.model.regression import Timing
+from insole_daemon.diagnosis.model.wrench_nuisance import project
+from insole_daemon.diagnosis.observing import observed
+
+from ..foot.shoe import write
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    recording = insole_daemon.load(write(tmp_path_factory.mktemp("walk") / "walk", seconds=20.0))
+    (seen,) = observed([recording], recording.feet, None, lambda text: None, ())
+    return design(LoadEstimate(seen), seen.weight_variance**-0.5, np.zeros(len(seen.arms), bool))
+
+
+def assert_projected(found, raw) -> None:
+    """Asserts that the inner products of `found` are those of the columns `raw` (3N, p) after projection."""
+    projected = project(found.base, raw.astype(float))
+    expected, size = projected.T @ projected, np.linalg.norm(projected, axis=0)
+    between = ~np.eye(len(size), dtype=bool)  # the diagonal is without the noise in the columns
+    off = (found.gram - expected) / size / size[:, None]
+    assert np.abs(off[between]).max() < 1e-3
+    cross = projected.T @ found.target - found.product
+    assert np.abs((found.cross - cross) / size / np.sqrt(found.total)).max() < 1e-4
+
+
+def test_inner_products_are_those_of_projected_columns(whole):
+    assert_projected(whole, whole.raw)
+
+
+def test_inner_products_after_a_timing_are_those_of_the_moved_columns(whole):
+    later = whole.retimed(Timing(delay_s=0.03, lag_s=0.02))
+    raw = whole.raw.copy()
+    raw[:, later.moved.numbers] = later.moved.raw
+    assert not np.allclose(raw, whole.raw)
+    assert_projected(later, raw)
+
+
+def test_a_set_with_another_setting_has_the_inner_products_of_the_new_column(whole):
+    k = next(k for k, c in enumerate(whole.candidates) if "tau_s" in c.term.refine and len(c.columns) == 1)
+    chosen = whole.subset([k, next(i for i, c in enumerate(whole.candidates) if c.word == "hysteresis")])
+    setting = {**chosen.candidates[0].settings[0], "tau_s": 0.4}
+    other = chosen.exchanged(0, setting)
+    assert not np.allclose(other.raw, chosen.raw)
+    assert_projected(other, other.raw)
