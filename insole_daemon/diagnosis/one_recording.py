@@ -164,7 +164,7 @@ def _selection(kept: ValidatedSet, timing: Timing, seen: WrenchObservation, foot
     refined, figures = kept.refined, kept.figures
     parameters = [parameters_of(refined, i, foot) for i in range(len(kept.order))]
     words = [candidate.word for candidate in refined.design.candidates]
-    nuisances = tuple(i for i in kept.order if is_nuisance(words[i], parameters[i]))
+    nuisances = tuple(i for i in kept.order if is_nuisance(words[i], parameters[i], seen.latest_s))
     is_late = abs(timing.delay_s) >= LEAST_DELAY_S + seen.latest_s
     if nuisances or not is_late:
         figures = heldout_errors(refined, kept.order, timing, nuisances, 0.0 if is_late else timing.delay_s)

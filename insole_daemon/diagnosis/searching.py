@@ -92,10 +92,10 @@ class SearchResult:
         )
 
     @property
-    def has_memory(self) -> bool:
-        """Whether the best set contains a memory."""
+    def has_loop(self) -> bool:
+        """Whether the best set contains a memory or a snap, of which a calibration may contain the mean curve."""
         first = self.first
-        return any(first.search.design.candidates[k].term.is_memory for k in first.best.chosen)
+        return any(first.search.design.candidates[k].term.is_loop for k in first.best.chosen)
 
 
 def search(seen: WrenchObservation, faults: ReadingFaults, placements: Placements, foot: FootRecording) -> SearchResult:
@@ -167,7 +167,7 @@ def _search_with_curves(seen: ChamberObservation, faults: ReadingFaults) -> Sear
         return _search_under(Priors(curve_count=OWN_CURVE_COUNT), seen, faults)
     usual = _search_under(USUAL, seen, faults)
     noise = float(np.count_nonzero(faults.weights_of(seen)))
-    if not usual.has_memory or usual.deviance < GOOD_FIT * noise:
+    if not usual.has_loop or usual.deviance < GOOD_FIT * noise:
         return usual
     loose = _search_under(Priors(curve_count=LOOSE_COUNT), seen, faults, usual)
     clearer = loose.deviance - noise < CLEARER * (usual.deviance - noise)
@@ -177,7 +177,7 @@ def _search_with_curves(seen: ChamberObservation, faults: ReadingFaults) -> Sear
     if usual.deviance < noise + usual.misfit:
         clearer = loose.deviance - noise < FAR_CLEARER * (usual.deviance - noise) and loose.n_terms <= usual.n_terms
         simpler = False
-    if not (loose.has_memory and (clearer or simpler)):
+    if not (loose.has_loop and (clearer or simpler)):
         return usual
     # Loose curves take up errors of a law too, so held-out errors decide; clear ones, if loose curves need fewer terms.
     factor = CLEARER if loose.n_terms < usual.n_terms else 1.0

@@ -29,10 +29,13 @@ LEAST_DRIFT_S = 0.05  # of the clock until the end of the recording
 LEAST_ROWS_OFF_S = 0.1  # of a reference whose rows should match the cycles
 
 
-def is_nuisance(word: str, parameters: dict[str, Quantity]) -> bool:
-    """Return whether a delay or a clock is within the tolerance of a declared clock."""
+def is_nuisance(word: str, parameters: dict[str, Quantity], latest_s: float) -> bool:
+    """Return whether a delay or a clock is within the tolerance of a declared clock.
+
+    A delay also is if the readings may have been taken `latest_s` before their times.
+    """
     if word == "delay":
-        return float(parameters["delay_s"].value) < LEAST_DELAY_S
+        return float(parameters["delay_s"].value) < LEAST_DELAY_S + latest_s
     if word == "clock":
         offset_s, rate = float(parameters["offset_s"].value), float(parameters["rate"].value)
         return abs(rate) < LEAST_RATE and abs(offset_s) < LEAST_DELAY_S

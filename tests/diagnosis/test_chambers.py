@@ -215,6 +215,14 @@ def test_a_lag_beside_a_memory_is_not_named_delay(tmp_path):
     assert lag.parameters["tau_s"].value == pytest.approx(0.15, rel=0.2)
 
 
+def test_a_long_lag_of_a_board_is_no_viscoelasticity(tmp_path):
+    board = np.repeat(LAYOUT.identities[:, 0] == 6, 12)
+    found = diagnose(write(tmp_path / "bag", relaxing(1.0, 0.4), board))
+    (finding,) = found.findings
+    assert (finding.effect, finding.where.ids) == ("lag", ((6,),))
+    assert finding.parameters["tau_s"].value == pytest.approx(0.4, rel=0.05)
+
+
 def test_a_lag_as_long_as_a_cycle_is_no_viscoelasticity_beside_a_shorter_one(tmp_path):
     found = diagnose(write(tmp_path / "bag", relaxing(1.0, 0.75)))
     (finding,) = found.findings
@@ -418,6 +426,16 @@ def test_strong_snaps_between_searched_thresholds_are_snaps_and_nothing_else(tmp
     values = {name: each.value for name, each in finding.parameters.items()}
     assert (values["up_pa"], values["down_pa"]) == pytest.approx((71e3, 39e3), rel=0.05)
     assert values["step_pa"] == pytest.approx(60e3, rel=0.1)
+
+
+def test_the_mean_curve_of_a_snap_that_the_calibration_contains_is_no_error(tmp_path):
+    folder = write(tmp_path / "bag", snapping)
+    calibrate(folder, folder)
+    found = diagnose(folder)
+    (finding,) = found.findings
+    assert finding.effect == "snap"
+    assert finding.parameters["up_pa"].value == pytest.approx(71e3, rel=0.05)
+    assert found.heldout["after"] < 1.02 * found.heldout["floor"]
 
 
 def test_a_memory_relaxes_from_the_steps_of_snaps_although_the_calibration_contains_both(tmp_path):

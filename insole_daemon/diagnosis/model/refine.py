@@ -17,6 +17,7 @@ FACTORS = (0.55, 0.7, 0.84, 1.19, 1.43, 1.8)  # on a parameter in the first roun
 SHIFTS_S = (-2.0, -1.0, -0.5, -0.2, 0.2, 0.5, 1.0, 2.0)  # of the time of an event
 ROUNDS = 4
 NARROWER = 2.2  # factor by which each round searches a smaller range
+LINEARISATIONS = 2  # in a round: where a regressor depends much on its coefficient, by the secant method
 LEAST_IMPROVEMENT = 0.5  # of the gain, in variances of the noise
 EDGE_S = 2.0  # distance of an event from the ends of a recording
 
@@ -92,19 +93,41 @@ def _is_valid(setting: Setting, name: str, t_s: Array) -> bool:
 
 
 def _relinearised(current: Refined[D], i: int) -> Refined[D]:
-    """Return the set with the regressor of candidate `i` linearised at its fitted coefficient.
-
-    Unchanged if the coefficient would then have the other sign, or the law would not be valid.
-    """
-    candidate, share = current.design.candidates[i], float(current.shares[i][0])
-    name = candidate.term.linear_at
-    if not (name and abs(float(candidate.settings[0].get(name, 0.0)) - share) > 1e-3 * abs(share)):
+    """Return the set with the regressor of candidate `i` linearised at its coefficient, as far as the law is valid."""
+    name = current.design.candidates[i].term.linear_at
+    if not name:
         return current
-    tried = _solved(current.design.relinearised(i, {**candidate.settings[0], name: share}, current.shares))
+    off = []  # settings at which the regressor was linearised, with the differences of the coefficients from them
+    for _ in range(LINEARISATIONS):
+        setting, share = float(current.design.candidates[i].settings[0].get(name, 0.0)), float(current.shares[i][0])
+        if abs(share - setting) <= 1e-3 * abs(share):
+            break
+        off.append((setting, share - setting))
+        value = share if len(off) < 2 else _zero_of_line(*off[-2:])
+        linearised = _linearised_at(current, i, name, value)
+        if linearised is None:
+            break
+        current = linearised
+    return current
+
+
+def _zero_of_line(one: tuple[float, float], other: tuple[float, float]) -> float:
+    """Return where the line through two points (x, y) is 0; with slope −1 through the latter if they are equal in y."""
+    (x_1, y_1), (x_2, y_2) = one, other
+    return x_2 + y_2 if y_1 == y_2 else x_2 - y_2 * (x_2 - x_1) / (y_2 - y_1)
+
+
+def _linearised_at(current: Refined[D], i: int, name: str, value: float) -> Refined[D] | None:
+    """Return the set with the regressor of candidate `i` linearised at `value`.
+
+    None if the coefficient would then have another sign than `value`, or the law would not be valid.
+    """
+    setting = {**current.design.candidates[i].settings[0], name: value}
+    tried = _solved(current.design.relinearised(i, setting, current.shares))
     # If nuisance columns explain nearly all of a regressor, the coefficient of the rest may have the other sign.
-    has_same_sign = float(tried.shares[i][0]) * share > 0
+    has_same_sign = float(tried.shares[i][0]) * value > 0
     is_valid = is_possible(tried.design.candidates, tried.shares, tried.design.load.is_known)
-    return tried if has_same_sign and is_valid else current
+    return tried if has_same_sign and is_valid else None
 
 
 def _solved(design: D) -> Refined[D]:

@@ -96,7 +96,7 @@ def nuisance_columns(load: LoadEstimate, weights: Array, substituted: NDArray[np
                 mean_pa = np.mean(load.read_pa[:, donor, seen.usable[donor]], axis=1)
                 add(f"like_{row}_{donor}", mean_pa[:, None] * seen.arms[row].sum(axis=0), SUBSTITUTED_STD)
         if readings.latest_s:
-            add(f"time_{row}", rate[:, row], readings.latest_s / np.sqrt(12.0))
+            add(f"time_{row}", rate[:, row], readings.latest_s / np.sqrt(3.0))
     # The misfit of the calibration's polynomials is taken as common to all taxels.
     highest = float(np.quantile(seen.activation_count[:, seen.usable], 0.999))
     knots = np.linspace(0.0, max(highest, 1.0), CURVE_KNOTS)

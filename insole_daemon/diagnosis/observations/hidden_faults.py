@@ -60,9 +60,11 @@ def common_variance_ratio(readings: TriangleReadings, usable: NDArray[np.bool_])
     taken.
     """
     counts = readings.counts[:, usable]
-    in_range = ((counts > SMALLEST) & (counts < LARGEST)).mean(axis=0) > 0.5
     n_windows = (len(counts) - 3) // WINDOW_READINGS
-    if in_range.sum() < LEAST_TAXELS or n_windows < 4:
+    if n_windows < 4:
+        return np.nan
+    in_range = ((counts > SMALLEST) & (counts < LARGEST)).mean(axis=0) > 0.5
+    if in_range.sum() < LEAST_TAXELS:
         return np.nan
     fast = np.diff(counts[:, in_range], n=3, axis=0)[: n_windows * WINDOW_READINGS] / np.sqrt(20.0)
     n_taxels = fast.shape[1]

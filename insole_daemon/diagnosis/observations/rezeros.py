@@ -57,16 +57,19 @@ def correct_rezeros(foot: FootRecording, seen: WrenchObservation) -> tuple[Wrenc
     width = max(round(MOST_STEP_S / seen.step_s), 2)
     for board, landing_count in sorted(no_load.items()):
         of_board = boards == board
-        row = (
-            _find_rezero(seen, of_board, float(landing_count), width)
-            if seen.load_is_known
-            else _find_landing(seen, of_board, float(landing_count), width)
-            or _find_rezero_of_walk(seen, of_board, width)
-        )
+        if seen.load_is_known:
+            row, is_walking = _find_rezero(seen, of_board, float(landing_count), width), False
+        else:
+            row = standing = _find_landing(seen, of_board, float(landing_count), width)
+            row = _find_rezero_of_walk(seen, of_board, width) if standing is None else standing
+            is_walking = standing is None
         if row is None:
             continue
         before, after = (rows[0] for rows in _read_beside(seen, of_board, np.array([row]), width))
-        change = seen.activation_count[before, of_board] - seen.activation_count[after, of_board]
+        if is_walking:
+            change = _change_of_walk(seen, of_board, int(before), int(after))
+        else:
+            change = seen.activation_count[before, of_board] - seen.activation_count[after, of_board]
         if seen.load_is_known:
             change += seen.expected_count[after, of_board] - seen.expected_count[before, of_board]
         shift = np.where(seen.usable[of_board], change, 0.0)
@@ -83,6 +86,21 @@ def correct_rezeros(foot: FootRecording, seen: WrenchObservation) -> tuple[Wrenc
                 corrected = seen.rows_before(last)
         seen = corrected
     return seen, findings
+
+
+def _change_of_walk(seen: WrenchObservation, of_board: NDArray[np.bool_], before: int, after: int) -> Array:
+    """Return by how much less the taxels (k, 12) of a board read since a re-zero under a walking foot.
+
+    From the row `before` it to that `after` it the load changes, too, so this is the difference of readings in the air;
+    of a taxel at the end of its range there, that under high loads.
+    """
+    rows = slice(0, before + 1), slice(after, None)
+    low, high = (
+        -np.diff([np.quantile(seen.activation_count[part, of_board], q, axis=0) for part in rows], axis=0)[0]
+        for q in (LOW_QUANTILE, 1.0 - LOW_QUANTILE)
+    )
+    is_cut_off = seen.cut_off[after:, of_board].mean(axis=0) > LOW_QUANTILE / 2.0
+    return np.asarray(np.where(is_cut_off, np.maximum(low, high), low))
 
 
 def _last_in_air(seen: WrenchObservation, of_board: NDArray[np.bool_], before: int) -> int:

@@ -65,7 +65,7 @@ def count_errors(refined: Refined[BlockDesign], order: Sequence[int]) -> Heldout
     is_loose = design.priors.has_loose_curves
     every_curve = np.full(len(known.T), max(design.priors.curve_count, REFITTED_COUNT))
     std_count = every_curve if is_loose else _absorbed_count(law)
-    if is_loose or any(each.term.is_memory for each in design.candidates):
+    if is_loose or any(each.term.is_loop for each in design.candidates):
         # The calibration may have been made while the memory acted.
         splines = curve_splines(seen.expected_count, seen.usable)
         recalibrated = fit_curves(splines, off, off + seen.activation_count, known, std_count, seen.noise_count)
@@ -84,7 +84,7 @@ def count_errors(refined: Refined[BlockDesign], order: Sequence[int]) -> Heldout
         _, shift, _ = _fit(none, design.y - explained, design, every_row)
         rest = design.y - explained - nuisance.shared_sum(shift * aligning)
         off = _error_count(design, as_read, rest, sum(deviations[:m]))
-        if is_loose or any(law.design.candidates[j].term.is_memory for j in order[:m]):
+        if is_loose or any(law.design.candidates[j].term.is_loop for j in order[:m]):
             at_count = off + seen.activation_count
             off -= fit_curves(splines, off, at_count, known, std_count, seen.noise_count).off_at(at_count)
         square = _square(design, off)
@@ -132,7 +132,7 @@ def errors_by_load(refined: Refined[BlockDesign], places: Sequence[NDArray[np.bo
     for candidate, shares in zip(law.design.candidates, law.shares, strict=True):
         column = law.design.contribution(candidate, shares)
         after = after - column
-        moved = moved + column * candidate.term.is_memory
+        moved = moved + column * candidate.term.is_loop
     as_handed_in, of_memories, of_all = (
         _error_count(design, as_read, rest) for rest in (design.y, design.y - moved, after)
     )
@@ -279,7 +279,7 @@ def _absorbed_count(law: Refined[BlockDesign]) -> Array:
     usable = design.seen.usable
     slope = np.sum(design.seen.slope_pa * usable, axis=2) / np.maximum(usable.sum(axis=1), 1)  # (N, T) Pa a count
     for candidate, shares in zip(design.candidates, law.shares, strict=True):
-        if candidate.term.is_memory:
+        if candidate.term.is_loop:
             columns = design.contribution(candidate, shares)
             size = np.where(design.weights > 0, 1.0 / np.maximum(design.weights * slope, 1e-12), 0.0)
             moved = np.abs(columns.T * size)

@@ -9,7 +9,7 @@ import numpy as np
 from ...physics.law import Array
 from ..load_estimate import LoadEstimate
 from ..observations.interpolated_noise import noise_echo
-from .term import Setting, Term, TermColumns
+from .term import Setting, Term, TermColumns, near_one
 
 DELAYS_S = (0.004, 0.008, 0.015, 0.025, 0.04, 0.06, 0.09, 0.14, 0.22, 0.35, 0.5)
 
@@ -66,4 +66,5 @@ TERM = Term(
     limit=2.0,
     refine=("delay_s",),
     column=_column,
+    is_possible=near_one("delay_s", DELAYS_S[0]),
 )

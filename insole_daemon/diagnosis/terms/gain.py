@@ -8,6 +8,8 @@ from ...physics.law import Array
 from ..load_estimate import LoadEstimate
 from .term import Setting, Term, TermColumns, needs_calibration
 
+STRONG_LOSS = -0.5
+
 
 def _column(load: LoadEstimate, setting: Setting) -> TermColumns:
     """Return one column: the wrench of (g(a/(1 + more)) − g(a))/more, or its limit −g′(a)·a for `more` near 0."""
@@ -22,8 +24,8 @@ def _column(load: LoadEstimate, setting: Setting) -> TermColumns:
 
 
 def _columns(load: LoadEstimate) -> list[TermColumns]:
-    """Return one column: the wrench of −g′(a)·a."""
-    return [_column(load, {"more": 0.0})]
+    """Return the wrench of −g′(a)·a; from readings also that of a strong loss, of which this is no approximation."""
+    return [_column(load, {"more": more}) for more in ((0.0,) if load.is_known else (0.0, STRONG_LOSS))]
 
 
 def _parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:

@@ -10,7 +10,9 @@ from ...physics.law import Array
 from ..load_estimate import LoadEstimate
 from ..observations.interpolated_noise import noise_echo
 from ..operators import low_pass
-from .term import Setting, Term, TermColumns
+from .term import Setting, Term, TermColumns, near_one
+
+LAGS_S = (0.02, 0.04, 0.08, 0.16, 0.32)  # under a known load
 
 
 def _column(load: LoadEstimate, setting: Setting) -> TermColumns:
@@ -28,8 +30,11 @@ def _column(load: LoadEstimate, setting: Setting) -> TermColumns:
 
 
 def _columns(load: LoadEstimate) -> list[TermColumns]:
-    """Return a column for boards, linear in τ; a lag of the whole insole is a timing (`model.timing`)."""
-    return [_column(load, {"tau_s": 0.02})]
+    """Return columns for boards, linear in τ if the load is not known.
+
+    A lag of the whole insole is a timing (`model.timing`).
+    """
+    return [_column(load, {"tau_s": tau_s}) for tau_s in (LAGS_S if load.is_known else LAGS_S[:1])]
 
 
 def _parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:
@@ -49,4 +54,5 @@ TERM = Term(
     misfit=0.1,
     refine=("tau_s",),
     column=_column,
+    is_possible=near_one("tau_s", LAGS_S[0]),
 )

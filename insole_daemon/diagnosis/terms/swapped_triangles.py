@@ -75,7 +75,9 @@ def _parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]
 
 def _needs(load: LoadEstimate) -> str | None:
     """Return the reason why a recording cannot show the effect."""
-    return "a uniform load is the same on both triangles of a pair" if load.observation.is_uniform else None
+    if load.observation.is_uniform:
+        return "a uniform load is the same on both triangles of a pair"
+    return "a single triangle works" if np.count_nonzero(load.observation.usable.any(axis=1)) < 2 else None
 
 
 TERM = Term(

@@ -19,6 +19,7 @@ from ..load_estimate import LoadEstimate
 
 Setting = Mapping[str, float]  # non-linear parameters by name
 
+NEAR_ONE = (0.65, 1.5)  # range of the share of a law that has no share, between the settings of its columns
 LEAST_SIZE = 0.15  # smallest effect: RMS over its taxels, in the noise of a reading
 
 
@@ -172,6 +173,20 @@ SPEEDS = "cycles at two speeds, minor loops and holds of a minute, loaded and un
 EVERY_S, KNOWN_EVERY_S = 3.0, 5.0  # between possible times of an event, if the load is unknown or known
 EDGE_S = 3.0  # from the ends of a recording, where too few rows show an event
 ABSORBED = {"gain": 0.5, "stiffening": 0.5}  # `absorbs` of memories whose shares are fractions of the response
+
+
+def near_one(name: str, linear_up_to: float) -> Callable[[Sequence[Setting], Array, bool], bool]:
+    """Return `is_possible` for a law without a share: under a known load that of its column is about 1.
+
+    A column is linear in its setting `name` up to `linear_up_to`, so it may have any smaller share there. Otherwise a
+    large delay with half a share would imitate other laws.
+    """
+
+    def is_possible(settings: Sequence[Setting], shares: Array, load_is_known: bool) -> bool:
+        least = 0.0 if settings[0][name] <= linear_up_to else NEAR_ONE[0]
+        return not load_is_known or bool(least <= shares[0] <= NEAR_ONE[1])
+
+    return is_possible
 
 
 def geometric(low: float, high: float, number: int) -> list[float]:

@@ -115,6 +115,22 @@ def test_a_rezero_of_a_walking_board_is_dated_by_the_pause_in_which_it_sent_noth
     assert finding.parameters["t_s"].value == pytest.approx(seen.t_s[at], abs=0.05)
 
 
+def test_the_missing_load_of_a_walking_board_is_that_of_its_readings_in_the_air(walk):
+    """From before the re-zero to after it, the load of the foot changes, too."""
+    foot, seen = walk
+    own = (seen.layout.identities[:, 0] == BOARD)[:, None] & seen.usable
+    activation = seen.activation_count.copy()
+    step = np.flatnonzero((seen.t_s > 26.0) & (seen.t_s < 27.0))
+    level = activation[step][:, own].mean(axis=1)
+    at = int(step[np.argmax(level)]) + int(np.argmax(level[np.argmax(level) :] < 0.7 * level.max()))  # it rolls off
+    shift = np.where(own, np.minimum(activation[at], 10.0), 0.0)  # within range, in the air
+    activation[at:] -= shift
+    _, findings = correct_rezeros(foot, replace(seen, activation_count=activation))
+    (finding,) = findings
+    assert finding.where.ids == ((BOARD,),)
+    assert finding.parameters["shift_count"].value == pytest.approx(float(shift[own].mean()), rel=0.05)
+
+
 def test_rows_from_the_step_of_a_rezero_on_are_dropped_on_a_walk_even_if_readings_fall_later(walk):
     """The board pauses, then reads beyond its range, so that its readings between are interpolated."""
     foot, seen = walk
