@@ -13,6 +13,7 @@ HELD = 0.03  # of the span: a load within this range counts as held
 STEP_S = 3.0  # the shortest hold between two steps
 LEAST_CYCLES = 3
 TURN = 0.15  # of the span: smallest reversal that counts
+OUTER, ONE_SPEED = (0.1, 0.9), 1.3  # quantiles of the speeds of rises and falls, and their largest ratio if it is one
 
 
 def require_cycles(name: str, loads: Sequence[Array], steps_s: Sequence[float], span: float) -> None:
@@ -31,16 +32,41 @@ def require_cycles(name: str, loads: Sequence[Array], steps_s: Sequence[float], 
         )
 
 
+def has_one_speed(load: Array, step_s: float) -> bool:
+    """Return whether a load (N,) rises and falls at one speed, or in one time, and is not held.
+
+    The area of a loop tells memories apart by how it changes with speed, and a hold by how readings go on changing:
+    under such a load a hysteresis, a creep and a viscoelasticity make the same loops. `step_s`: time between two rows.
+    """
+    span = float(np.ptp(load))
+    turns = np.array(_turns(load, TURN * span), np.intp)
+    if len(turns) < 2:
+        return False
+    speed = np.abs(np.diff(load[turns])) / np.diff(turns)
+    slow, fast = np.quantile(speed, OUTER)
+    longest_s = max((seconds for seconds, _ in _holds(load, step_s, span)), default=0.0)
+    return bool(fast < ONE_SPEED * slow and longest_s < STEP_S)
+
+
 def _reversals(load: Array, least: float) -> int:
     """Return how often `load` reverses by at least `least`."""
-    turns, rising = 0, None
-    low = high = float(load[0])
-    for value in load.tolist():
-        low, high = min(low, value), max(high, value)
-        if rising is not False and high - value > least:
-            turns, rising, low = turns + (rising is True), False, value
-        elif rising is not True and value - low > least:
-            turns, rising, high = turns + (rising is False), True, value
+    return len(_turns(load, least))
+
+
+def _turns(load: Array, least: float) -> list[int]:
+    """Return the rows from which `load` reverses by at least `least`."""
+    turns: list[int] = []
+    rising: bool | None = None
+    lowest = highest = 0
+    for row, value in enumerate(load.tolist()):
+        lowest = row if value < load[lowest] else lowest
+        highest = row if value > load[highest] else highest
+        if rising is not False and load[highest] - value > least:
+            turns += [highest] if rising else []
+            rising, lowest = False, row
+        elif rising is not True and value - load[lowest] > least:
+            turns += [lowest] if rising is False else []
+            rising, highest = True, row
     return turns
 
 

@@ -13,6 +13,7 @@ from ..physics.effects import laws
 from ..recording.loading import FootRecording
 from . import sentences
 from .backward_elimination import LEAST_GAINED, ValidatedSet, eliminate_backward, heldout_errors, keep_strong
+from .excitation import has_one_speed
 from .export.as_effect import effect_of, preloads
 from .finding import Finding, Quantity, heldout_of
 from .gathering import join_places
@@ -36,6 +37,7 @@ from .select.search import FittedSet, SubsetSearch
 from .select.wrench_errors import HeldoutErrors
 from .static_findings import static_findings
 from .terms import TERMS
+from .terms.term import SPEEDS
 from .timings import LEAST_DELAY_S, clock_findings, is_nuisance, off_by_clock, timing_effects, timing_findings
 from .unexplained import (
     excess_square,
@@ -193,21 +195,26 @@ def _term_findings(
 ) -> list[Finding]:
     """Return the findings of the reported terms, the largest gain first."""
     best = selection.kept.best
+    is_one_speed = seen.is_uniform and has_one_speed(seen.reference.at(seen.reference_s)[:, 0], seen.step_s)
     findings = []
     for i, gain in selection.reported:
         word, parameters = selection.words[i], selection.parameters[i]
         where = selection.kept.refined.design.candidates[i].where
-        alternatives, margin = search.alternatives(best, i, confidence.EQUAL_SCORE), search.margin(best, i)
+        alternatives = [other for other, _ in search.alternatives(best, i, confidence.EQUAL_SCORE)]
+        if is_one_speed and not alternatives and selection.kept.refined.design.candidates[i].term.is_memory:
+            alternatives = search.memories_alike(best, i)
         sentence = (
             sentences.of_constant(parameters["offset"].value)
             if "offset" in parameters
             else sentences.of_effect(word, where, parameters)
         )
+        if alternatives and is_one_speed:
+            sentence += f" At one speed without holds, {alternatives[0]} looks the same: {SPEEDS} tell them apart."
         findings.append(
             Finding(
-                effect=word, alternatives=tuple(other for other, _ in alternatives[:1]), foot=seen.layout.foot,
+                effect=word, alternatives=tuple(alternatives[:1]), foot=seen.layout.foot,
                 where=where, equation=laws()[word].equation if word in laws() else "", recordings=(seen.name,),
-                parameters=parameters, explains=gain, margin=margin,
+                parameters=parameters, explains=gain, margin=search.margin(best, i),
                 sentence=sentence,
                 **heldout_of(
                     seen.load_is_known, float(np.sqrt(figures.after[0] ** 2 + gain)), float(figures.after[0])

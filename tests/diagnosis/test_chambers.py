@@ -18,6 +18,7 @@ from insole_daemon.errors import DiagnosisError
 from insole_daemon.physics.effect import Where
 from insole_daemon.recording.loading import FootRecording
 
+from . import chamber
 from .chamber import BEGAN_S, LAYOUT, SLOTS, WHOLE, Array, relaxing, write
 
 
@@ -213,6 +214,20 @@ def test_a_lag_beside_a_memory_is_not_named_delay(tmp_path):
     assert {each.effect for each in found.findings} == {"hysteresis", "lag"}
     (lag,) = (each for each in found.findings if each.effect == "lag")
     assert lag.parameters["tau_s"].value == pytest.approx(0.15, rel=0.2)
+
+
+def test_memories_under_cycles_of_one_speed_are_not_decidable(tmp_path, monkeypatch):
+    """The loops of a creep, a hysteresis and a viscoelasticity differ only in how they change with speed and holds."""
+    t_s = np.arange(0.0, 90.0, chamber.DT_S)
+    cycles_pa = 300e3 * (1.0 - np.abs((t_s / 4.0) % 2.0 - 1.0))
+    monkeypatch.setattr(chamber, "load", lambda seconds: (t_s, cycles_pa))
+    found = diagnose(write(tmp_path / "bag", relaxing(0.3, 0.8)))
+    (finding,) = found.findings
+    words = {finding.effect, *finding.alternatives}
+    assert len(words) == 2
+    assert words < {"creep", "hysteresis", "viscoelasticity"}
+    assert "holds" in finding.sentence
+    assert found.verdict == "not decidable"
 
 
 def test_a_long_lag_of_a_board_is_no_viscoelasticity(tmp_path):

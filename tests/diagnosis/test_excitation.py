@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from insole_daemon.diagnosis.excitation import require_cycles
+from insole_daemon.diagnosis.excitation import has_one_speed, require_cycles
 from insole_daemon.errors import UndecidableError
 
 STEP_S = 0.04
@@ -34,3 +34,20 @@ def test_a_slow_ramp_is_neither_step_nor_hold():
 def test_stairs_that_only_rise_are_undecidable():
     with pytest.raises(UndecidableError, match="turns 0 times"):
         require(stairs([0, 1e5, 2e5, 3e5, 4e5, 5e5, 6e5]))
+
+
+def test_cycles_of_one_speed_or_one_frequency_have_one_speed():
+    t_s = np.arange(0.0, 60.0, STEP_S)
+    tops_pa = np.resize([3e5, 2e5, 3e5, 1e5], 30)
+    corners_pa = np.stack([np.zeros(30), tops_pa], axis=1).ravel()
+    corners_s = np.cumsum([0.0, *np.abs(np.diff(corners_pa)) / 1e5])
+    assert has_one_speed(np.interp(t_s, corners_s, corners_pa), STEP_S)
+    assert has_one_speed(1e5 * (1.0 - np.cos(2.0 * np.pi * t_s / 4.0)), STEP_S)
+
+
+def test_another_speed_or_a_hold_is_more_than_one_speed():
+    fast = np.abs((np.arange(0.0, 40.0, STEP_S) / 2.0) % 2.0 - 1.0) * 3e5
+    slow = np.abs((np.arange(0.0, 40.0, STEP_S) / 8.0) % 2.0 - 1.0) * 3e5
+    assert has_one_speed(fast, STEP_S)
+    assert not has_one_speed(np.concatenate([fast, slow]), STEP_S)
+    assert not has_one_speed(np.concatenate([fast, np.full(round(10.0 / STEP_S), fast[-1]), fast]), STEP_S)

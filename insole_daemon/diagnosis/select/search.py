@@ -28,6 +28,7 @@ LEAST_OF_REST = 0.05  # of the residual beyond the noise: a step with a smaller 
 SHORTLIST = 40  # candidates that are solved exactly in a step: those with the highest approximate gains
 SCALES = ("gain", "stiffening", "bit_shift")
 LATE = ("delay", "lag")
+LOST_BY_LIKE = 0.12  # of a memory's gain, by another that is as likely: materials follow these laws only approximately
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,6 +111,19 @@ class SubsetSearch(Generic[D]):
             if loss < within and loss < losses.get(word, np.inf):
                 losses[word] = loss
         return sorted(losses.items(), key=lambda item: item[1])
+
+    def memories_alike(self, best: FittedSet, position: int) -> list[str]:
+        """Return memories that explain nearly as much as the one at `position`, at its place, the best first."""
+        rest = [k for k in best.chosen if k != best.chosen[position]]
+        replaced = self.design.candidates[best.chosen[position]]
+        least = best.gain - LOST_BY_LIKE * (best.gain - self.fit(rest).gain)
+        gains: dict[str, float] = {}
+        for k, other in enumerate(self.design.candidates):
+            if other.term.is_memory and other.word != replaced.word and other.where == replaced.where:
+                fitted = self.fit([*rest, k])
+                if np.isfinite(fitted.score) and fitted.gain > max(least, gains.get(other.word, 0.0)):
+                    gains[other.word] = fitted.gain
+        return sorted(gains, key=lambda word: -gains[word])
 
     def simplify(self, best: FittedSet, share: float) -> FittedSet:
         """Return `best` with terms replaced by preferred ones (Term.yields_to) if the score falls little.
