@@ -14,13 +14,14 @@ from .select.amplitude import amplitude_fraction
 
 LOOPS = ("viscoelasticity", "creep", "hysteresis")  # effects with an `amplitude_fraction`
 MISFIT_OF_VALUES = 0.05  # relative: materials follow a law only approximately
+MISFIT_OF = {"map_transform": 0.1}  # of single effects: a simulated load is not that of the person
 
 
 def parameters_of(refined: Refined[Any], i: int, foot: FootRecording) -> dict[str, Quantity]:
     """Return the parameters of the law of candidate `i`, by name, with standard deviations.
 
-    A standard deviation combines the covariance of the regression, propagated by finite differences, and
-    MISFIT_OF_VALUES. There are no parameters for a temperature that is known only in counts of the thermal pads.
+    A standard deviation combines the covariance of the regression, propagated by finite differences, and MISFIT_OF the
+    effect or MISFIT_OF_VALUES. A temperature that is known only in counts of the thermal pads has no parameters.
     """
     law = refined.of_laws
     design, candidate = law.design, law.design.candidates[i]
@@ -45,8 +46,10 @@ def parameters_of(refined: Refined[Any], i: int, foot: FootRecording) -> dict[st
     for name, value in values.items():
         numbers = np.asarray(value, float)
         std = np.sqrt(variance[name])
-        if candidate.word != "bit_shift" and name != "t_s":
-            std = with_misfit(name, numbers, std)
+        if name == "t_s":  # of an event between two readings
+            std = np.maximum(std, design.load.step_s)
+        elif candidate.word != "bit_shift":
+            std = with_misfit(name, numbers, std, MISFIT_OF.get(candidate.word, MISFIT_OF_VALUES))
         quantities[name] = Quantity(value, std, units.get(name, "1"))
     if candidate.word in LOOPS:
         quantities["amplitude_fraction"] = amplitude_fraction(refined, i)
@@ -66,7 +69,7 @@ def parameters_of(refined: Refined[Any], i: int, foot: FootRecording) -> dict[st
     return quantities
 
 
-def with_misfit(name: str, value: Any, std: Any) -> Any:
-    """Return the standard deviation of the parameter `name` with MISFIT_OF_VALUES."""
+def with_misfit(name: str, value: Any, std: Any, misfit: float = MISFIT_OF_VALUES) -> Any:
+    """Return the standard deviation of the parameter `name` with the relative `misfit` of its value."""
     change = np.abs(value - 1.0) if name in ("gain", "scale") else np.abs(value)
-    return np.sqrt(std**2 + (MISFIT_OF_VALUES * change) ** 2)
+    return np.sqrt(std**2 + (misfit * change) ** 2)

@@ -14,7 +14,7 @@ from .observations.load_field import Move
 from .observations.paired import PairedObservation, swapped_rows
 from .observations.reading_faults import ReadingFaults, reading_faults
 from .observations.wrench import WrenchObservation
-from .parameters import parameters_of, with_misfit
+from .parameters import MISFIT_OF, parameters_of, with_misfit
 from .select.displacement import fit_displacement
 from .select.search import FittedSet, SubsetSearch
 
@@ -71,7 +71,7 @@ class Placements:
 def _of_whole(name: str, of_step: Quantity, move: Move) -> Quantity:
     """Return a parameter of the whole displacement `move`, with the standard deviation of that of its last step."""
     value = move.parameters[name]
-    return replace(of_step, value=value, std=with_misfit(name, value, of_step.std))
+    return replace(of_step, value=value, std=with_misfit(name, value, of_step.std, MISFIT_OF[ASKEW]))
 
 
 def faults_and_displacement(foot: FootRecording, seen: WrenchObservation) -> tuple[ReadingFaults, Placements]:

@@ -42,6 +42,7 @@ AIR_QUANTILE = 0.25  # of the lowest readings of stretches: those with a swing
 STANDING_RATIO = 0.3  # largest standard deviation of the readings of a standing person, over the size of the jump
 JUMP_ROWS, CALM_RATIO = 2, 4.0  # of a landing: rows on each side, and its size over the changes before and after
 MOST_BELOW = 0.1  # of the rows shortly before a landing, in which a board reads less than in the air
+SHIFT_STD_COUNT, SHIFT_STD = 0.3, 0.05  # standard deviation of the mean shift: of readings, and relative
 LEAST_RATIO = 1.5  # of the step to the scatter of the lowest readings before and after
 
 
@@ -79,11 +80,10 @@ def correct_rezeros(foot: FootRecording, seen: WrenchObservation) -> tuple[Wrenc
             explains = mean_shift**2 * float(np.mean(of_board)) * (1.0 - row / len(seen.t_s))
         else:
             explains = float(np.mean((corrected.wrench[:, 0] - seen.wrench[:, 0]) ** 2))
-        findings.append(_finding(seen, int(board), float(seen.t_s[row]), mean_shift, explains))
-        if not seen.load_is_known:
-            last = _last_in_air(seen, of_board, int(before))
-            if seen.t_s[last] - seen.t_s[0] > LEAST_WALK_S:
-                corrected = seen.rows_before(last)
+        last = row if seen.load_is_known else _last_in_air(seen, of_board, int(before))
+        findings.append(_finding(seen, int(board), row, last, mean_shift, explains))
+        if not seen.load_is_known and seen.t_s[last] - seen.t_s[0] > LEAST_WALK_S:
+            corrected = seen.rows_before(last)
         seen = corrected
     return seen, findings
 
@@ -117,12 +117,21 @@ def _last_in_air(seen: WrenchObservation, of_board: NDArray[np.bool_], before: i
     return int(in_air[-1]) + 1 if in_air.size else before
 
 
-def _finding(seen: WrenchObservation, board: int, t_s: float, mean_shift_count: float, explains: float) -> Finding:
+def _finding(
+    seen: WrenchObservation, board: int, row: int, last: int, mean_shift_count: float, explains: float
+) -> Finding:
+    """Return the finding of a re-zero at `row`, which was later than the row `last`."""
     where = Where("board", ((board,),))
+    t_s = float(seen.t_s[row])
+    t_std_s = float(np.hypot(seen.step_s, (t_s - seen.t_s[last]) / np.sqrt(12.0)))
+    shift_std_count = float(np.hypot(SHIFT_STD_COUNT, SHIFT_STD * mean_shift_count))
     return Finding(
         effect="rezero", foot=seen.layout.foot, where=where, recordings=(seen.name,),
         when_s=((t_s, float(seen.t_s[-1])),), equation=laws()["rezero"].equation, explains=explains,
-        parameters={"t_s": Quantity(t_s, seen.step_s, "s"), "shift_count": Quantity(mean_shift_count, 0.3, "count")},
+        parameters={
+            "t_s": Quantity(t_s, t_std_s, "s"),
+            "shift_count": Quantity(mean_shift_count, shift_std_count, "count"),
+        },
         sentence=f"{place_in_words(where)} took its baselines anew at {t_s:.1f} s under load: "
         f"{mean_shift_count:+.1f} counts are missing since.",
     )  # fmt: skip
