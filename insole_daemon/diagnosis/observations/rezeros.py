@@ -58,12 +58,10 @@ def correct_rezeros(foot: FootRecording, seen: WrenchObservation) -> tuple[Wrenc
     width = max(round(MOST_STEP_S / seen.step_s), 2)
     for board, landing_count in sorted(no_load.items()):
         of_board = boards == board
-        if seen.load_is_known:
-            row, is_walking = _find_rezero(seen, of_board, float(landing_count), width), False
-        else:
-            row = standing = _find_landing(seen, of_board, float(landing_count), width)
-            row = _find_rezero_of_walk(seen, of_board, width) if standing is None else standing
-            is_walking = standing is None
+        find, is_walking = (_find_rezero if seen.load_is_known else _find_landing), False
+        row = find(seen, of_board, float(landing_count), width)
+        if row is None and not seen.load_is_known:
+            row, is_walking = _find_rezero_of_walk(seen, of_board, width), True
         if row is None:
             continue
         before, after = (rows[0] for rows in _read_beside(seen, of_board, np.array([row]), width))
