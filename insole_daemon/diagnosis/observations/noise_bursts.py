@@ -20,6 +20,7 @@ USUAL_WINDOW_QUANTILE = 0.3  # of the windows: noise that is present half of the
 LEAST_NOISE_COUNT = 0.5  # of a reading that toggles between two counts by rounding alone
 WINDOW_S, LEAST_BURST_S, MOST_BURST = 1.5, 2.9, 0.75
 LEAST_KEPT = 0.2  # of the noise of readings, in the rows of a window: less is in a gap
+LEAST_TIMES, UNDER_LOAD = 4, 0.9  # bursts; share of pairs of a noisy and a quiet window in which the former bears more
 MOST_CUT_OFF = 0.5  # of a window's readings at an end of their range
 
 
@@ -65,9 +66,22 @@ def detect_noise_bursts(seen: WrenchObservation) -> tuple[Array, list[Finding]]:
     when = [
         (float(seen.t_s[a * window_rows]), float(seen.t_s[min(b * window_rows, len(seen.t_s) - 1)])) for a, b in edges
     ]
-    text = f"readings scatter {np.median(window_ratio[is_loud]):.1f} times as much as usual for a while"
+    word, in_words = "noise_burst", "for a while"
+    if len(when) >= LEAST_TIMES and _is_under_load(seen, is_loud, has_bursts, window_rows):
+        word, in_words = "unknown", "whenever the load is high"
+    text = f"readings scatter {np.median(window_ratio[is_loud]):.1f} times as much as usual {in_words}"
     where = place_of_triangles(np.flatnonzero(has_bursts).tolist(), seen.layout)
-    return noise_ratio, [make_fault_finding(seen, "noise_burst", where, when, text)]
+    return noise_ratio, [make_fault_finding(seen, word, where, when, text)]
+
+
+def _is_under_load(
+    seen: WrenchObservation, is_loud: NDArray[np.bool_], has_bursts: NDArray[np.bool_], window_rows: int
+) -> bool:
+    """Return whether a noisy window of triangles nearly always has a higher load than another one."""
+    level = seen.activation_count[: len(is_loud) * window_rows, has_bursts][:, seen.usable[has_bursts]].mean(axis=1)
+    of_window = level.reshape(-1, window_rows).mean(axis=1)
+    loud, quiet = of_window[is_loud.any(axis=1)], of_window[~is_loud.any(axis=1)]
+    return bool(np.mean(loud[:, None] > quiet) > UNDER_LOAD)
 
 
 def _common_factor(

@@ -60,3 +60,17 @@ def test_noise_that_is_common_to_taxels_weighs_their_rows_as_the_noise_of_their_
         assert finding.where.ids == ((still.layout.identities[0, 0],),)
         assert ratio[middle, board] == pytest.approx(expected, rel=0.25)
         assert np.all(ratio[middle, ~board] == 1.0)
+
+
+@pytest.mark.parametrize(("shift", "word"), [(0, "unknown"), (1, "noise_burst")])
+def test_noise_that_comes_whenever_the_load_is_high_is_no_burst(still, shift, word):
+    """With `shift` the noise comes in every second half of a load and of the pause after it."""
+    n = len(still.t_s)
+    quarter = (np.arange(n) * 20 // n + shift) % 4
+    is_loaded = (quarter - shift) % 4 < 2
+    triangle = np.arange(len(still.layout)) == 2
+    noise = np.where((quarter < 2)[:, None, None] & triangle[:, None], 5.0, 1.0)
+    seen = replace(still, activation_count=still.activation_count + 30.0 * is_loaded[:, None, None])
+    _, (finding,) = detect_noise_bursts(with_noise(seen, noise, np.zeros(n)))
+    assert finding.effect == word
+    assert {tuple(each) for each in finding.where.ids} == {tuple(still.layout.identities[2].tolist())}
