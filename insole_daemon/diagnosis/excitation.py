@@ -21,7 +21,7 @@ def require_cycles(name: str, loads: Sequence[Array], steps_s: Sequence[float], 
 
     `steps_s`: time between two rows of each load; `span`: of all loads.
     """
-    reversals = sum(_reversals(load, TURN * span) for load in loads)
+    reversals = sum(len(_turns(load, TURN * span)) for load in loads)
     holds = [hold for load, step_s in zip(loads, steps_s, strict=True) for hold in _holds(load, step_s, span)]
     steps = sum(seconds > STEP_S for seconds, _ in holds)
     if reversals < 2 * LEAST_CYCLES - 1 and not (reversals and steps >= 2 * LEAST_CYCLES):
@@ -46,11 +46,6 @@ def has_one_speed(load: Array, step_s: float) -> bool:
     slow, fast = np.quantile(speed, OUTER)
     longest_s = max((seconds for seconds, _ in _holds(load, step_s, span)), default=0.0)
     return bool(fast < ONE_SPEED * slow and longest_s < STEP_S)
-
-
-def _reversals(load: Array, least: float) -> int:
-    """Return how often `load` reverses by at least `least`."""
-    return len(_turns(load, least))
 
 
 def _turns(load: Array, least: float) -> list[int]:

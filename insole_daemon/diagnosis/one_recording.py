@@ -199,16 +199,17 @@ def _term_findings(
     findings = []
     for i, gain in selection.reported:
         word, parameters = selection.words[i], selection.parameters[i]
-        where = selection.kept.refined.design.candidates[i].where
+        candidate = selection.kept.refined.design.candidates[i]
+        where, is_like_others = candidate.where, is_one_speed and candidate.term.is_memory
         alternatives = [other for other, _ in search.alternatives(best, i, confidence.EQUAL_SCORE)]
-        if is_one_speed and not alternatives and selection.kept.refined.design.candidates[i].term.is_memory:
+        if is_like_others and not alternatives:
             alternatives = search.memories_alike(best, i)
         sentence = (
             sentences.of_constant(parameters["offset"].value)
             if "offset" in parameters
             else sentences.of_effect(word, where, parameters)
         )
-        if alternatives and is_one_speed:
+        if is_like_others and alternatives:
             sentence += f" At one speed without holds, {alternatives[0]} looks the same: {SPEEDS} tell them apart."
         findings.append(
             Finding(

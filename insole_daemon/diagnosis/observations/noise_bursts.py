@@ -80,7 +80,8 @@ def _is_under_load(
     """Return whether a noisy window of triangles nearly always has a higher load than another one."""
     level = seen.activation_count[: len(is_loud) * window_rows, has_bursts][:, seen.usable[has_bursts]].mean(axis=1)
     of_window = level.reshape(-1, window_rows).mean(axis=1)
-    loud, quiet = of_window[is_loud.any(axis=1)], of_window[~is_loud.any(axis=1)]
+    is_any_loud = is_loud.any(axis=1)
+    loud, quiet = of_window[is_any_loud], of_window[~is_any_loud]
     return bool(np.mean(loud[:, None] > quiet) > UNDER_LOAD)
 
 

@@ -92,11 +92,10 @@ def _change_of_walk(seen: WrenchObservation, of_board: NDArray[np.bool_], before
     From the row `before` it to that `after` it the load changes, too, so this is the difference of readings in the air;
     of a taxel at the end of its range there, that under high loads.
     """
-    rows = slice(0, before + 1), slice(after, None)
-    low, high = (
-        -np.diff([np.quantile(seen.activation_count[part, of_board], q, axis=0) for part in rows], axis=0)[0]
-        for q in (LOW_QUANTILE, 1.0 - LOW_QUANTILE)
-    )
+    outer = (LOW_QUANTILE, 1.0 - LOW_QUANTILE)
+    low_before, high_before = np.quantile(seen.activation_count[: before + 1, of_board], outer, axis=0)
+    low_after, high_after = np.quantile(seen.activation_count[after:, of_board], outer, axis=0)
+    low, high = low_before - low_after, high_before - high_after
     is_cut_off = seen.cut_off[after:, of_board].mean(axis=0) > LOW_QUANTILE / 2.0
     return np.asarray(np.where(is_cut_off, np.maximum(low, high), low))
 

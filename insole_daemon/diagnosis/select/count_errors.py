@@ -19,8 +19,8 @@ from ..model.solve import absorbed_std, bounded
 from .residual_tests import lack_of_fit
 from .wrench_errors import FOLD_S, N_FOLDS, HeldoutErrors
 
-REFITTED_COUNT = 5.0  # upper bound of the prior standard deviation of a curve's error that a memory caused
-LEAST_REFITTED_COUNT = 1e-3  # the same without a memory
+REFITTED_COUNT = 5.0  # upper bound of the prior standard deviation of a curve's error that a memory or snap caused
+LEAST_REFITTED_COUNT = 1e-3  # the same without either
 OUTER = 0.998  # quantile that stands for the maximum
 ALIGNING = ("offset_s", "rate", "burst")  # shared nuisances that only align times
 EXPECTED = 1.0  # mean square of weighted rows; noise of the reference and jitter of time stamps are its slow part
@@ -66,7 +66,7 @@ def count_errors(refined: Refined[BlockDesign], order: Sequence[int]) -> Heldout
     every_curve = np.full(len(known.T), max(design.priors.curve_count, REFITTED_COUNT))
     std_count = every_curve if is_loose else _absorbed_count(law)
     if is_loose or any(each.term.is_loop for each in design.candidates):
-        # The calibration may have been made while the memory acted.
+        # The calibration may have been made while the memory or snap acted.
         splines = curve_splines(seen.expected_count, seen.usable)
         recalibrated = fit_curves(splines, off, off + seen.activation_count, known, std_count, seen.noise_count)
         off = _heldout(design, off, splines, fold, std_count)
@@ -116,7 +116,7 @@ class ErrorByLoad:
     load_pa: Array  # (k,)
     activation_count: Array  # (k,) by the static curves
     after: Array  # (k,) error with the laws of a set and the curves as handed in, counts
-    memory: Array  # (k,) change of the readings by the memories of the set, counts
+    memory: Array  # (k,) change of the readings by the memories and snaps of the set, counts
     noise_count: float  # of a reading
 
 
@@ -274,7 +274,7 @@ def _error_count(design: BlockDesign, as_read: Array, residual_rows: Array, devi
 
 
 def _absorbed_count(law: Refined[BlockDesign]) -> Array:
-    """Return the prior standard deviation (T,) of curve errors: the largest effect of the memories, counts."""
+    """Return the prior standard deviation (T,) of curve errors, counts: the largest effect of memories and snaps."""
     design, largest = law.design, np.zeros(len(law.design.seen.layout))
     usable = design.seen.usable
     slope = np.sum(design.seen.slope_pa * usable, axis=2) / np.maximum(usable.sum(axis=1), 1)  # (N, T) Pa a count
