@@ -18,7 +18,8 @@ LEAST_SPAN = 4  # range of a taxel's counts, in values of the bit, within which 
 LEAST_READINGS = 100  # between the ends of that range
 LEAST_TAXELS = 3  # of a triangle
 WINDOW_READINGS = 8  # shorter than a step
-CALM_QUANTILE = 0.25  # over windows: an edge of the load moves all taxels at once, too
+CALM_QUANTILE = 0.1  # over windows: an edge of the load moves all taxels at once, too
+USUAL_QUANTILE = 0.25  # over windows, of the noise by pick-up
 LEAST_VARIANCE = 0.05  # of noise, counts²: rounding alone
 LEAST_RATIO, MOST_USUAL_RATIO = 6.0, 1.5  # of a triangle with pick-up, and of most triangles; independent noise has 1
 
@@ -53,29 +54,31 @@ def is_bit_constant(readings: TriangleReadings, usable: NDArray[np.bool_], bit: 
     return bool(len(counts) and not np.ptp((counts >> bit) & 1))
 
 
-def common_variance_ratio(readings: TriangleReadings, usable: NDArray[np.bool_]) -> float:
+def common_variance_ratios(readings: TriangleReadings, usable: NDArray[np.bool_]) -> tuple[float, float]:
     """Return the variance of the mean of a triangle's taxels over that of independent taxels; NaN if it is unknown.
 
-    The variances are of third differences, which contain noise and hardly any load. A low quantile over windows is
-    taken.
+    The first value is that of calm windows, the second that of usual ones. The variances are of third differences,
+    which contain noise and hardly any load.
     """
     counts = readings.counts[:, usable]
     n_windows = (len(counts) - 3) // WINDOW_READINGS
     if n_windows < 4:
-        return np.nan
+        return np.nan, np.nan
     in_range = ((counts > SMALLEST) & (counts < LARGEST)).mean(axis=0) > 0.5
     if in_range.sum() < LEAST_TAXELS:
-        return np.nan
+        return np.nan, np.nan
     fast = np.diff(counts[:, in_range], n=3, axis=0)[: n_windows * WINDOW_READINGS] / np.sqrt(20.0)
     n_taxels = fast.shape[1]
     mean = fast.mean(axis=1)
     shared = np.mean(mean.reshape(n_windows, WINDOW_READINGS) ** 2, axis=1)
     independent = np.mean((fast - mean[:, None]).reshape(n_windows, -1) ** 2, axis=1) * n_taxels / (n_taxels - 1)
-    return float(np.quantile(n_taxels * shared / np.maximum(independent, LEAST_VARIANCE), CALM_QUANTILE))
+    ratios = n_taxels * shared / np.maximum(independent, LEAST_VARIANCE)
+    calm, usual = np.quantile(ratios, (CALM_QUANTILE, USUAL_QUANTILE)).tolist()
+    return calm, usual
 
 
 def detect_pick_up(ratios: Array) -> NDArray[np.bool_]:
-    """Return the triangles (T,) whose taxels swing at once, by their `ratios` (T,) from `common_variance_ratio`.
+    """Return the triangles (T,) whose taxels swing at once, by their `ratios` (T,) of calm windows.
 
     None if most triangles have a high ratio: then the load itself moves the taxels together.
     """

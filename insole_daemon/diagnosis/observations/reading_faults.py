@@ -17,7 +17,7 @@ from ..finding import Finding
 from ..places import place_of_triangles
 from .broken_taxels import detect_contact_faults, detect_stuck_bits, substitute_broken, without_zeroed_taxels
 from .fault_finding import make_fault_finding
-from .hidden_faults import common_variance_ratio, detect_pick_up
+from .hidden_faults import common_variance_ratios, detect_pick_up
 from .lost_frames import detect_lost_frames
 from .noise_bursts import detect_noise_bursts
 from .paired import PairedObservation
@@ -110,14 +110,14 @@ def _error_removed(before: WrenchObservation, after: WrenchObservation) -> Array
 
 def _pick_up(seen: WrenchObservation) -> tuple[Array, list[Finding]]:
     """Return the noise of triangles with electrical pick-up as a multiple of the usual (T,), and a finding."""
-    ratios = np.array(
-        [common_variance_ratio(readings, usable) for readings, usable in zip(seen.readings, seen.usable, strict=True)]
-    )
-    has_pick_up = detect_pick_up(ratios)
+    calm, usual = np.array(
+        [common_variance_ratios(readings, usable) for readings, usable in zip(seen.readings, seen.usable, strict=True)]
+    ).T
+    has_pick_up = detect_pick_up(calm)
     if not has_pick_up.any():
-        return np.ones(len(ratios)), []
+        return np.ones(len(calm)), []
     text = "all taxels swing at once, faster than the load: pick-up of the mains or of a motor, folded by the sampling"
     where = place_of_triangles(np.flatnonzero(has_pick_up).tolist(), seen.layout)
-    return np.where(has_pick_up, np.sqrt(np.where(has_pick_up, ratios, 1.0)), 1.0), [
+    return np.where(has_pick_up, np.sqrt(np.where(has_pick_up, usual, 1.0)), 1.0), [
         make_fault_finding(seen, "unknown", where, (), text)
     ]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from insole_daemon.diagnosis.observations.hidden_faults import (
-    common_variance_ratio,
+    common_variance_ratios,
     detect_pick_up,
     is_bit_constant,
     stuck_bit,
@@ -48,9 +48,23 @@ def test_pick_up_of_one_triangle_is_detected_and_a_walk_is_none():
     hum = 3.0 * np.sin(2 * np.pi * 13.0 * every[2].t_s)[:, None]
     own = every[2]
     every[2] = TriangleReadings(own.t_s, np.rint(own.counts + hum), own.valid, own.period_s)
-    shares = np.array([common_variance_ratio(each, USABLE) for each in every])
+    shares = np.array([common_variance_ratios(each, USABLE)[0] for each in every])
     assert detect_pick_up(shares).tolist() == [False, False, True, False, False, False]
     assert not detect_pick_up(np.delete(shares, 2)).any()
+
+
+def test_a_triangle_whose_load_changes_most_of_the_time_has_no_pick_up():
+    """At 50 ms the load itself moves all taxels of a triangle at once in all windows but those of a foot in the air."""
+    rng = np.random.default_rng(3)
+    t_s = np.arange(2000) * 0.05
+    stands = (t_s % 1.2) < 0.36
+    sways = np.where(stands, 0.0, np.sin(2 * np.pi * t_s / 0.45) ** 2)[:, None] * rng.normal(40.0, 4.0, 12)
+    counts = np.rint(240.0 - np.where((t_s % 12.0) < 2.4, 0.0, sways.T).T + rng.normal(0.0, 1.0, (2000, 12)))
+    every = [walking(seed) for seed in range(5)]
+    every.append(TriangleReadings(t_s, counts, np.ones(counts.shape, bool), 0.05))
+    calm, usual = np.array([common_variance_ratios(each, USABLE) for each in every]).T
+    assert usual[-1] > 6.0
+    assert not detect_pick_up(calm).any()
 
 
 def test_a_conversion_repeated_while_others_move_is_dropped():
