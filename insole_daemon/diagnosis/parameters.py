@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,10 @@ from ..physics.effects import laws
 from ..recording.loading import FootRecording
 from .finding import Quantity
 from .model.refine import Refined
+from .model.solve import solve_companions
 from .select.amplitude import amplitude_fraction
+from .terms import mean_curve
+from .terms.term import Setting
 
 LOOPS = ("viscoelasticity", "creep", "hysteresis")  # effects with an `amplitude_fraction`
 MISFIT_OF_VALUES = 0.05  # relative: materials follow a law only approximately
@@ -29,7 +33,8 @@ def parameters_of(refined: Refined[Any], i: int, foot: FootRecording) -> dict[st
         return {}
     shares = law.shares[i]
     mapping = candidate.term.parameters_of(design.load.observation.load_is_known or candidate.term.is_of_load)
-    values = mapping(candidate.settings, shares)
+    settings, absorbed_pa = _settings_of_load(law, i)
+    values = mapping(settings, shares)
     units = {p.name: p.unit for p in laws()[candidate.word].parameters} if candidate.word in laws() else {}
     columns = candidate.columns
     covariance = np.linalg.pinv(design.gram[:, :] + np.diag(1e-9 * design.gram.diagonal() + 1e-12))
@@ -39,13 +44,13 @@ def parameters_of(refined: Refined[Any], i: int, foot: FootRecording) -> dict[st
         for k in range(len(shares)):
             shifted = shares.copy()
             shifted[k] += std[k]
-            for name, value in mapping(candidate.settings, shifted).items():
+            for name, value in mapping(settings, shifted).items():
                 if np.size(value) == np.size(values.get(name, ())):  # else the shares decide what is kept
                     variance[name] = variance[name] + (np.asarray(value, float) - np.asarray(values[name], float)) ** 2
     quantities = {}
     for name, value in values.items():
         numbers = np.asarray(value, float)
-        std = np.sqrt(variance[name])
+        std = np.hypot(np.sqrt(variance[name]), absorbed_pa)
         if name == "t_s":  # of an event between two readings
             std = np.maximum(std, design.load.step_s)
         elif candidate.word != "bit_shift":
@@ -67,6 +72,28 @@ def parameters_of(refined: Refined[Any], i: int, foot: FootRecording) -> dict[st
         assert temperature is not None
         quantities["t0_c"] = Quantity(float(temperature.mean()), 0.0, "°C")
     return quantities
+
+
+def _settings_of_load(law: Refined[Any], i: int) -> tuple[Sequence[Setting], float]:
+    """Return the settings of candidate `i` of a refined set, and a standard deviation of all parameters, Pa.
+
+    Thresholds of a snap of a walk are of pressures by the curves handed in. These may contain its mean curve, so they
+    are corrected, and uncertain by as much, as is the step.
+    """
+    design, candidate = law.design, law.design.candidates[i]
+    if candidate.word != "snap" or design.load.is_known:
+        return candidate.settings, 0.0
+    columns, coefficients = solve_companions(design, design.candidates, law.shares)
+    share_of = dict(zip(columns.tolist(), coefficients.tolist(), strict=True))
+    shares = {
+        word: np.array([share_of[column] for column in candidate.companions_of(word)])
+        for word in candidate.term.absorbs
+    }
+    names = tuple(candidate.settings[0])
+    by_curves_pa = np.array([candidate.settings[0][name] for name in names])
+    change_pa = mean_curve.change_by_all_pa(by_curves_pa, mean_curve.knots_pa(design.load), shares)
+    corrected_pa = np.maximum(by_curves_pa + change_pa, 0.0).tolist()
+    return (dict(zip(names, corrected_pa, strict=True)),), float(np.abs(change_pa).max())
 
 
 def with_misfit(name: str, value: Any, std: Any, misfit: float = MISFIT_OF_VALUES) -> Any:

@@ -26,6 +26,7 @@ from .observing import observed, refuse_mixture, refuse_still
 from .one_recording import diagnose_one
 from .read_by_model import MEMORIES, ChamberModel, read_by
 from .result import Diagnosis, RecordingResult
+from .terms import mean_curve
 from .timings import clock_of
 from .unexplained import null_bound
 
@@ -250,13 +251,13 @@ def _verdict(heldout: dict[str, Any], findings: Sequence[Finding], results: Sequ
 
 def _absorbed_by_curves(result: RecordingResult) -> list[wrench_model.Absorbed]:
     """Return the parts of the selected effects that the calibration's curves contain."""
-    design, absorbed = result.refined.design, {}
+    design, share_of, absorbed = result.refined.design, result.figures.companion_shares, {}
     for candidate in design.candidates:
-        for word, column in zip(candidate.companion_words, candidate.companions.tolist(), strict=True):
-            if word not in RECALIBRATIONS:
-                continue  # the memory of an earlier load is not part of a curve
-            share = result.figures.companion_shares.get(column, 0.0)
-            absorbed[column] = wrench_model.Absorbed(word, candidate.where, share)
+        for word in (*RECALIBRATIONS, mean_curve.TERM.word):
+            if columns := candidate.companions_of(word):
+                shares = np.array([share_of.get(column, 0.0) for column in columns])
+                at_pa = mean_curve.knots_pa(design.load) if word == mean_curve.TERM.word else None
+                absorbed[columns[0]] = wrench_model.Absorbed(word, candidate.where, shares, at_pa)
     return list(absorbed.values())
 
 

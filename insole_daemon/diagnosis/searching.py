@@ -30,7 +30,7 @@ from .select.events import Events, refine_events, with_events
 from .select.groups import with_groups
 from .select.ordered_search import changes_load_of_a_part, on_signal_path, with_refined_settings, with_refined_snaps
 from .select.search import GOOD_FIT, SubsetSearch
-from .select.thresholds import refine_thresholds
+from .select.thresholds import refine_thresholds, with_thresholds_of_walk
 from .select.timing_search import TimingFit, TimingHypothesis, search_timings
 from .terms.term import Setting
 
@@ -205,7 +205,7 @@ def _search_under(
             "does not work, or of a time that the reference did not record"
         )
     if not isinstance(seen, ChamberObservation):
-        whole = design(LoadEstimate(seen), weights, faults.substituted)
+        whole = with_thresholds_of_walk(design(LoadEstimate(seen), weights, faults.substituted))
         return SearchResult(*search_timings(lambda timing: whole, seen.offset_is_free))
 
     # Refined once, with the first timing: later timings differ by less than the duration of an event.

@@ -3,28 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.polynomial import Polynomial
+from numpy.polynomial.polynomial import polyadd, polyder, polymul, polymulx, polyval
 from numpy.typing import NDArray
 
 from ...physics import effects_document
 from ...physics.effect import Effect, Where
 from ...physics.law import Array
 from ...skin.geometry import N_TAXELS
-from ..model.curves import CurveShares
+from ..model.curves import CHANGED_DEGREE, CurveShares
 from ..observations.wrench import WrenchObservation
+from ..terms import mean_curve
 from ..terms.stiffening import SCALE_PA
+
+N_COUNTS = 200  # of a curve that is fitted with a polynomial
 
 
 @dataclass(frozen=True, slots=True)
 class Absorbed:
-    """The share of a static term by which curves of a place deviate, because an effect acted in their calibration."""
+    """The shares of a static term by which curves of a place deviate, because an effect acted in their calibration."""
 
     word: str
     where: Where
-    share: float
+    shares: Array  # (k,) of one column, or of a mean curve at its knots
+    knots_pa: Array | None = None  # (k,) of a mean curve
 
 
 def document(
@@ -42,34 +48,55 @@ def document(
     """
     layout, calibration = seen.layout, seen.calibration
     places = [(correction, set(correction.where.slots(layout).tolist())) for correction in absorbed]
+    reached_count = seen.activation_count.max(axis=0)
+    highest_pa = 0.0
     taxels = []
     for slot in np.flatnonzero((calibration.usable & ~broken).ravel()).tolist():
         row, taxel = divmod(slot, N_TAXELS)
         board, triangle = layout.identities[row].tolist()
-        curve = calibration.coefficients_pa[row, taxel]
+        given = curve = calibration.coefficients_pa[row, taxel]
         for correction, slots in places:
             if slot in slots:
-                curve = _changed(curve, correction)
+                curve = polyadd(curve, _change(given, correction, float(reached_count[row, taxel])))
         if recalibrated is not None:
             curve = recalibrated.changed(curve, row, taxel)
+        highest_pa = max(highest_pa, float(polyval(reached_count[row, taxel], curve)))
         taxels.append(
             {"board": board, "triangle": triangle, "taxel": taxel,
              "baseline_count": round(float(calibration.baseline_count[row, taxel]), 4),
              "coefficients_pa": [float(f"{value:.9g}") for value in curve]}
         )  # fmt: skip
     taxels.sort(key=lambda entry: (entry["board"], entry["triangle"], entry["taxel"]))
+    up_to_highest = [_valid_up_to(effect, highest_pa) for effect in effects]
     return {
         "format": "insole-calibration/1", "foot": layout.foot, "taxels": taxels,
-        "effects": effects_document.document(list(effects), layout), "provenance": dict(provenance),
+        "effects": effects_document.document(up_to_highest, layout), "provenance": dict(provenance),
     }  # fmt: skip
 
 
-def _changed(curve: Array, absorbed: Absorbed) -> Array:
-    """Return the coefficients (k,) of the curve, corrected by the static term `absorbed` (see `terms`)."""
-    slope = np.polynomial.polynomial.polyder(curve)
+def _valid_up_to(effect: Effect, highest_pa: float) -> Effect:
+    """Return `effect` with a valid range up to a pressure that corrected curves return, if that is higher."""
+    if "pressure_pa" not in effect.valid_range:
+        return effect
+    low, high = effect.valid_range["pressure_pa"]
+    return replace(effect, valid_range={**effect.valid_range, "pressure_pa": (low, max(high, np.ceil(highest_pa)))})
+
+
+def _change(curve: Array, absorbed: Absorbed, reached_count: float) -> Array:
+    """Return by how much the static term `absorbed` changes the coefficients (k,) of a curve (see `terms`).
+
+    A mean curve is fitted with a polynomial up to the activation `reached_count`.
+    """
+    slope = polyder(curve)
+    if absorbed.word == "mean_curve":
+        assert absorbed.knots_pa is not None
+        count = np.linspace(0.0, max(reached_count, 1.0), N_COUNTS)
+        pressure_pa = np.asarray(polyval(count, curve), np.float64)
+        change = mean_curve.change_pa(pressure_pa, absorbed.knots_pa, absorbed.shares)
+        return np.asarray(Polynomial.fit(count, change, CHANGED_DEGREE).convert().coef)
+    (share,) = absorbed.shares.tolist()
     if absorbed.word == "gain":
-        return np.asarray(curve - absorbed.share * np.polynomial.polynomial.polymulx(slope)[: len(curve)])
+        return np.asarray(-share * polymulx(slope)[: len(curve)])
     if absorbed.word == "baseline":
-        return np.asarray(np.polynomial.polynomial.polyadd(curve, absorbed.share * slope))
-    more = np.polynomial.polynomial.polymul(curve, curve) * (absorbed.share / SCALE_PA)
-    return np.asarray(np.polynomial.polynomial.polyadd(curve, more))
+        return np.asarray(share * slope)
+    return np.asarray(polymul(curve, curve) * (share / SCALE_PA))

@@ -189,24 +189,30 @@ class Design:
 
     def exchanged(self, i: int, setting: Setting) -> Design:
         """Return the regression with another setting of candidate `i`."""
-        candidate = self.candidates[i]
+        copy = replace(self, raw=self.raw.copy(), gram=self.gram.copy(), cross=self.cross.copy())
+        return copy.exchange(i, setting)
+
+    def exchange(self, i: int, setting: Setting) -> Design:
+        """Return the regression with another setting of candidate `i`, which shares the arrays with this one.
+
+        Its columns overwrite those before: a copy of all columns is too large.
+        """
+        candidate, raw, gram = self.candidates[i], self.raw, self.gram
         block = candidate.term.column_of(self.load, setting)
-        columns = _columns_at(block, candidate.where, self)
-        weighted = apply_weights(columns, self.weights)
+        weighted = apply_weights(_columns_at(block, candidate.where, self), self.weights)
         projected = project(self.base, weighted)
-        raw, gram, cross = self.raw.copy(), self.gram.copy(), self.cross.copy()
         numbers = candidate.columns
         # The covariance of noise with a column changes little with its setting, so it is kept.
         before = raw[:, numbers].astype(float)
         product = _products(before, self.target) - self.cross[numbers]
         square = np.sum(project(self.base, before) ** 2, axis=0) - np.diag(gram)[numbers]
         raw[:, numbers] = weighted
-        gram[:, numbers] = _products(raw.astype(float), projected)
+        gram[:, numbers] = _products(raw, projected)
         gram[numbers] = gram[:, numbers].T
         gram[numbers, numbers] -= np.minimum(square, 0.9 * gram[numbers, numbers])
-        cross[numbers] = projected.T @ self.target - product
+        self.cross[numbers] = projected.T @ self.target - product
         candidates = tuple(replace(c, settings=block.settings) if j == i else c for j, c in enumerate(self.candidates))
-        return replace(self, candidates=candidates, raw=raw, gram=gram, cross=cross)
+        return replace(self, candidates=candidates)
 
 
 def place_terms(

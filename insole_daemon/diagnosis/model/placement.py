@@ -58,7 +58,7 @@ class Placement:
             return
         identities = [tuple(identity) for identity in self._seen.layout.identities.tolist()]
         works = self._seen.usable.any(axis=1)
-        scopes = ("insole",) if block.whole is not None else (*term.chamber_scopes, *term.scopes)
+        scopes = ("insole",) if block.whole is not None else term.scopes
         for scope in scopes:
             if (term.word, scope) in self._seen.settled:
                 continue

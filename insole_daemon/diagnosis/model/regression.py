@@ -45,6 +45,10 @@ class PlacedTerm:
         """Return the effect word of the term."""
         return self.term.word
 
+    def companions_of(self, word: str) -> list[int]:
+        """Return the columns of the companions of a `word`, in the order of its settings."""
+        return [k for k, own in zip(self.companions.tolist(), self.companion_words, strict=True) if own == word]
+
     def of_law(self) -> PlacedTerm:
         """Return the candidate with the columns of its law only."""
         law_settings = [k for k, setting in enumerate(self.settings) if self.term.is_in_law(setting)]

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import nnls
+from scipy.optimize import lsq_linear, nnls
 
 from ...physics.law import Array
 from .regression import PlacedTerm, Regression
@@ -62,14 +62,9 @@ def solve_shares(design: Regression, chosen: Sequence[PlacedTerm]) -> tuple[tupl
                 strengths[i] = float(np.abs(shares[i]).sum())
             if all(abs(strengths[i] - old) <= SETTLED * strengths[i] for i, old in zip(rest, before, strict=True)):
                 break
-        bound = MOST_ABSORBED * _std(variances, strengths)
-        held = np.zeros(len(coefficients), bool)
-        bound = np.concatenate([np.full(k, np.inf), bound])
-        while np.any(over := ~held & (np.abs(coefficients) > bound)):
-            held |= over
-            coefficients[held] = np.clip(coefficients[held], -bound[held], bound[held])
-            remainder = cross[columns] - with_priors[:, held] @ coefficients[held]
-            coefficients[~held] = bounded(with_priors[~held][:, ~held], remainder[~held], positive[~held], sums)
+        bound = np.concatenate([np.full(k, np.inf), MOST_ABSORBED * _std(variances, strengths)])
+        if np.any(np.abs(coefficients) > bound):
+            coefficients = _within(with_priors, cross[columns], np.where(positive, 0.0, -bound), bound, sums)
         _assign_shares(coefficients, chosen, rest, shares)
         gain += float(2 * coefficients @ cross[columns] - coefficients @ with_priors @ coefficients)
     return tuple(shares), gain
@@ -157,8 +152,7 @@ def bounded(gram: Array, cross: Array, positive: NDArray[np.bool_], sums: Sequen
     """Return θ (p,) that minimises θᵀ·gram·θ − 2·crossᵀ·θ under the constraints θ ≥ 0 where `positive`, and `sums`.
 
     `sums`: slices of θ, all positive, with the upper bound of the sum of each. Free coefficients are eliminated; the
-    rest is a problem of non-negative least squares (Lawson and Hanson, Solving least squares problems, 1974). A sum
-    above its bound is held there by a heavily weighted row.
+    rest is a problem of non-negative least squares (Lawson and Hanson, Solving least squares problems, 1974).
     """
     scale = np.sqrt(np.diag(gram))
     gram, cross = gram / scale[:, None] / scale, cross / scale
@@ -171,26 +165,55 @@ def bounded(gram: Array, cross: Array, positive: NDArray[np.bool_], sums: Sequen
         reduced = reduced - between.T @ of_free[:, :-1]
         right = right - between.T @ of_free[:, -1]
     if positive.any():
-        values, vectors = np.linalg.eigh(reduced)
-        root = np.sqrt(np.maximum(values, LEAST_EIGENVALUE))
-        rows, target = root[:, None] * vectors.T, (vectors.T @ right) / root
-        theta[positive] = nnls(rows, target)[0]
-        held: set[int] = set()
-        while over := {k for k, (own, bound) in enumerate(sums) if _sum(theta, scale, own) > bound * (1.0 + TOLERANCE)}:
-            if over <= held:
-                break
-            held |= over
-            for own, bound in (sums[k] for k in over):
-                pull = np.zeros(len(cross))
-                pull[own] = 1.0 / scale[own]
-                size = PULL / float(pull[own].min())  # enough for the largest column, too
-                rows, target = np.vstack([rows, size * pull[positive]]), np.append(target, size * bound)
-            theta[positive] = nnls(rows, target)[0]
+        within = [(pull[positive], bound) for pull, bound in _pulls(sums, scale)]
+        theta[positive] = _least_squares(reduced, right, within, lambda rows, target: nnls(rows, target)[0])
     if free.any():
         theta[free] = of_free[:, -1] - of_free[:, :-1] @ theta[positive]
     return theta / scale
 
 
-def _sum(scaled: Array, scale: Array, own: slice) -> float:
-    """Return the sum of the coefficients in a slice, from those of columns scaled to 1."""
-    return float(np.sum(scaled[own] / scale[own]))
+def _within(gram: Array, cross: Array, low: Array, high: Array, sums: Sequence[tuple[slice, float]]) -> Array:
+    """Return θ (p,) that minimises θᵀ·gram·θ − 2·crossᵀ·θ with `low` ≤ θ ≤ `high` and the bounds of `sums`.
+
+    Bounded-variable least squares (Stark and Parker, Comput. Stat. 10 (1995) 129).
+    """
+    scale = np.sqrt(np.diag(gram))
+    bounds = low * scale, high * scale
+    theta = _least_squares(
+        gram / scale[:, None] / scale, cross / scale, _pulls(sums, scale),
+        lambda rows, target: lsq_linear(rows, target, bounds, method="bvls").x,
+    )  # fmt: skip
+    return theta / scale
+
+
+def _pulls(sums: Sequence[tuple[slice, float]], scale: Array) -> list[tuple[Array, float]]:
+    """Return the row (p,) and the bound of each sum of coefficients, for columns scaled to 1."""
+    pulls = []
+    for own, bound in sums:
+        pull = np.zeros(len(scale))
+        pull[own] = 1.0 / scale[own]
+        pulls.append((pull, bound))
+    return pulls
+
+
+def _least_squares(
+    gram: Array, cross: Array, sums: Sequence[tuple[Array, float]], solve: Callable[[Array, Array], Array]
+) -> Array:
+    """Return θ (p,) by `solve` of rows and target, with the bound of each sum row @ θ.
+
+    `gram` is that of columns scaled to 1. A sum above its bound is held there by a heavily weighted row.
+    """
+    values, vectors = np.linalg.eigh(gram)
+    root = np.sqrt(np.maximum(values, LEAST_EIGENVALUE))
+    rows, target = root[:, None] * vectors.T, (vectors.T @ cross) / root
+    theta = solve(rows, target)
+    held: set[int] = set()
+    while over := {k for k, (pull, bound) in enumerate(sums) if float(pull @ theta) > bound * (1.0 + TOLERANCE)}:
+        if over <= held:
+            break
+        held |= over
+        for pull, bound in (sums[k] for k in over):
+            size = PULL / float(pull[pull > 0.0].min())  # enough for the largest column, too
+            rows, target = np.vstack([rows, size * pull]), np.append(target, size * bound)
+        theta = solve(rows, target)
+    return theta

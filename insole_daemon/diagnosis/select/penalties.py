@@ -19,6 +19,8 @@ from ...physics.law import Array
 from ..model.blocks import BlockDesign
 from ..model.design import LEAST_GAIN, Design
 from ..model.regression import PlacedTerm, Regression
+from ..model.solve import solve_companions, with_ridge
+from ..terms import mean_curve
 
 LEAST_EVIDENCE = 40.0  # least gain of a recalibration of which the priors of nuisances absorb a part
 EARLY = 4.0  # additional least gains if readings come before their load, the least plausible hypothesis
@@ -148,10 +150,12 @@ class WrenchPenalties:
         """Return the penalties of all terms, each with the misfit of the others, at most its own sum of squares.
 
         The same word at other places counts with the sum of squares of all of them together: an effect of the insole
-        that was selected at many places has the misfit of one law.
+        that was selected at many places has the misfit of one law. inf if a term only lends its mean curve to others.
         """
         if not terms:
             return 0.0
+        if self._is_curve_alone(terms, shares):
+            return np.inf
         effect = self.design.gram[:, np.concatenate([one.columns for one in terms])]
         starts = np.cumsum([0, *(len(one.columns) for one in terms)])
         products = np.zeros((len(terms), len(terms)))  # of the effects of two candidates
@@ -171,6 +175,28 @@ class WrenchPenalties:
                 # Prior of the share: small changes everywhere are more probable than a very large one at one place.
                 penalty += 2.0 * np.log1p((float(np.abs(shares[i]).max()) / candidate.term.plausible) ** 2)
         return penalty
+
+    def _is_curve_alone(self, terms: Sequence[PlacedTerm], shares: Sequence[Array]) -> bool:
+        """Return whether a memory or snap moves the readings hardly more than a changed static curve does.
+
+        A play wider than the load never moves, and is then nothing but a reason for a mean curve.
+        """
+        own = np.concatenate([one.columns for one in terms])
+        companions, coefficients = solve_companions(self.design, terms, shares)
+        coefficient = np.zeros(len(self.design.cross))
+        coefficient[own], coefficient[companions] = np.concatenate(shares), coefficients
+        for one, of_term in zip(terms, shares, strict=True):
+            if not one.companions_of(mean_curve.TERM.word):
+                continue
+            columns = np.concatenate([one.columns, one.companions])
+            gram = self.design.gram[columns[:, None], columns]
+            whole = float(coefficient[columns] @ gram @ coefficient[columns])
+            k = len(one.columns)
+            static = np.linalg.solve(with_ridge(gram[k:, k:]), gram[k:, :k] @ of_term)
+            moving = float(of_term @ gram[:k, :k] @ of_term - of_term @ gram[:k, k:] @ static)
+            if moving < max(self._smallest_gain, MISFIT_OF_STATIC * whole):
+                return True
+        return False
 
     def timing_penalty(self, terms: Sequence[PlacedTerm], shares: Sequence[Array]) -> float:
         """Return the penalty of a term without places."""

@@ -59,6 +59,10 @@ class SubsetSearch(Generic[D]):
             [self.penalties.complexity_penalty(candidate) for candidate in design.candidates]
         )
 
+        self._with_mean_curve = [
+            k for k, candidate in enumerate(design.candidates) if "mean_curve" in candidate.companion_words
+        ]
+
     def run(self, start: Sequence[int] = ()) -> list[FittedSet]:
         """Return the sets of the beams, the highest score first; the empty set is one of them.
 
@@ -228,6 +232,16 @@ class SubsetSearch(Generic[D]):
         """
         if not added:
             return []
+        gain, more = self._gains_with_companions(rest, added)
+        gain -= sum(self.penalties.least_penalty(k) for k in rest)
+        bounds = [(k, gain + own - self.penalties.least_penalty(k)) for k, own in zip(added, more, strict=True)]
+        return sorted(bounds, key=lambda bound: -bound[1])
+
+    def _gains_with_companions(self, rest: Sequence[int], added: Sequence[int]) -> tuple[float, list[float]]:
+        """Return the gain of `rest`, and those of the candidates `added` beside it.
+
+        All shares and companions are free, so these are upper bounds.
+        """
         design = self.design
         is_own = np.zeros(len(design.cross), bool)
         for k in rest:
@@ -240,14 +254,12 @@ class SubsetSearch(Generic[D]):
         between = design.gram[own[:, None], new]
         solved = np.linalg.solve(taken, np.column_stack([between, design.cross[own]]))
         cross = design.cross[new] - between.T @ solved[:, -1]
-        gain = float(design.cross[own] @ solved[:, -1]) - sum(self.penalties.least_penalty(k) for k in rest)
-        bounds = []
-        for k, columns in zip(added, others, strict=True):
+        gains = []
+        for columns in others:
             at = np.searchsorted(new, columns)
             gram = with_ridge(design.gram[columns[:, None], columns]) - between[:, at].T @ solved[:, at]
-            more = float(cross[at] @ np.linalg.solve(gram, cross[at]))
-            bounds.append((k, gain + more - self.penalties.least_penalty(k)))
-        return sorted(bounds, key=lambda bound: -bound[1])
+            gains.append(float(cross[at] @ np.linalg.solve(gram, cross[at])))
+        return float(design.cross[own] @ solved[:, -1]), gains
 
     def _with_companions(self, k: int) -> NDArray[np.intp]:
         """Return the numbers of the columns of candidate `k` and of its companions."""
@@ -263,8 +275,8 @@ class SubsetSearch(Generic[D]):
     def _shortlist_beside(self, taken: FittedSet) -> list[int]:
         """Return the shortlist beside a fitted set.
 
-        The gain is that of a candidate with free shares, companions left out, on the residual of the set; at most six
-        candidates have the same word.
+        The gain is that of a candidate with free shares on the residual of the set. Companions are left out unless one
+        is a mean curve, which may explain most. At most six candidates have the same word.
         """
         design = self.design
         columns = np.concatenate([design.candidates[k].columns for k in taken.chosen] or [np.empty(0, np.intp)])
@@ -282,6 +294,9 @@ class SubsetSearch(Generic[D]):
             r = cross[columns_of]
             bound = np.einsum("mi,mij,mj->m", r, inverses, r) - self._complexity_penalties[numbers]
             gains[numbers] = np.minimum(gains[numbers], bound)
+        if curved := [k for k in self._with_mean_curve if k not in taken.chosen]:
+            gains[curved] = self._gains_with_companions(taken.chosen, curved)[1]
+            gains[curved] -= self._complexity_penalties[curved]
         order: list[int] = np.argsort(-gains)[: 6 * SHORTLIST].tolist()
         n_of_word: dict[str, int] = {}
         shortlist = []

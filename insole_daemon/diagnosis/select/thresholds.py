@@ -10,12 +10,15 @@ from functools import cache
 
 from ...physics.effect import Where
 from ..model.blocks import BlockDesign
+from ..model.design import Design
 from ..model.refine import Refined, refine
+from ..model.solve import is_possible, solve_shares
 from ..terms.snap import TOGETHER
 from ..terms.term import Setting
 
 UPPER = "up_pa"
 LEAST_SHARE = 0.05  # of the squared residual: gain of the strongest snap alone, for any to be refined
+LEAST_SHARE_OF_WALK = 0.3  # the same of a walk, for each that is refined
 COMPARABLE = 0.1  # of the gain of the strongest snap: gain at another place for that one to be refined
 STARTS = 2  # best grid points of a place that are refined: the gain has several maxima in the thresholds
 MOST_PLACES = 8
@@ -59,6 +62,24 @@ def refine_thresholds(design: BlockDesign) -> list[tuple[int, Setting]]:
             best = max((refined(k) for _, k in of_place), key=lambda one: one.gain)
             settings.append((of_place[0][1], best.design.candidates[0].settings[0]))
     return settings
+
+
+def with_thresholds_of_walk(design: Design) -> Design:
+    """Return `design` with refined thresholds of strong snaps of the insole and of boards; its arrays are overwritten.
+
+    The grid of a walk is coarse. A triangle's part of the wrench hardly tells its thresholds.
+    """
+    best: dict[Where, tuple[float, int]] = {}
+    for k, candidate in enumerate(design.candidates):
+        if UPPER in candidate.term.refine and candidate.where.scope != "triangle":
+            subset = design.subset([k])
+            shares, gain = solve_shares(subset, subset.candidates)
+            if is_possible([candidate], shares, load_is_known=False):
+                best[candidate.where] = max(best.get(candidate.where, (0.0, k)), (gain, k))
+    for gain, k in best.values():
+        if gain > LEAST_SHARE_OF_WALK * design.total:
+            design = design.exchange(k, refine(design, (k,)).design.candidates[0].settings[0])
+    return design
 
 
 def _is_of_triangle(design: BlockDesign, of_place: list[tuple[float, int]]) -> bool:

@@ -16,6 +16,7 @@ from . import (
     hysteresis,
     lag,
     map_transform,
+    mean_curve,
     preload,
     reference_fault,
     rezero,
@@ -55,4 +56,5 @@ TERMS: tuple[Term, ...] = (
     creep_by_reference.SHARE,
     uneven.LOOPS,
     uneven.CREEP,
+    mean_curve.TERM,
 )

@@ -1,6 +1,6 @@
 """`snap`: a contact closes and opens with the load. q = P + A·R[P], R a relay: 1 from P ≥ up until P ≤ down.
 
-Readings fall from down + A when the contact opens, so P = q − A·R′[q], with R′ switching at up and down′ = down + A.
+Readings leave the gaps from up to up + A and from down + A to down out, so P = q − A·R′[q], with R′ switching there.
 """
 
 from __future__ import annotations
@@ -50,10 +50,16 @@ def _columns(load: LoadEstimate) -> list[TermColumns]:
 
 
 def _parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:
-    """Return thresholds and step of the law, Pa, from the thresholds of readings."""
+    """Return thresholds and step of the law, Pa, from the thresholds of readings.
+
+    Readings jump from up to up + A, and from down + A to down. Any threshold in such a gap separates the states, so
+    those that were found are taken as its middle, as the inverse of the law has them.
+    """
     step_pa = SCALE_PA * float(shares[0])
-    up_pa = float(settings[0]["up_pa"])
-    return {"up_pa": up_pa, "down_pa": min(float(settings[0]["down_pa"]) - step_pa, 0.99 * up_pa), "step_pa": step_pa}
+    up_pa = max(float(settings[0]["up_pa"]) - 0.5 * step_pa, 0.0)
+    return {
+        "up_pa": up_pa, "down_pa": min(float(settings[0]["down_pa"]) - 0.5 * step_pa, 0.99 * up_pa), "step_pa": step_pa,
+    }  # fmt: skip
 
 
 def _known_parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:
@@ -67,13 +73,12 @@ def _known_parameters(settings: Sequence[Setting], shares: Array) -> dict[str, o
 
 def _is_possible(settings: Sequence[Setting], shares: Array, load_is_known: bool) -> bool:
     """Return whether the contact opens at a load above zero; if the load is known, the settings ensure it."""
-    return load_is_known or SCALE_PA * float(shares[0]) < float(settings[0]["down_pa"])
+    return load_is_known or 0.5 * SCALE_PA * float(shares[0]) < float(settings[0]["down_pa"])
 
 
 TERM = Term(
     word="snap",
-    scopes=("board", "triangle"),
-    chamber_scopes=("insole",),
+    scopes=("insole", "board", "triangle"),
     share="positive",
     columns=_columns,
     parameters=_parameters,
@@ -81,7 +86,7 @@ TERM = Term(
     is_possible=_is_possible,
     plausible=5,
     limit=1000,
-    absorbs={"gain": 0.005, "stiffening": 0.005},
+    absorbs={"gain": 0.005, "stiffening": 0.005, "mean_curve": 0.005},
     misfit=0.05,
     refine=("up_pa", "down_pa"),
     column=_column,

@@ -82,7 +82,6 @@ class Term:
     refine: tuple[str, ...] = ()  # settings that are refined after selection
     linear_at: str = ""  # setting with the share at which a non-linear column is linearised
     column: Callable[[LoadEstimate, Setting], TermColumns] | None = None  # computes the column of one setting
-    chamber_scopes: tuple[Scope, ...] = ()  # further scopes under a known load
     plausible: float = 0.0  # typical share by literature and data sheets; 0: unknown
     # Whether settings and shares (k,) are valid for the law, beside `limit`; the last argument: the load is known.
     is_possible: Callable[[Sequence[Setting], Array, bool], bool] = lambda settings, shares, load_is_known: True
@@ -172,7 +171,8 @@ def in_means(load: LoadEstimate, moved_pa: Array) -> float:
 SPEEDS = "cycles at two speeds, minor loops and holds of a minute, loaded and unloaded"
 EVERY_S, KNOWN_EVERY_S = 3.0, 5.0  # between possible times of an event, if the load is unknown or known
 EDGE_S = 3.0  # from the ends of a recording, where too few rows show an event
-ABSORBED = {"gain": 0.5, "stiffening": 0.5}  # `absorbs` of memories whose shares are fractions of the response
+# `absorbs` of memories whose shares are fractions of the response. The mean curve is what gain and stiffening leave.
+ABSORBED = {"gain": 0.5, "stiffening": 0.5, "mean_curve": 0.15}
 
 
 def near_one(name: str, linear_up_to: float) -> Callable[[Sequence[Setting], Array, bool], bool]:

@@ -16,7 +16,7 @@ from insole_daemon.diagnosis.audit import audit
 from insole_daemon.diagnosis.compensation import of_walk
 from insole_daemon.diagnosis.load_estimate import LoadEstimate
 from insole_daemon.diagnosis.observations.walk import observe_walk
-from insole_daemon.diagnosis.operators import flows, frictions, plays
+from insole_daemon.diagnosis.operators import flows, frictions, plays, relay
 from insole_daemon.errors import DiagnosisError, UndecidableError
 from insole_daemon.physics import calibration as calibrations
 from insole_daemon.recording import counts as counts_file
@@ -362,18 +362,47 @@ def test_bad_walks_are_refused_with_a_sentence(tmp_path):
 
 
 def test_a_curve_that_stiffens_beyond_its_calibration_is_corrected(tmp_path):
-    def error_n(folder: Path, model: Path) -> float:
-        t_s, f_z_n = of_walk(model, folder)["left"]
-        shoe = insole_daemon.load(folder)["left"].reference
-        return float(np.std(f_z_n - np.interp(t_s, shoe.time_s, shoe["fz_n"])))
-
     straight = write(tmp_path / "straight")
     bent = write(tmp_path / "bent", lambda p: p - 0.15 * p * (p / 2e5) ** 2)
     found = diagnose(bent, tmp_path / "out")
     assert [each["effect"] for each in found["findings"]] == ["stiffening"]
-    usual = error_n(straight, straight / "calibration.json")
-    assert error_n(bent, bent / "calibration.json") > 2 * usual
-    assert error_n(bent, tmp_path / "out" / "model.json") < 1.2 * usual
+    usual = error_of_model_n(straight, straight / "calibration.json")
+    assert error_of_model_n(bent, bent / "calibration.json") > 2 * usual
+    assert error_of_model_n(bent, tmp_path / "out" / "model.json") < 1.2 * usual
+
+
+def error_of_model_n(folder: Path, model: Path) -> float:
+    """The standard deviation of the daemon's force with a model against the shoe's."""
+    t_s, f_z_n = of_walk(model, folder)["left"]
+    shoe = insole_daemon.load(folder)["left"].reference
+    return float(np.std(f_z_n - np.interp(t_s, shoe.time_s, shoe["fz_n"])))
+
+
+def contain_mean_curve(folder: Path, before_pa: Array, after_pa: Array) -> None:
+    """Replace the curves of a calibration by cubic ones that return the load `before_pa` of pressures `after_pa`."""
+    path = folder / "calibration.json"
+    model = json.loads(path.read_text())
+    for taxel in model["taxels"]:
+        count = after_pa / taxel["coefficients_pa"][1]
+        powers = np.vander(count, 4, increasing=True)[:, 1:]
+        taxel["coefficients_pa"] = [0.0, *np.linalg.lstsq(powers, before_pa, rcond=None)[0].tolist()]
+    path.write_text(json.dumps(model))
+
+
+@pytest.mark.parametrize(("up_pa", "down_pa", "step_pa"), [(170e3, 60e3, 110e3), (190e3, 30e3, 100e3)])
+def test_a_snap_that_acted_while_the_insole_was_calibrated_is_named_and_undone(tmp_path, up_pa, down_pa, step_pa):
+    folder = write(tmp_path / "walk", lambda p: p + step_pa * relay(p, up_pa, down_pa), seconds=40.0)
+    load_pa = np.linspace(0.0, 260e3, 200)
+    part = np.where(load_pa > up_pa, 1.0, np.where(load_pa > down_pa, 0.5, 0.0))
+    contain_mean_curve(folder, load_pa, load_pa + step_pa * part)
+    found = diagnose(folder, tmp_path / "out")
+    ((word, place, parameters),) = [(e["effect"], e["where"]["scope"], e["parameters"]) for e in found["findings"]]
+    assert (word, place) == ("snap", "insole")
+    for name, true in (("up_pa", up_pa), ("down_pa", down_pa), ("step_pa", step_pa)):
+        assert parameters[name]["value"] == pytest.approx(true, abs=2.0 * parameters[name]["std"])
+    assert parameters["step_pa"]["value"] == pytest.approx(step_pa, rel=0.15)
+    as_handed_in = error_of_model_n(folder, folder / "calibration.json")
+    assert error_of_model_n(folder, tmp_path / "out" / "model.json") < 0.3 * as_handed_in
 
 
 def test_an_uncalibrated_board_gives_no_finding_and_is_in_the_report(tmp_path):

@@ -39,6 +39,21 @@ def test_a_gain_as_large_as_a_part_of_the_memory_is_absorbed():
     assert explained > 0.95 * 4000 * (0.4**2 + 0.1**2)
 
 
+def test_companions_at_their_bounds_are_fitted_together():
+    """Three nearly equal columns whose coefficients are twice their prior: holding one spoils the others."""
+    rng = np.random.default_rng(1)
+    x = rng.normal(size=(4000, 4))
+    x[:, 1:] = 0.99 * rng.normal(size=(4000, 1)) + np.sqrt(1.0 - 0.99**2) * x[:, 1:]
+    y = x @ np.array([0.3, 0.6, -0.6, 0.6])
+    candidate = PlacedTerm(
+        viscoelasticity.TERM, Where(), ({"tau_s": 0.1},), np.array([0]), 1, np.array([1, 2, 3]),
+        companion_words=("gain",) * 3, companion_std=(0.5,) * 3,
+    )  # fmt: skip
+    regression: Any = SimpleNamespace(gram=x.T @ x, cross=x.T @ y, load=SimpleNamespace(is_known=False))
+    _, explained = solve_shares(regression, [candidate])
+    assert explained > 0.95 * y @ y
+
+
 @pytest.mark.parametrize(("load_is_known", "expected"), [(True, MOST_SHARED), (False, 1.4)])
 def test_of_a_known_load_some_is_always_read_at_once(load_is_known, expected):
     regression, candidate = design(1.4, 0.0, load_is_known)
