@@ -97,19 +97,18 @@ def diagnose_one(seen: WrenchObservation, foot: FootRecording, progress: Callabl
 
 
 def _with_confidence(findings: Sequence[Finding], figures: HeldoutErrors) -> tuple[Finding, ...]:
-    """Return the findings with the confidence of those that the search selected."""
-    return tuple(
-        finding
-        if finding.margin is None
-        else replace(
-            finding,
-            confidence=confidence.confidence(
+    """Return the findings with the confidence of those that the search selected, and of what it left unexplained."""
+
+    def stated(finding: Finding) -> float:
+        if finding.margin is not None:
+            return confidence.confidence(
                 finding.margin, figures.residual_fraction, len(findings),
                 confidence.is_of_triangles(finding.effect, finding.where),
-            ),
-        )
-        for finding in findings
-    )  # fmt: skip
+            )  # fmt: skip
+        is_unexplained_beside = finding.left > 0.0 and len(findings) > 1
+        return confidence.UNKNOWN_BESIDE_OTHERS if is_unexplained_beside else finding.confidence
+
+    return tuple(replace(finding, confidence=stated(finding)) for finding in findings)
 
 
 def _validated_terms(search: SubsetSearch[Any], best: FittedSet, timing: Timing) -> tuple[ValidatedSet, bool]:

@@ -18,7 +18,7 @@ from .model.refine import Refined
 from .model.regression import Timing
 from .observations.wrench import WrenchObservation
 from .places import place_in_words
-from .select import residual_description
+from .select import confidence, residual_description
 from .select.wrench_errors import HeldoutErrors
 
 PER_TAXEL = 4.0  # weight of the excess of a triangle per taxel, against that of a channel of the wrench
@@ -29,7 +29,6 @@ LEAST_RELIANCE = 0.4  # of the mismatch: `unknown` if the terms without internal
 FAR_FLOORS = 3.0  # held-out error, relative to the floor, that no misfit of a law alone causes
 MOST_LEFT = 0.5  # of the mismatch, by a set that explains it
 STRONGER = 4.0  # least gain of an effect that is reported beside `unknown`, relative to the unexplained part
-CONFIDENCE = 0.7  # of an `unknown`: a part of them is a known effect that the search did not find
 MOST_NULL = 1.12  # error of a recording without a mismatch, relative to the noise floor
 
 
@@ -152,7 +151,7 @@ def unknown_finding(seen: WrenchObservation, errors: HeldoutErrors, whole: Desig
     place = place_in_words(where)
     before, after, floor = (float(each[0]) for each in (errors.before, errors.after, errors.floor))
     return Finding(
-        effect="unknown", foot=seen.layout.foot, where=where, recordings=(seen.name,), confidence=CONFIDENCE,
+        effect="unknown", foot=seen.layout.foot, where=where, recordings=(seen.name,), confidence=confidence.UNKNOWN,
         left=after**2 - floor**2,
         regime=regime, equation=equation, sentence=f"{place[0].upper()}{place[1:]}: {text}.",
         **heldout_of(seen.load_is_known, before, after),

@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
+from insole_daemon.diagnosis.finding import Finding
+from insole_daemon.diagnosis.one_recording import _with_confidence
 from insole_daemon.diagnosis.select.confidence import LEAST, MOST, confidence
+from insole_daemon.physics.effect import Where
 
 
 def test_confidence_rises_with_the_margin_and_falls_with_the_rest_and_the_number_of_findings():
@@ -26,3 +31,14 @@ def test_an_effect_of_single_triangles_is_less_certain_than_one_of_the_insole(ma
 def test_no_finding_is_certain_and_none_impossible():
     assert confidence(1e9, 0.0, 1) <= MOST
     assert confidence(-1.0, 1.0, 9, of_triangles=True) >= LEAST
+
+
+def test_an_unknown_is_less_certain_beside_other_findings():
+    figures: Any = SimpleNamespace(residual_fraction=0.1)
+    of_walk: dict[str, Any] = {"foot": "left", "where": Where(), "sentence": "", "recordings": ("walk",)}
+    unknown, gain = Finding(effect="unknown", left=4.0, **of_walk), Finding(effect="gain", margin=10.0, **of_walk)
+    fault = Finding(effect="dead_taxels", **of_walk)
+    (alone,) = _with_confidence([unknown], figures)
+    beside, _, of_fault = _with_confidence([unknown, gain, fault], figures)
+    assert beside.confidence < 0.8 * alone.confidence
+    assert of_fault.confidence == fault.confidence
