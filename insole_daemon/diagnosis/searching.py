@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,7 +14,7 @@ from ..recording.loading import FootRecording
 from .load_error import most_likely_load_error
 from .load_estimate import KnownLoad, LoadEstimate
 from .model.blocks import BlockDesign, block_design
-from .model.design import design
+from .model.design import Design, design
 from .model.nuisance import USUAL, Priors
 from .model.refine import refine
 from .model.regression import Timing
@@ -32,6 +33,8 @@ from .select.ordered_search import changes_load_of_a_part, on_signal_path, with_
 from .select.search import GOOD_FIT, SubsetSearch
 from .select.thresholds import refine_thresholds, with_thresholds_of_walk
 from .select.timing_search import TimingFit, TimingHypothesis, search_timings
+from .select.wrench_errors import wrench_errors
+from .terms import mean_curve
 from .terms.term import Setting
 
 LOOSE_COUNT = 5.0  # prior standard deviation of a curve that contains the mean curve of a memory (loose curve)
@@ -66,8 +69,11 @@ class SearchResult:
     @property
     def deviance(self) -> float:
         """Squared residual plus log determinant of the nuisances: −2 ln of the likelihood, plus a constant."""
-        first = self.first
-        return float(first.search.design.total - first.best.gain + first.search.design.nuisance.log_determinant)
+        design, gain = self.first.search.design, self.first.best.gain
+        # The nuisances of a walk are the same in every search.
+        return float(
+            design.total - gain + (design.nuisance.log_determinant if isinstance(design, BlockDesign) else 0.0)
+        )
 
     @property
     def misfit(self) -> float:
@@ -108,7 +114,7 @@ def search(seen: WrenchObservation, faults: ReadingFaults, placements: Placement
     elif isinstance(seen, ChamberObservation):
         result = _search_with_bounds(seen, faults)
     else:
-        result = _search_under(USUAL, seen, faults)
+        result = _search_of_walk(seen, faults)
     return replace(result, first=_refined_places(result.first))
 
 
@@ -157,19 +163,45 @@ def _search_with_bounds(seen: ChamberObservation, faults: ReadingFaults) -> Sear
     return wide if (is_clearer or is_simpler) and _heldout_excess(wide) < _heldout_excess(usual) else usual
 
 
-def _search_with_curves(seen: ChamberObservation, faults: ReadingFaults) -> SearchResult:
-    """Return the best set with curves of usual accuracy, or with loose ones.
+def _search_of_walk(seen: WrenchObservation, faults: ReadingFaults) -> SearchResult:
+    """Return the best set whose memories have a gain and a stiffening as companions, or a mean curve, too."""
+    weights = faults.weights_of(seen)
+    _refuse_unknown(weights, seen)
+    loose = with_thresholds_of_walk(design(LoadEstimate(seen), weights, faults.substituted))
+    usual = loose.without_companions((mean_curve.TERM.word,))
 
-    Loose curves are used if a memory then leaves clearly less, or less with fewer terms: the calibration probably
-    contains the memory's mean curve.
-    """
+    def search_in(whole: Design) -> SearchResult:
+        return SearchResult(*search_timings(lambda timing: whole, seen.offset_is_free))
+
+    noise = float(np.count_nonzero(weights))
+    return _with_usual_or_loose_curves(search_in(usual), lambda: search_in(loose), noise)
+
+
+def _search_with_curves(seen: ChamberObservation, faults: ReadingFaults) -> SearchResult:
+    """Return the best set with curves of usual accuracy, or with loose ones."""
     if seen.has_own_curves:
         return _search_under(Priors(curve_count=OWN_CURVE_COUNT), seen, faults)
+
     usual = _search_under(USUAL, seen, faults)
-    noise = float(np.count_nonzero(faults.weights_of(seen)))
-    if not usual.has_loop or usual.deviance < GOOD_FIT * noise:
+    if not usual.has_loop:
         return usual
-    loose = _search_under(Priors(curve_count=LOOSE_COUNT), seen, faults, usual)
+    noise = float(np.count_nonzero(faults.weights_of(seen)))
+    return _with_usual_or_loose_curves(
+        usual, lambda: _search_under(Priors(curve_count=LOOSE_COUNT), seen, faults, usual), noise
+    )
+
+
+def _with_usual_or_loose_curves(
+    usual: SearchResult, search_loosely: Callable[[], SearchResult], noise: float
+) -> SearchResult:
+    """Return the result `usual`, or that with loose curves.
+
+    Loose curves are used if a memory or snap then leaves clearly less, or less with fewer terms: the calibration
+    probably contains its mean curve. `noise`: the squared residual of noise alone.
+    """
+    if usual.deviance < GOOD_FIT * noise:
+        return usual
+    loose = search_loosely()
     clearer = loose.deviance - noise < CLEARER * (usual.deviance - noise)
     simpler = loose.n_terms < usual.n_terms and loose.deviance < usual.deviance
     # With loose curves the search has no static effect. The possible misfit of a law is not reason enough for them,
@@ -180,34 +212,44 @@ def _search_with_curves(seen: ChamberObservation, faults: ReadingFaults) -> Sear
     if not (loose.has_loop and (clearer or simpler)):
         return usual
     # Loose curves take up errors of a law too, so held-out errors decide; clear ones, if loose curves need fewer terms.
-    factor = CLEARER if loose.n_terms < usual.n_terms else 1.0
+    is_known = isinstance(usual.first.search.design, BlockDesign)
+    factor = CLEARER if is_known and loose.n_terms < usual.n_terms else 1.0
     return usual if _heldout_excess(usual) < factor * _heldout_excess(loose) else loose
 
 
 def _heldout_excess(result: SearchResult) -> float:
-    """Return the held-out mean square error of the readings with the laws of the best set, less the floor, counts²."""
+    """Return the held-out mean square error of the readings with the laws of the best set, less the floor, counts².
+
+    Of a walk, the sum over the channels of the mean square error relative to that of the model handed in: its floor
+    depends on the set.
+    """
     first = result.first
-    errors = count_errors(refine(first.search.design, first.best.chosen), ())
-    return float(errors.after[0] ** 2 - errors.floor[0] ** 2)
+    refined = refine(first.search.design, first.best.chosen)
+    if isinstance(refined.design, BlockDesign):
+        errors = count_errors(refined, ())
+        return float(errors.after[0] ** 2 - errors.floor[0] ** 2)
+    errors = wrench_errors(refined.design, refined, (), first.timing)
+    return float(np.sum((errors.after / np.maximum(errors.before, 1e-12)) ** 2))
+
+
+def _refuse_unknown(weights: Array, seen: WrenchObservation) -> None:
+    """Raise DiagnosisError if no row has a weight."""
+    if not weights.any():
+        raise DiagnosisError(
+            f"{seen.name}: no reading can be compared with the reference: each is missing, cut off, of a taxel that "
+            "does not work, or of a time that the reference did not record"
+        )
 
 
 def _search_under(
-    priors: Priors, seen: WrenchObservation, faults: ReadingFaults, known: SearchResult | None = None
+    priors: Priors, seen: ChamberObservation, faults: ReadingFaults, known: SearchResult | None = None
 ) -> SearchResult:
     """Return the timing hypotheses with nuisances under `priors`.
 
     `known`: the result under other priors. Its times are initial values, and its terms may change the load, too.
     """
     weights = faults.weights_of(seen)
-    if not weights.any():
-        raise DiagnosisError(
-            f"{seen.name}: no reading can be compared with the reference: each is missing, cut off, of a taxel that "
-            "does not work, or of a time that the reference did not record"
-        )
-    if not isinstance(seen, ChamberObservation):
-        whole = with_thresholds_of_walk(design(LoadEstimate(seen), weights, faults.substituted))
-        return SearchResult(*search_timings(lambda timing: whole, seen.offset_is_free))
-
+    _refuse_unknown(weights, seen)
     # Refined once, with the first timing: later timings differ by less than the duration of an event.
     events: Events | None = None
     thresholds: list[tuple[int, Setting]] = []

@@ -8,7 +8,7 @@ every model, with tight priors. They are projected out once, so the fit of a set
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -178,6 +178,10 @@ class Design:
     def of_laws(self) -> Design:
         """Return the regression with the laws alone, without columns for their misfit."""
         return self._with([candidate.of_law() for candidate in self.candidates])
+
+    def without_companions(self, words: Collection[str]) -> Design:
+        """Return the regression whose candidates have no companions of these `words`."""
+        return replace(self, candidates=tuple(candidate.without(words) for candidate in self.candidates))
 
     def without_internal_companions(self) -> Design:
         """Return the regression itself: on a walk there are no companions for the misfit of laws."""

@@ -13,6 +13,7 @@ from ..model.refine import Refined
 from ..model.solve import solve_companions
 
 STD = 0.08  # relative, over materials that follow other laws (benchmarks/diagnosis/families.py)
+STD_ON_WALKS = 0.3  # the same of f_z, for which a foot that rolls passes the same force under different triangles
 MOST_GONE = 0.9  # of the rows that the most complete triangle at its place has: others are left out
 LEAST_ROWS = 50  # for a fit of the static curve
 DEGREE = 3  # of the polynomial that is fitted as the static curve
@@ -36,7 +37,8 @@ def amplitude_fraction(refined: Refined[Any], i: int) -> Quantity:
     low, high = np.quantile(dynamic, INNER)
     lowest_load, highest_load = np.quantile(load, INNER)
     value = 0.5 * float(high - low) / max(float(highest_load - lowest_load), 1e-12)
-    return Quantity(value, STD * value, "1")
+    std = STD if isinstance(refined.design, BlockDesign) else STD_ON_WALKS
+    return Quantity(value, std * value, "1")
 
 
 def _contribution_and_load(refined: Refined[Any], i: int) -> tuple[Array, Array]:

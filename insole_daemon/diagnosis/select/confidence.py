@@ -15,7 +15,7 @@ from ...physics.effect import Where
 
 CLOSE_SCORE = 0.5  # times the least gain: a set of preferred terms may score this much less (SubsetSearch.simplify)
 EQUAL_SCORE = 0.15  # times the least gain: sets that score this much less are alternatives
-COEFFICIENTS = (2.98, 0.42, -5.29, -2.35, -1.79)  # of the `features`
+COEFFICIENTS = (2.90, 0.37, -4.30, -2.20, -1.77)  # of the `features`
 # Of an `unknown`: a part of them is a known effect that the search did not find. Beside other findings more are.
 UNKNOWN, UNKNOWN_BESIDE_OTHERS = 0.85, 0.4
 MOST_MARGIN = 100.0  # larger margins are no more certain
