@@ -41,6 +41,7 @@ LOOSE_COUNT = 5.0  # prior standard deviation of a curve that contains the mean 
 OWN_CURVE_COUNT = 0.3  # the same of a curve that was fitted to the recordings themselves
 CLEARER = 0.6  # excess over the noise with one kind of curves relative to the other that is clearly less
 FAR_CLEARER = 0.25  # the same if usual curves leave no more than the possible misfit of the laws
+LITTLE_LEFT = 0.1  # of the mean square error of a walk, summed over its channels: no reason for further terms
 AT_BOUND = 0.99  # of the bound of a sum of shares
 PLACED_ROUNDS = 3  # of searches after the taxels were moved to fitted places
 ORDERED_ROUNDS = 2  # of searches with terms that act on each other's output
@@ -212,9 +213,11 @@ def _with_usual_or_loose_curves(
     if not (loose.has_loop and (clearer or simpler)):
         return usual
     # Loose curves take up errors of a law too, so held-out errors decide; clear ones, if loose curves need fewer terms.
-    is_known = isinstance(usual.first.search.design, BlockDesign)
-    factor = CLEARER if is_known and loose.n_terms < usual.n_terms else 1.0
-    return usual if _heldout_excess(usual) < factor * _heldout_excess(loose) else loose
+    by_usual, by_loose = _heldout_excess(usual), _heldout_excess(loose)
+    if loose.n_terms < usual.n_terms:
+        is_known = isinstance(usual.first.search.design, BlockDesign)
+        by_loose = CLEARER * by_loose if is_known else max(by_loose - LITTLE_LEFT, 0.0)
+    return usual if by_usual < by_loose else loose
 
 
 def _heldout_excess(result: SearchResult) -> float:
