@@ -84,9 +84,9 @@ def _settings_of_load(law: Refined[Any], i: int) -> tuple[Sequence[Setting], flo
     if candidate.word != "snap" or design.load.is_known:
         return candidate.settings, 0.0
     columns, coefficients = solve_companions(design, design.candidates, law.shares)
-    share_of = dict(zip(columns.tolist(), coefficients.tolist(), strict=True))
+    share_of = dict(zip(columns.tolist(), coefficients.tolist(), strict=True))  # without terms of the set itself
     shares = {
-        word: np.array([share_of[column] for column in candidate.companions_of(word)])
+        word: np.array([share_of.get(column, 0.0) for column in candidate.companions_of(word)])
         for word in candidate.term.absorbs
     }
     names = tuple(candidate.settings[0])

@@ -211,7 +211,7 @@ class Design:
         product = _products(before, self.target) - self.cross[numbers]
         square = np.sum(project(self.base, before) ** 2, axis=0) - np.diag(gram)[numbers]
         raw[:, numbers] = weighted
-        gram[:, numbers] = _products(raw, projected)
+        gram[:, numbers] = _exact_products(raw, projected)
         gram[numbers] = gram[:, numbers].T
         gram[numbers, numbers] -= np.minimum(square, 0.9 * gram[numbers, numbers])
         self.cross[numbers] = projected.T @ self.target - product
@@ -347,6 +347,13 @@ def _products(raw: Array | NDArray[np.float32], projected: Array) -> Array:
     What the projection takes from the columns is orthogonal to `projected`, so they need no projection.
     """
     return np.asarray(raw.T @ projected[: len(raw)].astype(raw.dtype), np.float64)
+
+
+def _exact_products(raw: NDArray[np.float32], projected: Array) -> Array:
+    """Return the inner products of `_products` in double precision, without a copy of all columns."""
+    parts = range(0, len(raw), ROWS_AT_ONCE)
+    of_rows = projected[: len(raw)]
+    return np.asarray(sum(raw[k : k + ROWS_AT_ONCE].astype(float).T @ of_rows[k : k + ROWS_AT_ONCE] for k in parts))
 
 
 def _renumbered(picked: Sequence[PlacedTerm]) -> tuple[NDArray[np.intp], tuple[PlacedTerm, ...]]:

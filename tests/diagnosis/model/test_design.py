@@ -8,9 +8,13 @@ import pytest
 import insole_daemon
 from insole_daemon.diagnosis.load_estimate import LoadEstimate
 from insole_daemon.diagnosis.model.design import design
+from insole_daemon.diagnosis.model.refine import refine
 from insole_daemon.diagnosis.model.regression import Timing
+from insole_daemon.diagnosis.model.solve import solve_shares
 from insole_daemon.diagnosis.model.wrench_nuisance import project
 from insole_daemon.diagnosis.observing import observed
+from insole_daemon.diagnosis.parameters import parameters_of
+from insole_daemon.physics.effect import Where
 
 from ..foot.shoe import write
 
@@ -52,3 +56,21 @@ def test_a_set_with_another_setting_has_the_inner_products_of_the_new_column(who
     other = chosen.exchanged(0, setting)
     assert not np.allclose(other.raw, chosen.raw)
     assert_projected(other, other.raw)
+
+
+def test_a_snap_beside_a_gain_has_thresholds(whole):
+    """The gain is a companion of the snap and a term of the set at once."""
+    chosen = [
+        max((k for k, c in enumerate(whole.candidates) if (c.word, c.where) == (word, Where())), key=gain_of(whole))
+        for word in ("snap", "gain")
+    ]
+    refined = refine(whole, tuple(chosen))
+    snap = next(i for i, c in enumerate(refined.design.candidates) if c.word == "snap")
+    parameters = parameters_of(refined, snap, None)
+    assert set(parameters) == {"up_pa", "down_pa", "step_pa"}
+    assert parameters["down_pa"].value < parameters["up_pa"].value
+
+
+def gain_of(whole):
+    """Return the function from the number of a candidate to its gain alone."""
+    return lambda k: solve_shares(whole.subset([k]), whole.subset([k]).candidates)[1]
