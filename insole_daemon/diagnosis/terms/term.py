@@ -76,7 +76,7 @@ class Term:
     is_of_load: bool = False  # shares are the law's parameters even if the load is not known
     is_of_readings: bool = False  # columns depend on the readings alone, not on their load
     is_of_reference: bool = False  # columns are computed from the reference, and move with its clock and a lag
-    is_internal: bool = False  # only a companion of other terms: never reported or exported
+    is_internal: bool = False  # only a companion of other terms: never reported as an effect
     acts_at: int | None = None  # place on the signal path of a term without a law
     yields_to: tuple[str, ...] = ()  # terms that are preferred if they explain nearly as much
     refine: tuple[str, ...] = ()  # settings that are refined after selection
