@@ -10,6 +10,8 @@ import numpy as np
 from numpy.polynomial import Polynomial
 from numpy.polynomial.polynomial import polyadd, polyder, polymul, polymulx, polyval
 from numpy.typing import NDArray
+from scipy.optimize import lsq_linear
+from scipy.stats import binom
 
 from ...physics import effects_document
 from ...physics.effect import Effect, Where
@@ -21,6 +23,7 @@ from ..terms import mean_curve
 from ..terms.stiffening import SCALE_PA
 
 N_COUNTS = 200  # of a curve that is fitted with a polynomial
+LEAST_SLOPE = 0.02  # of a corrected curve, relative to its mean slope
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +63,8 @@ def document(
                 curve = polyadd(curve, _change(given, correction, float(reached_count[row, taxel])))
         if recalibrated is not None:
             curve = recalibrated.changed(curve, row, taxel)
+        if curve is not given:
+            curve = _rising(curve, float(reached_count[row, taxel]))
         highest_pa = max(highest_pa, float(polyval(reached_count[row, taxel], curve)))
         taxels.append(
             {"board": board, "triangle": triangle, "taxel": taxel,
@@ -72,6 +77,24 @@ def document(
         "format": "insole-calibration/1", "foot": layout.foot, "taxels": taxels,
         "effects": effects_document.document(up_to_highest, layout), "provenance": dict(provenance),
     }  # fmt: skip
+
+
+def _rising(curve: Array, reached_count: float) -> Array:
+    """Return coefficients (k,) of a curve that rises from activation 0 to `reached_count`, as near as possible.
+
+    A corrected curve may fall by an error of its fit, and could then not be inverted. A polynomial rises if its
+    coefficients in the Bernstein basis do (G. G. Lorentz, Bernstein Polynomials, 1953).
+    """
+    count = np.linspace(0.0, max(reached_count, 1.0), N_COUNTS)
+    pressure_pa, degree = polyval(count, curve), len(curve) - 1
+    least = LEAST_SLOPE * float(np.ptp(pressure_pa)) / count[-1]
+    if np.min(polyval(count, polyder(curve))) >= least:
+        return curve
+    steps = binom.sf(np.arange(degree), degree, (count / count[-1])[:, None])
+    low = np.concatenate([[-np.inf], np.full(degree, least * count[-1] / degree)])
+    columns = np.concatenate([np.ones((N_COUNTS, 1)), steps], axis=1)
+    rising_pa = columns @ lsq_linear(columns, pressure_pa, (low, np.full(degree + 1, np.inf)), method="bvls").x
+    return np.asarray(Polynomial.fit(count, rising_pa, degree).convert().coef)
 
 
 def _valid_up_to(effect: Effect, highest_pa: float) -> Effect:
