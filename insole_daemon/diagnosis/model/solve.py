@@ -64,7 +64,9 @@ def solve_shares(design: Regression, chosen: Sequence[PlacedTerm]) -> tuple[tupl
                 break
         bound = np.concatenate([np.full(k, np.inf), MOST_ABSORBED * _std(variances, strengths)])
         if np.any(np.abs(coefficients) > bound):
-            coefficients = _within(with_priors, cross[columns], np.where(positive, 0.0, -bound), bound, sums)
+            # Under a known load companions are many. Fitted together they take up effects that no law describes.
+            fit_within = _held_in_turn if design.load.is_known else _within
+            coefficients = fit_within(with_priors, cross[columns], positive, bound, sums)
         _assign_shares(coefficients, chosen, rest, shares)
         gain += float(2 * coefficients @ cross[columns] - coefficients @ with_priors @ coefficients)
     return tuple(shares), gain
@@ -172,13 +174,32 @@ def bounded(gram: Array, cross: Array, positive: NDArray[np.bool_], sums: Sequen
     return theta / scale
 
 
-def _within(gram: Array, cross: Array, low: Array, high: Array, sums: Sequence[tuple[slice, float]]) -> Array:
-    """Return θ (p,) that minimises θᵀ·gram·θ − 2·crossᵀ·θ with `low` ≤ θ ≤ `high` and the bounds of `sums`.
+def _held_in_turn(
+    gram: Array, cross: Array, positive: NDArray[np.bool_], bound: Array, sums: Sequence[tuple[slice, float]]
+) -> Array:
+    """Return θ (p,) as `bounded` with |θ| ≤ `bound`: what exceeds its bound is held there, and the rest fitted again.
+
+    Free coefficients come after those of `sums`, so these keep their places.
+    """
+    theta = bounded(gram, cross, positive, sums)
+    held = np.zeros(len(theta), bool)
+    while np.any(over := ~held & (np.abs(theta) > bound)):
+        held |= over
+        theta[held] = np.clip(theta[held], -bound[held], bound[held])
+        remainder = cross - gram[:, held] @ theta[held]
+        theta[~held] = bounded(gram[~held][:, ~held], remainder[~held], positive[~held], sums)
+    return theta
+
+
+def _within(
+    gram: Array, cross: Array, positive: NDArray[np.bool_], bound: Array, sums: Sequence[tuple[slice, float]]
+) -> Array:
+    """Return the best θ (p,) as `bounded` with |θ| ≤ `bound`.
 
     Bounded-variable least squares (Stark and Parker, Comput. Stat. 10 (1995) 129).
     """
     scale = np.sqrt(np.diag(gram))
-    bounds = low * scale, high * scale
+    bounds = np.where(positive, 0.0, -bound) * scale, bound * scale
     theta = _least_squares(
         gram / scale[:, None] / scale, cross / scale, _pulls(sums, scale),
         lambda rows, target: lsq_linear(rows, target, bounds, method="bvls").x,
