@@ -65,8 +65,10 @@ def solve_shares(design: Regression, chosen: Sequence[PlacedTerm]) -> tuple[tupl
         bound = np.concatenate([np.full(k, np.inf), MOST_ABSORBED * _std(variances, strengths)])
         if np.any(np.abs(coefficients) > bound):
             # Under a known load companions are many. Fitted together they take up effects that no law describes.
-            fit_within = _held_in_turn if design.load.is_known else _within
-            coefficients = fit_within(with_priors, cross[columns], positive, bound, sums)
+            if design.load.is_known:
+                coefficients = _held_in_turn(coefficients, with_priors, cross[columns], positive, bound, sums)
+            else:
+                coefficients = _within(with_priors, cross[columns], positive, bound, sums)
         _assign_shares(coefficients, chosen, rest, shares)
         gain += float(2 * coefficients @ cross[columns] - coefficients @ with_priors @ coefficients)
     return tuple(shares), gain
@@ -175,13 +177,18 @@ def bounded(gram: Array, cross: Array, positive: NDArray[np.bool_], sums: Sequen
 
 
 def _held_in_turn(
-    gram: Array, cross: Array, positive: NDArray[np.bool_], bound: Array, sums: Sequence[tuple[slice, float]]
+    theta: Array,
+    gram: Array,
+    cross: Array,
+    positive: NDArray[np.bool_],
+    bound: Array,
+    sums: Sequence[tuple[slice, float]],
 ) -> Array:
-    """Return θ (p,) as `bounded` with |θ| ≤ `bound`: what exceeds its bound is held there, and the rest fitted again.
+    """Return θ (p,) with |θ| ≤ `bound` from the result `theta` of `bounded`, which is overwritten.
 
-    Free coefficients come after those of `sums`, so these keep their places.
+    What exceeds its bound is held there, and the rest is fitted again. Free coefficients come after those of `sums`, so
+    these keep their places.
     """
-    theta = bounded(gram, cross, positive, sums)
     held = np.zeros(len(theta), bool)
     while np.any(over := ~held & (np.abs(theta) > bound)):
         held |= over

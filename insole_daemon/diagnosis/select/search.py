@@ -238,7 +238,7 @@ class SubsetSearch(Generic[D]):
         return sorted(bounds, key=lambda bound: -bound[1])
 
     def _gains_with_companions(self, rest: Sequence[int], added: Sequence[int]) -> tuple[float, list[float]]:
-        """Return the gain of `rest`, and those of the candidates `added` beside it.
+        """Return what the candidates `rest` explain together, and what each of `added` explains beyond that.
 
         All shares and companions are free, so these are upper bounds.
         """

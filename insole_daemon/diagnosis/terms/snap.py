@@ -1,6 +1,7 @@
 """`snap`: a contact closes and opens with the load. q = P + A·R[P], R a relay: 1 from P ≥ up until P ≤ down.
 
-Readings leave the gaps from up to up + A and from down + A to down out, so P = q − A·R′[q], with R′ switching there.
+As the contact closes, readings jump from up to up + A; as it opens, from down + A to down. So P = q − A·R′[q], where R′
+switches at a reading within each of these gaps.
 """
 
 from __future__ import annotations

@@ -57,9 +57,10 @@ def test_a_triangle_whose_load_changes_most_of_the_time_has_no_pick_up():
     """At 50 ms the load itself moves all taxels of a triangle at once in all windows but those of a foot in the air."""
     rng = np.random.default_rng(3)
     t_s = np.arange(2000) * 0.05
-    stands = (t_s % 1.2) < 0.36
-    sways = np.where(stands, 0.0, np.sin(2 * np.pi * t_s / 0.45) ** 2)[:, None] * rng.normal(40.0, 4.0, 12)
-    counts = np.rint(240.0 - np.where((t_s % 12.0) < 2.4, 0.0, sways.T).T + rng.normal(0.0, 1.0, (2000, 12)))
+    is_unloaded = ((t_s % 1.2) < 0.36) | ((t_s % 12.0) < 2.4)  # between steps, and in pauses of several steps
+    course = np.where(is_unloaded, 0.0, np.sin(2 * np.pi * t_s / 0.45) ** 2)
+    pressed = course[:, None] * rng.normal(40.0, 4.0, 12)
+    counts = np.rint(240.0 - pressed + rng.normal(0.0, 1.0, (2000, 12)))
     every = [walking(seed) for seed in range(5)]
     every.append(TriangleReadings(t_s, counts, np.ones(counts.shape, bool), 0.05))
     calm, usual = np.array([common_variance_ratios(each, USABLE) for each in every]).T
