@@ -58,6 +58,6 @@ class Diagnosis(Outcome):
 
     def static(self) -> dict[str, Any]:
         """Return the static model that was diagnosed, as `insole-calibration/1`."""
-        seen = self.results[0].seen
+        seen = self.results[0].seen.as_handed_in
         nothing = np.zeros(seen.usable.shape, bool)
         return wrench_model.document(seen, (), (), {"made_by": f"insole diagnose {__version__}"}, None, nothing)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -13,11 +14,11 @@ from ..physics.law import Array
 from ..recording.loading import FootRecording
 from .load_error import most_likely_load_error
 from .load_estimate import KnownLoad, LoadEstimate
-from .model.blocks import BlockDesign, block_design
+from .model.blocks import RECALIBRATIONS, BlockDesign, block_design
 from .model.design import Design, design
 from .model.nuisance import USUAL, Priors
-from .model.refine import refine
-from .model.regression import Timing
+from .model.refine import Refined, refine
+from .model.regression import PlacedTerm, Timing
 from .model.signal_path import Changes
 from .observations.chamber import ChamberObservation
 from .observations.load_field import Move
@@ -26,7 +27,8 @@ from .observations.reading_faults import ReadingFaults
 from .observations.wrench import WrenchObservation
 from .placements import FittedPlacement, Placements
 from .select.amplitudes import with_amplitudes
-from .select.count_errors import count_errors
+from .select.corrected_rows import with_corrected_curves, with_uncertain_switching
+from .select.count_errors import count_errors, residual_with_companions
 from .select.events import Events, refine_events, with_events
 from .select.groups import with_groups
 from .select.ordered_search import changes_load_of_a_part, on_signal_path, with_refined_settings, with_refined_snaps
@@ -37,17 +39,19 @@ from .select.wrench_errors import wrench_errors
 from .terms import mean_curve
 from .terms.term import Setting
 
-LOOSE_COUNT = 5.0  # prior standard deviation of a curve that contains the mean curve of a memory (loose curve)
+LOOSE = Priors(curve_count=5.0)  # for curves that contain the mean curve of a memory (loose curves)
 OWN_CURVE_COUNT = 0.3  # the same of a curve that was fitted to the recordings themselves
 CLEARER = 0.6  # excess over the noise with one kind of curves relative to the other that is clearly less
 FAR_CLEARER = 0.25  # the same if usual curves leave no more than the possible misfit of the laws
+LESS_BY_SWITCHING = 0.9  # of the deviance, if readings while a snap switches count less, to search again
+MOST_LEFT = 0.25  # of the mean square error beyond the floor by a set for which curves are corrected
 LITTLE_LEFT = 0.1  # of the mean square error of a walk, summed over its channels: no reason for further terms
 AT_BOUND = 0.99  # of the bound of a sum of shares
 PLACED_ROUNDS = 3  # of searches after the taxels were moved to fitted places
 ORDERED_ROUNDS = 2  # of searches with terms that act on each other's output
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class SearchResult:
     """The best timing hypothesis of one recording with its set, and the other hypotheses."""
 
@@ -61,27 +65,36 @@ class SearchResult:
     def criterion(self) -> float:
         """Squared residual plus penalties plus log determinant of the nuisances, to compare searches."""
         first = self.first
-        return float(
-            first.criterion
-            + first.search.design.nuisance.log_determinant
-            + sum(placement.penalty for placement in self.placed)
-        )
+        return float(first.criterion + self._log_determinant + sum(placement.penalty for placement in self.placed))
 
     @property
     def deviance(self) -> float:
         """Squared residual plus log determinant of the nuisances: −2 ln of the likelihood, plus a constant."""
-        design, gain = self.first.search.design, self.first.best.gain
-        # The nuisances of a walk are the same in every search.
-        return float(
-            design.total - gain + (design.nuisance.log_determinant if isinstance(design, BlockDesign) else 0.0)
-        )
+        return float(self.first.search.design.total - self.first.best.gain + self._log_determinant)
+
+    @property
+    def _log_determinant(self) -> float:
+        """Return that of the nuisances; 0 for a walk, whose nuisances are the same in every search."""
+        design = self.first.search.design
+        return design.log_determinant if isinstance(design, BlockDesign) else 0.0
+
+    @cached_property
+    def deviance_while_switching(self) -> float:
+        """Return the deviance of the same fit with a larger variance while the snaps of the set switch."""
+        if not self.has_snap or not isinstance(self.refined.design, BlockDesign):
+            return self.deviance
+        design = self.refined.design
+        switching_pa = with_uncertain_switching(design.unmoved, self.refined).switching_pa
+        assert switching_pa is not None
+        more = (switching_pa * design.weights).T ** 2  # variance, relative to that of the row
+        square = residual_with_companions(self.refined) ** 2
+        return self.deviance - float(np.sum(square * more / (1.0 + more) - np.log1p(more)))
 
     @property
     def misfit(self) -> float:
         """Sum of squares that the laws of the best set may fail to describe."""
         first = self.first
-        every = [first.search.design.candidates[k] for k in first.best.chosen]
-        return first.search.penalties.misfit(every, first.best.shares)
+        return first.search.penalties.misfit(self._chosen, first.best.shares)
 
     @property
     def n_terms(self) -> int:
@@ -92,17 +105,30 @@ class SearchResult:
     def is_at_bound(self) -> bool:
         """Return whether a term that may have a wider bound reaches that of the sum of its shares."""
         first = self.first
-        terms = [first.search.design.candidates[k].term for k in first.best.chosen]
         return any(
-            term.wide_sum_bound is not None and float(own.sum()) > AT_BOUND * term.known_sum_bound
-            for term, own in zip(terms, first.best.shares, strict=True)
+            one.term.wide_sum_bound is not None and float(own.sum()) > AT_BOUND * one.term.known_sum_bound
+            for one, own in zip(self._chosen, first.best.shares, strict=True)
         )
+
+    @property
+    def _chosen(self) -> list[PlacedTerm]:
+        """Return the terms of the best set."""
+        return [self.first.search.design.candidates[k] for k in self.first.best.chosen]
 
     @property
     def has_loop(self) -> bool:
         """Whether the best set contains a memory or a snap, of which a calibration may contain the mean curve."""
-        first = self.first
-        return any(first.search.design.candidates[k].term.is_loop for k in first.best.chosen)
+        return any(candidate.term.is_loop for candidate in self._chosen)
+
+    @property
+    def has_snap(self) -> bool:
+        """Whether the best set contains a snap."""
+        return any(candidate.word == "snap" for candidate in self._chosen)
+
+    @cached_property
+    def refined(self) -> Refined[Any]:
+        """Return the best set with refined parameters."""
+        return refine(self.first.search.design, self.first.best.chosen)
 
 
 def search(seen: WrenchObservation, faults: ReadingFaults, placements: Placements, foot: FootRecording) -> SearchResult:
@@ -157,6 +183,7 @@ def _search_with_bounds(seen: ChamberObservation, faults: ReadingFaults) -> Sear
     usual = _search_with_curves(seen, faults)
     if not usual.is_at_bound:
         return usual
+    seen = usual.first.search.design.unmoved
     wide = _search_under(replace(usual.priors, has_wide_bounds=True), seen, faults, usual)
     noise = float(np.count_nonzero(faults.weights_of(seen)))
     is_clearer = wide.deviance - noise < CLEARER * (usual.deviance - noise)
@@ -179,17 +206,44 @@ def _search_of_walk(seen: WrenchObservation, faults: ReadingFaults) -> SearchRes
 
 
 def _search_with_curves(seen: ChamberObservation, faults: ReadingFaults) -> SearchResult:
-    """Return the best set with curves of usual accuracy, or with loose ones."""
-    if seen.has_own_curves:
-        return _search_under(Priors(curve_count=OWN_CURVE_COUNT), seen, faults)
+    """Return the best set with curves of usual accuracy, or with loose ones.
 
-    usual = _search_under(USUAL, seen, faults)
-    if not usual.has_loop:
-        return usual
+    A set that leaves a misfit is searched for again: one with loose curves about corrected ones, one with usual curves
+    and snaps with a larger variance while they switch.
+    """
+    priors = Priors(curve_count=OWN_CURVE_COUNT) if seen.has_own_curves else USUAL
+    best = _search_under(priors, seen, faults)
     noise = float(np.count_nonzero(faults.weights_of(seen)))
-    return _with_usual_or_loose_curves(
-        usual, lambda: _search_under(Priors(curve_count=LOOSE_COUNT), seen, faults, usual), noise
-    )
+    if best.has_loop and not seen.has_own_curves:
+        best = _with_usual_or_loose_curves(best, partial(_search_loosely, best, faults), noise)
+    if best.deviance < GOOD_FIT * noise:
+        return best
+    if best.priors == LOOSE:
+        return min(best, _search_about_corrected(best, best.refined, faults), key=lambda result: result.deviance)
+    if best.deviance_while_switching < LESS_BY_SWITCHING * best.deviance:
+        switching = with_uncertain_switching(seen, best.refined)
+        del best  # its design is large
+        best = _search_under(priors, switching, faults)
+    return best
+
+
+def _search_loosely(usual: SearchResult, faults: ReadingFaults) -> SearchResult:
+    """Return the best set with loose curves, about curves that are corrected for the set `usual`."""
+    design = usual.first.search.design
+    kept = tuple(k for k in usual.first.best.chosen if design.candidates[k].word not in RECALIBRATIONS)
+    return _search_about_corrected(usual, refine(design.under(LOOSE).without_recalibrations(), kept), faults)
+
+
+def _search_about_corrected(known: SearchResult, refined: Refined[BlockDesign], faults: ReadingFaults) -> SearchResult:
+    """Return the best set with loose curves, about curves that are corrected for the set `refined` (Gauss & Newton).
+
+    A set that leaves much is wrong, and so would be the corrections. `known`: the result before.
+    """
+    errors, seen = count_errors(refined, ()), refined.design.unmoved
+    left, mismatch = (float(rms[0] ** 2 - errors.floor[0] ** 2) for rms in (errors.after, errors.before))
+    if errors.recalibrated is not None and left < MOST_LEFT * mismatch:
+        seen = with_corrected_curves(seen, errors.recalibrated)
+    return _search_under(LOOSE, with_uncertain_switching(seen, refined), faults, known)
 
 
 def _with_usual_or_loose_curves(
@@ -202,13 +256,13 @@ def _with_usual_or_loose_curves(
     """
     if usual.deviance < GOOD_FIT * noise:
         return usual
-    loose = search_loosely()
-    clearer = loose.deviance - noise < CLEARER * (usual.deviance - noise)
-    simpler = loose.n_terms < usual.n_terms and loose.deviance < usual.deviance
+    loose, left = search_loosely(), usual.deviance_while_switching
+    clearer = loose.deviance - noise < CLEARER * (left - noise)
+    simpler = loose.n_terms < usual.n_terms and loose.deviance < left
     # With loose curves the search has no static effect. The possible misfit of a law is not reason enough for them,
     # unless they fit far better without further terms.
-    if usual.deviance < noise + usual.misfit:
-        clearer = loose.deviance - noise < FAR_CLEARER * (usual.deviance - noise) and loose.n_terms <= usual.n_terms
+    if left < noise + usual.misfit:
+        clearer = loose.deviance - noise < FAR_CLEARER * (left - noise) and loose.n_terms <= usual.n_terms
         simpler = False
     if not (loose.has_loop and (clearer or simpler)):
         return usual
@@ -227,7 +281,7 @@ def _heldout_excess(result: SearchResult) -> float:
     depends on the set.
     """
     first = result.first
-    refined = refine(first.search.design, first.best.chosen)
+    refined = result.refined
     if isinstance(refined.design, BlockDesign):
         errors = count_errors(refined, ())
         return float(errors.after[0] ** 2 - errors.floor[0] ** 2)

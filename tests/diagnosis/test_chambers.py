@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ import insole_daemon
 from insole_daemon.diagnosis import pipeline
 from insole_daemon.diagnosis.result import Diagnosis
 from insole_daemon.diagnosis.timings import clock_findings
+from insole_daemon.diagnosis.verifying import verify
 from insole_daemon.errors import DiagnosisError
 from insole_daemon.physics.effect import Where
 from insole_daemon.recording.loading import FootRecording
@@ -418,10 +420,10 @@ def test_a_recording_without_usable_readings_is_refused(tmp_path):
         diagnose(write(tmp_path / "silent", touch=silent))
 
 
-def snapping(t_s: Array, p: Array) -> Array:
+def snapping(t_s: Array, p: Array, up_pa: float = 71e3, down_pa: float = 39e3) -> Array:
     on, q = False, p.copy()
     for k, value in enumerate(p.tolist()):
-        on = value >= 71e3 or (on and value > 39e3)
+        on = value >= up_pa or (on and value > down_pa)
         q[k] += 60e3 * on
     return q
 
@@ -451,6 +453,21 @@ def test_the_mean_curve_of_a_snap_that_the_calibration_contains_is_no_error(tmp_
     assert finding.effect == "snap"
     assert finding.parameters["up_pa"].value == pytest.approx(71e3, rel=0.05)
     assert found.heldout["after"] < 1.02 * found.heldout["floor"]
+
+
+def test_the_step_of_a_snap_is_measured_although_the_calibration_contains_it(tmp_path):
+    """Its curves are too flat where the snap acts, and half of the taxels switch at loads that are 4 % higher."""
+    low, high = (partial(snapping, up_pa=120e3 * factor, down_pa=45e3 * factor) for factor in (1.0, 1.04))
+    half = np.random.default_rng(5).random(72) < 0.5
+    calibrate(folder := write(tmp_path / "bag", low, half, elsewhere=high), folder)
+    found = diagnose(folder)
+    (finding,) = found.findings
+    assert finding.effect == "snap"
+    assert finding.parameters["step_pa"].value == pytest.approx(60e3, rel=0.1)
+    (model := tmp_path / "model.json").write_text(json.dumps(found.model))
+    verified = verify(found.static(), model, insole_daemon.load(folder), "left")
+    assert verified.before == pytest.approx(found.heldout["before"], rel=0.1)
+    assert verified.after < 1.3 * found.heldout["after"]
 
 
 def test_a_memory_relaxes_from_the_steps_of_snaps_although_the_calibration_contains_both(tmp_path):

@@ -17,12 +17,12 @@ from ...physics import effects_document
 from ...physics.effect import Effect, Where
 from ...physics.law import Array
 from ...skin.geometry import N_TAXELS
-from ..model.curves import CHANGED_DEGREE, CurveShares
+from ..model.curves import CurveShares
 from ..observations.wrench import WrenchObservation
 from ..terms import mean_curve
 from ..terms.stiffening import SCALE_PA
 
-N_COUNTS = 200  # of a curve that is fitted with a polynomial
+N_COUNTS, DEGREE = 200, 6  # of a mean curve that is fitted with a polynomial
 LEAST_SLOPE = 0.02  # of a corrected curve, relative to its mean slope
 
 
@@ -51,7 +51,7 @@ def document(
     """
     layout, calibration = seen.layout, seen.calibration
     places = [(correction, set(correction.where.slots(layout).tolist())) for correction in absorbed]
-    reached_count = seen.activation_count.max(axis=0)
+    reached_count, top_count = seen.activation_count.max(axis=0), seen.top_count
     highest_pa = 0.0
     taxels = []
     for slot in np.flatnonzero((calibration.usable & ~broken).ravel()).tolist():
@@ -61,10 +61,10 @@ def document(
         for correction, slots in places:
             if slot in slots:
                 curve = polyadd(curve, _change(given, correction, float(reached_count[row, taxel])))
-        if recalibrated is not None:
-            curve = recalibrated.changed(curve, row, taxel)
         if curve is not given:
             curve = _rising(curve, float(reached_count[row, taxel]))
+        if recalibrated is not None:
+            curve = recalibrated.corrected(curve, float(top_count[row, taxel]), row, taxel)
         highest_pa = max(highest_pa, float(polyval(reached_count[row, taxel], curve)))
         taxels.append(
             {"board": board, "triangle": triangle, "taxel": taxel,
@@ -116,7 +116,7 @@ def _change(curve: Array, absorbed: Absorbed, reached_count: float) -> Array:
         count = np.linspace(0.0, max(reached_count, 1.0), N_COUNTS)
         pressure_pa = np.asarray(polyval(count, curve), np.float64)
         change = mean_curve.change_pa(pressure_pa, absorbed.knots_pa, absorbed.shares)
-        return np.asarray(Polynomial.fit(count, change, CHANGED_DEGREE).convert().coef)
+        return np.asarray(Polynomial.fit(count, change, DEGREE).convert().coef)
     (share,) = absorbed.shares.tolist()
     if absorbed.word == "gain":
         return np.asarray(-share * polymulx(slope)[: len(curve)])

@@ -72,6 +72,14 @@ class BlockDesign:
         """Return the rows on the clock of the alignment, under the load of the reference without a lag."""
         return self.seen.timed(offset_s=self.seen.offset_s + self.moved_s, lag_s=0.0)
 
+    @property
+    def log_determinant(self) -> float:
+        """Return the log determinant of the rows' covariance, less that of noise."""
+        of_switching = 0.0
+        if self.seen.switching_pa is not None:
+            of_switching = -float(np.log1p(-((self.seen.switching_pa * self.weights) ** 2)).sum())
+        return self.nuisance.log_determinant + of_switching
+
     @cached_property
     def n_rows(self) -> int:
         """Return the number of rows with a weight, the median of the triangles that have any."""
@@ -355,6 +363,11 @@ class BlockDesign:
         alike = self if self.amplitudes is None else self.with_amplitudes(None)
         candidates = tuple(candidate.of_law().without(IN_NO_MODEL) for candidate in alike.candidates)
         return alike._changed(alike.atoms, slice(None), candidates=candidates)
+
+    def without_recalibrations(self) -> BlockDesign:
+        """Return the regression without static companions, which loose curves contain."""
+        candidates = tuple(candidate.without(RECALIBRATIONS) for candidate in self.candidates)
+        return self._changed(self.atoms, slice(None), candidates=candidates)
 
     def without_internal_companions(self) -> BlockDesign:
         """Return the regression with all columns of its candidates, without companions that are in no model."""

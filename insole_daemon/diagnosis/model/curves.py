@@ -7,14 +7,16 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.polynomial.polynomial import polyder, polyval
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
 from ...physics.law import Array
+from ..observations.fitted_curves import invert_curve
 
 N_SPLINES, DEGREE = 7, 3
 N_TABLE = 1001  # points of a tabulated spline, linear between them
-CHANGED_DEGREE = 6  # of the polynomial of a corrected curve
+N_POINTS = 200  # of a corrected curve, to which a polynomial is fitted
 RANGE_QUANTILES = (0.001, 0.999)  # of the readings that are taken as the ends of their range
 
 
@@ -49,10 +51,11 @@ class CurveSplines:
 
 @dataclass(frozen=True, eq=False)
 class CurveShares:
-    """Deviation of the curves of taxels: coefficients `shares` (T, 12, k) of `splines`."""
+    """Deviation of the curves of taxels as coefficients of splines."""
 
     splines: CurveSplines
-    shares: Array
+    shares: Array  # (T, 12, k)
+    reached_count: Array  # (T, 12) largest activation of each taxel in the rows of the fit
 
     def off_at(self, activation_count: Array) -> Array:
         """Return the deviation (N, T, 12) of the curves in counts at activations (N, T, 12)."""
@@ -61,20 +64,23 @@ class CurveShares:
             deviation[:, t] = _deviation(self.splines.of_triangle(activation_count[:, t]), shares)
         return deviation
 
-    def changed(self, curve: Array, row: int, taxel: int) -> Array:
-        """Return coefficients (k,) of the corrected curve g(a + d(a)), d being the deviation of taxel (row, taxel).
+    def corrected(self, curve: Array, top_count: float, row: int, taxel: int) -> Array:
+        """Return coefficients (k,) of the corrected curve of taxel (row, taxel).
 
-        `curve`: coefficients of g, Pa. The corrected curve is a polynomial fit of CHANGED_DEGREE.
+        `curve`: coefficients of the present one g, Pa, straight above the activation `top_count`. Where g has the
+        activation a, the taxel reads a − d(a), d being the deviation, so it has the pressure g(a) there.
         """
-        low, high = float(self.splines.knots[0]), float(self.splines.knots[-1])
-        grid = np.linspace(low, high, 200)
-        deviation = sum(
-            coefficient * spline
-            for coefficient, spline in zip(self.shares[row, taxel], self.splines.at(grid), strict=True)
-        )
-        pressure_pa = np.polynomial.polynomial.polyval(np.maximum(grid + deviation, 0.0), curve)
-        pressure_pa += curve[1] * np.minimum(grid + deviation, 0.0)
-        return np.asarray(np.polynomial.Polynomial.fit(grid, pressure_pa, CHANGED_DEGREE).convert().coef)
+        count = np.linspace(float(self.splines.knots[0]), float(self.reached_count[row, taxel]), N_POINTS)
+        splines = np.stack(list(self.splines.at(count)))
+        read_count = np.maximum.accumulate(count - self.shares[row, taxel] @ splines)
+        return invert_curve(read_count, _straight_above(count, curve, top_count))
+
+
+def _straight_above(count: Array, curve: Array, top_count: float) -> Array:
+    """Return the pressure (n,) of a curve with coefficients `curve` (k,), straight below 0 and above `top_count`."""
+    slope = polyder(curve)
+    pressure_pa = polyval(np.clip(count, 0.0, top_count), curve) + slope[0] * np.minimum(count, 0.0)
+    return np.asarray(pressure_pa + polyval(top_count, slope) * np.maximum(count - top_count, 0.0))
 
 
 def curve_splines(activation_count: Array, usable: NDArray[np.bool_]) -> CurveSplines:
@@ -98,7 +104,8 @@ def fit_curves(
         _coefficients(*_products(splines.of_triangle(at_count[:, t]), off_count[:, t], is_known), ridge[t])
         for t, is_known in enumerate(known.T)
     ]
-    return CurveShares(splines, np.stack(coefficients))
+    reached_count = np.max(at_count, axis=0, where=known[..., None], initial=1.0)
+    return CurveShares(splines, np.stack(coefficients), reached_count)
 
 
 def heldout_rest(

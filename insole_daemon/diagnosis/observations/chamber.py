@@ -26,7 +26,7 @@ from ..contact import stretches
 from .alignment import MOST_CLOCK_ERROR_S, fit_own_clock
 from .grid_readings import LEAST_ROWS, read_rows, row_times, temperature_at
 from .reference_wrench import FINE_S, ReferenceWrench, fine_grid
-from .wrench import JITTER_S, LEAST_LAG_S, WrenchObservation
+from .wrench import ABOVE_READINGS, JITTER_S, LEAST_LAG_S, WrenchObservation
 
 LEAST_RISE_PA = 1e4  # smallest range of the reference's pressure
 SMOOTH_S, SMOOTH_ROWS, DEGREE = 0.06, 3, 3  # half the window of the reference's filter, and its degree
@@ -50,6 +50,7 @@ class ChamberObservation(WrenchObservation):
 
     lag_s: float = 0.0
     settled: frozenset[tuple[str, str]] = frozenset()  # effects and scopes, detected or ruled out
+    switching_pa: Array | None = None  # (N, T) error of the load while taxels of a triangle snap, each at its own load
 
     load_is_known = True
     is_uniform = True
@@ -80,6 +81,12 @@ class ChamberObservation(WrenchObservation):
         assert self.declared_offset_s is not None
         return replace(self.with_clock(self.declared_offset_s, 0.0), offset_is_free=False)
 
+    def with_curves(self, coefficients_pa: Array) -> ChamberObservation:
+        """Return the same rows with other static curves (T, 12, k), Pa, up to the highest reading of each taxel."""
+        highest_count = np.maximum(self.activation_count.max(axis=0), 1.0)
+        curves = replace(self.calibration, coefficients_pa=coefficients_pa, highest_count=highest_count)
+        return replace(self, calibration=curves, handed_in=self.handed_in or self.calibration)
+
     @cached_property
     def edge_delay_s(self) -> float:
         """Return the delay of the readings' edges in the middle of the recording, s; 0 where they do not tell it."""
@@ -102,16 +109,19 @@ class ChamberObservation(WrenchObservation):
     def activation_at(self, pressure_pa: Array) -> Array:
         """Return the activation (N, T, 12), counts, by the static curves under pressures that broadcast to this shape.
 
-        The curves are inverted by a table; below zero load they go on as straight lines.
+        The curves are inverted by a table; below zero load and above the table they go on as straight lines.
         """
-        lowest_count = min(float(self.activation_count.min()), 0.0) - 5.0
-        grid_count = np.linspace(lowest_count, float(self.activation_count.max()) + 5.0, N_TABLE)
+        lowest_count = min(float(self.activation_count.min()), 0.0) - ABOVE_READINGS
+        grid_count = np.linspace(lowest_count, float(self.activation_count.max()) + ABOVE_READINGS, N_TABLE)
         shape = (N_TABLE, *self.usable.shape)
         table_pa = np.maximum.accumulate(self.static_pa(np.broadcast_to(grid_count[:, None, None], shape)), axis=0)
+        steepness = np.maximum(self.slope_at(np.broadcast_to(grid_count[-1], (1, *self.usable.shape)))[0], 1.0)
         activation = np.zeros(self.activation_count.shape)
         load_pa = np.broadcast_to(pressure_pa, activation.shape)
         for t, k in np.argwhere(self.usable).tolist():
+            above_pa = np.maximum(load_pa[:, t, k] - table_pa[-1, t, k], 0.0)
             activation[:, t, k] = np.interp(load_pa[:, t, k], table_pa[:, t, k], grid_count)
+            activation[:, t, k] += above_pa / steepness[t, k]
         return activation
 
     def load_less(self, moved_pa: Array, apart_pa: Array | float = 0.0) -> Array:
@@ -135,11 +145,13 @@ class ChamberObservation(WrenchObservation):
     def weight_variance(self) -> Array:
         """Return the variance (N, T) of a row, Pa²; inf where it is unknown.
 
-        It consists of the noise of readings, of time stamps and of the reference.
+        It consists of the noise of readings, of time stamps and of the reference, and of snaps.
         """
         counting = self.counting_variance[..., 0]
         slope = self.reference.slope(self.reference_s)
         variance = counting + self.reference.noise**2 + (JITTER_S * slope) ** 2
+        if self.switching_pa is not None:
+            variance = variance + self.switching_pa**2
         variance = np.where(self.missing | ~self.usable.any(axis=1), np.inf, variance)
         variance[self.clipped | self.saturated] = np.inf
         variance[~self.reference.is_known(self.reference_s)] = np.inf

@@ -35,6 +35,7 @@ MOST_CLIPPED = 0.2  # share of a triangle's taxels
 LONG_PAUSE_S = 0.15  # of readings: linear interpolation does not follow a step
 LEAST_SLOPE = 0.25  # of a curve, as a share of its mean slope
 HIGHEST_ACTIVATION = 255  # counts
+ABOVE_READINGS = 5.0  # counts above the highest reading, to which curves are used
 
 # Properties that do not depend on the clock.
 CLOCK_INDEPENDENT = (
@@ -90,6 +91,7 @@ class WrenchObservation:
     temperature_is_in_counts: bool = False
     is_estimated: NDArray[np.bool_] | None = None  # (T,) uncalibrated triangles, converted by the curves of others
     has_own_curves: bool = False  # fitted to the rows, because there is no calibration
+    handed_in: Calibration | None = None  # if curves were corrected
     ruled_out: frozenset[str] = frozenset()  # words of effects that another recording of the insole rules out
     load_is_known = False  # on every taxel; else only the wrench is known
     is_uniform = False  # whether all taxels bear the same load
@@ -175,6 +177,21 @@ class WrenchObservation:
             [coefficients, np.zeros((max(2 - len(coefficients), 0), *coefficients.shape[1:]))]
         )
         return np.where(self.usable, coefficients, 0.0)
+
+    @property
+    def has_free_curves(self) -> bool:
+        """Return whether the curves are corrected or fitted, so that a constant error of the reference is in them."""
+        return self.has_own_curves or self.handed_in is not None
+
+    @property
+    def as_handed_in(self) -> Self:
+        """Return the same rows with the curves that were handed in."""
+        return self if self.handed_in is None else replace(self, calibration=self.handed_in, handed_in=None)
+
+    @property
+    def top_count(self) -> Array:
+        """Return the activation (T, 12) above which the curves are straight."""
+        return np.minimum(self._highest_count, float(self.activation_count.max()) + ABOVE_READINGS)
 
     @cached_property
     def pressure_pa(self) -> Array:

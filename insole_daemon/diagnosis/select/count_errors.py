@@ -16,6 +16,7 @@ from ..model.refine import Refined
 from ..model.regression import Timing
 from ..model.signal_path import pressure_removed
 from ..model.solve import absorbed_std, bounded
+from ..observations.chamber import ChamberObservation
 from .residual_tests import lack_of_fit
 from .wrench_errors import FOLD_S, N_FOLDS, HeldoutErrors
 
@@ -60,30 +61,30 @@ def count_errors(refined: Refined[BlockDesign], order: Sequence[int]) -> Heldout
     moved = nuisance.shared_sum(unmoved * aligning)
     before = aligned - moved
     deviations = [_deviation_from_mean(law, i) for i in order]
-    off = _error_count(design, as_read, residual_rows, sum(deviations))
+    off = _error_count(design, as_read, residual_rows, design.unmoved, sum(deviations))
     recalibrated = None
     is_loose = design.priors.has_loose_curves
     every_curve = np.full(len(known.T), max(design.priors.curve_count, REFITTED_COUNT))
     std_count = every_curve if is_loose else _absorbed_count(law)
     if is_loose or any(each.term.is_loop for each in design.candidates):
         # The calibration may have been made while the memory or snap acted.
-        splines = curve_splines(seen.expected_count, seen.usable)
-        recalibrated = fit_curves(splines, off, off + seen.activation_count, known, std_count, seen.noise_count)
+        at_count = off + seen.activation_count
+        splines = curve_splines(at_count, seen.usable)
+        recalibrated = fit_curves(splines, off, at_count, known, std_count, seen.noise_count)
         off = _heldout(design, off, splines, fold, std_count)
-    static = _error_count(design, as_read, before)
+    static = _error_count(design, as_read, before, design.unmoved.as_handed_in)
     if seen.has_own_curves:  # no calibration was handed in: `before` has the best static curves
-        splines = curve_splines(seen.expected_count, seen.usable)
-        static = _heldout(design, static, splines, fold, every_curve)
+        static = _heldout(design, static, curve_splines(seen.expected_count, seen.usable), fold, every_curve)
     squares = [_square(design, static), _square(design, off)]
     gains: list[float] = []
-    previous = _square(design, _error_count(design, as_read, design.y - moved))
+    previous = _square(design, _error_count(design, as_read, design.y - moved, design.unmoved.as_handed_in))
     timing_gain = max(squares[0] - previous, 0.0)
     explained = np.zeros_like(y)
     for m, i in enumerate(order, start=1):
         explained += design.contribution(law.design.candidates[i], law.shares[i])
         _, shift, _ = _fit(none, design.y - explained, design, every_row)
         rest = design.y - explained - nuisance.shared_sum(shift * aligning)
-        off = _error_count(design, as_read, rest, sum(deviations[:m]))
+        off = _error_count(design, as_read, rest, design.unmoved, sum(deviations[:m]))
         if is_loose or any(law.design.candidates[j].term.is_loop for j in order[:m]):
             at_count = off + seen.activation_count
             off -= fit_curves(splines, off, at_count, known, std_count, seen.noise_count).off_at(at_count)
@@ -115,7 +116,7 @@ class ErrorByLoad:
     rows: Array  # (k,) number of readings
     load_pa: Array  # (k,)
     activation_count: Array  # (k,) by the static curves
-    after: Array  # (k,) error with the laws of a set and the curves as handed in, counts
+    after: Array  # (k,) error with the laws of a set and the curves handed in, counts
     memory: Array  # (k,) change of the readings by the memories and snaps of the set, counts
     noise_count: float  # of a reading
 
@@ -126,16 +127,20 @@ def errors_by_load(refined: Refined[BlockDesign], places: Sequence[NDArray[np.bo
     Classes have equal widths of load and are the same at all places.
     """
     design, law = refined.design, refined.of_laws
-    seen, as_read = design.unmoved, residual(design, Timing())
+    corrected, as_read = design.unmoved, residual(design, Timing())
+    seen = corrected.as_handed_in
     moved = np.zeros_like(design.y)
     after = design.y
     for candidate, shares in zip(law.design.candidates, law.shares, strict=True):
         column = law.design.contribution(candidate, shares)
         after = after - column
         moved = moved + column * candidate.term.is_loop
-    as_handed_in, of_memories, of_all = (
-        _error_count(design, as_read, rest) for rest in (design.y, design.y - moved, after)
+    of_static, of_memories, of_all = (
+        _error_count(design, as_read, rest, corrected) for rest in (design.y, design.y - moved, after)
     )
+    of_memory = of_memories - of_static
+    if seen is not corrected:
+        of_all += _error_count(design, as_read, design.y - moved, seen) - of_memories
     load = np.broadcast_to(seen.load_pa(seen.reference_s), of_all.shape)
     known = np.broadcast_to((design.weights > 0)[..., None], of_all.shape) & seen.usable
     edges = np.linspace(float(load[known].min()), float(load[known].max()), N_CLASSES + 1)
@@ -148,7 +153,6 @@ def errors_by_load(refined: Refined[BlockDesign], places: Sequence[NDArray[np.bo
     def mean(values: Array, i: int) -> Array:
         return np.asarray(np.bincount(class_of[i], values[at_place[i]], N_CLASSES)[kept] / rows[i][kept])
 
-    of_memory = of_memories - as_handed_in
     return [
         ErrorByLoad(
             rows[i][kept], mean(load, i), mean(seen.expected_count, i), mean(of_all, i), mean(of_memory, i),
@@ -262,15 +266,21 @@ def _deviation_from_mean(refined: Refined[BlockDesign], i: int) -> Array | float
     return np.asarray(np.where(design.seen.usable, moved - mean[:, :, None], 0.0))
 
 
-def _error_count(design: BlockDesign, as_read: Array, residual_rows: Array, deviation_pa: Array | float = 0.0) -> Array:
-    """Return the error (N, T, 12) of the model in counts; the deviation of a taxel from its triangle's mean is kept.
+def _error_count(
+    design: BlockDesign,
+    as_read: Array,
+    residual_rows: Array,
+    by: ChamberObservation,
+    deviation_pa: Array | float = 0.0,
+) -> Array:
+    """Return the error (N, T, 12) of the model in counts, by the curves of the observation `by`.
 
-    `as_read`, `residual_rows`: (T, N) weighted residuals of the static model without a timing, and of the model.
+    `as_read`, `residual_rows`: (T, N) weighted residuals of the static model without a timing, and of the model. The
+    deviation of a taxel from its triangle's mean `deviation_pa` is kept.
     """
-    seen = design.unmoved
     size = np.where(design.weights > 0, 1.0 / np.maximum(design.weights, 1e-300), 0.0)
     change_pa = (as_read - residual_rows).T * size  # of the load by the model, against the static model
-    return np.asarray(seen.activation_at(seen.load_less(change_pa, deviation_pa)) - seen.activation_count)
+    return np.asarray(by.activation_at(by.load_less(change_pa, deviation_pa)) - by.activation_count)
 
 
 def _absorbed_count(law: Refined[BlockDesign]) -> Array:
@@ -311,7 +321,8 @@ def _load_error_count(design: BlockDesign, as_read: Array, load_error: Array) ->
     """Return the RMS by which the weighted rows `load_error` (T, N) of a simulated load change readings, counts."""
     if not load_error.any():
         return 0.0
-    moved = _error_count(design, as_read, design.y) - _error_count(design, as_read, design.y - load_error)
+    seen = design.unmoved
+    moved = _error_count(design, as_read, design.y, seen) - _error_count(design, as_read, design.y - load_error, seen)
     return float(np.sqrt(_square(design, moved)))
 
 

@@ -26,6 +26,7 @@ from .count_errors import ErrorByLoad, errors_by_load
 
 LEAST_SIZE = 2.0  # RMS of the effect over the rows, in the noise of a reading
 MOST_LEFT = 0.5  # of the mean square that the memory's mean curve alone leaves
+LEAST_OF_MEMORY = 0.1  # mean square of a stiffening, in that of the memory's mean curve, which is known less exactly
 SIMILAR = 2.0  # times the smallest residual
 LEAST_OTHERS = 2  # boards beside one with an effect
 MOST_APART = 0.5  # RMS difference of any two of these, relative to the effect
@@ -55,11 +56,14 @@ def static_part(refined: Refined[BlockDesign]) -> StaticPart | None:
     error = errors_by_load(refined, [np.ones(len(refined.design.seen.layout), bool)])[0]
     weights = np.sqrt(error.rows / error.rows.sum())
     most = MOST_LEFT * _residual_square(error, np.zeros_like(error.after), weights)
+    least_square = max(
+        (LEAST_SIZE * error.noise_count) ** 2, LEAST_OF_MEMORY * float(np.sum((weights * error.memory) ** 2))
+    )
     possible: list[tuple[float, StaticPart]] = []
     for values, column in _stiffenings(error):
         square = float(np.sum((weights * column) ** 2))
         residual = _residual_square(error, column, weights)
-        if square >= (LEAST_SIZE * error.noise_count) ** 2 and residual < most:
+        if square >= least_square and residual < most:
             std = float(np.sqrt(residual / square / len(column)))
             possible.append((residual, StaticPart("stiffening", values, square, std)))
     if not possible:

@@ -28,13 +28,14 @@ def _column(load: LoadEstimate, setting: Setting) -> TermColumns:
 def _columns(load: LoadEstimate) -> list[TermColumns]:
     """Return columns of steps at all moments, of a drift and, if the load is not known, of a constant offset.
 
-    The drift is a cubic in time (Legendre polynomials), with its mean unless the reference is zero in the air.
+    The drift is a cubic in time (Legendre polynomials), with its mean unless the reference is zero in the air, or free
+    curves contain it.
     """
     t_s, channels = load.observation.t_s, len(load.observation.reference.noise)
     steps = [_column(load, {"t_s": float(at)}) for at in moments_s(load)]
     x = (t_s - t_s.mean()) / (np.ptp(t_s) / 2)
     powers = np.stack([np.ones_like(x), x, 1.5 * x**2 - 0.5, 2.5 * x**3 - 1.5 * x], axis=-1)
-    has_offset = load.is_known or not _is_zero_in_air(load)
+    has_offset = not (load.observation.has_free_curves if load.is_known else _is_zero_in_air(load))
     if not has_offset:
         powers = powers[:, 1:]
     drift = (powers[:, None, :, None] * np.eye(channels)[None, :, None, :]).reshape(len(t_s), channels, -1)

@@ -4,21 +4,29 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.polynomial.polynomial import polyval
 
 from insole_daemon.diagnosis.model.curves import curve_splines, fit_curves
 
+GIVEN = np.array([0.0, 2000.0, 12.0, 0.1])
 
-def test_the_deviation_of_a_curve_is_fitted_and_exported_as_a_polynomial():
+
+def deviation(count: np.ndarray) -> np.ndarray:
+    """Counts, up to a third of the activation."""
+    return 6.0 + 0.1 * count + 0.002 * count**2
+
+
+def test_a_large_deviation_of_a_curve_is_fitted_and_exported_as_a_polynomial():
+    """A taxel that reads a − d(a) has the pressure of its present curve at a, also above the range of that curve."""
     rng = np.random.default_rng(1)
-    activation = rng.uniform(-5.0, 90.0, (4000, 1, 12))
-    usable = np.ones((1, 12), bool)
-    curve = np.array([0.0, 2000.0, 12.0, 0.1])
-    off = 6.0 - 0.1 * activation + 0.0008 * activation**2
-    splines = curve_splines(activation, usable)
-    read = off + rng.normal(0.0, 1.0, off.shape)
-    known = np.ones((4000, 1), bool)
-    changed = fit_curves(splines, read, activation, known, np.full(1, 5.0), np.ones((1, 12))).changed(curve, 0, 3)
-    at = np.linspace(5.0, 85.0, 40)
-    wanted = np.polynomial.polynomial.polyval(at + 6.0 - 0.1 * at + 0.0008 * at**2, curve)
-    assert len(changed) == 7
-    assert np.polynomial.polynomial.polyval(at, changed) == pytest.approx(wanted, rel=0.03, abs=1500.0)
+    count = rng.uniform(-5.0, 90.0, (4000, 1, 12))
+    splines = curve_splines(count, np.ones((1, 12), bool))
+    off = deviation(count) + rng.normal(0.0, 1.0, count.shape)
+    curves = fit_curves(splines, off, count, np.ones((4000, 1), bool), np.full(1, 5.0), np.ones((1, 12)))
+    at = np.linspace(10.0, 88.0, 40)
+    corrected = curves.corrected(GIVEN, 200.0, 0, 3)
+    assert polyval(at - deviation(at), corrected) == pytest.approx(polyval(at, GIVEN), rel=0.02, abs=1500.0)
+    straight = curves.corrected(GIVEN, 60.0, 0, 3)
+    above = np.linspace(65.0, 88.0, 10)
+    wanted = polyval(60.0, GIVEN) + (above - 60.0) * (2000.0 + 24.0 * 60.0 + 0.3 * 60.0**2)
+    assert polyval(above - deviation(above), straight) == pytest.approx(wanted, rel=0.02)
