@@ -219,7 +219,7 @@ def _search_with_curves(seen: ChamberObservation, faults: ReadingFaults) -> Sear
     if best.deviance < GOOD_FIT * noise:
         return best
     if best.priors == LOOSE:
-        return min(best, _search_about_corrected(best, best.refined, faults), key=lambda result: result.deviance)
+        return min(best, _search_about_corrected(best, best.refined, faults), key=lambda result: result.criterion)
     if best.deviance_while_switching < LESS_BY_SWITCHING * best.deviance:
         switching = with_uncertain_switching(seen, best.refined)
         del best  # its design is large

@@ -67,9 +67,11 @@ class CurveShares:
     def corrected(self, curve: Array, top_count: float, row: int, taxel: int) -> Array:
         """Return coefficients (k,) of the corrected curve of taxel (row, taxel).
 
-        `curve`: coefficients of the present one g, Pa, straight above the activation `top_count`. Where g has the
-        activation a, the taxel reads a − d(a), d being the deviation, so it has the pressure g(a) there.
+        `curve`: coefficients of the present one g, Pa, straight above the activation `top_count`. A pressure g(a) is
+        read as a − d(a), d being the deviation. A taxel without rows in the fit keeps g.
         """
+        if not self.shares[row, taxel].any():
+            return curve
         count = np.linspace(float(self.splines.knots[0]), float(self.reached_count[row, taxel]), N_POINTS)
         splines = np.stack(list(self.splines.at(count)))
         read_count = np.maximum.accumulate(count - self.shares[row, taxel] @ splines)

@@ -26,6 +26,8 @@ def test_a_large_deviation_of_a_curve_is_fitted_and_exported_as_a_polynomial():
     at = np.linspace(10.0, 88.0, 40)
     corrected = curves.corrected(GIVEN, 200.0, 0, 3)
     assert polyval(at - deviation(at), corrected) == pytest.approx(polyval(at, GIVEN), rel=0.02, abs=1500.0)
+    without_rows = fit_curves(splines, off, count, np.zeros((4000, 1), bool), np.full(1, 5.0), np.ones((1, 12)))
+    assert without_rows.corrected(GIVEN, 200.0, 0, 3) is GIVEN
     straight = curves.corrected(GIVEN, 60.0, 0, 3)
     above = np.linspace(65.0, 88.0, 10)
     wanted = polyval(60.0, GIVEN) + (above - 60.0) * (2000.0 + 24.0 * 60.0 + 0.3 * 60.0**2)
