@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from ..physics.effect import Where
 from ..physics.law import Array
 from . import outcome
 from .finding import Finding, heldout_of
@@ -19,6 +18,7 @@ from .model.regression import Timing
 from .observations.wrench import WrenchObservation
 from .places import place_in_words
 from .select import confidence, residual_description
+from .select.residual_board import residual_board
 from .select.wrench_errors import HeldoutErrors
 
 PER_TAXEL = 4.0  # weight of the excess of a triangle per taxel, against that of a channel of the wrench
@@ -139,7 +139,8 @@ def unknown_finding(seen: WrenchObservation, errors: HeldoutErrors, whole: Desig
     else:
         channel = int(np.argmax(excess(errors, whole)))
         name = ("the force", "the moment m_x", "the moment m_y")[channel]
-        where, text = Where(), f"{name} differs from the model by more than noise; no known effect explains it"
+        where = residual_board(seen, np.where(errors.known[:, None], errors.course_after, 0.0), whole.weights)
+        text = f"{name} differs from the model by more than noise; no known effect explains it"
     load = seen.reference.at(seen.reference_s)
     load = load.mean(axis=1) if seen.load_is_known else load[:, 0]
     residual = np.where(errors.known, errors.course_after[:, channel], 0.0)
