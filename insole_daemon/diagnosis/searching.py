@@ -81,11 +81,12 @@ class SearchResult:
     @cached_property
     def deviance_while_switching(self) -> float:
         """Return the deviance of the same fit with a larger variance while the snaps of the set switch."""
-        if not self.has_snap or not isinstance(self.refined.design, BlockDesign):
-            return self.deviance
         design = self.refined.design
+        if not isinstance(design, BlockDesign):
+            return self.deviance
         switching_pa = with_uncertain_switching(design.unmoved, self.refined).switching_pa
-        assert switching_pa is not None
+        if switching_pa is None:
+            return self.deviance
         more = (switching_pa * design.weights).T ** 2  # variance, relative to that of the row
         square = residual_with_companions(self.refined) ** 2
         return self.deviance - float(np.sum(square * more / (1.0 + more) - np.log1p(more)))
@@ -119,11 +120,6 @@ class SearchResult:
     def has_loop(self) -> bool:
         """Whether the best set contains a memory or a snap, of which a calibration may contain the mean curve."""
         return any(candidate.term.is_loop for candidate in self._chosen)
-
-    @property
-    def has_snap(self) -> bool:
-        """Whether the best set contains a snap."""
-        return any(candidate.word == "snap" for candidate in self._chosen)
 
     @cached_property
     def refined(self) -> Refined[Any]:
