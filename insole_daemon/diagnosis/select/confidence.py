@@ -19,7 +19,8 @@ COEFFICIENTS = (2.90, 0.37, -4.30, -2.20, -1.77)  # of the `features`
 # Of an `unknown`: a part of them is a known effect that the search did not find. Beside other findings more are.
 UNKNOWN, UNKNOWN_BESIDE_OTHERS = 0.85, 0.4
 MOST_MARGIN = 100.0  # larger margins are no more certain
-LEAST, MOST = 0.02, 0.98  # bounds of the confidence: the fit has too few cases for more
+# Bounds of the confidence: the fit has too few cases for more. Of 12 opened findings with less than 0.2, 8 were right.
+LEAST, MOST = 0.2, 0.98
 
 
 def is_of_triangles(effect: str, where: Where) -> bool:
@@ -40,7 +41,7 @@ def features(
 
 
 def confidence(margin: float, residual_fraction: float, n_findings: int, of_triangles: bool = False) -> float:
-    """Return the confidence, 0.02 to 0.98, of a finding; the arguments are those of `features`."""
+    """Return the confidence, LEAST to MOST, of a finding; the arguments are those of `features`."""
     values = features(margin, residual_fraction, n_findings, of_triangles)
     x = sum(c * f for c, f in zip(COEFFICIENTS, values, strict=True))
     return min(max(1.0 / (1.0 + math.exp(-x)), LEAST), MOST)
