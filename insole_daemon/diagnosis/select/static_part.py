@@ -26,6 +26,7 @@ from .count_errors import ErrorByLoad, errors_by_load
 
 LEAST_SIZE = 2.0  # RMS of the effect over the rows, in the noise of a reading
 MOST_LEFT = 0.5  # of the mean square that the memory's mean curve alone leaves
+MOST_OF_MEMORY = 2.0  # mean square of the error without a stiffening, in that of the memory's mean curve
 LEAST_OF_MEMORY = 0.1  # mean square of a stiffening, in that of the memory's mean curve, which is known less exactly
 SIMILAR = 2.0  # times the smallest residual
 LEAST_OTHERS = 2  # boards beside one with an effect
@@ -49,21 +50,22 @@ class StaticPart:
 def static_part(refined: Refined[BlockDesign]) -> StaticPart | None:
     """Return the stiffening beside the memories of `refined` that describes the error, or None.
 
-    None if the memory's mean curve, a gain and a baseline are enough, or no stiffening describes the rest. A larger
-    stiffening with a gain against it describes about the same, so of those with residuals up to SIMILAR times the least
-    it is the smallest.
+    None if the memory's mean curve, a gain and a baseline are enough, if no stiffening describes the rest, or if the
+    error without it is far larger than the memory's mean curve: the calibration was made otherwise, such as at few
+    loads. A larger stiffening with a gain against it describes about the same, so of those with residuals up to SIMILAR
+    times the least it is the smallest.
     """
     error = errors_by_load(refined, [np.ones(len(refined.design.seen.layout), bool)])[0]
     weights = np.sqrt(error.rows / error.rows.sum())
     most = MOST_LEFT * _residual_square(error, np.zeros_like(error.after), weights)
-    least_square = max(
-        (LEAST_SIZE * error.noise_count) ** 2, LEAST_OF_MEMORY * float(np.sum((weights * error.memory) ** 2))
-    )
+    of_memory = float(np.sum((weights * error.memory) ** 2))
+    least_square = max((LEAST_SIZE * error.noise_count) ** 2, LEAST_OF_MEMORY * of_memory)
     possible: list[tuple[float, StaticPart]] = []
     for values, column in _stiffenings(error):
         square = float(np.sum((weights * column) ** 2))
         residual = _residual_square(error, column, weights)
-        if square >= least_square and residual < most:
+        rest = float(np.sum((weights * (error.after - column)) ** 2))
+        if square >= least_square and residual < most and rest < MOST_OF_MEMORY * of_memory:
             std = float(np.sqrt(residual / square / len(column)))
             possible.append((residual, StaticPart("stiffening", values, square, std)))
     if not possible:
