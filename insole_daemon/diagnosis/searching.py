@@ -227,7 +227,7 @@ def _search_loosely(usual: SearchResult, faults: ReadingFaults) -> SearchResult:
     """Return the best set with loose curves, about curves that are corrected for the set `usual`."""
     design = usual.first.search.design
     kept = tuple(k for k in usual.first.best.chosen if design.candidates[k].word not in RECALIBRATIONS)
-    return _search_about_corrected(usual, refine(design.under(LOOSE).without_recalibrations(), kept), faults)
+    return _search_about_corrected(usual, refine(design.under(LOOSE).without_companions(RECALIBRATIONS), kept), faults)
 
 
 def _search_about_corrected(known: SearchResult, refined: Refined[BlockDesign], faults: ReadingFaults) -> SearchResult:

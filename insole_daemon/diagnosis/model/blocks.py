@@ -10,7 +10,7 @@ triangle's calibration are its own and are projected out of its block t:
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -364,15 +364,14 @@ class BlockDesign:
         candidates = tuple(candidate.of_law().without(IN_NO_MODEL) for candidate in alike.candidates)
         return alike._changed(alike.atoms, slice(None), candidates=candidates)
 
-    def without_recalibrations(self) -> BlockDesign:
-        """Return the regression without static companions, which loose curves contain."""
-        candidates = tuple(candidate.without(RECALIBRATIONS) for candidate in self.candidates)
+    def without_companions(self, words: Collection[str]) -> BlockDesign:
+        """Return the regression whose candidates have no companions of these `words`."""
+        candidates = tuple(candidate.without(words) for candidate in self.candidates)
         return self._changed(self.atoms, slice(None), candidates=candidates)
 
     def without_internal_companions(self) -> BlockDesign:
         """Return the regression with all columns of its candidates, without companions that are in no model."""
-        candidates = tuple(candidate.without(IN_NO_MODEL) for candidate in self.candidates)
-        return self._changed(self.atoms, slice(None), candidates=candidates)
+        return self.without_companions(IN_NO_MODEL)
 
     def with_settings(self, settings: Sequence[tuple[int, Setting]]) -> BlockDesign:
         """Return the regression with further candidates: for each (k, setting), candidate k with that setting."""

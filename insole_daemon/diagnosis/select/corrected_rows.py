@@ -1,4 +1,4 @@
-"""What a set of memories and snaps says of the readings themselves: corrected curves, and when readings are uncertain.
+"""Rows for another search, corrected by the set that the last one found: static curves and variances.
 
 The regression is linear about the static curves. If an effect acted while they were fitted, their slopes are wrong
 where it acts, and with them its size, so it is repeated about corrected curves. While a snap switches, a reading tells

@@ -20,7 +20,9 @@ CLEARER = 4.0  # times as much of the square is across the direction of any othe
 
 
 def residual_board(seen: WrenchObservation, residual: Array, weights: Array) -> Where:
-    """Return the board at which `residual` (N, 3), N and N·m, acts, or the whole insole if none stands out.
+    """Return the board that causes the `residual` (N, 3) of force and moments, N and N·m.
+
+    The whole insole if the residual fits no board, or fits two about equally.
 
     `weights` (N, 3): one over the standard deviation of a row; 0 if unknown.
     """
