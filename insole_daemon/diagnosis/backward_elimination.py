@@ -15,10 +15,11 @@ from .model.refine import Refined, refine
 from .model.regression import Timing
 from .model.solve import solve_shares
 from .select.confidence import is_of_triangles
-from .select.count_errors import count_errors, residual_squares
+from .select.count_errors import residual_squares
 from .select.each_triangle import of_each_triangle
+from .select.heldout_errors import heldout_errors
 from .select.search import GOOD_FIT, FittedSet, SubsetSearch
-from .select.wrench_errors import HeldoutErrors, wrench_errors
+from .select.wrench_errors import HeldoutErrors
 
 LEAST_GAINED = 0.001  # gain of a term when it is added, relative to the sum of the gains of the set
 LEAST_NEEDED = 0.05  # loss of held-out gain without a term that gains less, relative to the set's, for it to stay
@@ -87,22 +88,6 @@ def _validated(best: FittedSet, refined: Refined[Any], timing: Timing) -> Valida
     """Return a refined set with its held-out errors."""
     order = sorted(range(len(refined.shares)), key=lambda i: -_energy(refined, i))
     return ValidatedSet(best, refined, tuple(order), heldout_errors(refined, order, timing))
-
-
-def heldout_errors(
-    refined: Refined[Any],
-    order: Sequence[int],
-    timing: Timing,
-    nuisances: Sequence[int] = (),
-    uncertain_s: float = 0.0,
-) -> HeldoutErrors:
-    """Return the held-out errors of a refined set: in counts if the load of every taxel is known, else of the wrench.
-
-    Its candidates are added in `order`. `nuisances`, `uncertain_s`: see `wrench_errors`.
-    """
-    if isinstance(refined.design, BlockDesign):
-        return count_errors(refined, order)
-    return wrench_errors(refined.design, refined, order, timing, nuisances, uncertain_s)
 
 
 def _is_better(errors: HeldoutErrors) -> bool:

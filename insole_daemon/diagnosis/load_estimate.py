@@ -57,10 +57,11 @@ class LoadEstimate:
         """Return the change (N, T, 3) of each triangle's wrench per count, averaged over a shift of `shift_count`."""
         shift_count = 0.0 if abs(shift_count) < LINEAR_COUNT else shift_count
         if shift_count not in self._shifted:
-            change_pa = self.slope_pa
             if shift_count:
                 difference_pa = self.static_pa(self.activation_count + shift_count) - self.read_pa
                 change_pa = self.observation.zero_where_unloaded(difference_pa / shift_count)
+            else:
+                change_pa = self.slope_pa
             self._shifted[shift_count] = self.wrench_of(change_pa)
         return self._shifted[shift_count]
 

@@ -12,7 +12,7 @@ from ..physics.effect import Effect, Where
 from ..physics.effects import laws
 from ..recording.loading import FootRecording
 from . import sentences
-from .backward_elimination import LEAST_GAINED, ValidatedSet, eliminate_backward, heldout_errors, keep_strong
+from .backward_elimination import LEAST_GAINED, ValidatedSet, eliminate_backward, keep_strong
 from .excitation import has_one_speed
 from .export.as_effect import effect_of, preloads
 from .finding import Finding, Quantity, heldout_of
@@ -30,11 +30,11 @@ from .observing import refuse_unloaded
 from .parameters import parameters_of
 from .placements import faults_and_displacement
 from .result import RecordingResult
-from .searching import SearchResult
+from .search_result import SearchResult
 from .searching import search as search_terms
 from .select import confidence
 from .select.search import FittedSet, SubsetSearch
-from .select.wrench_errors import HeldoutErrors
+from .select.wrench_errors import HeldoutErrors, wrench_errors
 from .static_findings import static_findings
 from .terms import TERMS
 from .terms.term import SPEEDS
@@ -167,8 +167,9 @@ def _selection(kept: ValidatedSet, timing: Timing, seen: WrenchObservation, foot
     words = [candidate.word for candidate in refined.design.candidates]
     nuisances = tuple(i for i in kept.order if is_nuisance(words[i], parameters[i], seen.latest_s))
     is_late = abs(timing.delay_s) >= LEAST_DELAY_S + seen.latest_s
-    if nuisances or not is_late:
-        figures = heldout_errors(refined, kept.order, timing, nuisances, 0.0 if is_late else timing.delay_s)
+    if not seen.load_is_known and (nuisances or not is_late):
+        uncertain_s = 0.0 if is_late else timing.delay_s
+        figures = wrench_errors(refined.design, refined, kept.order, timing, nuisances, uncertain_s)
     for i in kept.order:
         if words[i] == "clock" and i not in nuisances:
             offset = parameters[i]["offset_s"]

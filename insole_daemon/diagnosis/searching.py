@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,26 +18,27 @@ from .model.blocks import RECALIBRATIONS, BlockDesign, block_design
 from .model.design import Design, design
 from .model.nuisance import USUAL, Priors
 from .model.refine import Refined, refine
-from .model.regression import PlacedTerm, Timing
+from .model.regression import Timing
 from .model.signal_path import Changes
 from .observations.chamber import ChamberObservation
 from .observations.load_field import Move
 from .observations.paired import PairedObservation
 from .observations.reading_faults import ReadingFaults
 from .observations.wrench import WrenchObservation
-from .placements import FittedPlacement, Placements
+from .placements import Placements
+from .search_result import SearchResult
 from .select.amplitudes import with_amplitudes
 from .select.corrected_rows import with_corrected_curves, with_uncertain_switching
-from .select.count_errors import count_errors, residual_with_companions
-from .select.events import Events, refine_events, with_events
+from .select.count_errors import count_errors
+from .select.events import refine_events, refine_events_beside
 from .select.groups import with_groups
 from .select.ordered_search import changes_load_of_a_part, on_signal_path, with_refined_settings, with_refined_snaps
+from .select.refined_settings import RefinedSettings, with_refined
 from .select.search import GOOD_FIT, SubsetSearch
 from .select.thresholds import refine_thresholds, with_thresholds_of_walk
-from .select.timing_search import TimingFit, TimingHypothesis, search_timings
-from .select.wrench_errors import wrench_errors
+from .select.timing_search import TimingFit, search_timings
+from .select.wrench_errors import HeldoutErrors
 from .terms import mean_curve
-from .terms.term import Setting
 
 LOOSE = Priors(curve_count=5.0)  # for curves that contain the mean curve of a memory (loose curves)
 OWN_CURVE_COUNT = 0.3  # the same of a curve that was fitted to the recordings themselves
@@ -46,85 +47,8 @@ FAR_CLEARER = 0.25  # the same if usual curves leave no more than the possible m
 LESS_BY_SWITCHING = 0.9  # of the deviance, if readings while a snap switches count less, to search again
 MOST_LEFT = 0.25  # of the mean square error beyond the floor by a set for which curves are corrected
 LITTLE_LEFT = 0.1  # of the mean square error of a walk, summed over its channels: no reason for further terms
-AT_BOUND = 0.99  # of the bound of a sum of shares
 PLACED_ROUNDS = 3  # of searches after the taxels were moved to fitted places
 ORDERED_ROUNDS = 2  # of searches with terms that act on each other's output
-
-
-@dataclass(frozen=True, eq=False)
-class SearchResult:
-    """The best timing hypothesis of one recording with its set, and the other hypotheses."""
-
-    first: TimingFit[Any]  # the best hypothesis
-    others: tuple[TimingHypothesis, ...]
-    placed: tuple[FittedPlacement, ...] = ()
-    priors: Priors = USUAL  # of the nuisances in the search
-    before: Array | None = None  # (1,) RMS error of the model as handed in, with taxels at the layout's places, counts
-
-    @property
-    def criterion(self) -> float:
-        """Squared residual plus penalties plus log determinant of the nuisances, to compare searches."""
-        first = self.first
-        return float(first.criterion + self._log_determinant + sum(placement.penalty for placement in self.placed))
-
-    @property
-    def deviance(self) -> float:
-        """Squared residual plus log determinant of the nuisances: −2 ln of the likelihood, plus a constant."""
-        return float(self.first.search.design.total - self.first.best.gain + self._log_determinant)
-
-    @property
-    def _log_determinant(self) -> float:
-        """Return that of the nuisances; 0 for a walk, whose nuisances are the same in every search."""
-        design = self.first.search.design
-        return design.log_determinant if isinstance(design, BlockDesign) else 0.0
-
-    @cached_property
-    def deviance_while_switching(self) -> float:
-        """Return the deviance of the same fit with a larger variance while the snaps of the set switch."""
-        design = self.refined.design
-        if not isinstance(design, BlockDesign):
-            return self.deviance
-        switching_pa = with_uncertain_switching(design.unmoved, self.refined).switching_pa
-        if switching_pa is None:
-            return self.deviance
-        more = (switching_pa * design.weights).T ** 2  # variance, relative to that of the row
-        square = residual_with_companions(self.refined) ** 2
-        return self.deviance - float(np.sum(square * more / (1.0 + more) - np.log1p(more)))
-
-    @property
-    def misfit(self) -> float:
-        """Sum of squares that the laws of the best set may fail to describe."""
-        first = self.first
-        return first.search.penalties.misfit(self._chosen, first.best.shares)
-
-    @property
-    def n_terms(self) -> int:
-        """Number of terms of the best set, including delay and lag of the whole insole."""
-        return len(self.first.best.chosen) + len(self.first.words)
-
-    @property
-    def is_at_bound(self) -> bool:
-        """Return whether a term that may have a wider bound reaches that of the sum of its shares."""
-        first = self.first
-        return any(
-            one.term.wide_sum_bound is not None and float(own.sum()) > AT_BOUND * one.term.known_sum_bound
-            for one, own in zip(self._chosen, first.best.shares, strict=True)
-        )
-
-    @property
-    def _chosen(self) -> list[PlacedTerm]:
-        """Return the terms of the best set."""
-        return [self.first.search.design.candidates[k] for k in self.first.best.chosen]
-
-    @property
-    def has_loop(self) -> bool:
-        """Whether the best set contains a memory or a snap, of which a calibration may contain the mean curve."""
-        return any(candidate.term.is_loop for candidate in self._chosen)
-
-    @cached_property
-    def refined(self) -> Refined[Any]:
-        """Return the best set with refined parameters."""
-        return refine(self.first.search.design, self.first.best.chosen)
 
 
 def search(seen: WrenchObservation, faults: ReadingFaults, placements: Placements, foot: FootRecording) -> SearchResult:
@@ -184,7 +108,7 @@ def _search_with_bounds(seen: ChamberObservation, faults: ReadingFaults) -> Sear
     noise = float(np.count_nonzero(faults.weights_of(seen)))
     is_clearer = wide.deviance - noise < CLEARER * (usual.deviance - noise)
     is_simpler = wide.n_terms < usual.n_terms and wide.deviance < usual.deviance
-    return wide if (is_clearer or is_simpler) and _heldout_excess(wide) < _heldout_excess(usual) else usual
+    return wide if (is_clearer or is_simpler) and wide.heldout_excess < usual.heldout_excess else usual
 
 
 def _search_of_walk(seen: WrenchObservation, faults: ReadingFaults) -> SearchResult:
@@ -215,7 +139,8 @@ def _search_with_curves(seen: ChamberObservation, faults: ReadingFaults) -> Sear
     if best.deviance < GOOD_FIT * noise:
         return best
     if best.priors == LOOSE:
-        return min(best, _search_about_corrected(best, best.refined, faults), key=lambda result: result.criterion)
+        again = _search_about_corrected(best, best.refined, best.errors, faults)
+        return min(best, again, key=lambda result: result.criterion)
     if best.deviance_while_switching < LESS_BY_SWITCHING * best.deviance:
         switching = with_uncertain_switching(seen, best.refined)
         del best  # its design is large
@@ -226,20 +151,28 @@ def _search_with_curves(seen: ChamberObservation, faults: ReadingFaults) -> Sear
 def _search_loosely(usual: SearchResult, faults: ReadingFaults) -> SearchResult:
     """Return the best set with loose curves, about curves that are corrected for the set `usual`."""
     design = usual.first.search.design
-    kept = tuple(k for k in usual.first.best.chosen if design.candidates[k].word not in RECALIBRATIONS)
-    return _search_about_corrected(usual, refine(design.under(LOOSE).without_companions(RECALIBRATIONS), kept), faults)
+    kept = [k for k in usual.first.best.chosen if design.candidates[k].word not in RECALIBRATIONS]
+    loose = design.subset(kept).under(LOOSE).without_companions(RECALIBRATIONS)
+    refined = refine(loose, tuple(range(len(kept))))
+    return _search_about_corrected(usual, refined, count_errors(refined, ()), faults)
 
 
-def _search_about_corrected(known: SearchResult, refined: Refined[BlockDesign], faults: ReadingFaults) -> SearchResult:
+def _search_about_corrected(
+    known: SearchResult, refined: Refined[BlockDesign], errors: HeldoutErrors, faults: ReadingFaults
+) -> SearchResult:
     """Return the best set with loose curves, about curves that are corrected for the set `refined` (Gauss & Newton).
 
-    A set that leaves much is wrong, and so would be the corrections. `known`: the result before.
+    A set that leaves much is wrong, and so would be the corrections. `known`: the result before, which is returned if
+    its search had the same rows and priors. `errors`: those of `refined`.
     """
-    errors, seen = count_errors(refined, ()), refined.design.unmoved
+    before = refined.design.unmoved
     left, mismatch = (float(rms[0] ** 2 - errors.floor[0] ** 2) for rms in (errors.after, errors.before))
+    seen = with_uncertain_switching(before, refined)
     if errors.recalibrated is not None and left < MOST_LEFT * mismatch:
         seen = with_corrected_curves(seen, errors.recalibrated)
-    return _search_under(LOOSE, with_uncertain_switching(seen, refined), faults, known)
+    if known.priors == LOOSE and seen is before:
+        return known
+    return _search_under(LOOSE, seen, faults, known)
 
 
 def _with_usual_or_loose_curves(
@@ -263,26 +196,11 @@ def _with_usual_or_loose_curves(
     if not (loose.has_loop and (clearer or simpler)):
         return usual
     # Loose curves take up errors of a law too, so held-out errors decide; clear ones, if loose curves need fewer terms.
-    by_usual, by_loose = _heldout_excess(usual), _heldout_excess(loose)
+    by_usual, by_loose = usual.heldout_excess, loose.heldout_excess
     if loose.n_terms < usual.n_terms:
         is_known = isinstance(usual.first.search.design, BlockDesign)
         by_loose = CLEARER * by_loose if is_known else max(by_loose - LITTLE_LEFT, 0.0)
     return usual if by_usual < by_loose else loose
-
-
-def _heldout_excess(result: SearchResult) -> float:
-    """Return the held-out mean square error of the readings with the laws of the best set, less the floor, counts².
-
-    Of a walk, the sum over the channels of the mean square error relative to that of the model handed in: its floor
-    depends on the set.
-    """
-    first = result.first
-    refined = result.refined
-    if isinstance(refined.design, BlockDesign):
-        errors = count_errors(refined, ())
-        return float(errors.after[0] ** 2 - errors.floor[0] ** 2)
-    errors = wrench_errors(refined.design, refined, (), first.timing)
-    return float(np.sum((errors.after / np.maximum(errors.before, 1e-12)) ** 2))
 
 
 def _refuse_unknown(weights: Array, seen: WrenchObservation) -> None:
@@ -299,21 +217,21 @@ def _search_under(
 ) -> SearchResult:
     """Return the timing hypotheses with nuisances under `priors`.
 
-    `known`: the result under other priors. Its times are initial values, and its terms may change the load, too.
+    `known`: the result under other priors. Its times and refined settings are initial values, and its terms may change
+    the load, too.
     """
     weights = faults.weights_of(seen)
     _refuse_unknown(weights, seen)
     # Refined once, with the first timing: later timings differ by less than the duration of an event.
-    events: Events | None = None
-    thresholds: list[tuple[int, Setting]] = []
+    settings: RefinedSettings | None = None if known is None else known.settings
 
     def design_after(timing: Timing, changes: Changes = ()) -> BlockDesign:
-        nonlocal events, thresholds
+        nonlocal settings
         moved = seen.timed(offset_s=seen.offset_s - timing.delay_s, lag_s=timing.lag_s) if timing != Timing() else seen
         whole = replace(block_design(KnownLoad(moved, changes), weights, priors), moved_s=timing.delay_s)
-        if events is None:
-            events, thresholds = refine_events(whole), refine_thresholds(whole)
-        return with_amplitudes(with_events(whole.with_settings(thresholds), events)).released()
+        if settings is None:
+            settings = {**refine_events(whole), **refine_thresholds(whole)}
+        return with_amplitudes(with_refined(whole, settings)).released()
 
     hypotheses = () if known is None else (known.first, *known.others)
     best, others = search_timings(design_after, seen.offset_is_free, hypotheses)
@@ -330,7 +248,8 @@ def _search_under(
         if ordered is None or ordered.criterion >= best.criterion:
             break
         best = ordered
-    return SearchResult(best, others, priors=priors)
+    assert settings is not None  # as of the first design
+    return SearchResult(best, others, priors=priors, settings=settings)
 
 
 def _refined_places(first: TimingFit[Any]) -> TimingFit[Any]:
@@ -342,7 +261,7 @@ def _refined_places(first: TimingFit[Any]) -> TimingFit[Any]:
     if not isinstance(first.search.design, BlockDesign):
         return first
     whole, excluded_words = first.search.design, first.search.excluded_words
-    whole = with_events(whole, refine_events(whole, first.best.chosen))
+    whole = with_refined(whole, refine_events_beside(whole, first.best.chosen))
     among = SubsetSearch(with_groups(whole, first.best), excluded_words)
     best = max([*among.run()[:1], first.best], key=lambda fitted: fitted.score)
     among, best = with_refined_settings(among, best)

@@ -75,7 +75,6 @@ class Atoms:
     parts: tuple[ColumnGroup, ...]  # the K columns in groups
     with_own: Array  # (T, b, K) products with the nuisance columns of each triangle
     gram: Rows  # (T, K, K) with own nuisance columns projected out
-    raw: Rows  # (T, K, K) without projection
     shared: Array  # (T, K, s) products with the nuisance columns of the reference
     product: Array  # (T, K) covariance of noise in the regressor with that of the row
     square: Array  # (T, K) variance of noise in the regressor
@@ -109,10 +108,12 @@ class Atoms:
     def scaled(self, factors: Array) -> Atoms:
         """Return the atoms times `factors` (T, K)."""
         groups = [group.scaled(factors[:, start:end]) for group, start, end in self._spans()]
-        wide, of_pairs = factors[:, None, :], (factors[:, :, None] * factors[:, None, :]).astype(np.float32)
+        gram = np.empty_like(self.gram)
+        for of_triangle, own, factor in zip(gram, self.gram, factors, strict=True):
+            of_triangle[:] = own * np.outer(factor, factor)
         return Atoms(
-            tuple(groups), self.with_own * wide, self.gram * of_pairs, self.raw * of_pairs,
-            self.shared * factors[:, :, None], self.product * factors, self.square * factors**2,
+            tuple(groups), self.with_own * factors[:, None, :], gram, self.shared * factors[:, :, None],
+            self.product * factors, self.square * factors**2,
         )  # fmt: skip
 
     def picked(self, used: NDArray[np.intp]) -> Atoms:
@@ -120,29 +121,21 @@ class Atoms:
         groups = [group.picked(used[(used >= start) & (used < end)] - start) for group, start, end in self._spans()]
         return Atoms(
             tuple(group for group in groups if group.k) or (groups[0],), self.with_own[:, :, used],
-            self.gram[:, used][:, :, used], self.raw[:, used][:, :, used], self.shared[:, used],
-            self.product[:, used], self.square[:, used],
+            self.gram[:, used][:, :, used], self.shared[:, used], self.product[:, used], self.square[:, used],
         )  # fmt: skip
 
 
-def projected(atoms: Atoms, nuisance: Nuisance) -> Atoms:
-    """Return the same columns with other nuisance columns projected out."""
+def projected(atoms: Atoms, nuisance: Nuisance, other: Nuisance) -> Atoms:
+    """Return the same columns with the nuisance columns `other` projected out instead of `nuisance`."""
     products = [
-        _nuisance_products([group.of_triangle(t) for group in atoms.parts], nuisance, t) for t in range(len(atoms.raw))
+        _nuisance_products([group.of_triangle(t) for group in atoms.parts], other, t) for t in range(len(atoms.gram))
     ]
     with_own, shared = (np.stack(arrays) for arrays in zip(*products, strict=True))
-    return replace(atoms, with_own=with_own, gram=_projected_gram(atoms.raw, with_own, nuisance), shared=shared)
-
-
-def _projected_gram(raw: Rows, with_own: Array, nuisance: Nuisance) -> Rows:
-    """Return the inner products (T, K, K) with the own nuisance columns projected out, from those without projection.
-
-    `with_own` (T, b, K): products with the own nuisance columns. One triangle after the other, to need less memory.
-    """
-    gram = np.empty_like(raw)
-    for of_triangle, own_raw, own, inverse in zip(gram, raw, with_own, nuisance.inverse, strict=True):
-        of_triangle[:] = own_raw - own.T @ (inverse @ own)
-    return gram
+    gram = np.empty_like(atoms.gram)
+    for t, (before, own) in enumerate(zip(atoms.with_own, with_own, strict=True)):
+        taken_up = before.T @ (nuisance.inverse[t] @ before)
+        gram[t] = atoms.gram[t] + taken_up - own.T @ (other.inverse[t] @ own)
+    return replace(atoms, with_own=with_own, gram=gram, shared=shared)
 
 
 def make_atoms(
@@ -160,26 +153,25 @@ def make_atoms(
     groups_before = () if joined is None else joined.parts
     n_triangles, k = product.shape
     k_before = 0 if joined is None else joined.product.shape[1]
-    raw = np.zeros((n_triangles, k, k), np.float32)
+    gram = np.zeros((n_triangles, k, k), np.float32)
     with_before = np.zeros((n_triangles, k_before, k), np.float32)
     with_own = np.zeros((n_triangles, nuisance.own.shape[1], k))
     shared = np.zeros((n_triangles, k, len(nuisance.kind)))
     for t in range(n_triangles) if at is None else np.flatnonzero(at).tolist():
         rows = np.concatenate([group.of_triangle(t) for group in new_groups])
-        raw[t] = rows @ rows.T
-        if k_before:
-            with_before[t] = np.concatenate([group.of_triangle(t) @ rows.T for group in groups_before])
         with_own[t], shared[t] = _nuisance_products([rows], nuisance, t)
-    gram = _projected_gram(raw, with_own, nuisance)
+        coefficients = nuisance.inverse[t] @ with_own[t]
+        gram[t] = rows @ rows.T - with_own[t].T @ coefficients
+        if joined is not None:
+            products = np.concatenate([group.of_triangle(t) @ rows.T for group in groups_before])
+            with_before[t] = products - joined.with_own[t].T @ coefficients
     if joined is None:
-        return Atoms(new_groups, with_own, gram, raw, shared, product, square)
+        return Atoms(new_groups, with_own, gram, shared, product, square)
     # Inner products of the columns of `joined` are kept; only those with new columns are computed.
-    taken_up = np.matmul(joined.with_own.transpose(0, 2, 1), np.matmul(nuisance.inverse, with_own))
-    projected = (with_before - taken_up).astype(np.float32)
     return Atoms(
         (*(group for group in groups_before if group.k), *new_groups),
-        np.concatenate([joined.with_own, with_own], axis=2), _bordered(joined.gram, projected, gram),
-        _bordered(joined.raw, with_before, raw), np.concatenate([joined.shared, shared], axis=1),
+        np.concatenate([joined.with_own, with_own], axis=2), _bordered(joined.gram, with_before, gram),
+        np.concatenate([joined.shared, shared], axis=1),
         np.concatenate([joined.product, product], axis=1), np.concatenate([joined.square, square], axis=1),
     )  # fmt: skip
 
@@ -243,6 +235,8 @@ def _is_equal_in_all_triangles(values: Array) -> bool:
 
 def _bordered(first: Rows, between: Rows, last: Rows) -> Rows:
     """Return the symmetric matrix (T, K + k, K + k) of its blocks (T, K, K), (T, K, k) and (T, k, k)."""
-    return np.concatenate(
-        [np.concatenate([first, between], axis=2), np.concatenate([between.transpose(0, 2, 1), last], axis=2)], axis=1
-    )
+    n_triangles, before, new = between.shape
+    matrix = np.empty((n_triangles, before + new, before + new), np.float32)
+    matrix[:, :before, :before], matrix[:, :before, before:] = first, between
+    matrix[:, before:, :before], matrix[:, before:, before:] = between.transpose(0, 2, 1), last
+    return matrix

@@ -147,7 +147,9 @@ class BlockDesign:
         """Return the squares (p,) of the columns without their noise echo, from those after the projection."""
         without_echo = projected - np.minimum(self._columns.summed(self.atoms.square), 0.9 * projected)
         # The square of a column that nuisance columns explain fully is a rounding error, of either sign.
-        return np.maximum(without_echo, LEAST_KEPT * self._columns.summed(np.einsum("tkk->tk", self.atoms.raw)))
+        taken_up = np.einsum("tbk,tbk->tk", self.atoms.with_own, np.matmul(self.nuisance.inverse, self.atoms.with_own))
+        raw = np.einsum("tkk->tk", self.atoms.gram) + taken_up
+        return np.maximum(without_echo, LEAST_KEPT * self._columns.summed(raw))
 
     @cached_property
     def atom_cross(self) -> Array:
@@ -223,8 +225,11 @@ class BlockDesign:
         if key not in self._products:
             triangles = np.flatnonzero(self.mask[list(key[:-1])].all(axis=0))
             atoms = self.atom[np.concatenate([candidate.columns for candidate in candidates])]
-            products = self.atoms.raw if raw else self.atoms.gram
-            self._products[key] = products[triangles[:, None, None], atoms[:, None], atoms].sum(axis=0, dtype=float)
+            products = self.atoms.gram[triangles[:, None, None], atoms[:, None], atoms].sum(axis=0, dtype=float)
+            if raw:
+                own = self.atoms.with_own[triangles[:, None], :, atoms].transpose(0, 2, 1)
+                products += np.einsum("tbj,tbc,tck->jk", own, self.nuisance.inverse[triangles], own, optimize=True)
+            self._products[key] = products
         return self._products[key]
 
     @cached_property
@@ -272,7 +277,7 @@ class BlockDesign:
         if priors == self.priors:
             return self
         nuisance = nuisance_of(self.load, self.weights, priors)
-        return replace(self, nuisance=nuisance, atoms=projected(self.atoms, nuisance), priors=priors)
+        return replace(self, nuisance=nuisance, atoms=projected(self.atoms, self.nuisance, nuisance), priors=priors)
 
     def released(self) -> BlockDesign:
         """Return a copy without the cached arrays of the load, to free memory; they are computed again on demand."""

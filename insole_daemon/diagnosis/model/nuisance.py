@@ -74,7 +74,7 @@ class Nuisance:
 
     def shared_sum(self, shares: Array) -> Array:
         """Return the sum (T, N) of the shared columns with coefficients `shares` (s,)."""
-        sums = [shares[self.kind == k] @ self.courses[self.kind == k] for k in range(len(self.factors))]
+        sums = [shares[of_kind] @ courses for of_kind, courses in zip(*self._by_kind, strict=True)]
         return np.asarray(np.einsum("fn,ftn->tn", sums, self.factors))
 
     def of(self, at: NDArray[np.bool_]) -> Nuisance:
@@ -98,10 +98,18 @@ class Nuisance:
 
     def with_shared(self, rows: Array, t: int) -> Array:
         """Return inner products (k, s) of `rows` (k, N) at triangle `t` with the shared columns."""
+        if len(rows) > len(self.kind):
+            return np.asarray(rows @ self.shared_of(t).T)
         products = np.empty((len(rows), len(self.kind)))
-        for k, factor in enumerate(self.factors[:, t]):
-            products[:, self.kind == k] = (rows * factor) @ self.courses[self.kind == k].T
+        for of_kind, courses, factor in zip(*self._by_kind, self.factors[:, t], strict=True):
+            products[:, of_kind] = (rows * factor) @ courses.T
         return products
+
+    @cached_property
+    def _by_kind(self) -> tuple[list[NDArray[np.bool_]], list[Array]]:
+        """Return for each kind which shared columns (s,) are of it, and their courses."""
+        of_kinds = [self.kind == k for k in range(len(self.factors))]
+        return of_kinds, [self.courses[of_kind] for of_kind in of_kinds]
 
     def summed_with_shared(self, y: Array) -> Array:
         """Return inner products (s,) of the shared columns with `y` (T, N), summed over the triangles."""

@@ -47,8 +47,10 @@ class Refined(Generic[D]):
         return solve_shares(self.design, [c for j, c in enumerate(self.design.candidates) if j != i])[1]
 
 
-def refine(design: D, chosen: tuple[int, ...]) -> Refined[D]:
+def refine(design: D, chosen: tuple[int, ...], first: int = 0) -> Refined[D]:
     """Return the set `chosen` of `design` with the non-linear parameters that maximise its gain.
+
+    The candidates before number `first` of the set keep their parameters.
 
     In each round every parameter of Term.refine is tried at other values and kept if the gain rises; then parameters at
     which a regressor was linearised (Term.linear_at) are set to the fitted coefficient.
@@ -57,12 +59,13 @@ def refine(design: D, chosen: tuple[int, ...]) -> Refined[D]:
     current = _solved(small)
     width = 1.0
     for _ in range(ROUNDS):
-        for i, candidate in enumerate(current.design.candidates):
+        for i in range(first, len(chosen)):
+            candidate = current.design.candidates[i]
             if candidate.term.column is None:
                 continue
             for name in candidate.term.refine:
                 current = _with_best_value(current, i, name, float(candidate.settings[0].get(name, 0.0)), width)
-        for i in range(len(current.design.candidates)):
+        for i in range(first, len(chosen)):
             current = _relinearised(current, i)
         width /= NARROWER
     return current

@@ -26,7 +26,7 @@ from ..contact import stretches
 from .alignment import MOST_CLOCK_ERROR_S, fit_own_clock
 from .grid_readings import LEAST_ROWS, read_rows, row_times, temperature_at
 from .reference_wrench import FINE_S, ReferenceWrench, fine_grid
-from .wrench import ABOVE_READINGS, JITTER_S, LEAST_LAG_S, WrenchObservation
+from .wrench import ABOVE_READINGS, CURVE_INDEPENDENT, JITTER_S, LEAST_LAG_S, WrenchObservation
 
 LEAST_RISE_PA = 1e4  # smallest range of the reference's pressure
 SMOOTH_S, SMOOTH_ROWS, DEGREE = 0.06, 3, 3  # half the window of the reference's filter, and its degree
@@ -85,7 +85,8 @@ class ChamberObservation(WrenchObservation):
         """Return the same rows with other static curves (T, 12, k), Pa, up to the highest reading of each taxel."""
         highest_count = np.maximum(self.activation_count.max(axis=0), 1.0)
         curves = replace(self.calibration, coefficients_pa=coefficients_pa, highest_count=highest_count)
-        return replace(self, calibration=curves, handed_in=self.handed_in or self.calibration)
+        handed_in = self.handed_in or self.calibration
+        return self.replaced_keeping(CURVE_INDEPENDENT, calibration=curves, handed_in=handed_in)
 
     @cached_property
     def edge_delay_s(self) -> float:

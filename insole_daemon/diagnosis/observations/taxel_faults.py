@@ -125,7 +125,7 @@ def _deviations_count(seen: ChamberObservation, changes_pa: Sequence[Array]) -> 
     of_usable = (np.where(seen.usable, change_pa, 0.0) for change_pa in changes_pa)
     from_median = [change_pa - np.median(change_pa, axis=2, keepdims=True) for change_pa in of_usable]
     steepness = np.maximum(seen.slope_pa, 1e-9)[..., None]
-    return np.stack(from_median, axis=-1) / steepness if from_median else np.zeros((*seen.slope_pa.shape, 0))
+    return np.stack(from_median, axis=-1) / steepness if from_median else np.zeros((*steepness.shape[:3], 0))
 
 
 def _changes_by_spread(seen: ChamberObservation) -> list[Array]:

@@ -5,6 +5,7 @@ Uncertainty from gaps, fast edges and noisy taxels enters the variance of a row;
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Self
@@ -18,7 +19,7 @@ from scipy.ndimage import maximum_filter1d
 from ...physics.calibration import Calibration
 from ...physics.law import Array
 from ...skin.layout import Layout
-from ..operators import polynomial
+from ..operators import AT_ONCE, polynomial
 from .grid_readings import LEAST_ROWS
 from .readings import TriangleReadings
 from .reference_wrench import ReferenceWrench
@@ -38,10 +39,9 @@ HIGHEST_ACTIVATION = 255  # counts
 ABOVE_READINGS = 5.0  # counts above the highest reading, to which curves are used
 
 # Properties that do not depend on the clock.
-CLOCK_INDEPENDENT = (
-    "arms", "by_triangle", "clipped", "coefficients", "columns_of_readings", "cut_off", "pressure_pa", "saturated",
-    "slope_pa", "smooth_count", "_signal_vectors",
-)  # fmt: skip
+# Computed properties that are the same with other curves, or on another clock of the reference.
+CURVE_INDEPENDENT = ("clipped", "cut_off", "saturated", "smooth_count", "_signal_vectors")
+CLOCK_INDEPENDENT = (*CURVE_INDEPENDENT, "arms", "by_triangle", "coefficients", "columns_of_readings")
 NOISE_EDGE = 1.05  # factor on the largest singular value of white noise
 
 
@@ -193,7 +193,7 @@ class WrenchObservation:
         """Return the activation (T, 12) above which the curves are straight."""
         return np.minimum(self._highest_count, float(self.activation_count.max()) + ABOVE_READINGS)
 
-    @cached_property
+    @property
     def pressure_pa(self) -> Array:
         """Return the pressure (N, T, 12) by the static curves."""
         return self.static_pa(self.activation_count)
@@ -234,17 +234,20 @@ class WrenchObservation:
 
     def static_pa(self, activation_count: Array) -> Array:
         """Return the pressure (N, T, 12) by the static curves, straight beyond the calibrated range."""
-        inside = self._inside(activation_count)
-        pressure = polynomial(inside, self.coefficients)
-        below_zero = np.minimum(activation_count, 0.0)
-        below_zero *= self.slope_at(np.zeros((1, *self.usable.shape)))
-        pressure += below_zero
-        if np.isfinite(self._highest_count).any():
-            highest = np.where(np.isfinite(self._highest_count), self._highest_count, 0.0)[None]
-            pressure += self.slope_at(highest) * np.maximum(activation_count - self._highest_count, 0.0)
-        return np.asarray(pressure)
+        highest = self._highest_count
+        slope_at_0 = self.slope_at(np.zeros((1, *self.usable.shape)))
+        slope_at_top = self.slope_at(np.where(np.isfinite(highest), highest, 0.0)[None])
+        pressure = np.empty(activation_count.shape)
+        for first in range(0, len(pressure), AT_ONCE):
+            count = activation_count[first : first + AT_ONCE]
+            inside = self._inside(count)
+            rows = polynomial(inside, self.coefficients)
+            beyond = np.subtract(count, inside, out=inside)
+            rows += beyond * np.where(beyond < 0.0, slope_at_0, slope_at_top)
+            pressure[first : first + AT_ONCE] = rows
+        return pressure
 
-    @cached_property
+    @property
     def slope_pa(self) -> Array:
         """Return the slope (N, T, 12) of the curves at the readings, Pa per count."""
         return self.zero_where_unloaded(self.slope_at(self.activation_count))
@@ -296,8 +299,12 @@ class WrenchObservation:
 
     def timed(self, **clock: Any) -> Self:
         """Return the same rows with other fields of the `clock`; computed properties in CLOCK_INDEPENDENT are kept."""
-        copy = replace(self, **clock)
-        vars(copy).update({name: value for name, value in vars(self).items() if name in CLOCK_INDEPENDENT})
+        return self.replaced_keeping(CLOCK_INDEPENDENT, **clock)
+
+    def replaced_keeping(self, computed: Sequence[str], **changed: Any) -> Self:
+        """Return a copy with other fields, which keeps the `computed` properties that do not depend on these."""
+        copy = replace(self, **changed)
+        vars(copy).update({name: value for name, value in vars(self).items() if name in computed})
         return copy
 
     @cached_property

@@ -32,7 +32,7 @@ def with_corrected_curves(seen: ChamberObservation, corrections: CurveShares) ->
 
 
 def with_uncertain_switching(seen: ChamberObservation, refined: Refined[BlockDesign]) -> ChamberObservation:
-    """Return the same rows with a larger variance while the snaps of a set switch.
+    """Return the same rows with a larger variance while the snaps of a set switch; `seen` itself if nothing changes.
 
     Taxels of a triangle snap each at its own load, and rows between readings are before or after an edge.
     """
@@ -46,4 +46,6 @@ def with_uncertain_switching(seen: ChamberObservation, refined: Refined[BlockDes
             change_pa = float(shares[0]) * column[..., 0, 0] * design.mask[candidate.columns[0]]
             range_pa = maximum_filter1d(change_pa, width, axis=0) - minimum_filter1d(change_pa, width, axis=0)
             square += (0.5 * range_pa) ** 2
+    if not square.any() and seen.switching_pa is None:
+        return seen
     return seen.timed(switching_pa=np.sqrt(square) if square.any() else None)

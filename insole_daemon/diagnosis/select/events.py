@@ -6,41 +6,47 @@ large step, which the search would otherwise take for further effects.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 from ...physics.effect import Where
 from ..model.blocks import BlockDesign
 from ..model.refine import refine
 from ..model.regression import PlacedTerm
 from ..model.solve import solve_shares
-from ..terms.term import Setting
+from .refined_settings import RefinedSettings
+from .search import SubsetSearch
 
 MOMENT = "t_s"
-Events = Mapping[tuple[str, Where], Setting]
+LEAST_GAIN = 500.0  # of an event, in variances of the noise: the error of the grid leaves few percent of it
+LEAST_SHARE = 0.02  # the same, of what the terms beside it leave
 
 
-def refine_events(design: BlockDesign, selected: Sequence[int] = ()) -> Events:
-    """Return, for every event word and place, the setting with the time of the largest gain, refined.
+def refine_events(design: BlockDesign) -> RefinedSettings:
+    """Return refined events beside the term that explains most alone, as `refine_events_beside`."""
+    strongest = max(SubsetSearch(design).singles(), key=lambda fitted: fitted.score).chosen
+    return refine_events_beside(design, [k for k in strongest if not _is_event(design.candidates[k])])
 
-    `selected`: numbers of candidates that are fitted together with each event.
+
+def refine_events_beside(design: BlockDesign, selected: Sequence[int]) -> RefinedSettings:
+    """Return the setting with the time of the largest gain, refined, for every event word and place that explains much.
+
+    `selected`: numbers of candidates that are fitted together with each event, with the parameters that they have.
     """
+    known = design.subset(selected)
+    gain_before = solve_shares(known, known.candidates)[1]
+    least = gain_before + max(LEAST_GAIN, LEAST_SHARE * (design.total - gain_before))
     best: dict[tuple[str, Where], tuple[float, int]] = {}
     for k, candidate in enumerate(design.candidates):
         if k in selected or not _is_event(candidate):
             continue
         subset = design.subset([*selected, k])
         key, gain = (candidate.word, candidate.where), solve_shares(subset, subset.candidates)[1]
-        if key not in best or gain > best[key][0]:
+        if gain > best.get(key, (least, k))[0]:
             best[key] = (gain, k)
     return {
-        key: refine(design, (*selected, k)).design.candidates[-1].settings[0] for key, (_, k) in best.items()
-    }  # fmt: skip
-
-
-def with_events(design: BlockDesign, events: Events) -> BlockDesign:
-    """Return `design` with a further candidate for each of `events`."""
-    on_grid = {(event.word, event.where): k for k, event in enumerate(design.candidates) if _is_event(event)}
-    return design.with_settings([(on_grid[key], setting) for key, setting in events.items()])
+        key: refine(design, (*selected, k), len(selected)).design.candidates[-1].settings[0]
+        for key, (_, k) in best.items()
+    }
 
 
 def _is_event(candidate: PlacedTerm) -> bool:

@@ -9,6 +9,7 @@ from ..model.blocks import BlockDesign
 from ..model.refine import refine
 from ..model.regression import PlacedTerm, Timing
 from ..model.signal_path import Changes, acts_on_load, load_changes
+from .refined_settings import with_refined
 from .search import GOOD_FIT, FittedSet, SubsetSearch, overlap
 from .timing_search import TimingFit
 
@@ -53,9 +54,7 @@ def changes_load_of_a_part(fitted: TimingFit[BlockDesign]) -> bool:
 
 def _with_settings_of(terms: Sequence[PlacedTerm], design: BlockDesign) -> BlockDesign:
     """Return `design` with further candidates: those like each of `terms` whose setting was refined."""
-    on_grid = {(one.word, one.where): k for k, one in enumerate(design.candidates) if one.term.column is not None}
-    refined = [(on_grid[term.word, term.where], term.settings[0]) for term in terms if term.term.column is not None]
-    return design.with_settings(refined)
+    return with_refined(design, {(term.word, term.where): term.settings[0] for term in terms})
 
 
 def with_refined_snaps(first: TimingFit[BlockDesign]) -> TimingFit[BlockDesign]:

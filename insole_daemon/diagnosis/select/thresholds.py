@@ -14,7 +14,7 @@ from ..model.design import Design
 from ..model.refine import Refined, refine
 from ..model.solve import is_possible, solve_shares
 from ..terms.snap import TOGETHER
-from ..terms.term import Setting
+from .refined_settings import RefinedSettings
 
 UPPER = "up_pa"
 LEAST_SHARE = 0.05  # of the squared residual: gain of the strongest snap alone, for any to be refined
@@ -24,8 +24,8 @@ STARTS = 2  # best grid points of a place that are refined: the gain has several
 MOST_PLACES = 8
 
 
-def refine_thresholds(design: BlockDesign) -> list[tuple[int, Setting]]:
-    """Return (k, setting) for each place where a snap explains much: a candidate and its refined setting.
+def refine_thresholds(design: BlockDesign) -> RefinedSettings:
+    """Return the refined setting of a snap for each place where one explains much.
 
     If the load is not uniform, the taxels of a triangle may switch each by its own pressure or together by their mean.
     The strongest snap of a single triangle tells which. If each switches by its own, they do so at different times, the
@@ -41,7 +41,7 @@ def refine_thresholds(design: BlockDesign) -> list[tuple[int, Setting]]:
     starts = sorted((sorted(each, reverse=True)[:STARTS] for each in places.values()), reverse=True)[:MOST_PLACES]
     strongest = starts[0][0][0] if starts else 0.0
     if strongest < LEAST_SHARE * design.total:
-        return []
+        return {}
     number_of = {k: k for of_place in starts for _, k in of_place}
 
     @cache
@@ -55,12 +55,13 @@ def refine_thresholds(design: BlockDesign) -> list[tuple[int, Setting]]:
         number_of = {k: len(design.candidates) + i for i, k in enumerate(number_of)}
         design = design.with_settings([(k, {**design.candidates[k].settings[0], TOGETHER: 1.0}) for k in number_of])
         if max(refined(k).gain for _, k in clearest) < own.gain:
-            return []
-    settings = []
+            return {}
+    settings = {}
     for of_place in starts:
         if of_place[0][0] > COMPARABLE * strongest:
             best = max((refined(k) for _, k in of_place), key=lambda one: one.gain)
-            settings.append((of_place[0][1], best.design.candidates[0].settings[0]))
+            snap = best.design.candidates[0]
+            settings[snap.word, snap.where] = snap.settings[0]
     return settings
 
 

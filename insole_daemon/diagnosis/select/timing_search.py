@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Generic
+from typing import Any, Generic
 
 import numpy as np
 
@@ -16,6 +16,7 @@ ROUNDS = 4  # of fitting terms and timing in turn
 NEAR = Timing(0.008, 0.03)  # smaller changes of the timing do not require new columns
 NEARER = Timing(0.001, 0.004)  # the same for the final fit of the best hypothesis
 CLEARLY_LESS = 0.8  # of the criterion beyond the noise: a lag and an earlier clock also describe much of a memory
+CLEARLY_WORSE = 1.25  # criterion beyond the noise at an initial timing, of that without one: it misleads
 EXPLAINS_MUCH = 0.5  # of the squared residual without terms: what a timing leaves that is fitted without terms
 
 
@@ -52,13 +53,13 @@ def search_timings(
     before = {each.words: each.timing for each in known}
     best = _best_of(first, make, (), is_free_clock, before.get(()))
     # A set is the start of other searches only with the same columns.
-    known_set = best.best.chosen if best.search.design.candidates is first.candidates else ()
+    untimed = best if best.search.design.candidates is first.candidates else None
     others: list[TimingHypothesis] = []
 
     def add(words: tuple[str, ...], start: Timing | None = None) -> None:
         nonlocal best
         start = before.get(words, start)
-        one = _best_of(first, make, words, is_free_clock, start, known_set)
+        one = _best_of(first, make, words, is_free_clock, start, untimed)
         reached = one.timing
         best, other = (one, best) if one.criterion < best.criterion else (best, one)
         others.append(TimingHypothesis(other.words, other.timing, other.criterion))
@@ -66,7 +67,7 @@ def search_timings(
         alone = None if start is not None else _alone(first, reached, words, is_free_clock)
         if alone is None:
             return
-        second = _best_of(first, make, words, is_free_clock, alone, known_set)
+        second = _best_of(first, make, words, is_free_clock, alone, untimed)
         noise = second.search.noise
         if second.criterion - noise < CLEARLY_LESS * (best.criterion - noise):
             others[:] = [other for other in others if other.words != words]
@@ -96,16 +97,16 @@ def _best_of(
     words: tuple[str, ...],
     is_free_clock: bool,
     start: Timing | None,
-    known: Sequence[int] = (),
+    untimed: TimingFit[D] | None = None,
 ) -> TimingFit[D]:
     """Return the fit of the hypothesis `words`, from the timing `start` or from an estimate without terms.
 
-    `known`: a set of candidates that explains much with the columns of `first`.
+    `untimed`: the fit of the hypothesis without words, with the columns of `first`.
     """
     free, within_s = _freedom(words, is_free_clock)
     if start is None:
         start = _start(first, free, within_s, is_free_clock)
-    fitted = _fit_from(start, first, make, words, free, within_s, known=known)
+    fitted = _fit_from(start, first, make, words, free, within_s, untimed=untimed)
     return replace(fitted, criterion=np.inf) if _is_short_lag(fitted) else fitted
 
 
@@ -147,21 +148,25 @@ def _fit_from(
     free: tuple[bool, bool],
     within_s: tuple[float, float],
     near: Timing = NEAR,
-    known: Sequence[int] = (),
+    untimed: TimingFit[D] | None = None,
 ) -> TimingFit[D]:
     """Return the fit that is reached from `timing` by fitting the terms and the times in turn.
 
     The columns of the terms are computed anew if the timing changes by more than `near`. A timing with a larger
     criterion than that of the round before is not used: with a delay of the whole insole and of every board as
     candidates times alone are poorly determined, and linearised columns are wrong far from where they were computed.
-    `known`: the set from which the search begins while the columns are those of `first`.
+    `untimed`: the fit of the hypothesis without words. The search begins with its set while the columns are those of
+    `first`, and with its timing, too, if it fits clearly better than `timing`.
     """
     # A clock term could compensate the delay of the hypothesis.
     excluded_words = frozenset({"clock"}) if "delay" in words or "clock" in words else frozenset()
     design, made_for = first, Timing()
-    known = tuple(k for k in known if first.candidates[k].word not in excluded_words)
+    of_untimed = () if untimed is None else untimed.best.chosen
+    of_first = known = tuple(k for k in of_untimed if first.candidates[k].word not in excluded_words)
     before, least, is_back = Timing(), first.total, False  # timing of the round before, and its criterion
     for round_ in range(ROUNDS + 1):
+        if _is_moved(made_for, timing, near):
+            design, made_for, known = first, Timing(), of_first
         if _is_moved(made_for, timing, near):
             design, made_for, known = make(timing), timing, ()
         search = SubsetSearch(design.retimed(timing), excluded_words)
@@ -175,7 +180,10 @@ def _fit_from(
         elif round_ >= ROUNDS - 1:
             break
         else:
-            again = fit_timing(design, best.chosen, timing, free, within_s)
+            if round_ == 0 and untimed is not None and _is_clearly_worse(criterion, untimed):
+                again = fit_timing(first, untimed.best.chosen, untimed.timing, free, within_s)
+            else:
+                again = fit_timing(design, best.chosen, timing, free, within_s)
             if max(abs(again.delay_s - timing.delay_s), abs(again.lag_s - timing.lag_s)) < TOLERANCE_S:
                 break
             before, least, timing = timing, criterion, again
@@ -185,6 +193,11 @@ def _fit_from(
     every = [search.design.candidates[k] for k in best.chosen]
     penalty = len(words) * search.penalties.timing_penalty(every, best.shares)
     return TimingFit(words, timing, criterion + penalty, search, best)
+
+
+def _is_clearly_worse(criterion: float, other: TimingFit[Any]) -> bool:
+    noise = other.search.noise
+    return criterion - noise > CLEARLY_WORSE * max(other.criterion - noise, 0.0)
 
 
 def _start(design: D, free: tuple[bool, bool], within_s: tuple[float, float], is_free_clock: bool) -> Timing:

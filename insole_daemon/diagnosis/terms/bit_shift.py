@@ -27,11 +27,11 @@ def _columns(load: LoadEstimate) -> list[TermColumns]:
     activation = seen.activation_count
     zero = np.array([[np.nan if each.zero_count is None else each.zero_count] for each in seen.readings])
     zero_activation = np.nan_to_num(seen.calibration.baseline_count - zero)
-    columns = []
+    columns, pressure_pa = [], seen.pressure_pa
     for step in STEPS:
         times = 2.0**step
         corrected = zero_activation + (activation - zero_activation) * times
-        column = load.wrench_of(seen.static_pa(corrected) - seen.pressure_pa)[..., None]
+        column = load.wrench_of(seen.static_pa(corrected) - pressure_pa)[..., None]
         echo = echo_of_readings(seen, times * seen.slope_at(corrected) - seen.slope_at(activation))
         columns.append(TermColumns(({"step": float(step)},), column, echo=echo))
     return columns

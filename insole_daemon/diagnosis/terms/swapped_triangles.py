@@ -23,16 +23,16 @@ def _columns(load: LoadEstimate) -> list[TermColumns]:
     area = seen.layout.taxel_area_m2
     xy = seen.layout.xy_m
     full = area * np.stack([np.ones(xy.shape[:2]), xy[..., 1], -xy[..., 0]], axis=-1)
-    identities = seen.layout.identities.tolist()
+    identities, pressure_pa = seen.layout.identities.tolist(), seen.pressure_pa
     columns, settings, places = [], [], []
     for first, second in combinations(range(len(identities)), 2):
         if not (seen.usable[first].any() and seen.usable[second].any()):
             continue
         change_by_first = np.einsum(
-            "nk,kc->nc", seen.pressure_pa[:, first], (full[second] - full[first]) * seen.usable[first][:, None]
+            "nk,kc->nc", pressure_pa[:, first], (full[second] - full[first]) * seen.usable[first][:, None]
         )
         change_by_second = np.einsum(
-            "nk,kc->nc", seen.pressure_pa[:, second], (full[first] - full[second]) * seen.usable[second][:, None]
+            "nk,kc->nc", pressure_pa[:, second], (full[first] - full[second]) * seen.usable[second][:, None]
         )
         columns.append(change_by_first + change_by_second)
         settings.append({"first": float(first), "second": float(second)})
