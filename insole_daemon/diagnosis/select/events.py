@@ -23,7 +23,8 @@ LEAST_SHARE = 0.02  # the same, of what the terms beside it leave
 
 def refine_events(design: BlockDesign) -> RefinedSettings:
     """Return refined events beside the term that explains most alone, as `refine_events_beside`."""
-    strongest = max(SubsetSearch(design).singles(), key=lambda fitted: fitted.score).chosen
+    search = SubsetSearch(design)
+    strongest = max([search.fit(()), *search.singles()], key=lambda fitted: fitted.score).chosen
     return refine_events_beside(design, [k for k in strongest if not _is_event(design.candidates[k])])
 
 
