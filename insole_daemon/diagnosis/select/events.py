@@ -22,9 +22,13 @@ LEAST_SHARE = 0.02  # the same, of what the terms beside it leave
 
 
 def refine_events(design: BlockDesign) -> RefinedSettings:
-    """Return refined events beside the term that explains most alone, as `refine_events_beside`."""
+    """Return refined events beside the law that explains most alone, as `refine_events_beside`.
+
+    A drift is none: it may have any course over time, and that of a step, too.
+    """
     search = SubsetSearch(design)
-    strongest = max([search.fit(()), *search.singles()], key=lambda fitted: fitted.score).chosen
+    alone = [single for single in search.singles() if design.candidates[single.chosen[0]].word != "drift"]
+    strongest = max([search.fit(()), *alone], key=lambda fitted: fitted.score).chosen
     return refine_events_beside(design, [k for k in strongest if not _is_event(design.candidates[k])])
 
 
