@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..physics.effects import laws
+from ..skin.geometry import N_TAXELS
 from . import sentences
 from .finding import Finding, Quantity, heldout_of
 from .model.blocks import BlockDesign
@@ -19,13 +20,17 @@ def static_findings(refined: Refined[BlockDesign], figures: HeldoutErrors) -> li
     """Return the findings on curves that were refitted together with the memories of `refined`.
 
     There may be one of the insole and one of a board. The exported model contains these curves, so it has no effect for
-    the findings. An effect smaller than the lack of fit may be a part of it; one larger than the whole mismatch would
-    cancel another.
+    the findings. An effect smaller than the lack of fit at its place may be a part of it; one larger than the whole
+    mismatch would cancel another.
     """
-    parts = static_part(refined), static_part_of_board(refined)
     lack_of_fit, mismatch = float(figures.after[0] ** 2 - figures.floor[0] ** 2), float(figures.before[0] ** 2)
+    parts = [part for part in (static_part(refined), static_part_of_board(refined)) if part is not None]
+    layout = refined.design.seen.layout
+    shares = [len(part.where.slots(layout)) / (len(layout) * N_TAXELS) for part in parts]  # of the insole
     return [
-        _finding(part, refined, figures) for part in parts if part is not None and lack_of_fit < part.square < mismatch
+        _finding(part, refined, figures)
+        for part, share in zip(parts, shares, strict=True)
+        if share * lack_of_fit < part.square < mismatch
     ]
 
 

@@ -122,7 +122,7 @@ def test_a_triangle_that_snaps_as_one_is_told_from_taxels_that_snap_alone(tmp_pa
     where = Where("triangle", (tuple(WHOLE.identities[7].tolist()),))
     snap = effect("snap", where, up_pa=4e4, down_pa=2e4, step_pa=4e4, together=together)
     design = design_of(walk(tmp_path / "walk", snap, layout=WHOLE), plain_whole)
-    settings = [setting for k, setting in refine_thresholds(design) if design.candidates[k].where == where]
+    settings = [setting for (_, place), setting in refine_thresholds(design).items() if place == where]
     assert bool(settings) == bool(together), "thresholds of taxels that switch alone stay on the grid"
     for setting in settings:
         assert setting["together"] == 1.0
