@@ -38,7 +38,6 @@ LEAST_SLOPE = 0.25  # of a curve, as a share of its mean slope
 HIGHEST_ACTIVATION = 255  # counts
 ABOVE_READINGS = 5.0  # counts above the highest reading, to which curves are used
 
-# Properties that do not depend on the clock.
 # Computed properties that are the same with other curves, or on another clock of the reference.
 CURVE_INDEPENDENT = ("clipped", "cut_off", "saturated", "smooth_count", "_signal_vectors")
 CLOCK_INDEPENDENT = (*CURVE_INDEPENDENT, "arms", "by_triangle", "coefficients", "columns_of_readings")
