@@ -87,6 +87,11 @@ def _search_with_placement(
         if again.criterion > result.criterion + np.sqrt(2.0 * result.criterion):
             break
         result = again
+    switching = _rows_while_switching(result, faults)
+    if switching is not None:
+        priors, placed = result.priors, result.placed
+        del result  # its design is large
+        result = replace(_search_under(priors, switching, faults), placed=placed)
     if not result.placed:
         return result
     by_the_map = seen.replaced(Move(), ())
@@ -141,11 +146,23 @@ def _search_with_curves(seen: ChamberObservation, faults: ReadingFaults) -> Sear
     if best.priors == LOOSE:
         again = _search_about_corrected(best, best.refined, best.errors, faults)
         return min(best, again, key=lambda result: result.criterion)
-    if best.deviance_while_switching < LESS_BY_SWITCHING * best.deviance:
-        switching = with_uncertain_switching(seen, best.refined)
+    switching = _rows_while_switching(best, faults)
+    if switching is not None:
         del best  # its design is large
         best = _search_under(priors, switching, faults)
     return best
+
+
+def _rows_while_switching(result: SearchResult, faults: ReadingFaults) -> ChamberObservation | None:
+    """Return the rows with a larger variance while the snaps of a set switch.
+
+    None if the set fits well, or if that alone hardly lowers its deviance.
+    """
+    seen = result.first.search.design.unmoved
+    is_good = result.deviance < GOOD_FIT * float(np.count_nonzero(faults.weights_of(seen)))
+    if is_good or result.deviance_while_switching >= LESS_BY_SWITCHING * result.deviance:
+        return None
+    return with_uncertain_switching(seen, result.refined)
 
 
 def _search_loosely(usual: SearchResult, faults: ReadingFaults) -> SearchResult:
