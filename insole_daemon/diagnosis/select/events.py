@@ -18,7 +18,7 @@ from .search import SubsetSearch
 
 MOMENT = "t_s"
 LEAST_GAIN = 500.0  # of an event, in variances of the noise: the error of the grid leaves few percent of it
-LEAST_SHARE = 0.02  # the same, of what the terms beside it leave
+LEAST_SHARE = 0.02  # least gain of an event, relative to the squared residual of the terms that are fitted beside it
 
 
 def refine_events(design: BlockDesign) -> RefinedSettings:

@@ -9,27 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-import insole_daemon
-from insole_daemon.diagnosis.load_estimate import KnownLoad
-from insole_daemon.diagnosis.model.blocks import block_design
 from insole_daemon.diagnosis.model.regression import Timing
-from insole_daemon.diagnosis.observing import observed
 from insole_daemon.diagnosis.search_result import SearchResult
 from insole_daemon.diagnosis.searching import _rows_while_switching
 from insole_daemon.diagnosis.select.search import SubsetSearch
 from insole_daemon.diagnosis.select.timing_search import TimingFit
 
-from ..chamber import write
-
 STEP_PA = 30e3
 LATE_ROWS = 3  # by which half of the taxels switch later
-
-
-@pytest.fixture(scope="module")
-def design(tmp_path_factory):
-    recording = insole_daemon.load(write(tmp_path_factory.mktemp("chamber") / "bag", seconds=40.0))
-    (seen,) = observed([recording], recording.feet, None, lambda text: None, ())
-    return block_design(KnownLoad(seen), seen.weight_variance**-0.5)
 
 
 def rows_after(design, late_rows: int, pa: float) -> Any:

@@ -7,24 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import insole_daemon
-from insole_daemon.diagnosis.load_estimate import KnownLoad
-from insole_daemon.diagnosis.model.blocks import block_design
 from insole_daemon.diagnosis.model.refine import refine
-from insole_daemon.diagnosis.observing import observed
 from insole_daemon.diagnosis.select.events import refine_events, refine_events_beside
 from insole_daemon.diagnosis.select.refined_settings import with_refined
 
-from ..chamber import write
-
 AT_S, SHIFT_COUNT = 12.6, 6.0  # the grid has 10.5 and 15.5 s here
-
-
-@pytest.fixture(scope="module")
-def design(tmp_path_factory):
-    recording = insole_daemon.load(write(tmp_path_factory.mktemp("chamber") / "bag", seconds=40.0))
-    (seen,) = observed([recording], recording.feet, None, lambda text: None, ())
-    return block_design(KnownLoad(seen), seen.weight_variance**-0.5)
 
 
 def number(design, word: str, scope: str = "insole") -> int:
