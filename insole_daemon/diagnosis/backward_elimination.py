@@ -161,7 +161,7 @@ def term_with_gains_elsewhere(refined: Refined[Any]) -> int | None:
     works = design.weights.any(axis=0)
     ratios = {}
     for i in local:
-        design = refined.design.everywhere(i)
+        design = refined.design.everywhere(i, refined.shares)
         term = design.candidates[i]
         own = works & design.mask[term.columns[0]]
         same_word = [design.mask[other.columns[0]] for other in design.candidates if other.word == term.word]

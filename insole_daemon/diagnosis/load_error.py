@@ -16,8 +16,8 @@ LOAD_ERRORS = (USUAL, Priors(0.005, 0.02), Priors(0.015, 0.06), Priors(0.05, 0.2
 NEGLIGIBLE = 0.01  # of the decrease of the deviance at the board where it is largest
 
 
-def most_likely_load_error(seen: PairedObservation, faults: ReadingFaults) -> Priors:
-    """Return the smallest error of the simulated load whose likelihood equals that of any other.
+def with_likely_load_error(seen: PairedObservation, faults: ReadingFaults) -> BlockDesign:
+    """Return the regression under the smallest error of the simulated load whose likelihood equals that of any other.
 
     Likelihoods are those of the best set under each error, and equal up to the possible misfit of its laws. An error is
     no larger than all boards but one need: the simulation is one walk, so its error is not that of one board alone.
@@ -32,7 +32,7 @@ def most_likely_load_error(seen: PairedObservation, faults: ReadingFaults) -> Pr
         every = [whole.candidates[k] for k in best.chosen]
         criteria.append(whole.total - best.score + whole.nuisance.log_determinant)
         criteria_without_misfit.append(criteria[-1] - among.penalties.misfit(every, best.shares))
-    return possible[next(i for i, value in enumerate(criteria_without_misfit) if value <= min(criteria))]
+    return whole.under(possible[next(i for i, value in enumerate(criteria_without_misfit) if value <= min(criteria))])
 
 
 def largest_but_one_board(whole: BlockDesign) -> int:

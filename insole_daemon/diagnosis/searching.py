@@ -12,7 +12,7 @@ import numpy as np
 from ..errors import DiagnosisError
 from ..physics.law import Array
 from ..recording.loading import FootRecording
-from .load_error import most_likely_load_error
+from .load_error import with_likely_load_error
 from .load_estimate import KnownLoad, LoadEstimate
 from .model.blocks import RECALIBRATIONS, BlockDesign, block_design
 from .model.design import Design, design
@@ -74,13 +74,13 @@ def _search_with_placement(
     terms that act on the load need the load at the true places.
     """
     moved = placements.applied_to(seen)
-    result = replace(_search_under(most_likely_load_error(moved, faults), moved, faults), placed=placements.fitted)
+    result = replace(_search_under(None, moved, faults), placed=placements.fitted)
     for _ in range(PLACED_ROUNDS):
         known, placements = placements, placements.with_selected(result.first.search, result.first.best, foot)
         if placements.move == known.move and len(placements.fitted) == len(known.fitted):
             break
         moved = placements.applied_to(seen)
-        again = _search_under(most_likely_load_error(moved, faults), moved, faults)
+        again = _search_under(None, moved, faults)
         again = replace(again, placed=placements.fitted)
         # The column was the linearisation of this placement. The criterion may rise by its standard deviation under
         # noise, √(2n) with n rows, and it is about n.
@@ -230,9 +230,9 @@ def _refuse_unknown(weights: Array, seen: WrenchObservation) -> None:
 
 
 def _search_under(
-    priors: Priors, seen: ChamberObservation, faults: ReadingFaults, known: SearchResult | None = None
+    priors: Priors | None, seen: ChamberObservation, faults: ReadingFaults, known: SearchResult | None = None
 ) -> SearchResult:
-    """Return the timing hypotheses with nuisances under `priors`.
+    """Return the timing hypotheses with nuisances under `priors`; None: beside a simulation, with its likely error.
 
     `known`: the result under other priors. Its times and refined settings are initial values, and its terms may change
     the load, too.
@@ -241,14 +241,25 @@ def _search_under(
     _refuse_unknown(weights, seen)
     # Refined once, with the first timing: later timings differ by less than the duration of an event.
     settings: RefinedSettings | None = None if known is None else known.settings
+    first: BlockDesign | None = None
+    if priors is None:
+        assert isinstance(seen, PairedObservation)
+        first = with_likely_load_error(seen, faults)
+        priors = first.priors
 
     def design_after(timing: Timing, changes: Changes = ()) -> BlockDesign:
-        nonlocal settings
-        moved = seen.timed(offset_s=seen.offset_s - timing.delay_s, lag_s=timing.lag_s) if timing != Timing() else seen
-        whole = replace(block_design(KnownLoad(moved, changes), weights, priors), moved_s=timing.delay_s)
+        nonlocal settings, first
+        if first is not None and not changes and timing == Timing():
+            whole, first = first, None  # designs are large
+        else:
+            whole = made_after(timing, changes)
         if settings is None:
             settings = {**refine_events(whole), **refine_thresholds(whole)}
         return with_amplitudes(with_refined(whole, settings)).released()
+
+    def made_after(timing: Timing, changes: Changes) -> BlockDesign:
+        moved = seen.timed(offset_s=seen.offset_s - timing.delay_s, lag_s=timing.lag_s) if timing != Timing() else seen
+        return replace(block_design(KnownLoad(moved, changes), weights, priors), moved_s=timing.delay_s)
 
     hypotheses = () if known is None else (known.first, *known.others)
     best, others = search_timings(design_after, seen.offset_is_free, hypotheses)

@@ -79,6 +79,22 @@ def test_a_gain_of_one_triangle_alone_is_kept_at_its_fitted_size(design):
     assert term_with_gains_elsewhere(refined) is None
 
 
+def test_the_gains_elsewhere_do_not_follow_the_noise_of_the_readings(design):
+    """The residual contains that noise, so a regressor with it has a gain of the sensor's in every triangle."""
+    number = next(k for k, c in enumerate(design.candidates) if c.word == "gain" and c.where.scope == "triangle")
+    candidate = design.candidates[number]
+    column, elsewhere = design.rows_of(candidate.columns)[:, 0], ~design.mask[candidate.columns[0]]
+    refined = refine(replace(design, y=design.y - 0.02 * column), (number,))
+    whole = refined.design.everywhere(0, refined.shares)
+
+    def products(of: BlockDesign, k: int) -> np.ndarray:
+        return of.residual_cross([], [])[elsewhere, of.atom[of.candidates[k].columns[0]]]
+
+    of_load = products(replace(design, y=refined.design.y), number)
+    n_rows = np.count_nonzero(design.weights[:, elsewhere])
+    assert abs(np.sum(products(whole, 0) - of_load)) < 0.05 * n_rows
+
+
 def test_a_term_that_explains_less_than_is_left_is_doubtful(design):
     assert doubtful(design, drift=1.0, misfit=2.0) == DRIFT
 

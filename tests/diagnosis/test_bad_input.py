@@ -125,6 +125,7 @@ def test_a_simulation_of_another_duration_is_refused(tmp_path):
     folder = write(tmp_path / "trial", seconds=30.0)
     said = refused(4, folder, "--simulation", write(tmp_path / "longer", seconds=70.0), out=tmp_path / "out")
     assert "no stretch of it goes with" in said
+    assert "kPa on a triangle" in said
 
 
 def test_a_recording_without_a_reference_is_refused(tmp_path):

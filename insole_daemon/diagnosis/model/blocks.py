@@ -310,9 +310,25 @@ class BlockDesign:
         return self._exchanged(i, setting, np.asarray(self.mask[self.candidates[i].columns].any(axis=0)))
 
     def relinearised(self, i: int, setting: Setting, shares: Sequence[Array]) -> BlockDesign:
-        """Return the regression with candidate `i` linearised at `setting`, about readings that `shares` predict.
+        """Return the regression with candidate `i` linearised at `setting`, about readings that `shares` predict."""
+        at = np.asarray(self.mask[self.candidates[i].columns].any(axis=0))
+        return self._exchanged(i, setting, at, self._predicted_load(shares))
 
-        The mean of a triangle is as predicted: its noise would distinguish the column from that of a nuisance, and
+    def everywhere(self, i: int, shares: Sequence[Array]) -> BlockDesign:
+        """Return the regression with the columns of candidate `i` in all triangles, also if it was exchanged.
+
+        A column that was linearised is so about readings that `shares` predict.
+        """
+        candidate = self.candidates[i]
+        if candidate.term.column is None:
+            return self
+        load = self._predicted_load(shares) if candidate.term.linear_at else None
+        return self._exchanged(i, candidate.settings[0], None, load)
+
+    def _predicted_load(self, shares: Sequence[Array]) -> KnownLoad:
+        """Return the load with readings that `shares` of the candidates predict in the mean of each triangle.
+
+        The noise of that mean is a part of the residual: it would distinguish a column from that of a nuisance, and
         decide its share.
         """
         rest = self.y - sum(self.contribution(one, own) for one, own in zip(self.candidates, shares, strict=True))
@@ -321,14 +337,7 @@ class BlockDesign:
         residual = self.nuisance.residual_of(rest).T
         above_pa = np.divide(residual, self.weights, out=np.zeros_like(residual), where=self.weights > 0.0)
         steepness = np.maximum(self.known_load.slope_pa, LEAST_SLOPE_PA)
-        predicted_count = self.seen.activation_count + above_pa[:, :, None] / steepness
-        at = np.asarray(self.mask[self.candidates[i].columns].any(axis=0))
-        return self._exchanged(i, setting, at, replace(self.known_load, predicted_count=predicted_count))
-
-    def everywhere(self, i: int) -> BlockDesign:
-        """Return the regression with the columns of candidate `i` in all triangles, also if it was exchanged."""
-        candidate = self.candidates[i]
-        return self if candidate.term.column is None else self._exchanged(i, candidate.settings[0], None)
+        return replace(self.known_load, predicted_count=self.seen.activation_count + above_pa[:, :, None] / steepness)
 
     def _exchanged(
         self, i: int, setting: Setting, at: NDArray[np.bool_] | None, load: KnownLoad | None = None

@@ -223,9 +223,12 @@ def _with_fitted_clock(
     try:
         fitted = _fit_clock(simulated_s, features, observation.t_s, mean_count, most_offset_s)
     except CalibrationError as error:
+        simulated_kpa, recorded_kpa = 1e-3 * observation.reference.fine.max(), 1e-3 * observation.wrench.max()
         raise DiagnosisError(
-            f"{simulation.folder}: no stretch of it goes with {recording.folder} ({error}): expected a simulation of "
-            f"the same trial, which starts at the same instant within {MOST_START_S:.0f} s or covers a part of it"
+            f"{simulation.folder}: no stretch of it goes with {recording.folder} ({error}). By their calibrations, the "
+            f"simulation has up to {simulated_kpa:.3g} kPa on a triangle, the recording {recorded_kpa:.3g} kPa. "
+            f"Expected a simulation of the same trial, which starts at the same instant within {MOST_START_S:.0f} s or "
+            "covers a part of it"
         ) from error
     offset_s, rate = _inverted(fitted)
     return replace(observation.with_clock(offset_s, rate), rate_std=fitted.rate_std)
