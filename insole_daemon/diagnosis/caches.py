@@ -6,6 +6,8 @@ import ctypes
 from dataclasses import fields
 from typing import Any
 
+M_MMAP_THRESHOLD, LARGE_BYTES = -3, 1 << 20  # an option of malloc.h, and its value here
+
 
 def forget_cached(*owners: Any) -> None:
     """Delete what each of `owners`, dataclasses without slots, has cached; it is computed again on demand."""
@@ -19,3 +21,13 @@ def return_freed_memory() -> None:
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
     if trim is not None:
         trim(0)
+
+
+def return_large_arrays() -> None:
+    """Let arrays above LARGE_BYTES return to the system as they are freed, in the C library of GNU.
+
+    It otherwise raises that limit to up to 32 MB, and what was freed between arrays in use stays.
+    """
+    set_option = getattr(ctypes.CDLL(None), "mallopt", None)
+    if set_option is not None:
+        set_option(M_MMAP_THRESHOLD, LARGE_BYTES)

@@ -1,15 +1,37 @@
-"""Memory that a diagnosis of several recordings gives back."""
+"""Memory that a diagnosis gives back."""
 
 from __future__ import annotations
 
+import platform
+import subprocess
+import sys
 from dataclasses import dataclass, fields
 from functools import cached_property
+
+import pytest
 
 import insole_daemon
 from insole_daemon.diagnosis.caches import forget_cached
 from insole_daemon.diagnosis.pipeline import diagnose
 
 from .chamber import write
+
+FREED = """
+import resource
+import numpy as np
+from insole_daemon.diagnosis.caches import return_large_arrays
+
+def resident_mb():
+    with open("/proc/self/statm") as file:
+        return int(file.read().split()[1]) * resource.getpagesize() / 1e6
+
+return_large_arrays()
+np.ones(1_000_000)  # freed at once, after which the C library would keep arrays of this size
+before = resident_mb()
+arrays = [np.ones(1_000_000) for _ in range(20)]
+del arrays[:-1]
+print(resident_mb() - before)
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,3 +57,9 @@ def test_the_result_of_a_recording_keeps_no_cached_arrays(tmp_path):
     (result,) = diagnose([recording], None, lambda text: None).results
     observation = result.faults.observation
     assert vars(observation).keys() == {field.name for field in fields(observation)}
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="other C libraries have no such option")
+def test_freed_arrays_return_to_the_system_although_later_ones_are_in_use():
+    done = subprocess.run([sys.executable, "-c", FREED], capture_output=True, text=True, check=True)
+    assert float(done.stdout) < 20.0
