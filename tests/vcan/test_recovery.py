@@ -13,6 +13,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +33,8 @@ from insole_daemon.errors import BusError
 from insole_daemon.service.foot_setup import load_layout
 from insole_daemon.simulation.emulator import Emulator
 from insole_daemon.simulation.foot import Stand
-from insole_daemon.wire.messages import Event, Health, Raw
+from insole_daemon.wire.client import Subscription
+from insole_daemon.wire.messages import Event, Health, Pressure, Raw
 from tests.ports import free_port
 
 pytestmark = [pytest.mark.vcan, pytest.mark.timeout(300)]  # the kernel may be a slow one
@@ -550,15 +552,28 @@ def test_a_reload_loses_no_cycle_and_counts_from_one_to_the_next(rig, names):
     rig.start()
     pressures = {foot: rig.client.pressures(foot) for foot in rig.raws}
     published = {foot: [*itertools.islice(of, 100)] for foot, of in pressures.items()}
-    with (rig.folder / "config.yaml").open("a") as config:
-        config.write("contact: {activation_threshold_count: 250}\n")
-    rig.process.send_signal(signal.SIGHUP)
-    reloaded = next(event for event in rig.events if event.kind.startswith("reload"))
+    is_reloaded = threading.Event()
+
+    def taken(of: Subscription[Pressure]) -> list[Pressure]:
+        """Return messages up to 50 after the reload, taken as they come: a subscription keeps only 10 s of them."""
+        messages = []
+        while not is_reloaded.is_set():
+            messages.append(next(of))
+        return [*messages, *itertools.islice(of, 50)]
+
+    with ThreadPoolExecutor() as pool:
+        later = {foot: pool.submit(taken, of) for foot, of in pressures.items()}
+        with (rig.folder / "config.yaml").open("a") as config:
+            config.write("contact: {activation_threshold_count: 250}\n")
+        rig.process.send_signal(signal.SIGHUP)
+        try:
+            reloaded = next(event for event in rig.events if event.kind.startswith("reload"))
+        finally:
+            is_reloaded.set()
     assert (reloaded.kind, reloaded.text) == ("reloaded", "changed: contact.activation_threshold_count")
     assert rig.client.meta("left").activation_threshold_count == 250
-    for foot, of in pressures.items():
-        while sum(pressure.t_ns > reloaded.t_ns for pressure in published[foot]) < 50:
-            published[foot].append(next(of))
+    for foot in pressures:
+        published[foot] += later[foot].result()
         numbers = [pressure.seq for pressure in published[foot]]
         assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
         presses = [bool(np.nanmax(pressure.pressure_pa) > 0) for pressure in published[foot]]
