@@ -232,7 +232,7 @@ def _refuse_unknown(weights: Array, seen: WrenchObservation) -> None:
 def _search_under(
     priors: Priors | None, seen: ChamberObservation, faults: ReadingFaults, known: SearchResult | None = None
 ) -> SearchResult:
-    """Return the timing hypotheses with nuisances under `priors`; None: beside a simulation, with its likely error.
+    """Return the timing hypotheses with nuisances under `priors`; None: those of the simulation's likeliest load error.
 
     `known`: the result under other priors. Its times and refined settings are initial values, and its terms may change
     the load, too.

@@ -80,7 +80,7 @@ def test_a_gain_of_one_triangle_alone_is_kept_at_its_fitted_size(design):
 
 
 def test_the_gains_elsewhere_do_not_follow_the_noise_of_the_readings(design):
-    """The residual contains that noise, so a regressor with it has a gain of the sensor's in every triangle."""
+    """The residual contains that noise: a regressor that contains it, too, seems to have a gain in every triangle."""
     number = next(k for k, c in enumerate(design.candidates) if c.word == "gain" and c.where.scope == "triangle")
     candidate = design.candidates[number]
     column, elsewhere = design.rows_of(candidate.columns)[:, 0], ~design.mask[candidate.columns[0]]

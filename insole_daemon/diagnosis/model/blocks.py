@@ -317,7 +317,7 @@ class BlockDesign:
     def everywhere(self, i: int, shares: Sequence[Array]) -> BlockDesign:
         """Return the regression with the columns of candidate `i` in all triangles, also if it was exchanged.
 
-        A column that was linearised is so about readings that `shares` predict.
+        A linearised column is computed from the readings that `shares` predict.
         """
         candidate = self.candidates[i]
         if candidate.term.column is None:
