@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,7 +17,7 @@ from .excitation import has_one_speed
 from .export.as_effect import effect_of, preloads
 from .finding import Finding, Quantity, heldout_of
 from .gathering import join_places
-from .model.blocks import RECALIBRATIONS, BlockDesign
+from .model.blocks import BlockDesign
 from .model.design import Design
 from .model.nuisance import Priors
 from .model.refine import Refined
@@ -84,14 +84,15 @@ def diagnose_one(seen: WrenchObservation, foot: FootRecording, progress: Callabl
     effects += timing_effects(first, reported_timings)
     effects += _term_effects(selection, seen)
     findings += _term_findings(selection, seen, figures, search)
-    if isinstance(whole, BlockDesign) and whole.priors.has_loose_curves and not is_unknown and kept.order:
-        findings += static_findings(kept.refined, figures)
+    static, taken_up = static_findings(kept.refined, figures)
+    findings += static if not is_unknown else []
     findings = list(join_places(findings, seen))
     effects.sort(key=lambda effect: np.inf if effect.law.order is None else effect.law.order)  # signal path
     findings += _fault_findings(faults, kept.refined, findings, figures)
     result = RecordingResult(
         faults, whole.subset(()), kept.refined, figures, tuple(findings), tuple(effects), _single_terms(search),
-        tuple(not_identifiable(whole, {finding.effect for finding in findings}, searched.priors)), is_unknown, timing,
+        tuple(not_identifiable(whole, {finding.effect for finding in findings}, searched.priors, taken_up)),
+        is_unknown, timing,
     )  # fmt: skip
     return replace(result, findings=_with_confidence([*findings, *clock_findings(result)], figures))
 
@@ -323,8 +324,13 @@ def _single_terms(search: SubsetSearch[Any]) -> tuple[tuple[str, float, float], 
     return tuple((word, gain, score) for word, (gain, score) in by_score)
 
 
-def not_identifiable(whole: Design | BlockDesign, reported: set[str], priors: Priors) -> list[dict[str, str]]:
-    """Return the terms that this recording does not determine: their std is over a third of the plausible size."""
+def not_identifiable(
+    whole: Design | BlockDesign, reported: set[str], priors: Priors, taken_up: Collection[str]
+) -> list[dict[str, str]]:
+    """Return the terms that this recording does not determine: their std is over a third of the plausible size.
+
+    `taken_up`: words of static effects that the curves of a chamber may have taken up.
+    """
     rows, done = [], set(reported)
     for term in TERMS:
         if term.word in done or term.is_internal:
@@ -333,8 +339,8 @@ def not_identifiable(whole: Design | BlockDesign, reported: set[str], priors: Pr
         why = term.needs(whole.load)
         if why is None and priors.share and term.word in ("gain", "stiffening"):
             why = f"the simulated load itself is off by about {priors.share:.0%} and {1e3 * priors.timing_s:.0f} ms"
-        if why is None and priors.has_loose_curves and term.word in RECALIBRATIONS:
-            why = "the calibration was made with the memory at work, and its curves contain a part of it"
+        if why is None and term.word in taken_up:
+            why = "the calibration may have been made with the memory at work, and its curves contain a part of it"
         if why is None:
             candidates = [candidate for candidate in whole.candidates if candidate.word == term.word]
             if term.word == "delay" and whole.load.observation.offset_is_free:

@@ -185,6 +185,41 @@ def test_a_stiffening_is_reported_beside_a_memory_that_the_calibration_contains(
     assert stiffening.parameters["knee_pa"].value == pytest.approx(120e3, abs=60e3)
 
 
+def test_a_stiffening_is_reported_beside_a_loop(tmp_path):
+    """The companions of the loop take it up, because a calibration may contain a loop's mean curve."""
+    found = diagnose(write(tmp_path / "bag", knee(120e3, 250e3, rubbing(1.0, 0.5, 30e3))))
+    assert {each.effect for each in found.findings} == {"hysteresis", "stiffening"}
+    (stiffening,) = (each for each in found.findings if each.effect == "stiffening")
+    assert stiffening.parameters["knee_pa"].value == pytest.approx(120e3, abs=60e3)
+
+
+def test_a_loss_of_gain_is_reported_beside_a_memory(tmp_path):
+    def weaker(t_s: Array, counts: Array) -> None:
+        counts[:] = 240.5 - 0.85 * (240.5 - counts)
+
+    found = diagnose(write(tmp_path / "bag", relaxing(0.3, 0.8), touch=weaker))
+    by_word = {each.effect: each for each in found.findings}
+    assert set(by_word) == {"viscoelasticity", "gain"}, [each.sentence for each in found.findings]
+    assert by_word["gain"].where.scope == "insole"
+    assert by_word["gain"].parameters["gain"].value == pytest.approx(0.85, abs=0.03)
+
+
+def test_a_loss_of_gain_that_a_slower_creep_may_be_is_listed_as_not_identifiable(tmp_path, monkeypatch):
+    """If curves are straight, a part of the response that comes after the recording looks like a gain."""
+    drawn = chamber.Sensors.drawn
+    monkeypatch.setattr(chamber.Sensors, "drawn", lambda *args: replace(drawn(*args), bend=np.full(72, 1e9)))
+
+    def weaker(t_s: Array, counts: Array) -> None:
+        counts[:] = 240.5 - 0.85 * (240.5 - counts)
+
+    def creeping(t_s: Array, p: Array) -> Array:
+        return p + sum(relaxing(0.2, tau_s)(t_s, p) - p for tau_s in (2.0, 8.0, 32.0))
+
+    (result,) = diagnose(write(tmp_path / "bag", creeping, touch=weaker)).results
+    assert [each.effect for each in result.findings] == ["creep"]
+    assert any(row["effect"] == "gain" and "calibration" in row["why"] for row in result.not_identifiable)
+
+
 def test_loops_of_another_law_are_hysteresis_and_nothing_else(tmp_path):
     found = diagnose(write(tmp_path / "bag", rubbing(1.2, 0.3, 60e3)))
     assert [each.effect for each in found.findings] == ["hysteresis"]
