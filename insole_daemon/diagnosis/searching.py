@@ -46,6 +46,7 @@ CLEARER = 0.6  # excess over the noise with one kind of curves relative to the o
 FAR_CLEARER = 0.25  # the same if usual curves leave no more than the possible misfit of the laws
 LESS_BY_SWITCHING = 0.9  # of the deviance, if readings while a snap switches count less, to search again
 MOST_LEFT = 0.25  # of the mean square error beyond the floor by a set for which curves are corrected
+MOST_UNEXPLAINED = 1.25  # sum of squares about corrected curves without any term, in that about the curves before
 LITTLE_LEFT = 0.1  # of the mean square error of a walk, summed over its channels: no reason for further terms
 PLACED_ROUNDS = 3  # of searches after the taxels were moved to fitted places
 ORDERED_ROUNDS = 2  # of searches with terms that act on each other's output
@@ -179,14 +180,17 @@ def _search_about_corrected(
 ) -> SearchResult:
     """Return the best set with loose curves, about curves that are corrected for the set `refined` (Gauss & Newton).
 
-    A set that leaves much is wrong, and so would be the corrections. `known`: the result before, which is returned if
-    its search had the same rows and priors. `errors`: those of `refined`.
+    A set that leaves much is wrong, and so would be the corrections; so are corrections that make the mismatch larger
+    before any term. `known`: the result before, which is returned if its search had the same rows and priors. `errors`:
+    those of `refined`.
     """
     before = refined.design.unmoved
     left, mismatch = (float(rms[0] ** 2 - errors.floor[0] ** 2) for rms in (errors.after, errors.before))
     seen = with_uncertain_switching(before, refined)
     if errors.recalibrated is not None and left < MOST_LEFT * mismatch:
-        seen = with_corrected_curves(seen, errors.recalibrated)
+        corrected = with_corrected_curves(before, errors.recalibrated)
+        if refined.design.unexplained(corrected) <= MOST_UNEXPLAINED * refined.design.unexplained(before):
+            seen = with_corrected_curves(seen, errors.recalibrated)
     if known.priors == LOOSE and seen is before:
         return known
     return _search_under(LOOSE, seen, faults, known)

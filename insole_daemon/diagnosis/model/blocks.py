@@ -272,6 +272,12 @@ class BlockDesign:
         )
         return changed
 
+    def unexplained(self, seen: ChamberObservation) -> float:
+        """Return the sum of squares of the rows `seen`, other curves of the same readings, without any term."""
+        load = KnownLoad(seen)
+        empty = replace(self.subset(()), load=load, nuisance=nuisance_of(load, self.weights, self.priors))
+        return replace(empty, y=residual(empty, Timing())).total
+
     def under(self, priors: Priors) -> BlockDesign:
         """Return the regression with the same candidates under other `priors`."""
         if priors == self.priors:

@@ -108,3 +108,12 @@ def test_a_load_is_freed_with_its_last_reference(seen):
         assert known() is None
     finally:
         gc.enable()
+
+
+def test_what_the_rows_leave_without_a_term_is_that_of_a_design_of_the_same_curves(seen, design):
+    """Curves of a fifth less pressure leave more."""
+    flatter = seen.with_curves(0.8 * seen.calibration.coefficients_pa)
+    assert design.unexplained(seen) == pytest.approx(design.total, rel=1e-6)
+    expected = block_design(KnownLoad(flatter), design.weights).total
+    assert design.unexplained(flatter) == pytest.approx(expected, rel=1e-6)
+    assert design.unexplained(flatter) > 1.5 * design.total
