@@ -33,6 +33,7 @@ MOST_LEFT = 0.5  # of the mean square that the memory's mean curve alone leaves
 MOST_OF_MEMORY = 2.0  # mean square of the error without a stiffening, in that of the memory's mean curve
 LEAST_OF_MEMORY = 0.1  # mean square of a stiffening, in that of the memory's mean curve, which is known less exactly
 SIMILAR = 2.0  # times the smallest residual
+LEAST_CLASSES = 6  # of the load, to tell shapes of an error apart
 LEAST_OTHERS = 2  # boards beside one with an effect
 MOST_APART = 0.5  # RMS difference of any two of these, relative to the effect
 ALIKE, MOST_TRIANGLES = 0.5, 0.75  # relative deviation of a place's share, and part of the triangles that keep to it
@@ -55,12 +56,14 @@ class StaticPart:
 def static_part(refined: Refined[BlockDesign]) -> tuple[StaticPart | None, bool]:
     """Return the stiffening or gain of the whole insole beside the memories of `refined`, and whether curves are off.
 
-    None if neither describes the error of the curves alone. They are off by more than the memory's mean curve if that
-    leaves at least the size of a reported effect.
+    None if neither describes the error of the curves alone, or if there are too few loads to tell. The curves are off
+    by more than the memory's mean curve if that leaves at least the size of a reported effect.
     """
     boards = refined.design.seen.layout.identities[:, 0]
     places = [np.ones(len(boards), bool), *(boards == each for each in np.unique(boards))]
     error, *by_board = errors_by_load(refined, places)
+    if len(error.load_pa) < LEAST_CLASSES:
+        return None, False
     part = _stiffening(error) or _gain(error, by_board, {each.word for each in refined.design.candidates})
     return part, _left(error, error.after, []) > (LEAST_SIZE * error.noise_count) ** 2
 
@@ -110,7 +113,7 @@ def _gain(error: ErrorByLoad, by_board: Sequence[ErrorByLoad], words: Collection
         return None
     share, *of_boards = (_fitted(each, each.after, [each.activation_count])[1] for each in (error, *by_board))
     square = float(np.sum((weights * share * reading) ** 2))
-    is_alike = all(abs(own / share - 1.0) < ALIKE for own in of_boards)
+    is_alike = all(abs(own - share) <= ALIKE * abs(share) for own in of_boards)
     if square < (LEAST_SIZE * error.noise_count) ** 2 or not is_alike:
         return None
     return StaticPart("gain", _values("gain", share), square, float(np.sqrt(residual / square / len(reading))))

@@ -95,3 +95,9 @@ def test_a_gain_that_one_board_does_not_show_is_none_of_the_insole(monkeypatch):
 
 def test_curves_that_contain_a_part_of_the_memory_are_not_off(monkeypatch):
     assert found(monkeypatch, 0.7 * MEMORY_COUNT) == (None, False)
+
+
+def test_few_loads_show_no_static_effect(monkeypatch):
+    for name in ("LOAD_PA", "ACTIVATION_COUNT", "MEMORY_COUNT"):
+        monkeypatch.setattr(f"{__name__}.{name}", globals()[name][:4])
+    assert found(monkeypatch, 0.3 * ACTIVATION_COUNT) == (None, False)
