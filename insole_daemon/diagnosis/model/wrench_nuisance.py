@@ -27,7 +27,7 @@ CURVE_STD_COUNT, CURVE_KNOTS = 0.05, 7  # misfit of the static curves, and numbe
 CURVE_STD_AT_REST_COUNT = 0.015  # of the first knot: a baseline is measured, not fitted
 UNKNOWN_TAXEL_STD = 0.05  # of a triangle's share of the load, for each of its ten taxels that does not work
 SUBSTITUTED_STD = 0.5  # of the share of the load of a triangle with substituted taxels
-NEIGHBOURS = 6  # nearest triangles whose load taxels that do not work may have
+NEIGHBOURS = 6  # nearest triangles whose load a triangle without working taxels may have
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,12 +90,11 @@ def nuisance_columns(load: LoadEstimate, weights: Array, substituted: NDArray[np
         add(f"gain_{board}_{triangle}", gain[:, row], std)
     rate = np.gradient(load.by_triangle, seen.step_s, axis=0)
     for row, readings in enumerate(seen.readings):
-        if seen.substituted_share is not None and seen.substituted_share[row]:
-            bears = (seen.substituted_share < 1.0) & seen.usable.any(axis=1)
-            std = SUBSTITUTED_STD * seen.substituted_share[row]
-            for donor in [near for near in seen.nearest(row).tolist() if bears[near] and near != row][:NEIGHBOURS]:
+        if seen.is_wholly_substituted is not None and seen.is_wholly_substituted[row]:
+            bears = ~seen.is_wholly_substituted & seen.usable.any(axis=1)
+            for donor in [near for near in seen.nearest(row).tolist() if bears[near]][:NEIGHBOURS]:
                 mean_pa = np.mean(load.read_pa[:, donor, seen.usable[donor]], axis=1)
-                add(f"like_{row}_{donor}", mean_pa[:, None] * seen.arms[row].sum(axis=0), std)
+                add(f"like_{row}_{donor}", mean_pa[:, None] * seen.arms[row].sum(axis=0), SUBSTITUTED_STD)
         if readings.latest_s:
             add(f"time_{row}", rate[:, row], readings.latest_s / np.sqrt(3.0))
     # The misfit of the calibration's polynomials is taken as common to all taxels.

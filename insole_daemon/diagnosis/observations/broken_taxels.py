@@ -145,14 +145,12 @@ def substitute_broken(
 
     The mean is that of the triangle itself, or of the DONORS nearest if too few of its taxels work.
     """
-    activation, share = seen.activation_count.copy(), np.zeros(len(substituted))
+    activation, is_replaced = seen.activation_count.copy(), np.zeros(len(substituted), bool)
     for row in np.flatnonzero(substituted).tolist():
         donors = [j for j in seen.nearest(row) if working[j].any()]
-        is_broken = seen.usable[row] & ~working[row]
-        has_too_few = working[row].sum() < LEAST_WORKING_TAXELS
-        share[row] = 1.0 if has_too_few else is_broken.sum() / seen.usable[row].sum()
+        is_replaced[row] = working[row].sum() < LEAST_WORKING_TAXELS
         others = [j for j in donors if j != row][:DONORS]
-        donors = others if has_too_few and others else [row]
+        donors = others if is_replaced[row] and others else [row]
         mean = np.mean([activation[:, j][:, working[j]].mean(axis=1) for j in donors], axis=0)
-        activation[:, row][:, is_broken] = mean[:, None]
-    return replace(seen, activation_count=activation, substituted_share=share)
+        activation[:, row][:, seen.usable[row] & ~working[row]] = mean[:, None]
+    return replace(seen, activation_count=activation, is_wholly_substituted=is_replaced)

@@ -84,7 +84,7 @@ class WrenchObservation:
     readings: tuple[TriangleReadings, ...]
     noise_ratio: Array | None = None  # (N, T) noise of readings over `noise_count`
     rezeroed: NDArray[np.bool_] | None = None  # (N, T) rows since a board's re-zero, already corrected
-    substituted_share: Array | None = None  # (T,) of the taxels of each triangle, whose readings are the mean of others
+    is_wholly_substituted: NDArray[np.bool_] | None = None  # (T,) triangles whose readings are the mean of others
     unloaded: NDArray[np.bool_] | None = None  # (N, T, 12) readings at the top of their range: no load, activation 0
     rate_std: float = 0.0  # standard deviation of a free clock's rate
     temperature_is_in_counts: bool = False

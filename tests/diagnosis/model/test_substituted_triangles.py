@@ -1,4 +1,4 @@
-"""A triangle with taxels that do not work on a walk: their load may equal that of a neighbour."""
+"""A triangle without working taxels on a walk: its load may equal that of a neighbour."""
 
 from __future__ import annotations
 
@@ -24,12 +24,9 @@ def seen(tmp_path_factory):
     return each
 
 
-def kept(seen, share: float) -> float:
-    """Return the part of a neighbour's load on a triangle that the nuisance columns leave.
-
-    `share`: of the triangle's taxels, whose readings are those of others.
-    """
-    load = LoadEstimate(replace(seen, substituted_share=share * (np.arange(len(seen.layout)) == LOST)))
+def kept(seen, is_wholly_substituted) -> float:
+    """Return the share of a neighbour's load on the dead triangle that the nuisance columns leave."""
+    load = LoadEstimate(replace(seen, is_wholly_substituted=is_wholly_substituted))
     weights = np.where(np.isfinite(seen.weight_variance), seen.weight_variance, np.inf) ** -0.5
     substituted = np.arange(len(seen.layout)) == LOST
     base = nuisance_columns(load, weights, substituted)
@@ -39,10 +36,6 @@ def kept(seen, share: float) -> float:
 
 
 def test_the_load_of_a_dead_triangle_may_equal_a_neighbours(seen):
-    assert kept(seen, 1.0) < 0.01
-    assert kept(seen, 0.0) > 0.05
-
-
-def test_the_load_of_some_dead_taxels_may_equal_a_neighbours(seen):
-    """The mean of the triangle's other taxels is not theirs if the load changes within the triangle."""
-    assert kept(seen, 0.5) < 0.01
+    none, lost = np.zeros(len(seen.layout), bool), np.arange(len(seen.layout)) == LOST
+    assert kept(seen, lost) < 0.01
+    assert kept(seen, none) > 0.05
