@@ -55,12 +55,13 @@ def static_findings(refined: Refined[Any], figures: HeldoutErrors) -> tuple[list
 def _leaves_static_to_companions(design: BlockDesign) -> bool:
     """Return whether companions of a set may have taken up a static effect of the whole insole.
 
-    Those of a memory of the whole insole may, but curves that were fitted to the recording itself leave no such effect.
+    Those of a memory of the whole insole may. But curves that were fitted to the recording itself leave no such effect,
+    and a simulated load that may be off hides one.
     """
     of_insole = [candidate for candidate in design.candidates if candidate.where.scope == "insole"]
     has_memory = any(candidate.term.is_memory for candidate in of_insole)
     has_static = any(candidate.word in RECALIBRATIONS for candidate in of_insole)
-    return has_memory and not (has_static or design.seen.has_own_curves)
+    return has_memory and not (has_static or design.seen.has_own_curves or design.priors.share)
 
 
 def _finding(part: StaticPart, refined: Refined[BlockDesign], figures: HeldoutErrors) -> Finding:
