@@ -56,16 +56,16 @@ class StaticPart:
 def static_part(refined: Refined[BlockDesign]) -> tuple[StaticPart | None, bool]:
     """Return the stiffening or gain of the whole insole beside the memories of `refined`, and whether curves are off.
 
-    None if neither describes the error of the curves alone, or if there are too few loads to tell. The curves are off
-    by more than the memory's mean curve if that leaves at least the size of a reported effect.
+    They are off if the memory's mean curve leaves at least the size of a reported effect. None if they are not, if
+    neither effect describes the error, or if there are too few loads to tell.
     """
     boards = refined.design.seen.layout.identities[:, 0]
     places = [np.ones(len(boards), bool), *(boards == each for each in np.unique(boards))]
     error, *by_board = errors_by_load(refined, places)
-    if len(error.load_pa) < LEAST_CLASSES:
+    is_off = _left(error, error.after, []) > (LEAST_SIZE * error.noise_count) ** 2
+    if len(error.load_pa) < LEAST_CLASSES or not is_off:
         return None, False
-    part = _stiffening(error) or _gain(error, by_board, {each.word for each in refined.design.candidates})
-    return part, _left(error, error.after, []) > (LEAST_SIZE * error.noise_count) ** 2
+    return _stiffening(error) or _gain(error, by_board, {each.word for each in refined.design.candidates}), True
 
 
 def _stiffening(error: ErrorByLoad) -> StaticPart | None:

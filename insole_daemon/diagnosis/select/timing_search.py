@@ -190,47 +190,9 @@ def _fit_from(
         if _is_moved(made_for, timing, near):
             design = first
             del search  # designs are large: this one goes before the next is made
-    fewer = without_compensation(design, search, best, timing, free, within_s)
-    if fewer is not None:
-        timing, known = fewer
-        if _is_moved(made_for, timing, near):
-            design = first
-            del search
-            design, known = make(timing), ()
-        search = SubsetSearch(design.retimed(timing), excluded_words)
-        best = search.run(known)[0]
-        criterion = search.design.total - best.score
     every = [search.design.candidates[k] for k in best.chosen]
     penalty = len(words) * search.penalties.timing_penalty(every, best.shares)
     return TimingFit(words, timing, criterion + penalty, search, best)
-
-
-def without_compensation(
-    design: D,
-    search: SubsetSearch[D],
-    best: FittedSet,
-    timing: Timing,
-    free: tuple[bool, bool],
-    within_s: tuple[float, float],
-) -> tuple[Timing, tuple[int, ...]] | None:
-    """Return the timing and the set without a memory that only compensated an error of the timing; None: there is none.
-
-    A memory beside a lag takes up a part of its delay. Terms and timing are fitted in turn, so a memory that was
-    selected with a wrong timing keeps the timing wrong, although the right one without it would have a smaller
-    criterion.
-    """
-    least, fewer = search.design.total - best.score, None
-    for k in best.chosen:
-        candidate = search.design.candidates[k]
-        if not (any(free) and candidate.term.is_memory and candidate.where.scope == "insole"):
-            continue
-        rest = tuple(j for j in best.chosen if j != k)
-        again = fit_timing(design, rest, timing, free, within_s)
-        alone = SubsetSearch(design.retimed(again), search.excluded_words)
-        criterion = alone.design.total - alone.fit(rest).score
-        if criterion < least:
-            least, fewer = criterion, (again, rest)
-    return fewer
 
 
 def _is_clearly_worse(criterion: float, other: TimingFit[Any]) -> bool:

@@ -101,3 +101,9 @@ def test_few_loads_show_no_static_effect(monkeypatch):
     for name in ("LOAD_PA", "ACTIVATION_COUNT", "MEMORY_COUNT"):
         monkeypatch.setattr(f"{__name__}.{name}", globals()[name][:4])
     assert found(monkeypatch, 0.3 * ACTIVATION_COUNT) == (None, False)
+
+
+def test_a_stiffening_with_a_gain_against_it_is_none_if_the_curves_are_right(monkeypatch):
+    """The misfit of a memory's law is bent, and small against the two."""
+    bent_count = 1.2 * np.cos(np.pi * LOAD_PA / 300e3) ** 2
+    assert found(monkeypatch, bent_count, ("hysteresis",)) == (None, False)
