@@ -56,16 +56,16 @@ class StaticPart:
 def static_part(refined: Refined[BlockDesign]) -> tuple[StaticPart | None, bool]:
     """Return the stiffening or gain of the whole insole beside the memories of `refined`, and whether curves are off.
 
-    They are off if the memory's mean curve leaves at least the size of a reported effect. None if they are not, if
-    neither effect describes the error, or if there are too few loads to tell.
+    They are off if the memory's mean curve leaves at least the size of a reported effect. None if usual curves are not,
+    if neither effect describes the error, or if there are too few loads to tell.
     """
     boards = refined.design.seen.layout.identities[:, 0]
     places = [np.ones(len(boards), bool), *(boards == each for each in np.unique(boards))]
     error, *by_board = errors_by_load(refined, places)
     is_off = _left(error, error.after, []) > (LEAST_SIZE * error.noise_count) ** 2
-    if len(error.load_pa) < LEAST_CLASSES or not is_off:
+    if len(error.load_pa) < LEAST_CLASSES or not (is_off or refined.design.priors.has_loose_curves):
         return None, False
-    return _stiffening(error) or _gain(error, by_board, {each.word for each in refined.design.candidates}), True
+    return _stiffening(error) or _gain(error, by_board, {each.word for each in refined.design.candidates}), is_off
 
 
 def _stiffening(error: ErrorByLoad) -> StaticPart | None:

@@ -30,9 +30,8 @@ def found(monkeypatch, after_count, words=("viscoelasticity",), of_boards=(1.0, 
     ]
     monkeypatch.setattr(static_part, "errors_by_load", lambda refined, places: errors)
     terms = [SimpleNamespace(word=word) for word in words]
-    return static_part.static_part(
-        SimpleNamespace(design=SimpleNamespace(seen=SimpleNamespace(layout=LAYOUT), candidates=terms))
-    )
+    seen, priors = SimpleNamespace(layout=LAYOUT), SimpleNamespace(has_loose_curves=False)
+    return static_part.static_part(SimpleNamespace(design=SimpleNamespace(seen=seen, candidates=terms, priors=priors)))
 
 
 def saturate(monkeypatch):
