@@ -188,9 +188,9 @@ def _search_about_corrected(
     left, mismatch = (float(rms[0] ** 2 - errors.floor[0] ** 2) for rms in (errors.after, errors.before))
     seen = with_uncertain_switching(before, refined)
     if errors.recalibrated is not None and left < MOST_LEFT * mismatch:
-        corrected = with_corrected_curves(before, errors.recalibrated)
+        corrected = with_corrected_curves(seen, errors.recalibrated)
         if refined.design.unexplained(corrected) <= MOST_UNEXPLAINED * refined.design.unexplained(before):
-            seen = with_corrected_curves(seen, errors.recalibrated)
+            seen = corrected
     if known.priors == LOOSE and seen is before:
         return known
     return _search_under(LOOSE, seen, faults, known)

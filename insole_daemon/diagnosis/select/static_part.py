@@ -62,8 +62,10 @@ def static_part(refined: Refined[BlockDesign]) -> tuple[StaticPart | None, bool]
     boards = refined.design.seen.layout.identities[:, 0]
     places = [np.ones(len(boards), bool), *(boards == each for each in np.unique(boards))]
     error, *by_board = errors_by_load(refined, places)
+    if len(error.load_pa) < LEAST_CLASSES:
+        return None, False
     is_off = _left(error, error.after, []) > (LEAST_SIZE * error.noise_count) ** 2
-    if len(error.load_pa) < LEAST_CLASSES or not (is_off or refined.design.priors.has_loose_curves):
+    if not (is_off or refined.design.priors.has_loose_curves):
         return None, False
     return _stiffening(error) or _gain(error, by_board, {each.word for each in refined.design.candidates}), is_off
 

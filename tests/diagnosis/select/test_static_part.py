@@ -96,9 +96,10 @@ def test_curves_that_contain_a_part_of_the_memory_are_not_off(monkeypatch):
     assert found(monkeypatch, 0.7 * MEMORY_COUNT) == (None, False)
 
 
-def test_few_loads_show_no_static_effect(monkeypatch):
+@pytest.mark.parametrize("number", [0, 4])
+def test_few_loads_show_no_static_effect(monkeypatch, number):
     for name in ("LOAD_PA", "ACTIVATION_COUNT", "MEMORY_COUNT"):
-        monkeypatch.setattr(f"{__name__}.{name}", globals()[name][:4])
+        monkeypatch.setattr(f"{__name__}.{name}", globals()[name][:number])
     assert found(monkeypatch, 0.3 * ACTIVATION_COUNT) == (None, False)
 
 
