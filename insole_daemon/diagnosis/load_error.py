@@ -19,8 +19,9 @@ NEGLIGIBLE = 0.01  # of the decrease of the deviance at the board where it is la
 def with_likely_load_error(seen: PairedObservation, faults: ReadingFaults) -> BlockDesign:
     """Return the regression under the smallest error of the simulated load whose likelihood equals that of any other.
 
-    Likelihoods are those of the best set under each error, and equal up to the possible misfit of its laws. An error is
-    no larger than all boards but one need: the simulation is one walk, so its error is not that of one board alone.
+    Likelihoods are those of the best set under each error, less the complexity of its terms but not the size that a
+    reported effect must have, and equal up to the possible misfit of its laws. An error is no larger than all boards
+    but one need: the simulation is one walk, so its error is not that of one board alone.
     """
     whole = block_design(KnownLoad(seen), faults.weights_of(seen))
     criteria, criteria_without_misfit = [], []
@@ -30,7 +31,8 @@ def with_likely_load_error(seen: PairedObservation, faults: ReadingFaults) -> Bl
         among = SubsetSearch(whole)
         best = among.run()[0]
         every = [whole.candidates[k] for k in best.chosen]
-        criteria.append(whole.total - best.score + whole.nuisance.log_determinant)
+        complexity = sum(among.penalties.complexity_penalty(candidate) for candidate in every)
+        criteria.append(whole.total - best.gain + complexity + whole.nuisance.log_determinant)
         criteria_without_misfit.append(criteria[-1] - among.penalties.misfit(every, best.shares))
     return whole.under(possible[next(i for i, value in enumerate(criteria_without_misfit) if value <= min(criteria))])
 

@@ -33,7 +33,7 @@ from insole_daemon.recording import counts as counts_file
 from insole_daemon.recording.counts import CountsTable
 from insole_daemon.recording.loading import load
 from insole_daemon.service.foot_setup import load_layout
-from insole_daemon.simulation.conditions import Conditions
+from insole_daemon.simulation.conditions import Conditions, TemperatureCourse
 from insole_daemon.simulation.trial import Trial
 from insole_daemon.skin.layout import Layout
 
@@ -52,10 +52,11 @@ def walk(
     scenario: str = "t4",
     seconds: float = SECONDS,
     layout: Layout = LAYOUT,
+    warmth: TemperatureCourse | None = None,
 ) -> Path:
     """The trial as a recording of an insole with these effects; another take has other noise."""
-    chosen = {"left": tuple(effects)}
-    trial = Trial(scenario, CONFIG, [layout], effects=chosen, conditions=Conditions(take=take), seed=11)
+    chosen, conditions = {"left": tuple(effects)}, Conditions(take=take, temperature=warmth)
+    trial = Trial(scenario, CONFIG, [layout], effects=chosen, conditions=conditions, seed=11)
     trial.write(folder, seconds)
     return folder
 
@@ -227,6 +228,14 @@ def test_a_preload_is_placed_under_the_straps(tmp_path, plain_whole):
     of_triangle = {tuple(each["where"]["ids"][0]): each["parameters"]["p0_pa"]["value"] for each in model}
     in_model_pa = np.array([of_triangle[tuple(identity)] for identity in WHOLE.identities.tolist()])
     assert np.abs(in_model_pa / p0_pa - 1.0).max() < 0.3
+
+
+def test_a_gain_that_the_temperature_changes_is_no_error_of_the_load(tmp_path):
+    warmth = TemperatureCourse(t_s=(0.0, 15.0, 30.0), temperature_c=(24.0, 27.0, 24.5))
+    simulation = walk(tmp_path / "simulation", take=0, layout=WHOLE, warmth=warmth)
+    warmed = effect("temperature", Where(), count_per_k=0.0, gain_per_k=0.045, t0_c=29.0)
+    (found,) = diagnosed(walk(tmp_path / "walk", warmed, layout=WHOLE, warmth=warmth), simulation, tmp_path / "out")
+    assert (found["effect"], found["where"]) == ("temperature", {"scope": "insole", "ids": []})
 
 
 def test_a_smaller_bit_shift_is_detected(tmp_path, plain):
