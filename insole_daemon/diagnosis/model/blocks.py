@@ -211,17 +211,17 @@ class BlockDesign:
 
         Unless `raw`, own nuisance columns are projected out.
         """
-        k = len(shares)
-        of_two = np.zeros((2, k + len(other_shares)))
-        of_two[0, :k], of_two[1, k:] = shares, other_shares
-        return np.asarray(of_two @ self._products_of([one, other], raw) @ of_two.T)
+        k, products = len(shares), self._products_of([one, other], raw)
+        between = float(shares @ products[:k, k:] @ other_shares)
+        squares = float(shares @ products[:k, :k] @ shares), float(other_shares @ products[k:, k:] @ other_shares)
+        return np.array([[squares[0], between], [between, squares[1]]])
 
     def _products_of(self, candidates: Sequence[PlacedTerm], raw: bool) -> Array:
         """Return the inner products (k, k) of the columns of `candidates`, summed over their common triangles.
 
         Unless `raw`, own nuisance columns are projected out.
         """
-        key = (*(int(candidate.columns[0]) for candidate in candidates), raw)
+        key = (*[candidate.columns.item(0) for candidate in candidates], raw)
         if key not in self._products:
             triangles = np.flatnonzero(self.mask[list(key[:-1])].all(axis=0))
             atoms = self.atom[np.concatenate([candidate.columns for candidate in candidates])]

@@ -31,8 +31,7 @@ class GramMatrix:
     """Inner products (p, p), indexed as an array: `gram[rows, columns]` with slices or arrays of numbers.
 
     The inner product of two columns is a sum over the triangles that both have. Only the sums over every intersection
-    of two sets of triangles are stored, and those of single triangles are not copied. The shared nuisance columns are
-    projected out.
+    of two sets of triangles are stored. The shared nuisance columns are projected out.
     """
 
     def __init__(
@@ -54,8 +53,8 @@ class GramMatrix:
         is_single = sets.sum(axis=1) == 1
         number = np.where(is_single, sets.argmax(axis=1), len(by_triangle) - 1 + np.cumsum(~is_single))
         self._common: NDArray[np.intp] = number[common].reshape(len(places), len(places))
-        self._by_triangle = by_triangle
-        self._sums = np.tensordot(sets[~is_single].astype(np.float32), by_triangle, axes=1)  # (C, K, K)
+        of_several = np.tensordot(sets[~is_single].astype(np.float32), by_triangle, axes=1)
+        self._sums = np.concatenate([by_triangle, of_several])  # (T + C, K, K)
 
     def __getitem__(self, index: Any) -> Array:
         rows, columns = index if isinstance(index, tuple) else (index, slice(None))
@@ -75,11 +74,7 @@ class GramMatrix:
     def _at(self, rows: NDArray[np.intp], columns: NDArray[np.intp]) -> Array:
         """Return the products of columns whose numbers broadcast to each other."""
         place, atom = self._columns.place, self._columns.atom
-        number, of_rows, of_columns = np.broadcast_arrays(
-            self._common[place[rows], place[columns]], atom[rows], atom[columns]
-        )
-        products, n_single = np.empty(number.shape), len(self._by_triangle)
-        for sums, at, start in ((self._by_triangle, number < n_single, 0), (self._sums, number >= n_single, n_single)):
-            products[at] = sums[number[at] - start, of_rows[at], of_columns[at]]
-        products = products - np.einsum("...s,...s->...", self._taken_up[rows], self._with_shared[columns])
+        common = self._common[place[rows], place[columns]]
+        products = self._sums[common, atom[rows], atom[columns]].astype(float)
+        products -= np.einsum("...s,...s->...", self._taken_up[rows], self._with_shared[columns])
         return np.where(rows == columns, self._diagonal[rows], products)

@@ -319,7 +319,8 @@ class BlockPenalties:
             are_static = self.design.is_within_priors(one) and self.design.is_within_priors(other)
             part = MISFIT_OF_STATIC if are_static else other.term.misfit_of(True)
             alike = LOCAL if self._is_small_beside(one, other, terms) else 1.0
-            misfit += alike * part * self.design.overlap(one, other, own)
+            if part > 0.0:
+                misfit += alike * part * self.design.overlap(one, other, own)
             if one.term.is_memory and other.term.is_loop and not self._is_small_beside(other, one, terms):
                 part = MISFIT_OF_MEMORY / (2.0 if other.term.is_memory else 1.0)
                 misfit += alike * part * float(self.design.products_of_two(one, other, shares[i], own, raw=False).sum())

@@ -90,10 +90,12 @@ class Term:
     record_instead: str = ""  # recording that shows the effect; empty: a known load at several speeds
     needs: Callable[[LoadEstimate], str | None] = lambda load: None  # reason why a recording cannot show the effect
 
-    @property
-    def is_memory(self) -> bool:
-        """Return whether a calibration made while the effect acted contains its mean curve."""
-        return self.is_of_load or all(self.absorbs.get(word) == std for word, std in ABSORBED.items())
+    # Whether a calibration made while the effect acted contains its mean curve.
+    is_memory: bool = field(init=False)
+
+    def __post_init__(self) -> None:
+        absorbs_usual = all(self.absorbs.get(word) == std for word, std in ABSORBED.items())
+        object.__setattr__(self, "is_memory", self.is_of_load or absorbs_usual)  # frozen
 
     @property
     def is_of_material(self) -> bool:
