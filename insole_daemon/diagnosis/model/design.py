@@ -60,7 +60,7 @@ class Design:
     gram: Array  # (p, p) inner products of the columns, nuisance columns projected out
     cross: Array  # (p,) inner products with `target`, less `product`
     product: Array  # (p,) covariance of noise in a column with that of the target
-    total: float  # sum of squares of `target`
+    total: float  # sum of squares of `target`, with the noise that the interpolation averaged
     timing: Timing = Timing()  # noqa: RUF009 (frozen)
     moved: MovedColumns | None = None  # those of `timing`; `raw`, which is large, is shared
 
@@ -113,22 +113,14 @@ class Design:
         return float(np.sum((self.raw[:, candidate.columns].astype(np.float64) @ shares) ** 2))
 
     def retimed(self, timing: Timing) -> Design:
-        """Return the regression on the reference after `timing`.
-
-        A lag averages the reference's noise; the sum of squares that it removes is added again.
-        """
-        seen = self.load.observation
-        residual = seen.reference.at(seen.reference_s - timing.delay_s, timing.lag_s) - seen.wrench
-        target = project(self.base, apply_weights(residual[..., None], self.weights))[:, 0]
-        removed_share = 1.0 - seen.reference.noise_kept(timing.lag_s)
-        removed = float(np.sum(self.weights**2 * seen.reference.noise**2)) * removed_share
+        """Return the regression on the reference after `timing`."""
+        target, total = _target(self.load, self.weights, self.base, timing)
         moved, gram = (self.moved, self.gram) if timing == self.timing else self._moved(timing)
         cross = _products(self.raw, target) - self.product
         if moved is not None:
             cross[moved.numbers] = _products(moved.raw, target) - self.product[moved.numbers]
         return replace(
-            self, target=target, gram=gram, cross=cross, total=float(target @ target) + removed, timing=timing,
-            moved=moved,
+            self, target=target, gram=gram, cross=cross, total=total, timing=timing, moved=moved,
         )  # fmt: skip
 
     def _moved(self, timing: Timing) -> tuple[MovedColumns | None, Array]:
@@ -297,7 +289,6 @@ def _columns_at_places(
 
 def design(load: LoadEstimate, weights: Array, substituted: NDArray[np.bool_]) -> Design:
     """Return the regression of one recording."""
-    seen = load.observation
     base = nuisance_columns(load, weights, substituted)
     candidates: list[PlacedTerm] = []
     blocks: list[NDArray[np.float32]] = []
@@ -314,8 +305,7 @@ def design(load: LoadEstimate, weights: Array, substituted: NDArray[np.bool_]) -
     candidates = list(with_companions(candidates))
     raw = _joined(blocks)
     gram = _projected_gram(raw, base)
-    residual = seen.reference.at(seen.reference_s) - seen.wrench
-    target = project(base, apply_weights(residual[..., None], weights))[:, 0]
+    target, total = _target(load, weights, base, Timing())
     cross = _products(raw, target) - np.concatenate(product)
     noise = np.concatenate(square)
     # Where nuisance columns leave more noise than signal of a column, its share would be that of the noise.
@@ -324,8 +314,23 @@ def design(load: LoadEstimate, weights: Array, substituted: NDArray[np.bool_]) -
     np.fill_diagonal(gram, np.diag(gram) - np.minimum(noise, 0.9 * np.diag(gram)))
     return Design(
         load, weights, base, shown, _picked(raw, used), target, gram[np.ix_(used, used)], cross[used],
-        np.concatenate(product)[used], float(target @ target),
+        np.concatenate(product)[used], total,
     )  # fmt: skip
+
+
+def _target(load: LoadEstimate, weights: Array, base: NuisanceColumns, timing: Timing) -> tuple[Array, float]:
+    """Return y (3N + b,) on the reference after `timing`, nuisance columns projected out, and its sum of squares.
+
+    What the interpolation and a lag take from the noise of the reference is added to the sum: otherwise the timing that
+    averages most rows of the reference would have the smallest one.
+    """
+    seen = load.observation
+    at_s = seen.reference_s - timing.delay_s
+    residual = seen.reference.at(at_s, timing.lag_s) - seen.wrench
+    target = project(base, apply_weights(residual[..., None], weights))[:, 0]
+    averaged = 1.0 - seen.reference.noise_kept(at_s, timing.lag_s)
+    removed = float(averaged @ (weights**2 @ seen.reference.noise**2))
+    return target, float(target @ target) + removed
 
 
 def _projected_gram(raw: NDArray[np.float32], base: NuisanceColumns) -> Array:

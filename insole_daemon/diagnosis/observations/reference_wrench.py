@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 
 from ...errors import DiagnosisError
@@ -18,6 +19,8 @@ from ..operators import low_pass
 FINE_S = 0.005  # step of the grid
 SMOOTH_S = 0.012  # standard deviation of the kernel that removes the noise of single rows from regressors
 LONGEST_S, SLOWEST_ROW_S = 86_400.0, 5.0  # of a trial; between two rows
+PHASES = np.arange(32) / 32  # of a point of the fine grid between two rows
+REACH = 8  # rows: the spline of one row is below 1e-4 beyond
 
 
 def fine_grid(folder: Path, row_time_s: Array) -> Array:
@@ -81,12 +84,21 @@ class ReferenceWrench:
         near = np.rint(np.clip(position, 0, len(self.fine) - 1)).astype(np.intp)
         return np.asarray(inside & self.known[near])
 
-    def noise_kept(self, lag_s: float) -> float:
-        """Return the share of white row noise's variance that a first-order lag τ keeps: tanh(T/2τ), T between rows."""
-        if lag_s < FINE_S / 50:
-            return 1.0
-        periods = self.row_s / lag_s
-        return float(np.tanh(periods / 2.0)) if periods < 30 else 1.0
+    def noise_kept(self, t_s: Array, lag_s: float = 0.0) -> Array:
+        """Return the share (n,) of the variance of white row noise that values at times `t_s` (n,) have, after a lag.
+
+        Cubics between rows, lines between the points of the fine grid and the lag are averages of rows.
+        """
+        position = t_s / FINE_S
+        fraction = position - np.floor(position)
+        phase = np.mod(np.floor(position) * FINE_S, self.row_s) / self.row_s
+        variance, between = (
+            np.interp(phase, PHASES, values, period=1.0) for values in _noise_of_grid(self.row_s, lag_s)
+        )
+        following = np.interp(phase + FINE_S / self.row_s, PHASES, _noise_of_grid(self.row_s, lag_s)[0], period=1.0)
+        return np.asarray(
+            (1 - fraction) ** 2 * variance + 2 * (1 - fraction) * fraction * between + fraction**2 * following
+        )
 
     def echo(self, shift_s: Array, lag_s: float = 0.0) -> tuple[Array, Array]:
         """Return how row noise enters a regressor smooth_at(t) − smooth_at(t − shift) after a lag, (n,) each.
@@ -112,3 +124,23 @@ class ReferenceWrench:
         row = position.astype(np.intp)
         fraction = (position - row)[:, None]
         return np.asarray(values[row] * (1 - fraction) + values[row + 1] * fraction)
+
+
+@lru_cache(maxsize=256)  # the simplex of a timing asks for the same delay-free grid many times
+def _noise_of_grid(row_s: float, lag_s: float) -> tuple[Array, Array]:
+    """Return the variance of a point of the fine grid, and the covariance with the next, of row noise of variance 1.
+
+    At the phases PHASES between two rows that are `row_s` apart, after a first-order lag.
+    """
+    parts = len(PHASES)  # of FINE_S: the grid may lie anywhere between rows, and each part is a grid of its own
+    ends = round((2 * REACH * row_s + 8 * lag_s) / FINE_S) + 2
+    t_s = np.arange(ends * parts) * (FINE_S / parts) - REACH * row_s
+    one_row = CubicSpline(np.arange(-REACH, REACH + 1), np.arange(-REACH, REACH + 1) == 0)(
+        np.clip(t_s / row_s, -REACH, REACH)
+    )
+    if lag_s >= FINE_S / 50:
+        one_row = low_pass(one_row.reshape(ends, parts), FINE_S, lag_s).ravel()
+    rows = np.arange(-REACH, np.ceil(t_s[-1] / row_s)) * row_s
+    at_s = PHASES[:, None] * row_s + rows
+    here, following = (np.interp(at_s + later_s, t_s, one_row, 0.0, 0.0) for later_s in (0.0, FINE_S))
+    return np.sum(here**2, axis=1), np.sum(here * following, axis=1)

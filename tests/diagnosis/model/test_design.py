@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 import insole_daemon
 from insole_daemon.diagnosis.load_estimate import LoadEstimate
@@ -12,6 +15,7 @@ from insole_daemon.diagnosis.model.refine import refine
 from insole_daemon.diagnosis.model.regression import Timing
 from insole_daemon.diagnosis.model.solve import solve_shares
 from insole_daemon.diagnosis.model.wrench_nuisance import project
+from insole_daemon.diagnosis.observations.reference_wrench import FINE_S
 from insole_daemon.diagnosis.observing import observed
 from insole_daemon.diagnosis.parameters import parameters_of
 from insole_daemon.physics.effect import Where
@@ -47,6 +51,20 @@ def test_inner_products_after_a_timing_are_those_of_the_moved_columns(whole):
     raw[:, later.moved.numbers] = later.moved.raw
     assert not np.allclose(raw, whole.raw)
     assert_projected(later, raw)
+
+
+def test_no_delay_explains_the_noise_of_the_reference(whole):
+    """Between two rows the interpolation averages their noise."""
+    seen = whole.load.observation
+    grid_s = np.arange(len(seen.reference.fine)) * FINE_S
+    row_s, noise = 2 * FINE_S, np.full(3, 1e6)  # beside which the load is nothing
+    rows = noise * np.random.default_rng(1).standard_normal((int(grid_s[-1] / row_s) + 2, 3))
+    fine = CubicSpline(np.arange(len(rows)) * row_s, rows)(grid_s)
+    reference = replace(seen.reference, fine=fine, noise=noise, row_s=row_s)
+    seen = replace(seen, reference=reference, offset_s=2.0 - seen.t_s[0], rate=0.0)  # from row to row
+    noisy = replace(whole, load=LoadEstimate(seen), weights=(whole.weights > 0.0).astype(float), moved=None)
+    totals = [noisy.retimed(Timing(delay_s)).total for delay_s in np.arange(5) * row_s / 4]
+    assert np.array(totals) / np.median(totals) == pytest.approx(1.0, abs=0.03)
 
 
 def test_a_set_with_another_setting_has_the_inner_products_of_the_new_column(whole):
