@@ -33,6 +33,8 @@ LEAST_GAIN = (
 )
 MOST_NOISE = 0.5  # of the sum of squares of a column beside the nuisance columns
 ROWS_AT_ONCE = 2048  # of the columns, to project nuisances out without a copy of all of them
+BETWEEN_READINGS = 0.87  # mean share of the noise at the times of readings that cubics between them keep
+LEAST_LOADED = 0.05  # of the largest force, below which no board bears a share of it
 AT_REST, BEFORE_LOAD_S = 0.03, 0.1  # of the usual largest force: the foot is in the air; margin before its first load
 # Companions whose columns are computed from the reference, by their words.
 COMPANIONS_OF_REFERENCE = {term.word: term for term in TERMS if term.is_of_reference and term.is_internal}
@@ -321,16 +323,36 @@ def design(load: LoadEstimate, weights: Array, substituted: NDArray[np.bool_]) -
 def _target(load: LoadEstimate, weights: Array, base: NuisanceColumns, timing: Timing) -> tuple[Array, float]:
     """Return y (3N + b,) on the reference after `timing`, nuisance columns projected out, and its sum of squares.
 
-    What the interpolation and a lag take from the noise of the reference is added to the sum: otherwise the timing that
+    What interpolation and a lag take from the noise of the reference is added to the sum: otherwise the timing that
     averages most rows of the reference would have the smallest one.
     """
     seen = load.observation
-    at_s = seen.reference_s - timing.delay_s
-    residual = seen.reference.at(at_s, timing.lag_s) - seen.wrench
-    target = project(base, apply_weights(residual[..., None], weights))[:, 0]
-    averaged = 1.0 - seen.reference.noise_kept(at_s, timing.lag_s)
-    removed = float(averaged @ (weights**2 @ seen.reference.noise**2))
+    after = seen.timed(offset_s=seen.offset_s - timing.delay_s, reference=seen.reference.lagged(timing.lag_s))
+    kept = seen.reference.noise_kept(after.reference_s, timing.lag_s)[:, None]
+    expected, kept = as_read(load, after, kept)
+    target = project(base, apply_weights((expected - seen.wrench)[..., None], weights))[:, 0]
+    removed = float(np.sum((weights * seen.reference.noise) ** 2 * (1.0 - kept)))
     return target, float(target @ target) + removed
+
+
+def as_read(load: LoadEstimate, after: WrenchObservation, kept: Array) -> tuple[Array, Array]:
+    """Return the reference (N, 3) as rows of readings show it, and the share (N, 3) of its noise that is left.
+
+    Between the readings of a board the load is a cubic. Each board has the part of that error which it bears of the
+    load in that row; nuisance columns describe what differs from it. `after`: the rows with the reference after a
+    timing; `kept` (N, 1): the share of the noise in the reference itself.
+    """
+    force_n = load.by_triangle[..., 0]
+    whole_n = np.maximum(force_n.sum(axis=1), LEAST_LOADED * float(np.max(force_n.sum(axis=1))))
+    expected = after.reference.at(after.reference_s)
+    replaced, squares = np.zeros_like(expected), np.zeros_like(expected)
+    for board, (_, error) in after.interpolation_error.items():
+        of_board = after.layout.identities[:, 0] == board
+        share = np.clip(force_n[:, of_board].sum(axis=1) / whole_n, 0.0, 1.0)[:, None] * (error != 0.0)
+        expected += share * error
+        replaced += share
+        squares += share**2
+    return expected, kept * ((1.0 - replaced) ** 2 + BETWEEN_READINGS * squares)
 
 
 def _projected_gram(raw: NDArray[np.float32], base: NuisanceColumns) -> Array:

@@ -78,7 +78,7 @@ def nuisance_columns(load: LoadEstimate, weights: Array, substituted: NDArray[np
         add("offset_s", -slope, OWN_OFFSET_STD_S)
         if seen.rate_is_free:
             add("rate", -slope * (seen.t_s - seen.t_s.mean())[:, None], OWN_RATE_STD)
-    for board, error in seen.interpolation_error.items():
+    for board, (error, _) in seen.interpolation_error.items():
         add(f"unresolved_{board}", error, INTERPOLATION_STD)
     for channel, std in enumerate(ZERO_STD):
         add(f"zero_{channel}", np.broadcast_to(np.eye(3)[channel], slope.shape), std)

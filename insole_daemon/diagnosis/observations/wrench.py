@@ -327,22 +327,28 @@ class WrenchObservation:
         return variance if self.noise_ratio is None else variance * self.noise_ratio[..., None] ** 2
 
     @cached_property
-    def interpolation_error(self) -> dict[int, Array]:
+    def interpolation_error(self) -> dict[int, tuple[Array, Array]]:
         """Return by board the error (N, 3) of the reference interpolated by cubics through the board's reading times.
 
-        It is 0 up to CLEAR times the noise of the reference: else the regressor would average that noise.
+        The first is that of the smooth reference, for regressors, and 0 up to CLEAR times the noise of the reference: a
+        regressor would average that noise. The second is that of the reference itself, and 0 where the first is less
+        than the noise of a row, which hides it.
         """
         boards = self.layout.identities[:, 0]
-        wrench = self.reference.smooth_at(self.reference_s)
         errors = {}
         for board in np.unique(boards):
             read_s = next((self.readings[row].t_s for row in np.flatnonzero(boards == board)), np.empty(0))
             if len(read_s) < LEAST_ROWS:
                 continue
-            values = self.reference.smooth_at(self.offset_s + (1.0 + self.rate) * read_s)
-            at_s = np.clip(self.t_s, read_s[0], read_s[-1])
-            error = CubicSpline(read_s, values)(at_s) - wrench
-            errors[int(board)] = np.where(np.abs(error) > CLEAR * self.reference.noise, error, 0.0)
+            reference_s, at_s = self.offset_s + (1.0 + self.rate) * read_s, np.clip(self.t_s, read_s[0], read_s[-1])
+            smooth, error = (
+                CubicSpline(read_s, value_at(reference_s))(at_s) - value_at(self.reference_s)
+                for value_at in (self.reference.smooth_at, self.reference.at)
+            )
+            noise = self.reference.noise
+            errors[int(board)] = (
+                np.where(np.abs(smooth) > CLEAR * noise, smooth, 0.0), np.where(np.abs(smooth) > noise, error, 0.0)
+            )  # fmt: skip
         return errors
 
     @cached_property

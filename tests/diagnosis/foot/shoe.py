@@ -63,6 +63,7 @@ def write(
     stands_s: float = 0.0,
     sensors: Sensors | None = None,
     touch: Callable[[Array, Array], None] = lambda t_s, read: None,
+    period_ms: int = 20,
 ) -> Path:
     """Write a recording whose taxels `where` (72,) bear `effect(load)` and are read `delay_s` late; it begins standing.
 
@@ -72,7 +73,7 @@ def write(
     t_s, p = load(seconds, seed)
     p[t_s < stands_s] = 100e3
     q = np.where(np.ones(p.shape[1], bool) if where is None else where, effect(p), p)
-    cycle_s = np.arange(0.1, seconds - 0.05, 0.02)
+    cycle_s = np.arange(0.1, seconds - 0.05, period_ms * 1e-3)
     felt = np.stack([np.interp(cycle_s - delay_s, t_s, column) for column in q.T], axis=1)
     rest = rng.normal(240.0, 1.0, p.shape[1])
     straight = rest - felt / PA_PER_COUNT / rng.normal(1.0, 0.03, p.shape[1])
@@ -100,7 +101,7 @@ def write(
     model = {"format": "insole-calibration/1", "foot": "left", "taxels": taxels, "effects": [], "provenance": {}}
     if sensors is not None:
         model = sensors.model(LAYOUT)
-    boards = [{"address": a, "period_ms": 20, "shift": 3, "no_load": 240, "skin_type": 0} for a in (5, 6, 7)]
+    boards = [{"address": a, "period_ms": period_ms, "shift": 3, "no_load": 240, "skin_type": 0} for a in (5, 6, 7)]
     insole = {"foot": "left", "layout": "layout.yaml", "boards": boards}
     if calibrated:
         (folder / "calibration.json").write_text(json.dumps(model))

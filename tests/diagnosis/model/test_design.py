@@ -10,7 +10,7 @@ from scipy.interpolate import CubicSpline
 
 import insole_daemon
 from insole_daemon.diagnosis.load_estimate import LoadEstimate
-from insole_daemon.diagnosis.model.design import design
+from insole_daemon.diagnosis.model.design import as_read, design
 from insole_daemon.diagnosis.model.refine import refine
 from insole_daemon.diagnosis.model.regression import Timing
 from insole_daemon.diagnosis.model.solve import solve_shares
@@ -65,6 +65,23 @@ def test_no_delay_explains_the_noise_of_the_reference(whole):
     noisy = replace(whole, load=LoadEstimate(seen), weights=(whole.weights > 0.0).astype(float), moved=None)
     totals = [noisy.retimed(Timing(delay_s)).total for delay_s in np.arange(5) * row_s / 4]
     assert np.array(totals) / np.median(totals) == pytest.approx(1.0, abs=0.03)
+
+
+def test_the_reference_is_interpolated_between_the_times_of_readings(tmp_path):
+    """Readings of slow boards do not resolve a step, at any delay."""
+    recording = insole_daemon.load(write(tmp_path / "walk", period_ms=50))
+    (seen,) = observed([recording], recording.feet, None, lambda text: None, ())
+    course = 300.0 * np.sin(2 * np.pi * 7.0 * FINE_S * np.arange(len(seen.reference.fine)))
+    reference = replace(seen.reference, fine=np.tile(course[:, None], 3), noise=np.full(3, 1.0))
+    seen = replace(seen, reference=reference, t_s=seen.t_s + 0.02)  # rows between readings
+    load, read_s = LoadEstimate(seen), seen.readings[0].t_s
+    is_loaded = load.by_triangle[:, :, 0].sum(axis=1) > 100.0
+    for delay_s in (0.0, 0.025):
+        after = seen.timed(offset_s=seen.offset_s - delay_s)
+        expected, _ = as_read(load, after, np.ones((len(seen.t_s), 1)))
+        between = CubicSpline(read_s, reference.at(seen.offset_s + read_s - delay_s))(seen.t_s)
+        assert np.abs(expected - between)[is_loaded].max() < 10.0
+        assert np.abs(reference.at(after.reference_s) - between)[is_loaded].max() > 20.0
 
 
 def test_a_set_with_another_setting_has_the_inner_products_of_the_new_column(whole):
