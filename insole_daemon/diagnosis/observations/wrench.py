@@ -334,18 +334,18 @@ class WrenchObservation:
         regressor would average that noise. The second is that of the reference itself, and 0 where the first is less
         than the noise of a row, which hides it.
         """
-        boards = self.layout.identities[:, 0]
-        errors = {}
+        boards, noise = self.layout.identities[:, 0], self.reference.noise
+
+        def both_at(t_s: Array) -> Array:
+            return np.concatenate([self.reference.smooth_at(t_s), self.reference.at(t_s)], axis=1)
+
+        errors, in_rows = {}, both_at(self.reference_s)
         for board in np.unique(boards):
             read_s = next((self.readings[row].t_s for row in np.flatnonzero(boards == board)), np.empty(0))
             if len(read_s) < LEAST_ROWS:
                 continue
-            reference_s, at_s = self.offset_s + (1.0 + self.rate) * read_s, np.clip(self.t_s, read_s[0], read_s[-1])
-            smooth, error = (
-                CubicSpline(read_s, value_at(reference_s))(at_s) - value_at(self.reference_s)
-                for value_at in (self.reference.smooth_at, self.reference.at)
-            )
-            noise = self.reference.noise
+            between = CubicSpline(read_s, both_at(self.offset_s + (1.0 + self.rate) * read_s))
+            smooth, error = np.split(between(np.clip(self.t_s, read_s[0], read_s[-1])) - in_rows, 2, axis=1)
             errors[int(board)] = (
                 np.where(np.abs(smooth) > CLEAR * noise, smooth, 0.0), np.where(np.abs(smooth) > noise, error, 0.0)
             )  # fmt: skip
