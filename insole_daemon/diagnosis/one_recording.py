@@ -25,7 +25,7 @@ from .model.regression import Timing
 from .model.signal_path import model_pressure
 from .observations.pad_temperature import with_pad_temperature
 from .observations.reading_faults import ReadingFaults
-from .observations.wrench import WrenchObservation
+from .observations.wrench import LEAST_TIMING_S, WrenchObservation
 from .observing import refuse_unloaded
 from .parameters import parameters_of
 from .placements import faults_and_displacement
@@ -38,7 +38,7 @@ from .select.wrench_errors import HeldoutErrors, wrench_errors
 from .static_findings import static_findings
 from .terms import TERMS
 from .terms.term import SPEEDS
-from .timings import LEAST_DELAY_S, clock_findings, is_nuisance, off_by_clock, timing_effects, timing_findings
+from .timings import clock_findings, is_nuisance, off_by_clock, timing_effects, timing_findings
 from .unexplained import (
     excess_square,
     explains_little,
@@ -167,7 +167,7 @@ def _selection(kept: ValidatedSet, timing: Timing, seen: WrenchObservation, foot
     parameters = [parameters_of(refined, i, foot) for i in range(len(kept.order))]
     words = [candidate.word for candidate in refined.design.candidates]
     nuisances = tuple(i for i in kept.order if is_nuisance(words[i], parameters[i], seen.latest_s))
-    is_late = abs(timing.delay_s) >= LEAST_DELAY_S + seen.latest_s
+    is_late = abs(timing.delay_s) >= LEAST_TIMING_S + seen.latest_s
     if not seen.load_is_known and (nuisances or not is_late):
         uncertain_s = 0.0 if is_late else timing.delay_s
         figures = wrench_errors(refined.design, refined, kept.order, timing, nuisances, uncertain_s)

@@ -17,14 +17,13 @@ from .model.blocks import BlockDesign
 from .model.design import Design
 from .observations.chamber import ChamberObservation
 from .observations.paired import PairedObservation
-from .observations.wrench import WrenchObservation
+from .observations.wrench import LEAST_TIMING_S, WrenchObservation
 from .result import RecordingResult
 from .select import confidence
 from .select.timing_search import TimingFit, TimingHypothesis
 from .select.wrench_errors import HeldoutErrors
 from .terms.clock import LEAST_RATE
 
-LEAST_DELAY_S = 0.003  # three standard deviations of a declared clock's offset
 FAST_S = 0.05  # time constant of a viscoelasticity that is a delay to the first order
 LEAST_DRIFT_S = 0.05  # of the clock until the end of the recording
 LEAST_ROWS_OFF_S = 0.1  # of a reference whose rows should match the cycles
@@ -37,13 +36,13 @@ def is_nuisance(word: str, parameters: dict[str, Quantity], latest_s: float) -> 
     is too fast to differ from one of a·τ.
     """
     if word == "delay":
-        return float(parameters["delay_s"].value) < LEAST_DELAY_S + latest_s
+        return float(parameters["delay_s"].value) < LEAST_TIMING_S + latest_s
     if word == "viscoelasticity":
         share, tau_s = (np.asarray(parameters[name].value, float) for name in ("a", "tau_s"))
         return bool(np.max(tau_s) < FAST_S and np.sum(share * tau_s) < latest_s)
     if word == "clock":
         offset_s, rate = float(parameters["offset_s"].value), float(parameters["rate"].value)
-        return abs(rate) < LEAST_RATE and abs(offset_s) < LEAST_DELAY_S
+        return abs(rate) < LEAST_RATE and abs(offset_s) < LEAST_TIMING_S
     return False
 
 

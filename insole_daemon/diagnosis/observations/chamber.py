@@ -26,7 +26,7 @@ from ..contact import stretches
 from .alignment import MOST_CLOCK_ERROR_S, fit_own_clock
 from .grid_readings import LEAST_ROWS, read_rows, row_times, temperature_at
 from .reference_wrench import FINE_S, ReferenceWrench, fine_grid
-from .wrench import ABOVE_READINGS, CURVE_INDEPENDENT, JITTER_S, LEAST_LAG_S, WrenchObservation
+from .wrench import ABOVE_READINGS, CURVE_INDEPENDENT, JITTER_S, LEAST_TIMING_S, WrenchObservation
 
 LEAST_RISE_PA = 1e4  # smallest range of the reference's pressure
 SMOOTH_S, SMOOTH_ROWS, DEGREE = 0.06, 3, 3  # half the window of the reference's filter, and its degree
@@ -69,7 +69,7 @@ class ChamberObservation(WrenchObservation):
         On a free clock a lag shows only in the shape of edges, which readings resolve to a part of their period.
         """
         period_s = float(np.median(self.period_s[np.isfinite(self.period_s)]))
-        return max(LEAST_LAG_S, LEAST_LAG_PERIODS * period_s) if self.offset_is_free else LEAST_LAG_S
+        return max(LEAST_TIMING_S, LEAST_LAG_PERIODS * period_s) if self.offset_is_free else LEAST_TIMING_S
 
     @property
     def is_declared_clock_doubtful(self) -> bool:

@@ -89,16 +89,14 @@ class ReferenceWrench:
 
         Cubics between rows, lines between the points of the fine grid and the lag are averages of rows.
         """
-        position = t_s / FINE_S
-        fraction = position - np.floor(position)
-        phase = np.mod(np.floor(position) * FINE_S, self.row_s) / self.row_s
-        variance, between = (
-            np.interp(phase, PHASES, values, period=1.0) for values in _noise_of_grid(self.row_s, lag_s)
+        variance, with_next = _noise_of_grid(self.row_s, lag_s)
+        point = np.floor(t_s / FINE_S)
+        fraction, phase = t_s / FINE_S - point, point * FINE_S / self.row_s
+        here, both, following = (
+            np.interp(at, PHASES, values, period=1.0)
+            for at, values in ((phase, variance), (phase, with_next), (phase + FINE_S / self.row_s, variance))
         )
-        following = np.interp(phase + FINE_S / self.row_s, PHASES, _noise_of_grid(self.row_s, lag_s)[0], period=1.0)
-        return np.asarray(
-            (1 - fraction) ** 2 * variance + 2 * (1 - fraction) * fraction * between + fraction**2 * following
-        )
+        return np.asarray((1 - fraction) ** 2 * here + 2 * (1 - fraction) * fraction * both + fraction**2 * following)
 
     def echo(self, shift_s: Array, lag_s: float = 0.0) -> tuple[Array, Array]:
         """Return how row noise enters a regressor smooth_at(t) − smooth_at(t − shift) after a lag, (n,) each.
@@ -126,7 +124,7 @@ class ReferenceWrench:
         return np.asarray(values[row] * (1 - fraction) + values[row + 1] * fraction)
 
 
-@lru_cache(maxsize=256)  # the simplex of a timing asks for the same delay-free grid many times
+@lru_cache(maxsize=256)  # many delays are tried with the same lag
 def _noise_of_grid(row_s: float, lag_s: float) -> tuple[Array, Array]:
     """Return the variance of a point of the fine grid, and the covariance with the next, of row noise of variance 1.
 

@@ -29,7 +29,7 @@ JITTER_S = 0.001  # of a time stamp, beyond the regular clock of a board
 BETWEEN_ROWS = (  # ratio of the error of interpolation between rows to that at twice the period
     0.25  # of the interpolation error at twice the period: that between rows, if readings hardly resolve edges
 )
-LEAST_LAG_S = 0.003  # three standard deviations of a declared clock's offset, as of a delay
+LEAST_TIMING_S = 0.003  # shortest delay or lag: three standard deviations of a declared clock's offset
 CLEAR = 3.0  # standard deviations of noise
 SMALLEST, LARGEST = 0.6, 254.4  # range of counts that are not at an end
 MOST_CLIPPED = 0.2  # share of a triangle's taxels
@@ -106,7 +106,7 @@ class WrenchObservation:
 
         To the first order a shorter one is a delay within the tolerance of a declared clock.
         """
-        return LEAST_LAG_S
+        return LEAST_TIMING_S
 
     @property
     def edge_delay_s(self) -> float:
