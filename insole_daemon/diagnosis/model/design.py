@@ -130,9 +130,7 @@ class Design:
         of_terms = self._columns_of_reference()
         if not of_terms:
             return None, self.gram
-        seen = self.load.observation
-        lagged = seen.reference.lagged(timing.lag_s)
-        load = LoadEstimate(seen.timed(offset_s=seen.offset_s - timing.delay_s, reference=lagged))
+        load = LoadEstimate(_after(self.load.observation, timing))
         blocks = [_columns_at(block, Where(), self) for term, _ in of_terms for block in term.columns(load)]
         numbers = np.concatenate([numbers for _, numbers in of_terms])
         weighted = apply_weights(np.concatenate(blocks, axis=2), self.weights)
@@ -327,12 +325,17 @@ def _target(load: LoadEstimate, weights: Array, base: NuisanceColumns, timing: T
     averages most rows of the reference would have the smallest one.
     """
     seen = load.observation
-    after = seen.timed(offset_s=seen.offset_s - timing.delay_s, reference=seen.reference.lagged(timing.lag_s))
+    after = _after(seen, timing)
     kept = seen.reference.noise_kept(after.reference_s, timing.lag_s)[:, None]
     expected, kept = as_read(load, after, kept)
     target = project(base, apply_weights((expected - seen.wrench)[..., None], weights))[:, 0]
     removed = float(np.sum((weights * seen.reference.noise) ** 2 * (1.0 - kept)))
     return target, float(target @ target) + removed
+
+
+def _after(seen: WrenchObservation, timing: Timing) -> WrenchObservation:
+    """Return the same rows with the reference after `timing`."""
+    return seen.timed(offset_s=seen.offset_s - timing.delay_s, reference=seen.reference.lagged(timing.lag_s))
 
 
 def as_read(load: LoadEstimate, after: WrenchObservation, kept: Array) -> tuple[Array, Array]:

@@ -68,6 +68,7 @@ def write(
     """Write a recording whose taxels `where` (72,) bear `effect(load)` and are read `delay_s` late; it begins standing.
 
     `sensors`: of the insole, else straight ones. `touch` changes what is read (n, 72) at times (n,) in place.
+    `period_ms`: of all boards.
     """
     rng = np.random.default_rng(seed + 1000)
     t_s, p = load(seconds, seed)
