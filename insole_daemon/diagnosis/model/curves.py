@@ -116,7 +116,7 @@ def heldout_rest(
 ) -> Array:  # fmt: skip
     """Return what curves leave of `off_count` (N, T, 12), each fitted as in `fit_curves` to the other folds of rows.
 
-    `fold` (N,): the number of each row's fold.
+    `fold` (N,): the number of each row's fold. Beyond the activations of the fit a deviation is constant.
     """
     ridge, residual = _prior(std_count, noise_count), np.empty(off_count.shape)
     folds = [fold == k for k in np.unique(fold)]
@@ -126,8 +126,16 @@ def heldout_rest(
         gram, right = (sum(of_fold[i] for of_fold in products) for i in (0, 1))
         for held, (own_gram, own_right) in zip(folds, products, strict=True):
             coefficients = _coefficients(gram - own_gram, right - own_right, ridge[t])
-            residual[held, t] = deviation[held] - _deviation(columns[..., held], coefficients)
+            held_count = _within(at_count[held, t], at_count[is_known & ~held, t])
+            residual[held, t] = deviation[held] - _deviation(splines.of_triangle(held_count), coefficients)
     return residual
+
+
+def _within(count: Array, fitted_count: Array) -> Array:
+    """Return activations (n, 12) within the range of those of a fit (m, 12)."""
+    if not len(fitted_count):
+        return count
+    return np.clip(count, fitted_count.min(axis=0), fitted_count.max(axis=0))
 
 
 def _prior(std_count: Array, noise_count: Array) -> Array:

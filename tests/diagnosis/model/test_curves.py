@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.polynomial.polynomial import polyval
 
-from insole_daemon.diagnosis.model.curves import curve_splines, fit_curves
+from insole_daemon.diagnosis.model.curves import curve_splines, fit_curves, heldout_rest
 
 GIVEN = np.array([0.0, 2000.0, 12.0, 0.1])
 
@@ -32,3 +32,14 @@ def test_a_large_deviation_of_a_curve_is_fitted_and_exported_as_a_polynomial():
     above = np.linspace(65.0, 88.0, 10)
     wanted = polyval(60.0, GIVEN) + (above - 60.0) * (2000.0 + 24.0 * 60.0 + 0.3 * 60.0**2)
     assert polyval(above - deviation(above), straight) == pytest.approx(wanted, rel=0.02)
+
+
+def test_curves_are_not_extrapolated_to_held_out_readings():
+    """Without load an insole may be read only before the first step: a loop leaves all later readings above."""
+    count = np.concatenate([np.linspace(0.0, 5.0, 400), np.linspace(27.0, 90.0, 1600)])
+    left_by_law = np.where(count < 6.0, 0.0, 3.0 * np.cos(count / 4.0))
+    at, off = (np.tile(each[:, None, None], (1, 1, 12)) for each in (count, left_by_law))
+    fold = np.concatenate([np.zeros(400, int), 1 + np.arange(1600) % 4])
+    usable, known, std = np.ones((1, 12), bool), np.ones((2000, 1), bool), np.full(1, 5.0)
+    rest = heldout_rest(curve_splines(at, usable), off, at, known, std, np.ones((1, 12)), fold)
+    assert np.abs(rest).max() < 6.0
