@@ -171,6 +171,33 @@ class Design:
         """Return the regression with the laws alone, without columns for their misfit."""
         return self._with([candidate.of_law() for candidate in self.candidates])
 
+    def of_wider_laws(self) -> Design | None:
+        """Return the regression with the laws alone and columns that the search has not; None if there are none."""
+        alone, wider = self.of_laws(), None
+        for i, candidate in enumerate(alone.candidates):
+            if candidate.term.also_in_law is not None:
+                load = self.load.before(candidate.term.order)
+                wider = (wider or alone)._with_more_columns(i, candidate.term.also_in_law(load))
+        return wider
+
+    def _with_more_columns(self, i: int, block: TermColumns) -> Design:
+        """Return the regression whose candidate `i` has the columns of `block`, too."""
+        candidate = self.candidates[i]
+        weighted = apply_weights(_columns_at(block, candidate.where, self), self.weights)
+        projected = project(self.base, weighted)
+        numbers = len(self.cross) + np.arange(weighted.shape[1])
+        raw = np.concatenate([self.raw, weighted.astype(np.float32)], axis=1)
+        products = _exact_products(raw, projected)
+        gram = np.block([[self.gram, products[: len(self.cross)]], [products.T]])
+        more = replace(
+            candidate, settings=(*candidate.settings, *block.settings), columns=np.append(candidate.columns, numbers)
+        )
+        return replace(
+            self, raw=raw, gram=gram, cross=np.append(self.cross, projected.T @ self.target),
+            product=np.append(self.product, np.zeros(len(numbers))),
+            candidates=tuple(more if j == i else other for j, other in enumerate(self.candidates)),
+        )  # fmt: skip
+
     def without_companions(self, words: Collection[str]) -> Design:
         """Return the regression whose candidates have no companions of these `words`."""
         return replace(self, candidates=tuple(candidate.without(words) for candidate in self.candidates))

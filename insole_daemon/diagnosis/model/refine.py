@@ -19,6 +19,7 @@ ROUNDS = 4
 NARROWER = 2.2  # factor by which each round searches a smaller range
 LINEARISATIONS = 2  # in a round: where a regressor depends much on its coefficient, by the secant method
 LEAST_IMPROVEMENT = 0.5  # of the gain, in variances of the noise
+MUCH_MORE = 0.05  # of the gain of a set, by wider laws
 EDGE_S = 2.0  # distance of an event from the ends of a recording
 
 
@@ -32,9 +33,16 @@ class Refined(Generic[D]):
 
     @cached_property
     def of_laws(self) -> Refined[D]:
-        """Return the laws alone, as the exported model has them: without companions for the misfit of laws."""
-        alone = self.design.of_laws()
-        return _solved(alone)
+        """Return the laws alone, as the exported model has them: without companions for the misfit of laws.
+
+        Wider laws (Term.also_in_law) only if they explain much more: they would fit recalibrations, too.
+        """
+        alone = _solved(self.design.of_laws())
+        wider_design = self.design.of_wider_laws()
+        if wider_design is None:
+            return alone
+        wider = _solved(wider_design)
+        return wider if wider.gain - alone.gain > MUCH_MORE * self.gain else alone
 
     @cached_property
     def without_internal_companions(self) -> Refined[D]:

@@ -1,10 +1,10 @@
 """`hysteresis`: plays. q = (1 − Σ w_j)·P + Σ w_j·play_rj[P]; the inverse, from readings, is a sum of plays too.
 
-If the load is known there are plays, too, whose loop closes as the load vanishes, as between layers that the load
-presses together. Columns of Dahl's friction are offered besides: after a turn it follows the load sooner than a play,
-and its limit may be constant, grow with the load, or, from readings, be there as soon as there is a load. From
-readings, the inverse of one friction is about a sum of frictions of other widths. The exported model contains only the
-plays.
+There are plays, too, whose loop closes as the load vanishes, as between layers that the load presses together. Columns
+of Dahl's friction are offered besides: after a turn it follows the load sooner than a play, and its limit may be
+constant, grow with the load, or, from readings, be there as soon as there is a load. From readings, the inverse of one
+friction is about a sum of frictions of other widths. The exported model contains only the plays; on a walk, those that
+close only if they describe much more of a friction than the others.
 """
 
 from __future__ import annotations
@@ -26,7 +26,10 @@ WIDEST = 0.4  # largest radius, relative to the range of the load
 RADII_PA = geometric(3e3, 192e3, 7)
 LEAST_WEIGHT = 2e-3  # of a play in the parameters
 # Load, relative to its range, at which a loop that closes at zero is half as wide as under high loads.
-HALF, HALF_ON_WALKS = 0.2, 0.01
+HALF, HALF_ON_WALKS = 0.2, 1.0
+LEAST_CLOSING = 0.04  # smallest radius of these plays on a walk, relative to its range; noise turns smaller ones
+AT_ONCE = 0.01  # load at which a friction that is there as soon as there is a load has half its limit
+TYPICAL = 0.5  # load of a closing play of readings, relative to its half load, at which its law has the same weights
 # Widths of friction under rising and falling load, relative to its range: equal, or different by a factor 3.
 WIDTHS = np.array([(0.02, 0.02), (0.06, 0.06), (0.18, 0.18), (0.02, 0.06), (0.06, 0.02), (0.06, 0.18), (0.18, 0.06)])
 
@@ -63,20 +66,34 @@ def _joint_columns(load: LoadEstimate, more: Callable[[LoadEstimate, Array, Arra
 
 
 def _closing_loops(load: LoadEstimate, radii_pa: Array, flat: Array) -> Loops:
-    """Return plays of a known pressure that close at zero, and frictions: constant, and growing with the load."""
-    half_pa = HALF * load.top_pa
-    loaded = np.maximum(flat, 0.0)
-    part = loaded / (loaded + half_pa)
-    settings: list[Setting] = [{"r_pa": radius_pa, "half_pa": half_pa} for radius_pa in radii_pa.tolist()]
+    """Return closing plays of a known pressure, and frictions: constant, and growing with the load."""
+    settings, plays = _closing_plays(flat, radii_pa, HALF * load.top_pa)
     friction_settings, friction_loops = _frictions(load, flat, [np.ones(1), flat / flat.max()])
-    return settings + friction_settings, chain((-play * part for play in each_play(loaded, radii_pa)), friction_loops)
+    return settings + friction_settings, chain(plays, friction_loops)
 
 
 def _frictions_of_readings(load: LoadEstimate, radii_pa: Array, flat: Array) -> Loops:
     """Return frictions of readings; limits with the noise of a reading would fit that noise."""
     held_pa = load.held_pa.reshape(flat.shape)
-    closing = held_pa / (np.abs(held_pa) + HALF_ON_WALKS * load.top_pa)
+    closing = held_pa / (np.abs(held_pa) + AT_ONCE * load.top_pa)
     return _frictions(load, held_pa, [np.ones(1), held_pa / held_pa.max(), closing])
+
+
+def _closing_plays_of_walk(load: LoadEstimate) -> TermColumns:
+    """Return joint columns of a walk: plays of held readings that close at zero."""
+    held_pa = load.held_pa
+    radii_pa = np.array([each for each in RADII_PA if each > LEAST_CLOSING * load.top_pa] or RADII_PA[-1:])
+    settings, plays = _closing_plays(held_pa.reshape(len(held_pa), -1), radii_pa, HALF_ON_WALKS * load.top_pa)
+    wrenches = (load.wrench_of_courses(play.reshape(held_pa.shape)) for play in plays)
+    return TermColumns(tuple(settings), by_triangle=stacked(wrenches, len(settings)), joint=True)
+
+
+def _closing_plays(pressure: Array, radii_pa: Array, half_pa: float) -> Loops:
+    """Return plays of a pressure (N, m) whose loop closes at zero."""
+    loaded = np.maximum(pressure, 0.0)
+    part = loaded / (loaded + half_pa)
+    settings: list[Setting] = [{"r_pa": radius_pa, "half_pa": half_pa} for radius_pa in radii_pa.tolist()]
+    return settings, (-play * part for play in each_play(loaded, radii_pa))
 
 
 def _frictions(load: LoadEstimate, pressure: Array, limits: Sequence[Array]) -> Loops:
@@ -90,26 +107,37 @@ def _frictions(load: LoadEstimate, pressure: Array, limits: Sequence[Array]) -> 
 
 
 def _parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:
-    """Return radii, Pa, and weights of the law whose inverse has these shares.
+    """Return radii, Pa, weights and, if any play closes, half loads of the law whose inverse has these shares.
 
-    Source: K. Kuhnen, Eur. J. Control 9 (2003) 407.
+    A closing play counts with its part under a TYPICAL load. If the weights then exceed their bound, the plays are
+    wider, and the loop as wide as before. Source: K. Kuhnen, Eur. J. Control 9 (2003) 407.
     """
-    b = np.maximum(np.asarray(shares, float), 0.0)
-    radii = np.array([setting["r_pa"] for setting in settings])
+    radii, half_pa = _radii_and_halves(settings)
+    part = np.where(half_pa > 0.0, TYPICAL / (TYPICAL + 1.0), 1.0)
+    order = np.argsort(radii, kind="stable")
+    b = (np.maximum(np.asarray(shares, float), 0.0) * part)[order]
     slopes = 1.0 + b.sum() - np.concatenate([[0.0], np.cumsum(b)])
-    widths = np.diff(radii, prepend=0.0)
-    r_pa, w = np.cumsum(slopes[:-1] * widths), np.diff(1.0 / slopes)
-    kept = _relevant(w)
-    return {"r_pa": r_pa[kept].tolist(), "w": w[kept].tolist()}
+    r_pa, w = np.cumsum(slopes[:-1] * np.diff(radii[order], prepend=0.0)), np.diff(1.0 / slopes) / part[order]
+    wider = max(1.0, float(w.sum()) / MOST_SHARED)
+    return _values(wider * r_pa, w / wider, half_pa[order])
 
 
 def _known_parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:
     """Return radii, Pa, weights and, if any play closes, half loads: settings and shares if the load is known."""
-    w = np.maximum(np.asarray(shares, float), 0.0)
-    kept = np.flatnonzero(_relevant(w)).tolist()
-    values: dict[str, object] = {"r_pa": [settings[k]["r_pa"] for k in kept], "w": w[kept].tolist()}
-    halves = [settings[k].get("half_pa", 0.0) for k in kept]
-    return {**values, "half_pa": halves} if any(halves) else values
+    r_pa, half_pa = _radii_and_halves(settings)
+    return _values(r_pa, np.maximum(np.asarray(shares, float), 0.0), half_pa)
+
+
+def _radii_and_halves(settings: Sequence[Setting]) -> tuple[Array, Array]:
+    """Return radii and half loads (k,), Pa; 0 for a play that does not close."""
+    return np.array([one["r_pa"] for one in settings]), np.array([one.get("half_pa", 0.0) for one in settings])
+
+
+def _values(r_pa: Array, w: Array, half_pa: Array) -> dict[str, object]:
+    """Return the values of plays whose weights are relevant; half loads only if any play closes."""
+    kept = _relevant(w)
+    values: dict[str, object] = {"r_pa": r_pa[kept].tolist(), "w": w[kept].tolist()}
+    return {**values, "half_pa": half_pa[kept].tolist()} if half_pa[kept].any() else values
 
 
 def _relevant(w: Array) -> NDArray[np.bool_]:
@@ -138,4 +166,6 @@ TERM = Term(
     misfit=0.03,
 )
 # On a walk frictions are offered at large places only: the wrench does not show which law a triangle follows.
-WITH_FRICTIONS = replace(TERM, scopes=("insole", "board"), columns=_columns_with_frictions)
+WITH_FRICTIONS = replace(
+    TERM, scopes=("insole", "board"), columns=_columns_with_frictions, also_in_law=_closing_plays_of_walk
+)

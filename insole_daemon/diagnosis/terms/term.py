@@ -87,6 +87,8 @@ class Term:
     is_possible: Callable[[Sequence[Setting], Array, bool], bool] = lambda settings, shares, load_is_known: True
     # Whether a column belongs to the law; others describe how real materials deviate from it, and are not exported.
     is_in_law: Callable[[Setting], bool] = lambda setting: True
+    # Joint columns that the search does not have: the exported law has them if it then explains much more.
+    also_in_law: Callable[[LoadEstimate], TermColumns] | None = None
     record_instead: str = ""  # recording that shows the effect; empty: a known load at several speeds
     needs: Callable[[LoadEstimate], str | None] = lambda load: None  # reason why a recording cannot show the effect
 

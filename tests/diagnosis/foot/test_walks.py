@@ -179,6 +179,9 @@ def test_friction_that_grows_with_the_load_is_named_hysteresis(tmp_path, up_pa, 
 
     found = diagnose_any(write(tmp_path / "walk", rubbing), tmp_path / "out")
     assert [each["effect"] for each in found["findings"]] == ["hysteresis"]
+    assert found["heldout"]["after"] < 1.5 * found["heldout"]["floor"]
+    (effect,) = json.loads((tmp_path / "out" / "model.json").read_text())["effects"]
+    assert all(half_pa > 0.0 for half_pa in effect["parameters"]["half_pa"]["value"])
 
 
 def test_a_rezero_under_the_foot_is_detected_and_only_earlier_rows_are_used(tmp_path):
