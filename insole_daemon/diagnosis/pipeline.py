@@ -252,7 +252,7 @@ def _verdict(heldout: dict[str, Any], findings: Sequence[Finding], results: Sequ
 
 def _absorbed_by_curves(result: RecordingResult) -> list[wrench_model.Absorbed]:
     """Return the parts of the selected effects that the calibration's curves contain."""
-    design, share_of, absorbed = result.refined.design, result.figures.companion_shares, {}
+    design, share_of, absorbed = result.refined.of_laws.design, result.figures.companion_shares, {}
     for candidate in design.candidates:
         for word in (*RECALIBRATIONS, mean_curve.TERM.word):
             if columns := candidate.companions_of(word):

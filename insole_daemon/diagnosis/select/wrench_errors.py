@@ -42,7 +42,7 @@ class HeldoutErrors:
     ]  # reduction of the mean square by each candidate, added in `order`: of f_z in N², or counts²
     timing_gain: float  # reduction of the mean square by delay and lag of the whole insole, which enter first
     base_shares: Array  # (b,) of the nuisance columns in the fit of the selected set
-    companion_shares: dict[int, float]  # by column of the refined design
+    companion_shares: dict[int, float]  # beside the laws, by column of their design
     recalibrated: CurveShares | None = None  # errors of curves that contain the mean curve of a memory
 
     @property
@@ -93,8 +93,8 @@ def wrench_errors(
         shares = ridge(of_law[~held], law_prior, (y - law.fixed)[~held])
         # Recalibration within its prior is a nuisance and is not in the exported model.
         after[held] = (y - law.fixed - of_law[:, law_kept] @ shares[law_kept])[held]
-    fixed, beside = fit.fixed, fit.companions
-    every = ridge(columns, prior, y - fixed)
+    fixed, every = fit.fixed, ridge(columns, prior, y - fit.fixed)
+    beside_laws = ridge(of_law, law_prior, y - law.fixed)[of_law.shape[1] - len(law.companions) :]
     for i in nuisances:
         as_read = as_read - raw[:, refined.design.candidates[i].columns] @ refined.shares[i]
     before = as_read - base.matrix[:, aligning] @ ridge(base.matrix[:, aligning], base.prior_std[aligning], as_read)
@@ -122,7 +122,7 @@ def wrench_errors(
     return HeldoutErrors(
         rms[0], rms[1], np.minimum(floor, rms[1]), courses[0], courses[1], known, lack, tuple(gains), timing_gain,
         every[:b],
-        dict(zip(beside.tolist(), every[len(every) - len(beside) :].tolist(), strict=True)),
+        dict(zip(law.companions.tolist(), beside_laws.tolist(), strict=True)),
     )  # fmt: skip
 
 
@@ -133,7 +133,7 @@ class _Columns:
     fixed: Array  # (3N,)
     free: Array  # (3N, k), companions last
     prior_std: Array  # (k,)
-    companions: NDArray[np.intp]  # numbers in the refined design
+    companions: NDArray[np.intp]  # numbers in the design
 
     @staticmethod
     def of(refined: Refined[Design]) -> _Columns:

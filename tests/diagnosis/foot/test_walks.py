@@ -177,9 +177,12 @@ def test_friction_that_grows_with_the_load_is_named_hysteresis(tmp_path, up_pa, 
     def rubbing(p: Array) -> Array:
         return p - 25e3 / (up_pa + down_pa) * p / p.max() * frictions(p, np.array([up_pa]), np.array([down_pa]))[0]
 
-    found = diagnose_any(write(tmp_path / "walk", rubbing), tmp_path / "out")
+    another = write(tmp_path / "another", rubbing, seconds=30.0)
+    found = diagnose_any(write(tmp_path / "walk", rubbing), tmp_path / "out", "--verify", str(another))
     assert [each["effect"] for each in found["findings"]] == ["hysteresis"]
     assert found["heldout"]["after"] < 1.5 * found["heldout"]["floor"]
+    verified = json.loads((tmp_path / "out" / "verification.json").read_text())
+    assert verified["after"] < 0.7 * verified["before"]
     (effect,) = json.loads((tmp_path / "out" / "model.json").read_text())["effects"]
     assert all(half_pa > 0.0 for half_pa in effect["parameters"]["half_pa"]["value"])
 
