@@ -13,11 +13,12 @@ from .finding import Quantity
 from .model.refine import Refined
 from .model.solve import solve_companions
 from .select.amplitude import amplitude_fraction
-from .terms import mean_curve
+from .terms import creep_by_reference, mean_curve
 from .terms.term import Setting
 
 LOOPS = ("viscoelasticity", "creep", "hysteresis")  # effects with an `amplitude_fraction`
 MISFIT_OF_VALUES = 0.05  # relative: materials follow a law only approximately
+LEAST_RATIO = 0.2  # of a pressure by corrected curves to that by those handed in
 MISFIT_OF = {"map_transform": 0.1}  # of single effects: a simulated load is not that of the person
 
 
@@ -31,14 +32,14 @@ def parameters_of(refined: Refined[Any], i: int, foot: FootRecording) -> dict[st
     design, candidate = law.design, law.design.candidates[i]
     if candidate.word == "temperature" and design.load.observation.temperature_is_in_counts:
         return {}
-    shares = law.shares[i]
     mapping = candidate.term.parameters_of(design.load.observation.load_is_known or candidate.term.is_of_load)
-    settings, absorbed_pa = _settings_of_load(law, i)
+    settings, per_share, absorbed_pa = _of_corrected_curves(law, i)
+    shares = per_share * law.shares[i]
     values = mapping(settings, shares)
     units = {p.name: p.unit for p in laws()[candidate.word].parameters} if candidate.word in laws() else {}
     columns = candidate.columns
     covariance = np.linalg.pinv(design.gram[:, :] + np.diag(1e-9 * design.gram.diagonal() + 1e-12))
-    std = np.sqrt(np.maximum(np.diag(covariance)[columns], 0.0))
+    std = per_share * np.sqrt(np.maximum(np.diag(covariance)[columns], 0.0))
     variance = {name: np.zeros_like(np.asarray(value, float)) for name, value in values.items()}
     if candidate.term.share != "whole":
         for k in range(len(shares)):
@@ -74,26 +75,42 @@ def parameters_of(refined: Refined[Any], i: int, foot: FootRecording) -> dict[st
     return quantities
 
 
-def _settings_of_load(law: Refined[Any], i: int) -> tuple[Sequence[Setting], float]:
-    """Return the settings of candidate `i` of a refined set, and a standard deviation of all parameters, Pa.
+def _of_corrected_curves(law: Refined[Any], i: int) -> tuple[Sequence[Setting], float, float]:
+    """Return the settings of candidate `i` of a refined set, a factor of its shares, and a standard deviation, Pa.
 
-    Thresholds of a snap of a walk are of pressures by the curves handed in. These may contain its mean curve, so they
-    are corrected, and uncertain by as much, as is the step.
+    On a walk, settings and shares are fitted to pressures by the curves handed in. These may contain the mean curve of
+    the effect, so they are corrected. With κ, the ratio of corrected pressures to those handed in, a play of radius r
+    and share b is one of radius κ·r and share b/κ. Thresholds of a snap are corrected one by one, and are uncertain by
+    as much, as is its step. Of a reference F, readings show (1 − c)·F − Σ a·(F − z): by curves corrected for c, the
+    shares are a/(1 − c).
     """
     design, candidate = law.design, law.design.candidates[i]
-    if candidate.word != "snap" or design.load.is_known:
-        return candidate.settings, 0.0
+    if design.load.is_known or not candidate.term.is_loop:
+        return candidate.settings, 1.0, 0.0
     columns, coefficients = solve_companions(design, design.candidates, law.shares)
     share_of = dict(zip(columns.tolist(), coefficients.tolist(), strict=True))  # without terms of the set itself
     shares = {
         word: np.array([share_of.get(column, 0.0) for column in candidate.companions_of(word)])
         for word in candidate.term.absorbs
     }
-    names = tuple(candidate.settings[0])
-    by_curves_pa = np.array([candidate.settings[0][name] for name in names])
-    change_pa = mean_curve.change_by_all_pa(by_curves_pa, mean_curve.knots_pa(design.load), shares)
-    corrected_pa = np.maximum(by_curves_pa + change_pa, 0.0).tolist()
-    return (dict(zip(names, corrected_pa, strict=True)),), float(np.abs(change_pa).max())
+    if candidate.term.is_of_load:
+        return candidate.settings, 1.0 / (1.0 - float(shares[creep_by_reference.CALIBRATED].sum())), 0.0
+    knots_pa = mean_curve.knots_pa(design.load)
+    if candidate.word == "snap":
+        names = tuple(candidate.settings[0])
+        by_curves_pa = np.array([candidate.settings[0][name] for name in names])
+        change_pa = mean_curve.change_by_all_pa(by_curves_pa, knots_pa, shares)
+        corrected_pa = np.maximum(by_curves_pa + change_pa, 0.0).tolist()
+        return (dict(zip(names, corrected_pa, strict=True)),), 1.0, float(np.abs(change_pa).max())
+    slots = candidate.where.slots(design.load.observation.layout)
+    pressure_pa = design.load.pressure_pa.reshape(len(design.weights), -1)[:, slots]
+    change_pa = mean_curve.change_by_all_pa(pressure_pa, knots_pa, shares)
+    ratio = max(1.0 + float(np.sum(change_pa * pressure_pa) / np.sum(pressure_pa**2)), LEAST_RATIO)
+    settings = [
+        {name: ratio * value if name.endswith("_pa") else value for name, value in setting.items()}
+        for setting in candidate.settings
+    ]
+    return settings, 1.0 / ratio, 0.0
 
 
 def with_misfit(name: str, value: Any, std: Any, misfit: float = MISFIT_OF_VALUES) -> Any:

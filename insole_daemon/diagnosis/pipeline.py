@@ -26,7 +26,7 @@ from .observing import observed, refuse_mixture, refuse_still
 from .one_recording import diagnose_one
 from .read_by_model import MEMORIES, ChamberModel, read_by
 from .result import Diagnosis, RecordingResult
-from .terms import mean_curve
+from .terms import creep_by_reference, mean_curve
 from .timings import clock_of
 from .unexplained import null_bound
 
@@ -254,7 +254,7 @@ def _absorbed_by_curves(result: RecordingResult) -> list[wrench_model.Absorbed]:
     """Return the parts of the selected effects that the calibration's curves contain."""
     design, share_of, absorbed = result.refined.of_laws.design, result.figures.companion_shares, {}
     for candidate in design.candidates:
-        for word in (*RECALIBRATIONS, mean_curve.TERM.word):
+        for word in (*RECALIBRATIONS, mean_curve.TERM.word, creep_by_reference.CALIBRATED):
             if columns := candidate.companions_of(word):
                 shares = np.array([share_of.get(column, 0.0) for column in columns])
                 at_pa = mean_curve.knots_pa(design.load) if word == mean_curve.TERM.word else None

@@ -19,7 +19,7 @@ from ...physics.law import Array
 from ...skin.geometry import N_TAXELS
 from ..model.curves import CurveShares
 from ..observations.wrench import WrenchObservation
-from ..terms import mean_curve
+from ..terms import creep_by_reference, mean_curve
 from ..terms.stiffening import SCALE_PA
 
 N_COUNTS, DEGREE = 200, 6  # of a mean curve that is fitted with a polynomial
@@ -118,6 +118,8 @@ def _change(curve: Array, absorbed: Absorbed, reached_count: float) -> Array:
         change = mean_curve.change_pa(pressure_pa, absorbed.knots_pa, absorbed.shares)
         return np.asarray(Polynomial.fit(count, change, DEGREE).convert().coef)
     (share,) = absorbed.shares.tolist()
+    if absorbed.word == creep_by_reference.CALIBRATED:
+        return np.asarray(curve * share / (1.0 - share))
     if absorbed.word == "gain":
         return np.asarray(-share * polymulx(slope)[: len(curve)])
     if absorbed.word == "baseline":

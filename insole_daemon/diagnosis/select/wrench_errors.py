@@ -13,7 +13,7 @@ from ..model.curves import CurveShares
 from ..model.design import Design
 from ..model.refine import Refined
 from ..model.regression import Timing
-from ..model.solve import absorbed_std
+from ..model.solve import MOST_ABSORBED, absorbed_std, solve_companions
 from ..model.wrench_nuisance import UNKNOWN_TAXEL_STD
 from .residual_tests import LackOfFit, lack_of_fit
 
@@ -90,11 +90,10 @@ def wrench_errors(
     after = np.empty_like(y)
     for k in range(N_FOLDS):
         held = fold == k
-        shares = ridge(of_law[~held], law_prior, (y - law.fixed)[~held])
+        shares = _within_bounds(of_law[~held], law_prior, (y - law.fixed)[~held], len(law.companions))
         # Recalibration within its prior is a nuisance and is not in the exported model.
         after[held] = (y - law.fixed - of_law[:, law_kept] @ shares[law_kept])[held]
     fixed, every = fit.fixed, ridge(columns, prior, y - fit.fixed)
-    beside_laws = ridge(of_law, law_prior, y - law.fixed)[of_law.shape[1] - len(law.companions) :]
     for i in nuisances:
         as_read = as_read - raw[:, refined.design.candidates[i].columns] @ refined.shares[i]
     before = as_read - base.matrix[:, aligning] @ ridge(base.matrix[:, aligning], base.prior_std[aligning], as_read)
@@ -122,8 +121,32 @@ def wrench_errors(
     return HeldoutErrors(
         rms[0], rms[1], np.minimum(floor, rms[1]), courses[0], courses[1], known, lack, tuple(gains), timing_gain,
         every[:b],
-        dict(zip(law.companions.tolist(), beside_laws.tolist(), strict=True)),
+        _companion_shares(refined.of_laws),
     )  # fmt: skip
+
+
+def _within_bounds(columns: Array, prior_std: Array, y: Array, n_companions: int) -> Array:
+    """Return the coefficients of `ridge`, in which the last `n_companions` are at most MOST_ABSORBED deviations.
+
+    What exceeds its bound is held there, and the rest is fitted again, as in the search (`model.solve`).
+    """
+    shares = ridge(columns, prior_std, y)
+    bound = np.full(len(shares), np.inf)
+    bound[len(shares) - n_companions :] = MOST_ABSORBED * prior_std[len(shares) - n_companions :]
+    held = np.zeros(len(shares), bool)
+    while np.any(over := ~held & (np.abs(shares) > bound)):
+        held |= over
+        shares[held] = np.clip(shares[held], -bound[held], bound[held])
+        shares[~held] = ridge(columns[:, ~held], prior_std[~held], y - columns[:, held] @ shares[held])
+    return shares
+
+
+def _companion_shares(law: Refined[Design]) -> dict[int, float]:
+    """Return the shares of the companions of a set of laws, by column."""
+    if not law.shares:
+        return {}
+    columns, shares = solve_companions(law.design, law.design.candidates, law.shares)
+    return dict(zip(columns.tolist(), shares.tolist(), strict=True))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

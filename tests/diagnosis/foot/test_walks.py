@@ -170,6 +170,24 @@ def test_activated_creep_is_named_beside_a_lag(tmp_path):
     assert by_word["lag"]["parameters"]["tau_s"]["value"] == pytest.approx(0.02, abs=0.004)
 
 
+@pytest.mark.parametrize(
+    ("sensor", "word", "shares"),
+    [
+        (lambda p: 0.91 * p + sum(0.0975 * late(p, tau_s) for tau_s in (0.5, 2.0, 8.0, 32.0)), "creep", [0.075] * 4),
+        (lambda p: 0.6 * p + 0.6 * late(p, 0.3), "viscoelasticity", 0.5),
+    ],
+)
+def test_a_model_leaves_of_another_walk_what_was_held_out(tmp_path, sensor, word, shares):
+    """Also if the calibration was made while the memory acted, so that its curves are 20 or 30 % too high."""
+    another = write(tmp_path / "another", sensor, seconds=60.0)
+    walk = write(tmp_path / "walk", sensor, seconds=40.0)
+    (finding,) = (found := diagnose_any(walk, tmp_path / "out", "--verify", str(another)))["findings"]
+    assert finding["effect"] == word
+    assert finding["parameters"]["a"]["value"] == pytest.approx(shares, rel=0.12)
+    verified = json.loads((tmp_path / "out" / "verification.json").read_text())
+    assert verified["after"] < 1.3 * found["heldout"]["after"]
+
+
 @pytest.mark.parametrize(("up_pa", "down_pa"), [(30e3, 30e3), (20e3, 60e3)])
 def test_friction_that_grows_with_the_load_is_named_hysteresis(tmp_path, up_pa, down_pa):
     """The friction of Dahl (1968) between layers that the load presses together; no sum of plays describes it."""
