@@ -67,3 +67,11 @@ def test_an_inverted_curve_rises_and_returns_the_load() -> None:
     assert np.abs(np.polynomial.polynomial.polyval(activation, back) - loads).max() < 1.5e3
     beyond = np.polynomial.polynomial.polyval(np.linspace(-2.0, 1.05 * activation[-1], 400), back)
     assert (np.diff(beyond) > 0).all()
+
+
+def test_a_load_that_hardly_rises_at_the_ends_of_a_curve_is_inverted() -> None:
+    """Otherwise the straight extensions beyond the ends would be longer than the curve."""
+    activation = np.linspace(-8.0, 38.0, 200)
+    loads = 88e3 * np.sin(np.linspace(-1.54, 1.54, 200))
+    back = np.polynomial.polynomial.polyval(activation, invert_curve(activation, loads))
+    assert np.sqrt(np.mean((back - loads) ** 2)) < 0.02 * np.ptp(loads)

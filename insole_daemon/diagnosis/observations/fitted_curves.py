@@ -24,6 +24,7 @@ MOST_DEGREE = 11  # of the curve from activation to pressure
 CLOSE_FIT_COUNT = 0.05  # RMS error at which no higher degree is tried
 EXTENSION = np.linspace(0.01, 0.1, 10)  # of the range, straight, at either end
 LEAST_SLOPE = 0.02  # of the mean slope: flatter parts of a curve carry hardly any information on the load
+MOST_SLOPE = 4.0  # of the mean slope
 N_LOADS = 200
 SWITCH_ON = np.arange(0.03, 0.95, 0.02)  # shares of the load's range at which a board may switch on
 SWITCH_OFF = (0.2, 0.35, 0.5, 0.6, 0.7, 0.8, 0.9)  # shares of that load at which it switches off
@@ -143,10 +144,11 @@ def invert_curve(activation_count: Array, load_pa: Array) -> Array:
     """Return coefficients (k,) of the load as a rising polynomial of the activation.
 
     The curve is given by its rising activation (g,), counts, at loads (g,), Pa. Errors are weighted by its slope, so
-    they are in counts: where the curve is flat, as beyond a knee, an error in pascals matters little.
+    they are in counts: where the curve is flat, as beyond a knee, an error in pascals matters little. Where the load
+    hardly rises with the activation, as near an extremum of a polynomial that was handed in, the slope is limited, too.
     """
-    slope = np.gradient(activation_count, load_pa)
-    slope = np.maximum(slope, LEAST_SLOPE * max(float(np.ptp(activation_count)), 1e-9) / float(np.ptp(load_pa)))
+    mean_slope = max(float(np.ptp(activation_count)), 1e-9) / float(np.ptp(load_pa))
+    slope = np.clip(np.gradient(activation_count, load_pa), LEAST_SLOPE * mean_slope, MOST_SLOPE * mean_slope)
     extension_pa = EXTENSION * float(np.ptp(load_pa))
     pieces = [(load_pa[0] - extension_pa[::-1], activation_count[0] - extension_pa[::-1] * slope[0]),
             (load_pa, activation_count),
