@@ -11,7 +11,6 @@ from ..physics.effects import laws
 from ..recording.loading import FootRecording
 from .finding import Quantity
 from .model.refine import Refined
-from .model.solve import solve_companions
 from .select.amplitude import amplitude_fraction
 from .terms import creep_by_reference, mean_curve
 from .terms.term import Setting
@@ -87,10 +86,8 @@ def _of_corrected_curves(law: Refined[Any], i: int) -> tuple[Sequence[Setting], 
     design, candidate = law.design, law.design.candidates[i]
     if design.load.is_known or not candidate.term.is_loop:
         return candidate.settings, 1.0, 0.0
-    columns, coefficients = solve_companions(design, design.candidates, law.shares)
-    share_of = dict(zip(columns.tolist(), coefficients.tolist(), strict=True))  # without terms of the set itself
-    shares = {
-        word: np.array([share_of.get(column, 0.0) for column in candidate.companions_of(word)])
+    shares = {  # 0 of terms of the set itself
+        word: np.array([law.companion_shares.get(column, 0.0) for column in candidate.companions_of(word)])
         for word in candidate.term.absorbs
     }
     if candidate.term.is_of_load:

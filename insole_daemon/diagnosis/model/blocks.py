@@ -384,7 +384,7 @@ class BlockDesign:
         candidates = tuple(candidate.of_law().without(IN_NO_MODEL) for candidate in alike.candidates)
         return alike._changed(alike.atoms, slice(None), candidates=candidates)
 
-    def of_wider_laws(self) -> None:
+    def with_wider_laws(self) -> None:
         """Return None: under a known load, the search has all columns of laws."""
 
     def without_companions(self, words: Collection[str]) -> BlockDesign:

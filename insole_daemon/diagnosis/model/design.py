@@ -171,13 +171,13 @@ class Design:
         """Return the regression with the laws alone, without columns for their misfit."""
         return self._with([candidate.of_law() for candidate in self.candidates])
 
-    def of_wider_laws(self) -> Design | None:
-        """Return the regression with the laws alone and columns that the search has not; None if there are none."""
-        alone, wider = self.of_laws(), None
-        for i, candidate in enumerate(alone.candidates):
+    def with_wider_laws(self) -> Design | None:
+        """Return the regression with columns of laws that the search has not; None if there are none."""
+        wider = None
+        for i, candidate in enumerate(self.candidates):
             if candidate.term.also_in_law is not None:
                 load = self.load.before(candidate.term.order)
-                wider = (wider or alone)._with_more_columns(i, candidate.term.also_in_law(load))
+                wider = (wider or self)._with_more_columns(i, candidate.term.also_in_law(load))
         return wider
 
     def _with_more_columns(self, i: int, block: TermColumns) -> Design:

@@ -11,7 +11,7 @@ import numpy as np
 from ...physics.law import Array
 from ..terms.term import Setting
 from .regression import D
-from .solve import is_possible, solve_shares
+from .solve import is_possible, solve_companions, solve_shares
 
 FACTORS = (0.55, 0.7, 0.84, 1.19, 1.43, 1.8)  # on a parameter in the first round
 SHIFTS_S = (-2.0, -1.0, -0.5, -0.2, 0.2, 0.5, 1.0, 2.0)  # of the time of an event
@@ -38,11 +38,19 @@ class Refined(Generic[D]):
         Wider laws (Term.also_in_law) only if they explain much more: they would fit recalibrations, too.
         """
         alone = _solved(self.design.of_laws())
-        wider_design = self.design.of_wider_laws()
+        wider_design = alone.design.with_wider_laws()
         if wider_design is None:
             return alone
         wider = _solved(wider_design)
         return wider if wider.gain - alone.gain > MUCH_MORE * self.gain else alone
+
+    @cached_property
+    def companion_shares(self) -> dict[int, float]:
+        """Return the coefficients of the companions beside the fitted shares, by column of the design."""
+        if not self.shares:
+            return {}
+        columns, coefficients = solve_companions(self.design, self.design.candidates, self.shares)
+        return dict(zip(columns.tolist(), coefficients.tolist(), strict=True))
 
     @cached_property
     def without_internal_companions(self) -> Refined[D]:

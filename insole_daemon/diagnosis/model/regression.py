@@ -126,8 +126,8 @@ class Regression(Protocol):
     def of_laws(self) -> Self:
         """Return the regression with the laws alone, without columns and companions for their misfit."""
 
-    def of_wider_laws(self) -> Self | None:
-        """Return the laws alone with the columns that the search has not (Term.also_in_law); None if there are none."""
+    def with_wider_laws(self) -> Self | None:
+        """Return the regression with columns of laws that the search has not (Term.also_in_law); None without any."""
 
     def without_internal_companions(self) -> Self:
         """Return the regression with all columns of its candidates, without companions that are in no model."""

@@ -13,7 +13,7 @@ from ..model.curves import CurveShares
 from ..model.design import Design
 from ..model.refine import Refined
 from ..model.regression import Timing
-from ..model.solve import MOST_ABSORBED, absorbed_std, solve_companions
+from ..model.solve import MOST_ABSORBED, absorbed_std
 from ..model.wrench_nuisance import UNKNOWN_TAXEL_STD
 from .residual_tests import LackOfFit, lack_of_fit
 
@@ -121,7 +121,7 @@ def wrench_errors(
     return HeldoutErrors(
         rms[0], rms[1], np.minimum(floor, rms[1]), courses[0], courses[1], known, lack, tuple(gains), timing_gain,
         every[:b],
-        _companion_shares(refined.of_laws),
+        refined.of_laws.companion_shares,
     )  # fmt: skip
 
 
@@ -139,14 +139,6 @@ def _within_bounds(columns: Array, prior_std: Array, y: Array, n_companions: int
         shares[held] = np.clip(shares[held], -bound[held], bound[held])
         shares[~held] = ridge(columns[:, ~held], prior_std[~held], y - columns[:, held] @ shares[held])
     return shares
-
-
-def _companion_shares(law: Refined[Design]) -> dict[int, float]:
-    """Return the shares of the companions of a set of laws, by column."""
-    if not law.shares:
-        return {}
-    columns, shares = solve_companions(law.design, law.design.candidates, law.shares)
-    return dict(zip(columns.tolist(), shares.tolist(), strict=True))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -61,8 +61,13 @@ def _joint_columns(load: LoadEstimate, more: Callable[[LoadEstimate, Array, Arra
     if more is not None:
         further_settings, further_loops = more(load, radii_pa, flat)
         settings, loops = settings + further_settings, chain(loops, further_loops)
-    wrenches = (load.wrench_of_courses(loop.reshape(pressure.shape)) for loop in loops)
-    return [TermColumns(tuple(settings), by_triangle=stacked(wrenches, len(settings)), joint=True)]
+    return [_joint(load, settings, loops)]
+
+
+def _joint(load: LoadEstimate, settings: Sequence[Setting], loops: Iterable[Array]) -> TermColumns:
+    """Return joint columns of what friction takes of the pressure, (N, m) each."""
+    wrenches = (load.wrench_of_courses(loop.reshape(load.courses_pa.shape)) for loop in loops)
+    return TermColumns(tuple(settings), by_triangle=stacked(wrenches, len(settings)), joint=True)
 
 
 def _closing_loops(load: LoadEstimate, radii_pa: Array, flat: Array) -> Loops:
@@ -81,11 +86,9 @@ def _frictions_of_readings(load: LoadEstimate, radii_pa: Array, flat: Array) -> 
 
 def _closing_plays_of_walk(load: LoadEstimate) -> TermColumns:
     """Return joint columns of a walk: plays of held readings that close at zero."""
-    held_pa = load.held_pa
     radii_pa = np.array([each for each in RADII_PA if each > LEAST_CLOSING * load.top_pa] or RADII_PA[-1:])
-    settings, plays = _closing_plays(held_pa.reshape(len(held_pa), -1), radii_pa, HALF_ON_WALKS * load.top_pa)
-    wrenches = (load.wrench_of_courses(play.reshape(held_pa.shape)) for play in plays)
-    return TermColumns(tuple(settings), by_triangle=stacked(wrenches, len(settings)), joint=True)
+    held_pa = load.held_pa.reshape(len(load.held_pa), -1)
+    return _joint(load, *_closing_plays(held_pa, radii_pa, HALF_ON_WALKS * load.top_pa))
 
 
 def _closing_plays(pressure: Array, radii_pa: Array, half_pa: float) -> Loops:
