@@ -128,6 +128,22 @@ def test_words_that_leave_more_than_they_explain_are_unknown(tmp_path):
     assert diagnosis.verdict == "unexplained"
 
 
+def test_the_model_of_a_strong_loop_leaves_what_was_held_out(tmp_path):
+    """Here, the curves handed in are off by far more than companions, which are linear about them, describe."""
+    folder, out = write(tmp_path / "bag", bouc_wen(0.8, 60e3), seconds=60.0), tmp_path / "model.json"
+    calibration = json.loads((folder / "calibration.json").read_text())
+    for taxel in calibration["taxels"]:
+        offset_pa, *rest = taxel["coefficients_pa"]
+        taxel["coefficients_pa"] = [offset_pa - 6e3, *(0.6 * each for each in rest)]
+    (folder / "calibration.json").write_text(json.dumps(calibration))
+    diagnosis = found(folder)
+    out.write_text(json.dumps(diagnosis.model))
+    recording = insole_daemon.load(folder)
+    off = recording["left"].counts - counts(out, recording)["left"]
+    used = np.isfinite(off).all(axis=0)
+    assert np.sqrt(np.mean(off[:, used] ** 2)) < 1.4 * diagnosis.heldout["after"] < 0.15 * diagnosis.heldout["before"]
+
+
 def test_the_model_predicts_the_counts(tmp_path):
     folder = write(tmp_path / "solid", relaxing(0.3, 0.8))
     out = tmp_path / "diagnosis"

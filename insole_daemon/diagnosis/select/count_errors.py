@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ...physics.law import Array
 from ..load_estimate import TaxelLoad
 from ..model.blocks import BlockDesign, residual
-from ..model.curves import CurveSplines, curve_splines, fit_curves, heldout_rest
+from ..model.curves import CurveShares, CurveSplines, curve_splines, fit_curves, heldout_rest
 from ..model.refine import Refined
 from ..model.regression import Timing
 from ..model.signal_path import pressure_removed
@@ -56,7 +56,7 @@ def count_errors(refined: Refined[BlockDesign], order: Sequence[int]) -> Heldout
         for t, columns in enumerate(x):
             residual_rows[t, held] = rest[t, held] - theta @ columns[:, held]
     every_row = np.ones(n, bool)
-    every, shared, own = _fit(active, y, design, every_row)
+    _, shared, own = _fit(active, y, design, every_row)
     _, unmoved, _ = _fit(none, aligned, design, every_row)
     moved = nuisance.shared_sum(unmoved * aligning)
     before = aligned - moved
@@ -70,7 +70,10 @@ def count_errors(refined: Refined[BlockDesign], order: Sequence[int]) -> Heldout
         # The calibration may have been made while the memory or snap acted.
         at_count = off + seen.activation_count
         splines = curve_splines(at_count, seen.usable)
-        recalibrated = fit_curves(splines, off, at_count, known, std_count, seen.noise_count)
+        by_laws = design.y - nuisance.shared_sum(shared * aligning)
+        for candidate, shares in zip(law.design.candidates, law.shares, strict=True):
+            by_laws -= design.contribution(candidate, shares)
+        recalibrated = _corrections(design, _error_count(design, as_read, by_laws, design.unmoved, sum(deviations)))
         off = _heldout(design, off, splines, fold, std_count)
     static = _error_count(design, as_read, before, design.unmoved.as_handed_in)
     if seen.has_own_curves:  # no calibration was handed in: `before` has the best static curves
@@ -98,14 +101,10 @@ def count_errors(refined: Refined[BlockDesign], order: Sequence[int]) -> Heldout
         np.mean(each.T / np.where(known, design.weights, np.inf) / np.maximum(slope, 1e-9), axis=1, keepdims=True)
         for each in (before, residual_rows)
     ]
-    companion_shares = {
-        int(k): float(share)
-        for k, share in zip(active.companions, every[len(every) - len(active.companions) :], strict=True)
-    }
     return HeldoutErrors(
         rms[:1], rms[1:], np.minimum(floor, rms[1:]), counts[0], counts[1], np.asarray(known.any(axis=1)),
         lack_of_fit(residual_with_companions(refined).T, seen.step_s, EXPECTED), tuple(gains), timing_gain, shared,
-        companion_shares, recalibrated,
+        recalibrated,
     )  # fmt: skip
 
 
@@ -306,6 +305,20 @@ def _heldout(design: BlockDesign, off: Array, splines: CurveSplines, fold: NDArr
     return heldout_rest(
         splines, off, off + seen.activation_count, design.weights > 0, std_count, seen.noise_count, fold
     )
+
+
+def _corrections(design: BlockDesign, off: Array) -> CurveShares:
+    """Return the corrections of the curves by the error `off` (N, T, 12) of the laws with the curves handed in, counts.
+
+    Companions are linear about these curves and describe what a memory changes in them only if that is little.
+    """
+    seen, known = design.seen, design.weights > 0
+    at_count, is_used = off + seen.activation_count, known[..., None] & seen.usable
+    size_count = np.sqrt(np.mean(off**2, axis=(0, 2), where=is_used | ~is_used.any(axis=(0, 2), keepdims=True)))
+    return fit_curves(
+        curve_splines(at_count, seen.usable), off, at_count, known, np.maximum(size_count, LEAST_REFITTED_COUNT),
+        seen.noise_count,
+    )  # fmt: skip
 
 
 def _noise(design: BlockDesign) -> float:

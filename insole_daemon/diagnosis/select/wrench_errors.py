@@ -42,8 +42,7 @@ class HeldoutErrors:
     ]  # reduction of the mean square by each candidate, added in `order`: of f_z in N², or counts²
     timing_gain: float  # reduction of the mean square by delay and lag of the whole insole, which enter first
     base_shares: Array  # (b,) of the nuisance columns in the fit of the selected set
-    companion_shares: dict[int, float]  # beside the laws, by column of their design
-    recalibrated: CurveShares | None = None  # errors of curves that contain the mean curve of a memory
+    recalibrated: CurveShares | None = None  # errors of a chamber's curves that contain the mean curve of a memory
 
     @property
     def residual_fraction(self) -> float:
@@ -121,7 +120,6 @@ def wrench_errors(
     return HeldoutErrors(
         rms[0], rms[1], np.minimum(floor, rms[1]), courses[0], courses[1], known, lack, tuple(gains), timing_gain,
         every[:b],
-        refined.of_laws.companion_shares,
     )  # fmt: skip
 
 
