@@ -24,6 +24,8 @@ from .select.wrench_errors import HeldoutErrors
 LEAST_GAINED = 0.001  # gain of a term when it is added, relative to the sum of the gains of the set
 LEAST_NEEDED = 0.05  # loss of held-out gain without a term that gains less, relative to the set's, for it to stay
 LEAST_ELSEWHERE = 3  # triangles without a term, to compare its gain with theirs
+MISFIT = 4.0  # mean square of a walk's held-out error over that of its floor, above which every term is tried
+CLEARLY_LESS = 0.8  # of the held-out mean square error: a term is removed if less than that is left without it
 UPPER = 0.9  # quantile of the gains elsewhere
 LEAST_RATIO = 20.0  # of the median gain where a term is to that quantile
 MOST_WORSE = np.array([1.02, 1.1, 1.1])  # held-out error of f_z, m_x and m_y, relative to that of the model handed in
@@ -44,7 +46,7 @@ def eliminate_backward(search: SubsetSearch[Any], best: FittedSet, timing: Timin
 
     One term is removed at a time, in this order of rules: its gain is below its penalty; a term of single triangles
     gains nearly as much in others; its word explains less than the lack of fit; the set makes held-out rows worse; its
-    held-out gain is negligible.
+    held-out gain is negligible, or the held-out error is clearly smaller without it.
     """
     while True:
         refined = refine(search.design, best.chosen)
@@ -63,7 +65,7 @@ def eliminate_backward(search: SubsetSearch[Any], best: FittedSet, timing: Timin
         if kept.order and not _is_better(kept.figures):
             best = search.fit([k for i, k in enumerate(best.chosen) if i != kept.order[-1]])
             continue
-        reduced = _without_negligible(search, kept, timing)
+        reduced = _without_useless(search, kept, timing)
         if reduced is None:
             return kept
         best = reduced
@@ -97,29 +99,37 @@ def _is_better(errors: HeldoutErrors) -> bool:
     return bool(is_smaller and np.all(errors.after <= MOST_WORSE[: len(errors.after)] * errors.before))
 
 
-def _without_negligible(search: SubsetSearch[Any], kept: ValidatedSet, timing: Timing) -> FittedSet | None:
-    """Return the set without a candidate whose held-out gain is negligible; None if there is none.
+def _without_useless(search: SubsetSearch[Any], kept: ValidatedSet, timing: Timing) -> FittedSet | None:
+    """Return the set without a candidate that is of no use on held-out rows; None if there is none.
 
-    It is negligible if it is small both when the candidate is added after stronger ones and when it is removed from the
-    complete set.
+    Its gain is negligible if it is small both when the candidate is added after stronger ones and when it is removed
+    from the complete set. On a walk that the set describes badly, each candidate is tried, because a wrong one may have
+    been chosen before the right ones, and may gain much beside them: it is of no use if the error is clearly smaller
+    without it.
     """
     whole, best, errors = search.design, kept.best, kept.figures
-    least_needed = LEAST_NEEDED if isinstance(whole, BlockDesign) else LEAST_GAINED
+    is_chamber = isinstance(whole, BlockDesign)
+    least_needed = LEAST_NEEDED if is_chamber else LEAST_GAINED
     unit = np.maximum(errors.floor, 1e-12)  # of each channel
 
     def square(rms: Array) -> float:
         return float(np.sum((rms / unit) ** 2))
 
     before, after = square(errors.before), square(errors.after)
+    is_misfit = not is_chamber and after > MISFIT * len(unit)
     for i, gain in reversed(list(zip(kept.order, errors.gains, strict=True))):
-        if gain > LEAST_GAINED * sum(errors.gains) or _is_without_heldout_effect(whole, best.chosen[i], errors):
+        k = best.chosen[i]
+        is_small = gain <= LEAST_GAINED * sum(errors.gains) and not _is_without_heldout_effect(whole, k, errors)
+        if not (is_small or is_misfit):
             continue
-        rest = [k for j, k in enumerate(best.chosen) if j != i]
+        rest = [other for other in best.chosen if other != k]
         others = search.singles() if len(rest) == 1 else []
         without = max([search.fit(rest), *others], key=lambda fitted: fitted.score)
+        if k in without.chosen:
+            continue
         after_without = square(_validated(without, refine(whole, without.chosen), timing).figures.after)
-        needed = least_needed * (before - after) * _share_of_insole(whole, best.chosen[i])
-        if best.chosen[i] not in without.chosen and after_without - after < needed:
+        needed = least_needed * (before - after) * _share_of_insole(whole, k)
+        if (is_small and after_without - after < needed) or (is_misfit and after_without < CLEARLY_LESS * after):
             return without
     return None
 

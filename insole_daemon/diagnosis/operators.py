@@ -32,6 +32,22 @@ def _step(step_s: float, tau_s: float) -> tuple[float, float, float]:
     return decay, before, now
 
 
+def cubic_at(values: Array, position: Array) -> Array:
+    """Return rows (n, ...) of `values` (N, ...) at fractional row numbers `position` (n,), by a Catmull–Rom cubic.
+
+    Source: E. Catmull and R. Rom, A class of local interpolating splines, 1974.
+    """
+    row = position.astype(np.intp)
+    x = (position - row).reshape(-1, *(1,) * (values.ndim - 1))
+    p0, p1, p2, p3 = (
+        (values[row + step] for step in (-1, 0, 1, 2))
+        if row.max() + 2 < len(values)
+        else (values[np.clip(row + step, 0, len(values) - 1)] for step in (-1, 0, 1, 2))
+    )
+    interpolated = p1 + 0.5 * x * (p2 - p0 + x * (2 * p0 - 5 * p1 + 4 * p2 - p3 + x * (3 * (p1 - p2) + p3 - p0)))
+    return np.asarray(interpolated)
+
+
 def plays(x: Array, radii_pa: Array) -> Array:
     """Return play_r[x] − x (k, N, m), without load before the first row (`effects.hysteresis`).
 

@@ -362,7 +362,7 @@ def _target(load: LoadEstimate, weights: Array, base: NuisanceColumns, timing: T
 
 def _after(seen: WrenchObservation, timing: Timing) -> WrenchObservation:
     """Return the same rows with the reference after `timing`."""
-    return seen.timed(offset_s=seen.offset_s - timing.delay_s, reference=seen.reference.lagged(timing.lag_s))
+    return seen.timed(offset_s=seen.offset_s - timing.delay_s, reference=seen.reference.denoised.lagged(timing.lag_s))
 
 
 def as_read(load: LoadEstimate, after: WrenchObservation, kept: Array) -> tuple[Array, Array]:

@@ -9,6 +9,7 @@ import numpy as np
 from ...physics.law import Array
 from ..load_estimate import LoadEstimate
 from ..observations.interpolated_noise import noise_echo
+from ..operators import cubic_at
 from .term import Setting, Term, TermColumns, near_one
 
 DELAYS_S = (0.004, 0.008, 0.015, 0.025, 0.04, 0.06, 0.09, 0.14, 0.22, 0.35, 0.5)
@@ -33,22 +34,6 @@ def _column(load: LoadEstimate, setting: Setting) -> TermColumns:
 def _columns(load: LoadEstimate) -> list[TermColumns]:
     """Return a column for each delay of a board; a delay of the whole insole is a timing (`model.timing`)."""
     return [_column(load, {"delay_s": delay_s}) for delay_s in DELAYS_S]
-
-
-def cubic_at(values: Array, position: Array) -> Array:
-    """Return rows (n, ...) of `values` (N, ...) at fractional row numbers `position` (n,), by a Catmull–Rom cubic.
-
-    Source: E. Catmull and R. Rom, A class of local interpolating splines, 1974.
-    """
-    row = position.astype(np.intp)
-    x = (position - row).reshape(-1, *(1,) * (values.ndim - 1))
-    p0, p1, p2, p3 = (
-        (values[row + step] for step in (-1, 0, 1, 2))
-        if row.max() + 2 < len(values)
-        else (values[np.clip(row + step, 0, len(values) - 1)] for step in (-1, 0, 1, 2))
-    )
-    interpolated = p1 + 0.5 * x * (p2 - p0 + x * (2 * p0 - 5 * p1 + 4 * p2 - p3 + x * (3 * (p1 - p2) + p3 - p0)))
-    return np.asarray(interpolated)
 
 
 def _parameters(settings: Sequence[Setting], shares: Array) -> dict[str, object]:

@@ -429,6 +429,14 @@ def test_a_snap_that_acted_while_the_insole_was_calibrated_is_named_and_undone(t
     assert error_of_model_n(folder, tmp_path / "out" / "model.json") < 0.3 * as_handed_in
 
 
+def test_a_snap_that_stood_for_a_creep_is_removed_beside_it(tmp_path):
+    """A slow creep that the calibration contains looks like a snap until the curves are corrected for it."""
+    folder = write(tmp_path / "walk", lambda p: 1.25 * (0.6 * p + 0.4 * late(p, 8.0)), seconds=40.0)
+    found = diagnose(folder, tmp_path / "out")
+    assert [each["effect"] for each in found["findings"]] == ["creep"]
+    assert found["heldout"]["after"] < 1.1 * found["heldout"]["floor"]
+
+
 def test_an_uncalibrated_board_gives_no_finding_and_is_in_the_report(tmp_path):
     folder = varied(write(tmp_path / "walk"), tmp_path / "masked", without_a_board)
     found = diagnose(folder, tmp_path / "out")

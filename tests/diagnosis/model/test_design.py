@@ -67,6 +67,22 @@ def test_no_delay_explains_the_noise_of_the_reference(whole):
     assert np.array(totals) / np.median(totals) == pytest.approx(1.0, abs=0.03)
 
 
+def test_noise_of_the_reference_does_not_decide_between_delay_and_lag(whole):
+    """A short lag averages rows and a short delay does not, and the noise of readings is not independent of it."""
+    seen, late_s = whole.load.observation, 0.004
+
+    rng, clean, row_s = np.random.default_rng(1), seen.reference, seen.reference.row_s
+    grid_s = np.arange(len(clean.fine)) * FINE_S
+    more = []
+    for _ in range(8):
+        rows = 3.0 * clean.noise * rng.standard_normal((int(grid_s[-1] / row_s) + 2, 3))
+        fine = clean.fine + CubicSpline(np.arange(len(rows)) * row_s, rows)(grid_s)
+        noisy = replace(seen, reference=replace(clean, fine=fine, noise=np.sqrt(10.0) * clean.noise))
+        loaded = replace(whole, load=LoadEstimate(noisy), moved=None)
+        more.append(loaded.retimed(Timing(late_s)).total - loaded.retimed(Timing(0.0, late_s)).total)
+    assert np.std(more) < 0.03 * whole.n_rows
+
+
 def test_the_reference_is_interpolated_between_the_times_of_readings(tmp_path):
     """Readings of slow boards do not resolve a step, at any delay."""
     recording = insole_daemon.load(write(tmp_path / "walk", period_ms=50))
