@@ -252,10 +252,10 @@ def _verdict(heldout: dict[str, Any], findings: Sequence[Finding], results: Sequ
 
 def _absorbed_by_curves(result: RecordingResult) -> list[wrench_model.Absorbed]:
     """Return the parts of the selected effects that the calibration's curves contain, unless these are refitted."""
-    law, absorbed = result.refined.of_laws, {}
     if result.figures.recalibrated is not None:
         return []
-    design, share_of = law.design, law.companion_shares
+    law = result.refined.of_laws
+    design, share_of, absorbed = law.design, law.companion_shares, {}
     for candidate in design.candidates:
         for word in (*RECALIBRATIONS, mean_curve.TERM.word, creep_by_reference.CALIBRATED):
             if columns := candidate.companions_of(word):
