@@ -12,10 +12,10 @@ from . import sentences
 from .finding import Finding, Quantity, heldout_of
 from .model.blocks import RECALIBRATIONS, BlockDesign
 from .model.refine import Refined
+from .select.penalties import MOST_SQUARE
 from .select.static_part import StaticPart, static_part, static_part_of_board
 from .select.wrench_errors import HeldoutErrors
 
-MOST_SQUARE = 1.5  # of an effect, in that of the mismatch: a larger one would cancel another effect
 CONFIDENCE = 0.7  # the part of the memory that the calibration contains is estimated from the memory's law
 
 

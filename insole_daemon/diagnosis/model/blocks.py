@@ -184,6 +184,10 @@ class BlockDesign:
             return float(shares @ self.gram[candidate.columns[:, None], candidate.columns] @ shares)
         return float(shares @ self._products_of([candidate], True) @ shares)
 
+    def mismatch(self, candidate: PlacedTerm) -> float:
+        """Return the sum of squares of y in the triangles of a candidate, in variances of the noise."""
+        return float(np.sum(self.y[self.mask[candidate.columns[0]]] ** 2))
+
     def size_of_loop(self, candidate: PlacedTerm, shares: Array) -> float:
         """Return the sum of squares of an effect after regression on its static companions."""
         columns = candidate.columns

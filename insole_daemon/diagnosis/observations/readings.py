@@ -38,10 +38,10 @@ LEAST_REPEATED = 0.02  # share of readings
 FEWEST_REPEATED = 6  # readings while the load changes: fewer may be equal by chance
 LEAST_NOISY = 3  # taxels of a triangle whose equal readings tell a repeat
 FROZEN_ODDS = 1e-6  # expected number of such stretches by chance in a whole recording
+MOST_REPEATS = 0.5  # usual share of repeats, from which the length of a stretch says nothing
 FROZEN_READINGS = 8  # shortest stretch of identical readings
 LEAST_IN_RANGE = 0.5  # of the taxels, valid and not at an end of their range
 SIMILAR_COUNT = 2.0  # difference of mean readings below which their probability to repeat is the same
-LEAST_MOVE_COUNT = 3.0  # median range of all other triangles during such a stretch
 
 # Times (k,), counts (k, 12), status words (k,), and how long readings can have waited for the bus (k,).
 Raw: TypeAlias = tuple[Array, NDArray[np.uint8], NDArray[np.uint16], Array]
@@ -244,29 +244,33 @@ def _without_jitter(t_s: Array, period_s: float, is_prompt: NDArray[np.bool_] | 
 
 
 def _without_frozen(triangles: Sequence[TriangleReadings]) -> list[TriangleReadings]:
-    """Return readings without stretches in which a triangle stays the same while the rest of the insole moves.
+    """Return readings without stretches in which a triangle stays the same while the rest of the insole changes.
 
-    An unloaded triangle may stay the same for long, too: its probability to do so is taken from its readings at a
-    similar level.
+    An unloaded triangle may stay the same for long, too. Its probability to do so is the larger of two: that of its
+    readings at a similar level, and that of other triangles at the same time, because in quiet standing all may. If it
+    is MOST_REPEATS or more, the noise is so small that it depends on how near the level is to the edge of a count.
     """
     mean_counts = [triangle.counts[:, PRESSURE_TAXELS].mean(axis=1) for triangle in triangles]
+    repeats = [
+        np.concatenate([[False], np.all(np.diff(triangle.counts[:, PRESSURE_TAXELS], axis=0) == 0, axis=1)])
+        for triangle in triangles
+    ]
     kept_triangles = []
     for row, readings in enumerate(triangles):
         if len(readings.t_s) < LEAST_READINGS:
             kept_triangles.append(readings)
             continue
-        is_kept = np.ones(len(readings.t_s), bool)
-        is_repeat = np.concatenate([[False], np.all(np.diff(readings.counts[:, PRESSURE_TAXELS], axis=0) == 0, axis=1)])
+        is_kept, is_repeat = np.ones(len(readings.t_s), bool), repeats[row]
         for a, b in np.flatnonzero(np.diff(is_repeat, prepend=False, append=False)).reshape(-1, 2).tolist():
             in_range = readings.valid[a] & (readings.counts[a] > 0) & (readings.counts[a] < MOST_COUNT)
             if b - a < FROZEN_READINGS or np.mean(in_range[PRESSURE_TAXELS]) < LEAST_IN_RANGE:
                 continue  # an open contact reads the ends of the range
             is_similar = np.abs(mean_counts[row] - mean_counts[row][a]) < SIMILAR_COUNT
             is_similar[a:b] = False
-            repeat_probability = (np.count_nonzero(is_repeat[is_similar]) + 1) / (np.count_nonzero(is_similar) + 2)
-            if len(is_repeat) * repeat_probability ** (b - a) < FROZEN_ODDS and _do_others_move(
-                triangles, mean_counts, row, readings.t_s[a], readings.t_s[b - 1]
-            ):
+            probability = (np.count_nonzero(is_repeat[is_similar]) + 1) / (np.count_nonzero(is_similar) + 2)
+            elsewhere = _repeats_of_others(triangles, repeats, readings.t_s[a], readings.t_s[b - 1])
+            usual = max(probability, elsewhere)
+            if usual < MOST_REPEATS and len(is_repeat) * usual ** (b - a) < FROZEN_ODDS:
                 is_kept[a:b] = False
         if is_kept.all() or is_kept.sum() < LEAST_READINGS:
             kept_triangles.append(readings)
@@ -280,6 +284,21 @@ def _without_frozen(triangles: Sequence[TriangleReadings]) -> list[TriangleReadi
     return kept_triangles
 
 
+def _repeats_of_others(
+    triangles: Sequence[TriangleReadings], repeats: Sequence[NDArray[np.bool_]], from_s: float, to_s: float
+) -> float:
+    """Return the share of repeats between two times: the median of triangles that change at all, 1 if none does.
+
+    Those that do not change may have the same fault: a board that repeats its frames does so with all its triangles.
+    """
+    shares = [
+        float(np.mean(is_repeat[during]))
+        for readings, is_repeat in zip(triangles, repeats, strict=True)
+        if (during := (readings.t_s >= from_s) & (readings.t_s <= to_s)).any() and not is_repeat[during].all()
+    ]
+    return float(np.median(shares)) if shares else 1.0
+
+
 def _without_outliers(readings: TriangleReadings) -> TriangleReadings:
     """Return readings with outliers of single taxels interpolated."""
     wrong = outliers(readings.t_s, readings.counts, readings.valid)
@@ -288,18 +307,6 @@ def _without_outliers(readings: TriangleReadings) -> TriangleReadings:
     return replace(
         readings, counts=interpolated(readings.t_s, readings.counts, readings.valid & ~wrong, wrong), is_outlier=wrong
     )
-
-
-def _do_others_move(
-    triangles: Sequence[TriangleReadings], mean_counts: Sequence[Array], row: int, from_s: float, to_s: float
-) -> bool:
-    """Return whether half of the triangles other than `row` change by LEAST_MOVE_COUNT between two times."""
-    spans = [
-        float(np.ptp(mean_count[during]))
-        for other, (readings, mean_count) in enumerate(zip(triangles, mean_counts, strict=True))
-        if other != row and (during := (readings.t_s >= from_s) & (readings.t_s <= to_s)).any()
-    ]
-    return bool(spans) and float(np.median(spans)) > LEAST_MOVE_COUNT
 
 
 def _without_repeats(readings: TriangleReadings) -> TriangleReadings:

@@ -34,6 +34,7 @@ CLEAR = 3.0  # standard deviations of noise
 SMALLEST, LARGEST = 0.6, 254.4  # range of counts that are not at an end
 MOST_CLIPPED = 0.2  # share of a triangle's taxels
 LONG_PAUSE_S = 0.15  # of readings: linear interpolation does not follow a step
+UNKNOWN_LOAD = 25.0  # variance of the load in long gaps, as a multiple of the usual one, from which a row is not used
 LEAST_SLOPE = 0.25  # of a curve, as a share of its mean slope
 HIGHEST_ACTIVATION = 255  # counts
 ABOVE_READINGS = 5.0  # counts above the highest reading, to which curves are used
@@ -353,7 +354,7 @@ class WrenchObservation:
 
     @cached_property
     def weight_variance(self) -> Array:
-        """Return the variance (N, 3) of a row, N² and N²·m²; inf where the reference is unknown.
+        """Return the variance (N, 3) of a row, N² and N²·m²; inf where the reference or most of the load is unknown.
 
         It consists of the noise of readings and reference, of time stamps and interpolation at edges, and of gaps.
         """
@@ -375,12 +376,14 @@ class WrenchObservation:
             )
             edges += (JITTER_S * slope) ** 2 + (BETWEEN_ROWS * maximum_filter1d(interpolation, 3, axis=0)) ** 2
         gaps = np.einsum("nt,ntc->nc", self.missing, self.by_triangle**2) * 0.25
+        variance = counting + self.reference.noise**2 + edges + gaps
         # The load of a step in a long gap is unknown, and the gap is common to all triangles of a board.
         in_long_gap = np.stack([triangle.in_gap(self.t_s, LONG_PAUSE_S) for triangle in self.readings], axis=1)
-        gaps += (in_long_gap.astype(np.float64) @ np.sqrt(np.mean(self.by_triangle**2, axis=0))) ** 2
-        variance = counting + self.reference.noise**2 + edges + gaps
-        unknown = ~self.reference.is_known(self.reference_s)
-        variance[unknown] = np.inf
+        of_long_gaps = (in_long_gap.astype(np.float64) @ np.sqrt(np.mean(self.by_triangle**2, axis=0))) ** 2
+        is_unknown = ~self.reference.is_known(self.reference_s)
+        is_unknown |= of_long_gaps[:, 0] > UNKNOWN_LOAD * np.median(variance[:, 0])
+        variance += of_long_gaps
+        variance[is_unknown] = np.inf
         return np.asarray(variance)
 
 

@@ -24,6 +24,7 @@ from ..terms import mean_curve
 
 LEAST_EVIDENCE = 40.0  # least gain of a recalibration of which the priors of nuisances absorb a part
 EARLY = 4.0  # additional least gains if readings come before their load, the least plausible hypothesis
+MOST_SQUARE = 1.5  # of a static effect, in that of the mismatch: a larger one would cancel another effect
 WITHIN_PRIORS = 4.0  # times the misfit of others: least size of a static effect that nuisances could absorb
 # Fraction of a memory's mean square that the law of another family leaves: plays of Dahl's friction, sums of
 # relaxations of activated creep.
@@ -247,10 +248,12 @@ class BlockPenalties:
         """Return the penalties of all terms with the misfit of the others; inf if a term is not distinguishable.
 
         A static term, which differs from nuisance columns only by its priors, must be larger than its least gain plus
-        WITHIN_PRIORS times the misfit of the others.
+        WITHIN_PRIORS times the misfit of the others. Beside companions, which may cancel it, it must be smaller than
+        MOST_SQUARE of what the calibration leaves.
         """
         if self._cancel(terms, shares):
             return np.inf
+        has_companions = any(len(one.companions) for one in terms)
         penalty = self._sibling_penalty(terms, shares)
         for i, candidate in enumerate(terms):
             if candidate.term.share == "whole" and not self._is_seen(chosen[i]):
@@ -259,7 +262,8 @@ class BlockPenalties:
             penalty += self.term_penalty(chosen[i], candidate, terms)
             if self.design.is_within_priors(candidate):
                 least = float(self.design.least[chosen[i]]) + WITHIN_PRIORS * misfit
-                if self.design.size(candidate, shares[i]) <= least:
+                most = MOST_SQUARE * self.design.mismatch(candidate) if has_companions else np.inf
+                if not least < self.design.size(candidate, shares[i]) < most:
                     return np.inf
             else:
                 penalty += misfit

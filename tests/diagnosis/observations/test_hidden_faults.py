@@ -80,6 +80,46 @@ def test_a_conversion_repeated_while_others_move_is_dropped():
     assert [each.held_fraction for k, each in enumerate(found) if k != 1] == [0.0] * 3
 
 
+def test_conversions_of_most_triangles_repeated_while_the_others_move_are_dropped():
+    """A board that repeats its frames may bear most triangles of the insole."""
+    every = [walking(seed) for seed in range(6)]
+    for k in range(4):
+        counts = every[k].counts.copy()
+        counts[1000:1060] = counts[999]
+        every[k] = TriangleReadings(every[k].t_s, counts, every[k].valid, every[k].period_s)
+    assert [len(each.t_s) for each in _without_frozen(every)] == [2940] * 4 + [3000] * 2
+
+
+def test_repeats_while_the_wearer_stands_still_are_dropped_if_other_taxels_show_noise():
+    every = [walking(seed) for seed in range(4)]
+    rng = np.random.default_rng(7)
+    for k, own in enumerate(every):
+        counts = own.counts.copy()
+        counts[1000:1200] = np.rint(counts[999] + (k != 1) * rng.normal(0.0, 1.0, (200, 12)))
+        every[k] = TriangleReadings(own.t_s, counts, own.valid, own.period_s)
+    assert [len(each.t_s) for each in _without_frozen(every)] == [3000, 2800, 3000, 3000]
+
+
+def test_constant_readings_of_standing_still_without_noise_are_kept():
+    every = [walking(seed) for seed in range(4)]
+    for k, own in enumerate(every):
+        counts = own.counts.copy()
+        counts[1000:1200] = counts[999]
+        counts[1100 + 10 * k] += 1.0
+        every[k] = TriangleReadings(own.t_s, counts, own.valid, own.period_s)
+    assert all(len(each.t_s) == 3000 for each in _without_frozen(every))
+
+
+def test_an_unloaded_triangle_with_less_noise_than_a_count_is_kept():
+    """Whether its readings change depends on how near they are to the edge of a count."""
+    every = [walking(seed) for seed in range(4)]
+    own, rng = every[1], np.random.default_rng(7)
+    counts = np.full((3000, 12), 240.0)
+    counts[:2000] += rng.random((2000, 12)) < 0.02
+    every[1] = TriangleReadings(own.t_s, counts, own.valid, own.period_s)
+    assert all(len(each.t_s) == 3000 for each in _without_frozen(every))
+
+
 def test_constant_readings_at_an_end_of_the_range_are_kept():
     every = [walking(seed) for seed in range(4)]
     counts = every[1].counts.copy()

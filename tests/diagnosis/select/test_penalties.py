@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -46,6 +48,16 @@ def test_a_static_effect_beside_a_large_one_needs_a_minimum_size(design, counts,
     beside = {gain: full(design, gain, 0.3), baseline: full(design, baseline, counts)}
     assert np.isfinite(penalty(design, {baseline: full(design, baseline, counts)}))
     assert np.isfinite(penalty(design, beside)) == is_possible
+
+
+@pytest.mark.parametrize(("share", "is_possible"), [(0.3, True), (0.4, False)])
+def test_a_static_effect_beside_a_memory_is_not_larger_than_what_the_calibration_leaves(design, share, is_possible):
+    """Companions of the memory would cancel it."""
+    gain, memory = number(design, "gain"), number(design, "viscoelasticity")
+    own = full(design, memory, 0.01)
+    left = replace(design, y=design.contribution(design.candidates[gain], full(design, gain, 0.3)))
+    assert np.isfinite(penalty(left, {gain: full(design, gain, share), memory: own})) == is_possible
+    assert np.isfinite(penalty(left, {gain: full(design, gain, share)}))
 
 
 def test_the_misfit_of_a_memory_resembles_drift_more_than_temperature(design):
