@@ -12,6 +12,7 @@ from . import sentences
 from .finding import Finding, Quantity, heldout_of
 from .model.blocks import RECALIBRATIONS, BlockDesign
 from .model.refine import Refined
+from .parameters import with_misfit
 from .select.penalties import MOST_SQUARE
 from .select.static_part import StaticPart, static_part, static_part_of_board
 from .select.wrench_errors import HeldoutErrors
@@ -68,7 +69,7 @@ def _finding(part: StaticPart, refined: Refined[BlockDesign], figures: HeldoutEr
     seen, law = refined.design.seen, laws()[part.word]
     units = {parameter.name: parameter.unit for parameter in law.parameters}
     parameters = {
-        name: Quantity(value, part.std * abs(value - (name == "gain")), units[name])
+        name: Quantity(value, with_misfit(name, value, part.std * abs(value - (name == "gain"))), units[name])
         for name, value in part.values.items()
     }
     sentence = sentences.of_effect(part.word, part.where, parameters)
