@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Generic
 
 import numpy as np
@@ -27,6 +27,7 @@ class TimingHypothesis:
     words: tuple[str, ...]  # "delay", "lag", or "clock" where readings come early
     timing: Timing
     criterion: float  # squared residual plus penalties of its best set, variances of the noise
+    is_settled: bool = field(default=False, kw_only=True)  # other times were tried, and have a larger criterion
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,32 +48,33 @@ def search_timings(
     hypothesis, so delay is none of them. `make` returns the design under the load after a timing: the columns of its
     terms are computed from the shifted and filtered load. `known`: hypotheses of a search on the same rows under other
     priors, whose times are the initial values.
+
+    Designs are large: beside that of the first timing there is one at a time, and the best hypothesis is fitted again.
     """
     hypotheses: list[tuple[str, ...]] = [("lag",)] if is_free_clock else [("delay",), ("lag",)]
     first = make(Timing())
+    noise = float(np.count_nonzero(first.weights))
     before = {each.words: each.timing for each in known}
     best = _best_of(first, make, (), is_free_clock, before.get(()))
     # A set is the start of other searches only with the same columns.
-    untimed = best if best.search.design.candidates is first.candidates else None
+    is_of_first = isinstance(best, TimingFit) and best.search.design.candidates is first.candidates
+    untimed = best if isinstance(best, TimingFit) and is_of_first else None
     others: list[TimingHypothesis] = []
 
     def add(words: tuple[str, ...], start: Timing | None = None) -> None:
         nonlocal best
         start = before.get(words, start)
-        one = _best_of(first, make, words, is_free_clock, start, untimed)
-        reached = one.timing
+        one = _best_of(first, make, words, is_free_clock, start, untimed, words in before)
         best, other = (one, best) if one.criterion < best.criterion else (best, one)
-        others.append(TimingHypothesis(other.words, other.timing, other.criterion))
-        del one, other  # designs are large
-        alone = None if start is not None else _alone(first, reached, words, is_free_clock)
+        others.append(other)
+        alone = None if start is not None else _alone(first, one.timing, words, is_free_clock)
         if alone is None:
             return
         second = _best_of(first, make, words, is_free_clock, alone, untimed)
-        noise = second.search.noise
         if second.criterion - noise < CLEARLY_LESS * (best.criterion - noise):
             others[:] = [other for other in others if other.words != words]
             if best.words != words:
-                others.append(TimingHypothesis(best.words, best.timing, best.criterion))
+                others.append(best)
             best = second
 
     for words in hypotheses:
@@ -84,11 +86,22 @@ def search_timings(
         early = fit_timing(first, (), Timing(), *_freedom(("clock",), is_free_clock))
         if early.delay_s < -NEAR.delay_s:
             add(("clock",), early)
-    if best.words:
-        start, words = best.timing, best.words
-        del best  # designs are large: this one goes before the next is made
-        best = without_short_lag(_fit_from(start, first, make, words, *_freedom(words, is_free_clock), NEARER))
+    others = [TimingHypothesis(each.words, each.timing, each.criterion) for each in others]
+    if best.words or not isinstance(best, TimingFit):
+        reached = best
+        del best, untimed
+        best = _fit_again(reached, first, make, is_free_clock)
     return best, tuple(sorted(others, key=lambda each: each.criterion))
+
+
+def _fit_again(reached: TimingHypothesis, first: D, make: Callable[[Timing], D], is_free_clock: bool) -> TimingFit[D]:
+    """Return the fit of the hypothesis `reached`, with columns that are exact at its times."""
+    free, within_s = _freedom(reached.words, is_free_clock)
+    fitted = reached
+    while not isinstance(fitted, TimingFit):
+        free = (False, False) if fitted.is_settled else free
+        fitted = _fit_from(fitted.timing, first, make, reached.words, free, within_s, NEARER)
+    return without_short_lag(fitted)
 
 
 def _best_of(
@@ -98,16 +111,22 @@ def _best_of(
     is_free_clock: bool,
     start: Timing | None,
     untimed: TimingFit[D] | None = None,
-) -> TimingFit[D]:
-    """Return the fit of the hypothesis `words`, from the timing `start` or from an estimate without terms.
+    is_known: bool = False,
+) -> TimingHypothesis:
+    """Return the hypothesis `words` as fitted from the timing `start` or from an estimate without terms.
 
-    `untimed`: the fit of the hypothesis without words, with the columns of `first`.
+    Only the hypothesis without words may keep its fit, a TimingFit. `untimed`: that fit, with the columns of `first`.
+    `is_known`: `start` is that of a search under other priors.
     """
     free, within_s = _freedom(words, is_free_clock)
     if start is None:
         start = _start(first, free, within_s, is_free_clock)
-    fitted = _fit_from(start, first, make, words, free, within_s, untimed=untimed)
-    return replace(fitted, criterion=np.inf) if _is_short_lag(fitted) else fitted
+    fitted = _fit_from(start, first, make, words, free, within_s, untimed=untimed, is_known=is_known)
+    if not words:
+        return fitted
+    return TimingHypothesis(
+        words, fitted.timing, np.inf if _is_short_lag(fitted, first) else fitted.criterion, is_settled=fitted.is_settled
+    )
 
 
 def _alone(first: D, reached: Timing, words: tuple[str, ...], is_free_clock: bool) -> Timing | None:
@@ -127,11 +146,12 @@ def without_short_lag(fitted: TimingFit[D]) -> TimingFit[D]:
 
     Its times stay: they align.
     """
-    return replace(fitted, words=tuple(set(fitted.words) - {"lag"})) if _is_short_lag(fitted) else fitted
+    is_short = _is_short_lag(fitted, fitted.search.design)
+    return replace(fitted, words=tuple(set(fitted.words) - {"lag"})) if is_short else fitted
 
 
-def _is_short_lag(fitted: TimingFit[D]) -> bool:
-    return "lag" in fitted.words and fitted.timing.lag_s < fitted.search.design.load.observation.least_lag_s
+def _is_short_lag(fitted: TimingHypothesis, design: D) -> bool:
+    return "lag" in fitted.words and fitted.timing.lag_s < design.load.observation.least_lag_s
 
 
 def _freedom(words: tuple[str, ...], is_free_clock: bool) -> tuple[tuple[bool, bool], tuple[float, float]]:
@@ -149,22 +169,26 @@ def _fit_from(
     within_s: tuple[float, float],
     near: Timing = NEAR,
     untimed: TimingFit[D] | None = None,
-) -> TimingFit[D]:
-    """Return the fit that is reached from `timing` by fitting the terms and the times in turn.
+    is_known: bool = False,
+) -> TimingHypothesis:
+    """Return the hypothesis that is reached from `timing` by fitting the terms and the times in turn.
 
-    The columns of the terms are computed anew if the timing changes by more than `near`. A timing with a larger
-    criterion than that of the round before is not used: with a delay of the whole insole and of every board as
-    candidates times alone are poorly determined, and linearised columns are wrong far from where they were computed.
-    `untimed`: the fit of the hypothesis without words. The search begins with its set while the columns are those of
-    `first`, and with its timing, too, if it fits clearly better than `timing`.
+    It is a TimingFit if the last round was the best. The columns of the terms are computed anew if the timing changes
+    by more than `near`. A timing with a larger criterion than that of the round before is not used: with a delay of the
+    whole insole and of every board as candidates times alone are poorly determined, and linearised columns are wrong
+    far from where they were computed. `untimed`: the fit of the hypothesis without words. The search begins with its
+    set while the columns are those of `first`, and with its timing, too, if it fits clearly better than `timing`. If
+    `timing` is that of a search under other priors (`is_known`), a criterion that is clearly worse ends the fit.
     """
     # A clock term could compensate the delay of the hypothesis.
     excluded_words = frozenset({"clock"}) if "delay" in words or "clock" in words else frozenset()
     design, made_for = first, Timing()
     of_untimed = () if untimed is None else untimed.best.chosen
     of_first = known = tuple(k for k in of_untimed if first.candidates[k].word not in excluded_words)
-    before, least, is_back = Timing(), first.total, False  # timing of the round before, and its criterion
-    for round_ in range(ROUNDS + 1):
+    before, least = TimingHypothesis(words, Timing(), np.inf), first.total  # the round before, and what it left
+    is_last = not any(free)
+    round_ = 0
+    while True:
         if _is_moved(made_for, timing, near):
             design, made_for, known = first, Timing(), of_first
         if _is_moved(made_for, timing, near):
@@ -172,27 +196,31 @@ def _fit_from(
         search = SubsetSearch(design.retimed(timing), excluded_words)
         best = search.run(known)[0]
         known = best.chosen  # with which the next round begins if it has the same columns
-        criterion = search.design.total - best.score
-        if not any(free) or is_back:
-            break
-        if criterion > least:
-            timing, is_back = before, True
-        elif round_ >= ROUNDS - 1:
-            break
+        every = [search.design.candidates[k] for k in best.chosen]
+        left = search.design.total - best.score
+        penalty = len(words) * search.penalties.timing_penalty(every, best.shares)
+        fitted = TimingFit(words, timing, left + penalty, search, best)
+        round_ += 1
+        if is_last or (round_ == ROUNDS and left <= least):
+            return fitted
+        if left > least:
+            if np.isfinite(before.criterion):
+                return replace(before, is_settled=True)
+            timing, is_last = Timing(), True  # worse than without any term and timing
         else:
-            if round_ == 0 and untimed is not None and _is_clearly_worse(criterion, untimed):
+            if is_known and untimed is not None and _is_clearly_worse(fitted.criterion, untimed):
+                return fitted
+            if round_ == 1 and untimed is not None and _is_clearly_worse(left, untimed):
                 again = fit_timing(first, untimed.best.chosen, untimed.timing, free, within_s)
             else:
                 again = fit_timing(design, best.chosen, timing, free, within_s)
             if max(abs(again.delay_s - timing.delay_s), abs(again.lag_s - timing.lag_s)) < TOLERANCE_S:
-                break
-            before, least, timing = timing, criterion, again
+                return fitted
+            before, least = TimingHypothesis(words, timing, fitted.criterion), left
+            timing = again
         if _is_moved(made_for, timing, near):
             design = first
-            del search  # designs are large: this one goes before the next is made
-    every = [search.design.candidates[k] for k in best.chosen]
-    penalty = len(words) * search.penalties.timing_penalty(every, best.shares)
-    return TimingFit(words, timing, criterion + penalty, search, best)
+            del search, fitted  # designs are large: this one goes before the next is made
 
 
 def _is_clearly_worse(criterion: float, other: TimingFit[Any]) -> bool:
