@@ -29,6 +29,9 @@ WITHIN_PRIORS = 4.0  # times the misfit of others: least size of a static effect
 # Fraction of a memory's mean square that the law of another family leaves: plays of Dahl's friction, sums of
 # relaxations of activated creep.
 MISFIT_OF_MEMORY = 0.1
+# The law of another memory describes at most half of a misfit: UNDESCRIBED times what both leave beyond the noise, of
+# which the part LEAST_UNDESCRIBED is uncertain.
+UNDESCRIBED, LEAST_UNDESCRIBED = 1.0, 0.1
 # Fraction of a static effect's mean square that another one at the same place may explain: a changed curve has one
 # cause, which no static word describes exactly. WITHIN_PRIORS makes it a tenth.
 MISFIT_OF_STATIC = 0.025
@@ -59,10 +62,12 @@ class Penalties(Protocol):
     def least_penalty(self, k: int) -> float:
         """Return the smallest penalty of candidate `k` in any set."""
 
-    def set_penalty(self, chosen: Sequence[int], terms: Sequence[PlacedTerm], shares: Sequence[Array]) -> float:
+    def set_penalty(
+        self, chosen: Sequence[int], terms: Sequence[PlacedTerm], shares: Sequence[Array], left: float
+    ) -> float:
         """Return the penalty of a set with the misfit of its laws; inf if the set is no valid model.
 
-        `chosen`: numbers of the candidates `terms`; `shares`: their fitted shares.
+        `chosen`: numbers of the candidates `terms`; `shares`: their fitted shares; `left`: the squared residual.
         """
 
     def timing_penalty(self, terms: Sequence[PlacedTerm], shares: Sequence[Array]) -> float:
@@ -147,7 +152,9 @@ class WrenchPenalties:
         kept = float(self.design.kept_share[candidate.columns].max())
         return float(np.clip(np.sqrt(kept) * self._smallest_gain, LEAST_EVIDENCE, self._smallest_gain))
 
-    def set_penalty(self, chosen: Sequence[int], terms: Sequence[PlacedTerm], shares: Sequence[Array]) -> float:
+    def set_penalty(
+        self, chosen: Sequence[int], terms: Sequence[PlacedTerm], shares: Sequence[Array], left: float
+    ) -> float:
         """Return the penalties of all terms, each with the misfit of the others, at most its own sum of squares.
 
         The same word at other places counts with the sum of squares of all of them together: an effect of the insole
@@ -221,6 +228,7 @@ class BlockPenalties:
     def __init__(self, design: BlockDesign) -> None:
         self.design = design
         self._n_triangles = design.mask.sum(axis=1)  # of each column
+        self._noise = float(np.count_nonzero(design.weights))  # expected squared residual of noise alone
         self._seen: dict[int, bool] = {}
         self._least = [
             LEAST_GAIN if design.is_within_priors(candidate) else least
@@ -244,12 +252,14 @@ class BlockPenalties:
         """Return the penalty without the misfit of other terms."""
         return self.term_penalty(k, self.design.candidates[k], ())
 
-    def set_penalty(self, chosen: Sequence[int], terms: Sequence[PlacedTerm], shares: Sequence[Array]) -> float:
+    def set_penalty(
+        self, chosen: Sequence[int], terms: Sequence[PlacedTerm], shares: Sequence[Array], left: float
+    ) -> float:
         """Return the penalties of all terms with the misfit of the others; inf if a term is not distinguishable.
 
         A static term, which differs from nuisance columns only by its priors, must be larger than its least gain plus
         WITHIN_PRIORS times the misfit of the others. Beside companions, which may cancel it, it must be smaller than
-        MOST_SQUARE of what the calibration leaves.
+        MOST_SQUARE of what the calibration leaves. What the set leaves limits the misfit beside a memory (UNDESCRIBED).
         """
         if self._cancel(terms, shares):
             return np.inf
@@ -259,6 +269,8 @@ class BlockPenalties:
             if candidate.term.share == "whole" and not self._is_seen(chosen[i]):
                 return np.inf
             misfit = self._misfit(terms, shares, i)
+            if candidate.term.is_memory:
+                misfit = min(misfit, UNDESCRIBED * max(left - self._noise, LEAST_UNDESCRIBED * self._noise))
             penalty += self.term_penalty(chosen[i], candidate, terms)
             if self.design.is_within_priors(candidate):
                 least = float(self.design.least[chosen[i]]) + WITHIN_PRIORS * misfit

@@ -94,7 +94,8 @@ class SubsetSearch(Generic[D]):
             every = [self.design.candidates[k] for k in key]
             shares, gain = solve_shares(self.design, every) if _is_a_model(every) else ((), 0.0)
             possible = len(shares) == len(every) and is_possible(every, shares, self.design.load.is_known)
-            score = gain - self.penalties.set_penalty(key, every, shares) if possible else -np.inf
+            left = self.design.total - gain
+            score = gain - self.penalties.set_penalty(key, every, shares, left) if possible else -np.inf
             self._fitted[key] = FittedSet(key, shares, gain, score)
         return self._fitted[key]
 

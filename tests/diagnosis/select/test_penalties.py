@@ -31,10 +31,10 @@ def number(design: BlockDesign, word: str, scope: str = "insole") -> int:
     return next(k for k, each in enumerate(design.candidates) if each.word == word and each.where.scope == scope)
 
 
-def penalty(design: BlockDesign, shares: dict[int, Array]) -> float:
+def penalty(design: BlockDesign, shares: dict[int, Array], left: float = np.inf) -> float:
     chosen = sorted(shares)
     return BlockPenalties(design).set_penalty(
-        chosen, [design.candidates[k] for k in chosen], [shares[k] for k in chosen]
+        chosen, [design.candidates[k] for k in chosen], [shares[k] for k in chosen], left
     )
 
 
@@ -70,6 +70,22 @@ def test_the_misfit_of_a_memory_resembles_drift_more_than_temperature(design):
         return penalty(design, {memory: own, k: tiny}) - penalty(design, {memory: own}) - penalty(design, {k: tiny})
 
     assert 0.0 < raised_by("temperature") == pytest.approx(0.3 * raised_by("drift"), rel=1e-3)
+
+
+def test_what_a_set_leaves_limits_the_misfit_beside_a_memory(design):
+    """A second memory that leaves little beside the first is no part of what the law of the first does not describe."""
+    memory = number(design, "viscoelasticity")
+    noise = float(np.count_nonzero(design.weights))
+
+    def raised_by(word: str, left: float) -> float:
+        k = number(design, word)
+        both = {memory: full(design, memory, 1.5), k: full(design, k, 1e-6)}
+        return penalty(design, both, left) - sum(penalty(design, {j: own}) for j, own in both.items())
+
+    assert raised_by("creep", noise) == pytest.approx(0.2 * noise, rel=1e-3)
+    assert raised_by("creep", 1.5 * noise) == pytest.approx(1.0 * noise, rel=1e-3)
+    assert raised_by("creep", np.inf) > 2.0 * noise
+    assert raised_by("drift", noise) == pytest.approx(raised_by("drift", np.inf))
 
 
 def test_a_local_term_may_explain_only_a_part_of_a_memorys_misfit(design):
