@@ -294,7 +294,7 @@ def _refined_places(first: TimingFit[Any]) -> TimingFit[Any]:
         return first
     whole, excluded_words = first.search.design, first.search.excluded_words
     whole = with_refined(whole, refine_events_beside(whole, first.best.chosen))
-    among = SubsetSearch(with_groups(whole, first.best), excluded_words)
+    among = SubsetSearch(with_groups(whole, first.best), excluded_words, is_last=True)
     best = max([*among.run()[:1], first.best], key=lambda fitted: fitted.score)
     among, best = with_refined_settings(among, best)
     return replace(first, search=among, best=among.fit(best.chosen))

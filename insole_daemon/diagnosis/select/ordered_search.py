@@ -86,7 +86,7 @@ def with_refined_settings(
     if not settings:
         return search, best
     numbers = {k: len(search.design.candidates) + i for i, (k, _) in enumerate(settings)}
-    among = SubsetSearch(search.design.with_settings(settings), search.excluded_words)
+    among = SubsetSearch(search.design.with_settings(settings), search.excluded_words, search.is_last)
     # Exchanging one term at a time might not reach the set whose parameters were refined together.
     together = among.fit([numbers.get(k, k) for k in best.chosen])
     return among, among.run(max(together, best, key=lambda fitted: fitted.score).chosen)[0]

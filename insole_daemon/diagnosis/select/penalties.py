@@ -258,8 +258,9 @@ class BlockPenalties:
         """Return the penalties of all terms with the misfit of the others; inf if a term is not distinguishable.
 
         A static term, which differs from nuisance columns only by its priors, must be larger than its least gain plus
-        WITHIN_PRIORS times the misfit of the others. Beside companions, which may cancel it, it must be smaller than
-        MOST_SQUARE of what the calibration leaves. What the set leaves limits the misfit beside a memory (UNDESCRIBED).
+        WITHIN_PRIORS times the misfit of the others. It must not cancel others: beside companions it is smaller than
+        MOST_SQUARE times what the calibration leaves, else than 1 / CANCELLED times. The misfit beside a memory is
+        limited by what the set leaves (UNDESCRIBED).
         """
         if self._cancel(terms, shares):
             return np.inf
@@ -274,7 +275,7 @@ class BlockPenalties:
             penalty += self.term_penalty(chosen[i], candidate, terms)
             if self.design.is_within_priors(candidate):
                 least = float(self.design.least[chosen[i]]) + WITHIN_PRIORS * misfit
-                most = MOST_SQUARE * self.design.mismatch(candidate) if has_companions else np.inf
+                most = (MOST_SQUARE if has_companions else 1.0 / CANCELLED) * self.design.mismatch(candidate)
                 if not least < self.design.size(candidate, shares[i]) < most:
                     return np.inf
             else:

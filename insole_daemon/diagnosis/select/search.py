@@ -44,9 +44,13 @@ class FittedSet:
 class SubsetSearch(Generic[D]):
     """Search on one design; fitted sets are cached."""
 
-    def __init__(self, design: D, excluded_words: frozenset[str] = frozenset()) -> None:
-        """Prepare the search; `excluded_words` are in no set, because the timing of the design describes them."""
-        self.design, self.excluded_words = design, excluded_words
+    def __init__(self, design: D, excluded_words: frozenset[str] = frozenset(), is_last: bool = False) -> None:
+        """Prepare the search; `excluded_words` are in no set, because the timing of the design describes them.
+
+        `is_last`: the timing is found. Before, a second memory could describe what a delay or lag does, so what a set
+        leaves does not limit the misfit of its laws.
+        """
+        self.design, self.excluded_words, self.is_last = design, excluded_words, is_last
         self.penalties = penalties_of(design)
         self.noise = float(np.count_nonzero(design.weights))  # expected squared residual of noise alone
         self._fitted: dict[tuple[int, ...], FittedSet] = {}
@@ -94,7 +98,7 @@ class SubsetSearch(Generic[D]):
             every = [self.design.candidates[k] for k in key]
             shares, gain = solve_shares(self.design, every) if _is_a_model(every) else ((), 0.0)
             possible = len(shares) == len(every) and is_possible(every, shares, self.design.load.is_known)
-            left = self.design.total - gain
+            left = self.design.total - gain if self.is_last else np.inf
             score = gain - self.penalties.set_penalty(key, every, shares, left) if possible else -np.inf
             self._fitted[key] = FittedSet(key, shares, gain, score)
         return self._fitted[key]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any, Generic
 
 import numpy as np
@@ -27,7 +27,6 @@ class TimingHypothesis:
     words: tuple[str, ...]  # "delay", "lag", or "clock" where readings come early
     timing: Timing
     criterion: float  # squared residual plus penalties of its best set, variances of the noise
-    is_settled: bool = field(default=False, kw_only=True)  # other times were tried, and have a larger criterion
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,7 +63,7 @@ def search_timings(
     def add(words: tuple[str, ...], start: Timing | None = None) -> None:
         nonlocal best
         start = before.get(words, start)
-        one = _best_of(first, make, words, is_free_clock, start, untimed, words in before)
+        one = _best_of(first, make, words, is_free_clock, start, untimed)
         best, other = (one, best) if one.criterion < best.criterion else (best, one)
         others.append(other)
         alone = None if start is not None else _alone(first, one.timing, words, is_free_clock)
@@ -97,10 +96,10 @@ def search_timings(
 def _fit_again(reached: TimingHypothesis, first: D, make: Callable[[Timing], D], is_free_clock: bool) -> TimingFit[D]:
     """Return the fit of the hypothesis `reached`, with columns that are exact at its times."""
     free, within_s = _freedom(reached.words, is_free_clock)
-    fitted = reached
-    while not isinstance(fitted, TimingFit):
-        free = (False, False) if fitted.is_settled else free
-        fitted = _fit_from(fitted.timing, first, make, reached.words, free, within_s, NEARER)
+    fitted = _fit_from(reached.timing, first, make, reached.words, free, within_s, NEARER)
+    if not isinstance(fitted, TimingFit):
+        fitted = _fit_from(fitted.timing, first, make, reached.words, (False, False), within_s, NEARER)
+    assert isinstance(fitted, TimingFit)  # as with fixed times
     return without_short_lag(fitted)
 
 
@@ -111,22 +110,19 @@ def _best_of(
     is_free_clock: bool,
     start: Timing | None,
     untimed: TimingFit[D] | None = None,
-    is_known: bool = False,
 ) -> TimingHypothesis:
     """Return the hypothesis `words` as fitted from the timing `start` or from an estimate without terms.
 
     Only the hypothesis without words may keep its fit, a TimingFit. `untimed`: that fit, with the columns of `first`.
-    `is_known`: `start` is that of a search under other priors.
     """
     free, within_s = _freedom(words, is_free_clock)
     if start is None:
         start = _start(first, free, within_s, is_free_clock)
-    fitted = _fit_from(start, first, make, words, free, within_s, untimed=untimed, is_known=is_known)
+    fitted = _fit_from(start, first, make, words, free, within_s, untimed=untimed)
     if not words:
         return fitted
-    return TimingHypothesis(
-        words, fitted.timing, np.inf if _is_short_lag(fitted, first) else fitted.criterion, is_settled=fitted.is_settled
-    )
+    criterion = np.inf if _is_short_lag(fitted, first) else fitted.criterion
+    return TimingHypothesis(words, fitted.timing, criterion)
 
 
 def _alone(first: D, reached: Timing, words: tuple[str, ...], is_free_clock: bool) -> Timing | None:
@@ -169,7 +165,6 @@ def _fit_from(
     within_s: tuple[float, float],
     near: Timing = NEAR,
     untimed: TimingFit[D] | None = None,
-    is_known: bool = False,
 ) -> TimingHypothesis:
     """Return the hypothesis that is reached from `timing` by fitting the terms and the times in turn.
 
@@ -177,8 +172,7 @@ def _fit_from(
     by more than `near`. A timing with a larger criterion than that of the round before is not used: with a delay of the
     whole insole and of every board as candidates times alone are poorly determined, and linearised columns are wrong
     far from where they were computed. `untimed`: the fit of the hypothesis without words. The search begins with its
-    set while the columns are those of `first`, and with its timing, too, if it fits clearly better than `timing`. If
-    `timing` is that of a search under other priors (`is_known`), a criterion that is clearly worse ends the fit.
+    set while the columns are those of `first`, and with its timing, too, if it fits clearly better than `timing`.
     """
     # A clock term could compensate the delay of the hypothesis.
     excluded_words = frozenset({"clock"}) if "delay" in words or "clock" in words else frozenset()
@@ -205,11 +199,9 @@ def _fit_from(
             return fitted
         if left > least:
             if np.isfinite(before.criterion):
-                return replace(before, is_settled=True)
+                return before
             timing, is_last = Timing(), True  # worse than without any term and timing
         else:
-            if is_known and untimed is not None and _is_clearly_worse(fitted.criterion, untimed):
-                return fitted
             if round_ == 1 and untimed is not None and _is_clearly_worse(left, untimed):
                 again = fit_timing(first, untimed.best.chosen, untimed.timing, free, within_s)
             else:

@@ -46,8 +46,9 @@ def full(design: BlockDesign, k: int, share: float) -> Array:
 def test_a_static_effect_beside_a_large_one_needs_a_minimum_size(design, counts, is_possible):
     gain, baseline = number(design, "gain"), number(design, "baseline")
     beside = {gain: full(design, gain, 0.3), baseline: full(design, baseline, counts)}
-    assert np.isfinite(penalty(design, {baseline: full(design, baseline, counts)}))
-    assert np.isfinite(penalty(design, beside)) == is_possible
+    far_off = replace(design, y=100.0 * design.y)
+    assert np.isfinite(penalty(far_off, {baseline: full(design, baseline, counts)}))
+    assert np.isfinite(penalty(far_off, beside)) == is_possible
 
 
 @pytest.mark.parametrize(("share", "is_possible"), [(0.3, True), (0.4, False)])
@@ -58,6 +59,7 @@ def test_a_static_effect_beside_a_memory_is_not_larger_than_what_the_calibration
     left = replace(design, y=design.contribution(design.candidates[gain], full(design, gain, 0.3)))
     assert np.isfinite(penalty(left, {gain: full(design, gain, share), memory: own})) == is_possible
     assert np.isfinite(penalty(left, {gain: full(design, gain, share)}))
+    assert not np.isfinite(penalty(left, {gain: full(design, gain, 0.7)}))
 
 
 def test_the_misfit_of_a_memory_resembles_drift_more_than_temperature(design):
@@ -109,7 +111,7 @@ def test_a_local_term_may_explain_only_a_part_of_a_memorys_misfit(design):
 def test_two_effects_that_cancel_each_other_are_no_model(design, counts, is_possible):
     baseline, drift = number(design, "baseline"), number(design, "drift")
     shares = {baseline: full(design, baseline, 8.0), drift: full(design, drift, counts)}
-    assert np.isfinite(penalty(design, shares)) == is_possible
+    assert np.isfinite(penalty(replace(design, y=100.0 * design.y), shares)) == is_possible
 
 
 def test_drifts_of_all_boards_may_explain_as_little_of_a_memorys_misfit_as_one_of_the_insole(design):
