@@ -94,6 +94,20 @@ def test_a_strong_creep_that_moves_the_edges_is_no_wrong_clock(tmp_path):
     assert found.clocks[0, 0] == pytest.approx(0.0)
 
 
+def test_a_loop_beside_a_strong_creep_is_found(tmp_path):
+    """It explains far less than the law of a creep may leave, and nearly all of what this creep leaves."""
+
+    def creeping(t_s: Array, p: Array) -> Array:
+        return p + sum(relaxing(0.3, tau_s)(t_s, p) - p for tau_s in (3.0, 40.0))
+
+    def effect(t_s: Array, p: Array) -> Array:
+        return creeping(t_s, p) - (p - chamber.bouc_wen(0.6, 30e3)(t_s, p))
+
+    found = diagnose(write(tmp_path / "bag", effect, seconds=60.0))
+    assert {each.effect for each in found.findings} == {"creep", "hysteresis"}
+    assert found.heldout["after"] < 1.15 * found.heldout["floor"]
+
+
 def test_a_memory_that_is_stronger_in_some_triangles_is_one_effect(tmp_path):
     """Materials are not the same everywhere: the rest of a strong memory is no drift or memory of single triangles."""
     strength = np.repeat([1.1, 0.92, 1.05, 0.95, 1.08, 0.9], 12)
