@@ -3,8 +3,8 @@
     python -m benchmarks.diagnosis.families [--draws 4]
 
 Materials: a snap of nine domains with different thresholds, creep by a power law, a Bouc–Wen loop, a relaxation with a
-spectrum of times. Prints the relative errors of the parameters. Blind cases, whose calibrations may contain the effect,
-have larger ones: `select.amplitude.STD`.
+spectrum of times. Prints the relative errors of the parameters. Those of blind cases are larger, because their
+calibrations may contain the effect; `select.amplitude.STD` is theirs.
 
 Takes about 20 minutes.
 """

@@ -193,7 +193,7 @@ def insignificant_word(whole: Design | BlockDesign, refined: Refined[Any]) -> st
     Such a word may describe a part of the lack of fit, as in an F-test, whose scale is what the model leaves. A
     recalibration counts with its whole size, because nuisances take up most of it. A clock only aligns.
     """
-    noise = float(np.count_nonzero(whole.weights))
+    noise = whole.noise
     lack_of_fit = whole.total - refined.gain - noise
     if lack_of_fit < (GOOD_FIT - 1.0) * noise:
         return None

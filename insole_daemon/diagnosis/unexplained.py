@@ -62,7 +62,7 @@ def least_gain_beside_unknown(errors: HeldoutErrors, whole: Design | BlockDesign
 
 def mismatch(whole: Design | BlockDesign) -> float:
     """Return the squared residual of the static model beyond the noise, in variances of the noise."""
-    return whole.total - float(np.count_nonzero(whole.weights))
+    return whole.total - whole.noise
 
 
 def lack_of_fit_without_companions(refined: Refined[Any], whole: Design | BlockDesign) -> float:
@@ -72,7 +72,7 @@ def lack_of_fit_without_companions(refined: Refined[Any], whole: Design | BlockD
     can describe most mismatches that decay or depend on the load, whatever the cause. 0 if the residual is small, or if
     only the wrench is known.
     """
-    noise = float(np.count_nonzero(whole.weights))
+    noise = whole.noise
     lack = mismatch(whole) - refined.without_internal_companions.gain
     return lack if isinstance(whole, BlockDesign) and lack > UNKNOWN_EXCESS * noise else 0.0
 

@@ -86,6 +86,11 @@ class BlockDesign:
         rows = np.count_nonzero(self.weights, axis=0)
         return int(np.median(rows[rows > 0]))
 
+    @cached_property
+    def noise(self) -> float:
+        """Return the expected sum of squares of y by noise alone, in variances of the noise."""
+        return float(np.count_nonzero(self.weights))
+
     def is_seen(self, candidate: PlacedTerm) -> bool:
         """Return whether y contains more than half of a candidate's first column, for a share of 1."""
         at = self.mask[candidate.columns[0]]

@@ -78,6 +78,11 @@ class Design:
         return int(np.count_nonzero(self.weights[:, 0]))
 
     @cached_property
+    def noise(self) -> float:
+        """Return the expected sum of squares of y by noise alone, in variances of the noise."""
+        return float(np.count_nonzero(self.weights))
+
+    @cached_property
     def least(self) -> Array:
         """Return the gain (c,) of the smallest effect that each candidate may report, in variances of the noise."""
         return np.full(len(self.candidates), max(LEAST_GAIN, LEAST_SHARE * self.n_rows))

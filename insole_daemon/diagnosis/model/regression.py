@@ -108,6 +108,10 @@ class Regression(Protocol):
         """Number of rows with a weight, in one channel."""
 
     @property
+    def noise(self) -> float:
+        """Expected sum of squares of y by noise alone."""
+
+    @property
     def least(self) -> Array:
         """Gain (c,) of the smallest effect that each candidate may report, in variances of the noise."""
 

@@ -246,9 +246,8 @@ def _without_jitter(t_s: Array, period_s: float, is_prompt: NDArray[np.bool_] | 
 def _without_frozen(triangles: Sequence[TriangleReadings]) -> list[TriangleReadings]:
     """Return readings without stretches in which a triangle stays the same while the rest of the insole changes.
 
-    An unloaded triangle may stay the same for long, too. Its probability to do so is the larger of two: that of its
-    readings at a similar level, and that of other triangles at the same time, because in quiet standing all may. If it
-    is MOST_REPEATS or more, the noise is so small that it depends on how near the level is to the edge of a count.
+    An unloaded triangle may stay the same for long, too. So a stretch must be improbable by two shares of repeats: that
+    of its readings at a similar level, and that of other triangles at the same time, because in quiet standing all may.
     """
     mean_counts = [triangle.counts[:, PRESSURE_TAXELS].mean(axis=1) for triangle in triangles]
     repeats = [
@@ -267,10 +266,10 @@ def _without_frozen(triangles: Sequence[TriangleReadings]) -> list[TriangleReadi
                 continue  # an open contact reads the ends of the range
             is_similar = np.abs(mean_counts[row] - mean_counts[row][a]) < SIMILAR_COUNT
             is_similar[a:b] = False
-            probability = (np.count_nonzero(is_repeat[is_similar]) + 1) / (np.count_nonzero(is_similar) + 2)
-            elsewhere = _repeats_of_others(triangles, repeats, readings.t_s[a], readings.t_s[b - 1])
-            usual = max(probability, elsewhere)
-            if usual < MOST_REPEATS and len(is_repeat) * usual ** (b - a) < FROZEN_ODDS:
+            own = (np.count_nonzero(is_repeat[is_similar]) + 1) / (np.count_nonzero(is_similar) + 2)
+            if _is_improbable(own, b - a, len(is_repeat)) and _is_improbable(
+                _repeats_of_others(triangles, repeats, readings.t_s[a], readings.t_s[b - 1]), b - a, len(is_repeat)
+            ):
                 is_kept[a:b] = False
         if is_kept.all() or is_kept.sum() < LEAST_READINGS:
             kept_triangles.append(readings)
@@ -282,6 +281,14 @@ def _without_frozen(triangles: Sequence[TriangleReadings]) -> list[TriangleReadi
             )
         )  # fmt: skip
     return kept_triangles
+
+
+def _is_improbable(probability: float, length: int, n_readings: int) -> bool:
+    """Return whether `length` repeats in a row of `n_readings` are no chance, if each has this `probability`.
+
+    If it is MOST_REPEATS or more, the noise is so small that it depends on how near the level is to an edge of a count.
+    """
+    return probability < MOST_REPEATS and n_readings * probability**length < FROZEN_ODDS
 
 
 def _repeats_of_others(

@@ -12,7 +12,7 @@ from ..model.blocks import RECALIBRATIONS, BlockDesign
 from ..model.refine import Refined
 from ..model.solve import solve_companions
 
-STD = 0.13  # relative, over laws and calibrations of blind chambers: 1.5 x the median error (docs/evidence)
+STD = 0.13  # relative, over laws and calibrations of blind chambers: 1.5 times the median error (docs/evidence)
 STD_ON_WALKS = 0.3  # the same of f_z, for which a foot that rolls passes the same force under different triangles
 MOST_GONE = 0.9  # of the rows that the most complete triangle at its place has: others are left out
 LEAST_ROWS = 50  # for a fit of the static curve

@@ -24,7 +24,7 @@ def on_signal_path(
     are none, or if a single term of `first` explains the rows.
     """
     design, best = first.search.design, first.best
-    if len(best.chosen) < 2 and design.total - best.gain < GOOD_FIT * first.search.noise:
+    if len(best.chosen) < 2 and design.total - best.gain < GOOD_FIT * design.noise:
         return None
     terms = zip(start.best.chosen, start.best.shares, strict=True)
     of_start = [(start.search.design.candidates[k], shares) for k, shares in terms]

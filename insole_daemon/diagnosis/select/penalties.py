@@ -228,7 +228,6 @@ class BlockPenalties:
     def __init__(self, design: BlockDesign) -> None:
         self.design = design
         self._n_triangles = design.mask.sum(axis=1)  # of each column
-        self._noise = float(np.count_nonzero(design.weights))  # expected squared residual of noise alone
         self._seen: dict[int, bool] = {}
         self._least = [
             LEAST_GAIN if design.is_within_priors(candidate) else least
@@ -271,7 +270,8 @@ class BlockPenalties:
                 return np.inf
             misfit = self._misfit(terms, shares, i)
             if candidate.term.is_memory:
-                misfit = min(misfit, UNDESCRIBED * max(left - self._noise, LEAST_UNDESCRIBED * self._noise))
+                noise = self.design.noise
+                misfit = min(misfit, UNDESCRIBED * max(left - noise, LEAST_UNDESCRIBED * noise))
             penalty += self.term_penalty(chosen[i], candidate, terms)
             if self.design.is_within_priors(candidate):
                 least = float(self.design.least[chosen[i]]) + WITHIN_PRIORS * misfit

@@ -52,7 +52,6 @@ class SubsetSearch(Generic[D]):
         """
         self.design, self.excluded_words, self.is_last = design, excluded_words, is_last
         self.penalties = penalties_of(design)
-        self.noise = float(np.count_nonzero(design.weights))  # expected squared residual of noise alone
         self._fitted: dict[tuple[int, ...], FittedSet] = {}
         self._shortlists: dict[tuple[int, ...], list[int]] = {}
         self._starts = np.array([candidate.columns[0] for candidate in design.candidates])
@@ -87,7 +86,8 @@ class SubsetSearch(Generic[D]):
             beam = sorted(grown.values(), key=lambda fitted: -fitted.score)
             best.update({fitted.chosen: fitted for fitted in beam})
             gained = beam[0].gain - gained
-            if beam[0].score <= previous or gained < LEAST_OF_REST * (self.design.total - beam[0].gain - self.noise):
+            rest = self.design.total - beam[0].gain - self.design.noise
+            if beam[0].score <= previous or gained < LEAST_OF_REST * rest:
                 break
         return sorted(best.values(), key=lambda fitted: -fitted.score)
 

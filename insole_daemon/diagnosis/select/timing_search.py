@@ -52,12 +52,10 @@ def search_timings(
     """
     hypotheses: list[tuple[str, ...]] = [("lag",)] if is_free_clock else [("delay",), ("lag",)]
     first = make(Timing())
-    noise = float(np.count_nonzero(first.weights))
     before = {each.words: each.timing for each in known}
     best = _best_of(first, make, (), is_free_clock, before.get(()))
     # A set is the start of other searches only with the same columns.
-    is_of_first = isinstance(best, TimingFit) and best.search.design.candidates is first.candidates
-    untimed = best if isinstance(best, TimingFit) and is_of_first else None
+    untimed = best if isinstance(best, TimingFit) and best.search.design.candidates is first.candidates else None
     others: list[TimingHypothesis] = []
 
     def add(words: tuple[str, ...], start: Timing | None = None) -> None:
@@ -70,7 +68,7 @@ def search_timings(
         if alone is None:
             return
         second = _best_of(first, make, words, is_free_clock, alone, untimed)
-        if second.criterion - noise < CLEARLY_LESS * (best.criterion - noise):
+        if second.criterion - first.noise < CLEARLY_LESS * (best.criterion - first.noise):
             others[:] = [other for other in others if other.words != words]
             if best.words != words:
                 others.append(best)
@@ -168,18 +166,20 @@ def _fit_from(
 ) -> TimingHypothesis:
     """Return the hypothesis that is reached from `timing` by fitting the terms and the times in turn.
 
-    It is a TimingFit if the last round was the best. The columns of the terms are computed anew if the timing changes
-    by more than `near`. A timing with a larger criterion than that of the round before is not used: with a delay of the
-    whole insole and of every board as candidates times alone are poorly determined, and linearised columns are wrong
-    far from where they were computed. `untimed`: the fit of the hypothesis without words. The search begins with its
-    set while the columns are those of `first`, and with its timing, too, if it fits clearly better than `timing`.
+    The columns of the terms are computed anew if the timing changes by more than `near`. If a round has a larger
+    criterion than the one before, the result is the hypothesis of the round before, without its search, which is freed
+    by then: with a delay of the whole insole and of every board as candidates times alone are poorly determined, and
+    linearised columns are wrong far from where they were computed. Else it is a TimingFit, with its search. `untimed`:
+    the fit of the hypothesis without words. The search begins with its set while the columns are those of `first`, and
+    with its timing, too, if it fits clearly better than `timing`.
     """
     # A clock term could compensate the delay of the hypothesis.
     excluded_words = frozenset({"clock"}) if "delay" in words or "clock" in words else frozenset()
     design, made_for = first, Timing()
     of_untimed = () if untimed is None else untimed.best.chosen
     of_first = known = tuple(k for k in of_untimed if first.candidates[k].word not in excluded_words)
-    before, least = TimingHypothesis(words, Timing(), np.inf), first.total  # the round before, and what it left
+    before: TimingHypothesis | None = None  # the round before
+    least = first.total  # what it left
     is_last = not any(free)
     round_ = 0
     while True:
@@ -195,12 +195,14 @@ def _fit_from(
         penalty = len(words) * search.penalties.timing_penalty(every, best.shares)
         fitted = TimingFit(words, timing, left + penalty, search, best)
         round_ += 1
-        if is_last or (round_ == ROUNDS and left <= least):
+        if is_last:
             return fitted
         if left > least:
-            if np.isfinite(before.criterion):
+            if before is not None:
                 return before
             timing, is_last = Timing(), True  # worse than without any term and timing
+        elif round_ == ROUNDS:
+            return fitted
         else:
             if round_ == 1 and untimed is not None and _is_clearly_worse(left, untimed):
                 again = fit_timing(first, untimed.best.chosen, untimed.timing, free, within_s)
@@ -216,7 +218,7 @@ def _fit_from(
 
 
 def _is_clearly_worse(criterion: float, other: TimingFit[Any]) -> bool:
-    noise = other.search.noise
+    noise: float = other.search.design.noise
     return criterion - noise > CLEARLY_WORSE * max(other.criterion - noise, 0.0)
 
 
