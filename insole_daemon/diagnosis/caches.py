@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Collection
 from dataclasses import fields
 from typing import Any
 
 M_MMAP_THRESHOLD, LARGE_BYTES = -3, 1 << 20  # an option of malloc.h, and its value here
 
 
-def forget_cached(*owners: Any) -> None:
-    """Delete what each of `owners`, dataclasses without slots, has cached; it is computed again on demand."""
+def forget_cached(*owners: Any, kept: Collection[str] = ()) -> None:
+    """Delete what each of `owners`, dataclasses without slots, has cached, but for the properties `kept`.
+
+    It is computed again on demand.
+    """
     for owner in owners:
-        for name in vars(owner).keys() - {field.name for field in fields(owner)}:
+        for name in vars(owner).keys() - {field.name for field in fields(owner)} - set(kept):
             del vars(owner)[name]
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Self
 
 import numpy as np
 
@@ -44,7 +43,7 @@ class LoadEstimate:
         """Return the pressure by the static curves, from counts with noise reduced."""
         return self.static_pa(self.activation_count)
 
-    @cached_property
+    @property
     def pressure_pa(self) -> Array:
         """Return the load; if it is not known, the pressure of the readings."""
         return self.read_pa
@@ -101,10 +100,6 @@ class LoadEstimate:
         """Return the slope of the curves, Pa per count."""
         return self.observation.zero_where_unloaded(self.observation.slope_at(self.activation_count))
 
-    def released(self) -> Self:
-        """Return a copy without cached arrays, to free their memory."""
-        return replace(self, observation=self.observation.timed())
-
     @property
     def step_s(self) -> float:
         """Return the time between two rows."""
@@ -116,7 +111,7 @@ class LoadEstimate:
 
     def wrench_of_courses(self, courses_pa: Array) -> Array:
         """Return the wrench (N, T, 3) under pressures that broadcast to (N, T, 12), as those of `courses_pa`."""
-        return self.wrench_of(np.broadcast_to(courses_pa, self.pressure_pa.shape))
+        return self.wrench_of(np.broadcast_to(courses_pa, self.observation.activation_count.shape))
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +154,7 @@ class KnownLoad(LoadEstimate):
     def _before(self) -> dict[int, KnownLoad]:
         return {}
 
-    @cached_property
+    @property
     def pressure_pa(self) -> Array:
         """Return the load (N, T, 12) with the changes."""
         if self.courses_pa.shape[1:] == (1, 1):
@@ -187,10 +182,8 @@ class KnownLoad(LoadEstimate):
     def slope_pa(self) -> Array:
         """Return the slope (N, T, 12) of the curves, Pa per count: mean of those at reading and expected activation."""
         seen = self.observation
-        slope = seen.slope_at(self.activation_count)
-        slope += seen.slope_at(seen.expected_count)
-        slope *= 0.5
-        return slope
+        assert isinstance(seen, ChamberObservation)
+        return seen.usual_slope_pa if self.predicted_count is None else seen.mean_slope_at(self.predicted_count)
 
     def wrench_of(self, pressure_pa: Array) -> Array:
         """Return the mean pressures (N, T, 1) of triangles, of pressures (N, T, 12)."""

@@ -88,11 +88,14 @@ def diagnose_one(seen: WrenchObservation, foot: FootRecording, progress: Callabl
     findings += static if not is_unknown else []
     findings = list(join_places(findings, seen))
     effects.sort(key=lambda effect: np.inf if effect.law.order is None else effect.law.order)  # signal path
+    without_terms, singles = whole.subset(()), _single_terms(search)
+    undetermined = not_identifiable(whole, searched.priors, taken_up)
+    del searched, first, whole, search  # their designs are large
     findings += _fault_findings(faults, kept.refined, findings, figures)
+    reported = {finding.effect for finding in findings}
     result = RecordingResult(
-        faults, whole.subset(()), kept.refined, figures, tuple(findings), tuple(effects), _single_terms(search),
-        tuple(not_identifiable(whole, {finding.effect for finding in findings}, searched.priors, taken_up)),
-        is_unknown, timing,
+        faults, without_terms, kept.refined, figures, tuple(findings), tuple(effects), singles,
+        tuple(row for row in undetermined if row["effect"] not in reported), is_unknown, timing,
     )  # fmt: skip
     return replace(result, findings=_with_confidence([*findings, *clock_findings(result)], figures))
 
@@ -324,14 +327,12 @@ def _single_terms(search: SubsetSearch[Any]) -> tuple[tuple[str, float, float], 
     return tuple((word, gain, score) for word, (gain, score) in by_score)
 
 
-def not_identifiable(
-    whole: Design | BlockDesign, reported: set[str], priors: Priors, taken_up: Collection[str]
-) -> list[dict[str, str]]:
+def not_identifiable(whole: Design | BlockDesign, priors: Priors, taken_up: Collection[str]) -> list[dict[str, str]]:
     """Return the terms that this recording does not determine: their std is over a third of the plausible size.
 
     `taken_up`: words of static effects that the curves of a chamber may have taken up.
     """
-    rows, done = [], set(reported)
+    rows, done = [], set[str]()
     for term in TERMS:
         if term.word in done or term.is_internal:
             continue

@@ -259,7 +259,9 @@ def _search_under(
             whole = made_after(timing, changes)
         if settings is None:
             settings = {**refine_events(whole), **refine_thresholds(whole)}
-        return with_amplitudes(with_refined(whole, settings)).released()
+        whole = with_amplitudes(with_refined(whole, settings))
+        whole.forget_load()
+        return whole
 
     def made_after(timing: Timing, changes: Changes) -> BlockDesign:
         moved = seen.timed(offset_s=seen.offset_s - timing.delay_s, lag_s=timing.lag_s) if timing != Timing() else seen
@@ -281,6 +283,7 @@ def _search_under(
             break
         best = ordered
     assert settings is not None  # as of the first design
+    best.search.design.forget_load()
     return SearchResult(best, others, priors=priors, settings=settings)
 
 

@@ -8,6 +8,7 @@ import sys
 from dataclasses import dataclass, fields
 from functools import cached_property
 
+import numpy as np
 import pytest
 
 import insole_daemon
@@ -50,13 +51,17 @@ def test_what_was_cached_is_forgotten_and_computed_again():
     assert vars(owner) == {"numbers": (2, 3)}
     assert owner.squares == before
     assert owner.squares is not before
+    forget_cached(owner, kept=("squares",))
+    assert "squares" in vars(owner)
 
 
-def test_the_result_of_a_recording_keeps_no_cached_arrays(tmp_path):
+def test_the_result_of_a_recording_keeps_no_cached_arrays_of_its_rows(tmp_path):
     recording = insole_daemon.load(write(tmp_path / "bag", seconds=30.0))
     (result,) = diagnose([recording], None, lambda text: None).results
-    observation = result.faults.observation
-    assert vars(observation).keys() == {field.name for field in fields(observation)}
+    for observation in (result.faults.observation, result.seen):
+        cached = vars(observation).keys() - {field.name for field in fields(observation)}
+        sizes = {name: np.size(vars(observation)[name]) for name in cached}
+        assert not [name for name, size in sizes.items() if size >= len(observation.t_s)]
 
 
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="other C libraries have no such option")

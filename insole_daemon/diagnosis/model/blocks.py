@@ -19,8 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...physics.law import Array
+from ..caches import forget_cached
 from ..load_estimate import KnownLoad, LoadEstimate
 from ..observations.chamber import ChamberObservation
+from ..observations.wrench import CLOCK_INDEPENDENT
 from ..terms import TERMS
 from ..terms.term import LEAST_SIZE, Setting, TermColumns
 from .atoms import Atoms, Rows, make_atoms, projected
@@ -294,12 +296,11 @@ class BlockDesign:
         nuisance = nuisance_of(self.load, self.weights, priors)
         return replace(self, nuisance=nuisance, atoms=projected(self.atoms, self.nuisance, nuisance), priors=priors)
 
-    def released(self) -> BlockDesign:
-        """Return a copy without the cached arrays of the load, to free memory; they are computed again on demand."""
-        released = replace(self, load=self.load.released())
-        of_load = ("unmoved", "_products", *self.__dataclass_fields__)
-        vars(released).update({name: cached for name, cached in vars(self).items() if name not in of_load})
-        return released
+    def forget_load(self) -> None:
+        """Delete the cached arrays of the load, to free memory; they are computed again on demand."""
+        forget_cached(self.load)
+        forget_cached(self.seen, kept=CLOCK_INDEPENDENT)
+        forget_cached(self, kept=vars(self).keys() - {"unmoved", "_products"})
 
     def subset(self, chosen: Sequence[int]) -> BlockDesign:
         """Return the regression with the columns of `chosen` candidates and their companions."""

@@ -107,6 +107,18 @@ class ChamberObservation(WrenchObservation):
         """Return the activation (N, T, 12) in counts that the static curves have under the load of the reference."""
         return self.activation_at(self.reference.at(self.reference_s, self.lag_s)[:, :, None])
 
+    @cached_property
+    def usual_slope_pa(self) -> Array:
+        """Return the slope (N, T, 12) of the curves, Pa per count, between readings with noise reduced and expected."""
+        return self.mean_slope_at(self.smooth_count)
+
+    def mean_slope_at(self, activation_count: Array) -> Array:
+        """Return the mean (N, T, 12) of the slopes of the curves at an activation and at the expected one."""
+        slope = self.slope_at(activation_count)
+        slope += self.slope_at(self.expected_count)
+        slope *= 0.5
+        return slope
+
     def activation_at(self, pressure_pa: Array) -> Array:
         """Return the activation (N, T, 12), counts, by the static curves under pressures that broadcast to this shape.
 

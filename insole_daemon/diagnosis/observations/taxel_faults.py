@@ -6,7 +6,7 @@ uses means of triangles, in which a taxel has a tenth of the weight.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
@@ -22,7 +22,7 @@ from ..places import place_in_words
 from .chamber import ChamberObservation
 from .load_field import Move
 from .paired import PairedObservation
-from .spread import spread
+from .spread import STEPS, spread
 from .wrench import WrenchObservation
 
 LEAST_TAXELS = 6  # of a triangle, for a median
@@ -95,14 +95,15 @@ def _odd_taxels(seen: ChamberObservation, working: NDArray[np.bool_], model_pa: 
     by_effect: dict[str, list[Correction]] = {"gain": [], "baseline": []}
     is_odd = _is_odd(gain) | _is_odd(shift)
     is_odd &= is_odd.sum(axis=1, keepdims=True) <= MOST_ODD_SHARE * working.sum(axis=1, keepdims=True)
+    triangles = np.flatnonzero(is_odd.any(axis=1))
     spread_count, displaced_count = (
-        _deviations_count(seen, changes_by(seen) if is_odd.any() else [])
+        _deviations_count(seen, changes_by(seen), triangles)
         for changes_by in (_changes_by_spread, _changes_by_displacement)
     )
     for row, taxel in np.argwhere(is_odd).tolist():
         used = known[:, row] & np.isfinite(deviation[:, row, taxel])
         explanation = _explanation(
-            expected[used, row, taxel], spread_count[used, row, taxel], displaced_count[used, row, taxel],
+            expected[used, row, taxel], spread_count[row][used, taxel], displaced_count[row][used, taxel],
             deviation[used, row, taxel], float(seen.noise_count[row, taxel]),
         )  # fmt: skip
         if explanation is not None:
@@ -113,35 +114,48 @@ def _odd_taxels(seen: ChamberObservation, working: NDArray[np.bool_], model_pa: 
 
 def _deviation_count(seen: ChamberObservation, working: NDArray[np.bool_], model_pa: Array) -> Array:
     """Return by how many counts taxels deviate from the median of their triangle, (N, T, 12); NaN if unknown."""
-    excess_pa = seen.pressure_pa - model_pa
-    excess_pa = np.where(working & ~seen.cut_off, excess_pa, np.nan)
-    is_enough = np.isfinite(excess_pa).sum(axis=2, keepdims=True) >= LEAST_TAXELS
-    median_pa = np.nanmedian(np.where(is_enough, excess_pa, 0.0), axis=2, keepdims=True)
-    return np.asarray(np.where(is_enough, excess_pa - median_pa, np.nan) / np.maximum(seen.slope_pa, 1e-9))
+    deviation = seen.pressure_pa
+    deviation -= model_pa
+    deviation[~working | seen.cut_off] = np.nan
+    for of_triangle in deviation.transpose(1, 0, 2):  # one at a time: arrays of all taxels are large
+        is_enough = np.isfinite(of_triangle).sum(axis=1, keepdims=True) >= LEAST_TAXELS
+        of_triangle -= np.nanmedian(np.where(is_enough, of_triangle, 0.0), axis=1, keepdims=True)
+        of_triangle[~is_enough[:, 0]] = np.nan
+    deviation /= np.maximum(seen.slope_pa, 1e-9)
+    return deviation
 
 
-def _deviations_count(seen: ChamberObservation, changes_pa: Sequence[Array]) -> Array:
-    """Return the deviations (N, T, 12, k) in counts that changes of the load (N, T, 12) would cause."""
-    of_usable = (np.where(seen.usable, change_pa, 0.0) for change_pa in changes_pa)
+def _deviations_count(
+    seen: ChamberObservation, changes_pa: Iterable[Array], triangles: NDArray[np.intp]
+) -> dict[int, Array]:
+    """Return the deviations (N, 12, k) in counts that k changes of the load (N, T, 12) would cause, by triangle."""
+    if not triangles.size:
+        return {}
+    of_usable = (np.where(seen.usable, change_pa, 0.0)[:, triangles] for change_pa in changes_pa)
     from_median = [change_pa - np.median(change_pa, axis=2, keepdims=True) for change_pa in of_usable]
-    steepness = np.maximum(seen.slope_pa, 1e-9)[..., None]
-    return np.stack(from_median, axis=-1) / steepness if from_median else np.zeros((*steepness.shape[:3], 0))
+    steepness = np.maximum(seen.slope_pa[:, triangles], 1e-9)[..., None]
+    deviations = np.stack(from_median, axis=-1) / steepness if from_median else np.zeros((*steepness.shape[:3], 0))
+    return {triangle: deviations[:, i] for i, triangle in enumerate(triangles.tolist())}
 
 
-def _changes_by_spread(seen: ChamberObservation) -> list[Array]:
-    """Return the changes of the load if it is spread to neighbours over several numbers of steps."""
+def _changes_by_spread(seen: ChamberObservation) -> Iterator[Array]:
+    """Yield the changes of the load if it is spread to neighbours over several numbers of steps."""
     if seen.is_uniform:
-        return []
-    load_pa, *spread_pa = spread(seen, seen.load_pa(seen.reference_s))
-    return [one_pa - load_pa for one_pa in spread_pa]
+        return
+    load_pa = seen.load_pa(seen.reference_s)
+    for n_steps in STEPS[1:]:
+        yield spread(seen, load_pa, (n_steps,))[0] - load_pa
 
 
-def _changes_by_displacement(seen: ChamberObservation) -> list[Array]:
-    """Return the changes of a simulated load if the insole is displaced by 1 mm, in four directions."""
+def _changes_by_displacement(seen: ChamberObservation) -> Iterator[Array]:
+    """Yield the changes of a simulated load if the insole is displaced by 1 mm, in four directions."""
     if not isinstance(seen, PairedObservation) or seen.field is None:
-        return []
+        return
     x_pa, y_pa = (seen.field.change_by(move).at(seen.reference_s) for move in (Move(x_mm=1.0), Move(y_mm=1.0)))
-    return [x_pa, y_pa, (x_pa + y_pa) / np.sqrt(2.0), (x_pa - y_pa) / np.sqrt(2.0)]
+    yield x_pa
+    yield y_pa
+    yield (x_pa + y_pa) / np.sqrt(2.0)
+    yield (x_pa - y_pa) / np.sqrt(2.0)
 
 
 def _fit_gain_and_baseline(expected: Array, deviation: Array) -> tuple[float, float]:

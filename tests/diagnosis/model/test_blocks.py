@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gc
 import weakref
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -13,6 +13,7 @@ import insole_daemon
 from insole_daemon.diagnosis.load_estimate import KnownLoad
 from insole_daemon.diagnosis.model.blocks import block_design
 from insole_daemon.diagnosis.model.nuisance import Priors
+from insole_daemon.diagnosis.observations.wrench import CLOCK_INDEPENDENT
 from insole_daemon.diagnosis.observing import observed
 
 from ..chamber import write
@@ -93,9 +94,24 @@ def test_amplitudes_scale_the_columns_of_memories_in_each_triangle_and_laws_have
     assert_like(uneven.of_laws(), alike.of_laws())
 
 
-def test_a_released_design_has_the_same_candidates_and_makes_the_same_columns(design):
+def test_a_design_that_forgot_its_load_has_few_arrays_of_it_and_makes_the_same_columns(seen):
+    own = replace(seen)
+    design = block_design(KnownLoad(own), own.weight_variance**-0.5)
     k, setting = number(design, "gain"), {"more": 0.05}
-    assert_like(design.subset([k]).exchanged(0, setting), design.released().subset([k]).exchanged(0, setting))
+    before = design.subset([k]).exchanged(0, setting)
+    assert "usual_slope_pa" in vars(own)
+    design.forget_load()
+    assert vars(own).keys() - {field.name for field in fields(own)} <= set(CLOCK_INDEPENDENT)
+    assert vars(design.load).keys() == {field.name for field in fields(design.load)}
+    assert_like(design.subset([k]).exchanged(0, setting), before)
+
+
+def test_loads_along_the_signal_path_share_the_slopes_of_the_curves(seen):
+    changes = tuple((order, np.full((len(seen.t_s), len(seen.layout), 1), 1e3)) for order in (2, 5))
+    load = KnownLoad(seen, changes)
+    assert load.before(4).slope_pa is load.slope_pa
+    predicted = replace(load, predicted_count=seen.activation_count + 5.0)
+    assert not np.allclose(predicted.slope_pa, load.slope_pa)
 
 
 def test_a_load_is_freed_with_its_last_reference(seen):
