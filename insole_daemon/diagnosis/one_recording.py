@@ -72,7 +72,7 @@ def diagnose_one(seen: WrenchObservation, foot: FootRecording, progress: Callabl
     if findings and not figures.after[0] < figures.before[0]:
         findings, effects, is_unknown = [], [], True  # a placement that raises the held-out error explains nothing
     reported_timings = selection.reported_timings(first.words)
-    if not (findings or selection.reported or reported_timings or _explain(faults, figures, whole)):
+    if not (findings or selection.reported or reported_timings or whole.undone or _explain(faults, figures, whole)):
         is_unknown |= float(min(figures.before[0], figures.after[0])) > null_bound([(figures, whole)]) * float(
             figures.floor[0]
         )

@@ -33,7 +33,7 @@ from .unexplained import null_bound
 LASTING_EFFECTS = (*merging.LASTING, "delay")  # that any recording may add to the model
 REACHED = 0.999  # quantile of the activations in a chamber, up to which its curves are known
 CLEAR = 0.01  # of what all findings explain
-LESS = 0.5  # of the squared error: a walk is read by the model of a chamber if that leaves no more
+LESS = 0.5  # of the squared error beyond the floor: a walk is read by the model of a chamber if that leaves no more
 CLEARLY_LESS = 0.6  # of the squared error beyond the floor, on the clock of the edges against the declared one
 PERMANENT_FAULTS = ("dead_taxels", "open_triangle")  # of taxels, if they last for the whole recording
 
@@ -163,7 +163,8 @@ def _is_better(by_model: RecordingResult, plain: RecordingResult, undone: frozen
     The memories `undone` by the model count in both.
     """
     unit = np.maximum(plain.figures.before, 1e-12)
-    left = [float(np.sum((result.figures.after / unit) ** 2)) for result in (by_model, plain)]
+    every = [result.figures for result in (by_model, plain)]
+    left = [float(np.sum((figures.after**2 - figures.floor**2) / unit**2)) for figures in every]
     n_words = [len(undone | _clear_words(result.findings)) for result in (by_model, plain)]
     return left[0] < LESS * left[1] and n_words[0] <= n_words[1] + 1
 

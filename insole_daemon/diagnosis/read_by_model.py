@@ -55,11 +55,17 @@ def read_by(model: ChamberModel, seen: WrenchObservation, foot: FootRecording) -
     usable = seen.usable & calibration.usable & (seen.calibration.coefficients_pa[..., 1] > 0.0)
     chain = Chain(calibration.effects, seen.layout, calibration, [as_configured(board) for board in foot.boards])
     within = np.minimum(seen.activation_count, model.highest_count)
-    pressure_pa = chain.live()(np.where(usable, calibration.baseline_count - within, 0.0), seen.t_s)
+    count = np.where(usable, calibration.baseline_count - within, 0.0)
+    pressure_pa = chain.live()(count, seen.t_s)
+    static_pa = Chain((), seen.layout, calibration).live()(count, seen.t_s)
+    undone_change = seen.wrench_of(np.where(usable, pressure_pa - static_pa, 0.0)).sum(axis=1)
     pressure_pa += seen.static_pa(seen.activation_count) - seen.static_pa(within)
     activation = np.zeros_like(seen.activation_count)
     activation[:, usable] = CurveInverse(seen.calibration.coefficients_pa[usable])(pressure_pa[:, usable])
     noise_count = seen.noise_count.copy()
     before, after = (noise_of_readings(each[:, usable]) for each in (seen.activation_count, activation))
     noise_count[usable] *= after / before
-    return replace(seen, activation_count=activation, usable=usable, noise_count=noise_count)
+    return replace(
+        seen, activation_count=activation, usable=usable, noise_count=noise_count,
+        undone=model.words, undone_change=undone_change,
+    )  # fmt: skip

@@ -36,7 +36,7 @@ def is_unexplained(errors: HeldoutErrors, whole: Design | BlockDesign, refined: 
     """Return whether the selected set leaves a mismatch that no set of terms explains."""
     if refined.shares and (explains_little(errors, whole) or leaves_much(errors, whole)):
         return True
-    explained = refined.gain + timing_energy(whole, timing)
+    explained = refined.gain + timing_energy(whole, timing) + whole.undone
     share = UNKNOWN_OF_MEMORY if _has_memory(refined) and isinstance(whole, BlockDesign) else UNKNOWN_SHARE
     return bool(excess(errors, whole).max() > UNKNOWN_EXCESS and excess_square(errors, whole) > share * explained)
 

@@ -93,6 +93,11 @@ class BlockDesign:
         """Return the expected sum of squares of y by noise alone, in variances of the noise."""
         return float(np.count_nonzero(self.weights))
 
+    @property
+    def undone(self) -> float:
+        """Return 0: under a known load, no memory was undone."""
+        return 0.0
+
     def is_seen(self, candidate: PlacedTerm) -> bool:
         """Return whether y contains more than half of a candidate's first column, for a share of 1."""
         at = self.mask[candidate.columns[0]]

@@ -83,6 +83,14 @@ class Design:
         return float(np.count_nonzero(self.weights))
 
     @cached_property
+    def undone(self) -> float:
+        """Return the sum of squares of what memories changed that were undone, in variances of the noise."""
+        change = self.load.observation.undone_change
+        if change is None:
+            return 0.0
+        return float(np.sum(project(self.base, apply_weights(change[..., None], self.weights)) ** 2))
+
+    @cached_property
     def least(self) -> Array:
         """Return the gain (c,) of the smallest effect that each candidate may report, in variances of the noise."""
         return np.full(len(self.candidates), max(LEAST_GAIN, LEAST_SHARE * self.n_rows))

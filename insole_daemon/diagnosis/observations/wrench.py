@@ -93,6 +93,8 @@ class WrenchObservation:
     has_own_curves: bool = False  # fitted to the rows, because there is no calibration
     handed_in: Calibration | None = None  # if curves were corrected
     ruled_out: frozenset[str] = frozenset()  # words of effects that another recording of the insole rules out
+    undone: frozenset[str] = frozenset()  # words of memories without which the rows were read
+    undone_change: Array | None = None  # (N, 3) of the wrench by these memories
     load_is_known = False  # on every taxel; else only the wrench is known
     is_uniform = False  # whether all taxels bear the same load
 
@@ -315,7 +317,8 @@ class WrenchObservation:
     def rows_before(self, row: int) -> Self:
         """Return the rows before `row`."""
         by_row = ("t_s", "activation_count", "missing", "temperature_c", "noise_ratio", "rezeroed", "unloaded")
-        return replace(self, **{name: rows[:row] for name in by_row if (rows := getattr(self, name)) is not None})
+        every = (*by_row, "undone_change")
+        return replace(self, **{name: rows[:row] for name in every if (rows := getattr(self, name)) is not None})
 
     @cached_property
     def counting_variance(self) -> Array:

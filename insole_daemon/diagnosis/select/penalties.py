@@ -20,7 +20,7 @@ from ..model.blocks import BlockDesign
 from ..model.design import LEAST_GAIN, Design
 from ..model.regression import PlacedTerm, Regression
 from ..model.solve import solve_companions, with_ridge
-from ..terms import mean_curve
+from ..terms import TERMS, mean_curve
 
 LEAST_EVIDENCE = 40.0  # least gain of a recalibration of which the priors of nuisances absorb a part
 EARLY = 4.0  # additional least gains if readings come before their load, the least plausible hypothesis
@@ -108,6 +108,8 @@ class WrenchPenalties:
         self.design = design
         self._smallest_gain = float(design.least[0])
         self._shown_at_rest: dict[int, bool] = {}
+        undone = design.load.observation.undone
+        self._undone_misfit = design.undone * max((t.misfit_of(False) for t in TERMS if t.word in undone), default=0.0)
 
     def least_gain(self, k: int) -> float:
         """Return the same gain for all candidates."""
@@ -157,6 +159,8 @@ class WrenchPenalties:
     ) -> float:
         """Return the penalties of all terms, each with the misfit of the others, at most its own sum of squares.
 
+        Memories that a chamber's model undid are among the others.
+
         The same word at other places counts with the sum of squares of all of them together: an effect of the insole
         that was selected at many places has the misfit of one law. inf if a term only lends its mean curve to others.
         """
@@ -176,7 +180,8 @@ class WrenchPenalties:
         for i, candidate in enumerate(terms):
             other = words != words[i]
             siblings = (words == words[i]) & (np.arange(len(terms)) != i)
-            misfit = 0.0 if self._is_shown_at_rest(chosen[i]) else float(misfits[other] @ np.diag(products)[other])
+            misfit = self._undone_misfit + float(misfits[other] @ np.diag(products)[other])
+            misfit = 0.0 if self._is_shown_at_rest(chosen[i]) else misfit
             misfit += misfits[i] * max(float(products[np.ix_(siblings, siblings)].sum()), 0.0)
             penalty += self.term_penalty(chosen[i], candidate, terms) + min(misfit, float(products[i, i]))
             if candidate.is_recalibration and candidate.term.plausible:

@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 
 import insole_daemon
-from insole_daemon.diagnosis.load_estimate import KnownLoad
+from insole_daemon.diagnosis.load_estimate import KnownLoad, LoadEstimate
 from insole_daemon.diagnosis.model.blocks import BlockDesign, block_design
+from insole_daemon.diagnosis.model.design import design as wrench_design
 from insole_daemon.diagnosis.observing import observed
-from insole_daemon.diagnosis.select.penalties import BlockPenalties
+from insole_daemon.diagnosis.select.penalties import BlockPenalties, WrenchPenalties
 
 from ..chamber import Array, relaxing, write
+from ..foot.shoe import write as write_walk
 
 
 @pytest.fixture(scope="module")
@@ -126,3 +128,25 @@ def test_drifts_of_all_boards_may_explain_as_little_of_a_memorys_misfit_as_one_o
     assert len(boards) == 3
     assert raised_by(boards) == pytest.approx(raised_by([number(design, "drift")]), rel=1e-3)
     assert sum(raised_by([k]) for k in boards) == pytest.approx(0.25 * raised_by(boards), rel=1e-3)
+
+
+def test_a_term_of_a_walk_exceeds_the_misfit_of_the_memories_that_were_undone(tmp_path):
+    recording = insole_daemon.load(write_walk(tmp_path / "walk", seconds=20.0))
+    (seen,) = observed([recording], recording.feet, None, lambda text: None, ())
+    weights, substituted = seen.weight_variance**-0.5, np.zeros(len(seen.arms), bool)
+    undone = replace(seen, undone=frozenset({"creep"}), undone_change=0.2 * seen.wrench)
+    plain, read = (wrench_design(LoadEstimate(each), weights, substituted) for each in (seen, undone))
+    k = next(k for k, one in enumerate(plain.candidates) if one.word == "crosstalk")
+    crosstalk, columns = plain.candidates[k], plain.candidates[k].columns
+
+    def raised_by(share: float) -> float:
+        shares = np.full(len(columns), share)
+        of_read, of_plain = (
+            WrenchPenalties(each).set_penalty([k], [crosstalk], [shares], 0.0) for each in (read, plain)
+        )
+        return float(of_read - of_plain)
+
+    assert read.undone > 0.0 == plain.undone
+    assert raised_by(1e3) == pytest.approx(0.05 * read.undone)
+    small = np.full(len(columns), 1e-3)
+    assert raised_by(1e-3) == pytest.approx(float(small @ plain.gram[np.ix_(columns, columns)] @ small))
