@@ -212,12 +212,12 @@ class WrenchPenalties:
         return False
 
     def timing_penalty(self, terms: Sequence[PlacedTerm], shares: Sequence[Array]) -> float:
-        """Return the penalty of a term without places."""
-        return self._smallest_gain + ODDS
+        """Return the penalty of a term without places, plus the misfit of the set."""
+        return self._smallest_gain + ODDS + self.misfit(terms, shares)
 
     def misfit(self, terms: Sequence[PlacedTerm], shares: Sequence[Array]) -> float:
-        """Return the sum of the misfits of the terms."""
-        return sum(self.tolerated_loss(one, own) for one, own in zip(terms, shares, strict=True))
+        """Return the sum of the misfits of the terms, and of the memories that were undone."""
+        return self._undone_misfit + sum(self.tolerated_loss(*each) for each in zip(terms, shares, strict=True))
 
     def tolerated_loss(self, candidate: PlacedTerm, shares: Array) -> float:
         """Return the misfit of the candidate."""

@@ -150,3 +150,8 @@ def test_a_term_of_a_walk_exceeds_the_misfit_of_the_memories_that_were_undone(tm
     assert raised_by(1e3) == pytest.approx(0.05 * read.undone)
     small = np.full(len(columns), 1e-3)
     assert raised_by(1e-3) == pytest.approx(float(small @ plain.gram[np.ix_(columns, columns)] @ small))
+    timing_alone, timing = (WrenchPenalties(each).timing_penalty((), ()) for each in (plain, read))
+    assert timing - timing_alone == pytest.approx(0.05 * read.undone)
+    of_crosstalk = WrenchPenalties(plain).timing_penalty([crosstalk], [np.ones(len(columns))])
+    size = plain.gram[np.ix_(columns, columns)].sum()
+    assert of_crosstalk - timing_alone == pytest.approx(crosstalk.term.misfit * size)
