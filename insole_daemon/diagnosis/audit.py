@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
+from ..errors import DiagnosisError
 from ..physics.effect import Where
 from ..physics.law import Array
 from ..recording.loading import FootRecording
@@ -78,7 +79,15 @@ class _Readings:
 
 
 def audit(foot: FootRecording, name: str, steps: bool = False) -> Audit:
-    """Audit the readings of one foot in recording `name`; `steps`: the load has steps, which are no faults."""
+    """Audit the readings of one foot in recording `name`; `steps`: the load has steps, which are no faults.
+
+    Raises DiagnosisError if most cycles have the same time as the one before.
+    """
+    if not np.median(np.diff(foot.t_ns)) > 0:
+        raise DiagnosisError(
+            f"{name}: most cycles of the {foot.foot} foot have the same time as the one before: the clock of the log "
+            "stood still; record the trial again, with the times of the frames"
+        )
     seen = _readings(foot, name, steps)
     gone, opened, findings = _without_contact(seen)
     gone |= _loose_contacts(seen, steps)

@@ -81,7 +81,7 @@ def test_a_reference_that_never_moves(tmp_path):
     assert "expected one that rises and falls" in refused(4, folder, out=tmp_path / "out")
 
 
-@pytest.mark.parametrize("unit_s", [1e-3, 1e-12])
+@pytest.mark.parametrize("unit_s", [1e3, 1e-3, 1e-12])
 def test_a_reference_whose_times_are_not_in_seconds(tmp_path, unit_s):
     folder = write(tmp_path / "trial", seconds=40.0)
     head, *rows = (folder / "reference.csv").read_text().splitlines()
@@ -147,6 +147,15 @@ def test_a_log_whose_clock_was_set_during_the_recording_is_refused(tmp_path):
     t_ns[len(t_ns) // 3 :] += 10**18
     counts_file.write(folder / "counts.npz", {"left": replace(table, t_ns=t_ns)})
     assert "stamped over 11574 days" in refused(4, folder, out=tmp_path / "out")
+
+
+def test_a_log_whose_clock_stood_still_is_refused(tmp_path):
+    folder = write(tmp_path / "bag", seconds=40.0)
+    table = counts_file.read(folder / "counts.npz", {"left": len(LAYOUT)})["left"]
+    t_ns = table.t_ns.copy()
+    t_ns[len(t_ns) // 3 : -len(t_ns) // 10] = t_ns[len(t_ns) // 3]
+    counts_file.write(folder / "counts.npz", {"left": replace(table, t_ns=t_ns)})
+    assert "the clock of the log stood still" in refused(4, folder, out=tmp_path / "out")
 
 
 def test_a_folder_with_a_diagnosis_is_not_overwritten(tmp_path):

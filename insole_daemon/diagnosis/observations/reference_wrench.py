@@ -22,7 +22,7 @@ DENOISE_POINTS, DENOISE_ORDER = 15, 5  # of the fine grid and of polynomials: 99
 FINER = 4  # points of a low pass for one of the fine grid
 NO_LAG_S = 1e-4  # shorter lags are none
 SMOOTH_S = 0.012  # standard deviation of the kernel that removes the noise of single rows from regressors
-LONGEST_S, SLOWEST_ROW_S = 86_400.0, 5.0  # of a trial; between two rows
+SHORTEST_S, LONGEST_S, SLOWEST_ROW_S = 1.0, 86_400.0, 5.0  # of a trial; between two rows
 PHASES = np.arange(32) / 32  # of a point of the fine grid between two rows
 REACH = 8  # rows: the spline of one row is below 1e-4 beyond
 
@@ -30,13 +30,14 @@ REACH = 8  # rows: the spline of one row is below 1e-4 beyond
 def fine_grid(folder: Path, row_time_s: Array) -> Array:
     """Return the times (M,) every FINE_S between the first and the last of the rows `row_time_s` (n,).
 
-    Raises DiagnosisError if the rows are too far apart for the times of one trial in seconds.
+    Raises DiagnosisError if the rows are too close or too far apart for the times of one trial in seconds.
     """
     span_s, row_s = float(np.ptp(row_time_s)), float(np.median(np.diff(row_time_s)))
-    if span_s > LONGEST_S or row_s > SLOWEST_ROW_S:
+    if not SHORTEST_S <= span_s <= LONGEST_S or row_s > SLOWEST_ROW_S:
         raise DiagnosisError(
             f"{folder}: the rows of the reference are {row_s:.3g} s apart and cover {span_s:.3g} s, expected rows at "
-            f"most {SLOWEST_ROW_S:.0f} s apart of one trial of at most a day: are the values of time_s in seconds?"
+            f"most {SLOWEST_ROW_S:.0f} s apart of one trial of {SHORTEST_S:.0f} s to a day: are the values of time_s "
+            "in seconds?"
         )
     return np.arange(row_time_s[0], row_time_s[-1], FINE_S)
 
