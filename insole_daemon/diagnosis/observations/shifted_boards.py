@@ -76,17 +76,23 @@ def _correct_under_known_load(
 def _correct_on_walk(
     foot: FootRecording, seen: WrenchObservation, working: NDArray[np.bool_]
 ) -> tuple[WrenchObservation, list[Finding]]:
-    noises, scales = _noise_of_boards(seen, working), _scales_of_boards(seen)
+    noises = _noise_of_boards(seen, working)
     findings: list[Finding] = []
     for board in noises:
-        bits = _whole_bits(float(np.log2(scales[board])))  # not exactly an integer, as curves are not linear
-        if bits == 0 or not _has_noise_of_shift(noises, board, bits):
+        # The scale of a board as it was read does not tell the bits: its count without load is another, too.
+        possible = [
+            (float(corrected.mean_square_error[0]), bits, corrected)
+            for bits in range(-MOST_BITS, MOST_BITS + 1)
+            if bits != 0 and _has_noise_of_shift(noises, board, bits)
+            for corrected in [_with_shift(foot, seen, board, bits)]
+        ]
+        if not possible:
             continue
-        corrected = _with_shift(foot, seen, board, bits)
-        before, after = float(seen.mean_square_error[0]), float(corrected.mean_square_error[0])
-        scales_after = _scales_of_boards(corrected)
-        if after < (1.0 - LEAST_EXPLAINED) * before and abs(np.log2(scales_after[board])) < MOST_OFF_BITS:
-            seen, scales = corrected, scales_after
+        before = float(seen.mean_square_error[0])
+        after, bits, corrected = min(possible, key=lambda one: one[0])
+        is_exact = abs(np.log2(_scales_of_boards(corrected)[board])) < MOST_OFF_BITS
+        if after < (1.0 - LEAST_EXPLAINED) * before and is_exact:
+            seen = corrected
             findings.append(_finding(foot, seen, board, bits, before - after))
     return seen, findings
 

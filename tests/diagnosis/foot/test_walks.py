@@ -242,6 +242,19 @@ def test_a_smaller_bit_shift_is_named_and_a_gain_of_two_is_none(tmp_path):
     assert (finding["effect"], finding["where"]) == ("gain", {"scope": "board", "ids": [[6]]})
 
 
+def test_a_bit_shift_is_named_where_the_counts_without_load_are_far_from_no_load(tmp_path):
+    """They shift, too, so the board's part of the force is not half or twice as large."""
+    own = np.repeat(LAYOUT.identities[:, 0] == 6, 12)
+    drawn = Sensors.drawn(np.random.default_rng(3))
+    sensors = replace(drawn, rest=drawn.rest - 12.0)
+
+    def shifted(t_s: Array, read: Array) -> None:
+        read[:, own] = np.clip(240.0 - 2.0 * (240.0 - read[:, own]), 0.0, 255.0)
+
+    found = diagnose_any(write(tmp_path / "shifted", touch=shifted, sensors=sensors), tmp_path / "out")
+    assert [(each["effect"], each["where"]["ids"]) for each in found["findings"]] == [("bit_shift", [[6]])]
+
+
 def test_a_triangle_that_reads_less_than_half_has_a_gain(tmp_path):
     """The readings are multiplied by 2.5 in the model: a column at the present ones is no approximation of that."""
     own = np.repeat(np.arange(len(LAYOUT)) == 2, 12)
