@@ -25,8 +25,7 @@ BEAM = 3  # sets that every step extends, and extended sets in which it tries to
 TRIED = 12  # exchanges that are tried for a candidate
 GOOD_FIT = 1.15  # squared residual of a good fit, relative to the noise
 LEAST_OF_REST = 0.05  # of the residual beyond the noise: a step with a smaller gain ends the search
-SHORTLIST = 60  # candidates that are solved exactly in a step: those with the highest approximate gains
-MOST_ALIKE = 6  # of them with the same word and scope: a snap of a triangle is not hidden by those of the insole
+SHORTLIST = 40  # candidates that are solved exactly in a step: those with the highest approximate gains
 SCALES = ("gain", "stiffening", "bit_shift")
 LATE = ("delay", "lag")
 LOST_BY_LIKE = 0.12  # of a memory's gain, by another that is as likely: materials follow these laws only approximately
@@ -282,7 +281,7 @@ class SubsetSearch(Generic[D]):
         """Return the shortlist beside a fitted set.
 
         The gain is that of a candidate with free shares on the residual of the set. Companions are left out unless one
-        is a mean curve, which may explain most.
+        is a mean curve, which may explain most. At most six candidates have the same word.
         """
         design = self.design
         columns = np.concatenate([design.candidates[k].columns for k in taken.chosen] or [np.empty(0, np.intp)])
@@ -304,17 +303,16 @@ class SubsetSearch(Generic[D]):
             gains[curved] = self._gains_with_companions(taken.chosen, curved)[1]
             gains[curved] -= self._complexity_penalties[curved]
         order: list[int] = np.argsort(-gains)[: 6 * SHORTLIST].tolist()
-        n_alike: dict[tuple[str, str], int] = {}
+        n_of_word: dict[str, int] = {}
         shortlist = []
         for k in order:
-            candidate = design.candidates[k]
-            alike = (candidate.word, candidate.where.scope)
-            n_alike[alike] = n_alike.get(alike, 0) + 1
+            word = design.candidates[k].word
+            n_of_word[word] = n_of_word.get(word, 0) + 1
             if (
-                n_alike[alike] <= MOST_ALIKE
+                n_of_word[word] <= 6
                 and gains[k] > 0
-                and candidate.word not in self.excluded_words
-                and not candidate.term.is_internal
+                and word not in self.excluded_words
+                and not design.candidates[k].term.is_internal
             ):
                 shortlist.append(k)
         return shortlist[:SHORTLIST]

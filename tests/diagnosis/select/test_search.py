@@ -11,12 +11,11 @@ from insole_daemon.diagnosis.model.blocks import block_design
 from insole_daemon.diagnosis.model.design import design
 from insole_daemon.diagnosis.model.regression import PlacedTerm, Regression
 from insole_daemon.diagnosis.observing import observed
-from insole_daemon.diagnosis.select import search as search_module
 from insole_daemon.diagnosis.select.search import SubsetSearch, _is_a_model
 from insole_daemon.diagnosis.terms import TERMS
 from insole_daemon.physics.effect import Where
 
-from ..chamber import bouc_wen, relaxing
+from ..chamber import relaxing
 from ..chamber import write as write_chamber
 from ..foot.shoe import late
 from ..foot.shoe import write as write_walk
@@ -61,15 +60,3 @@ def test_boards_that_are_all_late_are_no_model_if_one_of_them_is_so_by_a_delay_o
         for k, (word, where) in enumerate(zip(words, boards, strict=False))
     ]
     assert _is_a_model(terms) == is_model
-
-
-def test_snaps_of_the_insole_do_not_keep_those_of_triangles_off_the_shortlist(tmp_path, monkeypatch):
-    """A snap of the insole resembles a loop."""
-    monkeypatch.setattr(search_module, "MOST_ALIKE", 1)
-    search = SubsetSearch(regression_of(write_chamber(tmp_path / "bag", bouc_wen(0.8, 60e3), seconds=40.0)))
-    loop = next(
-        k for k, one in enumerate(search.design.candidates) if one.word == "hysteresis" and one.where == Where()
-    )
-    beside_loop = [search.design.candidates[k] for k in search._shortlist((loop,))]
-    snaps = [candidate.where.scope for candidate in beside_loop if candidate.word == "snap"]
-    assert sorted(snaps) == ["board", "insole", "triangle"]
