@@ -40,6 +40,9 @@ HIGHEST_ACTIVATION = 255  # counts
 ABOVE_READINGS = 5.0  # counts above the highest reading, to which curves are used
 
 # Computed properties that are the same with other curves, or on another clock of the reference.
+BY_ROW = (
+    "t_s", "activation_count", "missing", "temperature_c", "noise_ratio", "rezeroed", "unloaded", "undone_change",
+)  # fmt: skip  # fields of an observation that have an entry for each row
 CURVE_INDEPENDENT = ("clipped", "cut_off", "saturated", "smooth_count", "_signal_vectors")
 CLOCK_INDEPENDENT = (*CURVE_INDEPENDENT, "arms", "by_triangle", "coefficients", "columns_of_readings")
 NOISE_EDGE = 1.05  # factor on the largest singular value of white noise
@@ -316,9 +319,7 @@ class WrenchObservation:
 
     def rows_before(self, row: int) -> Self:
         """Return the rows before `row`."""
-        by_row = ("t_s", "activation_count", "missing", "temperature_c", "noise_ratio", "rezeroed", "unloaded")
-        every = (*by_row, "undone_change")
-        return replace(self, **{name: rows[:row] for name in every if (rows := getattr(self, name)) is not None})
+        return replace(self, **{name: rows[:row] for name in BY_ROW if (rows := getattr(self, name)) is not None})
 
     @cached_property
     def counting_variance(self) -> Array:

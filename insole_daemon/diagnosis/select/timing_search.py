@@ -166,10 +166,11 @@ def _fit_from(
 ) -> TimingHypothesis:
     """Return the hypothesis that is reached from `timing` by fitting the terms and the times in turn.
 
-    The columns of the terms are computed anew if the timing changes by more than `near`. If a round has a larger
-    criterion than the one before, the result is the hypothesis of the round before, without its search, which is freed
-    by then: with a delay of the whole insole and of every board as candidates times alone are poorly determined, and
-    linearised columns are wrong far from where they were computed. Else it is a TimingFit, with its search. `untimed`:
+    Columns are computed from the reference after a timing. They are computed again once the timing that is searched
+    differs from that one by more than `near`. The result is a TimingFit, with its search, unless a round has a larger
+    criterion than the round before. Then it is the hypothesis of the round before, without its search, which is freed
+    by then. That happens because a delay of the whole insole is hardly told from those of every board, and because
+    linearised columns are wrong far from the timing they were computed for. `untimed`:
     the fit of the hypothesis without words. The search begins with its set while the columns are those of `first`, and
     with its timing, too, if it fits clearly better than `timing`.
     """
