@@ -34,7 +34,8 @@ MOST_NULL = 1.12  # error of a recording without a mismatch, relative to the noi
 
 def is_unexplained(errors: HeldoutErrors, whole: Design | BlockDesign, refined: Refined[Any], timing: Timing) -> bool:
     """Return whether the selected set leaves a mismatch that no set of terms explains."""
-    if refined.shares and (explains_little(errors, whole) or leaves_much(errors, whole)):
+    is_much = explains_little(errors, whole) or leaves_much(errors, whole) or leaves_much_of_a_triangle(errors, whole)
+    if refined.shares and is_much:
         return True
     explained = refined.gain + timing_energy(whole, timing) + whole.undone
     share = UNKNOWN_OF_MEMORY if _has_memory(refined) and isinstance(whole, BlockDesign) else UNKNOWN_SHARE
@@ -96,6 +97,18 @@ def leaves_much(errors: HeldoutErrors, whole: Design | BlockDesign) -> bool:
     return errors.residual_fraction > (UNKNOWN_OF_MEMORY if after > FAR_FLOORS * floor else MOST_LEFT)
 
 
+def leaves_much_of_a_triangle(errors: HeldoutErrors, whole: Design | BlockDesign) -> bool:
+    """Return whether a set leaves more of the mismatch of any triangle than the misfit of its laws can be.
+
+    In the sum over all triangles, an effect of one is small beside effects of the insole.
+    """
+    if not isinstance(whole, BlockDesign):
+        return False
+    mismatch = np.sum(whole.y**2, axis=1) - np.count_nonzero(whole.weights, axis=0)
+    is_much = whole.n_rows * errors.lack_of_fit.excess > UNKNOWN_OF_MEMORY * mismatch
+    return bool(np.any(is_much & (excess(errors, whole) > UNKNOWN_EXCESS)))
+
+
 def null_bound(every: Iterable[tuple[HeldoutErrors, Design | BlockDesign]]) -> float:
     """Return the largest error of the model handed in, relative to the noise floor, that is no mismatch.
 
@@ -141,10 +154,10 @@ def unknown_finding(seen: WrenchObservation, errors: HeldoutErrors, whole: Desig
         name = ("the force", "the moment m_x", "the moment m_y")[channel]
         where = residual_board(seen, np.where(errors.known[:, None], errors.course_after, 0.0), whole.weights)
         text = f"{name} differs from the model by more than noise; no known effect explains it"
-    load = seen.reference.at(seen.reference_s)
-    load = load.mean(axis=1) if seen.load_is_known else load[:, 0]
     residual = np.where(errors.known, errors.course_after[:, channel], 0.0)
-    regime, equation = residual_description.regime_and_equation(load, residual, seen.step_s, seen.load_is_known)
+    regime, equation = residual_description.regime_and_equation(
+        seen.load_course, residual, seen.step_s, seen.load_is_known
+    )
     if regime:
         (low, high), phase = list(regime.values())
         of, unit = (1e-3, "kPa") if seen.load_is_known else (1.0, "N")

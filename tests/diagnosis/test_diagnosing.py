@@ -128,6 +128,18 @@ def test_words_that_leave_more_than_they_explain_are_unknown(tmp_path):
     assert diagnosis.verdict == "unexplained"
 
 
+def test_an_effect_without_a_law_is_unknown_on_one_triangle_beside_a_memory_of_all(tmp_path):
+    odd = np.repeat(np.arange(len(LAYOUT)) == 4, 12)
+
+    def folded_hum(t_s, counts):
+        counts[:, odd] += np.sign(np.sin(2.0 * np.pi * 0.4 * t_s))[:, None]
+
+    diagnosis = found(write(tmp_path / "both", relaxing(0.4, 0.8), touch=folded_hum, clock="own"))
+    places = {finding.effect: finding.where for finding in diagnosis.findings}
+    triangle = Where("triangle", (tuple(LAYOUT.identities[4].tolist()),))
+    assert places == {"viscoelasticity": Where(), "unknown": triangle}
+
+
 def test_the_model_of_a_strong_loop_leaves_what_was_held_out(tmp_path):
     """Here, the curves handed in are off by far more than companions, which are linear about them, describe."""
     folder, out = write(tmp_path / "bag", bouc_wen(0.8, 60e3), seconds=60.0), tmp_path / "model.json"

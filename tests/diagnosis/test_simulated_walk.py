@@ -18,6 +18,7 @@ from insole_daemon.diagnosis.load_error import largest_but_one_board
 from insole_daemon.diagnosis.load_estimate import KnownLoad, TaxelLoad
 from insole_daemon.diagnosis.model.blocks import BlockDesign, block_design
 from insole_daemon.diagnosis.observations.load_field import Move
+from insole_daemon.diagnosis.observations.pad_temperature import pad_course
 from insole_daemon.diagnosis.observations.reading_faults import reading_faults
 from insole_daemon.diagnosis.observations.readings import read_triangles
 from insole_daemon.diagnosis.observations.rezeros import correct_rezeros
@@ -236,6 +237,16 @@ def test_a_gain_that_the_temperature_changes_is_no_error_of_the_load(tmp_path):
     warmed = effect("temperature", Where(), count_per_k=0.0, gain_per_k=0.045, t0_c=29.0)
     (found,) = diagnosed(walk(tmp_path / "walk", warmed, layout=WHOLE, warmth=warmth), simulation, tmp_path / "out")
     assert (found["effect"], found["where"]) == ("temperature", {"scope": "insole", "ids": []})
+
+
+def test_the_thermal_pads_show_a_temperature_that_moves_the_counts_more_than_the_load_does(tmp_path, plain):
+    warmth = TemperatureCourse(t_s=(0.0, 15.0, 30.0), temperature_c=(24.0, 32.0, 24.0))
+    warmed = effect("temperature", Where(), count_per_k=3.5, gain_per_k=0.0, t0_c=24.0)
+    recording = load(walk(tmp_path / "walk", warmed, warmth=warmth))
+    (seen,) = observed([recording], list(recording.feet), None, lambda text: None, (load(plain),))
+    course = pad_course(seen, ())
+    assert course is not None
+    assert np.corrcoef(course, np.abs(seen.t_s - 15.0))[0, 1] > 0.99
 
 
 def test_a_smaller_bit_shift_is_detected(tmp_path, plain):

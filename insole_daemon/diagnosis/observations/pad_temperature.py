@@ -28,7 +28,7 @@ MOST_CUT_OFF = 0.05  # of a pad's readings at an end of their range
 MOST_AT_END = 0.2  # of a pad's readings in a window: beyond it their mean is off by more than a tenth of their noise
 LEAST_STD_COUNT = 0.1  # of a pad's mean in a window
 LEAST_CORRELATION = 0.9  # of one half of the pads with the other
-MOST_LOAD_CORRELATION = 0.7  # with the readings: beyond it the pads follow the load
+MOST_LOAD_CORRELATION = 0.7  # with the reference: beyond it the pads follow the load
 
 
 def with_pad_temperature(
@@ -112,12 +112,11 @@ def _moving_pads(seen: WrenchObservation) -> Array:
 
 
 def _follows_load(course: Array, seen: WrenchObservation) -> bool:
-    """Return whether a course (N,) of the pads follows the counts of the taxels as read, or nothing tells it."""
-    load = np.zeros(len(seen.t_s))
-    for readings, usable in zip(seen.readings, seen.usable, strict=True):
-        if len(readings.t_s) > 1:
-            load -= np.interp(seen.t_s, readings.t_s, readings.counts[:, usable].sum(axis=1, dtype=np.float64))
-    load = uniform_filter1d(load, _window_rows(seen))
+    """Return whether a course (N,) of the pads follows the load by the reference, or nothing tells it.
+
+    The counts of the taxels would not do: a strong effect of the temperature follows the pads in them.
+    """
+    load = uniform_filter1d(seen.load_course, _window_rows(seen))
     if min(float(np.ptp(course)), float(np.ptp(load))) <= 0.0:
         return True
     return bool(abs(np.corrcoef(course, load)[0, 1]) > MOST_LOAD_CORRELATION)

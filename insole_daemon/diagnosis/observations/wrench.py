@@ -293,6 +293,12 @@ class WrenchObservation:
         """Return the wrench (N, T, 3) of each triangle under pressures (N, T, 12), Pa."""
         return np.asarray(np.matmul(pressure_pa.transpose(1, 0, 2), self.arms).transpose(1, 0, 2))
 
+    @property
+    def load_course(self) -> Array:
+        """Return the course (N,) of the load by the reference: its mean pressure, Pa, or the vertical force, N."""
+        load = self.reference.at(self.reference_s)
+        return np.asarray(load.mean(axis=1) if self.load_is_known else load[:, 0])
+
     @cached_property
     def reference_s(self) -> Array:
         """Return the time of the reference's clock at every row (N,)."""
